@@ -1,0 +1,118 @@
+"""Rigid transforms, and how uncertainty moves through them. Pure: arrays in, arrays out; no clock, no file.
+
+`b_from_a` is the 4x4 matrix that takes coordinates in a to coordinates in b. Lengths in mm, angles in radians.
+A pose covariance is 6x6, ordered (translation x y z mm, rotation x y z rad), and describes a small motion of the pose
+written in the *target* frame b: b_from_a_true = exp([t, r]) @ b_from_a, with the rotation taken about the origin of a
+(so that the translation block is the uncertainty of where a's origin lies).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+def rigid(rotation: Array, translation_mm: Array) -> Array:
+    """Build a 4x4 transform from a (3, 3) rotation and a (3,) translation in mm."""
+    b_from_a = np.eye(4)
+    b_from_a[:3, :3] = rotation
+    b_from_a[:3, 3] = translation_mm
+    return b_from_a
+
+
+def inverse(b_from_a: Array) -> Array:
+    """The transform a_from_b of a rigid (4, 4) b_from_a."""
+    rotation_t = b_from_a[:3, :3].T
+    return rigid(rotation_t, -rotation_t @ b_from_a[:3, 3])
+
+
+def apply(b_from_a: Array, points: Array) -> Array:
+    """Take (..., 3) points in a, mm, to b."""
+    return points @ b_from_a[:3, :3].T + b_from_a[:3, 3]
+
+
+def rotation_from_vector(vector: Array) -> Array:
+    """(3,) axis times angle in rad -> (3, 3) rotation (Rodrigues)."""
+    angle = float(np.linalg.norm(vector))
+    x, y, z = vector
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    first, second = (1.0, 0.5) if angle < 1e-8 else (np.sin(angle) / angle, (1 - np.cos(angle)) / angle**2)
+    rotation: Array = np.eye(3) + first * cross + second * (cross @ cross)
+    return rotation
+
+
+def vector_from_rotation(rotation: Array) -> Array:
+    """(3, 3) rotation -> (3,) axis times angle in rad, angle in [0, pi]."""
+    skew = 0.5 * np.array(
+        [rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1]]
+    )
+    sine, cosine = float(np.linalg.norm(skew)), (float(np.trace(rotation)) - 1) / 2
+    angle = float(np.arctan2(sine, cosine))
+    if sine > 1e-7:
+        return skew * (angle / sine)
+    if cosine > 0:
+        return skew
+    # Half a turn: the axis is the eigenvector of R to eigenvalue 1, read off (R + I) / 2 = a a^T.
+    outer = (rotation + np.eye(3)) / 2
+    k = int(np.argmax(np.diag(outer)))
+    axis: Array = outer[:, k] / np.sqrt(outer[k, k])
+    return axis * angle
+
+
+def angle_between(a: Array, b: Array) -> float:
+    """Angle in rad of the rotation that takes orientation a (3, 3 or 4, 4) to b."""
+    return float(np.linalg.norm(vector_from_rotation(a[:3, :3].T @ b[:3, :3])))
+
+
+def transport_covariance(c_from_b: Array, covariance_in_b: Array) -> Array:
+    """Covariance (6, 6) of b_from_a -> that of c_from_a = c_from_b @ b_from_a, c_from_b exact.
+
+    The perturbation is about a's origin, so both blocks only turn.
+    """
+    turn = np.zeros((6, 6))
+    turn[:3, :3] = turn[3:, 3:] = c_from_b[:3, :3]
+    return turn @ covariance_in_b @ turn.T
+
+
+def lever_covariance(b_from_a: Array, covariance_of_c_from_b: Array, c_from_b: Array) -> Array:
+    """What an uncertain c_from_b (6, 6; see module) adds to the covariance of c_from_a = c_from_b @ b_from_a."""
+    x, y, z = c_from_b[:3, :3] @ b_from_a[:3, 3]
+    jacobian = np.eye(6)
+    jacobian[:3, 3:] = -np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return jacobian @ covariance_of_c_from_b @ jacobian.T
+
+
+def compose_covariance(c_from_b: Array, covariance_c_b: Array, b_from_a: Array, covariance_b_a: Array) -> Array:
+    """Covariance (6, 6) of c_from_b @ b_from_a, both uncertain and independent, to first order."""
+    return transport_covariance(c_from_b, covariance_b_a) + lever_covariance(b_from_a, covariance_c_b, c_from_b)
+
+
+def perturb(b_from_a: Array, motion: Array) -> Array:
+    """Move b_from_a by a small (6,) motion as the module's covariance convention has it."""
+    return rigid(rotation_from_vector(motion[3:]) @ b_from_a[:3, :3], b_from_a[:3, 3] + motion[:3])
+
+
+def difference(b_from_a: Array, reference: Array) -> Array:
+    """The (6,) motion with perturb(reference, motion) == b_from_a."""
+    rotation = b_from_a[:3, :3] @ reference[:3, :3].T
+    return np.concatenate([b_from_a[:3, 3] - reference[:3, 3], vector_from_rotation(rotation)])
+
+
+def fuse(poses: list[Array], covariances: list[Array]) -> tuple[Array, Array]:
+    """The least-squares mean (4, 4) of poses b_from_a with covariances (6, 6), and its covariance.
+
+    Raises ValueError on an empty list. Source: Gauss-Newton on the information-weighted motions.
+    """
+    if not poses:
+        raise ValueError("no poses to fuse")
+    information = [np.linalg.inv(c) for c in covariances]
+    total = np.linalg.inv(np.sum(information, axis=0))
+    mean = poses[0]
+    for _ in range(5):
+        step = total @ np.sum([w @ difference(p, mean) for w, p in zip(information, poses, strict=True)], axis=0)
+        mean = perturb(mean, step)
+        if np.linalg.norm(step) < 1e-9:
+            break
+    return mean, total

@@ -1,0 +1,121 @@
+"""What flows through recognition: polygons, facets, groups, recognitions, parts. Values only; no behaviour.
+
+All corners run anticlockwise as seen from the camera (so that a facet's outward normal, by the right-hand rule, looks
+towards the cameras). Frames: px in the distorted image; mm in the cyclopean frame.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Polygon:
+    """The straight-sided border of one closed region in one image.
+
+    corners_px (N, 2); covariance_px2 (N, 2, 2) from the side fits; contrast (N,) grey levels across the side that
+    starts at each corner; border_px (K, 2) the traced border it was fitted to.
+    """
+
+    corners_px: Array
+    covariance_px2: Array
+    contrast: Array
+    border_px: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Facet:
+    """One facet in space, seen by both eyes.
+
+    corners_mm (N, 3) in the cyclopean frame; covariance_mm2 (N, 3, 3); left_px, right_px (N, 2) distorted px, corner by
+    corner; epipolar_px (N,) distance of each right corner from its epipolar line; planarity_mm rms distance of the
+    corners from their best plane; type is the facet library's name or `polygon<N>` where it has none; type_number in
+    (0, 1) (thesis section 4.4.1), 0 for a type the library does not have.
+    """
+
+    corners_mm: Array
+    covariance_mm2: Array
+    left_px: Array
+    right_px: Array
+    epipolar_px: Array
+    planarity_mm: float
+    type: str = "untyped"
+    type_number: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Rejected:
+    """A candidate that was looked at and refused: where in which image, and why in words."""
+
+    corners_px: Array
+    eye: str
+    reason: str
+
+
+@dataclass(frozen=True, eq=False)
+class Group:
+    """Facets that share edges, taken as one part: the facets, which pairs touch, (n, n) bool."""
+
+    facets: tuple[Facet, ...]
+    touching: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class FacetView:
+    """Everything geometry can say of one stereo pair before anything is named."""
+
+    groups: tuple[Group, ...]
+    rejected: tuple[Rejected, ...]
+    polygons_left: tuple[Polygon, ...]
+    polygons_right: tuple[Polygon, ...]
+    noise_sigma: float
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Recognition:
+    """What a group is taken for, and how sure. label is `unknown` where nothing trained fits or nothing settles it.
+
+    confidence: calibrated probability of being right; match_ratio and activation as the thesis has them (section 5.6);
+    runner_up: the next best label, or None; ambiguous: more than one label fits what is seen; reason: one line.
+    """
+
+    label: str
+    confidence: float
+    match_ratio: float
+    activation: float
+    runner_up: str | None
+    ambiguous: bool
+    reason: str
+    candidates: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """A recognised (or unknown) part: cyclopean_from_part (4, 4) mm, covariance (6, 6) as daemon/frames.py has it.
+
+    For an unknown part the pose is that of its facets' centroid with the camera's axes. residual_mm is the rms distance
+    of the seen corners from the fitted metric model (nan when unknown).
+    """
+
+    recognition: Recognition
+    facets: tuple[Facet, ...]
+    cyclopean_from_part: Array
+    covariance: Array
+    residual_mm: float
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """The answer of one look: parts nearest first, what was refused, notes for people, seconds by stage."""
+
+    parts: tuple[Part, ...]
+    rejected: tuple[Rejected, ...]
+    view: FacetView
+    notes: tuple[str, ...] = ()
+    seconds: dict[str, float] = field(default_factory=dict)

@@ -1,0 +1,50 @@
+"""The stereo pair as geometry: what a calibration says, nothing of where it was read from.
+
+In: pixels or rays. Out: rays, pixels, points in the cyclopean frame (mm). No files, no detection.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """One eye: matrix (3, 3) px, distortion (5,) as OpenCV's k1 k2 p1 p2 k3, cyclopean_from_camera (4, 4) mm."""
+
+    matrix: Array
+    distortion: Array
+    cyclopean_from_camera: Array
+
+    def project(self, points_mm: Array) -> Array:
+        """(N, 3) points in the cyclopean frame, mm -> (N, 2) px in the distorted image."""
+        r = self.cyclopean_from_camera[:3, :3]
+        in_camera = (np.asarray(points_mm, float).reshape(-1, 3) - self.cyclopean_from_camera[:3, 3]) @ r
+        px, _ = cv2.projectPoints(in_camera[:, None, :], np.zeros(3), np.zeros(3), self.matrix, self.distortion)
+        return np.asarray(px[:, 0, :], float)
+
+    def normalised(self, points_px: Array) -> Array:
+        """(N, 2) px in the distorted image -> (N, 2) undistorted coordinates on the plane z = 1 of this camera."""
+        points = np.ascontiguousarray(np.asarray(points_px, float).reshape(-1, 1, 2))
+        return np.asarray(cv2.undistortPoints(points, self.matrix, self.distortion)[:, 0, :], float)
+
+
+@dataclass(frozen=True, eq=False)
+class StereoRig:
+    """Two eyes and the size (width, height) px of the images they were calibrated for."""
+
+    left: Camera
+    right: Camera
+    image_size: tuple[int, int]
+
+    @property
+    def baseline_mm(self) -> float:
+        """Distance between the optical centres."""
+        ends = [c.cyclopean_from_camera[:3, 3] for c in (self.left, self.right)]
+        return float(np.linalg.norm(ends[1] - ends[0]))

@@ -1,0 +1,51 @@
+"""What a stereo camera gives: two frames of one moment. The one protocol every camera honours, and its errors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+class CameraError(Exception):
+    """A camera cannot deliver: the message says which one, what happened and what to do."""
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """One image: pixels (H, W) uint8 grey; taken_s on the cell's monotonic clock at mid-exposure; its number."""
+
+    pixels: NDArray[np.uint8]
+    taken_s: float
+    sequence: int
+
+
+@dataclass(frozen=True, eq=False)
+class StereoPair:
+    """Two frames of one moment."""
+
+    left: Frame
+    right: Frame
+
+    @property
+    def skew_ms(self) -> float:
+        """Right minus left, ms."""
+        return (self.right.taken_s - self.left.taken_s) * 1000.0
+
+
+class StereoCamera(Protocol):
+    """The protocol. Blocking calls: the service runs them in a thread."""
+
+    def open(self) -> None:
+        """Claim the devices. Raises CameraError."""
+
+    def grab(self, not_before_s: float, timeout_s: float) -> StereoPair:
+        """The newest pair whose frames were both exposed wholly after not_before_s. Raises CameraError on timeout."""
+
+    def close(self) -> None:
+        """Release the devices; safe to call twice."""
+
+    def describe(self) -> str:
+        """One line for people: which devices, format, rate."""
