@@ -1,0 +1,58 @@
+# Two commands are enough: `make demo` and `make test`. Each sets up what it needs in .venv.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+# OpenCV and BLAS would start a thread a core for arrays of a few kilobytes; one is faster, and leaves the other core to the cell.
+export OMP_NUM_THREADS := 1
+export OPENBLAS_NUM_THREADS := 1
+export PIP_DISABLE_PIP_VERSION_CHECK := 1
+
+.PHONY: all help setup demo test check rig bench bench-faults clean
+
+all: setup help
+
+help:
+	@echo "make demo         the simulated cell: teach, train, pick every part, write the report"
+	@echo "make test         unit, property and simulated-cell tests, after lint, types and import rules"
+	@echo "make rig          the daemon under real systemd with real V4L2 devices and a serial line, in a guest"
+	@echo "make bench        accuracy, time and memory, measured"
+	@echo "make bench-faults faults injected at every moment of the pick cycle, one table"
+
+setup: $(VENV)/.runtime
+
+$(VENV)/.runtime: pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "facetd needs Python 3.11 or newer; $(PYTHON) is older. Set PYTHON=..."; exit 2; }
+	@echo "== setting up $(VENV) (once; a minute or two)"
+	@$(PYTHON) -m venv $(VENV) || { echo "cannot make a virtual environment: apt-get install python3-venv"; exit 2; }
+	@$(BIN)/pip install -q -e .
+	@deploy/systemd-extra.sh $(BIN)/pip
+	@touch $@
+
+$(VENV)/.dev: $(VENV)/.runtime
+	@echo "== installing the test tools (once; a minute or two)"
+	@$(BIN)/pip install -q -e '.[dev,metrics,review]'
+	@touch $@
+
+demo: $(VENV)/.runtime
+	$(BIN)/facetctl demo $(DEMO)
+
+check: $(VENV)/.dev
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	$(BIN)/mypy
+	$(BIN)/lint-imports --no-cache
+
+test: check
+	$(BIN)/pytest $(TESTS)
+
+rig: $(VENV)/.runtime
+	tests/rig/rig.sh
+
+bench: $(VENV)/.dev
+	$(BIN)/python -m tests.bench
+
+bench-faults: $(VENV)/.dev
+	$(BIN)/python -m tests.bench.faults
+
+clean:
+	rm -rf $(VENV) build *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis

@@ -1,0 +1,78 @@
+"""Rigid transforms and the way uncertainty moves through them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from daemon import frames
+
+vectors = arrays(np.float64, 3, elements=st.floats(-3.0, 3.0))
+
+
+def pose(turn: frames.Array, shift: frames.Array) -> frames.Array:
+    return frames.rigid(frames.rotation_from_vector(turn), 100.0 * shift)
+
+
+@given(vectors, vectors)
+def test_a_transform_and_its_inverse_cancel(turn: frames.Array, shift: frames.Array) -> None:
+    t = pose(turn, shift)
+    np.testing.assert_allclose(frames.inverse(t) @ t, np.eye(4), atol=1e-9)
+
+
+@given(vectors, vectors)
+def test_the_rotation_vector_comes_back_through_the_matrix(turn: frames.Array, shift: frames.Array) -> None:
+    r = frames.rotation_from_vector(turn)
+    np.testing.assert_allclose(frames.rotation_from_vector(frames.vector_from_rotation(r)), r, atol=1e-6)
+
+
+@pytest.mark.parametrize("axis", [[1.0, 0, 0], [0, 1.0, 0], [0.6, 0, 0.8], [-0.6, 0.48, 0.64]])
+def test_half_a_turn_has_an_axis_and_the_angle_pi(axis: list[float]) -> None:
+    r = frames.rotation_from_vector(np.pi * np.array(axis))
+    vector = frames.vector_from_rotation(r)
+    assert np.linalg.norm(vector) == pytest.approx(np.pi)
+    assert abs(vector @ np.array(axis)) == pytest.approx(np.pi)
+
+
+@given(vectors, vectors, vectors, vectors)
+def test_difference_undoes_perturb(turn: frames.Array, shift: frames.Array, dt: frames.Array, dr: frames.Array) -> None:
+    motion = np.concatenate([dt, 0.3 * dr])
+    t = pose(turn, shift)
+    np.testing.assert_allclose(frames.difference(frames.perturb(t, motion), t), motion, atol=1e-6)
+
+
+def test_composed_covariance_is_what_sampling_shows() -> None:
+    rng = np.random.default_rng(1)
+    a, b = pose(np.array([0.3, -0.5, 1.0]), np.array([1.0, -2, 0.5])), pose(np.array([-1.0, 0.2, 0.4]), np.ones(3))
+    cov_a = np.diag([0.1, 0.2, 0.3, 1e-3, 2e-3, 1e-3]) ** 2
+    cov_b = np.diag([0.3, 0.1, 0.2, 2e-3, 1e-3, 3e-3]) ** 2
+    draws = np.array(
+        [
+            frames.difference(
+                frames.perturb(a, rng.multivariate_normal(np.zeros(6), cov_a))
+                @ frames.perturb(b, rng.multivariate_normal(np.zeros(6), cov_b)),
+                a @ b,
+            )
+            for _ in range(20000)
+        ]
+    )
+    predicted = frames.compose_covariance(a, cov_a, b, cov_b)
+    scale = np.sqrt(np.outer(np.diag(predicted), np.diag(predicted)))
+    np.testing.assert_allclose(np.cov(draws.T) / scale, predicted / scale, atol=0.04)
+
+
+def test_fusing_weighs_each_pose_by_what_it_knows() -> None:
+    truth = pose(np.array([0.1, 0.2, -0.3]), np.ones(3))
+    good, poor = np.eye(6) * 1e-4, np.eye(6) * 1e-2
+    off = frames.perturb(truth, np.full(6, 0.1))
+    mean, covariance = frames.fuse([truth, off], [good, poor])
+    np.testing.assert_allclose(frames.difference(mean, truth), np.full(6, 0.1 / 101), atol=2e-5)
+    np.testing.assert_allclose(np.diag(covariance), 1 / (1e4 + 1e2))
+
+
+def test_fusing_nothing_is_refused() -> None:
+    with pytest.raises(ValueError, match="no poses"):
+        frames.fuse([], [])
