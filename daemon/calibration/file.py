@@ -1,0 +1,138 @@
+"""calibration.yaml <-> Calibration: the stereo rig, where it sits on the tool, and how good all that is.
+
+In: a path. Out: checked geometry, or a ConfigError that names file, line, key, found and expected. No estimation here.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from datetime import datetime
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from daemon.vision.rig import Camera, StereoRig
+from daemon.yamlfile import Document, Key, read, write_atomically
+
+Array = NDArray[np.float64]
+ORTHONORMAL_TOLERANCE = 1e-4
+
+
+class Quality(msgspec.Struct, forbid_unknown_fields=True, frozen=True, omit_defaults=True):
+    """How good a calibration was when it was made: rms px, rms mm and degrees; when and how it was made."""
+
+    reprojection_px: float | None = None
+    epipolar_px: float | None = None
+    hand_eye_mm: float | None = None
+    hand_eye_deg: float | None = None
+    views: int | None = None
+    method: str | None = None
+    made: datetime | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """rig: both eyes; tool_from_cyclopean: (4, 4) mm, None until the hand-eye calibration is done; quality."""
+
+    rig: StereoRig
+    tool_from_cyclopean: Array | None = None
+    quality: Quality = field(default_factory=Quality)
+
+
+class _Eye(msgspec.Struct, forbid_unknown_fields=True):
+    camera_matrix: list[list[float]]
+    distortion: list[float]
+    cyclopean_from_camera: list[list[float]]
+
+
+class _HandEye(msgspec.Struct, forbid_unknown_fields=True):
+    tool_from_cyclopean: list[list[float]]
+
+
+class _File(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
+    version: int
+    image_size: list[int]
+    left: _Eye
+    right: _Eye
+    hand_eye: _HandEye | None = None
+    quality: Quality = Quality()
+
+
+def load_calibration(path: Path) -> Calibration:
+    """Read and check calibration.yaml. Raises ConfigError."""
+    document = read(path)
+    file = document.convert(_File)
+    if file.version != 1:
+        raise document.error(("version",), f"expected 1, found {file.version}")
+    if len(file.image_size) != 2 or min(file.image_size) < 16:
+        raise document.error(("image_size",), f"expected [width, height] px, found {file.image_size}")
+    eyes = [_camera(document, name, getattr(file, name)) for name in ("left", "right")]
+    rig = StereoRig(eyes[0], eyes[1], (file.image_size[0], file.image_size[1]))
+    if rig.baseline_mm < 1.0:
+        raise document.error(("right", "cyclopean_from_camera"), "the two eyes are less than 1 mm apart")
+    if rig.left.cyclopean_from_camera[0, 3] > rig.right.cyclopean_from_camera[0, 3]:
+        raise document.error(("left", "cyclopean_from_camera"), "left lies to the right of right: eyes swapped?")
+    keys: tuple[Key, ...] = ("hand_eye", "tool_from_cyclopean")
+    tool = None if file.hand_eye is None else _rigid(document, keys, file.hand_eye.tool_from_cyclopean)
+    return Calibration(rig, tool, file.quality)
+
+
+def save_calibration(calibration: Calibration, path: Path) -> None:
+    """Write calibration.yaml so that a power cut leaves the old or the new one. Raises OSError."""
+    rig = calibration.rig
+    tool = calibration.tool_from_cyclopean
+    file = _File(
+        version=1,
+        image_size=list(rig.image_size),
+        left=_eye(rig.left),
+        right=_eye(rig.right),
+        hand_eye=None if tool is None else _HandEye(tool.tolist()),
+        quality=calibration.quality,
+    )
+    plain = msgspec.to_builtins(file, builtin_types=(datetime,))
+    text = yaml.safe_dump(plain, sort_keys=False, default_flow_style=None, width=110)
+    write_atomically(
+        path, f"# Lengths in mm, images in px (OpenCV pixel centres). Written by facetctl.\n{text}".encode()
+    )
+
+
+def _camera(document: Document, name: str, eye: _Eye) -> Camera:
+    matrix = _matrix(document, (name, "camera_matrix"), eye.camera_matrix, 3, 3)
+    if min(matrix[0, 0], matrix[1, 1]) <= 0 or not np.allclose(matrix[2], [0, 0, 1]):
+        raise document.error((name, "camera_matrix"), "expected focal lengths above 0 and a last row [0, 0, 1]")
+    if len(eye.distortion) != 5 or not np.isfinite(eye.distortion).all():
+        raise document.error(
+            (name, "distortion"), f"expected 5 numbers k1 k2 p1 p2 k3, found {len(eye.distortion)}: {eye.distortion}"
+        )
+    pose = _rigid(document, (name, "cyclopean_from_camera"), eye.cyclopean_from_camera)
+    return Camera(matrix, np.array(eye.distortion, float), pose)
+
+
+def _matrix(document: Document, keys: tuple[Key, ...], rows: list[list[float]], height: int, width: int) -> Array:
+    widths = {len(row) for row in rows}
+    if len(rows) != height or widths != {width}:
+        found = f"{len(rows)}x{'/'.join(str(w) for w in sorted(widths))}"
+        raise document.error(keys, f"expected {height}x{width} numbers, found {found}")
+    matrix = np.array(rows, float)
+    if not np.isfinite(matrix).all():
+        raise document.error(keys, "expected finite numbers")
+    return matrix
+
+
+def _rigid(document: Document, keys: tuple[Key, ...], rows: list[list[float]]) -> Array:
+    """A 4x4 rigid transform, mm: its 3x3 block a rotation to 1e-4, its last row 0 0 0 1."""
+    matrix = _matrix(document, keys, rows, 4, 4)
+    rotation = matrix[:3, :3]
+    off = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
+    if off > ORTHONORMAL_TOLERANCE or np.linalg.det(rotation) < 0:
+        raise document.error(keys, f"expected a rotation in the 3x3 block, found one off by {off:.2g} or mirrored")
+    if not np.array_equal(matrix[3], [0, 0, 0, 1]):
+        raise document.error(keys, f"expected a last row [0, 0, 0, 1], found {rows[3]}")
+    return matrix
+
+
+def _eye(camera: Camera) -> _Eye:
+    return _Eye(camera.matrix.tolist(), camera.distortion.tolist(), camera.cyclopean_from_camera.tolist())
