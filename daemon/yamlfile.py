@@ -6,9 +6,7 @@ In: paths and msgspec types. Out: values, or one ConfigError. What the keys mean
 from __future__ import annotations
 
 import difflib
-import os
 import re
-import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -86,28 +84,6 @@ def read(path: Path) -> Document:
 def load(path: Path, kind: type[T]) -> T:
     """Read and convert in one go."""
     return read(path).convert(kind)
-
-
-def write_atomically(path: Path, content: bytes) -> None:
-    """Replace a file so that a power cut leaves the old or the new one, never a half: temporary, fsync, rename."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    mode = path.stat().st_mode & 0o777 if path.exists() else 0o644
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(content)
-            file.flush()
-            os.fchmod(file.fileno(), mode)
-            os.fsync(file.fileno())
-        os.replace(temporary, path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
-    folder = os.open(path.parent, os.O_RDONLY)
-    try:
-        os.fsync(folder)
-    finally:
-        os.close(folder)
 
 
 def dotted(keys: tuple[Key, ...]) -> str:

@@ -1,0 +1,131 @@
+"""Bytes onto a disk that may be full, slow or pulled: whole lines or none, synced in a thread of their own.
+
+Nothing here knows what the lines mean.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import tempfile
+import threading
+from pathlib import Path
+
+
+class LineFile:
+    """An append-only file that never keeps half a line: a short write is cut off again."""
+
+    def __init__(self, path: Path) -> None:
+        """Create it. Raises OSError, FileExistsError where there is one already."""
+        self.path = path
+        self._handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND | os.O_CLOEXEC, 0o640)
+        self._length = 0
+        self._closing = threading.Lock()
+
+    def append(self, content: bytes) -> None:
+        """Add one line. Raises OSError, and then nothing of it is in the file."""
+        line = content + b"\n"
+        try:
+            if os.write(self._handle, line) != len(line):
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        except OSError:
+            os.ftruncate(self._handle, self._length)
+            raise
+        self._length += len(line)
+
+    def sync(self) -> None:
+        """Bring it to the disk. Raises OSError; a closed file is on the disk already."""
+        with self._closing:
+            if self._handle >= 0:
+                os.fsync(self._handle)
+
+    def close(self) -> None:
+        """Bring it to the disk and let go; safe to call twice."""
+        with contextlib.suppress(OSError):
+            self.sync()
+        with self._closing:
+            if self._handle >= 0:
+                os.close(self._handle)
+            self._handle = -1
+
+
+class Syncer:
+    """Brings lines from the kernel to the disk: at once for urgent kinds, else at most every so often."""
+
+    def __init__(self, every_s: float) -> None:
+        self._every_s, self._stop = every_s, False
+        self._dirty: set[LineFile] = set()
+        self._wake, self._urgent, self._clean = threading.Event(), threading.Event(), threading.Event()
+        self._lock = threading.Lock()
+        self._clean.set()
+        self._thread = threading.Thread(target=self._run, name="runlog-sync", daemon=True)
+        self._thread.start()
+
+    def take(self, file: LineFile) -> None:
+        """Sync this file some time soon."""
+        with self._lock:
+            self._clean.clear()
+            self._dirty.add(file)
+        self._wake.set()
+
+    def hurry(self) -> None:
+        """Sync what was taken now."""
+        self._urgent.set()
+
+    def settled(self, timeout_s: float) -> bool:
+        """Wait until all that was taken is on the disk; False when that took longer."""
+        return self._clean.wait(timeout_s)
+
+    def stop(self) -> None:
+        """Sync what was taken and end."""
+        self._stop = True
+        self._urgent.set()
+        self._wake.set()
+        self._thread.join(timeout=1.5)
+
+    def _run(self) -> None:
+        while not self._stop or self._dirty:
+            self._wake.wait()
+            self._urgent.wait(self._every_s)
+            self._wake.clear()
+            self._urgent.clear()
+            with self._lock:
+                files, self._dirty = self._dirty, set()
+            for file in files:
+                try:
+                    file.sync()
+                except OSError:
+                    continue
+            with self._lock:
+                if not self._dirty:
+                    self._clean.set()
+
+
+def write_atomically(path: Path, content: bytes) -> None:
+    """Replace a file so that a power cut leaves the old or the new one, never a half: temporary, fsync, rename."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    mode = path.stat().st_mode & 0o777 if path.exists() else 0o644
+    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(content)
+            file.flush()
+            os.fchmod(file.fileno(), mode)
+            os.fsync(file.fileno())
+        os.replace(temporary, path)
+    except BaseException:
+        Path(temporary).unlink(missing_ok=True)
+        raise
+    folder = os.open(path.parent, os.O_RDONLY)
+    try:
+        os.fsync(folder)
+    finally:
+        os.close(folder)
+
+
+def write_whole(path: Path, content: bytes) -> None:
+    """Write beside and rename, so that a reader meets the whole file or none."""
+    temporary = path.with_name(f".{path.name}.part")
+    temporary.write_bytes(content)
+    temporary.replace(path)

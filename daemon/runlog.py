@@ -1,0 +1,271 @@
+"""What happened, written so that a crash loses nothing: one folder a run, one JSON object a line. Writing only.
+
+`record` returns once its line is in the kernel's hands (kill -9 then loses at most a line being written), but never
+waits longer than `patience_s` for a stalled disk: a log may not delay a move. Reading and quotas are in daemon/runs.py.
+
+Lines are {"v": 1, "seq": n, "t": ISO UTC ms, "mono_s": ..., "kind": ..., more by kind}; kinds and their fields are in
+the table KINDS. wire.jsonl beside it holds the serial line's ledger: there each line carries its forerunner's hash.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import queue
+import threading
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import cv2
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from daemon.files import LineFile, Syncer, write_whole
+
+VERSION = 1
+PATIENCE_S = 0.02
+LINES_WAITING = 20_000
+PICTURES_WAITING = 64
+
+KINDS: Mapping[str, str] = {
+    "run_start": "version config calibration model (files in kept/) seed continues",
+    "command": "who door text",
+    "state": "from event to",
+    "cycle_start": "cycle target",
+    "look": "cycle stop purpose images{left,right} scene seconds health where world_from_cyclopean",
+    "estimate": "cycle stop label world_from_part covariance predicted_mm predicted_deg chi2",
+    "decision": "cycle text why",
+    "move": "cycle how target speed_pct purpose",
+    "moved": "cycle where joints error_mm error_deg seconds",
+    "refusal": "rule text",
+    "fault": "code text while",
+    "hand": "closed",
+    "cycle_end": "cycle outcome label stops why grasp predicted",
+    "truth": "cycle error_mm error_deg held (simulation only)",
+    "model": "action version labels file (a model taken into use: kept/)",
+    "gap": "lost why (lines or pictures that a full or failing disk did not take)",
+    "run_end": "why",
+}
+URGENT = frozenset({"run_start", "fault", "hand", "cycle_start", "cycle_end", "gap", "run_end"})
+
+
+class RunLog:
+    """The log of the present run. Safe to call from any thread.
+
+    `trouble` says in one line why the disk does not take it, or None; on_trouble(trouble) is called (from the writer's
+    thread) when that changes.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        *,
+        clock: Callable[[], float] = time.monotonic,
+        wall: Callable[[], datetime] = lambda: datetime.now(UTC),
+        fsync_every_s: float = 1.0,
+        patience_s: float = PATIENCE_S,
+        on_trouble: Callable[[str | None], None] = lambda _: None,
+    ) -> None:
+        """Start a run in `folder` (made if need be). Raises OSError; FileExistsError where a run is in it already."""
+        self.trouble: str | None = None
+        self._clock, self._wall, self._patience_s, self._on_trouble = clock, wall, patience_s, on_trouble
+        self._run = _Run(folder)
+        self._lock = threading.Lock()
+        self._lost = 0
+        self._closed = False
+        self._lines: queue.SimpleQueue[_Line | _Run | threading.Event | None] = queue.SimpleQueue()
+        self._pictures: queue.SimpleQueue[_Picture | threading.Event | None] = queue.SimpleQueue()
+        self._syncer = Syncer(fsync_every_s)
+        self._threads = [
+            threading.Thread(target=self._write_lines, name="runlog-lines", daemon=True),
+            threading.Thread(target=self._write_pictures, name="runlog-pictures", daemon=True),
+        ]
+        for thread in self._threads:
+            thread.start()
+
+    @property
+    def folder(self) -> Path:
+        """The folder of the present run."""
+        return self._run.folder
+
+    def record(self, kind: str, /, **fields: Any) -> None:
+        """Append one line. Arrays, numpy scalars and paths become plain JSON, nan becomes null.
+
+        Under the name `images`, a dict of name -> (H, W) uint8 array is kept as images/<seq>-<name>.png.
+        """
+        written = threading.Event()
+        with self._lock:
+            run, seq = self._run, self._run.take_number()
+            pictures = {name: f"images/{seq:06d}-{name}.png" for name in fields.get("images") or {}}
+            for name, file in pictures.items():
+                self._put_picture(_Picture(run.folder / file, fields["images"][name]))
+            line = {**self._head(seq, kind), **fields, **({"images": pictures} if pictures else {})}
+            self._put(_Line(run.lines, encode(line), written))
+        if self.trouble is None:
+            written.wait(self._patience_s)
+        if kind in URGENT:
+            self._syncer.hurry()
+
+    def wire(self, entry: Mapping[str, Any]) -> None:
+        """Append one entry to the serial line's ledger; never waits."""
+        with self._lock:
+            content = encode({**entry, "chain": self._run.chain})
+            self._run.chain = hashlib.sha256(content).hexdigest()
+            self._put(_Line(self._run.wire, content, threading.Event()))
+
+    def keep(self, path: Path) -> str:
+        """Copy a file into kept/ under the hash of its content; returns kept/<sha256><suffix>. Raises OSError."""
+        content = path.read_bytes()
+        name = f"kept/{hashlib.sha256(content).hexdigest()}{path.suffix}"
+        target = self.folder / name
+        if not target.exists():
+            write_whole(target, content)
+        return name
+
+    def roll(self, folder: Path) -> None:
+        """End this run and go on in a new folder; the caller records its run_start. OSError: nothing changed."""
+        fresh = _Run(folder)
+        self.record("run_end", why=f"continues in {folder.name}")
+        with self._lock:
+            before, self._run = self._run, fresh
+            self._lines.put(before)
+
+    def settle(self, timeout_s: float = 5.0) -> bool:
+        """Wait until all recorded so far, pictures too, is on the disk; False when that took longer."""
+        through = (threading.Event(), threading.Event())
+        self._lines.put(through[0])
+        self._pictures.put(through[1])
+        deadline = time.monotonic() + timeout_s
+        done = all(event.wait(max(0.0, deadline - time.monotonic())) for event in through)
+        self._syncer.hurry()
+        return done and self._syncer.settled(max(0.0, deadline - time.monotonic()))
+
+    def close(self, why: str = "stopped") -> None:
+        """Write run_end and let go of the files, within some seconds even when the disk hangs; safe to call twice."""
+        if self._closed:
+            return
+        self.record("run_end", why=why)
+        self._closed = True
+        self._lines.put(None)
+        self._pictures.put(None)
+        for thread in self._threads:
+            thread.join(timeout=1.5)
+        self._syncer.stop()
+        if not any(thread.is_alive() for thread in self._threads):
+            self._run.close()
+
+    def _head(self, seq: int, kind: str) -> dict[str, Any]:
+        now = self._wall().strftime("%Y-%m-%dT%H:%M:%S.%f")[:-3] + "Z"
+        return {"v": VERSION, "seq": seq, "t": now, "mono_s": round(self._clock(), 6), "kind": kind}
+
+    def _put(self, line: _Line) -> None:
+        if self._closed or self._lines.qsize() > LINES_WAITING:
+            self._lost += 1
+            line.written.set()
+        else:
+            self._lines.put(line)
+
+    def _put_picture(self, picture: _Picture) -> None:
+        if self._pictures.qsize() > PICTURES_WAITING:
+            self._lost += 1
+        else:
+            self._pictures.put(picture)
+
+    def _write_lines(self) -> None:
+        while (line := self._lines.get()) is not None:
+            if isinstance(line, _Run):
+                line.close()
+                continue
+            if isinstance(line, threading.Event):
+                line.set()
+                continue
+            try:
+                if self._lost:
+                    self._write_gap()
+                line.file.append(line.content)
+                self._tell(None)
+            except OSError as error:
+                self._lost += 1
+                self._tell(f"{line.file.path}: {error.strerror}")
+            line.written.set()
+            self._syncer.take(line.file)
+
+    def _write_gap(self) -> None:
+        with self._lock:
+            run, lost = self._run, self._lost
+            gap = {
+                **self._head(run.take_number(), "gap"),
+                "lost": lost,
+                "why": self.trouble or "the disk did not keep up",
+            }
+        run.lines.append(encode(gap))
+        with self._lock:
+            self._lost -= lost
+
+    def _write_pictures(self) -> None:
+        while (picture := self._pictures.get()) is not None:
+            if isinstance(picture, threading.Event):
+                picture.set()
+                continue
+            try:
+                _, png = cv2.imencode(".png", picture.pixels, [cv2.IMWRITE_PNG_COMPRESSION, 1])
+                write_whole(picture.path, png.tobytes())
+            except OSError as error:
+                self._lost += 1
+                self._tell(f"{picture.path}: {error.strerror}")
+
+    def _tell(self, trouble: str | None) -> None:
+        if trouble != self.trouble:
+            self.trouble = trouble
+            self._on_trouble(trouble)
+
+
+@dataclass(frozen=True)
+class _Line:
+    file: LineFile
+    content: bytes
+    written: threading.Event
+
+
+@dataclass(frozen=True, eq=False)
+class _Picture:
+    path: Path
+    pixels: NDArray[np.uint8]
+
+
+class _Run:
+    """One run folder, open for writing, and the counters that belong to it."""
+
+    def __init__(self, folder: Path) -> None:
+        for name in ("images", "kept"):
+            (folder / name).mkdir(parents=True, exist_ok=True)
+        self.folder = folder
+        self.lines = LineFile(folder / "run.jsonl")
+        self.wire = LineFile(folder / "wire.jsonl")
+        self.chain = ""
+        self._next = 0
+
+    def take_number(self) -> int:
+        self._next += 1
+        return self._next - 1
+
+    def close(self) -> None:
+        self.lines.close()
+        self.wire.close()
+
+
+def encode(content: Mapping[str, Any]) -> bytes:
+    """One JSON object without newlines."""
+    return msgspec.json.encode(content, enc_hook=_plain)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, np.generic):
+        return value.item()
+    return str(value)
