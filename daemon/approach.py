@@ -1,0 +1,261 @@
+"""Where to stop, when to look again, when to trust the estimate. Pure: poses and covariances in, poses and verdicts out.
+
+What errs the same way in every look (hand-eye, the cameras' calibration) is kept apart from what errs anew in each
+(pixels, the arm's repeatability): the first does not shrink by looking more often, and two looks may still be compared
+much more sharply than either is known.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daemon import frames
+from daemon.tracking import Shape
+
+Array = NDArray[np.float64]
+Reachable = Callable[[Array], bool]
+
+CHI_SQUARE_6 = 22.46
+"""What a chi-square with 6 degrees of freedom passes once in a thousand times."""
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """One-sigma doubts about the cell. hand_eye: of tool_from_cyclopean, per axis; arm: repeatability of a pose, per
+    axis; pixels: how far the calibrated centre and disparity may be off, px."""
+
+    hand_eye_mm: float = 0.3
+    hand_eye_deg: float = 0.05
+    arm_mm: float = 0.1
+    arm_deg: float = 0.02
+    pixels: float = 0.3
+
+    def arm(self) -> Array:
+        """Covariance (6, 6) of a pose the arm is at."""
+        return np.diag([self.arm_mm**2] * 3 + [np.radians(self.arm_deg) ** 2] * 3)
+
+    def shared(self) -> Array:
+        """Covariance (9, 9) of what all looks share: hand-eye motion (6), then u, v and disparity offsets in px."""
+        hand_eye = [self.hand_eye_mm**2] * 3 + [np.radians(self.hand_eye_deg) ** 2] * 3
+        return np.diag([*hand_eye, self.pixels**2, self.pixels**2, 2 * self.pixels**2])
+
+
+@dataclass(frozen=True)
+class Stops:
+    """Stand-offs of the cyclopean centre from the part, mm, far to near; the predicted error at the grasp (rms, mm and
+    degrees) that is good enough; how many looks at least and at most."""
+
+    stand_offs_mm: tuple[float, ...] = (450.0, 300.0, 200.0)
+    enough_mm: float = 0.8
+    enough_deg: float = 0.8
+    least_looks: int = 1
+    most_looks: int = 5
+
+
+@dataclass(frozen=True, eq=False)
+class Sighting:
+    """One look at the part: world_from_part (4, 4); covariance (6, 6) of what errs anew in each look; shared (6, 9)
+    how the errors of Doubt.shared move the pose; distance_mm from the cyclopean centre."""
+
+    world_from_part: Array
+    covariance: Array
+    shared: Array
+    distance_mm: float
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """What the looks say together: world_from_part, covariance (6, 6) with everything in it, and the error predicted at
+    the grasp, rms over the three axes."""
+
+    world_from_part: Array
+    covariance: Array
+    predicted_mm: float
+    predicted_deg: float
+
+
+def sighting(
+    world_from_tool: Array,
+    tool_from_cyclopean: Array,
+    cyclopean_from_part: Array,
+    covariance: Array,
+    doubt: Doubt,
+    focal_px: float,
+    baseline_mm: float,
+) -> Sighting:
+    """Bring one look's pose, covariance (6, 6) in the cyclopean frame, to the world; see Sighting."""
+    world_from_cyclopean = world_from_tool @ tool_from_cyclopean
+    world_from_part = world_from_cyclopean @ cyclopean_from_part
+    anew = frames.transport_covariance(world_from_cyclopean, covariance)
+    anew = anew + frames.lever_covariance(cyclopean_from_part, doubt.arm(), world_from_cyclopean)
+    shared = np.zeros((6, 9))
+    x, y, z = world_from_tool[:3, :3] @ (tool_from_cyclopean @ cyclopean_from_part)[:3, 3]
+    lever = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    turn = world_from_tool[:3, :3]
+    shared[:3, :3] = shared[3:, 3:6] = turn
+    shared[:3, 3:6] = -lever @ turn
+    shared[:3, 6:] = world_from_cyclopean[:3, :3] @ _pixel_motion(cyclopean_from_part[:3, 3], focal_px, baseline_mm)
+    distance = float(np.linalg.norm(cyclopean_from_part[:3, 3]))
+    return Sighting(world_from_part, anew, shared, distance)
+
+
+def _pixel_motion(point: Array, focal_px: float, baseline_mm: float) -> Array:
+    """(3, 3) mm per px: how a point moves with u and v offsets of both eyes and with a disparity offset."""
+    x, y, z = point
+    depth = z * z / (focal_px * baseline_mm)
+    return np.array([[z / focal_px, 0, -x / z * depth], [0, z / focal_px, -y / z * depth], [0, 0, -depth]])
+
+
+def fuse(sightings: Sequence[Sighting], doubt: Doubt, grasp_lever_mm: float = 0.0) -> Estimate:
+    """Weigh the looks by their information; shared errors stay whole in the covariance.
+
+    grasp_lever_mm: distance of the grasp from the part's origin, over which a doubt of turn becomes one of place.
+    """
+    common = doubt.shared()
+    each = [s.covariance + s.shared @ common @ s.shared.T for s in sightings]
+    mean, total = frames.fuse([s.world_from_part for s in sightings], each)
+    gains = [total @ np.linalg.inv(c) for c in each]
+    anew = np.sum([k @ s.covariance @ k.T for k, s in zip(gains, sightings, strict=True)], axis=0)
+    shared = np.sum([k @ s.shared for k, s in zip(gains, sightings, strict=True)], axis=0)
+    covariance = anew + shared @ common @ shared.T
+    at_grasp = covariance + doubt.arm()
+    turn = float(np.trace(at_grasp[3:, 3:]))
+    place = float(np.trace(at_grasp[:3, :3])) + 2 / 3 * turn * grasp_lever_mm**2
+    return Estimate(mean, covariance, float(np.sqrt(place)), float(np.degrees(np.sqrt(turn))))
+
+
+def disagreement(a: Sighting, b: Sighting, doubt: Doubt) -> float:
+    """Chi-square (6 degrees of freedom) of two looks at one part; what they share counts only by its difference."""
+    motion = frames.difference(b.world_from_part, a.world_from_part)
+    lever = b.shared - a.shared
+    covariance = a.covariance + b.covariance + lever @ doubt.shared() @ lever.T
+    return float(motion @ np.linalg.solve(covariance, motion))
+
+
+def suspect(target: float, others: Sequence[float], epipolar_px: float, epipolar_limit_px: float) -> str:
+    """Which is to blame when a look disagrees: `camera`, `hand-eye`, `part` or `unclear`.
+
+    target and others: chi-squares of the target and of the other parts followed through the same two looks;
+    epipolar_px: how far matched corners lie from their epipolar lines now (a knocked eye shows there).
+    """
+    if epipolar_px > epipolar_limit_px:
+        return "camera"
+    if not others:
+        return "unclear"
+    return "hand-eye" if sum(c > CHI_SQUARE_6 for c in others) * 2 >= len(others) else "part"
+
+
+def enough(estimate: Estimate, looks: int, stops: Stops) -> bool:
+    """Whether the last, blind stretch may be taken."""
+    good = estimate.predicted_mm <= stops.enough_mm and estimate.predicted_deg <= stops.enough_deg
+    return good and looks >= stops.least_looks
+
+
+def next_stand_off(sightings: Sequence[Sighting], doubt: Doubt, stops: Stops) -> float:
+    """The stand-off of the next look, mm: the farthest not yet passed whose look is predicted to be enough, or the next
+    one in the list where none is; the nearest again when all are passed.
+
+    A look's own covariance is taken to shrink with the square of the distance (depth from disparity), its shared part
+    as the cameras' would from there.
+    """
+    done = len(sightings)
+    ahead = stops.stand_offs_mm[min(done, len(stops.stand_offs_mm) - 1) :]
+    if not sightings or done + 1 < stops.least_looks:
+        return ahead[0]
+    last = sightings[-1]
+    for distance in ahead:
+        ratio = distance / last.distance_mm
+        shared = last.shared.copy()
+        shared[:3, 6:8] *= ratio
+        shared[:3, 8] *= ratio**2
+        imagined = Sighting(last.world_from_part, last.covariance * ratio**2, shared, distance)
+        if enough(fuse([*sightings, imagined], doubt), done + 1, stops):
+            return distance
+    return ahead[0]
+
+
+def look_pose(rotation: Array, centre: Array, stand_off_mm: float, tool_from_cyclopean: Array) -> Array:
+    """world_from_tool (4, 4) with the tool turned to rotation (3, 3) and the cameras' axis through centre (3,), world,
+    from stand_off_mm away."""
+    view = rotation @ tool_from_cyclopean[:3, :3]
+    world_from_cyclopean = frames.rigid(view, centre - stand_off_mm * view[:, 2])
+    return world_from_cyclopean @ frames.inverse(tool_from_cyclopean)
+
+
+def backed_off(world_from_tool: Array, distance_mm: float) -> Array:
+    """The pose distance_mm back along the tool's own z."""
+    return world_from_tool @ frames.rigid(np.eye(3), np.array([0.0, 0.0, -distance_mm]))
+
+
+def lifted(world_from_tool: Array, height_mm: float) -> Array:
+    """The pose height_mm straight up."""
+    pose = world_from_tool.copy()
+    pose[2, 3] += height_mm
+    return pose
+
+
+def steps(at: Array, target: Array, most_mm: float, most_deg: float) -> list[Array]:
+    """Poses from at (left out) to target (last), none farther from the one before than the limits, straight between."""
+    motion = frames.difference(target, at)
+    share = max(
+        float(np.linalg.norm(motion[:3])) / most_mm, float(np.degrees(np.linalg.norm(motion[3:]))) / most_deg, 1e-9
+    )
+    count = int(np.ceil(share / 0.98))
+    return [frames.perturb(at, motion * (k / count)) for k in range(1, count)] + [target]
+
+
+def speed_pct(
+    distance_mm: float, travel_pct: float, near_pct: float, near_mm: float = 100.0, far_mm: float = 400.0
+) -> float:
+    """Speed by distance to the part: near_pct within near_mm, travel_pct beyond far_mm, a ramp between."""
+    share = float(np.clip((distance_mm - near_mm) / (far_mm - near_mm), 0.0, 1.0))
+    return near_pct + share * (travel_pct - near_pct)
+
+
+def facing(shape: Shape, world_from_part: Array, eye: Array) -> Array:
+    """(F,) cosine between each facet's outward normal and the direction to the eye (3,), world."""
+    normals = shape.normals() @ world_from_part[:3, :3].T
+    rays = eye - frames.apply(world_from_part, shape.centres())
+    cosines: Array = np.einsum("fi,fi->f", normals, rays / np.linalg.norm(rays, axis=1, keepdims=True))
+    return cosines
+
+
+def view_worth(shape: Shape, world_from_part: Array, eye: Array, least_cosine: float = 0.3) -> float:
+    """How well a look from the eye shows the part: facets well seen, the second one counting most (0 to 1).
+
+    One facet alone fits too many parts; two that meet fix the part and its pose; a third adds little.
+    """
+    seen = np.sort(np.clip((facing(shape, world_from_part, eye) - least_cosine) / (1 - least_cosine), 0, 1))[::-1]
+    weights = np.array([0.3, 1.0, 0.3])[: len(seen)]
+    return float(weights @ np.sqrt(seen[:3])) / 1.6
+
+
+def separating_view(
+    candidates: Sequence[tuple[Shape, Array]], eyes: Sequence[Array], least_cosine: float = 0.3
+) -> int | None:
+    """Index of the eye position (3,), world, from which the candidates (shape, world_from_part) look most unlike.
+
+    Unlike is counted in facets: for each number of sides, how many would be seen. None where no eye tells any two apart.
+    """
+    best, best_score = None, 0.0
+    for k, eye in enumerate(eyes):
+        counts = [_seen_facets(shape, pose, eye, least_cosine) for shape, pose in candidates]
+        score = min(
+            (float(np.abs(a - b).sum()) for i, a in enumerate(counts) for b in counts[:i]),
+            default=0.0,
+        )
+        if score > best_score + 1e-9:
+            best, best_score = k, score
+    return best
+
+
+def _seen_facets(shape: Shape, world_from_part: Array, eye: Array, least_cosine: float) -> Array:
+    """(8,) by number of sides, how much facet the eye would see (each facet 0 to 1, soft at the rim)."""
+    counts = np.zeros(9)
+    for facet, cosine in zip(shape.facets, facing(shape, world_from_part, eye), strict=True):
+        counts[min(len(facet), 8)] += float(np.clip((cosine - least_cosine) / 0.3, 0.0, 1.0))
+    return counts

@@ -1,0 +1,134 @@
+"""The one gate between a decision and the arm: guard, log, send, and see that it arrived. Decides nothing itself.
+
+Whoever wants the arm to move goes through `Mover.go`; the guard is asked after every wait and immediately before the
+robot is told, so that a stop or a fault that came meanwhile closes the gate.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from daemon import frames
+from daemon.guard import Command, Limits, Refusal, Standing, refuse
+from daemon.workcell import Reading, Workcell
+
+
+class MoveRefusedError(Exception):
+    """The guard refused; nothing was sent."""
+
+    def __init__(self, refusal: Refusal) -> None:
+        super().__init__(f"{refusal.rule}: {refusal.text}")
+        self.refusal = refusal
+
+
+class NotThereError(Exception):
+    """The controller says that the arm is at rest elsewhere than it was sent."""
+
+
+@dataclass(frozen=True)
+class Arrival:
+    """How far WHERE may be from what was asked, and how long a move may take."""
+
+    within_mm: float = 0.5
+    within_deg: float = 0.1
+    timeout_s: float = 60.0
+
+
+Gate = Callable[[Command], Awaitable[bool]]
+
+
+async def _open_gate(_: Command) -> bool:
+    return True
+
+
+class Mover:
+    """Sends guarded moves. enabled, fault and at are how things stand; gate may hold a move back (pause, step) or
+    keep its bytes from leaving (dry: it answers False)."""
+
+    def __init__(self, cell: Workcell, limits: Limits, arrival: Arrival, gate: Gate = _open_gate) -> None:
+        self.cell = cell
+        self.limits = limits
+        self.arrival = arrival
+        self.gate = gate
+        self.enabled = False
+        self.fault: str | None = None
+        self.at: Reading | None = None
+        self.cycle = 0
+
+    def standing(self) -> Standing:
+        """How things stand now."""
+        at = None if self.at is None else self.at.world_from_tool
+        return Standing(self.enabled, self.fault, at, self.cell.clock())
+
+    async def where(self) -> Reading:
+        """Ask the controller where the arm is, and remember it."""
+        self.at = None
+        self.at = await self.cell.robot.where()
+        return self.at
+
+    def check(self, command: Command) -> None:
+        """Raise MoveRefusedError, and log it, where the command breaks a rule now."""
+        refusal = refuse(command, self.standing(), self.limits)
+        if refusal is not None:
+            self.cell.log.record("refusal", cycle=self.cycle, rule=refusal.rule, text=refusal.text)
+            raise MoveRefusedError(refusal)
+
+    async def go(self, command: Command) -> Reading:
+        """One move, to rest. Raises MoveRefusedError before, NotThereError after, or what the robot raises."""
+        self.check(command)
+        send = await self.gate(command)
+        self.check(command)
+        assert self.at is not None
+        self._log_move(command, sent=send)
+        if not send:
+            return self.at
+        started_s = self.cell.clock()
+        self.at = None
+        reading = await self.cell.robot.move(
+            command.world_from_tool,
+            straight=command.straight,
+            speed_pct=command.speed_pct,
+            timeout_s=self.arrival.timeout_s,
+        )
+        self.at = reading
+        self._arrived(command, reading, self.cell.clock() - started_s)
+        return reading
+
+    async def hand(self, closed: bool) -> None:
+        """Open or close the gripper, under the same enable and fault rules as a move."""
+        if self.fault is not None or not self.enabled:
+            name = "fault_stands" if self.fault is not None else "not_enabled"
+            refusal = Refusal(name, f"the hand stays as it is: {self.fault or 'the arm is not enabled'}")
+            self.cell.log.record("refusal", cycle=self.cycle, rule=refusal.rule, text=refusal.text)
+            raise MoveRefusedError(refusal)
+        self.cell.log.record("hand", cycle=self.cycle, closed=closed)
+        await self.cell.robot.hand(closed)
+
+    def _log_move(self, command: Command, sent: bool) -> None:
+        self.cell.log.record(
+            "move",
+            cycle=self.cycle,
+            how="straight" if command.straight else "joint",
+            target=command.world_from_tool,
+            speed_pct=command.speed_pct,
+            purpose=command.purpose,
+            sent=sent,
+        )
+
+    def _arrived(self, command: Command, reading: Reading, seconds: float) -> None:
+        off_mm = float(np.linalg.norm(reading.world_from_tool[:3, 3] - command.world_from_tool[:3, 3]))
+        off_deg = float(np.degrees(frames.angle_between(reading.world_from_tool, command.world_from_tool)))
+        self.cell.log.record(
+            "moved",
+            cycle=self.cycle,
+            where=reading.world_from_tool,
+            joints=reading.joints_rad,
+            error_mm=off_mm,
+            error_deg=off_deg,
+            seconds=seconds,
+        )
+        if off_mm > self.arrival.within_mm or off_deg > self.arrival.within_deg:
+            raise NotThereError(f"{command.purpose}: sent, but WHERE is {off_mm:.2f} mm and {off_deg:.2f} degrees off")
