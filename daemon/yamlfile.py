@@ -5,9 +5,12 @@ In: paths and msgspec types. Out: values, or one ConfigError. What the keys mean
 
 from __future__ import annotations
 
+import dataclasses
 import difflib
 import re
-from collections.abc import Callable
+import types
+import typing
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -39,24 +42,49 @@ class Document:
         return ConfigError(f"{self.path}{line}:{where} {problem}")
 
     def convert(self, kind: type[T]) -> T:
-        """The document as `kind`. Raises ConfigError; unknown keys are refused where the type forbids them."""
+        """The document as `kind`: a struct, a dataclass, or lists and mappings of them. Unknown keys are refused.
+
+        Raises ConfigError.
+        """
         if self.data is None:
             raise ConfigError(f"{self.path}: expected {_plain_name(kind)}, found an empty file")
         try:
-            return msgspec.convert(self.data, kind)
+            value = msgspec.convert(self.data, kind)
         except msgspec.ValidationError as error:
             raise self._explain(error, kind) from None
+        for keys, known in _unknown_keys(self.data, kind, ()):
+            raise self.error(keys, f"unknown key{_suggestion(str(keys[-1]), known)}")
+        return value
+
+    def section(self, keys: tuple[Key, ...], kind: type[T]) -> T:
+        """The part of the document below `keys` as `kind`; an absent part is an empty one. Raises ConfigError."""
+        data: Any = _value(self.data, keys) or {}
+        for key in reversed(keys):
+            data = {key: data}
+        whole = Document(self.path, data, self.root)
+        nested: Any = kind
+        for key in reversed(keys):
+            nested = msgspec.defstruct(str(key), [(str(key), nested)])
+        value: Any = whole.convert(nested)
+        for key in keys:
+            value = getattr(value, str(key))
+        section: T = value
+        return section
 
     def _explain(self, error: msgspec.ValidationError, kind: type[Any]) -> ConfigError:
         problem, keys = _split(str(error))
         keys = _settle_wildcards(keys, self.data, problem, lambda data: msgspec.convert(data, kind))
         unknown = re.match(r"Object contains unknown field `(.*)`", problem)
         if unknown:
-            return self.error((*keys, unknown[1]), f"unknown key{_suggestion(unknown[1], problem_fields(kind, keys))}")
+            known = next((k for where, k in _unknown_keys(self.data, kind, ()) if where == (*keys, unknown[1])), [])
+            return self.error((*keys, unknown[1]), f"unknown key{_suggestion(unknown[1], known)}")
         missing = re.match(r"Object missing required field `(.*)`", problem)
         if missing:
             return self.error(keys, f"the key `{missing[1]}` is missing")
         found = _value(self.data, keys)
+        if "Invalid enum value" in problem:
+            choices = ", ".join(str(choice) for choice in typing.get_args(_kind_at(kind, keys)))
+            return self.error(keys, f"expected one of {choices}, found {_short(found)}")
         expected = re.sub(r", got .*", "", problem).replace("`", "")
         return self.error(keys, f"{expected[:1].lower()}{expected[1:]}, found {_short(found)}")
 
@@ -91,21 +119,43 @@ def dotted(keys: tuple[Key, ...]) -> str:
     return "".join(f"[{k}]" if isinstance(k, int) else f".{k}" for k in keys).lstrip(".")
 
 
-def problem_fields(kind: Any, keys: tuple[Key, ...]) -> list[str]:
-    """The keys a struct type knows at a key path; empty where the path leads through something else."""
-    for key in keys:
-        options = getattr(kind, "__args__", (kind,))
-        for option in options:
-            fields = {f.encode_name: f.type for f in msgspec.structs.fields(option)} if _is_struct(option) else {}
-            if key in fields:
-                kind = fields[str(key)]
-                break
-    options = [o for o in getattr(kind, "__args__", (kind,)) if _is_struct(o)]
-    return [f.encode_name for o in options for f in msgspec.structs.fields(o)]
-
-
 def _is_struct(kind: Any) -> bool:
     return isinstance(kind, type) and issubclass(kind, msgspec.Struct)
+
+
+def _field_types(kind: Any) -> dict[str, Any]:
+    """Field -> type of a struct or dataclass; empty for anything else."""
+    if _is_struct(kind):
+        return {f.encode_name: f.type for f in msgspec.structs.fields(kind)}
+    return typing.get_type_hints(kind) if dataclasses.is_dataclass(kind) else {}
+
+
+def _kind_at(kind: Any, keys: tuple[Key, ...]) -> Any:
+    """The type that holds at a key path, with `| None` taken off."""
+    options = [o for o in typing.get_args(kind) if o is not type(None)]
+    if typing.get_origin(kind) in (typing.Union, types.UnionType) and len(options) == 1:
+        return _kind_at(options[0], keys)
+    if not keys:
+        return kind
+    fields = _field_types(kind)
+    return _kind_at(fields[str(keys[0])] if fields else options[-1] if options else None, keys[1:])
+
+
+def _unknown_keys(data: Any, kind: Any, keys: tuple[Key, ...]) -> Iterator[tuple[tuple[Key, ...], list[str]]]:
+    """Keys that no field takes (msgspec passes over them in dataclasses), each with the keys known at its place."""
+    options = [o for o in typing.get_args(kind) or (kind,) if o is not type(None)]
+    if isinstance(data, dict):
+        known = {name: field for option in options for name, field in _field_types(option).items()}
+        for key, value in data.items():
+            if not known:
+                yield from _unknown_keys(value, options[-1], (*keys, key))
+            elif key in known:
+                yield from _unknown_keys(value, known[key], (*keys, key))
+            else:
+                yield (*keys, key), list(known)
+    elif isinstance(data, list):
+        for index, value in enumerate(data):
+            yield from _unknown_keys(value, options[0], (*keys, index))
 
 
 def _plain_name(kind: Any) -> str:
@@ -181,14 +231,20 @@ def _find(node: yaml.Node | None, keys: tuple[Key, ...]) -> yaml.Node | None:
     return place
 
 
-def _refuse_doubles(path: Path, node: yaml.Node | None) -> None:
-    if isinstance(node, yaml.MappingNode):
-        seen: set[str] = set()
-        for key, value in node.value:
+def _refuse_doubles(path: Path, node: yaml.Node | None, above: tuple[yaml.Node, ...] = ()) -> None:
+    """Raise ConfigError for a key said twice, a key that is not a word, or a file that contains itself."""
+    if node is None or isinstance(node, yaml.ScalarNode):
+        return
+    if node in above:
+        raise ConfigError(f"{path}:{node.start_mark.line + 1}: an anchor that contains itself")
+    seen: set[str] = set()
+    for item in node.value:
+        key, value = item if isinstance(node, yaml.MappingNode) else (None, item)
+        if key is not None:
+            where = f"{path}:{key.start_mark.line + 1}"
+            if not isinstance(key, yaml.ScalarNode):
+                raise ConfigError(f"{where}: expected a word as key, found a list or mapping")
             if key.value in seen:
-                raise ConfigError(f"{path}:{key.start_mark.line + 1}: {key.value}: said twice")
+                raise ConfigError(f"{where}: {key.value}: said twice")
             seen.add(key.value)
-            _refuse_doubles(path, value)
-    elif isinstance(node, yaml.SequenceNode):
-        for item in node.value:
-            _refuse_doubles(path, item)
+        _refuse_doubles(path, value, (*above, node))
