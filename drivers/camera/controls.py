@@ -1,0 +1,184 @@
+"""Exposure, gain, white balance, focus and the other controls: list, set, read back, hold the automatic ones still.
+
+Belongs here: V4L2 controls. Not here: streaming, formats, which values are good.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from drivers.camera import v4l2
+from drivers.camera.pair import CameraError
+from drivers.camera.settings import Wish
+
+
+@dataclass(frozen=True)
+class Known:
+    """A wish with a unit of its own: the control's id, its unit in that of the wish, and the automatism to turn off.
+
+    off, on: values of the automatism's control.
+    """
+
+    control: int
+    unit: float
+    automatic: int
+    off: int
+    on: int
+
+
+KNOWN = {
+    "exposure_us": Known(
+        0x009A0902, 100.0, 0x009A0901, 1, 3
+    ),  # EXPOSURE_ABSOLUTE; EXPOSURE_AUTO manual, aperture first
+    "gain": Known(0x00980913, 1.0, 0x00980912, 0, 1),
+    "white_balance_k": Known(0x0098091A, 1.0, 0x0098090C, 0, 1),
+    "focus": Known(0x009A090A, 1.0, 0x009A090C, 0, 1),
+}
+
+
+@dataclass(frozen=True)
+class Control:
+    """One control as the device describes it now. value is None where it cannot be read; menu: value -> words."""
+
+    id: int
+    name: str
+    minimum: int
+    maximum: int
+    step: int
+    default: int
+    value: int | None
+    writable: bool
+    menu: Mapping[int, str] = field(default_factory=dict)
+
+    def __str__(self) -> str:
+        """Such as `gain 0..255 step 1 (now 16)`."""
+        offer = ", ".join(f"{k} = {v}" for k, v in self.menu.items()) or f"{self.minimum}..{self.maximum}"
+        step = f" step {self.step}" if self.step > 1 else ""
+        now = "" if self.value is None else f" (now {self.value})"
+        return f"{self.name} {offer}{step}{now}"
+
+
+def _name(text: bytes) -> str:
+    """`White Balance, Automatic` -> `white_balance_automatic`, as v4l2-ctl names it."""
+    return re.sub(r"[^a-z0-9]+", "_", text.decode("utf-8", "replace").lower()).strip("_")
+
+
+def _menu(node: v4l2.Node, entry: v4l2.QueryControl) -> dict[int, str]:
+    lines = {}
+    for index in range(max(0, entry.minimum), entry.maximum + 1):
+        try:
+            item = v4l2.menu_item(node, entry.id, index)
+        except OSError:
+            continue  # menus may have holes
+        words = bytes(item.item.name).decode("utf-8", "replace")
+        lines[index] = words if entry.type == v4l2.MENU else str(item.item.value)
+    return lines
+
+
+def _value(node: v4l2.Node, entry: v4l2.QueryControl) -> int | None:
+    readable = not entry.flags & v4l2.CONTROL_WRITE_ONLY and entry.type != v4l2.BUTTON
+    try:
+        return v4l2.get_control(node, entry.id) if readable else None
+    except OSError:
+        return None
+
+
+def _describe(node: v4l2.Node, entry: v4l2.QueryControl, menu: Mapping[int, str]) -> Control:
+    limits = (entry.minimum, entry.maximum, entry.step, entry.default_value)
+    writable = not entry.flags & v4l2.CONTROL_READ_ONLY
+    return Control(entry.id, _name(entry.name), *limits, _value(node, entry), writable, menu)
+
+
+def list_controls(node: v4l2.Node) -> list[Control]:
+    """All controls with a number for a value. Raises OSError."""
+    found = []
+    for entry in v4l2.enumerate_controls(node):
+        if entry.type in (v4l2.STRING, v4l2.INTEGER64) or entry.type > v4l2.INTEGER_MENU:
+            continue
+        menu = _menu(node, entry) if entry.type in (v4l2.MENU, v4l2.INTEGER_MENU) else {}
+        found.append(_describe(node, entry, menu))
+    return found
+
+
+def _wished(name: str, wish: Wish, offered: Mapping[str, Control], eye: str) -> tuple[Control, int]:
+    """The control a wish means and the value to set. Raises CameraError where the device does not offer it."""
+    known = KNOWN.get(name)
+    control = next((c for c in offered.values() if known and c.id == known.control), offered.get(name))
+    if control is None:
+        have = "; ".join(map(str, offered.values())) or "no controls at all"
+        raise CameraError(f"{eye} camera: cannot set {name}: the device does not offer it. It offers: {have}")
+    if isinstance(wish, str):
+        raise CameraError(f"{eye} camera: {name}: expected a number or, where the camera has an automatism, `auto`")
+    value = round(wish / known.unit) if known else round(wish)
+    if (control.menu and value not in control.menu) or not control.minimum <= value <= control.maximum:
+        asked = f"{wish:g}" if not known or known.unit == 1.0 else f"{wish:g} ({value} in the device's unit)"
+        raise CameraError(f"{eye} camera: cannot set {name} to {asked}: the device offers {control}")
+    return control, value
+
+
+def _on(node: v4l2.Node, known: Known) -> int:
+    """The value that starts the automatism: exposure has two kinds, and a camera may offer only the full one (0)."""
+    if known.on > 1:
+        try:
+            v4l2.menu_item(node, known.automatic, known.on)
+        except OSError:
+            return 0
+    return known.on
+
+
+def _set(node: v4l2.Node, eye: str, control: Control, value: int) -> int:
+    """Set one control and read it back; up to one step beside the wish is the device's rounding."""
+    try:
+        v4l2.set_control(node, control.id, value)
+        took = v4l2.get_control(node, control.id)
+    except OSError as error:
+        raise CameraError(f"{eye} camera: cannot set {control.name} to {value}: {error.strerror}") from error
+    if abs(took - value) >= max(control.step, 1):
+        raise CameraError(f"{eye} camera: {control.name} was set to {value} but reads back {took}; it offers {control}")
+    return took
+
+
+def apply(node: v4l2.Node, eye: str, wishes: Mapping[str, Wish]) -> dict[str, int]:
+    """Make the wishes true and read them back: control name -> the device's own value. Raises CameraError.
+
+    An automatism that would override a wished value is switched off first; for the wish `auto` it is switched on.
+    """
+    took: dict[str, int] = {}
+    for name, wish in wishes.items():
+        offered = {c.name: c for c in list_controls(node) if c.writable}
+        known = KNOWN.get(name)
+        automatism = next((c for c in offered.values() if known and c.id == known.automatic), None)
+        if known and automatism:
+            took[automatism.name] = _set(node, eye, automatism, _on(node, known) if wish == "auto" else known.off)
+            if wish == "auto":
+                continue
+        control, value = _wished(name, wish, offered, eye)
+        took[control.name] = _set(node, eye, control, value)
+    return took
+
+
+def hold(node: v4l2.Node, wishes: Mapping[str, Wish]) -> None:
+    """Before a look: stop every automatism wished `auto` at the value it has reached. Raises OSError."""
+    for name, wish in wishes.items():
+        if wish == "auto":
+            reached = v4l2.get_control(node, KNOWN[name].control)
+            v4l2.set_control(node, KNOWN[name].automatic, KNOWN[name].off)
+            v4l2.set_control(node, KNOWN[name].control, reached)
+
+
+def release(node: v4l2.Node, wishes: Mapping[str, Wish]) -> None:
+    """After a look: let every automatism wished `auto` go on. Raises OSError."""
+    for name, wish in wishes.items():
+        if wish == "auto":
+            v4l2.set_control(node, KNOWN[name].automatic, _on(node, KNOWN[name]))
+
+
+def exposure_s(node: v4l2.Node) -> float:
+    """How long the sensor gathers light, s; 0 where the device does not say."""
+    known = KNOWN["exposure_us"]
+    try:
+        return v4l2.get_control(node, known.control) * known.unit * 1e-6
+    except OSError:
+        return 0.0

@@ -1,0 +1,188 @@
+"""One camera, streaming: format agreed, controls set, buffers mapped, frames taken as they come.
+
+Belongs here: the life of one stream. Not here: which device (find.py), which frames make a pair (pairing.py).
+"""
+
+from __future__ import annotations
+
+import contextlib
+import mmap
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+from drivers.camera import controls, find, v4l2
+from drivers.camera.node import OpenNode, System
+from drivers.camera.pair import CameraError
+from drivers.camera.pairing import Exposure, exposure_of
+from drivers.camera.pixels import FORMATS, Image, Layout, read_grey, stride, whole_frame_bytes
+from drivers.camera.settings import CameraSettings
+
+BUFFERS = 4
+
+
+@dataclass(frozen=True, eq=False)
+class RawFrame:
+    """One buffer as it came: its bytes, how they are laid out, when it was exposed, the driver's number for it."""
+
+    data: bytes
+    layout: Layout
+    exposure: Exposure
+    sequence: int
+
+    def image(self) -> Image:
+        """Grey image (height, width). Raises DamagedFrameError."""
+        return read_grey(self.data, self.layout)
+
+
+@dataclass
+class Tally:
+    """What one camera delivered since it was opened: whole frames, numbers the driver skipped, frames not whole."""
+
+    frames: int = 0
+    dropped: int = 0
+    damaged: int = 0
+    last_damage: str = ""
+
+
+class Eye:
+    """One open, streaming camera, made by `start`. Any method may raise CameraError; then only stop() is left."""
+
+    def __init__(self, name: str, path: str, node: OpenNode, system: System, clock: Callable[[], float]) -> None:
+        self.name, self.path, self.node = name, path, node
+        self.card = ""
+        self.tally = Tally()
+        self.settings_taken: dict[str, int] = {}
+        self.layout = Layout("GREY", 0, 0, 0)
+        self.period_s = 0.0
+        self.stamps_are_monotonic = False  # until a frame shows it
+        self._system, self._clock = system, clock
+        self._maps: list[mmap.mmap] = []
+        self._last_sequence: int | None = None
+        self._exposure_s = 0.0
+
+    def begin(self, settings: CameraSettings) -> None:
+        """Agree on everything with the driver and start the stream."""
+        with self._words_for_trouble():
+            capability = v4l2.query_capability(self.node)
+            self.card = capability.card.decode("utf-8", "replace")
+            if not v4l2.can_capture(capability):
+                raise CameraError(f"{self.name} camera {self.path} `{self.card}` captures no video (now)")
+            self.layout = self._agree_on_format(settings)
+            self.period_s = self._agree_on_rate(settings.fps)
+            self.settings_taken = controls.apply(self.node, self.name, settings.controls)
+            self._exposure_s = controls.exposure_s(self.node)
+            for index in range(v4l2.request_buffers(self.node, BUFFERS)):
+                buffer = v4l2.query_buffer(self.node, index)
+                self._maps.append(self.node.map(buffer.m.offset, buffer.length))
+                v4l2.queue_buffer(self.node, index)
+            v4l2.stream_on(self.node)
+
+    def _agree_on_format(self, settings: CameraSettings) -> Layout:
+        """The first format in order of preference that the driver grants at the wished size."""
+        offered = {v4l2.code_of(f.pixelformat): f.pixelformat for f in v4l2.enumerate_formats(self.node)}
+        for code in (c for c in settings.formats if FORMATS[c] in offered):
+            number = offered[FORMATS[code]]
+            granted = v4l2.set_format(self.node, number, settings.width, settings.height)
+            if (granted.pixelformat, granted.width, granted.height) == (number, settings.width, settings.height):
+                return Layout(code, granted.width, granted.height, stride(code, granted.width, granted.bytesperline))
+        offer = "; ".join(map(str, find.offers(self.node))) or "nothing"
+        wish = f"{settings.width}x{settings.height} in {', '.join(settings.formats)}"
+        raise CameraError(f"{self.name} camera {self.path} cannot give {wish}; it offers: {offer}")
+
+    def _agree_on_rate(self, fps: float) -> float:
+        """Seconds a frame the driver will keep; the wish where it does not say."""
+        try:
+            granted = v4l2.set_interval(self.node, v4l2.Fraction(1000, round(fps * 1000)))
+        except OSError:
+            return 1.0 / fps
+        return granted.numerator / granted.denominator if granted.numerator and granted.denominator else 1.0 / fps
+
+    def take(self) -> list[RawFrame]:
+        """Every whole frame that waits, oldest first; damaged ones are counted and left out."""
+        frames: list[RawFrame] = []
+        with self._words_for_trouble():
+            while True:
+                try:
+                    buffer = v4l2.dequeue_buffer(self.node)
+                except BlockingIOError:
+                    return frames
+                data = self._maps[buffer.index][: buffer.bytesused]
+                v4l2.queue_buffer(self.node, buffer.index)
+                if self._is_whole(buffer):
+                    frames.append(RawFrame(data, self.layout, self._exposure(buffer), buffer.sequence))
+                    self.tally.frames += 1
+
+    def _is_whole(self, buffer: v4l2.Buffer) -> bool:
+        """Keep the tally; whether the buffer holds a frame."""
+        if self._last_sequence is not None:
+            self.tally.dropped += max(0, buffer.sequence - self._last_sequence - 1)
+        self._last_sequence = buffer.sequence
+        expected = whole_frame_bytes(self.layout)
+        if buffer.flags & v4l2.BUFFER_ERROR or buffer.bytesused < max(expected, 1):
+            self.tally.damaged += 1
+            marked = " and marked damaged" if buffer.flags & v4l2.BUFFER_ERROR else ""
+            self.tally.last_damage = f"{buffer.bytesused} of {expected or 'some'} bytes{marked}"
+            return False
+        return True
+
+    def _exposure(self, buffer: v4l2.Buffer) -> Exposure:
+        """When the frame was exposed. Stamps of another clock say nothing: then the moment of taking stands in."""
+        at_start = buffer.flags & v4l2.BUFFER_STAMP_MASK == v4l2.BUFFER_STAMP_START_OF_EXPOSURE
+        self.stamps_are_monotonic = buffer.flags & v4l2.BUFFER_CLOCK_MASK == v4l2.BUFFER_CLOCK_MONOTONIC
+        if not self.stamps_are_monotonic:
+            return exposure_of(self._clock(), False, self.period_s, self._exposure_s)
+        return exposure_of(buffer.seconds + buffer.microseconds * 1e-6, at_start, self.period_s, self._exposure_s)
+
+    def discard(self) -> None:
+        """Throw away what waits where stamps are not (known to be) usable: nobody can say how old it is."""
+        if not self.stamps_are_monotonic:
+            self.take()
+
+    def hold(self, settings: CameraSettings) -> None:
+        """Keep automatic exposure, gain, focus still for a look."""
+        with self._words_for_trouble():
+            controls.hold(self.node, settings.controls)
+            self._exposure_s = controls.exposure_s(self.node) if settings.controls else self._exposure_s
+
+    def release(self, settings: CameraSettings) -> None:
+        """Let them go on after it."""
+        with self._words_for_trouble():
+            controls.release(self.node, settings.controls)
+
+    def describe(self) -> str:
+        """Such as `left /dev/video0 "C920" GREY 640x480 15 fps`."""
+        form = f"{self.layout.code} {self.layout.width}x{self.layout.height} {1 / self.period_s:.4g} fps"
+        return f"{self.name} {self.path} `{self.card}` {form}"
+
+    def stop(self) -> None:
+        """Give everything back; a device that is gone is let go without a word."""
+        for mapped in self._maps:
+            mapped.close()
+        self._maps.clear()
+        with contextlib.suppress(OSError):
+            v4l2.stream_off(self.node)
+            v4l2.request_buffers(self.node, 0)
+        self.node.close()
+
+    @contextlib.contextmanager
+    def _words_for_trouble(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            raise find.trouble(error, self.name, self.path, self._system) from error
+
+
+def start(name: str, device: str, settings: CameraSettings, system: System, clock: Callable[[], float]) -> Eye:
+    """Find, open and start one camera. Raises CameraError; nothing stays open then."""
+    path = find.find(device, name, system)
+    try:
+        node = system.open(path)
+    except OSError as error:
+        raise find.trouble(error, name, path, system) from error
+    eye = Eye(name, path, node, system, clock)
+    try:
+        eye.begin(settings)
+    except CameraError:
+        eye.stop()
+        raise
+    return eye

@@ -1,0 +1,136 @@
+"""Which device a name means, and what each device is and offers. Reads devices, changes nothing.
+
+A number is only good until the next boot; by-id and by-path links and card names survive unplugging.
+"""
+
+from __future__ import annotations
+
+import errno
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from drivers.camera import v4l2
+from drivers.camera.controls import Control, list_controls
+from drivers.camera.node import OpenNode, System
+from drivers.camera.pair import CameraError
+
+
+@dataclass(frozen=True)
+class Offer:
+    """One pixel format: code, the driver's words for it, sizes in words, frame rates of the discrete sizes in words."""
+
+    code: str
+    description: str
+    sizes: tuple[str, ...]
+
+    def __str__(self) -> str:
+        """Such as `YUYV 640x480 (30, 15 fps), 320x240 (30 fps)`."""
+        return f"{self.code} {', '.join(self.sizes) or 'any size'}"
+
+
+@dataclass(frozen=True)
+class Device:
+    """One node that captures video: where it is, what it is called, what it offers."""
+
+    path: str
+    card: str
+    driver: str
+    bus: str
+    links: tuple[str, ...]
+    formats: tuple[Offer, ...] = ()
+    controls: tuple[Control, ...] = ()
+
+
+def trouble(error: OSError, eye: str, path: str, system: System) -> CameraError:
+    """An error of the kernel's as a line for the person who must act."""
+    where = f"{eye} camera {path}"
+    if error.errno in (errno.EACCES, errno.EPERM):
+        return CameraError(f"{where}: permission denied: add this user to the group `video` (usermod -aG video USER)")
+    if error.errno in (errno.EBUSY,):
+        who = ", ".join(system.holders(path)) or "another program"
+        return CameraError(f"{where} is busy: {who} has it; stop that first")
+    if error.errno in (errno.ENOENT, errno.ENODEV, errno.ENXIO, errno.EIO, errno.EPROTO, errno.EPIPE):
+        return CameraError(f"{where} is gone ({error.strerror}): unplugged? It is looked for again at the next grab")
+    return CameraError(f"{where}: {error.strerror or error}")
+
+
+def _rates(node: OpenNode, code: int, width: int, height: int) -> str:
+    intervals = [
+        i.values[0] for i in v4l2.enumerate_intervals(node, code, width, height) if i.type == v4l2.SIZE_DISCRETE
+    ]
+    rates = ", ".join(f"{i.denominator / i.numerator:g}" for i in intervals if i.numerator)
+    return f" ({rates} fps)" if rates else ""
+
+
+def _size(node: OpenNode, code: int, size: v4l2.FrameSize) -> str:
+    v = list(size.values)
+    if size.type == v4l2.SIZE_DISCRETE:
+        return f"{v[0]}x{v[1]}{_rates(node, code, v[0], v[1])}"
+    return f"{v[0]}x{v[3]} to {v[1]}x{v[4]}"
+
+
+def offers(node: OpenNode) -> tuple[Offer, ...]:
+    """Every pixel format with its sizes. Raises OSError."""
+    found = []
+    for entry in v4l2.enumerate_formats(node):
+        try:
+            sizes = tuple(_size(node, entry.pixelformat, s) for s in v4l2.enumerate_sizes(node, entry.pixelformat))
+        except OSError:  # drivers need not list sizes
+            sizes = ()
+        found.append(Offer(v4l2.code_of(entry.pixelformat), entry.description.decode("utf-8", "replace"), sizes))
+    return tuple(found)
+
+
+def examine(path: str, system: System, whole: bool = True) -> Device | None:
+    """What is at this node; None where it does not capture video. `whole`: formats and controls too. Raises OSError."""
+    node = system.open(path)
+    try:
+        capability = v4l2.query_capability(node)
+        if not v4l2.can_capture(capability):
+            return None
+        card, driver, bus = (
+            getattr(capability, key).decode("utf-8", "replace") for key in ("card", "driver", "bus_info")
+        )
+        links = tuple(system.links(path))
+        if not whole:
+            return Device(path, card, driver, bus, links)
+        return Device(path, card, driver, bus, links, offers(node), tuple(list_controls(node)))
+    finally:
+        node.close()
+
+
+def list_devices(system: System, whole: bool = True) -> tuple[list[Device], list[str]]:
+    """Every node that captures video, and a line for each that could not be looked at."""
+    devices, notes = [], []
+    for path in system.nodes():
+        try:
+            device = examine(path, system, whole)
+        except OSError as error:
+            notes.append(f"{path}: {error.strerror}")
+            continue
+        if device:
+            devices.append(device)
+    return devices, notes
+
+
+def _choices(devices: Iterable[Device], notes: Iterable[str]) -> str:
+    lines = [f"{d.path} `{d.card}`{''.join(f' {link}' for link in d.links)}" for d in devices]
+    return "; ".join([*lines, *notes]) or "no video device at all"
+
+
+def find(name: str, eye: str, system: System) -> str:
+    """The node a name means now (see CameraSettings). Raises CameraError with what there is instead."""
+    if name.isdigit():
+        return f"/dev/video{name}"
+    if name.startswith("/dev/video"):
+        return name
+    devices, notes = list_devices(system, whole=False)
+    linked = [d for d in devices if any(link == name or link.endswith(f"/{name}") for link in d.links)]
+    called = linked or [d for d in devices if d.card == name]
+    if len(called) == 1:
+        return called[0].path
+    if called:
+        raise CameraError(
+            f"{eye} camera: {len(called)} devices are called `{name}`; name one by its path: {_choices(called, [])}"
+        )
+    raise CameraError(f"{eye} camera `{name}` is not there; there is: {_choices(devices, notes)}")

@@ -1,0 +1,68 @@
+"""Which two frames are of one moment. Pure: time stamps in, indices out.
+
+All times in seconds on the monotonic clock. A frame's exposure lies between `start_s` and its stamp or shortly after.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Exposure:
+    """When a frame was exposed: the earliest moment any of its light can be from, and the middle."""
+
+    start_s: float
+    middle_s: float
+
+
+def exposure_of(stamp_s: float, stamped_at_start: bool, period_s: float, exposure_s: float) -> Exposure:
+    """Exposure of a frame from its driver's stamp.
+
+    Drivers stamp either the start of exposure or the end of read-out (V4L2_BUF_FLAG_TSTAMP_SRC_*). Read-out of a
+    rolling shutter takes up to a period, so in the second case the first row's light may be period + exposure old.
+    """
+    if stamped_at_start:
+        return Exposure(stamp_s, stamp_s + exposure_s / 2)
+    return Exposure(stamp_s - period_s - exposure_s, stamp_s - (period_s + exposure_s) / 2)
+
+
+def newest_pair(
+    left: Sequence[Exposure], right: Sequence[Exposure], not_before_s: float, max_skew_s: float
+) -> tuple[int, int] | None:
+    """Indices of the newest two frames that are each other's nearest in time, both fresh, at most max_skew_s apart.
+
+    Fresh: exposed wholly after not_before_s. None where there is no such pair (yet).
+    """
+    if not left or not right:
+        return None
+
+    def nearest(moment: Exposure, others: Sequence[Exposure]) -> int:
+        return min(range(len(others)), key=lambda k: abs(others[k].middle_s - moment.middle_s))
+
+    pairs = ((i, nearest(moment, right)) for i, moment in enumerate(left))
+    good = [
+        (i, j)
+        for i, j in pairs
+        if nearest(right[j], left) == i
+        and min(left[i].start_s, right[j].start_s) >= not_before_s
+        and abs(right[j].middle_s - left[i].middle_s) <= max_skew_s
+    ]
+    return max(good, key=lambda ij: min(left[ij[0]].middle_s, right[ij[1]].middle_s), default=None)
+
+
+def why_no_pair(left: Sequence[Exposure], right: Sequence[Exposure], not_before_s: float, max_skew_s: float) -> str:
+    """In words, what stands between these frames and a pair. The sequences hold whole frames only."""
+    silent = [eye for eye, frames in (("left", left), ("right", right)) if not frames]
+    if silent:
+        return f"no frame from the {' and the '.join(silent)} camera"
+    fresh = [[m for m in frames if m.start_s >= not_before_s] for frames in (left, right)]
+    if not all(fresh):
+        late_ms = (not_before_s - min(max(m.start_s for m in frames) for frames in (left, right))) * 1000.0
+        return f"the newest frames are {late_ms:.0f} ms too old (exposed before the arm had come to rest)"
+    skew_ms = min(abs(a.middle_s - b.middle_s) for a in fresh[0] for b in fresh[1]) * 1000.0
+    return (
+        f"the frames are {skew_ms:.1f} ms apart, more than max_skew_ms {max_skew_s * 1000.0:g}: "
+        "raise the frame rate, synchronise the cameras, or allow more"
+    )

@@ -1,0 +1,40 @@
+"""What an operator can wish of the camera pair. Values only."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from drivers.camera.pair import CameraError
+from drivers.camera.pixels import FORMATS
+
+Wish = float | str
+"""A number, or `auto`: the camera's own automatism runs between looks and is held still during one."""
+
+
+@dataclass(frozen=True)
+class CameraSettings:
+    """Two V4L2 devices as one pair.
+
+    left, right: a path (/dev/video0, /dev/v4l/by-id/...), a bare name under by-id or by-path, a card name as
+    `facetctl cameras` lists it, or a number. formats: names in order of preference. controls: wished values by name
+    (exposure_us, gain, white_balance_k, focus, or any control by the name `facetctl cameras` gives it); what is not
+    named is left as found. max_skew_ms: how far apart in time two frames of one moment may be.
+    """
+
+    left: str
+    right: str
+    width: int = 640
+    height: int = 480
+    fps: float = 15.0
+    formats: tuple[str, ...] = tuple(FORMATS)
+    max_skew_ms: float = 20.0
+    controls: Mapping[str, Wish] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Refuse formats nobody here can read."""
+        unknown = [name for name in self.formats if name not in FORMATS]
+        if unknown or not self.formats:
+            raise CameraError(
+                f"camera formats: expected some of {', '.join(FORMATS)}; found {', '.join(unknown) or 'none'}"
+            )

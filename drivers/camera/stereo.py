@@ -1,0 +1,146 @@
+"""Two V4L2 cameras as one stereo camera: pairs of one moment, never stale, and its own recovery from trouble.
+
+Belongs here: the pair's life. A look drains what the drivers queued since the last one and waits for light that fell
+after `not_before`; no thread runs between looks. Whatever goes wrong closes both streams and is said as a CameraError;
+the next grab looks the devices up again by name and starts afresh.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from drivers.camera import eye as eyes
+from drivers.camera.eye import Eye, RawFrame, Tally
+from drivers.camera.node import LINUX, System
+from drivers.camera.pair import CameraError, Frame, StereoPair
+from drivers.camera.pairing import newest_pair, why_no_pair
+from drivers.camera.pixels import DamagedFrameError
+from drivers.camera.settings import CameraSettings
+
+KEEP = 4
+"""Frames remembered of each eye while looking for a pair."""
+
+
+@dataclass(frozen=True)
+class EyeReport:
+    """One eye for people and metrics: its line, what it took of the wished controls, what it delivered."""
+
+    line: str
+    controls: dict[str, int]
+    tally: Tally
+
+
+class V4L2StereoCamera:
+    """Honours drivers/camera/pair.py StereoCamera. One caller at a time."""
+
+    def __init__(
+        self, settings: CameraSettings, clock: Callable[[], float] = time.monotonic, system: System = LINUX
+    ) -> None:
+        self._settings, self._clock, self._system = settings, clock, system
+        self._eyes: tuple[Eye, Eye] | None = None
+
+    def open(self) -> None:
+        """Claim both devices. Raises CameraError; then neither is held."""
+        if self._eyes:
+            return
+        left = eyes.start("left", self._settings.left, self._settings, self._system, self._clock)
+        try:
+            right = eyes.start("right", self._settings.right, self._settings, self._system, self._clock)
+        except CameraError:
+            left.stop()
+            raise
+        self._eyes = (left, right)
+
+    def close(self) -> None:
+        """Release the devices; safe to call twice."""
+        both, self._eyes = self._eyes, None
+        for eye in both or ():
+            eye.stop()
+
+    def grab(self, not_before_s: float, timeout_s: float) -> StereoPair:
+        """The newest pair exposed wholly after not_before_s, skew within max_skew_ms.
+
+        Opens the devices where they are not (any more). Raises CameraError when they cannot be had, are lost meanwhile,
+        or give no such pair within timeout_s; the devices are let go then.
+        """
+        deadline_s = self._clock() + timeout_s
+        try:
+            self.open()
+            assert self._eyes
+            for eye in self._eyes:
+                eye.discard()
+                eye.hold(self._settings)
+            pair = self._await_pair(self._eyes, not_before_s, deadline_s, timeout_s)
+            for eye in self._eyes:
+                eye.release(self._settings)
+            return pair
+        except CameraError:
+            self.close()
+            raise
+
+    def _await_pair(
+        self, both: tuple[Eye, Eye], not_before_s: float, deadline_s: float, timeout_s: float
+    ) -> StereoPair:
+        seen: tuple[list[RawFrame], list[RawFrame]] = ([], [])
+        woken = False
+        while True:
+            came = [eye.take() for eye in both]
+            for frames, new in zip(seen, came, strict=True):
+                frames += new
+                del frames[:-KEEP]
+            pair = self._choose(both, seen, not_before_s)
+            if pair:
+                return pair
+            remaining_s = deadline_s - self._clock()
+            if woken and not any(came):  # a driver that reports trouble it does not deliver must not spin us
+                self._system.wait([], min(remaining_s, 0.005))
+            woken = remaining_s > 0 and self._system.wait([eye.node for eye in both], remaining_s)
+            if not woken:
+                raise CameraError(self._why(both, seen, not_before_s, timeout_s))
+
+    def _choose(
+        self, both: tuple[Eye, Eye], seen: tuple[list[RawFrame], list[RawFrame]], not_before_s: float
+    ) -> StereoPair | None:
+        """The best pair among the frames seen; one that cannot be decoded is counted, forgotten, and looked past."""
+        while True:
+            left, right = ([f.exposure for f in frames] for frames in seen)
+            chosen = newest_pair(left, right, not_before_s, self._settings.max_skew_ms / 1000.0)
+            if chosen is None:
+                return None
+            frames = []
+            for eye, raws, k in zip(both, seen, chosen, strict=True):
+                try:
+                    frames.append(Frame(raws[k].image(), raws[k].exposure.middle_s, raws[k].sequence))
+                except DamagedFrameError as damage:
+                    eye.tally.damaged += 1
+                    eye.tally.frames -= 1
+                    eye.tally.last_damage = str(damage)
+                    del raws[k]
+                    break
+            if len(frames) == 2:
+                return StereoPair(*frames)
+
+    def _why(
+        self, both: tuple[Eye, Eye], seen: tuple[list[RawFrame], list[RawFrame]], not_before_s: float, timeout_s: float
+    ) -> str:
+        left, right = ([f.exposure for f in frames] for frames in seen)
+        why = why_no_pair(left, right, not_before_s, self._settings.max_skew_ms / 1000.0)
+        damage = [
+            f"{e.name}: {e.tally.damaged} damaged frames, the last {e.tally.last_damage} (cable, USB bandwidth?)"
+            for e in both
+            if e.tally.damaged
+        ]
+        where = " and ".join(f"{eye.path} `{eye.card}`" for eye in both)
+        return f"no stereo pair within {timeout_s:g} s from {where}: {'; '.join([why, *damage])}; streams restarted"
+
+    def reports(self) -> tuple[EyeReport, ...]:
+        """What each open eye is doing."""
+        return tuple(EyeReport(e.describe(), e.settings_taken, e.tally) for e in self._eyes or ())
+
+    def describe(self) -> str:
+        """One line for people."""
+        if self._eyes:
+            return "; ".join(eye.describe() for eye in self._eyes)
+        return f"closed: left `{self._settings.left}`, right `{self._settings.right}`"
