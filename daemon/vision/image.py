@@ -1,0 +1,109 @@
+"""From whatever a camera gave to a checked grey image and its noise. Nothing here knows of edges or parts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+Grey = NDArray[np.uint8]
+Array = NDArray[np.float64]
+
+SMALLEST_PX = 32
+SATURATED = 250
+_BIN = 8
+_LAPLACIAN = np.outer([1.0, -2.0, 1.0], [1.0, -2.0, 1.0]).astype(np.float32) / 6.0
+
+
+class VisionError(ValueError):
+    """An image, or a pair, cannot be used: the message says what is wrong with it and what was expected."""
+
+
+def as_grey(image: NDArray[Any], name: str = "image") -> Grey:
+    """Any ordinary camera image as (H, W) uint8 grey.
+
+    image: (H, W) grey, (H, W, 1) grey, (H, W, 3) BGR or (H, W, 4) BGRA; uint8, or uint16 which is scaled by its
+    upper byte. Raises VisionError for another shape or type, and for an image smaller than 32 px either way.
+    """
+    if not isinstance(image, np.ndarray):
+        raise VisionError(f"{name}: expected an array of pixels, found {type(image).__name__}")
+    if image.ndim not in (2, 3) or (image.ndim == 3 and image.shape[2] not in (1, 3, 4)):
+        raise VisionError(f"{name}: expected height x width (x 1, 3 or 4), found shape {image.shape}")
+    if min(image.shape[:2]) < SMALLEST_PX:
+        raise VisionError(f"{name}: expected at least {SMALLEST_PX} x {SMALLEST_PX} px, found {_size(image)}")
+    if image.dtype == np.uint16:
+        image = (image >> 8).astype(np.uint8)
+    if image.dtype != np.uint8:
+        raise VisionError(f"{name}: expected 8- or 16-bit unsigned pixels, found {image.dtype}")
+    if image.ndim == 3 and image.shape[2] > 1:
+        code = cv2.COLOR_BGR2GRAY if image.shape[2] == 3 else cv2.COLOR_BGRA2GRAY
+        return np.asarray(cv2.cvtColor(image, code), np.uint8)
+    return np.ascontiguousarray(image.reshape(image.shape[:2]))
+
+
+def check_size(image: Grey, expected: tuple[int, int], name: str = "image") -> None:
+    """Raise VisionError unless the image is of the (width, height) px the rig was calibrated for."""
+    if (image.shape[1], image.shape[0]) != tuple(expected):
+        raise VisionError(f"{name}: expected {expected[0]}x{expected[1]} px as calibrated, found {_size(image)}")
+
+
+def _size(image: NDArray[Any]) -> str:
+    return f"{image.shape[1]}x{image.shape[0]} px"
+
+
+@dataclass(frozen=True, eq=False)
+class Noise:
+    """How strongly pixels of each grey level flicker: sigma (256,) grey levels, and stretch (256,) float32.
+
+    Sent through `stretch`, an image has noise of sigma 1 everywhere, so that one threshold fits all of it.
+    """
+
+    sigma: Array
+    stretch: NDArray[np.float32]
+
+    def at(self, level: Array) -> Array:
+        """Sigma in grey levels at these grey levels (any shape)."""
+        return np.asarray(self.sigma[np.clip(level, 0, 255).astype(np.intp)])
+
+
+def measure_noise(image: Grey) -> Noise:
+    """Noise sigma as a function of grey level: sigma^2 = read + photon * I + granular * I^2, none below zero.
+
+    The residual of the product of two second differences is blind to straight edges and shading (Immerkaer 1996);
+    its median size in each band of grey levels gives a variance, and the three coefficients are fitted to those.
+    """
+    residual = np.abs(cv2.filter2D(image, cv2.CV_32F, _LAPLACIAN)[1:-1:3, 1:-1:2]).ravel()
+    level = cv2.blur(image, (3, 3))[1:-1:3, 1:-1:2].ravel()
+    band = np.where(level >= SATURATED, 255 // _BIN + 1, level // _BIN)
+    order = np.argsort(band, kind="stable")
+    cuts = np.searchsorted(band[order], np.arange(255 // _BIN + 2))
+    residual = residual[order]
+    rows = [
+        ((b + 0.5) * _BIN, (1.4826 * float(np.median(residual[s:e]))) ** 2, e - s)
+        for b, (s, e) in enumerate(pairwise(cuts))
+        if e - s >= 40
+    ]
+    sigma = np.sqrt(np.maximum(_variance_curve(np.array(rows).reshape(-1, 3)), 0.3**2))
+    stretch = np.concatenate([[0.0], np.cumsum(2.0 / (sigma[1:] + sigma[:-1]))])
+    return Noise(sigma, stretch.astype(np.float32))
+
+
+def _variance_curve(rows: Array) -> Array:
+    """rows (N, 3): level, variance, count -> variance (256,) of the best non-negative quadratic."""
+    levels = np.arange(256) / 100.0
+    if len(rows) == 0:
+        return np.ones(256)
+    x, variance = rows[:, 0] / 100.0, np.maximum(rows[:, 1], 1e-2)
+    weight = np.sqrt(rows[:, 2]) / variance
+    best, found = np.inf, np.full(256, float(np.median(variance)))
+    for powers in ([0], [1], [2], [0, 1], [0, 2], [1, 2], [0, 1, 2]):
+        design = x[:, None] ** powers
+        c = np.linalg.lstsq(design * weight[:, None], variance * weight, rcond=None)[0]
+        error = float(np.sum(((design @ c - variance) * weight) ** 2))
+        if np.all(c >= 0) and error < best * (1 - 1e-9):
+            best, found = error, levels[:, None] ** powers @ c
+    return np.asarray(found)

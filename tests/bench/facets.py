@@ -1,0 +1,148 @@
+"""Facets against ground truth: recall by set, corner errors, time by stage, corner detectors and stereo formulas
+side by side.
+
+Reads the rendered scenes of $FACETD_SHARED/scenes (default ../shared); a bench script, run by `make bench`.
+"""
+
+from __future__ import annotations
+
+import collections
+import json
+import os
+import pathlib
+import sys
+import time
+from dataclasses import dataclass, field
+from typing import Any
+
+import cv2
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from daemon.vision.data import Facet, FacetView
+from daemon.vision.facets import find_facets
+from daemon.vision.rig import Camera, StereoRig
+from daemon.vision.settings import VisionSettings
+
+Array = NDArray[np.float64]
+NEAR_PX = 3.0
+
+
+def scenes_folder() -> pathlib.Path | None:
+    """The folder of rendered scenes, or None."""
+    folder = pathlib.Path(os.environ.get("FACETD_SHARED", "../shared")) / "scenes"
+    return folder if folder.is_dir() else None
+
+
+def load_rig(path: pathlib.Path) -> StereoRig:
+    """A rig from a calibration file."""
+    data = yaml.safe_load(path.read_text())
+    keys = ("camera_matrix", "distortion", "cyclopean_from_camera")
+    left, right = (Camera(*(np.array(data[eye][k], float) for k in keys)) for eye in ("left", "right"))
+    return StereoRig(left, right, tuple(data["image_size"]))
+
+
+@dataclass
+class Tally:
+    """What one set of scenes came to."""
+
+    found: int = 0
+    visible: int = 0
+    extra: int = 0
+    corners_mm: list[float] = field(default_factory=list)
+    pull: list[float] = field(default_factory=list)
+    seconds: list[float] = field(default_factory=list)
+    missed: list[str] = field(default_factory=list)
+
+
+def visible_facets(truth: dict[str, Any]) -> list[dict[str, Any]]:
+    """Facets that both eyes can see."""
+    every = [f for o in truth["objects"] for f in o["facets"]]
+    return [f for f in every if f["left"]["visible"] and f["right"]["visible"]]
+
+
+def nearest(facet: dict[str, Any], found: list[Facet]) -> tuple[Facet, NDArray[np.intp]] | None:
+    """The found facet with the same corners, and the order in which the true ones lie, or None."""
+    left, right = (np.array(facet[eye]["corners_px"]) for eye in ("left", "right"))
+    best, answer = NEAR_PX, None
+    for f in found:
+        n = len(left)
+        if len(f.left_px) != n:
+            continue
+        for order in [np.roll(o, k) for o in (np.arange(n), np.arange(n)[::-1]) for k in range(n)]:
+            off = max(np.abs(left[order] - f.left_px).max(), np.abs(right[order] - f.right_px).max())
+            if off < best:
+                best, answer = off, (f, order)
+    return answer
+
+
+def score(view: FacetView, truth: dict[str, Any], name: str, tally: Tally) -> None:
+    """Add one look to its set."""
+    found = [f for g in view.groups for f in g.facets]
+    wanted = visible_facets(truth)
+    hits = 0
+    for k, t in enumerate(wanted):
+        tally.visible += 1
+        answer = nearest(t, found)
+        if answer is None:
+            tally.missed.append(f"{name}:{k}({len(t['corners_mm'])})")
+            continue
+        hits += 1
+        f, order = answer
+        error = f.corners_mm - np.array(t["corners_mm"])[order]
+        tally.corners_mm.extend(np.linalg.norm(error, axis=1))
+        chi2 = np.einsum("ni,nij,nj->n", error, np.linalg.pinv(f.covariance_mm2), error)
+        tally.pull.extend(np.sqrt(chi2 / 3))
+    tally.found += hits
+    tally.extra += len(found) - hits
+
+
+def run(scenes: pathlib.Path, settings: VisionSettings, only: str = "") -> dict[str, Tally]:
+    """All scenes whose name holds `only`, by set."""
+    rigs: dict[str, StereoRig] = {}
+    tallies: dict[str, Tally] = collections.defaultdict(Tally)
+    for path in sorted(scenes.glob("*/truth.json")):
+        name = path.parent.name
+        if only not in name:
+            continue
+        truth = json.loads(path.read_text())
+        rig = rigs.setdefault(truth["rig"], load_rig(scenes / f"calibration-{truth['rig']}.yaml"))
+        left, right = (np.asarray(cv2.imread(str(path.parent / f"{eye}.png"), -1)) for eye in ("left", "right"))
+        tally = tallies[name.rsplit("-", 1)[0]]
+        start = time.perf_counter()
+        view = find_facets(left, right, rig, settings)
+        tally.seconds.append(time.perf_counter() - start)
+        score(view, truth, name, tally)
+    return tallies
+
+
+def print_table(tallies: dict[str, Tally]) -> None:
+    """One line a set."""
+    print(f"{'set':<16}{'visible':>8}{'found':>8}{'extra':>7}{'corner mm: median':>19}{'95 %':>8}{'pull':>7}{'ms':>8}")
+    for name, t in tallies.items():
+        e = np.array(t.corners_mm) if t.corners_mm else np.array([np.nan])
+        pull = float(np.median(t.pull)) if t.pull else float("nan")
+        recall = t.found / max(t.visible, 1)
+        print(
+            f"{name:<16}{t.visible:>8}{recall:>8.3f}{t.extra:>7}{np.median(e):>19.3f}{np.percentile(e, 95):>8.3f}"
+            f"{pull:>7.2f}{1e3 * np.median(t.seconds):>8.1f}"
+        )
+
+
+def main() -> None:
+    """Print the tables."""
+    cv2.setNumThreads(1)
+    scenes = scenes_folder()
+    if scenes is None:
+        print("facets: no scenes (set FACETD_SHARED)")
+        return
+    only = sys.argv[1] if len(sys.argv) > 1 else ""
+    tallies = run(scenes, VisionSettings(), only)
+    print_table(tallies)
+    if only:
+        print(*(m for t in tallies.values() for m in t.missed), sep="\n")
+
+
+if __name__ == "__main__":
+    main()
