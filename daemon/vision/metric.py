@@ -1,0 +1,130 @@
+"""Rigid fit of a taught metric model to seen corners: pose, its covariance, and the chi-square of what is left.
+
+In: matched corners in mm with covariances. Out: poses. Proper rotations only: a mirrored part is another part.
+All correspondences are fitted at once, because a look has milliseconds.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+STEPS = 3  # Gauss-Newton steps after the closed-form start; the third is below a micrometre
+
+
+@dataclass(frozen=True, eq=False)
+class Fits:
+    """B fits. poses (B, 4, 4) seen_from_model, mm; covariance (B, 6, 6) as daemon/frames.py; chi2, dof, rms_mm (B,);
+
+    misses (B, K) each corner's squared Mahalanobis distance, 0 where it has no counterpart.
+    """
+
+    poses: Array
+    covariance: Array
+    chi2: Array
+    dof: NDArray[np.intp]
+    rms_mm: Array
+    misses: Array
+
+
+def fit_poses(
+    seen_mm: Array,
+    seen_covariance: Array,
+    model_mm: Array,
+    model_covariance: Array,
+    used: NDArray[np.bool_],
+    tau_mm: float,
+) -> Fits:
+    """Fit B models of matched corners to the seen ones, each corner weighed by its own predicted error.
+
+    seen_mm (K, 3) in the cyclopean frame with covariance (K, 3, 3); model_mm (B, K, 3) their counterparts in the part
+    frame with covariance (B, K, 3, 3); used (B, K) which of them count (at least three each, not on a line); tau_mm:
+    how far a real part may deviate from the taught one. Source: Kabsch's closed form, then Gauss-Newton on the weighted
+    residuals; the weights are those at the second step's pose.
+    """
+    rotation, shift = closed_form(seen_mm, seen_covariance, model_mm, used)
+    normal = information = np.zeros(0)
+    for step in range(STEPS):
+        turned = model_mm @ rotation.transpose(0, 2, 1)
+        if step <= 1:
+            information = _information(seen_covariance, model_covariance, rotation, tau_mm) * used[:, :, None, None]
+        weighted = (information @ (seen_mm - turned - shift[:, None, :])[..., None])[..., 0]
+        motion, normal = _step(information, weighted, _cross_matrices(turned))
+        rotation = _rotations(motion[:, 3:]) @ rotation
+        shift = shift + motion[:, :3]
+    residual = seen_mm - model_mm @ rotation.transpose(0, 2, 1) - shift[:, None, :]
+    misses = (residual[..., None, :] @ information @ residual[..., None])[..., 0, 0]
+    count = used.sum(1)
+    poses = np.zeros((len(model_mm), 4, 4))
+    poses[:, :3, :3], poses[:, :3, 3], poses[:, 3, 3] = rotation, shift, 1.0
+    rms = np.sqrt(((residual**2).sum(2) * used).sum(1) / count)
+    return Fits(poses, np.asarray(np.linalg.inv(normal)), misses.sum(1), 3 * count - 6, rms, misses)
+
+
+def rough_rms(seen_mm: Array, seen_covariance: Array, model_mm: Array, used: NDArray[np.bool_]) -> Array:
+    """(B,) rms distance in mm after the closed form alone: enough to see which of many models are far off."""
+    rotation, shift = closed_form(seen_mm, seen_covariance, model_mm, used)
+    residual = seen_mm - model_mm @ rotation.transpose(0, 2, 1) - shift[:, None, :]
+    return np.asarray(np.sqrt(((residual**2).sum(2) * used).sum(1) / used.sum(1)))
+
+
+def _information(seen: Array, model: Array, rotation: Array, tau_mm: float) -> Array:
+    """(B, K, 3, 3) inverse of all that may part a seen corner from its counterpart."""
+    spread = rotation[:, None] @ model @ rotation.transpose(0, 2, 1)[:, None]
+    return np.asarray(np.linalg.inv(seen[None] + spread + tau_mm**2 * np.eye(3)))
+
+
+def closed_form(seen: Array, covariance: Array, model: Array, used: NDArray[np.bool_]) -> tuple[Array, Array]:
+    """Kabsch for B models with one weight a corner: rotations (B, 3, 3), shifts (B, 3)."""
+    weight = used / np.maximum(np.trace(covariance, axis1=1, axis2=2), 1e-9)[None]
+    weight = weight / weight.sum(1, keepdims=True)
+    seen_mean = weight @ seen
+    model_mean = (weight[:, :, None] * model).sum(1)
+    spread = ((model - model_mean[:, None]) * weight[:, :, None]).transpose(0, 2, 1) @ (seen[None] - seen_mean[:, None])
+    u, _, vt = np.linalg.svd(spread)
+    turn = u @ vt
+    sign = np.ones((len(model), 3))
+    sign[:, 2] = np.sign(np.linalg.det(turn))
+    rotation: Array = vt.transpose(0, 2, 1) @ (sign[:, :, None] * u.transpose(0, 2, 1))
+    return rotation, seen_mean - (rotation @ model_mean[..., None])[..., 0]
+
+
+def _step(information: Array, weighted: Array, lever: Array) -> tuple[Array, Array]:
+    """One Gauss-Newton step: motions (B, 6) as frames.perturb has them, and the normal matrices (B, 6, 6)."""
+    batch = len(information)
+    cross = information @ lever
+    normal = np.empty((batch, 6, 6))
+    normal[:, :3, :3] = information.sum(1)
+    normal[:, :3, 3:] = -cross.sum(1)
+    normal[:, 3:, :3] = normal[:, :3, 3:].transpose(0, 2, 1)
+    # lever is skew: its transpose is its negative.
+    normal[:, 3:, 3:] = -(lever @ cross).sum(1)
+    right = np.empty((batch, 6))
+    right[:, :3] = weighted.sum(1)
+    right[:, 3:] = (lever @ weighted[..., None])[..., 0].sum(1)
+    return np.asarray(np.linalg.solve(normal, right[..., None]))[..., 0], normal
+
+
+def _cross_matrices(vectors: Array) -> Array:
+    """(..., 3) -> (..., 3, 3) with matrix @ x = vector x x."""
+    out = np.zeros((*vectors.shape, 3))
+    x, y, z = vectors[..., 0], vectors[..., 1], vectors[..., 2]
+    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -z, y, -x
+    out[..., 1, 0], out[..., 2, 0], out[..., 2, 1] = z, -y, x
+    return out
+
+
+def _rotations(vectors: Array) -> Array:
+    """(B, 3) rad -> (B, 3, 3), by Rodrigues."""
+    angle = np.sqrt((vectors**2).sum(1))[:, None, None]
+    cross = _cross_matrices(vectors)
+    small = angle < 1e-8
+    safe = np.where(small, 1.0, angle)
+    first = np.where(small, 1.0, np.sin(safe) / safe)
+    second = np.where(small, 0.5, (1 - np.cos(safe)) / safe**2)
+    turns: Array = np.eye(3) + first * cross + second * (cross @ cross)
+    return turns

@@ -1,0 +1,182 @@
+"""Groups of facets -> named parts with poses. Right, or silent with the reason.
+
+Pattern first (which taught parts have these facets so joined), then metric: lengths and dihedral angles by rigid fit.
+In: a FacetView and a Model. Out: Parts. Seeing facets, learning and files are elsewhere.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daemon.vision.data import Facet, FacetView, Group, Part, Recognition
+from daemon.vision.evidence import probability
+from daemon.vision.facet_types import Typing
+from daemon.vision.hypotheses import Hypothesis, equivalents, hypotheses
+from daemon.vision.model import Model
+from daemon.vision.patterns import Answer, by_label, recall, touching_of, typed
+from daemon.vision.posterior import most_likely_corners
+from daemon.vision.regular import regularise
+from daemon.vision.relation import Solid, weld
+
+Array = NDArray[np.float64]
+LEAST_TAIL = 1e-4  # a right hypothesis may fit so badly only this rarely
+LEAST_PROBABILITY = 0.9  # below it a part is not named
+UNKNOWN = "unknown"
+
+
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """One group, looked at: typed facets, every type each may have, the welded solid, who touches whom."""
+
+    facets: tuple[Facet, ...]
+    types: tuple[tuple[Typing, ...], ...]
+    solid: Solid
+    touching: NDArray[np.bool_]
+
+
+def recognise(view: FacetView, model: Model) -> tuple[Part, ...]:
+    """Name and locate every group of facets, nearest first. Groups that fit nothing taught come back as `unknown`."""
+    parts = [recognise_group(group, model) for group in view.groups if group.facets]
+    return tuple(sorted(parts, key=lambda p: float(np.linalg.norm(p.cyclopean_from_part[:3, 3]))))
+
+
+def recognise_group(group: Group, model: Model) -> Part:
+    """Name and locate one group of facets."""
+    seen = _look_at(group, model)
+    answers = _answers(seen, model)
+    fits = _fits(seen, model, answers)
+    best = _best_by_label(fits)
+    verdict = _verdict(seen, best, answers)
+    if verdict.label == UNKNOWN:
+        return _unknown_part(seen, model, verdict)
+    winner = next(h for h in best if h.label == verdict.label)
+    taught = model.metric[winner.label].solid
+    facets = _as_taught(seen, winner, taught)
+    verdict = _with_pattern(verdict, facets, seen.touching, model)
+    fitted = most_likely_corners(seen.solid, taught, winner, model.parameters.tolerance_mm)
+    return Part(
+        verdict,
+        facets,
+        winner.pose,
+        winner.covariance,
+        winner.rms_mm,
+        tuple(fitted[list(ring)] for ring in seen.solid.facets),
+        equivalents(winner, fits),
+    )
+
+
+def _look_at(group: Group, model: Model) -> _Seen:
+    pairs = [typed(f, model.library) for f in group.facets]
+    facets = tuple(f for f, _ in pairs)
+    solid = weld(facets)
+    return _Seen(facets, tuple(t for _, t in pairs), solid, touching_of(group, solid))
+
+
+def _answers(seen: _Seen, model: Model) -> tuple[Answer, ...]:
+    """What the ARTMAP nodes say, best label first; nothing for a lone facet, which has no relations."""
+    if model.rotation is None or not seen.touching.any():
+        return ()
+    numbers = np.array([f.type_number for f in seen.facets])
+    return by_label(recall(model.rotation, numbers, seen.touching), model.node_labels)
+
+
+def _fits(seen: _Seen, model: Model, answers: tuple[Answer, ...]) -> tuple[Hypothesis, ...]:
+    """Metric hypotheses of the labels whose pattern answers; of all labels where none of those fits."""
+    tolerance = model.parameters.tolerance_mm
+    named = [a.label for a in answers if a.modified >= model.parameters.vigilance]
+    first = hypotheses(seen.solid, {n: model.metric[n] for n in named}, tolerance)
+    if any(_stands(h, seen) for h in first):
+        return first
+    rest = hypotheses(seen.solid, {n: m for n, m in model.metric.items() if n not in named}, tolerance)
+    return tuple(sorted(first + rest, key=lambda h: (-h.explained, h.chi2)))
+
+
+def _stands(hypothesis: Hypothesis, seen: _Seen) -> bool:
+    """Whether a hypothesis explains every facet, as well as a right one would."""
+    return hypothesis.explained == len(seen.facets) and hypothesis.tail > LEAST_TAIL
+
+
+def _best_by_label(fits: tuple[Hypothesis, ...]) -> tuple[Hypothesis, ...]:
+    best: dict[str, Hypothesis] = {}
+    for h in fits:
+        best.setdefault(h.label, h)
+    return tuple(best.values())
+
+
+def _verdict(seen: _Seen, best: tuple[Hypothesis, ...], answers: tuple[Answer, ...]) -> Recognition:
+    """Name, or say why not."""
+    standing = tuple(sorted((h for h in best if _stands(h, seen)), key=lambda h: -h.tail))
+    ranking = list(dict.fromkeys([h.label for h in standing] + [a.label for a in answers] + [h.label for h in best]))
+    activation = {a.label: a for a in answers}
+    if not standing:
+        return _silent(ranking, 1.0 if not best else 1.0 - max(h.tail for h in best), False, _why_not(seen, best))
+    labels = tuple(h.label for h in standing)
+    first = standing[0]
+    chance = probability(seen.solid, standing, first.label)
+    if len(seen.facets) == 1:
+        why = f"a single {seen.facets[0].type} is no proof: it fits {' and '.join(labels)}"
+        return replace(_silent(ranking, 1 - chance, True, why), candidates=labels)
+    if chance < LEAST_PROBABILITY:
+        why = f"fits {' and '.join(labels)} at {chance:.0%} for the first"
+        return replace(_silent(ranking, 1 - chance, True, why), candidates=labels)
+    answer = activation.get(first.label)
+    runner_up = next((name for name in ranking if name != first.label), None)
+    why = f"{len(seen.facets)} facets fit to {first.rms_mm:.2f} mm rms, chi-square {first.chi2:.1f} of {first.dof}"
+    return Recognition(
+        first.label,
+        chance,
+        answer.match_ratio if answer else 0.0,
+        answer.activation if answer else 0.0,
+        runner_up,
+        False,
+        why,
+        labels,
+    )
+
+
+def _silent(ranking: list[str], confidence: float, ambiguous: bool, why: str) -> Recognition:
+    return Recognition(UNKNOWN, confidence, 0.0, 0.0, ranking[0] if ranking else None, ambiguous, why)
+
+
+def _why_not(seen: _Seen, best: tuple[Hypothesis, ...]) -> str:
+    shapes = ", ".join(sorted(f.type for f in seen.facets))
+    if not best:
+        return f"nothing taught has facets like these ({shapes})"
+    near = min(best, key=lambda h: (-h.explained, h.chi2))
+    if near.explained < len(seen.facets):
+        return f"{shapes}: only {near.explained} of {len(seen.facets)} facets could belong to {near.label}"
+    return f"{shapes}: {near.label} is off by {near.rms_mm:.1f} mm rms, chi-square {near.chi2:.0f} of {near.dof}"
+
+
+def _as_taught(seen: _Seen, winner: Hypothesis, taught: Solid) -> tuple[Facet, ...]:
+    """The facets with the taught types where those are among the ones they may have."""
+    out = []
+    for facet, types, g in zip(seen.facets, seen.types, winner.facets, strict=True):
+        kind = next((t for t in types if t.name == taught.types[g]), None)
+        out.append(replace(facet, type=kind.name, type_number=kind.number) if kind else facet)
+    return tuple(out)
+
+
+def _with_pattern(
+    verdict: Recognition, facets: tuple[Facet, ...], touching: NDArray[np.bool_], model: Model
+) -> Recognition:
+    """Activation and match ratio of the named label's best node, with the types as they were settled."""
+    if model.rotation is None or not touching.any():
+        return verdict
+    answers = by_label(recall(model.rotation, np.array([f.type_number for f in facets]), touching), model.node_labels)
+    own = next(a for a in answers if a.label == verdict.label)
+    return replace(verdict, match_ratio=own.match_ratio, activation=own.activation)
+
+
+def _unknown_part(seen: _Seen, model: Model, verdict: Recognition) -> Part:
+    """An unnamed part sits at its corners' centroid, with the camera's axes; its corners as regular as their types."""
+    corners = regularise(seen.solid, model.library).corners_mm
+    pose = np.eye(4)
+    pose[:3, 3] = corners.mean(0)
+    covariance = np.diag([0.0, 0.0, 0.0, np.pi**2, np.pi**2, np.pi**2])
+    covariance[:3, :3] = seen.solid.covariance_mm2.sum(0) / len(corners) ** 2
+    fitted = tuple(corners[list(ring)] for ring in seen.solid.facets)
+    return Part(verdict, seen.facets, pose, covariance, float("nan"), fitted, pose[None])

@@ -1,0 +1,128 @@
+"""How facets hang together: shared corners, shared edges, and the interfacet relation matrix.
+
+In: a group of facets with corners in mm. Out: the welded outline of what is seen, and the matrix that ART is fed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daemon.vision.data import Facet
+
+Array = NDArray[np.float64]
+MATRIX_SIZE = 6  # rows and columns, as in section 4.4.3; grows where a view shows more facets
+WELD_SIGMAS = 4.0
+WELD_FLOOR_MM = 1.5
+
+
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """Corners shared between facets. corners_mm (K, 3); covariance_mm2 (K, 3, 3); facets: corner indices of each,
+
+    anticlockwise from outside; types: one name a facet. Used for what is seen and for what was taught.
+    """
+
+    corners_mm: Array
+    covariance_mm2: Array
+    facets: tuple[tuple[int, ...], ...]
+    types: tuple[str, ...]
+
+    def edges(self) -> dict[tuple[int, int], tuple[int, int]]:
+        """{(corner, next corner): (facet, place of the corner in it)}."""
+        return {
+            (a, corners[(i + 1) % len(corners)]): (f, i)
+            for f, corners in enumerate(self.facets)
+            for i, a in enumerate(corners)
+        }
+
+    def seams(self) -> tuple[tuple[int, int], ...]:
+        """Pairs of facets that share an edge (run through in opposite directions), the smaller index first."""
+        edges = self.edges()
+        pairs = {(f, edges[b, a][0]) for (a, b), (f, _) in edges.items() if (b, a) in edges}
+        return tuple(sorted((f, g) for f, g in pairs if f < g))
+
+
+def weld(facets: tuple[Facet, ...]) -> Solid:
+    """Unite the corners that neighbouring facets of one group have in common.
+
+    Two facets share the pair of opposite edges that lies closest, where both its ends agree within their
+    covariances.
+    A united corner is the weighted mean; its covariance stays that of one facet, because both facets measure the same
+    edges in the same pixels.
+    """
+    first = np.cumsum([0, *(len(f.corners_mm) for f in facets)])
+    points = np.concatenate([f.corners_mm for f in facets])
+    covariance = np.concatenate([f.covariance_mm2 for f in facets])
+    parent = list(range(len(points)))
+    for i, j in combinations(range(len(facets)), 2):
+        for a, b in _common_edge(facets[i], facets[j]):
+            _unite(parent, int(first[i]) + a, int(first[j]) + b)
+    roots = [_root(parent, k) for k in range(len(points))]
+    order = {root: n for n, root in enumerate(dict.fromkeys(roots))}
+    owner = np.array([order[r] for r in roots])
+    corners, spread = _means(points, covariance, owner, len(order))
+    rings = tuple(tuple(int(k) for k in owner[first[f] : first[f + 1]]) for f in range(len(facets)))
+    return Solid(corners, spread, rings, tuple(f.type for f in facets))
+
+
+def relation_matrix(numbers: Array, touching: NDArray[np.bool_], size: int = MATRIX_SIZE) -> Array:
+    """(m, m) with the type number of facet i in row i, column j, where i and j touch; m = max(size, facets).
+
+    numbers (n,) type numbers; touching (n, n). Rows and columns of absent facets stay 0, and so does the diagonal.
+    Source: D'Souza, section 4.4.3: column j lists what facet j is joined to.
+    """
+    n = len(numbers)
+    m = max(size, n)
+    matrix = np.zeros((m, m))
+    matrix[:n, :n] = np.where(touching & ~np.eye(n, dtype=bool), numbers[:, None], 0.0)
+    return matrix
+
+
+def touching_from(solid: Solid) -> NDArray[np.bool_]:
+    """(n, n) which facets of a solid share an edge."""
+    touching = np.zeros((len(solid.facets), len(solid.facets)), dtype=bool)
+    for f, g in solid.seams():
+        touching[f, g] = touching[g, f] = True
+    return touching
+
+
+def _common_edge(one: Facet, other: Facet) -> tuple[tuple[int, int], ...]:
+    """Corner pairs of the opposite edges that lie closest, or nothing where they are apart by more than the error."""
+    a, b = one.corners_mm, other.corners_mm
+    squared = ((a[:, None, :] - b[None, :, :]) ** 2).sum(2)
+    # Edge i of one runs i -> i + 1; the same edge in the other runs j + 1 -> j.
+    both = np.maximum(np.roll(squared, -1, axis=1), np.roll(squared, -1, axis=0))
+    i, j = divmod(int(np.argmin(both)), len(b))
+    pairs = ((i, (j + 1) % len(b)), ((i + 1) % len(a), j))
+    spread = max(float(np.trace(one.covariance_mm2[p]) + np.trace(other.covariance_mm2[q])) for p, q in pairs)
+    near = max(WELD_FLOOR_MM, WELD_SIGMAS * np.sqrt(spread))
+    shortest = min(_shortest_side(a), _shortest_side(b))
+    return pairs if np.sqrt(both[i, j]) < min(near, shortest / 3) else ()
+
+
+def _shortest_side(corners: Array) -> float:
+    return float(np.sqrt(((corners - np.roll(corners, 1, axis=0)) ** 2).sum(1).min()))
+
+
+def _means(points: Array, covariance: Array, owner: NDArray[np.intp], count: int) -> tuple[Array, Array]:
+    information = np.linalg.inv(covariance + 1e-9 * np.eye(3))
+    total, weighted, shares = np.zeros((count, 3, 3)), np.zeros((count, 3)), np.zeros(count)
+    np.add.at(total, owner, information)
+    np.add.at(weighted, owner, np.einsum("kij,kj->ki", information, points))
+    np.add.at(shares, owner, 1.0)
+    spread = np.linalg.inv(total)
+    return np.einsum("kij,kj->ki", spread, weighted), spread * shares[:, None, None]
+
+
+def _root(parent: list[int], k: int) -> int:
+    while parent[k] != k:
+        k = parent[k]
+    return k
+
+
+def _unite(parent: list[int], a: int, b: int) -> None:
+    parent[max(_root(parent, a), _root(parent, b))] = min(_root(parent, a), _root(parent, b))
