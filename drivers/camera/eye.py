@@ -133,10 +133,15 @@ class Eye:
             return exposure_of(self._clock(), False, self.period_s, self._exposure_s)
         return exposure_of(buffer.seconds + buffer.microseconds * 1e-6, at_start, self.period_s, self._exposure_s)
 
-    def discard(self) -> None:
-        """Throw away what waits where stamps are not (known to be) usable: nobody can say how old it is."""
-        if not self.stamps_are_monotonic:
-            self.take()
+    def waiting(self) -> list[RawFrame]:
+        """What came since the last look, as far as it is the newest there is.
+
+        Nothing when every buffer was full (newer frames had nowhere to go), or while it is not known that stamps are
+        usable (nobody can say how old a waiting frame is).
+        """
+        knew = self.stamps_are_monotonic
+        frames = self.take()
+        return frames if knew and len(frames) < BUFFERS else []
 
     def hold(self, settings: CameraSettings) -> None:
         """Keep automatic exposure, gain, focus still for a look."""

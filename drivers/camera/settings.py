@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from drivers.camera.pair import CameraError
 from drivers.camera.pixels import FORMATS
 
 Wish = float | str
@@ -32,9 +31,10 @@ class CameraSettings:
     controls: Mapping[str, Wish] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Refuse formats nobody here can read."""
+        """Refuse what no camera could do. Raises ValueError."""
         unknown = [name for name in self.formats if name not in FORMATS]
         if unknown or not self.formats:
-            raise CameraError(
-                f"camera formats: expected some of {', '.join(FORMATS)}; found {', '.join(unknown) or 'none'}"
-            )
+            raise ValueError(f"formats: expected some of {', '.join(FORMATS)}; found {', '.join(unknown) or 'none'}")
+        for name in ("width", "height", "fps", "max_skew_ms"):
+            if not getattr(self, name) > 0:
+                raise ValueError(f"{name}: expected above 0, found {getattr(self, name)}")

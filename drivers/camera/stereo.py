@@ -70,7 +70,6 @@ class V4L2StereoCamera:
             self.open()
             assert self._eyes
             for eye in self._eyes:
-                eye.discard()
                 eye.hold(self._settings)
             pair = self._await_pair(self._eyes, not_before_s, deadline_s, timeout_s)
             for eye in self._eyes:
@@ -83,7 +82,7 @@ class V4L2StereoCamera:
     def _await_pair(
         self, both: tuple[Eye, Eye], not_before_s: float, deadline_s: float, timeout_s: float
     ) -> StereoPair:
-        seen: tuple[list[RawFrame], list[RawFrame]] = ([], [])
+        seen = (both[0].waiting(), both[1].waiting())
         woken = False
         while True:
             came = [eye.take() for eye in both]
