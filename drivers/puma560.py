@@ -1,0 +1,213 @@
+"""The PUMA 560's geometry: joint angles <-> where the tool is. Pure functions on arrays; no controller, no motion.
+
+Joint angles are those of the standard Denavit-Hartenberg table below (the robotics toolbox's), in rad; lengths in mm.
+The base frame sits at the shoulder (crossing of axes 1 and 2), z up; the flange frame's origin is the wrist centre.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from itertools import product
+from math import acos, atan2, cos, hypot, pi, sin, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+A2_MM, A3_MM, D3_MM, D4_MM = 431.8, 20.3, 150.05, 431.8
+TWISTS_RAD = (pi / 2, 0.0, -pi / 2, pi / 2, -pi / 2, 0.0)
+SINGULAR_SIN_Q5 = 1e-6
+LIMIT_SLACK_RAD = 1e-9
+
+READY_RAD = np.radians([0.0, 90.0, -90.0, 0.0, 0.0, 0.0])
+"""Arm straight up."""
+NEST_RAD = np.radians([0.0, 130.0, -205.0, 0.0, -60.0, 0.0])
+"""Arm folded over the shoulder."""
+
+
+def _standard_limits() -> Array:
+    return np.radians(
+        [[-160, 160], [90 - 110, 90 + 110], [-90 - 135, -90 + 135], [-266, 266], [-100, 100], [-266, 266]]
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Puma560:
+    """One arm: what it stands on, what it holds, how far its joints turn.
+
+    world_from_base, flange_from_tool: (4, 4) mm. limits_rad: (6, 2) lowest and highest angle.
+    """
+
+    world_from_base: Array = field(default_factory=lambda: np.eye(4))
+    flange_from_tool: Array = field(default_factory=lambda: np.eye(4))
+    limits_rad: Array = field(default_factory=_standard_limits)
+
+
+PUMA560 = Puma560()
+
+
+@dataclass(frozen=True)
+class Configuration:
+    """Which of the eight ways the arm reaches a pose: shoulder, elbow, wrist."""
+
+    lefty: bool = False
+    above: bool = True
+    flip: bool = False
+
+    def words(self) -> str:
+        """As VAL II says it, for people."""
+        return " ".join(
+            ("LEFTY" if self.lefty else "RIGHTY", "ABOVE" if self.above else "BELOW", "FLIP" if self.flip else "NOFLIP")
+        )
+
+
+CONFIGURATIONS = tuple(Configuration(*way) for way in product((False, True), (True, False), (False, True)))
+
+
+class UnreachableError(Exception):
+    """No joint angles put the tool there. joint: whose limit is in the way (1 to 6), None where it is out of reach."""
+
+    def __init__(self, text: str, joint: int | None = None) -> None:
+        super().__init__(text)
+        self.joint = joint
+
+
+def forward(joints_rad: Array, arm: Puma560 = PUMA560) -> Array:
+    """world_from_tool (4, 4) mm at (6,) joint angles."""
+    base_from_flange = _base_from_forearm(joints_rad)
+    wrist = _rotation_z(joints_rad[3]) @ _rotation_y(-joints_rad[4]) @ _rotation_z(joints_rad[5])
+    base_from_flange[:3, :3] = base_from_flange[:3, :3] @ wrist
+    pose: Array = arm.world_from_base @ base_from_flange @ arm.flange_from_tool
+    return pose
+
+
+def inverse(
+    world_from_tool: Array, configuration: Configuration, arm: Puma560 = PUMA560, near_rad: Array | None = None
+) -> Array:
+    """(6,) joint angles within the limits that put the tool at (4, 4) world_from_tool in one configuration.
+
+    near_rad: where the arm is now; each angle is taken as the turn of it nearest to there, and joint 4 is kept
+    where it is at a singular wrist (joint 5 at zero), where only joints 4 and 6 together are determined.
+    Raises UnreachableError: out of range, or which joint would pass its limit.
+    """
+    near = np.zeros(6) if near_rad is None else near_rad
+    base_from_flange = _undo(arm.world_from_base) @ world_from_tool @ _undo(arm.flange_from_tool)
+    q1, q2, q3 = _arm_angles(base_from_flange[:3, 3], configuration)
+    forearm = _base_from_forearm(np.array([q1, q2, q3]))[:3, :3]
+    wrist = _wrist_angles(forearm.T @ base_from_flange[:3, :3], configuration.flip, near)
+    raw = np.array([q1, q2, q3, *wrist])
+    return np.array([_within(k, raw[k], near[k], arm.limits_rad[k]) for k in range(6)])
+
+
+def solutions(
+    world_from_tool: Array, arm: Puma560 = PUMA560, near_rad: Array | None = None
+) -> Iterator[tuple[Configuration, Array]]:
+    """Every configuration that reaches the pose within the limits, with its joint angles."""
+    for configuration in CONFIGURATIONS:
+        try:
+            yield configuration, inverse(world_from_tool, configuration, arm, near_rad)
+        except UnreachableError:
+            continue
+
+
+def reachable(world_from_tool: Array, configuration: Configuration | None = None, arm: Puma560 = PUMA560) -> bool:
+    """Whether the tool gets there, in the given configuration or (None) in any."""
+    return any(configuration in (None, found) for found, _ in solutions(world_from_tool, arm))
+
+
+def configuration_of(joints_rad: Array) -> Configuration:
+    """The configuration an arm at (6,) joint angles is in."""
+    q2, q3 = joints_rad[1], joints_rad[2]
+    outward = A2_MM * cos(q2) + A3_MM * cos(q2 + q3) - D4_MM * sin(q2 + q3)
+    bend = sin(q3 + atan2(D4_MM, A3_MM))
+    righty = outward >= 0
+    return Configuration(lefty=not righty, above=(bend < 0) == righty, flip=sin(joints_rad[4]) > 0)
+
+
+def wrist_is_singular(joints_rad: Array, within_rad: float = SINGULAR_SIN_Q5) -> bool:
+    """Whether axes 4 and 6 lie along each other to within an angle."""
+    return abs(sin(joints_rad[4])) < within_rad
+
+
+def joint_out_of_limits(joints_rad: Array, arm: Puma560 = PUMA560) -> int | None:
+    """The first joint (1 to 6) past its limit, or None."""
+    low, high = arm.limits_rad[:, 0] - LIMIT_SLACK_RAD, arm.limits_rad[:, 1] + LIMIT_SLACK_RAD
+    past = np.flatnonzero((joints_rad < low) | (joints_rad > high))
+    return int(past[0]) + 1 if past.size else None
+
+
+def _base_from_forearm(joints_rad: Array) -> Array:
+    """Frame 3 carried to the wrist centre: (4, 4), z along the forearm."""
+    q1, q23 = joints_rad[0], joints_rad[1] + joints_rad[2]
+    c1, s1, c23, s23 = cos(q1), sin(q1), cos(q23), sin(q23)
+    outward = A2_MM * cos(joints_rad[1]) + A3_MM * c23 - D4_MM * s23
+    upward = A2_MM * sin(joints_rad[1]) + A3_MM * s23 + D4_MM * c23
+    return np.array(
+        [
+            [c1 * c23, -s1, -c1 * s23, c1 * outward + s1 * D3_MM],
+            [s1 * c23, c1, -s1 * s23, s1 * outward - c1 * D3_MM],
+            [s23, 0.0, c23, upward],
+            [0.0, 0.0, 0.0, 1.0],
+        ]
+    )
+
+
+def _arm_angles(wrist_mm: Array, configuration: Configuration) -> tuple[float, float, float]:
+    """Joints 1 to 3 that put the wrist centre at (3,) mm in the base frame."""
+    x, y, z = (float(v) for v in wrist_mm)
+    squared = x * x + y * y - D3_MM * D3_MM
+    if squared < 0:
+        raise UnreachableError("too close to the column")
+    outward = -sqrt(squared) if configuration.lefty else sqrt(squared)
+    q1 = atan2(y, x) - atan2(-D3_MM, outward)
+    forearm = hypot(A3_MM, D4_MM)
+    stretch = (outward**2 + z * z - A2_MM**2 - forearm**2) / (2 * A2_MM * forearm)
+    if abs(stretch) > 1 + 1e-12:
+        raise UnreachableError("too far from the shoulder" if stretch > 0 else "too close to the shoulder")
+    bend = acos(max(-1.0, min(1.0, stretch)))
+    q3 = (bend if configuration.above == configuration.lefty else -bend) - atan2(D4_MM, A3_MM)
+    along, across = A2_MM + A3_MM * cos(q3) - D4_MM * sin(q3), A3_MM * sin(q3) + D4_MM * cos(q3)
+    return q1, atan2(z, outward) - atan2(across, along), q3
+
+
+def _wrist_angles(forearm_from_flange: Array, flip: bool, near: Array) -> tuple[float, float, float]:
+    """Joints 4 to 6 that turn the flange by a (3, 3) rotation against the forearm: Rz(q4) Ry(-q5) Rz(q6)."""
+    r = forearm_from_flange
+    level = hypot(r[0, 2], r[1, 2])
+    if level < SINGULAR_SIN_Q5:
+        # The tool is turned by both joints together: keep joint 4, give joint 6 the rest.
+        rest = _rotation_z(-near[3]) @ r
+        return float(near[3]), atan2(-level, r[2, 2]), atan2(rest[1, 0], rest[1, 1])
+    sign = 1.0 if flip else -1.0
+    q5 = atan2(sign * level, r[2, 2])
+    return atan2(-sign * r[1, 2], -sign * r[0, 2]), q5, atan2(-sign * r[2, 1], sign * r[2, 0])
+
+
+def _within(joint: int, angle: float, near: float, limits: Array) -> float:
+    """The turn of angle within limits (2,) nearest to near. Raises UnreachableError naming the joint (0 to 5)."""
+    low, high = limits[0] - LIMIT_SLACK_RAD, limits[1] + LIMIT_SLACK_RAD
+    first = angle - 2 * pi * np.ceil((angle - low) / (2 * pi) - 1e-15)
+    turns = [turn for turn in first + 2 * pi * np.arange(4) if low <= turn <= high]
+    if not turns:
+        raise UnreachableError(f"joint {joint + 1} out of range", joint + 1)
+    return float(min(turns, key=lambda turn: abs(turn - near)))
+
+
+def _undo(b_from_a: Array) -> Array:
+    """a_from_b of a rigid (4, 4) transform."""
+    a_from_b = np.eye(4)
+    a_from_b[:3, :3] = b_from_a[:3, :3].T
+    a_from_b[:3, 3] = -b_from_a[:3, :3].T @ b_from_a[:3, 3]
+    return a_from_b
+
+
+def _rotation_z(angle: float) -> Array:
+    c, s = cos(angle), sin(angle)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def _rotation_y(angle: float) -> Array:
+    c, s = cos(angle), sin(angle)
+    return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])

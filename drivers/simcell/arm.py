@@ -1,0 +1,271 @@
+"""The simulated arm: where its joints are at a moment, and trapezoidal motion between poses. Time is an argument.
+
+It does not know that it is commanded over a line. Two arms live here in one: the one the controller believes in
+(`reported_*`) and the true one (`pose_at`), whose joints are a little off and which never stops twice on the same spot.
+A motion is an immutable value, so another thread (a camera) may ask where the arm is while the controller moves it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from math import atan2, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.puma560 import (
+    NEST_RAD,
+    Configuration,
+    Puma560,
+    UnreachableError,
+    configuration_of,
+    forward,
+    inverse,
+    joint_out_of_limits,
+    wrist_is_singular,
+)
+
+Array = NDArray[np.float64]
+
+JOINT_SPEED_RAD_S = np.radians([82.0, 74.0, 122.0, 228.0, 241.0, 228.0])
+JOINT_ACCELERATION_RAD_S2 = JOINT_SPEED_RAD_S / 0.25
+LINE_SPEED_MM_S, LINE_ACCELERATION_MM_S2 = 500.0, 2000.0
+TURN_SPEED_RAD_S, TURN_ACCELERATION_RAD_S2 = 1.6, 6.4
+EMERGENCY_BRAKING = 4.0
+WRIST_TOO_STRAIGHT_RAD = np.radians(1.0)
+
+
+class SingularWristError(UnreachableError):
+    """A straight line would take the wrist through the pose where joints 4 and 6 turn without bound."""
+
+
+@dataclass(frozen=True)
+class Trapezoid:
+    """A way of length 1, run at up to `speed` (1/s) with `acceleration` (1/s2) at both ends; perhaps cut short.
+
+    cut_s: when braking sets in early (None: at the natural moment), with braking times the acceleration.
+    """
+
+    speed: float
+    acceleration: float
+    cut_s: float | None = None
+    braking: float = 1.0
+
+    @property
+    def _peak(self) -> float:
+        return min(self.speed, sqrt(self.acceleration))
+
+    @property
+    def _natural_s(self) -> float:
+        return self._peak / self.acceleration + 1.0 / self._peak
+
+    @property
+    def duration_s(self) -> float:
+        """From start to rest."""
+        if self.cut_s is None:
+            return self._natural_s
+        return min(self._natural_s, self.cut_s + self._velocity(self.cut_s) / (self.acceleration * self.braking))
+
+    def _velocity(self, t_s: float) -> float:
+        return max(0.0, min(self.acceleration * t_s, self._peak, self.acceleration * (self._natural_s - t_s)))
+
+    def _natural_way(self, t_s: float) -> float:
+        ramp_s, end_s = self._peak / self.acceleration, self._natural_s
+        if t_s <= ramp_s:
+            return self.acceleration * t_s**2 / 2
+        if t_s <= end_s - ramp_s:
+            return self._peak * (t_s - ramp_s / 2)
+        return 1.0 - self.acceleration * (end_s - t_s) ** 2 / 2
+
+    def way(self, t_s: float) -> float:
+        """How much of the way, 0 to 1, is behind after t_s."""
+        t_s = min(max(t_s, 0.0), self.duration_s)
+        if self.cut_s is None or t_s <= self.cut_s:
+            return self._natural_way(t_s)
+        since = t_s - self.cut_s
+        braked = self._velocity(self.cut_s) * since - self.acceleration * self.braking * since**2 / 2
+        return min(1.0, self._natural_way(self.cut_s) + braked)
+
+    def cut(self, t_s: float, braking: float) -> Trapezoid:
+        """The same motion, braked from t_s on (from the earlier moment, if it was braked before)."""
+        if t_s >= self.duration_s or (self.cut_s is not None and self.cut_s <= t_s):
+            return self
+        return replace(self, cut_s=max(t_s, 0.0), braking=braking)
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """One motion: joints (6,) rad along a way from 0 to 1, started at started_s."""
+
+    path: Callable[[float], Array]
+    profile: Trapezoid
+    started_s: float
+
+    @property
+    def ends_s(self) -> float:
+        """When the arm is at rest."""
+        return self.started_s + self.profile.duration_s
+
+    def joints_at(self, now_s: float) -> Array:
+        """Joint angles (6,) rad."""
+        return self.path(self.profile.way(now_s - self.started_s))
+
+
+class Arm:
+    """A PUMA 560 that moves. Lengths mm, angles rad, times on whatever clock its owner uses."""
+
+    def __init__(
+        self,
+        geometry: Puma560 | None = None,
+        joints_rad: Array = NEST_RAD,
+        joint_offsets_rad: Array | None = None,
+        repeatability_mm: float = 0.0,
+        rng: np.random.Generator | None = None,
+    ) -> None:
+        """joint_offsets_rad (6,): true minus believed angle. repeatability_mm: standard deviation of each stop."""
+        self.geometry = geometry or Puma560()
+        self._offsets = np.zeros(6) if joint_offsets_rad is None else np.asarray(joint_offsets_rad, dtype=float)
+        self._repeatability_mm = repeatability_mm
+        self._rng = rng or np.random.default_rng(0)
+        self._scatter_mm = np.zeros(3)
+        self._motion = _standing(np.array(joints_rad, dtype=float))
+
+    @property
+    def tool(self) -> Array:
+        """flange_from_tool (4, 4) mm."""
+        return self.geometry.flange_from_tool
+
+    @tool.setter
+    def tool(self, flange_from_tool: Array) -> None:
+        self.geometry = replace(self.geometry, flange_from_tool=flange_from_tool)
+
+    def joints_at(self, now_s: float) -> Array:
+        """The believed joint angles (6,) rad."""
+        return self._motion.joints_at(now_s)
+
+    def reported_pose_at(self, now_s: float) -> Array:
+        """world_from_tool (4, 4) as the controller believes it."""
+        return forward(self.joints_at(now_s), self.geometry)
+
+    def pose_at(self, now_s: float) -> Array:
+        """world_from_tool (4, 4) as it truly is: joint offsets and this stop's scatter included."""
+        pose = forward(self.joints_at(now_s) + self._offsets, self.geometry)
+        pose[:3, 3] += self._scatter_mm
+        return pose
+
+    def at_rest(self, now_s: float) -> bool:
+        """Whether no motion is under way."""
+        return now_s >= self.rests_s
+
+    @property
+    def rests_s(self) -> float:
+        """When the motion under way ends (in the past when none is)."""
+        return self._motion.ends_s
+
+    def move_joints(self, target_rad: Array, speed: float, now_s: float) -> None:
+        """Start a joint-interpolated motion to (6,) rad; all joints start and end together.
+
+        speed: share of full speed, 0 to 1. Raises UnreachableError past a joint's limit.
+        """
+        self._start(*plan_joints(self.joints_at(now_s), target_rad, speed, self.geometry), now_s)
+
+    def move_to(self, world_from_tool: Array, configuration: Configuration, speed: float, now_s: float) -> None:
+        """Start a joint-interpolated motion to a pose. Raises UnreachableError."""
+        self.move_joints(self.joints_for(world_from_tool, configuration, now_s), speed, now_s)
+
+    def joints_for(self, world_from_tool: Array, configuration: Configuration, now_s: float) -> Array:
+        """The joints (6,) rad that reach a pose, each by the turn nearest to where it is. Raises UnreachableError."""
+        return inverse(world_from_tool, configuration, self.geometry, self.joints_at(now_s))
+
+    def move_straight(self, world_from_tool: Array, speed: float, now_s: float) -> None:
+        """Start a motion along a straight line, turning evenly. Raises UnreachableError, SingularWristError."""
+        self._start(*plan_straight(self.joints_at(now_s), world_from_tool, speed, self.geometry), now_s)
+
+    def halt(self, now_s: float, braking: float = 1.0) -> None:
+        """Come to rest along the path; braking: times the usual deceleration."""
+        self._motion = replace(self._motion, profile=self._motion.profile.cut(now_s - self._motion.started_s, braking))
+
+    def _start(self, path: Callable[[float], Array], profile: Trapezoid, now_s: float) -> None:
+        self._scatter_mm = self._rng.normal(0.0, 1.0, 3) * self._repeatability_mm
+        self._motion = Motion(path, profile, now_s)
+
+
+def plan_joints(
+    start_rad: Array, target_rad: Array, speed: float, geometry: Puma560
+) -> tuple[Callable[[float], Array], Trapezoid]:
+    """The path and profile of a joint-interpolated motion; the slowest joint sets the pace."""
+    joint = joint_out_of_limits(target_rad, geometry)
+    if joint is not None:
+        raise UnreachableError(f"joint {joint} out of range", joint)
+    change = target_rad - start_rad
+    reach = np.maximum(np.abs(change), 1e-12)
+    profile = Trapezoid(
+        speed=float(np.min(JOINT_SPEED_RAD_S / reach)) * speed,
+        acceleration=float(np.min(JOINT_ACCELERATION_RAD_S2 / reach)) * speed,
+    )
+    return lambda way: start_rad + way * change, profile
+
+
+def plan_straight(
+    start_rad: Array, world_from_tool: Array, speed: float, geometry: Puma560, checks: int = 40
+) -> tuple[Callable[[float], Array], Trapezoid]:
+    """The path and profile of a straight-line motion in the arm's present configuration.
+
+    The joints are solved at checks + 1 points; between them they follow from the pose, seeded by the nearest point.
+    Raises UnreachableError where the line leaves reach, SingularWristError where it passes a straight wrist.
+    """
+    start = forward(start_rad, geometry)
+    configuration = configuration_of(start_rad)
+    axis, angle = _axis_and_angle(start[:3, :3].T @ world_from_tool[:3, :3])
+    shift = world_from_tool[:3, 3] - start[:3, 3]
+
+    def pose(way: float) -> Array:
+        between = start.copy()
+        between[:3, :3] = start[:3, :3] @ _turn(axis, angle * way)
+        between[:3, 3] = start[:3, 3] + shift * way
+        return between
+
+    knots = [start_rad]
+    for k in range(1, checks + 1):
+        knots.append(inverse(pose(k / checks), configuration, geometry, knots[-1]))
+        if wrist_is_singular(knots[-1], WRIST_TOO_STRAIGHT_RAD) and not np.allclose(knots[-1], start_rad):
+            raise SingularWristError("the wrist is straight on the way")
+        if np.max(np.abs(knots[-1] - knots[-2])) > np.radians(45):
+            raise SingularWristError("the wrist would flip on the way")
+
+    def path(way: float) -> Array:
+        return inverse(pose(way), configuration, geometry, knots[round(way * checks)])
+
+    distance = max(float(np.linalg.norm(shift)), 1e-9)
+    turn = max(angle, 1e-9)
+    step = max(float(np.max(np.abs(np.diff(knots, axis=0)) / JOINT_SPEED_RAD_S)) * checks, 1e-9)
+    profile = Trapezoid(
+        speed=speed * min(LINE_SPEED_MM_S / distance, TURN_SPEED_RAD_S / turn, 1.0 / step),
+        acceleration=speed * min(LINE_ACCELERATION_MM_S2 / distance, TURN_ACCELERATION_RAD_S2 / turn, 4.0 / step),
+    )
+    return path, profile
+
+
+def _standing(joints_rad: Array) -> Motion:
+    return Motion(lambda way: joints_rad.copy(), Trapezoid(1e9, 1e12), float("-inf"))
+
+
+def _axis_and_angle(rotation: Array) -> tuple[Array, float]:
+    """(3, 3) -> unit axis (3,), angle in [0, pi]."""
+    skew = np.array([rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1]])
+    sine = float(np.linalg.norm(skew)) / 2
+    angle = atan2(sine, (float(np.trace(rotation)) - 1) / 2)
+    if sine > 1e-9:
+        return skew / (2 * sine), angle
+    outer = (rotation + np.eye(3)) / 2
+    k = int(np.argmax(np.diag(outer)))
+    return outer[:, k] / max(sqrt(abs(outer[k, k])), 1e-12), angle
+
+
+def _turn(axis: Array, angle: float) -> Array:
+    """(3, 3) rotation about a unit axis."""
+    x, y, z = axis
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    rotation: Array = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * (cross @ cross)
+    return rotation

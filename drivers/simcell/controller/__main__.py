@@ -1,0 +1,68 @@
+"""`python -m drivers.simcell.controller --pty PATH`: a simulated VAL II controller for any program to talk to."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import signal
+import sys
+import threading
+from pathlib import Path
+
+from drivers.simcell.arm import Arm
+from drivers.simcell.controller.core import Controller, Manners
+from drivers.simcell.controller.server import PtyServer
+
+PERSON_AT_THE_PANEL_S = 2.0
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Serve until SIGINT or SIGTERM. Exit status 2 when PATH cannot be made."""
+    options = _parser().parse_args(arguments)
+    manners = Manners(prompt_after_move=options.prompt_after_move, arm_power_after_s=PERSON_AT_THE_PANEL_S)
+    over = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, lambda *_: over.set())
+    with PtyServer(Controller(Arm(), manners, cold=options.cold), options.baud, options.time_scale) as server:
+        try:
+            _link(options.pty, server.port)
+        except OSError as error:
+            print(f"--pty {options.pty}: {error.strerror}; name a path that can be created", file=sys.stderr)
+            return 2
+        print(f"VAL II controller on {options.pty} ({server.port}), {options.baud} baud", flush=True)
+        over.wait()
+        if options.pty.is_symlink() and os.readlink(options.pty) == server.port:
+            options.pty.unlink()
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="python -m drivers.simcell.controller", description="A simulated VAL II controller with a PUMA 560."
+    )
+    parser.add_argument("--pty", type=Path, required=True, metavar="PATH", help="becomes a link to the terminal")
+    parser.add_argument("--time-scale", type=_positive, default=1.0, metavar="X", help="seconds of its time per second")
+    parser.add_argument("--baud", type=int, default=9600, help="pace of the line (default 9600)")
+    parser.add_argument("--cold", action="store_true", help="as after mains on: power-up questions, arm not calibrated")
+    parser.add_argument(
+        "--prompt-after-move", choices=("start", "end"), default="start", help="when DO MOVE gives the prompt back"
+    )
+    return parser
+
+
+def _positive(text: str) -> float:
+    value = float(text)
+    if not 0 < value <= 1000:
+        raise argparse.ArgumentTypeError(f"{text}: expected more than 0, at most 1000")
+    return value
+
+
+def _link(path: Path, port: str) -> None:
+    """Make path a symbolic link to port; a stale link is replaced, anything else is not. Raises OSError."""
+    if path.is_symlink():
+        path.unlink()
+    path.symlink_to(port)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,129 @@
+"""The controller on a pseudo-terminal, at the line's pace, in scaled time, in its own thread. The only I/O here."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import select
+import threading
+import time
+import tty
+from collections.abc import Iterator
+from types import TracebackType
+
+from drivers.simcell.controller.core import Controller
+
+BITS_PER_BYTE = 10
+IDLE_S = 0.25
+TICK_S = 0.001
+
+
+class PtyServer:
+    """Serves one controller until stopped. `port` is the path a client opens.
+
+    The slave side stays open here, so that clients may come and go and the line keeps its raw mode between them.
+    """
+
+    def __init__(self, controller: Controller, baud: int = 9600, time_scale: float = 1.0) -> None:
+        """time_scale: how many seconds pass for the controller in one real second; the line's pace goes with it."""
+        self._controller = controller
+        self._lock = threading.RLock()
+        self._bytes_per_s = baud / BITS_PER_BYTE * time_scale
+        self._time_scale, self._began_s = time_scale, time.monotonic()
+        self._master, self._slave = os.openpty()
+        tty.setraw(self._slave)
+        os.set_blocking(self._master, False)
+        self.port = os.ttyname(self._slave)
+        self._wake_read, self._wake_write = os.pipe()
+        self._stopping = False
+        self._incoming, self._outgoing = _Pace(self._bytes_per_s), _Pace(self._bytes_per_s)
+        self._thread = threading.Thread(target=self._serve, name="val2-controller", daemon=True)
+        self._thread.start()
+
+    def now_s(self) -> float:
+        """The controller's time."""
+        return (time.monotonic() - self._began_s) * self._time_scale
+
+    @contextlib.contextmanager
+    def controller(self) -> Iterator[Controller]:
+        """The controller, held still (at the present moment) while the caller looks at it or does something to it."""
+        with self._lock:
+            self._controller.tick(self.now_s())
+            yield self._controller
+        os.write(self._wake_write, b"!")
+
+    def stop(self) -> None:
+        """End the thread and close the terminal; safe to call twice."""
+        if self._stopping:
+            return
+        self._stopping = True
+        os.write(self._wake_write, b"!")
+        self._thread.join()
+        for descriptor in (self._master, self._slave, self._wake_read, self._wake_write):
+            os.close(descriptor)
+
+    def __enter__(self) -> PtyServer:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self.stop()
+
+    def _serve(self) -> None:
+        while not self._stopping:
+            ready, _, _ = select.select([self._master, self._wake_read], [], [], self._pause_s())
+            if self._wake_read in ready:
+                os.read(self._wake_read, 4096)
+            if self._master in ready:
+                with contextlib.suppress(BlockingIOError):
+                    self._incoming.put(os.read(self._master, 4096), time.monotonic())
+            self._turn()
+
+    def _turn(self) -> None:
+        """Let due bytes through, both ways."""
+        real_s = time.monotonic()
+        with self._lock:
+            now_s = self.now_s()
+            for byte in self._incoming.due(real_s):
+                self._controller.receive(bytes([byte]), now_s)
+            self._controller.tick(now_s)
+            self._outgoing.put(self._controller.output(now_s), real_s)
+        due = self._outgoing.due(real_s)
+        if due:
+            # A client that does not read loses bytes, as on a line without flow control.
+            with contextlib.suppress(BlockingIOError):
+                os.write(self._master, due)
+
+    def _pause_s(self) -> float:
+        if self._incoming or self._outgoing:
+            return TICK_S
+        with self._lock:
+            moment_s = self._controller.next_moment_s()
+        if moment_s is None:
+            return IDLE_S
+        return min(IDLE_S, max(0.0, (moment_s - self.now_s()) / self._time_scale))
+
+
+class _Pace:
+    """Bytes on their way along a line of limited speed."""
+
+    def __init__(self, bytes_per_s: float) -> None:
+        self._bytes_per_s = bytes_per_s
+        self._waiting = bytearray()
+        self._since_s = 0.0
+
+    def __bool__(self) -> bool:
+        return bool(self._waiting)
+
+    def put(self, data: bytes, now_s: float) -> None:
+        """Bytes sent at a moment."""
+        if not self._waiting:
+            self._since_s = max(self._since_s, now_s)
+        self._waiting += data
+
+    def due(self, now_s: float) -> bytes:
+        """Bytes that have arrived by now."""
+        count = min(len(self._waiting), int((now_s - self._since_s) * self._bytes_per_s))
+        due = bytes(self._waiting[:count])
+        del self._waiting[:count]
+        self._since_s += count / self._bytes_per_s
+        return due

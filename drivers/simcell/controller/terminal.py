@@ -1,0 +1,68 @@
+"""The controller's end of the terminal: what typing does to the line being typed, and what is echoed. Bytes only."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+CANCEL_LINE, INTERRUPT = 0x15, 0x03
+RUBOUTS = (0x08, 0x7F)
+CARRIAGE_RETURN = 0x0D
+LONGEST_LINE = 80
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line was ended."""
+
+    text: str
+
+
+@dataclass(frozen=True)
+class Cancelled:
+    """The line was taken back."""
+
+
+@dataclass(frozen=True)
+class Interrupt:
+    """Control-C: whatever is running shall stop."""
+
+
+class Terminal:
+    """Line editing of the time: rubout, control-U, control-C. A line feed is ignored, so LF CR ends one line."""
+
+    def __init__(self) -> None:
+        self._typed = bytearray()
+        self._too_long = False
+
+    def take(self, byte: int) -> tuple[bytes, Line | Cancelled | Interrupt | None]:
+        """One byte typed: what to echo, and what it completes."""
+        if byte == CARRIAGE_RETURN:
+            text = "?" if self._too_long else self._typed.decode("ascii")
+            self.clear()
+            return b"\r\n", Line(text)
+        if byte == CANCEL_LINE:
+            self.clear()
+            return b"^U\r\n", Cancelled()
+        if byte == INTERRUPT:
+            self.clear()
+            return b"^C\r\n", Interrupt()
+        if byte in RUBOUTS:
+            return self._rub_out(), None
+        if not 0x20 <= byte <= 0x7E:
+            return b"", None
+        if len(self._typed) >= LONGEST_LINE:
+            self._too_long = True
+            return b"\x07", None
+        self._typed.append(byte)
+        return bytes([byte]), None
+
+    def clear(self) -> None:
+        """Forget what was typed."""
+        self._typed.clear()
+        self._too_long = False
+
+    def _rub_out(self) -> bytes:
+        if not self._typed:
+            return b""
+        self._typed.pop()
+        return b"\b \b"

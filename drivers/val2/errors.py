@@ -1,0 +1,38 @@
+"""What can go wrong between us and the controller, each saying what happened and what is known of the arm."""
+
+from __future__ import annotations
+
+from drivers.val2.wire import Where
+
+
+class LinkError(Exception):
+    """The robot did not do, or is not known to have done, what it was asked. where: the last WHERE since, if any."""
+
+    def __init__(self, message: str, where: Where | None = None) -> None:
+        super().__init__(message)
+        self.message = message
+        self.where = where
+
+
+class PortError(LinkError):
+    """The serial port is absent, busy or gone."""
+
+
+class NoAnswer(LinkError):  # noqa: N818 - it reads as what happened
+    """The controller did not answer in time."""
+
+
+class Garbled(LinkError):  # noqa: N818
+    """Noise on the line: what was typed or answered did not come through whole."""
+
+
+class ControllerError(LinkError):
+    """The controller refused, in its own words."""
+
+
+class Elsewhere(LinkError):  # noqa: N818
+    """The arm is at rest, but not where it was sent."""
+
+
+class Preempted(LinkError):  # noqa: N818
+    """An abort came in between: whatever was being done is no longer being done."""

@@ -1,0 +1,106 @@
+"""The wire as a ledger: every line sent, echoed and answered, each record carrying the hash of the one before.
+
+Records are plain dictionaries; where they are kept is not this file's business.
+
+    {"seq": 3, "t_s": 12.304, "way": "out", "what": "sent", "bytes": "WHERE", "prev": "ab..", "hash": "c0.."}
+
+way: out (to the controller) or in. what: sent, or the kind of event that was heard. bytes: one character a byte
+(latin-1), so that all bytes one way, in order, are the stream of that way.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Iterable
+from typing import Any
+
+from drivers.val2.wire import Event, Prompt, Question, Reader
+
+Record = dict[str, Any]
+BEGINNING = "0" * 64
+
+
+class LedgerError(Exception):
+    """The ledger is not what was written: the message names the record."""
+
+
+class Ledger:
+    """Chains records and hands each on."""
+
+    def __init__(self, on_record: Callable[[Record], None] | None = None) -> None:
+        self._on_record = on_record
+        self._seq, self._prev = 0, BEGINNING
+
+    def sent(self, data: bytes, t_s: float) -> None:
+        """Bytes that went to the controller."""
+        self._record(t_s, "out", "sent", data)
+
+    def heard(self, event: Event, t_s: float) -> None:
+        """An event, and the bytes it was read from."""
+        self._record(t_s, "in", type(event).__name__.lower(), event.raw)
+
+    def _record(self, t_s: float, way: str, what: str, data: bytes) -> None:
+        if self._on_record is None:
+            return
+        record: Record = {
+            "seq": self._seq,
+            "t_s": round(t_s, 6),
+            "way": way,
+            "what": what,
+            "bytes": data.decode("latin-1"),
+            "prev": self._prev,
+        }
+        record["hash"] = _hash(record)
+        self._seq, self._prev = self._seq + 1, record["hash"]
+        self._on_record(record)
+
+
+def verify(records: Iterable[Record]) -> int:
+    """Check the chain; how many records it has. Raises LedgerError at the first one that was altered, lost or moved."""
+    prev, count = BEGINNING, 0
+    for record in records:
+        if record.get("seq") != count:
+            raise LedgerError(f"record {count}: found number {record.get('seq')}; one is missing or out of order")
+        if record.get("prev") != prev:
+            raise LedgerError(f"record {count}: does not follow the record before it")
+        if record.get("hash") != _hash(record):
+            raise LedgerError(f"record {count}: was altered after it was written")
+        prev, count = str(record["hash"]), count + 1
+    return count
+
+
+def replay(records: Iterable[Record], echo: bool = True) -> list[tuple[Record, list[Event]]]:
+    """Read every incoming record's bytes again: each record and the events today's protocol makes of it.
+
+    echo: whether that controller echoed what was typed. One record, one event of the same kind, is a faithful replay.
+    """
+    reader, typing = Reader(), bytearray()
+    results = []
+    for record in records:
+        data = str(record["bytes"]).encode("latin-1")
+        if record["way"] == "out":
+            _follow_sending(reader, typing, data, echo)
+            continue
+        events = reader.receive(data)
+        if record["what"] in (Prompt.__name__.lower(), Question.__name__.lower()):
+            events += reader.silence()
+        results.append((record, events))
+    return results
+
+
+def _follow_sending(reader: Reader, typing: bytearray, data: bytes, echo: bool) -> None:
+    """Tell the reader what the link told it when these bytes were sent. typing: the characters of the present line."""
+    if all(0x20 <= byte <= 0x7E for byte in data):
+        typing += data
+        if echo:
+            reader.typed(bytes(typing))
+        return
+    typing.clear()
+    reader.line_ended(echoed=echo and not data.strip(b"\r\n"))
+
+
+def _hash(record: Record) -> str:
+    plain = {key: value for key, value in record.items() if key != "hash"}
+    text = json.dumps(plain, sort_keys=True, separators=(",", ":"), ensure_ascii=True)
+    return hashlib.sha256(text.encode("ascii")).hexdigest()

@@ -1,0 +1,79 @@
+"""The serial port on asyncio: the only place that touches pyserial. Bytes out, bytes in by callback; no protocol."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+from collections.abc import Callable
+
+import serial
+
+from drivers.val2.dialect import Dialect
+from drivers.val2.errors import PortError
+
+
+class SerialPort:
+    """An open port whose bytes are handed over as they come."""
+
+    def __init__(
+        self, path: str, dialect: Dialect, on_bytes: Callable[[bytes], None], on_lost: Callable[[PortError], None]
+    ) -> None:
+        """Open and claim the port. Raises PortError. Needs a running event loop, which calls both callbacks."""
+        self._path, self._on_bytes, self._on_lost = path, on_bytes, on_lost
+        try:
+            self._serial = serial.Serial(
+                path,
+                baudrate=dialect.baud,
+                xonxoff=dialect.software_flow_control,
+                rtscts=dialect.hardware_flow_control,
+                timeout=0,
+                exclusive=True,
+            )
+        except (serial.SerialException, OSError, ValueError) as error:
+            raise PortError(f"{path}: {_plain_reason(error)}") from error
+        self._loop = asyncio.get_running_loop()
+        self._loop.add_reader(self._serial.fileno(), self._readable)
+
+    def write(self, data: bytes) -> None:
+        """Send all of data. Raises PortError."""
+        if not self._serial.is_open:
+            raise PortError(f"{self._path}: the port is closed")
+        try:
+            # Not pyserial's write: with no time to wait it spins for ever on a line that is held.
+            written = os.write(self._serial.fileno(), data)
+        except BlockingIOError:
+            written = 0
+        except (serial.SerialException, OSError) as error:
+            raise PortError(f"{self._path}: {_plain_reason(error)}") from error
+        if written != len(data):
+            raise PortError(f"{self._path}: the line takes no more bytes ({written} of {len(data)} went out)")
+
+    def close(self) -> None:
+        """Let go of the port; safe to call twice."""
+        if self._serial.is_open:
+            self._loop.remove_reader(self._serial.fileno())
+            self._serial.close()
+
+    def _readable(self) -> None:
+        try:
+            data = self._serial.read(4096)
+        except (serial.SerialException, OSError) as error:
+            self.close()
+            self._on_lost(PortError(f"{self._path}: {_plain_reason(error)}"))
+            return
+        if data:
+            self._on_bytes(data)
+
+
+def _plain_reason(error: Exception) -> str:
+    """What happened and what to do, without the library's wrapping."""
+    text = str(error)
+    if "exclusively lock" in text or "Device or resource busy" in text:
+        return "in use by another program; stop that program or name another port"
+    if "No such file" in text:
+        return "no such port; is the adapter plugged in and the path right?"
+    if "Permission denied" in text:
+        return "permission denied; is this user in the group dialout?"
+    if "returned no data" in text or "Input/output error" in text:
+        return "the port is gone (unplugged, or its other end was closed)"
+    return text

@@ -1,0 +1,273 @@
+"""VAL II's side of the conversation: bytes, cut anywhere, become events. No I/O, no clock, nothing is sent from here.
+
+A dot is a prompt only at the start of a line *and* followed by silence, a question mark a question only at the end of
+one and followed by silence. Silence is not in the bytes: whoever owns the clock calls `silence()` when it has lasted.
+
+    state    what comes                     what happens
+    LINE     bytes, CR or LF                lines -> Text, Error, Table (four lines of WHERE)
+    LINE     silence                        a lone dot -> Prompt; a line that ends in ? -> Question
+    ECHO     the bytes that were typed      all of them -> Echo, state TYPED; another byte -> Garble, state LINE
+    TYPED    any byte                       Garble (a doubled last character), state LINE
+    ENDED    CR or LF                       state LINE; another byte -> Garble, state LINE
+    any      `typed()`, `line_ended()`      state ECHO, state ENDED (with an echo) or LINE (without)
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from enum import Enum, auto
+
+from drivers.val2.location import Location
+
+LONGEST_LINE = 256
+PADDING = frozenset(b"\x00\x07\x7f")
+LINE_ENDS = frozenset(b"\r\n")
+LOCATION_HEADER = ["X", "Y", "Z", "O", "A", "T"]
+JOINT_HEADER = ["JT1", "JT2", "JT3", "JT4", "JT5", "JT6"]
+NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)")
+STOPPED = re.compile(r"program\s+(hold|stop)", re.IGNORECASE)
+
+
+@dataclass(frozen=True)
+class Where:
+    """What WHERE said: the tool's location and the six joint angles, degrees."""
+
+    location: Location
+    joints_deg: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something the controller said; raw: the very bytes, so that all raws in a row are the stream."""
+
+    raw: bytes
+
+
+@dataclass(frozen=True)
+class Echo(Event):
+    """The typed characters came back unharmed."""
+
+    text: str
+
+
+@dataclass(frozen=True)
+class Garble(Event):
+    """What came back is not what was typed."""
+
+    expected: str
+    got: str
+
+
+@dataclass(frozen=True)
+class Text(Event):
+    """A line that is none of the others."""
+
+    text: str
+
+
+@dataclass(frozen=True)
+class Error(Event):
+    """A message between asterisks, or a program stopped by the system: a failure, known words or not."""
+
+    text: str
+
+
+@dataclass(frozen=True)
+class Table(Event):
+    """A whole answer to WHERE."""
+
+    where: Where
+
+
+@dataclass(frozen=True)
+class Question(Event):
+    """The controller waits for an answer to this."""
+
+    text: str
+
+
+@dataclass(frozen=True)
+class Prompt(Event):
+    """The controller waits for a command."""
+
+
+class State(Enum):
+    """What the next byte is taken for."""
+
+    LINE = auto()
+    ECHO = auto()
+    TYPED = auto()
+    ENDED = auto()
+
+
+class Reader:
+    """Turns what a controller sends into events."""
+
+    def __init__(self) -> None:
+        self._state = State.LINE
+        self._raw = bytearray()
+        self._line = bytearray()
+        self._fresh = True
+        self._asked: bytes | None = None
+        self._expected = b""
+        self._matched = 0
+        self._table: list[tuple[bytes, str]] = []
+
+    @property
+    def state(self) -> State:
+        """What the next byte is taken for."""
+        return self._state
+
+    @property
+    def awaits_silence(self) -> bool:
+        """Whether silence now would mean something."""
+        return self._state is State.LINE and (self._dot_waits or self._question_waits or self._asked is not None)
+
+    @property
+    def _dot_waits(self) -> bool:
+        return self._fresh and self._line.rstrip(b" ") == b"."
+
+    @property
+    def _question_waits(self) -> bool:
+        return self._line.rstrip(b" ").endswith(b"?")
+
+    def typed(self, text: bytes) -> None:
+        """These bytes were just sent and will be echoed."""
+        self._state, self._expected, self._matched = State.ECHO, text, 0
+
+    def line_ended(self, echoed: bool = True) -> None:
+        """The line end was just sent."""
+        self._state = State.ENDED if echoed else State.LINE
+        self._fresh = not echoed
+
+    def receive(self, data: bytes) -> list[Event]:
+        """Take bytes, give the events they complete."""
+        events: list[Event] = []
+        for byte in data:
+            self._raw.append(byte)
+            if byte not in PADDING:
+                self._take(byte, events)
+        return events
+
+    def silence(self) -> list[Event]:
+        """Nothing came for long enough: a waiting dot is a prompt, a waiting question mark a question."""
+        events: list[Event] = []
+        if not self.awaits_silence:
+            return events
+        self._give_up_table(events)
+        if self._dot_waits:
+            events.append(Prompt(self._cut()))
+            self._fresh = False
+        elif self._question_waits:
+            text = _text(self._line)
+            events.append(Question(self._cut(), text))
+            self._fresh = False
+        elif self._asked is not None:
+            events.append(Question(self._cut(), _text(self._asked)))
+        self._asked = None
+        return events
+
+    def _take(self, byte: int, events: list[Event]) -> None:
+        if self._state is State.LINE:
+            self._take_line(byte, events)
+        elif self._state is State.ECHO:
+            self._take_echo(byte, events)
+        elif self._state is State.ENDED and byte in LINE_ENDS:
+            self._state, self._fresh = State.LINE, True
+        else:
+            self._garbled(byte, events)
+
+    def _take_echo(self, byte: int, events: list[Event]) -> None:
+        if byte != self._expected[self._matched]:
+            self._garbled(byte, events)
+            return
+        self._matched += 1
+        if self._matched == len(self._expected):
+            events.append(Echo(self._cut(), _text(self._expected)))
+            self._state = State.TYPED
+
+    def _garbled(self, byte: int, events: list[Event]) -> None:
+        got = self._expected[: self._matched] + bytes([byte])
+        events.append(Garble(self._cut(), _text(self._expected), _text(got)))
+        self._state, self._fresh = State.LINE, byte in LINE_ENDS
+
+    def _take_line(self, byte: int, events: list[Event]) -> None:
+        if byte in LINE_ENDS:
+            self._end_line(events)
+            return
+        if self._asked is not None and byte != ord(" "):
+            events.append(Text(self._cut(1), _text(self._asked)))
+            self._asked = None
+        self._line.append(byte)
+        if len(self._line) >= LONGEST_LINE:
+            self._give_up_table(events)
+            text = _text(self._line)
+            events.append(_plain(self._cut(), text))
+            self._fresh = False
+
+    def _end_line(self, events: list[Event]) -> None:
+        line, self._line, self._fresh = bytes(self._line), bytearray(), True
+        if not line.strip():
+            return
+        text = _text(line)
+        if self._continue_table(text, events):
+            return
+        if text.endswith("?"):
+            self._asked = line
+            return
+        events.append(_plain(self._cut(), text))
+
+    def _continue_table(self, text: str, events: list[Event]) -> bool:
+        """Whether the line belongs to an answer to WHERE."""
+        row = len(self._table)
+        words = text.upper().split()
+        fits = (
+            words == LOCATION_HEADER,
+            _numbers(text) is not None,
+            words == JOINT_HEADER,
+            _numbers(text) is not None,
+        )[row]
+        if not fits:
+            self._give_up_table(events)
+            if words != LOCATION_HEADER:
+                return False
+        self._table.append((self._cut(), text))
+        if len(self._table) == 4:
+            location, joints = _numbers(self._table[1][1]), _numbers(self._table[3][1])
+            assert location is not None
+            assert joints is not None
+            raw = b"".join(raw for raw, _ in self._table)
+            self._table.clear()
+            events.append(Table(raw, Where(Location(*location), joints)))
+        return True
+
+    def _give_up_table(self, events: list[Event]) -> None:
+        """Lines that looked like a WHERE answer and were not are text after all."""
+        events.extend(_plain(raw, text) for raw, text in self._table)
+        self._table.clear()
+
+    def _cut(self, keep: int = 0) -> bytes:
+        """The bytes since the last event, but for the newest `keep`."""
+        split = len(self._raw) - keep
+        cut = bytes(self._raw[:split])
+        del self._raw[:split]
+        if not keep:
+            self._line.clear()
+        return cut
+
+
+def _plain(raw: bytes, text: str) -> Event:
+    return Error(raw, text) if "*" in text or STOPPED.search(text) else Text(raw, text)
+
+
+def _text(line: bytes | bytearray) -> str:
+    return line.decode("latin-1").strip()
+
+
+def _numbers(text: str) -> tuple[float, ...] | None:
+    """Six numbers, or None."""
+    words = text.split()
+    if len(words) != 6 or not all(NUMBER.fullmatch(word) for word in words):
+        return None
+    return tuple(float(word) for word in words)
