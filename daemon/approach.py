@@ -1,4 +1,4 @@
-"""Where to stop, when to look again, when to trust the estimate. Pure: poses and covariances in, poses and verdicts out.
+"""Where to stop, when to look again, when to trust the estimate. Pure: poses and covariances in, verdicts out.
 
 What errs the same way in every look (hand-eye, the cameras' calibration) is kept apart from what errs anew in each
 (pixels, the arm's repeatability): the first does not shrink by looking more often, and two looks may still be compared
@@ -239,7 +239,8 @@ def separating_view(
 ) -> int | None:
     """Index of the eye position (3,), world, from which the candidates (shape, world_from_part) look most unlike.
 
-    Unlike is counted in facets: for each number of sides, how many would be seen. None where no eye tells any two apart.
+    Unlike is counted in facets: for each number of sides, how many would be seen. None where no eye tells
+    any two apart.
     """
     best, best_score = None, 0.0
     for k, eye in enumerate(eyes):

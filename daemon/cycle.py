@@ -1,69 +1,354 @@
-"""The pick cycle: one state machine, printed as one table. What moves the arm is decided here and nowhere else.
+"""The pick cycle: one state machine, printed as one table. When the arm moves, waits or stops is decided here.
 
 The console and the service talk to one `Cycle` object (all calls from the one event loop):
 
-    cycle = Cycle(cell: Workcell, settings: Settings, model: Model | None)
+    cycle = Cycle(cell, settings, sight)    a Workcell, daemon.plan.Settings, a daemon.looking.Sight or None
     cycle.state                     a state of TABLE below
-    cycle.status() -> dict          state, fault, enabled, paused, stepping, pending, dry, cycle, target, stop, picked,
-                                    failed, predicted_mm, predicted_deg, holding, last (all JSON values)
-    cycle.use(model)                the model for the next look on (None: picking is refused, looking is not)
+    cycle.status() -> dict          JSON values, see `status`
+    cycle.use(sight)                the recogniser and model from the next pick on (None: picking is refused)
     cycle.enable()                  the arm may move from now on
     await cycle.disable()           it may not; stops the arm first when it moves
-    await cycle.pick(label=None)    one part, nearest first or the one named -> CycleEnd; raises Refused when it may not start
-    await cycle.auto(count=None, wait_s=None)   pick until the table is empty, count is reached or auto_off() -> list[CycleEnd];
-                                    wait_s: an empty table is looked at again at that interval instead of ending
+    await cycle.pick(label=None) -> CycleEnd    one part; RefusedError when it may not start
+    await cycle.auto(count=None, wait_s=None) -> list[CycleEnd]
+                                    pick until the table is empty, count is reached or auto_off(); wait_s: an empty
+                                    table is looked at again at that interval instead of ending
     cycle.auto_off()                ends after the part in hand is placed
-    await cycle.look(purpose)       one settled look from where the arm stands -> Look(scene, pictures, world_from_cyclopean,
-                                    reading, settled_s, seconds); nothing moves; also without enable
-    await cycle.go(place)           to a named place of the settings: home, survey, ... (a guarded joint move)
+    await cycle.look(purpose) -> Look   one settled look from where the arm stands; nothing moves; also without enable
+    await cycle.where() -> Reading  ask the controller
+    await cycle.go(place)           home, bin, survey, survey2, ...: a guarded move
+    await cycle.move_to(world_from_tool, purpose)   a guarded move to any pose (calibration, teaching)
     await cycle.hand(closed)        the gripper
     await cycle.stop(why)           the arm first, then the report; leaves the fault `stopped` standing
     await cycle.fail(code, text)    the same for a watchdog or a lost device
-    await cycle.abort()             the arm first; the part is given up, no fault is left
-    cycle.pause() / cycle.resume()  before the next move / go on. resume also clears a fault (then nothing goes on by itself)
+    await cycle.abort()             the arm first; the pick is given up, no fault is left
+    cycle.pause() / cycle.resume()  before the next move / go on. resume clears a fault, too (nothing goes on alone)
     cycle.step(on)                  each move waits: status()["pending"] tells it in words until confirm() or refuse()
     cycle.confirm() / cycle.refuse()
-    cycle.dry(on)                   everything but the bytes: moves are guarded, logged as dry and not sent
-    cycle.holding(answer)           the operator's word for what is in the gripper after a restart
+    cycle.dry(on)                   everything but the bytes: moves are guarded, logged as not sent, and not sent
+    cycle.recover(state, closed)    at start, after a crash in mid-cycle: a fault stands, and holding() must be answered
+    cycle.holding(answer)           the operator's word for whether a part is in the gripper
     await cycle.close()             the arm first, then every task of the cycle
 
-pick, auto, look, go and hand run one at a time; a second one raises Refused("busy: ..."). stop, fail, abort and pause are
-heard at any moment.
+pick, auto, look, go, move_to and hand run one at a time; a second one raises RefusedError("busy: ..."). stop, fail,
+abort and pause are heard at any moment. A pick goes on when the one who asked for it goes away.
 """
 
 from __future__ import annotations
 
+import asyncio
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
 from typing import NamedTuple
+
+from daemon import approach
+from daemon.guard import Command
+from daemon.looking import Look, Sight, take_look
+from daemon.picking import Bench, Pick, Skipped, log_look
+from daemon.plan import Settings
+from daemon.reins import OperatorRefusedError, RefusedError, Reins
+from daemon.workcell import Array, Reading, Workcell
+
+__all__ = ["TABLE", "Cycle", "CycleEnd", "RefusedError", "printed_table"]
 
 
 class Row(NamedTuple):
-    """In this state this event leads there."""
+    """In this state this event leads there. `*`: any state of a pick; `back`: the state it came from."""
 
     state: str
     event: str
     then: str
+    meaning: str
 
 
 TABLE: tuple[Row, ...] = (
-    Row("idle", "begin", "survey"),
-    Row("survey", "seen", "choose"),
-    Row("survey", "nothing", "home"),
-    Row("choose", "chosen", "stop_n"),
-    Row("choose", "ambiguous", "second_view"),
-    Row("choose", "none_left", "home"),
-    Row("second_view", "seen", "choose"),
-    Row("stop_n", "there", "looking"),
-    Row("stop_n", "unreachable", "choose"),
-    Row("looking", "looked", "estimating"),
-    Row("looking", "lost", "choose"),
-    Row("estimating", "unsure", "stop_n"),
-    Row("estimating", "sure", "final"),
-    Row("estimating", "gave_up", "choose"),
-    Row("final", "there", "closing"),
-    Row("closing", "closed", "retreat"),
-    Row("retreat", "there", "verify"),
-    Row("verify", "gone", "place"),
-    Row("verify", "missed", "choose"),
-    Row("place", "placed", "home"),
-    Row("home", "there", "idle"),
+    Row("idle", "begin", "survey", "an operator or auto asks for a part"),
+    Row("idle", "full_hand", "place", "a part is in the hand: first put it down"),
+    Row("survey", "seen", "choose", "something on the table was not skipped before"),
+    Row("survey", "nothing", "home", "no view shows anything to pick"),
+    Row("choose", "chosen", "stop_n", "named, a grasp holds it, the whole approach is reached"),
+    Row("choose", "ambiguous", "second_view", "more than one taught part fits"),
+    Row("choose", "stale", "survey", "the look is too old to move on"),
+    Row("choose", "none_left", "home", "what is left is skipped, each with its reason"),
+    Row("second_view", "seen", "choose", "looked at from where the candidates differ"),
+    Row("stop_n", "there", "looking", "at the next stand-off, at rest"),
+    Row("stop_n", "unreachable", "choose", "the guard refused the move: skip"),
+    Row("looking", "looked", "estimating", "found where it was expected"),
+    Row("looking", "lost", "choose", "not found where it was expected: skip"),
+    Row("estimating", "unsure", "stop_n", "the predicted error at the grasp is too large"),
+    Row("estimating", "sure", "final", "the predicted error allows the blind stretch"),
+    Row("estimating", "gave_up", "choose", "still unsure after the most looks: skip"),
+    Row("final", "there", "closing", "the hand is around the part"),
+    Row("final", "dry", "home", "nothing was sent: there is nothing to close on"),
+    Row("final", "unreachable", "choose", "the guard refused the move: skip"),
+    Row("closing", "closed", "retreat", "the hand has closed"),
+    Row("retreat", "there", "verify", "lifted and backed off"),
+    Row("verify", "gone", "place", "the part no longer lies there"),
+    Row("verify", "missed", "survey", "it still lies there: open, try again or skip"),
+    Row("place", "placed", "home", "let go over the bin"),
+    Row("home", "there", "idle", "the pick has ended"),
+    Row("*", "pause", "paused", "an operator holds it before its next move"),
+    Row("paused", "resume", "back", "and lets it go on"),
+    Row("*", "abort", "idle", "the arm is stopped, the part is given up"),
+    Row("*", "error", "fault", "the arm is stopped first, then the error is reported"),
+    Row("*", "stop", "fault", "the arm is stopped first, then it is reported"),
+    Row("fault", "resume", "idle", "an operator says that it may move again"),
 )
+NEXT = {(row.state, row.event): row.then for row in TABLE}
+HANDLERS: dict[str, Callable[[Pick], Awaitable[str]]] = {
+    "survey": Pick.survey,
+    "choose": Pick.choose,
+    "second_view": Pick.second_view,
+    "stop_n": Pick.stop_n,
+    "looking": Pick.looking,
+    "estimating": Pick.estimating,
+    "final": Pick.final,
+    "closing": Pick.closing,
+    "retreat": Pick.retreat,
+    "verify": Pick.verify,
+    "place": Pick.place,
+    "home": Pick.home,
+}
+HAND_IN_DOUBT = ("closing", "retreat", "verify", "place")
+
+
+def printed_table() -> str:
+    """The table for people."""
+    widths = [max(len(row[i]) for row in TABLE) for i in range(3)]
+    return "\n".join("  ".join(c.ljust(w) for c, w in zip(row, widths, strict=False)) + "  " + row[3] for row in TABLE)
+
+
+@dataclass(frozen=True, eq=False)
+class CycleEnd:
+    """How a pick ended. outcome: picked, missed, empty, lost, ambiguous, unknown, unreachable, unsure, dry, placed,
+    aborted, fault; skipped: parts left alone in this pick; grasp: world_from_tool at the grasp."""
+
+    cycle: int
+    outcome: str
+    label: str | None
+    why: str
+    stops: int
+    seconds: float
+    predicted_mm: float | None
+    predicted_deg: float | None
+    grasp: Array | None
+    skipped: tuple[Skipped, ...]
+
+
+class Cycle(Reins):
+    """The one who moves the arm. See the module for its interface; stop, pause and the like are in Reins."""
+
+    def __init__(self, cell: Workcell, settings: Settings, sight: Sight | None = None) -> None:
+        super().__init__(cell, settings.limits, settings.arrival)
+        self.settings, self.sight = settings, sight
+        self.state = self._before_pause = "idle"
+        self.ends: list[CycleEnd] = []
+        self.skipped: list[Skipped] = []
+        self.hand_full: bool | None = False
+        self._pick: Pick | None = None
+        self._cycles = 0
+        self._auto = False
+
+    def status(self) -> dict[str, object]:
+        """How things stand, JSON values only."""
+        target = None if self._pick is None else self._pick.target
+        estimate = None if target is None else target.estimate
+        return {
+            "state": self.state,
+            **self.reins(),
+            "auto": self._auto,
+            "cycle": self._cycles,
+            "target": None if target is None else target.label,
+            "stop": None if target is None else target.looks,
+            "predicted_mm": None if estimate is None else round(estimate.predicted_mm, 3),
+            "predicted_deg": None if estimate is None else round(estimate.predicted_deg, 3),
+            "holding": self.hand_full,
+            "picked": sum(end.outcome == "picked" for end in self.ends),
+            "failed": sum(end.outcome in ("missed", "lost", "fault") for end in self.ends),
+            "skipped": [{"label": s.label, "at": s.centre.round(1).tolist(), "why": s.why} for s in self.skipped],
+            "last": None if not self.ends else f"{self.ends[-1].outcome}: {self.ends[-1].why}",
+        }
+
+    def use(self, sight: Sight | None) -> None:
+        """Take another recogniser or model into use, from the next pick on."""
+        self.sight = sight
+
+    async def pick(self, label: str | None = None) -> CycleEnd:
+        """Pick one part."""
+        self._may_pick()
+        self.skipped = []
+        return await self.alone("pick", self._one(label, stay=False))
+
+    async def auto(self, count: int | None = None, wait_s: float | None = None) -> list[CycleEnd]:
+        """Pick one part after the other; see the module."""
+        self._may_pick()
+        self.skipped = []
+        self._auto = True
+        return await self.alone("auto", self._many(count, wait_s))
+
+    def auto_off(self) -> None:
+        """End auto after the part in hand."""
+        self._auto = False
+
+    async def look(self, purpose: str = "look") -> Look:
+        """One settled look from where the arm stands."""
+        return await self.alone("look", self._look(purpose), moves=False)
+
+    async def where(self) -> Reading:
+        """Ask the controller where the arm is."""
+        return await self.alone("where", self.mover.where(), moves=False)
+
+    async def go(self, place: str) -> None:
+        """Move to a named place."""
+        poses = self.places()
+        if place not in poses:
+            raise RefusedError(f"no place {place!r}; there are {', '.join(poses)}")
+        await self.move_to(poses[place], place)
+
+    async def move_to(self, world_from_tool: Array, purpose: str) -> None:
+        """Move to any pose, in bounded, guarded steps."""
+        await self.alone(purpose, self._travel(world_from_tool, purpose))
+
+    async def hand(self, closed: bool) -> None:
+        """Open or close the gripper."""
+        await self.alone("close the hand" if closed else "open the hand", self.mover.hand(closed))
+        self.hand_full = None if closed else False
+
+    def places(self) -> dict[str, Array]:
+        """Named places -> world_from_tool."""
+        views = enumerate(self.settings.surveys, start=1)
+        tool_from_cyclopean = self.cell.tool_from_cyclopean
+        surveys = {"survey" + (str(n) if n > 1 else ""): view.pose(tool_from_cyclopean) for n, view in views}
+        return {"home": self.settings.home.pose(), "bin": self.settings.bin.pose(), **surveys}
+
+    def recover(self, state: str, closed: bool | None) -> None:
+        """After a crash in mid-cycle: nothing moves until resume; a hand that may be full is asked about."""
+        self.mover.fault = f"restarted: the daemon ended in {state}"
+        self.hand_full = None if closed is not False else False
+        self.state = "fault"
+
+    def holding(self, answer: bool) -> None:
+        """What the operator sees in the gripper."""
+        self.hand_full = answer
+
+    # Inside.
+
+    def _may_pick(self) -> None:
+        self.may_move()
+        if self.hand_full is None:
+            raise RefusedError("it is not known whether a part is in the gripper: say `holding yes` or `holding no`")
+        if self.sight is None or not self.sight.labels:
+            raise RefusedError("there is no model: teach and train first")
+
+    def entered(self, event: str) -> None:
+        """The state changes by the table, and the log says so."""
+        then = NEXT.get((self.state, event)) or NEXT[("*", event)]
+        then = self._before_pause if then == "back" else then
+        if event == "pause":
+            self._before_pause = self.state
+        elif event in ("stop", "error", "abort") and {self.state, self._before_pause} & set(HAND_IN_DOUBT):
+            self.hand_full = None
+        if (self.state, then) != ("idle", "idle"):
+            self.cell.log.record("state", cycle=self._cycles, event=event, to=then, **{"from": self.state})
+        self.state = then
+        if event != "pause":
+            self._before_pause = then
+
+    async def _look(self, purpose: str) -> Look:
+        if self.sight is None:
+            raise RefusedError("there is no recogniser to look with")
+        reading = await self.mover.where()
+        look = await take_look(self.cell, self.sight, reading, self.cell.clock(), self.settings.settling)
+        log_look(self.cell, self.sight, look, cycle=0, stop=0, purpose=purpose)
+        return look
+
+    async def _travel(self, target: Array, purpose: str) -> None:
+        limits = self.settings.limits
+        at = (await self.mover.where()).world_from_tool
+        for pose in approach.steps(at, target, limits.max_step_mm, limits.max_turn_deg):
+            speed = min(self.settings.travel_pct, limits.max_speed_pct)
+            await self.mover.go(Command(pose, straight=False, speed_pct=speed, purpose=purpose))
+
+    async def _many(self, count: int | None, wait_s: float | None) -> list[CycleEnd]:
+        ends: list[CycleEnd] = []
+        try:
+            while self._auto and (count is None or len(ends) < count):
+                more = count is None or len(ends) + 1 < count
+                ends.append(await self._one(None, stay=more))
+                if ends[-1].outcome in ("aborted", "fault", "dry"):
+                    break
+                if ends[-1].outcome not in ("picked", "placed"):
+                    if wait_s is None:
+                        break
+                    await asyncio.sleep(wait_s)
+                    self.skipped = []
+        except asyncio.CancelledError:
+            pass  # stopped while it waited for parts: the arm stands, and what was picked is told
+        finally:
+            self._auto = False
+        return ends
+
+    async def _one(self, label: str | None, stay: bool) -> CycleEnd:
+        """Run the machine from idle back to idle, or to fault."""
+        assert self.sight is not None
+        self._cycles += 1
+        self.mover.cycle = self._cycles
+        before, started_s = len(self.skipped), self.cell.clock()
+        self.cell.log.record("cycle_start", cycle=self._cycles, target=label)
+        bench = Bench(self.cell, self.mover, self.sight, self.settings)
+        pick = self._pick = Pick(bench, self._cycles, label, self.skipped, stay)
+        try:
+            await self._through(pick)
+        except asyncio.CancelledError:
+            pick.outcome, pick.why = ("fault" if self.mover.fault else "aborted"), self.mover.fault or "aborted"
+        except OperatorRefusedError as error:
+            await self.stop_arm("abort", str(error), None)
+            pick.outcome, pick.why = "aborted", str(error)
+        except Exception as error:
+            pick.outcome, pick.why = "fault", f"{type(error).__name__}: {error}"
+            await self.stop_arm("error", pick.why, pick.why)
+        end = self._ended(pick, before, started_s)
+        self._pick = None
+        return end
+
+    async def _through(self, pick: Pick) -> None:
+        await self.mover.where()
+        if self.hand_full:
+            pick.outcome, pick.why = "placed", "put down what was in the hand"
+        self.entered("full_hand" if self.hand_full else "begin")
+        while self.state != "idle":
+            state = self.state
+            event = await HANDLERS[state](pick)
+            if (state, event) == ("verify", "gone"):
+                self.hand_full = True
+            elif event in ("placed", "missed"):
+                self.hand_full = False
+            self.entered(event)
+
+    def _ended(self, pick: Pick, before: int, started_s: float) -> CycleEnd:
+        target = pick.target or pick.last
+        estimate = None if target is None else target.estimate
+        end = CycleEnd(
+            cycle=self._cycles,
+            outcome=pick.outcome,
+            label=None if target is None else target.label,
+            why=pick.why,
+            stops=0 if target is None else target.looks,
+            seconds=self.cell.clock() - started_s,
+            predicted_mm=None if estimate is None else estimate.predicted_mm,
+            predicted_deg=None if estimate is None else estimate.predicted_deg,
+            grasp=None if target is None else target.plan.grasp.world_from_tool,
+            skipped=tuple(self.skipped[before:]),
+        )
+        self.ends.append(end)
+        self.cell.log.record(
+            "cycle_end",
+            cycle=end.cycle,
+            outcome=end.outcome,
+            label=end.label,
+            stops=end.stops,
+            why=end.why,
+            grasp=end.grasp,
+            predicted={"mm": end.predicted_mm, "deg": end.predicted_deg},
+            skipped=[{"label": s.label, "at": s.centre, "why": s.why} for s in end.skipped],
+        )
+        return end

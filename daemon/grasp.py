@@ -1,6 +1,6 @@
 """How to take hold of a part: antipodal grasps from its corners, its pose and the table. Pure.
 
-A grasp is where the tool must be, world frame; whether the arm gets there and what the cameras see is daemon/approach.py.
+A grasp is where the tool must be, world frame; whether the arm gets there and what the cameras see is approach.py's.
 The solid is the convex hull of the taught corners: what a gripper with two flat fingers feels of it.
 """
 
@@ -39,7 +39,7 @@ class Gripper:
 @dataclass(frozen=True, eq=False)
 class Grasp:
     """world_from_tool (4, 4) with the hand around the part; width_mm between the contacts; slip_deg: the larger angle
-    of a contact's normal from the closing direction; tilt_deg from straight down; blocked: a neighbour is in the way."""
+    of a contact's normal from the closing direction; tilt_deg from straight down; blocked: a neighbour is near."""
 
     world_from_tool: Array
     width_mm: float
@@ -116,9 +116,9 @@ class Contact:
 def contacts(normals: Array, offsets: Array, gripper: Gripper) -> Contact | None:
     """Close the fingers on a convex solid given by its planes in the tool frame; None where they meet nothing.
 
-    Lines along tool y are laid over the pad; each meets the solid between an entry and an exit face. The pad rests where
-    the solid reaches farthest. There it meets a face (whose normal counts) or, inside the pad, an edge or corner of the
-    solid, which a flat pad meets squarely.
+    Lines along tool y are laid over the pad; each meets the solid between an entry and an exit face. The pad rests
+    where the solid reaches farthest. There it meets a face (whose normal counts) or, inside the pad, an edge or
+    corner of the solid, which a flat pad meets squarely.
     """
     half = gripper.finger_width_mm / 2
     x, z = np.meshgrid(np.linspace(-half, half, 7), np.linspace(-gripper.pad_back_mm, gripper.tip_mm, 11))
@@ -161,8 +161,8 @@ def grasps(
 ) -> list[Grasp]:
     """All grasps that hold, firmest first (unblocked before blocked).
 
-    corners_mm (N, 3) in the part frame; neighbours: (M, 3) world corners of other parts on the table. Grasps through the
-    table, wider than the opening or needing more friction than the pads have are left out.
+    corners_mm (N, 3) in the part frame; neighbours: (M, 3) world corners of other parts on the table. Grasps
+    through the table, wider than the opening or needing more friction than the pads have are left out.
     """
     world = frames.apply(world_from_part, corners_mm)
     normals, offsets = hull_planes(world)
@@ -181,7 +181,7 @@ def grasps(
 def _placed(
     rotation: Array, tilt_deg: float, world: Array, normals: Array, offsets: Array, table_z_mm: float, gripper: Gripper
 ) -> Grasp | None:
-    """The grasp with this orientation: at the solid's centre, as low as the tips allow, centred between the contacts."""
+    """The grasp with this orientation: at the solid's centre or as low as the tips allow, centred."""
     low, high = world.min(axis=0), world.max(axis=0)
     tips = np.array([[sx * gripper.finger_width_mm / 2, 0.0, gripper.tip_mm] for sx in (-1, 1)])
     least_z = table_z_mm + gripper.tip_clearance_mm - float((tips @ rotation.T)[:, 2].min())

@@ -37,26 +37,27 @@ class Arrival:
     timeout_s: float = 60.0
 
 
-Gate = Callable[[Command], Awaitable[bool]]
+Gate = Callable[[Command], Awaitable[None]]
 
 
-async def _open_gate(_: Command) -> bool:
-    return True
+async def _open_gate(_: Command) -> None:
+    return None
 
 
 class Mover:
-    """Sends guarded moves. enabled, fault and at are how things stand; gate may hold a move back (pause, step) or
-    keep its bytes from leaving (dry: it answers False)."""
+    """Sends guarded moves. enabled, fault and at are how things stand; gate may hold a move back (pause, step); dry: all
+    but the bytes; closed is the last word the hand was given, None when nobody knows."""
 
     def __init__(self, cell: Workcell, limits: Limits, arrival: Arrival, gate: Gate = _open_gate) -> None:
         self.cell = cell
         self.limits = limits
         self.arrival = arrival
         self.gate = gate
-        self.enabled = False
+        self.enabled = self.dry = False
         self.fault: str | None = None
         self.at: Reading | None = None
         self.cycle = 0
+        self.closed: bool | None = None
 
     def standing(self) -> Standing:
         """How things stand now."""
@@ -79,11 +80,11 @@ class Mover:
     async def go(self, command: Command) -> Reading:
         """One move, to rest. Raises MoveRefusedError before, NotThereError after, or what the robot raises."""
         self.check(command)
-        send = await self.gate(command)
+        await self.gate(command)
         self.check(command)
         assert self.at is not None
-        self._log_move(command, sent=send)
-        if not send:
+        self._log_move(command)
+        if self.dry:
             return self.at
         started_s = self.cell.clock()
         self.at = None
@@ -104,10 +105,14 @@ class Mover:
             refusal = Refusal(name, f"the hand stays as it is: {self.fault or 'the arm is not enabled'}")
             self.cell.log.record("refusal", cycle=self.cycle, rule=refusal.rule, text=refusal.text)
             raise MoveRefusedError(refusal)
-        self.cell.log.record("hand", cycle=self.cycle, closed=closed)
+        self.cell.log.record("hand", cycle=self.cycle, closed=closed, sent=not self.dry)
+        if self.dry:
+            return
+        self.closed = None
         await self.cell.robot.hand(closed)
+        self.closed = closed
 
-    def _log_move(self, command: Command, sent: bool) -> None:
+    def _log_move(self, command: Command) -> None:
         self.cell.log.record(
             "move",
             cycle=self.cycle,
@@ -115,7 +120,7 @@ class Mover:
             target=command.world_from_tool,
             speed_pct=command.speed_pct,
             purpose=command.purpose,
-            sent=sent,
+            sent=not self.dry,
         )
 
     def _arrived(self, command: Command, reading: Reading, seconds: float) -> None:

@@ -1,6 +1,6 @@
-"""A known part followed from look to look. Pure: facets, a shape and where the part was thought to be in, a pose out.
+"""A known part followed from look to look. Pure: facets, a shape and a pose thought to be near in, a pose out.
 
-Recognition names a part from nothing; here its name is known and its pose nearly, so that the corners are matched to the
+Recognition names a part from nothing; here its name is known and its pose nearly, so that corners are matched to the
 shape's nearest and the pose cannot jump to another of a symmetric part's equal poses. Naming is not done here.
 """
 

@@ -81,7 +81,7 @@ class Eyes(Protocol):
 class Log(Protocol):
     """The run log as the cycle sees it."""
 
-    def record(self, kind: str, **fields: object) -> None:
+    def record(self, kind: str, /, **fields: object) -> None:
         """Write one record; never blocks on a disk.
 
         Fields are JSON values, numpy arrays (written as nested lists), or, under the name `images`, a dict of

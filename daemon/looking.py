@@ -1,0 +1,128 @@
+"""One look: a stereo pair taken once the arm has settled, and what is seen in it. Nothing here moves the arm.
+
+That the arm has settled is told by the images themselves: two pairs, one after the other, that show the same.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daemon.tracking import Shape
+from daemon.vision.data import Scene
+from daemon.workcell import Array, Pictures, Reading, Workcell
+
+BLOCK_PX = 8
+"""Side of the blocks whose means are compared: noise averages out in one, an edge still shows."""
+
+
+class NotSettledError(Exception):
+    """The images still differ when the time is up: the arm shakes, a part moves, or the light flickers."""
+
+
+class Sight(Protocol):
+    """What turns images into parts: the recogniser with its model (daemon/teach.py builds it), or a test's own."""
+
+    def see(self, left: NDArray[np.uint8], right: NDArray[np.uint8]) -> Scene:
+        """Parts in a stereo pair, in the cyclopean frame. May take a while; called in a thread."""
+
+    def shape(self, label: str) -> Shape | None:
+        """The taught part's corners and facets, or None where there is no such part."""
+
+    def report(self, scene: Scene) -> dict[str, object]:
+        """The scene as JSON values, for the run log."""
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """What was taught."""
+
+
+@dataclass(frozen=True)
+class Settling:
+    """still_noise: how many times its own noise a block may change; floor_grey: what a change may always be, grey
+    levels; timeout_s: when to give up on a settled pair."""
+
+    still_noise: float = 6.0
+    floor_grey: float = 1.5
+    timeout_s: float = 5.0
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """What one look saw. taken_s: when, on the cell's clock; settled_s: from the arm's rest to the first pair known to
+    be still; seconds: from the arm's rest to the answer; epipolar_px: median distance of corners from their lines."""
+
+    scene: Scene
+    pictures: Pictures
+    reading: Reading
+    world_from_cyclopean: Array
+    taken_s: float
+    settled_s: float
+    seconds: float
+    epipolar_px: float
+
+
+def block_means(image: NDArray[np.uint8]) -> Array:
+    """(H, W) grey -> (H // 8, W // 8) means of 8x8 px blocks."""
+    rows, columns = (n // BLOCK_PX for n in image.shape)
+    cut = image[: rows * BLOCK_PX, : columns * BLOCK_PX].astype(np.float32)
+    means: Array = cut.reshape(rows, BLOCK_PX, columns, BLOCK_PX).mean(axis=(1, 3)).astype(float)
+    return means
+
+
+def change(before: NDArray[np.uint8], after: NDArray[np.uint8]) -> tuple[float, float]:
+    """(largest, typical) change of a block between two images, grey levels: the 99.8 % quantile, and the robust noise.
+
+    A common change of brightness (lamps) is taken out first.
+    """
+    difference = block_means(after) - block_means(before)
+    difference = np.abs(difference - np.median(difference))
+    return float(np.quantile(difference, 0.998)), float(1.4826 * np.median(difference))
+
+
+def still(before: Pictures, after: Pictures, settling: Settling) -> bool:
+    """Whether two pairs show the same scene from the same place."""
+    for a, b in ((before.left, after.left), (before.right, after.right)):
+        largest, typical = change(a.pixels, b.pixels)
+        if largest > max(settling.floor_grey, settling.still_noise * typical):
+            return False
+    return True
+
+
+def epipolar_px(scene: Scene) -> float:
+    """Median distance of the matched corners from their epipolar lines; nan where nothing was matched."""
+    rows = [f.epipolar_px for g in scene.view.groups for f in g.facets]
+    return float(np.median(np.abs(np.concatenate(rows)))) if rows else float("nan")
+
+
+async def settled_pair(cell: Workcell, rest_s: float, settling: Settling) -> tuple[Pictures, float]:
+    """A pair that agrees with the one before it, and seconds from rest_s to it. Raises NotSettledError, or the
+    camera's error."""
+    before = await cell.eyes.grab(rest_s, settling.timeout_s)
+    while True:
+        after = await cell.eyes.grab(max(before.left.taken_s, before.right.taken_s), settling.timeout_s)
+        if still(before, after, settling):
+            return after, max(0.0, before.left.taken_s - rest_s)
+        if cell.clock() - rest_s > settling.timeout_s:
+            raise NotSettledError(f"the images still change {settling.timeout_s:g} s after the arm came to rest")
+        before = after
+
+
+async def take_look(cell: Workcell, sight: Sight, reading: Reading, rest_s: float, settling: Settling) -> Look:
+    """Wait until the images are still, then see. reading: where the arm is; rest_s: since when, on the cell's clock."""
+    pictures, settled_s = await settled_pair(cell, rest_s, settling)
+    scene = await asyncio.to_thread(sight.see, pictures.left.pixels, pictures.right.pixels)
+    return Look(
+        scene=scene,
+        pictures=pictures,
+        reading=reading,
+        world_from_cyclopean=reading.world_from_tool @ cell.tool_from_cyclopean,
+        taken_s=pictures.left.taken_s,
+        settled_s=settled_s,
+        seconds=cell.clock() - rest_s,
+        epipolar_px=epipolar_px(scene),
+    )

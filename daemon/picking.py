@@ -1,0 +1,400 @@
+"""One pick: a handler for each state of the cycle (daemon/cycle.py has their table), named as the state.
+
+A handler does what its state is for and returns the event that leaves it. Whatever it raises is a fault: the cycle
+stops the arm first and then reports. A part that cannot be had is skipped, and named, and that is no fault.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from daemon import approach, frames, guard
+from daemon.approach import CHI_SQUARE_6, Estimate, Sighting
+from daemon.guard import Command, Standing
+from daemon.looking import Look, Sight, take_look
+from daemon.motion import Mover, MoveRefusedError
+from daemon.plan import Plan, Seen, Settings, View, ordered, plan_part, regrasp, seen_parts
+from daemon.tracking import Shape, poses_that_fit, refit
+from daemon.workcell import Array, Workcell
+
+SAME_PLACE_MM = 25.0
+STANDING_RULES = ("fault_stands", "not_enabled", "arm_lost")
+
+
+class SuspectError(Exception):
+    """Looks disagree in a way that says the cell's geometry is not what the calibration says."""
+
+
+@dataclass(frozen=True, eq=False)
+class Skipped:
+    """A part left alone: what it was taken for, where (3,) world mm, and why."""
+
+    label: str
+    centre: Array
+    why: str
+
+
+@dataclass(eq=False)
+class Target:
+    """The part being picked: what is known of it so far."""
+
+    label: str
+    shape: Shape
+    world_from_part: Array
+    plan: Plan
+    look: Look
+    sightings: list[Sighting] = field(default_factory=list)
+    estimate: Estimate | None = None
+    looks: int = 0
+    restarts: int = 0
+
+    @property
+    def centre(self) -> Array:
+        """(3,) world mm: mean of the shape's corners where they are now thought to be."""
+        centre: Array = frames.apply(self.world_from_part, self.shape.corners_mm).mean(axis=0)
+        return centre
+
+
+@dataclass(frozen=True, eq=False)
+class Bench:
+    """What every pick works with."""
+
+    cell: Workcell
+    mover: Mover
+    sight: Sight
+    settings: Settings
+
+
+class Pick:
+    """One pick of the wanted label (None: any). skipped goes on from pick to pick; stay: do not go home at the end."""
+
+    def __init__(self, bench: Bench, cycle: int, wanted: str | None, skipped: list[Skipped], stay: bool) -> None:
+        self.bench, self.cycle, self.wanted, self.skipped, self.stay = bench, cycle, wanted, skipped, stay
+        self.cell, self.mover, self.sight, self.settings = bench.cell, bench.mover, bench.sight, bench.settings
+        self.found: list[Seen] = []
+        self.looked_twice: list[Array] = []
+        self.target: Target | None = None
+        self.last: Target | None = None
+        self.doubtful: Seen | None = None
+        self.tries = 0
+        self.outcome, self.why = "empty", "nothing on the table that can be picked"
+
+    # What handlers share.
+
+    def decide(self, text: str, why: str) -> None:
+        """Log a decision."""
+        self.cell.log.record("decision", cycle=self.cycle, text=text, why=why)
+
+    def skip(self, outcome: str, label: str, centre: Array, why: str) -> None:
+        """Leave a part alone from now on."""
+        self.skipped.append(Skipped(label, centre, f"{outcome}: {why}"))
+        self.outcome, self.why = outcome, f"{label}: {why}"
+        self.decide(f"skip {label}", f"{outcome}: {why}")
+
+    def is_skipped(self, centre: Array) -> bool:
+        """Whether a part that lies here was given up before."""
+        return any(float(np.linalg.norm(s.centre - centre)) < SAME_PLACE_MM for s in self.skipped)
+
+    def allowed(self, pose: Array) -> bool:
+        """Whether the arm can be there: reached in its present configuration, and no rule of place broken."""
+        assert self.mover.at is not None
+        command = Command(pose, straight=True, speed_pct=self.settings.near_pct, purpose="plan")
+        if guard.refuse(command, Standing(True, None, pose, 0.0), self.settings.limits) is not None:
+            return False
+        return self.cell.robot.reachable(pose, self.mover.at.joints_rad) is not None
+
+    async def travel(self, target: Array, purpose: str, look: Look | None = None, straight: bool = False) -> None:
+        """Go there in bounded steps; slower the nearer a part is (a target known) or at travel speed."""
+        assert self.mover.at is not None
+        limits, settings = self.settings.limits, self.settings
+        way = approach.steps(self.mover.at.world_from_tool, target, limits.max_step_mm, limits.max_turn_deg)
+        for pose in way:
+            away = 1e9 if self.target is None else float(np.linalg.norm(pose[:3, 3] - self.target.centre))
+            speed = approach.speed_pct(away, settings.travel_pct, settings.near_pct)
+            speed = round(min(speed, limits.max_speed_pct), 1)
+            taken = None if look is None else look.taken_s
+            await self.mover.go(Command(pose, straight, speed, purpose, taken))
+
+    async def look(self, purpose: str) -> Look:
+        """A settled look from here, logged."""
+        assert self.mover.at is not None
+        looks = 0 if self.target is None else self.target.looks + 1
+        look = await take_look(
+            self.cell, self.sight, self.mover.at, rest_s=self.cell.clock(), settling=self.settings.settling
+        )
+        log_look(self.cell, self.sight, look, cycle=self.cycle, stop=looks, purpose=purpose)
+        return look
+
+    def unlucky(self, error: MoveRefusedError) -> None:
+        """A move was refused: give the part up where its place is to blame, raise where all motion is closed."""
+        if error.refusal.rule in STANDING_RULES or self.target is None:
+            raise error
+        self.skip("unreachable", self.target.label, self.target.centre, str(error))
+
+    # The states.
+
+    async def survey(self) -> str:
+        """Look at the table from each survey view until one shows something that is not skipped."""
+        self.target = None
+        for number, view in enumerate(self.settings.surveys, start=1):
+            await self.travel(self.safe_view(view), f"survey {number}")
+            look = await self.look(f"survey {number}")
+            self.found = seen_parts(look)
+            if any(self.wants(part) and not self.is_skipped(part.centre) for part in self.found):
+                return "seen"
+        return "nothing"
+
+    def safe_view(self, view: View) -> Array:
+        """The survey pose."""
+        return view.pose(self.cell.tool_from_cyclopean)
+
+    def wants(self, part: Seen) -> bool:
+        """Whether the part is, or may be, what this pick is after."""
+        return self.wanted is None or self.wanted == part.label or self.wanted in part.candidates
+
+    async def choose(self) -> str:
+        """The first part, in order, that can be had; each that cannot is skipped and named."""
+        self.target = None
+        for part in ordered(self.found, self.settings.order):
+            if self.is_skipped(part.centre) or not self.wants(part):
+                continue
+            if self.cell.clock() - part.look.taken_s > self.settings.limits.max_look_age_s / 2:
+                return "stale"
+            shape = self.sight.shape(part.label)
+            if part.ambiguous:
+                if any(float(np.linalg.norm(c - part.centre)) < SAME_PLACE_MM for c in self.looked_twice):
+                    self.skip("ambiguous", part.label, part.centre, f"may be {' or '.join(part.candidates)}")
+                    continue
+                self.doubtful = part
+                return "ambiguous"
+            if shape is None:
+                self.skip("unknown", part.label, part.centre, "nothing taught fits it")
+                continue
+            neighbours = [p.corners for p in self.found if p is not part]
+            plan = plan_part(
+                shape, part.world_from_part, neighbours, self.settings, self.cell.tool_from_cyclopean, self.allowed
+            )
+            if isinstance(plan, str):
+                self.skip("unreachable", part.label, part.centre, plan)
+                continue
+            self.target = self.last = Target(part.label, shape, part.world_from_part, plan, part.look)
+            self.decide(
+                f"pick {part.label}",
+                f"{self.settings.order}: confidence {part.confidence:.2f}; grasp {plan.grasp.width_mm:.0f} mm wide, "
+                f"tilted {plan.grasp.tilt_deg:g} degrees, contacts {plan.grasp.slip_deg:.0f} degrees off square",
+            )
+            return "chosen"
+        return "none_left"
+
+    async def second_view(self) -> str:
+        """Look at an ambiguous part from where its candidates differ most."""
+        part = self.doubtful
+        assert part is not None
+        self.looked_twice.append(part.centre)
+        pose = self.separating_pose(part)
+        if pose is None:
+            self.decide("no second view", f"nothing in reach tells {' from '.join(part.candidates)}")
+            return "seen"
+        self.decide("second view", f"to tell {' from '.join(part.candidates)}")
+        await self.travel(pose, "second view", part.look)
+        seen = seen_parts(await self.look("second view"))
+        again = [p for p in seen if float(np.linalg.norm(p.centre - part.centre)) < 2 * SAME_PLACE_MM]
+        if again:
+            self.looked_twice.append(again[0].centre)
+            self.found = [p for p in self.found if p is not part] + again[:1]
+        return "seen"
+
+    def separating_pose(self, part: Seen) -> Array | None:
+        """The reachable view of the part that separates its candidates; None where there is none."""
+        candidates = []
+        for label in part.candidates:
+            shape = self.sight.shape(label)
+            fits = poses_that_fit(shape, part.facets) if shape is not None else []
+            if shape is not None and fits:
+                candidates.append((shape, part.look.world_from_cyclopean @ fits[0].cyclopean_from_part))
+        if len(candidates) < 2:
+            return None
+        point = (float(part.centre[0]), float(part.centre[1]), float(part.centre[2]))
+        views = [View(point, 350.0, float(h), float(t)) for h in range(-180, 180, 30) for t in (15, 35, 55)]
+        poses = [p for p in (v.pose(self.cell.tool_from_cyclopean) for v in views) if self.allowed(p)]
+        eyes = [(p @ self.cell.tool_from_cyclopean)[:3, 3] for p in poses]
+        best = approach.separating_view(candidates, eyes)
+        return None if best is None else poses[best]
+
+    async def stop_n(self) -> str:
+        """Go to the next stand-off."""
+        target = self.target
+        assert target is not None
+        distance = approach.next_stand_off(target.sightings, self.settings.doubt, self.settings.stops)
+        rotation = target.plan.grasp.world_from_tool[:3, :3]
+        pose = approach.look_pose(rotation, target.centre, distance, self.cell.tool_from_cyclopean)
+        try:
+            if self.mover.closed is not False:
+                await self.mover.hand(closed=False)
+            await self.travel(pose, f"stand-off {distance:g} mm", target.look, straight=bool(target.sightings))
+        except MoveRefusedError as error:
+            self.unlucky(error)
+            return "unreachable"
+        return "there"
+
+    async def looking(self) -> str:
+        """Look, and find the target again."""
+        target = self.target
+        assert target is not None
+        target.look = await self.look("approach")
+        target.looks += 1
+        near = frames.inverse(target.look.world_from_cyclopean) @ target.world_from_part
+        parts = [p for p in seen_parts(target.look) if float(np.linalg.norm(p.centre - target.centre)) < 60.0]
+        facets = [f for p in parts for f in p.facets]
+        fit = refit(target.shape, facets, near)
+        if fit is None:
+            self.tries += 1
+            self.skip("lost", target.label, target.centre, f"not seen where it was at look {target.looks}")
+            return "lost"
+        target.sightings.append(
+            approach.sighting(
+                target.look.reading.world_from_tool,
+                self.cell.tool_from_cyclopean,
+                fit.cyclopean_from_part,
+                fit.covariance,
+                self.settings.doubt,
+                float(self.cell.rig.left.matrix[0, 0]),
+                self.cell.rig.baseline_mm,
+            )
+        )
+        return "looked"
+
+    async def estimating(self) -> str:
+        """Hold the look against the one before, fuse, and say whether it is enough."""
+        target, settings = self.target, self.settings
+        assert target is not None
+        chi = 0.0
+        if len(target.sightings) > 1:
+            chi = approach.disagreement(target.sightings[-2], target.sightings[-1], settings.doubt)
+        if chi > CHI_SQUARE_6:
+            self.disagreed(target, chi)
+        estimate = approach.fuse(target.sightings, settings.doubt)
+        target.estimate, target.world_from_part = estimate, estimate.world_from_part
+        target.plan = regrasp(target.shape, target.world_from_part, target.plan, settings)
+        self.cell.log.record(
+            "estimate",
+            cycle=self.cycle,
+            stop=target.looks,
+            label=target.label,
+            world_from_part=estimate.world_from_part,
+            covariance=estimate.covariance,
+            predicted_mm=estimate.predicted_mm,
+            predicted_deg=estimate.predicted_deg,
+            chi2=chi,
+        )
+        if approach.enough(estimate, len(target.sightings), settings.stops):
+            return "sure"
+        if target.looks < settings.stops.most_looks:
+            return "unsure"
+        why = (
+            f"{estimate.predicted_mm:.2f} mm, {estimate.predicted_deg:.2f} degrees predicted after {target.looks} looks"
+        )
+        self.skip("unsure", target.label, target.centre, why)
+        return "gave_up"
+
+    def disagreed(self, target: Target, chi: float) -> None:
+        """Two looks disagree: say which is suspect; go on from the newest look once, where the part moved."""
+        who = approach.suspect(chi, self.others(target), target.look.epipolar_px, self.settings.epipolar_limit_px)
+        text = (
+            f"looks {target.looks - 1} and {target.looks} disagree (chi-square {chi:.0f}, {CHI_SQUARE_6:g} is the most)"
+        )
+        self.decide(f"suspect: {who}", text)
+        if who in ("camera", "hand-eye") or target.restarts:
+            raise SuspectError(f"{text}; suspect: {who}")
+        target.restarts += 1
+        del target.sightings[:-1]
+
+    def others(self, target: Target) -> list[float]:
+        """Chi-squares of the parts beside the target between the first look of this pick and the newest."""
+        return []
+
+    async def final(self) -> str:
+        """The blind stretch: to before the part, then around it, both straight."""
+        target = self.target
+        assert target is not None
+        grasp = target.plan.grasp.world_from_tool
+        try:
+            before = approach.backed_off(grasp, self.settings.pregrasp_mm)
+            await self.travel(before, "before the grasp", target.look, straight=True)
+            await self.travel(grasp, "grasp", target.look, straight=True)
+        except MoveRefusedError as error:
+            self.unlucky(error)
+            return "unreachable"
+        if self.mover.dry:
+            self.outcome, self.why = "dry", f"{target.label} would be grasped now"
+            return "dry"
+        return "there"
+
+    async def closing(self) -> str:
+        """Close the hand."""
+        await self.mover.hand(closed=True)
+        await asyncio.sleep(self.settings.hand_s)
+        return "closed"
+
+    async def retreat(self) -> str:
+        """Straight up, then to where the place can be seen."""
+        target = self.target
+        assert target is not None
+        up = approach.lifted(target.plan.grasp.world_from_tool, self.settings.lift_mm)
+        await self.travel(up, "lift", straight=True)
+        rotation = up[:3, :3]
+        pose = approach.look_pose(rotation, target.centre, self.settings.verify_mm, self.cell.tool_from_cyclopean)
+        await self.travel(pose, "back off", straight=True)
+        return "there"
+
+    async def verify(self) -> str:
+        """Look whether the part is gone from where it lay (what hangs in the hand does not count)."""
+        target = self.target
+        assert target is not None
+        look = await self.look("verify")
+        hand = look.reading.world_from_tool[:3, 3]
+        on_table = [p for p in seen_parts(look) if float(np.linalg.norm(p.centre - hand)) > 70.0]
+        left = [p for p in on_table if float(np.linalg.norm(p.centre - target.centre)) < self.settings.gone_mm + 20.0]
+        if not left:
+            self.outcome, self.why = "picked", f"{target.label} is gone from where it lay"
+            return "gone"
+        self.tries += 1
+        self.outcome, self.why = "missed", f"{target.label} still lies there"
+        self.decide("missed", self.why)
+        if self.tries >= self.settings.tries:
+            self.skip("missed", target.label, target.centre, f"still there after {self.tries} tries")
+        await self.mover.hand(closed=False)
+        return "missed"
+
+    async def place(self) -> str:
+        """To the bin, and let go."""
+        await self.travel(self.settings.bin.pose(), "bin")
+        await self.mover.hand(closed=False)
+        await asyncio.sleep(self.settings.hand_s)
+        return "placed"
+
+    async def home(self) -> str:
+        """Out of the way, unless the next pick follows."""
+        self.target = None
+        if not (self.stay and self.outcome == "picked"):
+            await self.travel(self.settings.home.pose(), "home")
+        return "there"
+
+
+def log_look(cell: Workcell, sight: Sight, look: Look, *, cycle: int, stop: int, purpose: str) -> None:
+    """Write a look to the run log, with both images."""
+    cell.log.record(
+        "look",
+        cycle=cycle,
+        stop=stop,
+        purpose=purpose,
+        images={"left": look.pictures.left.pixels, "right": look.pictures.right.pixels},
+        scene=sight.report(look.scene),
+        seconds={**look.scene.seconds, "settled": look.settled_s, "total": look.seconds},
+        health={"epipolar_px": look.epipolar_px, "noise": look.scene.view.noise_sigma},
+        where=look.reading.world_from_tool,
+        world_from_cyclopean=look.world_from_cyclopean,
+    )

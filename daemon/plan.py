@@ -1,0 +1,209 @@
+"""What a pick is set to do: settings, places, the order of parts, and a whole approach checked before its first move.
+
+Pure: what is seen and what the arm can reach in, plans out. Doing them is daemon/picking.py.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daemon import approach, frames
+from daemon.approach import Doubt, Reachable, Stops
+from daemon.grasp import Grasp, Gripper, grasps, tool_rotation
+from daemon.guard import Limits, Point
+from daemon.looking import Look, Settling
+from daemon.motion import Arrival
+from daemon.tracking import Shape
+from daemon.vision.data import Facet
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class View:
+    """From where to look at the table: the point looked at, how far the cameras are from it, and how the tool leans
+    (heading: the horizontal direction it leans to, degrees from world x; tilt from straight down)."""
+
+    centre_mm: Point = (520.0, 0.0, -280.0)
+    distance_mm: float = 480.0
+    heading_deg: float = 0.0
+    tilt_deg: float = 45.0
+
+    def pose(self, tool_from_cyclopean: Array) -> Array:
+        """world_from_tool (4, 4)."""
+        rotation = tool_rotation(heading(self.heading_deg), float(np.radians(self.tilt_deg)))
+        return approach.look_pose(rotation, np.array(self.centre_mm), self.distance_mm, tool_from_cyclopean)
+
+
+@dataclass(frozen=True)
+class Place:
+    """A taught place of the tool centre point, mm, leaning as a View does."""
+
+    point_mm: Point
+    heading_deg: float = 0.0
+    tilt_deg: float = 0.0
+
+    def pose(self) -> Array:
+        """world_from_tool (4, 4)."""
+        rotation = tool_rotation(heading(self.heading_deg), float(np.radians(self.tilt_deg)))
+        return frames.rigid(rotation, np.array(self.point_mm))
+
+
+@dataclass(frozen=True)
+class Settings:
+    """All of a pick. order: which part first; tries: how often one part is tried; verify_mm: from how far the empty
+    place is looked at; gone_mm: a part this near to where it lay still lies there; hand_s: what fingers need;
+    epipolar_limit_px: beyond it a camera was knocked."""
+
+    surveys: tuple[View, ...] = (View(), View(heading_deg=50.0), View(heading_deg=-50.0))
+    home: Place = Place((420.0, 0.0, 60.0), tilt_deg=20.0)
+    bin: Place = Place((330.0, 330.0, -120.0), heading_deg=45.0, tilt_deg=10.0)
+    order: Literal["nearest", "surest"] = "surest"
+    tries: int = 2
+    travel_pct: float = 100.0
+    near_pct: float = 30.0
+    pregrasp_mm: float = 50.0
+    lift_mm: float = 60.0
+    verify_mm: float = 300.0
+    gone_mm: float = 30.0
+    epipolar_limit_px: float = 1.0
+    hand_s: float = 0.0
+    limits: Limits = field(default_factory=Limits)
+    arrival: Arrival = field(default_factory=Arrival)
+    stops: Stops = field(default_factory=Stops)
+    doubt: Doubt = field(default_factory=Doubt)
+    gripper: Gripper = field(default_factory=Gripper)
+    settling: Settling = field(default_factory=Settling)
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """A part as one look saw it, in the world: what for, how sure, where, and its facets (in that look's frame)."""
+
+    label: str
+    confidence: float
+    ambiguous: bool
+    candidates: tuple[str, ...]
+    world_from_part: Array
+    facets: tuple[Facet, ...]
+    look: Look
+
+    @property
+    def centre(self) -> Array:
+        """(3,) world, mm: mean of the seen corners."""
+        corners = np.concatenate([f.corners_mm for f in self.facets])
+        centre: Array = frames.apply(self.look.world_from_cyclopean, corners).mean(axis=0)
+        return centre
+
+    @property
+    def corners(self) -> Array:
+        """(N, 3) world, mm: the seen corners."""
+        return frames.apply(self.look.world_from_cyclopean, np.concatenate([f.corners_mm for f in self.facets]))
+
+
+def heading(degrees: float) -> Array:
+    """Unit horizontal direction (3,) at an angle from world x."""
+    angle = np.radians(degrees)
+    return np.array([np.cos(angle), np.sin(angle), 0.0])
+
+
+def seen_parts(look: Look) -> list[Seen]:
+    """The look's parts in the world."""
+    return [
+        Seen(
+            label=part.recognition.label,
+            confidence=part.recognition.confidence,
+            ambiguous=part.recognition.ambiguous,
+            candidates=part.recognition.candidates,
+            world_from_part=look.world_from_cyclopean @ part.cyclopean_from_part,
+            facets=part.facets,
+            look=look,
+        )
+        for part in look.scene.parts
+        if part.facets
+    ]
+
+
+def ordered(parts: Sequence[Seen], order: str) -> list[Seen]:
+    """Nearest to the cameras first, or surest first; named parts before ambiguous ones."""
+
+    def rank(part: Seen) -> tuple[bool, float]:
+        away = float(np.linalg.norm(part.centre - part.look.world_from_cyclopean[:3, 3]))
+        return part.ambiguous, away if order == "nearest" else -part.confidence
+
+    return sorted(parts, key=rank)
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """How one part will be taken: the grasp, and how well looks along its approach show the part (0 to 1)."""
+
+    grasp: Grasp
+    worth: float
+
+
+def approach_poses(grasp: Grasp, centre: Array, settings: Settings, tool_from_cyclopean: Array) -> list[Array]:
+    """Every pose of the approach and the retreat, in order; world_from_tool."""
+    at = grasp.world_from_tool
+    looks = [
+        approach.look_pose(at[:3, :3], centre, d, tool_from_cyclopean)
+        for d in (*settings.stops.stand_offs_mm, settings.verify_mm)
+    ]
+    return [
+        *looks[:-1],
+        approach.backed_off(at, settings.pregrasp_mm),
+        at,
+        approach.lifted(at, settings.lift_mm),
+        looks[-1],
+    ]
+
+
+def plan_part(
+    shape: Shape,
+    world_from_part: Array,
+    neighbours: Sequence[Array],
+    settings: Settings,
+    tool_from_cyclopean: Array,
+    allowed: Reachable,
+) -> Plan | str:
+    """The best grasp whose whole approach is allowed (reached, in the box, above the table), or why there is none."""
+    try:
+        found = grasps(shape.corners_mm, world_from_part, settings.limits.table_z_mm, settings.gripper, neighbours)
+    except ValueError as error:
+        return f"taught corners give no solid to grasp: {error}"
+    if not found:
+        return "no grasp holds it as it lies"
+    centre = frames.apply(world_from_part, shape.corners_mm).mean(axis=0)
+    middle = settings.stops.stand_offs_mm[len(settings.stops.stand_offs_mm) // 2]
+    plans = []
+    for grasp in found:
+        pose = approach.look_pose(grasp.world_from_tool[:3, :3], centre, middle, tool_from_cyclopean)
+        eye = (pose @ tool_from_cyclopean)[:3, 3]
+        plans.append(Plan(grasp, approach.view_worth(shape, world_from_part, eye)))
+    plans.sort(key=lambda p: (p.grasp.blocked, p.grasp.slip_deg / 45.0 - p.worth))
+    for plan in plans:
+        if not plan.grasp.blocked and all(
+            allowed(pose) for pose in approach_poses(plan.grasp, centre, settings, tool_from_cyclopean)
+        ):
+            return plan
+    blocked = sum(p.grasp.blocked for p in plans)
+    return f"none of its {len(plans)} grasps can be reached all the way ({blocked} blocked by a neighbour)"
+
+
+def regrasp(shape: Shape, world_from_part: Array, before: Plan, settings: Settings) -> Plan:
+    """The same grasp on the part where it is now known to be: the nearest of today's grasps by turn and place; where
+    none is near, the old one (the part did not move, only its estimate did)."""
+    found = grasps(shape.corners_mm, world_from_part, settings.limits.table_z_mm, settings.gripper)
+    old = before.grasp.world_from_tool
+
+    def away(grasp: Grasp) -> float:
+        gap = float(np.linalg.norm(grasp.world_from_tool[:3, 3] - old[:3, 3]))
+        return gap + 50.0 * frames.angle_between(grasp.world_from_tool, old)
+
+    nearest = min(found, key=away, default=before.grasp)
+    return Plan(nearest, before.worth) if away(nearest) < 25.0 else before
