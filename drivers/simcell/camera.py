@@ -1,0 +1,170 @@
+"""The simulated stereo camera: when frames are exposed, what the sensor makes of the light, and what can go wrong.
+
+What is to be seen at a moment comes from the cell (`sight`); how light falls from render.py.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from math import ceil, floor
+from threading import Lock
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from drivers.camera.pair import CameraError, Frame, StereoPair
+from drivers.simcell.light import TableLight
+from drivers.simcell.optics import Array32, turned
+from drivers.simcell.render import Retina, Thing, radiance
+from drivers.simcell.rigid import Array, angle_of, apply
+from drivers.simcell.truth import Truth
+
+EYES = ("left", "right")
+BLACK_LEVEL = 4.0
+STILL_MM, STILL_RAD = 0.01, 2e-5
+BLUR_STEPS = 6
+
+
+@dataclass(frozen=True, eq=False)
+class Sight:
+    """What there is to see at a moment: where the cameras are, the things, and a mark that changes when those move."""
+
+    world_from_cyclopean: Array
+    things: tuple[Thing, ...]
+    state: object
+
+
+class SimulatedPair:
+    """A stereo pair that honours drivers/camera/pair.py. Frames come at the sensor's rate on the given clock.
+
+    time_scale: how much faster than the clock the cell lives; frame rate and exposure go with it.
+    """
+
+    def __init__(
+        self,
+        truth: Truth,
+        sight: Callable[[float], Sight],
+        rng: np.random.Generator,
+        time_scale: float = 1.0,
+        clock: Callable[[], float] = time.monotonic,
+        sleep: Callable[[float], None] = time.sleep,
+    ) -> None:
+        self._truth, self._sight, self._rng = truth, sight, rng
+        self._clock, self._sleep = clock, sleep
+        self._period_s = 1.0 / (truth.sensor.frame_rate_hz * time_scale)
+        self._exposure_s = min(truth.sensor.exposure_s / time_scale, 0.9 * self._period_s)
+        self._skew_s = truth.sensor.skew_s / time_scale
+        self._started_s = clock()
+        self._eyes = {"left": truth.left.eye(), "right": truth.right.eye()}
+        self._retinas: dict[str, Retina] = {}
+        self._table = TableLight(truth.table, truth.lighting)
+        self._lit_for: object = None
+        self._vignette = _vignette(truth)
+        self._covered: set[str] = set()
+        self._unplugged = False
+        self._is_open = False
+        self._lock = Lock()
+
+    def open(self) -> None:
+        """Claim the cameras. Raises CameraError while they are unplugged."""
+        if self._unplugged:
+            raise CameraError("simulated pair: unplugged; plug it in again")
+        self._is_open = True
+
+    def close(self) -> None:
+        """Release the cameras."""
+        self._is_open = False
+
+    def describe(self) -> str:
+        """One line for people."""
+        width, height = self._truth.image_size
+        rate = self._truth.sensor.frame_rate_hz
+        return f"simulated pair, {width}x{height} grey, {rate:g} frames/s of the cell's time"
+
+    def grab(self, not_before_s: float, timeout_s: float) -> StereoPair:
+        """The newest pair exposed wholly after not_before_s; waits for one where there is none yet.
+
+        Raises CameraError where that would take longer than timeout_s, or the pair is closed or unplugged.
+        """
+        if not self._is_open:
+            raise CameraError("simulated pair: not open")
+        now = self._clock()
+        lead, tail = self._exposure_s / 2, self._exposure_s / 2 + self._skew_s
+        newest = floor((now - tail - self._started_s) / self._period_s)
+        first = ceil((not_before_s + lead - self._started_s) / self._period_s)
+        number = max(newest, first, 0)
+        middle_s = self._started_s + number * self._period_s
+        if self._unplugged or middle_s + tail - now > timeout_s:
+            self._sleep(max(timeout_s, 0.0))
+            cause = "unplugged" if self._unplugged else "no pair that late"
+            raise CameraError(f"simulated pair: no frame within {timeout_s:.2f} s ({cause})")
+        if middle_s + tail > now:
+            self._sleep(middle_s + tail - now)
+        with self._lock:
+            left = self._frame("left", middle_s, number)
+            right = self._frame("right", middle_s + self._skew_s, number)
+        return StereoPair(left, right)
+
+    def cover(self, eye: str, covered: bool = True) -> None:
+        """Put the lens cap on one eye, or take it off."""
+        (self._covered.add if covered else self._covered.discard)(eye)
+
+    def knock(self, eye: str, rotation_vector_deg: ArrayLike) -> None:
+        """Turn one eye about its optical centre, for good: (3,) degrees about its own x (pitch), y (yaw), z (roll)."""
+        with self._lock:
+            self._eyes[eye] = turned(self._eyes[eye], rotation_vector_deg)
+            self._retinas.pop(eye, None)
+
+    def unplug(self, unplugged: bool = True) -> None:
+        """Pull the cable, or put it back."""
+        self._unplugged = unplugged
+
+    def _frame(self, eye: str, middle_s: float, number: int) -> Frame:
+        light = np.full(self._vignette.shape, 0.0, np.float32) if eye in self._covered else self._light(eye, middle_s)
+        pixels = self._expose(light, getattr(self._truth.sensor, f"gain_{eye}"))
+        pixels.setflags(write=False)
+        return Frame(pixels, middle_s, number)
+
+    def _light(self, eye: str, middle_s: float) -> Array32:
+        """The mean light over the exposure; one picture where the arm stands still."""
+        half = self._exposure_s / 2
+        sights = [self._sight(middle_s - half), self._sight(middle_s + half)]
+        if _moves(sights):
+            steps = np.linspace(-half, half, BLUR_STEPS)
+            seen = [self._see(eye, self._sight(middle_s + step)) for step in steps]
+            return np.asarray(np.mean(seen, axis=0), np.float32)
+        return self._see(eye, sights[0])
+
+    def _see(self, eye: str, sight: Sight) -> Array32:
+        if eye not in self._retinas:
+            self._retinas[eye] = Retina(self._eyes[eye], *self._truth.image_size)
+        if sight.state != self._lit_for:
+            self._table.cast([apply(thing.world_from_solid, thing.solid.vertices) for thing in sight.things])
+            self._lit_for = sight.state
+        return radiance(self._retinas[eye], sight.world_from_cyclopean, sight.things, self._truth.lighting, self._table)
+
+    def _expose(self, light: Array32, gain: float) -> NDArray[np.uint8]:
+        sensor = self._truth.sensor
+        soft = cv2.GaussianBlur(light, (0, 0), sensor.blur_px, borderType=cv2.BORDER_REPLICATE)
+        level = soft * self._vignette * np.float32(gain) + np.float32(BLACK_LEVEL)
+        sigma = np.sqrt(np.float32(sensor.read_noise**2) + np.float32(sensor.photon_noise) * level)
+        noisy = level + sigma * self._rng.standard_normal(level.shape, dtype=np.float32)
+        return np.asarray(np.clip(np.round(noisy), 0, 255), np.uint8)
+
+
+def _moves(sights: Sequence[Sight]) -> bool:
+    first, last = (sight.world_from_cyclopean for sight in sights)
+    shift = float(np.linalg.norm(first[:3, 3] - last[:3, 3]))
+    return shift > STILL_MM or angle_of(first[:3, :3].T @ last[:3, :3]) > STILL_RAD
+
+
+def _vignette(truth: Truth) -> Array32:
+    """(H, W) share of light that reaches each pixel: 1 in the middle, less by sensor.vignette in the corners."""
+    width, height = truth.image_size
+    v, u = np.mgrid[0:height, 0:width].astype(np.float32)
+    squared = (u - (width - 1) / 2) ** 2 + (v - (height - 1) / 2) ** 2
+    shade: Array32 = 1 - np.float32(truth.sensor.vignette) * squared / squared.max()
+    return shade

@@ -1,0 +1,135 @@
+"""The simulated cell, all in one: an arm behind a VAL II controller on a pty, a stereo camera on its wrist, parts.
+
+Whoever drives it sees `port` and `camera`, as of a real cell; tests and demos also set the scene and ask the witness.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from drivers.puma560 import Puma560
+from drivers.simcell.arm import Arm
+from drivers.simcell.boards import BoardPrint, board_thing
+from drivers.simcell.camera import Sight, SimulatedPair
+from drivers.simcell.controller import Controller, Faults, Manners, PtyServer
+from drivers.simcell.render import Thing
+from drivers.simcell.rigid import Array, rigid
+from drivers.simcell.stand import characteristic_pose
+from drivers.simcell.truth import load_truth, rigid_matrix
+from drivers.simcell.witness import Witness
+from drivers.simcell.world import PlacedPart, Where, World
+
+BOARD_ON_TABLE = np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+"""World axes of a board that lies face up, its rows across the arm's reach and its top farthest out."""
+
+
+class SimulatedCell:
+    """Starts everything; `stop` ends it. Also a context manager.
+
+    truth_path: etc/simcell.yaml; seed: of noise, scatter and repeatability; time_scale: cell seconds a real second.
+    Raises TruthError on an unusable file.
+    """
+
+    def __init__(
+        self,
+        truth_path: Path | str,
+        seed: int = 0,
+        time_scale: float = 1.0,
+        manners: Manners | None = None,
+        faults: Faults | None = None,
+        cold: bool = False,
+    ) -> None:
+        self._settings = load_truth(truth_path)
+        self._time_scale = time_scale
+        noise, strewing, settling = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(3))
+        self._strewing = strewing
+        settings = self._settings.arm
+        self.arm = Arm(
+            Puma560(flange_from_tool=rigid_matrix(settings.flange_from_tool)),
+            joint_offsets_rad=np.radians(settings.joint_offset_deg),
+            repeatability_mm=settings.repeatability_mm,
+            rng=settling,
+        )
+        self.world = World(self._settings)
+        self._tool_from_cyclopean = rigid_matrix(self._settings.tool_from_cyclopean)
+        self._board: tuple[Thing, ...] = ()
+        self.controller = Controller(self.arm, manners, self._hand, faults, cold)
+        self.server = PtyServer(self.controller, time_scale=time_scale)
+        self.port = self.server.port
+        self.camera = SimulatedPair(self._settings, self._sight, noise, time_scale)
+        self.truth = Witness(self._settings, self.world, self.world_from_tool)
+
+    def stop(self) -> None:
+        """End the controller's thread and close the camera; safe to call twice."""
+        self.camera.close()
+        self.server.stop()
+
+    def __enter__(self) -> SimulatedCell:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.stop()
+
+    def world_from_tool(self, real_s: float | None = None) -> Array:
+        """Where the tool truly is (4, 4), now or at a moment of time.monotonic."""
+        since = 0.0 if real_s is None else real_s - time.monotonic()
+        return self.arm.pose_at(self.server.now_s() + since * self._time_scale)
+
+    def world_from_cyclopean(self, real_s: float | None = None) -> Array:
+        """Where the cameras truly are (4, 4)."""
+        return self.world_from_tool(real_s) @ self._tool_from_cyclopean
+
+    def scatter(self, labels: Sequence[str], rng: np.random.Generator | None = None) -> None:
+        """Clear the table and strew parts over it at random, each on a stable face."""
+        self.clear()
+        self.world.scatter(labels, self._strewing if rng is None else rng)
+
+    def clear(self) -> None:
+        """Take all parts and the board away."""
+        self._board = ()
+        self.world.clear()
+
+    def place_for_teaching(self, label: str, view: int, world_from_cyclopean: Array | None = None) -> PlacedPart:
+        """Clear the cell; hold one part before the cameras (where they are, or as given) in a characteristic view.
+
+        Views are numbered from 0 (stand.VIEWS). Raises NoViewError, KeyError.
+        """
+        self.clear()
+        at = self.world_from_cyclopean() if world_from_cyclopean is None else world_from_cyclopean
+        eyes = [eye.eye().cyclopean_from_camera[:3, 3] for eye in (self._settings.left, self._settings.right)]
+        return self.world.put(label, characteristic_pose(label, view, at, eyes, self._settings.lighting), Where.STAND)
+
+    def show_board(self, board: BoardPrint | None = None, world_from_board: Array | None = None) -> Array:
+        """Clear the cell and put up a board (9x6 inner corners): as given, or face up amid the table.
+
+        Returns world_from_board (4, 4); the board's frame is in boards.py.
+        """
+        self.clear()
+        board = board or BoardPrint()
+        if world_from_board is None:
+            table = self._settings.table
+            middle = np.array([*table.centre_mm, table.height_mm + 4.0])
+            half = np.array([board.columns, board.rows, 0.0]) * board.square_mm / 2
+            world_from_board = rigid(BOARD_ON_TABLE, middle - BOARD_ON_TABLE @ half)
+        self._board = (board_thing(board, world_from_board),)
+        self.world.changes += 1
+        return world_from_board
+
+    def _hand(self, closed: bool) -> None:
+        tool = self.arm.pose_at(self.controller.now_s)
+        if closed:
+            self.world.close_hand(tool)
+        else:
+            self.world.open_hand(tool)
+
+    def _sight(self, real_s: float) -> Sight:
+        tool = self.world_from_tool(real_s)
+        albedo = self._settings.lighting.facet_albedo
+        parts = [part for part in self.world.parts if part.where in (Where.TABLE, Where.STAND, Where.HAND)]
+        things = [Thing(piece, part.world_from_part(tool), albedo) for part in parts for piece in part.shape.pieces]
+        carried = tool.tobytes() if self.world.held else b""
+        return Sight(tool @ self._tool_from_cyclopean, (*things, *self._board), (self.world.changes, carried))

@@ -1,0 +1,169 @@
+"""What happens when the jaws close: pure geometry of a part between two fingers. Whose part, and after: world.py.
+
+Tool frame: jaws close along y, alike from both sides; fingers lie along z, tips at +tip_mm; lengths mm.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from drivers.simcell.parts import Shape, Solid
+from drivers.simcell.rigid import Array, apply, rigid, turn
+from drivers.simcell.truth import Gripper
+
+TOUCH_MM = 0.02
+PALM_MM = 60.0
+
+
+@dataclass(frozen=True, eq=False)
+class Grip:
+    """What closing the jaws did to one part.
+
+    held: whether it is between them now; why: in words. tool_from_part: before and after (4, 4) mm. shift_mm (signed,
+    along tool y) and turn_deg: how the jaws moved the part, that is how far the tool was from the ideal grasp line.
+    width_mm between the jaws. struck: a finger or the palm ran into the part.
+    """
+
+    held: bool
+    why: str
+    tool_from_part_before: Array
+    tool_from_part: Array
+    shift_mm: float = 0.0
+    turn_deg: float = 0.0
+    width_mm: float = 0.0
+    struck: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class _Bite:
+    """The part of a shape between the fingers: corners (N, 3), and for each the outward normals that meet there."""
+
+    corners: Array
+    normals: tuple[Array, ...]
+
+
+def reaches(shape: Shape, tool_from_part: Array, gripper: Gripper) -> bool:
+    """Whether any of the part is between the open fingers."""
+    half = gripper.opening_mm / 2 + gripper.finger_thickness_mm
+    return len(_within(shape, tool_from_part, _strip(gripper, -half, half)).corners) > 0
+
+
+def close_on(shape: Shape, tool_from_part: Array, up: Array, gripper: Gripper) -> Grip:
+    """Close the open jaws on a part. up (3,): world up in the tool frame; a part on a table turns about it."""
+
+    def lost(why: str, struck: bool = False, shift_mm: float = 0.0) -> Grip:
+        return Grip(False, why, tool_from_part, tool_from_part, shift_mm=shift_mm, struck=struck)
+
+    if _struck(shape, tool_from_part, gripper):
+        return lost("a finger or the palm strikes the part", struck=True)
+    between = _strip(gripper, -gripper.opening_mm / 2, gripper.opening_mm / 2)
+    angle = _turn_to_jaws(shape, tool_from_part, _within(shape, tool_from_part, between), up)
+    if angle is None or abs(np.degrees(angle)) > gripper.turn_deg:
+        return lost("no side of the part lies along the jaws")
+    about = _within(shape, tool_from_part, between).corners.mean(axis=0)
+    turned = rigid(np.eye(3), about) @ rigid(turn(up, angle), -turn(up, angle) @ about) @ tool_from_part
+    bite = _within(shape, turned, between)
+    if not len(bite.corners):
+        return lost("the part slips out from between the jaws")
+    low, high = bite.corners[:, 1].min(), bite.corners[:, 1].max()
+    shift = -(low + high) / 2
+    if abs(shift) > gripper.centring_mm:
+        return lost("the part lies too far to one side", shift_mm=float(np.sign(shift) * gripper.centring_mm))
+    fault = _why_it_slips(bite, turned, shape, gripper)
+    if fault:
+        return lost(fault, shift_mm=float(shift))
+    after = rigid(np.eye(3), [0.0, shift, 0.0]) @ turned
+    return Grip(True, "held", tool_from_part, after, float(shift), float(np.degrees(angle)), float(high - low))
+
+
+def _strip(gripper: Gripper, low_y: float, high_y: float) -> tuple[Array, Array]:
+    """The room between (or behind) the fingers as half-spaces: normals (6, 3), offsets (6,)."""
+    half = gripper.finger_width_mm / 2
+    normals = np.vstack([np.eye(3), -np.eye(3)])
+    back = gripper.finger_length_mm - gripper.tip_mm
+    return normals, np.array([half, high_y, gripper.tip_mm, half, -low_y, back])
+
+
+def _struck(shape: Shape, tool_from_part: Array, gripper: Gripper) -> bool:
+    inner, outer = gripper.opening_mm / 2, gripper.opening_mm / 2 + gripper.finger_thickness_mm
+    fingers = [_strip(gripper, inner, outer), _strip(gripper, -outer, -inner)]
+    palm_z = gripper.finger_length_mm - gripper.tip_mm
+    normals = np.vstack([np.eye(3), -np.eye(3)])
+    palm = normals, np.array([PALM_MM / 2, outer, -palm_z, PALM_MM / 2, outer, palm_z + PALM_MM])
+    return any(len(_within(shape, tool_from_part, room).corners) for room in (*fingers, palm))
+
+
+def _within(shape: Shape, tool_from_part: Array, room: tuple[Array, Array]) -> _Bite:
+    """The corners of what of the shape lies in a convex room, in tool coordinates, with the part's normals there."""
+    bites = [_clip(piece, tool_from_part, room) for piece in shape.pieces]
+    return _Bite(np.vstack([b.corners for b in bites]), tuple(n for b in bites for n in b.normals))
+
+
+def _clip(solid: Solid, tool_from_part: Array, room: tuple[Array, Array]) -> _Bite:
+    """Every corner of solid and room together: where three of their planes meet and none is passed."""
+    part_normals = solid.normals @ tool_from_part[:3, :3].T
+    normals = np.vstack([part_normals, room[0]])
+    offsets = np.concatenate([solid.offsets + part_normals @ tool_from_part[:3, 3], room[1]])
+    triples = np.array(list(combinations(range(len(normals)), 3)))
+    systems = normals[triples]
+    meeting = np.abs(np.linalg.det(systems)) > 1e-9
+    points = np.linalg.solve(systems[meeting], offsets[triples[meeting]][..., None])[..., 0]
+    points = points[np.all(points @ normals.T <= offsets + 1e-7, axis=1)]
+    on = np.abs(points @ part_normals.T - offsets[: len(part_normals)]) < 1e-6
+    return _Bite(points.reshape(-1, 3), tuple(part_normals[row] for row in on))
+
+
+def _turn_to_jaws(shape: Shape, tool_from_part: Array, bite: _Bite, up: Array) -> float | None:
+    """The smallest turn about up, rad, that lays a side of the part along the jaws; None where no side is there."""
+    touched = np.vstack([np.zeros((0, 3)), *bite.normals])
+    level = touched - np.outer(touched @ up, up)
+    level = level[np.linalg.norm(level, axis=1) > 0.5]
+    if not len(level):
+        return None
+    jaw = np.array([0.0, 1.0, 0.0]) - up[1] * up
+    sine = np.cross(level, jaw) @ up
+    angle = np.arctan2(sine, level @ jaw)
+    angle = np.where(angle > np.pi / 2, angle - np.pi, np.where(angle < -np.pi / 2, angle + np.pi, angle))
+    return float(angle[np.argmin(np.abs(angle))])
+
+
+def _why_it_slips(bite: _Bite, tool_from_part: Array, shape: Shape, gripper: Gripper) -> str:
+    """Empty where the turned part is held firmly; else what lets it go."""
+    y = bite.corners[:, 1]
+    width = float(y.max() - y.min())
+    if gripper.tip_mm - bite.corners[:, 2].min() < gripper.bite_mm:
+        return "only the tips of the fingers touch the part"
+    cone = float(np.arctan(gripper.friction))
+    sides = []
+    for sign, touching in ((1.0, y > y.max() - TOUCH_MM), (-1.0, y < y.min() + TOUCH_MM)):
+        normals = [n for n, here in zip(bite.normals, touching, strict=True) if here]
+        if _angle_to_cone(np.array([0.0, sign, 0.0]), normals) > cone:
+            return "the sides slope too much to hold"
+        sides.append(bite.corners[touching][:, [0, 2]])
+    low = np.maximum(sides[0].min(axis=0), sides[1].min(axis=0))
+    high = np.minimum(sides[0].max(axis=0), sides[1].max(axis=0))
+    if np.linalg.norm(np.maximum(low - high, 0.0)) > np.tan(cone) * width:
+        return "the fingers do not touch opposite places"
+    grip_line = (low + high) / 2
+    if np.linalg.norm(apply(tool_from_part, shape.centre_of_mass)[[0, 2]] - grip_line) > gripper.lever_mm:
+        return "the part is gripped too far from its middle and swings out"
+    return ""
+
+
+def _angle_to_cone(direction: Array, normals: Sequence[Array]) -> float:
+    """Angle in rad between a unit direction and the nearest in the cone that the unit normals span."""
+    spanning = np.unique(np.round(np.vstack([np.zeros((0, 3)), *normals]), 9), axis=0)
+    best = np.pi
+    for count in (1, 2, 3):
+        for some in combinations(spanning, count):
+            basis = np.array(some).T
+            weights = np.linalg.lstsq(basis, direction, rcond=None)[0]
+            nearest = basis @ weights
+            if np.all(weights >= -1e-9) and np.linalg.norm(nearest) > 1e-9:
+                cosine = nearest @ direction / np.linalg.norm(nearest)
+                best = min(best, float(np.arccos(np.clip(cosine, -1.0, 1.0))))
+    return best

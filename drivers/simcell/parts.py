@@ -1,0 +1,168 @@
+"""The shapes that lie about in the cell: convex polyhedra (or a few glued together), and how they can rest.
+
+Shapes only, in their own frame (mm, origin at the centroid of the corners); where they are is world.py's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.simcell.rigid import Array, rigid, turn, turn_between
+
+FLAT_MM = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """A convex polyhedron: vertices (V, 3) mm; faces as vertex indices, anticlockwise from outside.
+
+    normals (F, 3) unit, outward; offsets (F,) mm with normals @ x <= offsets inside.
+    """
+
+    vertices: Array
+    faces: tuple[tuple[int, ...], ...]
+    normals: Array
+    offsets: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """A part's shape: label, the convex pieces it is made of, their common hull, its centre of mass (3,) mm.
+
+    rests: the hull's faces it can stand on, each as the (4, 4) rests_from_part that puts that face on z = 0 with the
+    centre of mass above the origin.
+    """
+
+    label: str
+    pieces: tuple[Solid, ...]
+    hull: Solid
+    centre_of_mass: Array
+    rests: tuple[Array, ...]
+
+
+def hull(points: Array) -> Solid:
+    """The convex hull of a few (N, 3) points; coplanar triangles become one face. Brute force: N up to some thirty."""
+    found: dict[tuple[int, ...], Array] = {}
+    for i, j, k in combinations(range(len(points)), 3):
+        normal = np.cross(points[j] - points[i], points[k] - points[i])
+        length = np.linalg.norm(normal)
+        if length < FLAT_MM:
+            continue
+        for outward in (normal / length, -normal / length):
+            above = points @ outward - points[i] @ outward
+            if above.max() < FLAT_MM:
+                found[tuple(np.flatnonzero(above > -FLAT_MM))] = outward
+    faces = tuple(_loop(points, members, normal) for members, normal in found.items())
+    normals = np.array(list(found.values()))
+    offsets = np.array([normals[i] @ points[f[0]] for i, f in enumerate(faces)])
+    return Solid(points, faces, normals, offsets)
+
+
+def _loop(points: Array, members: tuple[int, ...], normal: Array) -> tuple[int, ...]:
+    """The extreme points among coplanar members, anticlockwise about the outward normal."""
+    flat = points[list(members)] - points[list(members)].mean(axis=0)
+    across = flat[np.argmax(np.linalg.norm(flat, axis=1))]
+    ring = list(np.argsort(np.arctan2(flat @ np.cross(normal, across), flat @ across)))
+    i = int(np.argmax(np.linalg.norm(flat[ring], axis=1)))
+    ring = ring[i:] + ring[:i]
+    k, kept = 1, 0
+    while kept < len(ring):
+        before, here, after = (flat[ring[(k + step) % len(ring)]] for step in (-1, 0, 1))
+        if np.cross(here - before, after - here) @ normal > FLAT_MM:
+            k, kept = k + 1, kept + 1
+        else:
+            ring.pop(k % len(ring))
+            k, kept = k - 1, 0
+    return tuple(int(members[i]) for i in ring)
+
+
+def volume_and_centre(solid: Solid) -> tuple[float, Array]:
+    """Volume in mm^3 and centre of mass (3,) mm, by tetrahedra from the origin."""
+    volume, moment = 0.0, np.zeros(3)
+    for face in solid.faces:
+        a = solid.vertices[face[0]]
+        for b, c in zip(solid.vertices[list(face[1:-1])], solid.vertices[list(face[2:])], strict=True):
+            part = float(np.dot(a, np.cross(b, c))) / 6.0
+            volume += part
+            moment += part * (a + b + c) / 4.0
+    return volume, moment / volume
+
+
+def stable_rests(solid: Solid, centre_of_mass: Array, margin_mm: float = 3.0) -> tuple[Array, ...]:
+    """The (4, 4) rests_from_part of each face over whose inside, margin_mm from its sides, the centre of mass lies."""
+    rests = []
+    for face, normal in zip(solid.faces, solid.normals, strict=True):
+        corners = solid.vertices[list(face)]
+        along = np.roll(corners, -1, axis=0) - corners
+        inward = np.cross(normal, along / np.linalg.norm(along, axis=1, keepdims=True))
+        if np.min(np.sum(inward * (centre_of_mass - corners), axis=1)) >= margin_mm:
+            down = turn_between(normal, np.array([0.0, 0.0, -1.0]))
+            centre = down @ centre_of_mass
+            rests.append(rigid(down, [-centre[0], -centre[1], -(down @ corners[0])[2]]))
+    return tuple(rests)
+
+
+def shape(label: str, *clouds: Array) -> Shape:
+    """The shape whose convex pieces are the hulls of the given (N, 3) point clouds; they may touch, not overlap."""
+    centroid = np.unique(np.vstack(clouds), axis=0).mean(axis=0)
+    pieces = tuple(hull(cloud - centroid) for cloud in clouds)
+    masses = [volume_and_centre(piece) for piece in pieces]
+    centre = np.sum([v * c for v, c in masses], axis=0) / sum(v for v, _ in masses)
+    whole = pieces[0] if len(pieces) == 1 else hull(np.unique(np.vstack([p.vertices for p in pieces]), axis=0))
+    return Shape(label, pieces, whole, centre, stable_rests(whole, centre))
+
+
+def prism(sides: int, side_mm: float, length_mm: float) -> Array:
+    """(2 * sides, 3) corners of a regular prism along z, mm."""
+    angle = 2.0 * np.pi * np.arange(sides) / sides
+    ring = side_mm / (2.0 * np.sin(np.pi / sides)) * np.column_stack([np.cos(angle), np.sin(angle)])
+    return np.vstack([np.column_stack([ring, np.full(sides, z)]) for z in (0.0, length_mm)])
+
+
+def box(low: tuple[float, float, float], high: tuple[float, float, float]) -> Array:
+    """(8, 3) corners of an upright box, mm."""
+    pick: NDArray[np.int_] = np.indices((2, 2, 2)).reshape(3, 8).T
+    return np.where(pick == 1, np.asarray(high), np.asarray(low)).astype(float)
+
+
+def _pyramid() -> Shape:
+    base = prism(4, 50.0, 1.0)[:4] @ turn([0, 0, 1], np.pi / 4).T
+    return shape("pyramid", np.vstack([base, [[0.0, 0.0, 50.0]]]))
+
+
+def _tetrahedron() -> Shape:
+    side = 60.0
+    base = prism(3, side, 1.0)[:3]
+    return shape("tetrahedron", np.vstack([base, [[0.0, 0.0, side * np.sqrt(2.0 / 3.0)]]]))
+
+
+def _l_block() -> Shape:
+    return shape("l_block", box((0, 0, 0), (60, 25, 40)), box((0, 25, 0), (25, 50, 40)))
+
+
+_MAKERS: dict[str, Callable[[], Shape]] = {
+    "cube": lambda: shape("cube", box((0, 0, 0), (50, 50, 50))),
+    "pyramid": _pyramid,
+    "triangular_prism": lambda: shape("triangular_prism", prism(3, 50.0, 70.0)),
+    "pentagonal_prism": lambda: shape("pentagonal_prism", prism(5, 32.0, 70.0)),
+    "hexagonal_prism": lambda: shape("hexagonal_prism", prism(6, 26.0, 60.0)),
+    "l_block": _l_block,
+    "tetrahedron": _tetrahedron,
+}
+TAUGHT = ("cube", "pyramid", "triangular_prism", "pentagonal_prism")
+STRANGERS = ("hexagonal_prism", "l_block", "tetrahedron")
+_made: dict[str, Shape] = {}
+
+
+def part_shape(label: str) -> Shape:
+    """The shape of that name. Raises KeyError with the names there are."""
+    if label not in _MAKERS:
+        raise KeyError(f"no part named {label!r}; there are {', '.join(_MAKERS)}")
+    if label not in _made:
+        _made[label] = _MAKERS[label]()
+    return _made[label]

@@ -1,0 +1,279 @@
+"""Draws what one eye sees: rays through every pixel, facets where rays meet them, light, blur. Radiance, no noise.
+
+Pixels that an edge crosses are sampled many times, so that an edge lies where projection puts it to about 0.01 px.
+Where things are comes from the caller; when, and what the sensor makes of it, is camera.py's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.simcell.light import TableLight, facet_levels
+from drivers.simcell.optics import Array32, Eye
+from drivers.simcell.parts import Solid
+from drivers.simcell.rigid import Array, apply, inverse
+from drivers.simcell.truth import Lighting
+
+NOTHING = -1
+SAMPLES = 48
+NEAREST_MM = 20.0
+BULGE_PX = 6
+
+
+@dataclass(frozen=True, eq=False)
+class Pattern:
+    """A print on one face of a solid: cells (rows, columns) albedo, cell_mm wide, in the plane z = 0 of print.
+
+    solid_from_print: x along a row, y down the rows, the first cell's outer corner at the origin.
+    """
+
+    face: int
+    cells: Array32
+    cell_mm: float
+    solid_from_print: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Thing:
+    """A convex solid standing in the world: world_from_solid (4, 4) mm, albedo 0 to 1, perhaps a print."""
+
+    solid: Solid
+    world_from_solid: Array
+    albedo: float
+    pattern: Pattern | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class _Face:
+    """A face turned to the eye, in camera coordinates.
+
+    edges (3, m): normals of the planes through the eye and each side, looking inward; normal (3,) and distance (mm) of
+    the face's plane; window: the rows and columns of pixels it can touch.
+    """
+
+    thing: Thing
+    index: int
+    edges: Array32
+    normal: Array32
+    distance: np.float32
+    window: tuple[slice, slice]
+    print_from_camera: Array32 | None
+
+    def points(self, rays: Array32) -> Array32:
+        """(..., 2) rays -> (..., 3) mm in camera coordinates where they meet the face's plane."""
+        straight = np.concatenate([rays, np.ones_like(rays[..., :1])], axis=-1)
+        met: Array32 = straight * self.depth(rays)[..., None]
+        return met
+
+    def albedo(self, rays: Array32) -> Array32:
+        """What share of the light (N,) the face gives back where (N, 2) rays meet it."""
+        if self.print_from_camera is None or self.thing.pattern is None:
+            return np.full(len(rays), self.thing.albedo, np.float32)
+        cells = self.thing.pattern.cells
+        flat = self.points(rays) @ self.print_from_camera[:2, :3].T + self.print_from_camera[:2, 3]
+        column, row = np.floor(flat / np.float32(self.thing.pattern.cell_mm)).astype(np.intp).T
+        on = (row >= 0) & (row < cells.shape[0]) & (column >= 0) & (column < cells.shape[1])
+        found = np.where(on, cells[np.where(on, row, 0), np.where(on, column, 0)], np.float32(self.thing.albedo))
+        return np.asarray(found, np.float32)
+
+    def depth(self, rays: Array32) -> Array32:
+        """(..., 2) rays -> z in mm at which they meet the face's plane."""
+        n = self.normal
+        met: Array32 = self.distance / (rays[..., 0] * n[0] + rays[..., 1] * n[1] + n[2])
+        return met
+
+    def covers(self, rays: Array32) -> NDArray[np.bool_]:
+        """(..., 2) rays -> whether each passes inside the face's sides."""
+        x, y = rays[..., 0], rays[..., 1]
+        inside = np.ones(rays.shape[:-1], bool)
+        for a, b, c in self.edges.T:
+            inside &= a * x + b * y >= -c
+        return inside
+
+
+class Retina:
+    """The rays of one eye's image grid, worked out once: corners between pixels, and samples inside a pixel."""
+
+    def __init__(self, eye: Eye, width: int, height: int) -> None:
+        self.eye = eye
+        self.corners = eye.directions(width, height)
+        c = self.corners
+        self.centres: Array32 = (c[:-1, :-1] + c[:-1, 1:] + c[1:, :-1] + c[1:, 1:]) * np.float32(0.25)
+        a, b = _spread(SAMPLES)
+        weights = [(1 - a) * (1 - b), a * (1 - b), (1 - a) * b, a * b]
+        self.weights = np.stack(weights).astype(np.float32)
+
+    def window(self, pixels: Array) -> tuple[slice, slice] | None:
+        """The rows and columns of pixels that a polygon with (N, 2) px corners can touch; None outside the image."""
+        height, width = self.centres.shape[:2]
+        low = np.floor(pixels.min(axis=0)).astype(int) - BULGE_PX
+        high = np.ceil(pixels.max(axis=0)).astype(int) + BULGE_PX + 1
+        if np.any(high <= 0) or low[0] >= width or low[1] >= height:
+            return None
+        return slice(max(low[1], 0), min(high[1], height)), slice(max(low[0], 0), min(high[0], width))
+
+    def samples(self, rows: NDArray[np.intp], columns: NDArray[np.intp]) -> Array32:
+        """(N, SAMPLES, 2) rays spread evenly over each of N pixels, bilinear between its corners."""
+        c = self.corners
+        quad = np.stack(
+            [c[rows, columns], c[rows, columns + 1], c[rows + 1, columns], c[rows + 1, columns + 1]], axis=-1
+        )
+        rays: Array32 = np.einsum("nck,ks->nsc", quad, self.weights, optimize=True)
+        return rays
+
+
+def _spread(count: int) -> tuple[Array, Array]:
+    """count points evenly over the unit square (Hammersley): even in x, and nearly so along any direction."""
+    index = np.arange(count)
+    reversed_bits, scale, rest = np.zeros(count), 0.5, index.copy()
+    while rest.any():
+        reversed_bits += scale * (rest & 1)
+        scale, rest = scale / 2, rest >> 1
+    return (index + 0.5) / count, reversed_bits + 0.5 / 2 ** int(np.ceil(np.log2(count)))
+
+
+def radiance(
+    retina: Retina, world_from_cyclopean: Array, things: Sequence[Thing], lighting: Lighting, table: TableLight
+) -> Array32:
+    """The sharp image (H, W) in grey levels, before blur, vignette, gain and noise."""
+    world_from_camera = world_from_cyclopean @ retina.eye.cyclopean_from_camera
+    image = table.seen_by(retina.centres, world_from_camera)
+    faces = [face for thing in things for face in _facing(thing, retina, world_from_camera)]
+    if not faces:
+        return image
+    whole, crossed = _sort_pixels(_nearest_at_corners(faces, retina), faces, retina.corners)
+    paint = _Painter(faces, world_from_camera, lighting)
+    paint.fill(image, whole, retina.centres)
+    rows, columns = np.nonzero(crossed)
+    rays = retina.samples(rows, columns)
+    image[rows, columns] = paint.mix(image[rows, columns], _nearest_in_pixels(faces, rays, rows, columns), rays)
+    return image
+
+
+def _facing(thing: Thing, retina: Retina, world_from_camera: Array) -> list[_Face]:
+    """The faces of a thing that are turned to the eye and may be in its image."""
+    camera_from_solid = inverse(world_from_camera) @ thing.world_from_solid
+    corners = apply(camera_from_solid, thing.solid.vertices)
+    if corners[:, 2].min() < NEAREST_MM:
+        return []
+    pixels = retina.eye.project(apply(retina.eye.cyclopean_from_camera, corners))
+    found = []
+    for index, loop in enumerate(thing.solid.faces):
+        ring = corners[list(loop)]
+        normal = camera_from_solid[:3, :3] @ thing.solid.normals[index]
+        window = retina.window(pixels[list(loop)])
+        if normal @ ring[0] >= 0 or window is None:
+            continue
+        # Sides run anticlockwise as seen from outside, where the eye is; inward is left of each.
+        edges = np.cross(np.roll(ring, -1, axis=0), ring).T
+        edges = edges / np.linalg.norm(edges, axis=0)
+        found.append(
+            _Face(
+                thing,
+                index,
+                edges.astype(np.float32),
+                normal.astype(np.float32),
+                np.float32(normal @ ring[0]),
+                window,
+                _print_from_camera(thing, index, camera_from_solid),
+            )
+        )
+    return found
+
+
+def _print_from_camera(thing: Thing, index: int, camera_from_solid: Array) -> Array32 | None:
+    if thing.pattern is None or thing.pattern.face != index:
+        return None
+    return inverse(camera_from_solid @ thing.pattern.solid_from_print).astype(np.float32)
+
+
+def _nearest_at_corners(faces: Sequence[_Face], retina: Retina) -> NDArray[np.int16]:
+    """(H + 1, W + 1) number of the face seen at each corner between pixels, NOTHING where only the table is."""
+    which = np.full(retina.corners.shape[:2], NOTHING, np.int16)
+    nearest = np.full(which.shape, np.inf, np.float32)
+    for number, face in enumerate(faces):
+        rows, columns = face.window
+        here = slice(rows.start, rows.stop + 1), slice(columns.start, columns.stop + 1)
+        _put(number, face, retina.corners[here], which[here], nearest[here])
+    return which
+
+
+def _nearest_in_pixels(
+    faces: Sequence[_Face], rays: Array32, rows: NDArray[np.intp], columns: NDArray[np.intp]
+) -> NDArray[np.int16]:
+    """(N, SAMPLES) number of the face that each sample ray of N pixels meets first, or NOTHING."""
+    which = np.full(rays.shape[:2], NOTHING, np.int16)
+    nearest = np.full(which.shape, np.inf, np.float32)
+    for number, face in enumerate(faces):
+        down, across = face.window
+        touched = np.flatnonzero(
+            (rows >= down.start) & (rows < down.stop) & (columns >= across.start) & (columns < across.stop)
+        )
+        found, depth = which[touched], nearest[touched]
+        _put(number, face, rays[touched], found, depth)
+        which[touched], nearest[touched] = found, depth
+    return which
+
+
+def _put(number: int, face: _Face, rays: Array32, which: NDArray[np.int16], nearest: Array32) -> None:
+    """Write the face's number where it covers a ray and is nearer than what stands there."""
+    depth = face.depth(rays)
+    closer = face.covers(rays) & (depth < nearest)
+    which[closer] = number
+    nearest[closer] = depth[closer]
+
+
+def _sort_pixels(
+    which: NDArray[np.int16], faces: Sequence[_Face], corners: Array32
+) -> tuple[NDArray[np.int16], NDArray[np.bool_]]:
+    """From the faces at the pixels' corners: ((H, W) face that fills the pixel, or NOTHING; (H, W) edge inside)."""
+    kind = which.astype(np.int32) * 2
+    for number, face in enumerate(faces):
+        if face.print_from_camera is not None:
+            on = np.nonzero(which == number)
+            kind[on] += face.albedo(corners[on]) > 0.5
+    first = kind[:-1, :-1]
+    crossed = (first != kind[:-1, 1:]) | (first != kind[1:, :-1]) | (first != kind[1:, 1:])
+    return np.where(crossed, np.int16(NOTHING), which[:-1, :-1]), crossed
+
+
+class _Painter:
+    """Gives pixels the grey levels of the faces they show."""
+
+    def __init__(self, faces: Sequence[_Face], world_from_camera: Array, lighting: Lighting) -> None:
+        self._faces, self._lighting = faces, lighting
+        self._turn: Array32 = world_from_camera[:3, :3].astype(np.float32)
+        self._eye = world_from_camera[:3, 3]
+
+    def fill(self, image: Array32, whole: NDArray[np.int16], centres: Array32) -> None:
+        """Paint the pixels (H, W) that one face fills."""
+        for number, face in enumerate(self._faces):
+            on = np.nonzero(whole[face.window] == number)
+            rays = centres[face.window][on]
+            image[face.window][on] = self._levels(face, rays, face.albedo(rays))
+
+    def mix(self, behind: Array32, which: NDArray[np.int16], rays: Array32) -> Array32:
+        """(N,) levels of the table, (N, SAMPLES) faces met, (N, SAMPLES, 2) rays -> (N,) levels of pixels edges cross.
+
+        A face's light is taken at the middle of its samples in the pixel: it varies little inside one.
+        """
+        mixed: Array32 = behind * np.mean(which == NOTHING, axis=1, dtype=np.float32)
+        for number, face in enumerate(self._faces):
+            share = np.asarray(np.mean(which == number, axis=1), np.float32)
+            some = np.flatnonzero(share)
+            weight = (which[some] == number).astype(np.float32) / (share[some, None] * SAMPLES)
+            middle = np.einsum("ns,nsc->nc", weight, rays[some])
+            albedo = face.albedo(middle)
+            if face.print_from_camera is not None:
+                each = face.albedo(rays[some].reshape(-1, 2)).reshape(weight.shape)
+                albedo = np.einsum("ns,ns->n", weight, each)
+            mixed[some] += share[some] * self._levels(face, middle, albedo)
+        return mixed
+
+    def _levels(self, face: _Face, rays: Array32, albedo: Array32) -> Array32:
+        points = face.points(rays) @ self._turn.T + self._eye.astype(np.float32)
+        return facet_levels(points, (self._turn @ face.normal).astype(float), albedo, self._eye, self._lighting)

@@ -1,0 +1,56 @@
+"""Rigid transforms as the simulated cell needs them: 4x4 matrices `b_from_a`, mm and radians. No state, no files.
+
+The daemon has its own (drivers never import the daemon).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+
+def rigid(rotation: ArrayLike, translation_mm: ArrayLike) -> Array:
+    """(3, 3) rotation and (3,) mm -> (4, 4)."""
+    b_from_a = np.eye(4)
+    b_from_a[:3, :3] = rotation
+    b_from_a[:3, 3] = translation_mm
+    return b_from_a
+
+
+def inverse(b_from_a: Array) -> Array:
+    """a_from_b of a rigid (4, 4) b_from_a."""
+    turned_back = b_from_a[:3, :3].T
+    return rigid(turned_back, -turned_back @ b_from_a[:3, 3])
+
+
+def apply(b_from_a: Array, points: Array) -> Array:
+    """(..., 3) points in a -> the same points in b."""
+    moved: Array = points @ b_from_a[:3, :3].T + b_from_a[:3, 3]
+    return moved
+
+
+def turn(axis: ArrayLike, angle_rad: float) -> Array:
+    """(3, 3) rotation by angle_rad about the (3,) axis, of any length but zero (Rodrigues)."""
+    x, y, z = np.asarray(axis, float) / np.linalg.norm(axis)
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    rotation: Array = np.eye(3) + np.sin(angle_rad) * cross + (1.0 - np.cos(angle_rad)) * (cross @ cross)
+    return rotation
+
+
+def turn_between(start: Array, end: Array) -> Array:
+    """The smallest (3, 3) rotation that takes the direction start (3,) to the direction end (3,)."""
+    a, b = start / np.linalg.norm(start), end / np.linalg.norm(end)
+    axis = np.cross(a, b)
+    sine, cosine = float(np.linalg.norm(axis)), float(a @ b)
+    if sine < 1e-12:
+        axis = np.cross(a, np.eye(3)[np.argmin(np.abs(a))])
+    return turn(axis, float(np.arctan2(sine, cosine)))
+
+
+def angle_of(rotation: Array) -> float:
+    """Angle in rad, 0 to pi, of a (3, 3) or (4, 4) rotation."""
+    r = rotation[:3, :3]
+    sine = 0.5 * np.linalg.norm([r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]])
+    return float(np.arctan2(sine, (np.trace(r) - 1.0) / 2.0))

@@ -1,0 +1,178 @@
+"""What is really so in the simulated cell: etc/simcell.yaml as typed values. The daemon never reads that file.
+
+Values and their bounds only; what they do is in render.py (light), world.py (parts), gripper.py (grasp), cell.py (arm).
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import msgspec
+import numpy as np
+from msgspec import Meta
+
+from drivers.simcell.optics import Eye
+from drivers.simcell.rigid import Array
+
+Positive = Annotated[float, Meta(gt=0)]
+NotNegative = Annotated[float, Meta(ge=0)]
+Fraction = Annotated[float, Meta(ge=0, le=1)]
+Vector2 = Annotated[list[float], Meta(min_length=2, max_length=2)]
+Vector3 = Annotated[list[float], Meta(min_length=3, max_length=3)]
+Six = Annotated[list[float], Meta(min_length=6, max_length=6)]
+Distortion = Annotated[list[float], Meta(min_length=5, max_length=5)]
+Matrix3 = Annotated[list[Vector3], Meta(min_length=3, max_length=3)]
+Row4 = Annotated[list[float], Meta(min_length=4, max_length=4)]
+Matrix4 = Annotated[list[Row4], Meta(min_length=4, max_length=4)]
+
+
+class TruthError(Exception):
+    """etc/simcell.yaml cannot be used: which file, which value, what was expected."""
+
+
+class EyeTruth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """One camera: as in calibration.yaml."""
+
+    camera_matrix: Matrix3
+    distortion: Distortion
+    cyclopean_from_camera: Matrix4
+
+    def eye(self) -> Eye:
+        """The camera as geometry. Raises ValueError where the pose is not rigid."""
+        return Eye(np.array(self.camera_matrix), np.array(self.distortion), rigid_matrix(self.cyclopean_from_camera))
+
+
+class ArmTruth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What the arm has that its controller does not know.
+
+    flange_from_tool: where the tool centre point is (the controller does know that one); joint_offset_deg: true minus
+    believed angle of each joint; repeatability_mm: standard deviation of where the tool comes to rest, along each axis.
+    """
+
+    flange_from_tool: Matrix4
+    joint_offset_deg: Six
+    repeatability_mm: NotNegative
+
+
+class Sensor(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """How light becomes grey levels. Noise variance = read_noise^2 + photon_noise * level, in grey levels.
+
+    skew_s: how much later the right eye exposes.
+    """
+
+    frame_rate_hz: Positive
+    exposure_s: Positive
+    skew_s: NotNegative
+    blur_px: Positive
+    read_noise: NotNegative
+    photon_noise: NotNegative
+    gain_left: Positive
+    gain_right: Positive
+    vignette: Fraction
+
+
+class Lamp(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A round lamp: centre in world mm, radius (softness of shadows), grey levels it adds to white facing it at 1 m."""
+
+    position_mm: Vector3
+    radius_mm: Positive
+    level: NotNegative
+
+
+class Lighting(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """ambient: grey levels on white from all round; lamps; gloss: share of a lamp's level in a facet's highlight."""
+
+    ambient: NotNegative
+    lamps: list[Lamp]
+    gloss: Fraction
+    facet_albedo: Fraction
+    table_albedo: Fraction
+
+
+class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The table's top: z in world mm, the area parts are strewn over (centre, radius), its half size."""
+
+    height_mm: float
+    centre_mm: Vector2
+    scatter_radius_mm: Positive
+    half_size_mm: Positive
+
+
+class Bin(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Where parts are dropped: an upright rectangle over the table, centre and full size, world mm."""
+
+    centre_mm: Vector2
+    size_mm: Vector2
+
+
+class Gripper(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The parallel gripper: jaws close along tool y, both alike; fingers lie along tool z.
+
+    opening_mm between the open jaws; finger_width_mm along tool x; tip_mm from the TCP to the tips; finger_length_mm
+    from the tips to the palm; finger_thickness_mm outside the opening; friction coefficient; centring_mm and turn_deg:
+    the most a closing jaw pushes or turns a part; lever_mm: the centre of mass's greatest distance from the grip line;
+    bite_mm: the least depth of part between the fingers.
+    """
+
+    opening_mm: Positive
+    finger_width_mm: Positive
+    tip_mm: Positive
+    finger_length_mm: Positive
+    finger_thickness_mm: Positive
+    friction: Positive
+    centring_mm: Positive
+    turn_deg: Positive
+    lever_mm: Positive
+    bite_mm: Positive
+
+
+class Truth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The whole file."""
+
+    version: int
+    image_size: Annotated[list[int], Meta(min_length=2, max_length=2)]
+    left: EyeTruth
+    right: EyeTruth
+    tool_from_cyclopean: Matrix4
+    arm: ArmTruth
+    sensor: Sensor
+    lighting: Lighting
+    table: Table
+    bin: Bin
+    gripper: Gripper
+
+
+def rigid_matrix(rows: Matrix4) -> Array:
+    """Rows of a 4x4 -> array. Raises ValueError where it is no rigid transform to 1e-6."""
+    matrix = np.array(rows)
+    rotation = matrix[:3, :3]
+    if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-6 or np.linalg.det(rotation) < 0:
+        raise ValueError("the upper left 3x3 is no rotation")
+    if not np.array_equal(matrix[3], [0.0, 0.0, 0.0, 1.0]):
+        raise ValueError("the last row must be 0 0 0 1")
+    return matrix
+
+
+def load_truth(path: Path | str) -> Truth:
+    """Read etc/simcell.yaml. Raises TruthError with file, value and what was expected."""
+    try:
+        truth = msgspec.yaml.decode(Path(path).read_bytes(), type=Truth)
+    except OSError as error:
+        raise TruthError(f"{path}: cannot be read: {error.strerror}") from error
+    except msgspec.DecodeError as error:
+        raise TruthError(f"{path}: {error}") from error
+    if truth.version != 1:
+        raise TruthError(f"{path}: version: expected 1, found {truth.version}")
+    transforms = {
+        "left.cyclopean_from_camera": truth.left.cyclopean_from_camera,
+        "right.cyclopean_from_camera": truth.right.cyclopean_from_camera,
+        "tool_from_cyclopean": truth.tool_from_cyclopean,
+        "arm.flange_from_tool": truth.arm.flange_from_tool,
+    }
+    for name, rows in transforms.items():
+        try:
+            rigid_matrix(rows)
+        except ValueError as error:
+            raise TruthError(f"{path}: {name}: {error}") from error
+    return truth

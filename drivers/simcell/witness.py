@@ -1,0 +1,119 @@
+"""What really happened in the cell, for demos and tests: never for the daemon's decisions.
+
+Compares what someone expected with what was so; how it came about is in world.py and gripper.py.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from drivers.simcell.rigid import Array, angle_of, apply, inverse, rigid
+from drivers.simcell.truth import Truth
+from drivers.simcell.world import Closing, PlacedPart, World
+
+MATCHING_ROUNDS = 10
+
+
+@dataclass(frozen=True)
+class GraspTruth:
+    """One closing of the jaws: on what (None: nothing there), whether it held, why; what the jaws did to the part.
+
+    error_mm, error_deg: how far they pushed it along, and turned it into, the ideal grasp line, which is how far the
+    tool was off that line; nan where nothing was held. width_mm: between the jaws.
+    """
+
+    label: str | None
+    held: bool
+    why: str
+    error_mm: float
+    error_deg: float
+    width_mm: float
+
+
+class Witness:
+    """Asks the world. All of it is the truth: kinematic errors, hand-eye error and all."""
+
+    def __init__(self, truth: Truth, world: World, world_from_tool: Callable[[], Array]) -> None:
+        self.settings = truth
+        self._world, self._world_from_tool = world, world_from_tool
+
+    @property
+    def parts(self) -> tuple[PlacedPart, ...]:
+        """Every part and where it is."""
+        return self._world.parts
+
+    @property
+    def held(self) -> str | None:
+        """Label of the part in the hand."""
+        return self._world.held.label if self._world.held else None
+
+    @property
+    def strikes(self) -> tuple[str, ...]:
+        """Each time a finger or the palm ran into a part or the table."""
+        return tuple(self._world.strikes)
+
+    @property
+    def grasps(self) -> tuple[GraspTruth, ...]:
+        """Every closing of the jaws, oldest first."""
+        return tuple(_told(closing) for closing in self._world.closings)
+
+    def corners(self, name: str) -> Array:
+        """(V, 3) world mm: where the corners of the part of that name (not label) are."""
+        part = next(part for part in self.parts if part.name == name)
+        return apply(part.world_from_part(self._world_from_tool()), part.shape.hull.vertices)
+
+    def grasp_pose_error(self, expected_corners_tool_mm: Array) -> tuple[float, float]:
+        """(mm, degrees) between where the last closing found the part and where its corners (N, 3) were expected.
+
+        Both in the tool frame, before the jaws moved it. Raises ValueError where the jaws found nothing.
+        """
+        closing = self._world.closings[-1] if self._world.closings else None
+        if closing is None or closing.part is None or closing.grip is None:
+            raise ValueError("the last closing of the hand found no part")
+        found = apply(closing.grip.tool_from_part_before, closing.part.shape.hull.vertices)
+        return pose_error(expected_corners_tool_mm, found)
+
+    def pose_error(self, name: str, claimed_corners_world_mm: Array) -> tuple[float, float]:
+        """(mm, degrees) of a claimed pose, told by the part's corners (N, 3) in the world."""
+        return pose_error(claimed_corners_world_mm, self.corners(name))
+
+    def seen_corners(self, name: str, world_from_cyclopean: Array) -> Array:
+        """(V, 3) mm: the part's corners in a cyclopean frame."""
+        return apply(inverse(world_from_cyclopean), self.corners(name))
+
+
+def _told(closing: Closing) -> GraspTruth:
+    nothing = float("nan")
+    if closing.part is None or closing.grip is None:
+        return GraspTruth(None, False, "nothing between the jaws", nothing, nothing, 0.0)
+    grip = closing.grip
+    if not grip.held:
+        return GraspTruth(closing.part.label, False, grip.why, nothing, nothing, 0.0)
+    return GraspTruth(closing.part.label, True, grip.why, abs(grip.shift_mm), abs(grip.turn_deg), grip.width_mm)
+
+
+def pose_error(claimed_mm: Array, true_mm: Array) -> tuple[float, float]:
+    """How far claimed corners (N, 3) are from the true (V, 3) ones they must mean: (mm at their middle, degrees).
+
+    Each claimed corner is matched to the nearest true one, over and over (iterated closest points); N >= 3.
+    """
+    moved = claimed_mm
+    for _ in range(MATCHING_ROUNDS):
+        nearest = np.argmin(np.linalg.norm(moved[:, None] - true_mm[None], axis=2), axis=1)
+        true_from_claimed = fit(claimed_mm, true_mm[nearest])
+        moved = apply(true_from_claimed, claimed_mm)
+    middle = claimed_mm.mean(axis=0)
+    shift = apply(true_from_claimed, middle) - middle
+    return float(np.linalg.norm(shift)), float(np.degrees(angle_of(true_from_claimed)))
+
+
+def fit(start: Array, end: Array) -> Array:
+    """The rigid (4, 4) that takes (N, 3) points start to end with least squared error (Kabsch)."""
+    a, b = start.mean(axis=0), end.mean(axis=0)
+    u, _, vt = np.linalg.svd((start - a).T @ (end - b))
+    flip = np.diag([1.0, 1.0, np.sign(np.linalg.det(vt.T @ u.T))])
+    rotation = vt.T @ flip @ u.T
+    return rigid(rotation, b - rotation @ a)

@@ -1,0 +1,238 @@
+"""What lies where in the simulated cell: parts on the table, in the gripper, in the bin; what the hand does to them.
+
+Positions only; light and lenses are elsewhere, and so is time: whoever asks says where the tool is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from enum import Enum
+from threading import RLock
+
+import numpy as np
+
+from drivers.simcell.gripper import Grip, close_on, reaches
+from drivers.simcell.parts import Shape, part_shape
+from drivers.simcell.rigid import Array, apply, inverse, rigid, turn
+from drivers.simcell.truth import Truth
+
+FLOOR_BELOW_TABLE_MM = 700.0
+
+
+class Where(Enum):
+    """What carries a part."""
+
+    TABLE = "table"
+    STAND = "stand"
+    HAND = "hand"
+    BIN = "bin"
+    FLOOR = "floor"
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedPart:
+    """One part: its name in this cell, what it is, where it is. For a part in the hand, pose is tool_from_part."""
+
+    name: str
+    label: str
+    shape: Shape
+    where: Where
+    pose: Array
+
+    def world_from_part(self, world_from_tool: Array) -> Array:
+        """(4, 4) mm."""
+        return world_from_tool @ self.pose if self.where is Where.HAND else self.pose
+
+
+@dataclass(frozen=True, eq=False)
+class Closing:
+    """One closing of the jaws: the part they met, as it lay before, and what came of it; None where none was there."""
+
+    part: PlacedPart | None
+    grip: Grip | None
+
+
+class World:
+    """The parts and what becomes of them. Every call may come from any thread."""
+
+    def __init__(self, truth: Truth) -> None:
+        self._truth = truth
+        self._lock = RLock()
+        self._parts: dict[str, PlacedPart] = {}
+        self._count = 0
+        self.changes = 0
+        self.closings: list[Closing] = []
+        self.strikes: list[str] = []
+
+    @property
+    def parts(self) -> tuple[PlacedPart, ...]:
+        """All parts, in the order they came."""
+        with self._lock:
+            return tuple(self._parts.values())
+
+    @property
+    def held(self) -> PlacedPart | None:
+        """The part in the hand, if any."""
+        return next((part for part in self.parts if part.where is Where.HAND), None)
+
+    def clear(self) -> None:
+        """Take every part away."""
+        with self._lock:
+            self._parts.clear()
+            self.changes += 1
+
+    def put(self, label: str, world_from_part: Array, where: Where = Where.TABLE) -> PlacedPart:
+        """Put a new part somewhere. Raises KeyError for a label there is no shape for."""
+        with self._lock:
+            self._count += 1
+            part = PlacedPart(f"{label}-{self._count}", label, part_shape(label), where, world_from_part)
+            self._set(part)
+            return part
+
+    def stand(self, label: str, rest: int, x_mm: float, y_mm: float, turn_rad: float) -> PlacedPart:
+        """Put a new part on the table on its rest-th stable face, turned about the vertical."""
+        return self.put(label, self._standing(part_shape(label).rests[rest], x_mm, y_mm, turn_rad))
+
+    def scatter(self, labels: Sequence[str], rng: np.random.Generator, gap_mm: float = 30.0) -> None:
+        """Strew new parts over the table: any stable face, any turn, no two closer than gap_mm or as wide as fits."""
+        while True:
+            spots = self._free_spots([_reach_mm(part_shape(label)) for label in labels], rng, gap_mm)
+            if spots is not None:
+                break
+            gap_mm -= 5.0
+        for label, (x, y) in zip(labels, spots, strict=True):
+            rest = int(rng.integers(len(part_shape(label).rests)))
+            self.stand(label, rest, x, y, rng.uniform(-np.pi, np.pi))
+
+    def nudge(self, name: str, x_mm: float, y_mm: float, turn_rad: float = 0.0) -> None:
+        """Push a part along the table and turn it about the vertical through its centre of mass."""
+        with self._lock:
+            part = self._parts[name]
+            centre = apply(part.pose, part.shape.centre_of_mass)
+            about = rigid(turn([0, 0, 1], turn_rad), centre + np.array([x_mm, y_mm, 0.0])) @ rigid(np.eye(3), -centre)
+            self._set(replace(part, pose=about @ part.pose))
+
+    def remove(self, name: str) -> None:
+        """Take one part away."""
+        with self._lock:
+            del self._parts[name]
+            self.changes += 1
+
+    def close_hand(self, world_from_tool: Array) -> None:
+        """Close the jaws where the tool is. What they did to the part between them is the last of `closings`."""
+        with self._lock:
+            self._check_fingers(world_from_tool)
+            tool_from_world = inverse(world_from_tool)
+            near = [
+                part
+                for part in self._parts.values()
+                if part.where in (Where.TABLE, Where.STAND)
+                and reaches(part.shape, tool_from_world @ part.pose, self._truth.gripper)
+            ]
+            if self.held:
+                return
+            closing = Closing(near[0], self._close_on(near, world_from_tool)) if near else Closing(None, None)
+            self.closings.append(closing)
+
+    def open_hand(self, world_from_tool: Array) -> None:
+        """Open the jaws: what they held falls to whatever is below."""
+        with self._lock:
+            self._check_fingers(world_from_tool)
+            if self.held:
+                self._drop(self.held, world_from_tool)
+
+    def _set(self, part: PlacedPart) -> None:
+        self._parts[part.name] = part
+        self.changes += 1
+
+    def _close_on(self, near: Sequence[PlacedPart], world_from_tool: Array) -> Grip:
+        part, tool_from_world = near[0], inverse(world_from_tool)
+        tool_from_part = tool_from_world @ part.pose
+        if len(near) > 1:
+            return Grip(False, "more than one part between the jaws", tool_from_part, tool_from_part)
+        grip = close_on(part.shape, tool_from_part, tool_from_world[:3, 2], self._truth.gripper)
+        if grip.struck:
+            self.strikes.append(f"{part.name}: {grip.why}")
+        if grip.held:
+            self._set(replace(part, where=Where.HAND, pose=grip.tool_from_part))
+        elif grip.shift_mm and part.where is Where.TABLE:
+            push = world_from_tool[:3, 1] * grip.shift_mm
+            self.nudge(part.name, push[0], push[1])
+        return grip
+
+    def _drop(self, part: PlacedPart, world_from_tool: Array) -> None:
+        pose = world_from_tool @ part.pose
+        x, y, _ = apply(pose, part.shape.centre_of_mass)
+        table, bin_ = self._truth.table, self._truth.bin
+        if np.all(np.abs(np.array([x, y]) - bin_.centre_mm) <= np.array(bin_.size_mm) / 2):
+            where = Where.BIN
+        elif np.all(np.abs(np.array([x, y]) - table.centre_mm) <= table.half_size_mm):
+            where = Where.TABLE
+        else:
+            where = Where.FLOOR
+        landed = settle(part.shape, pose, table.height_mm)
+        if where is Where.FLOOR:
+            landed[2, 3] -= FLOOR_BELOW_TABLE_MM
+        self._set(replace(part, where=where, pose=landed))
+        if where is Where.TABLE:
+            self._push_clear(part.name)
+
+    def _push_clear(self, name: str) -> None:
+        """Slide a part that fell on others off them, away from the nearest, until it stands free."""
+        for _ in range(100):
+            part = self._parts[name]
+            here = part.pose[:2, 3]
+            others = [p for p in self._parts.values() if p.name != name and p.where is Where.TABLE]
+            near = [
+                p for p in others if np.linalg.norm(p.pose[:2, 3] - here) < _reach_mm(p.shape) + _reach_mm(part.shape)
+            ]
+            if not near:
+                return
+            away = here - near[0].pose[:2, 3]
+            away = away / np.linalg.norm(away) if np.linalg.norm(away) > 1e-6 else np.array([1.0, 0.0])
+            self.nudge(name, *(5.0 * away))
+
+    def _check_fingers(self, world_from_tool: Array) -> None:
+        gripper = self._truth.gripper
+        outer = gripper.opening_mm / 2 + gripper.finger_thickness_mm
+        tips = np.array([[0.0, side * outer, gripper.tip_mm] for side in (-1, 1)])
+        if apply(world_from_tool, tips)[:, 2].min() < self._truth.table.height_mm:
+            self.strikes.append("the fingers run into the table")
+
+    def _standing(self, rest: Array, x_mm: float, y_mm: float, turn_rad: float) -> Array:
+        return rigid(turn([0, 0, 1], turn_rad), [x_mm, y_mm, self._truth.table.height_mm]) @ rest
+
+    def _free_spots(self, reaches_mm: Sequence[float], rng: np.random.Generator, gap_mm: float) -> list[Array] | None:
+        taken = [
+            (part.pose[:2, 3], _reach_mm(part.shape)) for part in self.parts if part.where in (Where.TABLE, Where.STAND)
+        ]
+        spots: list[Array] = []
+        table = self._truth.table
+        for reach in reaches_mm:
+            for _ in range(200):
+                angle, radius = rng.uniform(-np.pi, np.pi), table.scatter_radius_mm * np.sqrt(rng.uniform())
+                spot = np.array(table.centre_mm) + radius * np.array([np.cos(angle), np.sin(angle)])
+                if all(np.linalg.norm(spot - other) > reach + size + gap_mm for other, size in taken):
+                    break
+            else:
+                return None
+            taken.append((spot, reach))
+            spots.append(spot)
+        return spots
+
+
+def settle(shape: Shape, world_from_part: Array, height_mm: float) -> Array:
+    """Where a part comes to rest that is let go: on the stable face that looks down most, its middle where it was."""
+    turned_down = [rest[:3, :3].T @ np.array([0.0, 0.0, -1.0]) for rest in shape.rests]
+    steepness = [-(world_from_part[:3, :3] @ down)[2] for down in turned_down]
+    rest = shape.rests[int(np.argmax(steepness))]
+    world_from_rest = world_from_part[:3, :3] @ rest[:3, :3].T
+    heading = np.arctan2(world_from_rest[1, 0] - world_from_rest[0, 1], world_from_rest[0, 0] + world_from_rest[1, 1])
+    x, y, _ = apply(world_from_part, shape.centre_of_mass)
+    return rigid(turn([0, 0, 1], heading), [x, y, height_mm]) @ rest
+
+
+def _reach_mm(shape: Shape) -> float:
+    """Radius of the upright cylinder about the centre of mass that holds the part whichever way it lies."""
+    return float(np.linalg.norm(shape.hull.vertices - shape.centre_of_mass, axis=1).max())
