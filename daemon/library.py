@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -99,10 +100,11 @@ def library_digest(library: FacetLibrary) -> str:
     return hashlib.sha256(text).hexdigest()
 
 
-def library_plain(library: FacetLibrary) -> dict[str, object]:
+def library_plain(library: FacetLibrary) -> dict[str, Any]:
     """The library as plain JSON values."""
     return {
-        "tolerance": [library.angle_tolerance_rad, library.ratio_tolerance],
+        "angle_tolerance_rad": library.angle_tolerance_rad,
+        "ratio_tolerance": library.ratio_tolerance,
         "types": [[t.name, t.number, list(t.angles_rad), list(t.ratios)] for t in library.types],
     }
 

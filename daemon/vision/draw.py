@@ -1,0 +1,139 @@
+"""A look as a picture: both images side by side with outlines, corners, facets, types, labels and what was refused.
+
+In: images and a Scene. Out: a BGR image. Nothing is decided here.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from daemon.vision.data import Facet, Part, Scene
+from daemon.vision.image import as_grey
+
+Picture = NDArray[np.uint8]
+Array = NDArray[np.float64]
+Colour = tuple[int, int, int]
+
+SCALE = 2  # drawn this much larger than seen, so that lines do not hide what they mark
+FONT = cv2.FONT_HERSHEY_SIMPLEX
+OUTLINE: Colour = (150, 150, 60)
+REFUSED: Colour = (60, 60, 220)
+UNKNOWN: Colour = (0, 165, 255)
+NAMED: tuple[Colour, ...] = ((80, 220, 80), (240, 200, 60), (220, 110, 240), (90, 220, 240))
+MARGIN = 26
+
+
+def draw_scene(left: NDArray[Any], right: NDArray[Any], scene: Scene) -> Picture:
+    """(H, W, 3) uint8 BGR: left and right eye side by side, a legend above, notes and refusals with reasons below."""
+    eyes = [_enlarged(left), _enlarged(right)]
+    for picture, polygons, eye in zip(
+        eyes, (scene.view.polygons_left, scene.view.polygons_right), ("left", "right"), strict=True
+    ):
+        for polygon in polygons:
+            _closed(picture, polygon.corners_px, OUTLINE, 1)
+        for number, refused in enumerate(scene.rejected, 1):
+            if refused.eye == eye:
+                _refusal(picture, refused.corners_px, number)
+    for index, part in enumerate(scene.parts):
+        _part(eyes, part, _colour(part, index))
+    return _framed(np.hstack(eyes), scene)
+
+
+def _colour(part: Part, index: int) -> Colour:
+    return UNKNOWN if part.recognition.label == "unknown" else NAMED[index % len(NAMED)]
+
+
+def _part(eyes: list[Picture], part: Part, colour: Colour) -> None:
+    """Facets with type and corner numbers in both eyes; the name above the part."""
+    for picture, corners in zip(eyes, ("left_px", "right_px"), strict=True):
+        for facet in part.facets:
+            _facet(picture, facet, getattr(facet, corners), colour)
+        points = np.concatenate([getattr(f, corners) for f in part.facets])
+        _name(picture, part, points, colour)
+
+
+def _facet(picture: Picture, facet: Facet, corners: Array, colour: Colour) -> None:
+    shade = picture.copy()
+    cv2.fillPoly(shade, [_points(corners)], colour)
+    cv2.addWeighted(shade, 0.18, picture, 0.82, 0, picture)
+    _closed(picture, corners, colour, 2)
+    for k, corner in enumerate(corners):
+        cv2.circle(picture, _pixel(corner), 4, colour, -1, cv2.LINE_AA)
+        inward = corner + 0.16 * (corners.mean(0) - corner)
+        _text(picture, str(k), inward, colour, 0.4)
+    _text(picture, facet.type.replace("_", " "), corners.mean(0), (255, 255, 255), 0.45)
+
+
+def _name(picture: Picture, part: Part, points: Array, colour: Colour) -> None:
+    said = part.recognition
+    place = np.array([points[:, 0].mean(), points[:, 1].min() - 14])
+    _text(picture, f"{said.label} {said.confidence:.2f}", place, colour, 0.6)
+    if said.label == "unknown":
+        under = "could be " + " or ".join(said.candidates) if said.candidates else ""
+    else:
+        under = f"ratio {said.match_ratio:.2f}, activation {said.activation:.3f}, {part.residual_mm:.2f} mm rms"
+    if under:
+        _text(picture, under, place + np.array([0, 8]), colour, 0.42)
+
+
+def _refusal(picture: Picture, corners: Array, number: int) -> None:
+    if len(corners) > 1:
+        _closed(picture, corners, REFUSED, 1)
+    _text(picture, f"x{number}", corners.mean(0), REFUSED, 0.42)
+
+
+def _framed(body: Picture, scene: Scene) -> Picture:
+    """The legend above; every part's reason, every note and refusal below."""
+    seconds = "  ".join(f"{name} {1000 * s:.1f} ms" for name, s in scene.seconds.items())
+    head = [
+        (f"left | right   {len(scene.parts)} parts   noise {scene.view.noise_sigma:.1f}   {seconds}", (230, 230, 230))
+    ]
+    foot = [(f"{p.recognition.label}: {p.recognition.reason}", _colour(p, i)) for i, p in enumerate(scene.parts)]
+    foot += [(note, (200, 200, 200)) for note in scene.notes if not _told(note, scene)]
+    foot += [(f"x{n} {r.eye}: {r.reason}", REFUSED) for n, r in enumerate(scene.rejected, 1)]
+    width = body.shape[1]
+    return np.vstack([_lines(head, width), body, _lines(foot, width)])
+
+
+def _told(note: str, scene: Scene) -> bool:
+    return any(note == f"{p.recognition.label}: {p.recognition.reason}" for p in scene.parts)
+
+
+def _lines(lines: list[tuple[str, Colour]], width: int) -> Picture:
+    strip = np.full((MARGIN * len(lines) + 8, width, 3), 24, np.uint8)
+    for k, (text, colour) in enumerate(lines):
+        cv2.putText(strip, text, (10, MARGIN * (k + 1) - 6), FONT, 0.52, colour, 1, cv2.LINE_AA)
+    return strip
+
+
+def _enlarged(image: NDArray[Any]) -> Picture:
+    grey = as_grey(image)
+    large = cv2.resize(grey, None, fx=SCALE, fy=SCALE, interpolation=cv2.INTER_LINEAR)
+    return np.asarray(cv2.cvtColor(large, cv2.COLOR_GRAY2BGR), np.uint8)
+
+
+def _closed(picture: Picture, corners: Array, colour: Colour, thickness: int) -> None:
+    cv2.polylines(picture, [_points(corners)], True, colour, thickness, cv2.LINE_AA)
+
+
+def _points(corners: Array) -> NDArray[np.int32]:
+    return np.rint((corners + 0.5) * SCALE - 0.5).astype(np.int32)
+
+
+def _pixel(corner: Array) -> tuple[int, int]:
+    x, y = _points(corner[None])[0]
+    return int(x), int(y)
+
+
+def _text(picture: Picture, text: str, centre: Array, colour: Colour, size: float) -> None:
+    """Text centred on a point (px of the image as seen), dark behind, kept inside the picture."""
+    (width, height), _ = cv2.getTextSize(text, FONT, size, 1)
+    x, y = _pixel(np.asarray(centre, float))
+    x = int(np.clip(x - width // 2, 2, max(picture.shape[1] - width - 2, 2)))
+    y = int(np.clip(y + height // 2, height + 2, picture.shape[0] - 4))
+    cv2.putText(picture, text, (x, y), FONT, size, (0, 0, 0), 3, cv2.LINE_AA)
+    cv2.putText(picture, text, (x, y), FONT, size, colour, 1, cv2.LINE_AA)

@@ -1,0 +1,58 @@
+"""One look: a stereo pair in, a Scene out. The one entry that service, tool, replay and calibration use.
+
+Pure; the clock is an argument. What the steps do is said where they live.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from numpy.typing import NDArray
+
+from daemon.vision.data import FacetView, Part, Scene
+from daemon.vision.facet_types import FacetLibrary
+from daemon.vision.facets import find_facets
+from daemon.vision.model import Model, empty_model
+from daemon.vision.recognise import recognise
+from daemon.vision.rig import StereoRig
+from daemon.vision.settings import VisionSettings
+
+
+def look(
+    left: NDArray[Any],
+    right: NDArray[Any],
+    rig: StereoRig,
+    model: Model | None = None,
+    settings: VisionSettings | None = None,
+    clock: Callable[[], float] | None = None,
+) -> Scene:
+    """See, name and locate everything in one stereo pair.
+
+    left, right: images as find_facets takes them, of the size the rig was calibrated for. Without a model every part is
+    `unknown`. clock: seconds, for Scene.seconds by stage; without it the stages are not timed.
+    Raises VisionError where an image cannot be used.
+    """
+    now = clock or _no_clock
+    start = now()
+    view = find_facets(left, right, rig, settings)
+    seen = now()
+    parts = recognise(view, model or empty_model(FacetLibrary(())))
+    seconds = {"facets": seen - start, "recognise": now() - seen} if clock else {}
+    return Scene(parts, view.rejected, view, (*view.notes, *_notes(view, parts, model)), seconds)
+
+
+def _no_clock() -> float:
+    return 0.0
+
+
+def _notes(view: FacetView, parts: tuple[Part, ...], model: Model | None) -> tuple[str, ...]:
+    """What a person should know besides the parts: why something is not named, or why nothing is seen."""
+    if model is None or not model.labels:
+        return ("nothing was taught yet: every part is unknown",) if parts else ()
+    silent = tuple(f"{p.recognition.label}: {p.recognition.reason}" for p in parts if p.recognition.label == "unknown")
+    if not parts and (view.polygons_left or view.polygons_right):
+        return (
+            f"no facet was found in both images ({len(view.polygons_left)} and {len(view.polygons_right)} outlines)",
+        )
+    return silent
