@@ -208,6 +208,13 @@ def steps(at: Array, target: Array, most_mm: float, most_deg: float) -> list[Arr
     return [frames.perturb(at, motion * (k / count)) for k in range(1, count)] + [target]
 
 
+def within(a: Array, b: Array, most_mm: float, most_deg: float) -> bool:
+    """Whether one move from a to b stays within the limits, with a little to spare."""
+    motion = frames.difference(b, a)
+    far, turned = float(np.linalg.norm(motion[:3])), float(np.degrees(np.linalg.norm(motion[3:])))
+    return far < 0.98 * most_mm and turned < 0.98 * most_deg
+
+
 def speed_pct(
     distance_mm: float, travel_pct: float, near_pct: float, near_mm: float = 100.0, far_mm: float = 400.0
 ) -> float:

@@ -40,8 +40,6 @@ from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from daemon import approach
-from daemon.guard import Command
 from daemon.looking import Look, Sight, take_look
 from daemon.picking import Bench, Pick, Skipped, log_look
 from daemon.plan import Settings
@@ -262,11 +260,8 @@ class Cycle(Reins):
         return look
 
     async def _travel(self, target: Array, purpose: str) -> None:
-        limits = self.settings.limits
-        at = (await self.mover.where()).world_from_tool
-        for pose in approach.steps(at, target, limits.max_step_mm, limits.max_turn_deg):
-            speed = min(self.settings.travel_pct, limits.max_speed_pct)
-            await self.mover.go(Command(pose, straight=False, speed_pct=speed, purpose=purpose))
+        await self.mover.where()
+        await self.mover.travel(target, purpose, lambda _: self.settings.travel_pct)
 
     async def _many(self, count: int | None, wait_s: float | None) -> list[CycleEnd]:
         ends: list[CycleEnd] = []

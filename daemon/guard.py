@@ -35,8 +35,8 @@ class Limits:
     """The rules' numbers. Box: where the tool centre point may be, world, mm. body_mm: points of the tool that stay
     `clearance_mm` above the table. max_look_age_s: how old the look behind a computed location may be."""
 
-    box_low_mm: Point = (100.0, -600.0, -300.0)
-    box_high_mm: Point = (850.0, 600.0, 600.0)
+    box_low_mm: Point = (0.0, -650.0, -300.0)
+    box_high_mm: Point = (900.0, 650.0, 1100.0)
     table_z_mm: float = -300.0
     clearance_mm: float = 2.0
     max_step_mm: float = 450.0

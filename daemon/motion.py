@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
-from daemon import frames
+from daemon import approach, frames
 from daemon.guard import Command, Limits, Refusal, Standing, refuse
-from daemon.workcell import Reading, Workcell
+from daemon.workcell import Array, Reading, Workcell
 
 
 class MoveRefusedError(Exception):
@@ -44,9 +45,13 @@ async def _open_gate(_: Command) -> None:
     return None
 
 
+class OutOfReachError(Exception):
+    """The arm, as it is configured, has no way there; nothing was sent."""
+
+
 class Mover:
-    """Sends guarded moves. enabled, fault and at are how things stand; gate may hold a move back (pause, step); dry: all
-    but the bytes; closed is the last word the hand was given, None when nobody knows."""
+    """Sends guarded moves. enabled, fault and at are how things stand; gate may hold a move back (pause, step);
+    dry: all but the bytes; closed is the last word the hand was given, None when nobody knows."""
 
     def __init__(self, cell: Workcell, limits: Limits, arrival: Arrival, gate: Gate = _open_gate) -> None:
         self.cell = cell
@@ -97,6 +102,43 @@ class Mover:
         self.at = reading
         self._arrived(command, reading, self.cell.clock() - started_s)
         return reading
+
+    async def travel(
+        self,
+        target: Array,
+        purpose: str,
+        speed_pct: Callable[[Array], float],
+        straight: bool = False,
+        look_taken_s: float | None = None,
+    ) -> None:
+        """Go there in as many moves as the step limits ask for, on the line or the joints' own way.
+
+        speed_pct(world_from_tool of a step) is cut to the limit. Raises OutOfReachError before anything is sent, and
+        what `go` raises.
+        """
+        for pose in self._steps(target, straight):
+            speed = round(min(speed_pct(pose), self.limits.max_speed_pct), 1)
+            await self.go(Command(pose, straight, speed, purpose, look_taken_s))
+
+    def _steps(self, target: Array, straight: bool) -> list[Array]:
+        if self.at is None:
+            return [target]
+        limits, here = self.limits, self.at
+        if straight:
+            return approach.steps(here.world_from_tool, target, limits.max_step_mm, limits.max_turn_deg)
+        robot = self.cell.robot
+        joints = robot.reachable(target, here.joints_rad)
+        if joints is None:
+            x, y, z = target[:3, 3]
+            raise OutOfReachError(
+                f"the arm as it is configured cannot reach {x:.0f}, {y:.0f}, {z:.0f} mm at that angle"
+            )
+        for count in range(1, 40):
+            way = [robot.between(here.joints_rad, joints, k / count) for k in range(count)]
+            way = [here.world_from_tool, *way[1:], target]
+            if all(approach.within(a, b, limits.max_step_mm, limits.max_turn_deg) for a, b in pairwise(way)):
+                return way[1:]
+        return [target]
 
     async def hand(self, closed: bool) -> None:
         """Open or close the gripper, under the same enable and fault rules as a move."""

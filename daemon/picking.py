@@ -15,7 +15,7 @@ from daemon import approach, frames, guard
 from daemon.approach import CHI_SQUARE_6, Estimate, Sighting
 from daemon.guard import Command, Standing
 from daemon.looking import Look, Sight, take_look
-from daemon.motion import Mover, MoveRefusedError
+from daemon.motion import Mover, MoveRefusedError, OutOfReachError
 from daemon.plan import Plan, Seen, Settings, View, ordered, plan_part, regrasp, seen_parts
 from daemon.tracking import Shape, poses_that_fit, refit
 from daemon.workcell import Array, Workcell
@@ -108,15 +108,13 @@ class Pick:
 
     async def travel(self, target: Array, purpose: str, look: Look | None = None, straight: bool = False) -> None:
         """Go there in bounded steps; slower the nearer a part is (a target known) or at travel speed."""
-        assert self.mover.at is not None
-        limits, settings = self.settings.limits, self.settings
-        way = approach.steps(self.mover.at.world_from_tool, target, limits.max_step_mm, limits.max_turn_deg)
-        for pose in way:
-            away = 1e9 if self.target is None else float(np.linalg.norm(pose[:3, 3] - self.target.centre))
-            speed = approach.speed_pct(away, settings.travel_pct, settings.near_pct)
-            speed = round(min(speed, limits.max_speed_pct), 1)
-            taken = None if look is None else look.taken_s
-            await self.mover.go(Command(pose, straight, speed, purpose, taken))
+        settings, target_part = self.settings, self.target
+
+        def speed(pose: Array) -> float:
+            away = 1e9 if target_part is None else float(np.linalg.norm(pose[:3, 3] - target_part.centre))
+            return approach.speed_pct(away, settings.travel_pct, settings.near_pct)
+
+        await self.mover.travel(target, purpose, speed, straight, None if look is None else look.taken_s)
 
     async def look(self, purpose: str) -> Look:
         """A settled look from here, logged."""
@@ -128,9 +126,10 @@ class Pick:
         log_look(self.cell, self.sight, look, cycle=self.cycle, stop=looks, purpose=purpose)
         return look
 
-    def unlucky(self, error: MoveRefusedError) -> None:
+    def unlucky(self, error: MoveRefusedError | OutOfReachError) -> None:
         """A move was refused: give the part up where its place is to blame, raise where all motion is closed."""
-        if error.refusal.rule in STANDING_RULES or self.target is None:
+        closed = isinstance(error, MoveRefusedError) and error.refusal.rule in STANDING_RULES
+        if closed or self.target is None:
             raise error
         self.skip("unreachable", self.target.label, self.target.centre, str(error))
 
@@ -235,7 +234,7 @@ class Pick:
             if self.mover.closed is not False:
                 await self.mover.hand(closed=False)
             await self.travel(pose, f"stand-off {distance:g} mm", target.look, straight=bool(target.sightings))
-        except MoveRefusedError as error:
+        except (MoveRefusedError, OutOfReachError) as error:
             self.unlucky(error)
             return "unreachable"
         return "there"
@@ -325,7 +324,7 @@ class Pick:
             before = approach.backed_off(grasp, self.settings.pregrasp_mm)
             await self.travel(before, "before the grasp", target.look, straight=True)
             await self.travel(grasp, "grasp", target.look, straight=True)
-        except MoveRefusedError as error:
+        except (MoveRefusedError, OutOfReachError) as error:
             self.unlucky(error)
             return "unreachable"
         if self.mover.dry:

@@ -60,9 +60,9 @@ class Settings:
     place is looked at; gone_mm: a part this near to where it lay still lies there; hand_s: what fingers need;
     epipolar_limit_px: beyond it a camera was knocked."""
 
-    surveys: tuple[View, ...] = (View(), View(heading_deg=50.0), View(heading_deg=-50.0))
+    surveys: tuple[View, ...] = (View(heading_deg=50.0), View(heading_deg=-50.0), View(heading_deg=90.0))
     home: Place = Place((420.0, 0.0, 60.0), tilt_deg=20.0)
-    bin: Place = Place((330.0, 330.0, -120.0), heading_deg=45.0, tilt_deg=10.0)
+    bin: Place = Place((250.0, 410.0, -150.0), heading_deg=58.0, tilt_deg=10.0)
     order: Literal["nearest", "surest"] = "surest"
     tries: int = 2
     travel_pct: float = 100.0

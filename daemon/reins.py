@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from daemon.guard import Command, Limits
-from daemon.motion import Arrival, Mover, MoveRefusedError
+from daemon.motion import Arrival, Mover, MoveRefusedError, OutOfReachError
 from daemon.workcell import Workcell
 
 T = TypeVar("T")
@@ -166,7 +166,7 @@ class Reins:
     async def _watched(self, work: Coroutine[Any, Any, T], moves: bool) -> T:
         try:
             return await work
-        except (RefusedError, MoveRefusedError, OperatorRefusedError):
+        except (RefusedError, MoveRefusedError, OutOfReachError, OperatorRefusedError):
             raise
         except Exception as error:
             if moves and self.mover.fault is None:

@@ -46,9 +46,10 @@ class Robot(Protocol):
 
     def reachable(self, world_from_tool: Array, joints_rad: Array) -> Array | None:
         """Joints (6,) rad that bring the tool there in the arm's present configuration (righty/above/flip as in
+        joints_rad), within the joint limits and clear of singular wrists, or None. No I/O."""
 
-        joints_rad), within the joint limits and clear of singular wrists, or None. No I/O.
-        """
+    def between(self, joints_rad: Array, to_rad: Array, share: float) -> Array:
+        """world_from_tool (4, 4) a share (0 to 1) of the way of a joint-interpolated move. No I/O."""
 
 
 class Picture(Protocol):

@@ -1,0 +1,325 @@
+"""Configuration -> cameras and arm: real, recorded or simulated. The only module that names drivers.
+
+In: Config. Out: a Hardware that the cycle's Workcell protocols fit, and its errors as CellError, each
+one line that says what, where and what to do. When to look or move is decided elsewhere.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import random
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daemon.config import Config
+from daemon.workcell import Reading
+from drivers import puma560
+from drivers.camera.pair import CameraError, StereoCamera, StereoPair
+from drivers.camera.recorded import RecordedCamera
+from drivers.camera.settings import CameraSettings
+from drivers.camera.stereo import V4L2StereoCamera
+from drivers.val2.dialect import Dialect
+from drivers.val2.errors import Elsewhere, LinkError
+from drivers.val2.link import Link
+from drivers.val2.location import location_from_matrix, matrix_from_location
+
+if TYPE_CHECKING:
+    from drivers.simcell.cell import SimulatedCell
+
+Array = NDArray[np.float64]
+WireListener = Callable[[dict[str, Any]], None]
+
+
+class CellError(Exception):
+    """The cell cannot be had as configured: what, where, what to do."""
+
+
+EXPECTED_ERRORS: tuple[type[Exception], ...] = (CellError, CameraError, LinkError)
+"""What cameras and arm raise when the world, and not the program, is at fault."""
+
+
+class ThreadedEyes:
+    """A stereo camera whose blocking calls run in a thread of their own; one caller after the other."""
+
+    def __init__(self, camera: StereoCamera, clock: Callable[[], float] = time.monotonic) -> None:
+        self.camera = camera
+        self.heard_s: float | None = None
+        """When the last pair was delivered, on the cell's clock."""
+        self._clock = clock
+        self._thread = ThreadPoolExecutor(1, thread_name_prefix="cameras")
+
+    async def open(self) -> None:
+        """Claim the cameras. Raises CameraError."""
+        await self._call(self.camera.open)
+
+    async def grab(self, not_before_s: float, timeout_s: float) -> StereoPair:
+        """The newest pair exposed wholly after not_before_s. Raises CameraError."""
+        pair: StereoPair = await self._call(lambda: self.camera.grab(not_before_s, timeout_s))
+        self.heard_s = self._clock()
+        return pair
+
+    async def close(self) -> None:
+        """Release the cameras; safe to call twice."""
+        with contextlib.suppress(RuntimeError, TimeoutError, CameraError):
+            await asyncio.wait_for(self._call(self.camera.close), 1.0)
+        self._thread.shutdown(wait=False, cancel_futures=True)
+
+    def describe(self) -> str:
+        """One line for people."""
+        return self.camera.describe()
+
+    async def _call(self, job: Callable[[], Any]) -> Any:
+        return await asyncio.get_running_loop().run_in_executor(self._thread, job)
+
+
+class ArmOnLink:
+    """daemon/workcell.py's Robot over VAL II, and what only an operator does: power-up, CAL, the monitor."""
+
+    def __init__(self, link: Link, arm: puma560.Puma560) -> None:
+        self.link = link
+        self.heard_s: float | None = None
+        """When the controller last answered, on the cell's clock."""
+        self._arm = arm
+        self._speed_pct: float | None = None
+        self._o_deg = 0.0
+
+    async def open(self) -> None:
+        """Claim the port and find the controller's prompt. Raises LinkError."""
+        await self.link.open()
+        self._heard()
+
+    async def close(self) -> None:
+        """Let go of the port; does not stop the arm."""
+        await self.link.close()
+
+    async def where(self) -> Reading:
+        """Ask the controller where the arm is."""
+        return self._reading(await self.link.where())
+
+    async def move(self, world_from_tool: Array, *, straight: bool, speed_pct: float, timeout_s: float) -> Reading:
+        """One move; returns when the arm is at rest, there or elsewhere. Raises LinkError."""
+        location = location_from_matrix(world_from_tool, self._o_deg)
+        if speed_pct != self._speed_pct:
+            self._speed_pct = None
+            await self.link.speed(speed_pct)
+            self._speed_pct = speed_pct
+        await (self.link.move_straight if straight else self.link.move)(location, timeout_s)
+        try:
+            return self._reading(await self.link.rest(location, timeout_s))
+        except Elsewhere as elsewhere:
+            if elsewhere.where is None:
+                raise
+            return self._reading(elsewhere.where)
+
+    async def hand(self, closed: bool) -> None:
+        """CLOSEI or OPENI."""
+        await (self.link.close_hand if closed else self.link.open_hand)()
+        self._heard()
+
+    async def abort(self) -> None:
+        """Stop the arm now. Raises LinkError when the controller does not confirm it."""
+        self._speed_pct = None
+        await self.link.abort()
+        self._heard()
+
+    def reachable(self, world_from_tool: Array, joints_rad: Array) -> Array | None:
+        """Joints (6,) rad that reach the pose as the arm is configured now, clear of a singular wrist, or None."""
+        configuration = puma560.configuration_of(joints_rad)
+        try:
+            joints = puma560.inverse(world_from_tool, configuration, self._arm, joints_rad)
+        except puma560.UnreachableError:
+            return None
+        return None if puma560.wrist_is_singular(joints, within_rad=np.radians(3.0)) else joints
+
+    def between(self, joints_rad: Array, to_rad: Array, share: float) -> Array:
+        """Where the tool is a share of the way of a joint-interpolated move."""
+        return puma560.forward(joints_rad + share * (to_rad - joints_rad), self._arm)
+
+    @property
+    def question(self) -> str | None:
+        """What the controller asks since it was switched on, or None."""
+        return self.link.question
+
+    async def power_up(self, replies: Sequence[str]) -> list[str]:
+        """Answer what the controller asks after it was switched on; gives what it said."""
+        return _said(await self.link.power_up(tuple(replies)))
+
+    async def calibrate(self, reply: str) -> list[str]:
+        """CAL: the arm finds its zero (it moves a little)."""
+        return _said(await self.link.calibrate(reply))
+
+    async def monitor(self, text: str) -> list[str]:
+        """Any command, as typed at the controller's own terminal; gives what it said."""
+        return _said(await self.link.command(text))
+
+    def _reading(self, where: Any) -> Reading:
+        self._heard()
+        self._o_deg = where.location.o_deg
+        return Reading(matrix_from_location(where.location), np.radians(where.joints_deg))
+
+    def _heard(self) -> None:
+        self.heard_s = self.link.clock()
+
+
+class NoArm:
+    """A cell without an arm (recorded pairs): it is looked from where the world's origin is, and nothing moves."""
+
+    heard_s: float | None = None
+    question: str | None = None
+
+    async def open(self) -> None:
+        """Nothing to open."""
+
+    async def close(self) -> None:
+        """Nothing to close."""
+
+    async def where(self) -> Reading:
+        """The origin."""
+        return Reading(np.eye(4), np.zeros(6))
+
+    async def move(self, world_from_tool: Array, *, straight: bool, speed_pct: float, timeout_s: float) -> Reading:
+        """Refused."""
+        raise CellError("this cell is recorded: there is no arm to move")
+
+    async def hand(self, closed: bool) -> None:
+        """Refused."""
+        raise CellError("this cell is recorded: there is no gripper")
+
+    async def abort(self) -> None:
+        """Nothing moves."""
+
+    def reachable(self, world_from_tool: Array, joints_rad: Array) -> Array | None:
+        """Nowhere."""
+        return None
+
+    def between(self, joints_rad: Array, to_rad: Array, share: float) -> Array:
+        """Where it stands."""
+        return np.eye(4)
+
+    async def power_up(self, replies: Sequence[str]) -> list[str]:
+        """Refused."""
+        raise CellError("this cell is recorded: there is no controller")
+
+    async def calibrate(self, reply: str) -> list[str]:
+        """Refused."""
+        raise CellError("this cell is recorded: there is no controller")
+
+    async def monitor(self, text: str) -> list[str]:
+        """Refused."""
+        raise CellError("this cell is recorded: there is no controller")
+
+
+@dataclass(eq=False)
+class Hardware:
+    """What a cell is made of. `simulated` is the cell itself where it is not real, for the operator's hand in it."""
+
+    kind: str
+    robot: ArmOnLink | NoArm
+    eyes: ThreadedEyes
+    clock: Callable[[], float]
+    where: str
+    seed: int | None = None
+    simulated: SimulatedCell | None = None
+
+    async def open(self) -> None:
+        """Claim arm and cameras, both or neither. Raises CellError."""
+        results = await asyncio.gather(self.eyes.open(), self.robot.open(), return_exceptions=True)
+        for result in results:
+            if isinstance(result, BaseException):
+                await self.close()
+                if isinstance(result, (CameraError, LinkError)):
+                    raise CellError(_advice(result, self.where)) from result
+                raise result
+
+    async def close(self) -> None:
+        """Let go of everything; safe to call twice."""
+        await asyncio.gather(self.eyes.close(), self.robot.close(), return_exceptions=True)
+        if self.simulated is not None:
+            await asyncio.to_thread(self.simulated.stop)
+            self.simulated = None
+
+
+def build(config: Config, on_wire: WireListener, clock: Callable[[], float] = time.monotonic) -> Hardware:
+    """The hardware as configured, not yet opened (a simulated cell runs already). Raises ConfigError, CellError."""
+    if config.kind == "simulated":
+        return _simulated(config, on_wire, clock)
+    if config.kind == "recorded":
+        folder = config.file(config.said.recorded.pairs)
+        eyes = ThreadedEyes(RecordedCamera(folder, again=True, clock=clock), clock)
+        return Hardware("recorded", NoArm(), eyes, clock, str(folder))
+    eyes = ThreadedEyes(V4L2StereoCamera(camera_settings(config), clock), clock)
+    port = config.said.arm.port
+    return Hardware("real", _arm(config, port, on_wire, clock), eyes, clock, port)
+
+
+def check(config: Config) -> None:
+    """Type the drivers' own sections without touching a device. Raises ConfigError."""
+    dialect(config)
+    arm_geometry(config)
+    if config.kind == "real":
+        camera_settings(config)
+
+
+def camera_settings(config: Config) -> CameraSettings:
+    """The section `cameras`. Raises ConfigError."""
+    try:
+        return config.document.section(("cameras",), CameraSettings)
+    except CameraError as error:
+        raise config.document.error(("cameras",), str(error)) from None
+
+
+def dialect(config: Config) -> Dialect:
+    """The section `arm.dialect`; control characters are written as in "\\r". Raises ConfigError."""
+    said = config.said.arm.dialect
+    typed = {
+        k: v.encode("latin-1") if k in ("line_end", "cancel_line") and isinstance(v, str) else v
+        for k, v in said.items()
+    }
+    document = replace(config.document, data={"arm": {"dialect": typed}})
+    return document.section(("arm", "dialect"), Dialect)
+
+
+def arm_geometry(config: Config) -> puma560.Puma560:
+    """The arm with its tool: arm.flange_from_tool, (4, 4) mm. Raises ConfigError."""
+    matrix = np.array(config.said.arm.flange_from_tool, float)
+    if not np.allclose(matrix[:3, :3] @ matrix[:3, :3].T, np.eye(3), atol=1e-4) or not np.allclose(
+        matrix[3], [0, 0, 0, 1]
+    ):
+        raise config.document.error(("arm", "flange_from_tool"), "expected a rotation, mm, and a last row [0, 0, 0, 1]")
+    return puma560.Puma560(flange_from_tool=matrix)
+
+
+def _arm(config: Config, port: str, on_wire: WireListener, clock: Callable[[], float]) -> ArmOnLink:
+    return ArmOnLink(Link(port, dialect(config), clock=clock, on_wire=on_wire), arm_geometry(config))
+
+
+def _simulated(config: Config, on_wire: WireListener, clock: Callable[[], float]) -> Hardware:
+    from drivers.simcell.cell import SimulatedCell
+
+    said = config.said.simulated
+    seed = said.seed if said.seed is not None else random.SystemRandom().randrange(1_000_000)
+    cell = SimulatedCell(config.file(said.truth), seed, said.time_scale)
+    eyes = ThreadedEyes(cell.camera, clock)
+    return Hardware("simulated", _arm(config, cell.port, on_wire, clock), eyes, clock, cell.port, seed, cell)
+
+
+def _said(answer: Any) -> list[str]:
+    lines: list[str] = list(answer.lines)
+    return lines
+
+
+def _advice(error: Exception, where: str) -> str:
+    """What a device's error means for the one who must act, on one line."""
+    text = " ".join(str(error).split())
+    if isinstance(error, LinkError) and where not in text:
+        text = f"{where}: {text}"
+    if type(error).__name__ == "NoAnswer":
+        text += "; is the controller switched on, the cable in its terminal port, and arm.dialect.baud right?"
+    return text

@@ -1,0 +1,223 @@
+"""A workcell of values for tests of the cycle: an arm that jumps, eyes that see the truth with noise, a log in a list.
+
+No driver is used but the shapes of the parts. What a test wants to go wrong it hangs on `World.before`.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from daemon import frames
+from daemon.grasp import tool_rotation
+from daemon.tracking import Shape
+from daemon.vision.data import Facet, FacetView, Part, Recognition, Scene
+from daemon.vision.rig import Camera, StereoRig
+from daemon.workcell import Reading, Workcell
+from drivers.simcell import parts
+
+PITCH = np.arcsin(75 / 350)
+TOOL_FROM_CYCLOPEAN = frames.rigid(
+    np.column_stack([[0, 1, 0], [-np.cos(PITCH), 0, np.sin(PITCH)], [np.sin(PITCH), 0, np.cos(PITCH)]]),
+    np.array([-75.0, 0.0, -110.0]),
+)
+HEAD_DOWN = frames.rigid(tool_rotation(np.array([1.0, 0, 0]), 0.3), np.array([420.0, 0.0, 60.0]))
+
+
+def rig() -> StereoRig:
+    """640x480, f 700 px, baseline 60 mm, parallel."""
+    matrix = np.array([[700.0, 0, 319.5], [0, 700.0, 239.5], [0, 0, 1]])
+    eyes = [Camera(matrix, np.zeros(5), frames.rigid(np.eye(3), np.array([x, 0.0, 0.0]))) for x in (-30.0, 30.0)]
+    return StereoRig(eyes[0], eyes[1], (640, 480))
+
+
+def shape_of(label: str) -> Shape:
+    """A part's full shape."""
+    hull = parts.part_shape(label).hull
+    return Shape(label, hull.vertices, tuple(np.array(f) for f in hull.faces))
+
+
+@dataclass(frozen=True, eq=False)
+class FakePicture:
+    pixels: np.ndarray
+    taken_s: float
+
+
+@dataclass(frozen=True, eq=False)
+class FakePair:
+    left: FakePicture
+    right: FakePicture
+
+
+@dataclass(eq=False)
+class World:
+    """What is so. wire: every act of the arm or hand as it leaves; before(name): may raise or act before an act."""
+
+    rng: np.random.Generator
+    lying: dict[str, np.ndarray] = field(default_factory=dict)
+    at: np.ndarray = field(default_factory=HEAD_DOWN.copy)
+    held: str | None = None
+    closed: bool = False
+    binned: list[str] = field(default_factory=list)
+    wire: list[tuple[str, Any]] = field(default_factory=list)
+    now_s: float = 0.0
+    arm_sigma_mm: float = 0.05
+    corner_px: float = 0.1
+    tool_from_cyclopean: np.ndarray = field(default_factory=TOOL_FROM_CYCLOPEAN.copy)
+    labels: dict[str, Recognition] = field(default_factory=dict)
+    slippery: int = 0
+    before: Callable[[str], None] = lambda name: None
+    records: list[dict[str, Any]] = field(default_factory=list)
+    epipolar: float = 0.1
+    reach_mm: float = 900.0
+    most_seen: int = 9
+
+    def put(self, label: str, x: float, y: float, turn: float, rest: int = 0) -> None:
+        """Lay a part on the table."""
+        lies = parts.part_shape(label).rests[rest]
+        spin = frames.rigid(frames.rotation_from_vector(np.array([0, 0, turn])), np.array([x, y, -300.0]))
+        self.lying[label] = spin @ lies
+
+    def clock(self) -> float:
+        self.now_s += 0.001
+        return self.now_s
+
+    def record(self, kind: str, /, **fields: Any) -> None:
+        self.records.append({"kind": kind, **fields})
+
+    def said(self, kind: str) -> list[dict[str, Any]]:
+        return [r for r in self.records if r["kind"] == kind]
+
+
+def joints(world_from_tool: np.ndarray) -> np.ndarray:
+    """A fake arm's six joints: the pose itself, as a motion."""
+    return frames.difference(world_from_tool, np.eye(4))
+
+
+class FakeRobot:
+    """Jumps. A hand closed within 15 mm of a part's middle takes it, unless it is slippery."""
+
+    def __init__(self, world: World) -> None:
+        self.world = world
+
+    async def where(self) -> Reading:
+        self.world.before("where")
+        return Reading(self.world.at.copy(), joints(self.world.at))
+
+    async def move(self, world_from_tool, *, straight, speed_pct, timeout_s):
+        self.world.before("move")
+        self.world.wire.append(("move", world_from_tool.copy()))
+        await asyncio.sleep(0)
+        self.world.now_s += 0.3
+        self.world.before("moving")
+        jitter = self.world.rng.normal(0, self.world.arm_sigma_mm, 3)
+        self.world.at = frames.perturb(world_from_tool, np.concatenate([jitter, np.zeros(3)]))
+        self.world.before("moved")
+        return Reading(world_from_tool.copy(), joints(world_from_tool))
+
+    async def hand(self, closed: bool) -> None:
+        world = self.world
+        world.before("hand")
+        world.wire.append(("hand", closed))
+        if closed:
+            for label, pose in world.lying.items():
+                middle = frames.apply(pose, parts.part_shape(label).hull.vertices).mean(axis=0)
+                if np.linalg.norm(middle - world.at[:3, 3]) < 15.0:
+                    if world.slippery > 0:
+                        world.slippery -= 1
+                    else:
+                        world.held = label
+        elif world.held is not None:
+            world.binned.append(world.held)
+            world.held = None
+        if world.held is not None:
+            world.lying.pop(world.held, None)
+        world.closed = closed
+        world.before("handed")
+
+    async def abort(self) -> None:
+        self.world.wire.append(("abort", None))
+        self.world.before("abort")
+
+    def reachable(self, world_from_tool, joints_rad):
+        return joints(world_from_tool) if np.linalg.norm(world_from_tool[:3, 3]) < self.world.reach_mm else None
+
+
+    def between(self, joints_rad, to_rad, share):
+        return frames.perturb(np.eye(4), joints_rad + share * (to_rad - joints_rad))
+
+
+class FakeEyes:
+    """Pairs of the same grey noise: always settled."""
+
+    def __init__(self, world: World) -> None:
+        self.world = world
+        self.shaking = 0
+
+    async def grab(self, not_before_s: float, timeout_s: float) -> FakePair:
+        self.world.before("grab")
+        self.world.now_s = max(self.world.now_s, not_before_s) + 0.03
+        base = np.full((48, 64), 100.0)
+        if self.shaking > 0:
+            self.shaking -= 1
+            base[:, 20 + self.shaking % 30 :] = 200.0
+        images = [(base + self.world.rng.normal(0, 2, base.shape)).astype(np.uint8) for _ in range(2)]
+        return FakePair(*(FakePicture(i, self.world.now_s) for i in images))
+
+
+class TruthSight:
+    """Sees the truth: every facet turned to the cameras, corners with the noise a stereo pair would have."""
+
+    def __init__(self, world: World, labels: tuple[str, ...] = parts.TAUGHT) -> None:
+        self.world, self.labels = world, labels
+
+    def shape(self, label: str) -> Shape | None:
+        return shape_of(label) if label in self.labels else None
+
+    def report(self, scene: Scene) -> dict[str, object]:
+        return {"parts": [p.recognition.label for p in scene.parts]}
+
+    def see(self, left, right) -> Scene:
+        world = self.world
+        world.before("see")
+        cyclopean_from_world = frames.inverse(world.at @ world.tool_from_cyclopean)
+        seen = [self._part(label, cyclopean_from_world @ pose) for label, pose in world.lying.items()]
+        visible = tuple(p for p in seen if p is not None)
+        return Scene(visible, (), FacetView((), (), (), (), 2.0))
+
+    def _part(self, label: str, cyclopean_from_part: np.ndarray) -> Part | None:
+        world, shape = self.world, shape_of(label)
+        middle = cyclopean_from_part[:3, 3]
+        if middle[2] < 100 or abs(middle[0] / middle[2]) > 0.4 or abs(middle[1] / middle[2]) > 0.3:
+            return None
+        facets = []
+        for indices, normal in zip(shape.facets, shape.normals(), strict=True):
+            corners = frames.apply(cyclopean_from_part, shape.corners_mm[indices])
+            if (cyclopean_from_part[:3, :3] @ normal) @ corners.mean(axis=0) / np.linalg.norm(corners.mean(axis=0)) < -0.25:
+                facets.append(self._facet(corners))
+        if not facets:
+            return None
+        facets = facets[: world.most_seen]
+        known = Recognition(label, 0.97, 1.0, 0.99, None, False, "truth", (label,))
+        covariance = np.diag([0.3, 0.3, 1.0, 1e-4, 1e-4, 1e-4])
+        motion = world.rng.normal(0, np.sqrt(np.diag(covariance)))
+        pose = frames.perturb(cyclopean_from_part, motion)
+        return Part(world.labels.get(label, known), tuple(facets), pose, covariance, 0.2)
+
+    def _facet(self, corners: np.ndarray) -> Facet:
+        z = corners[:, 2] / 700.0 * self.world.corner_px
+        sigmas = np.column_stack([z, z, z * corners[:, 2] / 60.0 * 1.4])
+        noisy = corners + self.world.rng.normal(0, 1, corners.shape) * sigmas
+        covariance = np.array([np.diag(s**2) for s in sigmas])
+        px = np.zeros((len(corners), 2))
+        return Facet(noisy, covariance, px, px, np.full(len(corners), self.world.epipolar), 0.1)
+
+
+def build(world: World) -> Workcell:
+    """The workcell of this world."""
+    eyes = FakeEyes(world)
+    return Workcell(FakeRobot(world), eyes, world, world.clock, rig(), TOOL_FROM_CYCLOPEAN)
