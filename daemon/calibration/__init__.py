@@ -1,0 +1,1 @@
+"""Where the cameras are and how they see: stereo, hand-eye, the quick way, verification, the watch for drift."""

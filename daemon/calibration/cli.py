@@ -1,0 +1,14 @@
+"""`facetctl calibrate ...`: which kind of calibration is meant, and nothing of how it is done."""
+
+from __future__ import annotations
+
+import argparse
+
+
+def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add `calibrate` and its kinds to facetctl."""
+    from daemon.calibration import recorded
+
+    parser = subparsers.add_parser("calibrate", help="where the cameras are and how they see")
+    kinds = parser.add_subparsers(dest="kind", required=True, metavar="KIND")
+    recorded.register(kinds)

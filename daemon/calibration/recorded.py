@@ -1,0 +1,185 @@
+"""`facetctl calibrate stereo` from recorded pictures: file lists in, calibration.yaml out, and a table or JSON."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shutil
+import sys
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from glob import glob
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from daemon.calibration.board import Board, BoardError, Grey, find_board, parse_board
+from daemon.calibration.file import Calibration, Quality, load_calibration, save_calibration
+from daemon.calibration.stereo import Pair, StereoError, StereoResult, calibrate_stereo
+from daemon.yamlfile import ConfigError
+
+
+def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add `stereo` to the calibrate command."""
+    parser = subparsers.add_parser("stereo", help="both eyes, from recorded pictures of a board")
+    parser.add_argument(
+        "--board", required=True, metavar="CxR", help="inner corners along a row and a column, e.g. 9x6"
+    )
+    parser.add_argument("--square-mm", required=True, type=float, help="side of one square")
+    parser.add_argument(
+        "--charuco", action="store_true", help="a ChArUco board (DICT_5X5_100), which may be seen in part"
+    )
+    parser.add_argument("--left", required=True, nargs="+", metavar="GLOB", help="pictures of the left eye")
+    parser.add_argument("--right", required=True, nargs="+", metavar="GLOB", help="the right eye's, in the same order")
+    parser.add_argument("--out", required=True, type=Path, help="calibration.yaml to write; an old one is kept")
+    parser.add_argument("--json", action="store_true", help="one line for machines")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Calibrate from files. 0 done, 2 unusable arguments, pictures or views (one line on stderr)."""
+    try:
+        board = parse_board(args.board, args.square_mm, "charuco" if args.charuco else "chessboard")
+        files = list(zip(_expand(args.left, "--left"), _expand(args.right, "--right"), strict=True))
+    except BoardError as error:
+        return _refuse(str(error))
+    except ValueError:
+        counts = [len(_expand(names, "")) for names in (args.left, args.right)]
+        return _refuse(f"--left names {counts[0]} pictures and --right {counts[1]}: each needs its partner")
+    try:
+        pairs, unused, size = read_pairs(files, board)
+        result = calibrate_stereo(pairs, board, size)
+        warning = _changed_baseline(args.out, result)
+        kept = keep_old(args.out)
+        save_calibration(to_calibration(result), args.out)
+    except (BoardError, StereoError, OSError) as error:
+        return _refuse(str(error))
+    _print(args, result, unused, kept, warning)
+    return 0
+
+
+def _refuse(text: str) -> int:
+    print(f"facetctl calibrate stereo: {text}", file=sys.stderr)
+    return 2
+
+
+def _expand(patterns: Sequence[str], option: str) -> list[Path]:
+    files = [Path(name) for pattern in patterns for name in sorted(glob(pattern))]
+    if not files:
+        raise BoardError(f"{option} {' '.join(patterns)}: no such picture")
+    return files
+
+
+def read_picture(path: Path) -> Grey:
+    """One picture as grey (H, W) uint8. Raises BoardError naming the file."""
+    image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    if image is None:
+        raise BoardError(f"{path}: not a picture, or cut short")
+    return np.asarray(image, np.uint8)
+
+
+def read_pairs(files: Sequence[tuple[Path, Path]], board: Board) -> tuple[list[Pair], dict[str, str], tuple[int, int]]:
+    """Find the board in each pair of files: (usable pairs, reason by unusable file, image size).
+
+    Raises BoardError: a file cannot be read, sizes differ, or the board is in no pair.
+    """
+    pairs: list[Pair] = []
+    unused: dict[str, str] = {}
+    size: tuple[int, int] | None = None
+    for left, right in files:
+        images = [read_picture(left), read_picture(right)]
+        for path, image in zip((left, right), images, strict=True):
+            found = (image.shape[1], image.shape[0])
+            if size is not None and found != size:
+                raise BoardError(f"{path}: {found[0]}x{found[1]} px, the ones before are {size[0]}x{size[1]}")
+            size = found
+        try:
+            left_sight, right_sight = find_board(images[0], board), find_board(images[1], board)
+        except BoardError as error:
+            unused[f"{left.name}, {right.name}"] = str(error)
+            continue
+        pairs.append(Pair(f"{left.name}, {right.name}", left_sight, right_sight))
+    if not pairs or size is None:
+        name, reason = next(iter(unused.items()))
+        raise BoardError(f"the board is in no pair of {len(files)}; {name}: {reason}")
+    return pairs, unused, size
+
+
+def to_calibration(result: StereoResult) -> Calibration:
+    """What goes into the file; the hand-eye part is left out, because the cyclopean frame has moved."""
+    quality = Quality(
+        reprojection_px=round(result.stereo_rms_px, 4),
+        epipolar_px=round(result.epipolar_px, 4),
+        views=len(result.by_pair),
+        method="stereo",
+        made=datetime.now(UTC).replace(microsecond=0),
+    )
+    return Calibration(result.rig, None, quality)
+
+
+def keep_old(path: Path) -> Path | None:
+    """Copy the file that is there to one with its time in the name; returns that, or None where there was none."""
+    if not path.exists():
+        return None
+    stamp = datetime.fromtimestamp(path.stat().st_mtime, UTC).strftime("%Y%m%dT%H%M%SZ")
+    kept = path.with_name(f"{path.stem}-{stamp}{path.suffix}")
+    shutil.copy2(path, kept)
+    return kept
+
+
+def _changed_baseline(path: Path, result: StereoResult) -> str | None:
+    """The eyes do not move apart between calibrations: a baseline that did says that the square size is wrong."""
+    try:
+        before = load_calibration(path).rig.baseline_mm
+    except (ConfigError, OSError):
+        return None
+    now = result.rig.baseline_mm
+    if abs(now / before - 1) < 0.03:
+        return None
+    return (
+        f"the baseline is {now:.1f} mm, {before:.1f} mm in the old file: a wrong --square-mm "
+        f"(x {before / now:.3f} would agree), or other cameras"
+    )
+
+
+def _print(
+    args: argparse.Namespace, result: StereoResult, unused: dict[str, str], kept: Path | None, warning: str | None
+) -> None:
+    if args.json:
+        line = {
+            "pairs": len(result.by_pair),
+            "stereo_rms_px": round(result.stereo_rms_px, 4),
+            "left_rms_px": round(result.left_rms_px, 4),
+            "right_rms_px": round(result.right_rms_px, 4),
+            "epipolar_px": round(result.epipolar_px, 4),
+            "baseline_mm": round(result.rig.baseline_mm, 4),
+            "coverage": round(result.coverage, 3),
+            "sigmas": {k: float(f"{v:.4g}") for k, v in result.sigmas.items()},
+            "by_pair": {k: round(v, 4) for k, v in result.by_pair.items()},
+            "dropped": result.dropped,
+            "unused": unused,
+            "warning": warning,
+            "kept": None if kept is None else str(kept),
+            "out": str(args.out),
+        }
+        print(json.dumps(line))
+        return
+    rig, sigma = result.rig, result.sigmas
+    for name, reason in {**unused, **result.dropped}.items():
+        print(f"not used: {name}: {reason}")
+    print(f"{len(result.by_pair)} pairs, corners in {100 * result.coverage:.0f} % of the image")
+    print(f"residual: {result.stereo_rms_px:.3f} px rms, {result.epipolar_px:.3f} px mean to the epipolar line")
+    for name, eye in (("left", rig.left), ("right", rig.right)):
+        fx, cx, cy = eye.matrix[0, 0], eye.matrix[0, 2], eye.matrix[1, 2]
+        print(
+            f"{name:5}  f {fx:.2f} +- {sigma[f'{name}.fx']:.2f} px, centre {cx:.2f} {cy:.2f} "
+            f"+- {sigma[f'{name}.cx']:.2f} px, k1 {eye.distortion[0]:+.4f} +- {sigma[f'{name}.k1']:.4f}"
+        )
+    print(f"baseline {rig.baseline_mm:.3f} +- {sigma['baseline_mm']:.3f} mm")
+    if warning:
+        print(f"warning: {warning}")
+    print(f"written: {args.out}" + ("" if kept is None else f" (the old one is {kept.name})"))
+    print(
+        "a residual is not an accuracy: `facetctl calibrate verify` measures that; the hand-eye calibration comes next"
+    )

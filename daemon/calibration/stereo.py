@@ -1,0 +1,278 @@
+"""Stereo calibration: boards seen by both eyes -> their intrinsics, where they sit, how well each is known. Pure.
+
+A residual tells how well the model explains these images; it is never called an accuracy here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from daemon import frames
+from daemon.calibration.board import Board, Sight
+from daemon.calibration.bundle import (
+    INTRINSICS,
+    Match,
+    Problem,
+    Solution,
+    UndeterminedError,
+    eye_matrix,
+    solve,
+    stereo_problem,
+)
+from daemon.vision.rig import Camera, StereoRig
+
+Array = NDArray[np.float64]
+FEWEST_PAIRS = 6
+WORST_SHARE = 0.02
+"""A focal length or baseline known no better than this share of itself was not measured."""
+POSE = slice(2 * INTRINSICS, 2 * INTRINSICS + 6)
+K3 = (8, INTRINSICS + 8)
+NAMES = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
+
+
+class StereoError(Exception):
+    """These pairs make no calibration; the message says why, and what to do."""
+
+
+@dataclass(frozen=True, eq=False)
+class Pair:
+    """One board seen by both eyes; its name is for messages."""
+
+    name: str
+    left: Sight
+    right: Sight
+
+
+@dataclass(frozen=True, eq=False)
+class StereoResult:
+    """rig; rms of the reprojection over both eyes (px, per point), of each eye alone, and mean distance from the
+    epipolar line (px); rms by pair; dropped pairs with the reason; sigmas: one standard deviation by parameter name
+    (`left.fx` px, ..., `baseline_mm`, `vergence_deg`, `right.turn_deg`); coverage: share of the image with corners.
+    """
+
+    rig: StereoRig
+    stereo_rms_px: float
+    left_rms_px: float
+    right_rms_px: float
+    epipolar_px: float
+    by_pair: dict[str, float]
+    dropped: dict[str, str]
+    sigmas: dict[str, float]
+    coverage: float
+
+
+def matched(pair: Pair, board: Board) -> Match:
+    """The corners both eyes saw. Raises StereoError where they are fewer than 8."""
+    ids, left, right = np.intersect1d(pair.left.corner_ids, pair.right.corner_ids, return_indices=True)
+    if len(ids) < 8:
+        raise StereoError(f"{pair.name}: the eyes share {len(ids)} corners, 8 are needed")
+    return Match(board.points_mm()[ids], pair.left.corners_px[left], pair.right.corners_px[right])
+
+
+def calibrate_stereo(pairs: Sequence[Pair], board: Board, image_size: tuple[int, int]) -> StereoResult:
+    """Calibrate both eyes and their pose in one least-squares over all corners; outlying pairs are named and dropped.
+
+    Raises StereoError: too few pairs, too like each other, eyes swapped, one of them mirrored.
+    """
+    kept, dropped = list(pairs), dict[str, str]()
+    if len(kept) < FEWEST_PAIRS:
+        raise StereoError(f"{len(kept)} usable pairs, {FEWEST_PAIRS} are needed; take more, tilted different ways")
+    while True:
+        matches = [matched(p, board) for p in kept]
+        solution = _solve(matches, image_size)
+        rms = _rms_by_match(matches, solution.residuals)
+        usual = float(np.median(rms))
+        worst = int(np.argmax(rms))
+        spread = 1.4826 * float(np.median(np.abs(rms - usual)))
+        if rms[worst] <= max(usual + 5 * spread, 2.5 * usual) or len(kept) - 1 < max(FEWEST_PAIRS, 0.7 * len(pairs)):
+            return _result(kept, matches, solution, dropped, image_size)
+        dropped[kept[worst].name] = (
+            f"its corners are {rms[worst]:.2f} px off, {usual:.2f} px is usual: moved or misread"
+        )
+        del kept[worst]
+
+
+def _solve(matches: Sequence[Match], image_size: tuple[int, int]) -> Solution:
+    start = _start(matches, image_size)
+    problem = stereo_problem(matches)
+    try:
+        full = solve(problem, start)
+        # The third radial term is kept only where these views show that there is one: a guess of it bends the corners
+        # of the image, where no board was.
+        if all(abs(full.parameters[k]) > 3 * np.sqrt(full.covariance[k, k]) for k in K3):
+            return full
+        fixed = start.copy()
+        fixed[list(K3)] = 0.0
+        return _solve_without(problem, fixed, K3)
+    except UndeterminedError as error:
+        raise StereoError(
+            f"the views are too like each other ({error}); tilt the board about both of its axes"
+        ) from None
+
+
+def _solve_without(problem: Problem, start: Array, left_out: Sequence[int]) -> Solution:
+    free = np.setdiff1d(np.arange(len(start)), left_out)
+
+    def reduced(x: Array) -> tuple[Array, Array]:
+        whole = start.copy()
+        whole[free] = x
+        residuals, jacobian = problem(whole)
+        return residuals, jacobian[:, free]
+
+    part = solve(reduced, start[free])
+    parameters, covariance = start.copy(), np.zeros((len(start), len(start)))
+    parameters[free] = part.parameters
+    covariance[np.ix_(free, free)] = part.covariance
+    return Solution(parameters, covariance, part.residuals)
+
+
+def _start(matches: Sequence[Match], image_size: tuple[int, int]) -> Array:
+    points = [m.points_mm.astype(np.float32) for m in matches]
+    eyes, boards = [], []
+    for side in ("left", "right"):
+        corners = [getattr(m, f"{side}_px").astype(np.float32).reshape(-1, 1, 2) for m in matches]
+        _, matrix, distortion, turns, shifts = cv2.calibrateCamera(
+            points, corners, image_size, None, None, flags=cv2.CALIB_FIX_K3
+        )
+        eyes.append(np.concatenate([[matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]], distortion.ravel()[:5]]))
+        boards.append([np.concatenate([r.ravel(), t.ravel()]) for r, t in zip(turns, shifts, strict=True)])
+    stereo = _middle_pose(*boards)
+    _refuse_impossible(stereo, boards)
+    return np.concatenate([*eyes, stereo, *boards[0]])
+
+
+def _transform(pose: Array) -> Array:
+    return frames.rigid(frames.rotation_from_vector(pose[:3]), pose[3:])
+
+
+def _middle_pose(left: Sequence[Array], right: Sequence[Array]) -> Array:
+    """right_from_left (6,): of the poses the single boards give, the one nearest to all others."""
+    each = [_transform(r) @ frames.inverse(_transform(m)) for m, r in zip(left, right, strict=True)]
+    gaps = [[np.linalg.norm(frames.difference(a, b) * (1, 1, 1, 300, 300, 300)) for b in each] for a in each]
+    best = each[int(np.argmin(np.median(gaps, axis=1)))]
+    return np.concatenate([frames.vector_from_rotation(best[:3, :3]), best[:3, 3]])
+
+
+def _refuse_impossible(stereo: Array, boards: list[list[Array]]) -> None:
+    right_from_left = _transform(stereo)
+    spread = [
+        frames.angle_between(_transform(r), right_from_left @ _transform(m)) for m, r in zip(*boards, strict=True)
+    ]
+    if np.degrees(np.median(spread)) > 10.0:
+        raise StereoError(
+            "the two eyes see the board turned differently from pair to pair: one image is mirrored, "
+            "or left and right files are not of the same moment"
+        )
+    x, y, z = frames.inverse(right_from_left)[:3, 3]
+    if x < 0 and abs(x) > max(abs(y), abs(z)):
+        raise StereoError("the right eye comes out to the left of the left one: swap the cameras, or the file lists")
+
+
+def _rms_by_match(matches: Sequence[Match], residuals: Array) -> Array:
+    ends = np.cumsum([4 * len(m.points_mm) for m in matches])[:-1]
+    return np.array([np.sqrt(2 * (part**2).mean()) for part in np.split(residuals, ends)])
+
+
+def _result(
+    kept: Sequence[Pair],
+    matches: Sequence[Match],
+    solution: Solution,
+    dropped: dict[str, str],
+    image_size: tuple[int, int],
+) -> StereoResult:
+    rig = rig_from_parameters(solution.parameters, image_size)
+    sigmas = _sigmas(solution)
+    doubt = max(sigmas["left.fx"] / rig.left.matrix[0, 0], sigmas["right.fx"] / rig.right.matrix[0, 0])
+    doubt = max(doubt, sigmas["baseline_mm"] / rig.baseline_mm)
+    if doubt > WORST_SHARE:
+        raise StereoError(
+            f"the views are too like each other: focal length or baseline known to {100 * doubt:.1f} % only; "
+            "tilt the board about both of its axes, near and far"
+        )
+    ends = np.cumsum([4 * len(m.points_mm) for m in matches])[:-1]
+    halves = [np.split(part, 2) for part in np.split(solution.residuals, ends)]
+    left, right = (np.concatenate([h[k] for h in halves]) for k in (0, 1))
+    rms = _rms_by_match(matches, solution.residuals)
+    return StereoResult(
+        rig=rig,
+        stereo_rms_px=float(np.sqrt(2 * (solution.residuals**2).mean())),
+        left_rms_px=float(np.sqrt(2 * (left**2).mean())),
+        right_rms_px=float(np.sqrt(2 * (right**2).mean())),
+        epipolar_px=float(np.mean(np.concatenate([epipolar_distances(rig, m.left_px, m.right_px) for m in matches]))),
+        by_pair={p.name: float(v) for p, v in zip(kept, rms, strict=True)},
+        dropped=dropped,
+        sigmas=sigmas,
+        coverage=coverage(matches, image_size),
+    )
+
+
+def rig_from_parameters(x: Array, image_size: tuple[int, int]) -> StereoRig:
+    """Parameters of bundle.stereo_problem -> the rig in its cyclopean frame (DESIGN: midway, x along the baseline)."""
+    left_from_right = frames.inverse(_transform(x[POSE]))
+    left_from_cyclopean = cyclopean_frame(left_from_right)
+    cyclopean_from_left = frames.inverse(left_from_cyclopean)
+    left, right = eye_matrix(x[:INTRINSICS]), eye_matrix(x[INTRINSICS : 2 * INTRINSICS])
+    return StereoRig(
+        Camera(left[0], left[1].copy(), cyclopean_from_left),
+        Camera(right[0], right[1].copy(), cyclopean_from_left @ left_from_right),
+        image_size,
+    )
+
+
+def cyclopean_frame(left_from_right: Array) -> Array:
+    """left_from_cyclopean: origin midway, x along the baseline, z as near to both optical axes as x allows."""
+    along = left_from_right[:3, 3] / np.linalg.norm(left_from_right[:3, 3])
+    forward = np.array([0.0, 0.0, 1.0]) + left_from_right[:3, 2]
+    forward -= along * (along @ forward)
+    forward /= np.linalg.norm(forward)
+    return frames.rigid(np.column_stack([along, np.cross(forward, along), forward]), left_from_right[:3, 3] / 2)
+
+
+def epipolar_distances(rig: StereoRig, left_px: Array, right_px: Array) -> Array:
+    """(2N,) px: each point's distance from the epipolar line of its partner, in both images, lens distortion undone."""
+    right_from_left = frames.inverse(rig.right.cyclopean_from_camera) @ rig.left.cyclopean_from_camera
+    x, y, z = right_from_left[:3, 3]
+    essential = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]) @ right_from_left[:3, :3]
+    a, b = (
+        np.column_stack([c.normalised(p), np.ones(len(p))]) for c, p in ((rig.left, left_px), (rig.right, right_px))
+    )
+    lines_right, lines_left = a @ essential.T, b @ essential
+    gap = np.einsum("ni,ni->n", b, lines_right)
+    return np.concatenate(
+        [
+            rig.right.matrix[0, 0] * np.abs(gap) / np.linalg.norm(lines_right[:, :2], axis=1),
+            rig.left.matrix[0, 0] * np.abs(gap) / np.linalg.norm(lines_left[:, :2], axis=1),
+        ]
+    )
+
+
+def _sigmas(solution: Solution) -> dict[str, float]:
+    sigma = np.sqrt(np.diag(solution.covariance))
+    named = {
+        f"{eye}.{name}": float(sigma[k + offset])
+        for eye, offset in (("left", 0), ("right", INTRINSICS))
+        for k, name in enumerate(NAMES)
+    }
+    shift = solution.parameters[POSE][3:]
+    along = shift / np.linalg.norm(shift)
+    place = solution.covariance[POSE, POSE][3:, 3:]
+    turn = solution.covariance[POSE, POSE][:3, :3]
+    named["baseline_mm"] = float(np.sqrt(along @ place @ along))
+    named["vergence_deg"] = float(np.degrees(np.sqrt(turn[1, 1])))
+    named["right.turn_deg"] = float(np.degrees(np.sqrt(np.trace(turn))))
+    return named
+
+
+def coverage(matches: Sequence[Match], image_size: tuple[int, int], cells: int = 8) -> float:
+    """Share of the cells x cells fields of both images in which at least one corner was seen (0 to 1)."""
+    shares = []
+    for side in ("left_px", "right_px"):
+        px = np.concatenate([getattr(m, side) for m in matches]) / np.array(image_size) * cells
+        fields = np.clip(px.astype(int), 0, cells - 1)
+        shares.append(len(np.unique(fields[:, 0] * cells + fields[:, 1])) / cells**2)
+    return float(np.mean(shares))
