@@ -95,25 +95,48 @@ def _united(whole: Solid, view: Solid, way: Correspondence, fit: Fits) -> Solid:
     turn, shift = fit.poses[0, :3, :3], fit.poses[0, :3, 3]
     moved = view.corners_mm @ turn.T + shift
     spread = turn @ view.covariance_mm2 @ turn.T
+    owners = _owners(whole, moved, spread, way)
     corners, covariance = whole.corners_mm.copy(), whole.covariance_mm2.copy()
-    place: dict[int, int] = {}
-    extra: list[int] = []
-    for k, there in enumerate(way.corners):
-        if there >= 0:
-            one, two = np.linalg.inv(covariance[there]), np.linalg.inv(spread[k])
-            covariance[there] = np.linalg.inv(one + two)
-            corners[there] = covariance[there] @ (one @ corners[there] + two @ moved[k])
-            place[k] = int(there)
-        else:
-            place[k] = len(whole.corners_mm) + len(extra)
-            extra.append(k)
-    new = [f for f, g in enumerate(way.facets) if g < 0]
+    for k in np.nonzero(owners < len(corners))[0]:
+        there = owners[k]
+        one, two = np.linalg.inv(covariance[there]), np.linalg.inv(spread[k])
+        covariance[there] = np.linalg.inv(one + two)
+        corners[there] = covariance[there] @ (one @ corners[there] + two @ moved[k])
+    extra = owners >= len(whole.corners_mm)
+    rings = [tuple(int(owners[k]) for k in view.facets[f]) for f, g in enumerate(way.facets) if g < 0]
+    types = [view.types[f] for f, g in enumerate(way.facets) if g < 0]
+    known = {frozenset(ring) for ring in whole.facets}
+    new = [i for i, ring in enumerate(rings) if frozenset(ring) not in known]
     return Solid(
         np.concatenate([corners, moved[extra]]),
         np.concatenate([covariance, spread[extra]]),
-        whole.facets + tuple(tuple(place[k] for k in view.facets[f]) for f in new),
-        whole.types + tuple(view.types[f] for f in new),
+        whole.facets + tuple(rings[i] for i in new),
+        whole.types + tuple(types[i] for i in new),
     )
+
+
+def _owners(whole: Solid, moved: Array, spread: Array, way: Correspondence) -> NDArray[np.intp]:
+    """(K,) the corner of `whole` each corner of the view is, or the index it gets when it is new.
+
+    Corners that no shared edge leads to are the same where they coincide in space within their errors.
+    """
+    owners = way.corners.copy()
+    free = set(range(len(whole.corners_mm))) - set(owners[owners >= 0].tolist())
+    new = len(whole.corners_mm)
+    for k in np.nonzero(owners < 0)[0]:
+        near = min(free, key=lambda j: float(np.linalg.norm(whole.corners_mm[j] - moved[k])), default=None)
+        if near is not None and _coincide(whole.corners_mm[near] - moved[k], whole.covariance_mm2[near] + spread[k]):
+            owners[k] = near
+            free.discard(near)
+        else:
+            owners[k], new = new, new + 1
+    return owners
+
+
+def _coincide(apart: Array, covariance: Array) -> bool:
+    """Whether two corners are one: within 3 mm, or within four predicted errors where those are larger; never 8 mm."""
+    distance = float(np.linalg.norm(apart))
+    return distance < min(8.0, max(3.0, 4.0 * float(np.sqrt(np.trace(covariance)))))
 
 
 def _shape(solid: Solid) -> Array:

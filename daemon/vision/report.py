@@ -72,4 +72,6 @@ def _number(value: float, digits: int) -> float | None:
 
 def _numbers(values: Array, digits: int) -> Any:
     rounded = np.round(np.asarray(values, float), digits) + 0.0
-    return np.where(np.isfinite(rounded), rounded.astype(object), None).tolist()
+    told = rounded.astype(object)
+    told[~np.isfinite(rounded)] = None
+    return told.tolist()

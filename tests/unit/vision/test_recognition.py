@@ -1,0 +1,191 @@
+"""Naming and locating parts from facets in space, taught on six views: right, or silent."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from solids import CUBE, KNOWN, PENTAGONAL, PYRAMID, STRANGERS, TRIANGULAR, Body, pose, view_of
+
+from daemon import frames
+from daemon.library import load_facets
+from daemon.vision.data import Facet, Group, Part
+from daemon.vision.model import Model, empty_model, forget, learn_view
+from daemon.vision.recognise import recognise_group
+
+TAUGHT = (
+    ("cube", CUBE, (1.0, 0.1, 0.8)),
+    ("pyramid", PYRAMID, (0.05, 0.03, 1.0)),
+    ("pyramid", PYRAMID, (0.6, 0.5, -0.5)),
+    ("triangular_prism", TRIANGULAR, (0.7, 0.05, 0.5)),
+    ("pentagonal_prism", PENTAGONAL, (0.25, 0.76, 0.5)),
+    ("pentagonal_prism", PENTAGONAL, (0.81, 0.59, 0.05)),
+)
+
+directions = st.tuples(*[st.floats(-1, 1)] * 3).filter(lambda d: np.linalg.norm(d) > 0.3)
+seeds = st.integers(0, 2**31)
+
+
+@cache
+def taught() -> Model:
+    rng = np.random.default_rng(3)
+    model = empty_model(load_facets())
+    for label, body, direction in TAUGHT:
+        model = learn_view(model, view_of(body, pose(np.array(direction), 0.3), rng, 0.6), label)
+    return model
+
+
+def look(body: Body, direction: tuple[float, ...], roll: float, seed: int, noise: float = 1.0) -> Part:
+    rng = np.random.default_rng(seed)
+    return recognise_group(view_of(body, pose(np.array(direction), roll), rng, noise), taught())
+
+
+def named_or_silent(part: Part, label: str) -> bool:
+    """Right where two facets or more are in view; a lone facet must be left unnamed."""
+    return part.recognition.label == (label if len(part.facets) > 1 else "unknown")
+
+
+def test_the_six_views_make_six_nodes_and_one_whole_shape_a_part() -> None:
+    model = taught()
+    assert model.node_labels == tuple(label for label, _, _ in TAUGHT)
+    assert {name: len(m.solid.facets) for name, m in model.metric.items()} == {
+        "cube": 3,
+        "pyramid": 5,
+        "triangular_prism": 3,
+        "pentagonal_prism": 4,
+    }
+    assert all(len(m.joined) == sum(v.label == n for v in model.views) for n, m in model.metric.items())
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.sampled_from(sorted(KNOWN)), directions, st.floats(-3, 3), seeds)
+def test_a_taught_part_keeps_its_name_under_any_rigid_motion(
+    label: str, direction: tuple[float, ...], roll: float, seed: int
+) -> None:
+    part = look(KNOWN[label], direction, roll, seed)
+    assert named_or_silent(part, label), part.recognition.reason
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.sampled_from(sorted(STRANGERS)), directions, st.floats(-3, 3), seeds)
+def test_a_part_never_taught_is_never_named(label: str, direction: tuple[float, ...], roll: float, seed: int) -> None:
+    part = look(STRANGERS[label], direction, roll, seed)
+    assert part.recognition.label == "unknown", part.recognition.reason
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.sampled_from(sorted(KNOWN)), directions, seeds, st.randoms())
+def test_the_order_of_facets_and_where_their_corners_start_change_nothing(
+    label: str, direction: tuple[float, ...], seed: int, random: object
+) -> None:
+    rng = np.random.default_rng(seed)
+    group = view_of(KNOWN[label], pose(np.array(direction), 0.4), rng)
+    order = rng.permutation(len(group.facets))
+    turned = tuple(rolled(group.facets[k], int(rng.integers(5))) for k in order)
+    shuffled = Group(turned, group.touching[np.ix_(order, order)])
+    one, other = recognise_group(group, taught()), recognise_group(shuffled, taught())
+    assert one.recognition.label == other.recognition.label
+    assert one.recognition.match_ratio == other.recognition.match_ratio
+    assert one.recognition.activation == pytest.approx(other.recognition.activation, abs=1e-12)
+
+
+def rolled(facet: Facet, by: int) -> Facet:
+    return Facet(
+        *(np.roll(getattr(facet, name), by, axis=0) for name in
+          ("corners_mm", "covariance_mm2", "left_px", "right_px", "epipolar_px")),
+        facet.planarity_mm,
+    )  # fmt: skip
+
+
+def test_two_rectangles_of_a_triangular_prism_are_not_a_pentagonal_prism() -> None:
+    for seed in range(20):
+        part = look(TRIANGULAR, (1.0, 0.0, 0.0) if seed % 2 else (-0.5, 0.87, 0.0), 0.2 * seed, seed)
+        assert len(part.facets) == 2
+        assert part.recognition.label == "triangular_prism"
+        assert part.recognition.runner_up == "pentagonal_prism"
+        assert part.recognition.match_ratio == pytest.approx(2 / 3)
+
+
+def test_a_lone_square_is_said_to_fit_cube_and_pyramid() -> None:
+    part = look(PYRAMID, (0.02, 0.01, -1.0), 0.5, 1)
+    assert len(part.facets) == 1
+    assert part.recognition.label == "unknown"
+    assert part.recognition.ambiguous
+    assert set(part.recognition.candidates) == {"cube", "pyramid"}
+
+
+def test_a_partial_view_has_a_lower_match_ratio_than_a_whole_one() -> None:
+    whole, partial = look(CUBE, (1.0, 0.1, 0.8), 0.1, 1), look(CUBE, (0.7, 0.7, 1.0), 0.1, 1)
+    assert whole.recognition.match_ratio == 1.0
+    assert partial.recognition.match_ratio == pytest.approx(2 / 3)
+    assert partial.recognition.activation < whole.recognition.activation
+
+
+def test_the_mirror_image_of_a_handed_part_is_refused() -> None:
+    handed = Body(
+        np.array([[0.0, 0, 0], [60, 0, 0], [0, 40, 0], [0, 0, 25], [0, 0, 0]])[:4],
+        ((0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)),
+    )
+    model = learn_view(taught(), view_of(handed, pose(np.array([-0.5, -0.6, -0.4]), 0.0)), "corner piece")
+    rng = np.random.default_rng(0)
+    same = recognise_group(view_of(handed, pose(np.array([-0.4, -0.5, -0.6]), 1.0), rng), model)
+    mirrored = recognise_group(view_of(handed.mirrored(), pose(np.array([0.4, -0.5, -0.6]), 1.0), rng), model)
+    assert same.recognition.label == "corner piece"
+    assert mirrored.recognition.label == "unknown"
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.sampled_from(sorted(KNOWN)), directions, st.floats(-3, 3), seeds)
+def test_the_pose_puts_taught_corners_on_true_ones_within_its_covariance(
+    label: str, direction: tuple[float, ...], roll: float, seed: int
+) -> None:
+    true_pose = pose(np.array(direction), roll)
+    part = look(KNOWN[label], direction, roll, seed)
+    if part.recognition.label == "unknown":
+        return
+    known = frames.apply(part.cyclopean_from_part, taught().metric[label].solid.corners_mm)
+    true = frames.apply(true_pose, KNOWN[label].corners_mm)
+    apart = np.linalg.norm(known[:, None] - true[None], axis=2).min(1)
+    assert apart.max() < 2.5
+    predicted = np.sqrt(np.trace(part.covariance[:3, :3]))
+    assert predicted < 1.5
+
+
+def test_corners_of_a_recognised_part_are_nearer_the_truth_than_the_measured_ones() -> None:
+    raw, fitted = [], []
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        where = pose(rng.normal(size=3), float(rng.uniform(-3, 3)))
+        body = list(KNOWN.values())[seed % 4]
+        part = recognise_group(view_of(body, where, rng), taught())
+        if part.recognition.label != "unknown":
+            true = frames.apply(where, body.corners_mm)
+            for facet, corners in zip(part.facets, part.fitted_mm, strict=True):
+                raw += list(np.linalg.norm(facet.corners_mm[:, None] - true, axis=2).min(1))
+                fitted += list(np.linalg.norm(corners[:, None] - true, axis=2).min(1))
+    assert np.median(fitted) < 0.75 * np.median(raw)
+
+
+def test_every_pose_that_a_symmetry_allows_is_listed() -> None:
+    assert len(look(CUBE, (1.0, 0.1, 0.8), 0.1, 1).equivalents) == 3
+    assert len(look(CUBE, (0.7, 0.7, 1.0), 0.1, 1).equivalents) == 6
+    assert len(look(PYRAMID, (0.05, 0.03, 1.0), 0.1, 1).equivalents) == 4
+
+
+def test_what_is_taught_later_leaves_earlier_parts_alone_and_can_be_forgotten() -> None:
+    model = taught()
+    hexagonal = STRANGERS["hexagonal_prism"]
+    more = learn_view(model, view_of(hexagonal, pose(np.array([0.6, 0.3, 0.5]), 0.0)), "hexagonal_prism")
+    rng = np.random.default_rng(5)
+    seen = view_of(hexagonal, pose(np.array([0.5, 0.6, 0.6]), 1.0), rng)
+    assert recognise_group(seen, more).recognition.label == "hexagonal_prism"
+    less = forget(more, "hexagonal_prism")
+    assert recognise_group(seen, less).recognition.label == "unknown"
+    for label, metric in model.metric.items():
+        np.testing.assert_array_equal(metric.solid.corners_mm, less.metric[label].solid.corners_mm)
+    assert less.artmap is not None
+    assert model.artmap is not None
+    np.testing.assert_array_equal(less.artmap.weights, model.artmap.weights)
