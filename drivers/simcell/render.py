@@ -19,7 +19,7 @@ from drivers.simcell.rigid import Array, apply, inverse
 from drivers.simcell.truth import Lighting
 
 NOTHING = -1
-SAMPLES = 48
+SAMPLES, STRIDE = 34, 21
 NEAREST_MM = 20.0
 BULGE_PX = 6
 
@@ -103,7 +103,7 @@ class Retina:
         self.corners = eye.directions(width, height)
         c = self.corners
         self.centres: Array32 = (c[:-1, :-1] + c[:-1, 1:] + c[1:, :-1] + c[1:, 1:]) * np.float32(0.25)
-        a, b = _spread(SAMPLES)
+        a, b = _spread()
         weights = [(1 - a) * (1 - b), a * (1 - b), (1 - a) * b, a * b]
         self.weights = np.stack(weights).astype(np.float32)
 
@@ -126,14 +126,10 @@ class Retina:
         return rays
 
 
-def _spread(count: int) -> tuple[Array, Array]:
-    """count points evenly over the unit square (Hammersley): even in x, and nearly so along any direction."""
-    index = np.arange(count)
-    reversed_bits, scale, rest = np.zeros(count), 0.5, index.copy()
-    while rest.any():
-        reversed_bits += scale * (rest & 1)
-        scale, rest = scale / 2, rest >> 1
-    return (index + 0.5) / count, reversed_bits + 0.5 / 2 ** int(np.ceil(np.log2(count)))
+def _spread() -> tuple[Array, Array]:
+    """SAMPLES points spread evenly over the unit square: a Fibonacci lattice, even along both axes and centred."""
+    index = np.arange(SAMPLES)
+    return (index + 0.5) / SAMPLES, (index * STRIDE % SAMPLES + 0.5) / SAMPLES
 
 
 def radiance(
