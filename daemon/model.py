@@ -7,46 +7,25 @@ said in daemon/vision/model.py.
 from __future__ import annotations
 
 import hashlib
-import io
 import json
-import struct
-import zipfile
-import zlib
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
 from daemon.art import ArtError, FuzzyARTMAP
 from daemon.files import write_atomically
 from daemon.library import library_digest, library_plain
+from daemon.npz import ArchiveError, Arrays, one_line, pack, unpack
 from daemon.vision.facet_types import FacetLibrary, FacetType
 from daemon.vision.merge import MetricModel
 from daemon.vision.model import Model, Parameters, TaughtView
 from daemon.vision.relation import Solid
 
-Arrays = dict[str, NDArray[Any]]
 FORMAT = "facetd-model"
 VERSION = 1
-UNREADABLE = (
-    zipfile.BadZipFile,
-    zlib.error,
-    struct.error,
-    EOFError,
-    KeyError,
-    MemoryError,
-    NotImplementedError,
-    OSError,
-    OverflowError,
-    RuntimeError,
-    SyntaxError,
-    TypeError,
-    ValueError,
-)
-EPOCH = (1980, 1, 1, 0, 0, 0)  # every member's time stamp: the same model is the same bytes
 
 
 class ModelError(Exception):
@@ -158,12 +137,15 @@ def to_bytes(model: Model, *, trained: str = "", codes: dict[str, str] | None = 
     }
     header["sha256"] = _checksum(header, arrays)
     arrays["header"] = np.frombuffer(_canonical(header), dtype=np.uint8)
-    return _zipped(arrays)
+    return pack(arrays)
 
 
 def from_bytes(content: bytes) -> ModelFile:
     """Check and read a file's content. Raises ModelError without the path."""
-    arrays = _unzipped(content)
+    try:
+        arrays = unpack(content)
+    except ArchiveError as error:
+        raise ModelError(f"not a facetd model: {error}") from None
     header_array = arrays.pop("header", None)
     if header_array is None or header_array.dtype != np.uint8:
         raise ModelError("not a facetd model: it has no header")
@@ -182,7 +164,7 @@ def from_bytes(content: bytes) -> ModelFile:
         header = msgspec.convert({**plain, "sha256": told}, _Header)
         return ModelFile(_model(header, arrays), header.trained, header.codes, str(told))
     except (msgspec.ValidationError, ArtError, KeyError, TypeError, ValueError) as error:
-        raise ModelError(f"does not hold together: {error}") from None
+        raise ModelError(f"does not hold together: {one_line(error)}") from None
 
 
 def _arrays(model: Model) -> Arrays:
@@ -270,28 +252,3 @@ def _checksum(header: dict[str, Any], arrays: Arrays) -> str:
 
 def _canonical(header: dict[str, Any]) -> bytes:
     return json.dumps(header, sort_keys=True, separators=(",", ":"), ensure_ascii=False).encode()
-
-
-def _zipped(arrays: Arrays) -> bytes:
-    """As numpy.savez_compressed has it, but with fixed time stamps."""
-    out = io.BytesIO()
-    with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as archive:
-        for name in sorted(arrays):
-            member = io.BytesIO()
-            np.lib.format.write_array(member, np.ascontiguousarray(arrays[name]), allow_pickle=False)
-            info = zipfile.ZipInfo(f"{name}.npy", EPOCH)
-            info.compress_type = zipfile.ZIP_DEFLATED
-            archive.writestr(info, member.getvalue())
-    return out.getvalue()
-
-
-def _unzipped(content: bytes) -> Arrays:
-    try:
-        with np.load(io.BytesIO(content), allow_pickle=False) as archive:
-            if not isinstance(archive, np.lib.npyio.NpzFile):
-                raise ModelError("not a facetd model: a single array")
-            return {name: archive[name] for name in archive.files}
-    except ModelError:
-        raise
-    except UNREADABLE as error:
-        raise ModelError(f"not a facetd model, or cut short or damaged: {error}") from None

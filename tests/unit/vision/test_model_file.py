@@ -1,0 +1,170 @@
+"""The model file: what was saved comes back to the byte; what is damaged, foreign or newer is refused in one line."""
+
+from __future__ import annotations
+
+import io
+import json
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from solids import CUBE, PENTAGONAL, PYRAMID, Body, pose, view_of
+
+from daemon.library import load_facets
+from daemon.model import ModelError, from_bytes, load, load_file, save, to_bytes
+from daemon.modelview import check, compare, describe
+from daemon.vision.model import Model, TeachError, empty_model, forget, learn_view
+from daemon.vision.recognise import recognise_group
+
+VIEWS = (
+    ("cube", CUBE, (1.0, 0.1, 0.8)),
+    ("pyramid", PYRAMID, (0.05, 0.03, 1.0)),
+    ("pentagonal_prism", PENTAGONAL, (0.25, 0.76, 0.5)),
+)
+
+
+def trained(views: tuple[tuple[str, Body, tuple[float, float, float]], ...] = VIEWS) -> Model:
+    rng = np.random.default_rng(1)
+    model = empty_model(load_facets())
+    for label, body, direction in views:
+        model = learn_view(model, view_of(body, pose(np.array(direction), 0.1), rng, 0.5), label, f"{label}.png")
+    return model
+
+
+CONTENT = to_bytes(trained(), trained="2026-11-21T10:00:00Z")
+
+
+def with_header(**changes: object) -> bytes:
+    """The file with other words in its header and everything else as it was."""
+    arrays = dict(np.load(io.BytesIO(CONTENT)))
+    header = json.loads(arrays["header"].tobytes()) | changes
+    arrays["header"] = np.frombuffer(json.dumps(header).encode(), dtype=np.uint8)
+    out = io.BytesIO()
+    np.savez(out, **arrays)
+    return out.getvalue()
+
+
+def test_the_same_views_in_the_same_order_make_the_same_bytes() -> None:
+    assert to_bytes(trained()) == to_bytes(trained())
+    assert to_bytes(trained()) != to_bytes(trained(VIEWS[::-1]))
+
+
+def test_a_saved_model_answers_exactly_as_it_did(tmp_path: Path) -> None:
+    model = trained()
+    save(model, tmp_path / "model.npz")
+    again = load(tmp_path / "model.npz")
+    rng = np.random.default_rng(7)
+    for body in (CUBE, PYRAMID, PENTAGONAL):
+        group = view_of(body, pose(rng.normal(size=3), 1.0), rng)
+        one, other = recognise_group(group, model), recognise_group(group, again)
+        assert vars(one.recognition) == vars(other.recognition)
+        np.testing.assert_array_equal(one.cyclopean_from_part, other.cyclopean_from_part)
+    assert to_bytes(again) == to_bytes(model)
+
+
+def test_teaching_goes_on_from_a_file_as_from_memory(tmp_path: Path) -> None:
+    rng = np.random.default_rng(9)
+    view = view_of(PYRAMID, pose(np.array([0.5, 0.6, -0.5]), 0.0), rng)
+    save(trained(), tmp_path / "model.npz")
+    assert to_bytes(learn_view(load(tmp_path / "model.npz"), view, "pyramid")) == to_bytes(
+        learn_view(trained(), view, "pyramid")
+    )
+
+
+def test_a_part_forgotten_leaves_the_bytes_it_was_not_in() -> None:
+    assert to_bytes(forget(trained(), "pentagonal_prism")) == to_bytes(trained(VIEWS[:2]))
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.integers(0, len(CONTENT) - 1), st.integers(1, 255))
+def test_one_altered_byte_is_refused_or_changes_nothing(place: int, by: int) -> None:
+    altered = bytearray(CONTENT)
+    altered[place] ^= by
+    try:
+        again = from_bytes(bytes(altered))
+    except ModelError as error:
+        said = str(error)
+    else:
+        said = "the same"
+        assert to_bytes(again.model, trained=again.trained, codes=again.codes) == CONTENT
+    assert "\n" not in said
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, len(CONTENT) - 1))
+def test_a_file_cut_short_is_refused(length: int) -> None:
+    with pytest.raises(ModelError):
+        from_bytes(CONTENT[:length])
+
+
+@pytest.mark.parametrize(
+    ("content", "word"),
+    [
+        (b"", "cut short"),
+        (b"hello", "not a facetd model"),
+        (with_header(version=2), "version 2"),
+        (with_header(format="other"), "not a facetd model"),
+        (with_header(parts=["cube"]), "altered"),
+        (with_header(sha256="0"), "altered"),
+    ],
+)
+def test_what_is_no_model_of_ours_is_refused_with_the_reason(content: bytes, word: str) -> None:
+    with pytest.raises(ModelError, match=word):
+        from_bytes(content)
+
+
+def test_a_pickle_in_the_place_of_a_model_is_never_opened() -> None:
+    out = io.BytesIO()
+    np.savez(out, header=np.array([{"a": 1}], dtype=object))
+    with pytest.raises(ModelError):
+        from_bytes(out.getvalue())
+
+
+def test_an_archive_without_our_header_is_foreign() -> None:
+    out = io.BytesIO()
+    with zipfile.ZipFile(out, "w") as archive:
+        archive.writestr("readme.txt", "nothing of ours")
+    with pytest.raises(ModelError, match="not a facetd model"):
+        from_bytes(out.getvalue())
+
+
+def test_a_missing_file_is_told_by_its_path(tmp_path: Path) -> None:
+    with pytest.raises(ModelError, match=r"none\.npz: cannot be read"):
+        load(tmp_path / "none.npz")
+
+
+def test_an_interrupted_write_leaves_the_old_model(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "model.npz"
+    save(trained(VIEWS[:1]), path)
+    monkeypatch.setattr("os.replace", _no_replace)
+    with pytest.raises(ModelError):
+        save(trained(), path)
+    assert load(path).labels == ("cube",)
+    assert [p.name for p in tmp_path.iterdir()] == ["model.npz"]
+
+
+def _no_replace(_from: object, _to: object) -> None:
+    raise OSError(28, "No space left on device")
+
+
+def test_a_view_of_one_facet_or_of_two_parts_is_not_learnt() -> None:
+    with pytest.raises(TeachError, match="at least two"):
+        learn_view(trained(), view_of(CUBE, pose(np.array([0.0, 0.0, 1.0]), 0.0)), "cube")
+    with pytest.raises(TeachError, match="unknown"):
+        learn_view(trained(), view_of(CUBE, pose(np.array([1.0, 0.1, 0.8]), 0.0)), "unknown")
+
+
+def test_show_diff_and_check_say_what_a_model_knows(tmp_path: Path) -> None:
+    save(trained(), tmp_path / "a.npz", trained="2026-11-21T10:00:00Z")
+    save(trained(VIEWS[:2]), tmp_path / "b.npz")
+    a, b = load_file(tmp_path / "a.npz"), load_file(tmp_path / "b.npz")
+    shown = describe(a)
+    assert [p["label"] for p in shown.data["parts"]] == ["cube", "pyramid", "pentagonal_prism"]
+    assert [p["code"] for p in shown.data["parts"]] == ["001", "010", "011"]
+    assert shown.data["nodes"][0]["views"] == ["cube.png"]
+    assert compare(a, b).data["gone"] == ["pentagonal_prism"]
+    assert compare(a, a).data["same"]
+    assert check(a).data["sound"]
