@@ -175,7 +175,7 @@ def _taught(model: Model, view: _View, base: Path, calibration: Calibration) -> 
     from daemon.vision.facets import find_facets
     from daemon.vision.model import TeachError, learn_view
 
-    left, right = base / view.left, base / view.right
+    left, right = (_found(base, name) for name in (view.left, view.right))
     seen = find_facets(_image(left), _image(right), calibration.rig)
     if not seen.groups:
         raise TeachError("no facet was found in both images")
@@ -183,6 +183,11 @@ def _taught(model: Model, view: _View, base: Path, calibration: Calibration) -> 
     if sum(len(g.facets) == len(largest.facets) for g in seen.groups) > 1:
         raise TeachError("more than one part is in view; show one alone")
     return learn_view(model, largest, view.label, source=str(left))
+
+
+def _found(base: Path, name: str) -> Path:
+    """A picture named in a list of views: beside the list, or from where the command was given."""
+    return base / name if (base / name).exists() else Path(name)
 
 
 def _model(args: argparse.Namespace) -> int:
