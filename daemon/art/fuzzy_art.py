@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 
 from daemon.art.coding import as_unit_samples, code, grid_step
 from daemon.art.errors import NotTrainedError
-from daemon.art.fuzzy import choice, matches, overlaps
+from daemon.art.fuzzy import Samples
 from daemon.art.nodes import Nodes
 from daemon.art.presenting import present
 from daemon.art.search import SearchRule, Uncommitted, iterations, within
+from daemon.art.winners import answers
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -72,17 +73,17 @@ class FuzzyART:
     def learn(self, X: Any) -> Index:
         """As partial_fit; returns the category each sample resonated with while it was learnt, (N,)."""
         samples = as_unit_samples(X, self._features())
-        coded = code(samples, self.complement)
+        coded = Samples.of(code(samples, self.complement), self.complement)
         if self._nodes is None:
-            self._nodes = Nodes(coded.shape[1])
+            self._nodes = Nodes(coded.coded.shape[1])
         nobody = np.zeros(len(coded), dtype=np.int64)
-        return present(self._nodes, coded, nobody, self.rule, self.beta, grid_step(coded.shape[1]))
+        return present(self._nodes, coded, nobody, self.rule, self.beta, grid_step(self._nodes.features))
 
     def predict(self, X: Any) -> Index:
         """The category of each sample, (N,); -1 where none meets the vigilance."""
         nodes = self._trained()
-        coded = code(as_unit_samples(X, self._features()), self.complement)
-        return resonating(coded, nodes, self.rule.alpha, self.rule.rho)
+        coded = Samples.of(code(as_unit_samples(X, self._features()), self.complement), self.complement)
+        return answers(coded, nodes, self.rule.alpha, self.rule.rho).node
 
     def state(self) -> dict[str, Array]:
         """What was learnt, as arrays: weights (J, F)."""
@@ -103,15 +104,3 @@ class FuzzyART:
         if self._nodes is None or not len(self._nodes):
             raise NotTrainedError("this FuzzyART has not learnt a single sample yet")
         return self._nodes
-
-
-def resonating(coded: Array, nodes: Nodes, alpha: float, rho: float) -> Index:
-    """The node with the greatest activation among those whose match is at least rho, (B,); -1 where there is none."""
-    overlap = overlaps(coded, nodes.weights)
-    activation = choice(overlap, nodes.size, alpha)
-    if rho > 0.0:
-        size = np.broadcast_to(coded.sum(axis=1)[:, None], overlap.shape)
-        activation[matches(overlap, size) < rho] = -1.0
-    node = np.asarray(activation.argmax(axis=1), dtype=np.int64)
-    node[activation[np.arange(len(node)), node] < 0.0] = -1
-    return node

@@ -6,7 +6,6 @@ The estimator, its state and its predictions; arithmetic in fuzzy.py, search in 
 from __future__ import annotations
 
 from collections.abc import Hashable, Iterable, Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -14,26 +13,15 @@ from numpy.typing import NDArray
 
 from daemon.art.coding import as_unit_samples, code, grid_step
 from daemon.art.errors import NotTrainedError, ParameterError
-from daemon.art.fuzzy import choice, matches, overlaps
+from daemon.art.fuzzy import Samples
 from daemon.art.labels import Labels
 from daemon.art.nodes import Nodes
 from daemon.art.presenting import present
 from daemon.art.search import Contradiction, MatchTracking, SearchRule, Uncommitted, iterations, within
+from daemon.art.winners import Answers, answers
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
-
-# Samples predicted together.
-PREDICT_BLOCK = 1024
-
-
-@dataclass(frozen=True, eq=False)
-class Answers:
-    """What N samples called up: node (N,) or -1 for no answer, its activation (N,) and match (N,), both 0 then."""
-
-    node: Index
-    activation: Array
-    match: Array
 
 
 class FuzzyARTMAP:
@@ -112,23 +100,17 @@ class FuzzyARTMAP:
         """As partial_fit; returns the node each sample ended on, (N,), -2 where a contradiction was skipped."""
         samples = as_unit_samples(X, self._features())
         numbers = self._labels.numbers(y, len(samples))
-        coded = code(samples, self.complement)
+        coded = Samples.of(code(samples, self.complement), self.complement)
         if self._nodes is None:
-            self._nodes = Nodes(coded.shape[1])
+            self._nodes = Nodes(coded.coded.shape[1])
         self._nodes.room_for_labels(len(self._labels))
-        return present(self._nodes, coded, numbers, self.rule, self.beta, grid_step(coded.shape[1]))
+        return present(self._nodes, coded, numbers, self.rule, self.beta, grid_step(self._nodes.features))
 
     def recall(self, X: Any) -> Answers:
         """The node each sample calls up at vigilance rho_predict, with activation and match."""
         nodes = self._trained()
-        coded = code(as_unit_samples(X, self._features()), self.complement)
-        pieces = [
-            _recall_piece(coded[start : start + PREDICT_BLOCK], nodes, self.rule.alpha, self.rho_predict)
-            for start in range(0, max(len(coded), 1), PREDICT_BLOCK)
-        ]
-        return Answers(
-            *(np.concatenate([getattr(p, part) for p in pieces]) for part in ("node", "activation", "match"))
-        )
+        coded = Samples.of(code(as_unit_samples(X, self._features()), self.complement), self.complement)
+        return answers(coded, nodes, self.rule.alpha, self.rho_predict)
 
     def predict(self, X: Any) -> NDArray[Any]:
         """The label of each sample, (N,). With rho_predict 0 there is always one, and the array has the labels' own
@@ -137,15 +119,15 @@ class FuzzyARTMAP:
 
     def predict_with_match(self, X: Any) -> tuple[NDArray[Any], Array]:
         """As predict, and the match |I ^ w| / |I| of the node that answered, (N,), 0 where none did."""
-        answers = self.recall(X)
-        return self._as_labels(answers), answers.match
+        recalled = self.recall(X)
+        return self._as_labels(recalled), recalled.match
 
     def predict_proba(self, X: Any) -> Array:
         """(N, L), columns as in `classes`: the shares of the map field of the node that answered; 0 where none did."""
         counts = self._trained().map_counts[:, : len(self._labels)]
         shares = counts / counts.sum(axis=1, keepdims=True)
-        answers = self.recall(X)
-        return np.asarray(np.where((answers.node >= 0)[:, None], shares[answers.node], 0.0))
+        recalled = self.recall(X)
+        return np.asarray(np.where((recalled.node >= 0)[:, None], shares[recalled.node], 0.0))
 
     def score(self, X: Any, y: Iterable[Hashable]) -> float:
         """The share of samples whose label is predicted; an abstention is not right."""
@@ -187,9 +169,9 @@ class FuzzyARTMAP:
         self._labels, self._nodes = labels, Nodes.from_arrays(weights, counts)
         return self
 
-    def _as_labels(self, answers: Answers) -> NDArray[Any]:
+    def _as_labels(self, recalled: Answers) -> NDArray[Any]:
         table = self._labels.table() if self.rho_predict == 0.0 else self._labels.object_table()
-        number = np.where(answers.node >= 0, self._trained().winners()[answers.node], -1)
+        number = np.where(recalled.node >= 0, self._trained().winners()[recalled.node], -1)
         return np.asarray(table[number])
 
     def _features(self) -> int | None:
@@ -201,16 +183,3 @@ class FuzzyARTMAP:
         if self._nodes is None or not len(self._nodes):
             raise NotTrainedError("this FuzzyARTMAP has not learnt a single sample yet")
         return self._nodes
-
-
-def _recall_piece(coded: Array, nodes: Nodes, alpha: float, rho: float) -> Answers:
-    overlap = overlaps(coded, nodes.weights)
-    activation = choice(overlap, nodes.size, alpha)
-    size = coded.sum(axis=1)
-    if rho > 0.0:
-        activation[matches(overlap, np.broadcast_to(size[:, None], overlap.shape)) < rho] = -1.0
-    node = np.asarray(activation.argmax(axis=1), dtype=np.int64)
-    rows = np.arange(len(node))
-    best, match = activation[rows, node], matches(overlap[rows, node], size)
-    none = best < 0.0
-    return Answers(np.where(none, -1, node), np.where(none, 0.0, best), np.where(none, 0.0, match))

@@ -52,7 +52,15 @@ class Labels:
         listed = labels.tolist() if isinstance(labels, np.ndarray) else list(labels)
         if len(listed) != expected:
             raise InputError(f"labels: expected one a sample ({expected}), found {len(listed)}")
-        return np.fromiter(map(self.number, listed), dtype=np.int64, count=expected)
+        number = {label: self.number(label) for label in self._distinct(listed)}
+        return np.array([number[label] for label in listed], dtype=np.int64)
+
+    @staticmethod
+    def _distinct(labels: list[Any]) -> Iterable[Hashable]:
+        try:
+            return dict.fromkeys(labels)
+        except TypeError as error:
+            raise InputError(f"labels: expected something hashable ({error})") from error
 
     def all(self) -> tuple[Hashable, ...]:
         return tuple(self._labels)

@@ -67,8 +67,12 @@ class Nodes:
         if missing > 0:
             self._map = np.hstack([self._map, np.zeros((len(self._map), missing), dtype=np.int64)])
 
-    def agrees(self, node: int | Index, label: int | Index, vigilance: float) -> NDArray[np.bool_]:
+    def agrees_one(self, node: int, label: int, vigilance: float) -> bool:
         """Whether |x_ab| >= rho_ab |y_b|, (1.24): the label's share of what the node resonated with is enough."""
+        return self._map.item(node, label) >= vigilance * self._total.item(node)
+
+    def agrees(self, node: Index, label: Index, vigilance: float) -> NDArray[np.bool_]:
+        """As agrees_one, pair by pair."""
         return np.asarray(self._map[node, label] >= vigilance * self._total[node])
 
     def commit(self, weight: Array) -> int:
@@ -87,9 +91,14 @@ class Nodes:
         self._weights[node] = weight
         self._size[node] = weight.sum()
 
-    def count(self, node: int | Index, label: int | Index) -> None:
-        """Note that node resonated with label, once for each pair given."""
-        np.add.at(self._map, (np.asarray(node), np.asarray(label)), 1)
+    def count_one(self, node: int, label: int) -> None:
+        """Note that node resonated with label."""
+        self._map[node, label] += 1
+        self._total[node] += 1
+
+    def count(self, node: Index, label: Index) -> None:
+        """Note that nodes resonated with labels, pair by pair."""
+        np.add.at(self._map, (node, label), 1)
         np.add.at(self._total, node, 1)
 
     def without_label(self, label: int) -> Nodes:

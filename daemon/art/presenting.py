@@ -11,58 +11,73 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.art.fuzzy import choice, learnt, matches, overlap_with_one, overlaps
+from daemon.art.fuzzy import LEAST, Samples, choice, learnt, matches, overlap_with_one, overlaps, sums
 from daemon.art.nodes import Nodes
 from daemon.art.search import SKIPPED, UNCOMMITTED, SearchRule, find_node
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-BLOCK = 128
+BLOCK = 256
+# From this many uneventful samples in a row on, looking at a stretch together beats looking at each.
+SHORT = 6
 
 
-def present(nodes: Nodes, samples: Array, labels: Index, rule: SearchRule, beta: float, step: float) -> Index:
+def present(nodes: Nodes, samples: Samples, labels: Index, rule: SearchRule, beta: float, step: float) -> Index:
     """Teach coded samples (N, F) with label numbers (N,), in order; nodes change in place.
 
     Returns the node each sample ended on, (N,), SKIPPED where a contradiction was left unlearnt.
     """
     chosen = np.empty(len(samples), dtype=np.int64)
-    for start in range(0, len(samples), BLOCK):
-        stop = min(start + BLOCK, len(samples))
-        block = _Block(nodes, samples[start:stop], labels[start:stop], rule, beta, step)
-        chosen[start:stop] = block.run()
+    lesson = _Lesson(nodes, rule, beta, step)
+    for start, block in samples.blocks(BLOCK):
+        lesson.open(block, labels[start : start + BLOCK])
+        lesson.run(chosen[start : start + BLOCK])
     return chosen
 
 
-class _Block:
-    """One block of samples on its way through: overlap and activation tables (B, J), kept current as nodes change."""
+class _Lesson:
+    """The nodes being taught, and the tables of the block at hand, kept current as nodes change.
 
-    def __init__(self, nodes: Nodes, samples: Array, labels: Index, rule: SearchRule, beta: float, step: float) -> None:
-        self.nodes, self.samples, self.labels = nodes, samples, labels
-        self.rule, self.beta, self.step = rule, beta, step
-        self.by_feature = np.ascontiguousarray(samples.T)
-        self.size = samples.sum(axis=1)
-        self.floor = np.array([rule.uncommitted_activation(float(size), nodes.features) for size in self.size])
-        known = len(nodes)
-        self.overlap = np.zeros((len(samples), known + len(samples)))
-        self.overlap[:, :known] = overlaps(samples, nodes.weights)
-        self.activation = np.zeros_like(self.overlap)
-        self.activation[:, :known] = choice(self.overlap[:, :known], nodes.size, rule.alpha)
+    overlap and activation (BLOCK, room): sample by node; made once and grown with the nodes. calm: how many samples
+    usually pass between two that change something.
+    """
 
-    def run(self) -> Index:
-        """Present every sample; the stretch looked at together doubles while nothing happens."""
-        chosen = np.empty(len(self.samples), dtype=np.int64)
-        row, stretch = 0, 1
-        while row < len(self.samples):
-            stop = min(row + stretch, len(self.samples))
-            quiet = self._quiet(row, stop) if stretch > 1 and len(self.nodes) else chosen[:0]
-            chosen[row : row + len(quiet)] = quiet
-            row += len(quiet)
-            if row < stop:
-                chosen[row] = self._present_one(row)
-                row += 1
-            stretch = min(2 * stretch, BLOCK) if row == stop else 1
-        return chosen
+    def __init__(self, nodes: Nodes, rule: SearchRule, beta: float, step: float) -> None:
+        self.nodes, self.rule, self.beta, self.step = nodes, rule, beta, step
+        self.overlap = self.activation = np.empty((0, 0))
+        self.calm = 0.0
+
+    def open(self, block: Samples, labels: Index) -> None:
+        """Take up a block of samples (B, F) with labels (B,): what each calls up in the nodes as they are now."""
+        known = len(self.nodes)
+        if self.overlap.shape[1] < known + BLOCK:
+            self.overlap = np.empty((BLOCK, 2 * (known + BLOCK)))
+            self.activation = np.empty_like(self.overlap)
+        self.samples, self.labels = block.coded, labels
+        self.by_feature = np.ascontiguousarray(block.coded.T)
+        self.size = sums(block.coded)
+        self.floor = self.rule.uncommitted_activation(self.size, self.nodes.features)
+        overlap = overlaps(block, self.nodes.weights, out=self.overlap[: len(block), :known])
+        choice(overlap, self.nodes.size, self.rule.alpha, out=self.activation[: len(block), :known])
+
+    def run(self, chosen: Index) -> None:
+        """Present every sample of the block in order, filling chosen (B,) with the node each ended on."""
+        row, uneventful = 0, 0
+        while row < len(chosen):
+            if max(self.calm, uneventful) >= SHORT:
+                stop = min(row + 2 * int(max(self.calm, uneventful)), len(chosen))
+                quiet = self._quiet(row, stop)
+                chosen[row : row + len(quiet)] = quiet
+                row += len(quiet)
+                uneventful += len(quiet)
+                if row == stop:
+                    continue
+            chosen[row], changed = self._present_one(row)
+            row += 1
+            uneventful += 1
+            if changed:
+                self.calm, uneventful = 0.5 * (self.calm + uneventful), 0
 
     def _quiet(self, row: int, stop: int) -> Index:
         """The winners of the samples from row on, up to the first that would change a weight or start a search."""
@@ -77,30 +92,34 @@ class _Block:
         self.nodes.count(winner[:count], label[:count])
         return np.asarray(winner[:count], dtype=np.int64)
 
-    def _present_one(self, row: int) -> int:
-        count, label = len(self.nodes), int(self.labels[row])
+    def _present_one(self, row: int) -> tuple[int, bool]:
+        """Present one sample: the node it ended on, and whether that changed a weight."""
+        count, label = len(self.nodes), self.labels.item(row)
         node = find_node(
             self.activation[row, :count],
             self.overlap[row, :count],
-            float(self.size[row]),
+            self.size.item(row),
             self.rule,
-            float(self.floor[row]),
-            lambda candidate: bool(self.nodes.agrees(candidate, label, self.rule.map_vigilance)),
+            self.floor.item(row),
+            lambda candidate: self.nodes.agrees_one(candidate, label, self.rule.map_vigilance),
         )
         if node == SKIPPED:
-            return node
-        if node == UNCOMMITTED:
-            node = self.nodes.commit(self.samples[row])
-            self._renew(node, row)
-        elif self.overlap[row, node] < self.nodes.size[node]:
-            weight = self.nodes.weights[node]
-            self.nodes.set_weight(node, learnt(self.samples[row], weight, self.beta, self.step))
-            self._renew(node, row)
-        self.nodes.count(node, label)
-        return node
+            return node, False
+        changed = node == UNCOMMITTED or self.overlap.item(row, node) < self.nodes.size.item(node)
+        if changed:
+            node = self._learn(row, node)
+        self.nodes.count_one(node, label)
+        return node, changed
 
-    def _renew(self, node: int, row: int) -> None:
-        """Bring a changed node's column up to date for the samples after row."""
+    def _learn(self, row: int, node: int) -> int:
+        """Commit a node for the sample or draw the chosen one towards it; bring its column up to date from there on."""
+        sample = self.samples[row]
+        if node == UNCOMMITTED:
+            node = self.nodes.commit(sample)
+        else:
+            self.nodes.set_weight(node, learnt(sample, self.nodes.weights[node], self.beta, self.step))
         overlap = overlap_with_one(self.by_feature[:, row + 1 :], self.nodes.weights[node])
-        self.overlap[row + 1 :, node] = overlap
-        self.activation[row + 1 :, node] = choice(overlap, self.nodes.size[node], self.rule.alpha)
+        after = slice(row + 1, len(self.samples))
+        self.overlap[after, node] = overlap
+        self.activation[after, node] = overlap / max(self.rule.alpha + self.nodes.size.item(node), LEAST)
+        return node

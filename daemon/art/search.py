@@ -19,6 +19,7 @@ Array = NDArray[np.float64]
 
 UNCOMMITTED = -1
 SKIPPED = -2
+RESET = -1.0
 
 MatchTracking = Literal["MT+", "MT-"]
 Uncommitted = Literal["last", "competes"]
@@ -54,9 +55,9 @@ class SearchRule:
         one_of("uncommitted", self.uncommitted, ("last", "competes"))
         one_of("contradiction", self.contradiction, ("new_node", "skip"))
 
-    def uncommitted_activation(self, size: float, features: int) -> float:
-        """The activation that a committed node must reach to be looked at at all."""
-        return size / (self.alpha + features) if self.uncommitted == "competes" else 0.0
+    def uncommitted_activation(self, size: Array, features: int) -> Array:
+        """The activation a committed node must reach to be looked at at all, for samples of size |I| (B,)."""
+        return size / (self.alpha + features) if self.uncommitted == "competes" else np.zeros_like(size)
 
     def tracked(self, match: float) -> float:
         """The vigilance after a wrong prediction at this match."""
@@ -84,23 +85,27 @@ def find_node(
     node j may stand for the sample's label. Ties in activation go to the smallest index. An empty sample (|I| = 0,
     only possible uncoded) matches every node entirely.
     """
-    rho = rule.rho
-    remaining = activation
+    rho, remaining = rule.rho, activation
     while remaining.size:
         node = int(remaining.argmax())
-        if remaining[node] < floor:
+        if remaining.item(node) < floor:
             break
-        match = float(overlap[node]) / size if size > 0.0 else 1.0
+        match = overlap.item(node) / size if size > 0.0 else 1.0
         if match >= rho:
             if agrees(node):
                 return node
             rho = rule.tracked(match)
             if rho > 1.0:
                 return UNCOMMITTED if rule.contradiction == "new_node" else SKIPPED
-        if remaining is activation:
-            remaining = activation.copy()
-        remaining[node] = -1.0
+        remaining = _without(remaining, node, overlap, rho, size)
     return UNCOMMITTED
+
+
+def _without(remaining: Array, node: int, overlap: Array, rho: float, size: float) -> Array:
+    """Activations left when a node is reset, and with it all that the vigilance would reset anyway."""
+    left = np.where(overlap / size >= rho, remaining, RESET) if size > 0.0 else remaining.copy()
+    left[node] = RESET
+    return left
 
 
 def iterations(max_iter: int) -> int:
