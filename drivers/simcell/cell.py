@@ -75,7 +75,7 @@ class SimulatedCell:
         self.stop()
 
     def world_from_tool(self, real_s: float | None = None) -> Array:
-        """Where the tool truly is (4, 4), now or at a moment of time.monotonic."""
+        """Where the gripper truly is (4, 4), now or at a moment of time.monotonic, whatever TOOL says it is."""
         since = 0.0 if real_s is None else real_s - time.monotonic()
         return self.arm.pose_at(self.server.now_s() + since * self._time_scale)
 

@@ -115,3 +115,10 @@ def test_a_truth_file_with_a_wrong_value_is_refused_by_name(tmp_path: Path) -> N
     broken.write_text(TRUTH.read_text().replace("blur_px: 0.6", "blur_px: -1"))
     with pytest.raises(TruthError, match=r"simcell.yaml: .*blur_px"):
         SimulatedCell(broken)
+
+
+def test_a_wrongly_set_tool_moves_the_arm_elsewhere_but_not_the_gripper_on_its_flange(cell: SimulatedCell) -> None:
+    before = cell.world_from_tool()
+    with cell.server.controller() as controller:
+        controller.arm.tool = rigid(np.eye(3), [0.0, 0.0, 60.0])
+    assert np.allclose(cell.world_from_tool(), before)
