@@ -50,8 +50,8 @@ class Stops:
     degrees) that is good enough; how many looks at least and at most."""
 
     stand_offs_mm: tuple[float, ...] = (450.0, 300.0, 200.0)
-    enough_mm: float = 0.8
-    enough_deg: float = 0.8
+    enough_mm: float = 1.0
+    enough_deg: float = 1.0
     least_looks: int = 1
     most_looks: int = 5
 
@@ -239,6 +239,12 @@ def view_worth(shape: Shape, world_from_part: Array, eye: Array, least_cosine: f
     seen = np.sort(np.clip((facing(shape, world_from_part, eye) - least_cosine) / (1 - least_cosine), 0, 1))[::-1]
     weights = np.array([0.3, 1.0, 0.3])[: len(seen)]
     return float(weights @ np.sqrt(seen[:3])) / 1.6
+
+
+def angle_at(point: Array, a: Array, b: Array) -> float:
+    """Angle in rad at which a and b (3,) are seen from point (3,)."""
+    u, v = a - point, b - point
+    return float(np.arccos(np.clip(u @ v / (np.linalg.norm(u) * np.linalg.norm(v)), -1.0, 1.0)))
 
 
 def separating_view(

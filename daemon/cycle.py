@@ -40,6 +40,7 @@ from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from daemon import frames
 from daemon.looking import Look, Sight, take_look
 from daemon.picking import Bench, Pick, Skipped, log_look
 from daemon.plan import Settings
@@ -64,10 +65,12 @@ TABLE: tuple[Row, ...] = (
     Row("survey", "seen", "choose", "something on the table was not skipped before"),
     Row("survey", "nothing", "home", "no view shows anything to pick"),
     Row("choose", "chosen", "stop_n", "named, a grasp holds it, the whole approach is reached"),
-    Row("choose", "ambiguous", "second_view", "more than one taught part fits"),
+    Row("choose", "doubtful", "second_view", "more than one taught part fits, or none: look from another side"),
     Row("choose", "stale", "survey", "the look is too old to move on"),
     Row("choose", "none_left", "home", "what is left is skipped, each with its reason"),
-    Row("second_view", "seen", "choose", "looked at from where the candidates differ"),
+    Row(
+        "second_view", "seen", "choose", "looked at from where its candidates differ, or from afar of the looks before"
+    ),
     Row("stop_n", "there", "looking", "at the next stand-off, at rest"),
     Row("stop_n", "unreachable", "choose", "the guard refused the move: skip"),
     Row("looking", "looked", "estimating", "found where it was expected"),
@@ -118,7 +121,8 @@ def printed_table() -> str:
 @dataclass(frozen=True, eq=False)
 class CycleEnd:
     """How a pick ended. outcome: picked, missed, empty, lost, ambiguous, unknown, unreachable, unsure, dry, placed,
-    aborted, fault; skipped: parts left alone in this pick; grasp: world_from_tool at the grasp."""
+    aborted, fault; skipped: parts left alone in this pick; grasp: world_from_tool at the grasp;
+    corners: (N, 3) world mm, where the part's corners were estimated to be."""
 
     cycle: int
     outcome: str
@@ -130,6 +134,7 @@ class CycleEnd:
     predicted_deg: float | None
     grasp: Array | None
     skipped: tuple[Skipped, ...]
+    corners: Array | None
 
 
 class Cycle(Reins):
@@ -162,13 +167,23 @@ class Cycle(Reins):
             "holding": self.hand_full,
             "picked": sum(end.outcome == "picked" for end in self.ends),
             "failed": sum(end.outcome in ("missed", "lost", "fault") for end in self.ends),
-            "skipped": [{"label": s.label, "at": s.centre.round(1).tolist(), "why": s.why} for s in self.skipped],
+            "skipped": [
+                {"label": s.label, "at": s.centre.round(1).tolist(), "why": f"{s.outcome}: {s.why}"}
+                for s in self.skipped
+            ],
             "last": None if not self.ends else f"{self.ends[-1].outcome}: {self.ends[-1].why}",
         }
 
     def use(self, sight: Sight | None) -> None:
         """Take another recogniser or model into use, from the next pick on."""
         self.sight = sight
+
+    def refit(self, cell: Workcell, settings: Settings) -> None:
+        """Go on with another calibration or other settings (a reload); only while nothing is being done."""
+        if self._task is not None:
+            raise RefusedError(f"busy: {self._doing}; settings are changed in between")
+        self.cell, self.settings = cell, settings
+        self.mover.cell, self.mover.limits, self.mover.arrival = cell, settings.limits, settings.arrival
 
     async def pick(self, label: str | None = None) -> CycleEnd:
         """Pick one part."""
@@ -255,7 +270,9 @@ class Cycle(Reins):
         if self.sight is None:
             raise RefusedError("there is no recogniser to look with")
         reading = await self.mover.where()
-        look = await take_look(self.cell, self.sight, reading, self.cell.clock(), self.settings.settling)
+        settings = self.settings
+        rest_s, table_z_mm = self.cell.clock(), settings.limits.table_z_mm
+        look = await take_look(self.cell, self.sight, reading, rest_s, settings.settling, table_z_mm)
         log_look(self.cell, self.sight, look, cycle=0, stop=0, purpose=purpose)
         return look
 
@@ -271,7 +288,9 @@ class Cycle(Reins):
                 ends.append(await self._one(None, stay=more))
                 if ends[-1].outcome in ("aborted", "fault", "dry"):
                     break
-                if ends[-1].outcome not in ("picked", "placed"):
+                if ends[-1].outcome in ("picked", "placed"):
+                    self.skipped = [s for s in self.skipped if s.outcome == "missed"]
+                else:
                     if wait_s is None:
                         break
                     await asyncio.sleep(wait_s)
@@ -333,6 +352,7 @@ class Cycle(Reins):
             predicted_deg=None if estimate is None else estimate.predicted_deg,
             grasp=None if target is None else target.plan.grasp.world_from_tool,
             skipped=tuple(self.skipped[before:]),
+            corners=None if target is None else frames.apply(target.world_from_part, target.shape.corners_mm),
         )
         self.ends.append(end)
         self.cell.log.record(
@@ -344,6 +364,6 @@ class Cycle(Reins):
             why=end.why,
             grasp=end.grasp,
             predicted={"mm": end.predicted_mm, "deg": end.predicted_deg},
-            skipped=[{"label": s.label, "at": s.centre, "why": s.why} for s in end.skipped],
+            skipped=[{"label": s.label, "at": s.centre, "outcome": s.outcome, "why": s.why} for s in end.skipped],
         )
         return end

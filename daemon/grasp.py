@@ -17,21 +17,31 @@ from daemon import frames
 
 Array = NDArray[np.float64]
 UP = np.array([0.0, 0.0, 1.0])
+TOUCHING_MM = 0.6
+"""Soft pads and taught corners: what is this near to the finger touches it."""
+MEETING_MM = 2.0
+"""Faces that are reached within this of one another meet there in an edge or a corner."""
+NEAR_RAD = 0.25
+ALONG_DEG = 9.0
+"""A face this near to parallel lies along a finger; the closing finger turns the part the rest."""
 
 
 @dataclass(frozen=True)
 class Gripper:
-    """The gripper's numbers, mm: opening between the fingers, finger width (tool x), pad from the tool centre point
-    back and to the tip (tool z), finger thickness (tool y). friction: coefficient the pads can be trusted for.
-    tilts_deg: how far from straight down the approach may lean; tip_clearance_mm: least height of the tips."""
+    """The gripper's numbers, mm. opening between the fingers; finger_width along tool x; pad_back and tip: how far the
+    fingers reach from the tool centre point along tool z; finger_thick along tool y; friction: coefficient the pads can
+    be trusted for; side_clearance: room for each finger beside the part; swing: how far the part's middle may be from
+    the line between the contacts; tip_clearance: least height of the tips over the table. tilts_deg: how far from
+    straight down the approach may lean."""
 
     opening_mm: float = 90.0
     finger_width_mm: float = 15.0
-    pad_back_mm: float = 15.0
+    pad_back_mm: float = 50.0
     tip_mm: float = 10.0
-    finger_thick_mm: float = 12.0
+    finger_thick_mm: float = 8.0
     friction: float = 0.6
     side_clearance_mm: float = 6.0
+    swing_mm: float = 20.0
     tip_clearance_mm: float = 4.0
     tilts_deg: tuple[float, ...] = (10.0, 20.0, 30.0, 40.0)
 
@@ -89,9 +99,10 @@ def hull_planes(corners_mm: Array, flat_mm: float = 1.5) -> tuple[Array, Array]:
 
 
 def closing_directions(normals: Array, corners_mm: Array) -> list[Array]:
-    """Horizontal unit directions (3,) worth closing along: each side face's normal, and along and across the longest
-    edge; world frame."""
-    seeds = [n for n in normals if abs(n[2]) < 0.95]
+    """Horizontal unit directions (3,) worth closing along: each side face's normal, evenly between two faces that look
+    away from each other, and along and across the longest edge; world frame."""
+    seeds = [a - b for a, b in combinations(normals, 2) if a @ b < -0.3]
+    seeds += [n for n in normals if abs(n[2]) < 0.95]
     gaps = corners_mm[:, None] - corners_mm[None]
     i, j = np.unravel_index(int(np.linalg.norm(gaps, axis=2).argmax()), (len(corners_mm),) * 2)
     seeds += [gaps[i, j], np.cross(UP, gaps[i, j])]
@@ -106,22 +117,25 @@ def closing_directions(normals: Array, corners_mm: Array) -> list[Array]:
 
 @dataclass(frozen=True, eq=False)
 class Contact:
-    """Where the closing fingers meet the solid, in the tool frame: the two positions along tool y, and slip_deg."""
+    """Where the closing fingers meet the solid, in the tool frame: the two positions along tool y; slip_deg, the most
+    that a contact's normal, or the line between the contacts, is off the closing direction; line_mm (2,) x and z of
+    that line."""
 
     low_mm: float
     high_mm: float
     slip_deg: float
+    line_mm: Array
 
 
-def contacts(normals: Array, offsets: Array, gripper: Gripper) -> Contact | None:
-    """Close the fingers on a convex solid given by its planes in the tool frame; None where they meet nothing.
+def contacts(normals: Array, offsets: Array, up: Array, gripper: Gripper) -> Contact | None:
+    """Close the fingers on a convex solid given by its planes in the tool frame; None where they meet nothing, or
+    nothing that lies along them (a part gripped by two opposite edges turns away). up (3,): world up, tool frame.
 
-    Lines along tool y are laid over the pad; each meets the solid between an entry and an exit face. The pad rests
-    where the solid reaches farthest. There it meets a face (whose normal counts) or, inside the pad, an edge or
-    corner of the solid, which a flat pad meets squarely.
+    Lines along tool y are laid over the fingers; each meets the solid between an entry and an exit face. A finger rests
+    where the solid reaches farthest; where several faces meet there, it holds any direction between their normals.
     """
     half = gripper.finger_width_mm / 2
-    x, z = np.meshgrid(np.linspace(-half, half, 7), np.linspace(-gripper.pad_back_mm, gripper.tip_mm, 11))
+    x, z = np.meshgrid(np.linspace(-half, half, 9), np.linspace(-gripper.pad_back_mm, gripper.tip_mm, 31))
     base = np.column_stack([x.ravel(), np.zeros(x.size), z.ravel()])
     room, slope = offsets[None] - base @ normals.T, normals[:, 1]
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -133,23 +147,49 @@ def contacts(normals: Array, offsets: Array, gripper: Gripper) -> Contact | None
     inside = ~outside & (top > bottom)
     if inside.sum() < 4:
         return None
-    slips = [
-        _slip_deg(top, high.argmin(axis=1), inside, slope, base, half, gripper),
-        _slip_deg(-bottom, low.argmax(axis=1), inside, -slope, base, half, gripper),
-    ]
-    return Contact(float(bottom[inside].min()), float(top[inside].max()), max(slips))
+    upper = _touch(high[inside], base[inside], normals, up, 1.0)
+    lower = _touch(-low[inside], base[inside], normals, up, -1.0)
+    if not (upper.flat or lower.flat):
+        return None
+    width = float(top[inside].max() - bottom[inside].min())
+    ends = np.maximum(upper.low, lower.low), np.minimum(upper.high, lower.high)
+    askew = float(np.degrees(np.arctan2(np.linalg.norm(np.maximum(ends[0] - ends[1], 0.0)), width)))
+    slip = max(upper.slip_deg, lower.slip_deg, askew)
+    return Contact(float(bottom[inside].min()), float(top[inside].max()), slip, (ends[0] + ends[1]) / 2)
 
 
-def _slip_deg(
-    reach: Array, face: Array, inside: NDArray[np.bool_], slope: Array, base: Array, half: float, gripper: Gripper
-) -> float:
-    """Angle of the contact's normal from the closing direction on one side."""
-    best = np.flatnonzero(inside & (reach > reach[inside].max() - 0.05))
-    angle = float(np.degrees(np.arccos(np.clip(slope[face[best]], -1, 1))).min())
-    on_border = np.abs(base[best, 0]) > half - 0.1
-    on_border |= (base[best, 2] > gripper.tip_mm - 0.1) | (base[best, 2] < 0.1 - gripper.pad_back_mm)
-    edge_inside = not bool(on_border.any()) or len(np.unique(face[best])) > 1
-    return min(angle, 5.0) if edge_inside else angle
+@dataclass(frozen=True, eq=False)
+class _Touch:
+    """One finger's contact: degrees the closing direction is off the normals there; whether a face lies along the
+    finger (seen from above); bounds (2,) of x and z it extends over."""
+
+    slip_deg: float
+    flat: bool
+    low: Array
+    high: Array
+
+
+def _touch(reach: Array, base: Array, normals: Array, up: Array, sign: float) -> _Touch:
+    """reach (L, F): how far along sign * y each line gets to each face."""
+    least = reach.min(axis=1)
+    best = np.flatnonzero(least > least.max() - TOUCHING_MM)
+    faces = np.flatnonzero((reach[best] < least[best, None] + MEETING_MM).any(axis=0))
+    closing = np.array([0.0, sign, 0.0])
+    level = normals[faces] - np.outer(normals[faces] @ up, up)
+    along = level @ closing > np.cos(np.radians(ALONG_DEG)) * np.maximum(np.linalg.norm(level, axis=1), 0.3)
+    spots = base[best][:, [0, 2]]
+    return _Touch(_off_cone_deg(closing, normals[faces]), bool(along.any()), spots.min(axis=0), spots.max(axis=0))
+
+
+def _off_cone_deg(direction: Array, normals: Array) -> float:
+    """Degrees between a unit direction and the nearest in the cone spanned by one or two of the (N, 3) unit normals."""
+    best = float((normals @ direction).max())
+    for a, b in combinations(normals, 2):
+        pair = np.column_stack([a, b])
+        weights = np.linalg.lstsq(pair, direction, rcond=None)[0]
+        if np.all(weights > 0):
+            best = max(best, float(np.linalg.norm(pair @ weights)))
+    return float(np.degrees(np.arccos(np.clip(best, -1.0, 1.0))))
 
 
 def grasps(
@@ -158,10 +198,12 @@ def grasps(
     table_z_mm: float,
     gripper: Gripper,
     neighbours: Sequence[Array] = (),
+    near: Array | None = None,
 ) -> list[Grasp]:
     """All grasps that hold, firmest first (unblocked before blocked).
 
-    corners_mm (N, 3) in the part frame; neighbours: (M, 3) world corners of other parts on the table. Grasps
+    corners_mm (N, 3) in the part frame; neighbours: (M, 3) world corners of other parts on the table; near (3, 3): only
+    grasps whose tool is turned within some 15 degrees of it. Grasps
     through the table, wider than the opening or needing more friction than the pads have are left out.
     """
     world = frames.apply(world_from_part, corners_mm)
@@ -171,6 +213,8 @@ def grasps(
         for closing in (along, -along):
             for tilt_deg in gripper.tilts_deg:
                 rotation = tool_rotation(np.cross(closing, UP), float(np.radians(tilt_deg)))
+                if near is not None and frames.angle_between(rotation, near) > NEAR_RAD:
+                    continue
                 grasp = _placed(rotation, tilt_deg, world, normals, offsets, table_z_mm, gripper)
                 if grasp is not None:
                     blocked = any(_in_the_way(grasp.world_from_tool, n, gripper) for n in neighbours)
@@ -190,8 +234,10 @@ def _placed(
     if centre[2] > high[2] - 3.0 or low[2] > high[2]:
         return None
     here = frames.rigid(rotation, centre)
-    contact = contacts(normals @ rotation, offsets - normals @ centre, gripper)
+    contact = contacts(normals @ rotation, offsets - normals @ centre, UP @ rotation, gripper)
     if contact is None or contact.slip_deg > np.degrees(np.arctan(gripper.friction)):
+        return None
+    if np.linalg.norm((rotation.T @ (world.mean(axis=0) - centre))[[0, 2]] - contact.line_mm) > gripper.swing_mm:
         return None
     width = contact.high_mm - contact.low_mm
     if width > gripper.opening_mm - 2 * gripper.side_clearance_mm:

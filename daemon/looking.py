@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from daemon.tracking import Shape
 from daemon.vision.data import Scene
+from daemon.vision.table import Table
 from daemon.workcell import Array, Pictures, Reading, Workcell
 
 BLOCK_PX = 8
@@ -27,8 +28,8 @@ class NotSettledError(Exception):
 class Sight(Protocol):
     """What turns images into parts: the recogniser with its model (daemon/teach.py builds it), or a test's own."""
 
-    def see(self, left: NDArray[np.uint8], right: NDArray[np.uint8]) -> Scene:
-        """Parts in a stereo pair, in the cyclopean frame. May take a while; called in a thread."""
+    def see(self, left: NDArray[np.uint8], right: NDArray[np.uint8], table: Table | None) -> Scene:
+        """Parts in a stereo pair, in the cyclopean frame; table: where it is. May take a while; called in a thread."""
 
     def shape(self, label: str) -> Shape | None:
         """The taught part's corners and facets, or None where there is no such part."""
@@ -54,7 +55,8 @@ class Settling:
 @dataclass(frozen=True, eq=False)
 class Look:
     """What one look saw. taken_s: when, on the cell's clock; settled_s: from the arm's rest to the first pair known to
-    be still; seconds: from the arm's rest to the answer; epipolar_px: median distance of corners from their lines."""
+    be still; seconds: from the arm's rest to the answer; epipolar_px: median distance of corners from their lines;
+    table: where it was taken to be."""
 
     scene: Scene
     pictures: Pictures
@@ -64,6 +66,7 @@ class Look:
     settled_s: float
     seconds: float
     epipolar_px: float
+    table: Table | None = None
 
 
 def block_means(image: NDArray[np.uint8]) -> Array:
@@ -112,17 +115,25 @@ async def settled_pair(cell: Workcell, rest_s: float, settling: Settling) -> tup
         before = after
 
 
-async def take_look(cell: Workcell, sight: Sight, reading: Reading, rest_s: float, settling: Settling) -> Look:
-    """Wait until the images are still, then see. reading: where the arm is; rest_s: since when, on the cell's clock."""
+async def take_look(
+    cell: Workcell, sight: Sight, reading: Reading, rest_s: float, settling: Settling, table_z_mm: float | None
+) -> Look:
+    """Wait until the images are still, then see. reading: where the arm is; rest_s: since when, on the cell's clock;
+    table_z_mm: the table's height in the world, None where what lies in it counts, too."""
     pictures, settled_s = await settled_pair(cell, rest_s, settling)
-    scene = await asyncio.to_thread(sight.see, pictures.left.pixels, pictures.right.pixels)
+    world_from_cyclopean = reading.world_from_tool @ cell.tool_from_cyclopean
+    table = None
+    if table_z_mm is not None:
+        table = Table(world_from_cyclopean[2, :3], table_z_mm - float(world_from_cyclopean[2, 3]))
+    scene = await asyncio.to_thread(sight.see, pictures.left.pixels, pictures.right.pixels, table)
     return Look(
         scene=scene,
         pictures=pictures,
         reading=reading,
-        world_from_cyclopean=reading.world_from_tool @ cell.tool_from_cyclopean,
+        world_from_cyclopean=world_from_cyclopean,
         taken_s=pictures.left.taken_s,
         settled_s=settled_s,
         seconds=cell.clock() - rest_s,
         epipolar_px=epipolar_px(scene),
+        table=table,
     )

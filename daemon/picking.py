@@ -20,8 +20,16 @@ from daemon.plan import Plan, Seen, Settings, View, ordered, plan_part, regrasp,
 from daemon.tracking import Shape, poses_that_fit, refit
 from daemon.workcell import Array, Workcell
 
-SAME_PLACE_MM = 25.0
+SAME_PLACE_MM = 30.0
 STANDING_RULES = ("fault_stands", "not_enabled", "arm_lost")
+
+
+UNKNOWN = "unknown"
+
+
+def far(a: Array, b: Array) -> float:
+    """Distance of two points, mm."""
+    return float(np.linalg.norm(a - b))
 
 
 class SuspectError(Exception):
@@ -30,10 +38,11 @@ class SuspectError(Exception):
 
 @dataclass(frozen=True, eq=False)
 class Skipped:
-    """A part left alone: what it was taken for, where (3,) world mm, and why."""
+    """A part left alone: what it was taken for, where (3,) world mm, the outcome in a word, and why."""
 
     label: str
     centre: Array
+    outcome: str
     why: str
 
 
@@ -75,7 +84,8 @@ class Pick:
         self.bench, self.cycle, self.wanted, self.skipped, self.stay = bench, cycle, wanted, skipped, stay
         self.cell, self.mover, self.sight, self.settings = bench.cell, bench.mover, bench.sight, bench.settings
         self.found: list[Seen] = []
-        self.looked_twice: list[Array] = []
+        self.looked_again: list[Array] = []
+        self.eyes: list[Array] = []
         self.target: Target | None = None
         self.last: Target | None = None
         self.doubtful: Seen | None = None
@@ -88,15 +98,19 @@ class Pick:
         """Log a decision."""
         self.cell.log.record("decision", cycle=self.cycle, text=text, why=why)
 
-    def skip(self, outcome: str, label: str, centre: Array, why: str) -> None:
+    def skip(self, outcome: str, part: Seen | Target, why: str) -> None:
         """Leave a part alone from now on."""
-        self.skipped.append(Skipped(label, centre, f"{outcome}: {why}"))
-        self.outcome, self.why = outcome, f"{label}: {why}"
-        self.decide(f"skip {label}", f"{outcome}: {why}")
+        self.skipped.append(Skipped(part.label, part.centre, outcome, why))
+        self.outcome, self.why = outcome, f"{part.label}: {why}"
+        self.decide(f"skip {part.label}", f"{outcome}: {why}")
+
+    def looks_at(self, centre: Array) -> int:
+        """How often a part that lies here was looked at from another side."""
+        return sum(far(centre, c) < SAME_PLACE_MM for c in self.looked_again)
 
     def is_skipped(self, centre: Array) -> bool:
         """Whether a part that lies here was given up before."""
-        return any(float(np.linalg.norm(s.centre - centre)) < SAME_PLACE_MM for s in self.skipped)
+        return any(far(s.centre, centre) < SAME_PLACE_MM for s in self.skipped)
 
     def allowed(self, pose: Array) -> bool:
         """Whether the arm can be there: reached in its present configuration, and no rule of place broken."""
@@ -120,9 +134,9 @@ class Pick:
         """A settled look from here, logged."""
         assert self.mover.at is not None
         looks = 0 if self.target is None else self.target.looks + 1
-        look = await take_look(
-            self.cell, self.sight, self.mover.at, rest_s=self.cell.clock(), settling=self.settings.settling
-        )
+        settings = self.settings
+        rest_s, table_z_mm = self.cell.clock(), settings.limits.table_z_mm
+        look = await take_look(self.cell, self.sight, self.mover.at, rest_s, settings.settling, table_z_mm)
         log_look(self.cell, self.sight, look, cycle=self.cycle, stop=looks, purpose=purpose)
         return look
 
@@ -131,7 +145,7 @@ class Pick:
         closed = isinstance(error, MoveRefusedError) and error.refusal.rule in STANDING_RULES
         if closed or self.target is None:
             raise error
-        self.skip("unreachable", self.target.label, self.target.centre, str(error))
+        self.skip("unreachable", self.target, str(error))
 
     # The states.
 
@@ -163,21 +177,19 @@ class Pick:
             if self.cell.clock() - part.look.taken_s > self.settings.limits.max_look_age_s / 2:
                 return "stale"
             shape = self.sight.shape(part.label)
-            if part.ambiguous:
-                if any(float(np.linalg.norm(c - part.centre)) < SAME_PLACE_MM for c in self.looked_twice):
-                    self.skip("ambiguous", part.label, part.centre, f"may be {' or '.join(part.candidates)}")
+            if part.ambiguous or shape is None:
+                if self.looks_at(part.centre) >= self.settings.views_of_doubtful:
+                    taken_for = " or ".join(part.candidates) or "nothing that was taught"
+                    self.skip("ambiguous" if part.candidates else "unknown", part, f"fits {taken_for}: {part.reason}")
                     continue
                 self.doubtful = part
-                return "ambiguous"
-            if shape is None:
-                self.skip("unknown", part.label, part.centre, "nothing taught fits it")
-                continue
+                return "doubtful"
             neighbours = [p.corners for p in self.found if p is not part]
             plan = plan_part(
                 shape, part.world_from_part, neighbours, self.settings, self.cell.tool_from_cyclopean, self.allowed
             )
             if isinstance(plan, str):
-                self.skip("unreachable", part.label, part.centre, plan)
+                self.skip("unreachable", part, plan)
                 continue
             self.target = self.last = Target(part.label, shape, part.world_from_part, plan, part.look)
             self.decide(
@@ -189,39 +201,44 @@ class Pick:
         return "none_left"
 
     async def second_view(self) -> str:
-        """Look at an ambiguous part from where its candidates differ most."""
+        """Look at a part that could not be named from where its candidates differ most, or from another side."""
         part = self.doubtful
         assert part is not None
-        self.looked_twice.append(part.centre)
-        pose = self.separating_pose(part)
+        self.looked_again.append(part.centre)
+        pose, why = self.other_view(part)
+        self.decide(f"another view of {part.label}", why)
         if pose is None:
-            self.decide("no second view", f"nothing in reach tells {' from '.join(part.candidates)}")
             return "seen"
-        self.decide("second view", f"to tell {' from '.join(part.candidates)}")
-        await self.travel(pose, "second view", part.look)
-        seen = seen_parts(await self.look("second view"))
-        again = [p for p in seen if float(np.linalg.norm(p.centre - part.centre)) < 2 * SAME_PLACE_MM]
+        await self.travel(pose, "another view", part.look)
+        seen = seen_parts(await self.look("another view"))
+        again = [p for p in seen if far(p.centre, part.centre) < SAME_PLACE_MM]
         if again:
-            self.looked_twice.append(again[0].centre)
-            self.found = [p for p in self.found if p is not part] + again[:1]
+            best = min(again, key=lambda p: (p.ambiguous or p.label == UNKNOWN, far(p.centre, part.centre)))
+            self.found = [p for p in self.found if p is not part] + [best]
         return "seen"
 
-    def separating_pose(self, part: Seen) -> Array | None:
-        """The reachable view of the part that separates its candidates; None where there is none."""
+    def other_view(self, part: Seen) -> tuple[Array | None, str]:
+        """The reachable view of the part that separates its candidates, else the one farthest from all before."""
+        x, y, z = (float(v) for v in part.centre)
+        views = [View((x, y, z), 340.0, float(h), float(t)) for h in range(-180, 180, 30) for t in (20, 35, 50)]
+        poses = [p for p in (v.pose(self.cell.tool_from_cyclopean) for v in views) if self.allowed(p)]
+        eyes = [(p @ self.cell.tool_from_cyclopean)[:3, 3] for p in poses]
+        if not poses:
+            return None, "no other view of it is in reach"
         candidates = []
         for label in part.candidates:
             shape = self.sight.shape(label)
             fits = poses_that_fit(shape, part.facets) if shape is not None else []
             if shape is not None and fits:
                 candidates.append((shape, part.look.world_from_cyclopean @ fits[0].cyclopean_from_part))
-        if len(candidates) < 2:
-            return None
-        point = (float(part.centre[0]), float(part.centre[1]), float(part.centre[2]))
-        views = [View(point, 350.0, float(h), float(t)) for h in range(-180, 180, 30) for t in (15, 35, 55)]
-        poses = [p for p in (v.pose(self.cell.tool_from_cyclopean) for v in views) if self.allowed(p)]
-        eyes = [(p @ self.cell.tool_from_cyclopean)[:3, 3] for p in poses]
-        best = approach.separating_view(candidates, eyes)
-        return None if best is None else poses[best]
+        best = approach.separating_view(candidates, eyes) if len(candidates) > 1 else None
+        if best is not None:
+            self.eyes.append(eyes[best])
+            return poses[best], f"to tell {' from '.join(part.candidates)}"
+        before = [*self.eyes, part.look.world_from_cyclopean[:3, 3]]
+        best = int(np.argmax([min(approach.angle_at(part.centre, eye, old) for old in before) for eye in eyes]))
+        self.eyes.append(eyes[best])
+        return poses[best], part.reason
 
     async def stop_n(self) -> str:
         """Go to the next stand-off."""
@@ -251,7 +268,7 @@ class Pick:
         fit = refit(target.shape, facets, near)
         if fit is None:
             self.tries += 1
-            self.skip("lost", target.label, target.centre, f"not seen where it was at look {target.looks}")
+            self.skip("lost", target, f"not seen where it was at look {target.looks}")
             return "lost"
         target.sightings.append(
             approach.sighting(
@@ -296,7 +313,7 @@ class Pick:
         why = (
             f"{estimate.predicted_mm:.2f} mm, {estimate.predicted_deg:.2f} degrees predicted after {target.looks} looks"
         )
-        self.skip("unsure", target.label, target.centre, why)
+        self.skip("unsure", target, why)
         return "gave_up"
 
     def disagreed(self, target: Target, chi: float) -> None:
@@ -364,7 +381,7 @@ class Pick:
         self.outcome, self.why = "missed", f"{target.label} still lies there"
         self.decide("missed", self.why)
         if self.tries >= self.settings.tries:
-            self.skip("missed", target.label, target.centre, f"still there after {self.tries} tries")
+            self.skip("missed", target, f"still there after {self.tries} tries")
         await self.mover.hand(closed=False)
         return "missed"
 

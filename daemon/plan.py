@@ -6,8 +6,8 @@ Pure: what is seen and what the arm can reach in, plans out. Doing them is daemo
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import Literal
+from dataclasses import dataclass, field, replace
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,15 +56,17 @@ class Place:
 
 @dataclass(frozen=True)
 class Settings:
-    """All of a pick. order: which part first; tries: how often one part is tried; verify_mm: from how far the empty
-    place is looked at; gone_mm: a part this near to where it lay still lies there; hand_s: what fingers need;
-    epipolar_limit_px: beyond it a camera was knocked."""
+    """All of a pick. order: which part first; tries: how often one part is tried; views_of_doubtful: how often a part
+    that cannot be named is looked at from another side; verify_mm: from how far the place is looked at afterwards;
+    gone_mm: a part this near to where it lay still lies there; hand_s: what fingers need; epipolar_limit_px: beyond it
+    a camera was knocked."""
 
     surveys: tuple[View, ...] = (View(heading_deg=50.0), View(heading_deg=-50.0), View(heading_deg=90.0))
     home: Place = Place((420.0, 0.0, 60.0), tilt_deg=20.0)
     bin: Place = Place((250.0, 410.0, -150.0), heading_deg=58.0, tilt_deg=10.0)
     order: Literal["nearest", "surest"] = "surest"
     tries: int = 2
+    views_of_doubtful: int = 3
     travel_pct: float = 100.0
     near_pct: float = 30.0
     pregrasp_mm: float = 50.0
@@ -89,6 +91,7 @@ class Seen:
     confidence: float
     ambiguous: bool
     candidates: tuple[str, ...]
+    reason: str
     world_from_part: Array
     facets: tuple[Facet, ...]
     look: Look
@@ -106,6 +109,29 @@ class Seen:
         return frames.apply(self.look.world_from_cyclopean, np.concatenate([f.corners_mm for f in self.facets]))
 
 
+class Quality(Protocol):
+    """What a calibration says of itself (daemon/calibration/file.py)."""
+
+    @property
+    def reprojection_px(self) -> float | None: ...
+
+    @property
+    def hand_eye_mm(self) -> float | None: ...
+
+    @property
+    def hand_eye_deg(self) -> float | None: ...
+
+
+def doubt_of(quality: Quality) -> Doubt:
+    """The doubts a calibration admits to; where it says nothing, the careful default."""
+    said = {
+        "pixels": quality.reprojection_px,
+        "hand_eye_mm": quality.hand_eye_mm,
+        "hand_eye_deg": quality.hand_eye_deg,
+    }
+    return replace(Doubt(), **{name: value for name, value in said.items() if value is not None})
+
+
 def heading(degrees: float) -> Array:
     """Unit horizontal direction (3,) at an angle from world x."""
     angle = np.radians(degrees)
@@ -120,6 +146,7 @@ def seen_parts(look: Look) -> list[Seen]:
             confidence=part.recognition.confidence,
             ambiguous=part.recognition.ambiguous,
             candidates=part.recognition.candidates,
+            reason=part.recognition.reason,
             world_from_part=look.world_from_cyclopean @ part.cyclopean_from_part,
             facets=part.facets,
             look=look,
@@ -130,11 +157,11 @@ def seen_parts(look: Look) -> list[Seen]:
 
 
 def ordered(parts: Sequence[Seen], order: str) -> list[Seen]:
-    """Nearest to the cameras first, or surest first; named parts before ambiguous ones."""
+    """Nearest to the cameras first, or surest first; parts with one name before the others."""
 
     def rank(part: Seen) -> tuple[bool, float]:
         away = float(np.linalg.norm(part.centre - part.look.world_from_cyclopean[:3, 3]))
-        return part.ambiguous, away if order == "nearest" else -part.confidence
+        return part.ambiguous or part.label == "unknown", away if order == "nearest" else -part.confidence
 
     return sorted(parts, key=rank)
 
@@ -198,8 +225,9 @@ def plan_part(
 def regrasp(shape: Shape, world_from_part: Array, before: Plan, settings: Settings) -> Plan:
     """The same grasp on the part where it is now known to be: the nearest of today's grasps by turn and place; where
     none is near, the old one (the part did not move, only its estimate did)."""
-    found = grasps(shape.corners_mm, world_from_part, settings.limits.table_z_mm, settings.gripper)
     old = before.grasp.world_from_tool
+    table_z_mm, gripper = settings.limits.table_z_mm, settings.gripper
+    found = grasps(shape.corners_mm, world_from_part, table_z_mm, gripper, near=old[:3, :3])
 
     def away(grasp: Grasp) -> float:
         gap = float(np.linalg.norm(grasp.world_from_tool[:3, 3] - old[:3, 3]))

@@ -17,6 +17,7 @@ from daemon.vision.model import Model, empty_model
 from daemon.vision.recognise import recognise
 from daemon.vision.rig import StereoRig
 from daemon.vision.settings import VisionSettings
+from daemon.vision.table import Table, without_table
 
 
 def look(
@@ -26,16 +27,20 @@ def look(
     model: Model | None = None,
     settings: VisionSettings | None = None,
     clock: Callable[[], float] | None = None,
+    table: Table | None = None,
 ) -> Scene:
     """See, name and locate everything in one stereo pair.
 
     left, right: images as find_facets takes them, of the size the rig was calibrated for. Without a model every part is
-    `unknown`. clock: seconds, for Scene.seconds by stage; without it the stages are not timed.
+    `unknown`. clock: seconds, for Scene.seconds by stage; without it the stages are not timed. table: where it is, for
+    whoever knows; what lies in it is no part.
     Raises VisionError where an image cannot be used.
     """
     now = clock or _no_clock
     start = now()
     view = find_facets(left, right, rig, settings)
+    if table is not None:
+        view = without_table(view, table)
     seen = now()
     parts = recognise(view, model or empty_model(FacetLibrary(())))
     seconds = {"facets": seen - start, "recognise": now() - seen} if clock else {}
