@@ -146,7 +146,7 @@ def _blur_at(image: Grey, points_px: Array, middle_of_edge: bool = False) -> flo
     """Edge spread near points: range of grey over steepest slope, as the sigma of a Gaussian-blurred step.
 
     A step of height A blurred with sigma has slope A / (sigma sqrt(2 pi)) at its middle. At a corner all four edges
-    meet, so the steepest slope around it is taken; either way the slope's own reach (two px, variance 1/3) is taken out.
+    meet, so the steepest slope around it is taken; either way the reach of the slope (variance 1/3) is taken out.
     """
     reach = 5 if middle_of_edge else 7
     sigmas = []
