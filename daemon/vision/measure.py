@@ -52,18 +52,17 @@ def measure(corners: Array) -> Measures:
     first-order error propagation in the facet's plane.
     """
     n = len(corners)
+    here = np.arange(n)
+    after, before = (here + 1) % n, here - 1
     normal = newell_normal(corners)
-    ahead = np.roll(corners, -1, axis=0) - corners
-    behind = np.roll(corners, 1, axis=0) - corners
+    ahead, behind = corners[after] - corners, corners[before] - corners
     sides = np.maximum(np.sqrt((ahead * ahead).sum(1)), 1e-9)
-    behind_length = np.roll(sides, 1)
+    behind_length = sides[before]
     angles = np.arctan2(_cross(ahead, behind) @ normal, (ahead * behind).sum(1)) % (2 * np.pi)
     by_ahead = -_cross(normal[None], ahead) / (sides**2)[:, None]
     by_behind = _cross(normal[None], behind) / (behind_length**2)[:, None]
     along = ahead / (sides**2)[:, None]
     jacobian = np.zeros((2 * n, n, 3))
-    here = np.arange(n)
-    after, before = (here + 1) % n, (here - 1) % n
     jacobian[here, after] = by_ahead
     jacobian[here, before] = by_behind
     jacobian[here, here] = -by_ahead - by_behind

@@ -55,7 +55,8 @@ def recognise_group(group: Group, model: Model) -> Part:
     winner = next(h for h in best if h.label == verdict.label)
     taught = model.metric[winner.label].solid
     facets = _as_taught(seen, winner, taught)
-    verdict = _with_pattern(verdict, facets, seen.touching, model)
+    if any(f.type != g.type for f, g in zip(facets, seen.facets, strict=True)):
+        verdict = _with_pattern(verdict, facets, seen.touching, model)
     fitted = most_likely_corners(seen.solid, taught, winner, model.parameters.tolerance_mm)
     return Part(
         verdict,

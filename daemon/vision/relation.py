@@ -15,8 +15,9 @@ from daemon.vision.data import Facet
 
 Array = NDArray[np.float64]
 MATRIX_SIZE = 6  # rows and columns, as in section 4.4.3; grows where a view shows more facets
-WELD_SIGMAS = 4.0
-WELD_FLOOR_MM = 1.5
+WELD_PX = 6.0  # how far the two sightings of one corner may lie apart in an image
+WELD_SIGMAS = 5.0  # ... and in space, in predicted errors,
+WELD_FLOOR_MM = 5.0  # ... or this far, because depth errs most where a line fit went astray
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,10 +50,9 @@ class Solid:
 def weld(facets: tuple[Facet, ...]) -> Solid:
     """Unite the corners that neighbouring facets of one group have in common.
 
-    Two facets share the pair of opposite edges that lies closest, where both its ends agree within their
-    covariances.
+    Two facets share the pair of opposite edges that lies closest in both images, where depth agrees as well.
     A united corner is the weighted mean; its covariance stays that of one facet, because both facets measure the same
-    edges in the same pixels.
+    edges in the same pixels, and grows by how far the two sightings lie apart.
     """
     first = np.cumsum([0, *(len(f.corners_mm) for f in facets)])
     points = np.concatenate([f.corners_mm for f in facets])
@@ -91,17 +91,24 @@ def touching_from(solid: Solid) -> NDArray[np.bool_]:
 
 
 def _common_edge(one: Facet, other: Facet) -> tuple[tuple[int, int], ...]:
-    """Corner pairs of the opposite edges that lie closest, or nothing where they are apart by more than the error."""
-    a, b = one.corners_mm, other.corners_mm
-    squared = ((a[:, None, :] - b[None, :, :]) ** 2).sum(2)
-    # Edge i of one runs i -> i + 1; the same edge in the other runs j + 1 -> j.
-    both = np.maximum(np.roll(squared, -1, axis=1), np.roll(squared, -1, axis=0))
-    i, j = divmod(int(np.argmin(both)), len(b))
-    pairs = ((i, (j + 1) % len(b)), ((i + 1) % len(a), j))
+    """Corner pairs of the opposite edges that lie closest in both images; nothing where images or depth disagree."""
+    apart_px = np.maximum(_edge_distances(one.left_px, other.left_px), _edge_distances(one.right_px, other.right_px))
+    i, j = divmod(int(np.argmin(apart_px)), len(other.corners_mm))
+    pairs = ((i, (j + 1) % len(other.corners_mm)), ((i + 1) % len(one.corners_mm), j))
+    if apart_px[i, j] > WELD_PX:
+        return ()
+    apart_mm = max(float(np.linalg.norm(one.corners_mm[p] - other.corners_mm[q])) for p, q in pairs)
     spread = max(float(np.trace(one.covariance_mm2[p]) + np.trace(other.covariance_mm2[q])) for p, q in pairs)
-    near = max(WELD_FLOOR_MM, WELD_SIGMAS * np.sqrt(spread))
-    shortest = min(_shortest_side(a), _shortest_side(b))
-    return pairs if np.sqrt(both[i, j]) < min(near, shortest / 3) else ()
+    near = max(WELD_FLOOR_MM, WELD_SIGMAS * float(np.sqrt(spread)))
+    shortest = min(_shortest_side(one.corners_mm), _shortest_side(other.corners_mm))
+    return pairs if apart_mm < min(near, shortest / 3) else ()
+
+
+def _edge_distances(a: Array, b: Array) -> Array:
+    """(N, M): how far edge i -> i + 1 of a is from edge j + 1 -> j of b, by its worse end."""
+    apart = np.sqrt(((a[:, None, :] - b[None, :, :]) ** 2).sum(2))
+    n, m = apart.shape
+    return np.asarray(np.maximum(apart[:, (np.arange(m) + 1) % m], apart[(np.arange(n) + 1) % n, :]))
 
 
 def _shortest_side(corners: Array) -> float:
@@ -112,10 +119,14 @@ def _means(points: Array, covariance: Array, owner: NDArray[np.intp], count: int
     information = np.linalg.inv(covariance + 1e-9 * np.eye(3))
     total, weighted, shares = np.zeros((count, 3, 3)), np.zeros((count, 3)), np.zeros(count)
     np.add.at(total, owner, information)
-    np.add.at(weighted, owner, np.einsum("kij,kj->ki", information, points))
+    np.add.at(weighted, owner, (information @ points[..., None])[..., 0])
     np.add.at(shares, owner, 1.0)
     spread = np.linalg.inv(total)
-    return np.einsum("kij,kj->ki", spread, weighted), spread * shares[:, None, None]
+    means = (spread @ weighted[..., None])[..., 0]
+    off = points - means[owner]
+    scatter = np.zeros((count, 3, 3))
+    np.add.at(scatter, owner, off[:, :, None] * off[:, None, :])
+    return means, spread * shares[:, None, None] + scatter / shares[:, None, None]
 
 
 def _root(parent: list[int], k: int) -> int:

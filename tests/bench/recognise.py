@@ -1,0 +1,203 @@
+"""The recogniser on the rendered scenes: right, silent or wrong by set; what its confidence is worth; time; memory.
+
+Scenes: the folder named by FACETD_SHARED (default ../shared), scenes/ in it. Trained on the six train-B views only.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import time
+from collections import Counter, defaultdict
+from dataclasses import dataclass, field
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from daemon.calibration.file import load_calibration
+from daemon.library import load_facets
+from daemon.vision.data import Part, Scene
+from daemon.vision.facets import find_facets
+from daemon.vision.look import look
+from daemon.vision.model import Model, empty_model, learn_view
+from daemon.vision.rig import StereoRig
+from daemon.vision.settings import VisionSettings
+
+Array = NDArray[np.float64]
+SCENES = Path(os.environ.get("FACETD_SHARED", "../shared")) / "scenes"
+NEAR_MM = 25.0  # a part found belongs to a true one when their corners' centroids are this close
+BINS = (0.0, 0.5, 0.9, 0.99, 0.999, 1.0 + 1e-9)
+
+
+@dataclass
+class Tally:
+    """What became of one set's parts; corner errors of the named ones, mm."""
+
+    counts: Counter[str] = field(default_factory=Counter)
+    fitted_mm: list[float] = field(default_factory=list)
+    measured_mm: list[float] = field(default_factory=list)
+
+
+def main() -> None:
+    if not SCENES.is_dir():
+        print(f"no scenes at {SCENES}: set FACETD_SHARED to the folder that holds scenes/")
+        return
+    rigs = {p.stem.split("-")[1]: load_calibration(p).rig for p in SCENES.glob("calibration-*.yaml")}
+    model = trained(rigs["B"])
+    _accuracy(rigs, model)
+    _detectors(rigs, model)
+    _time(rigs["B"], model)
+    _memory()
+
+
+def trained(rig: StereoRig, settings: VisionSettings | None = None) -> Model:
+    """The model taught on the six characteristic views."""
+    model = empty_model(load_facets())
+    for folder in sorted(SCENES.glob("train-B-*")):
+        left, right = images(folder)
+        groups = find_facets(left, right, rig, settings).groups
+        model = learn_view(model, max(groups, key=lambda g: len(g.facets)), truth(folder)["objects"][0]["label"])
+    return model
+
+
+def images(folder: Path) -> tuple[NDArray[Any], NDArray[Any]]:
+    left, right = (cv2.imread(str(folder / f"{eye}.png"), cv2.IMREAD_UNCHANGED) for eye in ("left", "right"))
+    assert left is not None
+    assert right is not None
+    return left, right
+
+
+def truth(folder: Path) -> dict[str, Any]:
+    told: dict[str, Any] = json.loads((folder / "truth.json").read_text())
+    return told
+
+
+def test_folders() -> list[Path]:
+    return [p.parent for p in sorted(SCENES.glob("*/truth.json")) if not p.parent.name.startswith(("train", "table57"))]
+
+
+def judge(scene: Scene, told: dict[str, Any], known: tuple[str, ...], tally: Tally) -> list[tuple[float, bool]]:
+    """Count one scene; (confidence, right) of every part that was named."""
+    left = [p for p in scene.parts if p.facets]
+    named: list[tuple[float, bool]] = []
+    for body in told["objects"]:
+        facets = [f for f in body["facets"] if f["left"]["visible"] and f["right"]["visible"]]
+        corners = np.vstack([np.asarray(f["corners_mm"], float) for f in facets]) if facets else np.zeros((0, 3))
+        part = _nearest(left, corners)
+        if part is not None:
+            left.remove(part)
+        said = part.recognition.label if part else "nothing"
+        silent = said in ("unknown", "nothing")
+        right = said == body["label"]
+        if body["label"] in known:
+            tally.counts["right" if right else "silent" if silent else "wrong"] += 1
+        else:
+            tally.counts["rejected" if silent else "wrong"] += 1
+        if part is not None and not silent:
+            named.append((part.recognition.confidence, right))
+        if part is not None and right:
+            _errors(part, corners, tally)
+    ghosts = [p for p in left if p.recognition.label != "unknown"]
+    tally.counts["ghost"] += len(ghosts)
+    return named + [(p.recognition.confidence, False) for p in ghosts]
+
+
+def _nearest(parts: list[Part], corners: Array) -> Part | None:
+    if not len(corners):
+        return None
+    away = [float(np.linalg.norm(np.vstack(p.fitted_mm).mean(0) - corners.mean(0))) for p in parts]
+    return parts[int(np.argmin(away))] if away and min(away) < NEAR_MM else None
+
+
+def _errors(part: Part, corners: Array, tally: Tally) -> None:
+    for found, kind in ((part.fitted_mm, tally.fitted_mm), ([f.corners_mm for f in part.facets], tally.measured_mm)):
+        points = np.vstack(list(found))
+        kind.extend(np.linalg.norm(points[:, None] - corners[None], axis=2).min(1).tolist())
+
+
+def _accuracy(rigs: dict[str, StereoRig], model: Model) -> None:
+    tallies: dict[str, Tally] = defaultdict(Tally)
+    named: list[tuple[float, bool]] = []
+    for folder in test_folders():
+        told = truth(folder)
+        scene = look(*images(folder), rigs[told["rig"]], model)
+        named += judge(scene, told, model.labels, tallies[f"{told['tags'][0]}-{told['rig']}"])
+    print(f"{'set':<16}{'parts':>6}{'right':>7}{'silent':>7}{'wrong':>7}{'reject':>7}{'ghost':>7}"
+          f"{'corner mm 50 %':>16}{'95 %':>7}{'measured 50 %':>15}{'95 %':>7}")  # fmt: skip
+    for name, t in sorted(tallies.items()):
+        c = t.counts
+        parts = c["right"] + c["silent"] + c["wrong"] + c["rejected"]
+        numbers = [_quantile(t.fitted_mm, 50), _quantile(t.fitted_mm, 95), _quantile(t.measured_mm, 50),
+                   _quantile(t.measured_mm, 95)]  # fmt: skip
+        print(f"{name:<16}{parts:>6}{c['right']:>7}{c['silent']:>7}{c['wrong']:>7}{c['rejected']:>7}{c['ghost']:>7}"
+              f"{numbers[0]:>16}{numbers[1]:>7}{numbers[2]:>15}{numbers[3]:>7}")  # fmt: skip
+    _reliability(named)
+
+
+def _quantile(values: list[float], percent: float) -> str:
+    return f"{np.percentile(values, percent):.3f}" if values else "-"
+
+
+def _reliability(named: list[tuple[float, bool]]) -> None:
+    print("\nconfidence of named parts     parts    mean    right")
+    for low, high in pairwise(BINS):
+        inside = [(c, r) for c, r in named if low <= c < high]
+        if inside:
+            mean, share = np.mean([c for c, _ in inside]), np.mean([r for _, r in inside])
+            print(f"{low:>10.3f} to {min(high, 1):<10.3f}{len(inside):>11}{mean:>8.4f}{share:>9.4f}")
+
+
+def _detectors(rigs: dict[str, StereoRig], model: Model) -> None:
+    """Corner detectors and stereo formulas side by side, all on the same clean scenes."""
+    print("\ncorners by            stereo by             right  of   corner mm 50 %    95 %  measured 50 %")
+    folders = [f for f in test_folders() if f.name.startswith("clean")]
+    for settings in (
+        VisionSettings(),
+        VisionSettings(corner_detector="mic"),
+        VisionSettings(corner_detector="median"),
+        VisionSettings(stereo_formula="thesis"),
+        VisionSettings(stereo_formula="thesis_compensated"),
+    ):
+        tally = Tally()
+        for folder in folders:
+            told = truth(folder)
+            scene = look(*images(folder), rigs[told["rig"]], model, settings)
+            judge(scene, told, model.labels, tally)
+        print(f"{settings.corner_detector:<22}{settings.stereo_formula:<22}{tally.counts['right']:>5}{len(folders):>4}"
+              f"{_quantile(tally.fitted_mm, 50):>17}{_quantile(tally.fitted_mm, 95):>8}"
+              f"{_quantile(tally.measured_mm, 50):>15}")  # fmt: skip
+
+
+def _time(rig: StereoRig, model: Model) -> None:
+    """Median over the B scenes, one core, the same pairs through OpenCV's dense matcher in this process."""
+    cv2.setNumThreads(1)
+    dense = cv2.StereoSGBM.create(minDisparity=0, numDisparities=128, blockSize=5, P1=200, P2=800)
+    stages: dict[str, list[float]] = defaultdict(list)
+    for folder in [f for f in test_folders() if "-B-" in f.name]:
+        left, right = images(folder)
+        start = time.perf_counter()
+        dense.compute(left, right)
+        stages["StereoSGBM"].append(time.perf_counter() - start)
+        start = time.perf_counter()
+        scene = look(left, right, rig, model, clock=time.perf_counter)
+        stages["one look"].append(time.perf_counter() - start)
+        for name, seconds in scene.seconds.items():
+            stages[name].append(seconds)
+    print("\nstage          median ms   95 % ms")
+    for name, seconds in stages.items():
+        print(f"{name:<14}{1000 * np.median(seconds):>10.2f}{1000 * np.percentile(seconds, 95):>10.2f}")
+    print(f"one look over StereoSGBM: {np.median(stages['one look']) / np.median(stages['StereoSGBM']):.3f}")
+
+
+def _memory() -> None:
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    print(f"\npeak memory of this process: {peak:.0f} MiB")
+
+
+if __name__ == "__main__":
+    main()
