@@ -1,7 +1,7 @@
 """Which polygon of the left eye is which of the right, corner by corner: epipolar, ordered, facet-wise.
 
-D'Souza matches corner by corner inside an epipolar band (section 4.2.3) and loses its way where sides are short;
-whole facets, taken round their border in order, leave far fewer ways to be wrong.
+D'Souza matches corner by corner inside an epipolar band (section 4.2.3) and loses its way where sides are short; whole
+facets, taken round their border in order, leave far fewer ways to be wrong.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.vision.data import Polygon
 from daemon.vision.epipolar import Baseline
 from daemon.vision.settings import VisionSettings
 
@@ -20,8 +19,9 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Match:
-    """Left polygon `left` is right polygon `right`; its corner i is the right's corner (i + shift) mod N.
-    cost: px rms.
+    """Left polygon `left` may be right polygon `right`; its corner i is the right's corner (i + shift) mod N.
+
+    cost: px, rms distance of the corners from their epipolar lines and of their disparities from a plane's.
     """
 
     left: int
@@ -30,49 +30,54 @@ class Match:
     cost: float
 
 
-def match_polygons(
-    left: tuple[Polygon, ...], right: tuple[Polygon, ...], rig: Baseline, settings: VisionSettings
-) -> tuple[Match, ...]:
-    """Best one-to-one matches, cheapest first."""
-    ideal_left = [rig.left.ideal(p.corners_px) for p in left]
-    ideal_right = [rig.right.ideal(p.corners_px) for p in right]
-    candidates = []
-    for i, a in enumerate(ideal_left):
-        for j, b in enumerate(ideal_right):
-            if len(a) == len(b) and _band(a, b, rig.left.focal_px, settings):
-                found = _best_shift(a, b, rig, settings)
-                if found is not None:
-                    candidates.append(Match(i, j, *found))
-    taken_left, taken_right, chosen = set[int](), set[int](), []
-    for m in sorted(candidates, key=lambda m: m.cost):
-        if m.left not in taken_left and m.right not in taken_right:
-            taken_left.add(m.left)
-            taken_right.add(m.right)
-            chosen.append(m)
-    return tuple(chosen)
+def match_polygons(left: list[Array], right: list[Array], rig: Baseline, settings: VisionSettings) -> list[Match]:
+    """Every match that epipolar lines, depth range and planarity allow, cheapest first.
+
+    left, right: corners (N, 2) px of each polygon, anticlockwise as seen.
+    """
+    if not left or not right:
+        return []
+    ideal_left, ideal_right = _ideal(left, rig.left.ideal), _ideal(right, rig.right.ideal)
+    one, other = _summary(ideal_left), _summary(ideal_right)
+    band = settings.max_epipolar_px / rig.left.focal_px
+    gap = np.abs(one[:, None, 1:] - other[None, :, 1:]).max(2)
+    same = one[:, None, 0] == other[None, :, 0]
+    found = []
+    for i, j in np.argwhere(same & (gap < band)):
+        best = _best_shift(ideal_left[i], ideal_right[j], rig, settings)
+        if best is not None:
+            found.append(Match(int(i), int(j), *best))
+    return sorted(found, key=lambda m: m.cost)
 
 
-def _band(a: Array, b: Array, focal_px: float, settings: VisionSettings) -> bool:
-    """Whether both polygons span the same epipolar band."""
-    gap = max(abs(a[:, 1].min() - b[:, 1].min()), abs(a[:, 1].max() - b[:, 1].max()))
-    return float(gap) * focal_px < settings.max_epipolar_px
+def _ideal(polygons: list[Array], convert: object) -> list[Array]:
+    assert callable(convert)
+    every = convert(np.concatenate(polygons))
+    return list(np.split(every, np.cumsum([len(p) for p in polygons])[:-1]))
+
+
+def _summary(polygons: list[Array]) -> Array:
+    """Per polygon its number of corners and the epipolar band it spans, (P, 3)."""
+    return np.array([(len(p), p[:, 1].min(), p[:, 1].max()) for p in polygons])
 
 
 def _best_shift(a: Array, b: Array, rig: Baseline, settings: VisionSettings) -> tuple[int, float] | None:
     nearest, farthest = settings.depth_range_mm
+    n = len(a)
+    order = (np.arange(n)[:, None] + np.arange(n)) % n
+    off = (a[None, :, 1] - b[order, 1]) * rig.left.focal_px
+    disparity = a[None, :, 0] - b[order, 0]
+    possible = (
+        (np.abs(off).max(1) < settings.max_epipolar_px)
+        & (disparity.min(1) > rig.length_mm / farthest)
+        & (disparity.max(1) < rig.length_mm / nearest)
+    )
     best: tuple[int, float] | None = None
-    for shift in range(len(a)):
-        c = np.roll(b, -shift, axis=0)
-        off = (a[:, 1] - c[:, 1]) * rig.left.focal_px
-        disparity = a[:, 0] - c[:, 0]
-        if np.abs(off).max() > settings.max_epipolar_px:
-            continue
-        if disparity.min() < rig.length_mm / farthest or disparity.max() > rig.length_mm / nearest:
-            continue
-        warp = _plane_residual(a, disparity) * rig.left.focal_px
-        cost = float(np.sqrt(np.mean(off**2) + np.mean(warp**2)))
+    for shift in np.flatnonzero(possible):
+        warp = _plane_residual(a, disparity[shift]) * rig.left.focal_px
+        cost = float(np.sqrt(np.mean(off[shift] ** 2) + np.mean(warp**2)))
         if warp.max() < 2 * settings.max_epipolar_px and (best is None or cost < best[1]):
-            best = shift, cost
+            best = int(shift), cost
     return best
 
 

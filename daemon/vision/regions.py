@@ -7,23 +7,43 @@ at a high one.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from daemon.vision.image import Grey, Noise
 from daemon.vision.settings import VisionSettings
+from daemon.vision.shapes import signed_area
 
 Array = NDArray[np.float64]
 Image32 = NDArray[np.float32]
 
 _SOBEL_SCALE = 1 / 8
+_LEAST_SOLIDITY, _CONVEX_SOLIDITY = 0.55, 0.88
 
 
-def smooth(image: Grey, noise: Noise, sigma_px: float) -> Image32:
-    """The image stretched to unit noise, smoothed by a Gaussian, (H, W) float32."""
-    stretched = cv2.LUT(image, noise.stretch)
-    return np.asarray(cv2.GaussianBlur(stretched, (0, 0), sigma_px), np.float32)
+@dataclass(frozen=True, eq=False)
+class Scale:
+    """An image smoothed by a Gaussian of sigma_px, its gradient in sigmas of its noise, and the levels to
+    threshold it at.
+    """
+
+    sigma_px: float
+    levels: tuple[float, ...]
+    smoothed: Image32
+    strength: Image32
+
+
+def scale_space(image: Grey, noise: Noise, settings: VisionSettings) -> tuple[Scale, ...]:
+    """The image, stretched to unit noise, at every scale of the settings, finest first."""
+    stretched = np.asarray(cv2.LUT(image, noise.stretch), np.float32)
+    scales = []
+    for sigma_px, levels in settings.scales:
+        smoothed = np.asarray(cv2.GaussianBlur(stretched, (0, 0), sigma_px), np.float32)
+        scales.append(Scale(sigma_px, levels, smoothed, gradient(smoothed, sigma_px)))
+    return tuple(scales)
 
 
 def gradient(smoothed: Image32, sigma_px: float) -> Image32:
@@ -61,24 +81,25 @@ def closed_regions(strength: Image32, level: float, settings: VisionSettings) ->
     parent = np.asarray(tree)[0, :, 3]
     largest = settings.max_area_fraction * strength.size
     found = []
-    for k in np.flatnonzero(parent >= 0):
+    for k in map(int, np.flatnonzero(parent >= 0)):
         border = np.asarray(borders[k], np.int32)
         if len(border) >= 2 * settings.min_side_px and settings.min_area_px <= cv2.contourArea(border) <= largest:
             found.append(border[:, 0, :])
     return found
 
 
-def rough_polygon(border: NDArray[np.int32], settings: VisionSettings) -> Array | None:
-    """Corners (N, 2) px of a border's coarse polygon, anticlockwise as seen; None where it has fewer than three."""
-    extent = np.sqrt(cv2.contourArea(border))
-    tolerance = max(1.2, 0.035 * extent)
-    corners = cv2.approxPolyDP(border[:, None, :], tolerance, True)[:, 0, :].astype(float)
-    if len(corners) < 3:
-        return None
-    return corners if signed_area(corners) < 0 else corners[::-1]
+def rough_polygons(border: NDArray[np.int32], settings: VisionSettings) -> list[Array]:
+    """Coarse polygons (N, 2) px of one border, anticlockwise as seen, most trusted first; none where it has no body.
 
-
-def signed_area(corners: Array) -> float:
-    """Shoelace area in px^2; negative for corners that run anticlockwise as seen (v points down)."""
-    x, y = corners[:, 0], corners[:, 1]
-    return float(0.5 * np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
+    Noise eats into a region but seldom bulges out of it, so the convex hull comes first; the border itself is tried
+    as well where it leaves a good part of the hull open, as a concave facet does.
+    """
+    contour = border[:, None, :]
+    hull = cv2.convexHull(contour)
+    area, full = cv2.contourArea(contour), cv2.contourArea(hull)
+    if full <= 0 or area < _LEAST_SOLIDITY * full:
+        return []
+    outlines = [hull] if area > _CONVEX_SOLIDITY * full else [contour, hull]
+    tolerance = 1.4 + 0.01 * float(np.sqrt(full))
+    polygons = [cv2.approxPolyDP(o, tolerance, True)[:, 0, :].astype(float) for o in outlines]
+    return [p if signed_area(p) < 0 else p[::-1] for p in polygons if 3 <= len(p) <= settings.max_corners]

@@ -28,12 +28,14 @@ class VisionSettings:
 
     corner_detector: CornerDetector = "line_fit"
     stereo_formula: StereoFormula = "exact"
-    smoothing_px: float = 1.0
-    edge_levels: tuple[float, ...] = (5.5, 8.0, 12.0, 17.0)
+    scales: tuple[tuple[float, tuple[float, ...]], ...] = ((1.0, (5.5, 7.0, 10.0, 14.0, 20.0)), (2.0, (5.0, 9.0)))
     min_area_px: float = 40.0
     max_area_fraction: float = 0.3
     min_side_px: float = 5.0
-    min_evidence: float = 6.0
+    max_corners: int = 14
+    max_regions: int = 60
+    min_evidence: float = 5.0
+    min_support: float = 0.75
     max_epipolar_px: float = 2.5
     depth_range_mm: tuple[float, float] = (80.0, 2500.0)
     planarity_sigmas: float = 6.0

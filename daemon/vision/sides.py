@@ -18,8 +18,13 @@ Array = NDArray[np.float64]
 Image32 = NDArray[np.float32]
 
 _REACH_PX = 4
-_TRIM_PX = 3.0
+_TRIM_PX = 4.0
+_REACH_SIGMA_PX = 4.0
+_CLIPPED = 247.0
+_HEIGHTS = np.geomspace(1.0, 2.5, 14)
 _OFFSETS = np.arange(-_REACH_PX, _REACH_PX + 1, dtype=float)
+_IN, _OUT = _OFFSETS < -1.9, _OFFSETS > 1.9
+_FAR = np.stack([_IN, _OUT], 1).astype(float)
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,78 +43,177 @@ class Sides:
     blur: Array
 
 
-def find_sides(smoothed: Image32, start: Array, end: Array, inward: float, outward: float) -> tuple[Array, Array]:
-    """Move rough sides (S, 2), (S, 2) px onto the nearest strong gradient across them, seen over their whole length.
+def find_sides(smoothed: Image32, start: Array, end: Array, reach_px: tuple[float, float]) -> tuple[Array, Array]:
+    """Move rough sides (S, 2), (S, 2) px onto the strongest straight gradient near them, seen over their whole length.
 
-    smoothed: unit-noise image. Searches from `inward` px inside to `outward` px outside. Returns the moved ends.
+    smoothed: unit-noise image. Looks from reach_px[0] inside to reach_px[1] outside, and at tilts that move either
+    end by a few pixels. Returns the moved ends.
     """
     rulers = lay_rulers(start, end, None, _TRIM_PX)
-    offsets = np.arange(-inward - 0.5, outward + 1.0, 0.5)
+    offsets = np.arange(-reach_px[0] - 1.0, reach_px[1] + 1.5, 0.5)
     values = sample(smoothed, rulers, offsets)
-    slope = values[:, 2:] - values[:, :-2]
-    centre = offsets[1:-1]
-    mean = rulers.sums(slope) / rulers.count[:, None]
-    sign = np.where(np.max(mean, 1) > -np.min(mean, 1), 1.0, -1.0)
-    weight = np.maximum(slope * sign[rulers.side, None], 0.0) ** 4
-    total = np.sum(weight, 1) + 1e-9
-    position = weight @ centre / total
-    return _apply_line(start, end, rulers, *_robust_line(rulers, position, np.sqrt(np.sqrt(total)), 1.0)[:2])
+    blocks, at = _block_means(values[:, 2:] - values[:, :-2], rulers)
+    tilts = np.linspace(-1, 1, 9) * np.clip(0.06 * rulers.length, 0.4, 3.5)[:, None]
+    column = np.arange(blocks.shape[2])
+    shifted = np.rint(at[:, :, None] * tilts[:, None, :] * 2).astype(np.intp)[:, :, :, None] + column
+    inside = np.clip(shifted, 0, len(column) - 1)
+    lines = np.mean(np.take_along_axis(blocks[:, :, None, :], inside, 3), 1)
+    preferred = np.exp(-0.5 * (offsets[1:-1] / _REACH_SIGMA_PX) ** 2)
+    best = np.argmax(np.abs(lines * preferred).reshape(len(start), -1), 1)
+    tilt, offset = tilts[np.arange(len(start)), best // len(column)], offsets[1:-1][best % len(column)]
+    return _apply_line(start, end, rulers, offset, tilt / np.maximum(1 - 2 * _TRIM_PX / rulers.length, 0.5))
 
 
-def fit_sides(image: Image32, noise: Noise, start: Array, end: Array, eye: Eye | None, blur_px: float) -> Sides:
-    """Maximum-likelihood lines of blurred steps near the sides start -> end, (S, 2) px each, already within about 1 px.
+def probe_sides(smoothed: Image32, start: Array, end: Array, sigma_px: float = 1.0) -> tuple[Array, Array]:
+    """How strong the gradient across each side is: its mean in sigmas (S,), and the fraction of the side that shows
+    it (S,).
+
+    smoothed: unit-noise image after a Gaussian of sigma_px, whose noise is therefore known along and across the side.
+    """
+    rulers = lay_rulers(start, end, None, 1.0)
+    values = sample(smoothed, rulers, np.array([-0.5, 0.5]))
+    blocks, _ = _block_means(values[:, 1:] - values[:, :1], rulers)
+    one = np.sqrt(2 * (1 - np.exp(-0.25 / sigma_px**2)) / (4 * np.pi)) / sigma_px
+    rows = rulers.count / (np.sqrt(4 * np.pi) * sigma_px)
+    block_z = blocks[:, :, 0] / (one / np.sqrt(np.maximum(rows / blocks.shape[1], 1.0)))[:, None]
+    mean = np.mean(blocks[:, :, 0], 1)
+    seen = np.mean(block_z * np.sign(mean)[:, None] > 2.5, 1)
+    return mean / (one / np.sqrt(np.maximum(rows, 1.0))), seen
+
+
+def _block_means(values: NDArray[np.float32], rulers: Rulers, blocks: int = 6) -> tuple[Array, Array]:
+    """Means of (R, C) values over equal stretches of each side: (S, blocks, C), and the stretches' middles (S,
+    blocks).
+    """
+    count = rulers.count[:, None]
+    edge = (np.arange(blocks + 1) * count) // blocks
+    low = np.minimum(edge[:, :-1], count - 1)
+    high = np.maximum(edge[:, 1:], low + 1)
+    total = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values, 0, dtype=float)])
+    first = rulers.first[:, None]
+    means = (total[first + high] - total[first + low]) / (high - low)[:, :, None]
+    return means, ((low + high) / count - 1.0)
+
+
+def fit_sides(image: Image32, noise: Noise, start: Array, end: Array, eye: Eye | None, blur_px: float = 0.7) -> Sides:
+    """Least-squares lines of blurred steps near the sides start -> end, (S, 2) px each, already within about 1 px.
 
     image: float32 grey levels. Each row gives where the step crosses it, by least squares against the step's own
     slope, with the grey levels on both sides free to drift along the side; a robust line goes through the rows.
+    blur_px is only where the search for the image's one blur starts. Columns are weighed alike on both sides, so
+    that a wrong blur cannot shift the line.
     """
-    for _ in range(2):
+    for _ in range(3):
         rulers = lay_rulers(start, end, eye, _TRIM_PX)
         rows = _rows(image, noise, rulers, blur_px)
-        offset, slope, covariance, support = _weighted_line(rulers, rows)
+        offset, slope, covariance, support = _robust_line(rulers, rows.position, 1 / rows.sigma, None)
         start, end = _apply_line(start, end, rulers, offset, slope)
+        blur_px = float(np.clip(blur_px + rows.blur_error_px, 0.4, 2.5))
     ends = np.array([[1.0, -1.0], [1.0, 1.0]])
     step = rulers.sums(rows.step) / rulers.count
-    return Sides(
-        start,
-        end,
-        ends @ covariance @ ends.T,
-        step,
-        np.abs(step) / rows.step_sigma,
-        support,
-        np.full(len(start), blur_px),
-    )
+    evidence = np.abs(step) / rows.step_sigma
+    return Sides(start, end, ends @ covariance @ ends.T, step, evidence, support, np.full(len(start), blur_px))
 
 
 @dataclass(frozen=True, eq=False)
 class _Rows:
-    """Per row: where the step is, px from the base (R,); its sigma (R,); its height (R,). Per side: sigma of
-    the mean height.
+    """Per row: where the step is, px from the base (R,); its sigma (R,); its height (R,). Per side: sigma of the
+    mean height.
+
+    blur_error_px: how much wider all the steps together are than was assumed.
     """
 
     position: Array
     sigma: Array
     step: Array
     step_sigma: Array
+    blur_error_px: float
 
 
 def _rows(image: Image32, noise: Noise, rulers: Rulers, blur_px: float) -> _Rows:
     values = sample(image, rulers, _OFFSETS).astype(float)
     rise = _normal_cdf(_OFFSETS / blur_px)
     slope = np.exp(-0.5 * (_OFFSETS / blur_px) ** 2) / (blur_px * np.sqrt(2 * np.pi))
-    far = np.stack([_OFFSETS < -2, _OFFSETS > 2], 1).astype(float)
-    levels = _smooth_along(values @ (far / far.sum(0)), rulers)
-    step = levels[:, 1] - levels[:, 0]
+    widen = -slope * _OFFSETS / blur_px
+    inside, outside, clear = _shaded_levels(values, noise, rulers)
+    inside, outside = _unclipped(values, rulers, inside, outside, rise, slope)
+    step = outside[:, _REACH_PX] - inside[:, _REACH_PX]
     side_step = rulers.sums(step) / rulers.count
-    model = levels[:, :1] + step[:, None] * rise
-    variance = noise.at(model) ** 2
-    weight = np.where((model < SATURATED) & (values < SATURATED + 4), 1.0 / variance, 1e-6)
-    template = -side_step[rulers.side, None] * slope
-    information = np.sum(weight * template**2, 1)
-    position = np.sum(weight * template * (values - model), 1) / np.maximum(information, 1e-12)
-    level_variance = rulers.sums(np.mean(variance, 1)) / rulers.count / (far.sum(0).mean() * rulers.count)
+    model = inside + (outside - inside) * rise
+    usable = clear * ((model < SATURATED) & (values < SATURATED + 4))
+    residual = (values - model) * usable
+    template = -side_step[rulers.side, None] * slope * usable
+    power = np.maximum(np.sum(template**2, 1), 1e-9)
+    position = np.sum(template * residual, 1) / power
+    sigma_grey = np.mean(noise.at(np.stack([inside[:, 0], outside[:, -1]], 1)), 1)
+    wide = step[:, None] * widen * usable
+    wide_free = wide - (np.sum(wide * template, 1) / power)[:, None] * template
+    blur_error = np.sum(wide_free * residual) / max(float(np.sum(wide_free * wide)), 1e-9)
+    level_sigma = rulers.sums(sigma_grey) / rulers.count / np.sqrt(_FAR.sum(0).mean() * rulers.count)
     return _Rows(
-        np.clip(position, -3.0, 3.0), 1 / np.sqrt(np.maximum(information, 1e-12)), step, np.sqrt(2 * level_variance)
+        np.clip(position, -3.0, 3.0), sigma_grey / np.sqrt(power), step, np.sqrt(2) * level_sigma, float(blur_error)
     )
+
+
+def _shaded_levels(values: Array, noise: Noise, rulers: Rulers) -> tuple[Array, Array, Array]:
+    """Grey levels (R, C) that each face of the step would show at every offset if the other were not there.
+
+    Each is a plane: a level that may drift along the side, and one slope across it, as near a contact shadow. The
+    third array (R, C) is 0 where another edge has come into view, as in the thin end of a face seen edge-on, and 1
+    elsewhere.
+    """
+    clear = _in_the_clear(values, noise, rulers)
+    planes = []
+    for columns in (_IN, _OUT):
+        d = _OFFSETS[columns] - _OFFSETS[columns].mean()
+        open_here = clear[:, columns]
+        sums = np.stack([np.sum(values[:, columns] * open_here, 1), np.sum(open_here, 1)], 1)
+        total = _smooth_along(sums, rulers)
+        mean = rulers.sums(values[:, columns]) / rulers.count[:, None]
+        whole = rulers.sums(open_here.mean(1)) / rulers.count > 0.9
+        across = np.where(whole, mean @ d / (d @ d), 0.0)
+        level = total[:, 0] / np.maximum(total[:, 1], 1e-3)
+        planes.append(level[:, None] + across[rulers.side, None] * (_OFFSETS - _OFFSETS[columns].mean()))
+    return planes[0], planes[1], clear
+
+
+def _in_the_clear(values: Array, noise: Noise, rulers: Rulers) -> Array:
+    """(R, C): 0 from where, going away from the side, the grey level leaves what it was two pixels off the side."""
+    level = _smooth_along(values, rulers, 2)
+    clear = np.ones_like(values)
+    for step in (-1, 1):
+        near = level[:, _REACH_PX + 2 * step]
+        limit = 3.0 * noise.at(near) / np.sqrt(2.5) + 0.02 * np.abs(level[:, 0] - level[:, -1])
+        for k in range(3, _REACH_PX + 1):
+            column = _REACH_PX + k * step
+            clear[:, column] = clear[:, column - step] * (np.abs(level[:, column] - near) < (k - 1) / 2 * limit)
+    return clear
+
+
+def _unclipped(
+    values: Array, rulers: Rulers, inside: Array, outside: Array, rise: Array, slope: Array
+) -> tuple[Array, Array]:
+    """The levels with those of saturated faces replaced: how bright such a face is shows in how steeply its edge
+    sets in.
+
+    Per side the mean profile below saturation is fitted by steps of several heights, each free to shift; the best is
+    taken.
+    """
+    mean = rulers.sums(values) / rulers.count[:, None]
+    bright_in = np.mean(mean[:, _IN], 1) > _CLIPPED
+    bright_out = np.mean(mean[:, _OUT], 1) > _CLIPPED
+    for s in np.flatnonzero(bright_in != bright_out):
+        rows = slice(rulers.first[s], rulers.first[s] + rulers.count[s])
+        bright, dark = (inside, outside) if bright_in[s] else (outside, inside)
+        shape = 1 - rise if bright_in[s] else rise
+        base = dark[rows].mean(0)
+        use = (mean[s] < _CLIPPED) & (np.abs(_OFFSETS) < 3)
+        height = (255.0 - base[_REACH_PX]) * _HEIGHTS
+        residual = (mean[s] - base - height[:, None] * shape)[:, use]
+        shift = height[:, None] * slope[use] + 1e-9
+        residual -= (np.sum(residual * shift, 1) / np.sum(shift * shift, 1))[:, None] * shift
+        bright[rows] = base + height[np.argmin(np.sum(residual**2, 1))]
+    return inside, outside
 
 
 def _smooth_along(values: Array, rulers: Rulers, half: int = 6) -> Array:
@@ -120,10 +224,6 @@ def _smooth_along(values: Array, rulers: Rulers, half: int = 6) -> Array:
     low = np.maximum(rows - half, rulers.first[rulers.side])
     high = np.minimum(rows + half + 1, last[rulers.side])
     return np.asarray((total[high] - total[low]) / (high - low)[:, None])
-
-
-def _weighted_line(rulers: Rulers, rows: _Rows) -> tuple[Array, Array, Array, Array]:
-    return _robust_line(rulers, rows.position, 1 / rows.sigma, None)
 
 
 def _robust_line(
