@@ -26,7 +26,7 @@ from drivers.camera.recorded import RecordedCamera
 from drivers.camera.settings import CameraSettings
 from drivers.camera.stereo import V4L2StereoCamera
 from drivers.val2.dialect import Dialect
-from drivers.val2.errors import Elsewhere, LinkError
+from drivers.val2.errors import Elsewhere, LinkError, Preempted
 from drivers.val2.link import Link
 from drivers.val2.location import location_from_matrix, matrix_from_location
 
@@ -102,6 +102,11 @@ class ArmOnLink:
     async def where(self) -> Reading:
         """Ask the controller where the arm is."""
         return self._reading(await self.link.where())
+
+    async def check(self) -> None:
+        """Does the controller answer? Raises LinkError where it does not; being stopped meanwhile is an answer."""
+        with contextlib.suppress(Preempted):
+            await self.where()
 
     async def move(self, world_from_tool: Array, *, straight: bool, speed_pct: float, timeout_s: float) -> Reading:
         """One move; returns when the arm is at rest, there or elsewhere. Raises LinkError."""
@@ -180,6 +185,9 @@ class NoArm:
     async def close(self) -> None:
         """Nothing to close."""
 
+    async def check(self) -> None:
+        """There is nothing to check."""
+
     async def where(self) -> Reading:
         """The origin."""
         return Reading(np.eye(4), np.zeros(6))
@@ -216,9 +224,51 @@ class NoArm:
         raise CellError("this cell is recorded: there is no controller")
 
 
+class SimulatedHand:
+    """What a person does at a real cell: show a part, strew parts over the table, take them away."""
+
+    def __init__(self, cell: SimulatedCell) -> None:
+        self.cell = cell
+        self._strewn: tuple[str, ...] = ()
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """The parts there are."""
+        from drivers.simcell.stand import VIEWS
+
+        return tuple(VIEWS)
+
+    @property
+    def usual(self) -> tuple[str, ...]:
+        """The parts that lie on the table unless somebody says otherwise."""
+        return ("cube", "pyramid", "triangular_prism", "pentagonal_prism")
+
+    def show(self, label: str, view: int) -> int:
+        """Hold a part before the cameras in a characteristic view, counted round; gives the view it is in."""
+        from drivers.simcell.stand import VIEWS
+
+        view %= len(VIEWS[label])
+        self.cell.place_for_teaching(label, view)
+        return view
+
+    def scatter(self, labels: Sequence[str]) -> None:
+        """Strew parts over the table."""
+        self._strewn = tuple(labels)
+        self.cell.scatter(labels)
+
+    def put_back(self) -> None:
+        """After showing a part: strew again what lay on the table before."""
+        self.cell.scatter(self._strewn)
+
+    def clear(self) -> None:
+        """Take all parts away."""
+        self._strewn = ()
+        self.cell.clear()
+
+
 @dataclass(eq=False)
 class Hardware:
-    """What a cell is made of. `simulated` is the cell itself where it is not real, for the operator's hand in it."""
+    """What a cell is made of. hand: the person's in a simulated cell, None in a real one."""
 
     kind: str
     robot: ArmOnLink | NoArm
@@ -226,7 +276,7 @@ class Hardware:
     clock: Callable[[], float]
     where: str
     seed: int | None = None
-    simulated: SimulatedCell | None = None
+    hand: SimulatedHand | None = None
 
     async def open(self) -> None:
         """Claim arm and cameras, both or neither. Raises CellError."""
@@ -241,9 +291,8 @@ class Hardware:
     async def close(self) -> None:
         """Let go of everything; safe to call twice."""
         await asyncio.gather(self.eyes.close(), self.robot.close(), return_exceptions=True)
-        if self.simulated is not None:
-            await asyncio.to_thread(self.simulated.stop)
-            self.simulated = None
+        if self.hand is not None:
+            await asyncio.to_thread(self.hand.cell.stop)
 
 
 def build(config: Config, on_wire: WireListener, clock: Callable[[], float] = time.monotonic) -> Hardware:
@@ -307,7 +356,9 @@ def _simulated(config: Config, on_wire: WireListener, clock: Callable[[], float]
     seed = said.seed if said.seed is not None else random.SystemRandom().randrange(1_000_000)
     cell = SimulatedCell(config.file(said.truth), seed, said.time_scale)
     eyes = ThreadedEyes(cell.camera, clock)
-    return Hardware("simulated", _arm(config, cell.port, on_wire, clock), eyes, clock, cell.port, seed, cell)
+    return Hardware(
+        "simulated", _arm(config, cell.port, on_wire, clock), eyes, clock, cell.port, seed, SimulatedHand(cell)
+    )
 
 
 def _said(answer: Any) -> list[str]:

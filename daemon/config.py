@@ -14,15 +14,17 @@ from typing import Annotated, Any, Literal
 from msgspec import Meta
 
 from daemon import places
-from daemon.guard import Limits
-from daemon.motion import Arrival
+from daemon.plan import Settings
+from daemon.vision.settings import VisionSettings
 from daemon.yamlfile import ConfigError, Document, Key, read
 
 Positive = Annotated[float, Meta(gt=0)]
 NotNegative = Annotated[float, Meta(ge=0)]
 Count = Annotated[int, Meta(ge=1)]
 Kind = Literal["real", "recorded", "simulated"]
-Baud = Literal[300, 600, 1200, 2400, 4800, 9600, 19200, 38400, 57600, 115200]
+Row4 = tuple[float, float, float, float]
+Matrix4 = tuple[Row4, Row4, Row4, Row4]
+Baud = Annotated[int, Meta(ge=50, le=4_000_000)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,12 +45,20 @@ class Recorded:
 
 @dataclass(frozen=True, kw_only=True)
 class Arm:
-    """The arm's serial line. calibrate: send CAL at start, and the answer to its question; dialect: see the driver."""
+    """The arm's serial line. calibrate_answer: to CAL's question; dialect: its controller's ways;
+
+    flange_from_tool: where the tool centre point is, seen from the wrist centre, mm: what VAL II's TOOL was set to.
+    """
 
     port: str = "/dev/facetd-arm"
-    calibrate: bool = False
     calibrate_answer: Literal["Y", "N"] = "Y"
     dialect: dict[str, Any] = field(default_factory=dict)
+    flange_from_tool: Matrix4 = (
+        (1.0, 0.0, 0.0, 0.0),
+        (0.0, 1.0, 0.0, 0.0),
+        (0.0, 0.0, 1.0, 200.0),
+        (0.0, 0.0, 0.0, 1.0),
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,7 +94,7 @@ class Console:
     """The operators' doors: the socket's group (None: the daemon's own), and a serial terminal where there is one."""
 
     group: str | None = None
-    terminal: Terminal | None = None
+    tty: Terminal | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,8 +134,8 @@ class _File:
     arm: Arm = field(default_factory=Arm)
     files: Files = field(default_factory=Files)
     folders: Folders = field(default_factory=Folders)
-    guard: Limits = field(default_factory=Limits)
-    arrival: Arrival = field(default_factory=Arrival)
+    pick: Settings = field(default_factory=Settings)
+    vision: VisionSettings = field(default_factory=VisionSettings)
     console: Console = field(default_factory=Console)
     log: Log = field(default_factory=Log)
     health: Health = field(default_factory=Health)
@@ -182,16 +192,18 @@ def load_config(path: Path, simulated: bool = False) -> Config:
 
 
 def _check_guard(document: Document, said: _File) -> None:
-    guard = said.guard
+    guard = said.pick.limits
     for axis, low, high in zip("xyz", guard.box_low_mm, guard.box_high_mm, strict=True):
         if low >= high:
-            keys: tuple[Key, ...] = ("guard", "box_low_mm")
+            keys: tuple[Key, ...] = ("pick", "limits", "box_low_mm")
             raise document.error(keys, f"expected {axis} below box_high_mm's {high:g}, found {low:g}")
     if not 0 < guard.max_speed_pct <= 100:
-        raise document.error(("guard", "max_speed_pct"), f"expected above 0 to 100, found {guard.max_speed_pct:g}")
+        raise document.error(
+            ("pick", "limits", "max_speed_pct"), f"expected above 0 to 100, found {guard.max_speed_pct:g}"
+        )
     for name in ("max_step_mm", "max_turn_deg", "max_look_age_s", "clearance_mm"):
         if getattr(guard, name) <= 0:
-            raise document.error(("guard", name), f"expected above 0, found {getattr(guard, name):g}")
+            raise document.error(("pick", "limits", name), f"expected above 0, found {getattr(guard, name):g}")
 
 
 def _check_files(document: Document, said: _File) -> None:

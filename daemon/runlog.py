@@ -48,6 +48,7 @@ KINDS: Mapping[str, str] = {
     "truth": "cycle error_mm error_deg held (simulation only)",
     "model": "action version labels file (a model taken into use: kept/)",
     "gap": "lost why (lines or pictures that a full or failing disk did not take)",
+    "clock": "jump_s (somebody set the machine's clock)",
     "run_end": "why",
 }
 URGENT = frozenset({"run_start", "fault", "hand", "cycle_start", "cycle_end", "gap", "run_end"})

@@ -49,7 +49,7 @@ class Document:
         if self.data is None:
             raise ConfigError(f"{self.path}: expected {_plain_name(kind)}, found an empty file")
         try:
-            value = msgspec.convert(self.data, kind)
+            value: T = msgspec.convert(_without_empty_sections(self.data, kind), kind)
         except msgspec.ValidationError as error:
             raise self._explain(error, kind) from None
         for keys, known in _unknown_keys(self.data, kind, ()):
@@ -85,7 +85,7 @@ class Document:
         if "Invalid enum value" in problem:
             choices = ", ".join(str(choice) for choice in typing.get_args(_kind_at(kind, keys)))
             return self.error(keys, f"expected one of {choices}, found {_short(found)}")
-        expected = re.sub(r", got .*", "", problem).replace("`", "")
+        expected = re.sub(r", got .*", "", problem).replace("`", "").replace("object", "keys and values")
         return self.error(keys, f"{expected[:1].lower()}{expected[1:]}, found {_short(found)}")
 
 
@@ -130,6 +130,16 @@ def _field_types(kind: Any) -> dict[str, Any]:
     return typing.get_type_hints(kind) if dataclasses.is_dataclass(kind) else {}
 
 
+def _without_empty_sections(data: Any, kind: Any) -> Any:
+    """A section in which every key is commented out is an empty one, and means its defaults."""
+    fields = _field_types(kind)
+    if data is None and fields:
+        return {}
+    if not isinstance(data, dict):
+        return data
+    return {key: _without_empty_sections(value, fields.get(key)) for key, value in data.items()}
+
+
 def _kind_at(kind: Any, keys: tuple[Key, ...]) -> Any:
     """The type that holds at a key path, with `| None` taken off."""
     options = [o for o in typing.get_args(kind) if o is not type(None)]
@@ -145,7 +155,8 @@ def _unknown_keys(data: Any, kind: Any, keys: tuple[Key, ...]) -> Iterator[tuple
     """Keys that no field takes (msgspec passes over them in dataclasses), each with the keys known at its place."""
     options = [o for o in typing.get_args(kind) or (kind,) if o is not type(None)]
     if isinstance(data, dict):
-        known = {name: field for option in options for name, field in _field_types(option).items()}
+        free = typing.get_origin(kind) is dict
+        known = {} if free else {name: field for option in options for name, field in _field_types(option).items()}
         for key, value in data.items():
             if not known:
                 yield from _unknown_keys(value, options[-1], (*keys, key))

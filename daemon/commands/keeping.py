@@ -1,0 +1,88 @@
+"""Commands for whoever keeps the cell running: the controller's own monitor, doctor, bundle, reload."""
+
+from __future__ import annotations
+
+import asyncio
+
+from daemon import bundle as bundles
+from daemon import doctor as doctors
+from daemon.console import NOT_DONE, NOT_UNDERSTOOD, Answer, Command, CommandError, Door, no_more, one_of
+from daemon.desk import Desk
+
+ROBOT = ("power-up", "cal", "monitor")
+ROBOT_USAGE = "robot power-up [Y N ...] | robot cal | robot monitor TEXT"
+
+
+async def robot(desk: Desk, words: list[str], _: Door) -> Answer:
+    """Speak with the controller as its own terminal would."""
+    what = one_of(words, 0, ROBOT, "word", ROBOT_USAGE)
+    arm = desk.hardware.robot
+    if what == "power-up":
+        question = arm.question
+        if question is None:
+            raise CommandError("the controller asks nothing: it is past its power-up questions")
+        said = await arm.power_up(words[1:] or ["Y", "Y"])
+        return _said([question, *said])
+    if what == "cal":
+        no_more(words, 1, "robot cal")
+        _not_while_busy(desk)
+        return _said(await arm.calibrate(desk.config.said.arm.calibrate_answer))
+    text = " ".join(words[1:])
+    if not text:
+        raise CommandError(f"TEXT is missing: {ROBOT_USAGE}", NOT_UNDERSTOOD)
+    _not_while_busy(desk)
+    if desk.cycle.status()["fault"] or not desk.cycle.status()["enabled"]:
+        moves = {"DO", "EX", "EXECUTE", "CAL", "CALIBRATE", "PROCEED", "RETRY", "NEXT", "STEP", "XSTEP"}
+        if words[1].upper() in moves:
+            raise CommandError(f"{text}: may move the arm, and the arm may not move now (`enable`, `resume`)")
+    return _said(await arm.monitor(text))
+
+
+async def doctor(desk: Desk, words: list[str], _: Door) -> Answer:
+    """Check everything an installation needs and say how to mend each."""
+    no_more(words, 0, "doctor")
+    findings = await asyncio.to_thread(doctors.examine, desk.config, True)
+    findings += doctors.from_service(desk.hardware, desk.troubles.standing)
+    return doctor_answer(findings)
+
+
+async def bundle(desk: Desk, words: list[str], _: Door) -> Answer:
+    """Pack what a maintainer would ask for into one file."""
+    no_more(words, 0, "bundle")
+    path = await asyncio.to_thread(bundles.pack, desk.config, desk.config.state / "bundles")
+    return Answer(f"{path} ({path.stat().st_size / 1e6:.1f} MB): send this file.", {"file": str(path)})
+
+
+async def reload(desk: Desk, words: list[str], _: Door) -> Answer:
+    """Read the configuration again; a bad one is refused and the old one kept."""
+    no_more(words, 0, "reload")
+    return Answer(await desk.reload())
+
+
+def doctor_answer(findings: list[doctors.Finding]) -> Answer:
+    """Findings as text and JSON; status 1 when something is wrong."""
+    bad = [finding for finding in findings if finding.level == "bad"]
+    lines = [finding.line() for finding in findings]
+    lines.append("All is well." if not bad else f"{len(bad)} to mend.")
+    data = {"findings": [{"level": f.level, "what": f.what, "found": f.found, "mend": f.mend} for f in findings]}
+    return Answer("\n".join(lines), data, NOT_DONE if bad else 0)
+
+
+def _not_while_busy(desk: Desk) -> None:
+    doing = desk.cycle.status()["doing"]
+    if doing:
+        raise CommandError(f"busy: {doing}")
+
+
+def _said(lines: list[str]) -> Answer:
+    return Answer("\n".join(lines) or "(no words)", {"lines": lines})
+
+
+COMMANDS = (
+    Command("robot", ROBOT_USAGE, "speak with the arm's controller as its own terminal would", robot, "move",
+            "  power-up answers what the controller asks after it was switched on (Y Y unless you say otherwise);\n"
+            "  cal lets the arm find its zero; monitor types TEXT and shows the answer.", choices=lambda _: ROBOT),
+    Command("doctor", "doctor", "check everything the cell needs; says how to mend it", doctor),
+    Command("bundle", "bundle", "pack logs and settings into one file for a maintainer", bundle),
+    Command("reload", "reload", "read the configuration again", reload, "change"),
+)  # fmt: skip

@@ -1,0 +1,238 @@
+"""Commands that teach: show a part, keep its view, train a candidate, take it into use, go back."""
+
+from __future__ import annotations
+
+import asyncio
+import difflib
+import hashlib
+import re
+from typing import Any
+
+from daemon.commands import standing_in
+from daemon.commands.looking import describe_facet, describe_scene, one_part
+from daemon.commands.words import is_yes, plural
+from daemon.console import NOT_DONE, NOT_UNDERSTOOD, Answer, Command, CommandError, Door, no_more, number, one_of
+from daemon.desk import Desk
+from daemon.looking import Look
+from daemon.sufficiency import VIEWPOINTS, Sufficiency
+from daemon.teach import ViewVerdict, teaching_note
+
+LABEL = re.compile(r"[a-z][a-z0-9_]{0,39}")
+
+
+async def teach(desk: Desk, words: list[str], door: Door) -> Answer:
+    """Look, show what was seen, ask whether it is right, keep the view, say what is still missing."""
+    label = await _label(desk, words, door)
+    hand = desk.hardware.hand
+    if hand is None:
+        return await _teach_what_is_shown(desk, label, door)
+    await door.say(standing_in.show(desk, label))
+    try:
+        return await _teach_what_is_shown(desk, label, door)
+    finally:
+        hand.put_back()
+
+
+async def _teach_what_is_shown(desk: Desk, label: str, door: Door) -> Answer:
+    seen = await desk.cycle.look(f"teach {label}")
+    left, right = seen.pictures.left.pixels, seen.pictures.right.pixels
+    table = desk.table_in(seen)
+    group = await asyncio.to_thread(desk.school.only_group, left, right, table)
+    await door.say(describe_scene(seen.scene))
+    named = _named_otherwise(seen, label)
+    if named:
+        await door.say(f"The model in use takes this for {named}.")
+    shown = ", ".join(describe_facet(facet) for facet in one_part(seen).facets)
+    if door.asks and not is_yes(await door.ask(f"Is this the {label}, alone and whole: {shown}? [y/n]")):
+        return Answer("Not kept. Turn it or light it better, and say `teach` again.", {"kept": False}, NOT_DONE)
+    note = teaching_note(door.who, _digest(desk), table, seen.scene)
+    view = await asyncio.to_thread(desk.school.store, label, left, right, note)
+    verdict, data = await _sufficiency(desk, label)
+    text = f"Kept as view {view.name} ({plural(len(group.facets), 'facet')}).\n{verdict}"
+    return Answer(
+        text, {"kept": True, "view": view.name, "facets": [facet.type for facet in one_part(seen).facets], **data}
+    )
+
+
+async def untaught(desk: Desk, words: list[str], _: Door) -> Answer:
+    """What is named but not taught, and views no model was trained on yet."""
+    no_more(words, 0, "untaught")
+    missing, waiting = desk.school.untaught(), desk.school.waiting()
+    lines = [f"Not taught: {', '.join(missing)}." if missing else "Every part of parts.yaml is taught."]
+    if waiting:
+        lines.append(f"Taught but not yet trained and accepted: {', '.join(view.name for view in waiting)}.")
+    return Answer("\n".join(lines), {"untaught": missing, "waiting": [view.name for view in waiting]})
+
+
+async def views(desk: Desk, words: list[str], _: Door) -> Answer:
+    """The stored views of one part, or of all."""
+    no_more(words, 1, "views [LABEL]")
+    label = one_of(words, 0, desk.school.shelf.labels(), "label with views", "views LABEL") if words else None
+    found = desk.school.shelf.views(label)
+    rows = [
+        f"{view.name:<24} {view.note.get('taught', '?'):<26} {_facets_of(view.note)}, by {view.note.get('who', '?')}"
+        for view in found
+    ]
+    data = [{"view": view.name, **view.note} for view in found]
+    return Answer("\n".join(rows) or "No view is stored: `teach LABEL`.", {"views": data})
+
+
+async def forget(desk: Desk, words: list[str], door: Door) -> Answer:
+    """Remove stored views; the model in use stays until a new one is trained and accepted."""
+    usage = "forget LABEL [NUMBER]"
+    label = one_of(words, 0, desk.school.shelf.labels(), "label with views", usage)
+    no_more(words, 2, usage)
+    which = number(words[1], "NUMBER", 1, 9999) if len(words) > 1 else None
+    what = f"view {label}/{which}" if which else f"all views of {label}"
+    if door.asks and not is_yes(await door.ask(f"Remove {what} for good? [y/n]")):
+        return Answer("Nothing is removed.", {"removed": 0}, NOT_DONE)
+    removed = desk.school.shelf.drop_views(label, which)
+    if not removed:
+        raise CommandError(f"there is no {what}")
+    text = f"{plural(removed, 'view')} removed. The model in use stays as it is; `train` makes one without."
+    return Answer(text, {"removed": removed})
+
+
+async def train(desk: Desk, words: list[str], door: Door) -> Answer:
+    """Make a candidate of all stored views and try it on them; the model in use goes on working meanwhile."""
+    no_more(words, 0, "train")
+    trained = await asyncio.to_thread(desk.school.train)
+    wrong = [v for v in trained.verdicts if not v.right]
+    right = len(trained.verdicts) - len(wrong)
+    text = f"Candidate {trained.version}: names {right} of {plural(len(trained.verdicts), 'taught view')} rightly"
+    lines = [f"{text} ({trained.seconds:.1f} s)."]
+    lines += [f"  {_describe_verdict(v)}" for v in wrong]
+    lines += [f"  left out: {line}" for line in trained.left_out]
+    candidate = desk.school.candidate()
+    data: dict[str, Any] = {"version": trained.version, "right": right, "views": len(trained.verdicts)}
+    if candidate is not None:
+        judged = [await asyncio.to_thread(desk.school.judge, candidate.model, label) for label in candidate.labels]
+        lines += [_describe_sufficiency(judgement) for judgement in judged]
+        data["parts"] = {judgement.label: _sufficiency_json(judgement) for judgement in judged}
+    lines.append("`try` looks with it; `accept` puts it into use.")
+    first = desk.school.shelf.current is None and not desk.school.model.labels
+    if first and not wrong:
+        version = desk.school.accept()
+        desk.use_model("first", version)
+        lines[-1] = f"There was no model yet: version {version} is in use from now on."
+        data["accepted"] = True
+    return Answer("\n".join(lines), data, NOT_DONE if wrong else 0)
+
+
+async def accept(desk: Desk, words: list[str], _: Door) -> Answer:
+    """Put the candidate into use."""
+    no_more(words, 0, "accept")
+    version = await asyncio.to_thread(desk.school.accept)
+    desk.use_model("accept", version)
+    return Answer(f"Version {version} is in use; `rollback` goes back.", {"version": version})
+
+
+async def rollback(desk: Desk, words: list[str], _: Door) -> Answer:
+    """Back to the model used before."""
+    no_more(words, 0, "rollback")
+    version = await asyncio.to_thread(desk.school.rollback)
+    desk.use_model("rollback", version)
+    return Answer(f"Version {version} is in use again; the other one is the candidate.", {"version": version})
+
+
+async def _label(desk: Desk, words: list[str], door: Door) -> str:
+    """The label to teach; one that is new is asked about. Raises CommandError."""
+    no_more(words, 1, "teach LABEL")
+    if not words:
+        known = ", ".join(desk.parts) or "none yet"
+        raise CommandError(f"which part? teach LABEL; known labels: {known}", NOT_UNDERSTOOD)
+    label = words[0]
+    if label in desk.parts:
+        return label
+    if not LABEL.fullmatch(label) or label in ("unknown", "nothing"):
+        raise CommandError(f"{label}: a label is small letters, digits and _, as in hex_bolt", NOT_UNDERSTOOD)
+    close = difflib.get_close_matches(label, desk.parts, 1)
+    hint = f"; did you mean {close[0]}?" if close else f" (known: {', '.join(desk.parts)})"
+    if desk.hardware.hand is not None or not door.asks:
+        raise CommandError(f"{label}: no such part{hint} Add a new one to parts.yaml.", NOT_UNDERSTOOD)
+    if not is_yes(await door.ask(f"{label} is not in parts.yaml{hint} Teach it as a new part? [y/n]")):
+        raise CommandError("not taught")
+    return label
+
+
+async def _sufficiency(desk: Desk, label: str) -> tuple[str, dict[str, Any]]:
+    """What the views kept so far leave open about a part: in words and as JSON."""
+    model, _ = await asyncio.to_thread(desk.school.learnt)
+    if label not in model.metric:
+        return "", {}
+    judged = await asyncio.to_thread(desk.school.judge, model, label)
+    return _describe_sufficiency(judged), {"sufficiency": _sufficiency_json(judged)}
+
+
+def _describe_sufficiency(judged: Sufficiency) -> str:
+    """In at most a few lines: what is known, what was never seen, what it could be taken for, what to show next."""
+    known = f"{judged.label}: {plural(len(judged.facets), 'side')} known"
+    if judged.unseen:
+        known += f"; from {100 * judged.unseen:.0f} % of all directions it shows sides never seen"
+    else:
+        known += ", from every direction enough of it is known"
+    lines = [known + "."]
+    if judged.turn_away is not None:
+        lines.append(
+            f"  To show next: turn it so that side {judged.turn_away[0] + 1} ({judged.turn_away[1]}) points away."
+        )
+    for mistake in judged.mistakes[:3]:
+        others = [name for name in mistake.taken_for if name not in (judged.label, "unknown")]
+        what = f"could be {' or '.join(others)}" if others else "is not named"
+        seen = " and ".join(f"one {kind}" for kind in mistake.facets) if len(mistake.facets) < 3 else "this view"
+        lines.append(
+            f"  Seen as {seen}, it {what}: {plural(mistake.viewpoints, 'direction')} of 60; a second look settles it."
+        )
+    return "\n".join(lines)
+
+
+def _sufficiency_json(judged: Sufficiency) -> dict[str, Any]:
+    return {
+        "sides": list(judged.facets),
+        "open_edges": judged.open_edges,
+        "unseen": round(judged.unseen, 3),
+        "named": round(judged.named, 3),
+        "mistakes": [
+            {"taken_for": list(m.taken_for), "facets": list(m.facets), "viewpoints": m.viewpoints}
+            for m in judged.mistakes
+        ],
+    }
+
+
+def _describe_verdict(verdict: ViewVerdict) -> str:
+    return f"{verdict.view}: taken for {verdict.named} ({verdict.reason})"
+
+
+def _named_otherwise(seen: Look, label: str) -> str | None:
+    """Another label the model in use gives to the part in view."""
+    names = [part.recognition.label for part in seen.scene.parts]
+    others = [name for name in names if name not in (label, "unknown")]
+    return others[0] if others and label not in names else None
+
+
+def _facets_of(note: dict[str, Any]) -> str:
+    groups: list[list[str]] = note.get("facets") or [[]]
+    return ", ".join(sorted(groups, key=len)[-1]) or "?"
+
+
+def _digest(desk: Desk) -> str:
+    return hashlib.sha256(desk.config.calibration.read_bytes()).hexdigest()
+
+
+def _with_views(desk: Desk) -> list[str]:
+    return desk.school.shelf.labels()
+
+
+COMMANDS = (
+    Command("teach", "teach LABEL", "look at a part and keep the view as that part", teach, "change",
+            "  Show the part alone. What is seen is drawn and you are asked whether it is right.\n"
+            "  Then you are told which sides are still unseen and what it could be taken for.",
+            choices=lambda desk: desk.parts),
+    Command("untaught", "untaught", "parts not taught yet, views not trained yet", untaught),
+    Command("views", "views [LABEL]", "the views that were taught", views, choices=_with_views),
+    Command("forget", "forget LABEL [NUMBER]", "remove taught views", forget, "change", choices=_with_views),
+    Command("train", "train", "make a candidate model of all views", train, "change",
+            "  The model in use is not touched, unless there was none."),
+    Command("accept", "accept", "put the candidate model into use", accept, "change"),
+    Command("rollback", "rollback", "go back to the model used before", rollback, "change"),
+)  # fmt: skip

@@ -1,0 +1,187 @@
+"""Commands that only look: status, look, try, where, parts. Nothing moves, no model changes."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from typing import Any
+
+import numpy as np
+
+from daemon.commands.words import duration, millimetres, plural
+from daemon.console import Answer, Command, CommandError, Door, no_more
+from daemon.desk import Desk
+from daemon.looking import Look
+from daemon.sketch import sketch
+from daemon.vision.data import Facet, Part, Scene
+from daemon.vision.report import scene_json
+
+MARKS = "abcdefghijklmnopqrstuvwxyz"
+
+
+async def status(desk: Desk, words: list[str], _: Door) -> Answer:
+    """How things stand, in at most ten lines."""
+    no_more(words, 0, "status")
+    state = desk.cycle.status()
+    model = desk.school.model
+    shelf = desk.school.shelf
+    version = "none accepted yet" if shelf.current is None else f"version {shelf.current}"
+    lines = [
+        f"cell      {desk.hardware.kind}; {_standing(state)}",
+        f"doing     {_doing(state)}",
+        f"model     {version}; knows {', '.join(model.labels) or 'nothing: teach, train, accept'}",
+        f"so far    {state['picked']} picked, {state['failed']} failed; up {duration(time.monotonic() - desk.started_s)}",
+        f"run       {desk.run_log.folder}",
+    ]
+    if shelf.candidate is not None:
+        lines.insert(3, f"candidate version {shelf.candidate}, not in use: `try` it, then `accept`")
+    lines += [f"TROUBLE   {text}" for text in desk.troubles.standing.values()]
+    data: dict[str, Any] = {
+        **state,
+        "cell": desk.hardware.kind,
+        "seed": desk.hardware.seed,
+        "model": {"version": shelf.current, "labels": list(model.labels), "candidate": shelf.candidate},
+        "troubles": dict(desk.troubles.standing),
+        "run": str(desk.run_log.folder),
+        "up_s": round(time.monotonic() - desk.started_s, 1),
+    }
+    return Answer("\n".join(lines), data)
+
+
+def _standing(state: dict[str, Any]) -> str:
+    if state["fault"]:
+        return f"FAULT: {state['fault']} (nothing moves until `resume`)"
+    words = ["enabled" if state["enabled"] else "the arm is not enabled"]
+    words += [word for word in ("paused", "dry", "step") if state.get(word)]
+    return ", ".join(words)
+
+
+def _doing(state: dict[str, Any]) -> str:
+    text = f"{state['doing'] or 'nothing'} ({state['state']})"
+    if state["target"]:
+        text += f", {state['target']}, look {state['stop']}"
+    if state["pending"]:
+        text += f"; waits for `confirm` or `refuse`: {state['pending']}"
+    if not state["doing"] and state["last"]:
+        text += f"; last: {state['last']}"
+    return text
+
+
+async def look(desk: Desk, words: list[str], _: Door) -> Answer:
+    """One look from where the arm stands."""
+    no_more(words, 0, "look")
+    seen = await desk.cycle.look("look")
+    return Answer(describe_scene(seen.scene) + f"\n{_timing(seen)}", look_json(seen))
+
+
+async def try_now(desk: Desk, words: list[str], _: Door) -> Answer:
+    """Recognise now, with the candidate where there is one, and say why."""
+    no_more(words, 0, "try")
+    candidate = desk.school.candidate()
+    sight = candidate or desk.school.in_use
+    seen = await desk.cycle.look("try")
+    pictures = seen.pictures
+    scene = await asyncio.to_thread(sight.see, pictures.left.pixels, pictures.right.pixels, desk.table_in(seen))
+    which = f"candidate {desk.school.shelf.candidate}" if candidate else "the model in use"
+    lines = [f"With {which}:"]
+    for mark, part in zip(MARKS, scene.parts, strict=False):
+        said = part.recognition
+        lines.append(f"{mark} {describe_part(part)}")
+        lines.append(f"    because: {said.reason}")
+        lines.append(f"    runner-up {said.runner_up or 'none'}, activation {said.activation:.3f}")
+    if not scene.parts:
+        lines.append("no part is seen" + "".join(f"; {note}" for note in scene.notes))
+    return Answer("\n".join(lines), {"with": which, **scene_json(scene)}, 0 if scene.parts else 1)
+
+
+async def where(desk: Desk, words: list[str], _: Door) -> Answer:
+    """Ask the controller."""
+    no_more(words, 0, "where")
+    reading = await desk.cycle.where()
+    x, y, z = reading.world_from_tool[:3, 3]
+    a = reading.world_from_tool[:3, 2]
+    joints = np.degrees(reading.joints_rad)
+    tilt = np.degrees(np.arccos(np.clip(-a[2], -1.0, 1.0)))
+    lines = [
+        f"tool  x {x:.2f}  y {y:.2f}  z {z:.2f} mm; the hand leans {tilt:.1f} degrees from straight down",
+        "joints " + "  ".join(f"{angle:.2f}" for angle in joints) + " degrees",
+    ]
+    return Answer(
+        "\n".join(lines), {"world_from_tool": reading.world_from_tool.tolist(), "joints_deg": joints.tolist()}
+    )
+
+
+async def parts(desk: Desk, words: list[str], _: Door) -> Answer:
+    """Every part that means something here, and how well it is known."""
+    no_more(words, 0, "parts")
+    views = desk.school.shelf.views()
+    rows, data = [], {}
+    for label in desk.parts:
+        stored = sum(view.label == label for view in views)
+        metric = desk.school.model.metric.get(label)
+        known = (
+            f"{plural(len(metric.solid.facets), 'facet')}, {metric.size_mm:.0f} mm across" if metric else "not taught"
+        )
+        rows.append(f"{label:<20} {plural(stored, 'view'):<9} {known}")
+        data[label] = {"views": stored, "taught": metric is not None}
+    return Answer("\n".join(rows) or "no part is named in parts.yaml and none was taught", {"parts": data})
+
+
+def describe_scene(scene: Scene) -> str:
+    """What a look saw, for a terminal: a sketch of the left image and a line or two a part."""
+    outlines = [(facet.left_px, mark) for mark, part in zip(MARKS, scene.parts, strict=False) for facet in part.facets]
+    lines = [sketch(outlines)] if outlines else ["No part is seen."]
+    lines += [f"{mark} {describe_part(part)}" for mark, part in zip(MARKS, scene.parts, strict=False)]
+    said = {part.recognition.reason for part in scene.parts}
+    lines += [f"  note: {note}" for note in scene.notes if not any(reason in note for reason in said)]
+    return "\n".join(lines)
+
+
+def describe_part(part: Part) -> str:
+    """One part in words: name, sureness, where, its facets."""
+    said = part.recognition
+    x, y, z = part.cyclopean_from_part[:3, 3]
+    beside, above = "right" if x > 0 else "left", "below" if y > 0 else "above"
+    at = f"at {z:.0f} mm, {abs(x):.0f} mm {beside}, {abs(y):.0f} mm {above}"
+    name = f"{said.label} ({100 * said.confidence:.1f} %)"
+    if said.label == "unknown":
+        name = "unknown" + (f", perhaps {' or '.join(said.candidates)}" if said.candidates else "")
+    return f"{name} {at}: {', '.join(describe_facet(facet) for facet in part.facets)}"
+
+
+def describe_facet(facet: Facet) -> str:
+    """square 50 50 50 50 mm."""
+    sides = np.linalg.norm(facet.corners_mm - np.roll(facet.corners_mm, -1, axis=0), axis=1)
+    return f"{facet.type} {millimetres(sides)}"
+
+
+def look_json(seen: Look) -> dict[str, Any]:
+    """A look as JSON values."""
+    return {
+        **scene_json(seen.scene),
+        "world_from_cyclopean": seen.world_from_cyclopean.tolist(),
+        "seconds": round(seen.seconds, 4),
+        "settled_s": round(seen.settled_s, 4),
+        "epipolar_px": None if np.isnan(seen.epipolar_px) else round(seen.epipolar_px, 4),
+    }
+
+
+def one_part(seen: Look) -> Part:
+    """The one part of a look with the most facets. Raises CommandError where there is none."""
+    if not seen.scene.parts:
+        raise CommandError("no part is seen; put it where both cameras see it (`look` shows what they see)")
+    return max(seen.scene.parts, key=lambda part: len(part.facets))
+
+
+def _timing(seen: Look) -> str:
+    stages = "  ".join(f"{name} {1000 * s:.0f} ms" for name, s in seen.scene.seconds.items())
+    return f"settled {1000 * seen.settled_s:.0f} ms, in all {1000 * seen.seconds:.0f} ms ({stages})"
+
+
+COMMANDS = (
+    Command("status", "status", "how things stand, what is being done, what is wrong", status),
+    Command("look", "look", "one look from where the arm stands; nothing moves", look),
+    Command("try", "try", "recognise now, with the candidate model if there is one, with reasons", try_now),
+    Command("where", "where", "ask the controller where the arm is", where),
+    Command("parts", "parts", "the parts that have a name here, and how well each is known", parts),
+)

@@ -1,0 +1,226 @@
+"""Commands that let the arm move, hold it, or stop it. Every motion itself is the cycle's, and guarded there."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable
+from typing import Any, TypeVar
+
+from daemon.commands.words import is_yes, plural
+from daemon.console import DONE, NOT_DONE, NOT_UNDERSTOOD, Answer, Command, CommandError, Door, no_more, number, one_of
+from daemon.cycle import CycleEnd
+from daemon.desk import Desk
+
+T = TypeVar("T")
+POLL_S = 0.05
+MOST_PICKS = 1_000_000
+
+
+async def enable(desk: Desk, words: list[str], _: Door) -> Answer:
+    """Let the arm move from now on."""
+    no_more(words, 0, "enable")
+    if desk.calibration.tool_from_cyclopean is None and desk.hardware.kind != "recorded":
+        raise CommandError(f"{desk.config.calibration} has no hand_eye yet: `facetctl calibrate hand-eye` first")
+    fault = desk.cycle.status()["fault"]
+    desk.cycle.enable()
+    return Answer("The arm may move." + (f" First the fault must go: {fault}; say `resume`." if fault else ""))
+
+
+async def disable(desk: Desk, words: list[str], _: Door) -> Answer:
+    """Do not let the arm move; stop it where it does."""
+    no_more(words, 0, "disable")
+    await desk.cycle.disable()
+    return Answer("The arm does not move until `enable`.")
+
+
+async def stop(desk: Desk, _: list[str], door: Door) -> Answer:
+    """Stop the arm. Whatever else is on the line does not matter."""
+    await desk.cycle.stop(f"by {door.who}")
+    return Answer("Stopped. Nothing moves until `resume`.")
+
+
+async def resume(desk: Desk, words: list[str], _: Door) -> Answer:
+    """Go on after a pause; clear a fault."""
+    no_more(words, 0, "resume")
+    before = desk.cycle.status()
+    desk.cycle.resume()
+    if before["fault"] is None:
+        return Answer("Going on." if before["paused"] else "Nothing was held.")
+    text = f"The fault is cleared: {before['fault']}."
+    if before["holding"] is None:
+        text += " Is a part in the gripper? Say `holding yes` or `holding no` before the next pick."
+    return Answer(text)
+
+
+async def pause(desk: Desk, words: list[str], _: Door) -> Answer:
+    """Hold before the next move."""
+    no_more(words, 0, "pause")
+    desk.cycle.pause()
+    return Answer("Holding before the next move; `resume` goes on.")
+
+
+async def abort(desk: Desk, words: list[str], _: Door) -> Answer:
+    """Stop the arm and give up the part; no fault is left."""
+    no_more(words, 0, "abort")
+    await desk.cycle.abort()
+    return Answer("Stopped; the part is given up.")
+
+
+async def pick(desk: Desk, words: list[str], door: Door) -> Answer:
+    """Pick one part, the named one or the one that is surest."""
+    no_more(words, 1, "pick [LABEL]")
+    label = one_of(words, 0, desk.school.model.labels, "taught part", "pick LABEL") if words else None
+    end = await with_questions(desk, desk.cycle.pick(label), door)
+    return Answer(describe_end(end), end_json(end), DONE if end.outcome in ("picked", "dry", "placed") else NOT_DONE)
+
+
+async def auto(desk: Desk, words: list[str], door: Door) -> Answer:
+    """Pick one after the other, or stop doing so."""
+    usage = "auto on [N], auto off"
+    word = one_of(words, 0, ("on", "off"), "word", usage)
+    no_more(words, 2 if word == "on" else 1, usage)
+    if word == "off":
+        desk.cycle.auto_off()
+        return Answer("No further part is picked after this one.")
+    count = number(words[1], "N", 1, MOST_PICKS) if len(words) > 1 else None
+    ends = await with_questions(desk, desk.cycle.auto(count), door)
+    picked = sum(end.outcome == "picked" for end in ends)
+    lines = [describe_end(end) for end in ends] + [f"{plural(picked, 'part')} picked."]
+    done = ends and ends[-1].outcome in ("picked", "empty", "dry")
+    return Answer("\n".join(lines), {"picked": picked, "ends": [end_json(e) for e in ends]}, DONE if done else NOT_DONE)
+
+
+async def go(desk: Desk, words: list[str], door: Door) -> Answer:
+    """To a named place."""
+    place = one_of(words, 0, desk.cycle.places(), "place", "go PLACE")
+    no_more(words, 1, "go PLACE")
+    await with_questions(desk, desk.cycle.go(place), door)
+    return Answer(f"At {place}.")
+
+
+async def hand(desk: Desk, words: list[str], _: Door) -> Answer:
+    """Open or close the gripper."""
+    word = one_of(words, 0, ("open", "close"), "word", "hand open|close")
+    no_more(words, 1, "hand open|close")
+    await desk.cycle.hand(word == "close")
+    return Answer("The gripper is open." if word == "open" else "The gripper is closed.")
+
+
+async def holding(desk: Desk, words: list[str], _: Door) -> Answer:
+    """The operator's word for what is in the gripper."""
+    word = one_of(words, 0, ("yes", "no"), "word", "holding yes|no")
+    no_more(words, 1, "holding yes|no")
+    desk.cycle.holding(word == "yes")
+    text = "The next pick first puts it into the bin." if word == "yes" else "The gripper is taken as empty."
+    return Answer(text)
+
+
+async def step(desk: Desk, words: list[str], _: Door) -> Answer:
+    """One confirmed move at a time, or not."""
+    on = _on_or_off(words, "step on|off")
+    desk.cycle.step(on)
+    return Answer("Every move is shown and waits for `confirm` or `refuse`." if on else "Moves no longer wait.")
+
+
+async def confirm(desk: Desk, words: list[str], _: Door) -> Answer:
+    """Yes to the move that waits."""
+    no_more(words, 0, "confirm")
+    return _decide(desk, True)
+
+
+async def refuse(desk: Desk, words: list[str], _: Door) -> Answer:
+    """No to the move that waits."""
+    no_more(words, 0, "refuse")
+    return _decide(desk, False)
+
+
+async def dry(desk: Desk, words: list[str], _: Door) -> Answer:
+    """Everything but the bytes, or not."""
+    on = _on_or_off(words, "dry on|off")
+    desk.cycle.dry(on)
+    return Answer("Moves are planned, guarded and logged, but not sent." if on else "Moves are sent again.")
+
+
+async def with_questions(desk: Desk, work: Awaitable[T], door: Door) -> T:
+    """Wait for a motion's end; in step mode show each move at this door and ask."""
+    task = asyncio.ensure_future(work)
+    shown: Any = None
+    while not task.done():
+        await asyncio.wait([task], timeout=POLL_S)
+        pending = desk.cycle.status()["pending"]
+        if pending is not None and pending != shown and door.asks:
+            answer = await door.ask(f"{pending}. Send it? [y/n]")
+            if desk.cycle.status()["pending"] == pending:
+                _decide(desk, is_yes(answer))
+            pending = None
+        shown = pending
+    return await task
+
+
+def describe_end(end: CycleEnd) -> str:
+    """One pick in a line."""
+    name = end.label or "no part"
+    text = f"{end.outcome}: {name}, {plural(end.stops, 'look')}, {end.seconds:.1f} s"
+    if end.predicted_mm is not None and end.predicted_deg is not None:
+        text += f", predicted error {end.predicted_mm:.2f} mm {end.predicted_deg:.2f} degrees"
+    return text + (f" ({end.why})" if end.outcome != "picked" and end.why else "")
+
+
+def end_json(end: CycleEnd) -> dict[str, Any]:
+    """One pick as JSON values."""
+    return {
+        "cycle": end.cycle,
+        "outcome": end.outcome,
+        "label": end.label,
+        "why": end.why,
+        "stops": end.stops,
+        "seconds": round(end.seconds, 2),
+        "predicted_mm": end.predicted_mm,
+        "predicted_deg": end.predicted_deg,
+        "skipped": [{"label": s.label, "at": s.centre.tolist(), "why": s.why} for s in end.skipped],
+    }
+
+
+def _decide(desk: Desk, yes: bool) -> Answer:
+    if desk.cycle.status()["pending"] is None:
+        raise CommandError("no move waits for an answer")
+    if yes:
+        desk.cycle.confirm()
+    else:
+        desk.cycle.refuse()
+    return Answer("Sent." if yes else "Not sent; the job is given up.")
+
+
+def _on_or_off(words: list[str], usage: str) -> bool:
+    no_more(words, 1, usage)
+    if words and words[0] not in ("on", "off"):
+        raise CommandError(f"{words[0]}: expected on or off; usage: {usage}", NOT_UNDERSTOOD)
+    return not words or words[0] == "on"
+
+
+def _labels(desk: Desk) -> tuple[str, ...]:
+    return desk.school.model.labels
+
+
+COMMANDS = (
+    Command("enable", "enable", "let the arm move", enable, "move"),
+    Command("disable", "disable", "do not let it; stops it where it moves", disable, "move"),
+    Command("pick", "pick [LABEL]", "take one part and put it into the bin", pick, "move", choices=_labels),
+    Command("auto", "auto on [N] | auto off", "pick until the table is empty, or N parts", auto, "move",
+            choices=lambda _: ("on", "off")),
+    Command("stop", "stop", "stop the arm now; nothing moves until `resume`", stop, "move"),
+    Command("pause", "pause", "hold before the next move", pause, "move"),
+    Command("resume", "resume", "go on after `pause`; clear a fault", resume, "move",
+            "  After a fault nothing goes on by itself: say `pick` or `auto on` again."),
+    Command("abort", "abort", "stop the arm, give the part up; leaves no fault", abort, "move"),
+    Command("step", "step on|off", "show each move and wait for a yes before it is sent", step, "move",
+            choices=lambda _: ("on", "off")),
+    Command("confirm", "confirm", "yes to the move that waits", confirm, "move"),
+    Command("refuse", "refuse", "no to the move that waits", refuse, "move"),
+    Command("dry", "dry on|off", "plan, guard and log moves, but do not send them", dry, "move",
+            choices=lambda _: ("on", "off")),
+    Command("go", "go PLACE", "move to home, bin or a survey place", go, "move", choices=lambda d: d.cycle.places()),
+    Command("hand", "hand open|close", "open or close the gripper", hand, "move", choices=lambda _: ("open", "close")),
+    Command("holding", "holding yes|no", "say whether a part is in the gripper", holding, "move",
+            choices=lambda _: ("yes", "no")),
+)  # fmt: skip

@@ -1,0 +1,28 @@
+"""Small phrases that several commands say the same way."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+
+def plural(count: int, noun: str) -> str:
+    """1 view, 2 views."""
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
+
+
+def duration(seconds: float) -> str:
+    """5 s, 3 min, 2 h, 4 days."""
+    for unit, length in (("days", 86400.0), ("h", 3600.0), ("min", 60.0)):
+        if seconds >= 2 * length:
+            return f"{seconds / length:.0f} {unit}"
+    return f"{seconds:.0f} s"
+
+
+def millimetres(lengths: Iterable[float]) -> str:
+    """50 50 49.6 mm -> `50 50 50 mm`."""
+    return " ".join(f"{length:.0f}" for length in lengths) + " mm"
+
+
+def is_yes(answer: str) -> bool:
+    """Whether an operator said yes."""
+    return answer.strip().lower() in ("y", "yes", "ja", "j")

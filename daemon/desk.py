@@ -1,0 +1,125 @@
+"""What operators' commands work with: the one cycle, the school, the hardware, the log, and what troubles there are.
+
+Values and small questions about them; what commands do is in daemon/commands/, when things start and end in service.py.
+"""
+
+from __future__ import annotations
+
+import importlib.metadata
+import time
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Protocol
+
+from daemon.calibration.file import Calibration
+from daemon.cell import EXPECTED_ERRORS, Hardware
+from daemon.config import Config, ConfigError
+from daemon.cycle import Cycle, RefusedError
+from daemon.looking import Look, NotSettledError
+from daemon.model import ModelError
+from daemon.motion import MoveRefusedError, NotThereError
+from daemon.runlog import RunLog
+from daemon.runs import RunError
+from daemon.shelf import ShelfError
+from daemon.teach import School
+from daemon.vision.image import VisionError
+from daemon.vision.model import TeachError
+from daemon.vision.table import Table
+
+ANSWERABLE: tuple[type[Exception], ...] = (
+    *EXPECTED_ERRORS,
+    ConfigError,
+    ModelError,
+    MoveRefusedError,
+    NotSettledError,
+    NotThereError,
+    RefusedError,
+    RunError,
+    ShelfError,
+    TeachError,
+    VisionError,
+)
+"""What the world can do to a command: an answer, not a crash."""
+
+
+class LogSink(Protocol):
+    """Where records go: the run log, and the journal for what matters to whoever watches the machine."""
+
+    def record(self, kind: str, /, **fields: object) -> None:
+        """Write one record."""
+
+
+@dataclass
+class Troubles:
+    """What is wrong now, by source, in one line each; on_change(source, text or None) is told of every change."""
+
+    on_change: Callable[[str, str | None], None] = lambda _, __: None
+    standing: dict[str, str] = field(default_factory=dict)
+
+    def tell(self, source: str, text: str | None) -> None:
+        """Say that something is wrong, or (None) that it no longer is."""
+        if self.standing.get(source) == text:
+            return
+        if text is None:
+            self.standing.pop(source, None)
+        else:
+            self.standing[source] = text
+        self.on_change(source, text)
+
+
+@dataclass
+class Desk:
+    """See the module. Built by the service; a reload replaces config and calibration."""
+
+    config: Config
+    calibration: Calibration
+    hardware: Hardware
+    cycle: Cycle
+    school: School
+    run_log: RunLog
+    log: LogSink
+    troubles: Troubles
+    reload: Callable[[], Awaitable[str]]
+    started_s: float = field(default_factory=time.monotonic)
+    expected_errors: tuple[type[Exception], ...] = ANSWERABLE
+
+    @property
+    def parts(self) -> list[str]:
+        """Every label that means something here: in parts.yaml, taught, or with stored views."""
+        known = [*self.school.parts, *self.school.model.labels, *self.school.shelf.labels()]
+        return list(dict.fromkeys(known))
+
+    def table_in(self, seen: Look) -> Table:
+        """The table in the cyclopean frame of a look."""
+        world_from_cyclopean = seen.world_from_cyclopean
+        height_mm = self.config.said.pick.limits.table_z_mm
+        return Table(world_from_cyclopean[2, :3], height_mm - float(world_from_cyclopean[2, 3]))
+
+    def new_run(self, folder: Path) -> None:
+        """Go on in a new run folder, which says again what it was made with."""
+        before = self.run_log.folder
+        self.run_log.roll(folder)
+        self.record_start(continues=before.name)
+
+    def record_start(self, **more: object) -> None:
+        """What this run is made with, each file kept by its content."""
+        shelf, log, config = self.school.shelf, self.run_log, self.config
+        model = None if shelf.current is None else log.keep(shelf.path(shelf.current))
+        log.record(
+            "run_start",
+            version=importlib.metadata.version("facetd"),
+            cell=self.hardware.kind,
+            config=log.keep(config.path),
+            calibration=log.keep(config.calibration),
+            model=model,
+            seed=self.hardware.seed,
+            **more,
+        )
+
+    def use_model(self, action: str, version: int | None) -> None:
+        """Put the school's model in front of the cycle from the next pick on, and into the log."""
+        sight = self.school.in_use
+        self.cycle.use(sight)
+        kept = None if version is None else self.run_log.keep(self.school.shelf.path(version))
+        self.log.record("model", action=action, version=version, labels=list(sight.labels), file=kept)

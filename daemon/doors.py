@@ -1,0 +1,195 @@
+"""The operators' socket: JSON objects, one a line, both ways. What the words mean is the console's business.
+
+Operator to daemon: {"do": TEXT, "door": NAME, "asks": BOOL} {"answer": TEXT} {"interrupt": true} {"complete": TEXT}.
+Daemon to operator: {"say": TEXT} {"ask": QUESTION} {"done": {text, data, status}} {"options": [LINE, ...]}.
+Who is speaking is what the kernel says of the other end, not what it says of itself.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import grp
+import json
+import os
+import pwd
+import socket
+import struct
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import Any, Literal
+
+from daemon.console import Answer, Console
+
+LONGEST_MESSAGE = 64 * 1024
+Interrupt = Callable[[str], Awaitable[str]]
+"""Called when somebody presses control-C, with who it was; stops the arm and says what happened."""
+
+
+class DoorError(Exception):
+    """A door cannot be opened: which, why, what to do."""
+
+
+class SocketServer:
+    """Listens at a path; every connection is one operator."""
+
+    def __init__(self, path: Path, group: str | None, console: Console, interrupt: Interrupt) -> None:
+        self.path, self._group, self._console, self._interrupt = path, group, console, interrupt
+        self._server: asyncio.Server | None = None
+        self._operators: set[asyncio.Task[None]] = set()
+
+    async def open(self) -> None:
+        """Bind the socket, 0660 and the group's. Raises DoorError."""
+        if len(os.fsencode(self.path)) > 100:
+            raise DoorError(f"{self.path}: too long for a socket's path; set folders.runtime to a shorter one")
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            await self._take_over()
+            before = os.umask(0o117)
+            try:
+                self._server = await asyncio.start_unix_server(self._admit, self.path, limit=LONGEST_MESSAGE)
+            finally:
+                os.umask(before)
+            if self._group is not None:
+                os.chown(self.path, -1, grp.getgrnam(self._group).gr_gid)
+        except KeyError:
+            await self.close()
+            raise DoorError(f"console.group: there is no group {self._group!r} on this machine") from None
+        except OSError as error:
+            raise DoorError(f"{self.path}: cannot listen here: {error.strerror or error}") from None
+
+    async def close(self) -> None:
+        """Let go of the path and of every operator; safe to call twice."""
+        if self._server is None:
+            return
+        self._server.close()
+        self._server = None
+        self.path.unlink(missing_ok=True)
+        for task in list(self._operators):
+            task.cancel()
+        await asyncio.gather(*self._operators, return_exceptions=True)
+
+    async def _take_over(self) -> None:
+        """Remove the socket of a daemon that died. Raises DoorError where one is alive."""
+        try:
+            _, writer = await asyncio.open_unix_connection(self.path)
+        except FileNotFoundError:
+            return
+        except ConnectionRefusedError:
+            self.path.unlink()
+            return
+        writer.close()
+        raise DoorError(f"{self.path}: another facetd answers there; stop it first")
+
+    async def _admit(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        task = asyncio.current_task()
+        assert task is not None
+        self._operators.add(task)
+        operator = _Operator(reader, writer, self._console, self._interrupt)
+        try:
+            await operator.listen()
+        except (ConnectionError, asyncio.CancelledError):
+            pass
+        finally:
+            self._operators.discard(task)
+            operator.leave()
+            writer.close()
+            with contextlib.suppress(ConnectionError, asyncio.CancelledError):
+                await writer.wait_closed()
+
+
+class _Operator:
+    """One connection: the Door a command sees."""
+
+    may: Literal["look", "all"] = "all"
+
+    def __init__(
+        self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, console: Console, interrupt: Interrupt
+    ) -> None:
+        self._reader, self._writer, self._console, self._interrupt = reader, writer, console, interrupt
+        self.name, self.asks, self.who = "socket", False, _who(writer.get_extra_info("socket"))
+        self._question: asyncio.Future[str] | None = None
+        self._doing: asyncio.Task[None] | None = None
+        self._gone = False
+
+    async def listen(self) -> None:
+        """Serve the operator until they hang up."""
+        while line := await self._next_line():
+            try:
+                message = json.loads(line)
+                if not isinstance(message, dict):
+                    raise ValueError("not an object")
+                await self._hear(message)
+            except ValueError as error:
+                await self._send({"done": _plain(Answer(f"not a message: {error}", {}, 2))})
+        if self._doing is not None:
+            self.leave()
+            await asyncio.wait([self._doing])
+
+    def leave(self) -> None:
+        """The operator is gone: what they asked for goes on, questions to them are answered by nothing."""
+        self._gone = True
+        if self._question is not None and not self._question.done():
+            self._question.set_result("")
+
+    async def say(self, text: str) -> None:
+        """Show some lines now."""
+        await self._send({"say": text})
+
+    async def ask(self, question: str) -> str:
+        """Put a question and wait for the answer."""
+        if self._gone:
+            return ""
+        self._question = asyncio.get_running_loop().create_future()
+        await self._send({"ask": question})
+        return await self._question
+
+    async def _next_line(self) -> bytes:
+        try:
+            return await self._reader.readline()
+        except ValueError:
+            await self._send({"done": _plain(Answer("the message is too long", {}, 2))})
+            return b""
+
+    async def _hear(self, message: dict[str, Any]) -> None:
+        if "do" in message:
+            if self._doing is not None and not self._doing.done():
+                raise ValueError("the last command is still being done")
+            self.name = str(message.get("door", "socket"))[:20]
+            self.asks = bool(message.get("asks", False))
+            self._doing = asyncio.create_task(self._do(str(message["do"])))
+        elif "answer" in message:
+            if self._question is not None and not self._question.done():
+                self._question.set_result(str(message["answer"]))
+        elif "interrupt" in message:
+            await self._send({"say": await self._interrupt(f"{self.who}, {self.name}")})
+        elif "complete" in message:
+            await self._send({"options": self._console.complete(str(message["complete"]))})
+        else:
+            raise ValueError("it holds neither do, answer, interrupt nor complete")
+
+    async def _do(self, text: str) -> None:
+        answer = await self._console.interpret(text, self)
+        await self._send({"done": _plain(answer)})
+
+    async def _send(self, message: dict[str, Any]) -> None:
+        if self._gone:
+            return
+        with contextlib.suppress(ConnectionError):
+            self._writer.write(json.dumps(message, default=str).encode() + b"\n")
+            await self._writer.drain()
+
+
+def _plain(answer: Answer) -> dict[str, Any]:
+    return {"text": answer.text, "data": answer.data, "status": answer.status}
+
+
+def _who(connection: socket.socket) -> str:
+    """The user at the other end, by the kernel's word."""
+    packed = connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, struct.calcsize("3i"))
+    pid, uid, _ = struct.unpack("3i", packed)
+    try:
+        name = pwd.getpwuid(uid).pw_name
+    except KeyError:
+        name = f"uid {uid}"
+    return f"{name} (process {pid})"

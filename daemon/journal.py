@@ -1,0 +1,118 @@
+"""What the machine's keeper sees: sd_notify and structured journal records under systemd, else lines on stderr.
+
+The words and fields are given; nothing is decided here. Without systemd-python everything still works, as plain text.
+"""
+
+from __future__ import annotations
+
+import os
+import socket
+import sys
+from collections.abc import Callable, Mapping
+from typing import Any
+
+try:
+    from systemd import journal as systemd_journal
+except ImportError:
+    systemd_journal = None
+
+CRITICAL, ERROR, WARNING, NOTICE, INFO = 2, 3, 4, 5, 6
+
+# One id for each kind of message, so that `journalctl MESSAGE_ID=...` finds all of a kind on any machine.
+MESSAGE_IDS: Mapping[str, str] = {
+    "run_start": "6f1f5a0d3f0e4a5e9a3c8a1c2f4b7d10",
+    "run_end": "6f1f5a0d3f0e4a5e9a3c8a1c2f4b7d11",
+    "cycle_start": "6f1f5a0d3f0e4a5e9a3c8a1c2f4b7d12",
+    "cycle_end": "6f1f5a0d3f0e4a5e9a3c8a1c2f4b7d13",
+    "refusal": "6f1f5a0d3f0e4a5e9a3c8a1c2f4b7d14",
+    "fault": "6f1f5a0d3f0e4a5e9a3c8a1c2f4b7d15",
+    "command": "6f1f5a0d3f0e4a5e9a3c8a1c2f4b7d16",
+    "model": "6f1f5a0d3f0e4a5e9a3c8a1c2f4b7d17",
+    "trouble": "6f1f5a0d3f0e4a5e9a3c8a1c2f4b7d18",
+    "trouble_over": "6f1f5a0d3f0e4a5e9a3c8a1c2f4b7d19",
+    "reload": "6f1f5a0d3f0e4a5e9a3c8a1c2f4b7d1a",
+}
+
+
+def tell(kind: str, text: str, priority: int = INFO, **fields: Any) -> None:
+    """One record: text for people; fields (CYCLE, PART, STOP, RULE, ...) for journalctl; None fields are left out."""
+    if systemd_journal is not None and os.environ.get("JOURNAL_STREAM"):
+        plain = {name: str(value) for name, value in fields.items() if value is not None}
+        identity = {"MESSAGE_ID": MESSAGE_IDS[kind]} if kind in MESSAGE_IDS else {}
+        systemd_journal.send(text, PRIORITY=priority, SYSLOG_IDENTIFIER="facetd", **identity, **plain)
+    else:
+        print(f"facetd: {text}", file=sys.stderr, flush=True)
+
+
+def notify(state: str) -> None:
+    """sd_notify: READY=1, STATUS=..., WATCHDOG=1, STOPPING=1, RELOADING=1; nothing where nobody listens."""
+    address = os.environ.get("NOTIFY_SOCKET")
+    if not address:
+        return
+    if address.startswith("@"):
+        address = "\0" + address[1:]
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC) as sender:
+        try:
+            sender.connect(address)
+            sender.sendall(state.encode())
+        except OSError:
+            return
+
+
+def watchdog_s() -> float | None:
+    """How often WATCHDOG=1 is wanted (half of systemd's limit), or None where nobody watches."""
+    said = os.environ.get("WATCHDOG_USEC", "")
+    theirs = os.environ.get("WATCHDOG_PID", str(os.getpid()))
+    return int(said) / 2e6 if said.isdecimal() and theirs == str(os.getpid()) else None
+
+
+class JournalledLog:
+    """A run log whose records that matter to the machine's keeper are told to the journal as well."""
+
+    def __init__(self, log: Any, notice: Callable[[str], None] = lambda _: None) -> None:
+        """notice: told what an operator should see unasked (faults, refusals)."""
+        self.log, self._notice = log, notice
+
+    def record(self, kind: str, /, **fields: Any) -> None:
+        """Write one record."""
+        self.log.record(kind, **fields)
+        text = _line(kind, fields)
+        if kind in ("fault", "refusal") and text is not None:
+            self._notice(text)
+        if text is not None:
+            said = {
+                "CYCLE": fields.get("cycle"),
+                "PART": fields.get("label") or fields.get("target"),
+                "STOP": fields.get("stops"),
+                "RULE": fields.get("rule"),
+                "OUTCOME": fields.get("outcome"),
+                "WHO": fields.get("who"),
+            }
+            tell(kind, text, _priority(kind, fields), **said)
+
+
+def _line(kind: str, fields: Mapping[str, Any]) -> str | None:
+    """The sentence for people, or None for what only the run log needs."""
+    match kind:
+        case "cycle_start":
+            return f"cycle {fields.get('cycle')}: looking for {fields.get('target') or 'any part'}"
+        case "cycle_end":
+            why = f": {fields['why']}" if fields.get("why") else ""
+            return f"cycle {fields.get('cycle')}: {fields.get('outcome')} {fields.get('label') or ''}{why}"
+        case "refusal":
+            return f"refused, {fields.get('rule')}: {fields.get('text')}"
+        case "fault":
+            return f"FAULT {fields.get('code')}: {fields.get('text')}"
+        case "command":
+            return f"{fields.get('who')} at {fields.get('door')}: {fields.get('text')}"
+        case "model":
+            return f"model {fields.get('action')}: version {fields.get('version')}"
+    return None
+
+
+def _priority(kind: str, fields: Mapping[str, Any]) -> int:
+    if kind == "fault":
+        return ERROR
+    if kind == "refusal" or (kind == "cycle_end" and fields.get("outcome") in ("missed", "lost", "fault")):
+        return WARNING
+    return INFO

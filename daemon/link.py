@@ -1,0 +1,113 @@
+"""The operator's side of the daemon's socket: connect, say, hear. What is shown to people is daemon/ctl.py's.
+
+Light on purpose: `facetctl status` imports nothing heavier than this.
+"""
+
+from __future__ import annotations
+
+import json
+import socket
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+from daemon.places import socket_candidates
+
+
+class NotThereError(Exception):
+    """No daemon answers: where it was sought, and what to do."""
+
+
+class DaemonLink:
+    """One connection to the running daemon."""
+
+    def __init__(self, path: Path | None = None) -> None:
+        """Connect to the socket at path, or to the first of the usual ones. Raises NotThereError."""
+        paths = [path] if path is not None else socket_candidates()
+        self._socket = _connect(paths)
+        self._file = self._socket.makefile("rwb")
+
+    def close(self) -> None:
+        """Hang up."""
+        self._file.close()
+        self._socket.close()
+
+    def __enter__(self) -> DaemonLink:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def do(
+        self, text: str, door: str, say: Callable[[str], None], ask: Callable[[str], str] | None = None
+    ) -> dict[str, Any]:
+        """Say one command; show what comes meanwhile; give {text, data, status}. Control-C stops the arm.
+
+        ask: puts a question to somebody; without it questions are taken as answered by yes. Raises NotThereError when
+        the daemon goes away.
+        """
+        self._send({"do": text, "door": door, "asks": ask is not None})
+        messages = self._messages()
+        while True:
+            try:
+                for message in messages:
+                    if "done" in message:
+                        done: dict[str, Any] = message["done"]
+                        return done
+                    if "say" in message:
+                        say(message["say"])
+                    elif "ask" in message and ask is not None:
+                        self._send({"answer": ask(message["ask"])})
+                raise NotThereError("the daemon ended before it answered; `facetctl status` tells whether it is back")
+            except KeyboardInterrupt:
+                self._send({"interrupt": True})
+                messages = self._messages()
+
+    def complete(self, typed: str) -> list[str]:
+        """Every line that the typed one may become."""
+        self._send({"complete": typed})
+        for message in self._messages():
+            if "options" in message:
+                return [str(option) for option in message["options"]]
+        return []
+
+    def interrupt(self) -> str:
+        """What control-C does: stop the arm; gives what the daemon says."""
+        self._send({"interrupt": True})
+        return next((str(m["say"]) for m in self._messages() if "say" in m), "")
+
+    def _send(self, message: dict[str, Any]) -> None:
+        try:
+            self._file.write(json.dumps(message).encode() + b"\n")
+            self._file.flush()
+        except OSError:
+            raise NotThereError("the daemon hung up") from None
+
+    def _messages(self) -> Iterator[dict[str, Any]]:
+        while True:
+            try:
+                line = self._file.readline()
+            except OSError:
+                return
+            if not line:
+                return
+            yield json.loads(line)
+
+
+def _connect(paths: list[Path]) -> socket.socket:
+    refused = []
+    for path in paths:
+        connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        try:
+            connection.connect(str(path))
+            return connection
+        except PermissionError:
+            connection.close()
+            raise NotThereError(f"{path}: no permission; your user must be in the socket's group (facetd)") from None
+        except OSError:
+            connection.close()
+            refused.append(str(path))
+    where = " nor ".join(refused)
+    raise NotThereError(
+        f"no daemon answers at {where}; start it (`systemctl start facetd`, or `facetd --sim` to try it)"
+    )

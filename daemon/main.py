@@ -1,0 +1,82 @@
+"""`facetd`: the daemon's command line. Arguments in, exit status out; the work is daemon/service.py's.
+
+Status: 0 ended as told, 1 a fault in the program, 2 a device that cannot be had, 78 an unusable configuration,
+calibration or model (systemd does not restart on that one).
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import logging
+import os
+import sys
+from pathlib import Path
+
+from daemon import places
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the daemon, or with --check only look at its files."""
+    parser = argparse.ArgumentParser(prog="facetd", description="Recognises parts by their facets and picks them.")
+    parser.add_argument(
+        "--config", type=Path, default=places.config_file(), metavar="FILE", help="default: %(default)s"
+    )
+    parser.add_argument("--sim", action="store_true", help="a simulated cell instead of the one configured")
+    parser.add_argument("--check", action="store_true", help="check configuration, calibration and model, and end")
+    args = parser.parse_args(arguments)
+    if args.check:
+        return check(args.config, args.sim)
+    return serve(args.config, args.sim)
+
+
+def check(config_path: Path, simulated: bool) -> int:
+    """Read every file the daemon would read; touch no device. One line a fault, status 78."""
+    from daemon import cell
+    from daemon.calibration.file import load_calibration
+    from daemon.config import load_config
+    from daemon.library import load_facets, load_parts
+    from daemon.model import ModelError, load
+    from daemon.service import BAD_CONFIGURATION
+    from daemon.shelf import Shelf, ShelfError
+    from daemon.yamlfile import ConfigError
+
+    try:
+        config = load_config(config_path, simulated)
+        cell.check(config)
+        load_calibration(config.calibration)
+        load_facets(config.file(config.said.files.facets))
+        load_parts(config.file(config.said.files.parts))
+        shelf = Shelf(config.state)
+        if config.said.files.model is not None:
+            load(config.file(config.said.files.model))
+        if shelf.current is not None:
+            shelf.load(shelf.current)
+    except (ConfigError, ModelError, ShelfError) as error:
+        print(f"facetd: {error}", file=sys.stderr)
+        return BAD_CONFIGURATION
+    print(f"facetd: {config.path} is good: a {config.kind} cell, socket {config.socket}, runs in {config.runs}")
+    return 0
+
+
+def serve(config_path: Path, simulated: bool) -> int:
+    """Run until told to end."""
+    import faulthandler
+
+    from daemon.service import Service
+
+    faulthandler.enable()
+    logging.getLogger("asyncio").setLevel(logging.CRITICAL)
+
+    async def live() -> int:
+        return await Service(config_path, simulated).run()
+
+    status = asyncio.new_event_loop().run_until_complete(live())
+    sys.stdout.flush()
+    sys.stderr.flush()
+    # All is stopped, written and told. A driver's thread that hangs in the kernel must not keep the process.
+    os._exit(status)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,301 @@
+"""The daemon's life: start everything, watch it, reload, stop the arm first and then the rest.
+
+Here: what is started in which order, and what ends it. Signals in, exit status out. Commands are the console's business,
+moving is the cycle's, watching devices daemon/watch.py's.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import signal
+import time
+from collections.abc import Coroutine
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from daemon import cell, journal
+from daemon.calibration.file import Calibration, load_calibration
+from daemon.commands import every_command
+from daemon.config import Config, load_config
+from daemon.console import Console
+from daemon.cycle import Cycle
+from daemon.desk import Desk, Troubles
+from daemon.doors import DoorError, SocketServer
+from daemon.library import load_facets, load_parts
+from daemon.metrics import MetricsServer
+from daemon.model import ModelError
+from daemon.model import load as load_model
+from daemon.runlog import RunLog
+from daemon.runs import RunError, interrupted, list_runs, new_folder
+from daemon.shelf import Shelf, ShelfError
+from daemon.teach import School
+from daemon.terminal import SerialConsole
+from daemon.watch import Watch
+from daemon.workcell import Workcell
+from daemon.yamlfile import ConfigError
+
+STOPPED, BROKEN, NO_DEVICE, BAD_CONFIGURATION = 0, 1, 2, 78
+HALT_S = 1.0
+"""What the arm's stop may take of the two seconds that systemd and people wait for a clean end."""
+
+
+class Service:
+    """One run of the daemon, from configuration to exit status."""
+
+    def __init__(self, config_path: Path, simulated: bool = False) -> None:
+        self._config_path, self._simulated = config_path, simulated
+        self._ending = asyncio.Event()
+        self._why = "stopped"
+        self.desk: Desk | None = None
+        self._console: Console | None = None
+        self._socket: SocketServer | None = None
+        self._terminal: SerialConsole | None = None
+        self._metrics: MetricsServer | None = None
+        self._hardware: cell.Hardware | None = None
+        self._run_log: RunLog | None = None
+        self._tasks: list[asyncio.Task[Any]] = []
+
+    async def run(self) -> int:
+        """Start, serve until told to end, stop the arm, end. What goes wrong is one line."""
+        self._listen_to_signals()
+        status = STOPPED
+        try:
+            started = await self._unless_ending(self._start())
+            if started:
+                await self._ending.wait()
+        except (ConfigError, ModelError, ShelfError) as error:
+            status, self._why = BAD_CONFIGURATION, str(error)
+        except (cell.CellError, DoorError, OSError) as error:
+            status, self._why = NO_DEVICE, str(error)
+        if status != STOPPED:
+            journal.tell("trouble", self._why, journal.ERROR)
+            journal.notify(f"STATUS={self._why}")
+        await self._end()
+        return status
+
+    def end(self, why: str) -> None:
+        """Begin to end."""
+        self._why = why
+        self._ending.set()
+
+    async def reload(self) -> str:
+        """Read configuration and calibration again; a bad one is refused, all stays as it was. Raises ConfigError."""
+        assert self.desk is not None
+        desk, old = self.desk, self.desk.config
+        journal.notify(f"RELOADING=1\nMONOTONIC_USEC={time.monotonic_ns() // 1000}")
+        try:
+            config = load_config(self._config_path, self._simulated)
+            cell.check(config)
+            calibration = load_calibration(config.calibration)
+            if desk.cycle.status()["doing"]:
+                raise ConfigError(f"{config.path}: not taken over while busy; say `reload` when nothing is being done")
+            desk.config, desk.calibration = config, calibration
+            desk.school.rig = calibration.rig
+            desk.cycle.refit(self._workcell(calibration, desk), config.said.pick)
+            desk.cycle.use(desk.school.in_use)
+        except ConfigError as error:
+            journal.tell("reload", f"refused, the old configuration stays: {error}", journal.ERROR)
+            raise
+        finally:
+            journal.notify("READY=1")
+        late = [name for name in ("cell", "cameras", "arm", "folders", "console", "files", "simulated", "metrics")
+                if getattr(config.said, name) != getattr(old.said, name)]  # fmt: skip
+        text = "The configuration is taken over."
+        if late:
+            text += f" Only after a restart: {', '.join(late)}."
+        desk.record_start(reloaded=True)
+        journal.tell("reload", text)
+        return text
+
+    # Starting
+
+    async def _start(self) -> None:
+        config = load_config(self._config_path, self._simulated)
+        calibration = load_calibration(config.calibration)
+        library = load_facets(config.file(config.said.files.facets))
+        parts = load_parts(config.file(config.said.files.parts))
+        shelf = Shelf(config.state)
+        begin = config.said.files.model
+        first = None if begin is None else load_model(config.file(begin))
+        school = School(shelf, calibration.rig, library, parts, config.said.vision, first)
+        troubles = Troubles(self._on_trouble)
+        left = _left_behind(config.runs)
+        run_log = self._run_log = self._open_log(config, troubles)
+        self._hardware = cell.build(config, run_log.wire)
+        await self._hardware.open()
+        desk = self._furnish(config, calibration, school, troubles, run_log)
+        if left is not None:
+            desk.cycle.recover(left.state or "an unknown state", left.hand_closed)
+            troubles.tell(
+                "restart", f"{left.run} had no end: it was left in {left.state}; look at the cell, say `resume`"
+            )
+        desk.record_start()
+        desk.use_model("start", shelf.current)
+        if self._hardware.hand is not None:
+            self._hardware.hand.scatter(self._hardware.hand.usual)
+        await self._open_doors(desk)
+        watch = Watch(desk)
+        self._tasks.append(asyncio.create_task(self._guarded(watch.run()), name="watch"))
+        journal.notify(f"READY=1\nSTATUS={watch.status_line()}")
+        journal.tell("run_start", f"ready: {config.kind} cell, socket {config.socket}, run {run_log.folder}")
+
+    def _open_log(self, config: Config, troubles: Troubles) -> RunLog:
+        loop = asyncio.get_running_loop()
+
+        def on_trouble(text: str | None) -> None:
+            loop.call_soon_threadsafe(troubles.tell, "log", text)
+
+        folder = new_folder(config.runs, datetime.now(UTC))
+        return RunLog(folder, fsync_every_s=config.said.log.sync_s, on_trouble=on_trouble)
+
+    def _furnish(
+        self, config: Config, calibration: Calibration, school: School, troubles: Troubles, run_log: RunLog
+    ) -> Desk:
+        assert self._hardware is not None
+        log = journal.JournalledLog(run_log, self._notice)
+        workcell = Workcell(
+            self._hardware.robot,
+            self._hardware.eyes,
+            log,
+            self._hardware.clock,
+            calibration.rig,
+            _hand_eye(calibration),
+        )
+        cycle = Cycle(workcell, config.said.pick, school.in_use)
+        self.desk = Desk(config, calibration, self._hardware, cycle, school, run_log, log, troubles, self.reload)
+        return self.desk
+
+    def _workcell(self, calibration: Calibration, desk: Desk) -> Workcell:
+        hardware = desk.hardware
+        return Workcell(
+            hardware.robot, hardware.eyes, desk.log, hardware.clock, calibration.rig, _hand_eye(calibration)
+        )
+
+    async def _open_doors(self, desk: Desk) -> None:
+        said = desk.config.said
+        self._console = Console(desk, every_command(desk.hardware.hand is not None))
+        self._socket = SocketServer(desk.config.socket, said.console.group, self._console, self._interrupt)
+        await self._socket.open()
+        if said.console.tty is not None:
+            self._terminal = SerialConsole(
+                said.console.tty, self._console, self._interrupt, lambda text: desk.troubles.tell("console", text)
+            )
+            self._tasks.append(asyncio.create_task(self._guarded(self._terminal.run()), name="terminal"))
+        if said.metrics.port is not None:
+            self._metrics = MetricsServer(desk, said.metrics.port)
+            self._metrics.open()
+
+    # While it runs
+
+    def _listen_to_signals(self) -> None:
+        loop = asyncio.get_running_loop()
+        for number in (signal.SIGTERM, signal.SIGINT):
+            loop.add_signal_handler(number, self.end, f"signal {number.name}")
+        loop.add_signal_handler(signal.SIGHUP, self._hang_up)
+
+    def _hang_up(self) -> None:
+        if self.desk is not None:
+            self._tasks.append(asyncio.create_task(self._reload_quietly(), name="reload"))
+
+    async def _reload_quietly(self) -> None:
+        with contextlib.suppress(ConfigError):
+            await self.reload()
+
+    async def _interrupt(self, who: str) -> str:
+        """Control-C at any door."""
+        assert self.desk is not None
+        cycle = self.desk.cycle
+        if cycle.status()["doing"] is None:
+            return "Nothing moves."
+        self.desk.log.record("command", who=who, door="control-C", text="stop")
+        await cycle.stop(f"by control-C of {who}")
+        return "Stopped. Nothing moves until `resume`."
+
+    def _on_trouble(self, source: str, text: str | None) -> None:
+        if text is None:
+            journal.tell("trouble_over", f"{source}: well again", journal.NOTICE)
+        else:
+            journal.tell("trouble", text, journal.WARNING)
+            self._notice(f"TROUBLE {text}")
+
+    def _notice(self, text: str) -> None:
+        """Show something at the serial console that nobody there asked for."""
+        if self._terminal is not None:
+            self._terminal.notice(text)
+
+    async def _guarded(self, work: Coroutine[Any, Any, None]) -> None:
+        """A part of the daemon that must not end: where it does, the daemon stops the arm and ends."""
+        try:
+            await work
+        except asyncio.CancelledError:
+            raise
+        except Exception as error:
+            self.end(f"{type(error).__name__}: {error}")
+            raise
+
+    async def _unless_ending(self, work: Coroutine[Any, Any, None]) -> bool:
+        """Do the work unless told to end meanwhile."""
+        task, ending = asyncio.create_task(work), asyncio.create_task(self._ending.wait())
+        await asyncio.wait([task, ending], return_when=asyncio.FIRST_COMPLETED)
+        ending.cancel()
+        if not task.done():
+            task.cancel()
+            with contextlib.suppress(asyncio.CancelledError):
+                await task
+            return False
+        task.result()
+        return True
+
+    # Ending
+
+    async def _end(self) -> None:
+        """The arm first. One step that fails or hangs cannot keep the others from being taken."""
+        journal.notify(f"STOPPING=1\nSTATUS={self._why}")
+        if self.desk is not None:
+            await _within(HALT_S, self.desk.cycle.close())
+        for task in self._tasks:
+            task.cancel()
+        await asyncio.wait(self._tasks, timeout=0.2) if self._tasks else None
+        if self._socket is not None:
+            await _within(0.3, self._socket.close())
+        if self._metrics is not None:
+            self._metrics.close()
+        if self._hardware is not None:
+            await _within(0.5, self._hardware.close())
+        if self._run_log is not None:
+            self._run_log.close(self._why)
+        if self.desk is not None:
+            journal.tell("run_end", f"ended: {self._why}")
+
+
+def _left_behind(runs: Path) -> Any:
+    """How the last run was left when it has no end, else None."""
+    known = list_runs(runs)
+    if not known:
+        return None
+    try:
+        left = interrupted(known[-1])
+    except RunError:
+        return None
+    return left if left is not None and (left.cycle is not None or left.hand_closed) else None
+
+
+def _hand_eye(calibration: Calibration) -> Any:
+    """The hand-eye, or the unit matrix where there is none yet (then `enable` refuses)."""
+    return np.eye(4) if calibration.tool_from_cyclopean is None else calibration.tool_from_cyclopean
+
+
+async def _within(seconds: float, work: Coroutine[Any, Any, Any]) -> None:
+    """One step of the end: what it raises is told, what it takes is bounded."""
+    try:
+        await asyncio.wait_for(work, seconds)
+    except TimeoutError:
+        journal.tell(
+            "trouble", f"{getattr(work, '__qualname__', 'a step')} took longer than {seconds:g} s", journal.WARNING
+        )
+    except Exception as error:
+        journal.tell("trouble", f"while ending: {type(error).__name__}: {error}", journal.ERROR)

@@ -1,0 +1,211 @@
+"""From taught views to a model in use: store a view, train a candidate beside the model in use, accept it, go back.
+
+Learning itself is daemon/vision/model.py's, files are daemon/shelf.py's. Nothing here talks to people or moves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daemon.library import PartEntry
+from daemon.shelf import Shelf, ShelfError, StoredView
+from daemon.sufficiency import Sufficiency, judge
+from daemon.tracking import Shape
+from daemon.vision.data import Group, Scene
+from daemon.vision.facet_types import FacetLibrary
+from daemon.vision.image import VisionError
+from daemon.vision.look import look
+from daemon.vision.model import Model, TeachError, empty_model, learn_view
+from daemon.vision.report import scene_json
+from daemon.vision.rig import StereoRig
+from daemon.vision.settings import VisionSettings
+from daemon.vision.table import Table
+
+Image = NDArray[np.uint8]
+
+
+class Recogniser:
+    """daemon/looking.py's Sight: one model and one rig. Never changed; another model is another Recogniser."""
+
+    def __init__(self, model: Model, rig: StereoRig, settings: VisionSettings | None = None) -> None:
+        self.model, self.rig, self.settings = model, rig, settings
+
+    def see(self, left: Image, right: Image, table: Table | None = None) -> Scene:
+        """Parts in a stereo pair, in the cyclopean frame; what lies in the table is none. Raises VisionError."""
+        return look(left, right, self.rig, self.model, self.settings, perf_counter, table)
+
+    def report(self, scene: Scene) -> dict[str, object]:
+        """The scene as JSON values."""
+        return scene_json(scene)
+
+    def shape(self, label: str) -> Shape | None:
+        """The taught part's corners and facets, or None."""
+        metric = self.model.metric.get(label)
+        if metric is None:
+            return None
+        rings = tuple(np.array(ring, np.int64) for ring in metric.solid.facets)
+        return Shape(label, metric.solid.corners_mm, rings)
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """What was taught."""
+        return self.model.labels
+
+
+@dataclass(frozen=True)
+class ViewVerdict:
+    """How a trained model does on a view it was taught: what it takes it for, how sure, and why."""
+
+    view: str
+    label: str
+    named: str
+    confidence: float
+    runner_up: str | None
+    reason: str
+
+    @property
+    def right(self) -> bool:
+        """Whether it says what the operator said."""
+        return self.label == self.named
+
+
+@dataclass(frozen=True)
+class Trained:
+    """A candidate: its version, how it does on every stored view, views that could not be learnt and why."""
+
+    version: int
+    verdicts: tuple[ViewVerdict, ...]
+    left_out: tuple[str, ...]
+    seconds: float
+
+
+class School:
+    """All that can be taught in one daemon: the shelf, the model in use, and the candidate that is not."""
+
+    def __init__(
+        self,
+        shelf: Shelf,
+        rig: StereoRig,
+        library: FacetLibrary,
+        parts: Mapping[str, PartEntry],
+        settings: VisionSettings | None = None,
+        start: Model | None = None,
+    ) -> None:
+        """start: the model to use while none was accepted here. Raises ModelError, ShelfError."""
+        self.shelf, self.rig, self.library, self.parts, self.settings = shelf, rig, library, parts, settings
+        self._start = start or empty_model(library)
+        self.model = self._start if shelf.current is None else shelf.load(shelf.current)
+
+    @property
+    def in_use(self) -> Recogniser:
+        """The recogniser with the model in use."""
+        return Recogniser(self.model, self.rig, self.settings)
+
+    def candidate(self) -> Recogniser | None:
+        """The recogniser with the candidate, or None. Raises ModelError."""
+        version = self.shelf.candidate
+        return None if version is None else Recogniser(self.shelf.load(version), self.rig, self.settings)
+
+    def untaught(self) -> list[str]:
+        """Parts of parts.yaml that the model in use does not know."""
+        return [label for label in self.parts if label not in self.model.labels]
+
+    def waiting(self) -> list[StoredView]:
+        """Stored views that the model in use was not trained on."""
+        known = {view.source for view in self.model.views}
+        return [view for view in self.shelf.views() if view.name not in known]
+
+    def store(self, label: str, left: Image, right: Image, note: dict[str, Any]) -> StoredView:
+        """Keep a view on disk. Raises ShelfError, TeachError or VisionError where it cannot be learnt from."""
+        learn_view(empty_model(self.library), self.only_group(left, right, _table_of(note)), label)
+        return self.shelf.add_view(label, left, right, note)
+
+    def only_group(self, left: Image, right: Image, table: Table | None) -> Group:
+        """The facets of the one part in view. Raises TeachError for none or several, VisionError."""
+        groups = look(left, right, self.rig, None, self.settings, table=table).view.groups
+        if not groups:
+            raise TeachError("no part is seen; put it where both cameras see it, lit from above, nothing else near")
+        most = max(len(g.facets) for g in groups)
+        largest = [g for g in groups if len(g.facets) == most]
+        if len(largest) > 1 or (len(groups) > 1 and most == 1):
+            raise TeachError(f"{len(groups)} parts are in view; show the one to be taught alone")
+        return largest[0]
+
+    def learnt(self) -> tuple[Model, list[str]]:
+        """A model of every stored view, in order, and one line for each view that could not be learnt."""
+        model, left_out = empty_model(self.library), []
+        for view in self.shelf.views():
+            try:
+                model = learn_view(
+                    model, self.only_group(*view.images(), _table_of(view.note)), view.label, source=view.name
+                )
+            except (TeachError, VisionError, ShelfError) as error:
+                left_out.append(f"{view.name}: {error}")
+        return model, left_out
+
+    def train(self) -> Trained:
+        """Make a candidate of every stored view and try it on each. The model in use is not touched.
+
+        Raises TeachError where there is nothing to train on, ShelfError.
+        """
+        began = perf_counter()
+        model, left_out = self.learnt()
+        if not model.views:
+            raise TeachError(
+                "there are no views to train on: `teach LABEL` first" + "".join(f"; {x}" for x in left_out)
+            )
+        version = self.shelf.put_candidate(model)
+        trial = Recogniser(model, self.rig, self.settings)
+        unlearnt = {line.split(":")[0] for line in left_out}
+        verdicts = [self._verdict(trial, view) for view in self.shelf.views() if view.name not in unlearnt]
+        return Trained(version, tuple(verdicts), tuple(left_out), perf_counter() - began)
+
+    def accept(self) -> int:
+        """Take the candidate into use; returns its version. Raises ShelfError, ModelError (then nothing changes)."""
+        if self.shelf.candidate is not None:
+            model = self.shelf.load(self.shelf.candidate)
+            version = self.shelf.accept()
+            self.model = model
+            return version
+        return self.shelf.accept()
+
+    def rollback(self) -> int:
+        """Back to the model used before; returns its version. ShelfError, ModelError: nothing has changed."""
+        if self.shelf.history:
+            model = self.shelf.load(self.shelf.history[-1])
+            version = self.shelf.rollback()
+            self.model = model
+            return version
+        return self.shelf.rollback()
+
+    def judge(self, model: Model, label: str) -> Sufficiency:
+        """What is still missing of a part, and what it could be taken for."""
+        return judge(model, label, self.rig)
+
+    def _verdict(self, trial: Recogniser, view: StoredView) -> ViewVerdict:
+        parts = trial.see(*view.images(), _table_of(view.note)).parts
+        if not parts:
+            return ViewVerdict(view.name, view.label, "nothing", 0.0, None, "no part was seen in it")
+        said = max(parts, key=lambda p: len(p.facets)).recognition
+        return ViewVerdict(view.name, view.label, said.label, said.confidence, said.runner_up, said.reason)
+
+
+def teaching_note(who: str, calibration: str, table: Table | None, scene: Scene) -> dict[str, Any]:
+    """What is written beside a taught view: who showed it, the calibration's sha256, the table, the facets seen."""
+    return {
+        "who": who,
+        "calibration": calibration,
+        "table": None if table is None else {"up": table.up.tolist(), "level_mm": table.level_mm},
+        "facets": [[facet.type for facet in part.facets] for part in scene.parts],
+    }
+
+
+def _table_of(note: Mapping[str, Any]) -> Table | None:
+    said = note.get("table") or None
+    return None if said is None else Table(np.array(said["up"], float), float(said["level_mm"]))
