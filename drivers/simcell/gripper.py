@@ -15,7 +15,8 @@ from drivers.simcell.parts import Shape, Solid
 from drivers.simcell.rigid import Array, apply, rigid, turn
 from drivers.simcell.truth import Gripper
 
-TOUCH_MM = 0.02
+TOUCH_MM = 0.3
+"""Soft pads: what is this near to the farthest point touches the pad too."""
 PALM_MM = 60.0
 
 
