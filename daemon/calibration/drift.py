@@ -1,0 +1,188 @@
+"""The watch over a calibration in use: every look's own corners and known edges tell when an eye has moved. Pure.
+
+Corners that no longer lie on their epipolar lines say how the right eye has pitched and rolled against the left; parts
+whose edges come out long or short say how it has turned in or out. One look is noisy, a drift is slow and a knock is
+sudden: an exponentially weighted mean is held against the spread of the looks just after calibrating.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daemon import frames
+from daemon.vision.rig import StereoRig
+
+Array = NDArray[np.float64]
+
+AXES = ("pitched", "rolled", "turned in")
+"""About the right eye's x, z and y axes: what `turn` counts, in this order."""
+
+
+CORNER_SIGMA_PX = 0.1
+LENGTH_SIGMA = 0.004
+"""What a corner, and an edge length as a share of itself, are taken to be worth; how far that is wrong is learnt."""
+
+
+@dataclass(frozen=True)
+class Watching:
+    """learn: looks that set what is usual; weight: of a new look in the mean; sigmas: how far from usual is too far;
+    wild: how many sigmas a look may be off before it needs a second one to be believed; least_deg: what is never
+    reported; stop_deg: what stops autonomous picking."""
+
+    learn: int = 20
+    weight: float = 0.15
+    sigmas: float = 6.0
+    wild: float = 6.0
+    least_deg: float = 0.03
+    stop_deg: float = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class Clue:
+    """What one look says: turn (3,) rad as in AXES and its sigma (3,) rad, infinite where it says nothing; at: when."""
+
+    turn: Array
+    sigma: Array
+    at: str
+
+
+@dataclass(frozen=True, eq=False)
+class Watch:
+    """What is known so far, by axis (3,). usual rad, from `learnt` looks of total information `known` and summed
+    squared standardised residuals `squares`; mean rad of what came after, from information `fresh_known`, with
+    `fresh_squares` the same information weighted twice; doubted: the side on which the last look was too wild to be believed alone;
+    since: when the axis left its usual place."""
+
+    usual: Array
+    learnt: NDArray[np.int64]
+    known: Array
+    squares: Array
+    mean: Array
+    fresh_known: Array
+    fresh_squares: Array
+    doubted: Array
+    since: tuple[str | None, ...] = (None, None, None)
+
+
+@dataclass(frozen=True)
+class Drift:
+    """An eye has moved: which way, degrees, since when, whether that stops autonomous picking, and in words."""
+
+    axis: str
+    degrees: float
+    since: str
+    stops: bool
+    text: str
+
+
+def fresh() -> Watch:
+    """A watch that has seen nothing: to be used after each calibration."""
+    zero = np.zeros(3)
+    return Watch(zero, np.zeros(3, np.int64), zero, zero, zero, zero, zero, zero)
+
+
+def clue(rig: StereoRig, left_px: Array, right_px: Array, edges: Sequence[tuple[float, float, float]], at: str) -> Clue:
+    """What one look says of the right eye's pose.
+
+    left_px, right_px: (N, 2) matched corners, px. edges: (length found, length known, depth) of each known edge, mm.
+    Pitch and roll need 4 corners spread over the image, turning in needs an edge.
+    """
+    turn, sigma = np.zeros(3), np.full(3, np.inf)
+    if len(left_px) >= 4:
+        turn[:2], sigma[:2] = _pitch_and_roll(rig, left_px, right_px)
+    if edges:
+        found, known, depth = np.array(edges, float).T
+        # Lengths scale with depth, and depth with disparity: dZ / Z = Z / B * angle.
+        angles = (found / known - 1.0) * rig.baseline_mm / depth
+        turn[2] = float(np.median(angles))
+        sigma[2] = LENGTH_SIGMA * float(np.median(rig.baseline_mm / depth)) / np.sqrt(len(edges))
+    return Clue(turn, sigma, at)
+
+
+def _pitch_and_roll(rig: StereoRig, left_px: Array, right_px: Array) -> tuple[Array, Array]:
+    """The right eye's turn (2,) rad about its x and z by least squares on distances to epipolar lines, and its sigma."""
+    right_from_left = frames.inverse(rig.right.cyclopean_from_camera) @ rig.left.cyclopean_from_camera
+    x, y, z = right_from_left[:3, 3]
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    lines = np.column_stack([rig.left.normalised(left_px), np.ones(len(left_px))]) @ (cross @ right_from_left[:3, :3]).T
+    lines /= np.linalg.norm(lines[:, :2], axis=1, keepdims=True)
+    rays = np.column_stack([rig.right.normalised(right_px), np.ones(len(right_px))])
+    gaps = np.einsum("ni,ni->n", lines, rays)
+    # A camera that turns by w moves a ray to ray - w x ray; along the line's normal that shows as -(w x ray) . line.
+    turned = np.cross(rays[:, None, :], np.array([[1.0, 0, 0], [0, 0, 1.0]])[None])
+    slopes = np.einsum("nki,ni->nk", turned - turned[..., 2:] * rays[:, None, :], lines)
+    covariance = np.linalg.pinv(slopes.T @ slopes, rcond=1e-9)
+    sigma = np.sqrt(np.diag(covariance)) * CORNER_SIGMA_PX * np.sqrt(2) / rig.right.matrix[0, 0]
+    return covariance @ slopes.T @ gaps, np.where(sigma > 0, sigma, np.inf)
+
+
+def observe(watch: Watch, seen: Clue, settings: Watching) -> tuple[Watch, Drift | None]:
+    """Take one look into account. The Drift is the largest that stands, or None."""
+    learning = np.isfinite(seen.sigma) & (watch.learnt < settings.learn)
+    judging = np.isfinite(seen.sigma) & ~learning
+    watch = _judged(_learnt(watch, seen, learning), seen, judging, settings)
+    far = _too_far(watch, settings)
+    since = tuple((old or seen.at) if now else None for old, now in zip(watch.since, far, strict=True))
+    watch = replace(watch, since=since)
+    return watch, _drift(watch, far, settings)
+
+
+def _learnt(watch: Watch, seen: Clue, learning: NDArray[np.bool_]) -> Watch:
+    """Weighted mean and spread of the first looks (West 1979)."""
+    information = np.where(learning, seen.sigma**-2.0, 0.0)
+    known = watch.known + information
+    step = np.where(learning, seen.turn - watch.usual, 0.0)
+    usual = watch.usual + step * information / np.maximum(known, 1e-30)
+    squares = watch.squares + information * step * np.where(learning, seen.turn - usual, 0.0)
+    return replace(watch, usual=usual, learnt=watch.learnt + learning, known=known, squares=squares)
+
+
+def _scale(watch: Watch) -> Array:
+    """(3,) how many times larger the looks' spread is than their sigmas said; at least half, so that luck in the first
+    looks makes no later one look wild."""
+    scale: Array = np.sqrt(np.maximum(watch.squares / np.maximum(watch.learnt - 1, 1), 0.25))
+    return scale
+
+
+def _judged(watch: Watch, seen: Clue, judging: NDArray[np.bool_], settings: Watching) -> Watch:
+    """The exponentially weighted mean of the looks since, each with its information. One wild look (a misread corner)
+    is kept out; when the next is off on the same side, the eye has moved, and it counts."""
+    news = seen.turn - watch.usual
+    off = (news - watch.mean) / np.where(np.isfinite(seen.sigma), seen.sigma * _scale(watch), np.inf)
+    side = np.where(judging & (np.abs(off) > settings.wild), np.sign(off), 0.0)
+    believed = judging & ((side == 0) | (side == watch.doubted))
+    fade = np.where(believed, 1 - settings.weight, 1.0)
+    information = np.where(believed, seen.sigma**-2.0, 0.0)
+    known = fade * watch.fresh_known + information
+    mean = watch.mean + (news - watch.mean) * information / np.maximum(known, 1e-30)
+    return replace(
+        watch,
+        mean=mean,
+        fresh_known=known,
+        fresh_squares=fade**2 * watch.fresh_squares + information,
+        doubted=np.where(judging, side, watch.doubted),
+    )
+
+
+def _too_far(watch: Watch, settings: Watching) -> NDArray[np.bool_]:
+    """Which axes have left their usual place: beyond `sigmas` of the two means' own doubt, and worth saying."""
+    known = np.maximum(watch.fresh_known, 1e-30)
+    doubt = _scale(watch) * np.sqrt(watch.fresh_squares / known**2 + 1 / np.maximum(watch.known, 1e-30))
+    far: NDArray[np.bool_] = np.abs(watch.mean) > np.maximum(settings.sigmas * doubt, np.radians(settings.least_deg))
+    return far & (watch.fresh_known > 0)
+
+
+def _drift(watch: Watch, far: NDArray[np.bool_], settings: Watching) -> Drift | None:
+    if not far.any():
+        return None
+    worst = int(np.argmax(np.where(far, np.abs(watch.mean), 0.0)))
+    degrees = float(np.degrees(watch.mean[worst]))
+    since = watch.since[worst] or ""
+    stops = abs(degrees) >= settings.stop_deg
+    text = f"right camera {AXES[worst]} by {degrees:+.2f} degrees against the left since {since}: "
+    text += "calibrate before picking goes on" if stops else "see that its mount is tight, and calibrate soon"
+    return Drift(AXES[worst], degrees, since, stops, text)

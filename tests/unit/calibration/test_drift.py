@@ -1,0 +1,107 @@
+"""A knocked eye is noticed, named and timed; an eye that has not moved never is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_stereo_calibration import true_rig
+
+from daemon import frames
+from daemon.calibration.drift import Clue, Drift, Watching, clue, fresh, observe
+from daemon.vision.rig import StereoRig
+
+Array = frames.Array
+CUBE = 25.0 * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
+EDGES = [(i, j) for i in range(8) for j in range(i) if np.abs(CUBE[i] - CUBE[j]).sum() == 50.0]
+
+
+def turned(rig: StereoRig, axis: int, degrees: float) -> StereoRig:
+    turn = np.zeros(3)
+    turn[axis] = np.radians(degrees)
+    knock = frames.rigid(frames.rotation_from_vector(turn), np.zeros(3))
+    return replace(rig, right=replace(rig.right, cyclopean_from_camera=rig.right.cyclopean_from_camera @ knock))
+
+
+def met(rig: StereoRig, left_px: Array, right_px: Array) -> Array:
+    """Points midway between the two rays, as the calibration (not the truth) has them."""
+    a, b = rig.left.cyclopean_from_camera, rig.right.cyclopean_from_camera
+    points = []
+    for p, q in zip(rig.left.normalised(left_px), rig.right.normalised(right_px), strict=True):
+        d, e = a[:3, :3] @ np.append(p, 1.0), b[:3, :3] @ np.append(q, 1.0)
+        s, t = np.linalg.lstsq(np.column_stack([d, -e]), b[:3, 3] - a[:3, 3], rcond=None)[0]
+        points.append((a[:3, 3] + s * d + b[:3, 3] + t * e) / 2)
+    return np.array(points)
+
+
+def look(truth: StereoRig, rng: np.random.Generator, at: str, believed: StereoRig | None = None) -> Clue:
+    """What a cube somewhere in view says, seen with corners good to 0.1 px, three of its corners hidden."""
+    believed = believed or true_rig()
+    turn = frames.rotation_from_vector(rng.normal(0, 1, 3))
+    cube = CUBE @ turn.T + np.array([*rng.uniform(-40, 40, 2), rng.uniform(250, 450)])
+    seen = rng.permutation(8)[:7]
+    left, right = (eye.project(cube[seen]) + rng.normal(0, 0.1, (7, 2)) for eye in (truth.left, truth.right))
+    points = dict(zip(seen.tolist(), met(believed, left, right), strict=True))
+    edges = [
+        (float(np.linalg.norm(points[i] - points[j])), 50.0, float((points[i] + points[j])[2] / 2))
+        for i, j in EDGES
+        if i in points and j in points
+    ]
+    return clue(believed, left, right, edges, at)
+
+
+def run(rig_at: Callable[[int], StereoRig], count: int, seed: int = 0) -> tuple[int, Drift] | None:
+    """The first look with an alarm, and the alarm."""
+    rng, watch = np.random.default_rng(seed), fresh()
+    for k in range(count):
+        watch, drift = observe(watch, look(rig_at(k), rng, f"look {k}"), Watching())
+        if drift is not None:
+            return k, drift
+    return None
+
+
+@pytest.mark.parametrize(("axis", "name"), [(0, "pitched"), (1, "turned in"), (2, "rolled")])
+def test_a_knock_of_a_fifth_of_a_degree_is_noticed_within_twenty_looks_and_named(axis: int, name: str) -> None:
+    before, after = true_rig(), turned(true_rig(), axis, 0.2)
+    found = run(lambda k: before if k < 50 else after, 90)
+    assert found is not None
+    at, drift = found
+    assert 50 <= at < 70
+    assert drift.axis == name
+    assert drift.since == f"look {at}"
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_single_misread_look_is_no_knock(seed: int) -> None:
+    def rig_at(k: int) -> StereoRig:
+        return turned(true_rig(), 0, 0.5) if k in (60, 90) else true_rig()
+
+    assert run(rig_at, 150, seed) is None
+
+
+def test_the_size_of_a_knock_is_told_once_it_is_known() -> None:
+    rng, watch, drift = np.random.default_rng(3), fresh(), None
+    for k in range(120):
+        rig = true_rig() if k < 50 else turned(true_rig(), 0, 0.2)
+        watch, drift = observe(watch, look(rig, rng, f"look {k}"), Watching())
+    assert drift is not None
+    assert abs(drift.degrees) == pytest.approx(0.2, abs=0.03)
+    assert drift.stops
+
+
+def test_two_thousand_looks_of_an_eye_at_rest_raise_no_alarm() -> None:
+    assert run(lambda _: true_rig(), 2000, seed=5) is None
+
+
+def test_a_calibration_that_was_a_little_off_from_the_start_is_not_taken_for_a_drift() -> None:
+    believed_wrong = turned(true_rig(), 0, 0.05)
+    assert run(lambda _: believed_wrong, 300, seed=6) is None
+
+
+def test_a_look_that_says_nothing_changes_nothing() -> None:
+    watch = fresh()
+    after, drift = observe(watch, clue(true_rig(), np.zeros((0, 2)), np.zeros((0, 2)), [], "09:12"), Watching())
+    assert drift is None
+    assert not after.learnt.any()
