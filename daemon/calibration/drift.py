@@ -54,8 +54,8 @@ class Clue:
 class Watch:
     """What is known so far, by axis (3,). usual rad, from `learnt` looks of total information `known` and summed
     squared standardised residuals `squares`; mean rad of what came after, from information `fresh_known`, with
-    `fresh_squares` the same information weighted twice; doubted: the side on which the last look was too wild to be believed alone;
-    since: when the axis left its usual place."""
+    `fresh_squares` the same information weighted twice; doubted: the side on which the last look was too wild to be
+    believed alone; since: when the axis left its usual place."""
 
     usual: Array
     learnt: NDArray[np.int64]
@@ -104,7 +104,7 @@ def clue(rig: StereoRig, left_px: Array, right_px: Array, edges: Sequence[tuple[
 
 
 def _pitch_and_roll(rig: StereoRig, left_px: Array, right_px: Array) -> tuple[Array, Array]:
-    """The right eye's turn (2,) rad about its x and z by least squares on distances to epipolar lines, and its sigma."""
+    """The right eye's turn (2,) rad about its x and z, by least squares on epipolar distances, and its sigma."""
     right_from_left = frames.inverse(rig.right.cyclopean_from_camera) @ rig.left.cyclopean_from_camera
     x, y, z = right_from_left[:3, 3]
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
