@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.vision.data import Facet, Group
+from daemon.vision.data import Facet
 
 Array = NDArray[np.float64]
 
@@ -37,10 +37,10 @@ def touching_table(facets: tuple[Facet, ...], tolerance_px: float = 4.0) -> NDAr
     return touch
 
 
-def split_groups(facets: tuple[Facet, ...], touch: NDArray[np.bool_]) -> tuple[Group, ...]:
-    """Connected sets of touching facets, nearest first."""
-    left = set(range(len(facets)))
-    groups = []
+def connected(touch: NDArray[np.bool_]) -> list[list[int]]:
+    """Connected sets of a symmetric (n, n) table, each in rising order."""
+    left = set(range(len(touch)))
+    sets = []
     while left:
         todo, members = [min(left)], list[int]()
         while todo:
@@ -49,6 +49,5 @@ def split_groups(facets: tuple[Facet, ...], touch: NDArray[np.bool_]) -> tuple[G
                 left.discard(k)
                 members.append(k)
                 todo.extend(int(m) for m in np.flatnonzero(touch[k]))
-        members.sort()
-        groups.append(Group(tuple(facets[k] for k in members), touch[np.ix_(members, members)]))
-    return tuple(sorted(groups, key=lambda g: float(np.mean([f.corners_mm[:, 2].mean() for f in g.facets]))))
+        sets.append(sorted(members))
+    return sets

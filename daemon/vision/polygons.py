@@ -1,35 +1,47 @@
-"""One image -> the straight-sided polygons of its closed regions, corners to sub-pixel. Knows nothing of the
-other eye.
-"""
+"""Outlines fitted to the grey levels: corners to sub-pixel, with their covariance. Knows nothing of the other eye."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from daemon.vision.data import Polygon
-from daemon.vision.epipolar import Eye
-from daemon.vision.image import Noise
+from daemon.vision.eye import Sight
 from daemon.vision.outlines import Outline
 from daemon.vision.shapes import corners_of, is_simple
 from daemon.vision.sides import Sides, fit_sides
 
 Array = NDArray[np.float64]
 
-_BLUR_PX = 0.9
 _FARTHEST_PX = 6.0
 
 
-def fit_polygons(
-    image: NDArray[np.float32], noise: Noise, outlines: list[Outline], eye: Eye
-) -> list[tuple[Polygon, Sides] | None]:
-    """Fit every side of every outline to the grey levels, (H, W) float32; None where the fit does not hold."""
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """A polygon and the sides it was met from; side i goes from corner i to the next."""
+
+    polygon: Polygon
+    sides: Sides
+
+    def rolled(self, shift: int) -> Fitted:
+        """The same with corner `shift` first."""
+        p = self.polygon
+        return Fitted(
+            Polygon(*(np.roll(v, -shift, 0) for v in (p.corners_px, p.covariance_px2, p.contrast)), p.border_px),
+            Sides(*(np.roll(getattr(self.sides, k), -shift, 0) for k in Sides.__dataclass_fields__)),
+        )
+
+
+def fit_polygons(sight: Sight, outlines: list[Outline]) -> list[Fitted | None]:
+    """Fit every side of every outline to the grey levels; None where the fit strays from the outline."""
     if not outlines:
         return []
     start = np.concatenate([o.corners for o in outlines])
     end = np.concatenate([np.roll(o.corners, -1, 0) for o in outlines])
-    every = fit_sides(image, noise, start, end, eye, _BLUR_PX)
-    fitted: list[tuple[Polygon, Sides] | None] = []
+    every = fit_sides(sight.image, sight.noise, start, end, sight.eye)
+    fitted: list[Fitted | None] = []
     first = 0
     for o in outlines:
         part = slice(first, first + len(o.corners))
@@ -37,14 +49,14 @@ def fit_polygons(
         sides = Sides(*(getattr(every, k)[part] for k in Sides.__dataclass_fields__))
         corners = corners_of(sides.start, sides.end)
         if np.abs(corners - o.corners).max() < _FARTHEST_PX and is_simple(corners):
-            polygon = Polygon(corners, corner_covariance(sides), np.abs(sides.step), o.border.astype(float))
-            fitted.append((polygon, sides))
+            polygon = Polygon(corners, met_covariance(sides), np.abs(sides.step), o.border.astype(float))
+            fitted.append(Fitted(polygon, sides))
         else:
             fitted.append(None)
     return fitted
 
 
-def corner_covariance(sides: Sides) -> Array:
+def met_covariance(sides: Sides) -> Array:
     """Covariance (N, 2, 2) px^2 of corners where side k-1 ends and side k starts."""
     chord = sides.end - sides.start
     normal = np.stack([chord[:, 1], -chord[:, 0]], 1) / np.linalg.norm(chord, axis=1)[:, None]
