@@ -1,0 +1,99 @@
+"""Feed two v4l2loopback devices in the guest: what a camera would deliver, from frames that the test chooses.
+
+A loopback device captures only while somebody has its format set on the other side.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import threading
+import time
+from collections.abc import Callable
+from ctypes import c_int32
+
+import cv2
+import numpy as np
+
+from drivers.camera import v4l2
+from drivers.camera.node import FileNode
+
+Image = np.ndarray
+FOURCC = {"GREY": "GREY", "Y16": "Y16", "YUYV": "YUYV", "NV12": "NV12", "MJPEG": "MJPG"}
+
+
+def modprobe(*words: str) -> None:
+    """Load or (-r) unload a kernel module."""
+    subprocess.run(["modprobe", *words], check=True, timeout=60)
+    subprocess.run(["udevadm", "settle", "--timeout=20"], check=True)
+
+
+def load(numbers: str = "0,1") -> None:
+    """The v4l2loopback module with a device called left and one called right, under these numbers."""
+    modprobe("v4l2loopback", "devices=2", f"video_nr={numbers}", "card_label=left,right", "exclusive_caps=1,1")
+
+
+def pack(code: str, grey: Image) -> bytes:
+    """A grey image as the bytes of one frame; the low byte of Y16 and all chroma hold what no reader should show."""
+    if code == "MJPEG":
+        return cv2.imencode(".jpg", grey, [cv2.IMWRITE_JPEG_QUALITY, 95])[1].tobytes()
+    if code == "Y16":
+        return np.stack([np.full_like(grey, 0x5A), grey], axis=-1).tobytes()
+    if code == "YUYV":
+        return np.stack([grey, np.full_like(grey, 0x33)], axis=-1).tobytes()
+    return grey.tobytes() + (b"\x33" * (grey.size // 2) if code == "NV12" else b"")
+
+
+class Feeder:
+    """Writes frames into a pair of devices, `fps` a second, until it is stopped.
+
+    picture: frame number -> (left, right) grey images; delay_s: how much later the right one is written. written_s
+    holds when each pair was written, on the monotonic clock.
+    """
+
+    def __init__(
+        self, picture: Callable[[int], tuple[Image, Image]], code: str = "GREY", fps: float = 15.0,
+        delay_s: float = 0.0, paths: tuple[str, str] = ("/dev/video0", "/dev/video1"),
+    ) -> None:  # fmt: skip
+        self.picture, self.code, self.fps, self.delay_s = picture, code, fps, delay_s
+        self.nodes = [FileNode(path) for path in paths]
+        height, width = picture(0)[0].shape
+        for node in self.nodes:
+            v4l2.query_capability(node)  # where v4l2loopback looks up what it can do at present
+            granted = v4l2.set_format(node, v4l2.fourcc(FOURCC[code]), width, height, v4l2.OUTPUT)
+            assert v4l2.code_of(granted.pixelformat) == FOURCC[code], v4l2.code_of(granted.pixelformat)
+            # Makes us the writer, so that the device can be written to again after we close it; write() alone does not.
+            node.ioctl(v4l2.STREAMON, c_int32(v4l2.OUTPUT))
+        self.number = 0
+        self.written_s: list[float] = []
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run)
+
+    def __enter__(self) -> Feeder:
+        """Begin to feed."""
+        self.write()
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Stop and let the devices go."""
+        self._stop.set()
+        self._thread.join()
+        for node in self.nodes:
+            node.close()
+
+    def write(self) -> None:
+        """One pair."""
+        left, right = (pack(self.code, image) for image in self.picture(self.number))
+        self.written_s.append(time.monotonic())
+        os.write(self.nodes[0].fileno(), left)
+        if self.delay_s:
+            time.sleep(self.delay_s)
+        os.write(self.nodes[1].fileno(), right)
+        self.number += 1
+
+    def _run(self) -> None:
+        due_s = time.monotonic()
+        while not self._stop.wait(max(0.0, due_s - time.monotonic())):
+            self.write()
+            due_s = max(due_s + 1 / self.fps, time.monotonic() - 1 / self.fps)

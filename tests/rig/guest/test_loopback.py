@@ -1,0 +1,173 @@
+"""In the guest: two real V4L2 devices, fed frames we know. What the driver gives is what was fed, or a clear word."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import cv2
+import loopback
+import numpy as np
+import pytest
+
+from drivers.camera.pair import CameraError, StereoPair
+from drivers.camera.pixels import FORMATS
+from drivers.camera.settings import CameraSettings
+from drivers.camera.stereo import V4L2StereoCamera
+
+FPS = 10.0
+RANDOM = np.random.default_rng(2).integers(0, 256, (480, 640), np.uint8)
+SMOOTH = cv2.GaussianBlur(RANDOM, (0, 0), 8)
+
+
+def numbered(base: np.ndarray) -> Callable[[int], tuple[np.ndarray, np.ndarray]]:
+    """Pictures whose every frame says its number, in a block that survives JPEG."""
+
+    def picture(number: int) -> tuple[np.ndarray, np.ndarray]:
+        left = base.copy()
+        for bit in range(8):
+            left[:16, 16 * bit : 16 * bit + 16] = 255 * (number >> bit & 1)
+        return left, 255 - left
+
+    return picture
+
+
+def number_of(image: np.ndarray) -> int:
+    return sum(int(image[8, 16 * bit + 8] > 127) << bit for bit in range(8))
+
+
+def settings(**more: object) -> CameraSettings:
+    return CameraSettings(**({"left": "left", "right": "right", "fps": FPS, "max_skew_ms": 40.0} | more))  # type: ignore[arg-type]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def devices() -> Iterator[None]:
+    loopback.load()
+    yield
+    loopback.modprobe("-r", "v4l2loopback")
+
+
+@pytest.fixture
+def camera() -> Iterator[Callable[..., V4L2StereoCamera]]:
+    opened: list[V4L2StereoCamera] = []
+
+    def make(**more: object) -> V4L2StereoCamera:
+        opened.append(V4L2StereoCamera(settings(**more)))
+        return opened[-1]
+
+    yield make
+    for each in opened:
+        each.close()
+
+
+def grab_now(eyes: V4L2StereoCamera, timeout_s: float = 20.0) -> StereoPair:
+    return eyes.grab(time.monotonic(), timeout_s)
+
+
+@pytest.mark.parametrize("code", FORMATS)
+def test_what_is_fed_comes_out_bit_for_bit(code: str, camera: Callable[..., V4L2StereoCamera]) -> None:
+    picture = numbered(SMOOTH if code == "MJPEG" else RANDOM)
+    with loopback.Feeder(picture, code, fps=4.0 if code == "MJPEG" else FPS):
+        eyes = camera(formats=(code,), max_skew_ms=80.0)
+        for _ in range(2):
+            pair = grab_now(eyes)
+            for got, fed in zip((pair.left, pair.right), picture(number_of(pair.left.pixels)), strict=True):
+                if code == "MJPEG":
+                    fed = cv2.imdecode(np.frombuffer(loopback.pack(code, fed), np.uint8), cv2.IMREAD_GRAYSCALE)
+                assert np.array_equal(got.pixels, fed)
+        assert f"{code} 640x480" in eyes.describe()
+
+
+def test_a_pair_is_never_older_than_the_moment_asked_for(camera: Callable[..., V4L2StereoCamera]) -> None:
+    with loopback.Feeder(numbered(RANDOM), fps=FPS) as feeder:
+        eyes = camera()
+        for pause_s in (0.0, 0.02, 0.9, 0.05, 0.5):  # long enough for every buffer to fill with old frames, too
+            time.sleep(pause_s)
+            asked_s = time.monotonic()
+            pair = grab_now(eyes)
+            assert feeder.written_s[number_of(pair.left.pixels)] >= asked_s
+            assert time.monotonic() - asked_s < 6 / FPS
+
+
+def test_the_skew_is_the_one_fed_and_too_much_of_it_is_refused(camera: Callable[..., V4L2StereoCamera]) -> None:
+    with loopback.Feeder(numbered(RANDOM), fps=5.0, delay_s=0.05):
+        eyes = camera(max_skew_ms=90.0, fps=5.0)
+        skews = [grab_now(eyes).skew_ms for _ in range(5)]
+        assert 50 <= np.median(skews) <= 75, skews
+        eyes.close()
+        with pytest.raises(CameraError, match=r"ms apart, more than max_skew_ms 20"):
+            grab_now(camera(max_skew_ms=20.0, fps=5.0), 2.0)
+
+
+def test_a_feeder_that_stops_is_said_and_one_that_returns_is_taken_up_again(
+    camera: Callable[..., V4L2StereoCamera],
+) -> None:
+    eyes = camera()
+    with loopback.Feeder(numbered(RANDOM), fps=FPS):
+        grab_now(eyes)
+    started_s = time.monotonic()
+    with pytest.raises(CameraError, match="no frame from the left and the right camera"):
+        grab_now(eyes, 1.0)
+    assert time.monotonic() - started_s < 2.0
+    with pytest.raises(CameraError, match=r"left camera `left` is not there; there is: no video device at all"):
+        grab_now(eyes, 1.0)
+    with loopback.Feeder(numbered(RANDOM), fps=FPS):
+        assert abs(grab_now(eyes).skew_ms) <= 40
+
+
+def test_a_module_that_is_removed_and_comes_back_under_other_numbers_is_found_by_name(
+    camera: Callable[..., V4L2StereoCamera],
+) -> None:
+    eyes = camera()
+    with loopback.Feeder(numbered(RANDOM), fps=FPS):
+        grab_now(eyes)
+    with pytest.raises(CameraError):
+        grab_now(eyes, 0.5)
+    loopback.modprobe("-r", "v4l2loopback")
+    with pytest.raises(CameraError, match="is not there"):
+        grab_now(eyes, 0.5)
+    loopback.load("6,7")
+    with loopback.Feeder(numbered(RANDOM), fps=FPS, paths=("/dev/video6", "/dev/video7")):
+        grab_now(eyes)
+        assert "/dev/video6 `left`" in eyes.describe()
+        eyes.close()
+    loopback.modprobe("-r", "v4l2loopback")
+    loopback.load()
+
+
+def test_a_user_outside_the_group_video_is_told_so() -> None:
+    program = (
+        "import os\n"
+        "from drivers.camera.settings import CameraSettings\n"
+        "from drivers.camera.stereo import V4L2StereoCamera\n"
+        "os.setgroups([]); os.setgid(65534); os.setuid(65534)\n"
+        "V4L2StereoCamera(CameraSettings('/dev/video0', '/dev/video1')).open()\n"
+    )
+    with loopback.Feeder(numbered(RANDOM), fps=1.0):
+        done = subprocess.run([sys.executable, "-c", program], stderr=subprocess.PIPE, text=True, check=False)
+    assert "left camera /dev/video0: permission denied: add this user to the group `video`" in done.stderr
+
+
+def test_grabbing_at_fifteen_frames_a_second_is_measured(camera: Callable[..., V4L2StereoCamera]) -> None:
+    """No limit here: the guest is emulated. The figures are printed for the record."""
+    rows = []
+    with loopback.Feeder(numbered(RANDOM), fps=15.0):
+        eyes = camera(fps=15.0)
+        grab_now(eyes)
+        began_s, cpu_s = time.monotonic(), time.thread_time()
+        while time.monotonic() - began_s < 6.0:
+            pair = grab_now(eyes)
+            rows.append((pair.skew_ms, (time.monotonic() - pair.right.taken_s) * 1000.0))
+        share = (time.thread_time() - cpu_s) / (time.monotonic() - began_s)
+        tally = eyes.reports()[0].tally
+    skew, age = np.abs(np.array(rows)).T
+    with Path("/results/measured").open("a") as lines:
+        lines.write(
+            f"grabbing at 15 fps, 640x480 GREY: {len(rows)} pairs in 6 s; skew median {np.median(skew):.2f} ms, "
+            f"worst {skew.max():.2f} ms; age when given (from mid-exposure) median {np.median(age):.0f} ms, "
+            f"worst {age.max():.0f} ms; {share:.1%} of one emulated processor; {tally}\n"
+        )
+    assert len(rows) >= 10

@@ -1,0 +1,63 @@
+"""`make rig`: boot this machine in a guest with real V4L2 devices, systemd and a serial line, and run the jobs there.
+
+usage: run.py [JOB...]            all jobs, or those named: cameras, daemon
+       run.py -- COMMAND...       one command line in the guest, by hand
+
+Exit status: 0 all passed; 1 a job failed; 2 it cannot be run here (the reason is one line).
+"""
+
+from __future__ import annotations
+
+import shlex
+import sys
+import time
+
+import guest
+
+PYTEST = f"{shlex.quote(sys.executable)} -m pytest -c tests/rig/guest/pytest.ini --rootdir=. "
+
+
+def cameras() -> guest.Outcome:
+    """The camera driver on real devices: v4l2loopback fed by us, and the kernel's test cameras."""
+    files = "tests/rig/guest/test_loopback.py tests/rig/guest/test_vivid.py"
+    return guest.run(PYTEST + files, 300.0, guest.FOLDER / "results/cameras")
+
+
+JOBS = {"cameras": cameras}
+
+
+def run_jobs(names: list[str]) -> int:
+    """Run them one after the other; a table at the end."""
+    rows = []
+    for name in names:
+        print(f"rig: {name}: booting the guest", flush=True)
+        outcome = JOBS[name]()
+        measured = guest.FOLDER / "results" / name / "measured"
+        rows.append((name, outcome, measured.read_text().strip() if measured.exists() else ""))
+    for name, outcome, measured in rows:
+        print(f"rig: {name}: {'passed' if outcome.status == 0 else 'FAILED'} in {outcome.seconds:.0f} s")
+        print("".join(f"rig:   measured: {line}\n" for line in measured.splitlines()), end="")
+    return int(any(outcome.status for _, outcome, _ in rows))
+
+
+def main(words: list[str]) -> int:
+    """See the top of this file."""
+    by_hand = words[1:] if words[:1] == ["--"] else None
+    unknown = [word for word in words if word not in JOBS] if by_hand is None else []
+    if unknown:
+        print(f"rig: no job {', '.join(unknown)}; there are {', '.join(JOBS)}", file=sys.stderr)
+        return 2
+    try:
+        started_s = time.monotonic()
+        guest.prepare()
+        print(f"rig: ready after {time.monotonic() - started_s:.0f} s")
+        if by_hand is not None:
+            return guest.run(" ".join(by_hand), 3600.0, guest.FOLDER / "results/by-hand").status
+        return run_jobs(words or list(JOBS))
+    except guest.RigError as error:
+        print(error, file=sys.stderr)
+        return 2
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
