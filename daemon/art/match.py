@@ -51,6 +51,6 @@ def matches_at(view: Array, taught: TaughtMatrices, nodes: Index, numbering: Ind
     fits = (taught.lower[place] <= seen) & (seen <= taught.upper[place])
     elements = taught.slots * taught.slots
     difference = (elements - (~fits).sum(axis=(1, 2))) / elements
-    most = np.maximum(taught.facets()[nodes], len(filled))
+    most = np.maximum(taught.facets(nodes), len(filled))
     ratio = np.divide(fits.all(axis=2).sum(axis=1), most, out=np.zeros(len(nodes)), where=most > 0)
     return np.asarray(difference), np.asarray(ratio)

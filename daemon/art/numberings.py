@@ -5,6 +5,7 @@ Facets that can be swapped without changing the matrix (twins) are put in one or
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import lru_cache
 from itertools import permutations
 from math import perm
@@ -19,22 +20,38 @@ Index = NDArray[np.int64]
 LONGEST_TABLE = 5040
 
 
+@dataclass(frozen=True, eq=False)
+class Numberings:
+    """slots (P, k): every way of giving k facets distinct slots, in lexicographic order, twins in rising order only.
+
+    first, second (pairs,): the pairs of facets, first < second; swapped (m * m,): the slot pairs turned about; place
+    (pairs, P): where in all pairs' m * m slot pairs laid end to end each numbering puts each pair.
+    """
+
+    slots: Index
+    first: Index
+    second: Index
+    swapped: Index
+    place: Index
+
+
 def twins(matrix: Array) -> tuple[int, ...]:
-    """For each facet the facet before it that it can be swapped with, unnoticed, or -1: (k,) as a tuple.
+    """For each facet the last one before it that it can be swapped with, unnoticed, or -1: (k,) as a tuple.
 
     Being twins is transitive, so following the chain gives the whole class.
     """
+    alike = list(zip(matrix.sum(axis=0).tolist(), matrix.sum(axis=1).tolist(), matrix.diagonal().tolist(), strict=True))
     before = []
     for facet in range(len(matrix)):
-        candidates = [other for other in range(facet) if _can_swap(matrix, other, facet)]
-        before.append(candidates[-1] if candidates else -1)
+        others = (other for other in reversed(range(facet)) if alike[other] == alike[facet])
+        before.append(next((other for other in others if _can_swap(matrix, other, facet)), -1))
     return tuple(before)
 
 
 def _can_swap(matrix: Array, one: int, other: int) -> bool:
     order = np.arange(len(matrix))
     order[[one, other]] = other, one
-    return bool(np.array_equal(matrix, matrix[np.ix_(order, order)]))
+    return bool(np.array_equal(matrix, matrix[order][:, order]))
 
 
 def has_table(facets: int, slots: int) -> bool:
@@ -43,14 +60,16 @@ def has_table(facets: int, slots: int) -> bool:
 
 
 @lru_cache(maxsize=64)
-def table(facets: int, slots: int, twin_before: tuple[int, ...]) -> Index:
-    """(P, facets): every way of giving facets distinct slots, in lexicographic order, twins in rising order only."""
-    every = np.array(list(permutations(range(slots), facets)), dtype=np.int64)
-    every = every.reshape(perm(slots, facets), facets)
+def table(usable: tuple[int, ...], room: int, twin_before: tuple[int, ...]) -> Numberings:
+    """The numberings of len(twin_before) facets that use only the usable ones of `room` slots."""
+    facets = len(twin_before)
+    every = np.array(list(permutations(usable, facets)), dtype=np.int64).reshape(perm(len(usable), facets), facets)
     kept = np.ones(len(every), dtype=bool)
     for facet, before in enumerate(twin_before):
         if before >= 0:
             kept &= every[:, before] < every[:, facet]
-    result = every[kept]
-    result.flags.writeable = False
-    return result
+    slots = every[kept]
+    first, second = np.triu_indices(facets, 1)
+    swapped = np.arange(room * room).reshape(room, room).T.ravel()
+    place = (slots[:, first] * room + slots[:, second] + np.arange(len(first)) * room * room).T
+    return Numberings(slots, first, second, swapped, np.ascontiguousarray(place))

@@ -40,9 +40,10 @@ class TaughtMatrices:
         size = self.lower.sum(axis=(1, 2))
         return np.asarray(size + (1.0 - self.upper).sum(axis=(1, 2)) if self.complement else size)
 
-    def facets(self) -> Index:
-        """How many facets each node has that touch another (or themselves), (J,)."""
-        filled = (self.upper > 0.0).any(axis=1) | (self.upper > 0.0).any(axis=2)
+    def facets(self, nodes: Index) -> Index:
+        """How many facets these nodes (C,) have that touch another (or themselves), (C,)."""
+        touching = self.upper[nodes] > 0.0
+        filled = touching.any(axis=1) | touching.any(axis=2)
         return np.asarray(filled.sum(axis=1), dtype=np.int64)
 
 

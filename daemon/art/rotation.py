@@ -1,22 +1,24 @@
 """The pattern rotation layer: how well a view fits each node under the best numbering of its facets, exactly.
 
 D'Souza (section 5.5) presents all n! renumberings one after the other. Here the same maximum is found for all nodes at
-once: facets that touch nothing or are twins are not permuted, and nodes that cannot win are never looked into. The
-arithmetic of a numbering is in gains.py, element-wise comparison in match.py.
+once: facets that touch nothing or are twins are not permuted, and nodes that cannot win need not be looked into. The
+arithmetic of a numbering is in gains.py, long searches in branch.py, element-wise comparison in match.py.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from daemon.art.branch import best_by_branching
 from daemon.art.fuzzy import choice
-from daemon.art.gains import best_of_table, empty_overlap, gains
+from daemon.art.gains import Ceilings, all_gains, best_of_table, empty_overlap, gains
 from daemon.art.match import matches_at
-from daemon.art.numberings import table, twins
+from daemon.art.numberings import has_table, table, twins
 from daemon.art.relations import TaughtMatrices, as_relation, as_taught, occupied
 from daemon.art.search import one_of, within
 
@@ -25,7 +27,9 @@ Index = NDArray[np.int64]
 Scope = Literal["all", "occupied"]
 
 # Numberings times nodes looked at together.
-PIECE = 1 << 16
+PIECE = 1 << 15
+# Nodes looked into first when only the best are wanted; each further round takes twice as many.
+FIRST_ROUND = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,21 +38,29 @@ class Recall:
 
     activation (J,): T = |I ^ w| / (alpha + |w|) at that numbering; numbering (J, n): the slot of each facet of the
     view; match (J,): equation (5.2) there; match_ratio (J,): facets matched over facets of the view or the node,
-    whichever has more.
+    whichever has more; exact (J,): whether the node was looked into. Where it was not, because it cannot be among the
+    `top` asked for, activation is the upper bound that says so, numbering -1, match and match_ratio 0.
     """
 
     activation: Array
     numbering: Index
     match: Array
     match_ratio: Array
+    exact: NDArray[np.bool_]
 
     def ranking(self) -> Index:
-        """Nodes by falling activation, the smaller index first on a tie."""
-        return np.argsort(-self.activation, kind="stable")
+        """The nodes looked into by falling activation, the smaller index first on a tie."""
+        nodes = np.flatnonzero(self.exact)
+        return nodes[np.argsort(-self.activation[nodes], kind="stable")]
 
 
 def best_numbering(
-    matrix: Any, nodes: Any, alpha: float = 1e-3, complement: bool = True, scope: Scope = "all"
+    matrix: Any,
+    nodes: Any,
+    alpha: float = 1e-3,
+    complement: bool = True,
+    scope: Scope = "all",
+    top: int | None = None,
 ) -> Recall:
     """The best numbering of a view's facets at every node, the same as trying all of them.
 
@@ -56,9 +68,12 @@ def best_numbering(
     scope "all" (default) may put the view's facets into any of the m slots, so that a view which shows part of what was
     taught finds the right part; "occupied" permutes them among the slots they came in, as D'Souza does, where a
     partial view is only compared with the first facets taught (his figure 5.25 (c) then calls a prism a pentagon).
-    Ties between numberings go to the lexicographically smallest. Raises InputError, ParameterError.
+    top: how many of the best nodes are wanted; None looks into all. Ties between nodes go to the smaller index, ties
+    between numberings to one and the same on every machine. Raises InputError, ParameterError.
+
+    For many views against the same nodes, keep a RotationLayer.
     """
-    return RotationLayer(nodes, alpha, complement, scope).recall(matrix)
+    return RotationLayer(nodes, alpha, complement, scope).recall(matrix, top)
 
 
 class RotationLayer:
@@ -72,36 +87,106 @@ class RotationLayer:
         self._size = self.taught.size()
         self._empty = empty_overlap(self.taught)
 
-    def recall(self, matrix: Any) -> Recall:
-        """The view against every node."""
+    @cached_property
+    def _ceilings(self) -> Ceilings:
+        return Ceilings.of(self.taught, self._empty)
+
+    def recall(self, matrix: Any, top: int | None = None) -> Recall:
+        """The view (n, n) against every node, or as far as it takes to know the `top` best."""
         view = as_relation(matrix, self.taught.slots)
         filled = occupied(view)
-        overlap, slots = self._best(view[np.ix_(filled, filled)], filled)
-        numbering = _with_idle_facets(slots, filled, len(view), self.taught.slots)
-        everyone = np.arange(len(self._size))
-        match, ratio = matches_at(view, self.taught, everyone, numbering)
-        return Recall(choice(overlap, self._size, self.alpha), numbering, match, ratio)
+        search = _Search(self, view[filled][:, filled], filled)
+        if top is None or top >= len(self._size):
+            search.look_into(np.arange(len(self._size)))
+        else:
+            search.look_for_best(max(int(top), 1))
+        return search.result(view)
 
-    def _best(self, stripped: Array, filled: Index) -> tuple[Array, Index]:
-        """|I ^ w| at the best numbering of the stripped view (k, k), (J,), and the slots of its facets, (J, k)."""
-        usable = np.arange(self.taught.slots) if self.scope == "all" else filled
-        tabled = usable[table(len(stripped), len(usable), twins(stripped))]
-        overlap, slots = np.empty(len(self._size)), np.empty((len(self._size), len(stripped)), dtype=np.int64)
-        step = max(1, PIECE // len(tabled))
-        for start in range(0, len(self._size), step):
-            nodes = np.arange(start, min(start + step, len(self._size)))
-            gain = gains(stripped, self.taught, nodes, self._empty)
-            overlap[nodes], best = best_of_table(gain, tabled, self.taught.slots)
-            slots[nodes] = tabled[best]
-        return overlap, slots
+
+class _Search:
+    """One view on its way through the nodes: activations, exact where looked into, else bounds."""
+
+    def __init__(self, layer: RotationLayer, stripped: Array, filled: Index) -> None:
+        self.layer, self.stripped, self.filled = layer, stripped, filled
+        count = len(layer._size)
+        self.activation = np.zeros(count)
+        self.exact = np.zeros(count, dtype=bool)
+        self.slots = np.full((count, len(filled)), -1, dtype=np.int64)
+        room = layer.taught.slots
+        self.usable = tuple(range(room)) if layer.scope == "all" else tuple(filled.tolist())
+        self.twins = twins(stripped)
+
+    def look_into(self, nodes: Index) -> None:
+        """Find the best numbering at these nodes, (C,)."""
+        if has_table(len(self.filled), len(self.usable)):
+            self._by_table(nodes)
+        else:
+            self._by_branching(nodes)
+        self.exact[nodes] = True
+
+    def _by_table(self, nodes: Index) -> None:
+        taught, empty = self.layer.taught, self.layer._empty
+        numberings = table(self.usable, taught.slots, self.twins)
+        step = max(1, PIECE // len(numberings.slots))
+        for start in range(0, len(nodes), step):
+            some = nodes[start : start + step]
+            overlap, best = best_of_table(gains(self.stripped, taught, some, empty, numberings), numberings)
+            self.activation[some] = choice(overlap, self.layer._size[some], self.layer.alpha)
+            self.slots[some] = numberings.slots[best]
+
+    def _by_branching(self, nodes: Index) -> None:
+        layer, usable = self.layer, np.array(self.usable, dtype=np.int64)
+        for node in nodes.tolist():
+            pair, single = all_gains(self.stripped, layer.taught, node)
+            gain, self.slots[node] = best_by_branching(pair, single, usable, self.twins)
+            overlap = np.array([layer._empty[node] + gain])
+            self.activation[node] = choice(overlap, layer._size[[node]], layer.alpha)[0]
+
+    def look_for_best(self, top: int) -> None:
+        """Look into nodes, the most promising first, until no other can be among the `top` best."""
+        layer = self.layer
+        self.activation[:] = choice(layer._ceilings.overlap(self.stripped), layer._size, layer.alpha)
+        length = max(FIRST_ROUND, top)
+        while True:
+            open_nodes = self._contenders(top)
+            if not len(open_nodes):
+                return
+            self.look_into(_most_promising(open_nodes, self.activation[open_nodes], length))
+            length *= 2
+
+    def _contenders(self, top: int) -> Index:
+        """Nodes not yet looked into whose bound, or index on a tie, may put them among the top best."""
+        known = np.flatnonzero(self.exact)
+        if len(known) < top:
+            return np.flatnonzero(~self.exact)
+        last = known[np.lexsort((known, -self.activation[known]))[top - 1]]
+        nodes = np.flatnonzero((self.activation >= self.activation[last]) & ~self.exact)
+        ahead = (self.activation[nodes] > self.activation[last]) | (nodes < last)
+        return np.asarray(nodes[ahead], dtype=np.int64)
+
+    def result(self, view: Array) -> Recall:
+        layer, known = self.layer, np.flatnonzero(self.exact)
+        count = len(self.exact)
+        numbering = np.full((count, len(view)), -1, dtype=np.int64)
+        numbering[known] = _with_idle_facets(self.slots[known], self.filled, len(view), layer.taught.slots)
+        match, ratio = np.zeros(count), np.zeros(count)
+        match[known], ratio[known] = matches_at(view, layer.taught, known, numbering[known])
+        return Recall(self.activation, numbering, match, ratio, self.exact)
+
+
+def _most_promising(nodes: Index, bound: Array, length: int) -> Index:
+    """The `length` nodes of greatest bound, in rising order of index."""
+    if len(nodes) <= length:
+        return nodes
+    return np.asarray(np.sort(nodes[np.argpartition(-bound, length)[:length]]))
 
 
 def _with_idle_facets(slots: Index, filled: Index, facets: int, room: int) -> Index:
     """Slots (J, k) of the facets that touch something -> (J, n): the idle ones get the free slots in rising order."""
     numbering = np.empty((len(slots), facets), dtype=np.int64)
     numbering[:, filled] = slots
-    idle = np.setdiff1d(np.arange(facets), filled)
-    if len(idle):
+    if len(filled) < facets:
+        idle = np.delete(np.arange(facets), filled)
         free = np.ones((len(slots), room), dtype=bool)
         np.put_along_axis(free, slots, False, axis=1)
         numbering[:, idle] = np.argsort(~free, axis=1, kind="stable")[:, : len(idle)]
