@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.vision.data import Facet
+from daemon.vision.data import Facet, Group
 
 Array = NDArray[np.float64]
 
@@ -51,3 +51,9 @@ def connected(touch: NDArray[np.bool_]) -> list[list[int]]:
                 todo.extend(int(m) for m in np.flatnonzero(touch[k]))
         sets.append(sorted(members))
     return sets
+
+
+def split_groups(facets: tuple[Facet, ...], touch: NDArray[np.bool_]) -> tuple[Group, ...]:
+    """Connected sets of touching facets as groups, nearest first."""
+    groups = [Group(tuple(facets[k] for k in m), touch[np.ix_(m, m)]) for m in connected(touch)]
+    return tuple(sorted(groups, key=lambda g: float(np.mean([f.corners_mm[:, 2].mean() for f in g.facets]))))

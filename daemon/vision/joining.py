@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -35,7 +37,7 @@ def number_corners(facets: list[Facet], tolerance_px: float) -> tuple[list[Index
                 edges.append(one)
     numbers = np.unique(root, return_inverse=True)[1]
     shared = {(int(min(numbers[p], numbers[q])), int(max(numbers[p], numbers[q]))) for p, q in edges}
-    return [numbers[s:e] for s, e in zip(first[:-1], first[1:], strict=True)], shared
+    return [numbers[s:e] for s, e in pairwise(first)], shared
 
 
 def join(members: list[Candidate], eyes: Baseline, tolerance_px: float = 4.0) -> tuple[list[Facet], Solid]:
