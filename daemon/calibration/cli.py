@@ -7,8 +7,9 @@ import argparse
 
 def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Add `calibrate` and its kinds to facetctl."""
-    from daemon.calibration import recorded
+    from daemon.calibration import interchange, recorded
 
     parser = subparsers.add_parser("calibrate", help="where the cameras are and how they see")
     kinds = parser.add_subparsers(dest="kind", required=True, metavar="KIND")
     recorded.register(kinds)
+    interchange.register(kinds)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon import frames
-from daemon.calibration.bundle import Problem, UndeterminedError, chain, solve
+from daemon.calibration.least_squares import Problem, UndeterminedError, chain, solve
 from daemon.vision.rig import Camera, StereoRig
 
 Array = NDArray[np.float64]

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from daemon import frames
 from daemon.calibration.board import Board, Sight
-from daemon.calibration.bundle import (
+from daemon.calibration.least_squares import (
     INTRINSICS,
     Match,
     Problem,
@@ -212,7 +212,7 @@ def _result(
 
 
 def rig_from_parameters(x: Array, image_size: tuple[int, int]) -> StereoRig:
-    """Parameters of bundle.stereo_problem -> the rig in its cyclopean frame (DESIGN: midway, x along the baseline)."""
+    """Parameters of least_squares.stereo_problem -> the rig in its cyclopean frame (midway, x along the baseline)."""
     left_from_right = frames.inverse(_transform(x[POSE]))
     left_from_cyclopean = cyclopean_frame(left_from_right)
     cyclopean_from_left = frames.inverse(left_from_cyclopean)

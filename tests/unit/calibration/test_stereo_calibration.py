@@ -10,7 +10,7 @@ import pytest
 
 from daemon import frames
 from daemon.calibration.board import Board, BoardError, Sight, find_board, parse_board
-from daemon.calibration.bundle import INTRINSICS, Match, stereo_problem
+from daemon.calibration.least_squares import INTRINSICS, Match, stereo_problem
 from daemon.calibration.stereo import Pair, StereoError, calibrate_stereo
 from daemon.vision.rig import Camera, StereoRig
 
