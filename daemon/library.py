@@ -13,13 +13,12 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from daemon.vision.facet_types import FacetLibrary, FacetType, Value
+from daemon.vision.facet_types import LARGEST_NUMBER, FacetLibrary, FacetType, Value
 from daemon.yamlfile import Document, read
 
 HOME = Path(__file__).resolve().parent.parent / "etc"
 FACETS = HOME / "facets.yaml"
 PARTS = HOME / "parts.yaml"
-LARGEST_NUMBER = 0.85  # above lie the numbers of facets the library lacks
 
 
 class _Tolerance(msgspec.Struct, forbid_unknown_fields=True):
@@ -117,7 +116,8 @@ def _facet_type(document: Document, index: int, facet: _Facet) -> FacetType:
         )
     if not 0 < facet.type_number < LARGEST_NUMBER:
         raise document.error(
-            ("facets", index, "type_number"), f"expected more than 0 and less than 0.85, found {facet.type_number}"
+            ("facets", index, "type_number"),
+            f"expected more than 0 and less than {LARGEST_NUMBER}, found {facet.type_number}",
         )
     for i, ratio in enumerate(facet.side_ratios):
         if not isinstance(ratio, str) and ratio <= 0:

@@ -14,6 +14,7 @@ STRANGER = 0.25  # how often something never taught lies in view
 SAME_TYPES = 0.3  # how often a stranger shows a given type at a given place
 SAME_SIZE = 1 / 6  # how often one of a stranger's lengths is that of a taught part: people choose round numbers
 SAME_ANGLE = 1 / 3  # how often one of its dihedral angles is: right angles are common
+ASTRAY = 0.05  # how often a corner is measured quite wrongly
 FREE_SIZES = {"square": 1, "equilateral_triangle": 1, "pentagon": 1, "rectangle": 2, "isosceles_triangle": 2}
 
 
@@ -29,9 +30,9 @@ def label_odds(best: Sequence[Hypothesis]) -> dict[str, float]:
     """Relative weight of each label, from the chi-square of its best hypothesis; 1 for a perfect fit.
 
     The weight is the tail probability of the chi-square: a right hypothesis has any tail with equal chance, a wrong
-    one next to none. SIGMA_SCALE allows for predicted errors that are too small.
+    one next to none.
     """
-    return {h.label: h.tail for h in best}
+    return {h.label: h.tail * (ASTRAY if h.astray >= 0 else 1.0) for h in best}
 
 
 def probability(seen: Solid, best: Sequence[Hypothesis], label: str) -> float:

@@ -19,6 +19,7 @@ from daemon.vision.measure import Measures, measure
 
 Array = NDArray[np.float64]
 Value = float | str
+LARGEST_NUMBER = 0.85  # of a library type; above lie the numbers of facets the library lacks
 FALSE_ALARM = 1e-4  # how rarely a true square may fail to be called one
 SIGMA_SCALE = 1.5  # how far predicted corner errors may be too small before typing suffers
 
@@ -121,7 +122,7 @@ def other_number(name: str) -> float:
     """A type number for what the library lacks, distinct for each number of sides, above 0.85 and below 1."""
     digits = int("".join(c for c in name if c.isdigit()) or "0")
     if name.startswith("arc"):
-        return 0.85 + 0.005 * digits / 360
+        return LARGEST_NUMBER + 0.005 * digits / 360
     return 1.0 - 1.0 / (digits + 4.0)
 
 

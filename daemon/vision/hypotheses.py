@@ -6,7 +6,7 @@ In: what is seen, the taught metric models. Out: hypotheses, best first. Which o
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,13 +14,15 @@ from numpy.typing import NDArray
 from daemon.vision.chisquare import chi_square_tail
 from daemon.vision.correspond import Correspondence, correspondences
 from daemon.vision.merge import MetricModel
-from daemon.vision.metric import fit_poses, rough_rms
+from daemon.vision.metric import Fits, fit_poses, rough_rms
 from daemon.vision.relation import Solid
 
 Array = NDArray[np.float64]
 Way = tuple[str, Correspondence]
 SIGMA_SCALE = 1.3  # how much larger than predicted the corner errors may be, taken together
 ROUGH_MM = 4.0  # an unweighted fit may be this bad where the weighted one is good: depth is what errs
+SECOND_CHANCES = 8  # how many hypotheses are tried again without one corner
+ASTRAY_MM = 12.0  # how far a corner may lie off that is left out: farther, and it is another shape
 EQUAL_CHI2 = 9.0  # poses of one label this close in chi-square are equally good
 
 
@@ -30,7 +32,7 @@ class Hypothesis:
 
     facets: the taught facet behind each seen one, or -1; corners (K,): the taught corner behind each seen one, or -1.
     tail: probability that a right hypothesis fits this badly or worse. rms_mm: distance of matched corners.
-    worst_mm: the largest of those distances.
+    astray: the one seen corner that the fit leaves out because it was measured wrongly, or -1.
     """
 
     label: str
@@ -41,6 +43,7 @@ class Hypothesis:
     chi2: float
     dof: int
     rms_mm: float
+    astray: int = -1
 
     @property
     def explained(self) -> int:
@@ -49,6 +52,7 @@ class Hypothesis:
 
     @property
     def tail(self) -> float:
+        """Probability of a chi-square this large when the hypothesis is right."""
         return chi_square_tail(self.chi2 / SIGMA_SCALE**2, self.dof)
 
 
@@ -64,14 +68,42 @@ def hypotheses(seen: Solid, metric: Mapping[str, MetricModel], tolerance_mm: flo
         return ()
     ways = _promising(seen, metric, ways)
     fits = fit_poses(*_matched(seen, metric, ways), tolerance_mm)
-    found = [
-        Hypothesis(
-            label, way.facets, way.corners, fits.poses[i], fits.covariance[i],
-            float(fits.chi2[i]), int(fits.dof[i]), float(fits.rms_mm[i]),
-        )
-        for i, (label, way) in enumerate(ways)
-    ]  # fmt: skip
+    found = [_hypothesis(way, fits, i) for i, way in enumerate(ways)]
     return tuple(sorted(found, key=lambda h: (-h.explained, h.chi2)))
+
+
+def without_one_corner(
+    seen: Solid, metric: Mapping[str, MetricModel], near: tuple[Hypothesis, ...], tolerance_mm: float
+) -> tuple[Hypothesis, ...]:
+    """The best hypotheses again, each without any one corner: a side fitted to the wrong edge spoils one corner.
+
+    Only corners without which every facet still has three, and that lie no farther off than a wrong edge would put
+    them. Those of each hypothesis that fit best come back, smallest chi-square first.
+    """
+    ways, left_out = [], []
+    for h in near[:SECOND_CHANCES]:
+        for k in np.nonzero(h.corners >= 0)[0]:
+            if all(len(ring) > 3 for ring in seen.facets if k in ring):
+                ways.append((h.label, Correspondence(h.facets, h.corners)))
+                left_out.append(int(k))
+    if not ways:
+        return ()
+    matched = _matched(seen, metric, ways)
+    used = matched[4].copy()
+    used[np.arange(len(ways)), left_out] = False
+    fits = fit_poses(*matched[:4], used, tolerance_mm)
+    turned = matched[2] @ fits.poses[:, :3, :3].transpose(0, 2, 1) + fits.poses[:, None, :3, 3]
+    off = np.linalg.norm(seen.corners_mm - turned, axis=2)[np.arange(len(ways)), left_out]
+    found = [replace(_hypothesis(way, fits, i), astray=left_out[i]) for i, way in enumerate(ways) if off[i] < ASTRAY_MM]
+    return tuple(sorted(found, key=lambda h: (-h.explained, h.chi2)))
+
+
+def _hypothesis(way: Way, fits: Fits, i: int) -> Hypothesis:
+    label, laid = way
+    return Hypothesis(
+        label, laid.facets, laid.corners, fits.poses[i], fits.covariance[i],
+        float(fits.chi2[i]), int(fits.dof[i]), float(fits.rms_mm[i]),
+    )  # fmt: skip
 
 
 def equivalents(best: Hypothesis, others: tuple[Hypothesis, ...]) -> Array:

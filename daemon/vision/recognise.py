@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from daemon.vision.data import Facet, FacetView, Group, Part, Recognition
 from daemon.vision.evidence import probability
-from daemon.vision.facet_types import Typing
-from daemon.vision.hypotheses import Hypothesis, equivalents, hypotheses
+from daemon.vision.facet_types import LARGEST_NUMBER, Typing
+from daemon.vision.hypotheses import Hypothesis, equivalents, hypotheses, without_one_corner
 from daemon.vision.model import Model
 from daemon.vision.patterns import Answer, by_label, recall, touching_of, typed
 from daemon.vision.posterior import most_likely_corners
@@ -23,7 +23,9 @@ from daemon.vision.relation import Solid, weld
 
 Array = NDArray[np.float64]
 LEAST_TAIL = 1e-4  # a right hypothesis may fit so badly only this rarely
+LEAST_TAIL_ASTRAY = 1e-2  # the same where one corner was left out: what remains must fit well
 LEAST_PROBABILITY = 0.9  # below it a part is not named
+EPIPOLAR_PX = 0.25  # a corner farther off its epipolar line than this is less sure than predicted
 UNKNOWN = "unknown"
 
 
@@ -39,8 +41,30 @@ class _Seen:
 
 def recognise(view: FacetView, model: Model) -> tuple[Part, ...]:
     """Name and locate every group of facets, nearest first. Groups that fit nothing taught come back as `unknown`."""
-    parts = [recognise_group(group, model) for group in view.groups if group.facets]
+    parts = [part for group in view.groups if group.facets for part in _parts_of(group, model)]
     return tuple(sorted(parts, key=lambda p: float(np.linalg.norm(p.cyclopean_from_part[:3, 3]))))
+
+
+def _parts_of(group: Group, model: Model) -> tuple[Part, ...]:
+    """The group as one part; where that has no name but all its facets except one irregular one have, those two apart.
+
+    A shadow or a neighbour's corner seen as a facet must not hide the part it lies beside.
+    """
+    whole = recognise_group(group, model)
+    if whole.recognition.label != UNKNOWN or len(group.facets) < 3:
+        return (whole,)
+    for index, facet in enumerate(whole.facets):
+        if facet.type_number <= LARGEST_NUMBER:
+            continue
+        rest = [k for k in range(len(group.facets)) if k != index]
+        part = recognise_group(_subgroup(group, rest), model)
+        if part.recognition.label != UNKNOWN:
+            return part, recognise_group(_subgroup(group, [index]), model)
+    return (whole,)
+
+
+def _subgroup(group: Group, members: list[int]) -> Group:
+    return Group(tuple(group.facets[k] for k in members), group.touching[np.ix_(members, members)])
 
 
 def recognise_group(group: Group, model: Model) -> Part:
@@ -70,10 +94,16 @@ def recognise_group(group: Group, model: Model) -> Part:
 
 
 def _look_at(group: Group, model: Model) -> _Seen:
-    pairs = [typed(f, model.library) for f in group.facets]
+    pairs = [typed(_doubted(f), model.library) for f in group.facets]
     facets = tuple(f for f, _ in pairs)
     solid = weld(facets)
     return _Seen(facets, tuple(t for _, t in pairs), solid, touching_of(group, solid))
+
+
+def _doubted(facet: Facet) -> Facet:
+    """The facet, its corners off their epipolar lines less sure: there one eye saw something else."""
+    excess = np.maximum(np.abs(facet.epipolar_px) / EPIPOLAR_PX, 1.0) ** 2
+    return replace(facet, covariance_mm2=facet.covariance_mm2 * excess[:, None, None])
 
 
 def _answers(seen: _Seen, model: Model) -> tuple[Answer, ...]:
@@ -92,7 +122,12 @@ def _fits(seen: _Seen, model: Model, answers: tuple[Answer, ...]) -> tuple[Hypot
     if any(_stands(h, seen) for h in first):
         return first
     rest = hypotheses(seen.solid, {n: m for n, m in model.metric.items() if n not in named}, tolerance)
-    return tuple(sorted(first + rest, key=lambda h: (-h.explained, h.chi2)))
+    found = tuple(sorted(first + rest, key=lambda h: (-h.explained, h.chi2)))
+    whole = tuple(h for h in found if h.explained == len(seen.facets))
+    if len(seen.facets) < 2 or any(_stands(h, seen) for h in whole):
+        return found
+    again = without_one_corner(seen.solid, model.metric, whole, tolerance)
+    return (*(h for h in again if h.tail > LEAST_TAIL_ASTRAY), *found)
 
 
 def _stands(hypothesis: Hypothesis, seen: _Seen) -> bool:

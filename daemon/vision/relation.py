@@ -16,8 +16,6 @@ from daemon.vision.data import Facet
 Array = NDArray[np.float64]
 MATRIX_SIZE = 6  # rows and columns, as in section 4.4.3; grows where a view shows more facets
 WELD_PX = 6.0  # how far the two sightings of one corner may lie apart in an image
-WELD_SIGMAS = 5.0  # ... and in space, in predicted errors,
-WELD_FLOOR_MM = 5.0  # ... or this far, because depth errs most where a line fit went astray
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,17 +89,16 @@ def touching_from(solid: Solid) -> NDArray[np.bool_]:
 
 
 def _common_edge(one: Facet, other: Facet) -> tuple[tuple[int, int], ...]:
-    """Corner pairs of the opposite edges that lie closest in both images; nothing where images or depth disagree."""
+    """Corner pairs of the opposite edges that lie closest in both images; nothing where the images disagree.
+
+    Both images together fix depth as well: what coincides in both coincides in space.
+    """
     apart_px = np.maximum(_edge_distances(one.left_px, other.left_px), _edge_distances(one.right_px, other.right_px))
     i, j = divmod(int(np.argmin(apart_px)), len(other.corners_mm))
-    pairs = ((i, (j + 1) % len(other.corners_mm)), ((i + 1) % len(one.corners_mm), j))
-    if apart_px[i, j] > WELD_PX:
+    shortest = min(_shortest_side(one.left_px), _shortest_side(other.left_px))
+    if apart_px[i, j] > min(WELD_PX, shortest / 3):
         return ()
-    apart_mm = max(float(np.linalg.norm(one.corners_mm[p] - other.corners_mm[q])) for p, q in pairs)
-    spread = max(float(np.trace(one.covariance_mm2[p]) + np.trace(other.covariance_mm2[q])) for p, q in pairs)
-    near = max(WELD_FLOOR_MM, WELD_SIGMAS * float(np.sqrt(spread)))
-    shortest = min(_shortest_side(one.corners_mm), _shortest_side(other.corners_mm))
-    return pairs if apart_mm < min(near, shortest / 3) else ()
+    return (i, (j + 1) % len(other.corners_mm)), ((i + 1) % len(one.corners_mm), j)
 
 
 def _edge_distances(a: Array, b: Array) -> Array:
