@@ -9,9 +9,10 @@ from collections.abc import Sequence
 from itertools import combinations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from drivers.simcell.light import facet_levels
-from drivers.simcell.parts import Shape, part_shape
+from drivers.simcell.parts import Shape, Solid, part_shape
 from drivers.simcell.rigid import Array, apply, rigid, turn, turn_between
 from drivers.simcell.truth import Lighting
 
@@ -28,7 +29,11 @@ VIEWS: dict[str, tuple[tuple[int, ...], ...]] = {
 DISTANCE_MM = 340.0
 LEAST_FACING = 0.15
 HIDDEN_FACING = -0.04
-KINDS, TURNS = 12, 24
+TURNS = 24
+TILTS_RAD = (0.0, 0.15, 0.3)
+CLEAR_LEVELS, WELL_TURNED = 30.0, 0.35
+"""A step in grey level, and a cosine between a facet's normal and the way to an eye, that leave nothing to wish for."""
+BRIGHTEST = 240.0
 
 
 class NoViewError(Exception):
@@ -53,11 +58,11 @@ def characteristic_pose(
     shape = part_shape(label)
     middle = apply(world_from_cyclopean, np.array([0.0, 0.0, distance_mm]))
     eyes = [apply(world_from_cyclopean, eye) for eye in eyes_cyclopean_mm]
+    upright = turn_between(_direction(shape, views[view]), -world_from_cyclopean[:3, 2])
     best, best_score = None, 0.0
-    for towards in _directions(shape, views[view]):
-        upright = turn_between(towards, -world_from_cyclopean[:3, 2])
+    for lean in _leans(world_from_cyclopean[:3, 0], world_from_cyclopean[:3, 1]):
         for angle in 2 * np.pi * np.arange(TURNS) / TURNS:
-            pose = rigid(turn(world_from_cyclopean[:3, 2], angle) @ upright, middle)
+            pose = rigid(lean @ turn(world_from_cyclopean[:3, 2], angle) @ upright, middle)
             score = _clearness(shape, pose, eyes, views[view], lighting)
             if score > best_score:
                 best, best_score = pose, score
@@ -66,16 +71,21 @@ def characteristic_pose(
     return best
 
 
-def _directions(shape: Shape, wanted: tuple[int, ...]) -> list[Array]:
-    """Directions (3,) in the part's frame from which the facets of a wanted view are all turned to the eye alike."""
+def _leans(right: Array, down: Array) -> list[Array]:
+    """Small turns (3, 3) out of the line of sight, towards eight sides."""
+    sides = [np.cos(a) * right + np.sin(a) * down for a in np.pi / 4 * np.arange(8)]
+    return [turn(side, tilt) for tilt in TILTS_RAD for side in (sides if tilt else sides[:1])]
+
+
+def _direction(shape: Shape, wanted: tuple[int, ...]) -> Array:
+    """A direction (3,) in the part's frame from which the facets of a wanted view are all turned to the eye alike."""
     sides = [len(face) for face in shape.hull.faces]
-    found = []
     for facets in combinations(range(len(sides)), len(wanted)):
         if sorted(sides[i] for i in facets) == sorted(wanted):
             towards = _evenly_between(shape.hull.normals[list(facets)])
             if tuple(np.flatnonzero(shape.hull.normals @ towards > 1e-9)) == facets:
-                found.append(towards)
-    return found[:KINDS]
+                return towards
+    raise NoViewError(f"{shape.label}: no direction shows just facets with {', '.join(map(str, wanted))} sides")
 
 
 def _evenly_between(normals: Array) -> Array:
@@ -90,29 +100,38 @@ def _evenly_between(normals: Array) -> Array:
 def _clearness(
     shape: Shape, world_from_part: Array, eyes: Sequence[Array], wanted: tuple[int, ...], lighting: Lighting
 ) -> float:
-    """The least step in grey level at any edge, between facets or to the table; 0 where the view is not as wanted."""
+    """How well a view is seen, 0 to 1: facets well turned to both eyes, clear steps at every edge; 0: another view."""
     solid = shape.hull
     middles = apply(world_from_part, np.array([solid.vertices[list(f)].mean(axis=0) for f in solid.faces]))
     normals = solid.normals @ world_from_part[:3, :3].T
-    for eye in eyes:
-        to_eye = eye - middles
-        facing = np.sum(normals * to_eye, axis=1) / np.linalg.norm(to_eye, axis=1)
-        seen = facing > 0
-        if tuple(sorted(len(f) for f, s in zip(solid.faces, seen, strict=True) if s)) != tuple(sorted(wanted)):
-            return 0.0
-        if facing[seen].min() < LEAST_FACING or facing[~seen].max() > HIDDEN_FACING:
-            return 0.0
-    levels = {
-        int(i): _level(middles[i], normals[i], lighting.facet_albedo, eyes[0], lighting) for i in np.flatnonzero(seen)
-    }
-    bare = _level(middles.mean(axis=0), np.array([0.0, 0.0, 1.0]), lighting.table_albedo, eyes[0], lighting)
-    between = [
-        abs(levels[a] - levels[b])
-        for a, b in combinations(levels, 2)
-        if len(set(solid.faces[a]) & set(solid.faces[b])) == 2
-    ]
-    return min(*between, *(abs(level - bare) for level in levels.values()))
+    facings = [_facing(middles, normals, eye) for eye in eyes]
+    seen = facings[0] > 0
+    if sorted(len(f) for f, s in zip(solid.faces, seen, strict=True) if s) != sorted(wanted):
+        return 0.0
+    turned = min(float(facing[seen].min()) for facing in facings)
+    if turned < LEAST_FACING or max(float(facing[~seen].max()) for facing in facings) > HIDDEN_FACING:
+        return 0.0
+    step = _least_step(solid, middles, normals, np.flatnonzero(seen), eyes[0], lighting)
+    return min(step / CLEAR_LEVELS, 1.0) * min(turned / WELL_TURNED, 1.0)
 
 
-def _level(point: Array, normal: Array, albedo: float, eye: Array, lighting: Lighting) -> float:
-    return float(facet_levels(point[None].astype(np.float32), normal, albedo, eye, lighting)[0])
+def _facing(middles: Array, normals: Array, eye: Array) -> Array:
+    """(F,) cosine between each face's normal and the way to the eye."""
+    to_eye = eye - middles
+    facing: Array = np.sum(normals * to_eye, axis=1) / np.linalg.norm(to_eye, axis=1)
+    return facing
+
+
+def _least_step(
+    solid: Solid, middles: Array, normals: Array, seen: NDArray[np.intp], eye: Array, lighting: Lighting
+) -> float:
+    """The least difference in grey level across an edge between facets in sight, or between one and the table."""
+
+    def level(point: Array, normal: Array, albedo: float) -> float:
+        bright = facet_levels(point[None].astype(np.float32), normal, albedo, eye, lighting)
+        return min(float(bright[0]), BRIGHTEST)
+
+    levels = {int(i): level(middles[i], normals[i], lighting.facet_albedo) for i in seen}
+    bare = level(middles.mean(axis=0), np.array([0.0, 0.0, 1.0]), lighting.table_albedo)
+    touching = [(a, b) for a, b in combinations(levels, 2) if len(set(solid.faces[a]) & set(solid.faces[b])) == 2]
+    return min(*(abs(levels[a] - levels[b]) for a, b in touching), *(abs(v - bare) for v in levels.values()))
