@@ -202,9 +202,10 @@ async def _clear(cycle: Any, simulated: Any, teller: Teller) -> None:
     simulated.scatter(PARTS)
     say(f"the table: {', '.join(PARTS)}, in random poses")
     for _ in range(ROUNDS):
-        await cycle.auto()
-        if cycle.mover.fault is not None or sum(taken.outcome == "picked" for taken in teller.taken) >= len(PARTS):
+        left = len(PARTS) - sum(taken.outcome == "picked" for taken in teller.taken)
+        if left == 0 or cycle.mover.fault is not None:
             return
+        await cycle.auto(count=left)
 
 
 def _table(taken: list[Taken], seconds: float) -> int:

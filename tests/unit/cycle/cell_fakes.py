@@ -146,7 +146,6 @@ class FakeRobot:
     def reachable(self, world_from_tool, joints_rad):
         return joints(world_from_tool) if np.linalg.norm(world_from_tool[:3, 3]) < self.world.reach_mm else None
 
-
     def between(self, joints_rad, to_rad, share):
         return frames.perturb(np.eye(4), joints_rad + share * (to_rad - joints_rad))
 
@@ -197,7 +196,9 @@ class TruthSight:
         facets = []
         for indices, normal in zip(shape.facets, shape.normals(), strict=True):
             corners = frames.apply(cyclopean_from_part, shape.corners_mm[indices])
-            if (cyclopean_from_part[:3, :3] @ normal) @ corners.mean(axis=0) / np.linalg.norm(corners.mean(axis=0)) < -0.25:
+            if (cyclopean_from_part[:3, :3] @ normal) @ corners.mean(axis=0) / np.linalg.norm(
+                corners.mean(axis=0)
+            ) < -0.25:
                 facets.append(self._facet(corners))
         if not facets:
             return None

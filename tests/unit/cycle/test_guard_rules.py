@@ -1,0 +1,217 @@
+"""The guard: each rule refuses on its own, and no byte leaves while one is broken."""
+
+import asyncio
+
+import numpy as np
+import pytest
+from cell_fakes import HEAD_DOWN, World, build
+from hypothesis import HealthCheck, Phase, settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule, run_state_machine_as_test
+
+from daemon import frames, guard, motion
+from daemon.grasp import tool_rotation
+from daemon.guard import Command, Limits, Standing, refuse
+from daemon.motion import Arrival, Mover, MoveRefusedError
+
+LIMITS = Limits()
+AT = HEAD_DOWN
+STANDING = Standing(enabled=True, fault=None, at=AT, now_s=100.0)
+
+
+def moved(x=0.0, y=0.0, z=0.0, turn=0.0):
+    return frames.perturb(AT, np.array([x, y, z, 0.0, 0.0, turn]))
+
+
+def command(pose=None, speed=50.0, look=99.0):
+    return Command(moved(10.0) if pose is None else pose, True, speed, "test", look)
+
+
+BROKEN = [
+    ("fault_stands", command(), Standing(True, "stopped", AT, 100.0)),
+    ("not_enabled", command(), Standing(False, None, AT, 100.0)),
+    ("not_a_location", command(np.full((4, 4), np.nan)), STANDING),
+    ("not_a_location", command(np.diag([1.0, 1.0, -1.0, 1.0])), STANDING),
+    ("not_a_location", command(np.eye(3)), STANDING),
+    ("arm_lost", command(), Standing(True, None, None, 100.0)),
+    ("outside_workspace", command(moved(x=600.0)), STANDING),
+    ("outside_workspace", command(moved(z=-400.0)), STANDING),
+    ("below_table", command(moved(z=-352.0)), STANDING),
+    ("step_too_long", command(moved(x=380.0, y=380.0)), STANDING),
+    ("turn_too_far", command(moved(turn=2.0)), STANDING),
+    ("too_fast", command(speed=100.1), STANDING),
+    ("too_fast", command(speed=0.0), STANDING),
+    ("stale_look", command(look=79.0), STANDING),
+    ("stale_look", command(look=100.5), STANDING),
+]
+
+
+@pytest.mark.parametrize(("rule", "bad", "standing"), BROKEN)
+def test_each_rule_refuses_by_its_name(rule, bad, standing):
+    refusal = refuse(bad, standing, LIMITS)
+    assert refusal is not None
+    assert refusal.rule == rule
+    assert refusal.text
+
+
+def test_every_rule_of_the_table_is_shown_refusing():
+    assert {name for name, *_ in BROKEN} == {name for name, _ in guard.RULES}
+
+
+def test_a_sound_command_goes():
+    assert refuse(command(), STANDING, LIMITS) is None
+    assert refuse(command(look=None), STANDING, LIMITS) is None
+
+
+def test_the_cameras_may_not_dip_into_the_table_even_when_the_fingers_are_clear():
+    tilted = frames.rigid(tool_rotation(np.array([1.0, 0, 0]), np.radians(-75.0)), np.array([420.0, 0.0, -270.0]))
+    standing = Standing(True, None, tilted, 100.0)
+    refusal = refuse(Command(tilted, True, 10.0, "test"), standing, LIMITS)
+    assert refusal is not None
+    assert refusal.rule == "below_table"
+
+
+class GuardedMotion(RuleBasedStateMachine):
+    """Random operators, looks, clocks, faults and commands against a Mover. An oracle of its own judges each byte."""
+
+    @initialize()
+    def build(self):
+        self.loop = asyncio.new_event_loop()
+        self.world = World(np.random.default_rng(1))
+        self.mover = Mover(build(self.world), LIMITS, Arrival())
+        self.look_s = 0.0
+        self.judged = 0
+        self.wrong: list[str] = []
+        self.mover.enabled = True
+        self.loop.run_until_complete(self.mover.where())
+
+    @rule(on=st.sampled_from([True, True, True, False]))
+    def enable(self, on):
+        self.mover.enabled = on
+
+    @rule(fault=st.sampled_from([None, None, None, "stopped"]))
+    def fault(self, fault):
+        self.mover.fault = fault
+
+    @rule()
+    def look(self):
+        self.look_s = self.world.clock()
+
+    @rule(seconds=st.sampled_from([0.1, 1.0, 15.0, 21.0]))
+    def wait(self, seconds):
+        self.world.now_s += seconds
+
+    @rule()
+    def lose_the_arm(self):
+        self.mover.at = None
+
+    @rule()
+    def ask_where(self):
+        self.loop.run_until_complete(self.mover.where())
+
+    @rule(
+        xyz=st.tuples(st.floats(-300, 1200), st.floats(-900, 900), st.floats(-420, 1400)),
+        tilt=st.floats(-3.2, 3.2),
+        heading=st.floats(-3.2, 3.2),
+        speed=st.sampled_from([10.0, 100.0, 0.0, -5.0, 101.0, 50.0, 50.0]),
+        from_look=st.booleans(),
+        near=st.booleans(),
+        bent=st.sampled_from([False, False, False, True]),
+    )
+    def go(self, xyz, tilt, heading, speed, from_look, near, bent):
+        pose = frames.rigid(tool_rotation(np.array([np.cos(heading), np.sin(heading), 0.0]), tilt), np.array(xyz))
+        if near and self.mover.at is not None:
+            pose = frames.perturb(self.mover.at.world_from_tool, np.array([*(v / 3 for v in xyz), 0.0, 0.0, tilt / 10]))
+        if bent:
+            pose = pose.copy()
+            pose[0, 0] += 0.01
+        self.go_to(pose, speed, from_look)
+
+    def go_to(self, pose, speed, from_look):
+        before = self.mover.at
+        told = Command(pose, True, speed, "random", self.look_s if from_look else None)
+        state = (self.mover.enabled, self.mover.fault, self.world.now_s)
+        try:
+            self.loop.run_until_complete(self.mover.go(told))
+        except MoveRefusedError:
+            return
+        self.wrong += oracle(told, before, state)
+
+    @rule(xyz=st.tuples(*[st.floats(-250, 250)] * 3), turn=st.floats(-0.5, 0.5))
+    def go_on(self, xyz, turn):
+        if self.mover.at is not None:
+            self.go_to(frames.perturb(self.mover.at.world_from_tool, np.array([*xyz, 0.0, 0.0, turn])), 50.0, False)
+
+    @rule(closed=st.booleans())
+    def hand(self, closed):
+        may = self.mover.enabled and self.mover.fault is None
+        sent = len(self.world.wire)
+        try:
+            self.loop.run_until_complete(self.mover.hand(closed))
+        except MoveRefusedError:
+            assert not may
+        if not may and len(self.world.wire) != sent:
+            self.wrong.append("the hand moved")
+
+    def teardown(self):
+        self.loop.close()
+
+    @invariant()
+    def nothing_left_while_a_rule_was_broken(self):
+        assert not getattr(self, "wrong", [])
+
+
+def oracle(told, before, state):
+    """What was wrong with letting this command go; written without the guard's own code."""
+    enabled, fault, now_s = state
+    wrong = []
+    if not enabled or fault is not None:
+        wrong.append("moved while disabled or in fault")
+    if before is None:
+        return [*wrong, "moved from an unknown place"]
+    rotation, (x, y, z) = told.world_from_tool[:3, :3], told.world_from_tool[:3, 3]
+    if np.abs(rotation.T @ rotation - np.eye(3)).max() > 1e-5:
+        wrong.append("a bent orientation")
+    if not (0 <= x <= 900 and -650 <= y <= 650 and -300 <= z <= 1100):
+        wrong.append("outside the box")
+    lowest = min((rotation @ np.array(p))[2] + z for p in LIMITS.body_mm)
+    if lowest < -298.01:
+        wrong.append("into the table")
+    if (
+        np.hypot(
+            np.hypot(x - before.world_from_tool[0, 3], y - before.world_from_tool[1, 3]),
+            z - before.world_from_tool[2, 3],
+        )
+        > 450.01
+    ):
+        wrong.append("too long a step")
+    cosine = (np.trace(before.world_from_tool[:3, :3].T @ rotation) - 1) / 2
+    if cosine < np.cos(np.radians(100.01)):
+        wrong.append("too far a turn")
+    if not 0 < told.speed_pct <= 100:
+        wrong.append("too fast")
+    if told.look_taken_s is not None and now_s - told.look_taken_s > 20.01:
+        wrong.append("an old look")
+    return wrong
+
+
+STATEFUL = settings(max_examples=80, stateful_step_count=30, deadline=None, suppress_health_check=list(HealthCheck))
+SEARCHING = settings(STATEFUL, max_examples=400, phases=[Phase.generate])
+
+
+def test_no_byte_that_moves_the_arm_leaves_while_a_rule_is_broken():
+    run_state_machine_as_test(GuardedMotion, settings=STATEFUL)
+
+
+@pytest.mark.parametrize("left_out", [name for name, _ in guard.RULES if name != "not_a_location"])
+def test_the_property_notices_when_a_rule_is_taken_away(left_out, monkeypatch):
+    fewer = tuple((name, rule) for name, rule in guard.RULES if name != left_out)
+    monkeypatch.setattr(guard, "RULES", fewer)
+    if left_out == "arm_lost":
+        monkeypatch.setattr(motion.Mover, "go", _go_without_place)
+    with pytest.raises((AssertionError, BaseExceptionGroup)):
+        run_state_machine_as_test(GuardedMotion, settings=SEARCHING)
+
+
+async def _go_without_place(self, told):
+    await self.cell.robot.move(told.world_from_tool, straight=True, speed_pct=1.0, timeout_s=1.0)
