@@ -65,6 +65,8 @@ class Command:
     run: Handler
     grade: Grade = "look"
     details: str = ""
+    at_once: bool = False
+    """Heard also while the same operator's last command is still being done."""
     choices: Callable[[Desk], Iterable[str]] = lambda _: ()
     """What the first argument can be, for completion and for suggestions."""
 
@@ -98,6 +100,12 @@ class Console:
             return _trouble(problem)
         except self.desk.expected_errors as error:
             return Answer(_one_line(error), {"error": _one_line(error), "why": type(error).__name__}, NOT_DONE)
+
+    def at_once(self, text: str) -> bool:
+        """Whether a line is for now, even while the last command is still being done."""
+        words = text.split()
+        command = self.commands.get(words[0].lower()) if words else None
+        return command is not None and command.at_once
 
     def complete(self, typed: str) -> list[str]:
         """Every line that the one typed so far may become."""
@@ -145,7 +153,7 @@ class Console:
 
 
 def one_of(words: list[str], place: int, choices: Iterable[str], what: str, usage: str) -> str:
-    """The word at a place, which must be one of the choices. Raises CommandError with the one that was probably meant."""
+    """The word at a place, which must be one of the choices. Raises CommandError with what was probably meant."""
     known = sorted(choices)
     if len(words) <= place:
         raise CommandError(f"{what} is missing: {usage}" + (f" ({', '.join(known)})" if known else ""), NOT_UNDERSTOOD)

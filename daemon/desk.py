@@ -5,6 +5,7 @@ Values and small questions about them; what commands do is in daemon/commands/, 
 
 from __future__ import annotations
 
+import asyncio
 import importlib.metadata
 import time
 from collections.abc import Awaitable, Callable
@@ -15,7 +16,7 @@ from typing import Protocol
 from daemon.calibration.file import Calibration
 from daemon.cell import EXPECTED_ERRORS, Hardware
 from daemon.config import Config, ConfigError
-from daemon.cycle import Cycle, RefusedError
+from daemon.cycle import Cycle, CycleEnd, RefusedError
 from daemon.looking import Look, NotSettledError
 from daemon.model import ModelError
 from daemon.motion import MoveRefusedError, NotThereError
@@ -83,6 +84,7 @@ class Desk:
     reload: Callable[[], Awaitable[str]]
     started_s: float = field(default_factory=time.monotonic)
     expected_errors: tuple[type[Exception], ...] = ANSWERABLE
+    _auto: asyncio.Task[list[CycleEnd]] | None = None
 
     @property
     def parts(self) -> list[str]:
@@ -95,6 +97,18 @@ class Desk:
         world_from_cyclopean = seen.world_from_cyclopean
         height_mm = self.config.said.pick.limits.table_z_mm
         return Table(world_from_cyclopean[2, :3], height_mm - float(world_from_cyclopean[2, 3]))
+
+    async def begin_auto(self, count: int | None) -> None:
+        """Pick in the background. Raises RefusedError where that may not begin."""
+        self._auto = asyncio.create_task(self.cycle.auto(count), name="auto")
+        self._auto.add_done_callback(lambda task: task.cancelled() or task.exception())
+        await asyncio.sleep(0)
+        if self._auto.done():
+            self._auto.result()
+
+    async def auto_ends(self) -> list[CycleEnd]:
+        """Wait for the last auto to end; what became of each part. Empty where there was none."""
+        return [] if self._auto is None else await asyncio.shield(self._auto)
 
     def new_run(self, folder: Path) -> None:
         """Go on in a new run folder, which says again what it was made with."""

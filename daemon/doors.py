@@ -1,7 +1,8 @@
 """The operators' socket: JSON objects, one a line, both ways. What the words mean is the console's business.
 
 Operator to daemon: {"do": TEXT, "door": NAME, "asks": BOOL} {"answer": TEXT} {"interrupt": true} {"complete": TEXT}.
-Daemon to operator: {"say": TEXT} {"ask": QUESTION} {"done": {text, data, status}} {"options": [LINE, ...]}.
+Daemon to operator: {"say": TEXT} {"ask": QUESTION} {"done": {text, data, status}} {"options": [LINE, ...]}
+{"stopped": TEXT}, the answer to an interrupt.
 Who is speaking is what the kernel says of the other end, not what it says of itself.
 """
 
@@ -110,6 +111,7 @@ class _Operator:
         self.name, self.asks, self.who = "socket", False, _who(writer.get_extra_info("socket"))
         self._question: asyncio.Future[str] | None = None
         self._doing: asyncio.Task[None] | None = None
+        self._beside: set[asyncio.Task[None]] = set()
         self._gone = False
 
     async def listen(self) -> None:
@@ -153,16 +155,23 @@ class _Operator:
 
     async def _hear(self, message: dict[str, Any]) -> None:
         if "do" in message:
-            if self._doing is not None and not self._doing.done():
+            text = str(message["do"])
+            busy = self._doing is not None and not self._doing.done()
+            if busy and not self._console.at_once(text):
                 raise ValueError("the last command is still being done")
             self.name = str(message.get("door", "socket"))[:20]
             self.asks = bool(message.get("asks", False))
-            self._doing = asyncio.create_task(self._do(str(message["do"])))
+            task = asyncio.create_task(self._do(text))
+            if busy:
+                self._beside.add(task)
+                task.add_done_callback(self._beside.discard)
+            else:
+                self._doing = task
         elif "answer" in message:
             if self._question is not None and not self._question.done():
                 self._question.set_result(str(message["answer"]))
         elif "interrupt" in message:
-            await self._send({"say": await self._interrupt(f"{self.who}, {self.name}")})
+            await self._send({"stopped": await self._interrupt(f"{self.who}, {self.name}")})
         elif "complete" in message:
             await self._send({"options": self._console.complete(str(message["complete"]))})
         else:

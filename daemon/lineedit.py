@@ -6,11 +6,13 @@ control-N and the arrows (history), control-L (draw again), tab (complete), cont
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import Enum
 
 LONGEST_LINE = 240
+COLUMNS = 79
 HISTORY = 200
 BELL = b"\x07"
 CLEAR_TO_END = b"\x1b[K"
@@ -203,9 +205,20 @@ class LineEditor:
 
 
 def to_terminal(text: str) -> bytes:
-    """Lines of text as a terminal wants them: ASCII, CR LF at each end."""
-    lines = text.rstrip("\n").split("\n")
-    return b"".join(line.encode("ascii", "replace") + b"\r\n" for line in lines)
+    """Lines of text as a terminal wants them: ASCII, folded between words, CR LF at each end."""
+    return b"".join(line.encode("ascii", "replace") + b"\r\n" for line in fold(text, COLUMNS))
+
+
+def fold(text: str, columns: int) -> list[str]:
+    """Lines no longer than that, broken between words; what is folded is indented under its line."""
+    folded: list[str] = []
+    for line in text.rstrip("\n").split("\n"):
+        if len(line) <= columns:
+            folded.append(line)
+        else:
+            indent = " " * (len(line) - len(line.lstrip()) + 4)
+            folded += textwrap.wrap(line, columns, subsequent_indent=indent, drop_whitespace=True)
+    return folded
 
 
 def _common_start(options: list[str]) -> str:

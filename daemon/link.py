@@ -47,21 +47,26 @@ class DaemonLink:
         the daemon goes away.
         """
         self._send({"do": text, "door": door, "asks": ask is not None})
+        done: dict[str, Any] | None = None
+        stops = 0
         messages = self._messages()
-        while True:
+        while done is None or stops:
             try:
-                for message in messages:
-                    if "done" in message:
-                        done: dict[str, Any] = message["done"]
-                        return done
-                    if "say" in message:
-                        say(message["say"])
-                    elif "ask" in message and ask is not None:
-                        self._send({"answer": ask(message["ask"])})
-                raise NotThereError("the daemon ended before it answered; `facetctl status` tells whether it is back")
+                message = next(messages, None)
+                if message is None:
+                    raise NotThereError("the daemon ended before it answered; `facetctl status` tells if it is back")
+                done = message.get("done", done)
+                for line in (message.get("say"), message.get("stopped")):
+                    if line is not None:
+                        say(line)
+                stops -= "stopped" in message
+                if "ask" in message and ask is not None:
+                    self._send({"answer": ask(message["ask"])})
             except KeyboardInterrupt:
+                stops += 1
                 self._send({"interrupt": True})
                 messages = self._messages()
+        return done
 
     def complete(self, typed: str) -> list[str]:
         """Every line that the typed one may become."""
@@ -74,7 +79,7 @@ class DaemonLink:
     def interrupt(self) -> str:
         """What control-C does: stop the arm; gives what the daemon says."""
         self._send({"interrupt": True})
-        return next((str(m["say"]) for m in self._messages() if "say" in m), "")
+        return next((str(m["stopped"]) for m in self._messages() if "stopped" in m), "")
 
     def _send(self, message: dict[str, Any]) -> None:
         try:

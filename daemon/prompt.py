@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import os
+import shutil
 import sys
 from pathlib import Path
 
+from daemon.lineedit import fold
 from daemon.link import DaemonLink
 
 HISTORY_LINES = 1000
@@ -38,7 +40,8 @@ def converse(link: DaemonLink) -> int:
 
 
 def _say(text: str) -> None:
-    print(text, flush=True)
+    columns = shutil.get_terminal_size().columns if sys.stdout.isatty() else 0
+    print("\n".join(fold(text, columns)) if columns > 20 else text, flush=True)
 
 
 def _ask(question: str) -> str:

@@ -1,7 +1,7 @@
 """The daemon's life: start everything, watch it, reload, stop the arm first and then the rest.
 
-Here: what is started in which order, and what ends it. Signals in, exit status out. Commands are the console's business,
-moving is the cycle's, watching devices daemon/watch.py's.
+Here: what is started in which order, and what ends it. Signals in, exit status out. Commands are the console's, moving
+is the cycle's, watching devices is daemon/watch.py's.
 """
 
 from __future__ import annotations

@@ -121,9 +121,13 @@ class School:
         known = {view.source for view in self.model.views}
         return [view for view in self.shelf.views() if view.name not in known]
 
+    def check(self, label: str, left: Image, right: Image, table: Table | None) -> None:
+        """Raise TeachError or VisionError where a view cannot be learnt from."""
+        learn_view(empty_model(self.library), self.only_group(left, right, table), label)
+
     def store(self, label: str, left: Image, right: Image, note: dict[str, Any]) -> StoredView:
-        """Keep a view on disk. Raises ShelfError, TeachError or VisionError where it cannot be learnt from."""
-        learn_view(empty_model(self.library), self.only_group(left, right, _table_of(note)), label)
+        """Keep a view on disk. Raises ShelfError, and TeachError or VisionError as check does."""
+        self.check(label, left, right, _table_of(note))
         return self.shelf.add_view(label, left, right, note)
 
     def only_group(self, left: Image, right: Image, table: Table | None) -> Group:

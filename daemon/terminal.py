@@ -9,8 +9,8 @@ import asyncio
 import contextlib
 import os
 from collections import deque
-from collections.abc import Callable
-from typing import Literal
+from collections.abc import Callable, Coroutine
+from typing import Any, Literal
 
 import serial
 
@@ -45,7 +45,7 @@ class SerialConsole:
         self._lost = asyncio.Event()
         self._question: asyncio.Future[str] | None = None
         self._busy = False
-        self._stopping: set[asyncio.Task[None]] = set()
+        self._tasks: set[asyncio.Task[None]] = set()
 
     async def run(self) -> None:
         """Serve the terminal until cancelled."""
@@ -65,7 +65,8 @@ class SerialConsole:
 
     async def ask(self, question: str) -> str:
         """Put a question and wait for the line that answers it; empty after control-C or when the port is gone."""
-        self._editor.prompt, self._editor.remember = f"{question} ", False
+        self._write(to_terminal(question))
+        self._editor.prompt, self._editor.remember = "? ", False
         self._question = asyncio.get_running_loop().create_future()
         self._write(self._editor.show_prompt())
         try:
@@ -145,14 +146,24 @@ class SerialConsole:
 
     def _hear(self, event: str | Key) -> None:
         if event is Key.INTERRUPT:
-            task = asyncio.create_task(self._stop())
-            self._stopping.add(task)
-            task.add_done_callback(self._stopping.discard)
+            self._beside(self._stop())
         elif isinstance(event, str):
             if self._question is not None and not self._question.done():
                 self._question.set_result(event)
+            elif self._busy and self._console.at_once(event):
+                self._beside(self._do_beside(event))
             else:
                 self._lines.put_nowait(event)
+
+    def _beside(self, work: Coroutine[Any, Any, None]) -> None:
+        """Do something now, while a command may still be under way."""
+        task = asyncio.create_task(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    async def _do_beside(self, text: str) -> None:
+        answer = await self._console.interpret(text, self)
+        self.notice(answer.text)
 
     async def _stop(self) -> None:
         while not self._lines.empty():

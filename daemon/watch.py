@@ -1,7 +1,7 @@
 """Watching while nothing else does: are the devices alive, the disk within its quota, the clock sane.
 
-The systemd watchdog is fed only while the main loop turns and every device's check has come to an end lately, be it
-with an error that is told: a hanging driver starves it, a pulled cable does not (restarting would not plug it in again).
+The systemd watchdog is fed only while the main loop turns and every device's check came to an end lately, be it with
+an error that is told: a hanging driver starves it, a pulled cable does not (restarting would not plug it in again).
 """
 
 from __future__ import annotations

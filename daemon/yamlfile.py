@@ -81,6 +81,8 @@ class Document:
         missing = re.match(r"Object missing required field `(.*)`", problem)
         if missing:
             return self.error(keys, f"the key `{missing[1]}` is missing")
+        if not problem.startswith(("Expected", "Invalid")):
+            return self.error(keys, problem)
         found = _value(self.data, keys)
         if "Invalid enum value" in problem:
             choices = ", ".join(str(choice) for choice in typing.get_args(_kind_at(kind, keys)))
@@ -170,7 +172,7 @@ def _unknown_keys(data: Any, kind: Any, keys: tuple[Key, ...]) -> Iterator[tuple
 
 
 def _plain_name(kind: Any) -> str:
-    return "keys and values" if _is_struct(kind) else getattr(kind, "__name__", str(kind))
+    return "keys and values" if _field_types(kind) else getattr(kind, "__name__", str(kind))
 
 
 def _suggestion(word: str, known: list[str]) -> str:

@@ -37,8 +37,8 @@ async def _teach_what_is_shown(desk: Desk, label: str, door: Door) -> Answer:
     seen = await desk.cycle.look(f"teach {label}")
     left, right = seen.pictures.left.pixels, seen.pictures.right.pixels
     table = desk.table_in(seen)
-    group = await asyncio.to_thread(desk.school.only_group, left, right, table)
     await door.say(describe_scene(seen.scene))
+    await asyncio.to_thread(desk.school.check, label, left, right, table)
     named = _named_otherwise(seen, label)
     if named:
         await door.say(f"The model in use takes this for {named}.")
@@ -48,7 +48,7 @@ async def _teach_what_is_shown(desk: Desk, label: str, door: Door) -> Answer:
     note = teaching_note(door.who, _digest(desk), table, seen.scene)
     view = await asyncio.to_thread(desk.school.store, label, left, right, note)
     verdict, data = await _sufficiency(desk, label)
-    text = f"Kept as view {view.name} ({plural(len(group.facets), 'facet')}).\n{verdict}"
+    text = f"Kept as view {view.name} ({plural(len(one_part(seen).facets), 'facet')}).\n{verdict}"
     return Answer(
         text, {"kept": True, "view": view.name, "facets": [facet.type for facet in one_part(seen).facets], **data}
     )
@@ -173,16 +173,14 @@ def _describe_sufficiency(judged: Sufficiency) -> str:
         known += ", from every direction enough of it is known"
     lines = [known + "."]
     if judged.turn_away is not None:
-        lines.append(
-            f"  To show next: turn it so that side {judged.turn_away[0] + 1} ({judged.turn_away[1]}) points away."
-        )
+        place, kind = judged.turn_away
+        lines.append(f"  To show next: turn it so that side {place + 1} ({kind}) points away from the cameras.")
     for mistake in judged.mistakes[:3]:
         others = [name for name in mistake.taken_for if name not in (judged.label, "unknown")]
         what = f"could be {' or '.join(others)}" if others else "is not named"
         seen = " and ".join(f"one {kind}" for kind in mistake.facets) if len(mistake.facets) < 3 else "this view"
-        lines.append(
-            f"  Seen as {seen}, it {what}: {plural(mistake.viewpoints, 'direction')} of 60; a second look settles it."
-        )
+        count = f"{plural(mistake.viewpoints, 'direction')} of {VIEWPOINTS}"
+        lines.append(f"  Seen as {seen} alone, it {what} ({count}); a look from elsewhere settles it.")
     return "\n".join(lines)
 
 

@@ -26,11 +26,12 @@ async def status(desk: Desk, words: list[str], _: Door) -> Answer:
     model = desk.school.model
     shelf = desk.school.shelf
     version = "none accepted yet" if shelf.current is None else f"version {shelf.current}"
+    up = duration(time.monotonic() - desk.started_s)
     lines = [
         f"cell      {desk.hardware.kind}; {_standing(state)}",
         f"doing     {_doing(state)}",
         f"model     {version}; knows {', '.join(model.labels) or 'nothing: teach, train, accept'}",
-        f"so far    {state['picked']} picked, {state['failed']} failed; up {duration(time.monotonic() - desk.started_s)}",
+        f"so far    {state['picked']} picked, {state['failed']} failed; up {up}",
         f"run       {desk.run_log.folder}",
     ]
     if shelf.candidate is not None:
@@ -179,7 +180,7 @@ def _timing(seen: Look) -> str:
 
 
 COMMANDS = (
-    Command("status", "status", "how things stand, what is being done, what is wrong", status),
+    Command("status", "status", "how things stand, what is being done, what is wrong", status, at_once=True),
     Command("look", "look", "one look from where the arm stands; nothing moves", look),
     Command("try", "try", "recognise now, with the candidate model if there is one, with reasons", try_now),
     Command("where", "where", "ask the controller where the arm is", where),

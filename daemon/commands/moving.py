@@ -75,18 +75,22 @@ async def pick(desk: Desk, words: list[str], door: Door) -> Answer:
 
 
 async def auto(desk: Desk, words: list[str], door: Door) -> Answer:
-    """Pick one after the other, or stop doing so."""
-    usage = "auto on [N], auto off"
-    word = one_of(words, 0, ("on", "off"), "word", usage)
+    """A mode: pick one after the other until the table is empty or N are picked. Goes on when the operator leaves."""
+    usage = "auto on [N] | auto off | auto wait"
+    word = one_of(words, 0, ("on", "off", "wait"), "word", usage)
     no_more(words, 2 if word == "on" else 1, usage)
+    if word == "on":
+        count = number(words[1], "N", 1, MOST_PICKS) if len(words) > 1 else None
+        await desk.begin_auto(count)
+        what = "until the table is empty" if count is None else f"at most {plural(count, 'part')}"
+        return Answer(f"Picking, {what}; `auto off` ends it after a part, `status` tells how far it is.")
     if word == "off":
         desk.cycle.auto_off()
         return Answer("No further part is picked after this one.")
-    count = number(words[1], "N", 1, MOST_PICKS) if len(words) > 1 else None
-    ends = await with_questions(desk, desk.cycle.auto(count), door)
+    ends = await with_questions(desk, desk.auto_ends(), door)
     picked = sum(end.outcome == "picked" for end in ends)
     lines = [describe_end(end) for end in ends] + [f"{plural(picked, 'part')} picked."]
-    done = ends and ends[-1].outcome in ("picked", "empty", "dry")
+    done = bool(ends) and ends[-1].outcome in ("picked", "empty", "dry")
     return Answer("\n".join(lines), {"picked": picked, "ends": [end_json(e) for e in ends]}, DONE if done else NOT_DONE)
 
 
@@ -145,9 +149,14 @@ async def with_questions(desk: Desk, work: Awaitable[T], door: Door) -> T:
     """Wait for a motion's end; in step mode show each move at this door and ask."""
     task = asyncio.ensure_future(work)
     shown: Any = None
+    told: Any = None
     while not task.done():
         await asyncio.wait([task], timeout=POLL_S)
-        pending = desk.cycle.status()["pending"]
+        state = desk.cycle.status()
+        if state["predicted_mm"] is not None and (state["cycle"], state["stop"]) != told:
+            told = state["cycle"], state["stop"]
+            await door.say(_progress(state))
+        pending = state["pending"]
         if pending is not None and pending != shown and door.asks:
             answer = await door.ask(f"{pending}. Send it? [y/n]")
             if desk.cycle.status()["pending"] == pending:
@@ -155,6 +164,11 @@ async def with_questions(desk: Desk, work: Awaitable[T], door: Door) -> T:
             pending = None
         shown = pending
     return await task
+
+
+def _progress(state: dict[str, Any]) -> str:
+    error = f"{state['predicted_mm']:.2f} mm {state['predicted_deg']:.2f} degrees"
+    return f"{state['target']}, look {state['stop']}: predicted error at the grasp {error}"
 
 
 def describe_end(end: CycleEnd) -> str:
@@ -204,19 +218,20 @@ def _labels(desk: Desk) -> tuple[str, ...]:
 
 COMMANDS = (
     Command("enable", "enable", "let the arm move", enable, "move"),
-    Command("disable", "disable", "do not let it; stops it where it moves", disable, "move"),
+    Command("disable", "disable", "do not let it; stops it where it moves", disable, "move", at_once=True),
     Command("pick", "pick [LABEL]", "take one part and put it into the bin", pick, "move", choices=_labels),
-    Command("auto", "auto on [N] | auto off", "pick until the table is empty, or N parts", auto, "move",
-            choices=lambda _: ("on", "off")),
-    Command("stop", "stop", "stop the arm now; nothing moves until `resume`", stop, "move"),
-    Command("pause", "pause", "hold before the next move", pause, "move"),
+    Command("auto", "auto on [N] | auto off | auto wait", "pick until the table is empty, or N parts", auto, "move",
+            "  auto on returns at once; auto wait waits for its end and tells what was picked.",
+            choices=lambda _: ("on", "off", "wait")),
+    Command("stop", "stop", "stop the arm now; nothing moves until `resume`", stop, "move", at_once=True),
+    Command("pause", "pause", "hold before the next move", pause, "move", at_once=True),
     Command("resume", "resume", "go on after `pause`; clear a fault", resume, "move",
-            "  After a fault nothing goes on by itself: say `pick` or `auto on` again."),
-    Command("abort", "abort", "stop the arm, give the part up; leaves no fault", abort, "move"),
-    Command("step", "step on|off", "show each move and wait for a yes before it is sent", step, "move",
+            "  After a fault nothing goes on by itself: say `pick` or `auto on` again.", at_once=True),
+    Command("abort", "abort", "stop the arm, give the part up; leaves no fault", abort, "move", at_once=True),
+    Command("step", "step on|off", "show each move and wait for a yes before it is sent", step, "move", at_once=True,
             choices=lambda _: ("on", "off")),
-    Command("confirm", "confirm", "yes to the move that waits", confirm, "move"),
-    Command("refuse", "refuse", "no to the move that waits", refuse, "move"),
+    Command("confirm", "confirm", "yes to the move that waits", confirm, "move", at_once=True),
+    Command("refuse", "refuse", "no to the move that waits", refuse, "move", at_once=True),
     Command("dry", "dry on|off", "plan, guard and log moves, but do not send them", dry, "move",
             choices=lambda _: ("on", "off")),
     Command("go", "go PLACE", "move to home, bin or a survey place", go, "move", choices=lambda d: d.cycle.places()),

@@ -1,0 +1,117 @@
+"""facetd.yaml: the one in etc/ is good; every fault is one line with file, line, key path, found and expected."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from daemon import cell, places
+from daemon.config import load_config
+from daemon.main import main
+from daemon.yamlfile import ConfigError
+
+ETC = Path(__file__).resolve().parents[3] / "etc"
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    for name in ("facetd.yaml", "calibration.yaml", "facets.yaml", "parts.yaml", "simcell.yaml"):
+        shutil.copy(ETC / name, tmp_path)
+    return tmp_path / "facetd.yaml"
+
+
+def refusal(path: Path, text: str) -> str:
+    path.write_text(text)
+    with pytest.raises(ConfigError) as caught:
+        cell.check(load_config(path))
+    message = str(caught.value)
+    assert "\n" not in message
+    assert message.startswith(str(path))
+    assert message.count("found") <= 1
+    return message.removeprefix(str(path))
+
+
+def test_the_configuration_that_is_shipped_is_good_and_says_the_defaults(path: Path) -> None:
+    config = load_config(path)
+    cell.check(config)
+    assert config.kind == "real"
+    assert load_config(path, simulated=True).kind == "simulated"
+    path.write_text("version: 1\ncameras: {left: a, right: b}\n")
+    bare = load_config(path)
+    assert bare.said.pick == config.said.pick, "facetd.yaml shows another default than the program has"
+    assert bare.said.log == config.said.log
+    assert bare.said.health == config.said.health
+
+
+def test_sections_with_every_key_commented_out_mean_their_defaults(path: Path) -> None:
+    path.write_text("version: 1\ncameras: {left: a, right: b}\npick:\n  stops:\nconsole:\nlog:\n")
+    assert load_config(path).said.log.quota_mb == 4000
+
+
+@pytest.mark.parametrize(
+    ("text", "want"),
+    [
+        ("", ": expected keys and values, found an empty file"),
+        ("- 1\n", ":1: expected keys and values, found [1]"),
+        ("version: 1\nlog: {quota: 3}\n", ":2: log.quota: unknown key; did you mean `quota_mb`?"),
+        ("version: 1\nlog:\n  quota_mb: many\n", ":3: log.quota_mb: expected int, found 'many'"),
+        ("version: 1\nlog:\n  quota_mb: 0\n", ":3: log.quota_mb: expected int >= 1, found 0"),
+        ("version: 1\ncell: reel\n", ":2: cell: expected one of real, recorded, simulated, found 'reel'"),
+        ("version: 2\n", ":1: version: expected one of 1, found 2"),
+        ("cell: real\n", ":1: the key `version` is missing"),
+        ("version: 1\nconsole: {tty: {baud: 9600}}\n", ":2: console.tty: the key `device` is missing"),
+        ("version: 1\npick: {order: biggest}\n", ":2: pick.order: expected one of nearest, surest, found 'biggest'"),
+        ("version: 1\npick:\n  limits:\n    box_low_mm: [900, 0, 0]\n", ":4: pick.limits.box_low_mm: expected x below"),
+        ("version: 1\npick: {limits: {max_speed_pct: 200}}\n", "pick.limits.max_speed_pct: expected above 0 to 100"),
+        ("version: 1\npick: {limits: {table: 3}}\n", ":2: pick.limits.table: unknown key; did you mean `table_z_mm`?"),
+        ("version: 1\npick: {home: {point_mm: [1, 2]}}\n", ":2: pick.home.point_mm: expected array of length 3"),
+        ("version: 1\nfiles:\n  calibration: none.yaml\n", ":3: files.calibration: expected a file, found none at"),
+        ("version: 1\nmetrics: {port: 80}\n", ":2: metrics.port: expected int >= 1024, found 80"),
+        ("version: 1\ncameras: {left: a}\n", ":2: cameras: the key `right` is missing"),
+        ("version: 1\ncameras: {left: a, right: b, fsp: 15}\n", ":2: cameras.fsp: unknown key; did you mean `fps`?"),
+        ("version: 1\ncameras: {left: a, right: b, formats: [XYZ]}\n", ":2: cameras: formats: expected some of GREY, Y16, YUYV, NV12, MJPEG; found XYZ"),
+        ("version: 1\narm:\n  dialect: {boud: 9600}\n", ":3: arm.dialect.boud: unknown key; did you mean `baud`?"),
+        ("version: 1\narm: {flange_from_tool: [[1]]}\n", ":2: arm.flange_from_tool: expected array of length 4"),
+        ("version: 1\nversion: 1\n", ":2: version: said twice"),
+        ("version: 1\nlog: [\n", ":3: not valid YAML"),
+        ("version: 1\nlog: &a {b: *a}\n", ":2: an anchor that contains itself"),
+        ("? [1]\n: 2\n", ":1: expected a word as key"),
+        ("a: !!python/object/apply:os.system [ls]\n", "not valid YAML: could not determine a constructor"),
+    ],
+)
+def test_each_fault_names_line_key_found_and_expected(path: Path, text: str, want: str) -> None:
+    assert want in refusal(path, text)
+
+
+def test_a_file_that_is_no_text_is_refused_in_one_line(path: Path) -> None:
+    path.write_bytes(b"\xff\xfe\x00version")
+    with pytest.raises(ConfigError, match="not a text file"):
+        load_config(path)
+
+
+def test_control_characters_of_the_dialect_are_written_as_in_yaml(path: Path) -> None:
+    path.write_text('version: 1\narm: {dialect: {line_end: "\\n\\r"}}\n')
+    assert cell.dialect(load_config(path)).line_end == b"\n\r"
+
+
+def test_check_says_what_is_wrong_in_one_line_and_ends_with_78(
+    path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(places, "INSTALLED_STATE", tmp_path / "none")
+    monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path / "state"))
+    assert main(["--config", str(path), "--check"]) == 0
+    assert "is good: a real cell" in capsys.readouterr().out
+    for name, content in (("calibration.yaml", "version: 1\n"), ("facets.yaml", "{"), ("parts.yaml", "parts: 3\n")):
+        good = (tmp_path / name).read_text()
+        (tmp_path / name).write_text(content)
+        assert main(["--config", str(path), "--check"]) == 78
+        error = capsys.readouterr().err
+        assert error.count("\n") == 1
+        assert f"{tmp_path / name}:" in error
+        (tmp_path / name).write_text(good)
+    (tmp_path / "state" / "models").mkdir(parents=True)
+    (tmp_path / "state" / "models" / "state.json").write_text('{"current": 1}')
+    assert main(["--config", str(path), "--check"]) == 78
+    assert "0001.npz" in capsys.readouterr().err

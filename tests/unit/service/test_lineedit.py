@@ -1,0 +1,172 @@
+"""The line editor as a person at a VT100 meets it: what the keys do, and what stands on the screen afterwards."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from daemon.lineedit import BELL, COLUMNS, Key, LineEditor, fold, to_terminal
+
+WORDS = ["status", "stop", "step", "teach cube", "teach pyramid"]
+UP, DOWN, LEFT, RIGHT, HOME, DELETE = b"\x1b[A", b"\x1b[B", b"\x1b[D", b"\x1b[C", b"\x1b[H", b"\x1b[3~"
+
+
+def editor() -> LineEditor:
+    return LineEditor("> ", lambda typed: [word for word in WORDS if word.startswith(typed)])
+
+
+def screen(received: bytes) -> str:
+    """The last line of a terminal that was sent these bytes: enough of a VT100 for the editor's own repertoire."""
+    line: list[str] = []
+    column = 0
+    text = received.decode()
+    while text:
+        if text.startswith("\x1b[K"):
+            line, text = line[:column], text[3:]
+            continue
+        character, text = text[0], text[1:]
+        if character == "\n":
+            line = []
+        elif character == "\r":
+            column = 0
+        elif character == "\b":
+            column -= 1
+        elif character != "\x07":
+            line[column : column + 1] = [character]
+            column += 1
+        assert column >= 0, "the cursor ran off the left edge"
+    return "".join(line)
+
+
+@pytest.mark.parametrize(
+    ("keys", "line"),
+    [
+        (b"status\r", "status"),
+        (b"status\n", "status"),
+        (b"sttatus" + LEFT * 5 + b"\x7f\r", "status"),
+        (b"tatus\x01s\r", "status"),
+        (b"stop it\x17\r", "stop "),
+        (b"nonsense\x15status\r", "status"),
+        (b"ststus" + LEFT * 4 + DELETE + b"a" + b"\x05\r", "status"),
+        (b"status" + HOME + RIGHT + b"x\r", "sxtatus"),
+        (b"sta\t\r", "status "),
+        (b"t\t\r", "teach "),
+        (b"", None),
+    ],
+)
+def test_the_keys_do_what_they_say(keys: bytes, line: str | None) -> None:
+    typed = editor().feed(keys)
+    assert typed.events == ([] if line is None else [line])
+
+
+def test_carriage_return_and_line_feed_together_end_one_line() -> None:
+    assert editor().feed(b"a\r\nb\r\n\nc\r").events == ["a", "b", "", "c"]
+
+
+def test_a_line_end_split_between_two_reads_is_one_line_end() -> None:
+    edit = editor()
+    assert edit.feed(b"a\r").events == ["a"]
+    assert edit.feed(b"\nb\r").events == ["b"]
+
+
+def test_an_escape_sequence_split_between_reads_is_one_key() -> None:
+    edit = editor()
+    edit.feed(b"first\r")
+    for byte in UP:
+        edit.feed(bytes([byte]))
+    assert edit.feed(b"\r").events == ["first"]
+
+
+def test_history_goes_back_and_forth_and_gives_the_unfinished_line_back() -> None:
+    edit = editor()
+    edit.feed(b"one\rtwo\rtwo\r")
+    assert edit.history == ["one", "two"]
+    edit.feed(b"thr" + UP + UP + DOWN + DOWN)
+    assert edit.feed(b"ee\r").events == ["three"]
+
+
+def test_control_c_drops_the_line_and_is_told() -> None:
+    edit = editor()
+    assert edit.feed(b"pick cu\x03").events == [Key.INTERRUPT]
+    assert edit.feed(b"stop\r").events == ["stop"]
+
+
+def test_control_d_ends_only_on_an_empty_line() -> None:
+    edit = editor()
+    assert edit.feed(b"a\x04").events == []
+    assert edit.feed(b"\x15\x04").events == [Key.END]
+
+
+def test_several_completions_are_listed_and_the_line_drawn_again() -> None:
+    typed = editor().feed(b"teach \t")
+    assert b"cube  pyramid" in typed.echo
+    assert screen(typed.echo) == "> teach "
+
+
+def test_a_notice_stands_above_the_line_being_typed() -> None:
+    edit = editor()
+    shown = edit.show_prompt() + edit.feed(b"pick").echo + edit.notice("FAULT arm power off")
+    assert b"FAULT arm power off\r\n" in shown
+    assert screen(shown) == "> pick"
+
+
+def test_an_answer_to_a_question_is_not_remembered() -> None:
+    edit = editor()
+    edit.remember = False
+    edit.feed(b"y\r")
+    assert edit.history == []
+
+
+def test_a_line_longer_than_a_controller_takes_is_refused_by_the_bell() -> None:
+    assert editor().feed(b"x" * 300).echo.endswith(BELL)
+
+
+KEYS = [
+    b"a",
+    b"b ",
+    b"c",
+    b"\x7f",
+    b"\x15",
+    b"\x17",
+    b"\x01",
+    b"\x05",
+    LEFT,
+    RIGHT,
+    UP,
+    DOWN,
+    DELETE,
+    b"\t",
+    b"\r",
+    b"\x0c",
+]
+
+
+@given(st.lists(st.sampled_from(KEYS), max_size=60))
+def test_whatever_is_pressed_the_screen_shows_what_return_will_send(keys: list[bytes]) -> None:
+    edit = editor()
+    shown = edit.show_prompt()
+    for key in keys:
+        typed = edit.feed(key)
+        shown += typed.echo
+        if typed.events:
+            shown += edit.show_prompt()
+    before_return = screen(shown)
+    (line,) = edit.feed(b"\r").events
+    assert before_return == f"> {line}"
+
+
+@given(st.binary(max_size=80))
+def test_line_noise_never_breaks_the_editor(noise: bytes) -> None:
+    edit = editor()
+    edit.feed(noise)
+    edit.feed(b"\x1b[A\x03")
+    assert edit.feed(b"status\r").events == ["status"]
+
+
+def test_long_lines_are_folded_between_words_and_nothing_is_lost() -> None:
+    text = "note: " + "word " * 60
+    lines = fold(text, COLUMNS)
+    assert max(map(len, lines)) <= COLUMNS
+    assert " ".join(text.split()) == " ".join(" ".join(lines).split())
+    assert to_terminal("grün\n").endswith(b"gr?n\r\n")
