@@ -96,11 +96,15 @@ class Trapezoid:
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """One motion: joints (6,) rad along a way from 0 to 1, started at started_s."""
+    """One motion: joints (6,) rad along a way from 0 to 1, started at started_s.
+
+    scatter_mm (2, 3): how far beside its path the true tool is at the start and at the end.
+    """
 
     path: Callable[[float], Array]
     profile: Trapezoid
     started_s: float
+    scatter_mm: Array
 
     @property
     def ends_s(self) -> float:
@@ -111,9 +115,18 @@ class Motion:
         """Joint angles (6,) rad."""
         return self.path(self.profile.way(now_s - self.started_s))
 
+    def scatter_at(self, now_s: float) -> Array:
+        """(3,) mm."""
+        way = self.profile.way(now_s - self.started_s)
+        scatter: Array = (1 - way) * self.scatter_mm[0] + way * self.scatter_mm[1]
+        return scatter
+
 
 class Arm:
-    """A PUMA 560 that moves. Lengths mm, angles rad, times on whatever clock its owner uses."""
+    """A PUMA 560 that moves. Lengths mm, angles rad, times on whatever clock its owner uses.
+
+    geometry: what the controller believes of base and tool; changing it (TOOL, BASE) moves nothing in the true world.
+    """
 
     def __init__(
         self,
@@ -123,17 +136,19 @@ class Arm:
         repeatability_mm: float = 0.0,
         rng: np.random.Generator | None = None,
     ) -> None:
-        """joint_offsets_rad (6,): true minus believed angle. repeatability_mm: standard deviation of each stop."""
-        self.geometry = geometry or Puma560()
+        """joint_offsets_rad (6,): true minus believed angle. repeatability_mm: standard deviation of a stop, per axis.
+
+        The geometry given is also the true one.
+        """
+        self.geometry = self._true_geometry = geometry or Puma560()
         self._offsets = np.zeros(6) if joint_offsets_rad is None else np.asarray(joint_offsets_rad, dtype=float)
         self._repeatability_mm = repeatability_mm
         self._rng = rng or np.random.default_rng(0)
-        self._scatter_mm = np.zeros(3)
         self._motion = _standing(np.array(joints_rad, dtype=float))
 
     @property
     def tool(self) -> Array:
-        """flange_from_tool (4, 4) mm."""
+        """flange_from_tool (4, 4) mm, as the controller believes it."""
         return self.geometry.flange_from_tool
 
     @tool.setter
@@ -149,9 +164,10 @@ class Arm:
         return forward(self.joints_at(now_s), self.geometry)
 
     def pose_at(self, now_s: float) -> Array:
-        """world_from_tool (4, 4) as it truly is: joint offsets and this stop's scatter included."""
-        pose = forward(self.joints_at(now_s) + self._offsets, self.geometry)
-        pose[:3, 3] += self._scatter_mm
+        """world_from_tool (4, 4) as it truly is: joint offsets and the stop's scatter included."""
+        motion = self._motion
+        pose = forward(motion.joints_at(now_s) + self._offsets, self._true_geometry)
+        pose[:3, 3] += motion.scatter_at(now_s)
         return pose
 
     def at_rest(self, now_s: float) -> bool:
@@ -187,8 +203,8 @@ class Arm:
         self._motion = replace(self._motion, profile=self._motion.profile.cut(now_s - self._motion.started_s, braking))
 
     def _start(self, path: Callable[[float], Array], profile: Trapezoid, now_s: float) -> None:
-        self._scatter_mm = self._rng.normal(0.0, 1.0, 3) * self._repeatability_mm
-        self._motion = Motion(path, profile, now_s)
+        scatter_mm = np.stack([self._motion.scatter_at(now_s), self._rng.normal(0.0, 1.0, 3) * self._repeatability_mm])
+        self._motion = Motion(path, profile, now_s, scatter_mm)
 
 
 def plan_joints(
@@ -248,7 +264,7 @@ def plan_straight(
 
 
 def _standing(joints_rad: Array) -> Motion:
-    return Motion(lambda way: joints_rad.copy(), Trapezoid(1e9, 1e12), float("-inf"))
+    return Motion(lambda way: joints_rad.copy(), Trapezoid(1e9, 1e12), float("-inf"), np.zeros((2, 3)))
 
 
 def _axis_and_angle(rotation: Array) -> tuple[Array, float]:

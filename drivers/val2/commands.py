@@ -45,3 +45,8 @@ def speed(percent: float) -> str:
 def moves_the_arm(command: str) -> bool:
     """Whether a typed command may set anything in motion (the hand included)."""
     return MOVES_THE_ARM.match(command.strip()) is not None
+
+
+def tool(flange_from_tool: Location) -> str:
+    """Where the tool point lies, seen from the flange."""
+    return f"TOOL {trans(flange_from_tool)}"

@@ -38,7 +38,7 @@ class Ledger:
 
     def heard(self, event: Event, t_s: float) -> None:
         """An event, and the bytes it was read from."""
-        self._record(t_s, "in", type(event).__name__.lower(), event.raw)
+        self._record(t_s, "in", _kind(type(event)), event.raw)
 
     def _record(self, t_s: float, way: str, what: str, data: bytes) -> None:
         if self._on_record is None:
@@ -70,23 +70,32 @@ def verify(records: Iterable[Record]) -> int:
     return count
 
 
-def replay(records: Iterable[Record], echo: bool = True) -> list[tuple[Record, list[Event]]]:
-    """Read every incoming record's bytes again: each record and the events today's protocol makes of it.
+def replay(records: Iterable[Record], echo: bool = True) -> list[Event]:
+    """Read every incoming record's bytes again: the events today's protocol makes of them.
 
-    echo: whether that controller echoed what was typed. One record, one event of the same kind, is a faithful replay.
+    echo: whether that controller echoed what was typed. The replay is faithful when `what_was_heard` names the same.
     """
     reader, typing = Reader(), bytearray()
-    results = []
+    events: list[Event] = []
     for record in records:
         data = str(record["bytes"]).encode("latin-1")
         if record["way"] == "out":
             _follow_sending(reader, typing, data, echo)
             continue
-        events = reader.receive(data)
-        if record["what"] in (Prompt.__name__.lower(), Question.__name__.lower()):
+        events += reader.receive(data)
+        if record["what"] in (_kind(Prompt), _kind(Question)):
             events += reader.silence()
-        results.append((record, events))
-    return results
+    return events
+
+
+def what_was_heard(records: Iterable[Record]) -> list[tuple[str, bytes]]:
+    """The kinds of event, and their bytes, that were heard then."""
+    return [(str(r["what"]), str(r["bytes"]).encode("latin-1")) for r in records if r["way"] == "in"]
+
+
+def what_was_read(events: Iterable[Event]) -> list[tuple[str, bytes]]:
+    """Kinds of event, and their bytes."""
+    return [(_kind(type(event)), event.raw) for event in events]
 
 
 def _follow_sending(reader: Reader, typing: bytearray, data: bytes, echo: bool) -> None:
@@ -98,6 +107,10 @@ def _follow_sending(reader: Reader, typing: bytearray, data: bytes, echo: bool) 
         return
     typing.clear()
     reader.line_ended(echoed=echo and not data.strip(b"\r\n"))
+
+
+def _kind(event: type[Event]) -> str:
+    return event.__name__.lower()
 
 
 def _hash(record: Record) -> str:

@@ -19,6 +19,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
+
 from drivers.puma560 import Configuration
 from drivers.simcell.arm import EMERGENCY_BRAKING, Arm
 from drivers.simcell.controller import monitor
@@ -36,6 +38,8 @@ class Manners:
     """What differs between systems; times in the controller's seconds."""
 
     echo: bool = True
+    line_editing: bool = True
+    """Whether control-U and rubout take typed characters back."""
     prompt_after_move: Literal["start", "end"] = "start"
     hand_s: float = 0.3
     calibration_s: float = 6.0
@@ -64,7 +68,7 @@ class Controller:
         self.hand_closed = False
         self.wanted = Configuration()
         self.alive = True
-        self._terminal = Terminal()
+        self._terminal = Terminal(self.manners.line_editing)
         self._ahead: deque[str] = deque(maxlen=TYPE_AHEAD_LINES)
         self._running: Command | None = None
         self._waits_for: Wait | Ask | None = None
@@ -104,23 +108,21 @@ class Controller:
         return bytes(printed)
 
     def tick(self, now_s: float) -> None:
-        """Let time pass."""
+        """Let time pass; whatever was due on the way happens at its moment, in order."""
+        while (moment_s := self._next_event_s()) is not None and moment_s <= now_s:
+            self.now_s = max(self.now_s, moment_s)
+            if self._mishaps and self._mishaps[0][0] == moment_s:
+                self.mishap(self._mishaps.pop(0)[1])
+            elif self._power_comes_s == moment_s:
+                self.arm_power, self._power_comes_s = True, None
+            else:
+                self._step("")
         self.now_s = max(self.now_s, now_s)
-        for moment in [m for m in self._mishaps if m[0] <= self.now_s]:
-            self._mishaps.remove(moment)
-            self.mishap(moment[1])
-        if self._power_comes_s is not None and self._power_comes_s <= self.now_s:
-            self.arm_power, self._power_comes_s = True, None
-        while isinstance(self._waits_for, Wait) and self._waits_for.until_s <= self.now_s:
-            self._step("")
 
     def next_moment_s(self) -> float | None:
         """When `tick` or `output` next has something to do; None: not before something is typed."""
-        moments = [moment for moment, _ in self._mishaps]
-        moments += [self._waits_for.until_s] if isinstance(self._waits_for, Wait) else []
-        moments += [self._output[0][0]] if self._output else []
-        moments += [self._power_comes_s] if self._power_comes_s is not None else []
-        return min(moments, default=None)
+        moments = [self._next_event_s(), self._output[0][0] if self._output else None]
+        return min((moment for moment in moments if moment is not None), default=None)
 
     # What may happen to it
 
@@ -154,7 +156,8 @@ class Controller:
         """The mains go off and on: nothing is remembered, the arm is not calibrated, the power-up dialogue begins."""
         self.arm.halt(self.now_s, EMERGENCY_BRAKING)
         self._drop()
-        self.memory, self.speed_percent = Memory(), 100.0
+        self.memory, self.speed_percent, self.wanted = Memory(), 100.0, Configuration()
+        self.arm.tool = np.eye(4)
         self.arm_power = self.calibrated = False
         self.alive = True
         self._terminal.clear()
@@ -176,7 +179,7 @@ class Controller:
         """The arm was set in motion: a mishap waiting for a move gets its moment."""
         if self.faults.in_move:
             share, what = self.faults.in_move.pop(0)
-            self._mishaps.append((self.now_s + share * (self.arm.rests_s - self.now_s), what))
+            self._mishaps = [(self.now_s + share * (self.arm.rests_s - self.now_s), what)]
 
     def arm_power_was_missing(self) -> None:
         """CAL was refused for want of arm power: somebody may come and switch it on."""
@@ -184,6 +187,12 @@ class Controller:
             self._power_comes_s = self.now_s + self.manners.arm_power_after_s
 
     # Inside
+
+    def _next_event_s(self) -> float | None:
+        moments = [moment for moment, _ in self._mishaps[:1]]
+        moments += [self._waits_for.until_s] if isinstance(self._waits_for, Wait) else []
+        moments += [self._power_comes_s] if self._power_comes_s is not None else []
+        return min(moments, default=None)
 
     def _take_line(self, text: str) -> None:
         if self.faults.mute_answers > 0:

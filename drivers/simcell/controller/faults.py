@@ -39,7 +39,6 @@ class Faults:
     line: list[LineFault] = field(default_factory=list)
     noise_rate: float = 0.0
     """Probability that a byte, either way, is replaced by a random one."""
-    seed: int = 0
     refusals: list[str] = field(default_factory=list)
     """Messages (with their asterisks) with which the next motions are refused."""
     in_move: list[tuple[float, Mishap]] = field(default_factory=list)
@@ -52,7 +51,11 @@ class Faults:
     """How long the person at the pendant takes when CAL needs them."""
 
     def __post_init__(self) -> None:
-        self._rng = np.random.default_rng(self.seed)
+        self._rng = np.random.default_rng(0)
+
+    def seed_noise(self, seed: int, rate: float) -> None:
+        """Noise from now on, the same for the same seed."""
+        self._rng, self.noise_rate = np.random.default_rng(seed), rate
 
     def harm(self, data: bytes, way: Literal["to_host", "to_controller"]) -> bytes:
         """What arrives of data sent one way."""

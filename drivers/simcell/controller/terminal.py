@@ -30,7 +30,9 @@ class Interrupt:
 class Terminal:
     """Line editing of the time: rubout, control-U, control-C. A line feed is ignored, so LF CR ends one line."""
 
-    def __init__(self) -> None:
+    def __init__(self, editing: bool = True) -> None:
+        """editing: whether control-U and rubout are known."""
+        self._editing = editing
         self._typed = bytearray()
         self._too_long = False
 
@@ -40,13 +42,13 @@ class Terminal:
             text = "?" if self._too_long else self._typed.decode("ascii")
             self.clear()
             return b"\r\n", Line(text)
-        if byte == CANCEL_LINE:
+        if byte == CANCEL_LINE and self._editing:
             self.clear()
             return b"^U\r\n", Cancelled()
         if byte == INTERRUPT:
             self.clear()
             return b"^C\r\n", Interrupt()
-        if byte in RUBOUTS:
+        if byte in RUBOUTS and self._editing:
             return self._rub_out(), None
         if not 0x20 <= byte <= 0x7E:
             return b"", None

@@ -1,0 +1,588 @@
+"""The link over a real pseudo-terminal: connecting, asking, moving, aborting, and every way the line can go wrong."""
+
+import asyncio
+import contextlib
+import os
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from drivers.puma560 import READY_RAD, forward
+from drivers.simcell.controller import LineFault, Manners, Mishap
+from drivers.val2.link import (
+    ControllerError,
+    Dialect,
+    Elsewhere,
+    Link,
+    LinkError,
+    NoAnswer,
+    PortError,
+    Preempted,
+)
+from drivers.val2.location import Location, apart, location_from_matrix
+
+GOAL = Location(520.0, 0.0, -100.0, 0.0, 80.0, 0.0)
+READY = location_from_matrix(forward(READY_RAD))
+NEARBY = Location(540.0, 20.0, -150.0, 5.0, 75.0, 5.0)
+
+
+def quick(**settings: Any) -> Dialect:
+    return Dialect(**{"resync_s": 0.4, "typing_s": 0.4, "answer_s": 1.0, "stall_s": 0.3} | settings)
+
+
+async def go(link: Link, location: Location, timeout_s: float | None = None) -> None:
+    await link.move(location)
+    await link.rest(location, timeout_s)
+
+
+def test_it_says_where_the_arm_is(bench: Callable[..., Any]) -> None:
+    async def scene() -> None:
+        async with bench().link() as link:
+            where = await link.where()
+            np.testing.assert_allclose(where.joints_deg, np.degrees(READY_RAD), atol=1e-3)
+            assert where.location.z_mm == pytest.approx(863.6)
+
+    asyncio.run(scene())
+
+
+@pytest.mark.parametrize("prompt", ["start", "end"])
+@pytest.mark.parametrize("break_after_move", [True, False])
+def test_a_move_is_over_when_two_readings_agree_with_the_target(
+    bench: Callable[..., Any], prompt: Any, break_after_move: bool
+) -> None:
+    async def scene() -> None:
+        cell = bench(Manners(prompt_after_move=prompt))
+        async with cell.link(quick(break_after_move=break_after_move)) as link:
+            await link.speed(50)
+            await link.move(GOAL)
+            there = await link.rest(GOAL, 20.0)
+            assert apart(there.location, GOAL) == pytest.approx((0, 0), abs=0.01)
+            await link.move_straight(NEARBY)
+            there = await link.rest(NEARBY, 20.0)
+            assert apart(there.location, NEARBY) == pytest.approx((0, 0), abs=0.01)
+            assert cell.server.now_s() > 0
+        with cell.server.controller() as controller:
+            assert controller.arm.at_rest(controller.now_s)
+
+    asyncio.run(scene())
+
+
+def test_a_straight_move_can_be_one_line_or_two(bench: Callable[..., Any]) -> None:
+    async def scene(through_variable: bool) -> str:
+        cell = bench()
+        async with cell.link(quick(straight_through_variable=through_variable)) as link:
+            await link.move(GOAL)
+            await link.rest(GOAL)
+            await link.move_straight(NEARBY)
+            await link.rest(NEARBY)
+        return str(cell.sent())
+
+    assert "DO SET GOAL=TRANS(" in asyncio.run(scene(True))
+    assert "DO MOVES TRANS(" in asyncio.run(scene(False))
+
+
+def test_ready_and_the_hand(bench: Callable[..., Any]) -> None:
+    async def scene() -> None:
+        cell = bench()
+        async with cell.link() as link:
+            await link.close_hand()
+            await link.open_hand()
+            where = await link.ready()
+            np.testing.assert_allclose(where.joints_deg, np.degrees(READY_RAD), atol=1e-3)
+        assert cell.hand == [True, False]
+
+    asyncio.run(scene())
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("FOO", "*Illegal command*"),
+        ("DO MOVE TRANS(2000,0,0,0,0,0)", "*Location out of range*"),
+        ("DO MOVES TRANS(0,0,200,0,0,0)", "*Location out of range*"),
+        ("DO MOVE TRANS(-700,0,0,-90,0,0)", "*Joint 1 out of range*"),
+        ("DO MOVE P", "*Undefined value*"),
+    ],
+)
+def test_a_refusal_is_raised_in_the_controller_s_own_words_and_the_link_goes_on(
+    bench: Callable[..., Any], text: str, words: str
+) -> None:
+    async def scene() -> None:
+        async with bench().link() as link:
+            with pytest.raises(ControllerError) as refusal:
+                await link.command(text)
+            assert refusal.value.message == words
+            assert (await link.where()).location.z_mm == pytest.approx(863.6)
+
+    asyncio.run(scene())
+
+
+def test_an_answer_s_lines_are_kept_for_people(bench: Callable[..., Any]) -> None:
+    async def scene() -> None:
+        async with bench().link() as link:
+            assert "Arm power on" in (await link.command("STATUS")).lines
+
+    asyncio.run(scene())
+
+
+@pytest.mark.parametrize("text", ["x" * 80, "WHERE\rDO READY", "WHERE\n", "caf\u00e9"])
+def test_what_is_not_one_plain_line_is_never_typed(bench: Callable[..., Any], text: str) -> None:
+    async def scene() -> None:
+        cell = bench()
+        async with cell.link() as link:
+            before = cell.sent()
+            with pytest.raises(ValueError, match="cannot be typed"):
+                await link.command(text)
+            assert cell.sent() == before
+
+    asyncio.run(scene())
+
+
+# Power-up and calibration
+
+
+def test_power_up_is_asked_and_answered_before_anything_else(bench: Callable[..., Any]) -> None:
+    async def scene() -> None:
+        cell = bench(Manners(arm_power_after_s=1.0), cold=True)
+        async with cell.link() as link:
+            assert link.question == "Load VAL-II from floppy (Y/N)?"
+            with pytest.raises(ControllerError, match="floppy"):
+                await link.where()
+            answer = await link.power_up(("Y", "Y"))
+            assert "Initialize (Y/N)?" in answer.lines
+            assert link.question is None
+            with pytest.raises(ControllerError, match="Arm power off"):
+                await link.calibrate()
+            await asyncio.sleep(0.2)
+            await link.calibrate()
+            await link.ready()
+
+    asyncio.run(scene())
+
+
+def test_calibration_waits_for_a_slow_person_at_the_pendant(bench: Callable[..., Any]) -> None:
+    async def scene() -> None:
+        cell = bench(time_scale=50.0)
+        cell.faults.pendant_s = 100.0
+        async with cell.link() as link:
+            answer = await link.calibrate()
+            assert answer.seconds > 2.0
+            assert "Are you sure (Y/N)?" in answer.lines
+
+    asyncio.run(scene())
+
+
+def test_a_question_nobody_has_a_reply_for_is_kept_and_blocks_motion(bench: Callable[..., Any]) -> None:
+    async def scene() -> None:
+        cell = bench()
+        async with cell.link() as link:
+            with pytest.raises(ControllerError, match="Are you sure"):
+                await link.command("CAL")
+            with pytest.raises(ControllerError, match="Are you sure"):
+                await link.move(GOAL)
+            await link.power_up(("N",))
+            await link.move(GOAL)
+            await link.rest(GOAL)
+
+    asyncio.run(scene())
+
+
+# The port
+
+
+def test_an_absent_port_is_named_with_what_to_do() -> None:
+    async def scene() -> None:
+        with pytest.raises(PortError, match="/dev/no-such-port: no such port"):
+            await Link("/dev/no-such-port").open()
+
+    asyncio.run(scene())
+
+
+def test_a_busy_port_is_named_with_what_to_do(bench: Callable[..., Any]) -> None:
+    async def scene() -> None:
+        cell = bench()
+        async with cell.link():
+            with pytest.raises(PortError, match="in use by another program"):
+                await Link(cell.server.port).open()
+
+    asyncio.run(scene())
+
+
+def test_a_port_with_nobody_behind_it_is_no_answer_in_time() -> None:
+    async def scene() -> None:
+        master, slave = os.openpty()
+        link = Link(os.ttyname(slave), quick(resync_s=0.1))
+        began_s = time.monotonic()
+        with pytest.raises(NoAnswer, match="is the controller on"):
+            await link.open()
+        assert time.monotonic() - began_s < 2.0
+        with pytest.raises(PortError, match="not open"):
+            await link.where()
+        os.close(master)
+        os.close(slave)
+
+    asyncio.run(scene())
+
+
+def test_a_port_that_goes_away_is_told_to_whoever_waits(bench: Callable[..., Any]) -> None:
+    async def scene() -> None:
+        cell = bench()
+        link = Link(cell.server.port, quick())
+        await link.open()
+        waiting = asyncio.create_task(link.command("DO DRIVE 1, 100, 1"))
+        breaking = asyncio.create_task(link.command("DO BREAK", timeout_s=30))
+        await asyncio.sleep(0.2)
+        cell.server.stop()
+        await waiting
+        with pytest.raises(PortError, match="gone"):
+            await breaking
+        with pytest.raises(PortError):
+            await link.where()
+        await link.close()
+
+    asyncio.run(scene())
+
+
+def test_a_link_can_be_closed_and_opened_again(bench: Callable[..., Any]) -> None:
+    async def scene() -> None:
+        cell = bench()
+        for _ in range(3):
+            async with cell.link() as link:
+                await link.where()
+
+    asyncio.run(scene())
+
+
+def test_a_line_half_typed_by_somebody_else_is_not_carried_out_on_opening(bench: Callable[..., Any]) -> None:
+    async def scene(manners: Manners) -> None:
+        cell = bench(manners)
+        with cell.server.controller() as controller:
+            controller.receive(b"DO NEST", controller.now_s)
+        async with cell.link() as link:
+            await asyncio.sleep(0.2)
+            np.testing.assert_allclose((await link.where()).joints_deg, np.degrees(READY_RAD), atol=1e-3)
+
+    asyncio.run(scene(Manners()))
+    asyncio.run(scene(Manners(line_editing=False)))
+
+
+# Turns and the abort
+
+
+def test_commands_from_two_tasks_take_turns(bench: Callable[..., Any]) -> None:
+    async def scene() -> None:
+        async with bench().link() as link:
+            places = await asyncio.gather(*(link.where() for _ in range(6)))
+            assert len({place.location for place in places}) == 1
+
+    asyncio.run(scene())
+
+
+@pytest.mark.parametrize("prompt", ["start", "end"])
+def test_an_abort_stops_the_arm_whoever_is_using_the_link(bench: Callable[..., Any], prompt: Any) -> None:
+    async def scene() -> None:
+        cell = bench(Manners(prompt_after_move=prompt), time_scale=5.0)
+        async with cell.link() as link:
+            await link.speed(10)
+
+            async def mover() -> None:
+                await link.move(GOAL)
+                await link.rest(GOAL)
+
+            moving = asyncio.create_task(mover())
+            waiting = asyncio.create_task(asyncio.sleep(0.05))
+            await waiting
+            queued = asyncio.create_task(link.move(NEARBY))
+            await asyncio.sleep(0.3)
+            stopped = await link.abort()
+            for task in (moving, queued):
+                with pytest.raises(Preempted):
+                    await task
+            assert apart(stopped.location, GOAL)[0] > 10
+            typed = cell.sent()
+            await asyncio.sleep(0.3)
+            np.testing.assert_allclose(np.degrees(cell.joints()), stopped.joints_deg, atol=1e-3)
+            assert cell.sent() == typed
+
+    asyncio.run(scene())
+
+
+@pytest.mark.parametrize("after_ms", range(0, 200, 10))
+def test_an_abort_at_any_moment_of_a_command_leaves_a_still_arm_and_a_working_link(
+    bench: Callable[..., Any], after_ms: int
+) -> None:
+    async def scene() -> None:
+        cell = bench(time_scale=4.0)
+        async with cell.link() as link:
+            moving = asyncio.create_task(link.move_straight(NEARBY))
+            await asyncio.sleep(after_ms / 1000)
+            stopped = await link.abort()
+            await asyncio.gather(moving, return_exceptions=True)
+            await asyncio.sleep(0.1)
+            np.testing.assert_allclose(np.degrees(cell.joints()), stopped.joints_deg, atol=1e-3)
+            await link.move(GOAL)
+            await link.rest(GOAL)
+
+    asyncio.run(scene())
+
+
+def test_two_aborts_at_once_are_one(bench: Callable[..., Any]) -> None:
+    async def scene() -> None:
+        cell = bench()
+        async with cell.link() as link:
+            await asyncio.gather(link.abort(), link.abort(), link.abort())
+            assert cell.sent().count("ABORT") == 1
+
+    asyncio.run(scene())
+
+
+def test_a_motion_asked_for_during_an_abort_is_not_carried_out(bench: Callable[..., Any]) -> None:
+    async def scene() -> None:
+        cell = bench()
+        async with cell.link() as link:
+            aborting = asyncio.create_task(link.abort())
+            await asyncio.sleep(0)
+            await asyncio.sleep(0)
+            with pytest.raises(Preempted):
+                await link.move(GOAL)
+            await aborting
+            assert "MOVE" not in cell.sent()
+
+    asyncio.run(scene())
+
+
+def test_an_abort_that_is_not_confirmed_says_to_use_the_emergency_stop(bench: Callable[..., Any]) -> None:
+    async def scene() -> None:
+        cell = bench()
+        async with cell.link(quick(resync_s=0.05)) as link:
+            with cell.server.controller() as controller:
+                controller.mishap(Mishap.DEAD)
+            with pytest.raises(NoAnswer, match="emergency stop"):
+                await link.abort()
+
+    asyncio.run(scene())
+
+
+def test_a_person_s_terminal_has_the_line_to_itself_but_for_the_abort(bench: Callable[..., Any]) -> None:
+    async def scene() -> None:
+        cell = bench()
+        seen = bytearray()
+        async with cell.link() as link:
+            async with link.terminal(seen.extend) as type_in:
+                type_in(b"spe")
+                type_in(b"ed 30\r")
+                asking = asyncio.create_task(link.where())
+                await asyncio.sleep(0.2)
+                assert not asking.done()
+                type_in(b"DO NE")
+            await asking
+            assert b"speed 30\r\n." in seen
+            np.testing.assert_allclose(cell.joints(), READY_RAD, atol=1e-9)
+            with cell.server.controller() as controller:
+                assert controller.speed_percent == 30
+
+            async with link.terminal(seen.extend) as type_in:
+                await link.abort()
+                with pytest.raises(Preempted):
+                    type_in(b"DO NEST\r")
+
+    asyncio.run(scene())
+
+
+# Noise and silence
+
+
+@pytest.mark.parametrize("way", ["to_controller", "to_host"])
+@pytest.mark.parametrize("harm", ["drop", "double", "flip", "insert"])
+@pytest.mark.parametrize("after", [0, 5, 20, 41])
+def test_noise_in_a_typed_move_is_caught_before_it_is_ended_and_the_line_typed_again(
+    bench: Callable[..., Any], way: Any, harm: Any, after: int
+) -> None:
+    async def scene() -> None:
+        cell = bench()
+        async with cell.link() as link:
+            cell.faults.line.append(LineFault(way, harm, after=after))
+            await link.move(GOAL)
+            await link.rest(GOAL)
+            assert cell.faults.line == []
+            assert cell.sent().count("\rDO MOVE") + cell.sent().count("\x15DO MOVE") >= 2
+
+    asyncio.run(scene())
+
+
+@pytest.mark.parametrize("line_editing", [True, False])
+def test_a_line_that_stays_spoiled_is_given_up_and_nothing_moves(bench: Callable[..., Any], line_editing: bool) -> None:
+    async def scene() -> None:
+        cell = bench(Manners(line_editing=line_editing))
+        async with cell.link(quick(resync_s=0.1)) as link:
+            cell.faults.line.append(LineFault("to_controller", "flip", after=15, count=100_000))
+            with pytest.raises(NoAnswer, match=r"typed 'DO MOVE .*then no prompt after 3 attempts"):
+                await link.move(GOAL)
+        np.testing.assert_allclose(cell.joints(), READY_RAD, atol=1e-9)
+
+    asyncio.run(scene())
+
+
+@pytest.mark.parametrize("line_editing", [True, False])
+@pytest.mark.parametrize("seed", range(4))
+def test_on_a_noisy_line_the_arm_only_ever_goes_where_it_was_sent(
+    bench: Callable[..., Any], line_editing: bool, seed: int
+) -> None:
+    async def scene() -> None:
+        cell = bench(Manners(line_editing=line_editing), time_scale=50.0)
+        async with cell.link(quick(resync_s=0.1, answer_s=0.5, typing_s=0.1, stall_s=0.1, motion_s=1.0)) as link:
+            cell.faults.seed_noise(seed, rate=0.004)
+            for goal in (GOAL, NEARBY) * 2:
+                with contextlib.suppress(LinkError):
+                    await go(link, goal, 2.0)
+                with contextlib.suppress(LinkError):
+                    await link.still(1.0)
+                await asyncio.sleep(0.1)
+                with cell.server.controller() as controller:
+                    place = location_from_matrix(controller.arm.reported_pose_at(controller.now_s))
+                assert min(apart(place, allowed)[0] for allowed in (READY, GOAL, NEARBY)) < 0.02
+            cell.faults.noise_rate = 0.0
+
+    asyncio.run(scene())
+
+
+def test_a_motion_whose_answer_is_lost_is_not_repeated_and_the_arm_s_place_is_told(bench: Callable[..., Any]) -> None:
+    async def scene() -> None:
+        cell = bench()
+        async with cell.link(quick(prompt_after_move="start")) as link:
+            cell.faults.mute_answers = 1
+            with pytest.raises(NoAnswer, match="no answer to 'DO MOVE") as problem:
+                await link.move(GOAL)
+            assert problem.value.where is not None
+            assert cell.sent().count("DO MOVE") == 1
+            assert apart((await link.rest(GOAL)).location, GOAL) == pytest.approx((0, 0), abs=0.01)
+
+    asyncio.run(scene())
+
+
+def test_a_question_whose_answer_is_lost_is_asked_again(bench: Callable[..., Any]) -> None:
+    async def scene() -> None:
+        cell = bench()
+        async with cell.link() as link:
+            cell.faults.mute_answers = 1
+            assert (await link.where()).location.z_mm == pytest.approx(863.6)
+
+    asyncio.run(scene())
+
+
+def test_a_spoiled_table_is_asked_for_again(bench: Callable[..., Any]) -> None:
+    async def scene() -> None:
+        cell = bench()
+        async with cell.link() as link:
+            cell.faults.line.append(LineFault("to_host", "drop", after=70, count=5))
+            assert (await link.where()).location.z_mm == pytest.approx(863.6)
+
+    asyncio.run(scene())
+
+
+def test_a_prompt_in_two_halves_is_waited_for(bench: Callable[..., Any]) -> None:
+    async def scene() -> None:
+        cell = bench()
+        async with cell.link() as link:
+            cell.faults.split_prompt_s = 6.0
+            await link.speed(40)
+            assert (await link.where()).location.z_mm == pytest.approx(863.6)
+
+    asyncio.run(scene())
+
+
+def test_a_line_without_echo_is_served_by_its_setting(bench: Callable[..., Any]) -> None:
+    async def scene() -> None:
+        cell = bench(Manners(echo=False))
+        async with cell.link(quick(echo=False)) as link:
+            await link.move(GOAL)
+            await link.rest(GOAL)
+
+    asyncio.run(scene())
+
+
+def test_characters_can_be_typed_slowly(bench: Callable[..., Any]) -> None:
+    async def scene() -> None:
+        async with bench().link(quick(character_pause_s=0.002)) as link:
+            await link.speed(40)
+            await link.where()
+
+    asyncio.run(scene())
+
+
+# Mishaps
+
+
+@pytest.mark.parametrize("prompt", ["start", "end"])
+@pytest.mark.parametrize(
+    ("what", "words"),
+    [
+        (Mishap.POWER_LOST, "Arm power off"),
+        (Mishap.EMERGENCY_STOP, "Emergency stop"),
+        (Mishap.ENVELOPE_ERROR, "Envelope error. Joint 2"),
+        (Mishap.POWER_CYCLED, "the controller asks"),
+    ],
+)
+@pytest.mark.parametrize("share", [0.05, 0.5, 0.95])
+def test_a_mishap_in_mid_move_is_told_in_the_controller_s_words_and_no_further_motion_is_typed(
+    bench: Callable[..., Any], what: Mishap, words: str, prompt: Any, share: float
+) -> None:
+    async def scene() -> None:
+        cell = bench(Manners(prompt_after_move=prompt))
+        async with cell.link() as link:
+            cell.faults.in_move.append((share, what))
+            with pytest.raises(ControllerError, match=words):
+                await go(link, GOAL)
+            typed = cell.sent()
+            with pytest.raises(LinkError):
+                await link.move(NEARBY)
+            assert cell.sent().count("DO MOVE") <= typed.count("DO MOVE") + 1
+            before = cell.joints()
+            await asyncio.sleep(0.1)
+            np.testing.assert_array_equal(cell.joints(), before)
+
+    asyncio.run(scene())
+
+
+def test_a_controller_that_dies_in_mid_move_is_no_answer(bench: Callable[..., Any]) -> None:
+    async def scene() -> None:
+        cell = bench()
+        async with cell.link(quick(resync_s=0.1)) as link:
+            cell.faults.in_move.append((0.5, Mishap.DEAD))
+            with pytest.raises(NoAnswer):
+                await go(link, GOAL, 1.0)
+
+    asyncio.run(scene())
+
+
+def test_an_emergency_stop_while_idle_is_told_before_the_next_command_is_typed(bench: Callable[..., Any]) -> None:
+    async def scene() -> None:
+        cell = bench()
+        async with cell.link() as link:
+            with cell.server.controller() as controller:
+                controller.mishap(Mishap.EMERGENCY_STOP)
+            await asyncio.sleep(0.1)
+            typed = cell.sent()
+            with pytest.raises(ControllerError, match="Emergency stop"):
+                await link.move(GOAL)
+            assert cell.sent() == typed
+
+    asyncio.run(scene())
+
+
+def test_an_arm_stopped_by_hand_is_at_rest_elsewhere(bench: Callable[..., Any]) -> None:
+    async def scene() -> None:
+        cell = bench(time_scale=5.0)
+        async with cell.link() as link:
+            await link.speed(20)
+            await link.move(GOAL)
+            with cell.server.controller() as controller:
+                controller.arm.halt(controller.now_s)
+            with pytest.raises(Elsewhere, match="from where it was sent") as problem:
+                await link.rest(GOAL)
+            assert problem.value.where is not None
+
+    asyncio.run(scene())

@@ -1,0 +1,253 @@
+"""The protocol: bytes cut anywhere give the same events; a dot, a question mark, an asterisk mean what they mean."""
+
+from itertools import pairwise
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.val2.location import Location
+from drivers.val2.wire import (
+    LONGEST_LINE,
+    Echo,
+    Error,
+    Event,
+    Garble,
+    Prompt,
+    Question,
+    Reader,
+    State,
+    Table,
+    Text,
+)
+
+WHERE_ANSWER = (
+    b"         X         Y         Z         O         A         T\r\n"
+    b"    520.00     -0.50   -100.00     0.000    90.000   -12.345\r\n"
+    b"       JT1       JT2       JT3       JT4       JT5       JT6\r\n"
+    b"    16.772    42.692  -195.320     0.000   -27.373   106.772\r\n"
+)
+
+
+def kinds(events: list[Event]) -> list[str]:
+    return [type(event).__name__ for event in events]
+
+
+def after(*pieces: bytes) -> list[Event]:
+    """The events of bytes that come in pieces, with silence after the last."""
+    reader = Reader()
+    events = [event for piece in pieces for event in reader.receive(piece)]
+    return events + reader.silence()
+
+
+def cut(data: bytes, places: list[int]) -> list[bytes]:
+    at = [0, *sorted({place % (len(data) + 1) for place in places}), len(data)]
+    return [data[a:b] for a, b in pairwise(at)]
+
+
+PHRASES = (
+    WHERE_ANSWER, b".", b"\r\n", b"\n\r", b"\r", b"*Undefined value*\r\n", b"Are you sure (Y/N)? ", b"Change?\r\n",
+    b"Program HOLD\r\n", b".52 ", b"text", b"\x00", b" ", WHERE_ANSWER[:90], b"\xff",
+)  # fmt: skip
+soup = st.lists(st.sampled_from(PHRASES) | st.binary(max_size=6), max_size=12).map(b"".join)
+
+
+@given(soup, st.lists(st.integers(0, 2000), max_size=8), st.binary(max_size=5))
+def test_bytes_cut_anywhere_give_the_same_events(stream: bytes, places: list[int], typed: bytes) -> None:
+    whole, pieces = Reader(), Reader()
+    for reader in (whole, pieces):
+        if typed:
+            reader.typed(typed)
+    at_once = whole.receive(stream) + whole.silence()
+    in_pieces = [event for piece in cut(stream, places) for event in pieces.receive(piece)] + pieces.silence()
+    assert at_once == in_pieces
+
+
+@given(soup, st.lists(st.tuples(st.integers(0, 2000), st.booleans()), max_size=8))
+def test_the_events_raw_bytes_in_a_row_are_the_stream(stream: bytes, places: list[tuple[int, bool]]) -> None:
+    reader = Reader()
+    raw = b""
+    for piece in cut(stream, [place for place, _ in places]):
+        raw += b"".join(event.raw for event in reader.receive(piece))
+        raw += b"".join(event.raw for event in reader.silence())
+    assert stream.startswith(raw)
+
+
+@given(st.lists(st.binary(max_size=40) | st.just(None), max_size=30))
+def test_no_bytes_at_all_make_it_stumble(noise: list[bytes | None]) -> None:
+    reader = Reader()
+    for piece in noise:
+        if piece is None:
+            reader.silence()
+        else:
+            reader.receive(piece)
+
+
+def test_a_dot_at_the_start_of_a_line_is_a_prompt_once_nothing_follows() -> None:
+    reader = Reader()
+    assert reader.receive(b"\r\n.") == []
+    assert reader.awaits_silence
+    assert kinds(reader.silence()) == ["Prompt"]
+
+
+def test_a_prompt_split_between_two_reads_is_one_prompt() -> None:
+    assert kinds(after(b"\r", b"\n", b".")) == ["Prompt"]
+
+
+def test_a_prompt_comes_once_however_long_the_silence() -> None:
+    reader = Reader()
+    reader.receive(b".")
+    assert kinds(reader.silence()) == ["Prompt"]
+    assert reader.silence() == []
+
+
+def test_a_dot_that_starts_a_number_is_no_prompt() -> None:
+    assert kinds(after(b"\r\n", b".", b"520 mm\r\n")) == ["Text"]
+
+
+@pytest.mark.parametrize("stop", range(1, len(WHERE_ANSWER)))
+def test_a_table_that_stalls_anywhere_shows_no_prompt(stop: int) -> None:
+    reader = Reader()
+    events = reader.receive(WHERE_ANSWER[:stop])
+    assert not any(isinstance(event, Prompt) for event in events + reader.silence())
+
+
+def test_a_dot_in_a_stalled_number_is_no_prompt() -> None:
+    reader = Reader()
+    events = reader.receive(b"    16.") + reader.silence() + reader.receive(b"772\r\n")
+    assert kinds(events) == ["Text"]
+
+
+def test_two_dots_are_no_prompt() -> None:
+    assert kinds(after(b"..")) == []
+
+
+def test_a_second_dot_behind_a_prompt_is_no_prompt() -> None:
+    reader = Reader()
+    reader.receive(b".")
+    reader.silence()
+    reader.receive(b".")
+    assert reader.silence() == []
+
+
+def test_where_gives_the_place_and_the_joints() -> None:
+    table, prompt = after(WHERE_ANSWER, b".")
+    assert isinstance(prompt, Prompt)
+    assert isinstance(table, Table)
+    assert table.where.location == Location(520.0, -0.5, -100.0, 0.0, 90.0, -12.345)
+    assert table.where.joints_deg == (16.772, 42.692, -195.32, 0.0, -27.373, 106.772)
+
+
+@pytest.mark.parametrize(
+    ("spoiled", "by"), [(b"520.00", b"52o.00"), (b"JT3", b"JT?"), (b"16.772", b"16.7 72"), (b"-0.50", b"--0.50")]
+)
+def test_a_spoiled_table_is_text_and_never_a_place(spoiled: bytes, by: bytes) -> None:
+    events = after(WHERE_ANSWER.replace(spoiled, by), b".")
+    assert kinds(events) == ["Text"] * 4 + ["Prompt"]
+
+
+def test_a_table_begun_anew_counts_from_the_new_beginning() -> None:
+    lines = WHERE_ANSWER.splitlines(keepends=True)
+    assert kinds(after(lines[0], lines[1], WHERE_ANSWER, b".")) == ["Text", "Text", "Table", "Prompt"]
+
+
+def test_a_table_cut_short_by_the_prompt_is_text() -> None:
+    lines = WHERE_ANSWER.splitlines(keepends=True)
+    assert kinds(after(lines[0], lines[1], b".")) == ["Text", "Text", "Prompt"]
+
+
+@pytest.mark.parametrize(
+    "line",
+    ["*Undefined value*", "*Envelope error* Joint 3", "*Never heard of this*", "Program HOLD", "PROGRAM STOP", "*"],
+)
+def test_a_message_between_asterisks_or_a_stopped_program_is_an_error_with_its_words(line: str) -> None:
+    event = after(line.encode() + b"\r\n", b".")[0]
+    assert isinstance(event, Error)
+    assert event.text == line
+
+
+@pytest.mark.parametrize("end", [b"\r\n", b"\n\r", b"\r", b"\n", b"\r\n\r\n"])
+def test_any_line_end_ends_a_line(end: bytes) -> None:
+    assert kinds(after(b"one" + end + b"two" + end + b".")) == ["Text", "Text", "Prompt"]
+
+
+def test_a_question_is_asked_once_nothing_follows() -> None:
+    event = after(b"Are you sure (Y/N)? ")[0]
+    assert isinstance(event, Question)
+    assert event.text == "Are you sure (Y/N)?"
+
+
+def test_a_question_may_end_its_line() -> None:
+    assert kinds(after(b"Change?\r\n")) == ["Question"]
+
+
+def test_a_question_mark_with_more_behind_it_asks_nothing() -> None:
+    assert kinds(after(b"Ready? Not yet\r\n", b".")) == ["Text", "Prompt"]
+    assert kinds(after(b"Ready?\r\nNot yet\r\n", b".")) == ["Text", "Text", "Prompt"]
+
+
+def test_the_echo_is_told_from_the_answer() -> None:
+    reader = Reader()
+    reader.receive(b".")
+    reader.silence()
+    reader.typed(b"SPEED 12.5")
+    events = reader.receive(b"SPEED 12.5")
+    assert events == [Echo(b"SPEED 12.5", "SPEED 12.5")]
+    assert reader.state is State.TYPED
+    reader.line_ended()
+    assert kinds(reader.receive(b"\r\n.") + reader.silence()) == ["Prompt"]
+
+
+@given(st.text("ABC.?*", min_size=1, max_size=12), st.data())
+def test_one_wrong_character_in_an_echo_is_noticed(text: str, data: st.DataObject) -> None:
+    place = data.draw(st.integers(0, len(text) - 1))
+    wrong = data.draw(st.sampled_from("xyz"))
+    reader = Reader()
+    reader.typed(text.encode())
+    event = reader.receive((text[:place] + wrong + text[place + 1 :]).encode())[0]
+    assert isinstance(event, Garble)
+    assert event.expected == text
+
+
+@given(st.text("ABC123", min_size=2, max_size=12), st.data())
+def test_a_lost_character_is_noticed_or_waited_for(text: str, data: st.DataObject) -> None:
+    place = data.draw(st.integers(0, len(text) - 1))
+    reader = Reader()
+    reader.typed(text.encode())
+    events = reader.receive((text[:place] + text[place + 1 :]).encode())
+    assert not any(isinstance(event, Echo) for event in events)
+
+
+def test_a_doubled_last_character_is_noticed_before_the_line_is_ended() -> None:
+    reader = Reader()
+    reader.typed(b"SPEED 1")
+    assert kinds(reader.receive(b"SPEED 11")) == ["Echo", "Garble"]
+    assert reader.state is not State.TYPED
+
+
+def test_noise_between_echo_and_line_end_is_noticed() -> None:
+    reader = Reader()
+    reader.typed(b"WHERE")
+    reader.receive(b"WHERE")
+    reader.line_ended()
+    assert kinds(reader.receive(b"x\r\n")) == ["Garble"]
+
+
+def test_padding_is_no_part_of_a_line() -> None:
+    reader = Reader()
+    reader.typed(b"WHERE")
+    assert kinds(reader.receive(b"WH\x00ERE")) == ["Echo"]
+
+
+def test_without_echo_the_answer_begins_where_the_line_was_ended() -> None:
+    reader = Reader()
+    reader.receive(b".")
+    reader.silence()
+    reader.line_ended(echoed=False)
+    assert kinds(reader.receive(b".") + reader.silence()) == ["Prompt"]
+
+
+def test_an_endless_line_is_text_and_does_not_grow() -> None:
+    events = after(b"a" * (3 * LONGEST_LINE))
+    assert kinds(events) == ["Text"] * 3
+    assert all(isinstance(event, Text) and len(event.text) == LONGEST_LINE for event in events)
