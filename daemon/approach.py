@@ -136,11 +136,11 @@ def disagreement(a: Sighting, b: Sighting, doubt: Doubt) -> float:
     return float(motion @ np.linalg.solve(covariance, motion))
 
 
-def suspect(target: float, others: Sequence[float], epipolar_px: float, epipolar_limit_px: float) -> str:
-    """Which is to blame when a look disagrees: `camera`, `hand-eye`, `part` or `unclear`.
+def suspect(others: Sequence[float], epipolar_px: float, epipolar_limit_px: float) -> str:
+    """Which is to blame when a look at the target disagrees: `camera`, `hand-eye`, `part` or `unclear`.
 
-    target and others: chi-squares of the target and of the other parts followed through the same two looks;
-    epipolar_px: how far matched corners lie from their epipolar lines now (a knocked eye shows there).
+    others: chi-squares of the other parts followed through the same two looks; epipolar_px: how far matched corners lie
+    from their epipolar lines now (a knocked eye shows there).
     """
     if epipolar_px > epipolar_limit_px:
         return "camera"

@@ -41,8 +41,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from daemon import frames
-from daemon.looking import Look, Sight, take_look
-from daemon.picking import Bench, Pick, Skipped, log_look
+from daemon.looking import Look, Sight, log_look, take_look
+from daemon.picking import Bench, Pick, Skipped
 from daemon.plan import Settings
 from daemon.reins import OperatorRefusedError, RefusedError, Reins
 from daemon.workcell import Array, Reading, Workcell

@@ -137,3 +137,19 @@ async def take_look(
         epipolar_px=epipolar_px(scene),
         table=table,
     )
+
+
+def log_look(cell: Workcell, sight: Sight, look: Look, *, cycle: int, stop: int, purpose: str) -> None:
+    """Write a look to the run log, with both images."""
+    cell.log.record(
+        "look",
+        cycle=cycle,
+        stop=stop,
+        purpose=purpose,
+        images={"left": look.pictures.left.pixels, "right": look.pictures.right.pixels},
+        scene=sight.report(look.scene),
+        seconds={**look.scene.seconds, "settled": look.settled_s, "total": look.seconds},
+        health={"epipolar_px": look.epipolar_px, "noise": look.scene.view.noise_sigma},
+        where=look.reading.world_from_tool,
+        world_from_cyclopean=look.world_from_cyclopean,
+    )

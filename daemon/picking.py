@@ -7,29 +7,18 @@ stops the arm first and then reports. A part that cannot be had is skipped, and 
 from __future__ import annotations
 
 import asyncio
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
-import numpy as np
-
-from daemon import approach, frames, guard
-from daemon.approach import CHI_SQUARE_6, Estimate, Sighting
+from daemon import approach, guard
+from daemon.approach import CHI_SQUARE_6
+from daemon.following import SAME_PLACE_MM, Target, beside, far, follow
 from daemon.guard import Command, Standing
-from daemon.looking import Look, Sight, take_look
+from daemon.looking import Look, Sight, log_look, take_look
 from daemon.motion import Mover, MoveRefusedError, OutOfReachError
-from daemon.plan import Plan, Seen, Settings, View, ordered, plan_part, regrasp, seen_parts
-from daemon.tracking import Shape, poses_that_fit, refit
+from daemon.plan import UNKNOWN, Seen, Settings, ordered, other_view, plan_part, regrasp, seen_parts
 from daemon.workcell import Array, Workcell
 
-SAME_PLACE_MM = 30.0
 STANDING_RULES = ("fault_stands", "not_enabled", "arm_lost")
-
-
-UNKNOWN = "unknown"
-
-
-def far(a: Array, b: Array) -> float:
-    """Distance of two points, mm."""
-    return float(np.linalg.norm(a - b))
 
 
 class SuspectError(Exception):
@@ -44,27 +33,6 @@ class Skipped:
     centre: Array
     outcome: str
     why: str
-
-
-@dataclass(eq=False)
-class Target:
-    """The part being picked: what is known of it so far."""
-
-    label: str
-    shape: Shape
-    world_from_part: Array
-    plan: Plan
-    look: Look
-    sightings: list[Sighting] = field(default_factory=list)
-    estimate: Estimate | None = None
-    looks: int = 0
-    restarts: int = 0
-
-    @property
-    def centre(self) -> Array:
-        """(3,) world mm: mean of the shape's corners where they are now thought to be."""
-        centre: Array = frames.apply(self.world_from_part, self.shape.corners_mm).mean(axis=0)
-        return centre
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +93,7 @@ class Pick:
         settings, target_part = self.settings, self.target
 
         def speed(pose: Array) -> float:
-            away = 1e9 if target_part is None else float(np.linalg.norm(pose[:3, 3] - target_part.centre))
+            away = 1e9 if target_part is None else far(pose[:3, 3], target_part.centre)
             return approach.speed_pct(away, settings.travel_pct, settings.near_pct)
 
         await self.mover.travel(target, purpose, speed, straight, None if look is None else look.taken_s)
@@ -153,16 +121,12 @@ class Pick:
         """Look at the table from each survey view until one shows something that is not skipped."""
         self.target = None
         for number, view in enumerate(self.settings.surveys, start=1):
-            await self.travel(self.safe_view(view), f"survey {number}")
+            await self.travel(view.pose(self.cell.tool_from_cyclopean), f"survey {number}")
             look = await self.look(f"survey {number}")
             self.found = seen_parts(look)
             if any(self.wants(part) and not self.is_skipped(part.centre) for part in self.found):
                 return "seen"
         return "nothing"
-
-    def safe_view(self, view: View) -> Array:
-        """The survey pose."""
-        return view.pose(self.cell.tool_from_cyclopean)
 
     def wants(self, part: Seen) -> bool:
         """Whether the part is, or may be, what this pick is after."""
@@ -205,10 +169,11 @@ class Pick:
         part = self.doubtful
         assert part is not None
         self.looked_again.append(part.centre)
-        pose, why = self.other_view(part)
+        pose, why = other_view(part, self.sight.shape, self.eyes, self.cell.tool_from_cyclopean, self.allowed)
         self.decide(f"another view of {part.label}", why)
         if pose is None:
             return "seen"
+        self.eyes.append((pose @ self.cell.tool_from_cyclopean)[:3, 3])
         await self.travel(pose, "another view", part.look)
         seen = seen_parts(await self.look("another view"))
         again = [p for p in seen if far(p.centre, part.centre) < SAME_PLACE_MM]
@@ -216,29 +181,6 @@ class Pick:
             best = min(again, key=lambda p: (p.ambiguous or p.label == UNKNOWN, far(p.centre, part.centre)))
             self.found = [p for p in self.found if p is not part] + [best]
         return "seen"
-
-    def other_view(self, part: Seen) -> tuple[Array | None, str]:
-        """The reachable view of the part that separates its candidates, else the one farthest from all before."""
-        x, y, z = (float(v) for v in part.centre)
-        views = [View((x, y, z), 340.0, float(h), float(t)) for h in range(-180, 180, 30) for t in (20, 35, 50)]
-        poses = [p for p in (v.pose(self.cell.tool_from_cyclopean) for v in views) if self.allowed(p)]
-        eyes = [(p @ self.cell.tool_from_cyclopean)[:3, 3] for p in poses]
-        if not poses:
-            return None, "no other view of it is in reach"
-        candidates = []
-        for label in part.candidates:
-            shape = self.sight.shape(label)
-            fits = poses_that_fit(shape, part.facets) if shape is not None else []
-            if shape is not None and fits:
-                candidates.append((shape, part.look.world_from_cyclopean @ fits[0].cyclopean_from_part))
-        best = approach.separating_view(candidates, eyes) if len(candidates) > 1 else None
-        if best is not None:
-            self.eyes.append(eyes[best])
-            return poses[best], f"to tell {' from '.join(part.candidates)}"
-        before = [*self.eyes, part.look.world_from_cyclopean[:3, 3]]
-        best = int(np.argmax([min(approach.angle_at(part.centre, eye, old) for old in before) for eye in eyes]))
-        self.eyes.append(eyes[best])
-        return poses[best], part.reason
 
     async def stop_n(self) -> str:
         """Go to the next stand-off."""
@@ -260,28 +202,12 @@ class Pick:
         """Look, and find the target again."""
         target = self.target
         assert target is not None
-        target.look = await self.look("approach")
-        target.looks += 1
-        near = frames.inverse(target.look.world_from_cyclopean) @ target.world_from_part
-        parts = [p for p in seen_parts(target.look) if float(np.linalg.norm(p.centre - target.centre)) < 60.0]
-        facets = [f for p in parts for f in p.facets]
-        fit = refit(target.shape, facets, near)
-        if fit is None:
-            self.tries += 1
-            self.skip("lost", target, f"not seen where it was at look {target.looks}")
-            return "lost"
-        target.sightings.append(
-            approach.sighting(
-                target.look.reading.world_from_tool,
-                self.cell.tool_from_cyclopean,
-                fit.cyclopean_from_part,
-                fit.covariance,
-                self.settings.doubt,
-                float(self.cell.rig.left.matrix[0, 0]),
-                self.cell.rig.baseline_mm,
-            )
-        )
-        return "looked"
+        look = await self.look("approach")
+        if follow(target, look, self.cell, self.settings.doubt):
+            return "looked"
+        self.tries += 1
+        self.skip("lost", target, f"not seen where it was at look {target.looks}")
+        return "lost"
 
     async def estimating(self) -> str:
         """Hold the look against the one before, fuse, and say whether it is enough."""
@@ -318,7 +244,11 @@ class Pick:
 
     def disagreed(self, target: Target, chi: float) -> None:
         """Two looks disagree: say which is suspect; go on from the newest look once, where the part moved."""
-        who = approach.suspect(chi, self.others(target), target.look.epipolar_px, self.settings.epipolar_limit_px)
+        who = approach.suspect(
+            beside(target, self.sight.shape, self.cell, self.settings.doubt),
+            target.look.epipolar_px,
+            self.settings.epipolar_limit_px,
+        )
         text = (
             f"looks {target.looks - 1} and {target.looks} disagree (chi-square {chi:.0f}, {CHI_SQUARE_6:g} is the most)"
         )
@@ -327,10 +257,6 @@ class Pick:
             raise SuspectError(f"{text}; suspect: {who}")
         target.restarts += 1
         del target.sightings[:-1]
-
-    def others(self, target: Target) -> list[float]:
-        """Chi-squares of the parts beside the target between the first look of this pick and the newest."""
-        return []
 
     async def final(self) -> str:
         """The blind stretch: to before the part, then around it, both straight."""
@@ -372,8 +298,8 @@ class Pick:
         assert target is not None
         look = await self.look("verify")
         hand = look.reading.world_from_tool[:3, 3]
-        on_table = [p for p in seen_parts(look) if float(np.linalg.norm(p.centre - hand)) > 70.0]
-        left = [p for p in on_table if float(np.linalg.norm(p.centre - target.centre)) < self.settings.gone_mm + 20.0]
+        on_table = [p for p in seen_parts(look) if far(p.centre, hand) > 70.0]
+        left = [p for p in on_table if far(p.centre, target.centre) < self.settings.gone_mm + 20.0]
         if not left:
             self.outcome, self.why = "picked", f"{target.label} is gone from where it lay"
             return "gone"
@@ -398,19 +324,3 @@ class Pick:
         if not (self.stay and self.outcome == "picked"):
             await self.travel(self.settings.home.pose(), "home")
         return "there"
-
-
-def log_look(cell: Workcell, sight: Sight, look: Look, *, cycle: int, stop: int, purpose: str) -> None:
-    """Write a look to the run log, with both images."""
-    cell.log.record(
-        "look",
-        cycle=cycle,
-        stop=stop,
-        purpose=purpose,
-        images={"left": look.pictures.left.pixels, "right": look.pictures.right.pixels},
-        scene=sight.report(look.scene),
-        seconds={**look.scene.seconds, "settled": look.settled_s, "total": look.seconds},
-        health={"epipolar_px": look.epipolar_px, "noise": look.scene.view.noise_sigma},
-        where=look.reading.world_from_tool,
-        world_from_cyclopean=look.world_from_cyclopean,
-    )

@@ -5,7 +5,7 @@ Pure: what is seen and what the arm can reach in, plans out. Doing them is daemo
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal, Protocol
 
@@ -18,10 +18,15 @@ from daemon.grasp import Grasp, Gripper, grasps, tool_rotation
 from daemon.guard import Limits, Point
 from daemon.looking import Look, Settling
 from daemon.motion import Arrival
-from daemon.tracking import Shape
+from daemon.tracking import Shape, poses_that_fit
 from daemon.vision.data import Facet
 
 Array = NDArray[np.float64]
+
+
+UNKNOWN = "unknown"
+CLOSE_MM = 340.0
+"""From how far a part that could not be named is looked at again."""
 
 
 @dataclass(frozen=True)
@@ -161,7 +166,7 @@ def ordered(parts: Sequence[Seen], order: str) -> list[Seen]:
 
     def rank(part: Seen) -> tuple[bool, float]:
         away = float(np.linalg.norm(part.centre - part.look.world_from_cyclopean[:3, 3]))
-        return part.ambiguous or part.label == "unknown", away if order == "nearest" else -part.confidence
+        return part.ambiguous or part.label == UNKNOWN, away if order == "nearest" else -part.confidence
 
     return sorted(parts, key=rank)
 
@@ -220,6 +225,35 @@ def plan_part(
             return plan
     blocked = sum(p.grasp.blocked for p in plans)
     return f"none of its {len(plans)} grasps can be reached all the way ({blocked} blocked by a neighbour)"
+
+
+def other_view(
+    part: Seen,
+    shape_of: Callable[[str], Shape | None],
+    eyes_before: Sequence[Array],
+    tool_from_cyclopean: Array,
+    allowed: Reachable,
+) -> tuple[Array | None, str]:
+    """Where to look at a part that could not be named, and why: from where its candidates look most unlike, else from
+    the side farthest from every look before. world_from_tool, or None where no view of it is allowed."""
+    x, y, z = (float(v) for v in part.centre)
+    views = [View((x, y, z), CLOSE_MM, float(h), float(t)) for h in range(-180, 180, 30) for t in (20, 35, 50)]
+    poses = [p for p in (v.pose(tool_from_cyclopean) for v in views) if allowed(p)]
+    eyes = [(p @ tool_from_cyclopean)[:3, 3] for p in poses]
+    if not poses:
+        return None, "no other view of it is in reach"
+    candidates = []
+    for label in part.candidates:
+        shape = shape_of(label)
+        fits = poses_that_fit(shape, part.facets) if shape is not None else []
+        if shape is not None and fits:
+            candidates.append((shape, part.look.world_from_cyclopean @ fits[0].cyclopean_from_part))
+    best = approach.separating_view(candidates, eyes) if len(candidates) > 1 else None
+    if best is not None and not any(approach.angle_at(part.centre, eyes[best], e) < 0.3 for e in eyes_before):
+        return poses[best], f"to tell {' from '.join(part.candidates)}"
+    before = [*eyes_before, part.look.world_from_cyclopean[:3, 3]]
+    best = int(np.argmax([min(approach.angle_at(part.centre, eye, old) for old in before) for eye in eyes]))
+    return poses[best], part.reason
 
 
 def regrasp(shape: Shape, world_from_part: Array, before: Plan, settings: Settings) -> Plan:
