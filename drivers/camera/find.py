@@ -120,10 +120,9 @@ def _choices(devices: Iterable[Device], notes: Iterable[str]) -> str:
 
 def find(name: str, eye: str, system: System) -> str:
     """The node a name means now (see CameraSettings). Raises CameraError with what there is instead."""
-    if name.isdigit():
-        return f"/dev/video{name}"
-    if name.startswith("/dev/video"):
-        return name
+    path = system.resolve(f"/dev/video{name}" if name.isdigit() else name)
+    if path is not None:
+        return path
     devices, notes = list_devices(system, whole=False)
     linked = [d for d in devices if any(link == name or link.endswith(f"/{name}") for link in d.links)]
     called = linked or [d for d in devices if d.card == name]

@@ -33,6 +33,9 @@ class System(Protocol):
     def nodes(self) -> list[str]:
         """Paths of all video nodes, by number."""
 
+    def resolve(self, name: str) -> str | None:
+        """The node that an absolute path, link or not, leads to now; None where it leads nowhere or is no path."""
+
     def links(self, path: str) -> list[str]:
         """Stable names (paths under /dev/v4l) that lead to this node now."""
 
@@ -83,6 +86,10 @@ class Linux:
         """Paths of all video nodes, by number."""
         numbers = (p.name.removeprefix("video") for p in Path("/sys/class/video4linux").glob("video*"))
         return [f"/dev/video{n}" for n in sorted(int(n) for n in numbers if n.isdigit())]
+
+    def resolve(self, name: str) -> str | None:
+        """Where an absolute path leads now: a node itself, or a link of udev's."""
+        return os.path.realpath(name) if name.startswith("/") and os.path.exists(name) else None
 
     def links(self, path: str) -> list[str]:
         """Stable names that lead to this node now: by-id before by-path."""

@@ -222,6 +222,10 @@ class PretendSystem:
     def nodes(self) -> list[str]:
         return sorted(self.devices)
 
+    def resolve(self, name: str) -> str | None:
+        path = self.names.get(name, name)
+        return path if path in self.devices or path in self.open_fails else None
+
     def links(self, path: str) -> list[str]:
         return [link for link, leads_to in self.names.items() if leads_to == path]
 

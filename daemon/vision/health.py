@@ -1,0 +1,158 @@
+"""What is wrong with the images themselves: each measure with its limit, a name, and advice in words. Pure.
+
+In: a stereo pair, the one before it, the rig, the scene seen. Out: findings. A finding is about the picture (light,
+lens, cable, mounting), never about parts; what follows from one is for the caller to decide.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from daemon.vision.data import Scene
+from daemon.vision.rig import StereoRig
+from daemon.vision.sharpness import measure_blur
+from daemon.vision.swapped import Assignment, assignment
+
+Image = NDArray[np.uint8]
+Pair = tuple[Image, Image]
+
+
+@dataclass(frozen=True)
+class Measure:
+    """A limit a picture is held to. above: whether values above the limit are bad (else those below)."""
+
+    limit: float
+    unit: str
+    above: bool
+    advice: str
+
+
+MEASURES = {
+    "saturation": Measure(5.0, "% of pixels", True, "too bright: shorten exposure_us, lower gain, or take light away"),
+    "darkness": Measure(45.0, "grey levels", False, "too dark: lengthen exposure_us, raise gain, or add light"),
+    "covered": Measure(4.0, "grey levels", False, "nothing to see: is the lens covered, or the light off?"),
+    "focus": Measure(1.5, "px", True, "out of focus: focus the lens at the working distance, or clean it"),
+    "motion": Measure(6.0, "px", True, "blurred by motion: shorten exposure_us, or let the arm settle longer"),
+    "half": Measure(4.0, "% of rows", True, "half a frame: check the cable and the USB bandwidth (MJPEG needs least)"),
+    "torn": Measure(5.0, "grey levels", True, "torn frame: lower the frame rate, or use another USB controller"),
+    "frozen": Measure(0.0, "same pairs", True, "frozen: the camera repeats its last frame; unplug it and plug it in"),
+    "doubled": Measure(0.0, "same images", True, "both eyes show one image: cameras.left and .right name one device"),
+    "swapped": Measure(0.5, "share of matches", True, "left and right are swapped: exchange cameras.left and .right"),
+    "epipolar": Measure(0.6, "px", True, "the cameras have moved since calibration: `facetctl calibrate stereo`"),
+}
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One measure of one picture: name as in MEASURES; eye left, right or pair; the value; whether it is in order."""
+
+    name: str
+    eye: str
+    value: float
+    good: bool
+
+    def __str__(self) -> str:
+        """Such as `left: too dark: lengthen exposure_us ... (darkness 12 grey levels, limit 45)`."""
+        measure = MEASURES[self.name]
+        figures = f"{self.name} {self.value:.3g} {measure.unit}, limit {measure.limit:g}"
+        return f"{self.eye}: {measure.advice} ({figures})" if not self.good else f"{self.eye}: {figures}"
+
+
+def _finding(name: str, eye: str, value: float) -> Finding:
+    measure = MEASURES[name]
+    return Finding(name, eye, value, value <= measure.limit if measure.above else value >= measure.limit)
+
+
+def examine(
+    pair: Pair, before: Pair | None = None, rig: StereoRig | None = None, scene: Scene | None = None
+) -> tuple[Finding, ...]:
+    """Every measure that can be taken of a pair of grey images (H, W); what cannot be measured is left out.
+
+    before: the pair grabbed before this one (frozen). rig: finds swapped eyes. scene: what was seen in the pair
+    (epipolar).
+    """
+    findings = [f for eye, image in zip(("left", "right"), pair, strict=True) for f in _image(eye, image)]
+    same = sum(np.array_equal(now, then) for now, then in zip(pair, before, strict=True)) if before else 0
+    findings.append(_finding("frozen", "pair", float(same)))
+    findings.append(_finding("doubled", "pair", float(np.array_equal(*pair))))
+    if rig is not None and all(f.good for f in findings):
+        verdict = assignment(*pair, rig)
+        if verdict is not Assignment.UNKNOWN:
+            findings.append(_finding("swapped", "pair", float(verdict is Assignment.SWAPPED)))
+    if scene is not None:
+        findings += _drift(scene)
+    return tuple(findings)
+
+
+def _image(eye: str, image: Image) -> Iterator[Finding]:
+    """Light first: of a picture without light or contrast nothing else can be said."""
+    small = cv2.resize(image, None, fx=1 / 8, fy=1 / 8, interpolation=cv2.INTER_AREA)
+    yield _finding("half", eye, 100.0 * _repeated_rows(image))
+    contrast = _finding("covered", eye, float(np.ptp(np.percentile(small, [2, 98]))))
+    yield contrast
+    if not contrast.good:
+        return
+    yield _finding("saturation", eye, 100.0 * float(np.mean(image >= 250)))
+    yield _finding("darkness", eye, float(np.percentile(image, 99)))
+    yield _finding("torn", eye, _tear(image))
+    blur = measure_blur(image)
+    if not np.isnan(blur.least_px):
+        yield _finding("focus", eye, blur.least_px)
+        yield _finding("motion", eye, blur.motion_px)
+
+
+def _repeated_rows(image: Image) -> float:
+    """Share of the rows in the longest run of rows that repeat the one above: a sensor's noise never does."""
+    longest = run = 0
+    for same in np.all(image[1:] == image[:-1], axis=1):
+        run = run + 1 if same else 0
+        longest = max(longest, run)
+    return longest / len(image)
+
+
+def _tear(image: Image, reach_px: int = 40) -> float:
+    """Grey levels by which a row's step to the next falls when the lower part is shifted: high where two moments meet.
+
+    Of the rows that differ most from the next, compared with their neighbours. A part's edge that happens to follow a
+    row gains nothing from shifting.
+    """
+    grey = image.astype(np.float32)
+    step = np.abs(np.diff(grey, axis=0)).mean(axis=1)
+    excess = np.maximum(step - 0.9 * np.median(step), 0.0) + 0.25
+    around = np.maximum(np.r_[0.0, excess[:-1]], np.r_[excess[1:], 0.0])
+    sudden = excess / (around + 0.25)
+    worst = 0.0
+    for row in (k for k in np.argsort(sudden)[-3:] if sudden[k] > 1.5):
+        above, below = grey[row], grey[row + 1]
+        inner = slice(reach_px, len(above) - reach_px)
+        shifted = [np.abs(np.roll(below, s)[inner] - above[inner]).mean() for s in range(-reach_px, reach_px + 1)]
+        noise = float(np.median(step))
+        if min(shifted) - noise < 0.4 * (shifted[reach_px] - noise):
+            worst = max(worst, float(shifted[reach_px] - min(shifted)))
+    return worst
+
+
+def _drift(scene: Scene) -> Iterator[Finding]:
+    """Median distance of matched corners from their epipolar lines, once enough of them were matched."""
+    rows = [facet.epipolar_px for group in scene.view.groups for facet in group.facets]
+    if rows and sum(map(len, rows)) >= 8:
+        yield _finding("epipolar", "pair", float(np.median(np.abs(np.concatenate(rows)))))
+
+
+def troubles(findings: tuple[Finding, ...]) -> tuple[str, ...]:
+    """What is not in order, a line each, for people."""
+    return tuple(str(finding) for finding in findings if not finding.good)
+
+
+def findings_json(findings: tuple[Finding, ...]) -> list[dict[str, Any]]:
+    """For run logs and machines: name, eye, value, good, and limit."""
+    return [
+        asdict(f) | {"value": round(f.value, 4), "limit": MEASURES[f.name].limit, "unit": MEASURES[f.name].unit}
+        for f in findings
+    ]
