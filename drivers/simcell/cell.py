@@ -23,6 +23,8 @@ from drivers.simcell.truth import load_truth, rigid_matrix
 from drivers.simcell.witness import Witness
 from drivers.simcell.world import PlacedPart, Where, World
 
+LOOKED_BACK_S = np.linspace(3.0, 0.0, 40)
+"""Cell seconds before closing in which the hand's way is looked through for strikes."""
 BOARD_ON_TABLE = np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 """World axes of a board that lies face up, its rows across the arm's reach and its top farthest out."""
 
@@ -120,9 +122,10 @@ class SimulatedCell:
         return world_from_board
 
     def _hand(self, closed: bool) -> None:
-        tool = self.arm.pose_at(self.controller.now_s)
+        now_s = self.controller.now_s
+        tool = self.arm.pose_at(now_s)
         if closed:
-            self.world.close_hand(tool)
+            self.world.close_hand(tool, [self.arm.pose_at(now_s - back_s) for back_s in LOOKED_BACK_S])
         else:
             self.world.open_hand(tool)
 

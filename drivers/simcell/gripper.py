@@ -59,7 +59,7 @@ def close_on(shape: Shape, tool_from_part: Array, up: Array, gripper: Gripper) -
     def lost(why: str, struck: bool = False, shift_mm: float = 0.0) -> Grip:
         return Grip(False, why, tool_from_part, tool_from_part, shift_mm=shift_mm, struck=struck)
 
-    if _struck(shape, tool_from_part, gripper):
+    if strikes(shape, tool_from_part, gripper):
         return lost("a finger or the palm strikes the part", struck=True)
     between = _strip(gripper, -gripper.opening_mm / 2, gripper.opening_mm / 2)
     angle = _turn_to_jaws(shape, tool_from_part, _within(shape, tool_from_part, between), up)
@@ -89,7 +89,8 @@ def _strip(gripper: Gripper, low_y: float, high_y: float) -> tuple[Array, Array]
     return normals, np.array([half, high_y, gripper.tip_mm, half, -low_y, back])
 
 
-def _struck(shape: Shape, tool_from_part: Array, gripper: Gripper) -> bool:
+def strikes(shape: Shape, tool_from_part: Array, gripper: Gripper) -> bool:
+    """Whether an open finger or the palm is where the part is."""
     inner, outer = gripper.opening_mm / 2, gripper.opening_mm / 2 + gripper.finger_thickness_mm
     fingers = [_strip(gripper, inner, outer), _strip(gripper, -outer, -inner)]
     palm_z = gripper.finger_length_mm - gripper.tip_mm

@@ -12,12 +12,13 @@ from threading import RLock
 
 import numpy as np
 
-from drivers.simcell.gripper import Grip, close_on, reaches
+from drivers.simcell.gripper import Grip, close_on, reaches, strikes
 from drivers.simcell.parts import Shape, part_shape
 from drivers.simcell.rigid import Array, apply, inverse, rigid, turn
 from drivers.simcell.truth import Truth
 
 FLOOR_BELOW_TABLE_MM = 700.0
+HAND_REACH_MM = 130.0
 
 
 class Where(Enum):
@@ -119,10 +120,13 @@ class World:
             del self._parts[name]
             self.changes += 1
 
-    def close_hand(self, world_from_tool: Array) -> None:
-        """Close the jaws where the tool is. What they did to the part between them is the last of `closings`."""
+    def close_hand(self, world_from_tool: Array, way: Sequence[Array] = ()) -> None:
+        """Close the jaws where the tool is. What they did to the part between them is the last of `closings`.
+
+        way: poses (4, 4) through which the open hand came, looked through for strikes.
+        """
         with self._lock:
-            self._check_fingers(world_from_tool)
+            self._record_strikes([*way, world_from_tool])
             tool_from_world = inverse(world_from_tool)
             near = [
                 part
@@ -138,7 +142,6 @@ class World:
     def open_hand(self, world_from_tool: Array) -> None:
         """Open the jaws: what they held falls to whatever is below."""
         with self._lock:
-            self._check_fingers(world_from_tool)
             if self.held:
                 self._drop(self.held, world_from_tool)
 
@@ -152,8 +155,6 @@ class World:
         if len(near) > 1:
             return Grip(False, "more than one part between the jaws", tool_from_part, tool_from_part)
         grip = close_on(part.shape, tool_from_part, tool_from_world[:3, 2], self._truth.gripper)
-        if grip.struck:
-            self.strikes.append(f"{part.name}: {grip.why}")
         if grip.held:
             self._set(replace(part, where=Where.HAND, pose=grip.tool_from_part))
         elif grip.shift_mm and part.where is Where.TABLE:
@@ -193,12 +194,20 @@ class World:
             away = away / np.linalg.norm(away) if np.linalg.norm(away) > 1e-6 else np.array([1.0, 0.0])
             self.nudge(name, *(5.0 * away))
 
-    def _check_fingers(self, world_from_tool: Array) -> None:
+    def _record_strikes(self, way: Sequence[Array]) -> None:
         gripper = self._truth.gripper
         outer = gripper.opening_mm / 2 + gripper.finger_thickness_mm
         tips = np.array([[0.0, side * outer, gripper.tip_mm] for side in (-1, 1)])
-        if apply(world_from_tool, tips)[:, 2].min() < self._truth.table.height_mm:
+        if min(apply(pose, tips)[:, 2].min() for pose in way) < self._truth.table.height_mm:
             self.strikes.append("the fingers run into the table")
+        for part in self._parts.values():
+            if part.where in (Where.TABLE, Where.STAND) and any(self._strikes(part, pose) for pose in way):
+                self.strikes.append(f"{part.name}: a finger or the palm runs into it")
+
+    def _strikes(self, part: PlacedPart, world_from_tool: Array) -> bool:
+        tool_from_part = inverse(world_from_tool) @ part.pose
+        near = np.linalg.norm(tool_from_part[:3, 3]) < HAND_REACH_MM + _reach_mm(part.shape)
+        return bool(near) and strikes(part.shape, tool_from_part, self._truth.gripper)
 
     def _standing(self, rest: Array, x_mm: float, y_mm: float, turn_rad: float) -> Array:
         return rigid(turn([0, 0, 1], turn_rad), [x_mm, y_mm, self._truth.table.height_mm]) @ rest

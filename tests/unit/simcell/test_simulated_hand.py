@@ -142,8 +142,19 @@ def test_a_struck_part_or_table_is_on_record() -> None:
     world.close_hand(tool(545.0, 0.0, -280.0))
     world.close_hand(tool(700.0, 0.0, -295.0))
     assert len(world.strikes) == 2
-    assert "finger" in world.strikes[0]
+    assert "cube-1: a finger" in world.strikes[0]
     assert "table" in world.strikes[1]
+
+
+def test_a_hand_that_comes_down_through_a_neighbour_is_on_record_even_if_it_ends_clear() -> None:
+    world = World(TRUTH)
+    world.stand("cube", 0, 520.0, 0.0, 0.0)
+    world.stand("cube", 0, 575.0, 45.0, 0.0)
+    slanting = [tool(520.0, 90.0 - 90.0 * share, -180.0 - 100.0 * share) for share in np.linspace(0.0, 1.0, 20)]
+    world.close_hand(slanting[-1], slanting)
+    assert world.held
+    assert len(world.strikes) == 1
+    assert "cube-2" in world.strikes[0]
 
 
 def test_two_parts_between_the_jaws_are_not_taken() -> None:
