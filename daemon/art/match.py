@@ -38,13 +38,15 @@ def modified_match(matrix: Any, node: Any, numbering: Any | None = None) -> Matc
     taught = as_taught(array[None], complement=array.ndim == 3)
     view = as_relation(matrix, taught.slots)
     slots = np.arange(len(view)) if numbering is None else np.asarray(numbering, dtype=np.int64)
-    difference, ratio = matches_at(view, taught, np.zeros(1, dtype=np.int64), slots[None])
+    difference, ratio = matches_at(view, occupied(matrix), taught, np.zeros(1, dtype=np.int64), slots[None])
     return Match(float(difference[0]), float(ratio[0]))
 
 
-def matches_at(view: Array, taught: TaughtMatrices, nodes: Index, numbering: Index) -> tuple[Array, Array]:
-    """(5.2) and the match ratio at C nodes, (C,) each, facets of the view (n, n) in slots numbering (C, n)."""
-    filled = occupied(view)
+def matches_at(
+    view: Array, filled: Index, taught: TaughtMatrices, nodes: Index, numbering: Index
+) -> tuple[Array, Array]:
+    """(5.2) and the match ratio at C nodes, (C,) each, facets of the view (n, n) in slots numbering (C, n); filled:
+    the facets that touch something."""
     seen = view[np.ix_(filled, filled)]
     slots = numbering[:, filled]
     place = (nodes[:, None, None], slots[:, :, None], slots[:, None, :])

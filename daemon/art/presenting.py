@@ -103,6 +103,8 @@ class _Lesson:
             self.floor.item(row),
             lambda candidate: self.nodes.agrees_one(candidate, label, self.rule.map_vigilance),
         )
+        if node == UNCOMMITTED and self.rule.capacity is not None and count >= self.rule.capacity:
+            node = SKIPPED
         if node == SKIPPED:
             return node, False
         changed = node == UNCOMMITTED or self.overlap.item(row, node) < self.nodes.size.item(node)

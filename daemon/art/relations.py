@@ -76,8 +76,9 @@ def as_relation(matrix: Any, slots: int) -> Array:
     return on_grid(array, matrix_grid(slots))
 
 
-def occupied(matrix: Array) -> Index:
-    """The facets that touch something: indices of rows or columns with an entry."""
+def occupied(matrix: Any) -> Index:
+    """The facets that touch something: indices of rows or columns with an entry, however small."""
+    matrix = np.asarray(matrix)
     filled = (matrix > 0.0).any(axis=0) | (matrix > 0.0).any(axis=1)
     return np.flatnonzero(filled)
 

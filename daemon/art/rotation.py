@@ -94,7 +94,7 @@ class RotationLayer:
     def recall(self, matrix: Any, top: int | None = None) -> Recall:
         """The view (n, n) against every node, or as far as it takes to know the `top` best."""
         view = as_relation(matrix, self.taught.slots)
-        filled = occupied(view)
+        filled = occupied(matrix)
         search = _Search(self, view[filled][:, filled], filled)
         if top is None or top >= len(self._size):
             search.look_into(np.arange(len(self._size)))
@@ -170,7 +170,7 @@ class _Search:
         numbering = np.full((count, len(view)), -1, dtype=np.int64)
         numbering[known] = _with_idle_facets(self.slots[known], self.filled, len(view), layer.taught.slots)
         match, ratio = np.zeros(count), np.zeros(count)
-        match[known], ratio[known] = matches_at(view, layer.taught, known, numbering[known])
+        match[known], ratio[known] = matches_at(view, self.filled, layer.taught, known, numbering[known])
         return Recall(self.activation, numbering, match, ratio, self.exact)
 
 

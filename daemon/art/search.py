@@ -36,6 +36,8 @@ class SearchRule:
         "competes" lets an uncommitted node win by its own activation |I| / (alpha + F), as in Carpenter 1992.
     contradiction: a sample that a node of another label matches entirely (vigilance pushed above 1): "new_node"
         (default) commits one for it, "skip" leaves it unlearnt.
+    capacity: how many nodes there may be, None (default) for as many as it takes; a sample in need of one more is
+        skipped.
     """
 
     rho: float = 0.0
@@ -45,6 +47,7 @@ class SearchRule:
     epsilon: float = 1e-10
     uncommitted: Uncommitted = "last"
     contradiction: Contradiction = "new_node"
+    capacity: int | None = None
 
     def __post_init__(self) -> None:
         within("rho", self.rho, 0.0, 1.0)
