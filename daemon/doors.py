@@ -45,7 +45,7 @@ class SocketServer:
             raise DoorError(f"{self.path}: too long for a socket's path; set folders.runtime to a shorter one")
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            await self._take_over()
+            self._take_over()
             before = os.umask(0o117)
             try:
                 self._server = await asyncio.start_unix_server(self._admit, self.path, limit=LONGEST_MESSAGE)
@@ -70,16 +70,16 @@ class SocketServer:
             task.cancel()
         await asyncio.gather(*self._operators, return_exceptions=True)
 
-    async def _take_over(self) -> None:
+    def _take_over(self) -> None:
         """Remove the socket of a daemon that died. Raises DoorError where one is alive."""
-        try:
-            _, writer = await asyncio.open_unix_connection(self.path)
-        except FileNotFoundError:
-            return
-        except ConnectionRefusedError:
-            self.path.unlink()
-            return
-        writer.close()
+        with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
+            try:
+                probe.connect(str(self.path))
+            except FileNotFoundError:
+                return
+            except ConnectionRefusedError:
+                self.path.unlink()
+                return
         raise DoorError(f"{self.path}: another facetd answers there; stop it first")
 
     async def _admit(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:

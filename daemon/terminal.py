@@ -20,6 +20,8 @@ from daemon.doors import Interrupt
 from daemon.lineedit import Key, LineEditor, to_terminal
 
 PROMPT = "facetd> "
+BUSY = ""
+"""No prompt while a command is being done; what is typed ahead is shown."""
 GREETING = "facetd console. `help` lists the commands; control-C stops the arm."
 RETRY_S = 5.0
 QUEUE_LIMIT = 256 * 1024
@@ -61,23 +63,22 @@ class SerialConsole:
 
     async def say(self, text: str) -> None:
         """Show some lines now."""
-        self._write(to_terminal(text))
+        self.notice(text)
 
     async def ask(self, question: str) -> str:
         """Put a question and wait for the line that answers it; empty after control-C or when the port is gone."""
-        self._write(to_terminal(question))
-        self._editor.prompt, self._editor.remember = "? ", False
         self._question = asyncio.get_running_loop().create_future()
-        self._write(self._editor.show_prompt())
+        self._editor.prompt, self._editor.remember = "? ", False
+        self.notice(question)
         try:
             return await self._question
         finally:
             self._question = None
-            self._editor.prompt, self._editor.remember = PROMPT, True
+            self._editor.prompt, self._editor.remember = BUSY, True
 
     def notice(self, text: str) -> None:
-        """Something the operator did not ask for (a fault), above the line being typed."""
-        self._write(to_terminal(text) if self._busy else self._editor.notice(text))
+        """Lines above the one being typed, which is drawn again: answers, and faults that nobody asked for."""
+        self._write(self._editor.notice(text) if text else self._editor.show_prompt())
 
     def _open(self) -> bool:
         settings = self._settings
@@ -120,12 +121,12 @@ class SerialConsole:
             gone.cancel()
 
     async def _do(self, text: str) -> None:
-        self._busy = True
+        self._busy, self._editor.prompt = True, BUSY
         try:
             answer = await self._console.interpret(text, self)
         finally:
-            self._busy = False
-        self._write((to_terminal(answer.text) if answer.text else b"") + self._editor.show_prompt())
+            self._busy, self._editor.prompt = False, PROMPT
+        self.notice(answer.text)
 
     def _readable(self) -> None:
         assert self._port is not None

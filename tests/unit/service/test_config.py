@@ -71,7 +71,10 @@ def test_sections_with_every_key_commented_out_mean_their_defaults(path: Path) -
         ("version: 1\nmetrics: {port: 80}\n", ":2: metrics.port: expected int >= 1024, found 80"),
         ("version: 1\ncameras: {left: a}\n", ":2: cameras: the key `right` is missing"),
         ("version: 1\ncameras: {left: a, right: b, fsp: 15}\n", ":2: cameras.fsp: unknown key; did you mean `fps`?"),
-        ("version: 1\ncameras: {left: a, right: b, formats: [XYZ]}\n", ":2: cameras: formats: expected some of GREY, Y16, YUYV, NV12, MJPEG; found XYZ"),
+        (
+            "version: 1\ncameras: {left: a, right: b, formats: [XYZ]}\n",
+            ":2: cameras: formats: expected some of GREY, Y16, YUYV, NV12, MJPEG; found XYZ",
+        ),
         ("version: 1\narm:\n  dialect: {boud: 9600}\n", ":3: arm.dialect.boud: unknown key; did you mean `baud`?"),
         ("version: 1\narm: {flange_from_tool: [[1]]}\n", ":2: arm.flange_from_tool: expected array of length 4"),
         ("version: 1\nversion: 1\n", ":2: version: said twice"),

@@ -1,0 +1,123 @@
+"""A desk for console tests: a cycle that remembers what it was told, a school on a real folder, no hardware."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+from daemon.cycle import RefusedError
+from daemon.desk import ANSWERABLE, Troubles
+
+
+@dataclass
+class FakeCycle:
+    """Says yes to everything and keeps count; `doing` until released when told to be slow."""
+
+    told: list[str] = field(default_factory=list)
+    fault: str | None = None
+    doing: str | None = None
+    pending: str | None = None
+    refuse_with: str | None = None
+    slow: bool = False
+
+    def status(self) -> dict[str, Any]:
+        return {
+            "state": "fault" if self.fault else "idle", "doing": self.doing, "fault": self.fault, "enabled": True,
+            "paused": False, "step": False, "dry": False, "pending": self.pending, "auto": False, "cycle": 1,
+            "target": None, "stop": None, "predicted_mm": None, "predicted_deg": None, "holding": False,
+            "picked": 2, "failed": 1, "skipped": [], "last": None,
+        }  # fmt: skip
+
+    def places(self) -> dict[str, Any]:
+        return {"home": None, "bin": None, "survey": None}
+
+    def enable(self) -> None:
+        self.told.append("enable")
+
+    def resume(self) -> None:
+        self.told.append("resume")
+        self.fault = None
+
+    def pause(self) -> None:
+        self.told.append("pause")
+
+    async def stop(self, why: str) -> None:
+        self.told.append(f"stop {why}")
+        self.fault, self.doing = f"stopped {why}", None
+
+    async def go(self, place: str) -> None:
+        if self.refuse_with:
+            raise RefusedError(self.refuse_with)
+        self.told.append(f"go {place}")
+        if self.slow:
+            self.doing = place
+            while self.doing:
+                await asyncio.sleep(0.01)
+
+    def confirm(self) -> None:
+        self.told.append("confirm")
+        self.pending = self.doing = None
+
+    def refuse(self) -> None:
+        self.told.append("refuse")
+        self.pending = self.doing = None
+
+
+@dataclass
+class FakeLog:
+    """Keeps records."""
+
+    records: list[tuple[str, dict[str, Any]]] = field(default_factory=list)
+
+    def record(self, kind: str, /, **fields: Any) -> None:
+        self.records.append((kind, fields))
+
+
+@dataclass
+class FakeDoor:
+    """An operator who answers questions in turn."""
+
+    name: str = "test"
+    who: str = "tester"
+    may: Any = "all"
+    answers: list[str] = field(default_factory=list)
+    said: list[str] = field(default_factory=list)
+    asked: list[str] = field(default_factory=list)
+
+    @property
+    def asks(self) -> bool:
+        return bool(self.answers)
+
+    async def say(self, text: str) -> None:
+        self.said.append(text)
+
+    async def ask(self, question: str) -> str:
+        self.asked.append(question)
+        return self.answers.pop(0)
+
+
+def fake_desk(folder: Path, reload: Callable[[], Any] | None = None) -> Any:
+    """A Desk as far as commands look at it."""
+    school = SimpleNamespace(
+        parts={"cube": None, "pyramid": None},
+        model=SimpleNamespace(labels=("cube",), metric={}),
+        shelf=SimpleNamespace(current=3, candidate=None, labels=lambda: ["cube"], views=lambda *_: []),
+    )
+    return SimpleNamespace(
+        cycle=FakeCycle(),
+        log=FakeLog(),
+        school=school,
+        troubles=Troubles(),
+        hardware=SimpleNamespace(kind="real", seed=None, hand=None),
+        run_log=SimpleNamespace(folder=folder),
+        calibration=SimpleNamespace(tool_from_cyclopean=1),
+        config=SimpleNamespace(calibration=folder / "calibration.yaml"),
+        parts=["cube", "pyramid"],
+        started_s=0.0,
+        expected_errors=ANSWERABLE,
+        reload=reload,
+    )

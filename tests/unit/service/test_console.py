@@ -1,0 +1,149 @@
+"""The command language: what is meant is found, what is wrong is said in one line, who said what is kept."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from service_fakes import FakeDoor, fake_desk
+
+from daemon.commands import every_command
+from daemon.console import Answer, Console
+
+
+def say(desk: object, text: str, door: FakeDoor | None = None) -> Answer:
+    console = Console(desk, every_command(simulated=True))  # type: ignore[arg-type]
+    return asyncio.run(console.interpret(text, door or FakeDoor()))
+
+
+@pytest.fixture
+def desk(tmp_path: Path) -> object:
+    return fake_desk(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("text", "want", "status"),
+    [
+        ("", "", 0),
+        ("   # a comment", "", 0),
+        ("hlep", "hlep: no such command; did you mean help?", 2),
+        ("tech cube", "tech: no such command; did you mean teach?", 2),
+        ("flurb", "flurb: no such command; `help` lists what there is", 2),
+        ("pick cub", "cub: no such taught part; did you mean cube?", 2),
+        ("pick sphere", "sphere: no such taught part; known: cube", 2),
+        ("pick cube now", "now: one word too many; usage: pick [LABEL]", 2),
+        ("go", "place is missing: go PLACE (bin, home, survey)", 2),
+        ("go hom", "hom: no such place; did you mean home?", 2),
+        ("auto on many", "N: expected a whole number from 1 to 1000000, found many", 2),
+        ("auto on 0", "N: expected a whole number from 1 to 1000000, found 0", 2),
+        ("step maybe", "maybe: expected on or off; usage: step on|off", 2),
+        ("teach", "which part? teach LABEL; known labels: cube, pyramid", 2),
+        ("teach Cube!", "Cube!: a label is small letters, digits and _, as in hex_bolt", 2),
+        ("teach 'cube", "teach 'cube: No closing quotation", 2),
+        ("confirm", "no move waits for an answer", 1),
+        ("robot dance", "dance: no such word; known: cal, monitor, power-up", 2),
+    ],
+)
+def test_what_is_not_understood_is_said_in_one_line_with_the_right_word(
+    desk: object, text: str, want: str, status: int
+) -> None:
+    answer = say(desk, text)
+    assert answer.text == want
+    assert answer.status == status
+
+
+@pytest.mark.parametrize("word", ["status", "STATUS", "stat", " status  # now"])
+def test_case_and_unambiguous_abbreviations_are_accepted(desk: object, word: str) -> None:
+    assert "2 picked, 1 failed" in say(desk, word).text
+
+
+def test_an_ambiguous_abbreviation_is_asked_back_not_guessed(desk: object) -> None:
+    answer = say(desk, "res")
+    assert answer.status == 0, "only resume begins so"
+    answer = say(desk, "st")
+    assert answer.status == 2
+    assert "no such command" in answer.text
+
+
+def test_help_names_every_command_and_help_of_one_tells_its_usage(desk: object) -> None:
+    every = say(desk, "help").text
+    for command in every_command(simulated=True):
+        assert command.usage in every
+        assert command.usage in say(desk, f"help {command.name}").text
+    assert max(len(line) for line in every.splitlines()) <= 100
+    assert "did you mean teach" in say(desk, "help tech").text
+
+
+def test_every_answer_is_json_too(desk: object) -> None:
+    for text in ("status", "help", "parts", "help pick", "enable", "nonsense"):
+        answer = say(desk, text)
+        json.dumps(answer.data)
+
+
+def test_who_moves_the_arm_or_changes_a_model_is_kept_and_who_looks_is_not(desk: object) -> None:
+    say(desk, "enable", FakeDoor(name="terminal", who="anna"))
+    say(desk, "status")
+    assert desk.log.records == [("command", {"who": "anna", "door": "terminal", "text": "enable"})]  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize(
+    "text", ["pick cube", "enable", "teach cube", "train", "go home", "robot monitor WHERE", "reload"]
+)
+def test_a_door_that_may_only_look_moves_nothing_and_changes_nothing(desk: object, text: str) -> None:
+    answer = say(desk, text, FakeDoor(may="look"))
+    assert answer.status == 1
+    assert "may only look" in answer.text
+    assert desk.cycle.told == []  # type: ignore[attr-defined]
+    assert desk.log.records == []  # type: ignore[attr-defined]
+
+
+def test_stop_is_heard_at_every_door_and_whatever_else_is_on_the_line(desk: object) -> None:
+    answer = say(desk, "stop at once please!!", FakeDoor(may="look"))
+    assert answer.status == 0
+    assert desk.cycle.told == ["stop by tester"]  # type: ignore[attr-defined]
+
+
+def test_what_the_cycle_refuses_is_an_answer_with_its_words(desk: object) -> None:
+    desk.cycle.refuse_with = "the arm is not enabled: say `enable`"  # type: ignore[attr-defined]
+    answer = say(desk, "go home")
+    assert (answer.status, answer.text) == (1, "the arm is not enabled: say `enable`")
+    assert answer.data["error"] == answer.text
+
+
+def test_enable_is_refused_without_a_hand_eye_calibration(desk: object) -> None:
+    desk.calibration.tool_from_cyclopean = None  # type: ignore[attr-defined]
+    answer = say(desk, "enable")
+    assert answer.status == 1
+    assert "has no hand_eye yet: `facetctl calibrate hand-eye` first" in answer.text
+    assert desk.cycle.told == []  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize(("said", "told"), [("y", "confirm"), ("n", "refuse"), ("", "refuse")])
+def test_in_step_mode_the_move_is_shown_and_sent_only_after_a_yes(desk: object, said: str, told: str) -> None:
+    desk.cycle.slow, desk.cycle.pending = True, "home: joints to 420 0 60 at 100 %"  # type: ignore[attr-defined]
+    door = FakeDoor(answers=[said, "n"])
+    say(desk, "go home", door)
+    assert door.asked == ["home: joints to 420 0 60 at 100 %. Send it? [y/n]"]
+    assert desk.cycle.told == ["go home", told]  # type: ignore[attr-defined]
+
+
+def test_completion_offers_commands_and_then_what_they_can_be_given(desk: object) -> None:
+    console = Console(desk, every_command(simulated=False))  # type: ignore[arg-type]
+    assert console.complete("ste") == ["step"]
+    assert console.complete("pick ") == ["pick cube"]
+    assert console.complete("go s") == ["go survey"]
+    assert console.complete("teach p") == ["teach pyramid"]
+    assert console.complete("flurb x") == []
+    assert "scatter" not in console.complete(""), "a real cell has no simulated hand"
+
+
+@given(text=st.text(max_size=60))
+def test_no_line_whatever_it_holds_ends_in_an_exception(text: str) -> None:
+    desk = fake_desk(Path("/nonexistent"))
+    answer = say(desk, f"help {text}")
+    assert answer.status in (0, 1, 2)
+    assert say(desk, f"q{text}").status in (0, 1, 2)

@@ -1,0 +1,347 @@
+"""The two doors for real: a unix socket with the operator's own client, and a serial terminal on a pty."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import pty
+import socket
+import stat
+import termios
+import time
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from service_fakes import fake_desk
+
+from daemon.commands import every_command
+from daemon.config import Terminal
+from daemon.console import Console
+from daemon.doors import DoorError, SocketServer
+from daemon.link import DaemonLink, NotThereError
+from daemon.terminal import SerialConsole
+
+
+def interrupter(desk: Any) -> Callable[[str], Awaitable[str]]:
+    async def interrupt(who: str) -> str:
+        if desk.cycle.doing is None:
+            return "Nothing moves."
+        await desk.cycle.stop(f"by control-C of {who}")
+        return "Stopped."
+
+    return interrupt
+
+
+def with_socket(path: Path, use: Callable[[Path], Any]) -> tuple[Any, Any]:
+    """Serve a socket while `use(path)` runs in a thread; its result and the desk."""
+    desk = fake_desk(path.parent)
+
+    async def serve() -> Any:
+        server = SocketServer(path, None, Console(desk, every_command(False)), interrupter(desk))
+        await server.open()
+        try:
+            return await asyncio.wait_for(asyncio.to_thread(use, path), 20)
+        finally:
+            await server.close()
+
+    return asyncio.run(serve()), desk
+
+
+def test_a_command_over_the_socket_is_answered_and_the_kernel_says_who_it_was(tmp_path: Path) -> None:
+    def use(path: Path) -> Any:
+        assert stat.S_IMODE(path.stat().st_mode) == 0o660
+        with DaemonLink(path) as link:
+            return link.do("enable", "one-shot", print), link.complete("sta"), link.do("flurb", "one-shot", print)
+
+    (enabled, options, unknown), desk = with_socket(tmp_path / "s", use)
+    assert enabled["status"] == 0
+    assert options == ["status"]
+    assert unknown["status"] == 2
+    (_, said), *_ = desk.log.records
+    assert f"(process {os.getpid()})" in said["who"]
+    assert not (tmp_path / "s").exists(), "the path is free again"
+
+
+def test_a_question_travels_to_the_operator_and_the_answer_back(tmp_path: Path) -> None:
+    asked = []
+
+    def answer(question: str) -> str:
+        asked.append(question)
+        return "n"
+
+    def use(path: Path) -> Any:
+        with DaemonLink(path) as link:
+            return link.do("forget cube", "console", print, answer)
+
+    done, _ = with_socket(tmp_path / "s", use)
+    assert asked == ["Remove all views of cube for good? [y/n]"]
+    assert done["status"] == 1
+
+
+def speak(path: Path, *lines: bytes) -> list[dict[str, Any]]:
+    with socket.socket(socket.AF_UNIX) as raw:
+        raw.settimeout(10)
+        raw.connect(str(path))
+        raw.sendall(b"".join(lines))
+        answers = []
+        with raw.makefile("rb") as file:
+            for _ in lines:
+                line = file.readline()
+                if not line:
+                    break
+                answers.append(json.loads(line))
+        return answers
+
+
+@pytest.mark.parametrize(
+    "line",
+    [b"status\n", b"[]\n", b"{}\n", b'{"do": "status"\n', b"\xff\xfe\n", b'{"do": {"a": 1}}\n', b'{"answer": "y"}\n'],
+)
+def test_what_is_no_message_is_answered_so_and_the_daemon_goes_on(tmp_path: Path, line: bytes) -> None:
+    def use(path: Path) -> Any:
+        return (
+            speak(path, line, b'{"do": "status"}\n')
+            if line != b'{"answer": "y"}\n'
+            else speak(path, b'{"do": "status"}\n')
+        )
+
+    answers, _ = with_socket(tmp_path / "s", use)
+    assert answers[-1]["done"]["status"] == 0
+
+
+def test_a_message_without_end_is_refused(tmp_path: Path) -> None:
+    (answer,), _ = with_socket(tmp_path / "s", lambda path: speak(path, b"x" * 200_000 + b"\n"))
+    assert "too long" in answer["done"]["text"]
+
+
+def test_stop_is_heard_while_another_command_is_being_done_and_a_second_move_is_not(tmp_path: Path) -> None:
+    def use(path: Path) -> Any:
+        with socket.socket(socket.AF_UNIX) as raw, raw.makefile("rwb") as file:
+            raw.connect(str(path))
+            answers = []
+            for text in ("go home", "pick cube", "stop"):
+                file.write(json.dumps({"do": text}).encode() + b"\n")
+                file.flush()
+                time.sleep(0.2)
+            for _ in range(3):
+                answers.append(json.loads(file.readline())["done"])
+            return answers
+
+    desk = fake_desk(tmp_path)
+    desk.cycle.slow = True
+
+    async def serve() -> Any:
+        server = SocketServer(tmp_path / "s", None, Console(desk, every_command(False)), interrupter(desk))
+        await server.open()
+        answers = await asyncio.to_thread(use, tmp_path / "s")
+        await server.close()
+        return answers
+
+    refused, stopped, ended = asyncio.run(serve())
+    assert "still being done" in refused["text"]
+    assert stopped["text"].startswith("Stopped")
+    assert ended["text"] == "At home."
+    assert desk.cycle.told[0] == "go home"
+    assert desk.cycle.told[1].startswith("stop by")
+
+
+def test_a_daemon_that_lives_keeps_its_socket_and_a_dead_ones_is_taken_over(tmp_path: Path) -> None:
+    path = tmp_path / "s"
+    with socket.socket(socket.AF_UNIX) as dead:
+        dead.bind(str(path))
+
+    async def two() -> None:
+        desk = fake_desk(tmp_path)
+        first, second = (SocketServer(path, None, Console(desk, []), interrupter(desk)) for _ in range(2))
+        await first.open()
+        with pytest.raises(DoorError, match="another facetd answers there"):
+            await second.open()
+        await first.close()
+        await second.open()
+        await second.close()
+
+    asyncio.run(two())
+
+
+def test_a_socket_that_cannot_be_is_one_line(tmp_path: Path) -> None:
+    async def open_at(path: Path, group: str | None = None) -> None:
+        await SocketServer(path, group, Console(fake_desk(tmp_path), []), interrupter(None)).open()
+
+    with pytest.raises(DoorError, match="too long for a socket's path"):
+        asyncio.run(open_at(tmp_path / ("x" * 120)))
+    with pytest.raises(DoorError, match="no group 'nosuchgroup'"):
+        asyncio.run(open_at(tmp_path / "s", "nosuchgroup"))
+    (tmp_path / "file").write_text("")
+    with pytest.raises(DoorError, match="cannot listen here"):
+        asyncio.run(open_at(tmp_path / "file" / "s"))
+
+
+def test_without_a_daemon_the_tool_says_where_it_sought_and_what_to_do(tmp_path: Path) -> None:
+    with pytest.raises(NotThereError, match=r"no daemon answers at .*none.*; start it"):
+        DaemonLink(tmp_path / "none")
+
+
+class Terminals:
+    """A person at a VT100 on the other end of a pty."""
+
+    def __init__(self, settings: dict[str, Any] | None = None) -> None:
+        self.person, daemon = pty.openpty()
+        self.device = os.ttyname(daemon)
+        self._daemon = daemon
+        os.set_blocking(self.person, False)
+        self.settings = Terminal(device=self.device, **(settings or {}))
+        self.shown = ""
+
+    def hang_up(self) -> None:
+        os.close(self._daemon)
+        os.close(self.person)
+
+    async def type(self, text: bytes) -> None:
+        for byte in text:
+            os.write(self.person, bytes([byte]))
+            await asyncio.sleep(0.002)
+
+    async def sees(self, text: str, seconds: float = 5.0) -> str:
+        """Wait until text appears; give what appeared up to its end, and forget it."""
+        deadline = time.monotonic() + seconds
+        while text not in self.shown:
+            assert time.monotonic() < deadline, f"{text!r} did not appear; the screen shows {self.shown!r}"
+            try:
+                self.shown += os.read(self.person, 4096).decode()
+            except BlockingIOError:
+                await asyncio.sleep(0.005)
+        before, _, self.shown = self.shown.partition(text)
+        return before + text
+
+
+def at_a_terminal(
+    play: Callable[[Terminals, SerialConsole], Awaitable[None]],
+    settings: dict[str, Any] | None = None,
+    slow: bool = False,
+) -> Any:
+    """Let a person play at a serial console; gives the desk."""
+    desk = fake_desk(Path("/nonexistent"))
+    desk.cycle.slow = slow
+    terminal = Terminals(settings)
+    desk.heard = []
+
+    async def run() -> None:
+        console = SerialConsole(
+            terminal.settings, Console(desk, every_command(False)), interrupter(desk), desk.heard.append
+        )
+        task = asyncio.create_task(console.run())
+        try:
+            await asyncio.wait_for(play(terminal, console), 20)
+        finally:
+            task.cancel()
+            await asyncio.gather(task, return_exceptions=True)
+
+    try:
+        asyncio.run(run())
+    finally:
+        terminal.hang_up()
+    return desk
+
+
+def test_a_person_types_mistypes_and_is_answered_at_9600_baud() -> None:
+    async def play(terminal: Terminals, _: SerialConsole) -> None:
+        await terminal.sees("control-C stops the arm.\r\n\rfacetd> ")
+        await terminal.type(b"statsu\x7f\x7f")
+        await terminal.type(b"us\r")
+        answer = await terminal.sees("facetd> ")
+        assert "2 picked, 1 failed" in answer
+        assert all(len(line) < 80 for line in answer.split("\r\n"))
+        await terminal.type(b"\x1b[A\r")
+        assert "2 picked" in await terminal.sees("picked")
+        await terminal.type(b"pick kube\r")
+        await terminal.sees("kube: no such taught part; did you mean cube?\r\n")
+        assert termios.tcgetattr(terminal._daemon)[4] == termios.B9600
+
+    at_a_terminal(play)
+
+
+def test_control_c_stops_the_arm_while_a_command_is_being_done() -> None:
+    async def play(terminal: Terminals, _: SerialConsole) -> None:
+        await terminal.sees("facetd> ")
+        await terminal.type(b"go home\rstatus\rgo bin\r")
+        await terminal.sees("doing     home", 5)
+        began = time.monotonic()
+        await terminal.type(b"\x03")
+        await terminal.sees("Stopped.")
+        assert time.monotonic() - began < 0.2
+        await terminal.type(b"status\r")
+        assert "FAULT: stopped by control-C of operator at" in await terminal.sees("doing     nothing")
+
+    desk = at_a_terminal(play, slow=True)
+    assert [t.split(" by")[0] for t in desk.cycle.told] == ["go home", "stop"], "what was typed ahead is dropped"
+
+
+def test_questions_are_put_and_answered_on_the_terminal() -> None:
+    async def play(terminal: Terminals, _: SerialConsole) -> None:
+        await terminal.sees("facetd> ")
+        await terminal.type(b"forget cube\r")
+        await terminal.sees("Remove all views of cube for good? [y/n]\r\n")
+        await terminal.sees("? ")
+        await terminal.type(b"n\r")
+        await terminal.sees("Nothing is removed.")
+        await terminal.type(b"\x1b[A")
+        await terminal.sees("forget cube")
+
+    at_a_terminal(play)
+
+
+def test_a_notice_does_not_spoil_the_line_being_typed() -> None:
+    async def play(terminal: Terminals, console: SerialConsole) -> None:
+        await terminal.sees("facetd> ")
+        await terminal.type(b"sta")
+        await terminal.sees("sta")
+        console.notice("TROUBLE cameras: unplugged")
+        await terminal.sees("TROUBLE cameras: unplugged\r\n\rfacetd> sta")
+        await terminal.type(b"tus\r")
+        await terminal.sees("2 picked")
+
+    at_a_terminal(play)
+
+
+def test_a_terminal_that_may_only_look_stops_the_arm_but_does_not_move_it() -> None:
+    async def play(terminal: Terminals, _: SerialConsole) -> None:
+        await terminal.sees("facetd> ")
+        await terminal.type(b"go home\r")
+        await terminal.sees("this terminal may only look")
+        await terminal.type(b"stop\r")
+        await terminal.sees("Stopped")
+
+    desk = at_a_terminal(play, {"may": "look"})
+    assert [t.split(" by")[0] for t in desk.cycle.told] == ["stop"]
+
+
+def test_a_port_that_is_not_there_is_told_and_tried_again(tmp_path: Path) -> None:
+    heard: list[str | None] = []
+
+    async def run() -> None:
+        settings = Terminal(device=str(tmp_path / "none"))
+        desk = fake_desk(tmp_path)
+        console = SerialConsole(settings, Console(desk, []), interrupter(desk), heard.append)
+        task = asyncio.create_task(console.run())
+        await asyncio.sleep(0.05)
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
+
+    asyncio.run(run())
+    assert heard == [f"console.tty: {tmp_path / 'none'}: no such port; is the adapter plugged in?"]
+
+
+def test_a_terminal_that_reads_nothing_does_not_hold_up_the_daemon() -> None:
+    async def play(terminal: Terminals, console: SerialConsole) -> None:
+        await terminal.sees("facetd> ")
+        began = time.monotonic()
+        for _ in range(2000):
+            console.notice("x" * 70)
+        assert time.monotonic() - began < 2.0
+        await terminal.type(b"\x03")
+        await asyncio.sleep(0.05)
+
+    at_a_terminal(play)
