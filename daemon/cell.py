@@ -90,6 +90,7 @@ class ArmOnLink:
     async def open(self) -> None:
         """Claim the port and find the controller's prompt. Raises LinkError."""
         await self.link.open()
+        await self._introduce_tool()
         self._heard()
 
     async def close(self) -> None:
@@ -151,7 +152,10 @@ class ArmOnLink:
 
     async def power_up(self, replies: Sequence[str]) -> list[str]:
         """Answer what the controller asks after it was switched on; gives what it said."""
-        return _said(await self.link.power_up(tuple(replies)))
+        answer = await self.link.power_up(tuple(replies))
+        self._speed_pct = None
+        await self._introduce_tool()
+        return _said(answer)
 
     async def calibrate(self, reply: str) -> list[str]:
         """CAL: the arm finds its zero (it moves a little)."""
@@ -160,6 +164,11 @@ class ArmOnLink:
     async def monitor(self, text: str) -> list[str]:
         """Any command, as typed at the controller's own terminal; gives what it said."""
         return _said(await self.link.command(text))
+
+    async def _introduce_tool(self) -> None:
+        """Tell the controller of our tool: switched on, it knows none, and would bring the bare wrist to each place."""
+        if self.link.question is None:
+            await self.link.tool(location_from_matrix(self._arm.flange_from_tool))
 
     def _reading(self, where: Any) -> Reading:
         self._heard()

@@ -47,7 +47,7 @@ class Recorded:
 class Arm:
     """The arm's serial line. calibrate_answer: to CAL's question; dialect: its controller's ways;
 
-    flange_from_tool: where the tool centre point is, seen from the wrist centre, mm: what VAL II's TOOL was set to.
+    flange_from_tool: where the tool centre point is, seen from the wrist centre, mm; VAL II's TOOL is set to it.
     """
 
     port: str = "/dev/facetd-arm"
@@ -56,7 +56,7 @@ class Arm:
     flange_from_tool: Matrix4 = (
         (1.0, 0.0, 0.0, 0.0),
         (0.0, 1.0, 0.0, 0.0),
-        (0.0, 0.0, 1.0, 200.0),
+        (0.0, 0.0, 1.0, 130.0),
         (0.0, 0.0, 0.0, 1.0),
     )
 
