@@ -77,6 +77,7 @@ TABLE: tuple[Row, ...] = (
     Row("looking", "lost", "choose", "not found where it was expected: skip"),
     Row("estimating", "unsure", "stop_n", "the predicted error at the grasp is too large"),
     Row("estimating", "sure", "final", "the predicted error allows the blind stretch"),
+    Row("estimating", "doubt", "survey", "looks disagree: hold the whole table against the look before"),
     Row("estimating", "gave_up", "choose", "still unsure after the most looks: skip"),
     Row("final", "there", "closing", "the hand is around the part"),
     Row("final", "dry", "home", "nothing was sent: there is nothing to close on"),
@@ -137,6 +138,10 @@ class CycleEnd:
     corners: Array | None
 
 
+def _picked(ends: list[CycleEnd]) -> int:
+    return sum(end.outcome == "picked" for end in ends)
+
+
 class Cycle(Reins):
     """The one who moves the arm. See the module for its interface; stop, pause and the like are in Reins."""
 
@@ -165,7 +170,7 @@ class Cycle(Reins):
             "predicted_mm": None if estimate is None else round(estimate.predicted_mm, 3),
             "predicted_deg": None if estimate is None else round(estimate.predicted_deg, 3),
             "holding": self.hand_full,
-            "picked": sum(end.outcome == "picked" for end in self.ends),
+            "picked": _picked(self.ends),
             "failed": sum(end.outcome in ("missed", "lost", "fault") for end in self.ends),
             "skipped": [
                 {"label": s.label, "at": s.centre.round(1).tolist(), "why": f"{s.outcome}: {s.why}"}
@@ -283,8 +288,8 @@ class Cycle(Reins):
     async def _many(self, count: int | None, wait_s: float | None) -> list[CycleEnd]:
         ends: list[CycleEnd] = []
         try:
-            while self._auto and (count is None or len(ends) < count):
-                more = count is None or len(ends) + 1 < count
+            while self._auto and (count is None or _picked(ends) < count):
+                more = count is None or _picked(ends) + 1 < count
                 ends.append(await self._one(None, stay=more))
                 if ends[-1].outcome in ("aborted", "fault", "dry"):
                     break

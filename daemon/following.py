@@ -79,18 +79,20 @@ def sighted(look: Look, fit: Fit, cell: Workcell, doubt: Doubt) -> Sighting:
     )
 
 
-def beside(target: Target, shape_of: Callable[[str], Shape | None], cell: Workcell, doubt: Doubt) -> list[float]:
-    """Chi-squares of the parts beside the target that the last two looks both show: did they move as well?"""
+def beside(
+    before: list[Seen], now: list[Seen], shape_of: Callable[[str], Shape | None], cell: Workcell, doubt: Doubt
+) -> list[float]:
+    """Chi-squares of the parts that two looks both show: did they move as well?"""
     found = []
-    for old in target.beside_before:
+    for old in before:
         shape = shape_of(old.label)
-        near = [p for p in target.beside_now if far(p.centre, old.centre) < 2 * SAME_PLACE_MM]
+        near = [p for p in now if far(p.centre, old.centre) < 2 * SAME_PLACE_MM]
         if shape is None or not near:
             continue
-        before = refit(shape, old.facets, frames.inverse(old.look.world_from_cyclopean) @ old.world_from_part)
+        first = refit(shape, old.facets, frames.inverse(old.look.world_from_cyclopean) @ old.world_from_part)
         here = frames.inverse(near[0].look.world_from_cyclopean) @ old.world_from_part
-        now = refit(shape, near[0].facets, here, gate_mm=20.0)
-        if before is not None and now is not None:
-            pair = sighted(old.look, before, cell, doubt), sighted(near[0].look, now, cell, doubt)
+        second = refit(shape, near[0].facets, here, gate_mm=20.0)
+        if first is not None and second is not None:
+            pair = sighted(old.look, first, cell, doubt), sighted(near[0].look, second, cell, doubt)
             found.append(approach.disagreement(*pair, doubt))
     return found

@@ -98,7 +98,7 @@ def still(before: Pictures, after: Pictures, settling: Settling) -> bool:
 
 def epipolar_px(scene: Scene) -> float:
     """Median distance of the matched corners from their epipolar lines; nan where nothing was matched."""
-    rows = [f.epipolar_px for g in scene.view.groups for f in g.facets]
+    rows = [f.epipolar_px for p in scene.parts for f in p.facets]
     return float(np.median(np.abs(np.concatenate(rows)))) if rows else float("nan")
 
 

@@ -58,6 +58,7 @@ class Pick:
         self.last: Target | None = None
         self.doubtful: Seen | None = None
         self.tries = 0
+        self.questioned: list[Seen] | None = None
         self.outcome, self.why = "empty", "nothing on the table that can be picked"
 
     # What handlers share.
@@ -124,6 +125,7 @@ class Pick:
             await self.travel(view.pose(self.cell.tool_from_cyclopean), f"survey {number}")
             look = await self.look(f"survey {number}")
             self.found = seen_parts(look)
+            self.settle_question()
             if any(self.wants(part) and not self.is_skipped(part.centre) for part in self.found):
                 return "seen"
         return "nothing"
@@ -216,8 +218,9 @@ class Pick:
         chi = 0.0
         if len(target.sightings) > 1:
             chi = approach.disagreement(target.sightings[-2], target.sightings[-1], settings.doubt)
-        if chi > CHI_SQUARE_6:
-            self.disagreed(target, chi)
+        event = self.disagreed(target, chi) if chi > CHI_SQUARE_6 else None
+        if event is not None:
+            return event
         estimate = approach.fuse(target.sightings, settings.doubt)
         target.estimate, target.world_from_part = estimate, estimate.world_from_part
         target.plan = regrasp(target.shape, target.world_from_part, target.plan, settings)
@@ -242,13 +245,11 @@ class Pick:
         self.skip("unsure", target, why)
         return "gave_up"
 
-    def disagreed(self, target: Target, chi: float) -> None:
-        """Two looks disagree: say which is suspect; go on from the newest look once, where the part moved."""
-        who = approach.suspect(
-            beside(target, self.sight.shape, self.cell, self.settings.doubt),
-            target.look.epipolar_px,
-            self.settings.epipolar_limit_px,
-        )
+    def disagreed(self, target: Target, chi: float) -> str | None:
+        """Two looks disagree: say which is suspect. Where the part moved, go on from the newest look; where that cannot
+        be told from here, the event that leads to a look at the whole table."""
+        others = self.moved(target.beside_before, target.beside_now)
+        who = approach.suspect(others, target.look.epipolar_px, self.settings.epipolar_limit_px)
         text = (
             f"looks {target.looks - 1} and {target.looks} disagree (chi-square {chi:.0f}, {CHI_SQUARE_6:g} is the most)"
         )
@@ -257,6 +258,28 @@ class Pick:
             raise SuspectError(f"{text}; suspect: {who}")
         target.restarts += 1
         del target.sightings[:-1]
+        if who == "part":
+            return None
+        self.questioned = [p for p in self.found if far(p.centre, target.centre) > 2 * SAME_PLACE_MM]
+        return "doubt"
+
+    def moved(self, before: list[Seen], now: list[Seen]) -> list[float]:
+        """Chi-squares of the parts that both looks show."""
+        return beside(before, now, self.sight.shape, self.cell, self.settings.doubt)
+
+    def settle_question(self) -> None:
+        """Looks at one part disagreed: do the others still lie where they lay before it was approached?"""
+        before, self.questioned = self.questioned, None
+        if before is None:
+            return
+        who = approach.suspect(self.moved(before, self.found), 0.0, self.settings.epipolar_limit_px)
+        self.decide(f"suspect: {who}", "the whole table was looked at again, and held against the look before")
+        if who == "unclear":
+            raise SuspectError(
+                "a part moved, or the cameras were knocked: with no other part in view it cannot be told"
+            )
+        if who != "part":
+            raise SuspectError(f"other parts seem to have moved as well; suspect: {who}")
 
     async def final(self) -> str:
         """The blind stretch: to before the part, then around it, both straight."""

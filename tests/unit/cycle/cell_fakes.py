@@ -74,6 +74,7 @@ class World:
     records: list[dict[str, Any]] = field(default_factory=list)
     epipolar: float = 0.1
     reach_mm: float = 900.0
+    unreached: np.ndarray | None = None
     most_seen: int = 9
 
     def put(self, label: str, x: float, y: float, turn: float, rest: int = 0) -> None:
@@ -144,6 +145,9 @@ class FakeRobot:
         self.world.before("abort")
 
     def reachable(self, world_from_tool, joints_rad):
+        forbidden = self.world.unreached
+        if forbidden is not None and np.linalg.norm(world_from_tool[:3, 3] - forbidden) < 40.0:
+            return None
         return joints(world_from_tool) if np.linalg.norm(world_from_tool[:3, 3]) < self.world.reach_mm else None
 
     def between(self, joints_rad, to_rad, share):

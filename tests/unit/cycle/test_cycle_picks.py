@@ -1,21 +1,33 @@
-"""The cycle on a fake cell: picks, skips, retries, stops."""
+"""The cycle on a fake cell: picks, what is skipped and named, retries, second views, disagreements."""
 
 import asyncio
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from cell_fakes import TruthSight, World, build
 
+from daemon import frames
 from daemon.cycle import HANDLERS, NEXT, TABLE, Cycle, RefusedError, printed_table
 from daemon.plan import Settings
 from daemon.vision.data import Recognition
 from drivers.simcell import parts
 
 
-def cleared(world: World, settings: Settings | None = None, **options):
+def cycle_of(world: World, settings: Settings | None = None) -> Cycle:
     cycle = Cycle(build(world), settings or Settings(), TruthSight(world))
     cycle.enable()
+    return cycle
+
+
+def cleared(world: World, settings: Settings | None = None, **options):
+    cycle = cycle_of(world, settings)
     return cycle, asyncio.run(cycle.auto(**options))
+
+
+def picked(world: World, label=None, settings: Settings | None = None):
+    cycle = cycle_of(world, settings)
+    return cycle, asyncio.run(cycle.pick(label))
 
 
 def four_parts(seed: int) -> World:
@@ -26,9 +38,235 @@ def four_parts(seed: int) -> World:
     return world
 
 
-@pytest.mark.parametrize("seed", range(8))
+def one_part(label="cube", seed=0) -> World:
+    world = World(np.random.default_rng(seed))
+    world.put(label, 520, 0, 0.4)
+    return world
+
+
+@pytest.mark.parametrize("seed", range(4))
 def test_a_table_of_four_parts_is_cleared(seed):
     world = four_parts(seed)
     _, ends = cleared(world)
     assert sorted(world.binned) == sorted(parts.TAUGHT), [(e.outcome, e.why) for e in ends]
     assert [e.outcome for e in ends] == ["picked"] * 4 + ["empty"]
+
+
+def test_every_state_of_the_table_has_a_handler_and_every_row_leads_somewhere_known():
+    states = {row.state for row in TABLE} - {"*", "idle", "fault", "paused"}
+    assert states == set(HANDLERS)
+    assert {row.then for row in TABLE} <= states | {"idle", "fault", "paused", "back"}
+    assert len(NEXT) == len(TABLE)
+    assert len(printed_table().splitlines()) == len(TABLE)
+
+
+def test_every_state_can_be_reached_from_idle_and_leads_back_to_it():
+    leads = {}
+    for row in TABLE:
+        if row.state != "*":
+            leads.setdefault(row.state, set()).add(row.then)
+    assert _reached(leads, "idle") >= set(HANDLERS)
+    assert all("idle" in _reached(leads, state) for state in HANDLERS)
+
+
+def _reached(leads, start):
+    seen, todo = set(), [start]
+    while todo:
+        for then in leads.get(todo.pop(), set()) - seen:
+            seen.add(then)
+            todo.append(then)
+    return seen
+
+
+def test_the_label_asked_for_is_the_one_picked():
+    world = four_parts(0)
+    _, end = picked(world, "pyramid")
+    assert (end.outcome, end.label, world.binned) == ("picked", "pyramid", ["pyramid"])
+
+
+def test_auto_ends_after_the_count_asked_for():
+    world = four_parts(1)
+    _, ends = cleared(world, count=2)
+    assert [e.outcome for e in ends] == ["picked", "picked"]
+    assert len(world.lying) == 2
+
+
+def test_an_empty_table_is_told_and_the_arm_goes_home():
+    world = World(np.random.default_rng(0))
+    cycle, end = picked(world)
+    assert end.outcome == "empty"
+    assert np.allclose(world.at[:3, 3], cycle.settings.home.point_mm, atol=1)
+
+
+def test_an_empty_table_is_looked_at_again_at_the_interval():
+    world = World(np.random.default_rng(0))
+    cycle = cycle_of(world)
+
+    async def wait_then_lay_a_part():
+        task = asyncio.create_task(cycle.auto(count=1, wait_s=0.01))
+        await asyncio.sleep(0.1)
+        world.put("cube", 520, 0, 0.3)
+        return await asyncio.wait_for(task, 10)
+
+    ends = asyncio.run(wait_then_lay_a_part())
+    assert ends[0].outcome == "empty"
+    assert ends[-1].outcome == "picked"
+
+
+def test_looks_are_fused_and_their_number_falls_when_the_first_is_good():
+    sharp = replace(Settings(), doubt=replace(Settings().doubt, pixels=0.02, hand_eye_mm=0.05, hand_eye_deg=0.01))
+    _, good = picked(one_part(), settings=sharp)
+    _, usual = picked(one_part())
+    assert good.stops == 1
+    assert usual.stops > 1
+
+
+def test_a_part_that_no_look_makes_sure_enough_is_skipped_and_named():
+    strict = replace(Settings(), stops=replace(Settings().stops, enough_mm=0.01))
+    world = one_part()
+    _, end = picked(world, settings=strict)
+    assert end.outcome == "unsure"
+    assert "cube" in end.why
+    assert end.stops == strict.stops.most_looks
+    assert not world.binned
+
+
+def test_a_missed_grasp_is_noticed_by_looking_again_and_tried_again():
+    world = one_part()
+    world.slippery = 1
+    _, end = picked(world)
+    assert end.outcome == "picked"
+    assert [r["text"] for r in world.said("decision")].count("missed") == 1
+
+
+def test_a_part_missed_too_often_is_given_up_with_the_hand_open():
+    world = one_part()
+    world.slippery = 9
+    _, end = picked(world)
+    assert end.outcome == "missed"
+    assert not world.closed
+    assert world.lying
+
+
+def test_a_part_out_of_reach_is_skipped_and_named_and_the_others_are_picked():
+    world = one_part("cube")
+    world.put("pyramid", 400, 90, 1.0)
+    world.unreached = world.lying["cube"][:3, 3]
+    _, ends = cleared(world)
+    assert world.binned == ["pyramid"]
+    assert any(s.label == "cube" and s.outcome == "unreachable" for e in ends for s in e.skipped)
+
+
+def test_a_blocked_part_waits_until_its_neighbour_is_gone():
+    world = World(np.random.default_rng(2))
+    world.put("cube", 520, 0, 0.0)
+    world.put("pyramid", 520, 58, 0.0)
+    world.put("triangular_prism", 520, -62, np.pi / 2, 1)
+    cleared(world)
+    assert "cube" in world.binned
+
+
+def test_an_unknown_part_is_looked_at_from_other_sides_then_left_alone_and_listed():
+    world = one_part()
+    world.put("pyramid", 430, -100, 0.4)
+    world.labels["pyramid"] = Recognition("unknown", 0.9, 0.0, 0.0, None, False, "fits nothing taught")
+    cycle, ends = cleared(world)
+    assert world.binned == ["cube"]
+    assert [s.outcome for s in cycle.skipped] == ["unknown"]
+    assert "pyramid" in world.lying
+    looks = [r for r in world.said("look") if r["purpose"] == "another view"]
+    assert len(looks) == cycle.settings.views_of_doubtful
+    assert ends[-1].outcome == "unknown"
+
+
+def test_an_ambiguous_part_is_settled_by_a_second_computed_view():
+    world = one_part("triangular_prism")
+    world.labels["triangular_prism"] = Recognition(
+        "unknown", 0.5, 0.5, 0.5, "cube", True, "either", ("triangular_prism", "cube")
+    )
+
+    def settle(name):
+        if name == "see" and any(r["text"].startswith("another view") for r in world.said("decision")):
+            world.labels.clear()
+
+    world.before = settle
+    _, end = picked(world)
+    assert (end.outcome, end.label) == ("picked", "triangular_prism")
+
+
+def test_a_part_taken_away_during_the_approach_is_named_lost():
+    world = one_part()
+
+    def take_away(name):
+        if name == "grab" and len(world.said("estimate")) == 1:
+            world.lying.clear()
+
+    world.before = take_away
+    _, end = picked(world)
+    assert end.outcome == "lost"
+    assert not world.closed
+
+
+def test_a_part_pushed_during_the_approach_is_suspected_and_picked_where_it_now_lies():
+    world = one_part()
+    world.put("pyramid", 430, -100, 0.4)
+
+    def push(name):
+        if name == "grab" and len(world.said("estimate")) == 1 and "pushed" not in world.lying:
+            world.lying["cube"] = frames.perturb(world.lying["cube"], np.array([5.0, 4.0, 0, 0, 0, 0]))
+            world.before = lambda name: None
+
+    world.before = push
+    _, end = picked(world, "cube")
+    assert end.outcome == "picked"
+    assert any(r["text"].startswith("suspect") for r in world.said("decision"))
+
+
+def test_a_hand_eye_calibration_that_is_no_longer_so_stops_the_cycle_and_is_named():
+    world = one_part()
+    for label, x, y in (("pyramid", 440, -60), ("pentagonal_prism", 600, 60)):
+        world.put(label, x, y, 0.4)
+
+    def knock(name):
+        if name == "grab" and len(world.said("estimate")) == 1:
+            twist = np.array([4.0, 3.0, 0, 0, 0, 0.0])
+            world.tool_from_cyclopean = frames.perturb(build(world).tool_from_cyclopean, twist)
+
+    world.before = knock
+    cycle, end = picked(world, "cube")
+    assert end.outcome == "fault"
+    assert "hand-eye" in end.why
+    assert cycle.state == "fault"
+    assert world.wire[-1][0] == "abort"
+
+
+def test_a_knocked_camera_is_named_by_its_epipolar_error():
+    world = one_part()
+
+    def knock(name):
+        if name == "grab" and len(world.said("estimate")) == 1:
+            world.epipolar = 3.0
+            world.lying["cube"] = frames.perturb(world.lying["cube"], np.array([5.0, 0, 0, 0, 0, 0]))
+            world.before = lambda name: None
+
+    world.before = knock
+    _, end = picked(world)
+    assert end.outcome == "fault"
+    assert "camera" in end.why
+
+
+def test_picking_is_refused_with_what_to_do_before_enable_in_fault_and_without_a_model():
+    world = one_part()
+    cycle = cycle_of(world)
+    asyncio.run(cycle.disable())
+    with pytest.raises(RefusedError, match="enable"):
+        asyncio.run(cycle.pick())
+    cycle.enable()
+    asyncio.run(cycle.stop())
+    with pytest.raises(RefusedError, match="resume"):
+        asyncio.run(cycle.pick())
+    cycle.resume()
+    cycle.use(None)
+    with pytest.raises(RefusedError, match="teach"):
+        asyncio.run(cycle.pick())
+    assert all(name == "abort" for name, _ in world.wire)
