@@ -10,7 +10,7 @@ import asyncio
 import contextlib
 import random
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
@@ -22,8 +22,11 @@ from daemon.config import Config
 from daemon.noarm import CellError, NoArm
 from daemon.workcell import Reading
 from drivers import puma560
-from drivers.camera.pair import CameraError, StereoCamera, StereoPair
+from drivers.camera.pair import CameraError, StereoPair
+from drivers.camera.pair import StereoCamera as StereoCamera
 from drivers.camera.recorded import RecordedCamera
+from drivers.camera.report import device_rows as device_rows
+from drivers.camera.report import eye_rows as eye_rows
 from drivers.camera.settings import CameraSettings
 from drivers.camera.stereo import V4L2StereoCamera
 from drivers.val2.dialect import Dialect
@@ -261,6 +264,17 @@ def build(config: Config, on_wire: WireListener, clock: Callable[[], float] = ti
     eyes = ThreadedEyes(V4L2StereoCamera(camera_settings(config), clock), clock)
     port = config.said.arm.port
     return Hardware("real", _arm(config, port, on_wire, clock), eyes, clock, port)
+
+
+@contextlib.contextmanager
+def cameras_alone(config: Config) -> Iterator[StereoCamera]:
+    """The cameras as configured, opened, without the arm. Raises ConfigError, CameraError."""
+    hardware = build(config, lambda _: None)
+    try:
+        hardware.eyes.camera.open()
+        yield hardware.eyes.camera
+    finally:
+        asyncio.run(hardware.close())
 
 
 def check(config: Config) -> None:

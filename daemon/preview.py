@@ -1,0 +1,145 @@
+"""A live picture over http, on this machine's loopback only: for aiming, focusing and lighting the cameras by eye.
+
+Belongs here: one thread that has pictures made, any number of browsers that watch the newest (MJPEG as
+multipart/x-mixed-replace). What is in a picture is the caller's; nothing is stored and nothing can be commanded.
+"""
+
+from __future__ import annotations
+
+import http.server
+import json
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+Shot = tuple[bytes, dict[str, Any]]
+"""A JPEG, and what to say of it."""
+
+PAGE = """<!doctype html><meta charset="utf-8"><title>facetd: what the cameras see</title>
+<style>body{margin:0;background:#181818;color:#ddd;font:15px/1.5 sans-serif}
+img{display:block;max-width:100%;margin:auto}
+p{margin:.6em 1em;white-space:pre-wrap}.bad{color:#fa6}</style>
+<img src="/stream.mjpg" alt="left and right eye"><p id="said">waiting for the cameras</p>
+<script>
+async function ask(){
+  try{const s=await (await fetch('/status.json')).json(),p=document.getElementById('said');
+    p.textContent=s.text;p.className=s.troubles.length?'bad':'';}catch(e){}
+  setTimeout(ask,1000)}
+ask()
+</script>
+"""
+
+
+class Preview:
+    """Serves what `shoot` makes. shoot may raise one of `errors`; its text then stands where a picture's words do."""
+
+    def __init__(self, shoot: Callable[[], Shot], port: int, fps: float, errors: tuple[type[Exception], ...]) -> None:
+        self._shoot, self._period_s, self._errors = shoot, 1.0 / fps, errors
+        self._fresh = threading.Condition()
+        self._jpeg, self._said, self._number = b"", {"text": "waiting for the cameras", "troubles": []}, 0
+        self._ending = threading.Event()
+        preview = self
+
+        class Handler(_Handler):
+            source = preview
+
+        self._server = http.server.ThreadingHTTPServer(("127.0.0.1", port), Handler)
+        self._server.daemon_threads = True
+        self._worker = threading.Thread(target=self._work, name="preview", daemon=True)
+
+    @property
+    def address(self) -> str:
+        """Where a browser finds it."""
+        return f"http://127.0.0.1:{self._server.server_address[1]}/"
+
+    def serve(self) -> None:
+        """Until close() is called or the program is interrupted."""
+        self._worker.start()
+        try:
+            self._server.serve_forever(poll_interval=0.2)
+        finally:
+            self.close()
+
+    def close(self) -> None:
+        """End everything; safe to call twice and from another thread."""
+        if not self._ending.is_set():
+            self._ending.set()
+            with self._fresh:
+                self._fresh.notify_all()
+            threading.Thread(target=self._server.shutdown, daemon=True).start()
+            self._server.server_close()
+
+    def said(self) -> dict[str, Any]:
+        """What there is to say of the newest picture, or of why there is none."""
+        return self._said
+
+    def after(self, number: int, timeout_s: float = 5.0) -> tuple[int, bytes] | None:
+        """The newest picture once there is a newer one than `number`; None when it ends or none comes."""
+        with self._fresh:
+            self._fresh.wait_for(lambda: self._number > number or self._ending.is_set(), timeout_s)
+            return (self._number, self._jpeg) if self._number > number and not self._ending.is_set() else None
+
+    def _work(self) -> None:
+        while not self._ending.is_set():
+            started_s = time.monotonic()
+            try:
+                jpeg, said = self._shoot()
+            except self._errors as error:
+                self._said = {"text": str(error), "troubles": [str(error)]}
+                self._ending.wait(1.0)
+                continue
+            with self._fresh:
+                self._jpeg, self._said, self._number = jpeg, said, self._number + 1
+                self._fresh.notify_all()
+            self._ending.wait(max(0.0, self._period_s - (time.monotonic() - started_s)))
+
+
+class _Handler(http.server.BaseHTTPRequestHandler):
+    """One browser."""
+
+    source: Preview
+    timeout = 30.0
+
+    def do_GET(self) -> None:
+        """A page, the moving picture in it, one picture, or the words under it."""
+        if self.headers.get("Host", "").rpartition(":")[0] not in ("127.0.0.1", "localhost"):
+            self.send_error(403, "only for this machine")  # a page elsewhere must not reach us through a made-up name
+        elif self.path == "/":
+            self._answer("text/html; charset=utf-8", PAGE.encode())
+        elif self.path == "/status.json":
+            self._answer("application/json", json.dumps(self.source.said()).encode())
+        elif self.path == "/picture.jpg":
+            shot = self.source.after(0)
+            if shot:
+                self._answer("image/jpeg", shot[1])
+            else:
+                self.send_error(503, "no picture yet")
+        elif self.path == "/stream.mjpg":
+            self._stream()
+        else:
+            self.send_error(404)
+
+    def _answer(self, kind: str, body: bytes) -> None:
+        self.send_response(200)
+        for name, value in (("Content-Type", kind), ("Content-Length", str(len(body))), ("Cache-Control", "no-store")):
+            self.send_header(name, value)
+        self.end_headers()
+        self.wfile.write(body)
+
+    def _stream(self) -> None:
+        self.send_response(200)
+        self.send_header("Content-Type", "multipart/x-mixed-replace; boundary=picture")
+        self.send_header("Cache-Control", "no-store")
+        self.end_headers()
+        number = 0
+        try:
+            while shot := self.source.after(number):
+                number, jpeg = shot
+                head = f"--picture\r\nContent-Type: image/jpeg\r\nContent-Length: {len(jpeg)}\r\n\r\n"
+                self.wfile.write(head.encode() + jpeg + b"\r\n")
+        except OSError:
+            pass  # the browser has gone
+
+    def log_message(self, format: str, *args: Any) -> None:
+        """Nobody wants a line for every picture."""
