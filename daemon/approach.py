@@ -247,24 +247,13 @@ def angle_at(point: Array, a: Array, b: Array) -> float:
     return float(np.arccos(np.clip(u @ v / (np.linalg.norm(u) * np.linalg.norm(v)), -1.0, 1.0)))
 
 
-def separating_view(
-    candidates: Sequence[tuple[Shape, Array]], eyes: Sequence[Array], least_cosine: float = 0.3
-) -> int | None:
-    """Index of the eye position (3,), world, from which the candidates (shape, world_from_part) look most unlike.
+def unlikeness(candidates: Sequence[tuple[Shape, Array]], eye: Array, least_cosine: float = 0.3) -> float:
+    """How unlike the two most alike of the candidates (shape, world_from_part) look from the eye (3,), world.
 
-    Unlike is counted in facets: for each number of sides, how many would be seen. None where no eye tells
-    any two apart.
+    Counted in facets: for each number of sides, how many would be seen. 0 for fewer than two candidates.
     """
-    best, best_score = None, 0.0
-    for k, eye in enumerate(eyes):
-        counts = [_seen_facets(shape, pose, eye, least_cosine) for shape, pose in candidates]
-        score = min(
-            (float(np.abs(a - b).sum()) for i, a in enumerate(counts) for b in counts[:i]),
-            default=0.0,
-        )
-        if score > best_score + 1e-9:
-            best, best_score = k, score
-    return best
+    counts = [_seen_facets(shape, pose, eye, least_cosine) for shape, pose in candidates]
+    return min((float(np.abs(a - b).sum()) for i, a in enumerate(counts) for b in counts[:i]), default=0.0)
 
 
 def _seen_facets(shape: Shape, world_from_part: Array, eye: Array, least_cosine: float) -> Array:

@@ -234,8 +234,8 @@ def other_view(
     tool_from_cyclopean: Array,
     allowed: Reachable,
 ) -> tuple[Array | None, str]:
-    """Where to look at a part that could not be named, and why: from where its candidates look most unlike, else from
-    the side farthest from every look before. world_from_tool, or None where no view of it is allowed."""
+    """Where to look at a part that could not be named, and why: from where its candidates would show most facets and
+    look most unlike, away from every look before. world_from_tool, or None where no view of it is allowed."""
     x, y, z = (float(v) for v in part.centre)
     views = [View((x, y, z), CLOSE_MM, float(h), float(t)) for h in range(-180, 180, 30) for t in (20, 35, 50)]
     poses = [p for p in (v.pose(tool_from_cyclopean) for v in views) if allowed(p)]
@@ -248,12 +248,14 @@ def other_view(
         fits = poses_that_fit(shape, part.facets) if shape is not None else []
         if shape is not None and fits:
             candidates.append((shape, part.look.world_from_cyclopean @ fits[0].cyclopean_from_part))
-    best = approach.separating_view(candidates, eyes) if len(candidates) > 1 else None
-    if best is not None and not any(approach.angle_at(part.centre, eyes[best], e) < 0.3 for e in eyes_before):
-        return poses[best], f"to tell {' from '.join(part.candidates)}"
     before = [*eyes_before, part.look.world_from_cyclopean[:3, 3]]
-    best = int(np.argmax([min(approach.angle_at(part.centre, eye, old) for old in before) for eye in eyes]))
-    return poses[best], part.reason
+    fresh = [min(approach.angle_at(part.centre, eye, old) for old in before) for eye in eyes]
+    if not candidates:
+        return poses[int(np.argmax(fresh))], f"from another side: {part.reason}"
+    unlike = [approach.unlikeness(candidates, eye) for eye in eyes]
+    worth = [min(approach.view_worth(shape, pose, eye) for shape, pose in candidates) for eye in eyes]
+    scores = [w + u / 2 + min(f, 0.6) for w, u, f in zip(worth, unlike, fresh, strict=True)]
+    return poses[int(np.argmax(scores))], f"to tell whether it is {' or '.join(part.candidates)}: {part.reason}"
 
 
 def regrasp(shape: Shape, world_from_part: Array, before: Plan, settings: Settings) -> Plan:
