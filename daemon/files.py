@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import fcntl
 import os
 import tempfile
 import threading
@@ -122,6 +123,28 @@ def write_atomically(path: Path, content: bytes) -> None:
         os.fsync(folder)
     finally:
         os.close(folder)
+
+
+class InUseError(Exception):
+    """A folder belongs to another process at present: which folder, which process."""
+
+
+def hold(folder: Path) -> int:
+    """Claim a folder for this process until it ends, however it ends; gives the lock's handle, to be kept open.
+
+    Raises InUseError, OSError.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    handle = os.open(folder / "lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o640)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        holder = os.read(handle, 20).decode("ascii", "replace").strip() or "unknown"
+        os.close(handle)
+        raise InUseError(f"{folder}: another facetd (process {holder}) works in it; stop that one first") from None
+    os.ftruncate(handle, 0)
+    os.pwrite(handle, f"{os.getpid()}\n".encode(), 0)
+    return handle
 
 
 def write_whole(path: Path, content: bytes) -> None:

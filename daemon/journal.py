@@ -105,7 +105,7 @@ def _line(kind: str, fields: Mapping[str, Any]) -> str | None:
             return f"FAULT {fields.get('code')}: {fields.get('text')}"
         case "command":
             return f"{fields.get('who')} at {fields.get('door')}: {fields.get('text')}"
-        case "model":
+        case "model" if fields.get("action") != "start":
             return f"model {fields.get('action')}: version {fields.get('version')}"
     return None
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import os
 import signal
 import time
 from collections.abc import Coroutine
@@ -25,10 +26,12 @@ from daemon.console import Console
 from daemon.cycle import Cycle
 from daemon.desk import Desk, Troubles
 from daemon.doors import DoorError, SocketServer
+from daemon.files import InUseError, hold
 from daemon.library import load_facets, load_parts
 from daemon.metrics import MetricsServer
 from daemon.model import ModelError
 from daemon.model import load as load_model
+from daemon.noarm import CellError
 from daemon.runlog import RunLog
 from daemon.runs import RunError, interrupted, list_runs, new_folder
 from daemon.shelf import Shelf, ShelfError
@@ -57,6 +60,8 @@ class Service:
         self._metrics: MetricsServer | None = None
         self._hardware: cell.Hardware | None = None
         self._run_log: RunLog | None = None
+        self._lock: int | None = None
+        self._ready = False
         self._tasks: list[asyncio.Task[Any]] = []
 
     async def run(self) -> int:
@@ -69,7 +74,7 @@ class Service:
                 await self._ending.wait()
         except (ConfigError, ModelError, ShelfError) as error:
             status, self._why = BAD_CONFIGURATION, str(error)
-        except (cell.CellError, DoorError, OSError) as error:
+        except (CellError, DoorError, InUseError, OSError) as error:
             status, self._why = NO_DEVICE, str(error)
         if status != STOPPED:
             journal.tell("trouble", self._why, journal.ERROR)
@@ -118,6 +123,7 @@ class Service:
         calibration = load_calibration(config.calibration)
         library = load_facets(config.file(config.said.files.facets))
         parts = load_parts(config.file(config.said.files.parts))
+        self._lock = hold(config.state)
         shelf = Shelf(config.state)
         begin = config.said.files.model
         first = None if begin is None else load_model(config.file(begin))
@@ -130,16 +136,16 @@ class Service:
         desk = self._furnish(config, calibration, school, troubles, run_log)
         if left is not None:
             desk.cycle.recover(left.state or "an unknown state", left.hand_closed)
-            troubles.tell(
-                "restart", f"{left.run} had no end: it was left in {left.state}; look at the cell, say `resume`"
-            )
+            told = f"run {left.run} was cut off in state {left.state}: look at the cell, then say `resume`"
+            troubles.tell("restart", told)
         desk.record_start()
-        desk.use_model("start", shelf.current)
         if self._hardware.hand is not None:
             self._hardware.hand.scatter(self._hardware.hand.usual)
         await self._open_doors(desk)
+        desk.use_model("start", shelf.current)
         watch = Watch(desk)
         self._tasks.append(asyncio.create_task(self._guarded(watch.run()), name="watch"))
+        self._ready = True
         journal.notify(f"READY=1\nSTATUS={watch.status_line()}")
         journal.tell("run_start", f"ready: {config.kind} cell, socket {config.socket}, run {run_log.folder}")
 
@@ -268,7 +274,9 @@ class Service:
             await _within(0.5, self._hardware.close())
         if self._run_log is not None:
             self._run_log.close(self._why)
-        if self.desk is not None:
+        if self._lock is not None:
+            os.close(self._lock)
+        if self._ready:
             journal.tell("run_end", f"ended: {self._why}")
 
 

@@ -62,6 +62,8 @@ class Watch:
         if now >= self._quota_s:
             self._quota_s = now + QUOTA_S
             self._start("quota", self._keep_quota, now, 0.0)
+        if self._desk.cycle.status()["fault"] is None:
+            self._desk.troubles.tell("restart", None)
         self._check_clock()
         self._check_memory_of_motion(busy)
         self._feed(now, busy)

@@ -1,0 +1,291 @@
+"""The daemon as a process: ready, watched, reloaded, stopped, killed; every bad start is one line and a status."""
+
+from __future__ import annotations
+
+import json
+import os
+import pty
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from daemon.link import DaemonLink, NotThereError
+from daemon.runs import check_wire, list_runs, read_run
+
+ETC = Path(__file__).resolve().parents[3] / "etc"
+SIMULATED = "simulated: {truth: simcell.yaml, time_scale: 20.0, seed: 7}\n"
+
+
+class Daemon:
+    """A facetd process in a folder of its own, with somebody listening to its sd_notify."""
+
+    def __init__(self, folder: Path, config: str = "", arguments: tuple[str, ...] = ("--sim",)) -> None:
+        self.folder = folder
+        for name in ("calibration.yaml", "facets.yaml", "parts.yaml", "simcell.yaml"):
+            if not (folder / name).exists():
+                shutil.copy(ETC / name, folder)
+        self.config = folder / "facetd.yaml"
+        self.config.write_text(f"version: 1\nfolders: {{state: state, runtime: .}}\n{SIMULATED}{config}")
+        self.notes = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        (folder / "notify").unlink(missing_ok=True)
+        self.notes.bind(str(folder / "notify"))
+        self.notes.settimeout(20)
+        environment = {**os.environ, "NOTIFY_SOCKET": str(folder / "notify"), "OMP_NUM_THREADS": "1"}
+        self.errors = (folder / "stderr").open("w+")
+        command = [sys.executable, "-m", "daemon.main", "--config", str(self.config), *arguments]
+        self.began_s = time.monotonic()
+        self.process = subprocess.Popen(command, stderr=self.errors, env=environment)
+
+    def hears(self, text: str) -> str:
+        """Wait for a notification that holds text."""
+        while True:
+            note = self.notes.recv(4096).decode()
+            if text in note:
+                return note
+
+    def do(self, text: str) -> dict[str, Any]:
+        with DaemonLink(self.folder / "facetd.sock") as link:
+            return link.do(text, "test", lambda _: None)
+
+    def told(self) -> str:
+        return (self.folder / "stderr").read_text()
+
+    def ends(self, seconds: float = 20.0) -> int:
+        return self.process.wait(seconds)
+
+    def close(self) -> None:
+        if self.process.poll() is None:
+            self.process.kill()
+            self.process.wait()
+        self.notes.close()
+        self.errors.close()
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    short = Path(f"/tmp/facetd-test-{os.getpid()}-{tmp_path.name[-12:]}")
+    shutil.rmtree(short, ignore_errors=True)
+    short.mkdir()
+    return short
+
+
+@pytest.fixture
+def daemons(folder: Path) -> Iterator[list[Daemon]]:
+    started: list[Daemon] = []
+    yield started
+    for daemon in started:
+        daemon.close()
+    shutil.rmtree(folder, ignore_errors=True)
+
+
+@pytest.fixture
+def daemon(folder: Path, daemons: list[Daemon]) -> Daemon:
+    daemons.append(Daemon(folder))
+    daemons[-1].hears("READY=1")
+    return daemons[-1]
+
+
+def test_it_is_ready_answers_says_its_state_and_ends_cleanly_within_two_seconds(daemon: Daemon) -> None:
+    status = daemon.do("status")
+    assert status["data"]["cell"] == "simulated"
+    assert status["data"]["troubles"] == {}
+    assert "idle" in daemon.hears("STATUS=")
+    began = time.monotonic()
+    daemon.process.send_signal(signal.SIGTERM)
+    assert daemon.ends() == 0
+    assert time.monotonic() - began < 2.0
+    (run,) = list_runs(daemon.folder / "state" / "runs")
+    records = read_run(run)
+    assert records.skipped == ()
+    assert records.records[0]["kind"] == "run_start"
+    assert (run / records.records[0]["config"]).read_bytes() == daemon.config.read_bytes()
+    assert records.records[-1] | {"why": "signal SIGTERM"} == records.records[-1]
+    assert check_wire(run) == []
+    assert not (daemon.folder / "facetd.sock").exists()
+
+
+def test_a_signal_while_the_arm_moves_stops_the_arm_first(daemon: Daemon) -> None:
+    daemon.config.write_text(daemon.config.read_text())
+    daemon.do("enable")
+    with socket.socket(socket.AF_UNIX) as raw:
+        raw.connect(str(daemon.folder / "facetd.sock"))
+        raw.sendall(b'{"do": "step on"}\n')
+        time.sleep(0.3)
+        raw.sendall(b'{"do": "go survey"}\n')
+        time.sleep(0.5)
+        daemon.process.send_signal(signal.SIGINT)
+        assert daemon.ends() == 0
+    (run,) = list_runs(daemon.folder / "state" / "runs")
+    assert read_run(run).records[-1]["kind"] == "run_end"
+    sent = (run / "wire.jsonl").read_text().upper()
+    assert "ABORT" in sent
+
+
+def test_a_second_daemon_on_the_same_state_is_refused_and_the_first_goes_on(
+    daemon: Daemon, folder: Path, daemons: list[Daemon]
+) -> None:
+    second = subprocess.run(
+        [sys.executable, "-m", "daemon.main", "--config", str(daemon.config), "--sim"],
+        capture_output=True, text=True, timeout=30, check=False,
+    )  # fmt: skip
+    assert second.returncode == 2
+    assert second.stderr.count("\n") == 1
+    assert f"another facetd (process {daemon.process.pid}) works in it; stop that one first" in second.stderr
+    assert daemon.do("status")["status"] == 0
+    assert len(list_runs(folder / "state" / "runs")) == 1
+
+
+def test_reload_takes_a_good_configuration_over_and_refuses_a_bad_one(daemon: Daemon) -> None:
+    good = daemon.config.read_text()
+    daemon.config.write_text(good + "pick: {order: nearest}\n")
+    assert daemon.do("reload")["status"] == 0
+    daemon.config.write_text(good + "pick: {order: biggest}\n")
+    refused = daemon.do("reload")
+    assert refused["status"] == 1
+    assert "pick.order: expected one of nearest, surest, found 'biggest'" in refused["text"]
+    daemon.process.send_signal(signal.SIGHUP)
+    daemon.hears("RELOADING=1")
+    daemon.hears("READY=1")
+    assert "refused, the old configuration stays" in daemon.told()
+    daemon.config.write_text(good + "arm: {port: /dev/other}\n")
+    assert "Only after a restart: arm" in daemon.do("reload")["text"]
+    assert daemon.do("status")["status"] == 0
+
+
+def test_taught_and_trained_by_command_it_names_the_part_and_keeps_it_over_a_restart(
+    daemon: Daemon, folder: Path, daemons: list[Daemon]
+) -> None:
+    for _ in range(2):
+        assert daemon.do("teach pyramid")["status"] == 0
+    assert daemon.do("train")["data"]["accepted"] is True
+    assert daemon.do("place pyramid 1")["status"] == 0
+    seen = daemon.do("look")["data"]
+    assert [part["label"] for part in seen["parts"]] == ["pyramid"]
+    json.dumps(seen)
+    assert daemon.do("teach cube")["status"] == 0
+    assert daemon.do("untaught")["data"]["waiting"] == ["cube/1"]
+    assert daemon.do("train")["data"]["version"] == 2
+    assert daemon.do("status")["data"]["model"]["version"] == 1, "a candidate does not disturb the model in use"
+    assert daemon.do("accept")["data"]["version"] == 2
+    assert daemon.do("rollback")["data"]["version"] == 1
+    assert daemon.do("rollback")["status"] == 1
+    daemon.process.send_signal(signal.SIGTERM)
+    daemon.ends()
+    daemon.close()
+    daemons.append(Daemon(folder))
+    daemons[-1].hears("READY=1")
+    model = daemons[-1].do("status")["data"]["model"]
+    assert (model["version"], model["labels"], model["candidate"]) == (1, ["pyramid"], 2)
+
+
+def test_killed_in_mid_cycle_it_comes_back_with_nothing_moving_and_asks(
+    daemon: Daemon, folder: Path, daemons: list[Daemon]
+) -> None:
+    daemon.do("teach cube")
+    daemon.do("train")
+    daemon.do("scatter cube")
+    daemon.do("enable")
+    daemon.do("step on")
+    daemon.do("auto on")
+    time.sleep(0.5)
+    daemon.process.kill()
+    daemon.ends()
+    daemon.close()
+    run = list_runs(folder / "state" / "runs")[-1]
+    assert len(read_run(run).skipped) <= 1
+    daemons.append(Daemon(folder))
+    again = daemons[-1]
+    again.hears("READY=1")
+    state = again.do("status")["data"]
+    assert "restarted" in state["fault"]
+    assert state["enabled"] is False
+    assert "was cut off in state" in state["troubles"]["restart"]
+    again.do("enable")
+    assert again.do("pick cube")["status"] == 1, "nothing moves until resume"
+    assert again.do("resume")["status"] == 0
+
+
+def bad_start(folder: Path, config: str, *arguments: str) -> tuple[int, str]:
+    daemon = Daemon(folder, config, arguments)
+    try:
+        return daemon.ends(30), daemon.told()
+    finally:
+        daemon.close()
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+@pytest.mark.parametrize(
+    ("config", "arguments", "status", "want"),
+    [
+        ("log: {quota: 1}\n", ("--sim",), 78, "facetd.yaml:4: log.quota: unknown key"),
+        ("files: {calibration: none.yaml}\n", ("--sim",), 78, "files.calibration: expected a file"),
+        ("files: {model: parts.yaml}\n", ("--sim",), 78, "parts.yaml"),
+        ("cell: recorded\n", (), 2, "recorded pairs: "),
+        ("cameras: {left: /dev/none0, right: /dev/none1}\narm: {port: /dev/none}\n", (), 2, "/dev/none"),
+    ],
+)
+def test_a_bad_start_is_one_line_and_nothing_is_left_behind(
+    folder: Path, config: str, arguments: tuple[str, ...], status: int, want: str
+) -> None:
+    got, told = bad_start(folder, config, *arguments)
+    assert got == status, told
+    assert told.count("\n") == 1
+    assert told.startswith("facetd: ")
+    assert want in told
+
+
+def test_a_controller_that_does_not_answer_ends_the_start_with_what_to_check(folder: Path) -> None:
+    ours, theirs = pty.openpty()
+    try:
+        pairs = folder / "pairs" / "1"
+        pairs.mkdir(parents=True)
+        config = f"cell: real\ncameras: {{left: /dev/none0, right: /dev/none1}}\narm: {{port: {os.ttyname(theirs)}}}\n"
+        got, told = bad_start(folder, config)
+        assert got == 2
+        assert told.count("\n") == 1
+    finally:
+        os.close(ours)
+        os.close(theirs)
+
+
+def test_without_a_daemon_facetctl_says_so_in_one_line_and_ends_with_two(tmp_path: Path) -> None:
+    environment = {**os.environ, "FACETD_SOCKET": str(tmp_path / "none")}
+    command = [sys.executable, "-m", "daemon.ctl"]
+    for words in (["status"], ["console"], ["pick", "cube"], ["--json", "look"]):
+        done = subprocess.run([*command, *words], capture_output=True, text=True, env=environment, check=False)
+        assert done.returncode == 2
+        assert done.stderr.count("\n") == 1
+        assert "no daemon answers at" in done.stderr
+        assert done.stdout == ""
+    with pytest.raises(NotThereError):
+        DaemonLink(tmp_path / "none")
+
+
+def test_facetctl_gives_text_json_and_exit_status(daemon: Daemon) -> None:
+    environment = {**os.environ, "FACETD_SOCKET": str(daemon.folder / "facetd.sock")}
+
+    def ctl(*words: str, said: str = "") -> subprocess.CompletedProcess[str]:
+        command = [sys.executable, "-m", "daemon.ctl", *words]
+        return subprocess.run(command, capture_output=True, text=True, env=environment, input=said, check=False)
+
+    assert ctl("status").stdout.startswith("cell      simulated")
+    assert json.loads(ctl("--json", "status").stdout)["cell"] == "simulated"
+    assert json.loads(ctl("where", "--json").stdout)["status"] == 0
+    refused = ctl("pick")
+    assert (refused.returncode, refused.stdout) == (1, "")
+    assert "the arm is not enabled" in refused.stderr
+    assert ctl("flurb").returncode == 2
+    script = ctl("script", "-", said="# a script\nstatus\n\nflurb\nlook\n")
+    assert script.returncode == 2
+    assert "-:4: not done; the rest is left out" in script.stderr
+    console = ctl("console", said="status\nparts\n")
+    assert "cell      simulated" in console.stdout
+    assert "pentagonal_prism" in console.stdout
