@@ -10,13 +10,19 @@ from numpy.typing import NDArray
 from daemon.vision.data import Facet, Polygon
 from daemon.vision.epipolar import Baseline
 from daemon.vision.eye import Sight
-from daemon.vision.matching import match_polygons
-from daemon.vision.planes import planarity
+from daemon.vision.matching import Match, match_polygons
+from daemon.vision.planes import fit_plane, planarity, weighted_plane
 from daemon.vision.polygons import Fitted, fit_polygons
 from daemon.vision.settings import VisionSettings
-from daemon.vision.shapes import overlap
+from daemon.vision.shapes import Shape
 
 Array = NDArray[np.float64]
+
+_FEW = 3
+_COVERED = 0.25
+_PER_CORNER = 0.05
+_BENT = float(np.radians(10))
+_MODEL_PX = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,11 +35,20 @@ class Candidate:
     left: Fitted
     right: Fitted
     worth: float
+    left_shape: Shape
+    right_shape: Shape
+
+    def covers(self, other: Candidate) -> float:
+        """Greatest part, in either eye, of the smaller of the two that both cover."""
+        return max(self.left_shape.covers(other.left_shape), self.right_shape.covers(other.right_shape))
 
 
 def find_candidates(left: Sight, right: Sight, eyes: Baseline, settings: VisionSettings) -> list[Candidate]:
-    """Every pair of outlines that fits along the epipolar lines, fitted and triangulated."""
+    """Pairs of outlines that fit along the epipolar lines, fitted and triangulated; of similar pairs only the
+    best few.
+    """
     matches = match_polygons([o.corners for o in left.outlines], [o.corners for o in right.outlines], eyes, settings)
+    matches = _best_few(matches, left, right)
     fits = [_fit_used(left, {m.left for m in matches}), _fit_used(right, {m.right for m in matches})]
     candidates = []
     for m in matches:
@@ -43,8 +58,29 @@ def find_candidates(left: Sight, right: Sight, eyes: Baseline, settings: VisionS
             facet = triangulate(a.polygon, b.polygon, eyes)
             if facet.epipolar_px.max() < settings.max_epipolar_px:
                 worth = min(left.outlines[m.left].support, right.outlines[m.right].support) + _agreement(a, b)
-                candidates.append(Candidate(facet, a, b, worth - 0.1 * m.cost))
+                shapes = Shape.of(facet.left_px), Shape.of(facet.right_px)
+                candidates.append(
+                    Candidate(facet, a, b, worth - 0.1 * m.cost - _PER_CORNER * len(facet.left_px), *shapes)
+                )
     return candidates
+
+
+def _best_few(matches: list[Match], left: Sight, right: Sight) -> list[Match]:
+    """Of matches of much the same region the best three, by how far the outlines are seen and how well they match."""
+
+    def rank(m: Match) -> float:
+        support = min(left.outlines[m.left].support, right.outlines[m.right].support)
+        return m.cost * 0.1 + _PER_CORNER * len(left.outlines[m.left].corners) - support
+
+    kept: list[Match] = []
+    shapes: list[tuple[Shape, Shape]] = []
+    for m in sorted(matches, key=rank):
+        both = Shape.of(left.outlines[m.left].corners), Shape.of(right.outlines[m.right].corners)
+        alike = sum(both[0].union(s[0]) > 0.7 or both[1].union(s[1]) > 0.7 for s in shapes)
+        if alike < _FEW:
+            kept.append(m)
+            shapes.append(both)
+    return kept
 
 
 def _fit_used(sight: Sight, used: set[int]) -> dict[int, Fitted | None]:
@@ -57,19 +93,60 @@ def _agreement(a: Fitted, b: Fitted) -> float:
     return float(min(a.sides.support.min(), b.sides.support.min()))
 
 
-def choose(candidates: list[Candidate]) -> list[Candidate]:
-    """Of candidates that cover each other in either eye, the worthiest."""
+def choose(
+    candidates: list[Candidate], settings: VisionSettings
+) -> tuple[list[Candidate], list[tuple[Candidate, str]]]:
+    """Of candidates that cover each other in either eye, the worthiest; and those refused, with the reason.
+
+    A candidate that is not flat is two facets, and so is one that is made up of others that do not lie in its plane.
+    """
     chosen: list[Candidate] = []
+    refused: list[tuple[Candidate, str]] = []
+    flat = []
     for c in sorted(candidates, key=lambda c: -c.worth):
-        if not any(
-            _covers(c.left.polygon, k.left.polygon) or _covers(c.right.polygon, k.right.polygon) for k in chosen
-        ):
-            chosen.append(c)
-    return chosen
+        if flatness_sigmas(c.facet) > settings.planarity_sigmas:
+            refused.append((c, "its corners do not lie in one plane: it is two facets"))
+        else:
+            flat.append(c)
+    for c in flat:
+        if any(c.covers(k) > _COVERED for k in chosen):
+            continue
+        if _is_made_of_parts(c, flat, settings):
+            refused.append((c, "it is made up of facets that do not lie in its plane"))
+            continue
+        chosen.append(c)
+    return chosen, refused
 
 
-def _covers(a: Polygon, b: Polygon) -> bool:
-    return overlap(a.corners_px, b.corners_px)[1] > 0.25
+def flatness_sigmas(facet: Facet) -> float:
+    """How far the worst corner leaves the facet's plane, in predicted sigmas; 0 for a triangle."""
+    if len(facet.corners_mm) < 4:
+        return 0.0
+    model_mm2 = (_MODEL_PX * facet.corners_mm[:, 2].mean()) ** 2 * np.eye(3)
+    residuals = weighted_plane(facet.corners_mm, facet.covariance_mm2 + model_mm2)[2]
+    return float(np.abs(residuals).max())
+
+
+def _is_made_of_parts(whole: Candidate, others: list[Candidate], settings: VisionSettings) -> bool:
+    """Whether disjoint candidates hardly less worthy, not in the whole's plane, fill most of it in the left eye."""
+    filled = 0.0
+    parts: list[Candidate] = []
+    bent = False
+    for c in others:
+        if c.left_shape.area > 0.8 * whole.left_shape.area or c.worth < whole.worth - 0.3:
+            continue
+        inside = c.left_shape.common(whole.left_shape)
+        if inside < 0.85 * c.left_shape.area or any(c.covers(p) > _COVERED for p in parts):
+            continue
+        parts.append(c)
+        filled += inside
+        bent = bent or _angle_between(c.facet, whole.facet) > _BENT
+    return bent and len(parts) > 1 and filled > 0.75 * whole.left_shape.area
+
+
+def _angle_between(a: Facet, b: Facet) -> float:
+    one, other = fit_plane(a.corners_mm)[0], fit_plane(b.corners_mm)[0]
+    return float(np.arccos(np.clip(one @ other, -1, 1)))
 
 
 def triangulate(a: Polygon, b: Polygon, eyes: Baseline) -> Facet:

@@ -29,4 +29,4 @@ def look_with(eye: Eye, image: Grey, settings: VisionSettings) -> Sight:
     """Measure the noise of a checked image and find its outlines."""
     noise = measure_noise(image)
     scales = scale_space(image, noise, settings)
-    return Sight(eye, image.astype(np.float32), noise, scales, find_outlines(scales, settings))
+    return Sight(eye, image.astype(np.float32), noise, scales, find_outlines(scales, image.size, settings))

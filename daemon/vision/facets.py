@@ -16,7 +16,7 @@ from daemon.vision.image import as_grey, check_size
 from daemon.vision.joining import join
 from daemon.vision.rig import StereoRig
 from daemon.vision.settings import VisionSettings
-from daemon.vision.shapes import overlap
+from daemon.vision.shapes import Shape
 
 
 def find_facets(
@@ -34,7 +34,7 @@ def find_facets(
         grey = as_grey(image, name)
         check_size(grey, rig.image_size, name)
         sights.append(look_with(eye, grey, settings))
-    chosen = choose(find_candidates(sights[0], sights[1], eyes, settings))
+    chosen, refused = choose(find_candidates(sights[0], sights[1], eyes, settings), settings)
     groups = []
     touch = touching_table(tuple(c.facet for c in chosen))
     for members in connected(touch):
@@ -43,13 +43,15 @@ def find_facets(
     groups.sort(key=lambda g: float(np.mean([f.corners_mm[:, 2].mean() for f in g.facets])))
     polygons = tuple(c.left.polygon for c in chosen), tuple(c.right.polygon for c in chosen)
     rejected = _unmatched(sights[0], polygons[0], "left") + _unmatched(sights[1], polygons[1], "right")
+    rejected += tuple(Rejected(c.facet.left_px, "left", why) for c, why in refused)
     sigma = float(np.mean([s.noise.sigma[128] for s in sights]))
     return FacetView(tuple(groups), rejected, *polygons, sigma)
 
 
 def _unmatched(sight: Sight, used: tuple[Polygon, ...], eye: str) -> tuple[Rejected, ...]:
+    taken = [Shape.of(p.corners_px) for p in used]
     return tuple(
         Rejected(o.corners, eye, "no polygon of the other eye fits along its epipolar lines")
         for o in sight.outlines
-        if all(overlap(o.corners, p.corners_px)[1] < 0.25 for p in used)
+        if all(Shape.of(o.corners).covers(s) < 0.25 for s in taken)
     )

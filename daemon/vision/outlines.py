@@ -6,120 +6,123 @@ decided when both eyes are compared. Final corners come from fit.py.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.vision.regions import Scale, closed_regions, rough_polygons
+from daemon.vision.regions import Border, Region, Scale, closed_regions, rough_polygons
+from daemon.vision.rings import Rings, areas, convex, met, rings
 from daemon.vision.settings import VisionSettings
-from daemon.vision.shapes import corners_of, drop_side, is_simple, signed_area, split, tidy
+from daemon.vision.shapes import Point, drop_side, is_simple, tidy
 from daemon.vision.sides import find_sides, probe_sides
 
 Array = NDArray[np.float64]
 
-_FIRST_REACH_PX = (2.0, 5.0)
+_FIRST_REACH_PX = (3.0, 5.0)
 _SECOND_REACH_PX = (1.5, 1.5)
-_DOUBTFUL_SIDE = 0.6
+_DOUBTFUL_SIDE, _DOUBTFUL_PX = 0.6, 12.0
+_SAME_PX, _ALIKE_PX = 2.0, 4.0
+_BIAS_PX = 1.7
 
 
 @dataclass(frozen=True, eq=False)
 class Outline:
     """corners (N, 2) px anticlockwise as seen; border (K, 2) px it came from; per side (N,): slope across it in
-    sigmas of its mean over the side, and the fraction of its length where an edge is seen.
+    sigmas of its mean over the side, and the fraction of its length where an edge is seen; support: that fraction of
+    the whole outline.
     """
 
     corners: Array
-    border: NDArray[np.int32]
+    border: Border
     strength: Array
     seen: Array
-
-    @property
-    def support(self) -> float:
-        """Fraction of the perimeter where an edge is seen."""
-        length = np.linalg.norm(np.roll(self.corners, -1, 0) - self.corners, axis=1)
-        return float(np.sum(length * self.seen) / np.sum(length))
+    support: float
 
 
-def find_outlines(scales: tuple[Scale, ...], settings: VisionSettings) -> list[Outline]:
+def find_outlines(scales: tuple[Scale, ...], image_area_px: float, settings: VisionSettings) -> list[Outline]:
     """Outlines of the closed regions at every scale and level, without repeats, best supported first."""
-    rough = [
-        (corners, border)
-        for scale in scales
-        for level in scale.levels
-        for border in closed_regions(scale.strength, level, settings)
-        for corners in rough_polygons(border, settings)
+    largest = settings.max_area_fraction * image_area_px
+    rough: list[tuple[Array, Region]] = []
+    for scale in scales:
+        found = [
+            (corners, region)
+            for level in settings.levels
+            for region in closed_regions(scale, level, largest, settings)
+            for corners in rough_polygons(region, settings)
+        ]
+        if found:
+            size = areas(rings([c for c, _ in found]))
+            rough += [found[k] for k in np.argsort(size, kind="stable")[: settings.max_regions]]
+    rough = _distinct(rough, _ALIKE_PX)
+    if not rough:
+        return []
+    fine = scales[0]
+    start = rings([c for c, _ in rough])
+    bias = np.repeat([_BIAS_PX * (r.shrink - 1) for _, r in rough], start.count)
+    first = snap(fine, start, _FIRST_REACH_PX, bias)
+    variants = [
+        (v, r) for corners, (_, r) in zip(first.split(), rough, strict=True) for v in _variants(corners, settings)
     ]
-    rough.sort(key=lambda r: signed_area(r[0]))
-    rough = _distinct(rough)[: settings.max_regions]
-    fine = scales[0].smoothed
-    first = snap(fine, [c for c, _ in rough], _FIRST_REACH_PX)
-    variants = [(v, b) for corners, (_, b) in zip(first, rough, strict=True) for v in _variants(corners, settings)]
-    variants = _distinct(variants)
-    second = snap(fine, [c for c, _ in variants], _SECOND_REACH_PX)
-    kept = [
-        (c, b)
-        for c, (_, b) in zip(second, variants, strict=True)
-        if is_simple(c) and -signed_area(c) > settings.min_area_px
-    ]
-    probed = sorted(probe(fine, kept, settings), key=lambda o: -o.support)
-    keep = _first_of_each([o.corners for o in probed])
-    return [probed[k] for k in keep]
+    variants = _distinct(variants, _SAME_PX)
+    if not variants:
+        return []
+    shape = rings([c for c, _ in variants])
+    shape = snap(fine, shape, _SECOND_REACH_PX, np.zeros(len(shape.corners)))
+    return _worthy(fine, shape, [r.border for _, r in variants], settings)
 
 
-def _distinct(polygons: list[tuple[Array, NDArray[np.int32]]]) -> list[tuple[Array, NDArray[np.int32]]]:
-    return [polygons[k] for k in _first_of_each([c for c, _ in polygons])]
+def snap(fine: Scale, shape: Rings, reach_px: tuple[float, float], bias_px: Array) -> Rings:
+    """Polygons with their sides moved onto the gradient and met again in corners; bias_px (M,) how far out to begin."""
+    start = shape.corners - fine.origin_px
+    start, end = find_sides(fine.smoothed, start, start[shape.next], reach_px, bias_px)
+    return shape.moved(met(shape, start, end) + fine.origin_px)
 
 
-def _first_of_each(polygons: list[Array], tolerance_px: float = 2.0) -> list[int]:
+def _worthy(fine: Scale, shape: Rings, borders: list[Border], settings: VisionSettings) -> list[Outline]:
+    """The polygons whose every side shows in the gradient, best supported first, without repeats."""
+    start = shape.corners - fine.origin_px
+    strength, seen = probe_sides(fine.smoothed, start, start[shape.next])
+    chord = shape.corners[shape.next] - shape.corners
+    length = np.hypot(chord[:, 0], chord[:, 1])
+    support = shape.sums(length * seen) / shape.sums(length)
+    good = (
+        np.isfinite(support)
+        & (support > settings.min_support)
+        & (shape.least(np.abs(strength)) > settings.min_evidence)
+        & (areas(shape) < -settings.min_area_px)
+    )
+    sound = convex(shape)
+    polygons, strengths, seens = shape.split(), shape.split(strength), shape.split(seen)
+    order = [k for k in np.argsort(-support, kind="stable") if good[k] and (sound[k] or is_simple(polygons[k]))]
+    order = [order[k] for k in _first_of_each([polygons[k] for k in order], _SAME_PX)]
+    return [Outline(polygons[k], borders[k], strengths[k], seens[k], float(support[k])) for k in order]
+
+
+def _distinct(polygons: list[tuple[Array, Region]], tolerance_px: float) -> list[tuple[Array, Region]]:
+    return [polygons[k] for k in _first_of_each([c for c, _ in polygons], tolerance_px)]
+
+
+def _first_of_each(polygons: list[Array], tolerance_px: float) -> list[int]:
     """Indices of the polygons that do not repeat an earlier one corner by corner."""
     kept: list[int] = []
-    middles = np.array([p.mean(0) for p in polygons]).reshape(-1, 2)
-    counts = np.array([len(p) for p in polygons])
+    known: dict[int, list[tuple[float, float, list[Point]]]] = {}
     for k, p in enumerate(polygons):
-        earlier = np.array(kept, dtype=np.intp)
-        near = earlier[
-            (counts[earlier] == len(p))
-            & (np.abs(middles[earlier] - middles[k]).max(axis=1, initial=0.0) < tolerance_px)
-        ]
-        if not any(_same(p, polygons[e], tolerance_px) for e in near):
+        points = [(x, y) for x, y in p.tolist()]
+        n = len(points)
+        x, y = sum(q[0] for q in points) / n, sum(q[1] for q in points) / n
+        reach = min(tolerance_px, 0.1 * max(abs(q[0] - x) + abs(q[1] - y) for q in points))
+        others = known.setdefault(n, [])
+        if not any(abs(x - u) < reach and abs(y - v) < reach and _same(points, q, reach) for u, v, q in others):
+            others.append((x, y, points))
             kept.append(k)
     return kept
 
 
-def _same(a: Array, b: Array, tolerance_px: float) -> bool:
-    first = int(np.argmin(np.abs(b - a[0]).max(1)))
-    return bool(np.abs(np.roll(b, -first, 0) - a).max() < tolerance_px)
-
-
-def snap(smoothed: NDArray[np.float32], polygons: list[Array], reach_px: tuple[float, float]) -> list[Array]:
-    """Each polygon with its sides moved onto the gradient and met again in corners."""
-    if not polygons:
-        return []
-    start = np.concatenate(polygons)
-    end = np.concatenate([np.roll(p, -1, 0) for p in polygons])
-    start, end = find_sides(smoothed, start, end, reach_px)
-    counts = [len(p) for p in polygons]
-    return [corners_of(s, e) for s, e in zip(split(start, counts), split(end, counts), strict=True)]
-
-
-def probe(
-    smoothed: NDArray[np.float32], polygons: list[tuple[Array, NDArray[np.int32]]], settings: VisionSettings
-) -> list[Outline]:
-    """Measure the gradient along each polygon's sides; keep those whose every side is there."""
-    if not polygons:
-        return []
-    counts = [len(p) for p, _ in polygons]
-    start = np.concatenate([p for p, _ in polygons])
-    end = np.concatenate([np.roll(p, -1, 0) for p, _ in polygons])
-    strength, seen = probe_sides(smoothed, start, end)
-    outlines = [
-        Outline(p, border, z, s)
-        for (p, border), z, s in zip(polygons, split(strength, counts), split(seen, counts), strict=True)
-    ]
-    return [
-        o for o in outlines if np.abs(o.strength).min() > settings.min_evidence and o.support > settings.min_support
-    ]
+def _same(a: list[Point], b: list[Point], tolerance_px: float) -> bool:
+    """Whether two polygons of as many corners agree corner by corner."""
+    return all(any(abs(p[0] - q[0]) < tolerance_px and abs(p[1] - q[1]) < tolerance_px for q in b) for p in a)
 
 
 def _variants(corners: Array, settings: VisionSettings) -> list[Array]:
@@ -129,11 +132,12 @@ def _variants(corners: Array, settings: VisionSettings) -> list[Array]:
     decides.
     """
     found: list[Array] = []
-    current = tidy(corners, settings.min_side_px)
+    current = tidy([(x, y) for x, y in corners.tolist()], settings.min_side_px)
     while current is not None:
-        found.append(current)
-        length = np.linalg.norm(np.roll(current, -1, 0) - current, axis=1)
-        if len(current) <= 3 or length.min() > max(_DOUBTFUL_SIDE * float(np.median(length)), 12.0):
+        found.append(np.array(current))
+        lengths = [math.dist(a, b) for a, b in zip(current, current[1:] + current[:1], strict=True)]
+        shortest, median = min(lengths), sorted(lengths)[len(lengths) // 2]
+        if len(current) <= 3 or shortest > max(_DOUBTFUL_SIDE * median, _DOUBTFUL_PX):
             break
-        current = tidy(drop_side(current, int(np.argmin(length))), settings.min_side_px)
+        current = tidy(drop_side(current, lengths.index(shortest)), settings.min_side_px)
     return found

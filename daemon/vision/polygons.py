@@ -16,6 +16,7 @@ from daemon.vision.sides import Sides, fit_sides
 Array = NDArray[np.float64]
 
 _FARTHEST_PX = 6.0
+_SHORTEST_PX = 4.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,10 +29,9 @@ class Fitted:
     def rolled(self, shift: int) -> Fitted:
         """The same with corner `shift` first."""
         p = self.polygon
-        return Fitted(
-            Polygon(*(np.roll(v, -shift, 0) for v in (p.corners_px, p.covariance_px2, p.contrast)), p.border_px),
-            Sides(*(np.roll(getattr(self.sides, k), -shift, 0) for k in Sides.__dataclass_fields__)),
-        )
+        corners, covariance, contrast = (np.roll(v, -shift, 0) for v in (p.corners_px, p.covariance_px2, p.contrast))
+        sides = (np.roll(getattr(self.sides, k), -shift, 0) for k in Sides.__dataclass_fields__)
+        return Fitted(Polygon(corners, covariance, contrast, p.border_px), Sides(*sides))
 
 
 def fit_polygons(sight: Sight, outlines: list[Outline]) -> list[Fitted | None]:
@@ -48,7 +48,8 @@ def fit_polygons(sight: Sight, outlines: list[Outline]) -> list[Fitted | None]:
         first += len(o.corners)
         sides = Sides(*(getattr(every, k)[part] for k in Sides.__dataclass_fields__))
         corners = corners_of(sides.start, sides.end)
-        if np.abs(corners - o.corners).max() < _FARTHEST_PX and is_simple(corners):
+        shortest = np.linalg.norm(np.roll(corners, -1, 0) - corners, axis=1).min()
+        if np.abs(corners - o.corners).max() < _FARTHEST_PX and shortest > _SHORTEST_PX and is_simple(corners):
             polygon = Polygon(corners, met_covariance(sides), np.abs(sides.step), o.border.astype(float))
             fitted.append(Fitted(polygon, sides))
         else:

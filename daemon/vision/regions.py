@@ -1,13 +1,14 @@
 """Closed regions of one image, and their borders as rough polygons (whole pixels). Nothing finer is decided here.
 
 D'Souza's way (sections 4.5.2, 4.5.3): gradient, threshold, closed regions, border following; thresholds here are in
-units of the gradient's own noise, and several are tried, because a faint edge closes at a low one and a shaded face
-at a high one.
+units of the gradient's own noise. Several are tried, because a shaded or grainy face needs a high one and a faint
+edge closes only at a low one; and several sizes of pixel, because noise averages out and edges do not.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import cv2
 import numpy as np
@@ -15,47 +16,84 @@ from numpy.typing import NDArray
 
 from daemon.vision.image import Grey, Noise
 from daemon.vision.settings import VisionSettings
-from daemon.vision.shapes import signed_area
 
 Array = NDArray[np.float64]
 Image32 = NDArray[np.float32]
+Border = NDArray[np.int32]
 
-_SOBEL_SCALE = 1 / 8
+SMOOTHING_PX = 1.0
 _LEAST_SOLIDITY, _CONVEX_SOLIDITY = 0.55, 0.88
+_KERNEL = (7, 7)
 
 
 @dataclass(frozen=True, eq=False)
 class Scale:
-    """An image smoothed by a Gaussian of sigma_px, its gradient in sigmas of its noise, and the levels to
-    threshold it at.
+    """An image of unit noise, smoothed, and the strength of its gradient in sigmas.
+
+    shrink: full-size pixels a pixel; origin_px (2,): where its first pixel's centre lies in the full image, px.
     """
 
-    sigma_px: float
-    levels: tuple[float, ...]
+    shrink: int
+    origin_px: Array
     smoothed: Image32
     strength: Image32
 
 
+@dataclass(frozen=True, eq=False)
+class Region:
+    """The border (K, 2) of a closed region, in full-size px, and the shrink of the scale it was found at."""
+
+    border: Border
+    shrink: int
+
+
 def scale_space(image: Grey, noise: Noise, settings: VisionSettings) -> tuple[Scale, ...]:
-    """The image, stretched to unit noise, at every scale of the settings, finest first."""
-    stretched = np.asarray(cv2.LUT(image, noise.stretch), np.float32)
-    scales = []
-    for sigma_px, levels in settings.scales:
-        smoothed = np.asarray(cv2.GaussianBlur(stretched, (0, 0), sigma_px), np.float32)
-        scales.append(Scale(sigma_px, levels, smoothed, gradient(smoothed, sigma_px)))
-    return tuple(scales)
+    """The image stretched to unit noise, finest scale first; the finest only covers where coarser ones show edges.
+
+    Empty where no scale shows any edge.
+    """
+    coarse = []
+    whole = cv2.LUT(image, noise.stretch)
+    for shrink in settings.shrinks:
+        if shrink > 1:
+            small = cv2.resize(whole, None, fx=1 / shrink, fy=1 / shrink, interpolation=cv2.INTER_AREA)
+            coarse.append(_scale(np.asarray(small, np.float32) * np.float32(shrink), shrink, np.zeros(2)))
+    window = _window(coarse, image.shape, settings.faintest)
+    if window is None:
+        return ()
+    (left, top), (right, bottom) = window
+    fine = _scale(np.asarray(whole[top:bottom, left:right], np.float32), 1, np.array([left, top], float))
+    return (fine, *coarse)
 
 
-def gradient(smoothed: Image32, sigma_px: float) -> Image32:
-    """Sobel gradient magnitude of a smoothed unit-noise image, in sigmas of the noise left in either component."""
-    gx = cv2.Sobel(smoothed, cv2.CV_32F, 1, 0, scale=_SOBEL_SCALE)
-    gy = cv2.Sobel(smoothed, cv2.CV_32F, 0, 1, scale=_SOBEL_SCALE)
-    return np.asarray(cv2.magnitude(gx, gy) * np.float32(1 / gradient_noise(sigma_px)), np.float32)
+def _scale(unit_noise: Image32, shrink: int, first_px: Array) -> Scale:
+    smoothed = np.asarray(cv2.GaussianBlur(unit_noise, _KERNEL, SMOOTHING_PX), np.float32)
+    gx = cv2.Sobel(smoothed, cv2.CV_32F, 1, 0, scale=0.125 / gradient_noise(SMOOTHING_PX))
+    gy = cv2.Sobel(smoothed, cv2.CV_32F, 0, 1, scale=0.125 / gradient_noise(SMOOTHING_PX))
+    return Scale(shrink, first_px + (shrink - 1) / 2, smoothed, np.asarray(cv2.magnitude(gx, gy), np.float32))
 
 
+def _window(scales: list[Scale], shape: tuple[int, ...], level: float) -> tuple[Array, Array] | None:
+    """Corners (left, top), (right, bottom) px of the part of the image in which the scales show edges, or None."""
+    low, high = np.array([np.inf, np.inf]), np.array([-np.inf, -np.inf])
+    for scale in scales:
+        edges = (scale.strength >= level).astype(np.uint8)
+        for border in cv2.findContours(edges, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)[0]:
+            x, y, width, height = cv2.boundingRect(border)
+            if width + height > 8:
+                low = np.minimum(low, np.array([x, y]) * scale.shrink)
+                high = np.maximum(high, np.array([x + width, y + height]) * scale.shrink)
+    if not np.all(np.isfinite(low)):
+        return None
+    size = np.array([shape[1], shape[0]])
+    margin = 12
+    return np.maximum(low - margin, 0).astype(np.intp), np.minimum(high + margin, size).astype(np.intp)
+
+
+@cache
 def gradient_noise(sigma_px: float) -> float:
-    """Standard deviation of one Sobel component of white unit noise smoothed by a Gaussian."""
-    radius = int(np.ceil(4 * sigma_px))
+    """Standard deviation of one Sobel component (scaled to grey levels a px) of white unit noise, Gaussian-smoothed."""
+    radius = _KERNEL[0] // 2
     g = np.exp(-0.5 * (np.arange(-radius, radius + 1) / sigma_px) ** 2)
     g /= g.sum()
     along, across = np.convolve(g, [0.25, 0.5, 0.25]), np.convolve(g, [0.5, 0.0, -0.5])
@@ -63,43 +101,40 @@ def gradient_noise(sigma_px: float) -> float:
 
 
 def laplacian_of_gaussian(image: Grey, sigma_px: float) -> Image32:
-    """Laplacian of the Gaussian-smoothed image, (H, W) float32: crosses zero on an edge (D'Souza (4.19), sign
-    mended).
-    """
-    smoothed = cv2.GaussianBlur(image, (0, 0), sigma_px).astype(np.float32)
+    """Laplacian of the Gaussian-smoothed image, (H, W) float32: zero on an edge (D'Souza (4.19), sign mended)."""
+    smoothed = cv2.GaussianBlur(image.astype(np.float32), (0, 0), sigma_px)
     return np.asarray(cv2.Laplacian(smoothed, cv2.CV_32F, ksize=3), np.float32)
 
 
-def closed_regions(strength: Image32, level: float, settings: VisionSettings) -> list[NDArray[np.int32]]:
-    """Borders (K, 2) px of the regions that edges stronger than `level` close off, leaving out those at the
-    image's rim.
-    """
-    edges = (strength >= level).astype(np.uint8)
+def closed_regions(scale: Scale, level: float, largest_px: float, settings: VisionSettings) -> list[Region]:
+    """Regions that edges stronger than `level` close off; those at the image's rim are left out."""
+    edges = (scale.strength >= level).astype(np.uint8)
     borders, tree = cv2.findContours(edges, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
     if len(borders) == 0:
         return []
-    parent = np.asarray(tree)[0, :, 3]
-    largest = settings.max_area_fraction * strength.size
+    size = scale.shrink**2
     found = []
-    for k in map(int, np.flatnonzero(parent >= 0)):
-        border = np.asarray(borders[k], np.int32)
-        if len(border) >= 2 * settings.min_side_px and settings.min_area_px <= cv2.contourArea(border) <= largest:
-            found.append(border[:, 0, :])
+    for k in map(int, np.flatnonzero(np.asarray(tree)[0, :, 3] >= 0)):
+        border = borders[k]
+        if len(border) >= 8 and settings.min_area_px <= cv2.contourArea(border) * size <= largest_px:
+            full = border[:, 0, :] * scale.shrink + scale.origin_px
+            found.append(Region(full.astype(np.int32), scale.shrink))
     return found
 
 
-def rough_polygons(border: NDArray[np.int32], settings: VisionSettings) -> list[Array]:
+def rough_polygons(region: Region, settings: VisionSettings) -> list[Array]:
     """Coarse polygons (N, 2) px of one border, anticlockwise as seen, most trusted first; none where it has no body.
 
-    Noise eats into a region but seldom bulges out of it, so the convex hull comes first; the border itself is tried
-    as well where it leaves a good part of the hull open, as a concave facet does.
+    Noise eats into a region but seldom bulges out of it, so the convex hull comes first; the border itself is tried as
+    well where it leaves a good part of the hull open, as a concave facet does.
     """
-    contour = border[:, None, :]
+    contour = region.border[:, None, :]
     hull = cv2.convexHull(contour)
     area, full = cv2.contourArea(contour), cv2.contourArea(hull)
     if full <= 0 or area < _LEAST_SOLIDITY * full:
         return []
     outlines = [hull] if area > _CONVEX_SOLIDITY * full else [contour, hull]
-    tolerance = 1.4 + 0.01 * float(np.sqrt(full))
+    tolerance = 1.0 + 0.4 * region.shrink + 0.01 * float(np.sqrt(full))
     polygons = [cv2.approxPolyDP(o, tolerance, True)[:, 0, :].astype(float) for o in outlines]
-    return [p if signed_area(p) < 0 else p[::-1] for p in polygons if 3 <= len(p) <= settings.max_corners]
+    fit = [p for p in polygons if 3 <= len(p) <= settings.max_corners]
+    return [p if cv2.contourArea(p.astype(np.float32), True) < 0 else p[::-1] for p in fit]

@@ -4,34 +4,56 @@ looked at.
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-_STRAIGHT_DEG = 9.0
-
-
-def split(values: Array, counts: list[int]) -> list[Array]:
-    """Cut (sum of counts, ...) into one array per count."""
-    return np.split(values, np.cumsum(counts)[:-1])
+_STRAIGHT = math.radians(9.0)
+_FAR_PX = 2000.0
+_MEET_PX = 25.0
 
 
 def signed_area(corners: Array) -> float:
     """Shoelace area in px^2; negative for corners that run anticlockwise as seen (v points down)."""
-    x, y = corners[:, 0], corners[:, 1]
-    return float(0.5 * np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
+    return float(cv2.contourArea(corners.astype(np.float32), True))
 
 
-def overlap(a: Array, b: Array) -> tuple[float, float]:
-    """Common area of two polygons over that of their union, and over the smaller one; exact when both are convex."""
-    low, high = np.maximum(a.min(0), b.min(0)), np.minimum(a.max(0), b.max(0))
-    if np.any(high <= low):
-        return 0.0, 0.0
-    common = float(cv2.intersectConvexConvex(a.astype(np.float32), b.astype(np.float32))[0])
-    areas = abs(signed_area(a)), abs(signed_area(b))
-    return common / max(sum(areas) - common, 1e-9), common / max(min(areas), 1e-9)
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """A polygon made ready for many comparisons: its corners, its box (left, top, right, bottom), its area."""
+
+    corners: NDArray[np.float32]
+    box: tuple[float, float, float, float]
+    area: float
+
+    @classmethod
+    def of(cls, corners: Array) -> Shape:
+        """corners (N, 2) px."""
+        points = corners.astype(np.float32)
+        left, top = corners.min(0).tolist()
+        right, bottom = corners.max(0).tolist()
+        return cls(points, (left, top, right, bottom), cv2.contourArea(points))
+
+    def common(self, other: Shape) -> float:
+        """Area in both; exact when both are convex."""
+        a, b = self.box, other.box
+        if a[0] >= b[2] or b[0] >= a[2] or a[1] >= b[3] or b[1] >= a[3]:
+            return 0.0
+        return float(cv2.intersectConvexConvex(self.corners, other.corners)[0])
+
+    def union(self, other: Shape) -> float:
+        """Common area over that of both together."""
+        common = self.common(other)
+        return common / max(self.area + other.area - common, 1e-9)
+
+    def covers(self, other: Shape) -> float:
+        """Common area over that of the smaller."""
+        return self.common(other) / max(min(self.area, other.area), 1e-9)
 
 
 def corners_of(start: Array, end: Array) -> Array:
@@ -46,46 +68,56 @@ def _homogeneous(p: Array) -> Array:
     return np.concatenate([p, np.ones((len(p), 1))], 1)
 
 
-def tidy(corners: Array, min_side_px: float) -> Array | None:
+Point = tuple[float, float]
+
+
+def tidy(corners: list[Point], min_side_px: float) -> list[Point] | None:
     """Take out corners that hardly turn, and sides too short to measure; None when fewer than three corners
     are left.
     """
     while len(corners) >= 3:
-        chord = np.roll(corners, -1, 0) - corners
-        length = np.linalg.norm(chord, axis=1)
-        if not np.all(np.isfinite(length)) or length.max() > 2000:
+        chords = [(b[0] - a[0], b[1] - a[1]) for a, b in zip(corners, corners[1:] + corners[:1], strict=True)]
+        lengths = [math.hypot(*c) for c in chords]
+        if not max(lengths) < _FAR_PX:
             return None
-        if length.min() < min_side_px:
-            corners = drop_side(corners, int(np.argmin(length)))
+        shortest = min(lengths)
+        if shortest < min_side_px:
+            corners = drop_side(corners, lengths.index(shortest))
             continue
-        turn = turns_deg(corners)
-        if np.abs(turn).min() < _STRAIGHT_DEG:
-            corners = np.delete(corners, int(np.argmin(np.abs(turn))), axis=0)
-            continue
-        return corners
+        turns = [
+            abs(math.atan2(a[0] * b[1] - a[1] * b[0], a[0] * b[0] + a[1] * b[1]))
+            for a, b in zip(chords[-1:] + chords[:-1], chords, strict=True)
+        ]
+        straightest = min(turns)
+        if straightest > _STRAIGHT:
+            return corners
+        k = turns.index(straightest)
+        corners = corners[:k] + corners[k + 1 :]
     return None
 
 
-def turns_deg(corners: Array) -> Array:
-    """How far the outline turns at each corner, degrees (N,); negative where a convex polygon turns."""
-    chord = np.roll(corners, -1, 0) - corners
-    before = np.roll(chord, 1, 0)
-    cross = before[:, 0] * chord[:, 1] - before[:, 1] * chord[:, 0]
-    return np.asarray(np.degrees(np.arctan2(cross, np.sum(before * chord, 1))))
-
-
-def drop_side(corners: Array, k: int) -> Array:
+def drop_side(corners: list[Point], k: int) -> list[Point]:
     """Replace side k by the corner where its neighbours' lines meet, or by its middle where they meet far away."""
     n = len(corners)
     a, b, c, d = (corners[(k + i) % n] for i in (-1, 0, 1, 2))
-    meet = corners_of(np.array([a, c]), np.array([b, d]))[1]
-    middle = (b + c) / 2
-    reach = 25.0 if n > 3 else 0.0
-    if not np.all(np.isfinite(meet)) or np.linalg.norm(meet - middle) > reach:
+    middle = (b[0] + c[0]) / 2, (b[1] + c[1]) / 2
+    meet = meeting(a, b, c, d) if n > 3 else None
+    if meet is None or math.hypot(meet[0] - middle[0], meet[1] - middle[1]) > _MEET_PX:
         meet = middle
-    out = corners.copy()
+    out = [*corners]
     out[k] = meet
-    return np.delete(out, (k + 1) % n, axis=0)
+    del out[(k + 1) % n]
+    return out
+
+
+def meeting(a: Point, b: Point, c: Point, d: Point) -> Point | None:
+    """Where the line a-b meets the line c-d; None where they are parallel."""
+    ux, uy, vx, vy = b[0] - a[0], b[1] - a[1], d[0] - c[0], d[1] - c[1]
+    cross = ux * vy - uy * vx
+    if abs(cross) < 1e-9:
+        return None
+    t = ((c[0] - a[0]) * vy - (c[1] - a[1]) * vx) / cross
+    return a[0] + t * ux, a[1] + t * uy
 
 
 def is_simple(corners: Array) -> bool:

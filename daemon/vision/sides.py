@@ -20,6 +20,7 @@ Image32 = NDArray[np.float32]
 _REACH_PX = 4
 _TRIM_PX = 4.0
 _REACH_SIGMA_PX = 4.0
+_FAINT_BLOCK = 0.4
 _CLIPPED = 247.0
 _HEIGHTS = np.geomspace(1.0, 2.5, 14)
 _OFFSETS = np.arange(-_REACH_PX, _REACH_PX + 1, dtype=float)
@@ -43,24 +44,28 @@ class Sides:
     blur: Array
 
 
-def find_sides(smoothed: Image32, start: Array, end: Array, reach_px: tuple[float, float]) -> tuple[Array, Array]:
+def find_sides(
+    smoothed: Image32, start: Array, end: Array, reach_px: tuple[float, float], bias_px: Array
+) -> tuple[Array, Array]:
     """Move rough sides (S, 2), (S, 2) px onto the strongest straight gradient near them, seen over their whole length.
 
-    smoothed: unit-noise image. Looks from reach_px[0] inside to reach_px[1] outside, and at tilts that move either
-    end by a few pixels. Returns the moved ends.
+    smoothed: unit-noise image. Looks from reach_px[0] inside to reach_px[1] outside of where bias_px (S,) outwards
+    puts the side, and at tilts that move either end by a few pixels. Returns the moved ends.
     """
-    rulers = lay_rulers(start, end, None, _TRIM_PX)
-    offsets = np.arange(-reach_px[0] - 1.0, reach_px[1] + 1.5, 0.5)
-    values = sample(smoothed, rulers, offsets)
+    rulers = lay_rulers(start, end, None, _TRIM_PX, spacing_px=2.0, longest=60)
+    pitch = 1.0 if sum(reach_px) > 4 else 0.5
+    offsets = np.arange(-reach_px[0] - pitch, reach_px[1] + 1.5 * pitch, pitch)
+    values = sample(smoothed, rulers, offsets, bias_px)
     blocks, at = _block_means(values[:, 2:] - values[:, :-2], rulers)
-    tilts = np.linspace(-1, 1, 9) * np.clip(0.06 * rulers.length, 0.4, 3.5)[:, None]
-    column = np.arange(blocks.shape[2])
-    shifted = np.rint(at[:, :, None] * tilts[:, None, :] * 2).astype(np.intp)[:, :, :, None] + column
-    inside = np.clip(shifted, 0, len(column) - 1)
-    lines = np.mean(np.take_along_axis(blocks[:, :, None, :], inside, 3), 1)
-    preferred = np.exp(-0.5 * (offsets[1:-1] / _REACH_SIGMA_PX) ** 2)
-    best = np.argmax(np.abs(lines * preferred).reshape(len(start), -1), 1)
-    tilt, offset = tilts[np.arange(len(start)), best // len(column)], offsets[1:-1][best % len(column)]
+    tilts = np.linspace(-1, 1, 7) * np.clip(0.06 * rulers.length, 0.4, 3.5)[:, None]
+    width = blocks.shape[2]
+    shifted = np.rint(at[:, :, None] * (tilts / pitch)[:, None, :]).astype(np.int32)[:, :, :, None]
+    shifted = np.minimum(np.maximum(shifted + np.arange(width, dtype=np.int32), 0), width - 1)
+    shifted += (np.arange(len(start) * blocks.shape[1], dtype=np.int32) * width).reshape(len(start), -1, 1, 1)
+    lines = np.abs(blocks.ravel().take(shifted).sum(1))
+    lines *= np.exp(-0.5 * (offsets[1:-1] / _REACH_SIGMA_PX) ** 2)
+    best = np.argmax(lines.reshape(len(start), -1), 1)
+    tilt, offset = tilts[np.arange(len(start)), best // width], offsets[1:-1][best % width] + bias_px
     return _apply_line(start, end, rulers, offset, tilt / np.maximum(1 - 2 * _TRIM_PX / rulers.length, 0.5))
 
 
@@ -70,14 +75,15 @@ def probe_sides(smoothed: Image32, start: Array, end: Array, sigma_px: float = 1
 
     smoothed: unit-noise image after a Gaussian of sigma_px, whose noise is therefore known along and across the side.
     """
-    rulers = lay_rulers(start, end, None, 1.0)
-    values = sample(smoothed, rulers, np.array([-0.5, 0.5]))
+    rulers = lay_rulers(start, end, None, 1.0, longest=200)
+    values = sample(smoothed, rulers, np.array([-0.5, 0.5]), np.zeros(len(start)))
     blocks, _ = _block_means(values[:, 1:] - values[:, :1], rulers)
     one = np.sqrt(2 * (1 - np.exp(-0.25 / sigma_px**2)) / (4 * np.pi)) / sigma_px
-    rows = rulers.count / (np.sqrt(4 * np.pi) * sigma_px)
-    block_z = blocks[:, :, 0] / (one / np.sqrt(np.maximum(rows / blocks.shape[1], 1.0)))[:, None]
+    rows = rulers.length / (np.sqrt(4 * np.pi) * sigma_px)
     mean = np.mean(blocks[:, :, 0], 1)
-    seen = np.mean(block_z * np.sign(mean)[:, None] > 2.5, 1)
+    sigma = one / np.sqrt(np.maximum(rows / blocks.shape[1], 1.0))
+    block_z = blocks[:, :, 0] * np.sign(mean)[:, None] / sigma[:, None]
+    seen = np.mean(block_z > np.clip(_FAINT_BLOCK * np.abs(mean) / sigma, 0.5, 2.5)[:, None], 1)
     return mean / (one / np.sqrt(np.maximum(rows, 1.0))), seen
 
 
@@ -131,7 +137,7 @@ class _Rows:
 
 
 def _rows(image: Image32, noise: Noise, rulers: Rulers, blur_px: float) -> _Rows:
-    values = sample(image, rulers, _OFFSETS).astype(float)
+    values = sample(image, rulers, _OFFSETS, np.zeros(len(rulers.length))).astype(float)
     rise = _normal_cdf(_OFFSETS / blur_px)
     slope = np.exp(-0.5 * (_OFFSETS / blur_px) ** 2) / (blur_px * np.sqrt(2 * np.pi))
     widen = -slope * _OFFSETS / blur_px
@@ -211,7 +217,7 @@ def _unclipped(
         height = (255.0 - base[_REACH_PX]) * _HEIGHTS
         residual = (mean[s] - base - height[:, None] * shape)[:, use]
         shift = height[:, None] * slope[use] + 1e-9
-        residual -= (np.sum(residual * shift, 1) / np.sum(shift * shift, 1))[:, None] * shift
+        residual -= (np.sum(residual * shift, 1) / (np.sum(shift * shift, 1) + 1e-9))[:, None] * shift
         bright[rows] = base + height[np.argmin(np.sum(residual**2, 1))]
     return inside, outside
 

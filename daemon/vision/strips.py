@@ -39,7 +39,9 @@ class Rulers:
         return np.asarray(np.add.reduceat(values, self.first, axis=0))
 
 
-def lay_rulers(start_px: Array, end_px: Array, eye: Eye | None, trim_px: float, longest: int = 400) -> Rulers:
+def lay_rulers(
+    start_px: Array, end_px: Array, eye: Eye | None, trim_px: float, spacing_px: float = 1.0, longest: int = 400
+) -> Rulers:
     """Rulers along the sides start -> end, (S, 2) px each, polygon on the left hand as seen (anticlockwise corners).
 
     trim_px is left out at either end, at most a quarter of the side, because there the neighbouring side is in view.
@@ -48,7 +50,7 @@ def lay_rulers(start_px: Array, end_px: Array, eye: Eye | None, trim_px: float, 
     chord = end_px - start_px
     length = np.maximum(np.hypot(chord[:, 0], chord[:, 1]), 1e-6)
     trim = np.minimum(trim_px, 0.25 * length)
-    count = np.clip(np.ceil(length - 2 * trim), 3, longest).astype(np.intp)
+    count = np.clip(np.ceil((length - 2 * trim) / spacing_px), 3, longest).astype(np.intp)
     first = np.concatenate([[0], np.cumsum(count)[:-1]]).astype(np.intp)
     side = np.repeat(np.arange(len(count)), count)
     step = (np.arange(len(side)) - first[side] + 0.5) / count[side]
@@ -74,24 +76,34 @@ def _bow(start_px: Array, end_px: Array, eye: Eye) -> Array:
     return np.asarray(off - along[:, None] * chord)
 
 
-def sample(image: NDArray[np.float32], rulers: Rulers, offsets: Array) -> NDArray[np.float32]:
-    """Image values (R, C), bilinear, at C offsets px outwards of each row's base. Outside the image: its rim."""
+def sample(image: NDArray[np.float32], rulers: Rulers, offsets: Array, bias_px: Array) -> NDArray[np.float32]:
+    """Image values (R, C), bilinear, at C offsets px, and each side's bias_px (S,), outwards of each row's base.
+
+    Outside the image: its rim.
+    """
     normal = rulers.normal[rulers.side]
-    x = rulers.base[:, 0, None] + normal[:, 0, None] * offsets
-    y = rulers.base[:, 1, None] + normal[:, 1, None] * offsets
+    base = rulers.base + normal * bias_px[rulers.side, None]
+    x = base[:, 0, None].astype(np.float32) + normal[:, 0, None].astype(np.float32) * offsets.astype(np.float32)
+    y = base[:, 1, None].astype(np.float32) + normal[:, 1, None].astype(np.float32) * offsets.astype(np.float32)
     return bilinear(image, x, y)
 
 
-def bilinear(image: NDArray[np.float32], x: Array, y: Array) -> NDArray[np.float32]:
+def bilinear(image: NDArray[np.float32], x: NDArray[np.float32], y: NDArray[np.float32]) -> NDArray[np.float32]:
     """Image values at real pixel coordinates (any shape), float32."""
     height, width = image.shape
-    x = np.clip(x, 0, width - 1.001)
-    y = np.clip(y, 0, height - 1.001)
+    x = np.minimum(np.maximum(x, 0), np.float32(width - 1.001))
+    y = np.minimum(np.maximum(y, 0), np.float32(height - 1.001))
     column, row = x.astype(np.int32), y.astype(np.int32)
-    fx, fy = (x - column).astype(np.float32), (y - row).astype(np.float32)
+    x -= column
+    y -= row
     flat = image.ravel()
     i = row * width + column
-    top = flat[i] + fx * (flat[i + 1] - flat[i])
+    corner = flat.take(i)
+    i += 1
+    top = corner + x * (flat.take(i) - corner)
     i += width
-    bottom = flat[i] + fx * (flat[i + 1] - flat[i])
-    return np.asarray(top + fy * (bottom - top), np.float32)
+    right = flat.take(i)
+    i -= 1
+    corner = flat.take(i)
+    bottom = corner + x * (right - corner)
+    return np.asarray(top + y * (bottom - top), np.float32)
