@@ -44,11 +44,12 @@ class Sight(Protocol):
 
 @dataclass(frozen=True)
 class Settling:
-    """still_noise: how many times its own noise a block may change; floor_grey: what a change may always be, grey
-    levels; timeout_s: when to give up on a settled pair."""
+    """still_noise: how many times its own noise a block may change; floor_grey: what a change may always be, and
+    most_noise_grey: what can still be noise (all of the image may move), grey levels; timeout_s: when to give up on a settled pair."""
 
     still_noise: float = 6.0
     floor_grey: float = 1.5
+    most_noise_grey: float = 2.0
     timeout_s: float = 5.0
 
 
@@ -91,7 +92,8 @@ def still(before: Pictures, after: Pictures, settling: Settling) -> bool:
     """Whether two pairs show the same scene from the same place."""
     for a, b in ((before.left, after.left), (before.right, after.right)):
         largest, typical = change(a.pixels, b.pixels)
-        if largest > max(settling.floor_grey, settling.still_noise * typical):
+        noise = min(typical, settling.most_noise_grey)
+        if largest > max(settling.floor_grey, settling.still_noise * noise):
             return False
     return True
 

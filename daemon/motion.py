@@ -61,17 +61,23 @@ class Mover:
         self.enabled = self.dry = False
         self.fault: str | None = None
         self.at: Reading | None = None
+        self._imagined: Reading | None = None
         self.cycle = 0
         self.closed: bool | None = None
 
+    @property
+    def here(self) -> Reading | None:
+        """Where the next move starts: where the arm is, or, dry, where it would be by now."""
+        return self._imagined or self.at
+
     def standing(self) -> Standing:
         """How things stand now."""
-        at = None if self.at is None else self.at.world_from_tool
+        at = None if self.here is None else self.here.world_from_tool
         return Standing(self.enabled, self.fault, at, self.cell.clock())
 
     async def where(self) -> Reading:
         """Ask the controller where the arm is, and remember it."""
-        self.at = None
+        self.at = self._imagined = None
         self.at = await self.cell.robot.where()
         return self.at
 
@@ -87,10 +93,12 @@ class Mover:
         self.check(command)
         await self.gate(command)
         self.check(command)
-        assert self.at is not None
+        assert self.here is not None
         self._log_move(command)
         if self.dry:
-            return self.at
+            joints = self.cell.robot.reachable(command.world_from_tool, self.here.joints_rad)
+            self._imagined = Reading(command.world_from_tool, self.here.joints_rad if joints is None else joints)
+            return self._imagined
         started_s = self.cell.clock()
         self.at = None
         reading = await self.cell.robot.move(
@@ -121,9 +129,9 @@ class Mover:
             await self.go(Command(pose, straight, speed, purpose, look_taken_s))
 
     def _steps(self, target: Array, straight: bool) -> list[Array]:
-        if self.at is None:
+        limits, here = self.limits, self.here
+        if here is None:
             return [target]
-        limits, here = self.limits, self.at
         if straight:
             return approach.steps(here.world_from_tool, target, limits.max_step_mm, limits.max_turn_deg)
         robot = self.cell.robot

@@ -235,7 +235,7 @@ class Pick:
             predicted_deg=estimate.predicted_deg,
             chi2=chi,
         )
-        if approach.enough(estimate, len(target.sightings), settings.stops):
+        if self.mover.dry or approach.enough(estimate, len(target.sightings), settings.stops):
             return "sure"
         if target.looks < settings.stops.most_looks:
             return "unsure"

@@ -1,0 +1,366 @@
+"""Who holds the arm: stop, fail, abort, pause, step, dry, restart. The arm is stopped before anything is reported."""
+
+import asyncio
+
+import numpy as np
+import pytest
+from cell_fakes import TruthSight, World, build
+
+from daemon.cycle import Cycle, RefusedError
+from daemon.plan import Settings
+from daemon.reins import OperatorRefusedError
+
+
+def world_with_cube(seed=0) -> World:
+    world = World(np.random.default_rng(seed))
+    world.put("cube", 520, 0, 0.4)
+    return world
+
+
+def cycle_of(world: World) -> Cycle:
+    cycle = Cycle(build(world), Settings(), TruthSight(world))
+    cycle.enable()
+    return cycle
+
+
+async def during(world: World, cycle: Cycle, name: str, count: int, act):
+    """Start a pick; at the count-th `name` of the world, run act in another task; give how the pick ended."""
+    seen = 0
+    acting = []
+
+    def hook(what):
+        nonlocal seen
+        if what == name:
+            seen += 1
+            if seen == count:
+                acting.append(asyncio.get_running_loop().create_task(act()))
+
+    world.before = hook
+    end = await cycle.pick()
+    await asyncio.gather(*acting)
+    return end
+
+
+def moves_after_abort(world: World) -> list:
+    names = [name for name, _ in world.wire]
+    return [n for n in names[names.index("abort") + 1 :] if n != "abort"]
+
+
+@pytest.mark.parametrize("moment", ["move", "moving", "moved", "where", "hand", "handed"])
+def test_stop_at_any_moment_stops_the_arm_first_and_leaves_a_fault_standing(moment):
+    world = world_with_cube()
+    cycle = cycle_of(world)
+    end = asyncio.run(during(world, cycle, moment, 1, cycle.stop))
+    assert end.outcome == "fault"
+    assert cycle.state == "fault"
+    assert "stopped" in cycle.status()["fault"]
+    assert not moves_after_abort(world)
+
+
+def test_the_arm_is_told_to_stop_before_the_fault_is_logged():
+    world = world_with_cube()
+    cycle = cycle_of(world)
+
+    def fail(name):
+        if name == "moving":
+            raise OSError("the cable came out")
+        if name == "abort":
+            assert not world.said("fault")
+
+    world.before = fail
+    end = asyncio.run(cycle.pick())
+    assert end.outcome == "fault"
+    assert "the cable came out" in world.said("fault")[0]["text"]
+    assert world.wire[-1][0] == "abort"
+
+
+@pytest.mark.parametrize("moment", ["where", "move", "moving", "moved", "grab", "see", "hand", "handed"])
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_whatever_raises_ends_in_a_fault_with_the_arm_stopped_and_nothing_moves_until_resume(moment, count):
+    world = world_with_cube()
+    cycle = cycle_of(world)
+    seen = 0
+
+    def fail(name):
+        nonlocal seen
+        seen += name == moment
+        if name == moment and seen == count:
+            raise RuntimeError("something broke")
+
+    world.before = fail
+    end = asyncio.run(cycle.pick())
+    if seen < count:
+        assert end.outcome == "picked"
+        return
+    assert end.outcome == "fault"
+    assert world.wire[-1][0] == "abort"
+    sent = len(world.wire)
+    with pytest.raises(RefusedError, match="resume"):
+        asyncio.run(cycle.pick())
+    assert len(world.wire) == sent
+
+
+def test_an_abort_that_is_not_answered_either_sends_the_operator_to_the_emergency_stop():
+    world = world_with_cube()
+    cycle = cycle_of(world)
+
+    def fail(name):
+        if name in ("moving", "abort"):
+            raise OSError("no answer")
+
+    world.before = fail
+    asyncio.run(cycle.pick())
+    assert "emergency stop" in cycle.status()["fault"]
+    assert cycle.state == "fault"
+
+
+def test_a_move_that_ends_elsewhere_is_a_fault():
+    world = world_with_cube()
+    cycle = cycle_of(world)
+    robot = cycle.cell.robot
+    honest = robot.move
+
+    async def short(world_from_tool, **how):
+        reading = await honest(world_from_tool, **how)
+        reading.world_from_tool[0, 3] += 2.0
+        return reading
+
+    robot.move = short
+    end = asyncio.run(cycle.pick())
+    assert end.outcome == "fault"
+    assert "WHERE is 2.00 mm" in end.why
+
+
+def test_after_resume_the_next_pick_goes_and_nothing_went_by_itself():
+    world = world_with_cube()
+    cycle = cycle_of(world)
+    asyncio.run(during(world, cycle, "moving", 2, cycle.stop))
+    world.before = lambda name: None
+    sent = len(world.wire)
+    cycle.resume()
+    assert (cycle.state, len(world.wire)) == ("idle", sent)
+    assert asyncio.run(cycle.pick()).outcome == "picked"
+
+
+def test_abort_gives_the_pick_up_without_a_fault():
+    world = world_with_cube()
+    cycle = cycle_of(world)
+    end = asyncio.run(during(world, cycle, "moving", 2, cycle.abort))
+    assert (end.outcome, cycle.state, cycle.status()["fault"]) == ("aborted", "idle", None)
+    assert not moves_after_abort(world)
+
+
+def test_disable_in_mid_pick_stops_the_arm_and_a_device_that_fails_leaves_its_code():
+    world = world_with_cube()
+    cycle = cycle_of(world)
+    assert asyncio.run(during(world, cycle, "moving", 2, cycle.disable)).outcome == "aborted"
+    world = world_with_cube()
+    cycle = cycle_of(world)
+    asyncio.run(during(world, cycle, "moving", 2, lambda: cycle.fail("camera_lost", "left camera is gone")))
+    assert cycle.status()["fault"] == "camera_lost: left camera is gone"
+
+
+def test_pause_holds_before_the_next_move_and_resume_goes_on():
+    world = world_with_cube()
+    cycle = cycle_of(world)
+
+    async def story():
+        task = asyncio.create_task(cycle.pick())
+        await asyncio.sleep(0.02)
+        cycle.pause()
+        while cycle.state != "paused":
+            await asyncio.sleep(0.001)
+        sent = len(world.wire)
+        await asyncio.sleep(0.05)
+        assert len(world.wire) == sent
+        cycle.resume()
+        return await task
+
+    assert asyncio.run(story()).outcome == "picked"
+    assert [r["to"] for r in world.said("state")].count("paused") == 1
+
+
+def test_stop_while_paused_is_heard():
+    world = world_with_cube()
+    cycle = cycle_of(world)
+
+    async def story():
+        cycle.pause()
+        task = asyncio.create_task(cycle.pick())
+        while cycle.state != "paused":
+            await asyncio.sleep(0.001)
+        await cycle.stop()
+        return await task
+
+    assert asyncio.run(story()).outcome == "fault"
+    assert [name for name, _ in world.wire] == ["abort"]
+
+
+def test_in_step_mode_each_move_is_told_and_waits_for_a_yes():
+    world = world_with_cube()
+    cycle = cycle_of(world)
+
+    async def story():
+        cycle.step(True)
+        task = asyncio.create_task(cycle.pick())
+        told = []
+        while not task.done():
+            await asyncio.sleep(0.001)
+            pending = cycle.status()["pending"]
+            if pending is not None:
+                told.append(pending)
+                assert sum(name == "move" for name, _ in world.wire) == len(told) - 1
+                cycle.confirm()
+                await asyncio.sleep(0)
+        return await task, told
+
+    end, told = asyncio.run(story())
+    assert end.outcome == "picked"
+    assert told[0].startswith("survey 1: joints to ")
+    assert len(told) == sum(name == "move" for name, _ in world.wire)
+
+
+def test_a_no_in_step_mode_gives_the_pick_up_before_the_move():
+    world = world_with_cube()
+    cycle = cycle_of(world)
+
+    async def story():
+        cycle.step(True)
+        task = asyncio.create_task(cycle.pick())
+        while cycle.status()["pending"] is None:
+            await asyncio.sleep(0.001)
+        cycle.refuse()
+        return await task
+
+    assert asyncio.run(story()).outcome == "aborted"
+    assert not [name for name, _ in world.wire if name == "move"]
+
+
+def test_no_to_a_move_asked_for_by_hand_is_no_fault():
+    world = world_with_cube()
+    cycle = cycle_of(world)
+
+    async def story():
+        cycle.step(True)
+        task = asyncio.create_task(cycle.go("home"))
+        while cycle.status()["pending"] is None:
+            await asyncio.sleep(0.001)
+        cycle.refuse()
+        with pytest.raises(OperatorRefusedError):
+            await task
+
+    asyncio.run(story())
+    assert cycle.status()["fault"] is None
+
+
+def test_dry_does_everything_but_the_bytes():
+    world = world_with_cube()
+    cycle = cycle_of(world)
+    cycle.dry(True)
+    end = asyncio.run(cycle.pick())
+    assert end.outcome == "dry"
+    assert not world.wire
+    assert world.said("move")
+    assert not any(r["sent"] for r in world.said("move"))
+
+
+def test_a_second_job_is_refused_while_one_runs_and_says_which():
+    world = world_with_cube()
+    cycle = cycle_of(world)
+
+    async def story():
+        task = asyncio.create_task(cycle.pick())
+        await asyncio.sleep(0)
+        with pytest.raises(RefusedError, match="busy: pick"):
+            await cycle.look()
+        with pytest.raises(RefusedError, match="busy: pick"):
+            cycle.dry(True)
+        return await task
+
+    assert asyncio.run(story()).outcome == "picked"
+
+
+def test_a_pick_goes_on_when_the_one_who_asked_goes_away():
+    world = world_with_cube()
+    cycle = cycle_of(world)
+
+    async def story():
+        asker = asyncio.create_task(cycle.pick())
+        await asyncio.sleep(0.01)
+        asker.cancel()
+        await asyncio.gather(asker, return_exceptions=True)
+        while cycle.status()["doing"] is not None:
+            await asyncio.sleep(0.005)
+
+    asyncio.run(story())
+    assert world.binned == ["cube"]
+
+
+def test_a_restart_in_mid_cycle_comes_back_in_fault_and_asks_about_the_gripper():
+    world = world_with_cube()
+    cycle = cycle_of(world)
+    cycle.recover("retreat", closed=True)
+    with pytest.raises(RefusedError, match="resume"):
+        asyncio.run(cycle.pick())
+    cycle.resume()
+    with pytest.raises(RefusedError, match="holding"):
+        asyncio.run(cycle.pick())
+    assert not world.wire
+    cycle.holding(True)
+    world.held = "pyramid"
+    end = asyncio.run(cycle.pick())
+    assert (end.outcome, world.binned) == ("placed", ["pyramid"])
+    assert asyncio.run(cycle.pick()).outcome == "picked"
+
+
+def test_a_stop_with_the_hand_around_a_part_asks_about_the_gripper():
+    world = world_with_cube()
+    cycle = cycle_of(world)
+    asyncio.run(during(world, cycle, "handed", 2, cycle.stop))
+    assert cycle.status()["holding"] is None
+
+
+def test_closing_the_daemon_stops_the_arm_and_ends_its_task():
+    world = world_with_cube()
+    cycle = cycle_of(world)
+
+    async def story():
+        task = asyncio.create_task(cycle.pick())
+        await asyncio.sleep(0.01)
+        await cycle.close()
+        return await task
+
+    assert asyncio.run(story()).outcome == "aborted"
+    assert world.wire[-1][0] == "abort"
+
+
+def test_an_unknown_place_is_refused_with_the_places_there_are():
+    cycle = cycle_of(world_with_cube())
+    with pytest.raises(RefusedError, match="home, bin, survey"):
+        asyncio.run(cycle.go("moon"))
+
+
+def test_a_look_waits_until_the_images_agree_and_the_settling_time_is_logged():
+    world = world_with_cube()
+    cycle = cycle_of(world)
+    cycle.cell.eyes.shaking = 3
+    look = asyncio.run(cycle.look())
+    assert look.settled_s > 0.05
+    assert world.said("look")[0]["seconds"]["settled"] == look.settled_s
+
+
+def test_images_that_never_agree_are_told_and_are_no_look():
+    world = world_with_cube()
+    cycle = cycle_of(world)
+    cycle.cell.eyes.shaking = 10_000
+    with pytest.raises(Exception, match="still change"):
+        asyncio.run(cycle.look())
+    assert not world.said("look")
+
+
+def test_a_look_needs_no_enable_and_moves_nothing():
+    world = world_with_cube()
+    cycle = cycle_of(world)
+    cycle.mover.enabled = False
+    assert [p.recognition.label for p in asyncio.run(cycle.look()).scene.parts] == ["cube"]
+    assert not world.wire
