@@ -1,0 +1,161 @@
+#!/bin/sh
+# Install, upgrade, roll back or remove facetd on a Debian 12 machine (x86-64 or arm64). Run as root.
+#
+#   install.sh install      also upgrades: the new release is built beside the old one and checked against your
+#                           configuration before it takes over; configuration, models and runs are kept
+#   install.sh rollback     back to the release before
+#   install.sh remove       everything but /etc/facetd and /var/lib/facetd
+#   install.sh purge        these, too
+#
+# DESTDIR=DIR puts files below DIR and touches neither users nor services (for images and for trying it out).
+# FACETD_APT=no does not install Debian packages; FACETD_PIP is added to pip's arguments (an index, a wheel folder).
+set -eu
+
+house=$(cd "$(dirname "$0")/.." && pwd)
+root=${DESTDIR:-}
+opt=$root/opt/facetd
+keep=2
+
+say() { echo "facetd: $*"; }
+fail() { echo "install.sh: $*" >&2; exit 2; }
+alive() { [ -z "$root" ] && [ -d /run/systemd/system ]; }
+
+need_root() {
+    [ -n "$root" ] || [ "$(id -u)" = 0 ] || fail "run this as root (sudo $0 $command)"
+}
+
+packages() {
+    [ -z "$root" ] && [ "${FACETD_APT:-yes}" = yes ] || return 0
+    missing=
+    for package in python3-venv python3-dev gcc pkg-config libsystemd-dev; do
+        dpkg -s "$package" >/dev/null 2>&1 || missing="$missing $package"
+    done
+    [ -z "$missing" ] && return 0
+    say "installing Debian packages:$missing"
+    apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends $missing >/dev/null
+}
+
+build() {
+    release=$opt/releases/$(date -u +%Y%m%dT%H%M%SZ)
+    say "building $release"
+    mkdir -p "$release"
+    trap 'rm -rf "$release"' EXIT
+    for item in daemon drivers etc deploy pyproject.toml README.md LICENSE; do
+        [ -e "$house/$item" ] && cp -a "$house/$item" "$release/"
+    done
+    find "$release" -name __pycache__ -prune -exec rm -rf {} +
+    "${PYTHON:-python3}" -m venv "$release/venv"
+    # In place, so that the files in etc/ are found beside the program.
+    # shellcheck disable=SC2086
+    if ! "$release/venv/bin/pip" install -q ${FACETD_PIP:-} -e "$release[systemd,metrics]" 2>/dev/null; then
+        say "without systemd-python and metrics (libsystemd-dev, gcc and pkg-config are needed to build the first)"
+        # shellcheck disable=SC2086
+        "$release/venv/bin/pip" install -q ${FACETD_PIP:-} -e "$release"
+    fi
+    "$release/venv/bin/python" -m compileall -q "$release/daemon" "$release/drivers"
+}
+
+settings() {
+    mkdir -p "$root/etc/facetd"
+    for file in facetd.yaml calibration.yaml facets.yaml parts.yaml simcell.yaml; do
+        if [ ! -e "$root/etc/facetd/$file" ]; then
+            install -m 0644 "$house/etc/$file" "$root/etc/facetd/$file"
+        elif ! cmp -s "$house/etc/$file" "$root/etc/facetd/$file"; then
+            install -m 0644 "$house/etc/$file" "$root/etc/facetd/$file.new"
+            say "kept your /etc/facetd/$file; what is new lies beside it as $file.new"
+        fi
+    done
+}
+
+system_files() {
+    install -D -m 0644 "$house/deploy/facetd.service" "$root/etc/systemd/system/facetd.service"
+    install -D -m 0644 "$house/deploy/facetd.sysusers" "$root/usr/lib/sysusers.d/facetd.conf"
+    install -D -m 0644 "$house/deploy/facetd.tmpfiles" "$root/usr/lib/tmpfiles.d/facetd.conf"
+    if [ ! -e "$root/etc/udev/rules.d/60-facetd.rules" ]; then
+        install -D -m 0644 "$house/deploy/60-facetd.rules" "$root/etc/udev/rules.d/60-facetd.rules"
+    fi
+    mkdir -p "$root/usr/local/bin"
+    ln -sfn /opt/facetd/current/venv/bin/facetctl "$root/usr/local/bin/facetctl"
+    ln -sfn /opt/facetd/current/venv/bin/facetd "$root/usr/local/bin/facetd"
+    [ -n "$root" ] && return 0
+    systemd-sysusers facetd.conf
+    systemd-tmpfiles --create facetd.conf
+    if alive; then
+        udevadm control --reload
+        systemctl daemon-reload
+    fi
+}
+
+switch_to() {
+    ln -sfn "releases/$(basename "$1")" "$opt/.current"
+    mv -T "$opt/.current" "$opt/current"
+}
+
+restart() {
+    alive || return 0
+    if systemctl -q is-active facetd; then
+        systemctl restart facetd && say "restarted"
+    fi
+}
+
+do_install() {
+    need_root
+    packages
+    build
+    settings
+    if ! "$release/venv/bin/facetd" --config "$root/etc/facetd/facetd.yaml" --check; then
+        fail "this release does not take your configuration (above); nothing was changed"
+    fi
+    trap - EXIT
+    system_files
+    before=$(readlink "$opt/current" 2>/dev/null || true)
+    switch_to "$release"
+    # shellcheck disable=SC2012
+    ls -1d "$opt"/releases/* | sort | head -n -$keep | while read -r old; do
+        [ "releases/$(basename "$old")" = "$before" ] || rm -rf "$old"
+    done
+    restart
+    say "installed. Next: deploy/README.md, first start. Then: systemctl enable --now facetd"
+}
+
+do_rollback() {
+    need_root
+    now=$(basename "$(readlink "$opt/current" 2>/dev/null)" 2>/dev/null) || fail "nothing is installed in $opt"
+    # shellcheck disable=SC2012
+    before=$(ls -1 "$opt/releases" | sort | grep -B1 -x "$now" | head -n 1)
+    [ -n "$before" ] && [ "$before" != "$now" ] || fail "there is no release before $now"
+    switch_to "$before"
+    restart
+    say "back to $before"
+}
+
+do_remove() {
+    need_root
+    if alive; then
+        systemctl disable --now -q facetd 2>/dev/null || true
+    fi
+    rm -rf "$opt"
+    rm -f "$root/etc/systemd/system/facetd.service" "$root/usr/lib/sysusers.d/facetd.conf" \
+        "$root/usr/lib/tmpfiles.d/facetd.conf" "$root/usr/local/bin/facetctl" "$root/usr/local/bin/facetd" \
+        "$root/etc/udev/rules.d/60-facetd.rules"
+    if alive; then
+        systemctl daemon-reload
+        udevadm control --reload
+    fi
+    say "removed; /etc/facetd and /var/lib/facetd are kept"
+}
+
+do_purge() {
+    do_remove
+    rm -rf "$root/etc/facetd" "$root/var/lib/facetd"
+    say "and so are they, now"
+}
+
+command=${1:-}
+case $command in
+install | upgrade) do_install ;;
+rollback) do_rollback ;;
+remove) do_remove ;;
+purge) do_purge ;;
+*) sed -n '2,13p' "$0" | sed 's/^# \{0,1\}//'; exit 2 ;;
+esac
