@@ -110,22 +110,30 @@ def _pixel_motion(point: Array, focal_px: float, baseline_mm: float) -> Array:
     return np.array([[z / focal_px, 0, -x / z * depth], [0, z / focal_px, -y / z * depth], [0, 0, -depth]])
 
 
-def fuse(sightings: Sequence[Sighting], doubt: Doubt, grasp_lever_mm: float = 0.0) -> Estimate:
-    """Weigh the looks by their information; shared errors stay whole in the covariance.
+def fuse(sightings: Sequence[Sighting], doubt: Doubt) -> Estimate:
+    """Weigh the looks together, and with them the errors they share.
 
-    grasp_lever_mm: distance of the grasp from the part's origin, over which a doubt of turn becomes one of place.
+    The part's pose (6) and Doubt.shared's errors (9, about zero as doubted) are estimated at once: looks from several
+    distances tell a disparity offset from a part that lies deeper, and what they cannot tell stays in the covariance
+    whole. Source: linear least squares with priors, about the last look's pose.
     """
-    common = doubt.shared()
-    each = [s.covariance + s.shared @ common @ s.shared.T for s in sightings]
-    mean, total = frames.fuse([s.world_from_part for s in sightings], each)
-    gains = [total @ np.linalg.inv(c) for c in each]
-    anew = np.sum([k @ s.covariance @ k.T for k, s in zip(gains, sightings, strict=True)], axis=0)
-    shared = np.sum([k @ s.shared for k, s in zip(gains, sightings, strict=True)], axis=0)
-    covariance = anew + shared @ common @ shared.T
+    reference = sightings[-1].world_from_part
+    prior = np.linalg.inv(doubt.shared())
+    total = np.zeros((15, 15))
+    total[6:, 6:] = prior
+    right = np.zeros(15)
+    for one in sightings:
+        jacobian = np.hstack([np.eye(6), one.shared])
+        weighed = jacobian.T @ np.linalg.inv(one.covariance)
+        total += weighed @ jacobian
+        right += weighed @ frames.difference(one.world_from_part, reference)
+    every = np.linalg.inv(total)
+    covariance = every[:6, :6]
     at_grasp = covariance + doubt.arm()
     turn = float(np.trace(at_grasp[3:, 3:]))
-    place = float(np.trace(at_grasp[:3, :3])) + 2 / 3 * turn * grasp_lever_mm**2
-    return Estimate(mean, covariance, float(np.sqrt(place)), float(np.degrees(np.sqrt(turn))))
+    place = float(np.trace(at_grasp[:3, :3]))
+    pose = frames.perturb(reference, (every @ right)[:6])
+    return Estimate(pose, covariance, float(np.sqrt(place)), float(np.degrees(np.sqrt(turn))))
 
 
 def disagreement(a: Sighting, b: Sighting, doubt: Doubt) -> float:

@@ -45,7 +45,7 @@ class Sight(Protocol):
 @dataclass(frozen=True)
 class Settling:
     """still_noise: how many times its own noise a block may change; floor_grey: what a change may always be, and
-    most_noise_grey: what can still be noise (all of the image may move), grey levels; timeout_s: when to give up on a settled pair."""
+    most_noise_grey: what can still be noise (all of the image may move), grey levels; timeout_s: when to give up."""
 
     still_noise: float = 6.0
     floor_grey: float = 1.5
@@ -154,4 +154,5 @@ def log_look(cell: Workcell, sight: Sight, look: Look, *, cycle: int, stop: int,
         health={"epipolar_px": look.epipolar_px, "noise": look.scene.view.noise_sigma},
         where=look.reading.world_from_tool,
         world_from_cyclopean=look.world_from_cyclopean,
+        table=None if look.table is None else {"up": look.table.up, "level_mm": look.table.level_mm},
     )
