@@ -16,7 +16,6 @@ from daemon.vision.image import as_grey, check_size
 from daemon.vision.joining import join
 from daemon.vision.rig import StereoRig
 from daemon.vision.settings import VisionSettings
-from daemon.vision.shapes import Shape
 
 
 def find_facets(
@@ -49,9 +48,11 @@ def find_facets(
 
 
 def _unmatched(sight: Sight, used: tuple[Polygon, ...], eye: str) -> tuple[Rejected, ...]:
-    taken = [Shape.of(p.corners_px) for p in used]
-    return tuple(
-        Rejected(o.corners, eye, "no polygon of the other eye fits along its epipolar lines")
-        for o in sight.outlines
-        if all(Shape.of(o.corners).covers(s) < 0.25 for s in taken)
-    )
+    """Outlines well away from every polygon that was used."""
+    taken = [(*p.corners_px.min(0), *p.corners_px.max(0)) for p in used]
+    alone = []
+    for o in sight.outlines:
+        x, y = o.corners.mean(0)
+        if not any(left < x < right and top < y < bottom for left, top, right, bottom in taken):
+            alone.append(Rejected(o.corners, eye, "no polygon of the other eye fits along its epipolar lines"))
+    return tuple(alone)

@@ -39,7 +39,7 @@ def match_polygons(left: list[Array], right: list[Array], rig: Baseline, setting
         return []
     ideal_left, ideal_right = _ideal(left, rig.left.ideal), _ideal(right, rig.right.ideal)
     one, other = _summary(ideal_left), _summary(ideal_right)
-    band = settings.max_epipolar_px / rig.left.focal_px
+    band = settings.search_epipolar_px / rig.left.focal_px
     gap = np.abs(one[:, None, 1:] - other[None, :, 1:]).max(2)
     same = one[:, None, 0] == other[None, :, 0]
     found = []
@@ -68,7 +68,7 @@ def _best_shift(a: Array, b: Array, rig: Baseline, settings: VisionSettings) -> 
     off = (a[None, :, 1] - b[order, 1]) * rig.left.focal_px
     disparity = a[None, :, 0] - b[order, 0]
     possible = (
-        (np.abs(off).max(1) < settings.max_epipolar_px)
+        (np.abs(off).max(1) < settings.search_epipolar_px)
         & (disparity.min(1) > rig.length_mm / farthest)
         & (disparity.max(1) < rig.length_mm / nearest)
     )
@@ -76,7 +76,7 @@ def _best_shift(a: Array, b: Array, rig: Baseline, settings: VisionSettings) -> 
     for shift in np.flatnonzero(possible):
         warp = _plane_residual(a, disparity[shift]) * rig.left.focal_px
         cost = float(np.sqrt(np.mean(off[shift] ** 2) + np.mean(warp**2)))
-        if warp.max() < 2 * settings.max_epipolar_px and (best is None or cost < best[1]):
+        if warp.max() < settings.search_epipolar_px and (best is None or cost < best[1]):
             best = int(shift), cost
     return best
 

@@ -23,7 +23,8 @@ Array = NDArray[np.float64]
 _FIRST_REACH_PX = (3.0, 5.0)
 _SECOND_REACH_PX = (1.5, 1.5)
 _DOUBTFUL_SIDE, _DOUBTFUL_PX = 0.6, 12.0
-_SAME_PX, _ALIKE_PX = 2.0, 4.0
+_SAME_PX = 2.0
+_ALIKE = 3
 _BIAS_PX = 1.7
 
 
@@ -44,18 +45,14 @@ class Outline:
 def find_outlines(scales: tuple[Scale, ...], image_area_px: float, settings: VisionSettings) -> list[Outline]:
     """Outlines of the closed regions at every scale and level, without repeats, best supported first."""
     largest = settings.max_area_fraction * image_area_px
-    rough: list[tuple[Array, Region]] = []
-    for scale in scales:
-        found = [
-            (corners, region)
-            for level in settings.levels
-            for region in closed_regions(scale, level, largest, settings)
-            for corners in rough_polygons(region, settings)
-        ]
-        if found:
-            size = areas(rings([c for c, _ in found]))
-            rough += [found[k] for k in np.argsort(size, kind="stable")[: settings.max_regions]]
-    rough = _distinct(rough, _ALIKE_PX)
+    rough = [
+        (corners, region)
+        for scale in scales
+        for level in settings.levels
+        for region in closed_regions(scale, level, largest, settings)
+        for corners in rough_polygons(region, settings)
+    ]
+    rough = _cleanest(rough, settings)
     if not rough:
         return []
     fine = scales[0]
@@ -91,6 +88,7 @@ def _worthy(fine: Scale, shape: Rings, borders: list[Border], settings: VisionSe
         np.isfinite(support)
         & (support > settings.min_support)
         & (shape.least(np.abs(strength)) > settings.min_evidence)
+        & (shape.least(seen) > settings.min_seen)
         & (areas(shape) < -settings.min_area_px)
     )
     sound = convex(shape)
@@ -98,6 +96,37 @@ def _worthy(fine: Scale, shape: Rings, borders: list[Border], settings: VisionSe
     order = [k for k in np.argsort(-support, kind="stable") if good[k] and (sound[k] or is_simple(polygons[k]))]
     order = [order[k] for k in _first_of_each([polygons[k] for k in order], _SAME_PX)]
     return [Outline(polygons[k], borders[k], strengths[k], seens[k], float(support[k])) for k in order]
+
+
+def _cleanest(rough: list[tuple[Array, Region]], settings: VisionSettings) -> list[tuple[Array, Region]]:
+    """Of polygons in much the same place, which are one region at several levels and scales, the few cleanest.
+
+    A clean border fills its polygon; noise eats into it, and a coarse scale is trusted less than a fine one.
+    """
+    if not rough:
+        return []
+    shape = rings([c for c, _ in rough])
+    size = -areas(shape)
+    middle = shape.sums(shape.corners) / shape.count[:, None]
+    filled = np.array([r.area_px for _, r in rough]) / np.maximum(size, 1.0)
+    untidy = np.abs(np.minimum(filled, 1.0) - 1.0) + 0.03 * np.array([r.shrink - 1 for _, r in rough])
+    groups: list[list[float]] = []
+    kept: list[int] = []
+    for k in np.argsort(untidy, kind="stable").tolist():
+        x, y = middle[k].tolist()
+        area = float(size[k])
+        for group in groups:
+            apart = max(abs(x - group[0]), abs(y - group[1]))
+            if apart < 0.2 * math.sqrt(group[2]) + 1 and 0.55 < area / group[2] < 1.8:
+                group[3] += 1
+                if group[3] <= _ALIKE:
+                    kept.append(k)
+                break
+        else:
+            groups.append([x, y, area, 1])
+            kept.append(k)
+    kept.sort(key=lambda k: -size[k])
+    return [rough[k] for k in kept[: settings.max_regions]]
 
 
 def _distinct(polygons: list[tuple[Array, Region]], tolerance_px: float) -> list[tuple[Array, Region]]:

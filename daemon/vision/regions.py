@@ -24,6 +24,7 @@ Border = NDArray[np.int32]
 SMOOTHING_PX = 1.0
 _LEAST_SOLIDITY, _CONVEX_SOLIDITY = 0.55, 0.88
 _KERNEL = (7, 7)
+_LEAST_AREA = 12.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,9 +42,10 @@ class Scale:
 
 @dataclass(frozen=True, eq=False)
 class Region:
-    """The border (K, 2) of a closed region, in full-size px, and the shrink of the scale it was found at."""
+    """The border (K, 2) of a closed region, in full-size px, its area, and the shrink of the scale it was found at."""
 
     border: Border
+    area_px: float
     shrink: int
 
 
@@ -113,13 +115,14 @@ def closed_regions(scale: Scale, level: float, largest_px: float, settings: Visi
     if len(borders) == 0:
         return []
     size = scale.shrink**2
-    found = []
-    for k in map(int, np.flatnonzero(np.asarray(tree)[0, :, 3] >= 0)):
-        border = borders[k]
-        if len(border) >= 8 and settings.min_area_px <= cv2.contourArea(border) * size <= largest_px:
-            full = border[:, 0, :] * scale.shrink + scale.origin_px
-            found.append(Region(full.astype(np.int32), scale.shrink))
-    return found
+    holes = [borders[k] for k in map(int, np.flatnonzero(np.asarray(tree)[0, :, 3] >= 0)) if len(borders[k]) >= 10]
+    sized = [(cv2.contourArea(b), b) for b in holes]
+    smallest, largest = max(_LEAST_AREA, settings.min_area_px / size), largest_px / size
+    sized = sorted((s for s in sized if smallest <= s[0] <= largest), key=lambda s: -s[0])
+    return [
+        Region((b[:, 0, :] * scale.shrink + scale.origin_px).astype(np.int32), area * size, scale.shrink)
+        for area, b in sized[: settings.max_regions]
+    ]
 
 
 def rough_polygons(region: Region, settings: VisionSettings) -> list[Array]:
@@ -130,7 +133,7 @@ def rough_polygons(region: Region, settings: VisionSettings) -> list[Array]:
     """
     contour = region.border[:, None, :]
     hull = cv2.convexHull(contour)
-    area, full = cv2.contourArea(contour), cv2.contourArea(hull)
+    area, full = region.area_px, cv2.contourArea(hull)
     if full <= 0 or area < _LEAST_SOLIDITY * full:
         return []
     outlines = [hull] if area > _CONVEX_SOLIDITY * full else [contour, hull]

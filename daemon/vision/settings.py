@@ -22,7 +22,8 @@ class VisionSettings:
     shrinks: sizes of pixel, in camera pixels, at which closed regions are sought. levels: gradient thresholds for that,
     in sigmas of the gradient's noise; faintest: what counts as an edge at all. min_area_px, max_area_fraction (of the
     image): smallest and largest region. max_corners: of a polygon. max_regions: how many are followed up a scale,
-    largest first. min_side_px: shortest side. min_evidence: mean slope across a side, in sigmas. min_support: least
+    largest first. min_side_px: shortest side. min_evidence: mean slope across a side, in sigmas; min_seen: least
+    fraction of a side that shows an edge. min_support: least
     fraction of the outline that shows an edge. max_epipolar_px: how far matched corners may lie off each other's
     epipolar line. depth_range_mm: where parts may be. planarity_sigmas: how many predicted errors a corner may leave
     its plane by.
@@ -36,10 +37,12 @@ class VisionSettings:
     min_area_px: float = 40.0
     max_area_fraction: float = 0.3
     max_corners: int = 14
-    max_regions: int = 30
+    max_regions: int = 40
     min_side_px: float = 5.0
     min_evidence: float = 4.5
     min_support: float = 0.75
+    min_seen: float = 0.6
+    search_epipolar_px: float = 6.0
     max_epipolar_px: float = 2.5
     depth_range_mm: tuple[float, float] = (80.0, 2500.0)
     planarity_sigmas: float = 6.0
