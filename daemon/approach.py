@@ -127,7 +127,7 @@ def fuse(sightings: Sequence[Sighting], doubt: Doubt) -> Estimate:
         weighed = jacobian.T @ np.linalg.inv(one.covariance)
         total += weighed @ jacobian
         right += weighed @ frames.difference(one.world_from_part, reference)
-    every = np.linalg.inv(total)
+    every = np.asarray(np.linalg.inv(total), float)
     covariance = every[:6, :6]
     at_grasp = covariance + doubt.arm()
     turn = float(np.trace(at_grasp[3:, 3:]))

@@ -45,6 +45,10 @@ async def _open_gate(_: Command) -> None:
     return None
 
 
+PATH_MM = 40.0
+"""How densely a straight way is checked."""
+
+
 class OutOfReachError(Exception):
     """The arm, as it is configured, has no way there; nothing was sent."""
 
@@ -132,9 +136,12 @@ class Mover:
         limits, here = self.limits, self.here
         if here is None:
             return [target]
-        if straight:
-            return approach.steps(here.world_from_tool, target, limits.max_step_mm, limits.max_turn_deg)
         robot = self.cell.robot
+        if straight:
+            for pose in approach.steps(here.world_from_tool, target, PATH_MM, 90.0):
+                if robot.reachable(pose, here.joints_rad) is None:
+                    raise OutOfReachError(_out_of_reach(pose))
+            return approach.steps(here.world_from_tool, target, limits.max_step_mm, limits.max_turn_deg)
         joints = robot.reachable(target, here.joints_rad)
         if joints is None:
             x, y, z = target[:3, 3]
@@ -187,3 +194,8 @@ class Mover:
         )
         if off_mm > self.arrival.within_mm or off_deg > self.arrival.within_deg:
             raise NotThereError(f"{command.purpose}: sent, but WHERE is {off_mm:.2f} mm and {off_deg:.2f} degrees off")
+
+
+def _out_of_reach(pose: Array) -> str:
+    x, y, z = pose[:3, 3]
+    return f"the arm as it is configured cannot reach {x:.0f}, {y:.0f}, {z:.0f} mm at that angle"

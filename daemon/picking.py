@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from daemon import approach, guard
 from daemon.approach import CHI_SQUARE_6
-from daemon.following import SAME_PLACE_MM, Target, beside, far, follow
+from daemon.following import NEAR_MM, SAME_PLACE_MM, Target, beside, far, follow
 from daemon.guard import Command, Standing
 from daemon.looking import Look, Sight, log_look, take_look
 from daemon.motion import Mover, MoveRefusedError, OutOfReachError
@@ -57,7 +57,7 @@ class Pick:
         self.target: Target | None = None
         self.last: Target | None = None
         self.doubtful: Seen | None = None
-        self.tries = 0
+        self.tries = self.replans = 0
         self.questioned: list[Seen] | None = None
         self.outcome, self.why = "empty", "nothing on the table that can be picked"
 
@@ -207,9 +207,21 @@ class Pick:
         look = await self.look("approach")
         if follow(target, look, self.cell, self.settings.doubt):
             return "looked"
+        if any(p.label == target.label and far(p.centre, target.centre) < NEAR_MM for p in seen_parts(look)):
+            return self.elsewhere(target, "its corners are not where the look before had them")
         self.tries += 1
         self.skip("lost", target, f"not seen where it was at look {target.looks}")
         return "lost"
+
+    def elsewhere(self, target: Target, why: str) -> str:
+        """The target lies otherwise than was thought: choose and plan again from the newest look, but not for ever."""
+        self.replans += 1
+        if self.replans > self.settings.tries:
+            self.skip("lost", target, why)
+            return "lost"
+        self.decide(f"plan {target.label} again", why)
+        self.found = seen_parts(target.look)
+        return "elsewhere"
 
     async def estimating(self) -> str:
         """Hold the look against the one before, fuse, and say whether it is enough."""
@@ -223,7 +235,10 @@ class Pick:
             return event
         estimate = approach.fuse(target.sightings, settings.doubt)
         target.estimate, target.world_from_part = estimate, estimate.world_from_part
-        target.plan = regrasp(target.shape, target.world_from_part, target.plan, settings)
+        plan = regrasp(target.shape, target.world_from_part, target.plan, settings)
+        if plan is None:
+            return self.elsewhere(target, "the grasp that was planned does not hold it as it lies")
+        target.plan = plan
         self.cell.log.record(
             "estimate",
             cycle=self.cycle,

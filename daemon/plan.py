@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import Literal, Protocol
 
 import numpy as np
@@ -27,6 +28,12 @@ Array = NDArray[np.float64]
 UNKNOWN = "unknown"
 CLOSE_MM = 340.0
 """From how far a part that could not be named is looked at again."""
+
+
+PATH_MM = 40.0
+"""How densely a straight way is checked."""
+MOST_CHANGE_MM = 25.0
+"""How far a grasp may change from look to look (a radian of turn counts as 50 mm)."""
 
 
 @dataclass(frozen=True)
@@ -219,10 +226,12 @@ def plan_part(
         plans.append(Plan(grasp, approach.view_worth(shape, world_from_part, eye)))
     plans.sort(key=lambda p: (p.grasp.blocked, p.grasp.slip_deg / 45.0 - p.worth))
     for plan in plans:
-        if not plan.grasp.blocked and all(
-            allowed(pose) for pose in approach_poses(plan.grasp, centre, settings, tool_from_cyclopean)
-        ):
-            return plan
+        if not plan.grasp.blocked:
+            poses = approach_poses(plan.grasp, centre, settings, tool_from_cyclopean)
+            if all(allowed(pose) for pose in poses) and all(
+                allowed(pose) for a, b in pairwise(poses) for pose in approach.steps(a, b, PATH_MM, 90.0)[:-1]
+            ):
+                return plan
     blocked = sum(p.grasp.blocked for p in plans)
     return f"none of its {len(plans)} grasps can be reached all the way ({blocked} blocked by a neighbour)"
 
@@ -258,9 +267,9 @@ def other_view(
     return poses[int(np.argmax(scores))], f"to tell whether it is {' or '.join(part.candidates)}: {part.reason}"
 
 
-def regrasp(shape: Shape, world_from_part: Array, before: Plan, settings: Settings) -> Plan:
-    """The same grasp on the part where it is now known to be: the nearest of today's grasps by turn and place; where
-    none is near, the old one (the part did not move, only its estimate did)."""
+def regrasp(shape: Shape, world_from_part: Array, before: Plan, settings: Settings) -> Plan | None:
+    """The same grasp on the part where it is now known to be: the nearest of today's grasps by turn and place. None
+    where none is near (the part lies otherwise than was thought: plan again)."""
     old = before.grasp.world_from_tool
     table_z_mm, gripper = settings.limits.table_z_mm, settings.gripper
     found = grasps(shape.corners_mm, world_from_part, table_z_mm, gripper, near=old[:3, :3])
@@ -269,5 +278,5 @@ def regrasp(shape: Shape, world_from_part: Array, before: Plan, settings: Settin
         gap = float(np.linalg.norm(grasp.world_from_tool[:3, 3] - old[:3, 3]))
         return gap + 50.0 * frames.angle_between(grasp.world_from_tool, old)
 
-    nearest = min(found, key=away, default=before.grasp)
-    return Plan(nearest, before.worth) if away(nearest) < 25.0 else before
+    nearest = min(found, key=away, default=None)
+    return None if nearest is None or away(nearest) > MOST_CHANGE_MM else Plan(nearest, before.worth)
