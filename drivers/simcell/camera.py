@@ -30,11 +30,15 @@ BLUR_STEPS = 6
 
 @dataclass(frozen=True, eq=False)
 class Sight:
-    """What there is to see at a moment: where the cameras are, the things, and a mark that changes when those move."""
+    """What there is to see at a moment: where the cameras are, the things, and a mark that changes when those move.
+
+    hand: what hangs from the arm beside the cameras; it is seen, but casts no shadow.
+    """
 
     world_from_cyclopean: Array
     things: tuple[Thing, ...]
     state: object
+    hand: tuple[Thing, ...] = ()
 
 
 class SimulatedPair:
@@ -144,7 +148,8 @@ class SimulatedPair:
         if sight.state != self._lit_for:
             self._table.cast([apply(thing.world_from_solid, thing.solid.vertices) for thing in sight.things])
             self._lit_for = sight.state
-        return radiance(self._retinas[eye], sight.world_from_cyclopean, sight.things, self._truth.lighting, self._table)
+        things = (*sight.things, *sight.hand)
+        return radiance(self._retinas[eye], sight.world_from_cyclopean, things, self._truth.lighting, self._table)
 
     def _expose(self, light: Array32, gain: float) -> NDArray[np.uint8]:
         sensor = self._truth.sensor

@@ -16,6 +16,7 @@ from drivers.simcell.arm import Arm
 from drivers.simcell.boards import BoardPrint, board_thing
 from drivers.simcell.camera import Sight, SimulatedPair
 from drivers.simcell.controller import Controller, Faults, Manners, PtyServer
+from drivers.simcell.gripper import fingers
 from drivers.simcell.render import Thing
 from drivers.simcell.rigid import Array, rigid
 from drivers.simcell.stand import characteristic_pose
@@ -25,6 +26,7 @@ from drivers.simcell.world import PlacedPart, Where, World
 
 LOOKED_BACK_S = np.linspace(3.0, 0.0, 40)
 """Cell seconds before closing in which the hand's way is looked through for strikes."""
+FINGER_ALBEDO = 0.3
 BOARD_ON_TABLE = np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 """World axes of a board that lies face up, its rows across the arm's reach and its top farthest out."""
 
@@ -135,4 +137,7 @@ class SimulatedCell:
         parts = [part for part in self.world.parts if part.where in (Where.TABLE, Where.STAND, Where.HAND)]
         things = [Thing(piece, part.world_from_part(tool), albedo) for part in parts for piece in part.shape.pieces]
         carried = tool.tobytes() if self.world.held else b""
-        return Sight(tool @ self._tool_from_cyclopean, (*things, *self._board), (self.world.changes, carried))
+        hand = tuple(
+            Thing(finger, tool, FINGER_ALBEDO) for finger in fingers(self._settings.gripper, self.world.gap_mm)
+        )
+        return Sight(tool @ self._tool_from_cyclopean, (*things, *self._board), (self.world.changes, carried), hand)

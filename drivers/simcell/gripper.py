@@ -11,7 +11,7 @@ from itertools import combinations
 
 import numpy as np
 
-from drivers.simcell.parts import Shape, Solid
+from drivers.simcell.parts import Shape, Solid, box, hull
 from drivers.simcell.rigid import Array, apply, rigid, turn
 from drivers.simcell.truth import Gripper
 
@@ -45,6 +45,16 @@ class _Bite:
 
     corners: Array
     normals: tuple[Array, ...]
+
+
+def fingers(gripper: Gripper, gap_mm: float) -> tuple[Solid, Solid]:
+    """Both fingers as boxes in the tool frame, gap_mm between their pads."""
+    half, back = gripper.finger_width_mm / 2, gripper.tip_mm - gripper.finger_length_mm
+    near, far = gap_mm / 2, gap_mm / 2 + gripper.finger_thickness_mm
+    return (
+        hull(box((-half, near, back), (half, far, gripper.tip_mm))),
+        hull(box((-half, -far, back), (half, -near, gripper.tip_mm))),
+    )
 
 
 def reaches(shape: Shape, tool_from_part: Array, gripper: Gripper) -> bool:

@@ -63,6 +63,7 @@ class World:
         self._parts: dict[str, PlacedPart] = {}
         self._count = 0
         self.changes = 0
+        self.gap_mm = truth.gripper.opening_mm
         self.closings: list[Closing] = []
         self.strikes: list[str] = []
 
@@ -138,10 +139,12 @@ class World:
                 return
             closing = Closing(near[0], self._close_on(near, world_from_tool)) if near else Closing(None, None)
             self.closings.append(closing)
+            self.gap_mm = closing.grip.width_mm if closing.grip else 0.0
 
     def open_hand(self, world_from_tool: Array) -> None:
         """Open the jaws: what they held falls to whatever is below."""
         with self._lock:
+            self.gap_mm = self._truth.gripper.opening_mm
             if self.held:
                 self._drop(self.held, world_from_tool)
 

@@ -122,3 +122,9 @@ def test_a_wrongly_set_tool_moves_the_arm_elsewhere_but_not_the_gripper_on_its_f
     with cell.server.controller() as controller:
         controller.arm.tool = rigid(np.eye(3), [0.0, 0.0, 60.0])
     assert np.allclose(cell.world_from_tool(), before)
+
+
+def test_the_cameras_see_the_fingers_at_the_upper_rim_and_nowhere_else(cell: SimulatedCell) -> None:
+    drive(cell, above(520.0, 0.0, 0.0))
+    seen = cell.camera.grab(time.monotonic(), 2.0).left.pixels.astype(int)
+    assert seen[:25].max() > seen[60:].max() + 15
