@@ -25,6 +25,7 @@ REFUSED: Colour = (60, 60, 220)
 UNKNOWN: Colour = (0, 165, 255)
 NAMED: tuple[Colour, ...] = ((80, 220, 80), (240, 200, 60), (220, 110, 240), (90, 220, 240))
 MARGIN = 26
+MOST_NUMBERS = 12
 
 
 def draw_scene(left: NDArray[Any], right: NDArray[Any], scene: Scene) -> Picture:
@@ -94,9 +95,19 @@ def _framed(body: Picture, scene: Scene) -> Picture:
     ]
     foot = [(f"{p.recognition.label}: {p.recognition.reason}", _colour(p, i)) for i, p in enumerate(scene.parts)]
     foot += [(note, (200, 200, 200)) for note in scene.notes if not _told(note, scene)]
-    foot += [(f"x{n} {r.eye}: {r.reason}", REFUSED) for n, r in enumerate(scene.rejected, 1)]
+    foot += [(line, REFUSED) for line in _refusals(scene)]
     width = body.shape[1]
     return np.vstack([_lines(head, width), body, _lines(foot, width)])
+
+
+def _refusals(scene: Scene) -> list[str]:
+    """One line a reason and eye, with the numbers of the candidates it was given for."""
+    numbers: dict[str, list[str]] = {}
+    for n, refused in enumerate(scene.rejected, 1):
+        numbers.setdefault(f"{refused.eye}: {refused.reason}", []).append(f"x{n}")
+    return [
+        f"{' '.join(some[:MOST_NUMBERS])}{' ...' * (len(some) > MOST_NUMBERS)} {why}" for why, some in numbers.items()
+    ]
 
 
 def _told(note: str, scene: Scene) -> bool:
@@ -135,5 +146,6 @@ def _text(picture: Picture, text: str, centre: Array, colour: Colour, size: floa
     x, y = _pixel(np.asarray(centre, float))
     x = int(np.clip(x - width // 2, 2, max(picture.shape[1] - width - 2, 2)))
     y = int(np.clip(y + height // 2, height + 2, picture.shape[0] - 4))
-    cv2.putText(picture, text, (x, y), FONT, size, (0, 0, 0), 3, cv2.LINE_AA)
+    box = picture[max(y - height - 3, 0) : y + 5, max(x - 3, 0) : x + width + 3]
+    box[:] = (box * 0.35).astype(np.uint8)
     cv2.putText(picture, text, (x, y), FONT, size, colour, 1, cv2.LINE_AA)

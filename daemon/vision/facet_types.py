@@ -102,7 +102,7 @@ def type_facet(corners_mm: Array, covariance_mm2: Array, library: FacetLibrary) 
         if fits:
             return tuple(sorted(fits, key=lambda t: (-t.dof, t.chi2)))
     name = arc_name(corners_mm, covariance_mm2) or f"polygon{sides}"
-    return (Typing(name, other_number(name), 0.0, 0),)
+    return (Typing(name, _other_number(name), 0.0, 0),)
 
 
 def conditions(corners_mm: Array, name: str, library: FacetLibrary) -> tuple[Array, Array]:
@@ -118,8 +118,16 @@ def conditions(corners_mm: Array, name: str, library: FacetLibrary) -> tuple[Arr
     return a, b
 
 
-def other_number(name: str) -> float:
-    """A type number for what the library lacks, distinct for each number of sides, above 0.85 and below 1."""
+def type_number(name: str, library: FacetLibrary) -> float:
+    """The type number of a type: the library's, or for what the library lacks one distinct for each number of sides,
+
+    above LARGEST_NUMBER and below 1.
+    """
+    kind = library.type_named(name)
+    return kind.number if kind else _other_number(name)
+
+
+def _other_number(name: str) -> float:
     digits = int("".join(c for c in name if c.isdigit()) or "0")
     if name.startswith("arc"):
         return LARGEST_NUMBER + 0.005 * digits / 360

@@ -120,10 +120,11 @@ def _promising(seen: Solid, metric: Mapping[str, MetricModel], ways: list[Way]) 
     """Of each label the numberings that could still fit, at least one."""
     seen_mm, seen_covariance, corners, _, used = _matched(seen, metric, ways)
     rms = rough_rms(seen_mm, seen_covariance, corners, used)
+    unsure = 3 * float(np.sqrt(np.trace(seen_covariance, axis1=1, axis2=2).mean()))
     least: dict[str, float] = {}
     for (label, _), value in zip(ways, rms, strict=True):
         least[label] = min(value, least.get(label, np.inf))
-    return [w for w, r in zip(ways, rms, strict=True) if r <= max(least[w[0]], ROUGH_MM)]
+    return [w for w, r in zip(ways, rms, strict=True) if r <= max(least[w[0]], ROUGH_MM, unsure)]
 
 
 def _matched(

@@ -11,6 +11,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from daemon.vision.data import FacetView, Part, Scene
+from daemon.vision.expect import look_closer, open_eyes
 from daemon.vision.facet_types import FacetLibrary
 from daemon.vision.facets import find_facets
 from daemon.vision.model import Model, empty_model
@@ -42,7 +43,10 @@ def look(
     if table is not None:
         view = without_table(view, table)
     seen = now()
-    parts = recognise(view, model or empty_model(FacetLibrary(())))
+    known = model or empty_model(FacetLibrary(()))
+    if any(len(g.facets) == 1 for g in view.groups) and known.labels:
+        view = look_closer(view, known, open_eyes(left, right, rig), settings or VisionSettings())
+    parts = recognise(view, known)
     seconds = {"facets": seen - start, "recognise": now() - seen} if clock else {}
     return Scene(parts, view.rejected, view, (*view.notes, *_notes(view, parts, model)), seconds)
 

@@ -102,7 +102,7 @@ def learn_view(model: Model, group: Group, label: str, source: str = "") -> Mode
     """
     if not label or label == "unknown":
         raise TeachError(f"a part cannot be called {label!r}: choose another name")
-    facets = tuple(typed(f, model.library)[0] for f in group.facets)
+    facets = tuple(typed(f, model.library) for f in group.facets)
     solid = weld(facets)
     touching = touching_of(group, solid)
     if len(facets) < 2:

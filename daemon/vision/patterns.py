@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from daemon.art.rotation import Recall, RotationLayer
 from daemon.vision.data import Facet, Group
-from daemon.vision.facet_types import FacetLibrary, Typing, type_facet
+from daemon.vision.facet_types import FacetLibrary, type_facet
 from daemon.vision.relation import Solid, touching_from
 
 Array = NDArray[np.float64]
@@ -30,10 +30,10 @@ class Answer:
     match_ratio: float
 
 
-def typed(facet: Facet, library: FacetLibrary) -> tuple[Facet, tuple[Typing, ...]]:
-    """The facet with its most particular type, and every type it may have."""
-    types = type_facet(facet.corners_mm, facet.covariance_mm2, library)
-    return replace(facet, type=types[0].name, type_number=types[0].number), types
+def typed(facet: Facet, library: FacetLibrary) -> Facet:
+    """The facet with its most particular type."""
+    kind = type_facet(facet.corners_mm, facet.covariance_mm2, library)[0]
+    return replace(facet, type=kind.name, type_number=kind.number)
 
 
 def touching_of(group: Group, solid: Solid) -> NDArray[np.bool_]:

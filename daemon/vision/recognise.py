@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from daemon.vision.data import Facet, FacetView, Group, Part, Recognition
 from daemon.vision.evidence import probability
-from daemon.vision.facet_types import LARGEST_NUMBER, Typing
+from daemon.vision.facet_types import LARGEST_NUMBER, FacetLibrary, type_number
 from daemon.vision.hypotheses import Hypothesis, equivalents, hypotheses, without_one_corner
+from daemon.vision.measure import newell_normal
 from daemon.vision.model import Model
 from daemon.vision.patterns import Answer, by_label, recall, touching_of, typed
 from daemon.vision.posterior import most_likely_corners
@@ -23,18 +24,19 @@ from daemon.vision.relation import Solid, weld
 
 Array = NDArray[np.float64]
 LEAST_TAIL = 1e-4  # a right hypothesis may fit so badly only this rarely
+FARTHEST_MM = 2.5  # rms; a fit no closer than this proves nothing, however unsure the corners are
 LEAST_TAIL_ASTRAY = 1e-2  # the same where one corner was left out: what remains must fit well
 LEAST_PROBABILITY = 0.9  # below it a part is not named
 EPIPOLAR_PX = 0.25  # a corner farther off its epipolar line than this is less sure than predicted
+HOLLOW_MM = 2.0  # how far in front of a neighbour's plane a facet's middle lies that meets it in a hollow edge
 UNKNOWN = "unknown"
 
 
 @dataclass(frozen=True, eq=False)
 class _Seen:
-    """One group, looked at: typed facets, every type each may have, the welded solid, who touches whom."""
+    """One group, looked at: typed facets, the welded solid, who touches whom."""
 
     facets: tuple[Facet, ...]
-    types: tuple[tuple[Typing, ...], ...]
     solid: Solid
     touching: NDArray[np.bool_]
 
@@ -46,21 +48,35 @@ def recognise(view: FacetView, model: Model) -> tuple[Part, ...]:
 
 
 def _parts_of(group: Group, model: Model) -> tuple[Part, ...]:
-    """The group as one part; where that has no name but all its facets except one irregular one have, those two apart.
+    """The group as one part; where that has no name but all its facets except a doubtful one have, those two apart.
 
-    A shadow or a neighbour's corner seen as a facet must not hide the part it lies beside.
+    A shadow or a neighbour's corner seen as a facet must not hide the part it lies beside. Doubtful is a facet that is
+    irregular, or that meets its neighbours in a hollow edge, as the table does.
     """
     whole = recognise_group(group, model)
     if whole.recognition.label != UNKNOWN or len(group.facets) < 3:
         return (whole,)
     for index, facet in enumerate(whole.facets):
-        if facet.type_number <= LARGEST_NUMBER:
+        if facet.type_number <= LARGEST_NUMBER and not _hollow(whole.facets, group.touching[index], facet):
             continue
         rest = [k for k in range(len(group.facets)) if k != index]
         part = recognise_group(_subgroup(group, rest), model)
         if part.recognition.label != UNKNOWN:
             return part, recognise_group(_subgroup(group, [index]), model)
     return (whole,)
+
+
+def _hollow(facets: tuple[Facet, ...], touching: NDArray[np.bool_], facet: Facet) -> bool:
+    """Whether a facet lies in front of every neighbour's plane: its middle is outside the solid they bound."""
+    beside = [facets[k] for k in np.nonzero(touching)[0]]
+    middle = facet.corners_mm.mean(0)
+    return all(float(newell_normal(g.corners_mm) @ (middle - g.corners_mm.mean(0))) > HOLLOW_MM for g in beside)
+
+
+def suspicions(group: Group, model: Model) -> tuple[Hypothesis, ...]:
+    """Every taught part and pose that the group's facets fit as well as a right one would, proof or not."""
+    seen = _look_at(group, model)
+    return tuple(h for h in _fits(seen, model, _answers(seen, model)) if _stands(h, seen))
 
 
 def _subgroup(group: Group, members: list[int]) -> Group:
@@ -78,7 +94,7 @@ def recognise_group(group: Group, model: Model) -> Part:
         return _unknown_part(seen, model, verdict)
     winner = next(h for h in best if h.label == verdict.label)
     taught = model.metric[winner.label].solid
-    facets = _as_taught(seen, winner, taught)
+    facets = _as_taught(seen, winner, taught, model.library)
     if any(f.type != g.type for f, g in zip(facets, seen.facets, strict=True)):
         verdict = _with_pattern(verdict, facets, seen.touching, model)
     fitted = most_likely_corners(seen.solid, taught, winner, model.parameters.tolerance_mm)
@@ -94,10 +110,9 @@ def recognise_group(group: Group, model: Model) -> Part:
 
 
 def _look_at(group: Group, model: Model) -> _Seen:
-    pairs = [typed(_doubted(f), model.library) for f in group.facets]
-    facets = tuple(f for f, _ in pairs)
+    facets = tuple(typed(_doubted(f), model.library) for f in group.facets)
     solid = weld(facets)
-    return _Seen(facets, tuple(t for _, t in pairs), solid, touching_of(group, solid))
+    return _Seen(facets, solid, touching_of(group, solid))
 
 
 def _doubted(facet: Facet) -> Facet:
@@ -127,12 +142,13 @@ def _fits(seen: _Seen, model: Model, answers: tuple[Answer, ...]) -> tuple[Hypot
     if len(seen.facets) < 2 or any(_stands(h, seen) for h in whole):
         return found
     again = without_one_corner(seen.solid, model.metric, whole, tolerance)
-    return (*(h for h in again if h.tail > LEAST_TAIL_ASTRAY), *found)
+    return (*(h for h in again if h.tail > LEAST_TAIL_ASTRAY and _stands(h, seen)), *found)
 
 
 def _stands(hypothesis: Hypothesis, seen: _Seen) -> bool:
-    """Whether a hypothesis explains every facet, as well as a right one would."""
-    return hypothesis.explained == len(seen.facets) and hypothesis.tail > LEAST_TAIL
+    """Whether a hypothesis explains every facet, as well as a right one would, and closely enough to mean anything."""
+    whole = hypothesis.explained == len(seen.facets)
+    return whole and hypothesis.tail > LEAST_TAIL and hypothesis.rms_mm < FARTHEST_MM
 
 
 def _best_by_label(fits: tuple[Hypothesis, ...]) -> tuple[Hypothesis, ...]:
@@ -187,13 +203,12 @@ def _why_not(seen: _Seen, best: tuple[Hypothesis, ...]) -> str:
     return f"{shapes}: {near.label} is off by {near.rms_mm:.1f} mm rms, chi-square {near.chi2:.0f} of {near.dof}"
 
 
-def _as_taught(seen: _Seen, winner: Hypothesis, taught: Solid) -> tuple[Facet, ...]:
-    """The facets with the taught types where those are among the ones they may have."""
-    out = []
-    for facet, types, g in zip(seen.facets, seen.types, winner.facets, strict=True):
-        kind = next((t for t in types if t.name == taught.types[g]), None)
-        out.append(replace(facet, type=kind.name, type_number=kind.number) if kind else facet)
-    return tuple(out)
+def _as_taught(seen: _Seen, winner: Hypothesis, taught: Solid, library: FacetLibrary) -> tuple[Facet, ...]:
+    """The facets with the taught types: which of the types a facet may have it is, lengths and angles have settled."""
+    return tuple(
+        replace(facet, type=taught.types[g], type_number=type_number(taught.types[g], library))
+        for facet, g in zip(seen.facets, winner.facets, strict=True)
+    )
 
 
 def _with_pattern(
