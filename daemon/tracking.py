@@ -19,6 +19,8 @@ Array = NDArray[np.float64]
 
 SHAPE_SIGMA_MM = 0.2
 """How well a taught corner is known, per axis."""
+VAGUE_MM = 8.0
+"""A facet with a corner known no better than this says nothing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,13 +79,27 @@ def refit(
 ) -> Fit | None:
     """The pose nearest to `near` (cyclopean_from_part) that fits the seen facets to the shape, or None.
 
-    Corners farther than gate_mm from every corner of the shape are left out (a facet not taught, a neighbour's). None
+    Corners farther than gate_mm from every corner of the shape are left out (a facet not taught, a neighbour's), and so
+    are facets of which a corner is hardly known; where the rest does not fit, the vaguest facet goes, and so on. None
     where fewer than three different corners in general position are met, or they fit worse than most_residual_mm rms.
     Source: weighted Gauss-Newton on point matches, nearest first (ICP on corners). Where the corners fit worse than
     their own covariance says, the pose's covariance grows by the same factor.
     """
-    if not facets:
-        return None
+    known = [f for f in facets if _vague_mm(f) < VAGUE_MM]
+    while known:
+        fit = _refit(shape, known, near, gate_mm, most_residual_mm)
+        if fit is not None:
+            return fit
+        known.remove(max(known, key=_vague_mm))
+    return None
+
+
+def _vague_mm(facet: Facet) -> float:
+    """How badly the facet's worst corner is known, mm."""
+    return float(np.sqrt(np.trace(facet.covariance_mm2, axis1=1, axis2=2).max()))
+
+
+def _refit(shape: Shape, facets: Sequence[Facet], near: Array, gate_mm: float, most_residual_mm: float) -> Fit | None:
     corners, covariances = _stacked(facets)
     weights = np.linalg.inv(covariances)
     pose = near
