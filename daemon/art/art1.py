@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from daemon.art.coding import as_unit_samples, refuse_first
 from daemon.art.errors import InputError, NotTrainedError, ParameterError
-from daemon.art.fuzzy import LEAST, Samples
+from daemon.art.fuzzy import LEAST
+from daemon.art.levels import Samples
 from daemon.art.nodes import Nodes
 from daemon.art.presenting import present
 from daemon.art.search import SearchRule, Uncommitted, iterations, within
@@ -83,12 +84,12 @@ class ART1:
         if self._nodes is None:
             self._nodes = Nodes(patterns.shape[1])
         nobody = np.zeros(len(patterns), dtype=np.int64)
-        return present(self._nodes, Samples(patterns), nobody, self.rule, beta=1.0, step=1.0)
+        return present(self._nodes, Samples.plain(patterns), nobody, self.rule, beta=1.0, step=1.0)
 
     def predict(self, X: Any) -> Index:
         """The node each pattern calls up, (N,); -1 where none meets the vigilance."""
         patterns = self._patterns(X)
-        return answers(Samples(patterns), self._trained(), self.rule.alpha, self.rule.rho).node
+        return answers(Samples.plain(patterns), self._trained(), self.rule.alpha, self.rule.rho).node
 
     def state(self) -> dict[str, Array]:
         """What was learnt: top_down (J, M)."""

@@ -7,72 +7,31 @@ computing an overlap below differ in speed alone.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
+from daemon.art.levels import MOST_LEVELS, LevelTerms, Samples
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 # Intermediate (samples, nodes) tables are worked through in pieces of about this many elements, to stay in cache.
 PIECE = 16384
-# A feature of more distinct values than this is not worth a table of them.
-MOST_LEVELS = 32
 # Stands in for a denominator of 0.
 LEAST = float(np.finfo(np.float64).tiny)
 
 
-@dataclass(frozen=True, eq=False)
-class Samples:
-    """Coded samples (N, F), and where every feature takes few values, which (levels) and where (place, (N,) each).
+def overlaps(samples: Samples, weights: Array, out: Array | None = None, terms: LevelTerms | None = None) -> Array:
+    """|I ^ w| of every sample with every node, (1.11) and (1.12): (B, F), (J, F) -> (B, J), written to out if given.
 
-    With complement coding a feature and its complement share their places: there are F / 2 of either, else F.
+    terms: for samples of few levels, their terms with these weights where the caller keeps them.
     """
-
-    coded: Array
-    levels: tuple[Array, ...] = ()
-    place: tuple[Index, ...] = ()
-
-    @classmethod
-    def of(cls, coded: Array, complement: bool) -> Samples:
-        """Look for few values in each feature; type numbers and digitised measures have them, measured ones do not."""
-        features = coded[:, : coded.shape[1] // 2] if complement else coded
-        if len(coded) < 4 * MOST_LEVELS or _most_levels(features[: 4 * MOST_LEVELS]) > MOST_LEVELS:
-            return cls(coded)
-        levels = tuple(np.unique(feature) for feature in features.T)
-        if max(len(level) for level in levels) > MOST_LEVELS:
-            return cls(coded)
-        return cls(coded, levels, tuple(np.searchsorted(lv, f) for lv, f in zip(levels, features.T, strict=True)))
-
-    def __len__(self) -> int:
-        return len(self.coded)
-
-    def cut(self, start: int, stop: int) -> Samples:
-        """Samples start to stop."""
-        return Samples(self.coded[start:stop], self.levels, tuple(place[start:stop] for place in self.place))
-
-    def at(self, rows: Index) -> Samples:
-        """The samples in these rows."""
-        return Samples(self.coded[rows], self.levels, tuple(place[rows] for place in self.place))
-
-    def blocks(self, length: int) -> Iterator[tuple[int, Samples]]:
-        """Where each block of at most `length` samples starts, and the block."""
-        for start in range(0, len(self), length):
-            yield start, self.cut(start, start + length)
-
-
-def _most_levels(features: Array) -> int:
-    return int((np.diff(np.sort(features, axis=0), axis=0) > 0.0).sum(axis=0).max()) + 1
-
-
-def overlaps(samples: Samples, weights: Array, out: Array | None = None) -> Array:
-    """|I ^ w| of every sample with every node, (1.11) and (1.12): (B, F), (J, F) -> (B, J), written to out if given."""
     result = np.empty((len(samples), len(weights))) if out is None else out
-    if samples.levels and len(samples) > 2 * MOST_LEVELS:
-        terms = _terms_by_level(samples.levels, weights)
+    if samples.levels is not None and (terms is not None or len(samples) > 2 * MOST_LEVELS):
+        tables = (terms or LevelTerms(samples.levels, samples.coded.shape[1])).renewed(weights)
         for rows in _pieces(result):
-            _sum_of_levels(terms, [place[rows] for place in samples.place], result[rows])
+            _sum_of_levels(tables, samples.place[:, rows], result[rows])
     else:
         by_feature = np.ascontiguousarray(weights.T)
         for rows in _pieces(result):
@@ -92,20 +51,11 @@ def _sum_of_minima(coded: Array, weights_by_feature: Array, out: Array) -> None:
     out[:] = total
 
 
-def _terms_by_level(levels: tuple[Array, ...], weights: Array) -> list[Array]:
-    """What each level of each feature, with its complement if coded so, overlaps with each node: (levels, J) each."""
-    terms = [np.minimum(level[:, None], weights[:, i]) for i, level in enumerate(levels)]
-    if weights.shape[1] == 2 * len(levels):
-        for i, level in enumerate(levels):
-            terms[i] += np.minimum(1.0 - level[:, None], weights[:, len(levels) + i])
-    return terms
-
-
-def _sum_of_levels(terms: list[Array], places: list[Index], out: Array) -> None:
-    total, term = np.zeros(out.shape), np.empty(out.shape)
-    for of_feature, place in zip(terms, places, strict=True):
-        total += np.take(of_feature, place, axis=0, out=term, mode="clip")
-    out[:] = total
+def _sum_of_levels(tables: Array, places: Index, out: Array) -> None:
+    total, term = (np.zeros((len(out), tables.shape[2])) for _ in range(2))
+    for table, place in zip(tables, places, strict=True):
+        total += np.take(table, place, axis=0, out=term, mode="clip")
+    out[:] = total[:, : out.shape[1]]
 
 
 def sums(rows: Array) -> Array:
@@ -115,7 +65,7 @@ def sums(rows: Array) -> Array:
 
 def overlap_with_one(samples_by_feature: Array, weight: Array) -> Array:
     """|I ^ w| of every sample with one node: (F, B), (F,) -> (B,)."""
-    return np.asarray(np.minimum(samples_by_feature, weight[:, None]).sum(axis=0))
+    return np.asarray(np.ones(len(weight)) @ np.minimum(samples_by_feature, weight[:, None]))
 
 
 def choice(overlap: Array, size: Array | float, alpha: float, out: Array | None = None) -> Array:

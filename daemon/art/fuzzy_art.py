@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from daemon.art.coding import as_unit_samples, code, grid_step
 from daemon.art.errors import NotTrainedError
-from daemon.art.fuzzy import Samples
+from daemon.art.levels import Samples
 from daemon.art.nodes import Nodes
 from daemon.art.presenting import present
 from daemon.art.search import SearchRule, Uncommitted, iterations, within

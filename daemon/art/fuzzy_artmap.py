@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from daemon.art.coding import as_unit_samples, code, grid_step
 from daemon.art.errors import NotTrainedError, ParameterError
-from daemon.art.fuzzy import Samples
 from daemon.art.labels import Labels
+from daemon.art.levels import Samples
 from daemon.art.nodes import Nodes
 from daemon.art.presenting import present
 from daemon.art.search import Contradiction, MatchTracking, SearchRule, Uncommitted, iterations, within

@@ -31,9 +31,9 @@ PIECE = 16384
 class GaussianRule:
     """gamma: standard deviation of a new category, in the units of the samples.
 
-    match_by: "density" (default, (1.31)) compares log((2 pi)^(M/2) p(I|j)) with rho, which then may be any number;
-        "unit_height" compares exp(-d^2 / 2), d the distance in standard deviations, so that rho lies in [0, 1] and
-        small categories are not favoured.
+    match_by: "density" (default, (1.31), and Williamson's report of 1995) compares log((2 pi)^(M/2) p(I|j)) with rho,
+        which then may be any number; "unit_height" (his paper of 1996) compares exp(-d^2 / 2), d the distance in
+        standard deviations, so that rho lies in [0, 1] and small categories are not favoured.
     rho: vigilance, None for the least there is (every category resonates).
     variance: which deviation (1.35) squares. "exact" (default, Welford): from the mean before times from the mean
         after, which gives the sample variance; "new_mean": the text taken in its order, which understates it;

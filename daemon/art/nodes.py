@@ -75,8 +75,8 @@ class Nodes:
         """As agrees_one, pair by pair."""
         return np.asarray(self._map[node, label] >= vigilance * self._total[node])
 
-    def commit(self, weight: Array) -> int:
-        """Add a node with this weight; its index. Nodes are committed in order and never move."""
+    def commit(self, weight: Array, size: float) -> int:
+        """Add a node with this weight, |w| = size; its index. Nodes are committed in order and never move."""
         if self._count == len(self._weights):
             self._weights = _with_as_much_again(self._weights)
             self._size = _with_as_much_again(self._size)
@@ -84,12 +84,12 @@ class Nodes:
             self._total = _with_as_much_again(self._total)
         node = self._count
         self._count += 1
-        self.set_weight(node, weight)
+        self.set_weight(node, weight, size)
         return node
 
-    def set_weight(self, node: int, weight: Array) -> None:
+    def set_weight(self, node: int, weight: Array, size: float) -> None:
         self._weights[node] = weight
-        self._size[node] = weight.sum()
+        self._size[node] = size
 
     def count_one(self, node: int, label: int) -> None:
         """Note that node resonated with label."""

@@ -24,8 +24,8 @@ LONGEST_TABLE = 5040
 class Numberings:
     """slots (P, k): every way of giving k facets distinct slots, in lexicographic order, twins in rising order only.
 
-    first, second (pairs,): the pairs of facets, first < second; swapped (m * m,): the slot pairs turned about; place
-    (pairs, P): where in all pairs' m * m slot pairs laid end to end each numbering puts each pair.
+    first, second (pairs,): the pairs of facets, first < second; place (pairs, P): the slots a, b each numbering puts
+    each pair in, as a * m + b; swapped (m * m,): b * m + a for each a * m + b.
     """
 
     slots: Index
@@ -71,5 +71,5 @@ def table(usable: tuple[int, ...], room: int, twin_before: tuple[int, ...]) -> N
     slots = every[kept]
     first, second = np.triu_indices(facets, 1)
     swapped = np.arange(room * room).reshape(room, room).T.ravel()
-    place = (slots[:, first] * room + slots[:, second] + np.arange(len(first)) * room * room).T
+    place = (slots[:, first] * room + slots[:, second]).T
     return Numberings(slots, first, second, swapped, np.ascontiguousarray(place))

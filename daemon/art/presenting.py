@@ -11,14 +11,15 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.art.fuzzy import LEAST, Samples, choice, learnt, matches, overlap_with_one, overlaps, sums
+from daemon.art.fuzzy import LEAST, choice, learnt, matches, overlap_with_one, overlaps, sums
+from daemon.art.levels import LevelTerms, Samples
 from daemon.art.nodes import Nodes
 from daemon.art.search import SKIPPED, UNCOMMITTED, SearchRule, find_node
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-BLOCK = 256
+BLOCK = 128
 # From this many uneventful samples in a row on, looking at a stretch together beats looking at each.
 SHORT = 6
 
@@ -46,6 +47,7 @@ class _Lesson:
     def __init__(self, nodes: Nodes, rule: SearchRule, beta: float, step: float) -> None:
         self.nodes, self.rule, self.beta, self.step = nodes, rule, beta, step
         self.overlap = self.activation = np.empty((0, 0))
+        self.terms: LevelTerms | None = None
         self.calm = 0.0
 
     def open(self, block: Samples, labels: Index) -> None:
@@ -58,7 +60,9 @@ class _Lesson:
         self.by_feature = np.ascontiguousarray(block.coded.T)
         self.size = sums(block.coded)
         self.floor = self.rule.uncommitted_activation(self.size, self.nodes.features)
-        overlap = overlaps(block, self.nodes.weights, out=self.overlap[: len(block), :known])
+        if block.levels is not None and self.terms is None:
+            self.terms = LevelTerms(block.levels, self.nodes.features)
+        overlap = overlaps(block, self.nodes.weights, self.overlap[: len(block), :known], self.terms)
         choice(overlap, self.nodes.size, self.rule.alpha, out=self.activation[: len(block), :known])
 
     def run(self, chosen: Index) -> None:
@@ -94,34 +98,33 @@ class _Lesson:
 
     def _present_one(self, row: int) -> tuple[int, bool]:
         """Present one sample: the node it ended on, and whether that changed a weight."""
-        count, label = len(self.nodes), self.labels.item(row)
-        node = find_node(
-            self.activation[row, :count],
-            self.overlap[row, :count],
-            self.size.item(row),
-            self.rule,
-            self.floor.item(row),
-            lambda candidate: self.nodes.agrees_one(candidate, label, self.rule.map_vigilance),
-        )
+        nodes, label = self.nodes, self.labels.item(row)
+        count, size, floor = len(nodes), self.size.item(row), self.floor.item(row)
+        overlap = self.overlap[row, :count]
+        node = find_node(self.activation[row, :count], overlap, size, floor, self.rule, nodes, label)
         if node == UNCOMMITTED and self.rule.capacity is not None and count >= self.rule.capacity:
             node = SKIPPED
         if node == SKIPPED:
             return node, False
-        changed = node == UNCOMMITTED or self.overlap.item(row, node) < self.nodes.size.item(node)
+        changed = node == UNCOMMITTED or overlap.item(node) < nodes.size.item(node)
         if changed:
             node = self._learn(row, node)
-        self.nodes.count_one(node, label)
+        nodes.count_one(node, label)
         return node, changed
 
     def _learn(self, row: int, node: int) -> int:
         """Commit a node for the sample or draw the chosen one towards it; bring its column up to date from there on."""
-        sample = self.samples[row]
+        weight, size = self.samples[row], self.size.item(row)
         if node == UNCOMMITTED:
-            node = self.nodes.commit(sample)
+            node = self.nodes.commit(weight, size)
         else:
-            self.nodes.set_weight(node, learnt(sample, self.nodes.weights[node], self.beta, self.step))
-        overlap = overlap_with_one(self.by_feature[:, row + 1 :], self.nodes.weights[node])
+            weight = learnt(weight, self.nodes.weights[node], self.beta, self.step)
+            size = self.overlap.item(row, node) if self.beta == 1.0 else float(weight.sum())
+            self.nodes.set_weight(node, weight, size)
+        if self.terms is not None:
+            self.terms.changed(node)
+        overlap = overlap_with_one(self.by_feature[:, row + 1 :], weight)
         after = slice(row + 1, len(self.samples))
         self.overlap[after, node] = overlap
-        self.activation[after, node] = overlap / max(self.rule.alpha + self.nodes.size.item(node), LEAST)
+        self.activation[after, node] = overlap / max(self.rule.alpha + size, LEAST)
         return node

@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon.art.branch import best_by_branching
+from daemon.art.ceilings import Ceilings
 from daemon.art.fuzzy import choice
-from daemon.art.gains import Ceilings, all_gains, best_of_table, empty_overlap, gains
+from daemon.art.gains import all_gains, best_of_table, empty_overlap, gains
 from daemon.art.match import matches_at
 from daemon.art.numberings import has_table, table, twins
 from daemon.art.relations import TaughtMatrices, as_relation, as_taught, occupied
@@ -27,7 +28,7 @@ Index = NDArray[np.int64]
 Scope = Literal["all", "occupied"]
 
 # Numberings times nodes looked at together.
-PIECE = 1 << 15
+PIECE = 1 << 14
 # Nodes looked into first when only the best are wanted; each further round takes twice as many.
 FIRST_ROUND = 8
 
@@ -96,7 +97,7 @@ class RotationLayer:
         view = as_relation(matrix, self.taught.slots)
         filled = occupied(matrix)
         search = _Search(self, view[filled][:, filled], filled)
-        if top is None or top >= len(self._size):
+        if top is None or max(top, FIRST_ROUND) >= len(self._size):
             search.look_into(np.arange(len(self._size)))
         else:
             search.look_for_best(max(int(top), 1))
@@ -146,19 +147,15 @@ class _Search:
         """Look into nodes, the most promising first, until no other can be among the `top` best."""
         layer = self.layer
         self.activation[:] = choice(layer._ceilings.overlap(self.stripped), layer._size, layer.alpha)
+        self.look_into(_most_promising(np.arange(len(self.activation)), self.activation, max(FIRST_ROUND, top)))
         length = max(FIRST_ROUND, top)
-        while True:
-            open_nodes = self._contenders(top)
-            if not len(open_nodes):
-                return
-            self.look_into(_most_promising(open_nodes, self.activation[open_nodes], length))
+        while len(open_nodes := self._contenders(top)):
             length *= 2
+            self.look_into(_most_promising(open_nodes, self.activation[open_nodes], length))
 
     def _contenders(self, top: int) -> Index:
         """Nodes not yet looked into whose bound, or index on a tie, may put them among the top best."""
         known = np.flatnonzero(self.exact)
-        if len(known) < top:
-            return np.flatnonzero(~self.exact)
         last = known[np.lexsort((known, -self.activation[known]))[top - 1]]
         nodes = np.flatnonzero((self.activation >= self.activation[last]) & ~self.exact)
         ahead = (self.activation[nodes] > self.activation[last]) | (nodes < last)

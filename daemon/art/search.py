@@ -6,7 +6,6 @@ search, also where match tracking's epsilon is lost in rounding. Learning is not
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -14,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon.art.errors import ParameterError
+from daemon.art.nodes import Nodes
 
 Array = NDArray[np.float64]
 
@@ -80,13 +80,13 @@ def one_of(name: str, value: object, options: tuple[str, ...]) -> None:
 
 
 def find_node(
-    activation: Array, overlap: Array, size: float, rule: SearchRule, floor: float, agrees: Callable[[int], bool]
+    activation: Array, overlap: Array, size: float, floor: float, rule: SearchRule, nodes: Nodes, label: int
 ) -> int:
     """The node that resonates with one sample, or UNCOMMITTED, or SKIPPED.
 
-    activation T and overlap |I ^ w|, (J,); size |I|; floor the least activation considered; agrees(j) says whether
-    node j may stand for the sample's label. Ties in activation go to the smallest index. An empty sample (|I| = 0,
-    only possible uncoded) matches every node entirely.
+    activation T and overlap |I ^ w|, (J,); size |I|; floor the least activation considered; label the number of the
+    sample's label. Ties in activation go to the smallest index. An empty sample (|I| = 0, only possible uncoded)
+    matches every node entirely.
     """
     rho, remaining = rule.rho, activation
     while remaining.size:
@@ -95,7 +95,7 @@ def find_node(
             break
         match = overlap.item(node) / size if size > 0.0 else 1.0
         if match >= rho:
-            if agrees(node):
+            if nodes.agrees_one(node, label, rule.map_vigilance):
                 return node
             rho = rule.tracked(match)
             if rho > 1.0:

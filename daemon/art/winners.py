@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.art.fuzzy import Samples, choice, matches, overlaps, sums
+from daemon.art.fuzzy import choice, matches, overlaps, sums
+from daemon.art.levels import Samples
 from daemon.art.nodes import Nodes
 
 Array = NDArray[np.float64]
@@ -39,7 +40,7 @@ def answers(samples: Samples, nodes: Nodes, alpha: float, rho: float) -> Answers
     """For each sample the node of greatest activation among those whose match is at least rho, the smallest index on
     a tie; none where no node matches."""
     size = sums(samples.coded)
-    if samples.levels or len(nodes) > MOST_NODES:
+    if samples.levels is not None or len(nodes) > MOST_NODES:
         node = _exactly(samples, nodes, alpha)
     else:
         node = _by_screening(samples, nodes, alpha)
