@@ -149,7 +149,8 @@ async def _demo(seed: int, time_scale: float, runs: Path) -> int:
         assert hardware.hand is not None
         in_cell = hardware.hand.cell
         teller = Teller(log, in_cell)
-        log.record("run_start", config=str(config.path), calibration=log.keep(config.calibration), seed=seed)
+        kept = {"config": log.keep(config.path), "calibration": log.keep(config.calibration)}
+        log.record("run_start", seed=seed, **kept)
         rig = calibration.rig
         cell = Workcell(hardware.robot, hardware.eyes, teller, hardware.clock, rig, calibration.tool_from_cyclopean)
         library = load_facets(config.file(config.said.files.facets))
@@ -157,7 +158,7 @@ async def _demo(seed: int, time_scale: float, runs: Path) -> int:
         school = School(Shelf(folder / "taught"), rig, library, parts, config.said.vision)
         cycle = teller.cycle = Cycle(cell, _settings(config, calibration), school.in_use)
         try:
-            await _teach(cycle, school, in_cell)
+            await _teach(cycle, school, in_cell, log)
             await _clear(cycle, in_cell, teller)
         finally:
             await cycle.close()
@@ -176,7 +177,7 @@ def _settings(config: Any, calibration: Any) -> Any:
     return replace(pick, stops=replace(pick.stops, least_looks=3), doubt=doubt_of(calibration.quality))
 
 
-async def _teach(cycle: Any, school: Any, simulated: Any) -> None:
+async def _teach(cycle: Any, school: Any, simulated: Any, log: Any) -> None:
     """Show the six views, store each, train, and take the model into use."""
     from daemon.teach import teaching_note
 
@@ -193,6 +194,8 @@ async def _teach(cycle: Any, school: Any, simulated: Any) -> None:
     trained = school.train()
     school.accept()
     cycle.use(school.in_use)
+    kept = log.keep(school.shelf.path(trained.version))
+    log.record("model", action="accepted", version=trained.version, labels=list(school.model.labels), file=kept)
     right_ones = sum(verdict.right for verdict in trained.verdicts)
     say(f"trained on {len(trained.verdicts)} views in {trained.seconds:.1f} s, {right_ones} of them named right")
 

@@ -1,0 +1,46 @@
+"""Two runs side by side: which lines of configuration and calibration differ, which model each used."""
+
+from __future__ import annotations
+
+from difflib import unified_diff
+from pathlib import Path
+from typing import Any
+
+from daemon.review.digest import Digest, digest, short_hash
+from daemon.runs import read_run
+
+
+def kept_differences(before_folder: Path, before: Digest, after_folder: Path) -> list[dict[str, Any]]:
+    """An entry for each of config, calibration and model: both hashes, and the differing lines of the text files."""
+    found = read_run(after_folder)
+    after = digest(after_folder.name, found.records)
+    entries = []
+    for name in ("config", "calibration"):
+        files = [(d.start or {}).get(name) for d in (before, after)]
+        lines = [_lines(folder, file) for folder, file in zip((before_folder, after_folder), files, strict=True)]
+        changed = [
+            line
+            for line in unified_diff(lines[0], lines[1], before.name, after.name, n=0, lineterm="")
+            if not line.startswith("@@")
+        ]
+        entries.append(_entry(name, files[0], files[1], changed))
+    models = [d.models()[-1] if d.models() else None for d in (before, after)]
+    entries.append(_entry("model", models[0], models[1], []))
+    return entries
+
+
+def _entry(name: str, before: str | None, after: str | None, lines: list[str]) -> dict[str, Any]:
+    return {
+        "name": name,
+        "before": short_hash(before),
+        "after": short_hash(after),
+        "same": before == after and before is not None,
+        "lines": lines,
+    }
+
+
+def _lines(folder: Path, file: str | None) -> list[str]:
+    try:
+        return (folder / str(file)).read_text().splitlines() if file else []
+    except (OSError, UnicodeDecodeError):
+        return []

@@ -1,0 +1,186 @@
+"""A run's records -> cycles and stops: what was seen, estimated, moved, and how it ended. Pure.
+
+Reads every version of the format since 1; a field that a run does not have is None, never an error.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from statistics import fmean
+from typing import Any
+
+from daemon.runs import Record
+
+
+@dataclass(frozen=True)
+class Stop:
+    """One look, the estimate that came of it, and the moves that followed before the next look."""
+
+    number: int | None
+    purpose: str
+    look: Record
+    estimate: Record | None
+    moves: tuple[Record, ...]
+
+    @property
+    def parts(self) -> list[dict[str, Any]]:
+        """What was recognised, as the look has it."""
+        found: list[dict[str, Any]] = (self.look.get("scene") or {}).get("parts") or []
+        return found
+
+
+@dataclass(frozen=True)
+class Cycle:
+    """One pick: its records from cycle_start to cycle_end. outcome None: the run ended in the middle of it."""
+
+    number: int
+    records: tuple[Record, ...]
+    stops: tuple[Stop, ...]
+    end: Record | None
+    truth: Record | None
+
+    @property
+    def outcome(self) -> str:
+        """picked, missed, ... or `unfinished`."""
+        return str(self.end["outcome"]) if self.end else "unfinished"
+
+    @property
+    def label(self) -> str | None:
+        """The part it went for."""
+        if self.end and self.end.get("label"):
+            return str(self.end["label"])
+        estimates = [s.estimate for s in self.stops if s.estimate]
+        return str(estimates[-1]["label"]) if estimates else None
+
+    @property
+    def seconds(self) -> float:
+        """From its first record to its last, on the cell's clock."""
+        return float(self.records[-1]["mono_s"]) - float(self.records[0]["mono_s"]) if self.records else 0.0
+
+    @property
+    def looks(self) -> int:
+        """Looks at the part it went for."""
+        return sum(s.estimate is not None for s in self.stops)
+
+    def of(self, *kinds: str) -> list[Record]:
+        """Its records of these kinds, in order."""
+        return [r for r in self.records if r["kind"] in kinds]
+
+
+@dataclass(frozen=True)
+class Digest:
+    """A whole run. outside: looks, moves, faults that belong to no cycle (teaching, console)."""
+
+    name: str
+    start: Record | None
+    end: Record | None
+    cycles: tuple[Cycle, ...]
+    outside: tuple[Record, ...]
+    records: tuple[Record, ...]
+    skipped: tuple[str, ...] = field(default=())
+
+    def of(self, *kinds: str) -> list[Record]:
+        """All records of these kinds, in order."""
+        return [r for r in self.records if r["kind"] in kinds]
+
+    @property
+    def stops(self) -> list[Stop]:
+        """Every look of every cycle."""
+        return [s for c in self.cycles for s in c.stops]
+
+    def models(self) -> list[str]:
+        """The kept model files in the order they came into use."""
+        first = [self.start["model"]] if self.start and self.start.get("model") else []
+        return first + [r["file"] for r in self.of("model") if r.get("file")]
+
+    def statistics(self) -> dict[str, Any]:
+        """What a table of runs shows: counts, means over picked cycles (None where there are none)."""
+        by_outcome: dict[str, int] = {}
+        for cycle in self.cycles:
+            by_outcome[cycle.outcome] = by_outcome.get(cycle.outcome, 0) + 1
+        picked = [c for c in self.cycles if c.outcome == "picked"]
+        predicted = [c.end["predicted"] for c in picked if c.end and c.end.get("predicted")]
+        return {
+            "run": self.name,
+            "started": self.records[0].get("t") if self.records else None,
+            "seconds": round(duration_s(self.records), 1),
+            "cycles": len(self.cycles),
+            "picked": len(picked),
+            "missed": by_outcome.get("missed", 0),
+            "outcomes": by_outcome,
+            "looks": len(self.of("look")),
+            "refusals": len(self.of("refusal")),
+            "faults": len(self.of("fault")),
+            "mean_looks": _mean(c.looks for c in picked),
+            "mean_cycle_s": _mean(c.seconds for c in picked),
+            "predicted_mm": _mean(p.get("mm") for p in predicted),
+            "true_mm": _mean(c.truth.get("error_mm") for c in picked if c.truth),
+            "model": short_hash(self.models()[-1]) if self.models() else None,
+            "calibration": short_hash((self.start or {}).get("calibration")),
+            "config": short_hash((self.start or {}).get("config")),
+            "ended": self.end is not None,
+        }
+
+
+def digest(name: str, records: Sequence[Record], skipped: Sequence[str] = ()) -> Digest:
+    """Sort a run's records (read by daemon/runs.py) into cycles and stops."""
+    cycles: list[Cycle] = []
+    outside: list[Record] = []
+    current: list[Record] | None = None
+    truths = {r.get("cycle"): r for r in records if r["kind"] == "truth"}
+    for record in records:
+        kind = record["kind"]
+        if kind == "cycle_start":
+            if current is not None:
+                cycles.append(_cycle(current, truths))
+            current = [record]
+        elif current is None or kind in ("run_start", "run_end", "truth"):
+            outside.append(record)
+        else:
+            current.append(record)
+            if kind == "cycle_end":
+                cycles.append(_cycle(current, truths))
+                current = None
+    if current is not None:
+        cycles.append(_cycle(current, truths))
+    start = next((r for r in records if r["kind"] == "run_start"), None)
+    end = next((r for r in reversed(records) if r["kind"] == "run_end"), None)
+    return Digest(name, start, end, tuple(cycles), tuple(outside), tuple(records), tuple(skipped))
+
+
+def _cycle(records: list[Record], truths: dict[Any, Record]) -> Cycle:
+    number = int(records[0].get("cycle") or 0)
+    last = records[-1]
+    end = last if last["kind"] == "cycle_end" else None
+    return Cycle(number, tuple(records), tuple(stops_of(records)), end, truths.get(records[0].get("cycle")))
+
+
+def stops_of(records: Sequence[Record]) -> list[Stop]:
+    """Each look with the estimate and the moves up to the next look."""
+    found: list[Stop] = []
+    at = [k for k, r in enumerate(records) if r["kind"] == "look"]
+    for begin, end in pairwise([*at, len(records)]):
+        after = records[begin + 1 : end]
+        estimate = next((r for r in after if r["kind"] == "estimate"), None)
+        moves = tuple(r for r in after if r["kind"] in ("move", "moved", "refusal", "hand"))
+        look = records[begin]
+        found.append(Stop(look.get("stop"), str(look.get("purpose") or "look"), look, estimate, moves))
+    return found
+
+
+def duration_s(records: Sequence[Record]) -> float:
+    """From first record to last on the cell clock, which starts anew with the daemon: jumps back count nothing."""
+    times = [float(r["mono_s"]) for r in records if "mono_s" in r]
+    return sum(max(b - a, 0.0) for a, b in pairwise(times))
+
+
+def short_hash(kept: str | None) -> str | None:
+    """`kept/<sha256>.yaml` -> its first 8 digits."""
+    return None if not kept else kept.rsplit("/", 1)[-1].split(".")[0][:8]
+
+
+def _mean(values: Iterable[float | None]) -> float | None:
+    known = [v for v in values if v is not None]
+    return round(fmean(known), 3) if known else None

@@ -1,0 +1,200 @@
+"""A run in other tools' formats: CSV tables, MCAP for Foxglove, Parquet for a fleet. Each optional library is an extra.
+
+What the columns mean is in tables.py; nothing is computed here.
+"""
+
+from __future__ import annotations
+
+import base64
+import csv
+import json
+from collections.abc import Sequence
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daemon import frames
+from daemon.review.digest import Digest
+from daemon.review.tables import CYCLE_COLUMNS, LOOK_COLUMNS, Row, cycle_rows, look_rows
+
+Array = NDArray[np.float64]
+
+
+class ExportError(Exception):
+    """The export cannot be written; the message says what is missing."""
+
+
+def to_csv(run: Digest, out: Path, cell: str) -> list[Path]:
+    """Write cycles.csv and looks.csv into the folder `out`. Raises OSError."""
+    out.mkdir(parents=True, exist_ok=True)
+    written = []
+    for name, columns, rows in (
+        ("cycles.csv", CYCLE_COLUMNS, cycle_rows(run, cell)),
+        ("looks.csv", LOOK_COLUMNS, look_rows(run, cell)),
+    ):
+        with (out / name).open("w", newline="") as file:
+            writer = csv.DictWriter(file, list(columns))
+            writer.writeheader()
+            writer.writerows(rows)
+        written.append(out / name)
+    return written
+
+
+def to_parquet(run: Digest, out: Path, cell: str) -> list[Path]:
+    """Add the run to a fleet's store: out/{cycles,looks}/cell=.../day=.../<run>.parquet. Writing it again replaces it.
+
+    Raises ExportError without pyarrow, OSError.
+    """
+    try:
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+    except ImportError:
+        raise ExportError("Parquet needs pyarrow: pip install 'facetd[export]'") from None
+    kinds = {"string": pa.string(), "int64": pa.int64(), "float64": pa.float64()}
+    written = []
+    for name, columns, rows in (
+        ("cycles", CYCLE_COLUMNS, cycle_rows(run, cell)),
+        ("looks", LOOK_COLUMNS, look_rows(run, cell)),
+    ):
+        schema = pa.schema([(c, kinds[k]) for c, k in columns.items() if c not in ("cell", "day")])
+        for day in sorted({r["day"] for r in rows}):
+            folder = out / name / f"cell={cell}" / f"day={day}"
+            folder.mkdir(parents=True, exist_ok=True)
+            path = folder / f"{run.name}.parquet"
+            pq.write_table(pa.Table.from_pylist([_typed(r, columns) for r in rows if r["day"] == day], schema), path)
+            written.append(path)
+    return written
+
+
+def _typed(row: Row, columns: dict[str, str]) -> Row:
+    """Numbers of a float column as floats: a JSON 0 is an int."""
+    return {
+        k: float(v) if columns[k] == "float64" and v is not None else v
+        for k, v in row.items()
+        if k not in ("cell", "day")
+    }
+
+
+def to_mcap(folder: Path, run: Digest, out: Path) -> Path:
+    """Write one MCAP file: images, where arm and parts are (foxglove's FrameTransform), estimates, and the log.
+
+    Raises ExportError without mcap, OSError.
+    """
+    try:
+        from mcap.writer import Writer
+    except ImportError:
+        raise ExportError("MCAP needs the library mcap: pip install 'facetd[export]'") from None
+    with out.open("wb") as file:
+        writer: Any = Writer(file)
+        writer.start(profile="", library="facetd")
+        channels: dict[str, int] = {}
+        for record in run.records:
+            stamp = _nanoseconds(record)
+            for topic, schema, message in _messages(folder, record, stamp):
+                if topic not in channels:
+                    number = writer.register_schema(schema, "jsonschema", json.dumps(SCHEMAS[schema]).encode())
+                    channels[topic] = writer.register_channel(topic, "json", number)
+                writer.add_message(channels[topic], stamp, json.dumps(message).encode(), stamp)
+        writer.finish()
+    return out
+
+
+_TIME = {"type": "object", "properties": {"sec": {"type": "integer"}, "nsec": {"type": "integer"}}}
+_TEXT, _NUMBER = {"type": "string"}, {"type": "number"}
+_XYZ = {"type": "object", "properties": dict.fromkeys("xyz", _NUMBER)}
+_XYZW = {"type": "object", "properties": dict.fromkeys("xyzw", _NUMBER)}
+SCHEMAS: dict[str, Any] = {
+    "foxglove.CompressedImage": {
+        "type": "object",
+        "properties": {
+            "timestamp": _TIME, "frame_id": _TEXT, "format": _TEXT,
+            "data": {"type": "string", "contentEncoding": "base64"},
+        },
+    },
+    "foxglove.FrameTransform": {
+        "type": "object",
+        "properties": {
+            "timestamp": _TIME, "parent_frame_id": _TEXT, "child_frame_id": _TEXT,
+            "translation": _XYZ, "rotation": _XYZW,
+        },
+    },
+    "foxglove.Log": {
+        "type": "object",
+        "properties": {"timestamp": _TIME, "level": {"type": "integer"}, "message": _TEXT, "name": _TEXT},
+    },
+    "facetd.Estimate": {
+        "type": "object",
+        "properties": {
+            "label": _TEXT,
+            **dict.fromkeys(("cycle", "stop", "predicted_mm", "predicted_deg", "chi2"), _NUMBER),
+        },
+    },
+}  # fmt: skip
+INFO, WARNING, ERROR = 2, 3, 4
+
+
+def _messages(folder: Path, record: dict[str, Any], stamp: int) -> list[tuple[str, str, dict[str, Any]]]:
+    """(topic, schema, message) of one record."""
+    kind, when = record["kind"], {"sec": stamp // 10**9, "nsec": stamp % 10**9}
+    found: list[tuple[str, str, dict[str, Any]]] = []
+    if kind == "look":
+        for eye, name in (record.get("images") or {}).items():
+            try:
+                content = (folder / name).read_bytes()
+            except OSError:
+                continue
+            message = {"timestamp": when, "frame_id": f"{eye}_eye", "format": "png"}
+            found.append(
+                (f"/{eye}/image", "foxglove.CompressedImage", message | {"data": base64.b64encode(content).decode()})
+            )
+        found += _transform(when, "world", "cyclopean", record.get("world_from_cyclopean"))
+    elif kind == "moved":
+        found += _transform(when, "world", "tool", record.get("where"))
+    elif kind == "estimate":
+        found += _transform(when, "world", f"part:{record.get('label')}", record.get("world_from_part"))
+        keys = ("cycle", "stop", "label", "predicted_mm", "predicted_deg", "chi2")
+        found.append(("/estimate", "facetd.Estimate", {k: record.get(k) for k in keys}))
+    level = {"fault": ERROR, "refusal": WARNING, "gap": WARNING}.get(kind, INFO)
+    text = {k: v for k, v in record.items() if k not in _BULKY}
+    found.append(
+        ("/log", "foxglove.Log", {"timestamp": when, "level": level, "name": kind, "message": json.dumps(text)})
+    )
+    return found
+
+
+_BULKY = ("v", "seq", "t", "mono_s", "scene", "where", "world_from_cyclopean", "world_from_part", "covariance",
+          "target", "grasp", "joints", "images")  # fmt: skip
+
+
+def _transform(
+    when: dict[str, int], parent: str, child: str, rows: Sequence[Sequence[float]] | None
+) -> list[tuple[str, str, dict[str, Any]]]:
+    if not rows:
+        return []
+    parent_from_child = np.array(rows, float)
+    x, y, z = parent_from_child[:3, 3] / 1000.0
+    quaternion = _quaternion(parent_from_child[:3, :3])
+    message = {
+        "timestamp": when,
+        "parent_frame_id": parent,
+        "child_frame_id": child,
+        "translation": {"x": x, "y": y, "z": z},
+        "rotation": dict(zip("xyzw", quaternion, strict=True)),
+    }
+    return [("/tf", "foxglove.FrameTransform", message)]
+
+
+def _quaternion(rotation: Array) -> tuple[float, float, float, float]:
+    vector = frames.vector_from_rotation(rotation)
+    angle = float(np.linalg.norm(vector))
+    axis = vector / angle if angle > 0 else vector
+    x, y, z = (float(v) for v in axis * np.sin(angle / 2))
+    return x, y, z, float(np.cos(angle / 2))
+
+
+def _nanoseconds(record: dict[str, Any]) -> int:
+    moment = datetime.fromisoformat(str(record.get("t") or "1970-01-01T00:00:00+00:00").replace("Z", "+00:00"))
+    return int(moment.timestamp() * 1000) * 10**6

@@ -1,0 +1,194 @@
+"""A recorded run as a test: every look through today's recogniser, and what came out differently.
+
+The model is the one that was in use at that look (kept in the run), or another one, to ask what it would have done.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import median
+from time import perf_counter
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from daemon import frames
+from daemon.calibration.file import load_calibration
+from daemon.model import load
+from daemon.review.digest import Digest
+from daemon.runs import Record, RunError
+from daemon.vision.facet_types import FacetLibrary
+from daemon.vision.look import look
+from daemon.vision.model import Model, empty_model
+from daemon.vision.report import scene_json
+from daemon.vision.settings import VisionSettings
+from daemon.vision.table import Table
+
+Array = NDArray[np.float64]
+Json = dict[str, Any]
+
+NEAR_MM = 25.0
+"""A part now and a part then are the same one when their facets' centroids are this close."""
+SIGMAS = 3.0
+TIMINGS = ("ms", "stages_ms")
+
+
+@dataclass(frozen=True)
+class Change:
+    """One difference of one look. regression: a part that was named is not, is named otherwise, or has moved."""
+
+    seq: int
+    cycle: int | None
+    part: str
+    what: str
+    regression: bool
+
+
+@dataclass(frozen=True)
+class Replayed:
+    """looks replayed, how many came out identical to the last digit, all changes, median ms of a look then and now,
+    and one line for each look that could not be replayed."""
+
+    looks: int
+    identical: int
+    changes: tuple[Change, ...]
+    then_ms: float | None
+    now_ms: float | None
+    skipped: tuple[str, ...]
+
+    @property
+    def regressions(self) -> int:
+        """How many of the changes are for the worse."""
+        return sum(c.regression for c in self.changes)
+
+
+def replay(
+    folder: Path, run: Digest, library: FacetLibrary, settings: VisionSettings | None = None, model: Model | None = None
+) -> Replayed:
+    """Replay every look of a run. library: facet types for looks before there was a model; model: not the run's own.
+
+    Raises RunError where the run keeps no calibration, ConfigError or ModelError where a kept file is not usable.
+    """
+    kept = (run.start or {}).get("calibration")
+    if not kept:
+        raise RunError(f"{folder}: no calibration was kept with this run; it cannot be replayed")
+    rig = load_calibration(_intact(folder, kept)).rig
+    changes: list[Change] = []
+    skipped: list[str] = []
+    then_ms: list[float] = []
+    now_ms: list[float] = []
+    looks = identical = 0
+    untaught = empty_model(library)
+    for record, in_use in looks_with_models(folder, run):
+        pair = _pictures(folder, record)
+        if pair is None:
+            skipped.append(f"look {record['seq']}: its pictures are not in the run folder")
+            continue
+        scene = look(*pair, rig, model or in_use or untaught, settings, perf_counter, _table(record))
+        now, then = scene_json(scene), record.get("scene") or {}
+        found = compare(then, now)
+        looks += 1
+        identical += _same(then, now)
+        changes += [Change(int(record["seq"]), record.get("cycle"), part, what, worse) for part, what, worse in found]
+        then_ms += [then["ms"]] if then.get("ms") else []
+        now_ms += [now["ms"]] if now.get("ms") else []
+    return Replayed(
+        looks,
+        identical,
+        tuple(changes),
+        median(then_ms) if then_ms else None,
+        median(now_ms) if now_ms else None,
+        tuple(skipped),
+    )
+
+
+def looks_with_models(folder: Path, run: Digest) -> Iterator[tuple[Record, Model | None]]:
+    """Each look with the model that was in use then (None before there was one). Raises ModelError, RunError."""
+    loaded: dict[str, Model] = {}
+    current = (run.start or {}).get("model")
+    for record in run.records:
+        if record["kind"] == "model":
+            current = record.get("file") or current
+        elif record["kind"] == "look":
+            if current and current not in loaded:
+                loaded[current] = load(_intact(folder, current))
+            yield record, loaded.get(current) if current else None
+
+
+def compare(then: Json, now: Json) -> list[tuple[str, str, bool]]:
+    """(part, what changed, whether for the worse) between two looks as scene_json has them."""
+    found: list[tuple[str, str, bool]] = []
+    left = list(now.get("parts") or [])
+    for part in then.get("parts") or []:
+        match = min(left, key=lambda p: _gap_mm(part, p), default=None)
+        named = part["label"] != "unknown"
+        if match is None or _gap_mm(part, match) > NEAR_MM:
+            if named:
+                found.append((part["label"], "no longer found", True))
+            continue
+        left.remove(match)
+        if match["label"] != part["label"]:
+            found.append((part["label"], f"now {match['label']}: {match.get('reason')}", named))
+        elif named and (moved := _moved(part, match)) is not None:
+            found.append((part["label"], moved, True))
+    found += [(p["label"], "was not found before", False) for p in left if p["label"] != "unknown"]
+    return found
+
+
+def _same(then: Json, now: Json) -> bool:
+    def bare(scene: Json) -> Json:
+        return {k: v for k, v in scene.items() if k not in TIMINGS}
+
+    return bare(then) == bare(now)
+
+
+def _centre(part: Json) -> Array:
+    corners = [c for f in part.get("facets") or [] for c in f["corners_mm"]]
+    return np.mean(corners, axis=0) if corners else np.full(3, np.inf)
+
+
+def _gap_mm(a: Json, b: Json) -> float:
+    gap = float(np.linalg.norm(_centre(a) - _centre(b)))
+    return gap if np.isfinite(gap) else np.inf
+
+
+def _moved(then: Json, now: Json) -> str | None:
+    """In words, where the pose differs by more than SIGMAS of what was predicted, over all equal poses of the part."""
+    reference = np.array(then["cyclopean_from_part"], float)
+    sigma = np.sqrt(np.maximum(np.diag(np.array(then["covariance"], float)), 1e-12))
+    poses = [now["cyclopean_from_part"], *(now.get("equivalents") or [])]
+    motions = [frames.difference(np.array(p, float), reference) for p in poses]
+    motion = min(motions, key=lambda m: float(np.max(np.abs(m) / sigma)))
+    worst = float(np.max(np.abs(motion) / sigma))
+    if worst <= SIGMAS:
+        return None
+    mm, deg = np.linalg.norm(motion[:3]), np.degrees(np.linalg.norm(motion[3:]))
+    return f"moved by {mm:.2f} mm and {deg:.2f} degrees, {worst:.1f} sigma"
+
+
+def _table(record: Record) -> Table | None:
+    said = record.get("table")
+    return None if not said else Table(np.array(said["up"], float), float(said["level_mm"]))
+
+
+def _pictures(folder: Path, record: Record) -> tuple[NDArray[Any], NDArray[Any]] | None:
+    names = record.get("images") or {}
+    left, right = (cv2.imread(str(folder / str(names.get(eye))), cv2.IMREAD_UNCHANGED) for eye in ("left", "right"))
+    return None if left is None or right is None else (left, right)
+
+
+def _intact(folder: Path, kept: str) -> Path:
+    """A kept file, which must still be what its name says. Raises RunError."""
+    path = folder / kept
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise RunError(f"{path}: {error.strerror}") from None
+    if hashlib.sha256(content).hexdigest() != path.name.split(".")[0]:
+        raise RunError(f"{path}: changed since it was kept: its content does not have the hash in its name")
+    return path
