@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from drivers.camera.pair import CameraError, Frame, StereoPair
-from drivers.simcell.light import TableLight
+from drivers.simcell.light import CellLight
 from drivers.simcell.optics import Array32, turned
 from drivers.simcell.render import Retina, Thing, radiance
 from drivers.simcell.rigid import Array, angle_of, apply
@@ -64,7 +64,7 @@ class SimulatedPair:
         self._started_s = clock()
         self._eyes = {"left": truth.left.eye(), "right": truth.right.eye()}
         self._retinas: dict[str, Retina] = {}
-        self._table = TableLight(truth.table, truth.lighting)
+        self._light_of_cell = CellLight(truth.table, truth.lighting)
         self._lit_for: object = None
         self._vignette = _vignette(truth)
         self._covered: set[str] = set()
@@ -146,10 +146,10 @@ class SimulatedPair:
         if eye not in self._retinas:
             self._retinas[eye] = Retina(self._eyes[eye], *self._truth.image_size)
         if sight.state != self._lit_for:
-            self._table.cast([apply(thing.world_from_solid, thing.solid.vertices) for thing in sight.things])
+            self._light_of_cell.cast([apply(thing.world_from_solid, thing.solid.vertices) for thing in sight.things])
             self._lit_for = sight.state
         things = (*sight.things, *sight.hand)
-        return radiance(self._retinas[eye], sight.world_from_cyclopean, things, self._truth.lighting, self._table)
+        return radiance(self._retinas[eye], sight.world_from_cyclopean, things, self._light_of_cell)
 
     def _expose(self, light: Array32, gain: float) -> NDArray[np.uint8]:
         sensor = self._truth.sensor

@@ -1,6 +1,6 @@
-"""Light in the cell: what level a facet or the table shows, and the soft shadows parts cast on the table.
+"""Light in the cell: what level a facet or the table shows. Grey levels of a linear sensor, float32.
 
-Grey levels of a linear sensor, float32. No rays and no pixels (render.py); no noise (camera.py).
+No rays and no pixels (render.py); no noise (camera.py); who shades whom is in shadows.py.
 """
 
 from __future__ import annotations
@@ -11,31 +11,40 @@ import cv2
 import numpy as np
 
 from drivers.simcell.optics import Array32
-from drivers.simcell.rigid import Array
+from drivers.simcell.rigid import Array, apply, rigid
+from drivers.simcell.shadows import TEXEL_MM, Patch, lit_share, patch_under
 from drivers.simcell.truth import Lamp, Lighting, Table
 
 HIGHLIGHT_POWER = 12.0
-SHADOW_RAYS = 32
-TEXEL_MM = 1.0
 FLOOR_LEVEL = 8.0
 LAMP_REFERENCE_MM = 1000.0
-_SHIFT = 5
+CROWDING, CROWDING_MM, CROWDING_HEIGHT_MM = 0.55, 9.0, 60.0
 
 
-def facet_levels(points: Array32, normal: Array, albedo: Array32 | float, eye_mm: Array, lighting: Lighting) -> Array32:
+def facet_levels(
+    points: Array32,
+    normal: Array,
+    albedo: Array32 | float,
+    eye_mm: Array,
+    lighting: Lighting,
+    lit: Sequence[Array32 | None] | None = None,
+) -> Array32:
     """(N, 3) world mm on a facet with outward (3,) normal -> (N,) grey levels seen from eye_mm.
 
-    Lambert, inverse square, and a broad highlight (Blinn). No shadow of other parts.
+    Lambert, inverse square, and a broad highlight (Blinn). lit: for each lamp the share (N,) of it that each point
+    sees, None for all of it.
     """
     diffuse = np.full(len(points), lighting.ambient * (0.75 + 0.25 * normal[2]), np.float32)
     shine = np.zeros(len(points), np.float32)
+    out = normal.astype(np.float32)
     to_eye = _unit(eye_mm.astype(np.float32) - points)[0]
-    for lamp in lighting.lamps:
+    for lamp, share in zip(lighting.lamps, lit or [None] * len(lighting.lamps), strict=True):
         to_lamp, distance = _unit(np.asarray(lamp.position_mm, np.float32) - points)
-        falling = np.maximum(to_lamp @ normal.astype(np.float32), 0) * (LAMP_REFERENCE_MM / distance) ** 2
-        diffuse += lamp.level * falling
+        level = np.float32(lamp.level) if share is None else lamp.level * share
+        falling = np.maximum(to_lamp @ out, 0) * (LAMP_REFERENCE_MM / distance) ** 2
+        diffuse += level * falling
         halfway, _ = _unit(to_lamp + to_eye)
-        shine += lamp.level * np.maximum(halfway @ normal.astype(np.float32), 0) ** HIGHLIGHT_POWER * (falling > 0)
+        shine += level * np.maximum(halfway @ out, 0) ** HIGHLIGHT_POWER * (falling > 0)
     levels: Array32 = albedo * diffuse + lighting.gloss * shine
     return levels
 
@@ -45,36 +54,88 @@ def _unit(vectors: Array32) -> tuple[Array32, Array32]:
     return vectors / length[:, None], length
 
 
-class TableLight:
-    """The table top as a map of grey levels, TEXEL_MM apart, with the shadows of what stands on it.
-
-    Bare light is worked out once; `cast` renews the shadows when something has moved.
-    """
+class CellLight:
+    """The light on the table and on what stands there. `cast` renews the shadows when something has moved."""
 
     def __init__(self, table: Table, lighting: Lighting) -> None:
-        self._table, self._lighting = table, lighting
-        half = table.half_size_mm
-        self._low = np.array(table.centre_mm) - half
-        self._size = round(2 * half / TEXEL_MM) + 1
-        self._bare = [self._lamp_on_table(lamp) for lamp in lighting.lamps]
-        self._map = self._sum([1.0] * len(self._bare), np.zeros((self._size, self._size), np.float32))
+        self.lighting = lighting
+        self._table = _TableTop(table, lighting)
+        self._bodies: Sequence[Array] = ()
+        self._facets: dict[tuple[int, tuple[int, ...]], tuple[Patch, list[Array32 | None]]] = {}
 
     def cast(self, bodies: Sequence[Array]) -> None:
         """Renew the shadows: bodies are the (V, 3) world corners of each convex solid."""
-        lit = [self._lit(lamp, bodies) for lamp in self._lighting.lamps]
-        self._map = self._outward_in(self._sum(lit, self._crowding(bodies)), bodies)
+        self._bodies = bodies
+        self._facets.clear()
+        self._table.cast(bodies)
+
+    def table_levels(self, rays: Array32, world_from_camera: Array) -> Array32:
+        """(H, W, 2) camera rays x / z, y / z -> (H, W) grey levels of the table they end on."""
+        return self._table.seen_by(rays, world_from_camera)
+
+    def facet_levels(
+        self, body: int, loop: tuple[int, ...], points: Array32, normal: Array, albedo: Array32, eye_mm: Array
+    ) -> Array32:
+        """(N, 3) world mm on the face with corners `loop` of a body -> (N,) grey levels seen from eye_mm.
+
+        body: its number in what was cast last; a greater one is something that was not cast and stands in no shadow.
+        """
+        lit = self._lit(body, loop, points) if body < len(self._bodies) else None
+        return facet_levels(points, normal, albedo, eye_mm, self.lighting, lit)
+
+    def _lit(self, body: int, loop: tuple[int, ...], points: Array32) -> list[Array32 | None]:
+        if (body, loop) not in self._facets:
+            others = [corners for number, corners in enumerate(self._bodies) if number != body]
+            patch = patch_under(self._bodies[body][list(loop)])
+            self._facets[body, loop] = patch, [lit_share(patch, lamp, others) for lamp in self.lighting.lamps]
+        patch, shares = self._facets[body, loop]
+        if not any(share is not None for share in shares):
+            return shares
+        places = patch.texels(apply(patch.plane_from_world, points.astype(float))[:, :2]).astype(np.float32)
+        return [None if share is None else _read(share, places) for share in shares]
+
+
+def _read(texels: Array32, places: Array32) -> Array32:
+    """The map's values at (N, 2) column, row, linear between texels."""
+    inside = np.clip(places, 0, np.array(texels.shape[::-1]) - np.float32(1.001)).astype(np.float32)
+    column, row = inside.astype(np.intp).T
+    right, down = (inside - np.floor(inside)).T
+    upper = texels[row, column] * (1 - right) + texels[row, column + 1] * right
+    lower = texels[row + 1, column] * (1 - right) + texels[row + 1, column + 1] * right
+    read: Array32 = upper * (1 - down) + lower * down
+    return read
+
+
+class _TableTop:
+    """The table top as a map of grey levels. Its bare light is worked out once."""
+
+    def __init__(self, table: Table, lighting: Lighting) -> None:
+        self._table, self._lighting = table, lighting
+        low = np.array(table.centre_mm) - table.half_size_mm
+        size = round(2 * table.half_size_mm / TEXEL_MM) + 1
+        self._patch = Patch(rigid(np.eye(3), [0.0, 0.0, -table.height_mm]), low, size, size)
+        self._bare = [self._lamp_on_table(lamp) for lamp in lighting.lamps]
+        self.cast(())
+
+    def cast(self, bodies: Sequence[Array]) -> None:
+        """Renew the shadows."""
+        level = self._lighting.ambient * (1.0 - self._crowding(bodies))
+        for lamp, bare in zip(self._lighting.lamps, self._bare, strict=True):
+            share = lit_share(self._patch, lamp, bodies)
+            level += bare if share is None else bare * share
+        self._map = self._outward_in(self._lighting.table_albedo * level, bodies)
 
     def seen_by(self, rays: Array32, world_from_camera: Array) -> Array32:
-        """(H, W, 2) camera rays x / z, y / z -> (H, W) grey levels of the bare table they end on."""
+        """(H, W, 2) camera rays x / z, y / z -> (H, W) grey levels of the table they end on."""
         turn, eye = world_from_camera[:3, :3], world_from_camera[:3, 3]
         fall = self._table.height_mm - eye[2]
         # The table point over each ray is a homography of it: eye + fall * direction / direction_z.
         x, y = rays[..., 0], rays[..., 1]
         down = _linear(turn[2], x, y)
         reach = np.float32(fall) / np.where(down * fall > 0, down, np.float32(np.nan))
-        column = (_linear(turn[0], x, y) * reach + np.float32(eye[0] - self._low[0])) / np.float32(TEXEL_MM)
-        row = (_linear(turn[1], x, y) * reach + np.float32(eye[1] - self._low[1])) / np.float32(TEXEL_MM)
-        far = np.float32(4 * self._size)
+        column = (_linear(turn[0], x, y) * reach + np.float32(eye[0] - self._patch.low_mm[0])) / np.float32(TEXEL_MM)
+        row = (_linear(turn[1], x, y) * reach + np.float32(eye[1] - self._patch.low_mm[1])) / np.float32(TEXEL_MM)
+        far = np.float32(4 * self._patch.rows)
         where = [np.asarray(np.clip(np.where(np.isnan(c), far, c), -far, far), np.float32) for c in (column, row)]
         seen = cv2.remap(
             self._map, where[0], where[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=FLOOR_LEVEL
@@ -82,19 +143,21 @@ class TableLight:
         return np.asarray(seen, np.float32)
 
     def _lamp_on_table(self, lamp: Lamp) -> Array32:
-        steps = np.arange(self._size) * TEXEL_MM
-        dx = lamp.position_mm[0] - (self._low[0] + steps)[None, :]
-        dy = lamp.position_mm[1] - (self._low[1] + steps)[:, None]
+        steps = np.arange(self._patch.rows) * TEXEL_MM
+        dx = lamp.position_mm[0] - (self._patch.low_mm[0] + steps)[None, :]
+        dy = lamp.position_mm[1] - (self._patch.low_mm[1] + steps)[:, None]
         dz = lamp.position_mm[2] - self._table.height_mm
         squared = dx**2 + dy**2 + dz**2
         return np.asarray(lamp.level * dz * LAMP_REFERENCE_MM**2 / squared**1.5, np.float32)
 
-    def _sum(self, lit: Sequence[Array32 | float], crowding: Array32) -> Array32:
-        level = self._lighting.ambient * (1.0 - crowding)
-        for bare, share in zip(self._bare, lit, strict=True):
-            level = level + bare * share
-        total: Array32 = (self._lighting.table_albedo * level).astype(np.float32)
-        return total
+    def _crowding(self, bodies: Sequence[Array]) -> Array32:
+        """(rows, columns) share of the ambient light kept off the table by bodies close over it."""
+        covered = np.zeros((self._patch.rows, self._patch.columns), np.uint8)
+        for corners in bodies:
+            gap_mm = corners[:, 2].min() - self._table.height_mm
+            near = np.clip(1.0 - gap_mm / CROWDING_HEIGHT_MM, 0.0, 1.0)
+            self._patch.fill(covered, corners[:, :2], int(255 * CROWDING * near))
+        return np.asarray(cv2.GaussianBlur(covered, (0, 0), CROWDING_MM / TEXEL_MM) / np.float32(255.0), np.float32)
 
     def _outward_in(self, levels: Array32, bodies: Sequence[Array]) -> Array32:
         """Give the hidden table under each body the levels just outside it, so that no texel straddles its foot."""
@@ -102,57 +165,16 @@ class TableLight:
         for corners in bodies:
             foot = corners[corners[:, 2] < self._table.height_mm + 1.0]
             if len(foot) >= 3:
-                self._fill(hidden, foot[:, :2], 1)
+                self._patch.fill(hidden, foot[:, :2], 1)
         if not hidden.any():
             return levels
         open_to_light = 1.0 - hidden.astype(np.float32)
         share = cv2.GaussianBlur(open_to_light, (0, 0), 1.5)
         outside = cv2.GaussianBlur(levels * open_to_light, (0, 0), 1.5) / np.maximum(share, np.float32(1e-6))
-        return np.where((hidden > 0) & (share > 1e-4), outside, levels).astype(np.float32)
-
-    def _lit(self, lamp: Lamp, bodies: Sequence[Array]) -> Array32:
-        """(size, size) share of the lamp's disc that each table point sees."""
-        dark = np.zeros((self._size, self._size), np.uint8)
-        shaded = np.zeros_like(dark)
-        for spot in _disc(lamp):
-            shaded[:] = 0
-            for corners in bodies:
-                if corners[:, 2].max() < spot[2]:
-                    self._fill(shaded, self._shadow(corners, spot), 1)
-            cv2.add(dark, shaded, dst=dark)
-        return np.asarray(1.0 - dark / np.float32(SHADOW_RAYS), np.float32)
-
-    def _shadow(self, corners: Array, spot: Array) -> Array:
-        """(V, 3) corners thrown from the (3,) spot onto the table: (V, 2) world mm."""
-        share = (spot[2] - self._table.height_mm) / (spot[2] - corners[:, 2:])
-        thrown: Array = spot[:2] + (corners[:, :2] - spot[:2]) * share
-        return thrown
-
-    def _crowding(self, bodies: Sequence[Array]) -> Array32:
-        """(size, size) share of the ambient light kept off the table by bodies close over it."""
-        print_of = np.zeros((self._size, self._size), np.uint8)
-        for corners in bodies:
-            near = np.clip(1.0 - (corners[:, 2].min() - self._table.height_mm) / 60.0, 0.0, 1.0)
-            self._fill(print_of, corners[:, :2], int(140 * near))
-        return cv2.GaussianBlur(print_of, (0, 0), 9.0 / TEXEL_MM).astype(np.float32) / 255.0
-
-    def _fill(self, canvas: cv2.typing.MatLike, outline_mm: Array, value: int) -> None:
-        points = (outline_mm - self._low) / TEXEL_MM
-        points = np.clip(points, -self._size, 2 * self._size)
-        ring = cv2.convexHull(np.round(points * 2**_SHIFT).astype(np.int32))
-        cv2.fillConvexPoly(canvas, ring, value, shift=_SHIFT)
+        return np.asarray(np.where((hidden > 0) & (share > 1e-4), outside, levels), np.float32)
 
 
 def _linear(row: Array, x: Array32, y: Array32) -> Array32:
     a, b, c = row.astype(np.float32)
     product: Array32 = a * x + b * y + c
     return product
-
-
-def _disc(lamp: Lamp) -> Array:
-    """(SHADOW_RAYS, 3) points evenly over the lamp's level disc (a sunflower), world mm."""
-    k = np.arange(SHADOW_RAYS) + 0.5
-    radius, angle = lamp.radius_mm * np.sqrt(k / SHADOW_RAYS), np.pi * (1 + 5**0.5) * k
-    flat = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.zeros(SHADOW_RAYS)])
-    spots: Array = np.asarray(lamp.position_mm) + flat
-    return spots

@@ -12,11 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.simcell.light import TableLight, facet_levels
+from drivers.simcell.light import CellLight
 from drivers.simcell.optics import Array32, Eye
 from drivers.simcell.parts import Solid
 from drivers.simcell.rigid import Array, apply, inverse
-from drivers.simcell.truth import Lighting
 
 NOTHING = -1
 SAMPLES, STRIDE = 34, 21
@@ -49,13 +48,14 @@ class Thing:
 
 @dataclass(frozen=True, eq=False)
 class _Face:
-    """A face turned to the eye, in camera coordinates.
+    """A face turned to the eye, in camera coordinates. body: its thing's number; index: its number in the solid.
 
     edges (3, m): normals of the planes through the eye and each side, looking inward; normal (3,) and distance (mm) of
     the face's plane; window: the rows and columns of pixels it can touch.
     """
 
     thing: Thing
+    body: int
     index: int
     edges: Array32
     normal: Array32
@@ -132,17 +132,18 @@ def _spread() -> tuple[Array, Array]:
     return (index + 0.5) / SAMPLES, (index * STRIDE % SAMPLES + 0.5) / SAMPLES
 
 
-def radiance(
-    retina: Retina, world_from_cyclopean: Array, things: Sequence[Thing], lighting: Lighting, table: TableLight
-) -> Array32:
-    """The sharp image (H, W) in grey levels, before blur, vignette, gain and noise."""
+def radiance(retina: Retina, world_from_cyclopean: Array, things: Sequence[Thing], light: CellLight) -> Array32:
+    """The sharp image (H, W) in grey levels, before blur, vignette, gain and noise.
+
+    The first of the things are those whose shadows light has cast; others come after them.
+    """
     world_from_camera = world_from_cyclopean @ retina.eye.cyclopean_from_camera
-    image = table.seen_by(retina.centres, world_from_camera)
-    faces = [face for thing in things for face in _facing(thing, retina, world_from_camera)]
+    image = light.table_levels(retina.centres, world_from_camera)
+    faces = [face for k, thing in enumerate(things) for face in _facing(thing, k, retina, world_from_camera)]
     if not faces:
         return image
     whole, crossed = _sort_pixels(_nearest_at_corners(faces, retina), faces, retina.corners)
-    paint = _Painter(faces, world_from_camera, lighting)
+    paint = _Painter(faces, world_from_camera, light)
     paint.fill(image, whole, retina.centres)
     rows, columns = np.nonzero(crossed)
     rays = retina.samples(rows, columns)
@@ -150,7 +151,7 @@ def radiance(
     return image
 
 
-def _facing(thing: Thing, retina: Retina, world_from_camera: Array) -> list[_Face]:
+def _facing(thing: Thing, body: int, retina: Retina, world_from_camera: Array) -> list[_Face]:
     """The faces of a thing that are turned to the eye and may be in its image."""
     camera_from_solid = inverse(world_from_camera) @ thing.world_from_solid
     corners = apply(camera_from_solid, thing.solid.vertices)
@@ -170,6 +171,7 @@ def _facing(thing: Thing, retina: Retina, world_from_camera: Array) -> list[_Fac
         found.append(
             _Face(
                 thing,
+                body,
                 index,
                 edges.astype(np.float32),
                 normal.astype(np.float32),
@@ -240,8 +242,8 @@ def _sort_pixels(
 class _Painter:
     """Gives pixels the grey levels of the faces they show."""
 
-    def __init__(self, faces: Sequence[_Face], world_from_camera: Array, lighting: Lighting) -> None:
-        self._faces, self._lighting = faces, lighting
+    def __init__(self, faces: Sequence[_Face], world_from_camera: Array, light: CellLight) -> None:
+        self._faces, self._light = faces, light
         self._turn: Array32 = world_from_camera[:3, :3].astype(np.float32)
         self._eye = world_from_camera[:3, 3]
 
@@ -272,4 +274,6 @@ class _Painter:
 
     def _levels(self, face: _Face, rays: Array32, albedo: Array32) -> Array32:
         points = face.points(rays) @ self._turn.T + self._eye.astype(np.float32)
-        return facet_levels(points, (self._turn @ face.normal).astype(float), albedo, self._eye, self._lighting)
+        normal = (self._turn @ face.normal).astype(float)
+        loop = face.thing.solid.faces[face.index]
+        return self._light.facet_levels(face.body, loop, points, normal, albedo, self._eye)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from drivers.simcell.boards import BoardPrint, board_thing
-from drivers.simcell.light import TableLight
+from drivers.simcell.light import CellLight
 from drivers.simcell.optics import Array32, Eye, distort, undistort
 from drivers.simcell.parts import STRANGERS, TAUGHT, part_shape
 from drivers.simcell.render import Retina, Thing, radiance
@@ -68,9 +68,9 @@ def edge_offsets(image: Array32, line_px: Array, half_px: float = 4.0) -> Array:
 
 
 def picture(things: list[Thing], pose: Array, eye: Eye, lighting: Lighting = STARK) -> Array32:
-    table = TableLight(TABLE, lighting)
-    table.cast([apply(thing.world_from_solid, thing.solid.vertices) for thing in things])
-    return radiance(Retina(eye, 640, 480), pose, things, lighting, table)
+    light = CellLight(TABLE, lighting)
+    light.cast([apply(thing.world_from_solid, thing.solid.vertices) for thing in things])
+    return radiance(Retina(eye, 640, 480), pose, things, light)
 
 
 @pytest.mark.parametrize("label", ["cube", "triangular_prism", "pentagonal_prism", "pyramid"])
@@ -125,14 +125,14 @@ def test_a_nearer_part_hides_a_farther_one() -> None:
 
 def test_a_part_casts_its_shadow_away_from_the_lamp_and_softer_the_farther() -> None:
     bright = Lighting(ambient=40.0, lamps=STARK.lamps, gloss=0.0, facet_albedo=0.8, table_albedo=0.6)
-    table = TableLight(TABLE, bright)
+    light = CellLight(TABLE, bright)
     pose = looking([520.0, -1.0, 200.0], [520.0, 0.0, -300.0])
     centres = Retina(TRUTH.left.eye(), 640, 480).centres
     world_from_camera = pose @ TRUTH.left.eye().cyclopean_from_camera
-    bare = table.seen_by(centres, world_from_camera)
+    bare = light.table_levels(centres, world_from_camera)
     corners = apply(rigid(np.eye(3), [520.0, 0.0, -275.0]), part_shape("cube").hull.vertices)
-    table.cast([corners])
-    lost = bare - table.seen_by(centres, world_from_camera)
+    light.cast([corners])
+    lost = bare - light.table_levels(centres, world_from_camera)
 
     def at(x_mm: float, y_mm: float) -> float:
         u, v = np.round(projected(TRUTH.left.eye(), pose, np.array([[x_mm, y_mm, -300.0]]))[0]).astype(int)
@@ -141,6 +141,20 @@ def test_a_part_casts_its_shadow_away_from_the_lamp_and_softer_the_farther() -> 
     assert at(545.0, 45.0) > 0.5, "behind the part, seen from the lamp"
     assert abs(at(500.0, -80.0)) < 0.05, "towards the lamp"
     assert abs(at(520.0, 170.0)) < 0.05, "beyond the shadow's end"
+
+
+def test_a_tall_part_throws_its_shadow_onto_its_neighbour_and_only_where_the_lamp_is_hidden() -> None:
+    eye, pose = TRUTH.left.eye(), looking([520.0, 150.0, 100.0], [520.0, 40.0, -280.0])
+    low = Thing(part_shape("cube").hull, rigid(np.eye(3), [530.0, 60.0, -275.0]), 0.8)
+    tall = Thing(part_shape("triangular_prism").hull, rigid(np.eye(3), [500.0, 5.0, -265.0]), 0.8)
+    alone, shaded = picture([low], pose, eye), picture([low, tall], pose, eye)
+
+    def lost(x_mm: float, y_mm: float) -> float:
+        u, v = np.round(projected(eye, pose, np.array([[x_mm, y_mm, -250.0]]))[0]).astype(int)
+        return float((alone - shaded)[v, u] / alone[v, u])
+
+    assert lost(508.0, 37.0) > 0.3, "the corner of the top that lies behind the tall part as the lamp sees it"
+    assert lost(553.0, 83.0) == 0.0, "the far corner"
 
 
 @pytest.mark.parametrize("charuco", [False, True])

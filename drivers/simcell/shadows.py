@@ -1,0 +1,108 @@
+"""Soft shadows: which share of a lamp's disc each point of a plane sees past the bodies in between.
+
+Planes and outlines only; how bright that makes things is light.py's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.simcell.optics import Array32
+from drivers.simcell.rigid import Array, apply, inverse, rigid
+from drivers.simcell.truth import Lamp
+
+TEXEL_MM = 1.0
+SHADOW_RAYS = 32
+CLEARANCE_MM = 0.01
+_SHIFT = 5
+
+
+@dataclass(frozen=True, eq=False)
+class Patch:
+    """A rectangle of a plane, cut into texels. plane_from_world (4, 4): z out of it; low_mm (2,): texel (0, 0)."""
+
+    plane_from_world: Array
+    low_mm: Array
+    rows: int
+    columns: int
+
+    def texels(self, points_mm: Array) -> Array:
+        """(N, 2) mm in the plane -> (N, 2) column, row."""
+        places: Array = (points_mm - self.low_mm) / TEXEL_MM
+        return places
+
+    def fill(self, canvas: NDArray[np.uint8], outline_mm: Array, value: int) -> None:
+        """Write a value on the texels (rows, columns) of canvas that the hull of (N, 2) mm covers."""
+        far = 2 * max(self.rows, self.columns)
+        places = np.clip(self.texels(outline_mm), -far, far)
+        cv2.fillConvexPoly(canvas, cv2.convexHull(np.round(places * 2**_SHIFT).astype(np.int32)), value, shift=_SHIFT)
+
+
+def patch_under(ring_mm: Array) -> Patch:
+    """The patch that holds a flat polygon (N, 3) world mm, anticlockwise about the outward normal."""
+    along = ring_mm[1] - ring_mm[0]
+    normal = np.cross(along, ring_mm[2] - ring_mm[1])
+    x, z = along / np.linalg.norm(along), normal / np.linalg.norm(normal)
+    plane_from_world = inverse(rigid(np.column_stack([x, np.cross(z, x), z]), ring_mm[0]))
+    flat = apply(plane_from_world, ring_mm)[:, :2]
+    low = flat.min(axis=0) - 2 * TEXEL_MM
+    columns, rows = np.ceil((flat.max(axis=0) - low) / TEXEL_MM).astype(int) + 3
+    return Patch(plane_from_world, low, int(rows), int(columns))
+
+
+def lit_share(patch: Patch, lamp: Lamp, bodies: Sequence[Array]) -> Array32 | None:
+    """(rows, columns) share of the lamp's disc in sight of each texel; None where no body is in the way.
+
+    bodies: the (V, 3) world corners of convex solids; what of them lies below the plane casts nothing on it.
+    """
+    spots = apply(patch.plane_from_world, _disc(lamp))
+    above = [_above(apply(patch.plane_from_world, corners)) for corners in bodies]
+    casting = [corners for corners in above if len(corners) and corners[:, 2].max() < spots[:, 2].min()]
+    casting = [corners for corners in casting if _may_reach(patch, corners, spots)]
+    if not casting:
+        return None
+    dark, shaded = np.zeros((2, patch.rows, patch.columns), np.uint8)
+    for spot in spots:
+        shaded[:] = 0
+        for corners in casting:
+            patch.fill(shaded, _thrown(corners, spot), 1)
+        cv2.add(dark, shaded, dst=dark)
+    return np.asarray(1.0 - dark / np.float32(SHADOW_RAYS), np.float32)
+
+
+def _thrown(corners: Array, spot: Array) -> Array:
+    """(V, 3) corners thrown from the (3,) spot onto the plane z = 0: (V, 2)."""
+    thrown: Array = spot[:2] + (corners[:, :2] - spot[:2]) * (spot[2] / (spot[2] - corners[:, 2:]))
+    return thrown
+
+
+def _may_reach(patch: Patch, corners: Array, spots: Array) -> bool:
+    thrown = np.vstack([patch.texels(_thrown(corners, spot)) for spot in spots])
+    low, high = thrown.min(axis=0), thrown.max(axis=0)
+    return bool(np.all(high > 0) and np.all(low < [patch.columns, patch.rows]))
+
+
+def _above(corners: Array) -> Array:
+    """Corners (N, 3) of what of the hull of (V, 3) corners lies above z = 0; empty where nothing does."""
+    up = corners[:, 2] > CLEARANCE_MM
+    over, under = corners[up], corners[~up]
+    if not len(over) or not len(under):
+        return over
+    a, b = np.repeat(over, len(under), axis=0), np.tile(under, (len(over), 1))
+    share = (a[:, 2] / (a[:, 2] - b[:, 2]))[:, None]
+    cut: Array = np.vstack([over, a + share * (b - a)])
+    return cut
+
+
+def _disc(lamp: Lamp) -> Array:
+    """(SHADOW_RAYS, 3) points evenly over the lamp's level disc (a sunflower), world mm."""
+    k = np.arange(SHADOW_RAYS) + 0.5
+    radius, angle = lamp.radius_mm * np.sqrt(k / SHADOW_RAYS), np.pi * (1 + 5**0.5) * k
+    flat = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.zeros(SHADOW_RAYS)])
+    spots: Array = np.asarray(lamp.position_mm) + flat
+    return spots
