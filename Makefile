@@ -31,6 +31,7 @@ $(VENV)/.runtime: pyproject.toml
 $(VENV)/.dev: $(VENV)/.runtime
 	@echo "== installing the test tools (once; a minute or two)"
 	@$(BIN)/pip install -q -e '.[dev,metrics,review,export]'
+	@tests/browser.sh
 	@touch $@
 
 demo: $(VENV)/.runtime

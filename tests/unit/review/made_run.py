@@ -1,0 +1,90 @@
+"""A run written through the run log itself, with pictures, so that the review has something true to read."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from daemon.runlog import RunLog
+
+FACET = {
+    "type": "square",
+    "corners_mm": [[0.0, 0, 300], [0, 50, 300], [50, 50, 300], [50, 0, 300]],
+    "left_px": [[300.0, 200], [300, 280], [380, 280], [380, 200]],
+    "right_px": [[290.0, 200], [290, 280], [370, 280], [370, 200]],
+}
+
+
+def part(label: str, **more: Any) -> dict[str, Any]:
+    """A part as daemon/vision/report.py writes it."""
+    return {
+        "label": label,
+        "confidence": 0.98,
+        "match_ratio": 1.0,
+        "activation": 0.99,
+        "runner_up": "pyramid",
+        "ambiguous": False,
+        "candidates": [],
+        "reason": "3 facets fit to 0.10 mm rms",
+        "cyclopean_from_part": np.eye(4).tolist(),
+        "covariance": (np.eye(6) * 0.01).tolist(),
+        "equivalents": [],
+        "residual_mm": 0.1,
+        "facets": [FACET],
+        **more,
+    }
+
+
+class MadeRun:
+    """Writes cycles that end as they are told."""
+
+    def __init__(self, folder: Path, pictures: bool = True) -> None:
+        self.now = 1000.0
+        self.log = RunLog(folder, clock=lambda: self.now)
+        self.folder = folder
+        self.cycle = 0
+        self.image = np.full((120, 160), 90, np.uint8) if pictures else None
+        kept = folder / "made.yaml"
+        kept.write_text("version: 1\n")
+        self.log.record("run_start", config=self.log.keep(kept), calibration=self.log.keep(kept), seed=1)
+
+    def write(self, kind: str, /, after_s: float = 0.1, **fields: Any) -> None:
+        self.now += after_s
+        self.log.record(kind, **fields)
+
+    def look(self, purpose: str, *parts: dict[str, Any], stop: int = 0, **health: Any) -> None:
+        scene = {"ms": 12.0, "parts": list(parts), "rejected": [], "notes": []}
+        images = {} if self.image is None else {"images": {"left": self.image, "right": self.image}}
+        self.write(
+            "look", cycle=self.cycle, stop=stop, purpose=purpose, scene=scene, seconds={"facets": 0.01},
+            health={"epipolar_px": 0.05, "noise": 2.0, **health}, world_from_cyclopean=np.eye(4), where=np.eye(4),
+            **images,
+        )  # fmt: skip
+
+    def pick(
+        self, outcome: str = "picked", label: str = "cube", why: str = "gone from where it lay", **end: Any
+    ) -> None:
+        self.cycle += 1
+        self.write("cycle_start", cycle=self.cycle, target=None)
+        self.write("state", cycle=self.cycle, event="begin", to="survey", **{"from": "idle"})
+        self.look("survey 1", part(label))
+        self.write("decision", cycle=self.cycle, text=f"pick {label}", why="surest")
+        self.write("state", cycle=self.cycle, event="chosen", to="stop_n", **{"from": "choose"})
+        for stop, mm in ((1, 1.5), (2, 0.7)):
+            self.write("move", cycle=self.cycle, how="straight", target=np.eye(4), speed_pct=50.0, purpose="stand-off")
+            self.write(
+                "moved", cycle=self.cycle, where=np.eye(4), joints=[0.0] * 6, error_mm=0.01, error_deg=0, seconds=1
+            )
+            self.look("approach", part(label), stop=stop)
+            self.write(
+                "estimate", cycle=self.cycle, stop=stop, label=label, world_from_part=np.eye(4), covariance=np.eye(6),
+                predicted_mm=mm, predicted_deg=0.2, chi2=end.get("chi2", 1.0),
+            )  # fmt: skip
+        self.write("cycle_end", cycle=self.cycle, outcome=outcome, label=label, stops=2, why=why, grasp=None,
+                   predicted={"mm": 0.7, "deg": 0.2})  # fmt: skip
+
+    def close(self) -> Path:
+        self.log.close("the made run ends")
+        return self.folder

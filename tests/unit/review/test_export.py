@@ -1,0 +1,65 @@
+"""MCAP and Parquet are read back by their own libraries; the documented queries run."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from made_run import MadeRun
+
+from daemon import ctl
+
+duckdb = pytest.importorskip("duckdb", reason="duckdb is not installed")
+reader = pytest.importorskip("mcap.reader", reason="mcap is not installed")
+
+QUERIES = {
+    "which part is missed most, and where": """
+        SELECT cell, label, count(*) FILTER (outcome = 'missed') AS missed, count(*) AS cycles
+        FROM read_parquet('{store}/cycles/*/*/*.parquet', hive_partitioning = true)
+        GROUP BY cell, label ORDER BY missed DESC""",
+    "how sure the last look was, day by day": """
+        SELECT day, round(avg(predicted_mm), 3) AS predicted_mm, round(avg(true_mm), 3) AS true_mm
+        FROM read_parquet('{store}/cycles/*/*/*.parquet', hive_partitioning = true)
+        WHERE outcome = 'picked' GROUP BY day ORDER BY day""",
+    "which cell's cameras drift": """
+        SELECT cell, day, round(quantile_cont(epipolar_px, 0.9), 3) AS epipolar_px
+        FROM read_parquet('{store}/looks/*/*/*.parquet', hive_partitioning = true)
+        GROUP BY cell, day ORDER BY epipolar_px DESC""",
+}
+"""As in deploy/README.md; the file itself is held to these by a test."""
+
+
+@pytest.fixture
+def made(tmp_path: Path) -> MadeRun:
+    made = MadeRun(tmp_path / "runs" / "20260102T030405Z")
+    made.pick()
+    made.pick("missed", label="pyramid")
+    made.close()
+    return made
+
+
+def test_a_fleet_of_cells_is_read_with_the_documented_queries(made: MadeRun, tmp_path: Path) -> None:
+    runs = ["--runs", str(made.folder.parent)]
+    for cell in ("north", "south", "south"):
+        assert ctl.main(["export", *runs, "--parquet", "--out", str(tmp_path / "fleet"), "--cell", cell]) == 0
+    answers = [duckdb.sql(q.format(store=tmp_path / "fleet")).fetchall() for q in QUERIES.values()]
+    assert sorted(answers[0])[:2] == [("north", "cube", 0, 1), ("north", "pyramid", 1, 1)]
+    assert len(answers[0]) == 4
+    assert answers[1][0][1] == 0.7
+    assert {row[0] for row in answers[2]} == {"north", "south"}
+
+
+def test_an_mcap_file_is_read_back_with_every_image_pose_and_line(made: MadeRun, tmp_path: Path) -> None:
+    out = tmp_path / "run.mcap"
+    assert ctl.main(["export", "--runs", str(made.folder.parent), "--mcap", "--out", str(out)]) == 0
+    seen: dict[str, list[dict[str, object]]] = {}
+    with out.open("rb") as file:
+        for schema, channel, message in reader.make_reader(file).iter_messages():
+            content = json.loads(message.data)
+            assert set(content) <= set(json.loads(schema.data)["properties"])
+            seen.setdefault(channel.topic, []).append(content)
+    assert len(seen["/left/image"]) == len(seen["/right/image"]) == 6
+    assert len(seen["/estimate"]) == 4
+    assert {m["child_frame_id"] for m in seen["/tf"]} == {"cyclopean", "tool", "part:cube", "part:pyramid"}
+    assert len(seen["/log"]) == len((made.folder / "run.jsonl").read_text().splitlines())

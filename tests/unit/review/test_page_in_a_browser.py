@@ -1,0 +1,113 @@
+"""The page as a person uses it: opened from the disk in a browser, filtered, a cycle opened, the next stop."""
+
+from __future__ import annotations
+
+import shutil
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from made_run import MadeRun
+
+from daemon.review.page import write_page
+
+webdriver = pytest.importorskip("selenium.webdriver", reason="selenium is not installed")
+if not (shutil.which("chromium") and shutil.which("chromedriver")):
+    pytest.skip("no chromium and chromedriver on this machine", allow_module_level=True)
+
+FLAGS = (
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--disable-dev-shm-usage",
+    "--window-size=1300,1000",
+)
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[object]:
+    options = webdriver.ChromeOptions()
+    for flag in FLAGS:
+        options.add_argument(flag)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    driver = webdriver.Chrome(options=options, service=webdriver.ChromeService(shutil.which("chromedriver")))
+    yield driver
+    driver.quit()
+
+
+def rows(browser: object) -> list[object]:
+    return browser.find_elements("css selector", "#table tbody tr")  # type: ignore[attr-defined]
+
+
+def open_page(browser: object, page: Path) -> None:
+    browser.get(page.as_uri())  # type: ignore[attr-defined]
+    assert browser.execute_script("return document.documentElement.dataset.ready") == "yes"  # type: ignore[attr-defined]
+
+
+@pytest.fixture
+def page(tmp_path: Path) -> Path:
+    made = MadeRun(tmp_path / "20260102T030405Z")
+    made.pick()
+    made.pick("missed", label="pyramid", why="the pyramid lies where it lay", chi2=60.0)
+    made.pick(label="pentagonal_prism")
+    return write_page(made.close(), tmp_path / "page.html")
+
+
+def test_a_person_filters_opens_a_cycle_and_goes_to_the_next_stop(browser: object, page: Path) -> None:
+    open_page(browser, page)
+    assert len(rows(browser)) == 3
+    browser.find_element("css selector", "button[data-outcome=missed]").click()
+    (row,) = rows(browser)
+    assert "pyramid" in row.text
+    row.click()
+    cycle = browser.find_element("id", "cycle")
+    assert "disagrees with those before" in cycle.text
+    assert "null" not in cycle.text
+    before = cycle.find_element("css selector", "button[aria-pressed=true]").text
+    browser.find_element("id", "next").click()
+    assert cycle.find_element("css selector", "button[aria-pressed=true]").text != before
+    assert len(cycle.find_elements("css selector", ".eye img")) == 2
+    assert len(cycle.find_elements("css selector", ".eye polygon.facet")) == 2
+    browser.find_element("css selector", "button[data-outcome=all]").click()
+    browser.find_element("id", "search").send_keys("pentagonal")
+    assert len(rows(browser)) == 1
+    assert browser.get_log("browser") == []
+
+
+def test_plots_are_drawn_once_they_come_into_view(browser: object, page: Path) -> None:
+    open_page(browser, page)
+    browser.execute_script("document.getElementById('plots').scrollIntoView()")
+    deadline = time.monotonic() + 20
+    while not browser.find_elements("css selector", ".plot .main-svg") and time.monotonic() < deadline:
+        time.sleep(0.1)
+    assert browser.find_elements("css selector", ".plot .main-svg")
+    assert browser.get_log("browser") == []
+
+
+def test_a_phone_needs_no_sideways_scrolling(browser: object, page: Path) -> None:
+    browser.set_window_size(420, 900)
+    open_page(browser, page)
+    wide = browser.execute_script("return document.documentElement.scrollWidth - document.documentElement.clientWidth")
+    assert wide <= 0
+    browser.set_window_size(1300, 1000)
+
+
+def test_a_thousand_cycles_open_in_under_three_seconds(browser: object, tmp_path: Path) -> None:
+    made = MadeRun(tmp_path / "20260102T030405Z")
+    made.log.close("")
+    made = MadeRun(tmp_path / "20260102T030406Z")
+    for k in range(1000):
+        made.pick("missed" if k % 50 == 7 else "picked")
+    big = write_page(made.close(), tmp_path / "page.html")
+    open_page(browser, big)
+    loaded_ms = browser.execute_script(
+        "const t = performance.getEntriesByType('navigation')[0]; return t.loadEventEnd - t.startTime"
+    )
+    assert len(rows(browser)) == 1000
+    assert loaded_ms < 3000
