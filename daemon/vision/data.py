@@ -75,6 +75,7 @@ class FacetView:
     polygons_right: tuple[Polygon, ...]
     noise_sigma: float
     notes: tuple[str, ...] = ()
+    blur_px: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
