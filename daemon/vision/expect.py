@@ -65,23 +65,34 @@ def open_eyes(left: NDArray[Any], right: NDArray[Any], rig: StereoRig) -> Eyes:
 
 
 def look_closer(view: FacetView, model: Model, eyes: Eyes, settings: VisionSettings) -> FacetView:
-    """The view with lone facets completed to parts where both images show the rest; as it was where they do not."""
+    """The view with unnamed groups completed to parts where both images show the rest; as it was where they do not.
+
+    Each facet of such a group is taken on its own, the largest first: others may be shadows, or measured wrongly.
+    """
     groups = list(view.groups)
     for group in view.groups:
-        if len(group.facets) == 1 and any(g is group for g in groups):
-            others = [g for g in groups if g is not group]
-            whole = _completed(group, others, model, eyes, settings)
+        if not any(g is group for g in groups) or recognise_group(group, model).recognition.label != UNKNOWN:
+            continue
+        others = [g for g in groups if g is not group]
+        for facet in sorted(group.facets, key=lambda f: -Shape.of(f.left_px).area):
+            whole = _completed(_alone(facet), others, model, eyes, settings)
             if whole is not None:
-                groups = [g for g in others if not _absorbs(whole, g)] + [whole]
+                rest = [_alone(f) for f in group.facets]
+                groups = [g for g in (*others, *rest) if not _absorbs(whole, g)] + [whole]
+                break
     return replace(view, groups=tuple(groups))
+
+
+def _alone(facet: Facet) -> Group:
+    return Group((facet,), np.zeros((1, 1), bool))
 
 
 def _completed(
     group: Group, others: Sequence[Group], model: Model, eyes: Eyes, settings: VisionSettings
 ) -> Group | None:
-    """The group with its missing facets, where that gives it a name, no other name is as possible, and nothing else
+    """A lone facet's group with its missing facets, where that gives it a name, no other name is as possible, and
 
-    lies there.
+    nothing else lies there.
     """
     named: dict[str, Group] = {}
     for more in expected_groups(group, suspicions(group, model), model, eyes, settings):

@@ -15,7 +15,7 @@ from daemon.vision.expect import look_closer, open_eyes
 from daemon.vision.facet_types import FacetLibrary
 from daemon.vision.facets import find_facets
 from daemon.vision.model import Model, empty_model
-from daemon.vision.recognise import recognise
+from daemon.vision.recognise import UNKNOWN, recognise
 from daemon.vision.rig import StereoRig
 from daemon.vision.settings import VisionSettings
 from daemon.vision.table import Table, without_table
@@ -44,9 +44,10 @@ def look(
         view = without_table(view, table)
     seen = now()
     known = model or empty_model(FacetLibrary(()))
-    if any(len(g.facets) == 1 for g in view.groups) and known.labels:
-        view = look_closer(view, known, open_eyes(left, right, rig), settings or VisionSettings())
     parts = recognise(view, known)
+    if known.labels and any(p.recognition.label == UNKNOWN for p in parts):
+        view = look_closer(view, known, open_eyes(left, right, rig), settings or VisionSettings())
+        parts = recognise(view, known)
     seconds = {"facets": seen - start, "recognise": now() - seen} if clock else {}
     return Scene(parts, view.rejected, view, (*view.notes, *_notes(view, parts, model)), seconds)
 
@@ -59,7 +60,7 @@ def _notes(view: FacetView, parts: tuple[Part, ...], model: Model | None) -> tup
     """What a person should know besides the parts: why something is not named, or why nothing is seen."""
     if model is None or not model.labels:
         return ("nothing was taught yet: every part is unknown",) if parts else ()
-    silent = tuple(f"{p.recognition.label}: {p.recognition.reason}" for p in parts if p.recognition.label == "unknown")
+    silent = tuple(f"{p.recognition.label}: {p.recognition.reason}" for p in parts if p.recognition.label == UNKNOWN)
     if not parts and (view.polygons_left or view.polygons_right):
         return (
             f"no facet was found in both images ({len(view.polygons_left)} and {len(view.polygons_right)} outlines)",
