@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.vision.candidates import choose, find_candidates
-from daemon.vision.data import FacetView, Group, Polygon, Rejected
-from daemon.vision.epipolar import baseline
+from daemon.vision.candidates import Candidate, choose, find_candidates, triangulate
+from daemon.vision.data import Facet, FacetView, Group, Polygon, Rejected
+from daemon.vision.detectors import find_corners
+from daemon.vision.epipolar import Baseline, baseline
 from daemon.vision.eye import Sight, look_with
+from daemon.vision.formulas import by_formula, converging
 from daemon.vision.grouping import connected, touching_table
 from daemon.vision.image import as_grey, check_size
 from daemon.vision.joining import join
 from daemon.vision.rig import StereoRig
 from daemon.vision.settings import VisionSettings
+
+_DETECTED_PX = 0.7
 
 
 def find_facets(
@@ -34,17 +39,54 @@ def find_facets(
         check_size(grey, rig.image_size, name)
         sights.append(look_with(eye, grey, settings))
     chosen, refused = choose(find_candidates(sights[0], sights[1], eyes, settings), settings)
-    groups = []
+    if settings.corner_detector != "line_fit":
+        chosen = [_with_detected_corners(c, sights, eyes, settings) for c in chosen]
     touch = touching_table(tuple(c.facet for c in chosen))
+    groups = []
     for members in connected(touch):
-        facets, _ = join([chosen[k] for k in members], eyes)
+        group = [chosen[k] for k in members]
+        facets = join(group, eyes)[0] if settings.corner_detector == "line_fit" else [c.facet for c in group]
+        if settings.stereo_formula != "exact":
+            facets = _by_formula(facets, rig, settings)
         groups.append(Group(tuple(facets), touch[np.ix_(members, members)]))
     groups.sort(key=lambda g: float(np.mean([f.corners_mm[:, 2].mean() for f in g.facets])))
     polygons = tuple(c.left.polygon for c in chosen), tuple(c.right.polygon for c in chosen)
     rejected = _unmatched(sights[0], polygons[0], "left") + _unmatched(sights[1], polygons[1], "right")
     rejected += tuple(Rejected(c.facet.left_px, "left", why) for c, why in refused)
-    sigma = float(np.mean([s.noise.sigma[128] for s in sights]))
-    return FacetView(tuple(groups), rejected, *polygons, sigma)
+    sigma, blur = _noise_at_parts(sights, chosen)
+    return FacetView(tuple(groups), rejected, *polygons, sigma, blur_px=blur)
+
+
+def _noise_at_parts(sights: list[Sight], chosen: list[Candidate]) -> tuple[float, float]:
+    """Noise sigma at the grey level of the facets (mid grey without any), grey levels; and the edges' blur, px."""
+    if not chosen:
+        return float(np.mean([s.noise.sigma[128] for s in sights])), 0.0
+    sigma = []
+    for c in chosen:
+        for sight, corners in ((sights[0], c.facet.left_px), (sights[1], c.facet.right_px)):
+            column, row = np.clip(corners.mean(0), 0, np.array(sight.image.shape[::-1]) - 1).astype(int)
+            sigma.append(float(sight.noise.at(np.array(sight.image[row, column]))))
+    return float(np.median(sigma)), float(np.median([c.left.sides.blur[0] for c in chosen]))
+
+
+def _with_detected_corners(c: Candidate, sights: list[Sight], eyes: Baseline, settings: VisionSettings) -> Candidate:
+    """The candidate with its corners from one of D'Souza's detectors; where that finds none, the met lines stay."""
+    polygons = []
+    for sight, fitted in zip(sights, (c.left, c.right), strict=True):
+        p = fitted.polygon
+        sigma = float(sight.noise.sigma[128])
+        found = find_corners(sight.image, p.corners_px, settings.corner_detector, sigma)
+        corners = np.where(np.isnan(found), p.corners_px, found)
+        covariance = np.repeat(_DETECTED_PX**2 * np.eye(2)[None], len(corners), 0)
+        polygons.append(replace(p, corners_px=corners, covariance_px2=covariance))
+    left, right = replace(c.left, polygon=polygons[0]), replace(c.right, polygon=polygons[1])
+    return replace(c, facet=triangulate(polygons[0], polygons[1], eyes), left=left, right=right)
+
+
+def _by_formula(facets: list[Facet], rig: StereoRig, settings: VisionSettings) -> list[Facet]:
+    constants = converging(rig)
+    compensated = settings.stereo_formula == "thesis_compensated"
+    return [replace(f, corners_mm=by_formula(f.left_px, f.right_px, rig, constants, compensated)) for f in facets]
 
 
 def _unmatched(sight: Sight, used: tuple[Polygon, ...], eye: str) -> tuple[Rejected, ...]:

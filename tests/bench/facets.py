@@ -20,10 +20,14 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from daemon.vision.candidates import choose, find_candidates
 from daemon.vision.data import Facet, FacetView
+from daemon.vision.epipolar import baseline
+from daemon.vision.eye import look_with
 from daemon.vision.facets import find_facets
+from daemon.vision.limit import limit
 from daemon.vision.rig import Camera, StereoRig
-from daemon.vision.settings import VisionSettings
+from daemon.vision.settings import CornerDetector, StereoFormula, VisionSettings
 
 Array = NDArray[np.float64]
 NEAR_PX = 3.0
@@ -41,6 +45,12 @@ def load_rig(path: pathlib.Path) -> StereoRig:
     keys = ("camera_matrix", "distortion", "cyclopean_from_camera")
     left, right = (Camera(*(np.array(data[eye][k], float) for k in keys)) for eye in ("left", "right"))
     return StereoRig(left, right, tuple(data["image_size"]))
+
+
+def images(folder: pathlib.Path) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Left and right image of a scene."""
+    left, right = (np.asarray(cv2.imread(str(folder / f"{eye}.png"), -1)) for eye in ("left", "right"))
+    return left, right
 
 
 @dataclass
@@ -108,7 +118,7 @@ def run(scenes: pathlib.Path, settings: VisionSettings, only: str = "") -> dict[
             continue
         truth = json.loads(path.read_text())
         rig = rigs.setdefault(truth["rig"], load_rig(scenes / f"calibration-{truth['rig']}.yaml"))
-        left, right = (np.asarray(cv2.imread(str(path.parent / f"{eye}.png"), -1)) for eye in ("left", "right"))
+        left, right = images(path.parent)
         tally = tallies[name.rsplit("-", 1)[0]]
         start = time.perf_counter()
         view = find_facets(left, right, rig, settings)
@@ -130,6 +140,76 @@ def print_table(tallies: dict[str, Tally]) -> None:
         )
 
 
+def edges(facets: list[Array]) -> list[Array]:
+    """Different edges (2, 3) mm of facets' corners (N, 3), each once."""
+    found: list[Array] = []
+    for corners in facets:
+        for edge in np.stack([corners, np.roll(corners, -1, 0)], 1):
+            if not any(min(np.abs(edge - g).max(), np.abs(edge[::-1] - g).max()) < 1e-3 for g in found):
+                found.append(edge)
+    return found
+
+
+def edge_errors(scenes: pathlib.Path, settings: VisionSettings) -> tuple[Array, int]:
+    """The thesis's figure 5.7: absolute errors of a box's edge lengths, mm, and how many edges were not found."""
+    errors, missing = [], 0
+    for path in sorted(scenes.glob("table57-*/truth.json")):
+        truth = json.loads(path.read_text())
+        view = find_facets(*images(path.parent), load_rig(scenes / f"calibration-{truth['rig']}.yaml"), settings)
+        got = edges([f.corners_mm for g in view.groups for f in g.facets])
+        for edge in edges([np.array(f["corners_mm"]) for f in visible_facets(truth)]):
+            away = [min(np.abs(g - edge).max(), np.abs(g[::-1] - edge).max()) for g in got]
+            if not away or min(away) > 60:
+                missing += 1
+                continue
+            nearest_edge = got[int(np.argmin(away))]
+            errors.append(abs(np.linalg.norm(nearest_edge[0] - nearest_edge[1]) - np.linalg.norm(edge[0] - edge[1])))
+    return np.array(errors), missing
+
+
+def print_comparison(scenes: pathlib.Path) -> None:
+    """Corner detectors and stereo formulas on figure 5.7."""
+    print(f"\n{'figure 5.7, rig A0: corners by':<32}{'depth by':<22}{'mean |edge error| mm':>22}{'missing':>9}")
+    detectors: tuple[CornerDetector, ...] = ("line_fit", "mic", "median")
+    formulas: tuple[StereoFormula, ...] = ("exact", "thesis", "thesis_compensated")
+    for detector in detectors:
+        for formula in formulas:
+            settings = VisionSettings(corner_detector=detector, stereo_formula=formula)
+            error, missing = edge_errors(scenes, settings)
+            print(f"{detector:<32}{formula:<22}{error.mean():>22.3f}{missing:>9}")
+    print("the thesis itself, with its own cameras: 2.99 mm")
+
+
+def print_stages(scenes: pathlib.Path) -> None:
+    """Median CPU time by stage over the clean scenes of rig B, and the limit meter's reading."""
+    spent: dict[str, list[float]] = collections.defaultdict(list)
+    ratios = []
+    rig, settings = load_rig(scenes / "calibration-B.yaml"), VisionSettings()
+    eyes = baseline(rig)
+    for path in sorted(scenes.glob("clean-B-*")):
+        pair = images(path)
+        t = [time.process_time()]
+        sights = [look_with(eye, image, settings) for eye, image in zip((eyes.left, eyes.right), pair, strict=True)]
+        t.append(time.process_time())
+        candidates = find_candidates(sights[0], sights[1], eyes, settings)
+        t.append(time.process_time())
+        choose(candidates, settings)
+        t.append(time.process_time())
+        view = find_facets(*pair, rig, settings)
+        t.append(time.process_time())
+        reading = limit(view)
+        if reading is not None:
+            ratios.append((reading.seen_px, reading.bound_px, reading.blur_px, reading.contrast, reading.noise_sigma))
+        for name, a, b in zip(("outlines, both eyes", "match and fit", "choose", "all"), t[:-1], t[1:], strict=True):
+            spent[name].append(b - a)
+    print("\nCPU ms, median over clean-B: " + ", ".join(f"{k} {1e3 * np.median(v):.1f}" for k, v in spent.items()))
+    seen, bound, blur, contrast, sigma = np.median(np.array(ratios), 0)
+    print(
+        f"limit meter, medians: corners {seen:.3f} px seen, {bound:.3f} px possible (blur {blur:.2f} px, "
+        f"contrast {contrast:.0f}, noise {sigma:.1f} grey levels)"
+    )
+
+
 def main() -> None:
     """Print the tables."""
     cv2.setNumThreads(1)
@@ -142,6 +222,9 @@ def main() -> None:
     print_table(tallies)
     if only:
         print(*(m for t in tallies.values() for m in t.missed), sep="\n")
+    else:
+        print_comparison(scenes)
+        print_stages(scenes)
 
 
 if __name__ == "__main__":

@@ -1,0 +1,76 @@
+"""Many polygons in one array, so that what is done to each is done to all at once. Plain geometry, no pixels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+
+@dataclass(frozen=True, eq=False)
+class Rings:
+    """Corners (M, 2) of P polygons one after the other; first, count (P,); next, before (M,) neighbours round each."""
+
+    corners: Array
+    first: Index
+    count: Index
+    next: Index
+    before: Index
+
+    def moved(self, corners: Array) -> Rings:
+        """The same polygons with other corners (M, 2)."""
+        return Rings(corners, self.first, self.count, self.next, self.before)
+
+    def split(self, values: Array | None = None) -> list[Array]:
+        """(M, ...) values, or the corners, polygon by polygon."""
+        every = self.corners if values is None else values
+        return [every[s : s + n] for s, n in zip(self.first.tolist(), self.count.tolist(), strict=True)]
+
+    def sums(self, values: Array) -> Array:
+        """Sums (P, ...) of (M, ...) values over each polygon."""
+        return np.asarray(np.add.reduceat(values, self.first, axis=0))
+
+    def least(self, values: Array) -> Array:
+        """Least (P,) of (M,) values over each polygon."""
+        return np.asarray(np.minimum.reduceat(values, self.first))
+
+
+def rings(polygons: list[Array]) -> Rings:
+    """Put polygons, at least one, into one array."""
+    count = np.array([len(p) for p in polygons], dtype=np.intp)
+    first = np.cumsum(count) - count
+    index = np.arange(count.sum())
+    owner = np.repeat(np.arange(len(count)), count)
+    last = (first + count - 1)[owner]
+    following = np.where(index == last, first[owner], index + 1)
+    before = np.where(index == first[owner], last, index - 1)
+    return Rings(np.concatenate(polygons), first, count, following, before)
+
+
+def met(shape: Rings, start: Array, end: Array) -> Array:
+    """Meeting points (M, 2) of each side's line, start -> end (M, 2), with that of the side before it."""
+    a = start[:, 1] - end[:, 1]
+    b = end[:, 0] - start[:, 0]
+    c = -(a * start[:, 0] + b * start[:, 1])
+    p = shape.before
+    w = a[p] * b - a * b[p]
+    w = np.where(np.abs(w) < 1e-9, 1e-9, w)
+    return np.stack([(b[p] * c - b * c[p]) / w, (c[p] * a - c * a[p]) / w], 1)
+
+
+def areas(shape: Rings) -> Array:
+    """Shoelace areas (P,) px^2; negative for corners that run anticlockwise as seen (v points down)."""
+    x, y = shape.corners.T
+    return 0.5 * shape.sums(x * y[shape.next] - x[shape.next] * y)
+
+
+def convex(shape: Rings) -> NDArray[np.bool_]:
+    """Whether each polygon is convex and runs once round, anticlockwise as seen (P,)."""
+    chord = shape.corners[shape.next] - shape.corners
+    old = chord[shape.before]
+    turn = np.arctan2(old[:, 0] * chord[:, 1] - old[:, 1] * chord[:, 0], np.sum(old * chord, 1))
+    return (shape.least(-turn) > 0) & (np.abs(shape.sums(turn) + 2 * np.pi) < 1e-3)
