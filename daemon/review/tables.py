@@ -1,6 +1,6 @@
 """Rows of looks and of cycles, the same for CSV and for Parquet: what a fleet of cells is compared by.
 
-The columns and their units are the documented schema (deploy/README.md, "Many cells"); a new one goes at the end.
+The columns and their units are the documented schema (deploy/RUNS.md, "Many cells"); a new one goes at the end.
 """
 
 from __future__ import annotations

@@ -3,31 +3,21 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import pytest
 from made_run import MadeRun
 
 from daemon import ctl
+from daemon.review.tables import CYCLE_COLUMNS, LOOK_COLUMNS
+from daemon.runlog import KINDS
 
 duckdb = pytest.importorskip("duckdb", reason="duckdb is not installed")
 reader = pytest.importorskip("mcap.reader", reason="mcap is not installed")
 
-QUERIES = {
-    "which part is missed most, and where": """
-        SELECT cell, label, count(*) FILTER (outcome = 'missed') AS missed, count(*) AS cycles
-        FROM read_parquet('{store}/cycles/*/*/*.parquet', hive_partitioning = true)
-        GROUP BY cell, label ORDER BY missed DESC""",
-    "how sure the last look was, day by day": """
-        SELECT day, round(avg(predicted_mm), 3) AS predicted_mm, round(avg(true_mm), 3) AS true_mm
-        FROM read_parquet('{store}/cycles/*/*/*.parquet', hive_partitioning = true)
-        WHERE outcome = 'picked' GROUP BY day ORDER BY day""",
-    "which cell's cameras drift": """
-        SELECT cell, day, round(quantile_cont(epipolar_px, 0.9), 3) AS epipolar_px
-        FROM read_parquet('{store}/looks/*/*/*.parquet', hive_partitioning = true)
-        GROUP BY cell, day ORDER BY epipolar_px DESC""",
-}
-"""As in deploy/README.md; the file itself is held to these by a test."""
+GUIDE = (Path(__file__).parents[3] / "deploy" / "RUNS.md").read_text()
+QUERIES = re.findall(r"```sql\n(.*?)```", GUIDE, re.DOTALL)
 
 
 @pytest.fixture
@@ -43,11 +33,22 @@ def test_a_fleet_of_cells_is_read_with_the_documented_queries(made: MadeRun, tmp
     runs = ["--runs", str(made.folder.parent)]
     for cell in ("north", "south", "south"):
         assert ctl.main(["export", *runs, "--parquet", "--out", str(tmp_path / "fleet"), "--cell", cell]) == 0
-    answers = [duckdb.sql(q.format(store=tmp_path / "fleet")).fetchall() for q in QUERIES.values()]
+    assert len(QUERIES) == 3
+    answers = [duckdb.sql(q.replace("STORE", str(tmp_path / "fleet"))).fetchall() for q in QUERIES]
     assert sorted(answers[0])[:2] == [("north", "cube", 0, 1), ("north", "pyramid", 1, 1)]
     assert len(answers[0]) == 4
     assert answers[1][0][1] == 0.7
     assert {row[0] for row in answers[2]} == {"north", "south"}
+
+
+def test_the_guide_names_every_column_in_its_order() -> None:
+    for name, columns in (("cycles", CYCLE_COLUMNS), ("looks", LOOK_COLUMNS)):
+        assert f"| `{name}` | {', '.join(columns)} |" in GUIDE
+
+
+def test_the_guide_names_every_kind_of_record() -> None:
+    table = GUIDE.split("## run.jsonl")[1].split("## Reading")[0]
+    assert set(re.findall(r"`(\w+)`", "".join(re.findall(r"^\| (`[^|]*)\|", table, re.MULTILINE)))) == set(KINDS)
 
 
 def test_an_mcap_file_is_read_back_with_every_image_pose_and_line(made: MadeRun, tmp_path: Path) -> None:
