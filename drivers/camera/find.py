@@ -6,7 +6,7 @@ A number is only good until the next boot; by-id and by-path links and card name
 from __future__ import annotations
 
 import errno
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from drivers.camera import v4l2
@@ -113,9 +113,10 @@ def list_devices(system: System, whole: bool = True) -> tuple[list[Device], list
     return devices, notes
 
 
-def _choices(devices: Iterable[Device], notes: Iterable[str]) -> str:
+def _choices(devices: Iterable[Device], notes: Iterable[str], nodes: Sequence[str] = ()) -> str:
     lines = [f"{d.path} `{d.card}`{''.join(f' {link}' for link in d.links)}" for d in devices]
-    return "; ".join([*lines, *notes]) or "no video device at all"
+    idle = f"only {', '.join(nodes)}, which capture no video" if nodes else "no video device at all"
+    return "; ".join([*lines, *notes]) or idle
 
 
 def find(name: str, eye: str, system: System) -> str:
@@ -132,4 +133,4 @@ def find(name: str, eye: str, system: System) -> str:
         raise CameraError(
             f"{eye} camera: {len(called)} devices are called `{name}`; name one by its path: {_choices(called, [])}"
         )
-    raise CameraError(f"{eye} camera `{name}` is not there; there is: {_choices(devices, notes)}")
+    raise CameraError(f"{eye} camera `{name}` is not there; there is: {_choices(devices, notes, system.nodes())}")

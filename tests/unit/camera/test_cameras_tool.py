@@ -1,0 +1,166 @@
+"""`facetctl cameras`, `snap` and `stream` as a person uses them, on recorded pairs."""
+
+from __future__ import annotations
+
+import http.client
+import json
+import shutil
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from daemon import ctl
+from daemon.cameras import measure
+from daemon.cell import EXPECTED_ERRORS, CellError
+from daemon.preview import Preview, Shot
+from drivers.camera.pair import Frame, StereoPair
+
+HOUSE = Path(__file__).resolve().parents[3]
+
+
+@pytest.fixture
+def config(tmp_path: Path) -> Path:
+    """A configuration whose cameras are two recorded pairs."""
+    shutil.copytree(HOUSE / "etc", tmp_path / "etc")
+    for pair in ("1", "2"):
+        for k, eye in enumerate(("left", "right")):
+            folder = tmp_path / "etc" / "pairs" / pair
+            folder.mkdir(parents=True, exist_ok=True)
+            image = np.random.default_rng(k).integers(60, 200, (480, 640), np.uint8)
+            cv2.imwrite(str(folder / f"{eye}.png"), image)
+    path = tmp_path / "etc" / "facetd.yaml"
+    text = path.read_text().replace("cell: real", "cell: recorded")
+    path.write_text(text + f"\nfolders: {{state: {tmp_path}/state}}\n")
+    return path
+
+
+def test_a_snap_saves_both_images_and_what_is_known_of_them(config: Path, tmp_path: Path) -> None:
+    assert ctl.main(["snap", str(tmp_path / "shot"), "--config", str(config)]) == 0
+    said = json.loads((tmp_path / "shot" / "snap.json").read_text())
+    assert cv2.imread(str(tmp_path / "shot" / "right.png"), cv2.IMREAD_GRAYSCALE).shape == (480, 640)
+    assert said["skew_ms"] == 0.0
+    assert {"saturation", "darkness", "half"} <= {finding["name"] for finding in said["health"]}
+
+
+def test_several_snaps_are_pairs_that_can_be_replayed(config: Path, tmp_path: Path) -> None:
+    words = ["snap", str(tmp_path / "shots"), "--count", "2", "--every", "0", "--config", str(config)]
+    assert ctl.main(words) == 0
+    shutil.rmtree(config.parent / "pairs")
+    shutil.copytree(tmp_path / "shots", config.parent / "pairs")
+    assert ctl.main(["snap", str(tmp_path / "again"), "--config", str(config)]) == 0
+
+
+def test_cameras_that_do_not_work_are_one_line_and_status_1(
+    config: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shutil.rmtree(config.parent / "pairs")
+    assert ctl.main(["snap", str(tmp_path / "shot"), "--config", str(config)]) == 1
+    assert "is no folder" in capsys.readouterr().err
+    assert ctl.main(["--json", "cameras", "--seconds", "1", "--config", str(config)]) == 1
+    said = json.loads(capsys.readouterr().out)
+    assert said["pair"] is None
+    assert "is no folder" in said["trouble"]
+
+
+def test_a_configuration_that_is_not_there_is_one_line_and_status_2(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert ctl.main(["snap", str(tmp_path), "--config", str(tmp_path / "no.yaml")]) == 2
+    assert "no.yaml" in capsys.readouterr().err
+
+
+class Steady:
+    """A camera that gives a pair every tenth of a second of its own clock, 3 ms apart."""
+
+    now_s = 10.0
+
+    def clock(self) -> float:
+        return self.now_s
+
+    def grab(self, not_before_s: float, timeout_s: float) -> StereoPair:
+        self.now_s += 0.1
+        dark = np.zeros((4, 4), np.uint8)
+        return StereoPair(Frame(dark, self.now_s - 0.033, 1), Frame(dark, self.now_s - 0.03, 1))
+
+    def open(self) -> None: ...
+
+    def close(self) -> None: ...
+
+    def describe(self) -> str:
+        return "steady"
+
+
+def test_the_listing_measures_rate_skew_and_age() -> None:
+    camera = Steady()
+    measured = measure(camera, 1.0, camera.clock)
+    assert measured["rate_hz"] == pytest.approx(10.0, rel=0.05)
+    assert measured["skew_ms"] == pytest.approx(3.0)
+    assert measured["age_ms"] == pytest.approx(30.0)
+    assert measured["eyes"] == []
+
+
+class Show:
+    """A preview in a thread, its pictures counted; `broken` makes the next ones fail."""
+
+    def __init__(self) -> None:
+        self.shots, self.broken = 0, False
+        self.preview = Preview(self.shoot, 0, 50.0, EXPECTED_ERRORS)
+        self.thread = threading.Thread(target=self.preview.serve)
+        self.thread.start()
+        self.port = int(self.preview.address.rstrip("/").rpartition(":")[2])
+
+    def shoot(self) -> Shot:
+        if self.broken:
+            raise CellError("left camera /dev/video0 is gone")
+        self.shots += 1
+        return b"\xff\xd8picture %d\xff\xd9" % self.shots, {"text": "all well", "troubles": []}
+
+    def ask(self, path: str, host: str = "127.0.0.1") -> tuple[int, bytes]:
+        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=5)
+        try:
+            connection.request("GET", path, headers={"Host": f"{host}:{self.port}"})
+            answer = connection.getresponse()
+            return answer.status, answer.read(400)
+        finally:
+            connection.close()
+
+
+@pytest.fixture
+def show() -> Iterator[Show]:
+    running = Show()
+    yield running
+    running.preview.close()
+    running.thread.join(5)
+    assert not running.thread.is_alive()
+
+
+def test_the_preview_is_a_page_with_a_moving_picture_and_words(show: Show) -> None:
+    assert b"/stream.mjpg" in show.ask("/")[1]
+    status, body = show.ask("/stream.mjpg")
+    assert status == 200
+    assert body.count(b"--picture") >= 2
+    assert b"Content-Length: " in body
+    assert show.ask("/picture.jpg")[1].startswith(b"\xff\xd8picture")
+    assert json.loads(show.ask("/status.json")[1])["text"] == "all well"
+    assert show.ask("/elsewhere")[0] == 404
+
+
+def test_the_preview_answers_this_machine_only(show: Show) -> None:
+    assert show.preview.address.startswith("http://127.0.0.1:")
+    assert show.ask("/", host="evil.example")[0] == 403
+
+
+def test_trouble_with_the_cameras_is_said_in_the_preview_and_passes(show: Show) -> None:
+    show.ask("/picture.jpg")
+    show.broken = True
+    for _ in range(100):
+        said = json.loads(show.ask("/status.json")[1])
+        if said["troubles"]:
+            break
+    assert said["troubles"] == ["left camera /dev/video0 is gone"]
+    show.broken = False
+    assert show.preview.after(show.shots, 3.0) is not None
