@@ -47,12 +47,13 @@ def matches_at(
 ) -> tuple[Array, Array]:
     """(5.2) and the match ratio at C nodes, (C,) each, facets of the view (n, n) in slots numbering (C, n); filled:
     the facets that touch something."""
-    seen = view[np.ix_(filled, filled)]
+    seen = view[filled][:, filled]
     slots = numbering[:, filled]
     place = (nodes[:, None, None], slots[:, :, None], slots[:, None, :])
-    fits = (taught.lower[place] <= seen) & (seen <= taught.upper[place])
+    lower = taught.lower[place]
+    fits = lower == seen if taught.upper is taught.lower else (lower <= seen) & (seen <= taught.upper[place])
     elements = taught.slots * taught.slots
     difference = (elements - (~fits).sum(axis=(1, 2))) / elements
-    most = np.maximum(taught.facets(nodes), len(filled))
-    ratio = np.divide(fits.all(axis=2).sum(axis=1), most, out=np.zeros(len(nodes)), where=most > 0)
+    most = np.maximum(np.maximum(taught.facets[nodes], len(filled)), 1)
+    ratio = fits.all(axis=2).sum(axis=1) / most
     return np.asarray(difference), np.asarray(ratio)

@@ -7,6 +7,7 @@ r where r and c touch, else 0. Any numbers in [0, 1] are served. Numberings are 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -40,9 +41,10 @@ class TaughtMatrices:
         size = self.lower.sum(axis=(1, 2))
         return np.asarray(size + (1.0 - self.upper).sum(axis=(1, 2)) if self.complement else size)
 
-    def facets(self, nodes: Index) -> Index:
-        """How many facets these nodes (C,) have that touch another (or themselves), (C,)."""
-        touching = self.upper[nodes] > 0.0
+    @cached_property
+    def facets(self) -> Index:
+        """How many facets each node has that touch another (or themselves), (J,)."""
+        touching = self.upper > 0.0
         filled = touching.any(axis=1) | touching.any(axis=2)
         return np.asarray(filled.sum(axis=1), dtype=np.int64)
 

@@ -180,11 +180,13 @@ def _most_promising(nodes: Index, bound: Array, length: int) -> Index:
 
 def _with_idle_facets(slots: Index, filled: Index, facets: int, room: int) -> Index:
     """Slots (J, k) of the facets that touch something -> (J, n): the idle ones get the free slots in rising order."""
+    if len(filled) == facets:
+        return slots
+    free = np.ones((len(slots), room), dtype=bool)
+    free[np.arange(len(slots))[:, None], slots] = False
+    idle = np.ones(facets, dtype=bool)
+    idle[filled] = False
     numbering = np.empty((len(slots), facets), dtype=np.int64)
     numbering[:, filled] = slots
-    if len(filled) < facets:
-        idle = np.delete(np.arange(facets), filled)
-        free = np.ones((len(slots), room), dtype=bool)
-        np.put_along_axis(free, slots, False, axis=1)
-        numbering[:, idle] = np.argsort(~free, axis=1, kind="stable")[:, : len(idle)]
+    numbering[:, idle] = np.nonzero(free)[1].reshape(len(slots), -1)[:, : facets - len(filled)]
     return numbering
