@@ -13,12 +13,10 @@ import numpy as np
 from daemon import approach, frames
 from daemon.approach import Doubt, Estimate, Sighting
 from daemon.looking import Look
-from daemon.plan import Plan, Seen, seen_parts
+from daemon.plan import SAME_PLACE_MM, Plan, Seen, seen_parts
 from daemon.tracking import Fit, Shape, refit
 from daemon.workcell import Array, Workcell
 
-SAME_PLACE_MM = 30.0
-"""Two parts seen nearer than this to one place are one part."""
 NEAR_MM = 60.0
 """Facets farther than this from where the part's middle should be are not its own."""
 

@@ -11,13 +11,15 @@ from dataclasses import dataclass
 
 from daemon import approach, guard
 from daemon.approach import CHI_SQUARE_6
-from daemon.following import NEAR_MM, SAME_PLACE_MM, Target, beside, far, follow
+from daemon.following import NEAR_MM, Target, beside, far, follow
 from daemon.guard import Command, Standing
 from daemon.looking import Look, Sight, log_look, take_look
 from daemon.motion import Mover, MoveRefusedError, OutOfReachError
-from daemon.plan import UNKNOWN, Seen, Settings, ordered, other_view, plan_part, regrasp, seen_parts
+from daemon.plan import SAME_PLACE_MM, Seen, Settings, merged, ordered, other_view, plan_part, regrasp, seen_parts
 from daemon.workcell import Array, Workcell
 
+MOST_STALE = 3
+"""How often a table is looked at again because looks got old; after that the guard has its say."""
 STANDING_RULES = ("fault_stands", "not_enabled", "arm_lost")
 
 
@@ -57,7 +59,7 @@ class Pick:
         self.target: Target | None = None
         self.last: Target | None = None
         self.doubtful: Seen | None = None
-        self.tries = self.replans = 0
+        self.tries = self.replans = self.stales = 0
         self.questioned: list[Seen] | None = None
         self.outcome, self.why = "empty", "nothing on the table that can be picked"
 
@@ -119,31 +121,39 @@ class Pick:
     # The states.
 
     async def survey(self) -> str:
-        """Look at the table from each survey view until one shows something that is not skipped."""
+        """Look at the table from each survey view until one shows a part that can be named and was not skipped."""
         self.target = None
+        self.found = []
         for number, view in enumerate(self.settings.surveys, start=1):
             await self.travel(view.pose(self.cell.tool_from_cyclopean), f"survey {number}")
-            look = await self.look(f"survey {number}")
-            self.found = seen_parts(look)
+            self.found = merged(self.found, seen_parts(await self.look(f"survey {number}")))
             self.settle_question()
-            if any(self.wants(part) and not self.is_skipped(part.centre) for part in self.found):
+            if any(p.named for p in self.left()):
                 return "seen"
-        return "nothing"
+        return "seen" if self.left() else "nothing"
+
+    def left(self) -> list[Seen]:
+        """What was found, is wanted and was not skipped, in order."""
+        found = ordered(self.found, self.settings.order)
+        return [part for part in found if self.wants(part) and not self.is_skipped(part.centre)]
+
+    def is_stale(self, look: Look) -> bool:
+        """Whether a look is too old to begin an approach on."""
+        return self.cell.clock() - look.taken_s > self.settings.limits.max_look_age_s / 2
 
     def wants(self, part: Seen) -> bool:
         """Whether the part is, or may be, what this pick is after."""
-        return self.wanted is None or self.wanted == part.label or self.wanted in part.candidates
+        return self.wanted in (None, part.label) or not part.named
 
     async def choose(self) -> str:
         """The first part, in order, that can be had; each that cannot is skipped and named."""
         self.target = None
-        for part in ordered(self.found, self.settings.order):
-            if self.is_skipped(part.centre) or not self.wants(part):
-                continue
-            if self.cell.clock() - part.look.taken_s > self.settings.limits.max_look_age_s / 2:
+        for part in self.left():
+            if self.stales < MOST_STALE and self.is_stale(part.look):
+                self.stales += 1
                 return "stale"
             shape = self.sight.shape(part.label)
-            if part.ambiguous or shape is None:
+            if not part.named or shape is None:
                 if self.looks_at(part.centre) >= self.settings.views_of_doubtful:
                     taken_for = " or ".join(part.candidates) or "nothing that was taught"
                     self.skip("ambiguous" if part.candidates else "unknown", part, f"fits {taken_for}: {part.reason}")
@@ -177,11 +187,7 @@ class Pick:
             return "seen"
         self.eyes.append((pose @ self.cell.tool_from_cyclopean)[:3, 3])
         await self.travel(pose, "another view", part.look)
-        seen = seen_parts(await self.look("another view"))
-        again = [p for p in seen if far(p.centre, part.centre) < SAME_PLACE_MM]
-        if again:
-            best = min(again, key=lambda p: (p.ambiguous or p.label == UNKNOWN, far(p.centre, part.centre)))
-            self.found = [p for p in self.found if p is not part] + [best]
+        self.found = merged(self.found, seen_parts(await self.look("another view")))
         return "seen"
 
     async def stop_n(self) -> str:

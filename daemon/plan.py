@@ -26,6 +26,8 @@ Array = NDArray[np.float64]
 
 
 UNKNOWN = "unknown"
+SAME_PLACE_MM = 30.0
+"""Two parts seen nearer than this to one place are one part."""
 CLOSE_MM = 340.0
 """From how far a part that could not be named is looked at again."""
 
@@ -109,6 +111,11 @@ class Seen:
     look: Look
 
     @property
+    def named(self) -> bool:
+        """Whether it was recognised as one taught part."""
+        return not self.ambiguous and self.label != UNKNOWN
+
+    @property
     def centre(self) -> Array:
         """(3,) world, mm: mean of the seen corners."""
         corners = np.concatenate([f.corners_mm for f in self.facets])
@@ -168,12 +175,25 @@ def seen_parts(look: Look) -> list[Seen]:
     ]
 
 
+def merged(before: Sequence[Seen], now: Sequence[Seen]) -> list[Seen]:
+    """What is known to lie there after another look: the newest sight of each place, but a name is not unlearnt."""
+    kept = [old for old in before if not any(_same_place(old, new) for new in now)]
+    for new in now:
+        named = [old for old in before if old.named and _same_place(old, new)]
+        kept.append(named[0] if named and not new.named else new)
+    return kept
+
+
+def _same_place(a: Seen, b: Seen) -> bool:
+    return float(np.linalg.norm(a.centre - b.centre)) < SAME_PLACE_MM
+
+
 def ordered(parts: Sequence[Seen], order: str) -> list[Seen]:
     """Nearest to the cameras first, or surest first; parts with one name before the others."""
 
     def rank(part: Seen) -> tuple[bool, float]:
         away = float(np.linalg.norm(part.centre - part.look.world_from_cyclopean[:3, 3]))
-        return part.ambiguous or part.label == UNKNOWN, away if order == "nearest" else -part.confidence
+        return not part.named, away if order == "nearest" else -part.confidence
 
     return sorted(parts, key=rank)
 

@@ -1,0 +1,134 @@
+"""A whole cell for end-to-end tests and benches: the simulated cell behind its pty, the daemon's own parts on top.
+
+Nothing here decides or judges; it builds, teaches, and tells what truly happened.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import AsyncIterator
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from daemon import cell as cells
+from daemon import frames, places
+from daemon.calibration.file import Calibration, load_calibration
+from daemon.config import load_config
+from daemon.cycle import Cycle, CycleEnd
+from daemon.library import load_facets
+from daemon.plan import Settings, doubt_of
+from daemon.teach import Recogniser
+from daemon.vision.model import Model, empty_model, learn_view
+from daemon.workcell import Workcell
+from drivers.simcell.cell import SimulatedCell
+
+VIEWS = (
+    ("cube", 0),
+    ("pyramid", 0),
+    ("pyramid", 1),
+    ("triangular_prism", 0),
+    ("pentagonal_prism", 0),
+    ("pentagonal_prism", 1),
+)
+PARTS = tuple(dict.fromkeys(label for label, _ in VIEWS))
+CONFIG = places.HOUSE / "etc" / "facetd.yaml"
+
+
+@dataclass(eq=False)
+class ListLog:
+    """A run log in memory, without the images."""
+
+    records: list[dict[str, Any]] = field(default_factory=list)
+    wire: list[dict[str, Any]] = field(default_factory=list)
+
+    def record(self, kind: str, /, **fields: Any) -> None:
+        """Keep one record."""
+        fields.pop("images", None)
+        self.records.append({"kind": kind, **fields})
+
+    def said(self, kind: str) -> list[dict[str, Any]]:
+        """The records of one kind."""
+        return [r for r in self.records if r["kind"] == kind]
+
+
+@dataclass(eq=False)
+class Rig:
+    """The cell and the cycle that works in it."""
+
+    cell: SimulatedCell
+    cycle: Cycle
+    log: ListLog
+    robot: Any
+
+    def grasp_error(self, end: CycleEnd) -> tuple[float, float]:
+        """(mm, degrees) of the last closing against what the pick expected."""
+        assert end.grasp is not None
+        assert end.corners is not None
+        return self.cell.truth.grasp_pose_error(frames.apply(frames.inverse(end.grasp), end.corners))
+
+    def lies(self, label: str) -> str:
+        """What carries the part of that label: table, hand, bin, floor, or nowhere."""
+        return next((p.where.value for p in self.cell.world.parts if p.label == label), "nowhere")
+
+
+def calibration() -> Calibration:
+    """The daemon's own."""
+    return load_calibration(load_config(CONFIG, simulated=True).calibration)
+
+
+@contextlib.asynccontextmanager
+async def rig(
+    seed: int,
+    model: Model | None = None,
+    time_scale: float = 20.0,
+    settings: Settings | None = None,
+    believed: Calibration | None = None,
+    truth: Path | None = None,
+) -> AsyncIterator[Rig]:
+    """Build, open, enable; close at the end. believed: the daemon's calibration (None: its file)."""
+    config = load_config(CONFIG, simulated=True)
+    simulated = replace(config.said.simulated, seed=seed, time_scale=time_scale)
+    if truth is not None:
+        simulated = replace(simulated, truth=str(truth))
+    config = replace(config, said=replace(config.said, simulated=simulated))
+    believed = believed or load_calibration(config.calibration)
+    log = ListLog()
+    hardware = cells.build(config, log.wire.append)
+    assert hardware.hand is not None
+    assert believed.tool_from_cyclopean is not None
+    try:
+        await hardware.open()
+        cell = Workcell(hardware.robot, hardware.eyes, log, hardware.clock, believed.rig, believed.tool_from_cyclopean)
+        settings = settings or replace(config.said.pick, doubt=doubt_of(believed.quality))
+        start = model or empty_model(load_facets(config.file(config.said.files.facets)))
+        cycle = Cycle(cell, settings, Recogniser(start, believed.rig, config.said.vision))
+        cycle.enable()
+        try:
+            yield Rig(hardware.hand.cell, cycle, log, hardware.robot)
+        finally:
+            await cycle.close()
+    finally:
+        await hardware.close()
+
+
+async def taught(here: Rig) -> Model:
+    """Show the six characteristic views and learn them; the cycle uses the model from then on."""
+    sight = here.cycle.sight
+    assert isinstance(sight, Recogniser)
+    model = empty_model(sight.model.library)
+    await here.cycle.go("survey")
+    for label, view in VIEWS:
+        here.cell.place_for_teaching(label, view)
+        look = await here.cycle.look(f"teach {label}")
+        model = learn_view(model, max(look.scene.view.groups, key=lambda g: len(g.facets)), label)
+    here.cell.clear()
+    here.cycle.use(Recogniser(model, sight.rig, sight.settings))
+    return model
+
+
+def lay(here: Rig, label: str, rng: np.random.Generator) -> None:
+    """One part alone on the table, on a random stable face."""
+    here.cell.scatter([label], rng)

@@ -1,0 +1,148 @@
+"""End to end on the simulated cell, over its pty: what a pick does, and what happens when something goes wrong."""
+
+import asyncio
+
+import numpy as np
+import pytest
+import simulated_cell
+from simulated_cell import PARTS, rig
+
+from daemon.cycle import RefusedError
+from drivers.simcell.controller import LineFault, Mishap
+
+
+def run(story):
+    return asyncio.run(story)
+
+
+def test_every_part_on_a_table_ends_in_the_bin(model):
+    async def story():
+        async with rig(seed=7, model=model) as here:
+            here.cell.scatter(PARTS)
+            ends = [end for _ in range(2) for end in await here.cycle.auto()]
+            return ends, {label: here.lies(label) for label in PARTS}, here.cell.world.strikes
+
+    ends, lie, strikes = run(story())
+    assert set(lie.values()) == {"bin"}, [(e.outcome, e.why) for e in ends]
+    assert not strikes
+    assert [e.outcome for e in ends].count("picked") == 4
+
+
+@pytest.mark.parametrize("label", PARTS)
+def test_a_grasp_is_where_it_was_said_to_be(model, label):
+    async def story():
+        async with rig(seed=3, model=model) as here:
+            simulated_cell.lay(here, label, np.random.default_rng(5))
+            end = await here.cycle.pick()
+            return end, here.grasp_error(end), here.lies(label)
+
+    end, (error_mm, error_deg), lies = run(story())
+    assert (end.outcome, lies) == ("picked", "bin"), end.why
+    assert error_mm < 3 * end.predicted_mm
+    assert error_deg < 3 * max(end.predicted_deg, 0.3)
+
+
+def test_a_part_whisked_away_while_the_hand_closes_is_reported_missed_or_gone_and_never_as_held(model):
+    async def story():
+        async with rig(seed=4, model=model) as here:
+            simulated_cell.lay(here, "cube", np.random.default_rng(1))
+            hand = here.robot.hand
+
+            async def whisk(closed):
+                part = next(p for p in here.cell.world.parts if p.label == "cube")
+                if closed and part.where.value == "table":
+                    here.cell.world.nudge(part.name, 40.0, 0.0)
+                await hand(closed)
+
+            here.robot.hand = whisk
+            end = await here.cycle.pick()
+            return end, here.lies("cube")
+
+    end, lies = run(story())
+    assert lies == "table"
+    assert end.outcome in ("missed", "lost", "unreachable")
+
+
+@pytest.mark.parametrize("mishap", list(Mishap))
+def test_a_mishap_in_a_move_ends_in_a_fault_with_the_arm_at_rest(model, mishap):
+    async def story():
+        async with rig(seed=5, model=model) as here:
+            simulated_cell.lay(here, "cube", np.random.default_rng(2))
+            await here.cycle.go("home")
+            here.cell.controller.faults.in_move.append((0.5, mishap))
+            end = await here.cycle.pick()
+            sent = len(here.log.said("move"))
+            before = here.cell.world_from_tool()
+            await asyncio.sleep(0.3)
+            moved = np.abs(here.cell.world_from_tool() - before).max()
+            with pytest.raises(RefusedError, match="resume"):
+                await here.cycle.pick()
+            return end, moved, len(here.log.said("move")) - sent
+
+    end, moved, sent = run(story())
+    assert end.outcome == "fault"
+    assert moved < 0.2
+    assert sent == 0
+
+
+def test_a_byte_lost_on_the_line_moves_nothing_elsewhere_and_is_told(model):
+    async def story():
+        async with rig(seed=6, model=model) as here:
+            simulated_cell.lay(here, "cube", np.random.default_rng(2))
+            here.cell.controller.faults.line.append(LineFault("to_controller", "flip", after=150))
+            end = await here.cycle.pick()
+            return end, here.lies("cube"), here.cell.world.strikes
+
+    end, lies, strikes = run(story())
+    assert not strikes
+    assert (end.outcome == "picked" and lies == "bin") or (end.outcome == "fault" and lies in ("table", "hand"))
+
+
+def test_cameras_unplugged_in_mid_pick_end_in_a_fault_and_the_cell_goes_on_after_resume(model):
+    async def story():
+        async with rig(seed=8, model=model) as here:
+            simulated_cell.lay(here, "cube", np.random.default_rng(3))
+            where = here.robot.move
+            moves = 0
+
+            async def pull_the_plug(*args, **how):
+                nonlocal moves
+                moves += 1
+                if moves == 3:
+                    here.cell.camera.unplug()
+                return await where(*args, **how)
+
+            here.robot.move = pull_the_plug
+            first = await here.cycle.pick()
+            here.cell.camera.unplug(False)
+            here.cycle.resume()
+            second = await here.cycle.pick()
+            return first, second, here.lies("cube")
+
+    first, second, lies = run(story())
+    assert first.outcome == "fault"
+    assert "unplugged" in first.why
+    assert (second.outcome, lies) == ("picked", "bin")
+
+
+def test_stop_in_mid_move_brings_the_arm_to_rest_where_it_is(model):
+    async def story():
+        async with rig(seed=9, model=model, time_scale=2.0) as here:
+            here.cell.clear()
+            task = asyncio.create_task(here.cycle.go("home"))
+            while not here.log.said("move"):
+                await asyncio.sleep(0.01)
+            await asyncio.sleep(0.5)
+            await here.cycle.stop()
+            results = await asyncio.gather(task, return_exceptions=True)
+            at = here.cell.world_from_tool()
+            await asyncio.sleep(0.3)
+            rest = np.abs(here.cell.world_from_tool() - at).max()
+            home = here.cycle.places()["home"]
+            return results[0], rest, np.linalg.norm(at[:3, 3] - home[:3, 3]), here.cycle.status()
+
+    error, rest, away, status = run(story())
+    assert isinstance(error, RefusedError)
+    assert rest < 0.2
+    assert away > 20.0
+    assert "stopped" in status["fault"]
