@@ -46,7 +46,7 @@ def look(
     known = model or empty_model(FacetLibrary(()))
     parts = recognise(view, known)
     if known.labels and any(p.recognition.label == UNKNOWN for p in parts):
-        view = look_closer(view, known, open_eyes(left, right, rig), settings or VisionSettings())
+        view = look_closer(view, known, open_eyes(left, right, rig))
         parts = recognise(view, known)
     seconds = {"facets": seen - start, "recognise": now() - seen} if clock else {}
     return Scene(parts, view.rejected, view, (*view.notes, *_notes(view, parts, model)), seconds)

@@ -25,6 +25,7 @@ from daemon.vision.relation import Solid, weld
 Array = NDArray[np.float64]
 LEAST_TAIL = 1e-4  # a right hypothesis may fit so badly only this rarely
 FARTHEST_MM = 2.5  # rms; a fit no closer than this proves nothing, however unsure the corners are
+SUSPECT_MM = 8.0  # rms; how badly a facet may have been measured of which a part is suspected
 LEAST_TAIL_ASTRAY = 1e-2  # the same where one corner was left out: what remains must fit well
 LEAST_PROBABILITY = 0.9  # below it a part is not named
 EPIPOLAR_PX = 0.25  # a corner farther off its epipolar line than this is less sure than predicted
@@ -73,10 +74,11 @@ def _hollow(facets: tuple[Facet, ...], touching: NDArray[np.bool_], facet: Facet
     return all(float(newell_normal(g.corners_mm) @ (middle - g.corners_mm.mean(0))) > HOLLOW_MM for g in beside)
 
 
-def suspicions(group: Group, model: Model) -> tuple[Hypothesis, ...]:
-    """Every taught part and pose that the group's facets fit as well as a right one would, proof or not."""
-    seen = _look_at(group, model)
-    return tuple(h for h in _fits(seen, model, _answers(seen, model)) if _stands(h, seen))
+def suspicions(facet: Facet, model: Model) -> tuple[Hypothesis, ...]:
+    """Every taught part and pose that a facet may belong to, measured well or not; the nearest first."""
+    seen = _look_at(Group((facet,), np.zeros((1, 1), bool)), model)
+    found = hypotheses(seen.solid, model.metric, model.parameters.tolerance_mm)
+    return tuple(sorted((h for h in found if h.rms_mm < SUSPECT_MM), key=lambda h: h.rms_mm))
 
 
 def _subgroup(group: Group, members: list[int]) -> Group:
