@@ -10,7 +10,9 @@ from __future__ import annotations
 
 import shlex
 import sys
+import tempfile
 import time
+from pathlib import Path
 
 import guest
 
@@ -23,7 +25,19 @@ def cameras() -> guest.Outcome:
     return guest.run(PYTEST + files, 300.0, guest.FOLDER / "results/cameras")
 
 
-JOBS = {"cameras": cameras}
+def daemon() -> guest.Outcome:
+    """The whole daemon under systemd, its cameras and its arm beside the guest."""
+    import otherside
+
+    with (
+        tempfile.TemporaryDirectory(prefix="ports-", dir=guest.FOLDER) as ports,
+        otherside.surroundings(guest.CHECKOUT / "etc/simcell.yaml", 3, Path(ports)) as devices,
+    ):
+        command = PYTEST + "-x tests/rig/guest/test_daemon.py"
+        return guest.run(command, 420.0, guest.FOLDER / "results/daemon", extra=devices)
+
+
+JOBS = {"cameras": cameras, "daemon": daemon}
 
 
 def run_jobs(names: list[str]) -> int:

@@ -48,14 +48,15 @@ class Feeder:
     """Writes frames into a pair of devices, `fps` a second, until it is stopped.
 
     picture: frame number -> (left, right) grey images; delay_s: how much later the right one is written. written_s
-    holds when each pair was written, on the monotonic clock.
+    holds when each pair was written, on the monotonic clock. A pair that took longer than most_s to make is
+    not written.
     """
 
     def __init__(
         self, picture: Callable[[int], tuple[Image, Image]], code: str = "GREY", fps: float = 15.0,
-        delay_s: float = 0.0, paths: tuple[str, str] = ("/dev/video0", "/dev/video1"),
+        delay_s: float = 0.0, most_s: float = 1e9, paths: tuple[str, str] = ("/dev/video0", "/dev/video1"),
     ) -> None:  # fmt: skip
-        self.picture, self.code, self.fps, self.delay_s = picture, code, fps, delay_s
+        self.picture, self.code, self.fps, self.delay_s, self.most_s = picture, code, fps, delay_s, most_s
         self.nodes = [FileNode(path) for path in paths]
         height, width = picture(0)[0].shape
         for node in self.nodes:
@@ -84,7 +85,10 @@ class Feeder:
 
     def write(self) -> None:
         """One pair."""
+        asked_s = time.monotonic()
         left, right = (pack(self.code, image) for image in self.picture(self.number))
+        if time.monotonic() - asked_s > self.most_s:
+            return
         self.written_s.append(time.monotonic())
         os.write(self.nodes[0].fileno(), left)
         if self.delay_s:

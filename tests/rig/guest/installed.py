@@ -1,0 +1,105 @@
+"""In the guest: the daemon as a machine has it, from deploy/ and etc/ of the checkout, and what only a guest needs.
+
+That is: the checkout's own Python in place of /opt/facetd (and leave for the daemon's user to read it), the loopback
+cameras and ttyS1 in the configuration, and patience with an emulated processor.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import beside
+import yaml
+
+CHECKOUT = Path(__file__).resolve().parents[3]
+ETC = Path("/etc/facetd")
+UNITS = Path("/etc/systemd/system")
+DROP_IN = """\
+[Service]
+ExecStart=
+ExecStart={facetd} --config /etc/facetd/facetd.yaml
+Environment=PYTHONDONTWRITEBYTECODE=1
+ProtectHome=no
+TimeoutStartSec=120
+"""
+
+
+def run(*words: str, timeout_s: float = 120.0) -> subprocess.CompletedProcess[str]:
+    """A command; its output as text, whatever its status."""
+    return subprocess.run(words, capture_output=True, text=True, timeout=timeout_s, check=False)
+
+
+def install() -> None:
+    """Unit, users, device rules, configuration."""
+    for unit in (CHECKOUT / "deploy").glob("*.service"):
+        shutil.copy(unit, UNITS)
+    (UNITS / "facetd.service.d").mkdir()
+    facetd = Path(sys.executable).with_name("facetd")
+    (UNITS / "facetd.service.d/rig.conf").write_text(DROP_IN.format(facetd=facetd))
+    _let_everybody_read(Path(sys.executable).resolve(), CHECKOUT)
+    run("groupadd", "--system", "facetd")
+    run("useradd", "--system", "--gid", "facetd", "--home-dir", "/var/lib/facetd", "facetd")
+    shutil.copytree(CHECKOUT / "etc", ETC, dirs_exist_ok=True)
+    configuration = yaml.safe_load((CHECKOUT / "etc/facetd.yaml").read_text())
+    configuration["cameras"] |= {"left": "left", "right": "right", "fps": beside.FPS, "max_skew_ms": 60}
+    configuration["arm"]["port"] = "/dev/ttyS1"
+    (ETC / "facetd.yaml").write_text(yaml.safe_dump(configuration))
+    run("systemctl", "daemon-reload")
+
+
+def _let_everybody_read(*paths: Path) -> None:
+    """Open the folders above, in the guest's memory only: a developer's Python may live in a closed home."""
+    for folder in {parent for path in paths for parent in path.parents}:
+        folder.chmod(folder.stat().st_mode | 0o055)
+
+
+def facetctl(*words: str, timeout_s: float = 120.0) -> dict[str, Any]:
+    """One command to the daemon: its JSON answer, with `exit` the tool's status."""
+    tool = str(Path(sys.executable).with_name("facetctl"))
+    done = run(tool, "--json", *words, timeout_s=timeout_s)
+    line = done.stdout.strip().splitlines()[-1] if done.stdout.strip() else json.dumps({"text": done.stderr})
+    answer: dict[str, Any] = json.loads(line)
+    return answer | {"exit": done.returncode}
+
+
+def journal(since: str | None = None) -> list[dict[str, Any]]:
+    """The daemon's journal records, oldest first, from a cursor on."""
+    words = ["journalctl", "-u", "facetd", "-o", "json", "--no-pager", *([f"--after-cursor={since}"] if since else [])]
+    return [json.loads(line) for line in run(*words).stdout.splitlines()]
+
+
+def unit(what: str) -> str:
+    """A property of the daemon's unit."""
+    return run("systemctl", "show", "facetd", "--value", "-p", what).stdout.strip()
+
+
+def until(what: Any, timeout_s: float = 60.0, every_s: float = 0.5) -> Any:
+    """Wait for something to become true; gives it. AssertionError with the journal's end otherwise."""
+    ends_s = time.monotonic() + timeout_s
+    while time.monotonic() < ends_s:
+        found = what()
+        if found:
+            return found
+        time.sleep(every_s)
+    told = "\n".join(str(record.get("MESSAGE")) for record in journal()[-15:])
+    raise AssertionError(f"not within {timeout_s:g} s; the journal says:\n{told}")
+
+
+def looks() -> Iterator[dict[str, Any]]:
+    """The look records of every run."""
+    for log in sorted(Path("/var/lib/facetd/runs").glob("*/run.jsonl")):
+        yield from (record for line in log.read_text().splitlines() if (record := json.loads(line))["kind"] == "look")
+
+
+def processor_s() -> float:
+    """Processor time the daemon has used, s."""
+    fields = Path(f"/proc/{unit('MainPID')}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")

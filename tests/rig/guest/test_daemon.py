@@ -1,0 +1,161 @@
+"""In the guest: the whole daemon under real systemd, with real V4L2 devices and a real serial line.
+
+One simulated cell for all tests, in the order of a day: start, teach, pick, trouble with the cameras, stop, hang.
+"""
+
+from __future__ import annotations
+
+import statistics
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import loopback
+import pytest
+from beside import Person
+from installed import facetctl, install, journal, looks, processor_s, run, unit, until
+
+from drivers.camera.find import list_devices
+from drivers.camera.node import LINUX
+
+
+def start_feeder() -> None:
+    run("systemd-run", "--unit=feeder", "--collect", f"--working-directory={Path.cwd()}",
+        f"--setenv=PYTHONPATH={Path.cwd()}", sys.executable, str(Path(__file__).with_name("beside.py")))  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def person() -> Iterator[Person]:
+    """The machine as installed, cameras delivering, nothing started; and someone who stands at the cell."""
+    loopback.load()
+    start_feeder()
+    install()
+    yield Person()
+    run("systemctl", "kill", "-s", "KILL", "facetd")
+    print(run("journalctl", "-u", "facetd", "-u", "feeder", "--no-pager", "-o", "short-monotonic").stdout)
+
+
+def write_down(line: str) -> None:
+    with Path("/results/measured").open("a") as lines:
+        lines.write(line + "\n")
+
+
+def test_systemd_starts_the_daemon_and_hears_when_it_is_ready(person: Person) -> None:
+    person.do("clear")
+    until(lambda: len(list_devices(LINUX, whole=False)[0]) == 2)
+    started_s = time.monotonic()
+    done = run("systemctl", "start", "facetd")
+    assert done.returncode == 0, done.stderr + "\n".join(str(r.get("MESSAGE")) for r in journal())
+    write_down(f"READY {time.monotonic() - started_s:.1f} s after systemctl start")
+    assert unit("ActiveState") == "active"
+    assert unit("StatusText").startswith("idle")
+    assert unit("User") == "facetd"
+
+
+def test_it_runs_without_privileges_and_sees_no_other_device() -> None:
+    status = Path(f"/proc/{unit('MainPID')}/status").read_text()
+    assert "CapEff:\t0000000000000000" in status
+    assert "NoNewPrivs:\t1" in status
+
+
+def test_it_looks_through_real_devices(person: Person) -> None:
+    seen = facetctl("look")
+    assert seen["exit"] == 0, seen
+    assert "left" in facetctl("doctor")["text"]
+
+
+def test_a_part_is_taught_trained_and_accepted_from_what_real_devices_show(person: Person) -> None:
+    person.do("show", label="cube", view=0)
+    taught = facetctl("teach", "cube")
+    assert taught.get("kept"), taught
+    person.do("clear")
+    for step in ("train", "accept"):
+        assert facetctl(step)["exit"] == 0
+    assert "cube" in facetctl("parts")["text"]
+
+
+def test_it_picks_a_part_over_the_serial_line(person: Person) -> None:
+    person.do("scatter", labels=["cube"])
+    assert facetctl("enable")["exit"] == 0
+    started_s = time.monotonic()
+    picked = facetctl("pick", "cube", timeout_s=150.0)
+    took_s = time.monotonic() - started_s
+    told = person.do("tell")
+    assert picked["exit"] == 0, (picked, told)
+    assert list(told["parts"].values()) == ["BIN"], told
+    assert told["strikes"] == []
+    ways = [look["seconds"] for look in looks()]
+    write_down(
+        f"one cube picked in {took_s:.0f} s with {len(ways)} looks; from the arm's rest to the look's answer median "
+        f"{statistics.median(ways):.2f} s, worst {max(ways):.2f} s (two pairs at 2 frames/s that must agree, emulated)"
+    )
+
+
+def test_the_journal_has_fields_to_search_by() -> None:
+    records = journal()
+    ends = [r for r in records if r.get("OUTCOME")]
+    assert ends, [r.get("MESSAGE") for r in records]
+    end = ends[-1]
+    assert end["SYSLOG_IDENTIFIER"] == "facetd"
+    assert end["PART"] == "cube"
+    assert int(end["CYCLE"]) >= 1
+    assert len(end["MESSAGE_ID"]) == 32
+    same = run("journalctl", "-o", "json", f"MESSAGE_ID={end['MESSAGE_ID']}").stdout.splitlines()
+    assert same
+
+
+def test_idle_it_leaves_the_processor_alone() -> None:
+    before_s, began_s = processor_s(), time.monotonic()
+    time.sleep(12)
+    share = (processor_s() - before_s) / (time.monotonic() - began_s)
+    write_down(f"idle with cameras open: {share:.1%} of one emulated processor")
+
+
+def test_cameras_that_vanish_and_come_back_under_other_numbers_are_said_and_found_while_the_console_answers(
+    person: Person,
+) -> None:
+    cursor = journal()[-1]["__CURSOR"]
+    run("systemctl", "stop", "feeder")
+    until(lambda: [r for r in journal(cursor) if "cameras" in str(r.get("MESSAGE"))])
+    assert facetctl("status")["exit"] == 0
+    assert facetctl("pick", "cube")["exit"] != 0
+    until(lambda: run("modprobe", "-r", "v4l2loopback").returncode == 0)
+    loopback.load("0,1")
+    start_feeder()
+    until(lambda: [r for r in journal(cursor) if "well again" in str(r.get("MESSAGE"))])
+    assert unit("ActiveState") == "active"
+    assert unit("NRestarts") == "0"
+    assert facetctl("resume")["exit"] == 0
+
+
+def test_sigterm_in_mid_motion_stops_the_arm_first_and_ends_in_time(person: Person) -> None:
+    facetctl("enable")
+    went = subprocess.Popen([str(Path(sys.executable).with_name("facetctl")), "go", "bin"], stdout=subprocess.DEVNULL)
+    until(lambda: person.do("tell")["moves"], every_s=0.05)
+    stopped_s = time.monotonic()
+    run("systemctl", "stop", "facetd")
+    took_s = time.monotonic() - stopped_s
+    rest = person.do("tell")
+    assert not rest["moves"]
+    time.sleep(1.0)
+    later = person.do("tell")
+    assert max(abs(a - b) for a, b in zip(rest["gripper_mm"], later["gripper_mm"], strict=True)) < 0.1
+    assert unit("Result") == "success"
+    went.wait(20)
+    write_down(f"SIGTERM in mid-motion: arm at rest and daemon ended after {took_s:.1f} s")
+
+
+def test_a_daemon_that_hangs_is_killed_by_the_watchdog_and_started_again(person: Person) -> None:
+    run("systemctl", "start", "facetd")
+    until(lambda: unit("ActiveState") == "active")
+    before = unit("MainPID")
+    run("kill", "-STOP", before)
+    until(lambda: unit("NRestarts") == "1" and unit("ActiveState") == "active", 110.0, 2.0)
+    assert unit("MainPID") != before
+    assert (
+        any("watchdog" in str(r.get("MESSAGE")).lower() for r in journal())
+        or "watchdog" in run("journalctl", "-u", "facetd", "--no-pager").stdout.lower()
+    )
+    assert facetctl("status")["exit"] == 0
