@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon.vision.data import Facet, Polygon
-from daemon.vision.epipolar import Baseline
+from daemon.vision.epipolar import Baseline, disparity
 from daemon.vision.eye import Sight
 from daemon.vision.matching import Match, match_polygons
 from daemon.vision.planes import fit_plane, planarity, weighted_plane
@@ -18,7 +18,7 @@ from daemon.vision.shapes import Shape
 
 Array = NDArray[np.float64]
 
-_FEW = 3
+_FEW = 2
 _COVERED = 0.25
 _PER_CORNER = 0.05
 _BENT = float(np.radians(10))
@@ -66,7 +66,7 @@ def find_candidates(left: Sight, right: Sight, eyes: Baseline, settings: VisionS
 
 
 def _best_few(matches: list[Match], left: Sight, right: Sight) -> list[Match]:
-    """Of matches of much the same region the best three, by how far the outlines are seen and how well they match."""
+    """Of matches of much the same region the best two, by how far the outlines are seen and how well they match."""
 
     def rank(m: Match) -> float:
         support = min(left.outlines[m.left].support, right.outlines[m.right].support)
@@ -160,13 +160,15 @@ def triangulate(a: Polygon, b: Polygon, eyes: Baseline) -> Facet:
 
 def corner_covariance(eyes: Baseline, left: Array, right: Array, left_px2: Array, right_px2: Array) -> Array:
     """(N, 3, 3) mm^2 of triangulated corners, to first order. left, right: ideal coordinates (N, 2)."""
-    step = 1e-5
+    d = disparity(left, right)
+    z = eyes.length_mm / d
+    fall = z / d
+    u, v = (left + right).T / 2
     jacobian = np.zeros((len(left), 3, 4))
-    for k in range(4):
-        d = np.zeros(4)
-        d[k] = step
-        up, down = eyes.points(left + d[:2], right + d[2:]), eyes.points(left - d[:2], right - d[2:])
-        jacobian[:, :, k] = (up - down) / (2 * step)
+    jacobian[:, :, 0] = np.stack([z / 2 - u * fall, -v * fall, -fall], 1)
+    jacobian[:, :, 2] = np.stack([z / 2 + u * fall, v * fall, fall], 1)
+    jacobian[:, 1, 1] = jacobian[:, 1, 3] = z / 2
+    jacobian = eyes.cyclopean_from_baseline @ jacobian
     noise = np.zeros((len(left), 4, 4))
     noise[:, :2, :2], noise[:, 2:, 2:] = left_px2 / eyes.left.focal_px**2, right_px2 / eyes.right.focal_px**2
     return np.asarray(jacobian @ noise @ np.swapaxes(jacobian, 1, 2))

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from daemon.vision.data import Polygon
 from daemon.vision.eye import Sight
 from daemon.vision.outlines import Outline
-from daemon.vision.shapes import corners_of, is_simple
+from daemon.vision.rings import Rings, convex, met, rings
+from daemon.vision.shapes import is_simple
 from daemon.vision.sides import Sides, fit_sides
 
 Array = NDArray[np.float64]
@@ -28,40 +29,45 @@ class Fitted:
 
     def rolled(self, shift: int) -> Fitted:
         """The same with corner `shift` first."""
-        p = self.polygon
-        corners, covariance, contrast = (np.roll(v, -shift, 0) for v in (p.corners_px, p.covariance_px2, p.contrast))
-        sides = (np.roll(getattr(self.sides, k), -shift, 0) for k in Sides.__dataclass_fields__)
-        return Fitted(Polygon(corners, covariance, contrast, p.border_px), Sides(*sides))
+        p, n = self.polygon, len(self.polygon.corners_px)
+        order = (np.arange(n) + shift) % n
+        sides = Sides(*(getattr(self.sides, k)[order] for k in Sides.__dataclass_fields__))
+        polygon = Polygon(p.corners_px[order], p.covariance_px2[order], p.contrast[order], p.border_px)
+        return Fitted(polygon, sides)
 
 
 def fit_polygons(sight: Sight, outlines: list[Outline]) -> list[Fitted | None]:
     """Fit every side of every outline to the grey levels; None where the fit strays from the outline."""
     if not outlines:
         return []
-    start = np.concatenate([o.corners for o in outlines])
-    end = np.concatenate([np.roll(o.corners, -1, 0) for o in outlines])
-    every = fit_sides(sight.image, sight.noise, start, end, sight.eye)
+    shape = rings([o.corners for o in outlines])
+    every = fit_sides(sight.image, sight.noise, shape.corners, shape.corners[shape.next], sight.eye)
+    shape = shape.moved(met(shape, every.start, every.end))
+    covariance = met_covariance(shape, every)
+    sound = convex(shape)
     fitted: list[Fitted | None] = []
-    first = 0
-    for o in outlines:
-        part = slice(first, first + len(o.corners))
-        first += len(o.corners)
-        sides = Sides(*(getattr(every, k)[part] for k in Sides.__dataclass_fields__))
-        corners = corners_of(sides.start, sides.end)
-        shortest = np.linalg.norm(np.roll(corners, -1, 0) - corners, axis=1).min()
-        if np.abs(corners - o.corners).max() < _FARTHEST_PX and shortest > _SHORTEST_PX and is_simple(corners):
-            polygon = Polygon(corners, met_covariance(sides), np.abs(sides.step), o.border.astype(float))
+    for k, (o, corners) in enumerate(zip(outlines, shape.split(), strict=True)):
+        part = slice(int(shape.first[k]), int(shape.first[k] + shape.count[k]))
+        shortest = np.hypot(*(corners - np.roll(corners, -1, 0)).T).min()
+        moved = np.abs(corners - o.corners).max()
+        if moved < _FARTHEST_PX and shortest > _SHORTEST_PX and (sound[k] or is_simple(corners)):
+            sides = Sides(*(getattr(every, name)[part] for name in Sides.__dataclass_fields__))
+            polygon = Polygon(corners, covariance[part], np.abs(sides.step), o.border.astype(float))
             fitted.append(Fitted(polygon, sides))
         else:
             fitted.append(None)
     return fitted
 
 
-def met_covariance(sides: Sides) -> Array:
-    """Covariance (N, 2, 2) px^2 of corners where side k-1 ends and side k starts."""
+def met_covariance(shape: Rings, sides: Sides) -> Array:
+    """Covariance (M, 2, 2) px^2 of corners where the side before ends and the corner's own side starts."""
     chord = sides.end - sides.start
-    normal = np.stack([chord[:, 1], -chord[:, 0]], 1) / np.linalg.norm(chord, axis=1)[:, None]
-    both = np.stack([np.roll(normal, 1, 0), normal], 1)
-    inverse = np.linalg.pinv(both)
-    variance = np.stack([np.roll(sides.covariance[:, 1, 1], 1), sides.covariance[:, 0, 0]], 1)
-    return np.asarray(inverse * variance[:, None, :] @ np.swapaxes(inverse, 1, 2))
+    normal = np.stack([chord[:, 1], -chord[:, 0]], 1) / np.hypot(chord[:, 0], chord[:, 1])[:, None]
+    before = normal[shape.before]
+    sine = before[:, 0] * normal[:, 1] - before[:, 1] * normal[:, 0]
+    sine = np.where(np.abs(sine) < 0.02, 0.02, sine)
+    along = np.stack([normal[:, 1], -normal[:, 0]], 1) / sine[:, None]
+    across = np.stack([-before[:, 1], before[:, 0]], 1) / sine[:, None]
+    ends, starts = sides.covariance[shape.before, 1, 1], sides.covariance[:, 0, 0]
+    one = along[:, :, None] * along[:, None, :] * ends[:, None, None]
+    return np.asarray(one + across[:, :, None] * across[:, None, :] * starts[:, None, None])

@@ -7,7 +7,7 @@ edge closes only at a low one; and several sizes of pixel, because noise average
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import cv2
@@ -25,6 +25,9 @@ SMOOTHING_PX = 1.0
 _LEAST_SOLIDITY, _CONVEX_SOLIDITY = 0.55, 0.88
 _KERNEL = (7, 7)
 _LEAST_AREA = 12.0
+_LEAST_EXTENT = 12
+_TILES, _QUIET = 8, 20
+_RAYLEIGH_MEDIAN, _MOST_GRAIN = 1.177, 1.7
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,18 +57,31 @@ def scale_space(image: Grey, noise: Noise, settings: VisionSettings) -> tuple[Sc
 
     Empty where no scale shows any edge.
     """
-    coarse = []
+    coarse, excess = [], 1.0
     whole = cv2.LUT(image, noise.stretch)
-    for shrink in settings.shrinks:
-        if shrink > 1:
-            small = cv2.resize(whole, None, fx=1 / shrink, fy=1 / shrink, interpolation=cv2.INTER_AREA)
-            coarse.append(_scale(np.asarray(small, np.float32) * np.float32(shrink), shrink, np.zeros(2)))
+    for shrink in settings.shrinks[1:]:
+        small = cv2.resize(whole, None, fx=1 / shrink, fy=1 / shrink, interpolation=cv2.INTER_AREA)
+        scale = _scale(np.asarray(small, np.float32) * np.float32(shrink), shrink, np.zeros(2))
+        grain = _grain(scale.strength)
+        excess = grain if not coarse else excess
+        coarse.append(replace(scale, smoothed=scale.smoothed / grain, strength=scale.strength / grain))
     window = _window(coarse, image.shape, settings.faintest)
     if window is None:
         return ()
     (left, top), (right, bottom) = window
-    fine = _scale(np.asarray(whole[top:bottom, left:right], np.float32), 1, np.array([left, top], float))
-    return (fine, *coarse)
+    fine = np.asarray(whole[top:bottom, left:right], np.float32) * np.float32(1 / excess)
+    return (_scale(fine, 1, np.array([left, top], float)), *coarse)
+
+
+def _grain(strength: Image32) -> np.float32:
+    """How much coarser-grained than white the noise is: the gradient of the quieter tiles over what white
+    noise gives.
+    """
+    height, width = (n // _TILES for n in strength.shape)
+    step = max(1, min(height, width) // 12)
+    tiles = strength[: height * _TILES, : width * _TILES].reshape(_TILES, height, _TILES, width)[:, ::step, :, ::step]
+    medians = np.median(tiles.swapaxes(1, 2).reshape(_TILES * _TILES, -1), axis=1)
+    return np.float32(np.clip(np.percentile(medians, _QUIET) / _RAYLEIGH_MEDIAN, 1.0, _MOST_GRAIN))
 
 
 def _scale(unit_noise: Image32, shrink: int, first_px: Array) -> Scale:
@@ -82,7 +98,7 @@ def _window(scales: list[Scale], shape: tuple[int, ...], level: float) -> tuple[
         edges = (scale.strength >= level).astype(np.uint8)
         for border in cv2.findContours(edges, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)[0]:
             x, y, width, height = cv2.boundingRect(border)
-            if width + height > 8:
+            if width + height >= _LEAST_EXTENT:
                 low = np.minimum(low, np.array([x, y]) * scale.shrink)
                 high = np.maximum(high, np.array([x + width, y + height]) * scale.shrink)
     if not np.all(np.isfinite(low)):

@@ -32,14 +32,14 @@ class VisionSettings:
     corner_detector: CornerDetector = "line_fit"
     stereo_formula: StereoFormula = "exact"
     shrinks: tuple[int, ...] = (1, 2, 4)
-    levels: tuple[float, ...] = (5.5, 7.5, 10.5, 14.5, 20.0)
+    levels: tuple[float, ...] = (4.5, 6.0, 8.0, 12.0, 18.0)
     faintest: float = 5.0
     min_area_px: float = 40.0
     max_area_fraction: float = 0.3
     max_corners: int = 14
     max_regions: int = 40
     min_side_px: float = 5.0
-    min_evidence: float = 4.5
+    min_evidence: float = 4.0
     min_support: float = 0.75
     min_seen: float = 0.6
     search_epipolar_px: float = 6.0

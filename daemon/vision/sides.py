@@ -109,7 +109,7 @@ def fit_sides(image: Image32, noise: Noise, start: Array, end: Array, eye: Eye |
     blur_px is only where the search for the image's one blur starts. Columns are weighed alike on both sides, so
     that a wrong blur cannot shift the line.
     """
-    for _ in range(3):
+    for _ in range(2):
         rulers = lay_rulers(start, end, eye, _TRIM_PX)
         rows = _rows(image, noise, rulers, blur_px)
         offset, slope, covariance, support = _robust_line(rulers, rows.position, 1 / rows.sigma, None)
