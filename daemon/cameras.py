@@ -196,7 +196,7 @@ def _shooter(camera: StereoCamera, config: Config, plain: bool) -> Callable[[], 
 
     from daemon.shelf import Shelf
     from daemon.vision.draw import draw_scene
-    from daemon.vision.health import examine, troubles
+    from daemon.vision.health import drift, examine, troubles
     from daemon.vision.image import VisionError
     from daemon.vision.look import look
 
@@ -215,7 +215,8 @@ def _shooter(camera: StereoCamera, config: Config, plain: bool) -> Callable[[], 
                 lines = [f"{p.recognition.label} ({p.recognition.confidence:.2f})" for p in scene.parts]
             except VisionError as error:
                 lines = [str(error)]
-        wrong = troubles(examine(images, before[-1] if before else None, rig, scene))
+        findings = examine(images, before[-1] if before else None, rig)
+        wrong = troubles((*findings, *drift(scene)) if scene else findings)
         before[:] = [images]
         picture = draw_scene(*images, scene) if scene is not None else np.hstack(images)
         jpeg = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, 80])[1].tobytes()

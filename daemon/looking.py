@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 
 from daemon.tracking import Shape
 from daemon.vision.data import Scene
+from daemon.vision.health import Finding, drift, examine, misleading
+from daemon.vision.image import VisionError
 from daemon.vision.table import Table
 from daemon.workcell import Array, Pictures, Reading, Workcell
 
@@ -57,7 +59,7 @@ class Settling:
 class Look:
     """What one look saw. taken_s: when, on the cell's clock; settled_s: from the arm's rest to the first pair known to
     be still; seconds: from the arm's rest to the answer; epipolar_px: median distance of corners from their lines;
-    table: where it was taken to be."""
+    table: where it was taken to be; health: what there is to say of the images themselves."""
 
     scene: Scene
     pictures: Pictures
@@ -68,6 +70,7 @@ class Look:
     seconds: float
     epipolar_px: float
     table: Table | None = None
+    health: tuple[Finding, ...] = ()
 
 
 def block_means(image: NDArray[np.uint8]) -> Array:
@@ -107,11 +110,17 @@ def epipolar_px(scene: Scene) -> float:
 async def settled_pair(cell: Workcell, rest_s: float, settling: Settling) -> tuple[Pictures, float]:
     """A pair that agrees with the one before it, and seconds from rest_s to it. Raises NotSettledError, or the
     camera's error."""
+    _, pictures, settled_s = await _agreeing_pairs(cell, rest_s, settling)
+    return pictures, settled_s
+
+
+async def _agreeing_pairs(cell: Workcell, rest_s: float, settling: Settling) -> tuple[Pictures, Pictures, float]:
+    """settled_pair's, and the pair before it."""
     before = await cell.eyes.grab(rest_s, settling.timeout_s)
     while True:
         after = await cell.eyes.grab(max(before.left.taken_s, before.right.taken_s), settling.timeout_s)
         if still(before, after, settling):
-            return after, max(0.0, before.left.taken_s - rest_s)
+            return before, after, max(0.0, before.left.taken_s - rest_s)
         if cell.clock() - rest_s > settling.timeout_s:
             raise NotSettledError(f"the images still change {settling.timeout_s:g} s after the arm came to rest")
         before = after
@@ -121,13 +130,14 @@ async def take_look(
     cell: Workcell, sight: Sight, reading: Reading, rest_s: float, settling: Settling, table_z_mm: float | None
 ) -> Look:
     """Wait until the images are still, then see. reading: where the arm is; rest_s: since when, on the cell's clock;
-    table_z_mm: the table's height in the world, None where what lies in it counts, too."""
-    pictures, settled_s = await settled_pair(cell, rest_s, settling)
+    table_z_mm: the table's height in the world, None where what lies in it counts, too. Raises VisionError on images
+    that mislead (frozen, covered, swapped, half), besides what settled_pair and see raise."""
+    before, pictures, settled_s = await _agreeing_pairs(cell, rest_s, settling)
     world_from_cyclopean = reading.world_from_tool @ cell.tool_from_cyclopean
     table = None
     if table_z_mm is not None:
         table = Table(world_from_cyclopean[2, :3], table_z_mm - float(world_from_cyclopean[2, 3]))
-    scene = await asyncio.to_thread(sight.see, pictures.left.pixels, pictures.right.pixels, table)
+    scene, health = await asyncio.to_thread(_see, cell, sight, before, pictures, table)
     return Look(
         scene=scene,
         pictures=pictures,
@@ -138,7 +148,22 @@ async def take_look(
         seconds=cell.clock() - rest_s,
         epipolar_px=epipolar_px(scene),
         table=table,
+        health=health,
     )
+
+
+def _see(
+    cell: Workcell, sight: Sight, before: Pictures, now: Pictures, table: Table | None
+) -> tuple[Scene, tuple[Finding, ...]]:
+    """What is in the pair, and how well the pair itself is. Raises VisionError."""
+    earlier, images = ((p.left.pixels, p.right.pixels) for p in (before, now))
+    shown_again = now.left.pixels is before.left.pixels  # a recorded pair held still, not a camera that repeats itself
+    health = examine(images, None if shown_again else earlier, cell.rig)
+    wrong = misleading(health)
+    if wrong:
+        raise VisionError("; ".join(wrong))
+    scene = sight.see(*images, table)
+    return scene, (*health, *drift(scene))
 
 
 def log_look(cell: Workcell, sight: Sight, look: Look, *, cycle: int, stop: int, purpose: str) -> None:
@@ -151,8 +176,15 @@ def log_look(cell: Workcell, sight: Sight, look: Look, *, cycle: int, stop: int,
         images={"left": look.pictures.left.pixels, "right": look.pictures.right.pixels},
         scene=sight.report(look.scene),
         seconds={**look.scene.seconds, "settled": look.settled_s, "total": look.seconds},
-        health={"epipolar_px": look.epipolar_px, "noise": look.scene.view.noise_sigma},
+        health={"epipolar_px": look.epipolar_px, "noise": look.scene.view.noise_sigma, **_health_fields(look.health)},
         where=look.reading.world_from_tool,
         world_from_cyclopean=look.world_from_cyclopean,
         table=None if look.table is None else {"up": look.table.up, "level_mm": look.table.level_mm},
     )
+
+
+def _health_fields(health: tuple[Finding, ...]) -> dict[str, object]:
+    """Every measure as `name_eye`, and in words what is not in order."""
+    return {f"{f.name}_{f.eye}": f.value for f in health} | {
+        "findings": {f"{f.name} {f.eye}": str(f) for f in health if not f.good}
+    }

@@ -20,30 +20,41 @@ from daemon.vision.sharpness import measure_blur
 from daemon.vision.swapped import Assignment, assignment
 
 Image = NDArray[np.uint8]
+BLOCK_PX = 8
 Pair = tuple[Image, Image]
 
 
 @dataclass(frozen=True)
 class Measure:
-    """A limit a picture is held to. above: whether values above the limit are bad (else those below)."""
+    """A limit a picture is held to. above: whether values above the limit are bad (else those below). misleads: whether
+    such a picture shows something else than what is there, so that nothing may be done on the strength of it."""
 
     limit: float
     unit: str
     above: bool
     advice: str
+    misleads: bool = False
 
 
 MEASURES = {
     "saturation": Measure(5.0, "% of pixels", True, "too bright: shorten exposure_us, lower gain, or take light away"),
     "darkness": Measure(45.0, "grey levels", False, "too dark: lengthen exposure_us, raise gain, or add light"),
-    "covered": Measure(4.0, "grey levels", False, "nothing to see: is the lens covered, or the light off?"),
+    "covered": Measure(4.0, "grey levels", False, "nothing to see: is the lens covered, or the light off?", True),
     "focus": Measure(1.5, "px", True, "out of focus: focus the lens at the working distance, or clean it"),
     "motion": Measure(6.0, "px", True, "blurred by motion: shorten exposure_us, or let the arm settle longer"),
-    "half": Measure(4.0, "% of rows", True, "half a frame: check the cable and the USB bandwidth (MJPEG needs least)"),
+    "half": Measure(
+        4.0, "% of rows", True, "half a frame: check the cable and the USB bandwidth (MJPEG needs least)", True
+    ),
     "torn": Measure(5.0, "grey levels", True, "torn frame: lower the frame rate, or use another USB controller"),
-    "frozen": Measure(0.0, "same pairs", True, "frozen: the camera repeats its last frame; unplug it and plug it in"),
-    "doubled": Measure(0.0, "same images", True, "both eyes show one image: cameras.left and .right name one device"),
-    "swapped": Measure(0.5, "share of matches", True, "left and right are swapped: exchange cameras.left and .right"),
+    "frozen": Measure(
+        0.0, "same pairs", True, "frozen: the camera repeats its last frame; unplug it and plug it in", True
+    ),
+    "doubled": Measure(
+        0.0, "same images", True, "both eyes show one image: cameras.left and .right name one device", True
+    ),
+    "swapped": Measure(
+        0.5, "share of matches", True, "left and right are swapped: exchange cameras.left and .right", True
+    ),
     "epipolar": Measure(0.6, "px", True, "the cameras have moved since calibration: `facetctl calibrate stereo`"),
 }
 
@@ -69,15 +80,15 @@ def _finding(name: str, eye: str, value: float) -> Finding:
     return Finding(name, eye, value, value <= measure.limit if measure.above else value >= measure.limit)
 
 
-def examine(
-    pair: Pair, before: Pair | None = None, rig: StereoRig | None = None, scene: Scene | None = None
-) -> tuple[Finding, ...]:
+def examine(pair: Pair, before: Pair | None = None, rig: StereoRig | None = None) -> tuple[Finding, ...]:
     """Every measure that can be taken of a pair of grey images (H, W); what cannot be measured is left out.
 
-    before: the pair grabbed before this one (frozen). rig: finds swapped eyes. scene: what was seen in the pair
-    (epipolar).
+    before: the pair grabbed before this one (frozen). rig: finds swapped eyes.
     """
-    findings = [f for eye, image in zip(("left", "right"), pair, strict=True) for f in _image(eye, image)]
+    findings: list[Finding] = []
+    contrasts = [_contrast(image) for image in pair]
+    for k, (eye, image) in enumerate(zip(("left", "right"), pair, strict=True)):
+        findings += _image(eye, image, contrasts[k], contrasts[1 - k])
     same = sum(np.array_equal(now, then) for now, then in zip(pair, before, strict=True)) if before else 0
     findings.append(_finding("frozen", "pair", float(same)))
     findings.append(_finding("doubled", "pair", float(np.array_equal(*pair))))
@@ -85,21 +96,32 @@ def examine(
         verdict = assignment(*pair, rig)
         if verdict is not Assignment.UNKNOWN:
             findings.append(_finding("swapped", "pair", float(verdict is Assignment.SWAPPED)))
-    if scene is not None:
-        findings += _drift(scene)
     return tuple(findings)
 
 
-def _image(eye: str, image: Image) -> Iterator[Finding]:
-    """Light first: of a picture without light or contrast nothing else can be said."""
-    small = cv2.resize(image, None, fx=1 / 8, fy=1 / 8, interpolation=cv2.INTER_AREA)
+def _contrast(image: Image) -> float:
+    """Grey levels between the darkest and the brightest parts of an image, noise averaged out."""
+    rows, columns = (n // BLOCK_PX for n in image.shape)
+    cut = image[: rows * BLOCK_PX, : columns * BLOCK_PX]
+    blocks = cv2.resize(cut, (columns, rows), interpolation=cv2.INTER_AREA)
+    return float(np.ptp(np.percentile(blocks, [2, 98])))
+
+
+def _image(eye: str, image: Image, contrast: float, other_contrast: float) -> Iterator[Finding]:
+    """Light first: of a picture without light or contrast nothing else can be said.
+
+    A plain bright picture may be an empty table; a dark one, or one beside an eye that sees something, is covered.
+    """
     yield _finding("half", eye, 100.0 * _repeated_rows(image))
-    contrast = _finding("covered", eye, float(np.ptp(np.percentile(small, [2, 98]))))
-    yield contrast
-    if not contrast.good:
+    bright = float(np.percentile(image, 99))
+    least = MEASURES["covered"].limit
+    plain = contrast < least
+    covered = plain and (bright < MEASURES["darkness"].limit or other_contrast > 3 * least)
+    yield Finding("covered", eye, contrast, not covered)
+    if plain:
         return
     yield _finding("saturation", eye, 100.0 * float(np.mean(image >= 250)))
-    yield _finding("darkness", eye, float(np.percentile(image, 99)))
+    yield _finding("darkness", eye, bright)
     yield _finding("torn", eye, _tear(image))
     blur = measure_blur(image)
     if not np.isnan(blur.least_px):
@@ -116,13 +138,13 @@ def _repeated_rows(image: Image) -> float:
     return longest / len(image)
 
 
-def _tear(image: Image, reach_px: int = 40) -> float:
+def _tear(image: Image) -> float:
     """Grey levels by which a row's step to the next falls when the lower part is shifted: high where two moments meet.
 
     Of the rows that differ most from the next, compared with their neighbours. A part's edge that happens to follow a
     row gains nothing from shifting.
     """
-    grey = image.astype(np.float32)
+    grey, reach_px = image.astype(np.float32), min(40, image.shape[1] // 8)
     step = np.abs(np.diff(grey, axis=0)).mean(axis=1)
     excess = np.maximum(step - 0.9 * np.median(step), 0.0) + 0.25
     around = np.maximum(np.r_[0.0, excess[:-1]], np.r_[excess[1:], 0.0])
@@ -138,11 +160,17 @@ def _tear(image: Image, reach_px: int = 40) -> float:
     return worst
 
 
-def _drift(scene: Scene) -> Iterator[Finding]:
+def drift(scene: Scene) -> tuple[Finding, ...]:
     """Median distance of matched corners from their epipolar lines, once enough of them were matched."""
     rows = [facet.epipolar_px for group in scene.view.groups for facet in group.facets]
-    if rows and sum(map(len, rows)) >= 8:
-        yield _finding("epipolar", "pair", float(np.median(np.abs(np.concatenate(rows)))))
+    if not rows or sum(map(len, rows)) < 8:
+        return ()
+    return (_finding("epipolar", "pair", float(np.median(np.abs(np.concatenate(rows))))),)
+
+
+def misleading(findings: tuple[Finding, ...]) -> tuple[str, ...]:
+    """What makes the pair worse than none, a line each."""
+    return tuple(str(finding) for finding in findings if not finding.good and MEASURES[finding.name].misleads)
 
 
 def troubles(findings: tuple[Finding, ...]) -> tuple[str, ...]:

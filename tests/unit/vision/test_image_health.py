@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from daemon.vision.health import MEASURES, examine, findings_json, troubles
+from daemon.vision.health import MEASURES, examine, findings_json, misleading, troubles
 from daemon.vision.rig import Camera, StereoRig
 from daemon.vision.sharpness import measure_blur
 from daemon.vision.swapped import Assignment, assignment
@@ -77,6 +77,18 @@ def test_a_pair_that_repeats_is_frozen_even_when_only_one_eye_does() -> None:
 
 def test_one_camera_named_twice_is_found() -> None:
     assert "doubled" in bad(LEFT, LEFT)
+
+
+def test_an_empty_bright_table_is_not_a_covered_lens_but_one_blind_eye_is() -> None:
+    plain = noisy(np.full((480, 640), 120))
+    assert "covered" not in bad(plain, noisy(plain))
+    assert "covered" in bad(plain, RIGHT)
+
+
+def test_only_what_shows_something_that_is_not_there_is_misleading() -> None:
+    assert misleading(examine((noisy(LEFT // 8), RIGHT))) == ()
+    assert len(misleading(examine((LEFT, RIGHT), before=(LEFT, RIGHT)))) == 1
+    assert "covered" in misleading(examine((noisy(np.full((480, 640), 3)), RIGHT)))[0]
 
 
 def test_a_trouble_says_where_what_to_do_and_by_how_much() -> None:
