@@ -22,7 +22,7 @@ from daemon.config import Config
 from daemon.noarm import CellError, NoArm
 from daemon.workcell import Reading
 from drivers import puma560
-from drivers.camera.pair import CameraError, StereoPair
+from drivers.camera.pair import CameraError, Frame, StereoPair
 from drivers.camera.pair import StereoCamera as StereoCamera
 from drivers.camera.recorded import RecordedCamera
 from drivers.camera.report import device_rows as device_rows
@@ -65,6 +65,13 @@ class ThreadedEyes:
         self.heard_s = self._clock()
         return pair
 
+    def step(self) -> bool:
+        """Recorded pairs: show the next one. False where the cameras are not recorded."""
+        if isinstance(self.camera, HeldPairs):
+            self.camera.step()
+            return True
+        return False
+
     async def close(self) -> None:
         """Release the cameras; safe to call twice."""
         with contextlib.suppress(RuntimeError, TimeoutError, CameraError):
@@ -77,6 +84,23 @@ class ThreadedEyes:
 
     async def _call(self, job: Callable[[], Any]) -> Any:
         return await asyncio.get_running_loop().run_in_executor(self._thread, job)
+
+
+class HeldPairs(RecordedCamera):
+    """Recorded pairs that hold still: each pair is shown, as if taken now, until the next one is asked for."""
+
+    _shown: StereoPair | None = None
+
+    def grab(self, not_before_s: float, timeout_s: float) -> StereoPair:
+        """The pair that is shown. Raises CameraError."""
+        pair = self._shown = self._shown or super().grab(not_before_s, timeout_s)
+        now_s = max(time.monotonic(), not_before_s)
+        left, right = (Frame(f.pixels, now_s, f.sequence) for f in (pair.left, pair.right))
+        return StereoPair(left, right)
+
+    def step(self) -> None:
+        """Go on to the next pair; after the last one the first comes again."""
+        self._shown = None
 
 
 class ArmOnLink:
@@ -218,6 +242,12 @@ class SimulatedHand:
         """After showing a part: strew again what lay on the table before."""
         self.cell.scatter(self._strewn)
 
+    def show_board(self, columns: int, rows: int, square_mm: float, charuco: bool) -> None:
+        """Lay a calibration board with that many inner corners on the table, instead of the parts."""
+        from drivers.simcell.boards import BoardPrint
+
+        self.cell.show_board(BoardPrint(columns + 1, rows + 1, square_mm, charuco))
+
     def clear(self) -> None:
         """Take all parts away."""
         self._strewn = ()
@@ -239,12 +269,14 @@ class Hardware:
     async def open(self) -> None:
         """Claim arm and cameras, both or neither. Raises CellError."""
         results = await asyncio.gather(self.eyes.open(), self.robot.open(), return_exceptions=True)
-        for result in results:
-            if isinstance(result, BaseException):
-                await self.close()
-                if isinstance(result, (CameraError, LinkError)):
-                    raise CellError(_advice(result, self.where)) from result
-                raise result
+        failed = [result for result in results if isinstance(result, BaseException)]
+        if failed:
+            await self.close()
+            for error in failed:
+                if not isinstance(error, EXPECTED_ERRORS):
+                    raise error
+            told = "; ".join(_advice(error, self.where) for error in failed if isinstance(error, Exception))
+            raise CellError(told) from failed[0]
 
     async def close(self) -> None:
         """Let go of everything; safe to call twice."""
@@ -259,7 +291,7 @@ def build(config: Config, on_wire: WireListener, clock: Callable[[], float] = ti
         return _simulated(config, on_wire, clock)
     if config.kind == "recorded":
         folder = config.file(config.said.recorded.pairs)
-        eyes = ThreadedEyes(RecordedCamera(folder, again=True, clock=clock), clock)
+        eyes = ThreadedEyes(HeldPairs(folder, again=True, clock=clock), clock)
         return Hardware("recorded", NoArm(), eyes, clock, str(folder))
     eyes = ThreadedEyes(V4L2StereoCamera(camera_settings(config), clock), clock)
     port = config.said.arm.port

@@ -45,6 +45,7 @@ KINDS: Mapping[str, str] = {
     "fault": "code text while",
     "hand": "closed",
     "cycle_end": "cycle outcome label stops why grasp predicted",
+    "touch": "off_mm distance_mm corner (the touch test: where the operator saw the finger tips)",
     "truth": "cycle error_mm error_deg held (simulation only)",
     "model": "action version labels file (a model taken into use: kept/)",
     "gap": "lost why (lines or pictures that a full or failing disk did not take)",

@@ -27,7 +27,7 @@ class BoardError(Exception):
 @dataclass(frozen=True)
 class Board:
     """columns x rows inner corners, square_mm a side; a ChArUco board has markers of marker_share of a square in its
-    white squares (dictionary DICT_5X5_100) and may be seen in part."""
+    white squares (dictionary DICT_4X4_50) and may be seen in part."""
 
     columns: int
     rows: int
@@ -42,7 +42,7 @@ class Board:
 
     def charuco(self) -> cv2.aruco.CharucoBoard:
         """The board as OpenCV knows it."""
-        dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_5X5_100)
+        dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
         size = (self.columns + 1, self.rows + 1)
         return cv2.aruco.CharucoBoard(size, self.square_mm, self.square_mm * self.marker_share, dictionary)
 

@@ -28,7 +28,7 @@ def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     )
     parser.add_argument("--square-mm", required=True, type=float, help="side of one square")
     parser.add_argument(
-        "--charuco", action="store_true", help="a ChArUco board (DICT_5X5_100), which may be seen in part"
+        "--charuco", action="store_true", help="a ChArUco board (DICT_4X4_50), which may be seen in part"
     )
     parser.add_argument("--left", required=True, nargs="+", metavar="GLOB", help="pictures of the left eye")
     parser.add_argument("--right", required=True, nargs="+", metavar="GLOB", help="the right eye's, in the same order")

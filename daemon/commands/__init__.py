@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from daemon.commands import keeping, learning, looking, moving, standing_in
+from daemon.commands import calibrating, keeping, learning, looking, moving, standing_in
 from daemon.console import Command
 
 
-def every_command(simulated: bool) -> list[Command]:
-    """All commands in the order `help` shows them; those of the hand in a simulated cell only there."""
+def every_command(kind: str = "real") -> list[Command]:
+    """All commands in the order `help` shows them; those of the hand in a simulated or recorded cell only there."""
+    hand = {"simulated": standing_in.COMMANDS, "recorded": standing_in.RECORDED_COMMANDS}
     return [
         *looking.COMMANDS,
         *moving.COMMANDS,
         *learning.COMMANDS,
+        *calibrating.COMMANDS,
         *keeping.COMMANDS,
-        *(standing_in.COMMANDS if simulated else ()),
+        *hand.get(kind, ()),
     ]

@@ -1,0 +1,242 @@
+"""Calibrating with the arm: go round the board, see it from each pose, solve. The cycle moves, and guards each move.
+
+What to look from is tour.py's, solving is stereo.py's and hand_eye.py's; here they meet the arm and the cameras.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable, Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daemon import frames
+from daemon.calibration.board import Board, BoardError, Sight, find_board
+from daemon.calibration.file import Calibration, Quality
+from daemon.calibration.hand_eye import HandEyeResult, Sample, calibrate_hand_eye, cyclopean_from_board
+from daemon.calibration.stereo import Pair, StereoResult, calibrate_stereo, epipolar_distances, matched
+from daemon.calibration.tour import in_order, looks_at, spread_out
+from daemon.cycle import Cycle
+from daemon.guard import Command, Standing, refuse
+from daemon.looking import settled_pair
+from daemon.motion import MoveRefusedError, OutOfReachError
+from daemon.vision.rig import StereoRig
+from daemon.workcell import Reading
+
+Array = NDArray[np.float64]
+Say = Callable[[str], Awaitable[None]]
+
+
+class SessionError(Exception):
+    """The session cannot go on; the message says why, and what to do."""
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """The board seen by both eyes from one pose: world_from_tool (4, 4) as WHERE gave it."""
+
+    world_from_tool: Array
+    pair: Pair
+
+
+async def view_tour(
+    cycle: Cycle, board: Board, calibration: Calibration, count: int, say: Say, speed_pct: float
+) -> list[View]:
+    """Go to `count` poses round the board and see it from each. One job of the cycle: stop and step work as ever.
+
+    Raises SessionError where the board is not in view from here or hardly any pose shows it, and what the arm raises.
+    """
+    return await cycle.alone("calibrate", _tour(cycle, board, calibration, count, say, speed_pct))
+
+
+async def _tour(
+    cycle: Cycle, board: Board, calibration: Calibration, count: int, say: Say, speed_pct: float
+) -> list[View]:
+    cycle.may_move()
+    if calibration.tool_from_cyclopean is None:
+        raise SessionError("no hand_eye in calibration.yaml to begin with: a rough one, by ruler, is enough")
+    reading = await cycle.mover.where()
+    try:
+        first = await _see(cycle, board, reading, "pose 0")
+    except BoardError as error:
+        raise SessionError(f"from here the cameras do not see the board: {error}") from None
+    poses = _plan(cycle, board, calibration, first, count)
+    await say(f"The board is in view. {len(poses)} poses round it follow; `stop` stops the arm at any moment.")
+    views = [first]
+    for number, pose in enumerate(poses, start=1):
+        try:
+            await cycle.mover.travel(pose, f"calibration pose {number}", lambda _: speed_pct)
+        except (OutOfReachError, MoveRefusedError) as error:
+            await say(f"pose {number} of {len(poses)}: left out: {error}")
+            continue
+        at = cycle.mover.here
+        assert at is not None
+        try:
+            views.append(await _see(cycle, board, at, f"pose {number}"))
+            await say(f"pose {number} of {len(poses)}: seen")
+        except BoardError as error:
+            await say(f"pose {number} of {len(poses)}: not used: {error}")
+    return views
+
+
+def _plan(cycle: Cycle, board: Board, calibration: Calibration, first: View, count: int) -> list[Array]:
+    """world_from_tool of the poses to go to."""
+    tool_from_cyclopean = calibration.tool_from_cyclopean
+    assert tool_from_cyclopean is not None
+    cyclopean_from_tool = frames.inverse(tool_from_cyclopean)
+    world_from_cyclopean = first.world_from_tool @ tool_from_cyclopean
+    world_from_board = board_in_world(first, board, calibration)
+    here = cycle.mover.here
+    assert here is not None
+
+    def allowed(world_from_cyclopean: Array) -> bool:
+        pose = world_from_cyclopean @ cyclopean_from_tool
+        command = Command(pose, False, 1.0, "calibration pose")
+        fits = refuse(command, Standing(True, None, pose, 0.0), cycle.settings.limits) is None
+        return fits and cycle.cell.robot.reachable(pose, here.joints_rad) is not None
+
+    centre = board.points_mm().mean(axis=0)
+    looks = looks_at(world_from_board, centre, world_from_cyclopean[:3, 0])
+    chosen = spread_out(looks, count, allowed, world_from_cyclopean)
+    if len(chosen) < min(count, 8):
+        raise SessionError(f"the arm reaches only {len(chosen)} poses round the board; lay it nearer to the middle")
+    return [look @ cyclopean_from_tool for look in in_order(chosen, world_from_cyclopean)]
+
+
+async def _see(cycle: Cycle, board: Board, reading: Reading, name: str) -> View:
+    """A settled pair from where the arm stands, and the board in both. Raises BoardError."""
+    cell = cycle.cell
+    pictures, _ = await settled_pair(cell, cell.clock(), cycle.settings.settling)
+    cell.log.record(
+        "look",
+        cycle=0,
+        stop=0,
+        purpose=f"calibrate {name}",
+        images={"left": pictures.left.pixels, "right": pictures.right.pixels},
+        where=reading.world_from_tool,
+    )
+    sights: list[Sight] = []
+    for eye in (pictures.left, pictures.right):
+        sights.append(await asyncio.to_thread(find_board, eye.pixels, board))
+    return View(reading.world_from_tool, Pair(name, sights[0], sights[1]))
+
+
+def solve_stereo(views: Sequence[View], board: Board, before: Calibration) -> tuple[Calibration, StereoResult]:
+    """Both eyes from the views; the hand-eye is kept as it was, and needs solving anew. Raises StereoError."""
+    result = calibrate_stereo([v.pair for v in views], board, before.rig.image_size)
+    quality = Quality(
+        reprojection_px=round(result.stereo_rms_px, 4),
+        epipolar_px=round(result.epipolar_px, 4),
+        views=len(result.by_pair),
+        method="stereo",
+        made=_now(),
+    )
+    return Calibration(result.rig, before.tool_from_cyclopean, quality), result
+
+
+def solve_hand_eye(views: Sequence[View], board: Board, before: Calibration) -> tuple[Calibration, HandEyeResult]:
+    """The hand-eye from the views. Raises HandEyeError."""
+    result = calibrate_hand_eye([sample_of(v, board) for v in views], before.rig)
+    quality = Quality(
+        reprojection_px=before.quality.reprojection_px,
+        epipolar_px=before.quality.epipolar_px,
+        hand_eye_mm=round(result.sigma_mm, 4),
+        hand_eye_deg=round(result.sigma_deg, 4),
+        views=len(views),
+        method=before.quality.method or "hand-eye",
+        made=_now(),
+    )
+    return replace(before, tool_from_cyclopean=result.tool_from_cyclopean, quality=quality), result
+
+
+@dataclass(frozen=True)
+class Verified:
+    """What looks from new poses say, none of them used to calibrate. scale_error: share by which known lengths come out
+    wrong; length_mm: rms error of the distances between corners; epipolar_px: mean; spread_mm: rms distance of the
+    board's corners, brought to the world, from their mean over the poses; passed, and why not."""
+
+    poses: int
+    scale_error: float
+    length_mm: float
+    epipolar_px: float
+    spread_mm: float
+    failures: tuple[str, ...]
+
+    @property
+    def passed(self) -> bool:
+        """Whether every figure is within its limit."""
+        return not self.failures
+
+
+LENGTH_LIMIT_MM, EPIPOLAR_LIMIT_PX, SPREAD_LIMIT_MM = 0.3, 0.3, 0.6
+
+
+def verify(views: Sequence[View], board: Board, calibration: Calibration) -> Verified:
+    """Hold the calibration against looks at a board of known size. Raises SessionError with fewer than 4 views."""
+    if len(views) < 4:
+        raise SessionError(f"{len(views)} poses show the board, 4 are needed to verify")
+    ratios, errors, gaps, corners = [], [], [], []
+    for view in views:
+        match = matched(view.pair, board)
+        seen = meet(calibration.rig, match.left_px, match.right_px)
+        found, known = _distances(seen), _distances(match.points_mm)
+        ratios.append(found.sum() / known.sum())
+        errors.append(found - known)
+        gaps.append(epipolar_distances(calibration.rig, match.left_px, match.right_px))
+        corners.append(frames.apply(board_in_world(view, board, calibration), board.points_mm()))
+    placed = np.array(corners)
+    figures = {
+        "length": float(np.sqrt(np.mean(np.concatenate(errors) ** 2))),
+        "epipolar": float(np.mean(np.concatenate(gaps))),
+        "spread": float(np.sqrt(((placed - placed.mean(axis=0)) ** 2).sum(axis=2).mean())),
+    }
+    limits = (
+        ("length", LENGTH_LIMIT_MM, "mm", "calibrate stereo, and check the board's square size"),
+        ("epipolar", EPIPOLAR_LIMIT_PX, "px", "an eye has moved: calibrate stereo"),
+        ("spread", SPREAD_LIMIT_MM, "mm", "calibrate hand-eye; is the bracket tight?"),
+    )
+    failures = tuple(
+        f"{name} {figures[name]:.2f} {unit}, {limit:g} is the most: {remedy}"
+        for name, limit, unit, remedy in limits
+        if figures[name] > limit
+    )
+    scale = float(np.mean(ratios)) - 1.0
+    return Verified(len(views), scale, figures["length"], figures["epipolar"], figures["spread"], failures)
+
+
+def meet(rig: StereoRig, left_px: Array, right_px: Array) -> Array:
+    """(N, 3) mm, cyclopean: the middle of the shortest line between the two rays of each matched corner."""
+    points = []
+    ends = [eye.cyclopean_from_camera for eye in (rig.left, rig.right)]
+    for p, q in zip(rig.left.normalised(left_px), rig.right.normalised(right_px), strict=True):
+        a, b = (end[:3, :3] @ np.append(ray, 1.0) for end, ray in zip(ends, (p, q), strict=True))
+        s, t = np.linalg.lstsq(np.column_stack([a, -b]), ends[1][:3, 3] - ends[0][:3, 3], rcond=None)[0]
+        points.append((ends[0][:3, 3] + s * a + ends[1][:3, 3] + t * b) / 2)
+    return np.array(points)
+
+
+def _distances(points: Array) -> Array:
+    """Distances of each corner from the one half the board on: long ones, which an error of scale shows in."""
+    half = len(points) // 2
+    lengths: Array = np.linalg.norm(points[half:] - points[: len(points) - half], axis=1)
+    return lengths
+
+
+def board_in_world(view: View, board: Board, calibration: Calibration) -> Array:
+    """world_from_board (4, 4) as one view shows it. The calibration must have a hand-eye."""
+    assert calibration.tool_from_cyclopean is not None
+    seen = cyclopean_from_board(sample_of(view, board), calibration.rig)
+    return view.world_from_tool @ calibration.tool_from_cyclopean @ seen
+
+
+def sample_of(view: View, board: Board) -> Sample:
+    """The view as the hand-eye solver takes it. Raises StereoError where the eyes share too few corners."""
+    match = matched(view.pair, board)
+    return Sample(view.world_from_tool, match.points_mm, match.left_px, match.right_px)
+
+
+def _now() -> datetime:
+    return datetime.now(UTC).replace(microsecond=0)

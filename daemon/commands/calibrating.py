@@ -1,0 +1,172 @@
+"""Commands that calibrate with the arm and a board: stereo, hand-eye, both, verify, and the touch test.
+
+A result is written to calibration.yaml (the old one is kept) and taken over at once; a failed one changes nothing.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import asdict
+
+import numpy as np
+
+from daemon import frames
+from daemon.calibration.board import Board, BoardError, parse_board
+from daemon.calibration.file import Calibration, save_calibration
+from daemon.calibration.hand_eye import HandEyeError, HandEyeResult
+from daemon.calibration.recorded import keep_old
+from daemon.calibration.session import (
+    SessionError,
+    View,
+    board_in_world,
+    solve_hand_eye,
+    solve_stereo,
+    verify,
+    view_tour,
+)
+from daemon.calibration.stereo import StereoError, StereoResult
+from daemon.console import NOT_DONE, NOT_UNDERSTOOD, Answer, Command, CommandError, Door, one_of
+from daemon.desk import Desk
+
+KINDS = ("all", "stereo", "hand-eye", "verify", "touch")
+USAGE = "calibrate all|stereo|hand-eye|verify|touch [CxR SQUARE_MM [charuco]]"
+POSES = {"all": 28, "stereo": 28, "hand-eye": 24, "verify": 8, "touch": 0}
+USUAL_BOARD = ("9x6", "16")
+SPEED_PCT = 60.0
+TOUCH_ABOVE_MM = 2.0
+
+
+async def calibrate(desk: Desk, words: list[str], door: Door) -> Answer:
+    """See USAGE and DETAILS."""
+    kind = one_of(words, 0, KINDS, "kind of calibration", USAGE)
+    board = _board(words[1:])
+    hand = desk.hardware.hand
+    if hand is not None:
+        hand.show_board(board.columns, board.rows, board.square_mm, board.kind == "charuco")
+        await door.say("(simulated) A hand lays the board on the table.")
+    try:
+        views = await view_tour(desk.cycle, board, desk.calibration, POSES[kind], door.say, SPEED_PCT)
+        if kind == "verify":
+            return _verified(views, board, desk.calibration)
+        if kind == "touch":
+            return await _touch(desk, views[0], board, door)
+        return await _solved(desk, kind, views, board)
+    except (SessionError, StereoError, HandEyeError, BoardError) as error:
+        raise CommandError(f"calibrate {kind}: {error}") from None
+    finally:
+        if hand is not None:
+            hand.put_back()
+
+
+def _board(words: list[str]) -> Board:
+    size, square, *rest = [*words, *USUAL_BOARD[len(words) :]] if len(words) < 2 else words
+    if rest not in ([], ["charuco"]):
+        raise CommandError(f"{rest[0]}: expected `charuco` or nothing; usage: {USAGE}", NOT_UNDERSTOOD)
+    try:
+        return parse_board(size, float(square), "charuco" if rest else "chessboard")
+    except (BoardError, ValueError) as error:
+        raise CommandError(f"calibrate: {error}", NOT_UNDERSTOOD) from None
+
+
+async def _solved(desk: Desk, kind: str, views: list[View], board: Board) -> Answer:
+    before = after = desk.calibration
+    lines: list[str] = []
+    data: dict[str, object] = {"poses": len(views)}
+    if kind in ("all", "stereo"):
+        after, stereo = await asyncio.to_thread(solve_stereo, views, board, after)
+        lines += _stereo_lines(stereo)
+        data["stereo"] = {"rms_px": stereo.stereo_rms_px, "epipolar_px": stereo.epipolar_px, "sigmas": stereo.sigmas}
+    # A new rig has a new cyclopean frame: a hand-eye of the old one would be wrong by their difference.
+    after, hand_eye = await asyncio.to_thread(solve_hand_eye, views, board, after)
+    lines += _hand_eye_lines(hand_eye)
+    data["hand_eye"] = {
+        "sigma_mm": hand_eye.sigma_mm,
+        "sigma_deg": hand_eye.sigma_deg,
+        "diversity_deg": hand_eye.diversity_deg,
+        "left_out_mm": list(hand_eye.left_out_mm),
+        "warning": hand_eye.warning,
+    }
+    lines.append(_moved(before, after))
+    kept = keep_old(desk.config.calibration)
+    save_calibration(after, desk.config.calibration)
+    lines.append(await desk.reload())
+    lines.append(f"Written: {desk.config.calibration}" + ("" if kept is None else f"; the old one is {kept.name}"))
+    lines.append("Residuals are not accuracy: `calibrate verify` measures that from new poses.")
+    return Answer("\n".join(lines), data)
+
+
+def _stereo_lines(result: StereoResult) -> list[str]:
+    rig, sigma = result.rig, result.sigmas
+    lines = [f"not used: {name}: {reason}" for name, reason in result.dropped.items()]
+    lines.append(f"eyes: residual {result.stereo_rms_px:.3f} px rms, {result.epipolar_px:.3f} px to the epipolar line")
+    for name, eye in (("left", rig.left), ("right", rig.right)):
+        lines.append(f"  {name:5} focal length {eye.matrix[0, 0]:.2f} +- {sigma[f'{name}.fx']:.2f} px")
+    lines.append(f"  baseline {rig.baseline_mm:.3f} +- {sigma['baseline_mm']:.3f} mm")
+    return lines
+
+
+def _hand_eye_lines(result: HandEyeResult) -> list[str]:
+    lines = [
+        f"hand-eye: known to {result.sigma_mm:.2f} mm and {result.sigma_deg:.3f} degrees (one standard deviation)",
+        f"  the arm turned {result.diversity_deg:.0f} degrees about its second axis; "
+        f"a pose left out is off by {np.median(result.left_out_mm):.2f} mm, at most {max(result.left_out_mm):.2f}",
+    ]
+    return lines + ([f"  warning: {result.warning}"] if result.warning else [])
+
+
+def _moved(before: Calibration, after: Calibration) -> str:
+    if before.tool_from_cyclopean is None or after.tool_from_cyclopean is None:
+        return "There was no hand-eye before."
+    motion = frames.difference(after.tool_from_cyclopean, before.tool_from_cyclopean)
+    mm, deg = np.linalg.norm(motion[:3]), np.degrees(np.linalg.norm(motion[3:]))
+    return f"Since the old calibration the hand-eye has changed by {mm:.2f} mm and {deg:.2f} degrees."
+
+
+def _verified(views: list[View], board: Board, calibration: Calibration) -> Answer:
+    found = verify(views, board, calibration)
+    lines = [
+        f"From {found.poses} new poses: lengths {found.length_mm:.2f} mm off (scale {100 * found.scale_error:+.2f} %), "
+        f"{found.epipolar_px:.2f} px to the epipolar line,",
+        f"the same corner comes out {found.spread_mm:.2f} mm apart in the world (hand-eye and arm together).",
+        *(f"FAILED {failure}" for failure in found.failures),
+    ]
+    lines.append("PASSED" if found.passed else "Not fit for picking.")
+    return Answer("\n".join(lines), {**asdict(found), "passed": found.passed}, 0 if found.passed else NOT_DONE)
+
+
+async def _touch(desk: Desk, view: View, board: Board, door: Door) -> Answer:
+    """Bring the closed gripper over the board's first corner; the operator says how far off it is."""
+    corner = board_in_world(view, board, desk.calibration)[:3, 3]
+    tip_mm = desk.config.said.pick.gripper.tip_mm
+    for above_mm in (60.0, TOUCH_ABOVE_MM):
+        down = frames.rigid(np.diag([-1.0, 1.0, -1.0]), corner + np.array([0.0, 0.0, tip_mm + above_mm]))
+        await desk.cycle.move_to(down, f"touch test, {above_mm:g} mm above the corner")
+    await door.say(f"The finger tips should be {TOUCH_ABOVE_MM:g} mm above the first inner corner of the board.")
+    said = (
+        (await door.ask("How far off are they, along world x and y, in mm? (e.g. 0.5 -0.3) ")).replace(",", " ").split()
+    )
+    try:
+        off = np.array([float(word) for word in said[:2]])
+        if len(off) != 2:
+            raise ValueError
+    except ValueError:
+        raise CommandError("expected two numbers in mm; nothing was recorded", NOT_UNDERSTOOD) from None
+    distance = float(np.linalg.norm(off))
+    desk.log.record("touch", off_mm=off.tolist(), distance_mm=distance, corner=corner.tolist())
+    verdict = "good" if distance <= 1.0 else "not fit for picking: calibrate hand-eye, check the TOOL transform"
+    return Answer(f"{distance:.2f} mm off: {verdict}.", {"off_mm": off.tolist()}, 0 if distance <= 1.0 else NOT_DONE)
+
+
+DETAILS = """  all       both eyes and hand-eye, from one tour of some 28 poses (about ten minutes on a real arm)
+  stereo    the same; hand-eye   the eyes stay as they are
+  verify    8 new poses: errors in mm and px, passed or failed
+  touch     the gripper goes over a corner of the board, you say how far off it is
+  Lay the board flat where all of it is in view, `enable` the arm. Inner corners and square: 9x6 16 unless said.
+  With `step on`, each pose waits for `confirm`."""
+
+COMMANDS = (
+    Command(
+        "calibrate", USAGE, "find out how the cameras see and where they sit", calibrate, "move", DETAILS,
+        choices=lambda _: KINDS,
+    ),
+)  # fmt: skip
