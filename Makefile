@@ -46,8 +46,8 @@ check: $(VENV)/.dev
 test: check
 	$(BIN)/pytest $(TESTS)
 
-rig: $(VENV)/.runtime
-	tests/rig/rig.sh
+rig: $(VENV)/.dev
+	$(BIN)/python tests/rig/run.py $(JOBS)
 
 bench: $(VENV)/.dev
 	$(BIN)/python -m tests.bench

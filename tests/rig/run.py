@@ -34,7 +34,7 @@ def daemon() -> guest.Outcome:
         otherside.surroundings(guest.CHECKOUT / "etc/simcell.yaml", 3, Path(ports)) as devices,
     ):
         command = PYTEST + "-x tests/rig/guest/test_daemon.py"
-        return guest.run(command, 420.0, guest.FOLDER / "results/daemon", extra=devices)
+        return guest.run(command, 560.0, guest.FOLDER / "results/daemon", extra=devices)
 
 
 JOBS = {"cameras": cameras, "daemon": daemon}

@@ -19,8 +19,11 @@ from typing import Any
 import beside
 import yaml
 
+from daemon.link import DaemonLink
+
 CHECKOUT = Path(__file__).resolve().parents[3]
 ETC = Path("/etc/facetd")
+SOCKET = Path("/run/facetd/facetd.sock")
 UNITS = Path("/etc/systemd/system")
 DROP_IN = """\
 [Service]
@@ -61,13 +64,12 @@ def _let_everybody_read(*paths: Path) -> None:
         folder.chmod(folder.stat().st_mode | 0o055)
 
 
-def facetctl(*words: str, timeout_s: float = 120.0) -> dict[str, Any]:
-    """One command to the daemon: its JSON answer, with `exit` the tool's status."""
-    tool = str(Path(sys.executable).with_name("facetctl"))
-    done = run(tool, "--json", *words, timeout_s=timeout_s)
-    line = done.stdout.strip().splitlines()[-1] if done.stdout.strip() else json.dumps({"text": done.stderr})
-    answer: dict[str, Any] = json.loads(line)
-    return answer | {"exit": done.returncode}
+def command(text: str) -> dict[str, Any]:
+    """One command at the operators' socket: what the daemon answers, with `status` 0 when it was done."""
+    with DaemonLink(SOCKET) as link:
+        done = link.do(text, "one-shot", lambda _: None)
+    answer: dict[str, Any] = {**done["data"], "text": done["text"], "status": int(done["status"])}
+    return answer
 
 
 def journal(since: str | None = None) -> list[dict[str, Any]]:
