@@ -25,10 +25,10 @@ Edge = tuple[int, int]
 ROUNDS = 3  # measure the edges, move the pose, and again
 MODEL_MM = 0.25  # how well a taught corner is known: in pixels the least an edge may be off
 TUKEY = 4.0
-NEAR = 2.0  # an edge is on its place within so many times the model's doubt
+NEAR = 1.4  # an edge is on its place within so many times the model's doubt
 LEAST_SUPPORT = 0.5
 LEAST_EVIDENCE = 6.0
-FAINT = 0.04  # an edge this much fainter than the strongest is taken for grain
+FAINT = 0.1  # an edge this much fainter than the strongest is taken for grain
 LEAST_SHARE = 0.65  # of a facet's sides, in both eyes together
 FOUND_PX = 0.15  # how sure a corner is whose two sides were found
 

@@ -33,6 +33,7 @@ Array = NDArray[np.float64]
 LEAST_FACING = 0.08  # cosine below which a facet is too thin in the image to be looked for
 ROOM_PX = 12
 COVERED = 0.2  # of the smaller facet's area; more than that, and the two cannot both be there
+CLOSE_MM = 1.5  # rms; how well a completed part must fit
 MOST = 8  # poses tried for one facet
 
 
@@ -87,9 +88,10 @@ def _completed(facet: Facet, others: Sequence[Group], model: Model, eyes: Eyes) 
     """
     named: dict[str, Group] = {}
     for more in expected_groups(suspicions(facet, model), model, eyes):
-        label = recognise_group(more, model).recognition.label
-        if label != UNKNOWN and not any(_collides(more, other) for other in others if not _absorbs(more, other)):
-            named.setdefault(label, more)
+        part = recognise_group(more, model)
+        free = not any(_collides(more, other) for other in others if not _absorbs(more, other))
+        if part.recognition.label != UNKNOWN and part.residual_mm < CLOSE_MM and free:
+            named.setdefault(part.recognition.label, more)
     return next(iter(named.values())) if len(named) == 1 else None
 
 
