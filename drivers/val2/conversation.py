@@ -91,6 +91,15 @@ class Conversation:
         assert event is not None
         return event
 
+    async def next_prompt_or_question(self, timeout_s: float, said: list[Event] | None = None) -> Event:
+        """Wait until the controller waits for us; `said` gathers everything up to there. Raises as next_event."""
+        while True:
+            event = await self.next_event(timeout_s, f"no prompt within {timeout_s:g} s")
+            if said is not None:
+                said.append(event)
+            if isinstance(event, Prompt | Question):
+                return event
+
     async def resynchronise(self, attempts: int = 3) -> list[Event]:
         """Get the controller to an empty line and its prompt or question; what it said, that last.
 
@@ -101,8 +110,7 @@ class Conversation:
         for attempt in range(attempts):
             self.send_raw(self.dialect.cancel_line if attempt == 0 else self.dialect.cancel_line + POISON + b"\r")
             try:
-                while not (said and isinstance(said[-1], Prompt | Question)):
-                    said.append(await self.next_event(self.dialect.resync_s, ""))
+                await self.next_prompt_or_question(self.dialect.resync_s, said)
             except NoAnswer:
                 continue
             await asyncio.sleep(self.dialect.echo_settle_s)

@@ -19,6 +19,7 @@ from drivers.val2.wire import Event, Prompt, Question, Reader
 
 Record = dict[str, Any]
 BEGINNING = "0" * 64
+CHAINED = ("seq", "t_s", "way", "what", "bytes", "prev")
 
 
 class LedgerError(Exception):
@@ -57,7 +58,10 @@ class Ledger:
 
 
 def verify(records: Iterable[Record]) -> int:
-    """Check the chain; how many records it has. Raises LedgerError at the first one that was altered, lost or moved."""
+    """Check the chain; how many records it has. Raises LedgerError at the first one that was altered, lost or moved.
+
+    What a keeper of records adds to them under other names is not looked at.
+    """
     prev, count = BEGINNING, 0
     for record in records:
         if record.get("seq") != count:
@@ -114,6 +118,6 @@ def _kind(event: type[Event]) -> str:
 
 
 def _hash(record: Record) -> str:
-    plain = {key: value for key, value in record.items() if key != "hash"}
+    plain = {key: record.get(key) for key in CHAINED}
     text = json.dumps(plain, sort_keys=True, separators=(",", ":"), ensure_ascii=True)
     return hashlib.sha256(text.encode("ascii")).hexdigest()

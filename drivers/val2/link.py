@@ -14,7 +14,7 @@ from contextlib import AbstractAsyncContextManager
 from typing import Any
 
 from drivers.val2 import commands
-from drivers.val2.conversation import Answer, Conversation
+from drivers.val2.conversation import POISON, Answer, Conversation
 from drivers.val2.dialect import Dialect
 from drivers.val2.errors import ControllerError, Elsewhere, Garbled, LinkError, NoAnswer, PortError, Preempted
 from drivers.val2.ledger import Ledger
@@ -255,16 +255,20 @@ class Link:
             await self.command("DO BREAK", timeout_s=timeout_s)
 
     async def _abort(self, session: Session) -> Where:
-        line = self.dialect.cancel_line + self.dialect.abort_word.encode("ascii") + self.dialect.line_end
+        """Whatever is half typed becomes an error, not a command; a question in the way is answered with N first."""
+        abort = POISON + self.dialect.line_end + self.dialect.abort_word.encode("ascii") + self.dialect.line_end
+        line = abort
         async with session.preemption() as talk:
             for _ in range(ABORT_ATTEMPTS):
                 talk.send_raw(line)
                 try:
-                    while not isinstance(await talk.next_event(self.dialect.resync_s, "no prompt"), Prompt):
-                        pass
-                    return await self._still(talk, self.dialect.answer_s)
+                    last = await talk.next_prompt_or_question(self.dialect.resync_s)
+                    line = abort if isinstance(last, Prompt) else b"N" + self.dialect.line_end + abort
+                    if isinstance(last, Prompt):
+                        session.question = None
+                        return await self._still(talk, self.dialect.answer_s)
                 except (NoAnswer, Garbled, ControllerError):
-                    continue
+                    line = abort
         raise NoAnswer(f"{self.dialect.abort_word} was not confirmed: use the emergency stop")
 
     def _accept(self, answer: Answer) -> Answer:

@@ -39,7 +39,7 @@ class Manners:
 
     echo: bool = True
     line_editing: bool = True
-    """Whether control-U and rubout take typed characters back."""
+    """Whether control-U, rubout and control-C do what they are for, or are characters like any other."""
     prompt_after_move: Literal["start", "end"] = "start"
     hand_s: float = 0.3
     calibration_s: float = 6.0

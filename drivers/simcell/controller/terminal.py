@@ -7,6 +7,7 @@ from dataclasses import dataclass
 CANCEL_LINE, INTERRUPT = 0x15, 0x03
 RUBOUTS = (0x08, 0x7F)
 CARRIAGE_RETURN = 0x0D
+IGNORED = (0x00, 0x0A)
 LONGEST_LINE = 80
 
 
@@ -31,7 +32,7 @@ class Terminal:
     """Line editing of the time: rubout, control-U, control-C. A line feed is ignored, so LF CR ends one line."""
 
     def __init__(self, editing: bool = True) -> None:
-        """editing: whether control-U and rubout are known."""
+        """editing: whether control characters are known; otherwise they join the line."""
         self._editing = editing
         self._typed = bytearray()
         self._too_long = False
@@ -39,29 +40,34 @@ class Terminal:
     def take(self, byte: int) -> tuple[bytes, Line | Cancelled | Interrupt | None]:
         """One byte typed: what to echo, and what it completes."""
         if byte == CARRIAGE_RETURN:
-            text = "?" if self._too_long else self._typed.decode("ascii")
+            text = "?" if self._too_long else self._typed.decode("ascii", "replace")
             self.clear()
             return b"\r\n", Line(text)
-        if byte == CANCEL_LINE and self._editing:
+        if not self._editing and byte not in IGNORED:
+            return self._add(byte), None
+        if byte == CANCEL_LINE:
             self.clear()
             return b"^U\r\n", Cancelled()
         if byte == INTERRUPT:
             self.clear()
             return b"^C\r\n", Interrupt()
-        if byte in RUBOUTS and self._editing:
+        if byte in RUBOUTS:
             return self._rub_out(), None
         if not 0x20 <= byte <= 0x7E:
             return b"", None
-        if len(self._typed) >= LONGEST_LINE:
-            self._too_long = True
-            return b"\x07", None
-        self._typed.append(byte)
-        return bytes([byte]), None
+        return self._add(byte), None
 
     def clear(self) -> None:
         """Forget what was typed."""
         self._typed.clear()
         self._too_long = False
+
+    def _add(self, byte: int) -> bytes:
+        if len(self._typed) >= LONGEST_LINE:
+            self._too_long = True
+            return b"\x07"
+        self._typed.append(byte)
+        return bytes([byte])
 
     def _rub_out(self) -> bytes:
         if not self._typed:

@@ -232,11 +232,10 @@ def test_a_port_that_goes_away_is_told_to_whoever_waits(bench: Callable[..., Any
         cell = bench()
         link = Link(cell.server.port, quick())
         await link.open()
-        waiting = asyncio.create_task(link.command("DO DRIVE 1, 100, 1"))
+        await link.command("DO DRIVE 1, 100, 1")
         breaking = asyncio.create_task(link.command("DO BREAK", timeout_s=30))
-        await asyncio.sleep(0.2)
+        await asyncio.sleep(0.1)
         cell.server.stop()
-        await waiting
         with pytest.raises(PortError, match="gone"):
             await breaking
         with pytest.raises(PortError):
@@ -281,10 +280,13 @@ def test_commands_from_two_tasks_take_turns(bench: Callable[..., Any]) -> None:
     asyncio.run(scene())
 
 
+@pytest.mark.parametrize("line_editing", [True, False])
 @pytest.mark.parametrize("prompt", ["start", "end"])
-def test_an_abort_stops_the_arm_whoever_is_using_the_link(bench: Callable[..., Any], prompt: Any) -> None:
+def test_an_abort_stops_the_arm_whoever_is_using_the_link(
+    bench: Callable[..., Any], prompt: Any, line_editing: bool
+) -> None:
     async def scene() -> None:
-        cell = bench(Manners(prompt_after_move=prompt), time_scale=5.0)
+        cell = bench(Manners(prompt_after_move=prompt, line_editing=line_editing), time_scale=5.0)
         async with cell.link() as link:
             await link.speed(10)
 
@@ -315,7 +317,7 @@ def test_an_abort_at_any_moment_of_a_command_leaves_a_still_arm_and_a_working_li
     bench: Callable[..., Any], after_ms: int
 ) -> None:
     async def scene() -> None:
-        cell = bench(time_scale=4.0)
+        cell = bench(Manners(line_editing=after_ms % 20 == 0), time_scale=4.0)
         async with cell.link() as link:
             moving = asyncio.create_task(link.move_straight(NEARBY))
             await asyncio.sleep(after_ms / 1000)
@@ -350,6 +352,34 @@ def test_a_motion_asked_for_during_an_abort_is_not_carried_out(bench: Callable[.
                 await link.move(GOAL)
             await aborting
             assert "MOVE" not in cell.sent()
+
+    asyncio.run(scene())
+
+
+@pytest.mark.parametrize("text", ["CAL", "POINT #P"])
+def test_an_abort_gets_past_a_question(bench: Callable[..., Any], text: str) -> None:
+    async def scene() -> None:
+        cell = bench(time_scale=2.0)
+        async with cell.link() as link:
+            await link.speed(10)
+            await link.move(GOAL)
+            asking = asyncio.create_task(link.command(text))
+            await asyncio.sleep(0.3)
+            stopped = await link.abort()
+            await asyncio.gather(asking, return_exceptions=True)
+            assert link.question is None
+            assert apart(stopped.location, GOAL)[0] > 10
+            await asyncio.sleep(0.2)
+            np.testing.assert_allclose(np.degrees(cell.joints()), stopped.joints_deg, atol=1e-3)
+
+    asyncio.run(scene())
+
+
+def test_an_abort_gets_past_the_power_up_dialogue(bench: Callable[..., Any]) -> None:
+    async def scene() -> None:
+        async with bench(cold=True).link() as link:
+            await link.abort()
+            assert link.question is None
 
     asyncio.run(scene())
 

@@ -112,7 +112,7 @@ def test_a_ledger_drives_a_simulated_controller_to_the_same_answers(bench: Calla
 
 def without_places_on_the_way(said: str) -> list[str]:
     """What was said, but for tables of a moving arm: the last table stays, and every line that is not of a table."""
-    lines = [line.strip() for line in said.replace("\n", "").split("\r")]
+    lines = [line.strip() for line in said.removeprefix(".").replace("\n", "").split("\r")]
     tables = [k for k, line in enumerate(lines) if line.startswith("X ")]
     within = {k + j for k in tables for j in range(4)}
     last = [line for k, line in enumerate(lines) if k in range(tables[-1], tables[-1] + 4)]
