@@ -38,7 +38,7 @@ class Measure:
 
 MEASURES = {
     "saturation": Measure(5.0, "% of pixels", True, "too bright: shorten exposure_us, lower gain, or take light away"),
-    "darkness": Measure(45.0, "grey levels", False, "too dark: lengthen exposure_us, raise gain, or add light"),
+    "darkness": Measure(30.0, "grey levels", False, "too dark: lengthen exposure_us, raise gain, or add light"),
     "covered": Measure(4.0, "grey levels", False, "nothing to see: is the lens covered, or the light off?", True),
     "focus": Measure(1.5, "px", True, "out of focus: focus the lens at the working distance, or clean it"),
     "motion": Measure(6.0, "px", True, "blurred by motion: shorten exposure_us, or let the arm settle longer"),
@@ -69,7 +69,7 @@ class Finding:
     good: bool
 
     def __str__(self) -> str:
-        """Such as `left: too dark: lengthen exposure_us ... (darkness 12 grey levels, limit 45)`."""
+        """Such as `left: too dark: lengthen exposure_us ... (darkness 12 grey levels, limit 30)`."""
         measure = MEASURES[self.name]
         figures = f"{self.name} {self.value:.3g} {measure.unit}, limit {measure.limit:g}"
         return f"{self.eye}: {measure.advice} ({figures})" if not self.good else f"{self.eye}: {figures}"

@@ -46,7 +46,12 @@ def trouble(error: OSError, eye: str, path: str, system: System) -> CameraError:
     where = f"{eye} camera {path}"
     if error.errno in (errno.EACCES, errno.EPERM):
         return CameraError(f"{where}: permission denied: add this user to the group `video` (usermod -aG video USER)")
-    if error.errno in (errno.EBUSY,):
+    if error.errno == errno.ENOSPC:
+        return CameraError(
+            f"{where}: the USB controller has no room for this stream: lower cameras.fps or the size, put MJPEG first "
+            "in cameras.formats, or plug one camera into another controller"
+        )
+    if error.errno == errno.EBUSY:
         who = ", ".join(system.holders(path)) or "another program"
         return CameraError(f"{where} is busy: {who} has it; stop that first")
     if error.errno in (errno.ENOENT, errno.ENODEV, errno.ENXIO, errno.EIO, errno.EPROTO, errno.EPIPE):

@@ -169,6 +169,14 @@ def test_a_device_that_streams_to_another_program_is_busy_and_the_other_eye_is_l
     assert [d.opened for d in system.devices.values()] == [0, 0]
 
 
+def test_two_cameras_that_do_not_fit_on_one_usb_controller_are_told_how_to_fit() -> None:
+    system = machine()
+    system.devices["/dev/video1"].fails[v4l2.STREAMON] = errno.ENOSPC
+    with pytest.raises(CameraError, match=r"right camera /dev/video1: the USB controller has no room .* MJPEG first"):
+        camera(system).open()
+    assert [d.opened for d in system.devices.values()] == [0, 0]
+
+
 def test_a_wish_that_no_format_meets_is_refused_with_what_the_device_offers() -> None:
     system = machine()
     system.devices["/dev/video0"].formats = {"YUYV": [(4, 4), (16, 8)], "H264": [(8, 4)]}

@@ -95,7 +95,7 @@ def test_a_trouble_says_where_what_to_do_and_by_how_much() -> None:
     lines = troubles(examine((noisy(LEFT // 8), RIGHT)))
     assert len(lines) == 1
     assert lines[0].startswith("left: too dark: lengthen exposure_us, raise gain, or add light (darkness ")
-    assert lines[0].endswith("grey levels, limit 45)")
+    assert lines[0].endswith("grey levels, limit 30)")
 
 
 def test_the_figures_for_machines_have_every_measure_and_its_limit() -> None:
