@@ -90,13 +90,20 @@ class HeldPairs(RecordedCamera):
     """Recorded pairs that hold still: each pair is shown, as if taken now, until the next one is asked for."""
 
     _shown: StereoPair | None = None
+    _shows = 0
 
     def grab(self, not_before_s: float, timeout_s: float) -> StereoPair:
         """The pair that is shown. Raises CameraError."""
         pair = self._shown = self._shown or super().grab(not_before_s, timeout_s)
         now_s = max(time.monotonic(), not_before_s)
-        left, right = (Frame(f.pixels, now_s, f.sequence) for f in (pair.left, pair.right))
-        return StereoPair(left, right)
+        return StereoPair(self._live(pair.left, now_s), self._live(pair.right, now_s))
+
+    def _live(self, frame: Frame, now_s: float) -> Frame:
+        """The frame as of now. A corner pixel flickers by two grey levels, as otherwise the camera looks frozen."""
+        self._shows += 1
+        pixels = frame.pixels.copy()
+        pixels[0, 0] ^= self._shows & 2
+        return Frame(pixels, now_s, frame.sequence + self._shows)
 
     def step(self) -> None:
         """Go on to the next pair; after the last one the first comes again."""

@@ -5,9 +5,12 @@ The words and fields are given; nothing is decided here. Without systemd-python 
 
 from __future__ import annotations
 
+import contextlib
 import os
+import queue
 import socket
 import sys
+import threading
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -35,28 +38,73 @@ MESSAGE_IDS: Mapping[str, str] = {
 
 
 def tell(kind: str, text: str, priority: int = INFO, **fields: Any) -> None:
-    """One record: text for people; fields (CYCLE, PART, STOP, RULE, ...) for journalctl; None fields are left out."""
+    """One record: text for people; fields (CYCLE, PART, STOP, RULE, ...) for journalctl; None fields are left out.
+
+    Returns at once: a journal, or a terminal, that takes nothing must not hold up whoever moves an arm.
+    """
+    plain = {name: str(value) for name, value in fields.items() if value is not None}
+    _TELLER.put((kind, text, priority, plain))
+
+
+def flush(timeout_s: float) -> None:
+    """Wait until what was told is out, but no longer than that."""
+    _TELLER.flush(timeout_s)
+
+
+class _Teller:
+    """Says things in a thread of its own, in order; what piles up beyond a thousand is dropped."""
+
+    def __init__(self) -> None:
+        self._waiting: queue.Queue[tuple[str, str, int, dict[str, str]] | threading.Event] = queue.Queue(1000)
+        self._thread: threading.Thread | None = None
+
+    def put(self, item: tuple[str, str, int, dict[str, str]] | threading.Event) -> None:
+        if self._thread is None:
+            self._thread = threading.Thread(target=self._run, name="journal", daemon=True)
+            self._thread.start()
+        with contextlib.suppress(queue.Full):
+            self._waiting.put_nowait(item)
+
+    def flush(self, timeout_s: float) -> None:
+        through = threading.Event()
+        self.put(through)
+        through.wait(timeout_s)
+
+    def _run(self) -> None:
+        while True:
+            item = self._waiting.get()
+            if isinstance(item, threading.Event):
+                item.set()
+            else:
+                with contextlib.suppress(OSError):
+                    _say(*item)
+
+
+_TELLER = _Teller()
+
+
+def _say(kind: str, text: str, priority: int, fields: dict[str, str]) -> None:
     if systemd_journal is not None and os.environ.get("JOURNAL_STREAM"):
-        plain = {name: str(value) for name, value in fields.items() if value is not None}
         identity = {"MESSAGE_ID": MESSAGE_IDS[kind]} if kind in MESSAGE_IDS else {}
-        systemd_journal.send(text, PRIORITY=priority, SYSLOG_IDENTIFIER="facetd", **identity, **plain)
+        systemd_journal.send(text, PRIORITY=priority, SYSLOG_IDENTIFIER="facetd", **identity, **fields)
     else:
         print(f"facetd: {text}", file=sys.stderr, flush=True)
 
 
 def notify(state: str) -> None:
-    """sd_notify: READY=1, STATUS=..., WATCHDOG=1, STOPPING=1, RELOADING=1; nothing where nobody listens."""
+    """sd_notify: READY=1, STATUS=..., WATCHDOG=1, STOPPING=1, RELOADING=1; nothing where nobody listens.
+
+    Never waits: a listener that reads nothing would stop the main loop, and with it the arm's stop.
+    """
     address = os.environ.get("NOTIFY_SOCKET")
     if not address:
         return
     if address.startswith("@"):
         address = "\0" + address[1:]
-    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC) as sender:
-        try:
-            sender.connect(address)
-            sender.sendall(state.encode())
-        except OSError:
-            return
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC) as sender, contextlib.suppress(OSError):
+        sender.setblocking(False)
+        sender.connect(address)
+        sender.sendall(state.encode())
 
 
 def watchdog_s() -> float | None:

@@ -183,7 +183,7 @@ class Service:
 
     async def _open_doors(self, desk: Desk) -> None:
         said = desk.config.said
-        self._console = Console(desk, every_command(desk.hardware.hand is not None))
+        self._console = Console(desk, every_command(desk.hardware.kind))
         self._socket = SocketServer(desk.config.socket, said.console.group, self._console, self._interrupt)
         await self._socket.open()
         if said.console.tty is not None:
@@ -278,6 +278,7 @@ class Service:
             os.close(self._lock)
         if self._ready:
             journal.tell("run_end", f"ended: {self._why}")
+        journal.flush(0.3)
 
 
 def _left_behind(runs: Path) -> Any:

@@ -26,13 +26,9 @@ need_root() {
 
 packages() {
     [ -z "$root" ] && [ "${FACETD_APT:-yes}" = yes ] || return 0
-    missing=
-    for package in python3-venv python3-dev gcc pkg-config libsystemd-dev; do
-        dpkg -s "$package" >/dev/null 2>&1 || missing="$missing $package"
-    done
-    [ -z "$missing" ] && return 0
-    say "installing Debian packages:$missing"
-    apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends $missing >/dev/null
+    dpkg -s python3-venv >/dev/null 2>&1 && return 0
+    say "installing the Debian package python3-venv"
+    apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends python3-venv >/dev/null
 }
 
 build() {
@@ -47,10 +43,9 @@ build() {
     "${PYTHON:-python3}" -m venv "$release/venv"
     # In place, so that the files in etc/ are found beside the program.
     # shellcheck disable=SC2086
-    if ! "$release/venv/bin/pip" install -q ${FACETD_PIP:-} -e "$release[systemd,metrics]" 2>/dev/null; then
-        say "without systemd-python and metrics (libsystemd-dev, gcc and pkg-config are needed to build the first)"
-        # shellcheck disable=SC2086
-        "$release/venv/bin/pip" install -q ${FACETD_PIP:-} -e "$release"
+    "$release/venv/bin/pip" install -q ${FACETD_PIP:-} -e "$release[metrics]"
+    if [ "${FACETD_APT:-yes}" = yes ]; then
+        "$release/deploy/systemd-extra.sh" "$release/venv/bin/pip"
     fi
     "$release/venv/bin/python" -m compileall -q "$release/daemon" "$release/drivers"
 }

@@ -1,6 +1,6 @@
-"""The operator's hand in a simulated cell: put a part before the cameras, strew parts over the table, clear it.
+"""The operator's hand where there is no table to reach: in a simulated cell, and among recorded pairs.
 
-In a real cell a person does this; these commands exist only where the cell is simulated.
+In a real cell a person does this; these commands exist only where the cell is not real.
 """
 
 from __future__ import annotations
@@ -36,6 +36,14 @@ async def scatter(desk: Desk, words: list[str], _: Door) -> Answer:
     return Answer(f"On the table: {', '.join(labels)}.")
 
 
+async def next_pair(desk: Desk, words: list[str], _: Door) -> Answer:
+    """In a recorded cell, go on to the next pair."""
+    no_more(words, 0, "next")
+    if not desk.hardware.eyes.step():
+        raise CommandError("these cameras are not recorded pairs")
+    return Answer("The next pair is shown.")
+
+
 async def clear(desk: Desk, words: list[str], _: Door) -> Answer:
     """Take everything away."""
     no_more(words, 0, "clear")
@@ -53,6 +61,7 @@ def _labels(desk: Desk) -> tuple[str, ...]:
     return _hand(desk).labels
 
 
+RECORDED_COMMANDS = (Command("next", "next", "(recorded) show the next pair", next_pair),)
 COMMANDS = (
     Command("place", "place LABEL [VIEW]", "(simulated) hold a part before the cameras", place, choices=_labels),
     Command("scatter", "scatter [LABEL...]", "(simulated) strew parts over the table", scatter, choices=_labels),

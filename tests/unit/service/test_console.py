@@ -16,7 +16,7 @@ from daemon.console import Answer, Console
 
 
 def say(desk: object, text: str, door: FakeDoor | None = None) -> Answer:
-    console = Console(desk, every_command(simulated=True))  # type: ignore[arg-type]
+    console = Console(desk, every_command("simulated"))  # type: ignore[arg-type]
     return asyncio.run(console.interpret(text, door or FakeDoor()))
 
 
@@ -71,7 +71,7 @@ def test_an_ambiguous_abbreviation_is_asked_back_not_guessed(desk: object) -> No
 
 def test_help_names_every_command_and_help_of_one_tells_its_usage(desk: object) -> None:
     every = say(desk, "help").text
-    for command in every_command(simulated=True):
+    for command in every_command("simulated"):
         assert command.usage in every
         assert command.usage in say(desk, f"help {command.name}").text
     assert max(len(line) for line in every.splitlines()) <= 100
@@ -132,7 +132,7 @@ def test_in_step_mode_the_move_is_shown_and_sent_only_after_a_yes(desk: object, 
 
 
 def test_completion_offers_commands_and_then_what_they_can_be_given(desk: object) -> None:
-    console = Console(desk, every_command(simulated=False))  # type: ignore[arg-type]
+    console = Console(desk, every_command())  # type: ignore[arg-type]
     assert console.complete("ste") == ["step"]
     assert console.complete("pick ") == ["pick cube"]
     assert console.complete("go s") == ["go survey"]

@@ -40,7 +40,7 @@ def with_socket(path: Path, use: Callable[[Path], Any]) -> tuple[Any, Any]:
     desk = fake_desk(path.parent)
 
     async def serve() -> Any:
-        server = SocketServer(path, None, Console(desk, every_command(False)), interrupter(desk))
+        server = SocketServer(path, None, Console(desk, every_command()), interrupter(desk))
         await server.open()
         try:
             return await asyncio.wait_for(asyncio.to_thread(use, path), 20)
@@ -134,7 +134,7 @@ def test_stop_is_heard_while_another_command_is_being_done_and_a_second_move_is_
     desk.cycle.slow = True
 
     async def serve() -> Any:
-        server = SocketServer(tmp_path / "s", None, Console(desk, every_command(False)), interrupter(desk))
+        server = SocketServer(tmp_path / "s", None, Console(desk, every_command()), interrupter(desk))
         await server.open()
         answers = await asyncio.to_thread(use, tmp_path / "s")
         await server.close()
@@ -229,9 +229,7 @@ def at_a_terminal(
     desk.heard = []
 
     async def run() -> None:
-        console = SerialConsole(
-            terminal.settings, Console(desk, every_command(False)), interrupter(desk), desk.heard.append
-        )
+        console = SerialConsole(terminal.settings, Console(desk, every_command()), interrupter(desk), desk.heard.append)
         task = asyncio.create_task(console.run())
         try:
             await asyncio.wait_for(play(terminal, console), 20)
