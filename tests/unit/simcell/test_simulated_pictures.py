@@ -116,7 +116,8 @@ def test_a_nearer_part_hides_a_farther_one() -> None:
     front = Thing(cube.hull, rigid(np.eye(3), [480.0, 0.0, -275.0]), 0.8)
     back = Thing(cube.hull, rigid(np.eye(3), [560.0, 0.0, -275.0]), 0.2)
     pose = looking([150.0, 0.0, -220.0], [520.0, 0.0, -280.0])
-    both, alone = picture([back, front], pose, eye), picture([front], pose, eye)
+    both, alone = picture([front, back], pose, eye), picture([front], pose, eye)
+    assert np.allclose(both, picture([back, front], pose, eye)), "whichever is named first"
     middle = np.round(projected(eye, pose, np.array([[455.0, 0.0, -265.0]]))[0]).astype(int)
     patch = np.s_[middle[1] - 5 : middle[1] + 5, middle[0] - 5 : middle[0] + 5]
     assert np.allclose(both[patch], alone[patch])
