@@ -57,14 +57,16 @@ def scale_space(image: Grey, noise: Noise, settings: VisionSettings) -> tuple[Sc
 
     Empty where no scale shows any edge.
     """
-    coarse, excess = [], 1.0
+    coarse: list[Scale] = []
+    excess = 1.0
     whole = cv2.LUT(image, noise.stretch)
     for shrink in settings.shrinks[1:]:
         small = cv2.resize(whole, None, fx=1 / shrink, fy=1 / shrink, interpolation=cv2.INTER_AREA)
         scale = _scale(np.asarray(small, np.float32) * np.float32(shrink), shrink, np.zeros(2))
         grain = _grain(scale.strength)
         excess = grain if not coarse else excess
-        coarse.append(replace(scale, smoothed=scale.smoothed / grain, strength=scale.strength / grain))
+        smoothed, strength = scale.smoothed * np.float32(1 / grain), scale.strength * np.float32(1 / grain)
+        coarse.append(replace(scale, smoothed=smoothed, strength=strength))
     window = _window(coarse, image.shape, settings.faintest)
     if window is None:
         return ()
@@ -73,7 +75,7 @@ def scale_space(image: Grey, noise: Noise, settings: VisionSettings) -> tuple[Sc
     return (_scale(fine, 1, np.array([left, top], float)), *coarse)
 
 
-def _grain(strength: Image32) -> np.float32:
+def _grain(strength: Image32) -> float:
     """How much coarser-grained than white the noise is: the gradient of the quieter tiles over what white
     noise gives.
     """
@@ -81,7 +83,8 @@ def _grain(strength: Image32) -> np.float32:
     step = max(1, min(height, width) // 12)
     tiles = strength[: height * _TILES, : width * _TILES].reshape(_TILES, height, _TILES, width)[:, ::step, :, ::step]
     medians = np.median(tiles.swapaxes(1, 2).reshape(_TILES * _TILES, -1), axis=1)
-    return np.float32(np.clip(np.percentile(medians, _QUIET) / _RAYLEIGH_MEDIAN, 1.0, _MOST_GRAIN))
+    excess = float(np.percentile(medians, _QUIET)) / _RAYLEIGH_MEDIAN
+    return min(max(excess, 1.0), _MOST_GRAIN)
 
 
 def _scale(unit_noise: Image32, shrink: int, first_px: Array) -> Scale:

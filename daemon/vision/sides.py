@@ -21,6 +21,7 @@ _REACH_PX = 4
 _TRIM_PX = 4.0
 _REACH_SIGMA_PX = 4.0
 _FAINT_BLOCK = 0.4
+_SLOPE_SIGMAS = 2.0
 _CLIPPED = 247.0
 _HEIGHTS = np.geomspace(1.0, 2.5, 14)
 _OFFSETS = np.arange(-_REACH_PX, _REACH_PX + 1, dtype=float)
@@ -142,7 +143,7 @@ def _rows(image: Image32, noise: Noise, rulers: Rulers, blur_px: float) -> _Rows
     slope = np.exp(-0.5 * (_OFFSETS / blur_px) ** 2) / (blur_px * np.sqrt(2 * np.pi))
     widen = -slope * _OFFSETS / blur_px
     inside, outside, clear = _shaded_levels(values, noise, rulers)
-    inside, outside = _unclipped(values, rulers, inside, outside, rise, slope)
+    inside, outside = _unclipped(values, rulers, inside, outside, blur_px)
     step = outside[:, _REACH_PX] - inside[:, _REACH_PX]
     side_step = rulers.sums(step) / rulers.count
     model = inside + (outside - inside) * rise
@@ -152,7 +153,8 @@ def _rows(image: Image32, noise: Noise, rulers: Rulers, blur_px: float) -> _Rows
     power = np.maximum(np.sum(template**2, 1), 1e-9)
     position = np.sum(template * residual, 1) / power
     sigma_grey = np.mean(noise.at(np.stack([inside[:, 0], outside[:, -1]], 1)), 1)
-    wide = step[:, None] * widen * usable
+    whole = usable.min(1, keepdims=True)
+    wide = step[:, None] * widen * usable * whole
     wide_free = wide - (np.sum(wide * template, 1) / power)[:, None] * template
     blur_error = np.sum(wide_free * residual) / max(float(np.sum(wide_free * wide)), 1e-9)
     level_sigma = rulers.sums(sigma_grey) / rulers.count / np.sqrt(_FAR.sum(0).mean() * rulers.count)
@@ -177,8 +179,10 @@ def _shaded_levels(values: Array, noise: Noise, rulers: Rulers) -> tuple[Array, 
         total = _smooth_along(sums, rulers)
         mean = rulers.sums(values[:, columns]) / rulers.count[:, None]
         whole = rulers.sums(open_here.mean(1)) / rulers.count > 0.9
-        across = np.where(whole, mean @ d / (d @ d), 0.0)
         level = total[:, 0] / np.maximum(total[:, 1], 1e-3)
+        sigma = rulers.sums(noise.at(level)) / rulers.count / np.sqrt(d @ d * rulers.count)
+        across = np.where(whole, mean @ d / (d @ d), 0.0)
+        across *= np.maximum(0.0, 1.0 - (_SLOPE_SIGMAS * sigma / np.maximum(np.abs(across), 1e-9)) ** 2)
         planes.append(level[:, None] + across[rulers.side, None] * (_OFFSETS - _OFFSETS[columns].mean()))
     return planes[0], planes[1], clear
 
@@ -196,9 +200,7 @@ def _in_the_clear(values: Array, noise: Noise, rulers: Rulers) -> Array:
     return clear
 
 
-def _unclipped(
-    values: Array, rulers: Rulers, inside: Array, outside: Array, rise: Array, slope: Array
-) -> tuple[Array, Array]:
+def _unclipped(values: Array, rulers: Rulers, inside: Array, outside: Array, blur_px: float) -> tuple[Array, Array]:
     """The levels with those of saturated faces replaced: how bright such a face is shows in how steeply its edge
     sets in.
 
@@ -208,17 +210,17 @@ def _unclipped(
     mean = rulers.sums(values) / rulers.count[:, None]
     bright_in = np.mean(mean[:, _IN], 1) > _CLIPPED
     bright_out = np.mean(mean[:, _OUT], 1) > _CLIPPED
+    shifts = np.linspace(-0.75, 0.75, 31)
     for s in np.flatnonzero(bright_in != bright_out):
         rows = slice(rulers.first[s], rulers.first[s] + rulers.count[s])
         bright, dark = (inside, outside) if bright_in[s] else (outside, inside)
-        shape = 1 - rise if bright_in[s] else rise
         base = dark[rows].mean(0)
         use = (mean[s] < _CLIPPED) & (np.abs(_OFFSETS) < 3)
         height = (255.0 - base[_REACH_PX]) * _HEIGHTS
-        residual = (mean[s] - base - height[:, None] * shape)[:, use]
-        shift = height[:, None] * slope[use] + 1e-9
-        residual -= (np.sum(residual * shift, 1) / (np.sum(shift * shift, 1) + 1e-9))[:, None] * shift
-        bright[rows] = base + height[np.argmin(np.sum(residual**2, 1))]
+        away = (_OFFSETS[use] - shifts[:, None]) * (1.0 if bright_in[s] else -1.0)
+        residual = (mean[s] - base)[use] - height[:, None, None] * (1 - _normal_cdf(away / blur_px))
+        best = np.argmin(np.sum(residual**2, 2).min(1))
+        bright[rows] = base + height[best]
     return inside, outside
 
 
