@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import difflib
 import shlex
+import traceback
 from collections.abc import Awaitable, Callable, Iterable
 from dataclasses import dataclass, field
 from typing import Any, Literal, Protocol
 
+from daemon import journal
 from daemon.desk import Desk
 
 Grade = Literal["look", "move", "change"]
@@ -100,6 +102,10 @@ class Console:
             return _trouble(problem)
         except self.desk.expected_errors as error:
             return Answer(_one_line(error), {"error": _one_line(error), "why": type(error).__name__}, NOT_DONE)
+        except Exception as error:
+            journal.tell("trouble", traceback.format_exc(), journal.ERROR)
+            told = f"a fault in facetd itself: {type(error).__name__}: {_one_line(error)}; please send a `bundle`"
+            return Answer(told, {"error": told, "why": "internal"}, NOT_DONE)
 
     def at_once(self, text: str) -> bool:
         """Whether a line is for now, even while the last command is still being done."""

@@ -19,7 +19,9 @@ from daemon.config import Config, ConfigError
 from daemon.cycle import Cycle, CycleEnd, RefusedError
 from daemon.looking import Look, NotSettledError
 from daemon.model import ModelError
-from daemon.motion import MoveRefusedError, NotThereError
+from daemon.motion import MoveRefusedError, NotThereError, OutOfReachError
+from daemon.picking import SuspectError
+from daemon.reins import OperatorRefusedError
 from daemon.runlog import RunLog
 from daemon.runs import RunError
 from daemon.shelf import ShelfError
@@ -35,9 +37,12 @@ ANSWERABLE: tuple[type[Exception], ...] = (
     MoveRefusedError,
     NotSettledError,
     NotThereError,
+    OperatorRefusedError,
+    OutOfReachError,
     RefusedError,
     RunError,
     ShelfError,
+    SuspectError,
     TeachError,
     VisionError,
 )

@@ -19,7 +19,9 @@ MOST_PICKS = 1_000_000
 async def enable(desk: Desk, words: list[str], _: Door) -> Answer:
     """Let the arm move from now on."""
     no_more(words, 0, "enable")
-    if desk.calibration.tool_from_cyclopean is None and desk.hardware.kind != "recorded":
+    if desk.hardware.kind == "recorded":
+        raise CommandError("this cell is recorded: there is no arm to move")
+    if desk.calibration.tool_from_cyclopean is None:
         raise CommandError(f"{desk.config.calibration} has no hand_eye yet: `facetctl calibrate hand-eye` first")
     fault = desk.cycle.status()["fault"]
     desk.cycle.enable()

@@ -114,6 +114,14 @@ def test_what_the_cycle_refuses_is_an_answer_with_its_words(desk: object) -> Non
     assert answer.data["error"] == answer.text
 
 
+def test_a_fault_in_the_program_itself_is_an_answer_too_and_the_console_lives(desk: object) -> None:
+    desk.school.shelf.views = None  # type: ignore[attr-defined]
+    answer = say(desk, "views")
+    assert answer.status == 1
+    assert "a fault in facetd itself: TypeError" in answer.text
+    assert say(desk, "status").status == 0
+
+
 def test_enable_is_refused_without_a_hand_eye_calibration(desk: object) -> None:
     desk.calibration.tool_from_cyclopean = None  # type: ignore[attr-defined]
     answer = say(desk, "enable")
