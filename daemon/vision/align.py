@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 Edge = tuple[int, int]
 
-ROUNDS = 3  # measure the edges, move the pose, and again
+ROUNDS = 2  # move the pose, measure the edges anew, and again
 MODEL_MM = 0.25  # how well a taught corner is known: in pixels the least an edge may be off
 TUKEY = 4.0
 NEAR = 1.4  # an edge is on its place within so many times the model's doubt
@@ -70,10 +70,14 @@ def align(
     ends across the edges, with Tukey's weights because some edges find another one nearby.
     """
     edges = _edges(solid, visible)
-    for _ in range(ROUNDS):
-        pose = frames.perturb(pose, _motion([_read(solid, edges, pose, geometry, s, k) for k, s in enumerate(eyes)]))
     readings = [_read(solid, edges, pose, geometry, sight, k) for k, sight in enumerate(eyes)]
-    good = np.stack([_on_place(r) for r in readings])
+    seen = np.stack([_shows(r) for r in readings])
+    if sum(_confirmed(solid, f, edges, seen) for f in visible) < 2:
+        return Aligned(pose, (), ())
+    for _ in range(ROUNDS):
+        pose = frames.perturb(pose, _motion(readings))
+        readings = [_read(solid, edges, pose, geometry, sight, k) for k, sight in enumerate(eyes)]
+    good = np.stack([_shows(r) & _on_place(r) for r in readings])
     confirmed = tuple(f for f in visible if _confirmed(solid, f, edges, good))
     outlines = tuple(
         (*_outline(solid, f, edges, readings[0], good[0]), *_outline(solid, f, edges, readings[1], good[1]))
@@ -133,16 +137,20 @@ def _motion(readings: list[_Reading]) -> Array:
     return np.asarray(motion)
 
 
-def _on_place(reading: _Reading) -> NDArray[np.bool_]:
-    """(E,) whether an edge shows where it should, and not as something much fainter than the part's other edges."""
+def _shows(reading: _Reading) -> NDArray[np.bool_]:
+    """(E,) whether there is an edge near, and not something much fainter than the part's other edges."""
     evidence = reading.sides.evidence
     faintest = max(LEAST_EVIDENCE, FAINT * float(np.max(evidence)))
-    near = np.abs(reading.off).max(1) < NEAR * reading.doubt_px
-    return np.asarray(near & (evidence > faintest) & (reading.sides.support > LEAST_SUPPORT))
+    return np.asarray((evidence > faintest) & (reading.sides.support > LEAST_SUPPORT))
+
+
+def _on_place(reading: _Reading) -> NDArray[np.bool_]:
+    """(E,) whether an edge was found where it should be."""
+    return np.asarray(np.abs(reading.off).max(1) < NEAR * reading.doubt_px)
 
 
 def _confirmed(solid: Solid, facet: int, edges: list[Edge], good: NDArray[np.bool_]) -> bool:
-    """Whether every side of a facet is on its place in one eye at least, and most are in both."""
+    """Whether every side of a facet is good in one eye at least, and most are in both."""
     own = good[:, _sides_of(solid, facet, edges)[0]]
     return bool(own.any(0).all()) and float(own.mean()) >= LEAST_SHARE
 
