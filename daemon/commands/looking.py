@@ -14,6 +14,7 @@ from daemon.desk import Desk
 from daemon.looking import Look
 from daemon.sketch import sketch
 from daemon.vision.data import Facet, Part, Scene
+from daemon.vision.health import findings_json, troubles
 from daemon.vision.report import scene_json
 
 MARKS = "abcdefghijklmnopqrstuvwxyz"
@@ -72,7 +73,8 @@ async def look(desk: Desk, words: list[str], _: Door) -> Answer:
     """One look from where the arm stands."""
     no_more(words, 0, "look")
     seen = await desk.cycle.look("look")
-    return Answer(describe_scene(seen.scene) + f"\n{_timing(seen)}", look_json(seen))
+    lines = [describe_scene(seen.scene), _timing(seen), *troubles(seen.health)]
+    return Answer("\n".join(lines), look_json(seen))
 
 
 async def try_now(desk: Desk, words: list[str], _: Door) -> Answer:
@@ -164,6 +166,7 @@ def look_json(seen: Look) -> dict[str, Any]:
         "seconds": round(seen.seconds, 4),
         "settled_s": round(seen.settled_s, 4),
         "epipolar_px": None if np.isnan(seen.epipolar_px) else round(seen.epipolar_px, 4),
+        "health": findings_json(seen.health),
     }
 
 

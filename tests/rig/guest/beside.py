@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 WIDTH, HEIGHT = 640, 480
-FPS = 2.0
+FPS = 1.25
 """Slow, because all is emulated: light must reach the devices within the period that a frame is taken to last."""
 
 

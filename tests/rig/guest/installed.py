@@ -54,6 +54,8 @@ def install() -> None:
     configuration = yaml.safe_load((CHECKOUT / "etc/facetd.yaml").read_text())
     configuration["cameras"] |= {"left": "left", "right": "right", "fps": beside.FPS, "max_skew_ms": 60}
     configuration["arm"]["port"] = "/dev/ttyS1"
+    configuration["pick"]["settling"] = {"timeout_s": 30.0}
+    configuration["health"] |= {"camera_silence_s": 20.0}
     (ETC / "facetd.yaml").write_text(yaml.safe_dump(configuration))
     run("systemctl", "daemon-reload")
 

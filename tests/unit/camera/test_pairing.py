@@ -34,6 +34,7 @@ def test_frames_too_far_apart_are_no_pair() -> None:
 
 def test_a_frame_is_not_paired_with_one_that_has_a_nearer_partner() -> None:
     assert newest_pair(frames(1.0, 1.02), frames(1.021), 0.0, 0.05) == (1, 0)
+    assert newest_pair(frames(0.999, 1.04), frames(1.0), 0.0, 0.05) == (0, 0)
 
 
 times = st.lists(st.integers(0, 400), max_size=6, unique=True).map(lambda t: [x / 100 for x in sorted(t)])
