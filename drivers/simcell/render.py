@@ -83,7 +83,8 @@ class _Face:
     def depth(self, rays: Array32) -> Array32:
         """(..., 2) rays -> z in mm at which they meet the face's plane."""
         n = self.normal
-        met: Array32 = self.distance / (rays[..., 0] * n[0] + rays[..., 1] * n[1] + n[2])
+        with np.errstate(divide="ignore"):
+            met: Array32 = self.distance / (rays[..., 0] * n[0] + rays[..., 1] * n[1] + n[2])
         return met
 
     def covers(self, rays: Array32) -> NDArray[np.bool_]:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drivers.simcell.rigid import Array, angle_of, apply, inverse, rigid
+from drivers.simcell.rigid import Array, angle_of, apply, rigid
 from drivers.simcell.truth import Truth
 from drivers.simcell.world import Closing, PlacedPart, World
 
@@ -79,10 +79,6 @@ class Witness:
     def pose_error(self, name: str, claimed_corners_world_mm: Array) -> tuple[float, float]:
         """(mm, degrees) of a claimed pose, told by the part's corners (N, 3) in the world."""
         return pose_error(claimed_corners_world_mm, self.corners(name))
-
-    def seen_corners(self, name: str, world_from_cyclopean: Array) -> Array:
-        """(V, 3) mm: the part's corners in a cyclopean frame."""
-        return apply(inverse(world_from_cyclopean), self.corners(name))
 
 
 def _told(closing: Closing) -> GraspTruth:
