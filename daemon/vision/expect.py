@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 from daemon import frames
 from daemon.vision.align import Aligned, align
 from daemon.vision.candidates import corner_covariance
-from daemon.vision.data import Facet, FacetView, Group
+from daemon.vision.data import Facet, FacetView, Group, Rejected
 from daemon.vision.epipolar import Baseline, Eye, baseline
 from daemon.vision.eye import Sight
-from daemon.vision.hypotheses import Hypothesis
 from daemon.vision.image import Grey, as_grey, measure_noise
 from daemon.vision.measure import newell_normal
 from daemon.vision.model import Model
+from daemon.vision.oneeye import Suspicion, suspicions_in
 from daemon.vision.planes import planarity
 from daemon.vision.recognise import UNKNOWN, recognise_group, suspicions
 from daemon.vision.relation import Solid, touching_from, weld
@@ -34,6 +34,7 @@ LEAST_FACING = 0.08  # cosine below which a facet is too thin in the image to be
 ROOM_PX = 12
 COVERED = 0.2  # of the smaller facet's area; more than that, and the two cannot both be there
 CLOSE_MM = 1.5  # rms; how well a completed part must fit
+OUTLINES = 6  # single outlines followed up, the largest first
 MOST = 8  # poses tried for one facet
 
 
@@ -74,7 +75,28 @@ def look_closer(view: FacetView, model: Model, eyes: Eyes) -> FacetView:
                 rest = [_alone(f) for f in group.facets]
                 groups = [g for g in (*others, *rest) if not _absorbs(whole, g)] + [whole]
                 break
-    return replace(view, groups=tuple(groups))
+    return _with_one_eyed(replace(view, groups=tuple(groups)), model, eyes)
+
+
+def _with_one_eyed(view: FacetView, model: Model, eyes: Eyes) -> FacetView:
+    """The view with parts of which only single outlines in single eyes were found, the largest outlines first."""
+    groups, rejected = list(view.groups), list(view.rejected)
+    for outline in sorted(rejected, key=lambda r: -Shape.of(r.corners_px).area)[:OUTLINES]:
+        if any(_lies_on(outline, g) for g in groups if len(g.facets) > 1):
+            continue
+        suspected = suspicions_in(outline.corners_px, outline.eye, eyes.geometry, model)
+        whole = _proved(expected_groups(suspected, model, eyes), groups, model)
+        if whole is not None:
+            groups = [g for g in groups if not _absorbs(whole, g)] + [whole]
+            rejected.remove(outline)
+    return replace(view, groups=tuple(groups), rejected=tuple(rejected))
+
+
+def _lies_on(outline: Rejected, group: Group) -> bool:
+    shape = Shape.of(outline.corners_px)
+    return any(
+        shape.covers(Shape.of(f.right_px if outline.eye == "right" else f.left_px)) > COVERED for f in group.facets
+    )
 
 
 def _alone(facet: Facet) -> Group:
@@ -82,12 +104,15 @@ def _alone(facet: Facet) -> Group:
 
 
 def _completed(facet: Facet, others: Sequence[Group], model: Model, eyes: Eyes) -> Group | None:
-    """A facet with those missing beside it, where that gives it a name, no other name is as possible, and
+    """A facet with those missing beside it, where that gives it a name."""
+    suspected = [Suspicion(h.label, h.pose, h.rms_mm) for h in suspicions(facet, model)]
+    return _proved(expected_groups(suspected, model, eyes), others, model)
 
-    nothing else lies there.
-    """
+
+def _proved(candidates: Sequence[Group], others: Sequence[Group], model: Model) -> Group | None:
+    """The first of these groups that has a name, if no other of them has another name and nothing else lies there."""
     named: dict[str, Group] = {}
-    for more in expected_groups(suspicions(facet, model), model, eyes):
+    for more in candidates:
         part = recognise_group(more, model)
         free = not any(_collides(more, other) for other in others if not _absorbs(more, other))
         if part.recognition.label != UNKNOWN and part.residual_mm < CLOSE_MM and free:
@@ -106,7 +131,7 @@ def _collides(one: Group, other: Group) -> bool:
     return any(a.covers(b) > COVERED for a, b in pairs)
 
 
-def expected_groups(suspected: Sequence[Hypothesis], model: Model, eyes: Eyes) -> list[Group]:
+def expected_groups(suspected: Sequence[Suspicion], model: Model, eyes: Eyes) -> list[Group]:
     """For each part and pose that a facet may belong to, the facets that the images confirm there, two or more.
 
     suspected: what the facet may be, each with its pose. Poses that would look the same are tried once.

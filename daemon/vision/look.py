@@ -45,7 +45,7 @@ def look(
     seen = now()
     known = model or empty_model(FacetLibrary(()))
     parts = recognise(view, known)
-    if known.labels and any(p.recognition.label == UNKNOWN for p in parts):
+    if known.labels and (not parts or any(p.recognition.label == UNKNOWN for p in parts)):
         view = look_closer(view, known, open_eyes(left, right, rig))
         parts = recognise(view, known)
     seconds = {"facets": seen - start, "recognise": now() - seen} if clock else {}
