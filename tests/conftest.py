@@ -1,4 +1,4 @@
-"""What all tests share: how hypothesis behaves. An example has no deadline, because machines that test are often busy."""
+"""What all tests share: how hypothesis behaves. An example has no deadline: machines that test are often busy."""
 
 from hypothesis import settings
 

@@ -1,0 +1,105 @@
+"""How long the arm's line takes at a true 9600 baud: each command, what of it is the link's own, and an abort.
+
+`python -m tests.bench arm_line`. The link's own is what would be left on an infinitely fast line: waiting for silence
+after a dot, for a doubled character after an echo, and computing.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import statistics
+import sys
+import time
+from collections.abc import Awaitable, Callable
+from typing import Any
+
+import numpy as np
+
+from drivers.puma560 import READY_RAD
+from drivers.simcell.arm import Arm
+from drivers.simcell.controller import Controller, PtyServer
+from drivers.val2.link import Dialect, Link
+from drivers.val2.location import Location
+
+ROUNDS = 5
+BYTES_PER_S = 960.0
+PLACES = [Location(520.0, 0.0, -100.0, 0.0, 80.0, 0.0), Location(522.0, 1.0, -101.0, 0.0, 80.0, 0.0)]
+
+
+async def measure(server: PtyServer) -> None:
+    """Print the table."""
+    records: list[dict[str, Any]] = []
+    link = Link(server.port, Dialect(), on_wire=records.append)
+    await link.open()
+    await link.move(PLACES[0])
+    await link.rest(PLACES[0])
+    print(f"{'what':<34}{'median s':>10}{'bytes':>7}{'serial s':>10}{'link s':>9}")
+    for name, ask in questions(link).items():
+        seconds, counts = [], []
+        for k in range(ROUNDS):
+            before, began_s = len(records), time.perf_counter()
+            await ask(k)
+            seconds.append(time.perf_counter() - began_s)
+            counts.append(wire_bytes(records[before:]))
+            await link.rest(PLACES[k % 2]) if name.startswith("DO MOVE") else await link.where()
+        median_s, serial_s = statistics.median(seconds), statistics.median(counts) / BYTES_PER_S
+        count = f"{statistics.median(counts):.0f}"
+        print(f"{name:<34}{median_s:>10.3f}{count:>7}{serial_s:>10.3f}{median_s - serial_s:>9.3f}")
+    halts, confirmed = [], []
+    for k in range(ROUNDS):
+        halt_s, rest_s = await abort_in_mid_move(link, server, k)
+        halts.append(halt_s)
+        confirmed.append(rest_s)
+    print(f"{'abort() to the arm braking':<34}{statistics.median(halts):>10.3f}   worst {max(halts):.3f}")
+    print(f"{'abort() to rest, confirmed':<34}{statistics.median(confirmed):>10.3f}   worst {max(confirmed):.3f}")
+    await link.close()
+
+
+def questions(link: Link) -> dict[str, Callable[[int], Awaitable[Any]]]:
+    """What is timed; each is given the round's number."""
+    return {
+        "WHERE": lambda k: link.where(),
+        "SPEED": lambda k: link.speed(50),
+        "DO MOVE TRANS(...) to its prompt": lambda k: link.move(PLACES[k % 2]),
+        "DO MOVES by a variable, likewise": lambda k: link.move_straight(PLACES[k % 2]),
+        "two agreeing WHERE": lambda k: link.still(5.0),
+    }
+
+
+def wire_bytes(records: list[dict[str, Any]]) -> int:
+    """Bytes that took the line's time: all that came, and what was sent while nothing came (line ends)."""
+    heard = sum(len(record["bytes"]) for record in records if record["way"] == "in")
+    return heard + sum(record["bytes"] == "\r" for record in records)
+
+
+async def abort_in_mid_move(link: Link, server: PtyServer, k: int) -> tuple[float, float]:
+    """Seconds from abort() until the controller braked, and until the link knew where the arm stands."""
+    await link.speed(5)
+    await link.move(Location(560.0, -60.0 if k % 2 else 60.0, -150.0, 5.0, 75.0, 0.0))
+    began_s = server.now_s()
+    aborting = asyncio.create_task(link.abort())
+    natural_s = server_rests_s(server)
+    while server_rests_s(server) == natural_s:
+        await asyncio.sleep(0.0005)
+    halt_s = server.now_s() - began_s
+    await aborting
+    rest_s = server.now_s() - began_s
+    await link.speed(100)
+    return halt_s, rest_s
+
+
+def server_rests_s(server: PtyServer) -> float:
+    """When the motion under way will end."""
+    with server.controller() as controller:
+        return controller.arm.rests_s
+
+
+def main() -> int:
+    """Measure and print."""
+    with PtyServer(Controller(Arm(joints_rad=np.array(READY_RAD)))) as server:
+        asyncio.run(measure(server))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
