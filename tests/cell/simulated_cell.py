@@ -22,8 +22,10 @@ from daemon.library import load_facets
 from daemon.plan import Settings, doubt_of
 from daemon.teach import Recogniser
 from daemon.vision.model import Model, empty_model, learn_view
+from daemon.vision.rig import Camera, StereoRig
 from daemon.workcell import Workcell
 from drivers.simcell.cell import SimulatedCell
+from drivers.simcell.truth import load_truth
 
 VIEWS = (
     ("cube", 0),
@@ -74,9 +76,18 @@ class Rig:
         return next((p.where.value for p in self.cell.world.parts if p.label == label), "nowhere")
 
 
-def calibration() -> Calibration:
-    """The daemon's own."""
-    return load_calibration(load_config(CONFIG, simulated=True).calibration)
+def true_calibration() -> Calibration:
+    """What the daemon's calibration would say if it knew the truth."""
+    config = load_config(CONFIG, simulated=True)
+    truth = load_truth(config.file(config.said.simulated.truth))
+    eyes = [
+        Camera(np.array(e.camera_matrix), np.array(e.distortion), np.array(e.cyclopean_from_camera))
+        for e in (truth.left, truth.right)
+    ]
+    believed = load_calibration(config.calibration)
+    width, height = truth.image_size
+    rig = StereoRig(eyes[0], eyes[1], (width, height))
+    return replace(believed, rig=rig, tool_from_cyclopean=np.array(truth.tool_from_cyclopean))
 
 
 @contextlib.asynccontextmanager

@@ -1,0 +1,238 @@
+"""`make bench-faults`: faults injected at every moment of a pick on the simulated cell; what happened, as one table.
+
+usage: python -m tests.bench.faults [--each N] [--only WORD]   N picks for each fault and moment (2)
+
+Each run lays one part, starts a pick and harms it once when the cycle enters the moment's state. Then it is judged
+by the cell's witness: was the arm at rest after the fault, did any move leave afterwards, is what was said of the part
+true, and does the cell pick on after `resume`. Prints the table and the counts; exit 1 where a part was lost silently
+or the arm moved after a fault.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import sys
+import time
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "cell"))
+
+import simulated_cell
+from simulated_cell import PARTS, Rig
+
+from drivers.simcell.controller import LineFault, Mishap
+
+MOMENTS = ("survey", "stop_n", "looking", "final", "closing", "retreat", "verify", "place")
+STILL_MM = 0.3
+
+
+@dataclass(frozen=True)
+class Judged:
+    """One harmed pick: what the cycle said, whether the arm stood still after a fault, whether what was said is true,
+    and whether the next pick went well."""
+
+    outcome: str
+    at_rest: bool
+    sent_after: int
+    honest: bool
+    recovered: bool
+    why: str
+
+
+def _in_move(mishap: Mishap) -> Callable[[Rig], None]:
+    return lambda here: here.cell.controller.faults.in_move.append((0.4, mishap))
+
+
+def _line(way: str, harm: str, count: int = 1) -> Callable[[Rig], None]:
+    return lambda here: here.cell.controller.faults.line.append(LineFault(way, harm, after=7, count=count))  # type: ignore[arg-type]
+
+
+def _refused(here: Rig) -> None:
+    here.cell.controller.faults.refusals.append("*Location out of range*")
+
+
+def _mute(here: Rig) -> None:
+    here.cell.controller.faults.mute_answers += 1
+
+
+def _slow_prompt(here: Rig) -> None:
+    here.cell.controller.faults.split_prompt_s = 0.3
+
+
+def _unplug(here: Rig) -> None:
+    here.cell.camera.unplug()
+
+
+def _cover(here: Rig) -> None:
+    here.cell.camera.cover("left")
+
+
+def _knock(here: Rig) -> None:
+    here.cell.camera.knock("right", (0.5, 0.3, 0.0))
+
+
+def _push(here: Rig) -> None:
+    for part in here.cell.world.parts:
+        if part.where.value == "table":
+            here.cell.world.nudge(part.name, 12.0, -9.0, 0.1)
+
+
+def _take_away(here: Rig) -> None:
+    for part in here.cell.world.parts:
+        if part.where.value == "table":
+            here.cell.world.remove(part.name)
+
+
+def _stop(here: Rig) -> None:
+    here.later = asyncio.get_running_loop().create_task(here.cycle.stop("by the bench"))  # type: ignore[attr-defined]
+
+
+FAULTS: dict[str, Callable[[Rig], None]] = {
+    "arm power lost": _in_move(Mishap.POWER_LOST),
+    "emergency stop": _in_move(Mishap.EMERGENCY_STOP),
+    "envelope error": _in_move(Mishap.ENVELOPE_ERROR),
+    "controller power cycled": _in_move(Mishap.POWER_CYCLED),
+    "controller dead": _in_move(Mishap.DEAD),
+    "byte to arm flipped": _line("to_controller", "flip"),
+    "byte to arm dropped": _line("to_controller", "drop"),
+    "byte from arm doubled": _line("to_host", "double"),
+    "bytes from arm flipped": _line("to_host", "flip", 4),
+    "location refused": _refused,
+    "an answer swallowed": _mute,
+    "prompt in two halves": _slow_prompt,
+    "cameras unplugged": _unplug,
+    "left lens covered": _cover,
+    "right camera knocked": _knock,
+    "part pushed": _push,
+    "part taken away": _take_away,
+    "operator's stop": _stop,
+}
+
+
+def mend(here: Rig) -> None:
+    """What a technician does before `resume`: power, cables, lens caps, a controller that answers."""
+    faults = here.cell.controller.faults
+    faults.in_move.clear()
+    faults.line.clear()
+    faults.refusals.clear()
+    faults.mute_answers, faults.split_prompt_s = 0, 0.0
+    here.cell.camera.unplug(False)
+    here.cell.camera.cover("left", False)
+
+
+def on_state(here: Rig, state: str, act: Callable[[], None]) -> None:
+    """Call act once, when the cycle enters the state."""
+    record = here.log.record
+    done = False
+
+    def listening(kind: str, /, **fields: Any) -> None:
+        nonlocal done
+        record(kind, **fields)
+        if kind == "state" and fields["to"] == state and not done:
+            done = True
+            act()
+
+    here.cycle.cell.log.record = listening  # type: ignore[method-assign]
+
+
+async def judged(model: Any, seed: int, fault: str, moment: str) -> Judged:
+    """One pick with one fault."""
+    rng = np.random.default_rng(seed)
+    label = PARTS[seed % len(PARTS)]
+    async with simulated_cell.rig(seed, model, time_scale=40.0) as here:
+        simulated_cell.lay(here, label, rng)
+        on_state(here, moment, lambda: FAULTS[fault](here))
+        end = await here.cycle.pick()
+        if hasattr(here, "later"):
+            await asyncio.gather(here.later, return_exceptions=True)
+        sent = len(here.log.said("move"))
+        before = here.cell.world_from_tool()
+        await asyncio.sleep(0.15)
+        moved_mm = float(np.linalg.norm((here.cell.world_from_tool() - before)[:3, 3]))
+        lies = here.lies(label)
+        honest = _honest(end.outcome, lies)
+        stood = len(here.log.said("move")) - sent
+        recovered = await _goes_on(here, model, label, rng) if fault not in BROKEN_FOR_GOOD else True
+        return Judged(end.outcome, moved_mm < STILL_MM, stood, honest, recovered, end.why)
+
+
+BROKEN_FOR_GOOD = (
+    "controller dead",
+    "right camera knocked",
+    "controller power cycled",
+    "arm power lost",
+    "emergency stop",
+)
+"""What needs more than a `resume`: power-up, CAL or a new calibration; going on is not expected."""
+
+
+def _honest(outcome: str, lies: str) -> bool:
+    """Whether what was said of the part is so: `picked` only for one in the bin; anything else names a failure."""
+    return lies == "bin" if outcome == "picked" else True
+
+
+async def _goes_on(here: Rig, model: Any, label: str, rng: np.random.Generator) -> bool:
+    """Mend, resume, answer for the gripper, pick a fresh part."""
+    mend(here)
+    try:
+        if here.cycle.mover.fault is not None:
+            here.cycle.resume()
+        if here.cycle.hand_full is None:
+            here.cycle.holding(here.lies(label) == "hand")
+        if here.cycle.hand_full:
+            await here.cycle.pick()
+        simulated_cell.lay(here, "cube", rng)
+        return (await here.cycle.pick()).outcome == "picked"
+    except Exception as error:
+        print(f"    not recovered: {type(error).__name__}: {error}", flush=True)
+        return False
+
+
+async def _all(each: int, only: str) -> dict[tuple[str, str], list[Judged]]:
+    async with simulated_cell.rig(seed=100) as here:
+        model = await simulated_cell.taught(here)
+    found: dict[tuple[str, str], list[Judged]] = {}
+    for number, (fault, moment) in enumerate(product(FAULTS, MOMENTS)):
+        for k in range(each if only in fault else 0):
+            one = await judged(model, 1000 + 10 * number + k, fault, moment)
+            found.setdefault((fault, moment), []).append(one)
+            print(f"  {fault:24} {moment:8} {one.outcome:11} {one.why[:90]}", flush=True)
+    return found
+
+
+def main() -> int:
+    """Inject, judge, print."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--each", type=int, default=2)
+    parser.add_argument("--only", default="", help="faults with this word in their name")
+    args = parser.parse_args()
+    began = time.monotonic()
+    found = asyncio.run(_all(args.each, args.only))
+    every = [one for ones in found.values() for one in ones]
+    print(f"\n{'fault':26}{'moment':10}{'outcomes':34}{'at rest':>8}{'moves after':>12}{'true':>6}{'goes on':>9}")
+    for (fault, moment), ones in found.items():
+        outcomes = ", ".join(f"{n} {what}" for what, n in Counter(o.outcome for o in ones).items())
+        rest, true = sum(o.at_rest for o in ones), sum(o.honest for o in ones)
+        after, on = sum(o.sent_after for o in ones), sum(o.recovered for o in ones)
+        print(
+            f"{fault:26}{moment:10}{outcomes:34}{rest:>5}/{len(ones)}{after:>12}{true:>4}/{len(ones)}{on:>7}/{len(ones)}"
+        )
+    silent, moved = sum(not o.honest for o in every), sum(not o.at_rest or o.sent_after > 0 for o in every)
+    on = sum(o.recovered for o in every)
+    print(
+        f"\n{len(every)} faults injected in {time.monotonic() - began:.0f} s: {silent} parts lost silently, "
+        f"{moved} moves after a fault, {on} cells went on (or need more than a resume)"
+    )
+    return 1 if silent or moved else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
