@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import combinations
 
 import numpy as np
@@ -47,6 +48,7 @@ class _Bite:
     normals: tuple[Array, ...]
 
 
+@lru_cache(maxsize=16)
 def fingers(gripper: Gripper, gap_mm: float) -> tuple[Solid, Solid]:
     """Both fingers as boxes in the tool frame, gap_mm between their pads."""
     half, back = gripper.finger_width_mm / 2, gripper.tip_mm - gripper.finger_length_mm
