@@ -126,6 +126,7 @@ async def _demo(seed: int, time_scale: float, runs: Path) -> int:
     from daemon.config import load_config
     from daemon.cycle import Cycle
     from daemon.library import load_facets, load_parts
+    from daemon.noarm import CellError
     from daemon.runlog import RunLog
     from daemon.runs import new_folder
     from daemon.shelf import Shelf
@@ -139,7 +140,7 @@ async def _demo(seed: int, time_scale: float, runs: Path) -> int:
     config = replace(config, said=replace(config.said, simulated=simulated))
     calibration = load_calibration(config.calibration)
     if calibration.tool_from_cyclopean is None:
-        raise cells.CellError(f"{config.calibration}: no hand_eye in it; `facetctl calibrate hand-eye` first")
+        raise CellError(f"{config.calibration}: no hand_eye in it; `facetctl calibrate hand-eye` first")
     folder = new_folder(runs, datetime.now(UTC))
     log = RunLog(folder)
     say(f"facetctl demo: seed {seed} (repeat it with --seed {seed}), cell time x{time_scale:g}, run {folder}")
@@ -226,7 +227,7 @@ def _table(taken: list[Taken], seconds: float) -> int:
 
 def _report(folder: Path) -> None:
     try:
-        from daemon.review.page import write_page  # type: ignore[import-not-found]
+        from daemon.review.page import write_page
     except ImportError:
         say(f"run: {folder}")
         return

@@ -117,13 +117,20 @@ def watchdog_s() -> float | None:
 class JournalledLog:
     """A run log whose records that matter to the machine's keeper are told to the journal as well."""
 
-    def __init__(self, log: Any, notice: Callable[[str], None] = lambda _: None) -> None:
-        """notice: told what an operator should see unasked (faults, refusals)."""
-        self.log, self._notice = log, notice
+    def __init__(
+        self,
+        log: Any,
+        notice: Callable[[str], None] = lambda _: None,
+        looked: Callable[[Mapping[str, Any]], None] = lambda _: None,
+    ) -> None:
+        """notice: told what an operator should see unasked (faults, refusals); looked: told each look's health."""
+        self.log, self._notice, self._looked = log, notice, looked
 
     def record(self, kind: str, /, **fields: Any) -> None:
         """Write one record."""
         self.log.record(kind, **fields)
+        if kind == "look":
+            self._looked(fields.get("health") or {})
         text = _line(kind, fields)
         if kind in ("fault", "refusal") and text is not None:
             self._notice(text)

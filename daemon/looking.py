@@ -12,6 +12,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from daemon.clues import clue_of
+from daemon.driftwatch import health_fields
 from daemon.tracking import Shape
 from daemon.vision.data import Scene
 from daemon.vision.health import Finding, drift, examine, misleading
@@ -167,7 +169,13 @@ def _see(
 
 
 def log_look(cell: Workcell, sight: Sight, look: Look, *, cycle: int, stop: int, purpose: str) -> None:
-    """Write a look to the run log, with both images."""
+    """Write a look to the run log, with both images and what it hints at of the calibration."""
+
+    def taught(label: str) -> Array | None:
+        shape = sight.shape(label)
+        return None if shape is None else shape.corners_mm
+
+    hints = health_fields(clue_of(look.scene, cell.rig, taught, ""))
     cell.log.record(
         "look",
         cycle=cycle,
@@ -176,7 +184,12 @@ def log_look(cell: Workcell, sight: Sight, look: Look, *, cycle: int, stop: int,
         images={"left": look.pictures.left.pixels, "right": look.pictures.right.pixels},
         scene=sight.report(look.scene),
         seconds={**look.scene.seconds, "settled": look.settled_s, "total": look.seconds},
-        health={"epipolar_px": look.epipolar_px, "noise": look.scene.view.noise_sigma, **_health_fields(look.health)},
+        health={
+            "epipolar_px": look.epipolar_px,
+            "noise": look.scene.view.noise_sigma,
+            **hints,
+            **_health_fields(look.health),
+        },
         where=look.reading.world_from_tool,
         world_from_cyclopean=look.world_from_cyclopean,
         table=None if look.table is None else {"up": look.table.up, "level_mm": look.table.level_mm},

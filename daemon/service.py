@@ -11,7 +11,7 @@ import contextlib
 import os
 import signal
 import time
-from collections.abc import Coroutine
+from collections.abc import Coroutine, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -26,6 +26,7 @@ from daemon.console import Console
 from daemon.cycle import Cycle
 from daemon.desk import Desk, Troubles
 from daemon.doors import DoorError, SocketServer
+from daemon.driftwatch import DriftWatch
 from daemon.files import InUseError, hold
 from daemon.library import load_facets, load_parts
 from daemon.metrics import MetricsServer
@@ -63,6 +64,7 @@ class Service:
         self._lock: int | None = None
         self._ready = False
         self._tasks: list[asyncio.Task[Any]] = []
+        self._drift = DriftWatch()
 
     async def run(self) -> int:
         """Start, serve until told to end, stop the arm, end. What goes wrong is one line."""
@@ -102,6 +104,8 @@ class Service:
             desk.school.rig = calibration.rig
             desk.cycle.refit(self._workcell(calibration, desk), config.said.pick)
             desk.cycle.use(desk.school.in_use)
+            self._drift = DriftWatch()
+            desk.troubles.tell("calibration", None)
         except ConfigError as error:
             journal.tell("reload", f"refused, the old configuration stays: {error}", journal.ERROR)
             raise
@@ -162,7 +166,7 @@ class Service:
         self, config: Config, calibration: Calibration, school: School, troubles: Troubles, run_log: RunLog
     ) -> Desk:
         assert self._hardware is not None
-        log = journal.JournalledLog(run_log, self._notice)
+        log = journal.JournalledLog(run_log, self._notice, self._looked)
         workcell = Workcell(
             self._hardware.robot,
             self._hardware.eyes,
@@ -227,6 +231,17 @@ class Service:
         else:
             journal.tell("trouble", text, journal.WARNING)
             self._notice(f"TROUBLE {text}")
+
+    def _looked(self, health: Mapping[str, Any]) -> None:
+        """Each look says a little of the calibration; a drift is told, and past its limit picking by itself ends."""
+        desk = self.desk
+        if desk is None:
+            return
+        drift = self._drift.seen(health, datetime.now().strftime("%H:%M"))
+        desk.troubles.tell("calibration", None if drift is None else drift.text)
+        if drift is not None and drift.stops and desk.cycle.status()["auto"]:
+            failing = asyncio.create_task(desk.cycle.fail("calibration", drift.text), name="calibration drift")
+            self._tasks.append(failing)
 
     def _notice(self, text: str) -> None:
         """Show something at the serial console that nobody there asked for."""

@@ -22,6 +22,11 @@ AXES = ("pitched", "rolled", "turned in")
 """About the right eye's x, z and y axes: what `turn` counts, in this order."""
 
 
+FEWEST_VOTES = 6
+VOTE_SIGMA_PX = 0.25
+CLEAR_LEAD = 1.5
+"""How many pairs must agree on an offset, how closely, and how far ahead of the next offset they must be."""
+DEPTHS_MM = (120.0, 1500.0)
 CORNER_SIGMA_PX = 0.1
 LENGTH_SIGMA = 0.004
 """What a corner, and an edge length as a share of itself, are taken to be worth; how far that is wrong is learnt."""
@@ -103,14 +108,59 @@ def clue(rig: StereoRig, left_px: Array, right_px: Array, edges: Sequence[tuple[
     return Clue(turn, sigma, at)
 
 
-def _pitch_and_roll(rig: StereoRig, left_px: Array, right_px: Array) -> tuple[Array, Array]:
-    """The right eye's turn (2,) rad about its x and z, by least squares on epipolar distances, and its sigma."""
+def same_height(rig: StereoRig, left_px: Array, right_px: Array, reach_px: float = 8.0) -> tuple[Array, Array]:
+    """Corners of both eyes that agree on one offset from their epipolar lines: (N, 2) left and right px, empty where no
+    offset stands out.
+
+    left_px (P, 2), right_px (Q, 2): all corners found, in any order. A recogniser pairs corners by their epipolar
+    lines, so that after a knock it pairs none, or the wrong ones; here every pair at a possible depth votes for its
+    offset, and the true ones vote alike.
+    """
+    if min(len(left_px), len(right_px)) < FEWEST_VOTES:
+        return np.zeros((0, 2)), np.zeros((0, 2))
+    i, j = (k.ravel() for k in np.indices((len(left_px), len(right_px))))
+    lines, rays = _lines_and_rays(rig, left_px, right_px)
+    gaps = np.einsum("ni,ni->n", lines[i], rays[j]) * rig.right.matrix[0, 0]
+    nearness = rig.baseline_mm / np.maximum(_disparity(rig, left_px, right_px, i, j), 1e-9)
+    likely = (np.abs(gaps) < reach_px) & (nearness > DEPTHS_MM[0]) & (nearness < DEPTHS_MM[1])
+    i, j, gaps = i[likely], j[likely], gaps[likely]
+    if len(gaps) < FEWEST_VOTES:
+        return np.zeros((0, 2)), np.zeros((0, 2))
+    offsets = np.arange(-reach_px, reach_px, 0.1)
+    votes = np.exp(-0.5 * ((offsets[:, None] - gaps[None]) / VOTE_SIGMA_PX) ** 2).sum(axis=1)
+    best = offsets[int(np.argmax(votes))]
+    rival = float(votes[np.abs(offsets - best) > 4 * VOTE_SIGMA_PX].max())
+    near = np.abs(gaps - best) < 3 * VOTE_SIGMA_PX
+    if near.sum() < FEWEST_VOTES or float(votes.max()) < CLEAR_LEAD * rival:
+        return np.zeros((0, 2)), np.zeros((0, 2))
+    return left_px[i[near]], right_px[j[near]]
+
+
+def _disparity(rig: StereoRig, left_px: Array, right_px: Array, i: NDArray[np.intp], j: NDArray[np.intp]) -> Array:
+    """Baseline over depth of each pair, from the angles of both rays in the plane of the baseline and the view."""
+    slopes = []
+    for eye, px in ((rig.left, left_px), (rig.right, right_px)):
+        rays = np.column_stack([eye.normalised(px), np.ones(len(px))]) @ eye.cyclopean_from_camera[:3, :3].T
+        slopes.append(rays[:, 0] / rays[:, 2])
+    difference: Array = slopes[0][i] - slopes[1][j]
+    return difference
+
+
+def _lines_and_rays(rig: StereoRig, left_px: Array, right_px: Array) -> tuple[Array, Array]:
+    """(P, 3) epipolar lines of the left points in the right eye's plane z = 1, unit normals; (Q, 3) the right rays."""
     right_from_left = frames.inverse(rig.right.cyclopean_from_camera) @ rig.left.cyclopean_from_camera
     x, y, z = right_from_left[:3, 3]
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     lines = np.column_stack([rig.left.normalised(left_px), np.ones(len(left_px))]) @ (cross @ right_from_left[:3, :3]).T
     lines /= np.linalg.norm(lines[:, :2], axis=1, keepdims=True)
-    rays = np.column_stack([rig.right.normalised(right_px), np.ones(len(right_px))])
+    # The normal's own sense is free: with its y made positive, an offset means the same for every line.
+    lines *= np.where(lines[:, 1:2] < 0, -1.0, 1.0)
+    return lines, np.column_stack([rig.right.normalised(right_px), np.ones(len(right_px))])
+
+
+def _pitch_and_roll(rig: StereoRig, left_px: Array, right_px: Array) -> tuple[Array, Array]:
+    """The right eye's turn (2,) rad about its x and z, by least squares on epipolar distances, and its sigma."""
+    lines, rays = _lines_and_rays(rig, left_px, right_px)
     gaps = np.einsum("ni,ni->n", lines, rays)
     # A camera that turns by w moves a ray to ray - w x ray; along the line's normal that shows as -(w x ray) . line.
     turned = np.cross(rays[:, None, :], np.array([[1.0, 0, 0], [0, 0, 1.0]])[None])

@@ -223,8 +223,18 @@ function plotAll() {
   const looks = data.looks, spot = { mode: few ? "lines+markers" : "markers", marker: { size: 4 }, type: few ? "scatter" : "scattergl" };
   plot([{ ...spot, x: looks.s, y: looks.ms }], "Time of a look", "s since the start", "ms");
   plot([{ ...spot, x: looks.s, y: looks.residual_mm }], "Corner residuals of the fitted parts", "s since the start", "mm rms");
-  for (const [name, values] of Object.entries(looks.health))
-    plot([{ ...spot, x: looks.s, y: values }], `Camera health: ${name.replaceAll("_", " ")}`, "s since the start", name.endsWith("px") ? "px" : "");
+  const drifts = ["pitch_deg", "roll_deg", "vergence_deg"].filter((n) => looks.health[n]);
+  if (drifts.length) plot(drifts.map((n) => ({ ...spot, x: looks.s, y: looks.health[n], name: n.replace("_deg", "") })),
+    "Calibration drift: the right eye against the left, look by look", "s since the start", "degrees", { showlegend: true, yaxis: { title: { text: "degrees" } } });
+  const measures = new Map();                          // left and right of one measure go into one plot
+  for (const name of Object.keys(looks.health)) {
+    if (name.endsWith("_deg")) continue;
+    const base = name.replace(/_(left|right)$/, "");
+    measures.set(base, [...(measures.get(base) || []), name]);
+  }
+  for (const [base, names] of measures)
+    plot(names.map((n) => ({ ...spot, x: looks.s, y: looks.health[n], name: n.slice(base.length + 1) || base })),
+      `Camera health: ${base.replaceAll("_", " ")}`, "s since the start", base.endsWith("px") ? "px" : "", { showlegend: names.length > 1 });
 }
 function colours() {
   const style = getComputedStyle(root), fg = style.getPropertyValue("--fg").trim(), line = style.getPropertyValue("--line").trim();
