@@ -54,15 +54,20 @@ def find_candidates(left: Sight, right: Sight, eyes: Baseline, settings: VisionS
     for m in matches:
         a, b = fits[0][m.left], fits[1][m.right]
         if a is not None and b is not None:
-            b = b.rolled(m.shift)
-            facet = triangulate(a.polygon, b.polygon, eyes)
-            if facet.epipolar_px.max() < settings.max_epipolar_px:
-                worth = min(left.outlines[m.left].support, right.outlines[m.right].support) + _agreement(a, b)
-                shapes = Shape.of(facet.left_px), Shape.of(facet.right_px)
-                candidates.append(
-                    Candidate(facet, a, b, worth - 0.1 * m.cost - _PER_CORNER * len(facet.left_px), *shapes)
-                )
+            support = min(left.outlines[m.left].support, right.outlines[m.right].support)
+            made = candidate(a, b.rolled(m.shift), support - 0.1 * m.cost, eyes)
+            if made.facet.epipolar_px.max() < settings.max_epipolar_px:
+                candidates.append(made)
     return candidates
+
+
+def candidate(left: Fitted, right: Fitted, support: float, eyes: Baseline) -> Candidate:
+    """A candidate of polygons whose corners correspond; support: how far its outlines are seen, less what
+    speaks against.
+    """
+    facet = triangulate(left.polygon, right.polygon, eyes)
+    worth = support + _agreement(left, right) - _PER_CORNER * len(facet.left_px)
+    return Candidate(facet, left, right, worth, Shape.of(facet.left_px), Shape.of(facet.right_px))
 
 
 def _best_few(matches: list[Match], left: Sight, right: Sight) -> list[Match]:

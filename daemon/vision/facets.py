@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon.vision.candidates import Candidate, choose, find_candidates, triangulate
+from daemon.vision.completion import complete
 from daemon.vision.data import Facet, FacetView, Group, Polygon, Rejected
 from daemon.vision.detectors import find_corners
 from daemon.vision.epipolar import Baseline, baseline
@@ -39,6 +40,7 @@ def find_facets(
         check_size(grey, rig.image_size, name)
         sights.append(look_with(eye, grey, settings))
     chosen, refused = choose(find_candidates(sights[0], sights[1], eyes, settings), settings)
+    chosen += complete(chosen, sights[0], sights[1], eyes, settings)
     if settings.corner_detector != "line_fit":
         chosen = [_with_detected_corners(c, sights, eyes, settings) for c in chosen]
     touch = touching_table(tuple(c.facet for c in chosen))

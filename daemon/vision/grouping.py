@@ -14,14 +14,15 @@ def shared_edge(a: Facet, b: Facet, tolerance_px: float) -> tuple[int, int] | No
     """(i, j) when side i -> i+1 of a is side j+1 <- j of b, run the other way, in both eyes; else None."""
     for i in range(len(a.left_px)):
         for j in range(len(b.left_px)):
-            if _same_edge(a.left_px, b.left_px, i, j, tolerance_px) and _same_edge(
+            if same_edge(a.left_px, b.left_px, i, j, tolerance_px) and same_edge(
                 a.right_px, b.right_px, i, j, tolerance_px
             ):
                 return i, j
     return None
 
 
-def _same_edge(a: Array, b: Array, i: int, j: int, tolerance_px: float) -> bool:
+def same_edge(a: Array, b: Array, i: int, j: int, tolerance_px: float) -> bool:
+    """Whether side i of corners a (N, 2) px is side j of b run the other way."""
     one = np.abs(a[i] - b[(j + 1) % len(b)]).max()
     other = np.abs(a[(i + 1) % len(a)] - b[j]).max()
     return bool(max(one, other) < tolerance_px)

@@ -20,12 +20,11 @@ from daemon.vision.sides import find_sides, probe_sides
 
 Array = NDArray[np.float64]
 
-_FIRST_REACH_PX = (3.0, 5.0)
-_SECOND_REACH_PX = (1.5, 1.5)
+_FIRST_REACH_PX, _SECOND_REACH_PX = 4.0, 1.5
+_INSIDE_PX, _UNSURE_PX = 1.2, 1.2  # per px of the scale: how far inside its edges a region ends
 _DOUBTFUL_SIDE, _DOUBTFUL_PX = 0.6, 12.0
 _SAME_PX = 2.0
 _ALIKE = 3
-_BIAS_PX = 1.7
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,8 +56,8 @@ def find_outlines(scales: tuple[Scale, ...], image_area_px: float, settings: Vis
         return []
     fine = scales[0]
     start = rings([c for c, _ in rough])
-    bias = np.repeat([_BIAS_PX * (r.shrink - 1) for _, r in rough], start.count)
-    first = snap(fine, start, _FIRST_REACH_PX, bias)
+    shrink = np.repeat([float(r.shrink) for _, r in rough], start.count)
+    first = snap(fine, start, _FIRST_REACH_PX, _INSIDE_PX * shrink, _UNSURE_PX * shrink)
     variants = [
         (v, r) for corners, (_, r) in zip(first.split(), rough, strict=True) for v in _variants(corners, settings)
     ]
@@ -66,18 +65,19 @@ def find_outlines(scales: tuple[Scale, ...], image_area_px: float, settings: Vis
     if not variants:
         return []
     shape = rings([c for c, _ in variants])
-    shape = snap(fine, shape, _SECOND_REACH_PX, np.zeros(len(shape.corners)))
-    return _worthy(fine, shape, [r.border for _, r in variants], settings)
+    near = np.zeros(len(shape.corners))
+    shape = snap(fine, shape, _SECOND_REACH_PX, near, near + 1.0)
+    return probe(fine, shape, [r.border for _, r in variants], settings)
 
 
-def snap(fine: Scale, shape: Rings, reach_px: tuple[float, float], bias_px: Array) -> Rings:
-    """Polygons with their sides moved onto the gradient and met again in corners; bias_px (M,) how far out to begin."""
+def snap(fine: Scale, shape: Rings, reach_px: float, expected_px: Array, sigma_px: Array) -> Rings:
+    """Polygons with their sides moved onto the gradient, expected so far outwards (M,), and met again in corners."""
     start = shape.corners - fine.origin_px
-    start, end = find_sides(fine.smoothed, start, start[shape.next], reach_px, bias_px)
+    start, end = find_sides(fine.smoothed, start, start[shape.next], reach_px, expected_px, sigma_px)
     return shape.moved(met(shape, start, end) + fine.origin_px)
 
 
-def _worthy(fine: Scale, shape: Rings, borders: list[Border], settings: VisionSettings) -> list[Outline]:
+def probe(fine: Scale, shape: Rings, borders: list[Border], settings: VisionSettings) -> list[Outline]:
     """The polygons whose every side shows in the gradient, best supported first, without repeats."""
     start = shape.corners - fine.origin_px
     strength, seen = probe_sides(fine.smoothed, start, start[shape.next])

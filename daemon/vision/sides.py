@@ -19,7 +19,6 @@ Image32 = NDArray[np.float32]
 
 _REACH_PX = 4
 _TRIM_PX = 4.0
-_REACH_SIGMA_PX = 4.0
 _FAINT_BLOCK = 0.4
 _SLOPE_SIGMAS = 2.0
 _CLIPPED = 247.0
@@ -46,17 +45,18 @@ class Sides:
 
 
 def find_sides(
-    smoothed: Image32, start: Array, end: Array, reach_px: tuple[float, float], bias_px: Array
+    smoothed: Image32, start: Array, end: Array, reach_px: float, expected_px: Array, sigma_px: Array
 ) -> tuple[Array, Array]:
     """Move rough sides (S, 2), (S, 2) px onto the strongest straight gradient near them, seen over their whole length.
 
-    smoothed: unit-noise image. Looks from reach_px[0] inside to reach_px[1] outside of where bias_px (S,) outwards
-    puts the side, and at tilts that move either end by a few pixels. Returns the moved ends.
+    smoothed: unit-noise image. Looks up to reach_px either way of expected_px (S,) outwards, and at tilts that move
+    either end by a few pixels; gradients count by how near they are to what is expected, with sigma_px (S,). Returns
+    moved ends.
     """
     rulers = lay_rulers(start, end, None, _TRIM_PX, spacing_px=2.0, longest=60)
-    pitch = 1.0 if sum(reach_px) > 4 else 0.5
-    offsets = np.arange(-reach_px[0] - pitch, reach_px[1] + 1.5 * pitch, pitch)
-    values = sample(smoothed, rulers, offsets, bias_px)
+    pitch = 1.0 if reach_px > 2 else 0.5
+    offsets = np.arange(-reach_px - pitch, reach_px + 1.5 * pitch, pitch)
+    values = sample(smoothed, rulers, offsets, expected_px)
     blocks, at = _block_means(values[:, 2:] - values[:, :-2], rulers)
     tilts = np.linspace(-1, 1, 7) * np.clip(0.06 * rulers.length, 0.4, 3.5)[:, None]
     width = blocks.shape[2]
@@ -64,9 +64,9 @@ def find_sides(
     shifted = np.minimum(np.maximum(shifted + np.arange(width, dtype=np.int32), 0), width - 1)
     shifted += (np.arange(len(start) * blocks.shape[1], dtype=np.int32) * width).reshape(len(start), -1, 1, 1)
     lines = np.abs(blocks.ravel().take(shifted).sum(1))
-    lines *= np.exp(-0.5 * (offsets[1:-1] / _REACH_SIGMA_PX) ** 2)
+    lines *= np.exp(-0.5 * (offsets[1:-1] / sigma_px[:, None, None]) ** 2)
     best = np.argmax(lines.reshape(len(start), -1), 1)
-    tilt, offset = tilts[np.arange(len(start)), best // width], offsets[1:-1][best % width] + bias_px
+    tilt, offset = tilts[np.arange(len(start)), best // width], offsets[1:-1][best % width] + expected_px
     return _apply_line(start, end, rulers, offset, tilt / np.maximum(1 - 2 * _TRIM_PX / rulers.length, 0.5))
 
 
