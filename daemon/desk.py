@@ -109,7 +109,8 @@ class Desk:
         self._auto.add_done_callback(lambda task: task.cancelled() or task.exception())
         await asyncio.sleep(0)
         if self._auto.done():
-            self._auto.result()
+            refused, self._auto = self._auto, None
+            refused.result()
 
     async def auto_ends(self) -> list[CycleEnd]:
         """Wait for the last auto to end; what became of each part. Empty where there was none."""

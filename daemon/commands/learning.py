@@ -39,6 +39,8 @@ async def _teach_what_is_shown(desk: Desk, label: str, door: Door) -> Answer:
     table = desk.table_in(seen)
     await door.say(describe_scene(seen.scene))
     await asyncio.to_thread(desk.school.check, label, left, right, table)
+    if len(seen.scene.parts) > 1 and not door.asks:
+        raise CommandError(f"{len(seen.scene.parts)} separate things are seen; show the {label} alone, evenly lit")
     named = _named_otherwise(seen, label)
     if named:
         await door.say(f"The model in use takes this for {named}.")
