@@ -33,7 +33,7 @@ def daemon() -> guest.Outcome:
         tempfile.TemporaryDirectory(prefix="ports-", dir=guest.FOLDER) as ports,
         otherside.surroundings(guest.CHECKOUT / "etc/simcell.yaml", 3, Path(ports)) as devices,
     ):
-        command = PYTEST + "-x tests/rig/guest/test_daemon.py"
+        command = PYTEST + "tests/rig/guest/test_daemon.py"
         return guest.run(command, 560.0, guest.FOLDER / "results/daemon", extra=devices)
 
 
