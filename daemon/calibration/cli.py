@@ -7,9 +7,10 @@ import argparse
 
 def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Add `calibrate` and its kinds to facetctl."""
-    from daemon.calibration import interchange, recorded
+    from daemon.calibration import interchange, quick, recorded
 
     parser = subparsers.add_parser("calibrate", help="where the cameras are and how they see")
     kinds = parser.add_subparsers(dest="kind", required=True, metavar="KIND")
     recorded.register(kinds)
+    quick.register(kinds)
     interchange.register(kinds)

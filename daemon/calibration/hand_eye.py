@@ -21,6 +21,7 @@ from daemon.vision.rig import Camera, StereoRig
 
 Array = NDArray[np.float64]
 FEWEST_POSES = 5
+BLOCKS = 6
 PIXEL_SIGMA = 0.1
 """What a board's corner is worth, px; only its ratio to the arm's doubt matters."""
 LEAST_TURN_DEG = 12.0
@@ -129,6 +130,9 @@ def calibrate_hand_eye(samples: Sequence[Sample], rig: StereoRig, doubt: ArmDoub
     except UndeterminedError as error:
         raise HandEyeError(f"the poses leave the hand-eye open ({error}): turn the hand about more axes") from None
     sigma_mm, sigma_deg = _jackknife(whole.parameters, [s.parameters for s in spared])
+    if len(samples) >= 3 * BLOCKS:
+        blocks_mm, blocks_deg = _jackknife(whole.parameters, _without_blocks(samples, rig, doubt, hand, place))
+        sigma_mm, sigma_deg = max(sigma_mm, blocks_mm), max(sigma_deg, blocks_deg)
     return HandEyeResult(
         tool_from_cyclopean=hand,
         world_from_board=place,
@@ -271,6 +275,17 @@ def _jackknife(whole: Array, spared: Sequence[Array]) -> tuple[float, float]:
     motions -= motions.mean(axis=0)
     variance = (len(motions) - 1) / len(motions) * (motions**2).sum(axis=0)
     return float(np.sqrt(variance[:3].sum())), float(np.degrees(np.sqrt(variance[3:].sum())))
+
+
+def _without_blocks(
+    samples: Sequence[Sample], rig: StereoRig, doubt: ArmDoubt, hand: Array, place: Array
+) -> list[Array]:
+    """Solutions without one block of neighbouring poses after the other. An arm's joints err alike in poses alike,
+    which leaving out single poses cannot show; leaving out blocks of a tour's neighbours does."""
+    rests = [[s for k, s in enumerate(samples) if k * BLOCKS // len(samples) != out] for out in range(BLOCKS)]
+    return [
+        solve(hand_eye_problem(rest, rig, doubt), _start(hand, place, len(rest)), passes=8).parameters for rest in rests
+    ]
 
 
 def _left_out_mm(sample: Sample, cyclopean_from_board_: Array, others: Array) -> float:

@@ -1,0 +1,160 @@
+"""D'Souza's calibration by ruler (section 4.2.1): pin, baseline, a known width at several distances; his compensation.
+
+In a hurry, or where no board is at hand. Honest about itself: the table it prints says what depths come out like.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Annotated
+
+import msgspec
+import numpy as np
+from msgspec import Meta
+from numpy.typing import NDArray
+
+from daemon import frames
+from daemon.calibration.file import Calibration, Quality, save_calibration
+from daemon.calibration.recorded import keep_old
+from daemon.calibration.session import meet
+from daemon.vision.formulas import Converging, by_formula
+from daemon.vision.rig import Camera, StereoRig
+from daemon.yamlfile import ConfigError, read
+
+Array = NDArray[np.float64]
+Length = Annotated[float, Meta(gt=0)]
+Pixel = tuple[float, float]
+
+
+class Width(msgspec.Struct, forbid_unknown_fields=True):
+    """A known width, square to the cyclopean axis: its length, its distance, and how many px it takes up."""
+
+    mm: Length
+    at_mm: Length
+    px: Length
+
+
+class Depth(msgspec.Struct, forbid_unknown_fields=True):
+    """A point on the cyclopean axis at a known distance, as both eyes see it."""
+
+    at_mm: Length
+    left_px: Pixel
+    right_px: Pixel
+
+
+class Measured(msgspec.Struct, forbid_unknown_fields=True):
+    """What was measured: baseline D and fixation distance Z0 by ruler, the pin at the fixation point in both images."""
+
+    image_size: tuple[int, int]
+    baseline_mm: Length
+    fixation_mm: Length
+    pin_left_px: Pixel
+    pin_right_px: Pixel
+    widths: Annotated[list[Width], Meta(min_length=1)]
+    depths: list[Depth] = []
+
+
+@dataclass(frozen=True, eq=False)
+class QuickResult:
+    """rig; focal_px and its standard deviation over the widths; at_mm (K,) true depths; error_mm (K,) of formula (2.3),
+    of the same compensated (each reading from the others), and of exact rays."""
+
+    rig: StereoRig
+    focal_px: float
+    focal_sigma_px: float
+    at_mm: Array
+    formula_mm: Array
+    compensated_mm: Array
+    rays_mm: Array
+
+
+def calibrate_quick(measured: Measured) -> QuickResult:
+    """The rig from ruler and pin: f = x Z / X (4.1), eyes turned in by atan(D / 2 Z0), no distortion."""
+    focal = np.array([w.px * w.at_mm / w.mm for w in measured.widths])
+    rig = _rig(measured, float(focal.mean()))
+    left, right = (
+        np.array([getattr(d, f"{eye}_px") for d in measured.depths], float).reshape(-1, 2) for eye in ("left", "right")
+    )
+    at = np.array([d.at_mm for d in measured.depths], float)
+    bare = Converging(measured.baseline_mm, float(focal.mean()), measured.fixation_mm, np.zeros(1), np.zeros(1))
+    seen = by_formula(left, right, rig, bare)[:, 2] if len(at) else at
+    rays = meet(rig, left, right)[:, 2] if len(at) else at
+    sigma = float(focal.std(ddof=1)) if len(focal) > 1 else float("nan")
+    mended = _compensated(seen, seen - at) if len(at) > 2 else seen
+    return QuickResult(rig, float(focal.mean()), sigma, at, seen - at, mended - at, rays - at)
+
+
+def _rig(measured: Measured, focal: float) -> StereoRig:
+    half = measured.baseline_mm / 2
+    turn = float(np.arctan2(half, measured.fixation_mm))
+    eyes = []
+    for side, pin in ((-1.0, measured.pin_left_px), (1.0, measured.pin_right_px)):
+        pose = frames.rigid(
+            frames.rotation_from_vector(np.array([0.0, -side * turn, 0.0])), np.array([side * half, 0.0, 0.0])
+        )
+        matrix = np.array([[focal, 0, pin[0]], [0, focal, pin[1]], [0, 0, 1.0]])
+        eyes.append(Camera(matrix, np.zeros(5), pose))
+    return StereoRig(eyes[0], eyes[1], measured.image_size)
+
+
+def _compensated(seen: Array, error: Array) -> Array:
+    """Each depth less the error interpolated between the other readings (section 4.2.4): none mends itself."""
+    order = np.argsort(seen)
+    mended = seen.copy()
+    for k in range(len(seen)):
+        others = order[order != k]
+        mended[k] = seen[k] - np.interp(seen[k], seen[others], error[others])
+    return mended
+
+
+def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add `quick` to the calibrate command."""
+    parser = subparsers.add_parser("quick", help="by ruler and pin, as the thesis did it")
+    parser.add_argument("measured", type=Path, metavar="MEASURED.yaml", help="keys: " + ", ".join(_KEYS))
+    parser.add_argument("--out", required=True, type=Path, help="calibration.yaml to write; an old one is kept")
+    parser.add_argument("--json", action="store_true", help="one line for machines")
+    parser.set_defaults(run=run)
+
+
+_KEYS = Measured.__struct_fields__
+
+
+def run(args: argparse.Namespace) -> int:
+    """0 done, 2 unusable measurements."""
+    try:
+        result = calibrate_quick(read(args.measured).convert(Measured))
+        kept = keep_old(args.out)
+        quality = Quality(method="quick", made=datetime.now(UTC).replace(microsecond=0))
+        save_calibration(Calibration(result.rig, None, quality), args.out)
+    except (ConfigError, OSError) as error:
+        print(f"facetctl calibrate quick: {error}", file=sys.stderr)
+        return 2
+    if args.json:
+        print(json.dumps({"focal_px": round(result.focal_px, 3), "depths": len(result.at_mm), **_figures(result)}))
+        return 0
+    print(f"focal length {result.focal_px:.1f} +- {result.focal_sigma_px:.1f} px over the widths")
+    if len(result.at_mm):
+        print("  depth mm   formula (2.3)   compensated   exact rays: error, mm")
+        for at, *errors in zip(result.at_mm, result.formula_mm, result.compensated_mm, result.rays_mm, strict=True):
+            print(f"{at:10.0f}" + "".join(f"{e:14.2f}" for e in errors))
+    else:
+        print("no depths were measured: nothing says how good this is; expect some percent")
+    print(f"written: {args.out}" + ("" if kept is None else f" (the old one is {kept.name})"))
+    print("a ruler knows a baseline to some percent, and so every depth: calibrate with a board before picking")
+    return 0
+
+
+def _figures(result: QuickResult) -> dict[str, float | None]:
+    def rms(errors: Array) -> float | None:
+        return round(float(np.sqrt((errors**2).mean())), 3) if len(errors) else None
+
+    return {
+        "formula_rms_mm": rms(result.formula_mm),
+        "compensated_rms_mm": rms(result.compensated_mm),
+        "rays_rms_mm": rms(result.rays_mm),
+    }
