@@ -1,0 +1,215 @@
+"""What looks say together: covariance that is honest, stops that are needed, disagreements that are blamed rightly."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from cell_fakes import TOOL_FROM_CYCLOPEAN, shape_of
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from daemon import approach, frames
+from daemon.approach import CHI_SQUARE_6, Doubt, Stops
+from daemon.grasp import tool_rotation
+from daemon.tracking import Fit, poses_that_fit, refit
+from daemon.vision.data import Facet
+
+DOUBT = Doubt()
+TRUE = frames.rigid(frames.rotation_from_vector(np.array([0.1, -0.2, 0.7])), np.array([520.0, 10.0, -275.0]))
+ROTATION = tool_rotation(np.array([0.0, 1.0, 0.0]), 0.4)
+
+
+def looked(rng, distance, shared, doubt=DOUBT, knocked=None):
+    """A sighting of TRUE from a distance, with errors as doubted: shared (9,) the same for all looks."""
+    at = approach.look_pose(ROTATION, TRUE[:3, 3], distance, TOOL_FROM_CYCLOPEAN)
+    cyclopean_from_part = frames.inverse(at @ TOOL_FROM_CYCLOPEAN) @ TRUE
+    sigma = distance / 1000.0
+    covariance = np.diag([0.1, 0.1, 0.4, 0.002, 0.002, 0.002]) ** 2 * sigma**2
+    one = approach.sighting(at, TOOL_FROM_CYCLOPEAN, cyclopean_from_part, covariance, doubt, 700.0, 60.0)
+    error = rng.multivariate_normal(np.zeros(6), one.covariance) + one.shared @ shared
+    if knocked is not None:
+        error = error + knocked
+    return replace(one, world_from_part=frames.perturb(one.world_from_part, error))
+
+
+def test_the_predicted_error_is_the_error_made():
+    rng = np.random.default_rng(0)
+    squares, predicted = [], 0.0
+    for _ in range(400):
+        shared = rng.multivariate_normal(np.zeros(9), DOUBT.shared())
+        looks = [looked(rng, d, shared) for d in (450.0, 300.0, 200.0)]
+        estimate = approach.fuse(looks, DOUBT)
+        motion = frames.difference(estimate.world_from_part, TRUE)
+        squares.append(motion[:3] @ motion[:3] + np.trace(DOUBT.arm()[:3, :3]))
+        predicted = estimate.predicted_mm
+    assert np.sqrt(np.mean(squares)) == pytest.approx(predicted, rel=0.1)
+
+
+def test_what_all_looks_share_does_not_shrink_by_looking_again_from_the_same_place():
+    rng = np.random.default_rng(1)
+    looks = [looked(rng, 300.0, np.zeros(9)) for _ in range(50)]
+    assert approach.fuse(looks, DOUBT).predicted_mm > np.sqrt(3) * DOUBT.hand_eye_mm
+
+
+def test_looks_from_several_distances_tell_a_disparity_offset_from_depth():
+    rng = np.random.default_rng(2)
+    shared = np.array([0, 0, 0, 0, 0, 0, 0, 0, 0.5])
+    looks = [looked(rng, d, shared) for d in (450.0, 300.0, 200.0)]
+    alone = np.linalg.norm(frames.difference(looks[-1].world_from_part, TRUE)[:3])
+    together = np.linalg.norm(frames.difference(approach.fuse(looks, DOUBT).world_from_part, TRUE)[:3])
+    assert together < 0.6 * alone
+
+
+@settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 10_000))
+def test_two_honest_looks_agree_whatever_they_share(seed):
+    rng = np.random.default_rng(seed)
+    shared = rng.multivariate_normal(np.zeros(9), DOUBT.shared())
+    pair = looked(rng, 450.0, shared), looked(rng, 300.0, shared)
+    assert approach.disagreement(*pair, DOUBT) < 2 * CHI_SQUARE_6
+
+
+def test_false_alarms_are_as_rare_as_said():
+    rng = np.random.default_rng(3)
+    alarms = 0
+    for _ in range(2000):
+        shared = rng.multivariate_normal(np.zeros(9), DOUBT.shared())
+        pair = looked(rng, 450.0, shared), looked(rng, 300.0, shared)
+        alarms += approach.disagreement(*pair, DOUBT) > CHI_SQUARE_6
+    assert alarms <= 8
+
+
+def test_a_part_that_moved_three_millimetres_is_noticed():
+    rng = np.random.default_rng(4)
+    zero = np.zeros(9)
+    moved = looked(rng, 300.0, zero, knocked=np.array([3.0, 0, 0, 0, 0, 0]))
+    assert approach.disagreement(looked(rng, 450.0, zero), moved, DOUBT) > CHI_SQUARE_6
+
+
+@pytest.mark.parametrize(
+    ("others", "epipolar", "who"),
+    [
+        ([1.0, 2.0], 0.1, "part"),
+        ([100.0, 80.0], 0.1, "hand-eye"),
+        ([100.0, 2.0], 0.1, "hand-eye"),
+        ([], 0.1, "unclear"),
+        ([], 5.0, "camera"),
+        ([1.0], 5.0, "camera"),
+    ],
+)
+def test_the_suspect_is_named(others, epipolar, who):
+    assert approach.suspect(others, epipolar, 1.0) == who
+
+
+def test_a_good_first_look_goes_straight_to_the_nearest_stop_that_is_enough():
+    rng = np.random.default_rng(5)
+    first = looked(rng, 450.0, np.zeros(9))
+    easy, hard = Stops(enough_mm=1.2), Stops(enough_mm=0.05)
+    assert approach.next_stand_off([], DOUBT, easy) == 450.0
+    assert approach.next_stand_off([first], DOUBT, easy) == 300.0
+    assert approach.next_stand_off([first], DOUBT, hard) == 300.0
+    assert approach.next_stand_off([first] * 5, DOUBT, hard) == 200.0
+
+
+def test_the_least_number_of_looks_is_kept_though_the_first_would_do():
+    rng = np.random.default_rng(6)
+    stops = Stops(enough_mm=1e6, enough_deg=1e6, least_looks=3)
+    looks = [looked(rng, d, np.zeros(9)) for d in (450.0, 300.0, 200.0)]
+    estimate = approach.fuse(looks, DOUBT)
+    assert [approach.enough(estimate, n, stops) for n in (1, 2, 3)] == [False, False, True]
+
+
+def test_a_look_pose_puts_the_point_on_the_cameras_axis_at_the_distance():
+    pose = approach.look_pose(ROTATION, TRUE[:3, 3], 300.0, TOOL_FROM_CYCLOPEAN)
+    seen = frames.apply(frames.inverse(pose @ TOOL_FROM_CYCLOPEAN), TRUE[:3, 3])
+    assert np.allclose(seen, [0, 0, 300], atol=1e-9)
+
+
+@settings(max_examples=50, deadline=None)
+@given(move=st.tuples(*[st.floats(-900, 900)] * 3), turn=st.floats(-3, 3))
+def test_steps_end_at_the_target_and_none_is_too_long(move, turn):
+    target = frames.perturb(TRUE, np.array([*move, 0.0, 0.0, turn]))
+    way = [TRUE, *approach.steps(TRUE, target, 100.0, 30.0)]
+    assert np.allclose(way[-1], target)
+    assert all(approach.within(a, b, 100.0, 30.0) for a, b in pairwise(way))
+
+
+def test_speed_falls_towards_the_part():
+    speeds = [approach.speed_pct(d, 100.0, 30.0) for d in (50, 100, 250, 400, 900)]
+    assert speeds == [30.0, 30.0, 65.0, 100.0, 100.0]
+
+
+def test_a_view_of_two_facets_is_worth_more_than_of_one():
+    cube, pose = shape_of("cube"), np.eye(4)
+    on_one, on_two = np.array([400.0, 0, 0]), np.array([300.0, 300.0, 0])
+    assert approach.view_worth(cube, pose, on_two) > 2 * approach.view_worth(cube, pose, on_one)
+
+
+def test_a_cube_and_a_pyramid_are_most_unlike_from_the_side():
+    candidates = [(shape_of("cube"), np.eye(4)), (shape_of("pyramid"), np.eye(4))]
+    below, side = np.array([0, 0, -400.0]), np.array([400.0, 0.0, 60.0])
+    assert approach.unlikeness(candidates, side) > approach.unlikeness(candidates, below)
+    assert approach.unlikeness(candidates[:1], side) == 0.0
+
+
+def facets_of(shape, pose, which, rng, sigma=0.2):
+    found = []
+    for index in which:
+        corners = frames.apply(pose, shape.corners_mm[shape.facets[index]])
+        noisy = corners + rng.normal(0, sigma, corners.shape)
+        covariance = np.tile(np.eye(3) * sigma**2, (len(corners), 1, 1))
+        px = np.zeros((len(corners), 2))
+        found.append(Facet(noisy, covariance, px, px, np.zeros(len(corners)), 0.0))
+    return found
+
+
+POSE = frames.rigid(frames.rotation_from_vector(np.array([2.0, 0.4, 0.3])), np.array([10.0, -20.0, 350.0]))
+
+
+@pytest.mark.parametrize("label", ["cube", "pyramid", "triangular_prism", "pentagonal_prism"])
+def test_a_symmetric_part_keeps_the_pose_it_had_from_look_to_look(label):
+    rng = np.random.default_rng(0)
+    shape = shape_of(label)
+    fit = refit(
+        shape, facets_of(shape, POSE, (0, 1), rng), frames.perturb(POSE, np.array([3, -2, 3, 0.05, 0.03, -0.05]))
+    )
+    assert isinstance(fit, Fit)
+    motion = frames.difference(fit.cyclopean_from_part, POSE)
+    assert np.linalg.norm(motion[:3]) < 1.0
+    assert np.linalg.norm(motion[3:]) < 0.03
+
+
+def test_a_facet_that_is_hardly_known_does_not_lose_the_part():
+    rng = np.random.default_rng(1)
+    shape = shape_of("triangular_prism")
+    good, bad = facets_of(shape, POSE, (0, 2), rng)
+    wild = replace(bad, corners_mm=bad.corners_mm + 9.0, covariance_mm2=bad.covariance_mm2 * 1000)
+    assert refit(shape, [good, wild], POSE) is not None
+    assert refit(shape, [wild], POSE) is None
+
+
+def test_nothing_is_found_where_nothing_fits():
+    rng = np.random.default_rng(2)
+    shape = shape_of("cube")
+    facets = facets_of(shape, frames.perturb(POSE, np.array([60.0, 0, 0, 0, 0, 0.4])), (0, 1), rng)
+    assert refit(shape, facets, POSE) is None
+    assert refit(shape, [], POSE) is None
+
+
+def test_the_covariance_of_a_fit_is_the_scatter_of_fits():
+    rng = np.random.default_rng(3)
+    shape = shape_of("cube")
+    fits = [refit(shape, facets_of(shape, POSE, (0, 2), rng, 0.3), POSE) for _ in range(200)]
+    motions = np.array([frames.difference(f.cyclopean_from_part, POSE) for f in fits if f is not None])
+    said = np.sqrt(np.diag(np.mean([f.covariance for f in fits if f is not None], axis=0)))
+    ratio = motions.std(axis=0) / said
+    assert np.all(ratio > 0.5)
+    assert np.all(ratio < 1.3)
+
+
+def test_a_single_square_fits_a_cube_in_every_way_it_can_lie_under_it():
+    rng = np.random.default_rng(4)
+    shape = shape_of("cube")
+    fits = poses_that_fit(shape, facets_of(shape, POSE, (0,), rng, 0.05))
+    assert len(fits) == 24

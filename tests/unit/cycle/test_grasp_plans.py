@@ -1,0 +1,116 @@
+"""Grasps from corners alone: they hold, clear the table, fit the opening, look down, and mind neighbours."""
+
+import numpy as np
+import pytest
+from cell_fakes import TOOL_FROM_CYCLOPEAN, shape_of
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from daemon import frames, places
+from daemon.grasp import Gripper, grasps, hull_planes, tool_rotation
+from daemon.plan import Settings, plan_part, regrasp
+from drivers.simcell.gripper import close_on
+from drivers.simcell.parts import TAUGHT, part_shape
+from drivers.simcell.truth import load_truth
+
+GRIPPER = Gripper()
+TRUTH = load_truth(places.HOUSE / "etc" / "simcell.yaml").gripper
+RESTS = [(label, rest) for label in TAUGHT for rest in range(len(part_shape(label).rests))]
+
+
+def lying(label, rest, turn=0.3, x=520.0, y=0.0):
+    spin = frames.rotation_from_vector(np.array([0.0, 0.0, turn]))
+    return frames.rigid(spin, np.array([x, y, -300.0])) @ part_shape(label).rests[rest]
+
+
+@pytest.mark.parametrize(("label", "rest"), RESTS)
+def test_the_first_grasp_of_a_part_taught_a_little_wrong_holds_it_in_the_simulated_gripper(label, rest):
+    rng = np.random.default_rng(rest)
+    corners = part_shape(label).hull.vertices
+    world_from_part = lying(label, rest)
+    found = grasps(corners + rng.normal(0, 0.2, corners.shape), world_from_part, -300.0, GRIPPER)
+    tool_from_world = frames.inverse(found[0].world_from_tool)
+    grip = close_on(part_shape(label), tool_from_world @ world_from_part, tool_from_world[:3, 2], TRUTH)
+    assert grip.held, grip.why
+
+
+@settings(max_examples=40, deadline=None)
+@given(case=st.sampled_from(RESTS), turn=st.floats(0, 6.28))
+def test_every_grasp_keeps_its_promises(case, turn):
+    corners = part_shape(case[0]).hull.vertices
+    world_from_part = lying(*case, turn)
+    for grasp in grasps(corners, world_from_part, -300.0, GRIPPER):
+        x, y, z = grasp.world_from_tool[:3, 0], grasp.world_from_tool[:3, 1], grasp.world_from_tool[:3, 2]
+        assert abs(y[2]) < 1e-9, "the fingers close level"
+        assert z[2] < -np.cos(np.radians(41)), "the hand leans no more than it may"
+        assert x[2] < 1e-9, "the cameras are on the upper side"
+        tips = frames.apply(grasp.world_from_tool, np.array([[7.5, 0, 10.0], [-7.5, 0, 10.0]]))
+        assert tips[:, 2].min() > -300.0 + GRIPPER.tip_clearance_mm - 1e-6
+        assert grasp.width_mm <= GRIPPER.opening_mm - 2 * GRIPPER.side_clearance_mm
+        reach = (frames.apply(world_from_part, corners) - grasp.world_from_tool[:3, 3]) @ y
+        assert reach.max() > 0 > reach.min(), "the part is between the fingers"
+
+
+def test_a_part_too_wide_for_the_hand_has_no_grasp():
+    corners = part_shape("cube").hull.vertices * 2.0
+    assert not grasps(corners, frames.rigid(np.eye(3), np.array([520.0, 0, -250.0])), -300.0, GRIPPER)
+
+
+def test_a_steeper_pyramid_than_the_pads_hold_has_no_grasp_on_its_sides():
+    slippery = Gripper(friction=0.2)
+    corners = part_shape("pyramid").hull.vertices
+    assert all(g.slip_deg < 12 for g in grasps(corners, lying("pyramid", 0), -300.0, slippery))
+
+
+def test_the_faces_of_a_hull_come_out_whole_from_noisy_corners():
+    rng = np.random.default_rng(0)
+    for label, faces in (("cube", 6), ("pyramid", 5), ("triangular_prism", 5), ("pentagonal_prism", 7)):
+        corners = part_shape(label).hull.vertices
+        normals, _ = hull_planes(corners + rng.normal(0, 0.2, corners.shape))
+        assert len(normals) == faces
+
+
+def test_seven_corners_of_a_cube_are_enough_to_grasp_it():
+    corners = part_shape("cube").hull.vertices[:7]
+    assert grasps(corners, lying("cube", 0), -300.0, GRIPPER)
+
+
+def test_corners_in_one_plane_span_no_solid():
+    with pytest.raises(ValueError, match="no solid"):
+        hull_planes(np.array([[0.0, 0, 0], [50, 0, 0], [50, 50, 0], [0, 50, 0]]))
+
+
+def test_a_neighbour_in_the_fingers_way_blocks_those_grasps_only():
+    corners = part_shape("cube").hull.vertices
+    beside = frames.apply(lying("cube", 0, 0.3, 520.0, 62.0), corners)
+    found = grasps(corners, lying("cube", 0), -300.0, GRIPPER, [beside])
+    assert {g.blocked for g in found} == {True, False}
+    assert not found[0].blocked
+
+
+def test_a_plan_is_reachable_all_the_way_or_says_why_not():
+    shape, pose = shape_of("cube"), lying("cube", 0)
+    plan = plan_part(shape, pose, [], Settings(), TOOL_FROM_CYCLOPEAN, lambda _: True)
+    assert not isinstance(plan, str)
+    none = plan_part(shape, pose, [], Settings(), TOOL_FROM_CYCLOPEAN, lambda p: bool(p[2, 3] < -200))
+    assert isinstance(none, str)
+    assert "reached" in none
+
+
+def test_the_same_grasp_is_found_again_on_a_better_estimate_and_not_on_another_pose():
+    shape, pose = shape_of("cube"), lying("cube", 0)
+    plan = plan_part(shape, pose, [], Settings(), TOOL_FROM_CYCLOPEAN, lambda _: True)
+    assert not isinstance(plan, str)
+    nearby = frames.perturb(pose, np.array([2.0, -1.0, 0.0, 0.0, 0.0, 0.03]))
+    again = regrasp(shape, nearby, plan, Settings())
+    assert again is not None
+    gap = again.grasp.world_from_tool[:3, 3] - plan.grasp.world_from_tool[:3, 3]
+    assert np.allclose(gap[:2], [2.0, -1.0], atol=0.5)
+    assert regrasp(shape, lying("cube", 0, 0.3, 560.0), plan, Settings()) is None
+
+
+def test_the_cameras_look_up_from_the_side_the_hand_leans_away_from():
+    rotation = tool_rotation(np.array([1.0, 0.0, 0.0]), 0.5)
+    assert np.isclose(np.linalg.det(rotation), 1.0)
+    assert rotation[2, 0] < 0
+    assert rotation[0, 2] > 0
