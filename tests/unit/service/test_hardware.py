@@ -1,0 +1,208 @@
+"""The cell's hardware as the daemon meets it: devices that are missing or silent are one line that says what to do."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import pty
+import time
+from collections.abc import Awaitable, Callable, Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from daemon import cell, journal
+from daemon.config import load_config
+from daemon.desk import Troubles
+from daemon.runlog import RunLog
+from daemon.runs import list_runs, read_run
+from daemon.watch import Watch
+
+ETC = Path(__file__).resolve().parents[3] / "etc"
+FILES = "files: {{calibration: {0}/calibration.yaml, facets: {0}/facets.yaml, parts: {0}/parts.yaml}}\n"
+
+
+def hardware(folder: Path, config: str) -> cell.Hardware:
+    (folder / "facetd.yaml").write_text("version: 1\n" + FILES.format(ETC) + config)
+    return cell.build(load_config(folder / "facetd.yaml"), lambda _: None)
+
+
+@pytest.fixture
+def silent_port() -> Iterator[str]:
+    ours, theirs = pty.openpty()
+    yield os.ttyname(theirs)
+    os.close(ours)
+    os.close(theirs)
+
+
+def refusal(folder: Path, config: str) -> str:
+    with pytest.raises(cell.CellError) as caught:
+        asyncio.run(hardware(folder, config).open())
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+def test_every_device_that_is_missing_is_named(tmp_path: Path) -> None:
+    told = refusal(tmp_path, "cameras: {left: /dev/none0, right: /dev/none1}\narm: {port: /dev/none-arm}\n")
+    assert "/dev/none0" in told
+    assert "/dev/none-arm: no such port; is the adapter plugged in and the path right?" in told
+
+
+def test_a_controller_that_does_not_answer_is_told_with_what_to_check(tmp_path: Path, silent_port: str) -> None:
+    told = refusal(tmp_path, f"cameras: {{left: /dev/none0, right: /dev/none1}}\narm: {{port: {silent_port}}}\n")
+    assert f"{silent_port}: " in told
+    assert "is the controller switched on, the cable in its terminal port, and arm.dialect.baud right?" in told
+
+
+def test_recorded_pairs_hold_still_until_the_next_is_asked_for(tmp_path: Path) -> None:
+    for n in range(2):
+        (tmp_path / "pairs" / str(n)).mkdir(parents=True)
+        for eye in ("left", "right"):
+            cv2.imwrite(str(tmp_path / "pairs" / str(n) / f"{eye}.png"), np.full((48, 64), 50 + 10 * n, np.uint8))
+
+    async def look() -> list[int]:
+        built = hardware(tmp_path, "cell: recorded\n")
+        await built.open()
+        seen = []
+        for n in range(6):
+            pair = await built.eyes.grab(time.monotonic(), 1.0)
+            assert pair.left.taken_s <= time.monotonic()
+            seen.append(int(pair.left.pixels[20, 20]))
+            if n in (1, 3):
+                assert built.eyes.step()
+        with pytest.raises(cell.CellError, match="this cell is recorded: there is no arm to move"):
+            await built.robot.move(np.eye(4), straight=True, speed_pct=10, timeout_s=1)
+        await built.close()
+        return seen
+
+    assert asyncio.run(look()) == [50, 50, 60, 60, 50, 50]
+
+
+class WatchedCell:
+    """What the watch looks at, with devices that fail when told to."""
+
+    def __init__(self, folder: Path) -> None:
+        self.failed: list[str] = []
+        self.camera_fails = False
+        self.enabled = True
+        self.notes: list[str] = []
+        health = SimpleNamespace(camera_silence_s=0.2, arm_check_s=0.1)
+        log = SimpleNamespace(quota_mb=10, keep_free_mb=0, roll_mb=1)
+        self.run_log = RunLog(folder / "runs" / "20260101T000000Z")
+        self.desk: Any = SimpleNamespace(
+            config=SimpleNamespace(said=SimpleNamespace(health=health, log=log), runs=folder / "runs"),
+            hardware=SimpleNamespace(clock=time.monotonic, eyes=self, robot=self),
+            cycle=self,
+            troubles=Troubles(),
+            run_log=self.run_log,
+        )
+        self.heard_s = time.monotonic()
+        self.question = None
+
+    def status(self) -> dict[str, Any]:
+        fault = self.failed[-1] if self.failed else None
+        return {"doing": None, "fault": fault, "enabled": self.enabled, "state": "idle", "picked": 0, "failed": 0}
+
+    async def grab(self, not_before_s: float, timeout_s: float) -> None:
+        if self.camera_fails:
+            raise cell.CellError("no stereo pair within 0.1 s")
+
+    async def check(self) -> None:
+        self.heard_s = time.monotonic()
+
+    async def fail(self, code: str, text: str) -> None:
+        self.failed.append(f"{code}: {text}")
+
+
+def watching(folder: Path, play: Callable[[WatchedCell, Watch], Awaitable[None]]) -> WatchedCell:
+    watched = WatchedCell(folder)
+
+    async def run() -> None:
+        watch = Watch(watched.desk)
+        task = asyncio.create_task(watch.run())
+        try:
+            await play(watched, watch)
+        finally:
+            task.cancel()
+            await asyncio.gather(task, return_exceptions=True)
+
+    asyncio.run(run())
+    watched.run_log.close()
+    return watched
+
+
+def test_a_camera_lost_while_the_arm_may_move_stops_it_once_and_is_told_until_it_is_back(tmp_path: Path) -> None:
+    async def play(watched: WatchedCell, _: Watch) -> None:
+        watched.camera_fails = True
+        await asyncio.sleep(1.3)
+        assert watched.desk.troubles.standing["cameras"] == "cameras: no stereo pair within 0.1 s"
+        watched.camera_fails = False
+        await asyncio.sleep(1.2)
+        assert "cameras" not in watched.desk.troubles.standing
+
+    assert watching(tmp_path, play).failed == ["cameras: no stereo pair within 0.1 s"]
+
+
+def test_a_camera_lost_while_the_arm_may_not_move_is_told_and_no_fault(tmp_path: Path) -> None:
+    async def play(watched: WatchedCell, _: Watch) -> None:
+        watched.enabled, watched.camera_fails = False, True
+        await asyncio.sleep(0.8)
+        assert "cameras" in watched.desk.troubles.standing
+
+    assert watching(tmp_path, play).failed == []
+
+
+def test_the_watchdog_is_fed_while_devices_answer_and_starves_when_one_hangs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    notes: list[str] = []
+    monkeypatch.setattr(journal, "notify", notes.append)
+    monkeypatch.setenv("WATCHDOG_USEC", "1000000")
+    monkeypatch.setattr("daemon.watch.CHECK_LIMIT_S", 0.3)
+
+    async def play(watched: WatchedCell, _: Watch) -> None:
+        await asyncio.sleep(1.2)
+        assert any("WATCHDOG=1" in note for note in notes)
+
+        async def hang(*_: float) -> None:
+            await asyncio.sleep(60)
+
+        monkeypatch.setattr(watched, "grab", hang)
+        await asyncio.sleep(1.5)
+        notes.clear()
+        await asyncio.sleep(1.2)
+        assert not any("WATCHDOG=1" in note for note in notes)
+        assert any("no sign of life from cameras" in note for note in notes)
+
+    watching(tmp_path, play)
+
+
+def test_a_jump_of_the_clock_is_in_the_log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    real = time.time
+
+    async def play(watched: WatchedCell, _: Watch) -> None:
+        await asyncio.sleep(0.1)
+        monkeypatch.setattr("daemon.watch.time.time", lambda: real() + 3600)
+        await asyncio.sleep(0.7)
+
+    watching(tmp_path, play)
+    (run,) = list_runs(tmp_path / "runs")
+    jumps = [r["jump_s"] for r in read_run(run).records if r["kind"] == "clock"]
+    assert len(jumps) == 1
+    assert abs(jumps[0] - 3600) < 1
+
+
+def test_nobody_who_reads_nothing_can_hold_up_the_daemon(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import socket
+
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as deaf:
+        deaf.bind(str(tmp_path / "n"))
+        monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "n"))
+        began = time.monotonic()
+        for _ in range(2000):
+            journal.notify("STATUS=" + "x" * 200)
+        assert time.monotonic() - began < 2.0

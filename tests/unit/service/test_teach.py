@@ -1,0 +1,128 @@
+"""Teaching: what is shown is learnt beside the model in use; what is still missing is said from the geometry."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from daemon.calibration.file import load_calibration
+from daemon.library import load_facets, load_parts
+from daemon.shelf import Shelf
+from daemon.sufficiency import facet_areas, imagined_view, judge, open_edges, spread
+from daemon.teach import School
+from daemon.vision.model import TeachError
+from daemon.vision.relation import Solid
+
+SCENES = Path(__file__).resolve().parents[2] / "data" / "scenes"
+SHARED = Path(os.environ.get("FACETD_SHARED", Path(__file__).resolve().parents[4] / "shared")) / "scenes"
+
+
+def scenes(kind: str) -> list[Path]:
+    found = sorted(SHARED.glob(f"{kind}-B-*"))
+    if not found:
+        pytest.skip(f"the scenes that parts are taught from are not here ({SHARED}); FACETD_SHARED says where they are")
+    return found
+
+
+def pair(scene: Path) -> tuple[np.ndarray, np.ndarray]:
+    left, right = (cv2.imread(str(scene / f"{eye}.png"), cv2.IMREAD_GRAYSCALE) for eye in ("left", "right"))
+    assert left is not None
+    assert right is not None
+    return left, right
+
+
+@pytest.fixture
+def school(tmp_path: Path) -> School:
+    return School(Shelf(tmp_path), load_calibration(SCENES / "calibration-B.yaml").rig, load_facets(), load_parts())
+
+
+def taught(school: School) -> list[str]:
+    labels = []
+    for scene in scenes("train"):
+        label = json.loads((scene / "truth.json").read_text())["objects"][0]["label"]
+        school.store(label, *pair(scene), {})
+        labels.append(label)
+    return labels
+
+
+def test_taught_views_make_a_candidate_and_the_model_in_use_is_not_touched(school: School) -> None:
+    labels = taught(school)
+    assert [view.label for view in school.waiting()] == sorted(labels)
+    before = school.in_use
+    trained = school.train()
+    assert trained.left_out == ()
+    assert len(trained.verdicts) == len(labels)
+    assert school.model.labels == ()
+    assert before.labels == ()
+    assert school.accept() == trained.version
+    assert set(school.in_use.labels) == set(labels)
+    assert school.waiting() == []
+    again = School(school.shelf, school.rig, school.library, school.parts)
+    assert again.model.labels == school.model.labels, "a restart finds the model that was accepted"
+
+
+def test_nothing_in_view_is_refused_with_what_to_do_and_nothing_is_kept(school: School) -> None:
+    grey = np.full((480, 640), 90, np.uint8)
+    with pytest.raises(TeachError, match="no part is seen; put it where both cameras see it"):
+        school.store("cube", grey, grey, {})
+    assert school.shelf.views() == []
+    with pytest.raises(TeachError, match="no views to train on"):
+        school.train()
+
+
+def test_a_view_that_can_no_longer_be_read_is_left_out_and_named(school: School) -> None:
+    taught(school)
+    (school.shelf.views()[0].folder / "left.png").write_bytes(b"")
+    trained = school.train()
+    assert len(trained.left_out) == 1
+    assert "not an image" in trained.left_out[0]
+
+
+def box(a: float, b: float, c: float, faces: int = 6) -> Solid:
+    corners = np.array([[x, y, z] for x in (0, a) for y in (0, b) for z in (0, c)], float)
+    rings = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
+    spread_mm2 = np.repeat(0.01 * np.eye(3)[None], 8, axis=0)
+    return Solid(corners, spread_mm2, rings[:faces], ("rectangle",) * faces)
+
+
+def test_areas_of_a_closed_solid_cancel_and_open_edges_are_counted() -> None:
+    assert np.allclose(facet_areas(box(50, 60, 70)).sum(axis=0), 0)
+    assert open_edges(box(50, 60, 70)) == 0
+    assert open_edges(box(50, 60, 70, faces=5)) == 4
+
+
+def test_directions_are_unit_vectors_all_round() -> None:
+    directions = spread(60)
+    assert np.allclose(np.linalg.norm(directions, axis=1), 1)
+    assert np.linalg.norm(directions.mean(axis=0)) < 0.02
+
+
+def test_an_imagined_view_shows_the_facets_that_face_the_cameras(school: School) -> None:
+    towards = np.array([1.0, 1.0, 1.0]) / np.sqrt(3)
+    view = imagined_view(box(50, 60, 70), towards, school.rig)
+    assert view is not None
+    assert len(view.facets) == 3
+    assert view.touching.sum() == 6
+    for facet in view.facets:
+        corners = facet.corners_mm
+        normal = np.cross(corners[1] - corners[0], corners[2] - corners[1])
+        assert normal @ corners.mean(axis=0) < 0, "outward normals look towards the cameras"
+
+
+def test_what_was_never_seen_and_what_it_could_be_taken_for_is_told(school: School) -> None:
+    taught(school)
+    school.train()
+    school.accept()
+    cube = judge(school.model, "cube", school.rig)
+    assert len(cube.facets) == 3
+    assert cube.open_edges == 6
+    assert 0.3 < cube.unseen < 0.6, "three of six sides are known"
+    assert cube.turn_away is not None
+    assert cube.named > 0
+    alone = [mistake for mistake in cube.mistakes if mistake.facets == ("square",)]
+    assert alone, "a single square is no proof of a cube"
