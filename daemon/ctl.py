@@ -53,7 +53,7 @@ def main(arguments: list[str] | None = None) -> int:
         print(USAGE.format(jobs=", ".join(OFFLINE)))
         return DONE if words else NOT_UNDERSTOOD
     try:
-        if words[0] in OFFLINE or (words[0] == "train" and len(words) > 1):
+        if _needs_no_daemon(words):
             return _offline(OFFLINE.get(words[0], "daemon.offline"), [*words, *(["--json"] if as_json else [])])
         return _online(words, socket_path, as_json)
     except NotThereError as error:
@@ -64,6 +64,15 @@ def main(arguments: list[str] | None = None) -> int:
     except BrokenPipeError:
         sys.stderr.close()
         return NOT_DONE
+
+
+def _needs_no_daemon(words: list[str]) -> bool:
+    """Whether it is a job on files; `train` and `calibrate` are both, told apart by what follows."""
+    if words[0] == "train":
+        return len(words) > 1
+    if words[0] == "calibrate":
+        return "--left" in words or words[1:2] in ([], ["-h"], ["--help"], ["quick"], ["import"], ["export"])
+    return words[0] in OFFLINE
 
 
 def _take_options(words: list[str]) -> tuple[Path | None, bool]:

@@ -9,7 +9,11 @@ def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     """Add `calibrate` and its kinds to facetctl."""
     from daemon.calibration import interchange, quick, recorded
 
-    parser = subparsers.add_parser("calibrate", help="where the cameras are and how they see")
+    parser = subparsers.add_parser(
+        "calibrate",
+        help="where the cameras are and how they see",
+        epilog="With a running daemon: calibrate stereo|by-hand|hand-eye|verify|touch (`facetctl help calibrate`).",
+    )
     kinds = parser.add_subparsers(dest="kind", required=True, metavar="KIND")
     recorded.register(kinds)
     quick.register(kinds)

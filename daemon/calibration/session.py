@@ -16,12 +16,21 @@ from numpy.typing import NDArray
 from daemon import frames
 from daemon.calibration.board import Board, BoardError, Sight, find_board
 from daemon.calibration.file import Calibration, Quality
+from daemon.calibration.guide import Shown, is_new, missing
 from daemon.calibration.hand_eye import HandEyeResult, Sample, calibrate_hand_eye, cyclopean_from_board
-from daemon.calibration.stereo import Pair, StereoResult, calibrate_stereo, epipolar_distances, matched
+from daemon.calibration.stereo import (
+    FEWEST_PAIRS,
+    Pair,
+    StereoError,
+    StereoResult,
+    calibrate_stereo,
+    epipolar_distances,
+    matched,
+)
 from daemon.calibration.tour import in_order, looks_at, spread_out
 from daemon.cycle import Cycle
 from daemon.guard import Command, Standing, refuse
-from daemon.looking import settled_pair
+from daemon.looking import NotSettledError, settled_pair
 from daemon.motion import MoveRefusedError, OutOfReachError
 from daemon.vision.rig import StereoRig
 from daemon.workcell import Reading
@@ -122,6 +131,59 @@ async def _see(cycle: Cycle, board: Board, reading: Reading, name: str) -> View:
     for eye in (pictures.left, pictures.right):
         sights.append(await asyncio.to_thread(find_board, eye.pixels, board))
     return View(reading.world_from_tool, Pair(name, sights[0], sights[1]))
+
+
+async def show_by_hand(cycle: Cycle, board: Board, calibration: Calibration, say: Say, most: int = 40) -> list[View]:
+    """Nothing moves: a person shows the board, and hears which view is missing, until every kind was seen. One job of
+    the cycle: `stop` or `abort` ends it.
+
+    Raises SessionError where no new view comes for PATIENCE_S.
+    """
+    return await cycle.alone("calibrate by hand", _shown(cycle, board, calibration, say, most), moves=False)
+
+
+PATIENCE_S = 60.0
+
+
+async def _shown(cycle: Cycle, board: Board, calibration: Calibration, say: Say, most: int) -> list[View]:
+    views, shown = list[View](), list[Shown]()
+    clock, last_s, told = cycle.cell.clock, cycle.cell.clock(), ""
+    nowhere = Reading(np.eye(4), np.zeros(6))
+    size = np.array(calibration.rig.image_size, float)
+    await say("Show the board to both cameras. A view counts when the board is held still for a moment.")
+    while len(views) < most and (wants := missing(shown) or ["a few more"] * (len(views) < FEWEST_PAIRS + 2)):
+        if clock() - last_s > PATIENCE_S:
+            raise SessionError(
+                f"no new view for {PATIENCE_S:.0f} s; {len(views)} were seen, missing: {'; '.join(wants)}"
+            )
+        try:
+            view = await _see(cycle, board, nowhere, f"view {len(views) + 1}")
+        except (BoardError, NotSettledError) as error:
+            if str(error) != told:
+                await say(f"  {error}")
+            told = str(error)
+            continue
+        pose = cyclopean_from_board(sample_of(view, board), calibration.rig)
+        if not is_new(shown, pose):
+            continue
+        views.append(view)
+        shown.append(Shown(pose, view.pair.left.corners_px / size))
+        last_s, told = clock(), ""
+        await say(
+            f"view {len(views)}{await _so_far(views, board, calibration)}; next: {(missing(shown) or ['done'])[0]}"
+        )
+    return views
+
+
+async def _so_far(views: list[View], board: Board, calibration: Calibration) -> str:
+    """The reprojection error with the views until now, every third view once there are enough."""
+    if len(views) < FEWEST_PAIRS or len(views) % 3:
+        return ""
+    try:
+        result = await asyncio.to_thread(calibrate_stereo, [v.pair for v in views], board, calibration.rig.image_size)
+    except StereoError:
+        return ""
+    return f", residual {result.stereo_rms_px:.2f} px so far"
 
 
 def solve_stereo(views: Sequence[View], board: Board, before: Calibration) -> tuple[Calibration, StereoResult]:

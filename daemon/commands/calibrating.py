@@ -19,6 +19,7 @@ from daemon.calibration.session import (
     SessionError,
     View,
     board_in_world,
+    show_by_hand,
     solve_hand_eye,
     solve_stereo,
     verify,
@@ -28,9 +29,9 @@ from daemon.calibration.stereo import StereoError, StereoResult
 from daemon.console import NOT_DONE, NOT_UNDERSTOOD, Answer, Command, CommandError, Door, one_of
 from daemon.desk import Desk
 
-KINDS = ("all", "stereo", "hand-eye", "verify", "touch")
-USAGE = "calibrate all|stereo|hand-eye|verify|touch [CxR SQUARE_MM [charuco]]"
-POSES = {"all": 28, "stereo": 28, "hand-eye": 24, "verify": 8, "touch": 0}
+KINDS = ("stereo", "by-hand", "hand-eye", "verify", "touch")
+USAGE = "calibrate stereo|by-hand|hand-eye|verify|touch [CxR SQUARE_MM [charuco]]"
+POSES = {"stereo": 28, "hand-eye": 24, "verify": 8, "touch": 0}
 USUAL_BOARD = ("9x6", "16")
 SPEED_PCT = 60.0
 TOUCH_ABOVE_MM = 2.0
@@ -45,6 +46,8 @@ async def calibrate(desk: Desk, words: list[str], door: Door) -> Answer:
         hand.show_board(board.columns, board.rows, board.square_mm, board.kind == "charuco")
         await door.say("(simulated) A hand lays the board on the table.")
     try:
+        if kind == "by-hand":
+            return await _eyes_alone(desk, board, door)
         views = await view_tour(desk.cycle, board, desk.calibration, POSES[kind], door.say, SPEED_PCT)
         if kind == "verify":
             return _verified(views, board, desk.calibration)
@@ -72,7 +75,7 @@ async def _solved(desk: Desk, kind: str, views: list[View], board: Board) -> Ans
     before = after = desk.calibration
     lines: list[str] = []
     data: dict[str, object] = {"poses": len(views)}
-    if kind in ("all", "stereo"):
+    if kind == "stereo":
         after, stereo = await asyncio.to_thread(solve_stereo, views, board, after)
         lines += _stereo_lines(stereo)
         data["stereo"] = {"rms_px": stereo.stereo_rms_px, "epipolar_px": stereo.epipolar_px, "sigmas": stereo.sigmas}
@@ -86,13 +89,26 @@ async def _solved(desk: Desk, kind: str, views: list[View], board: Board) -> Ans
         "left_out_mm": list(hand_eye.left_out_mm),
         "warning": hand_eye.warning,
     }
-    lines.append(_moved(before, after))
-    kept = keep_old(desk.config.calibration)
-    save_calibration(after, desk.config.calibration)
-    lines.append(await desk.reload())
-    lines.append(f"Written: {desk.config.calibration}" + ("" if kept is None else f"; the old one is {kept.name}"))
+    lines += [_moved(before, after), *await _taken_over(desk, after)]
     lines.append("Residuals are not accuracy: `calibrate verify` measures that from new poses.")
     return Answer("\n".join(lines), data)
+
+
+async def _eyes_alone(desk: Desk, board: Board, door: Door) -> Answer:
+    """Both eyes, from a board held by a person; no arm is needed."""
+    views = await show_by_hand(desk.cycle, board, desk.calibration, door.say)
+    after, stereo = await asyncio.to_thread(solve_stereo, views, board, desk.calibration)
+    lines = [*_stereo_lines(stereo), *await _taken_over(desk, after)]
+    lines.append("Now `calibrate hand-eye`: the eyes' common frame has moved a little under the old one.")
+    return Answer("\n".join(lines), {"views": len(views), "rms_px": stereo.stereo_rms_px, "sigmas": stereo.sigmas})
+
+
+async def _taken_over(desk: Desk, after: Calibration) -> list[str]:
+    """Write it, keep the old one, and work with it from now on."""
+    kept = keep_old(desk.config.calibration)
+    save_calibration(after, desk.config.calibration)
+    where = f"Written: {desk.config.calibration}" + ("" if kept is None else f"; the old one is {kept.name}")
+    return [await desk.reload(), where]
 
 
 def _stereo_lines(result: StereoResult) -> list[str]:
@@ -157,8 +173,9 @@ async def _touch(desk: Desk, view: View, board: Board, door: Door) -> Answer:
     return Answer(f"{distance:.2f} mm off: {verdict}.", {"off_mm": off.tolist()}, 0 if distance <= 1.0 else NOT_DONE)
 
 
-DETAILS = """  all       both eyes and hand-eye, from one tour of some 28 poses (about ten minutes on a real arm)
-  stereo    the same; hand-eye   the eyes stay as they are
+DETAILS = """  stereo    both eyes and hand-eye, from one tour of some 28 poses (about ten minutes on a real arm)
+  by-hand   both eyes, from a board that you hold; nothing moves, you are told which view is missing
+  hand-eye  where the cameras sit on the hand; the eyes stay as they are
   verify    8 new poses: errors in mm and px, passed or failed
   touch     the gripper goes over a corner of the board, you say how far off it is
   Lay the board flat where all of it is in view, `enable` the arm. Inner corners and square: 9x6 16 unless said.
