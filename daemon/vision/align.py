@@ -6,7 +6,8 @@ Whether that is enough for a name is not decided here.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,29 +62,53 @@ class _Reading:
     doubt_px: float
 
 
-def align(
-    solid: Solid, visible: tuple[int, ...], pose: Array, geometry: Baseline, eyes: tuple[Sight, Sight]
-) -> Aligned:
-    """Move a pose so that the visible facets' edges meet the image edges, and see which facets do.
+@dataclass(frozen=True, eq=False)
+class Placement:
+    """A solid somewhere in space: which of its facets are in view there, and its pose, cyclopean_from_part (4, 4)."""
 
-    pose: near enough that most edges are within some two pixels. Source: Gauss-Newton on the distances of the edges'
-    ends across the edges, with Tukey's weights because some edges find another one nearby.
+    solid: Solid
+    visible: tuple[int, ...]
+    pose: Array
+
+
+def showing(placements: Sequence[Placement], geometry: Baseline, eyes: tuple[Sight, Sight]) -> list[Placement]:
+    """Those placements of which two facets at least have an image edge near each of their sides. All tried at once."""
+    if not placements:
+        return []
+    edges = [_edges(p.solid, p.visible) for p in placements]
+    first = np.cumsum([0, *(len(e) for e in edges)])
+    shows = []
+    for eye, sight in enumerate(eyes):
+        ends = [_ends(_project(p, geometry, eye)[0], e) for p, e in zip(placements, edges, strict=True)]
+        start_px, end_px = np.concatenate(ends, axis=1)
+        sides = fit_sides(sight.image, sight.noise, start_px, end_px, sight.eye)
+        shows.append(_shows(sides, first))
+    kept = []
+    for place, own, start, end in zip(placements, edges, first[:-1], first[1:], strict=True):
+        good = np.stack([s[start:end] for s in shows])
+        if sum(_confirmed(place.solid, f, own, good) for f in place.visible) > 1:
+            kept.append(place)
+    return kept
+
+
+def align(place: Placement, geometry: Baseline, eyes: tuple[Sight, Sight]) -> Aligned:
+    """Move a placement so that the visible facets' edges meet the image edges, and see which facets do.
+
+    It must be near enough that most edges are within some two pixels. Source: Gauss-Newton on the distances of the
+    edges' ends across the edges, with Tukey's weights because some edges find another one nearby.
     """
-    edges = _edges(solid, visible)
-    readings = [_read(solid, edges, pose, geometry, sight, k) for k, sight in enumerate(eyes)]
-    seen = np.stack([_shows(r) for r in readings])
-    if sum(_confirmed(solid, f, edges, seen) for f in visible) < 2:
-        return Aligned(pose, (), ())
+    solid, edges = place.solid, _edges(place.solid, place.visible)
+    readings = [_read(place, edges, geometry, sight, k) for k, sight in enumerate(eyes)]
     for _ in range(ROUNDS):
-        pose = frames.perturb(pose, _motion(readings))
-        readings = [_read(solid, edges, pose, geometry, sight, k) for k, sight in enumerate(eyes)]
-    good = np.stack([_shows(r) & _on_place(r) for r in readings])
-    confirmed = tuple(f for f in visible if _confirmed(solid, f, edges, good))
+        place = replace(place, pose=frames.perturb(place.pose, _motion(readings)))
+        readings = [_read(place, edges, geometry, sight, k) for k, sight in enumerate(eyes)]
+    good = np.stack([_shows(r.sides, np.array([0, len(edges)])) & _on_place(r) for r in readings])
+    confirmed = tuple(f for f in place.visible if _confirmed(solid, f, edges, good))
     outlines = tuple(
         (*_outline(solid, f, edges, readings[0], good[0]), *_outline(solid, f, edges, readings[1], good[1]))
         for f in confirmed
     )
-    return Aligned(pose, confirmed, outlines)
+    return Aligned(place.pose, confirmed, outlines)
 
 
 def _edges(solid: Solid, visible: tuple[int, ...]) -> list[Edge]:
@@ -96,24 +121,29 @@ def _edges(solid: Solid, visible: tuple[int, ...]) -> list[Edge]:
     return list(edges.values())
 
 
-def _read(solid: Solid, edges: list[Edge], pose: Array, geometry: Baseline, sight: Sight, eye: int) -> _Reading:
-    px, slope = _project(solid, pose, geometry, eye)
+def _ends(px: Array, edges: list[Edge]) -> Array:
+    """(2, E, 2) px: where each edge starts and ends."""
+    return np.asarray(px[np.array(edges).T])
+
+
+def _read(place: Placement, edges: list[Edge], geometry: Baseline, sight: Sight, eye: int) -> _Reading:
+    px, slope = _project(place, geometry, eye)
     a, b = np.array(edges).T
     sides = fit_sides(sight.image, sight.noise, px[a], px[b], sight.eye)
     chord = px[b] - px[a]
     across = np.stack([chord[:, 1], -chord[:, 0]], 1) / np.maximum(np.hypot(*chord.T), 1e-6)[:, None]
     off = np.stack([((sides.start - px[a]) * across).sum(1), ((sides.end - px[b]) * across).sum(1)], 1)
     jacobian = np.stack([np.einsum("ei,eij->ej", across, slope[k]) for k in (a, b)], 1)
-    doubt_px = MODEL_MM * sight.eye.focal_px / float(frames.apply(pose, solid.corners_mm)[:, 2].mean())
+    doubt_px = MODEL_MM * sight.eye.focal_px / float(frames.apply(place.pose, place.solid.corners_mm)[:, 2].mean())
     weight = np.linalg.inv(sides.covariance + doubt_px**2 * np.eye(2))
     return _Reading(np.stack([px[a], px[b]], 1), off, jacobian, np.asarray(weight), sides, doubt_px)
 
 
-def _project(solid: Solid, pose: Array, geometry: Baseline, eye: int) -> tuple[Array, Array]:
+def _project(place: Placement, geometry: Baseline, eye: int) -> tuple[Array, Array]:
     """Corners (K, 2) px in one eye, and their derivative (K, 2, 6) by a motion of the pose."""
     one = geometry.right if eye else geometry.left
     steps = np.concatenate([np.zeros((1, 6)), np.diag([0.1] * 3 + [1e-3] * 3)])
-    points = np.concatenate([frames.apply(frames.perturb(pose, s), solid.corners_mm) for s in steps])
+    points = np.concatenate([frames.apply(frames.perturb(place.pose, s), place.solid.corners_mm) for s in steps])
     px = one.pixels(geometry.project(points)[eye]).reshape(7, -1, 2)
     slope = (px[1:] - px[0]) / np.array([0.1] * 3 + [1e-3] * 3)[:, None, None]
     return px[0], np.moveaxis(slope, 0, 2)
@@ -137,11 +167,14 @@ def _motion(readings: list[_Reading]) -> Array:
     return np.asarray(motion)
 
 
-def _shows(reading: _Reading) -> NDArray[np.bool_]:
-    """(E,) whether there is an edge near, and not something much fainter than the part's other edges."""
-    evidence = reading.sides.evidence
-    faintest = max(LEAST_EVIDENCE, FAINT * float(np.max(evidence)))
-    return np.asarray((evidence > faintest) & (reading.sides.support > LEAST_SUPPORT))
+def _shows(sides: Sides, first: Index) -> NDArray[np.bool_]:
+    """(E,) whether there is an edge near, and not something much fainter than the same part's other edges.
+
+    first: where each part's edges begin, and the end.
+    """
+    strongest = np.repeat(np.maximum.reduceat(sides.evidence, first[:-1]), np.diff(first))
+    faintest = np.maximum(LEAST_EVIDENCE, FAINT * strongest)
+    return np.asarray((sides.evidence > faintest) & (sides.support > LEAST_SUPPORT))
 
 
 def _on_place(reading: _Reading) -> NDArray[np.bool_]:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon import frames
-from daemon.vision.align import Aligned, align
+from daemon.vision.align import Aligned, Placement, align, showing
 from daemon.vision.candidates import corner_covariance
 from daemon.vision.data import Facet, FacetView, Group, Rejected
 from daemon.vision.epipolar import Baseline, Eye, baseline
@@ -132,22 +132,25 @@ def _collides(one: Group, other: Group) -> bool:
 
 
 def expected_groups(suspected: Sequence[Suspicion], model: Model, eyes: Eyes) -> list[Group]:
-    """For each part and pose that a facet may belong to, the facets that the images confirm there, two or more.
+    """For each part and pose that a facet may belong to, the facets that the images confirm there, two or more."""
+    both = (eyes.left, eyes.right)
+    laid = [align(p, eyes.geometry, both) for p in showing(_placements(suspected, model, eyes), eyes.geometry, both)]
+    return [_group(a, eyes.geometry) for a in laid if len(a.facets) > 1]
 
-    suspected: what the facet may be, each with its pose. Poses that would look the same are tried once.
-    """
-    groups, tried = [], list[Array]()
+
+def _placements(suspected: Sequence[Suspicion], model: Model, eyes: Eyes) -> list[Placement]:
+    """Where to try: two facets in view at least, and of poses that would look the same only one."""
+    found, known = list[Placement](), list[Array]()
     for suspicion in suspected:
         solid = model.metric[suspicion.label].solid
         visible = _visible(solid, suspicion.pose, eyes)
-        places = frames.apply(suspicion.pose, solid.corners_mm)[sorted({k for f in visible for k in solid.facets[f]})]
-        if len(visible) < 2 or len(tried) == MOST or any(_same_place(places, t) for t in tried):
-            continue
-        tried.append(places)
-        laid = align(solid, visible, suspicion.pose, eyes.geometry, (eyes.left, eyes.right))
-        if len(laid.facets) > 1:
-            groups.append(_group(laid, eyes.geometry))
-    return groups
+        corners = frames.apply(suspicion.pose, solid.corners_mm)[sorted({k for f in visible for k in solid.facets[f]})]
+        if len(visible) > 1 and not any(_same_place(corners, k) for k in known):
+            known.append(corners)
+            found.append(Placement(solid, visible, suspicion.pose))
+        if len(found) == MOST:
+            break
+    return found
 
 
 def _visible(solid: Solid, pose: Array, eyes: Eyes) -> tuple[int, ...]:
