@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from daemon.lineedit import BELL, COLUMNS, Key, LineEditor, fold, to_terminal
@@ -142,7 +142,8 @@ KEYS = [
 ]
 
 
-@given(st.lists(st.sampled_from(KEYS), max_size=60))
+@settings(max_examples=500, deadline=None)
+@given(st.lists(st.sampled_from(KEYS), min_size=6, max_size=40))
 def test_whatever_is_pressed_the_screen_shows_what_return_will_send(keys: list[bytes]) -> None:
     edit = editor()
     shown = edit.show_prompt()
