@@ -59,10 +59,9 @@ def gains(view: Array, taught: TaughtMatrices, nodes: Index, base: Array, number
     m = taught.slots
     there, back = view[numberings.first, numberings.second], view[numberings.second, numberings.first]
     pairs = np.flatnonzero((there > 0.0) | (back > 0.0))
-    lower = np.ascontiguousarray(taught.lower[nodes].reshape(len(nodes), m * m).T)
-    upper = lower
-    if taught.upper is not taught.lower:
-        upper = np.ascontiguousarray(taught.upper[nodes].reshape(len(nodes), m * m).T)
+    all_lower, all_upper = taught.by_element
+    lower = np.take(all_lower, nodes, axis=1)
+    upper = lower if all_upper is all_lower else np.take(all_upper, nodes, axis=1)
     pair = element_gain(there[pairs, None, None], lower, upper, taught.complement)
     pair += element_gain(back[pairs, None, None], lower, upper, taught.complement)[:, numberings.swapped]
     single = None

@@ -42,6 +42,14 @@ class TaughtMatrices:
         return np.asarray(size + (1.0 - self.upper).sum(axis=(1, 2)) if self.complement else size)
 
     @cached_property
+    def by_element(self) -> tuple[Array, Array]:
+        """lower and upper laid out element by element, (m * m, J) each; one and the same where those are."""
+        lower = np.ascontiguousarray(self.lower.reshape(len(self.lower), -1).T)
+        if self.upper is self.lower:
+            return lower, lower
+        return lower, np.ascontiguousarray(self.upper.reshape(len(self.upper), -1).T)
+
+    @cached_property
     def facets(self) -> Index:
         """How many facets each node has that touch another (or themselves), (J,)."""
         touching = self.upper > 0.0

@@ -163,12 +163,14 @@ class _Search:
 
     def result(self, view: Array) -> Recall:
         layer, known = self.layer, np.flatnonzero(self.exact)
-        count = len(self.exact)
-        numbering = np.full((count, len(view)), -1, dtype=np.int64)
-        numbering[known] = _with_idle_facets(self.slots[known], self.filled, len(view), layer.taught.slots)
-        match, ratio = np.zeros(count), np.zeros(count)
-        match[known], ratio[known] = matches_at(view, self.filled, layer.taught, known, numbering[known])
-        return Recall(self.activation, numbering, match, ratio, self.exact)
+        placed = _with_idle_facets(self.slots[known], self.filled, len(view), layer.taught.slots)
+        match, ratio = matches_at(view, self.filled, layer.taught, known, placed)
+        if len(known) == len(self.exact):
+            return Recall(self.activation, placed, match, ratio, self.exact)
+        numbering = np.full((len(self.exact), len(view)), -1, dtype=np.int64)
+        all_match, all_ratio = np.zeros((2, len(self.exact)))
+        numbering[known], all_match[known], all_ratio[known] = placed, match, ratio
+        return Recall(self.activation, numbering, all_match, all_ratio, self.exact)
 
 
 def _most_promising(nodes: Index, bound: Array, length: int) -> Index:

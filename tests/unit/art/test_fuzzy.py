@@ -102,6 +102,16 @@ def test_prediction_is_the_best_matching_node_in_exact_arithmetic(lesson, asked,
             assert (node, activation, match) == (best, choices[best], matches[best])
 
 
+def test_nodes_closer_than_single_precision_can_tell_are_told_apart():
+    rng = np.random.default_rng(8)
+    near = 0.3 + 1e-7 * rng.random((150, 6))
+    network = FuzzyARTMAP(1.0, rho_predict=0.0).fit(near, list(range(150)))
+    asked = 0.3 + 1e-7 * rng.random((2000, 6))
+    overlap = np.minimum(code(asked, True)[:, None], network.weights).sum(axis=2)
+    exact = (overlap / (1e-3 + network.weights.sum(axis=1))).argmax(axis=1)
+    assert network.predict(asked).tolist() == exact.tolist()
+
+
 @settings(deadline=None, max_examples=50)
 @given(lessons(), st.integers(0, 40))
 def test_taught_in_pieces_or_at_once_the_bytes_are_the_same(lesson, cut):
@@ -278,6 +288,15 @@ def test_fuzzy_art_keeps_apart_what_vigilance_keeps_apart():
     assert FuzzyART(0.9).fit(samples).predict(samples).tolist() == [0, 0, 1]
     assert FuzzyART(0.0).fit(samples).n_categories == 1
     assert FuzzyART(0.9).fit(samples).predict([[0.5, 0.5]]).tolist() == [-1]
+
+
+@pytest.mark.parametrize("length", [1, 2, 3, 72, 200, 256, 257, 1000])
+def test_sums_on_the_grid_are_exact_in_any_order(length):
+    step = grid_step(length)
+    values = on_grid(np.random.default_rng(length).random(length), step)
+    whole = sum(int(value / step) for value in values.tolist())
+    assert float(values.sum()) == float(values[::-1].sum()) == whole * step
+    assert length / step <= 2**53
 
 
 def test_tables_of_levels_give_what_plain_sums_give():

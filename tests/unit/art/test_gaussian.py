@@ -106,14 +106,18 @@ def test_gaussians_taught_in_pieces_or_at_once_have_the_same_bytes():
 
 def test_forgetting_a_label_leaves_the_other_gaussians_alone():
     rng = np.random.default_rng(4)
-    samples, labels = rng.random((90, 2)), rng.choice(["a", "b", "c"], 90)
-    network = GaussianARTMAP().fit(samples, labels)
-    before = network.state()
-    network.forget("b")
-    kept = before["stands_for"] != before["stands_for"].dtype.type(1 if network.classes[0] != "b" else 0)
-    assert len(network.classes) == 2
-    assert network.n_categories < len(kept)
-    assert set(network.predict(samples).tolist()) <= set(network.classes)
+    centres = {"a": [0.0, 0.0], "b": [3.0, 0.0], "c": [0.0, 3.0]}
+    labels = rng.choice(list(centres), 90)
+    samples = np.array([centres[label] for label in labels]) + 0.1 * rng.normal(size=(90, 2))
+    network = GaussianARTMAP(GaussianRule(gamma=0.5)).fit(samples, labels)
+    first = network.classes[0]
+    before, kept = network.state(), [network.classes[k] != first for k in network.state()["stands_for"]]
+    network.forget(first)
+    assert network.state()["mean"].tobytes() == before["mean"][kept].tobytes()
+    rest = labels != first
+    assert network.predict(samples[rest]).tolist() == labels[rest].tolist()
+    with pytest.raises(ParameterError, match="no such label"):
+        network.forget(first)
 
 
 @pytest.mark.parametrize("options", [{"gamma": 0.0}, {"least_sigma": 1.0}, {"variance": "old"}, {"match_by": "x"}])

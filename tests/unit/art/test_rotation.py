@@ -111,6 +111,21 @@ def test_seven_facets_without_a_perfect_fit_agree_with_brute_force():
     assert recall.activation[0] == brute_force(view, node, 0.01, True)
 
 
+@pytest.mark.parametrize("kind", ["as they come", "dense"])
+def test_branching_and_the_table_of_all_agree(kind):
+    rng = np.random.default_rng(1)
+    for _ in range(80):
+        if kind == "dense":
+            nodes, view = rng.random((4, 6, 6)), rng.random((6, 6))
+        else:
+            nodes = np.stack([relation(rng, 6, 6) for _ in range(4)])
+            view = rng.choice([turned(nodes[0], rng.permutation(6), 6), relation(rng, int(rng.integers(2, 7)), 6)])
+        by_table = best_numbering(view, nodes, 0.01).activation
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(numberings, "LONGEST_TABLE", 0)
+            assert best_numbering(view, nodes, 0.01).activation.tolist() == by_table.tolist()
+
+
 def test_the_cube_needs_one_numbering_not_six():
     cube = 0.6 * (1 - np.eye(3))
     twin_before = numberings.twins(cube)

@@ -53,6 +53,13 @@ def test_two_of_three_facets_give_a_match_ratio_of_two_thirds():
     assert recall.match_ratio[0] == pytest.approx(2 / 3)
 
 
+def test_a_facet_that_touches_one_facet_too_few_is_not_matched():
+    open_prism = matrix([TRIANGLE, RECTANGLE, RECTANGLE], [(0, 1), (0, 2)])
+    match = modified_match(open_prism, PRISM)
+    assert match.difference == 34 / 36
+    assert match.ratio == pytest.approx(1 / 3)
+
+
 def test_figure_5_20_swapping_rows_then_columns_keeps_who_touches_whom():
     before = matrix([RECTANGLE, PENTAGON, RECTANGLE, RECTANGLE], [(0, 1), (1, 2), (1, 3), (0, 2)])
     after = before.copy()
