@@ -1,6 +1,6 @@
 """Gaussian ART and Gaussian ARTMAP: the estimators (D'Souza, appendix C; Williamson 1996).
 
-Arithmetic and choice are in gaussian.py. Samples may be any finite numbers; bring features to like scales, since a new
+Arithmetic and choice are in gaussian.py. Samples may be any numbers up to 1e100; bring features to like scales, since a new
 category is equally wide in each.
 """
 
@@ -21,6 +21,9 @@ from daemon.art.search import UNCOMMITTED, iterations, one_of
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Prediction = Literal["sum", "winner"]
+
+# Beyond this, squares of distances in standard deviations leave the range of float64.
+FARTHEST = 1e100
 
 
 class GaussianART:
@@ -201,7 +204,7 @@ def _learnt(categories: Categories, node: int, sample: Array, rule: GaussianRule
 
 def _finite_samples(X: Any, categories: Categories | None) -> Array:
     samples = as_samples(X, None if categories is None else categories.features)
-    refuse_first(~np.isfinite(samples), samples, "a finite number")
+    refuse_first(~(np.abs(samples) <= FARTHEST), samples, f"a number of at most {FARTHEST:g}")
     return samples
 
 

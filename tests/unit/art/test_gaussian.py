@@ -129,8 +129,10 @@ def test_gaussian_parameters_out_of_range_are_refused_by_name(options):
 
 
 def test_gaussian_networks_refuse_what_they_cannot_use():
-    with pytest.raises(InputError, match="finite"):
+    with pytest.raises(InputError, match="row 0, column 0: expected a number of at most"):
         GaussianART().fit([[np.inf]])
+    with pytest.raises(InputError, match="at most"):
+        GaussianART().fit([[np.nan]])
     with pytest.raises(NotTrainedError):
         GaussianARTMAP().predict([[0.0]])
     network = GaussianART().fit([[0.0, 1.0]])
