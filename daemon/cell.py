@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -32,7 +33,8 @@ from drivers.camera.stereo import V4L2StereoCamera
 from drivers.val2.dialect import Dialect
 from drivers.val2.errors import Elsewhere, LinkError, Preempted
 from drivers.val2.link import Link
-from drivers.val2.location import location_from_matrix, matrix_from_location
+from drivers.val2.location import apart, location_from_matrix, matrix_from_location
+from drivers.val2.wire import Where
 
 if TYPE_CHECKING:
     from drivers.simcell.cell import SimulatedCell
@@ -354,7 +356,16 @@ def arm_geometry(config: Config) -> puma560.Puma560:
 
 
 def _arm(config: Config, port: str, on_wire: WireListener, clock: Callable[[], float]) -> ArmOnLink:
-    return ArmOnLink(Link(port, dialect(config), clock=clock, on_wire=on_wire), arm_geometry(config))
+    arm = arm_geometry(config)
+    link = Link(port, dialect(config), clock=clock, on_wire=on_wire, belongs_together=partial(_belongs_together, arm))
+    return ArmOnLink(link, arm)
+
+
+def _belongs_together(arm: puma560.Puma560, where: Where) -> bool:
+    """Whether a WHERE's joints put our tool at its place, to more than its digits and less than any spoiled one."""
+    place = location_from_matrix(puma560.forward(np.radians(where.joints_deg), arm))
+    off_mm, off_deg = apart(place, where.location)
+    return off_mm < 0.5 and off_deg < 0.2
 
 
 def _simulated(config: Config, on_wire: WireListener, clock: Callable[[], float]) -> Hardware:

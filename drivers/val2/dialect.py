@@ -18,6 +18,9 @@ class Dialect:
     line_end: bytes = b"\r"
     cancel_line: bytes = b"\x15"
     """Makes the controller forget the half-typed line (control-U on terminals of the time)."""
+    joint_signs: tuple[float, float, float, float, float, float] = (1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
+    joint_zeros_deg: tuple[float, float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    """How this system counts its joints: the angle of our kinematics is sign times the printed one, plus zero."""
     character_pause_s: float = 0.0
     """Pause between typed characters, for controllers that lose some when typed at full speed."""
     echo_settle_s: float = 0.006

@@ -11,6 +11,7 @@ import asyncio
 import time
 from collections.abc import Callable, Sequence
 from contextlib import AbstractAsyncContextManager
+from dataclasses import replace
 from typing import Any
 
 from drivers.val2 import commands
@@ -48,10 +49,16 @@ class Link:
         dialect: Dialect | None = None,
         clock: Callable[[], float] = time.monotonic,
         on_wire: Callable[[dict[str, Any]], None] | None = None,
+        belongs_together: Callable[[Where], bool] | None = None,
     ) -> None:
-        """on_wire: called with every record of the wire ledger."""
+        """on_wire: called with every record of the wire ledger.
+
+        belongs_together: whether a WHERE's joints put the tool at its place, by the arm's kinematics; a reading whose
+        do not (a digit spoiled by noise, a TOOL or BASE that is not ours) is asked for again and never given out.
+        """
         self.port, self.dialect, self.clock = port, dialect or Dialect(), clock
         self._ledger = Ledger(on_wire)
+        self._belongs_together = belongs_together or (lambda where: True)
         self._session: Session | None = None
         self._aborting: asyncio.Task[Where] | None = None
 
@@ -230,19 +237,29 @@ class Link:
         except (Garbled, NoAnswer):
             return None
 
-    async def _where(self, talk: Conversation) -> Where:
+    async def _where(self, talk: Conversation, any_place: bool = False) -> Where:
+        """any_place: take the reading even when its place and joints do not belong together."""
+        why = "WHERE did not give its table"
         for _ in range(self.dialect.typing_attempts):
             answer = self._accept(await self._ask(talk, "WHERE", (), self.dialect.answer_s))
-            if answer.where is not None:
-                return answer.where
-        raise Garbled("WHERE did not give its table")
+            if answer.where is None:
+                continue
+            where = self._in_our_angles(answer.where)
+            if any_place or self._belongs_together(where):
+                return where
+            why = "WHERE's place and joints do not belong together: noise, or a TOOL or BASE other than ours"
+        raise Garbled(why)
 
-    async def _still(self, talk: Conversation, timeout_s: float) -> Where:
+    def _in_our_angles(self, where: Where) -> Where:
+        ours = zip(where.joints_deg, self.dialect.joint_signs, self.dialect.joint_zeros_deg, strict=True)
+        return replace(where, joints_deg=tuple(sign * printed + zero for printed, sign, zero in ours))
+
+    async def _still(self, talk: Conversation, timeout_s: float, any_place: bool = False) -> Where:
         deadline_s = self.clock() + timeout_s
-        before = await self._where(talk)
+        before = await self._where(talk, any_place)
         while True:
             await asyncio.sleep(self.dialect.poll_s)
-            now = await self._where(talk)
+            now = await self._where(talk, any_place)
             off_mm, off_deg = apart(before.location, now.location)
             if off_mm <= self.dialect.same_place_mm and off_deg <= self.dialect.same_place_deg:
                 return now
@@ -266,7 +283,7 @@ class Link:
                     line = abort if isinstance(last, Prompt) else b"N" + self.dialect.line_end + abort
                     if isinstance(last, Prompt):
                         session.question = None
-                        return await self._still(talk, self.dialect.answer_s)
+                        return await self._still(talk, self.dialect.answer_s, any_place=True)
                 except (NoAnswer, Garbled, ControllerError):
                     line = abort
         raise NoAnswer(f"{self.dialect.abort_word} was not confirmed: use the emergency stop")

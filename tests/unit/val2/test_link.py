@@ -16,11 +16,13 @@ from drivers.val2.link import (
     ControllerError,
     Dialect,
     Elsewhere,
+    Garbled,
     Link,
     LinkError,
     NoAnswer,
     PortError,
     Preempted,
+    Where,
 )
 from drivers.val2.location import Location, apart, location_from_matrix
 
@@ -509,6 +511,49 @@ def test_a_spoiled_table_is_asked_for_again(bench: Callable[..., Any]) -> None:
         async with cell.link() as link:
             cell.faults.line.append(LineFault("to_host", "drop", after=70, count=5))
             assert (await link.where()).location.z_mm == pytest.approx(863.6)
+
+    asyncio.run(scene())
+
+
+def place_and_joints_agree(where: Where) -> bool:
+    off_mm, off_deg = apart(location_from_matrix(forward(np.radians(where.joints_deg))), where.location)
+    return off_mm < 0.2 and off_deg < 0.1
+
+
+@pytest.mark.parametrize("after", [75, 93, 115, 198, 207])
+def test_a_digit_spoiled_by_noise_is_never_given_out_as_a_place(bench: Callable[..., Any], after: int) -> None:
+    async def scene() -> None:
+        cell = bench()
+        link = Link(cell.server.port, quick(), on_wire=cell.records.append, belongs_together=place_and_joints_agree)
+        await link.open()
+        await go(link, GOAL)
+        cell.faults.line.append(LineFault("to_host", "flip", after=after))
+        assert apart((await link.where()).location, GOAL)[0] < 0.01
+        assert cell.faults.line == []
+        await link.close()
+
+    asyncio.run(scene())
+
+
+def test_another_tool_than_ours_is_noticed_and_an_abort_still_confirmed(bench: Callable[..., Any]) -> None:
+    async def scene() -> None:
+        cell = bench()
+        link = Link(cell.server.port, quick(), belongs_together=place_and_joints_agree)
+        await link.open()
+        await link.command("TOOL TRANS(0,0,100,0,-90,90)")
+        with pytest.raises(Garbled, match="do not belong together: noise, or a TOOL or BASE other than ours"):
+            await link.where()
+        assert (await link.abort()).location.z_mm == pytest.approx(963.6)
+        await link.close()
+
+    asyncio.run(scene())
+
+
+def test_a_system_that_counts_its_joints_otherwise_is_read_in_our_angles(bench: Callable[..., Any]) -> None:
+    async def scene() -> None:
+        dialect = quick(joint_signs=(1, -1, -1, 1, -1, 1), joint_zeros_deg=(180, 0, 0, 0, 0, 0))
+        async with bench().link(dialect) as link:
+            np.testing.assert_allclose((await link.where()).joints_deg, [180, -90, 90, 0, 0, 0], atol=1e-3)
 
     asyncio.run(scene())
 
