@@ -30,7 +30,7 @@ TAUGHT = (
     ("pyramid", PYRAMID, (0.7, 0.55, -0.6)),
     ("triangular_prism", TRIANGULAR, (0.7, 0.05, 0.5)),
     ("pentagonal_prism", PENTAGONAL, (0.25, 0.76, 0.5)),
-    ("pentagonal_prism", PENTAGONAL, (0.81, 0.59, 0.05)),
+    ("pentagonal_prism", PENTAGONAL, (0.31, 0.95, -0.1)),
 )
 
 
