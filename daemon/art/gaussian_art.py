@@ -1,7 +1,7 @@
 """Gaussian ART and Gaussian ARTMAP: the estimators (D'Souza, appendix C; Williamson 1996).
 
-Arithmetic and choice are in gaussian.py. Samples may be any numbers up to 1e100; bring features to like scales, since a new
-category is equally wide in each.
+Arithmetic and choice are in gaussian.py. Samples may be any numbers up to 1e100; bring features to like scales, since
+a new category is equally wide in each.
 """
 
 from __future__ import annotations

@@ -190,5 +190,5 @@ def _with_idle_facets(slots: Index, filled: Index, facets: int, room: int) -> In
     idle[filled] = False
     numbering = np.empty((len(slots), facets), dtype=np.int64)
     numbering[:, filled] = slots
-    numbering[:, idle] = np.nonzero(free)[1].reshape(len(slots), -1)[:, : facets - len(filled)]
+    numbering[:, idle] = np.nonzero(free)[1].reshape(len(slots), room - len(filled))[:, : facets - len(filled)]
     return numbering

@@ -149,6 +149,15 @@ def test_an_unusable_relation_matrix_is_refused_with_the_reason(matrix, words):
     assert words in str(refusal.value)
 
 
+@pytest.mark.parametrize("top", [None, 1])
+def test_without_nodes_or_without_touching_facets_there_is_still_an_answer(top):
+    assert best_numbering(np.zeros((2, 2)), np.zeros((0, 6, 6)), top=top).ranking().tolist() == []
+    recall = best_numbering(np.zeros((3, 3)), np.random.default_rng(0).random((20, 6, 6)), top=top)
+    best = recall.ranking()[0]
+    assert recall.numbering[best].tolist() == [0, 1, 2]
+    assert recall.match_ratio[best] == 0.0
+
+
 def test_an_unknown_scope_is_refused_by_name():
     with pytest.raises(ParameterError, match="scope: expected one of all, occupied"):
         best_numbering(np.zeros((2, 2)), np.zeros((1, 6, 6)), scope="some")
