@@ -20,9 +20,9 @@ Array = NDArray[np.float64]
 
 _FEW = 2
 _COVERED = 0.25
+_MODEL_RAD = 2e-3  # a corner may be this much of its distance off, where another edge runs close by
 _PER_CORNER = 0.05
 _BENT = float(np.radians(10))
-_MODEL_PX = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +127,7 @@ def flatness_sigmas(facet: Facet) -> float:
     """How far the worst corner leaves the facet's plane, in predicted sigmas; 0 for a triangle."""
     if len(facet.corners_mm) < 4:
         return 0.0
-    model_mm2 = (_MODEL_PX * facet.corners_mm[:, 2].mean()) ** 2 * np.eye(3)
+    model_mm2 = (_MODEL_RAD * facet.corners_mm[:, 2].mean()) ** 2 * np.eye(3)
     residuals = weighted_plane(facet.corners_mm, facet.covariance_mm2 + model_mm2)[2]
     return float(np.abs(residuals).max())
 

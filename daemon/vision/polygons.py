@@ -18,6 +18,7 @@ Array = NDArray[np.float64]
 
 _FARTHEST_PX = 6.0
 _SHORTEST_PX = 4.0
+MODEL_PX = 0.04  # how far a real side is from a blurred step between even faces
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +69,6 @@ def met_covariance(shape: Rings, sides: Sides) -> Array:
     sine = np.where(np.abs(sine) < 0.02, 0.02, sine)
     along = np.stack([normal[:, 1], -normal[:, 0]], 1) / sine[:, None]
     across = np.stack([-before[:, 1], before[:, 0]], 1) / sine[:, None]
-    ends, starts = sides.covariance[shape.before, 1, 1], sides.covariance[:, 0, 0]
+    ends, starts = sides.covariance[shape.before, 1, 1] + MODEL_PX**2, sides.covariance[:, 0, 0] + MODEL_PX**2
     one = along[:, :, None] * along[:, None, :] * ends[:, None, None]
     return np.asarray(one + across[:, :, None] * across[:, None, :] * starts[:, None, None])
