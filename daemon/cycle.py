@@ -36,6 +36,7 @@ abort and pause are heard at any moment. A pick goes on when the one who asked f
 from __future__ import annotations
 
 import asyncio
+from collections import Counter, deque
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -141,8 +142,8 @@ class CycleEnd:
     corners: Array | None
 
 
-def _picked(ends: list[CycleEnd]) -> int:
-    return sum(end.outcome == "picked" for end in ends)
+KEPT_ENDS = 1000
+"""How many ended picks are kept in memory (the run log has all): a daemon runs for years."""
 
 
 class Cycle(Reins):
@@ -152,7 +153,8 @@ class Cycle(Reins):
         super().__init__(cell, settings.limits, settings.arrival)
         self.settings, self.sight = settings, sight
         self.state = self._before_pause = "idle"
-        self.ends: list[CycleEnd] = []
+        self.ends: deque[CycleEnd] = deque(maxlen=KEPT_ENDS)
+        self.tally: Counter[str] = Counter()
         self.skipped: list[Skipped] = []
         self.hand_full: bool | None = False
         self._pick: Pick | None = None
@@ -173,8 +175,8 @@ class Cycle(Reins):
             "predicted_mm": None if estimate is None else round(estimate.predicted_mm, 3),
             "predicted_deg": None if estimate is None else round(estimate.predicted_deg, 3),
             "holding": self.hand_full,
-            "picked": _picked(self.ends),
-            "failed": sum(end.outcome in ("missed", "lost", "fault") for end in self.ends),
+            "picked": self.tally["picked"],
+            "failed": sum(self.tally[outcome] for outcome in ("missed", "lost", "fault")),
             "skipped": [
                 {"label": s.label, "at": s.centre.round(1).tolist(), "why": f"{s.outcome}: {s.why}"}
                 for s in self.skipped
@@ -289,10 +291,11 @@ class Cycle(Reins):
         await self.mover.travel(target, purpose, lambda _: self.settings.travel_pct)
 
     async def _many(self, count: int | None, wait_s: float | None) -> list[CycleEnd]:
-        ends: list[CycleEnd] = []
+        ends: deque[CycleEnd] = deque(maxlen=KEPT_ENDS)
+        before = self.tally["picked"]
         try:
-            while self._auto and (count is None or _picked(ends) < count):
-                more = count is None or _picked(ends) + 1 < count
+            while self._auto and (count is None or self.tally["picked"] - before < count):
+                more = count is None or self.tally["picked"] - before + 1 < count
                 ends.append(await self._one(None, stay=more))
                 if ends[-1].outcome in ("aborted", "fault", "dry"):
                     break
@@ -307,7 +310,7 @@ class Cycle(Reins):
             pass  # stopped while it waited for parts: the arm stands, and what was picked is told
         finally:
             self._auto = False
-        return ends
+        return list(ends)
 
     async def _one(self, label: str | None, stay: bool) -> CycleEnd:
         """Run the machine from idle back to idle, or to fault."""
@@ -363,6 +366,7 @@ class Cycle(Reins):
             corners=None if target is None else frames.apply(target.world_from_part, target.shape.corners_mm),
         )
         self.ends.append(end)
+        self.tally[end.outcome] += 1
         self.cell.log.record(
             "cycle_end",
             cycle=end.cycle,

@@ -103,9 +103,9 @@ class Desk:
         height_mm = self.config.said.pick.limits.table_z_mm
         return Table(world_from_cyclopean[2, :3], height_mm - float(world_from_cyclopean[2, 3]))
 
-    async def begin_auto(self, count: int | None) -> None:
+    async def begin_auto(self, count: int | None, every_s: float | None = None) -> None:
         """Pick in the background. Raises RefusedError where that may not begin."""
-        self._auto = asyncio.create_task(self.cycle.auto(count), name="auto")
+        self._auto = asyncio.create_task(self.cycle.auto(count, every_s), name="auto")
         self._auto.add_done_callback(lambda task: task.cancelled() or task.exception())
         await asyncio.sleep(0)
         if self._auto.done():

@@ -14,6 +14,7 @@ from daemon.desk import Desk
 T = TypeVar("T")
 POLL_S = 0.05
 MOST_PICKS = 1_000_000
+AUTO_USAGE = "auto on [N] [every S] | auto off | auto wait"
 
 
 async def enable(desk: Desk, words: list[str], _: Door) -> Answer:
@@ -78,14 +79,14 @@ async def pick(desk: Desk, words: list[str], door: Door) -> Answer:
 
 async def auto(desk: Desk, words: list[str], door: Door) -> Answer:
     """A mode: pick one after the other until the table is empty or N are picked. Goes on when the operator leaves."""
-    usage = "auto on [N] | auto off | auto wait"
-    word = one_of(words, 0, ("on", "off", "wait"), "word", usage)
-    no_more(words, 2 if word == "on" else 1, usage)
+    word = one_of(words, 0, ("on", "off", "wait"), "word", AUTO_USAGE)
     if word == "on":
-        count = number(words[1], "N", 1, MOST_PICKS) if len(words) > 1 else None
-        await desk.begin_auto(count)
+        count, every_s = _auto_words(words[1:])
+        await desk.begin_auto(count, every_s)
         what = "until the table is empty" if count is None else f"at most {plural(count, 'part')}"
+        what += "" if every_s is None else f", looking again every {every_s} s when it is empty"
         return Answer(f"Picking, {what}; `auto off` ends it after a part, `status` tells how far it is.")
+    no_more(words, 1, AUTO_USAGE)
     if word == "off":
         desk.cycle.auto_off()
         return Answer("No further part is picked after this one.")
@@ -197,6 +198,20 @@ def end_json(end: CycleEnd) -> dict[str, Any]:
     }
 
 
+def _auto_words(words: list[str]) -> tuple[int | None, int | None]:
+    """[N] [every S] -> how many, and after how many seconds an empty table is looked at again."""
+    count = every_s = None
+    if words and words[0] != "every":
+        count, words = number(words[0], "N", 1, MOST_PICKS), words[1:]
+    if words:
+        one_of(words, 0, ("every",), "word", AUTO_USAGE)
+        if len(words) < 2:
+            raise CommandError(f"S is missing: {AUTO_USAGE}", NOT_UNDERSTOOD)
+        every_s = number(words[1], "S", 1, 3600)
+        no_more(words, 2, AUTO_USAGE)
+    return count, every_s
+
+
 def _decide(desk: Desk, yes: bool) -> Answer:
     if desk.cycle.status()["pending"] is None:
         raise CommandError("no move waits for an answer")
@@ -222,8 +237,9 @@ COMMANDS = (
     Command("enable", "enable", "let the arm move", enable, "move"),
     Command("disable", "disable", "do not let it; stops it where it moves", disable, "move", at_once=True),
     Command("pick", "pick [LABEL]", "take one part and put it into the bin", pick, "move", choices=_labels),
-    Command("auto", "auto on [N] | auto off | auto wait", "pick until the table is empty, or N parts", auto, "move",
-            "  auto on returns at once; auto wait waits for its end and tells what was picked.",
+    Command("auto", AUTO_USAGE, "pick until the table is empty, or N parts", auto, "move",
+            "  auto on returns at once; auto wait waits for its end and tells what was picked.\n"
+            "  With `every S` an empty table is looked at again after S seconds instead of ending.",
             choices=lambda _: ("on", "off", "wait")),
     Command("stop", "stop", "stop the arm now; nothing moves until `resume`", stop, "move", at_once=True),
     Command("pause", "pause", "hold before the next move", pause, "move", at_once=True),
