@@ -216,6 +216,9 @@ def _model(header: _Header, arrays: Arrays) -> Model:
         p = parameters
         artmap = FuzzyARTMAP(p.rho, p.alpha, p.beta, complement=p.complement)
         artmap.restore({name: arrays[name] for name in ("weights", "map_counts")}, header.parts)
+        wanted = header.matrix_size**2 * (2 if p.complement else 1)
+        if arrays["weights"].shape[1] != wanted:
+            raise ValueError(f"weights: expected {wanted} a node, found {arrays['weights'].shape[1]}")
     metric = {
         m.label: MetricModel(_solid(f"metric{i}", m.solid, arrays), tuple(m.joined))
         for i, m in enumerate(header.metric)
