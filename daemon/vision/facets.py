@@ -15,7 +15,7 @@ from daemon.vision.detectors import find_corners
 from daemon.vision.epipolar import Baseline, baseline
 from daemon.vision.eye import Sight, look_with
 from daemon.vision.formulas import by_formula, converging
-from daemon.vision.grouping import connected, touching_table
+from daemon.vision.grouping import connected, lying_under, touching_table
 from daemon.vision.image import as_grey, check_size
 from daemon.vision.joining import join
 from daemon.vision.rig import StereoRig
@@ -43,20 +43,39 @@ def find_facets(
     chosen += complete(chosen, sights[0], sights[1], eyes, settings)
     if settings.corner_detector != "line_fit":
         chosen = [_with_detected_corners(c, sights, eyes, settings) for c in chosen]
-    touch = touching_table(tuple(c.facet for c in chosen))
     groups = []
-    for members in connected(touch):
-        group = [chosen[k] for k in members]
-        facets = join(group, eyes)[0] if settings.corner_detector == "line_fit" else [c.facet for c in group]
-        if settings.stereo_formula != "exact":
-            facets = _by_formula(facets, rig, settings)
-        groups.append(Group(tuple(facets), touch[np.ix_(members, members)]))
+    for group in _touching(chosen):
+        facets = _settled(group, eyes, settings)
+        under = lying_under(facets)
+        if under is not None:
+            refused.append((group[under], "the part stands on it: a shadow, or a mark on the table"))
+            group = [c for c in group if c is not group[under]]
+            for rest in _touching(group):
+                groups.append(_as_group(_settled(rest, eyes, settings), rig, settings))
+            continue
+        groups.append(_as_group(facets, rig, settings))
     groups.sort(key=lambda g: float(np.mean([f.corners_mm[:, 2].mean() for f in g.facets])))
     polygons = tuple(c.left.polygon for c in chosen), tuple(c.right.polygon for c in chosen)
     rejected = _unmatched(sights[0], polygons[0], "left") + _unmatched(sights[1], polygons[1], "right")
     rejected += tuple(Rejected(c.facet.left_px, "left", why) for c, why in refused)
     sigma, blur = _noise_at_parts(sights, chosen)
     return FacetView(tuple(groups), rejected, *polygons, sigma, blur_px=blur)
+
+
+def _touching(candidates: list[Candidate]) -> list[list[Candidate]]:
+    """Sets of candidates that hang together by shared edges."""
+    return [[candidates[k] for k in m] for m in connected(touching_table(tuple(c.facet for c in candidates)))]
+
+
+def _settled(group: list[Candidate], eyes: Baseline, settings: VisionSettings) -> list[Facet]:
+    """The group's facets, corners estimated together unless they are to stay where a detector put them."""
+    return join(group, eyes)[0] if settings.corner_detector == "line_fit" else [c.facet for c in group]
+
+
+def _as_group(facets: list[Facet], rig: StereoRig, settings: VisionSettings) -> Group:
+    if settings.stereo_formula != "exact":
+        facets = _by_formula(facets, rig, settings)
+    return Group(tuple(facets), touching_table(tuple(facets)))
 
 
 def _noise_at_parts(sights: list[Sight], chosen: list[Candidate]) -> tuple[float, float]:

@@ -6,8 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon.vision.data import Facet, Group
+from daemon.vision.planes import fit_plane
 
 Array = NDArray[np.float64]
+
+_APART_MM = 6.0
+_FLUSH_MM, _RISE_MM = 2.0, 6.0
 
 
 def shared_edge(a: Facet, b: Facet, tolerance_px: float) -> tuple[int, int] | None:
@@ -58,3 +62,24 @@ def split_groups(facets: tuple[Facet, ...], touch: NDArray[np.bool_]) -> tuple[G
     """Connected sets of touching facets as groups, nearest first."""
     groups = [Group(tuple(facets[k] for k in m), touch[np.ix_(m, m)]) for m in connected(touch)]
     return tuple(sorted(groups, key=lambda g: float(np.mean([f.corners_mm[:, 2].mean() for f in g.facets]))))
+
+
+def lying_under(facets: list[Facet]) -> int | None:
+    """The facet of a group that the part stands on: a shadow (or mark) on the table that meets the part's lower edge.
+
+    All else of the part rises from its plane towards the cameras. Of a solid's own faces that is true only for two that
+    meet in a hollow, so a group of fewer than three facets is left alone.
+    """
+    if len(facets) < 3:
+        return None
+    for k, facet in enumerate(facets):
+        normal, d = fit_plane(facet.corners_mm)
+        rise, doubt = [], []
+        for other in facets[:k] + facets[k + 1 :]:
+            apart = np.linalg.norm(other.corners_mm[:, None] - facet.corners_mm[None], axis=2).min(1) > _APART_MM
+            rise.append((other.corners_mm @ normal - d)[apart])
+            doubt.append(np.sqrt(np.einsum("i,nij,j->n", normal, other.covariance_mm2, normal))[apart])
+        heights, sigma = np.concatenate(rise), np.concatenate(doubt)
+        if len(heights) and np.all(heights > -_FLUSH_MM - 2 * sigma) and np.median(heights) > _RISE_MM:
+            return k
+    return None
