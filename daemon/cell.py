@@ -41,6 +41,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 WireListener = Callable[[dict[str, Any]], None]
+Clock = Callable[[], float]
 
 
 EXPECTED_ERRORS: tuple[type[Exception], ...] = (CellError, CameraError, LinkError)
@@ -355,9 +356,9 @@ def arm_geometry(config: Config) -> puma560.Puma560:
     return puma560.Puma560(flange_from_tool=matrix)
 
 
-def _arm(config: Config, port: str, on_wire: WireListener, clock: Callable[[], float]) -> ArmOnLink:
+def _arm(config: Config, manners: Dialect, port: str, on_wire: WireListener, clock: Clock) -> ArmOnLink:
     arm = arm_geometry(config)
-    link = Link(port, dialect(config), clock=clock, on_wire=on_wire, belongs_together=partial(_belongs_together, arm))
+    link = Link(port, manners, clock=clock, on_wire=on_wire, belongs_together=partial(_belongs_together, arm))
     return ArmOnLink(link, arm)
 
 
@@ -375,8 +376,15 @@ def _simulated(config: Config, on_wire: WireListener, clock: Callable[[], float]
     seed = said.seed if said.seed is not None else random.SystemRandom().randrange(1_000_000)
     cell = SimulatedCell(config.file(said.truth), seed, said.time_scale)
     eyes = ThreadedEyes(cell.camera, clock)
+    robot = _arm(config, dialect(config).on_a_faster_line(said.time_scale), cell.port, on_wire, clock)
     return Hardware(
-        "simulated", _arm(config, cell.port, on_wire, clock), eyes, clock, cell.port, seed, SimulatedHand(cell)
+        "simulated",
+        robot,
+        eyes,
+        clock,
+        cell.port,
+        seed,
+        SimulatedHand(cell, {label: len(views) for label, views in VIEWS.items()}),
     )
 
 

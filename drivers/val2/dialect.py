@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
+
+SHORTEST_SILENCE_S, SHORTEST_SETTLE_S = 0.006, 0.002
 
 
 @dataclass(frozen=True)
@@ -55,3 +57,15 @@ class Dialect:
     """How near the target the rest must be."""
     stall_s: float = 1.5
     """An arm at rest elsewhere for this long will not arrive."""
+
+    def on_a_faster_line(self, times: float) -> Dialect:
+        """The same manners where characters come `times` faster than the baud says (a simulated line in scaled time).
+
+        Only the waits that are counted in characters shorten, and none below what a busy machine keeps.
+        """
+        return replace(
+            self,
+            prompt_silence_s=max(min(SHORTEST_SILENCE_S, self.prompt_silence_s), self.prompt_silence_s / times),
+            echo_settle_s=max(min(SHORTEST_SETTLE_S, self.echo_settle_s), self.echo_settle_s / times),
+            poll_s=self.poll_s / times,
+        )
