@@ -56,7 +56,8 @@ async def view_tour(
 ) -> list[View]:
     """Go to `count` poses round the board and see it from each. One job of the cycle: stop and step work as ever.
 
-    Raises SessionError where the board is not in view from here or hardly any pose shows it, and what the arm raises.
+    The view from where the arm stands comes first; with a count of 0 it is the only one. Raises SessionError where the
+    board is not in view from here or hardly any pose shows it, and what the arm raises.
     """
     return await cycle.alone("calibrate", _tour(cycle, board, calibration, count, say, speed_pct))
 
@@ -72,6 +73,8 @@ async def _tour(
         first = await _see(cycle, board, reading, "pose 0")
     except BoardError as error:
         raise SessionError(f"from here the cameras do not see the board: {error}") from None
+    if count == 0:
+        return [first]
     poses = _plan(cycle, board, calibration, first, count)
     await say(f"The board is in view. {len(poses)} poses round it follow; `stop` stops the arm at any moment.")
     views = [first]
