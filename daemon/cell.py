@@ -305,7 +305,7 @@ def build(config: Config, on_wire: WireListener, clock: Callable[[], float] = ti
         return Hardware("recorded", NoArm(), eyes, clock, str(folder))
     eyes = ThreadedEyes(V4L2StereoCamera(camera_settings(config), clock), clock)
     port = config.said.arm.port
-    return Hardware("real", _arm(config, port, on_wire, clock), eyes, clock, port)
+    return Hardware("real", _arm(config, dialect(config), port, on_wire, clock), eyes, clock, port)
 
 
 @contextlib.contextmanager
@@ -377,15 +377,7 @@ def _simulated(config: Config, on_wire: WireListener, clock: Callable[[], float]
     cell = SimulatedCell(config.file(said.truth), seed, said.time_scale)
     eyes = ThreadedEyes(cell.camera, clock)
     robot = _arm(config, dialect(config).on_a_faster_line(said.time_scale), cell.port, on_wire, clock)
-    return Hardware(
-        "simulated",
-        robot,
-        eyes,
-        clock,
-        cell.port,
-        seed,
-        SimulatedHand(cell, {label: len(views) for label, views in VIEWS.items()}),
-    )
+    return Hardware("simulated", robot, eyes, clock, cell.port, seed, SimulatedHand(cell))
 
 
 def _said(answer: Any) -> list[str]:
