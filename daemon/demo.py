@@ -52,7 +52,7 @@ def register(subparsers: Any) -> None:
     """Add `demo` to facetctl."""
     parser = subparsers.add_parser("demo", help="simulated cell: teach, train, pick every part, write the report")
     parser.add_argument("--seed", type=int, help="repeat an earlier demo (each prints its seed)")
-    parser.add_argument("--time-scale", type=float, default=10.0, help="how much faster than life the cell runs (10)")
+    parser.add_argument("--time-scale", type=float, default=20.0, help="how much faster than life the cell runs (20)")
     parser.add_argument("--runs", type=Path, help="where the run is written (as the daemon does)")
     parser.set_defaults(run=run)
 

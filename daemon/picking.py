@@ -1,4 +1,4 @@
-"""One pick: a handler for each state of the cycle (daemon/cycle.py has their table), named as the state.
+"""One pick: a handler for each state of the cycle (daemon/transitions.py is their table), named as the state.
 
 A handler does what its state is for and returns the event that leaves it. Whatever it raises is a fault: the cycle
 stops the arm first and then reports. A part that cannot be had is skipped, and named, and that is no fault.

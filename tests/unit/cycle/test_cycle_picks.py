@@ -104,9 +104,10 @@ def test_an_empty_table_is_looked_at_again_at_the_interval():
 
     async def wait_then_lay_a_part():
         task = asyncio.create_task(cycle.auto(count=1, wait_s=0.01))
-        await asyncio.sleep(0.1)
+        while not world.said("cycle_end"):
+            await asyncio.sleep(0.005)
         world.put("cube", 520, 0, 0.3)
-        return await asyncio.wait_for(task, 10)
+        return await asyncio.wait_for(task, 60)
 
     ends = asyncio.run(wait_then_lay_a_part())
     assert ends[0].outcome == "empty"
