@@ -7,6 +7,7 @@ In: a FacetView and a Model. Out: Parts. Seeing facets, learning and files are e
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +21,7 @@ from daemon.vision.model import Model
 from daemon.vision.patterns import Answer, by_label, recall, touching_of, typed
 from daemon.vision.posterior import most_likely_corners
 from daemon.vision.regular import regularise
-from daemon.vision.relation import Solid, weld
+from daemon.vision.relation import Solid, touching_from, weld
 
 Array = NDArray[np.float64]
 LEAST_TAIL = 1e-4  # a right hypothesis may fit so badly only this rarely
@@ -44,8 +45,29 @@ class _Seen:
 
 def recognise(view: FacetView, model: Model) -> tuple[Part, ...]:
     """Name and locate every group of facets, nearest first. Groups that fit nothing taught come back as `unknown`."""
-    parts = [part for group in view.groups if group.facets for part in _parts_of(group, model)]
+    found = [(group, _parts_of(group, model)) for group in view.groups if group.facets]
+    silent = [group for group, parts in found if all(p.recognition.label == UNKNOWN for p in parts)]
+    for one, other in combinations(silent, 2):
+        whole = _as_one(one, other, found, model)
+        if whole is not None:
+            found = [(g, p) for g, p in found if g is not one and g is not other] + [whole]
+    parts = [part for _, own in found for part in own]
     return tuple(sorted(parts, key=lambda p: float(np.linalg.norm(p.cyclopean_from_part[:3, 3]))))
+
+
+def _as_one(
+    one: Group, other: Group, found: list[tuple[Group, tuple[Part, ...]]], model: Model
+) -> tuple[Group, tuple[Part, ...]] | None:
+    """Two unnamed groups that share an edge after all and have a name together; None where they do not."""
+    if not all(any(g is known for known, _ in found) for g in (one, other)):
+        return None
+    facets = one.facets + other.facets
+    touching = touching_from(weld(facets))
+    if not touching[: len(one.facets), len(one.facets) :].any():
+        return None
+    whole = Group(facets, touching)
+    part = recognise_group(whole, model)
+    return (whole, (part,)) if part.recognition.label != UNKNOWN else None
 
 
 def _parts_of(group: Group, model: Model) -> tuple[Part, ...]:

@@ -12,9 +12,9 @@ from solids import CUBE, KNOWN, PENTAGONAL, PYRAMID, STRANGERS, TRIANGULAR, Body
 
 from daemon import frames
 from daemon.library import load_facets
-from daemon.vision.data import Facet, Group, Part
+from daemon.vision.data import Facet, FacetView, Group, Part
 from daemon.vision.model import Model, empty_model, forget, learn_view
-from daemon.vision.recognise import recognise_group
+from daemon.vision.recognise import recognise, recognise_group
 
 TAUGHT = (
     ("cube", CUBE, (1.0, 0.1, 0.8)),
@@ -189,3 +189,30 @@ def test_what_is_taught_later_leaves_earlier_parts_alone_and_can_be_forgotten() 
     assert less.artmap is not None
     assert model.artmap is not None
     np.testing.assert_array_equal(less.artmap.weights, model.artmap.weights)
+
+
+def test_two_facets_of_one_part_in_two_groups_are_put_together() -> None:
+    rng = np.random.default_rng(2)
+    group = view_of(TRIANGULAR, pose(np.array([1.0, 0.0, 0.0]), 0.4), rng)
+    apart = tuple(Group((f,), np.zeros((1, 1), bool)) for f in group.facets)
+    parts = recognise(FacetView(apart, (), (), (), 2.0), taught())
+    assert [p.recognition.label for p in parts] == ["triangular_prism"]
+
+
+def test_a_shadow_beside_a_part_does_not_hide_it() -> None:
+    where = pose(np.array([1.0, 0.0, 0.4]), 0.2)
+    group = view_of(CUBE, where, np.random.default_rng(6))
+    low, high = group.facets[0].corners_mm[0], group.facets[0].corners_mm[1]
+    aside = np.array([0.0, 0.0, -1.0]) * 30 + np.cross(high - low, [0.0, 0.0, 1.0]) * 0.3
+    shadow = Facet(
+        np.stack([high, low, low + aside, high + 0.6 * aside]),
+        group.facets[0].covariance_mm2,
+        *(np.zeros((4, 2)) for _ in range(2)),
+        np.zeros(4),
+        0.0,
+    )
+    n = len(group.facets)
+    touching = np.pad(group.touching, (0, 1))
+    touching[0, n] = touching[n, 0] = True
+    view = FacetView((Group((*group.facets, shadow), touching),), (), (), (), 2.0)
+    assert "cube" in [p.recognition.label for p in recognise(view, taught())]
