@@ -34,7 +34,7 @@ def daemon() -> guest.Outcome:
         otherside.surroundings(guest.CHECKOUT / "etc/simcell.yaml", 3, Path(ports)) as devices,
     ):
         command = PYTEST + "tests/rig/guest/test_daemon.py"
-        return guest.run(command, 560.0, guest.FOLDER / "results/daemon", extra=devices)
+        return guest.run(command, 900.0, guest.FOLDER / "results/daemon", extra=devices)
 
 
 JOBS = {"cameras": cameras, "daemon": daemon}

@@ -31,6 +31,7 @@ ExecStart=
 ExecStart={facetd} --config /etc/facetd/facetd.yaml
 Environment=PYTHONDONTWRITEBYTECODE=1
 ProtectHome=no
+PrivateTmp={private_tmp}
 TimeoutStartSec=120
 """
 
@@ -46,7 +47,9 @@ def install() -> None:
         shutil.copy(unit, UNITS)
     (UNITS / "facetd.service.d").mkdir()
     facetd = Path(sys.executable).with_name("facetd")
-    (UNITS / "facetd.service.d/rig.conf").write_text(DROP_IN.format(facetd=facetd))
+    (UNITS / "facetd.service.d/rig.conf").write_text(
+        DROP_IN.format(facetd=facetd, private_tmp="no" if CHECKOUT.is_relative_to("/tmp") else "yes")
+    )
     _let_everybody_read(Path(sys.executable).resolve(), CHECKOUT)
     run("groupadd", "--system", "facetd")
     run("useradd", "--system", "--gid", "facetd", "--home-dir", "/var/lib/facetd", "facetd")
