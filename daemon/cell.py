@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from daemon.config import Config
 from daemon.noarm import CellError, NoArm
+from daemon.simulated import SimulatedHand
 from daemon.workcell import Reading
 from drivers import puma560
 from drivers.camera.pair import CameraError, Frame, StereoPair
@@ -37,7 +38,7 @@ from drivers.val2.location import apart, location_from_matrix, matrix_from_locat
 from drivers.val2.wire import Where
 
 if TYPE_CHECKING:
-    from drivers.simcell.cell import SimulatedCell
+    pass
 
 Array = NDArray[np.float64]
 WireListener = Callable[[dict[str, Any]], None]
@@ -216,54 +217,6 @@ class ArmOnLink:
         self.heard_s = self.link.clock()
 
 
-class SimulatedHand:
-    """What a person does at a real cell: show a part, strew parts over the table, take them away."""
-
-    def __init__(self, cell: SimulatedCell) -> None:
-        self.cell = cell
-        self._strewn: tuple[str, ...] = ()
-
-    @property
-    def labels(self) -> tuple[str, ...]:
-        """The parts there are."""
-        from drivers.simcell.stand import VIEWS
-
-        return tuple(VIEWS)
-
-    @property
-    def usual(self) -> tuple[str, ...]:
-        """The parts that lie on the table unless somebody says otherwise."""
-        return ("cube", "pyramid", "triangular_prism", "pentagonal_prism")
-
-    def show(self, label: str, view: int) -> int:
-        """Hold a part before the cameras in a characteristic view, counted round; gives the view it is in."""
-        from drivers.simcell.stand import VIEWS
-
-        view %= len(VIEWS[label])
-        self.cell.place_for_teaching(label, view)
-        return view
-
-    def scatter(self, labels: Sequence[str]) -> None:
-        """Strew parts over the table."""
-        self._strewn = tuple(labels)
-        self.cell.scatter(labels)
-
-    def put_back(self) -> None:
-        """After showing a part: strew again what lay on the table before."""
-        self.cell.scatter(self._strewn)
-
-    def show_board(self, columns: int, rows: int, square_mm: float, charuco: bool) -> None:
-        """Lay a calibration board with that many inner corners on the table, instead of the parts."""
-        from drivers.simcell.boards import BoardPrint
-
-        self.cell.show_board(BoardPrint(columns + 1, rows + 1, square_mm, charuco))
-
-    def clear(self) -> None:
-        """Take all parts away."""
-        self._strewn = ()
-        self.cell.clear()
-
-
 @dataclass(eq=False)
 class Hardware:
     """What a cell is made of. hand: the person's in a simulated cell, None in a real one."""
@@ -370,14 +323,24 @@ def _belongs_together(arm: puma560.Puma560, where: Where) -> bool:
 
 
 def _simulated(config: Config, on_wire: WireListener, clock: Callable[[], float]) -> Hardware:
+    from drivers.simcell.boards import BoardPrint
     from drivers.simcell.cell import SimulatedCell
+    from drivers.simcell.stand import VIEWS
 
     said = config.said.simulated
     seed = said.seed if said.seed is not None else random.SystemRandom().randrange(1_000_000)
     cell = SimulatedCell(config.file(said.truth), seed, said.time_scale)
     eyes = ThreadedEyes(cell.camera, clock)
     robot = _arm(config, dialect(config).on_a_faster_line(said.time_scale), cell.port, on_wire, clock)
-    return Hardware("simulated", robot, eyes, clock, cell.port, seed, SimulatedHand(cell))
+    return Hardware(
+        "simulated",
+        robot,
+        eyes,
+        clock,
+        cell.port,
+        seed,
+        SimulatedHand(cell, {k: len(v) for k, v in VIEWS.items()}, BoardPrint),
+    )
 
 
 def _said(answer: Any) -> list[str]:

@@ -122,9 +122,11 @@ class JournalledLog:
         log: Any,
         notice: Callable[[str], None] = lambda _: None,
         looked: Callable[[Mapping[str, Any]], None] = lambda _: None,
+        ended: Callable[[], None] = lambda: None,
     ) -> None:
-        """notice: told what an operator should see unasked (faults, refusals); looked: told each look's health."""
-        self.log, self._notice, self._looked = log, notice, looked
+        """notice: told what an operator should see unasked (faults, refusals); looked: told each look's health;
+        ended: called after the end of each pick."""
+        self.log, self._notice, self._looked, self._ended = log, notice, looked, ended
 
     def record(self, kind: str, /, **fields: Any) -> None:
         """Write one record."""
@@ -144,6 +146,8 @@ class JournalledLog:
                 "WHO": fields.get("who"),
             }
             tell(kind, text, _priority(kind, fields), **said)
+        if kind == "cycle_end":
+            self._ended()
 
 
 def _line(kind: str, fields: Mapping[str, Any]) -> str | None:

@@ -144,7 +144,7 @@ class Service:
             troubles.tell("restart", told)
         desk.record_start()
         if self._hardware.hand is not None:
-            self._hardware.hand.scatter(self._hardware.hand.usual)
+            self._hardware.hand.scatter()
         await self._open_doors(desk)
         desk.use_model("start", shelf.current)
         watch = Watch(desk)
@@ -166,7 +166,7 @@ class Service:
         self, config: Config, calibration: Calibration, school: School, troubles: Troubles, run_log: RunLog
     ) -> Desk:
         assert self._hardware is not None
-        log = journal.JournalledLog(run_log, self._notice, self._looked)
+        log = journal.JournalledLog(run_log, self._notice, self._looked, self._pick_ended)
         workcell = Workcell(
             self._hardware.robot,
             self._hardware.eyes,
@@ -242,6 +242,19 @@ class Service:
         if drift is not None and drift.stops and desk.cycle.status()["auto"]:
             failing = asyncio.create_task(desk.cycle.fail("calibration", drift.text), name="calibration drift")
             self._tasks.append(failing)
+
+    def _pick_ended(self) -> None:
+        """A simulated cell knows how well each grasp met the part, and the log keeps it beside the prediction."""
+        desk = self.desk
+        if desk is None or desk.hardware.hand is None:
+            return
+        end = desk.cycle.ends[-1]
+        if end.outcome not in ("picked", "missed") or end.grasp is None or end.corners is None:
+            return
+        truth = desk.hardware.hand.grasp_error(end.grasp, end.corners)
+        if truth is not None:
+            error_mm, error_deg, held = truth
+            desk.run_log.record("truth", cycle=end.cycle, error_mm=error_mm, error_deg=error_deg, held=held)
 
     def _notice(self, text: str) -> None:
         """Show something at the serial console that nobody there asked for."""

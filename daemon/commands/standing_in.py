@@ -5,9 +5,9 @@ In a real cell a person does this; these commands exist only where the cell is n
 
 from __future__ import annotations
 
-from daemon.cell import SimulatedHand
 from daemon.console import Answer, Command, CommandError, Door, no_more, number, one_of
 from daemon.desk import Desk
+from daemon.simulated import USUAL, SimulatedHand
 
 
 def show(desk: Desk, label: str) -> str:
@@ -31,7 +31,7 @@ async def place(desk: Desk, words: list[str], _: Door) -> Answer:
 async def scatter(desk: Desk, words: list[str], _: Door) -> Answer:
     """Strew parts over the table."""
     labels = [one_of(words, k, _hand(desk).labels, "part", "scatter [LABEL...]") for k in range(len(words))]
-    labels = labels or list(_hand(desk).usual)
+    labels = labels or list(USUAL)
     _hand(desk).scatter(labels)
     return Answer(f"On the table: {', '.join(labels)}.")
 
