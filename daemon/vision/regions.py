@@ -2,7 +2,9 @@
 
 D'Souza's way (sections 4.5.2, 4.5.3): gradient, threshold, closed regions, border following; thresholds here are in
 units of the gradient's own noise. Several are tried, because a shaded or grainy face needs a high one and a faint
-edge closes only at a low one; and several sizes of pixel, because noise averages out and edges do not.
+edge closes only at a low one; and several sizes of pixel, because noise averages out and edges do not. His second
+step, the Laplacian of Gaussian of the gradient, is left out: its zero crossings open where three edges meet, and
+with them the regions.
 """
 
 from __future__ import annotations
@@ -119,12 +121,6 @@ def gradient_noise(sigma_px: float) -> float:
     g /= g.sum()
     along, across = np.convolve(g, [0.25, 0.5, 0.25]), np.convolve(g, [0.5, 0.0, -0.5])
     return float(np.sqrt(np.sum(along**2) * np.sum(across**2)))
-
-
-def laplacian_of_gaussian(image: Grey, sigma_px: float) -> Image32:
-    """Laplacian of the Gaussian-smoothed image, (H, W) float32: zero on an edge (D'Souza (4.19), sign mended)."""
-    smoothed = cv2.GaussianBlur(image.astype(np.float32), (0, 0), sigma_px)
-    return np.asarray(cv2.Laplacian(smoothed, cv2.CV_32F, ksize=3), np.float32)
 
 
 def closed_regions(scale: Scale, level: float, largest_px: float, settings: VisionSettings) -> list[Region]:

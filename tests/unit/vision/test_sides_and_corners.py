@@ -33,13 +33,13 @@ def painted_polygon(
     blurred = cv2.GaussianBlur(fine, (0, 0), 0.6 * FINER)
     small = cv2.resize(blurred, (size, size), interpolation=cv2.INTER_AREA).astype(float)
     small += np.random.default_rng(seed).normal(0, sigma, small.shape)
-    return np.clip(np.rint(small), 0, 255).astype(np.uint8)
+    return np.asarray(np.clip(np.rint(small), 0, 255), np.uint8)
 
 
 def turned_square(angle: float, half: float = 45.0, centre: float = 80.3) -> Array:
     """Corners anticlockwise as seen (v down)."""
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-    return np.array([[-1.0, -1], [-1, 1], [1, 1], [1, -1]]) * half @ turn.T + centre
+    return np.asarray(np.array([[-1.0, -1], [-1, 1], [1, 1], [1, -1]]) * half @ turn.T + centre)
 
 
 @pytest.mark.parametrize("angle", [0.05, 0.3, 0.7])
