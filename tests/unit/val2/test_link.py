@@ -436,6 +436,7 @@ def test_noise_in_a_typed_move_is_caught_before_it_is_ended_and_the_line_typed_a
     async def scene() -> None:
         cell = bench()
         async with cell.link() as link:
+            await link.where()  # nothing of the opening is under way any more
             cell.faults.line.append(LineFault(way, harm, after=after))
             await link.move(GOAL)
             await link.rest(GOAL)
