@@ -202,7 +202,8 @@ async def _all(each: int, only: str) -> dict[tuple[str, str], list[Judged]]:
         for k in range(each if only in fault else 0):
             one = await judged(model, 1000 + 10 * number + k, fault, moment)
             found.setdefault((fault, moment), []).append(one)
-            print(f"  {fault:24} {moment:8} {one.outcome:11} {one.why[:90]}", flush=True)
+            bad = "" if one.honest and one.at_rest and not one.sent_after else "  <-- WRONG"
+            print(f"  {fault:24} {moment:8} {one.outcome:11} {one.why[:90]}{bad}", flush=True)
     return found
 
 
