@@ -1,7 +1,8 @@
 """What happened, written so that a crash loses nothing: one folder a run, one JSON object a line. Writing only.
 
-`record` returns once its line is in the kernel's hands (kill -9 then loses at most a line being written), but never
-waits longer than `patience_s` for a stalled disk: a log may not delay a move. Reading and quotas are in daemon/runs.py.
+`record` returns once its line is in the kernel's hands (kill -9 then loses at most a line being written). It waits once
+`patience_s` for a stalled disk, and no more until the disk has caught up: a log may not delay moves. Reading and
+quotas are in daemon/runs.py.
 
 Lines are {"v": 1, "seq": n, "t": ISO UTC ms, "mono_s": ..., "kind": ..., more by kind}; kinds and their fields are in
 the table KINDS. wire.jsonl beside it holds the serial line's ledger: there each line carries its forerunner's hash.
@@ -27,7 +28,7 @@ from numpy.typing import NDArray
 from daemon.files import LineFile, Syncer, write_whole
 
 VERSION = 1
-PATIENCE_S = 0.02
+PATIENCE_S = 0.1
 LINES_WAITING = 20_000
 PICTURES_WAITING = 64
 
@@ -78,6 +79,7 @@ class RunLog:
         self._run = _Run(folder)
         self._lock = threading.Lock()
         self._lost = 0
+        self._behind = False
         self._closed = False
         self._lines: queue.SimpleQueue[_Line | _Run | threading.Event | None] = queue.SimpleQueue()
         self._pictures: queue.SimpleQueue[_Picture | threading.Event | None] = queue.SimpleQueue()
@@ -107,8 +109,8 @@ class RunLog:
                 self._put_picture(_Picture(run.folder / file, fields["images"][name]))
             line = {**self._head(seq, kind), **fields, **({"images": pictures} if pictures else {})}
             self._put(_Line(run.lines, encode(line), written))
-        if self.trouble is None:
-            written.wait(self._patience_s)
+        if self.trouble is None and not self._behind:
+            self._behind = not written.wait(self._patience_s)
         if kind in URGENT:
             self._syncer.hurry()
 
@@ -194,6 +196,7 @@ class RunLog:
                 self._lost += 1
                 self._tell(f"{line.file.path}: {error.strerror}")
             line.written.set()
+            self._behind = self._behind and not self._lines.empty()
             self._syncer.take(line.file)
 
     def _write_gap(self) -> None:
