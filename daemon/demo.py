@@ -18,16 +18,19 @@ from typing import Any
 
 from daemon import frames, places
 
+TRIANGLE = "isosceles_triangle"
 VIEWS = (
-    ("cube", 0),
-    ("pyramid", 0),
-    ("pyramid", 1),
-    ("triangular_prism", 0),
-    ("pentagonal_prism", 0),
-    ("pentagonal_prism", 1),
+    ("cube", 0, ("square", "square", "square")),
+    ("pyramid", 0, (TRIANGLE, TRIANGLE, TRIANGLE, TRIANGLE)),
+    ("pyramid", 1, (TRIANGLE, TRIANGLE, "square")),
+    ("triangular_prism", 0, ("equilateral_triangle", "rectangle", "rectangle")),
+    ("pentagonal_prism", 0, ("pentagon", "rectangle", "rectangle")),
+    ("pentagonal_prism", 1, ("rectangle", "rectangle", "rectangle")),
 )
-"""The six characteristic views (D'Souza, chapter 5)."""
-PARTS = tuple(dict.fromkeys(label for label, _ in VIEWS))
+"""The six characteristic views (D'Souza, chapter 5), and what a person sees in each: the answer to `is this right?`."""
+TEACHING_TRIES = 6
+"""How often a person holds the part up again before giving up on a view."""
+PARTS = tuple(dict.fromkeys(label for label, _, _ in VIEWS))
 ROUNDS = 3
 """How often the table is gone over before what is left is given up."""
 
@@ -180,18 +183,11 @@ def _settings(config: Any, calibration: Any) -> Any:
 
 async def _teach(cycle: Any, school: Any, simulated: Any, log: Any) -> None:
     """Show the six views, store each, train, and take the model into use."""
-    from daemon.teach import teaching_note
-
     say("teaching")
     cycle.enable()
     await cycle.go("survey")
-    for label, view in VIEWS:
-        simulated.place_for_teaching(label, view)
-        look = await cycle.look(f"teach {label}")
-        left, right = look.pictures.left.pixels, look.pictures.right.pixels
-        school.store(label, left, right, teaching_note("demo", "", look.table, look.scene))
-        seen = ", ".join(str(len(facet.corners_mm)) for facet in school.only_group(left, right, look.table).facets)
-        say(f"  {label}, view {view + 1}: facets with {seen} corners")
+    for label, view, shown in VIEWS:
+        await _teach_view(cycle, school, simulated, (label, view, shown))
     trained = school.train()
     school.accept()
     cycle.use(school.in_use)
@@ -199,6 +195,34 @@ async def _teach(cycle: Any, school: Any, simulated: Any, log: Any) -> None:
     log.record("model", action="accepted", version=trained.version, labels=list(school.model.labels), file=kept)
     right_ones = sum(verdict.right for verdict in trained.verdicts)
     say(f"trained on {len(trained.verdicts)} views in {trained.seconds:.1f} s, {right_ones} of them named right")
+
+
+async def _teach_view(cycle: Any, school: Any, simulated: Any, shown: tuple[str, int, tuple[str, ...]]) -> None:
+    """One view, looked at again until what was seen is what a person sees, as `teach` asks it of an operator.
+
+    Raises CellError when it never is.
+    """
+    from daemon.noarm import CellError
+    from daemon.teach import teaching_note
+    from daemon.vision.model import TeachError
+
+    label, view, facets = shown
+    for _ in range(TEACHING_TRIES):
+        simulated.place_for_teaching(label, view)
+        look = await cycle.look(f"teach {label}")
+        seen = tuple(sorted(f.type for f in max((p.facets for p in look.scene.parts), key=len, default=())))
+        if seen != tuple(sorted(facets)):
+            say(f"  {label}, view {view + 1}: not all of it was seen ({', '.join(seen) or 'nothing'}); again")
+            continue
+        left, right = look.pictures.left.pixels, look.pictures.right.pixels
+        try:
+            school.store(label, left, right, teaching_note("demo", "", look.table, look.scene))
+        except TeachError as error:
+            say(f"  {label}, view {view + 1}: {error}; again")
+            continue
+        say(f"  {label}, view {view + 1}: {', '.join(seen)}")
+        return
+    raise CellError(f"the {label} was not seen whole in {TEACHING_TRIES} looks; light, focus and calibration?")
 
 
 async def _clear(cycle: Any, simulated: Any, teller: Teller) -> None:
