@@ -15,7 +15,18 @@ from daemon.following import NEAR_MM, Target, beside, far, follow
 from daemon.guard import Command, Standing
 from daemon.looking import Look, Sight, log_look, take_look
 from daemon.motion import Mover, MoveRefusedError, OutOfReachError
-from daemon.plan import SAME_PLACE_MM, Seen, Settings, merged, ordered, other_view, plan_part, regrasp, seen_parts
+from daemon.plan import (
+    SAME_PLACE_MM,
+    Seen,
+    Settings,
+    facings,
+    merged,
+    ordered,
+    other_view,
+    plan_part,
+    regrasp,
+    seen_parts,
+)
 from daemon.workcell import Array, Workcell
 
 MOST_STALE = 3
@@ -56,6 +67,7 @@ class Pick:
         self.found: list[Seen] = []
         self.looked_again: list[Array] = []
         self.eyes: list[Array] = []
+        self.blind: list[tuple[Array, Array]] = []
         self.target: Target | None = None
         self.last: Target | None = None
         self.doubtful: Seen | None = None
@@ -78,6 +90,10 @@ class Pick:
     def looks_at(self, centre: Array) -> int:
         """How often a part that lies here was looked at from another side."""
         return sum(far(centre, c) < SAME_PLACE_MM for c in self.looked_again)
+
+    def blind_at(self, centre: Array) -> list[Array]:
+        """(3,) directions from a part that lies here in which a look along its approach did not find it."""
+        return [away for c, away in self.blind if far(centre, c) < SAME_PLACE_MM]
 
     def is_skipped(self, centre: Array) -> bool:
         """Whether a part that lies here was given up before."""
@@ -162,7 +178,14 @@ class Pick:
                 return "doubtful"
             neighbours = [p.corners for p in self.found if p is not part]
             plan = plan_part(
-                shape, part.world_from_part, neighbours, self.settings, self.cell.tool_from_cyclopean, self.allowed
+                shape,
+                part.world_from_part,
+                neighbours,
+                self.settings,
+                self.cell.tool_from_cyclopean,
+                self.allowed,
+                facings(part),
+                self.blind_at(part.centre),
             )
             if isinstance(plan, str):
                 self.skip("unreachable", part, plan)
@@ -216,8 +239,14 @@ class Pick:
         if any(p.label == target.label and far(p.centre, target.centre) < NEAR_MM for p in seen_parts(look)):
             return self.elsewhere(target, "its corners are not where the look before had them")
         self.tries += 1
-        self.skip("lost", target, f"not seen where it was at look {target.looks}")
-        return "lost"
+        why = f"not seen where it was at look {target.looks}"
+        if len(self.blind_at(target.centre)) >= self.settings.views_of_doubtful:
+            self.skip("lost", target, why)
+            return "lost"
+        eye = look.world_from_cyclopean[:3, 3]
+        self.blind.append((target.centre, eye - target.centre))
+        self.decide(f"approach {target.label} from another side", why)
+        return "elsewhere"
 
     def elsewhere(self, target: Target, why: str) -> str:
         """The target lies otherwise than was thought: choose and plan again from the newest look, but not for ever."""

@@ -198,12 +198,45 @@ def ordered(parts: Sequence[Seen], order: str) -> list[Seen]:
     return sorted(parts, key=rank)
 
 
+BLIND_RAD = 0.5
+"""A look from within this angle of one that did not find the part would not find it either."""
+
+
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """How one part will be taken: the grasp, and how well looks along its approach show the part (0 to 1)."""
+    """How one part will be taken: the grasp, and how well looks along its approach show the part (0 to 2)."""
 
     grasp: Grasp
     worth: float
+
+
+@dataclass(frozen=True, eq=False)
+class Facing:
+    """A facet in the world: its centre (3,) mm and outward unit normal (3,)."""
+
+    centre: Array
+    normal: Array
+
+
+def facings(part: Seen) -> list[Facing]:
+    """The facets a look saw of a part."""
+    turn = part.look.world_from_cyclopean
+    found = []
+    for facet in part.facets:
+        corners = frames.apply(turn, facet.corners_mm)
+        around = corners - corners.mean(axis=0)
+        normal = np.cross(around, np.roll(around, -1, axis=0)).sum(axis=0)
+        found.append(Facing(corners.mean(axis=0), normal / np.linalg.norm(normal)))
+    return found
+
+
+def seen_again(seen: Sequence[Facing], eye: Array, least_cosine: float = 0.3) -> float:
+    """How well the facets told apart before would show to the eye (3,), world: 0 to 1, their mean."""
+    if not seen:
+        return 0.0
+    rays = [eye - f.centre for f in seen]
+    cosines = [float(f.normal @ ray) / float(np.linalg.norm(ray)) for f, ray in zip(seen, rays, strict=True)]
+    return float(np.mean(np.sqrt(np.clip((np.array(cosines) - least_cosine) / (1 - least_cosine), 0, 1))))
 
 
 def approach_poses(grasp: Grasp, centre: Array, settings: Settings, tool_from_cyclopean: Array) -> list[Array]:
@@ -229,8 +262,15 @@ def plan_part(
     settings: Settings,
     tool_from_cyclopean: Array,
     allowed: Reachable,
+    seen: Sequence[Facing] = (),
+    blind: Sequence[Array] = (),
 ) -> Plan | str:
-    """The best grasp whose whole approach is allowed (reached, in the box, above the table), or why there is none."""
+    """The best grasp whose whole approach is allowed (reached, in the box, above the table), or why there is none.
+
+    seen: facets that a look has told apart; their shading, and so their contrast, is the same from everywhere, so that
+    a look along the approach should show them again. blind: (3,) directions from the part in which a camera stood that
+    did not find it.
+    """
     try:
         found = grasps(shape.corners_mm, world_from_part, settings.limits.table_z_mm, settings.gripper, neighbours)
     except ValueError as error:
@@ -243,7 +283,12 @@ def plan_part(
     for grasp in found:
         pose = approach.look_pose(grasp.world_from_tool[:3, :3], centre, middle, tool_from_cyclopean)
         eye = (pose @ tool_from_cyclopean)[:3, 3]
-        plans.append(Plan(grasp, approach.view_worth(shape, world_from_part, eye)))
+        if any(approach.angle_at(centre, eye, centre + away) < BLIND_RAD for away in blind):
+            continue
+        worth = approach.view_worth(shape, world_from_part, eye) + seen_again(seen, eye)
+        plans.append(Plan(grasp, worth))
+    if not plans:
+        return "it was looked for from every side that a grasp leaves"
     plans.sort(key=lambda p: (p.grasp.blocked, p.grasp.slip_deg / 45.0 - p.worth))
     for plan in plans:
         if not plan.grasp.blocked:
