@@ -28,7 +28,10 @@ def far(a: Array, b: Array) -> float:
 
 @dataclass(eq=False)
 class Target:
-    """The part being picked: what is known of it so far; beside_before, beside_now: other parts in the last looks."""
+    """The part being picked: what is known of it so far; beside_before, beside_now: other parts in the last looks.
+
+    view: (3, 3) how the tool is turned for looks, world, where that is not as for the grasp.
+    """
 
     label: str
     shape: Shape
@@ -39,8 +42,14 @@ class Target:
     estimate: Estimate | None = None
     looks: int = 0
     restarts: int = 0
+    view: Array | None = None
     beside_before: list[Seen] = field(default_factory=list)
     beside_now: list[Seen] = field(default_factory=list)
+
+    @property
+    def looking(self) -> Array:
+        """(3, 3) how the tool is turned when looked at, world."""
+        return self.plan.grasp.world_from_tool[:3, :3] if self.view is None else self.view
 
     @property
     def centre(self) -> Array:

@@ -20,6 +20,7 @@ from daemon.plan import (
     Seen,
     Settings,
     facings,
+    is_own,
     merged,
     ordered,
     other_view,
@@ -94,6 +95,16 @@ class Pick:
     def blind_at(self, centre: Array) -> list[Array]:
         """(3,) directions from a part that lies here in which a look along its approach did not find it."""
         return [away for c, away in self.blind if far(centre, c) < SAME_PLACE_MM]
+
+    def view_of(self, part: Seen) -> Array | None:
+        """(3, 3) how the tool was turned in the look that named the part, for one that looks along its approaches do
+        not show, and where the arm can look at it so from every stand-off; None: look along the approach."""
+        if not self.blind_at(part.centre):
+            return None
+        view: Array = part.look.reading.world_from_tool[:3, :3]
+        distances = (*self.settings.stops.stand_offs_mm, self.settings.verify_mm)
+        poses = [approach.look_pose(view, part.centre, d, self.cell.tool_from_cyclopean) for d in distances]
+        return view if all(self.allowed(pose) for pose in poses) else None
 
     def is_skipped(self, centre: Array) -> bool:
         """Whether a part that lies here was given up before."""
@@ -176,7 +187,8 @@ class Pick:
                     continue
                 self.doubtful = part
                 return "doubtful"
-            neighbours = [p.corners for p in self.found if p is not part]
+            neighbours = [p.corners for p in self.found if p is not part and not is_own(p, part)]
+            view = self.view_of(part)
             plan = plan_part(
                 shape,
                 part.world_from_part,
@@ -185,12 +197,12 @@ class Pick:
                 self.cell.tool_from_cyclopean,
                 self.allowed,
                 facings(part),
-                self.blind_at(part.centre),
+                self.blind_at(part.centre) if view is None else (),
             )
             if isinstance(plan, str):
                 self.skip("unreachable", part, plan)
                 continue
-            self.target = self.last = Target(part.label, shape, part.world_from_part, plan, part.look)
+            self.target = self.last = Target(part.label, shape, part.world_from_part, plan, part.look, view=view)
             self.decide(
                 f"pick {part.label}",
                 f"{self.settings.order}: confidence {part.confidence:.2f}; grasp {plan.grasp.width_mm:.0f} mm wide, "
@@ -218,8 +230,7 @@ class Pick:
         target = self.target
         assert target is not None
         distance = approach.next_stand_off(target.sightings, self.settings.doubt, self.settings.stops)
-        rotation = target.plan.grasp.world_from_tool[:3, :3]
-        pose = approach.look_pose(rotation, target.centre, distance, self.cell.tool_from_cyclopean)
+        pose = approach.look_pose(target.looking, target.centre, distance, self.cell.tool_from_cyclopean)
         try:
             if self.mover.closed is not False:
                 await self.mover.hand(closed=False)
@@ -337,6 +348,10 @@ class Pick:
         assert target is not None
         grasp = target.plan.grasp.world_from_tool
         try:
+            if target.view is not None:
+                round_mm = self.settings.stops.stand_offs_mm[0]
+                away = approach.look_pose(grasp[:3, :3], target.centre, round_mm, self.cell.tool_from_cyclopean)
+                await self.travel(away, "round to the approach", target.look)
             before = approach.backed_off(grasp, self.settings.pregrasp_mm)
             await self.travel(before, "before the grasp", target.look, straight=True)
             await self.travel(grasp, "grasp", target.look, straight=True)
@@ -360,8 +375,7 @@ class Pick:
         assert target is not None
         up = approach.lifted(target.plan.grasp.world_from_tool, self.settings.lift_mm)
         await self.travel(up, "lift", straight=True)
-        rotation = up[:3, :3]
-        pose = approach.look_pose(rotation, target.centre, self.settings.verify_mm, self.cell.tool_from_cyclopean)
+        pose = approach.look_pose(target.looking, target.centre, self.settings.verify_mm, self.cell.tool_from_cyclopean)
         await self.travel(pose, "back off", straight=True)
         return "there"
 

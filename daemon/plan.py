@@ -230,6 +230,14 @@ def facings(part: Seen) -> list[Facing]:
     return found
 
 
+def is_own(other: Seen, part: Seen) -> bool:
+    """Whether what was seen beside a named part is nothing but one of its facets, measured worse: a lone unnamed facet
+    whose middle lies within the part's reach. It would keep the fingers from every grasp."""
+    reach = float(np.linalg.norm(part.corners - part.centre, axis=1).max())
+    lone = not other.named and len(other.facets) == 1
+    return lone and float(np.linalg.norm(other.centre - part.centre)) < reach
+
+
 def seen_again(seen: Sequence[Facing], eye: Array, least_cosine: float = 0.3) -> float:
     """How well the facets told apart before would show to the eye (3,), world: 0 to 1, their mean."""
     if not seen:
