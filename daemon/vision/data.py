@@ -34,8 +34,8 @@ class Facet:
 
     corners_mm (N, 3) in the cyclopean frame; covariance_mm2 (N, 3, 3); left_px, right_px (N, 2) distorted px, corner by
     corner; epipolar_px (N,) distance of each right corner from its epipolar line; planarity_mm rms distance of the
-    corners from their best plane; type is the facet library's name, or `polygon<N>` or `arc<degrees>` where it has none;
-    type_number in (0, 1) (thesis section 4.4.1), 0 while untyped.
+    corners from their best plane; type is the facet library's name, or `polygon<N>` or `arc<degrees>` where it has
+    none; type_number in (0, 1) (thesis section 4.4.1), 0 while untyped.
     """
 
     corners_mm: Array
@@ -102,9 +102,9 @@ class Part:
 
     For an unknown part the pose is that of its facets' centroid with the camera's axes. residual_mm is the rms distance
     of the seen corners from the fitted metric model (nan when unknown). facets are as measured, with their types.
-    fitted_mm: for each facet its (N, 3) most likely corners in the cyclopean frame, given the measured ones and what the
-    part was taken for. equivalents: (E, 4, 4) every pose that fits as well, because the part is symmetric; the first is
-    cyclopean_from_part.
+    fitted_mm: for each facet its (N, 3) most likely corners in the cyclopean frame, given the measured ones and what
+    the part was taken for. equivalents: (E, 4, 4) every pose that fits as well, because the part is symmetric; the
+    first is cyclopean_from_part.
     """
 
     recognition: Recognition

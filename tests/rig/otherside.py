@@ -83,9 +83,10 @@ class Surroundings:
         self.cell.place_for_teaching(label, view)
         return {}
 
-    def do_scatter(self, labels: list[str]) -> dict[str, Any]:
-        """Strew parts over the table."""
-        self.cell.scatter(labels)
+    def do_lay(self, label: str, rest: int) -> dict[str, Any]:
+        """Clear the table and lay a part in its middle, on one of its stable faces."""
+        self.cell.clear()
+        self.cell.world.stand(label, rest, 520.0, 0.0, 0.4)
         return {}
 
     def do_clear(self) -> dict[str, Any]:
