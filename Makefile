@@ -44,7 +44,7 @@ check: $(VENV)/.dev
 	$(BIN)/lint-imports --no-cache
 
 test: check
-	$(BIN)/pytest $(TESTS)
+	$(BIN)/pytest -n 3 --dist worksteal $(TESTS)
 
 rig: $(VENV)/.dev
 	$(BIN)/python tests/rig/run.py $(JOBS)

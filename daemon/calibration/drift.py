@@ -34,11 +34,13 @@ LENGTH_SIGMA = 0.004
 
 @dataclass(frozen=True)
 class Watching:
-    """learn: looks that set what is usual; weight: of a new look in the mean; sigmas: how far from usual is too far;
-    wild: how many sigmas a look may be off before it needs a second one to be believed; least_deg: what is never
-    reported; stop_deg: what stops autonomous picking."""
+    """learn: looks that set what is usual; settled: after so many of them a look that does not fit ends the learning,
+    so that an eye knocked in its first hour does not teach its new place; weight: of a new look in the mean; sigmas:
+    how far from usual is too far; wild: how many sigmas a look may be off before it needs a second one to be believed;
+    least_deg: what is never reported; stop_deg: what stops autonomous picking."""
 
     learn: int = 20
+    settled: int = 8
     weight: float = 0.15
     sigmas: float = 6.0
     wild: float = 6.0
@@ -172,7 +174,9 @@ def _pitch_and_roll(rig: StereoRig, left_px: Array, right_px: Array) -> tuple[Ar
 
 def observe(watch: Watch, seen: Clue, settings: Watching) -> tuple[Watch, Drift | None]:
     """Take one look into account. The Drift is the largest that stands, or None."""
-    learning = np.isfinite(seen.sigma) & (watch.learnt < settings.learn)
+    strange = (watch.learnt >= settings.settled) & (np.abs(_standardised(watch, seen)) > settings.wild)
+    unsettled = (watch.learnt < settings.learn) & (watch.fresh_known == 0)
+    learning = np.isfinite(seen.sigma) & unsettled & ~strange
     judging = np.isfinite(seen.sigma) & ~learning
     watch = _judged(_learnt(watch, seen, learning), seen, judging, settings)
     far = _too_far(watch, settings)
@@ -198,11 +202,17 @@ def _scale(watch: Watch) -> Array:
     return scale
 
 
+def _standardised(watch: Watch, seen: Clue) -> Array:
+    """(3,) how many sigmas a look is off from what was usual and what has become of it; 0 where it says nothing."""
+    off: Array = seen.turn - watch.usual - watch.mean
+    return off / np.where(np.isfinite(seen.sigma), seen.sigma * _scale(watch), np.inf)
+
+
 def _judged(watch: Watch, seen: Clue, judging: NDArray[np.bool_], settings: Watching) -> Watch:
     """The exponentially weighted mean of the looks since, each with its information. One wild look (a misread corner)
     is kept out; when the next is off on the same side, the eye has moved, and it counts."""
     news = seen.turn - watch.usual
-    off = (news - watch.mean) / np.where(np.isfinite(seen.sigma), seen.sigma * _scale(watch), np.inf)
+    off = _standardised(watch, seen)
     side = np.where(judging & (np.abs(off) > settings.wild), np.sign(off), 0.0)
     believed = judging & ((side == 0) | (side == watch.doubted))
     fade = np.where(believed, 1 - settings.weight, 1.0)

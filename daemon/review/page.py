@@ -83,7 +83,8 @@ def _pictures(folder: Path, run: Digest) -> tuple[dict[str, str], int]:
             if spent >= PICTURE_BUDGET:
                 left_out += 1
                 continue
-            image = cv2.imread(str(folder / str(name)), cv2.IMREAD_GRAYSCALE)
+            path = folder / str(name)
+            image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) if path.is_file() else None  # else OpenCV complains
             if image is None:
                 continue
             content = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1].tobytes()

@@ -178,7 +178,10 @@ def _table(record: Record) -> Table | None:
 
 def _pictures(folder: Path, record: Record) -> tuple[NDArray[Any], NDArray[Any]] | None:
     names = record.get("images") or {}
-    left, right = (cv2.imread(str(folder / str(names.get(eye))), cv2.IMREAD_UNCHANGED) for eye in ("left", "right"))
+    paths = [folder / str(names.get(eye)) for eye in ("left", "right")]
+    if not all(path.is_file() for path in paths):  # OpenCV would complain
+        return None
+    left, right = (cv2.imread(str(path), cv2.IMREAD_UNCHANGED) for path in paths)
     return None if left is None or right is None else (left, right)
 
 

@@ -209,7 +209,10 @@ class Link:
         """Ask, and ask again as long as that is safe: the line was never ended, or it moves nothing."""
         for _ in range(self.dialect.typing_attempts):
             try:
-                return await talk.ask(text, replies, wait_s)
+                answer = await talk.ask(text, replies, wait_s)
+                if self._met_a_rest(answer):
+                    answer = await talk.ask(text, replies, wait_s)
+                return answer
             except (Garbled, NoAnswer) as caught:
                 problem = caught
             once_only = talk.typed_whole and commands.moves_the_arm(text)
@@ -220,6 +223,11 @@ class Link:
         if said:
             raise ControllerError("; ".join(said), problem.where) from problem
         raise problem
+
+    def _met_a_rest(self, answer: Answer) -> bool:
+        """Whether the first line since the prompt was found was refused as a command nobody knows: not carried out."""
+        may_hold_rest, self._open_session.line_may_hold_rest = self._open_session.line_may_hold_rest, False
+        return may_hold_rest and bool(answer.errors) and all(map(_may_be_our_own_noise, answer.errors))
 
     async def _recover(self, problem: LinkError) -> list[str]:
         """Back to a prompt; the errors the controller reported on the way. Raises NoAnswer, ControllerError."""

@@ -22,6 +22,9 @@ class Session:
         self.path, self.dialect, self.clock = path, dialect, clock
         self.question: str | None = None
         """What the controller asks and nobody has answered yet."""
+        self.line_may_hold_rest = True
+        """Whether what was typed before the prompt was found may still stand in front of the next line: a controller
+        that cannot cancel lines, and happened to print a prompt just then, looks as if it had."""
         self._ledger = ledger
         self._reader = Reader()
         self.talk = self._new_conversation()
@@ -80,6 +83,7 @@ class Session:
 
     async def find_prompt(self) -> list[Event]:
         """Get to the prompt, or to the question the controller asks (kept in `question`). Raises NoAnswer."""
+        self.line_may_hold_rest = True
         events = await self.talk.resynchronise()
         last = events[-1]
         self.question = last.text if isinstance(last, Question) else None

@@ -95,6 +95,17 @@ def test_two_thousand_looks_of_an_eye_at_rest_raise_no_alarm() -> None:
     assert run(lambda _: true_rig(), 2000, seed=5) is None
 
 
+def test_a_knock_in_the_first_hour_is_not_learnt_as_usual() -> None:
+    before, after = true_rig(), turned(true_rig(), 0, 0.2)
+    found = run(lambda k: before if k < 10 else after, 30)
+    assert found is not None
+    assert found[0] < 15
+
+
+def test_the_first_looks_after_calibrating_raise_no_alarm() -> None:
+    assert [run(lambda _: true_rig(), 40, seed) for seed in range(30)] == [None] * 30
+
+
 def test_a_calibration_that_was_a_little_off_from_the_start_is_not_taken_for_a_drift() -> None:
     believed_wrong = turned(true_rig(), 0, 0.05)
     assert run(lambda _: believed_wrong, 300, seed=6) is None

@@ -98,7 +98,7 @@ def test_a_phone_needs_no_sideways_scrolling(browser: object, page: Path) -> Non
     browser.set_window_size(1300, 1000)
 
 
-def test_a_thousand_cycles_open_in_under_three_seconds(browser: object, tmp_path: Path) -> None:
+def test_a_thousand_cycles_open_and_nothing_out_of_sight_is_drawn(browser: object, tmp_path: Path) -> None:
     made = MadeRun(tmp_path / "20260102T030405Z")
     made.log.close("")
     made = MadeRun(tmp_path / "20260102T030406Z")
@@ -106,8 +106,6 @@ def test_a_thousand_cycles_open_in_under_three_seconds(browser: object, tmp_path
         made.pick("missed" if k % 50 == 7 else "picked")
     big = write_page(made.close(), tmp_path / "page.html")
     open_page(browser, big)
-    loaded_ms = browser.execute_script(
-        "const t = performance.getEntriesByType('navigation')[0]; return t.loadEventEnd - t.startTime"
-    )
     assert len(rows(browser)) == 1000
-    assert loaded_ms < 3000
+    assert browser.find_elements("css selector", ".plot .main-svg") == []
+    assert browser.find_elements("css selector", "img, image, canvas") == []

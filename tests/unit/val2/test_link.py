@@ -270,6 +270,22 @@ def test_a_line_half_typed_by_somebody_else_is_not_carried_out_on_opening(bench:
     asyncio.run(scene(Manners(line_editing=False)))
 
 
+def test_a_rest_that_opening_left_in_the_line_spoils_no_command(bench: Callable[..., Any]) -> None:
+    """A prompt that happened to be printed just then makes a controller look as if it had cancelled the line."""
+
+    async def scene() -> None:
+        cell = bench(Manners(line_editing=False))
+        async with cell.link() as link:
+            with cell.server.controller() as controller:
+                controller.receive(link.dialect.cancel_line, controller.now_s)
+            await asyncio.sleep(0.1)
+            await link.speed(10)
+            with pytest.raises(ControllerError, match="Illegal command"):
+                await link.command("NONSENSE")
+
+    asyncio.run(scene())
+
+
 # Turns and the abort
 
 
