@@ -7,7 +7,7 @@ export OMP_NUM_THREADS := 1
 export OPENBLAS_NUM_THREADS := 1
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: all help setup demo test check rig bench bench-faults clean
+.PHONY: all help setup demo test check rig bench bench-faults bench-soak clean
 
 all: setup help
 
@@ -16,7 +16,8 @@ help:
 	@echo "make test         unit, property and simulated-cell tests, after lint, types and import rules"
 	@echo "make rig          the daemon under real systemd with real V4L2 devices and a serial line, in a guest"
 	@echo "make bench        accuracy, time and memory, measured"
-	@echo "make bench-faults faults injected at every moment of the pick cycle, one table"
+	@echo "make bench-faults faults injected at every moment of the pick cycle, and kill -9 of the whole daemon, as tables"
+	@echo "make bench-soak   2,000 accelerated cycles: memory and file handles over time (hours)"
 
 setup: $(VENV)/.runtime
 
@@ -54,6 +55,10 @@ bench: $(VENV)/.dev
 
 bench-faults: $(VENV)/.dev
 	$(BIN)/python -m tests.bench.faults
+	$(BIN)/python -m tests.bench.kill
+
+bench-soak: $(VENV)/.dev
+	$(BIN)/python -m tests.bench.soak
 
 clean:
 	rm -rf $(VENV) build *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis

@@ -121,6 +121,8 @@ class Desk:
         before = self.run_log.folder
         self.run_log.roll(folder)
         self.record_start(continues=before.name)
+        if self.cycle.hand_full is not False:
+            self.log.record("holding", held=self.cycle.hand_full)
 
     def record_start(self, **more: object) -> None:
         """What this run is made with, each file kept by its content."""

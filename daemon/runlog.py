@@ -34,6 +34,8 @@ PICTURES_WAITING = 64
 
 KINDS: Mapping[str, str] = {
     "run_start": "version config calibration model (files in kept/) seed continues",
+    "left": "run cycle state hand_closed label (how the daemon before ended; stands until resume)",
+    "holding": "held (what an operator saw in the gripper; null: not known)",
     "command": "who door text",
     "state": "from event to",
     "cycle_start": "cycle target",
@@ -51,9 +53,9 @@ KINDS: Mapping[str, str] = {
     "model": "action version labels file (a model taken into use: kept/)",
     "gap": "lost why (lines or pictures that a full or failing disk did not take)",
     "clock": "jump_s (somebody set the machine's clock)",
-    "run_end": "why",
+    "run_end": "why holding (a part in the gripper; null: not known)",
 }
-URGENT = frozenset({"run_start", "fault", "hand", "cycle_start", "cycle_end", "gap", "run_end"})
+URGENT = frozenset({"run_start", "left", "holding", "fault", "hand", "cycle_start", "cycle_end", "gap", "run_end"})
 
 
 class RunLog:
@@ -148,11 +150,11 @@ class RunLog:
         self._syncer.hurry()
         return done and self._syncer.settled(max(0.0, deadline - time.monotonic()))
 
-    def close(self, why: str = "stopped") -> None:
+    def close(self, why: str = "stopped", **fields: Any) -> None:
         """Write run_end and let go of the files, within some seconds even when the disk hangs; safe to call twice."""
         if self._closed:
             return
-        self.record("run_end", why=why)
+        self.record("run_end", why=why, **fields)
         self._closed = True
         self._lines.put(None)
         self._pictures.put(None)

@@ -34,13 +34,15 @@ class RunRecords:
 
 @dataclass(frozen=True)
 class Interrupted:
-    """How a run without an end was left: state and cycle, what the gripper was last told, which part it was."""
+    """How a run was left: state and cycle, what the gripper was last told, which part it was; in_doubt: what an earlier
+    run left was never resolved, or it ended with a part perhaps in the gripper."""
 
     run: str
     cycle: int | None
     state: str | None
     hand_closed: bool
     label: str | None
+    in_doubt: bool = False
 
 
 def new_folder(runs: Path, now: datetime) -> Path:
@@ -96,23 +98,59 @@ def read_run(folder: Path) -> RunRecords:
 
 
 def interrupted(folder: Path) -> Interrupted | None:
-    """How the run was left when it has no end (power cut, kill -9), else None."""
+    """How the run was left in doubt: without an end (power cut, kill -9), or with a part perhaps in the gripper; else
+    None. A doubt that was there when it began (`left`) stands until an operator's `resume`."""
     records = read_run(folder).records
-    if not records or any(r["kind"] == "run_end" for r in records):
-        return None
     cycle = state = label = None
-    hand_closed = False
+    in_doubt = hand_closed = False
     for record in records:
         kind = record["kind"]
-        if kind in ("cycle_start", "cycle_end"):
+        if kind == "left":
+            cycle, state, label = record.get("cycle"), record.get("state"), record.get("label")
+            in_doubt, hand_closed = True, bool(record.get("hand_closed"))
+        elif kind in ("cycle_start", "cycle_end"):
             cycle, label = (record.get("cycle"), record.get("target")) if kind == "cycle_start" else (None, None)
         elif kind == "estimate":
             label = record.get("label")
         elif kind == "state":
+            if record.get("from") == "fault" and record.get("event") == "resume":
+                cycle, in_doubt = None, False
             state = record.get("to")
         elif kind == "hand":
             hand_closed = bool(record.get("closed"))
-    return Interrupted(folder.name, cycle, state, hand_closed, label)
+        elif kind == "holding":
+            hand_closed = record.get("held") is not False
+        elif kind == "run_end" and "holding" in record:
+            in_doubt, hand_closed = in_doubt or record["holding"] is not False, record["holding"] is not False
+    ended = any(r["kind"] == "run_end" for r in records)
+    if not records or (ended and not in_doubt):
+        return None
+    return Interrupted(folder.name, cycle, state, hand_closed, label, in_doubt)
+
+
+def left_behind(runs: Path) -> Interrupted | None:
+    """What the last daemon left that somebody must look at: a pick cut off, a part perhaps in the gripper; else None.
+
+    Runs that never started (a device was not there) are looked past: they know nothing of the gripper.
+    """
+    for folder in reversed(list_runs(runs)):
+        if not _started(folder):
+            continue
+        left = interrupted(folder)
+        return left if left is not None and (left.in_doubt or left.cycle is not None or left.hand_closed) else None
+    return None
+
+
+def drop_unstarted(runs: Path) -> None:
+    """Remove the runs at the end of the list that never started: a device missing over a week-end makes thousands."""
+    for folder in reversed(list_runs(runs)):
+        if _started(folder):
+            return
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _started(folder: Path) -> bool:
+    return any(b'"kind":"run_start"' in line for _, line in _lines(folder / "run.jsonl"))
 
 
 def check_wire(folder: Path) -> list[str]:

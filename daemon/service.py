@@ -34,7 +34,7 @@ from daemon.model import ModelError
 from daemon.model import load as load_model
 from daemon.noarm import CellError
 from daemon.runlog import RunLog
-from daemon.runs import RunError, interrupted, list_runs, new_folder
+from daemon.runs import Interrupted, RunError, drop_unstarted, left_behind, new_folder
 from daemon.shelf import Shelf, ShelfError
 from daemon.teach import School
 from daemon.terminal import SerialConsole
@@ -135,13 +135,15 @@ class Service:
         troubles = Troubles(self._on_trouble)
         left = _left_behind(config.runs)
         run_log = self._run_log = self._open_log(config, troubles)
+        if left is not None:
+            run_log.record("left", run=left.run, cycle=left.cycle, state=left.state, hand_closed=left.hand_closed,
+                           label=left.label)  # fmt: skip
         self._hardware = cell.build(config, run_log.wire)
         await self._hardware.open()
         desk = self._furnish(config, calibration, school, troubles, run_log)
         if left is not None:
             desk.cycle.recover(left.state or "an unknown state", left.hand_closed)
-            told = f"run {left.run} was cut off in state {left.state}: look at the cell, then say `resume`"
-            troubles.tell("restart", told)
+            troubles.tell("restart", _told(left))
         desk.record_start()
         if self._hardware.hand is not None:
             self._hardware.hand.scatter()
@@ -301,7 +303,8 @@ class Service:
         if self._hardware is not None:
             await _within(0.5, self._hardware.close())
         if self._run_log is not None:
-            self._run_log.close(self._why)
+            known = {} if self.desk is None or not self._ready else {"holding": self.desk.cycle.hand_full}
+            self._run_log.close(self._why, **known)
         if self._lock is not None:
             os.close(self._lock)
         if self._ready:
@@ -309,16 +312,21 @@ class Service:
         journal.flush(0.3)
 
 
-def _left_behind(runs: Path) -> Any:
-    """How the last run was left when it has no end, else None."""
-    known = list_runs(runs)
-    if not known:
-        return None
+def _left_behind(runs: Path) -> Interrupted | None:
+    """What the daemon before left in doubt; runs of starts that came to nothing go."""
+    drop_unstarted(runs)
     try:
-        left = interrupted(known[-1])
+        return left_behind(runs)
     except RunError:
         return None
-    return left if left is not None and (left.cycle is not None or left.hand_closed) else None
+
+
+def _told(left: Interrupted) -> str:
+    """What an operator must know of it, and do."""
+    what = f"run {left.run} was cut off in state {left.state or 'unknown'}"
+    if left.hand_closed:
+        what += f", with {f'the {left.label}' if left.label else 'a part'} perhaps in the gripper"
+    return f"{what}: look at the cell, then say `resume`"
 
 
 def _hand_eye(calibration: Calibration) -> Any:

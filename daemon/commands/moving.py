@@ -42,17 +42,23 @@ async def stop(desk: Desk, _: list[str], door: Door) -> Answer:
     return Answer("Stopped. Nothing moves until `resume`.")
 
 
-async def resume(desk: Desk, words: list[str], _: Door) -> Answer:
-    """Go on after a pause; clear a fault."""
+async def resume(desk: Desk, words: list[str], door: Door) -> Answer:
+    """Go on after a pause; clear a fault. Where it is not known what is in the gripper, it is asked."""
     no_more(words, 0, "resume")
     before = desk.cycle.status()
     desk.cycle.resume()
     if before["fault"] is None:
         return Answer("Going on." if before["paused"] else "Nothing was held.")
-    text = f"The fault is cleared: {before['fault']}."
-    if before["holding"] is None:
-        text += " Is a part in the gripper? Say `holding yes` or `holding no` before the next pick."
-    return Answer(text)
+    lines = [f"The fault is cleared: {before['fault']}."]
+    if before["holding"] is None and door.asks:
+        answer = await door.ask("Is a part in the gripper? [y/n]")
+        if answer.strip():
+            lines.append(_take_word(desk, is_yes(answer)))
+    if desk.cycle.status()["holding"] is None:
+        lines.append("Is a part in the gripper? Say `holding yes` or `holding no` before the next pick.")
+    if not desk.cycle.status()["enabled"]:
+        lines.append("The arm does not move until `enable`; then `pick` or `auto on` go on.")
+    return Answer("\n".join(lines))
 
 
 async def pause(desk: Desk, words: list[str], _: Door) -> Answer:
@@ -117,9 +123,14 @@ async def holding(desk: Desk, words: list[str], _: Door) -> Answer:
     """The operator's word for what is in the gripper."""
     word = one_of(words, 0, ("yes", "no"), "word", "holding yes|no")
     no_more(words, 1, "holding yes|no")
-    desk.cycle.holding(word == "yes")
-    text = "The next pick first puts it into the bin." if word == "yes" else "The gripper is taken as empty."
-    return Answer(text)
+    return Answer(_take_word(desk, word == "yes"))
+
+
+def _take_word(desk: Desk, held: bool) -> str:
+    """Believe the operator about the gripper."""
+    desk.cycle.holding(held)
+    desk.log.record("holding", held=held)
+    return "The next pick first puts it into the bin." if held else "The gripper is taken as empty."
 
 
 async def step(desk: Desk, words: list[str], _: Door) -> Answer:

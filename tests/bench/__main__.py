@@ -11,7 +11,14 @@ import pkgutil
 import sys
 from pathlib import Path
 
-NOT_IN_THE_ROUND = {"__main__", "faults", "picks"}  # minutes long: named, or by their own make target
+NOT_IN_THE_ROUND = {
+    "__main__",
+    "faults",
+    "kill",
+    "picks",
+    "running",
+    "soak",
+}  # minutes long: named, or by their own target
 
 
 def main(names: list[str]) -> int:

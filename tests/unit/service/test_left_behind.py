@@ -1,0 +1,119 @@
+"""What the daemon before left is not forgotten: not by a start that fails, a second crash, or an orderly stop."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from daemon.runlog import RunLog
+from daemon.runs import Interrupted, drop_unstarted, left_behind, list_runs, new_folder
+
+NOW = datetime(2026, 11, 21, 10, tzinfo=UTC)
+Record = tuple[str, dict[str, Any]]
+START: Record = ("run_start", {})
+GRIPPED: tuple[Record, ...] = (
+    START,
+    ("cycle_start", {"cycle": 4, "target": None}),
+    ("estimate", {"cycle": 4, "label": "cube"}),
+    ("hand", {"closed": True}),
+    ("state", {"from": "closing", "event": "closed", "to": "retreat"}),
+)
+
+
+@pytest.fixture
+def runs(tmp_path: Path) -> Path:
+    return tmp_path / "runs"
+
+
+def ran(runs: Path, *records: Record, end: dict[str, Any] | None = None) -> None:
+    """A run with these records; without `end` it was killed."""
+    log = RunLog(new_folder(runs, NOW))
+    for kind, fields in records:
+        log.record(kind, **fields)
+    assert log.settle()
+    if end is not None:
+        log.close("ended", **end)
+
+
+def came_back(runs: Path, *more: Record, end: dict[str, Any] | None = None) -> None:
+    """The daemon starts after what is in `runs`, as the service does it, and ends again."""
+    left = left_behind(runs)
+    found: tuple[Record, ...] = ()
+    if left is not None:
+        said = {"run": left.run, "cycle": left.cycle, "state": left.state, "hand_closed": left.hand_closed,
+                "label": left.label}  # fmt: skip
+        found = (("left", said),)
+    ran(runs, *found, START, *more, end=end)
+
+
+def gripped(left: Interrupted | None) -> bool:
+    return left is not None and left.hand_closed and left.label == "cube"
+
+
+def test_a_run_cut_off_with_the_part_in_the_gripper_says_so(runs: Path) -> None:
+    ran(runs, *GRIPPED)
+    left = left_behind(runs)
+    assert gripped(left)
+    assert left is not None
+    assert (left.cycle, left.state) == (4, "retreat")
+
+
+def test_a_second_crash_before_anybody_looked_forgets_nothing(runs: Path) -> None:
+    ran(runs, *GRIPPED)
+    came_back(runs)
+    came_back(runs)
+    assert gripped(left_behind(runs))
+
+
+def test_starts_that_come_to_nothing_do_not_hide_it_and_do_not_pile_up(runs: Path) -> None:
+    ran(runs, *GRIPPED)
+    for _ in range(5):
+        drop_unstarted(runs)
+        ran(runs, ("left", {"run": "x", "cycle": 4}), end={})
+    assert len(list_runs(runs)) == 2
+    assert gripped(left_behind(runs))
+
+
+def test_a_clean_stop_before_resume_leaves_the_question_open(runs: Path) -> None:
+    ran(runs, *GRIPPED)
+    came_back(runs, end={"holding": None})
+    assert gripped(left_behind(runs))
+
+
+def resumed(*then: Record) -> tuple[Record, ...]:
+    return (("state", {"from": "fault", "event": "resume", "to": "idle"}), *then)
+
+
+@pytest.mark.parametrize(
+    ("more", "end", "open_question"),
+    [
+        (resumed(("holding", {"held": False})), {"holding": False}, False),
+        (resumed(("holding", {"held": False})), None, False),
+        (resumed(("holding", {"held": True})), {"holding": True}, True),
+        (resumed(("holding", {"held": True})), None, True),
+        (resumed(), {"holding": None}, True),
+        (resumed(("holding", {"held": True}), ("hand", {"closed": False})), {"holding": False}, False),
+    ],
+)
+def test_the_question_is_settled_by_the_operators_word_or_by_opening_the_hand(
+    runs: Path, more: tuple[Record, ...], end: dict[str, Any] | None, open_question: bool
+) -> None:
+    ran(runs, *GRIPPED)
+    came_back(runs, *more, end=end)
+    left = left_behind(runs)
+    assert (left is not None and left.hand_closed) is open_question
+
+
+def test_a_daemon_stopped_with_a_part_in_the_gripper_is_asked_about_it_when_it_starts_again(runs: Path) -> None:
+    ran(runs, *GRIPPED, end={"holding": True})
+    assert gripped(left_behind(runs))
+
+
+def test_an_orderly_end_with_an_empty_gripper_leaves_nothing(runs: Path) -> None:
+
+    assert left_behind(runs) is None
+    ran(runs, START, end={"holding": False})
+    assert left_behind(runs) is None
