@@ -54,7 +54,7 @@ class ArmDoubt:
 @dataclass(frozen=True, eq=False)
 class HandEyeResult:
     """tool_from_cyclopean, world_from_board (4, 4); sigma_mm, sigma_deg: one standard deviation of the hand-eye over
-    all axes (jackknife); reprojection_px rms per point; solvers_mm, solvers_deg: how far the two closed forms differ;
+    all axes (jackknife, and what no residual shows: see `_with_hidden`); reprojection_px rms per point; solvers_mm, solvers_deg: how far the two closed forms differ;
     diversity_deg: see `diversity_deg`; left_out_mm: what each pose, predicted by all others, was off by.
     """
 
@@ -133,6 +133,7 @@ def calibrate_hand_eye(samples: Sequence[Sample], rig: StereoRig, doubt: ArmDoub
     if len(samples) >= 3 * BLOCKS:
         blocks_mm, blocks_deg = _jackknife(whole.parameters, _without_blocks(samples, rig, doubt, hand, place))
         sigma_mm, sigma_deg = max(sigma_mm, blocks_mm), max(sigma_deg, blocks_deg)
+    sigma_mm, sigma_deg = _with_hidden(sigma_mm, sigma_deg, doubt)
     return HandEyeResult(
         tool_from_cyclopean=hand,
         world_from_board=place,
@@ -286,6 +287,12 @@ def _without_blocks(
     return [
         solve(hand_eye_problem(rest, rig, doubt), _start(hand, place, len(rest)), passes=8).parameters for rest in rests
     ]
+
+
+def _with_hidden(sigma_mm: float, sigma_deg: float, arm: ArmDoubt) -> tuple[float, float]:
+    """With the arm's own doubt on top: an error that all poses share, seen from the hand (the last joint's zero, the
+    TOOL), moves the hand-eye as a whole and leaves no residual anywhere. Over three axes, as the rest."""
+    return float(np.hypot(sigma_mm, np.sqrt(3) * arm.mm)), float(np.hypot(sigma_deg, np.sqrt(3) * arm.deg))
 
 
 def _left_out_mm(sample: Sample, cyclopean_from_board_: Array, others: Array) -> float:
