@@ -54,8 +54,9 @@ class ArmDoubt:
 @dataclass(frozen=True, eq=False)
 class HandEyeResult:
     """tool_from_cyclopean, world_from_board (4, 4); sigma_mm, sigma_deg: one standard deviation of the hand-eye over
-    all axes (jackknife, and what no residual shows: see `_with_hidden`); reprojection_px rms per point; solvers_mm, solvers_deg: how far the two closed forms differ;
-    diversity_deg: see `diversity_deg`; left_out_mm: what each pose, predicted by all others, was off by.
+    all axes (jackknife, and what no residual shows: see `_with_hidden`); reprojection_px rms per point; solvers_mm,
+    solvers_deg: how far the two closed forms differ; diversity_deg: see `diversity_deg`; left_out_mm: what each pose,
+    predicted by all others, was off by.
     """
 
     tool_from_cyclopean: Array
