@@ -59,6 +59,7 @@ class Eye:
         self._maps: list[mmap.mmap] = []
         self._last_sequence: int | None = None
         self._exposure_s = 0.0
+        self._streaming_since_s = 0.0
 
     def begin(self, settings: CameraSettings) -> None:
         """Agree on everything with the driver and start the stream."""
@@ -75,6 +76,7 @@ class Eye:
                 buffer = v4l2.query_buffer(self.node, index)
                 self._maps.append(self.node.map(buffer.m.offset, buffer.length))
                 v4l2.queue_buffer(self.node, index)
+            self._streaming_since_s = self._clock()
             v4l2.stream_on(self.node)
 
     def _agree_on_format(self, settings: CameraSettings) -> Layout:
@@ -128,10 +130,15 @@ class Eye:
     def _exposure(self, buffer: v4l2.Buffer) -> Exposure:
         """When the frame was exposed. Stamps of another clock say nothing: then the moment of taking stands in."""
         at_start = buffer.flags & v4l2.BUFFER_STAMP_MASK == v4l2.BUFFER_STAMP_START_OF_EXPOSURE
-        self.stamps_are_monotonic = buffer.flags & v4l2.BUFFER_CLOCK_MASK == v4l2.BUFFER_CLOCK_MONOTONIC
+        stamp_s, now_s = buffer.seconds + buffer.microseconds * 1e-6, self._clock()
+        clock = buffer.flags & v4l2.BUFFER_CLOCK_MASK
+        if clock == v4l2.BUFFER_CLOCK_UNKNOWN:  # v4l2loopback does not say; a stamp of this stream's time shows it
+            self.stamps_are_monotonic |= self._streaming_since_s <= stamp_s <= now_s
+        else:
+            self.stamps_are_monotonic = clock == v4l2.BUFFER_CLOCK_MONOTONIC
         if not self.stamps_are_monotonic:
-            return exposure_of(self._clock(), False, self.period_s, self._exposure_s)
-        return exposure_of(buffer.seconds + buffer.microseconds * 1e-6, at_start, self.period_s, self._exposure_s)
+            return exposure_of(now_s, False, self.period_s, self._exposure_s)
+        return exposure_of(stamp_s, at_start, self.period_s, self._exposure_s)
 
     def waiting(self) -> list[RawFrame]:
         """What came since the last look, as far as it is the newest there is.

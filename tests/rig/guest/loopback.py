@@ -1,6 +1,7 @@
 """Feed two v4l2loopback devices in the guest: what a camera would deliver, from frames that the test chooses.
 
-A loopback device captures only while somebody has its format set on the other side.
+A loopback device captures only while somebody has its format set on the other side. Nothing here waits for a certain
+time or counts on one: the guest is emulated, and how slowly depends on what else its machine does.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from drivers.camera import v4l2
 from drivers.camera.node import FileNode
 
 Image = np.ndarray
+Span = tuple[float, float]
 FOURCC = {"GREY": "GREY", "Y16": "Y16", "YUYV": "YUYV", "NV12": "NV12", "MJPEG": "MJPG"}
 
 
@@ -45,18 +47,20 @@ def pack(code: str, grey: Image) -> bytes:
 
 
 class Feeder:
-    """Writes frames into a pair of devices, `fps` a second, until it is stopped.
+    """Writes frames into a pair of devices, at most `fps` a second, until it is stopped.
 
-    picture: frame number -> (left, right) grey images; delay_s: how much later the right one is written. written_s
-    holds when each pair was written, on the monotonic clock. A pair that took longer than most_s to make is
-    not written.
+    picture: frame number -> (left, right) grey images; delay_s: how much later (at least) the right one is written;
+    cut: how many bytes at the end of each left frame are kept back. written_s holds, on the monotonic clock, when
+    each pair's writing began and ended: (left, right). A pair that took longer than most_s to make is not written.
     """
 
     def __init__(
         self, picture: Callable[[int], tuple[Image, Image]], code: str = "GREY", fps: float = 15.0,
         delay_s: float = 0.0, most_s: float = 1e9, paths: tuple[str, str] = ("/dev/video0", "/dev/video1"),
+        cut: int = 0,
     ) -> None:  # fmt: skip
         self.picture, self.code, self.fps, self.delay_s, self.most_s = picture, code, fps, delay_s, most_s
+        self.cut = cut
         self.nodes = [FileNode(path) for path in paths]
         height, width = picture(0)[0].shape
         for node in self.nodes:
@@ -66,7 +70,7 @@ class Feeder:
             # Makes us the writer, so that the device can be written to again after we close it; write() alone does not.
             node.ioctl(v4l2.STREAMON, c_int32(v4l2.OUTPUT))
         self.number = 0
-        self.written_s: list[float] = []
+        self.written_s: list[tuple[Span, Span]] = []
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run)
 
@@ -89,15 +93,21 @@ class Feeder:
         left, right = (pack(self.code, image) for image in self.picture(self.number))
         if time.monotonic() - asked_s > self.most_s:
             return
-        self.written_s.append(time.monotonic())
-        os.write(self.nodes[0].fileno(), left)
+        early = self._write(0, left[: len(left) - self.cut])
         if self.delay_s:
             time.sleep(self.delay_s)
-        os.write(self.nodes[1].fileno(), right)
+        late = self._write(1, right)
+        self.written_s.append((early, late))
         self.number += 1
 
+    def _write(self, eye: int, data: bytes) -> Span:
+        began_s = time.monotonic()
+        os.write(self.nodes[eye].fileno(), data)
+        return began_s, time.monotonic()
+
     def _run(self) -> None:
+        """Never one pair close behind another, even after a hold-up: its left frame would suit the one before."""
         due_s = time.monotonic()
         while not self._stop.wait(max(0.0, due_s - time.monotonic())):
             self.write()
-            due_s = max(due_s + 1 / self.fps, time.monotonic() - 1 / self.fps)
+            due_s = max(due_s + 1 / self.fps, time.monotonic() + 0.5 / self.fps)

@@ -209,6 +209,17 @@ def test_a_node_that_has_ceased_to_capture_is_told_apart_from_one_that_is_gone()
         camera(system, replace(SETTINGS, left="0")).open()
 
 
+def test_stamps_of_a_clock_that_the_driver_does_not_name_count_once_they_fit_the_streams_own_time() -> None:
+    system = machine(right_late_s=0.015)
+    for device in system.devices.values():
+        for frame in device.schedule:
+            frame.flags = v4l2.BUFFER_CLOCK_UNKNOWN
+    eyes = camera(system)
+    assert eyes.grab(100.0, 2.0).skew_ms == pytest.approx(15.0)
+    system.now_s = 100.34
+    assert eyes.grab(100.1, 2.0).left.sequence == 3  # had waited, and is known to be fresh enough
+
+
 def test_a_device_whose_stamps_are_of_another_clock_never_passes_off_an_old_frame_as_new() -> None:
     system = machine()
     for device in system.devices.values():
