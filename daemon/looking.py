@@ -60,8 +60,9 @@ class Settling:
 @dataclass(frozen=True, eq=False)
 class Look:
     """What one look saw. taken_s: when, on the cell's clock; settled_s: from the arm's rest to the first pair known to
-    be still; seconds: from the arm's rest to the answer; epipolar_px: median distance of corners from their lines;
-    table: where it was taken to be; health: what there is to say of the images themselves."""
+    be still; seconds: from the arm's rest to the answer; from_light_s: from mid-exposure to the answer; epipolar_px:
+    median distance of corners from their lines; table: where it was taken to be; health: what there is to say of the
+    images themselves."""
 
     scene: Scene
     pictures: Pictures
@@ -70,6 +71,7 @@ class Look:
     taken_s: float
     settled_s: float
     seconds: float
+    from_light_s: float
     epipolar_px: float
     table: Table | None = None
     health: tuple[Finding, ...] = ()
@@ -140,6 +142,7 @@ async def take_look(
     if table_z_mm is not None:
         table = Table(world_from_cyclopean[2, :3], table_z_mm - float(world_from_cyclopean[2, 3]))
     scene, health = await asyncio.to_thread(_see, cell, sight, before, pictures, table)
+    now_s = cell.clock()
     return Look(
         scene=scene,
         pictures=pictures,
@@ -147,7 +150,8 @@ async def take_look(
         world_from_cyclopean=world_from_cyclopean,
         taken_s=pictures.left.taken_s,
         settled_s=settled_s,
-        seconds=cell.clock() - rest_s,
+        seconds=now_s - rest_s,
+        from_light_s=now_s - pictures.left.taken_s,
         epipolar_px=epipolar_px(scene),
         table=table,
         health=health,
@@ -183,8 +187,14 @@ def log_look(cell: Workcell, sight: Sight, look: Look, *, cycle: int, stop: int,
         purpose=purpose,
         images={"left": look.pictures.left.pixels, "right": look.pictures.right.pixels},
         scene=sight.report(look.scene),
-        seconds={**look.scene.seconds, "settled": look.settled_s, "total": look.seconds},
+        seconds={
+            **look.scene.seconds,
+            "settled": look.settled_s,
+            "from_light": look.from_light_s,
+            "total": look.seconds,
+        },
         health={
+            "skew_ms": (look.pictures.right.taken_s - look.pictures.left.taken_s) * 1000.0,
             "epipolar_px": look.epipolar_px,
             "noise": look.scene.view.noise_sigma,
             **hints,

@@ -165,6 +165,7 @@ def look_json(seen: Look) -> dict[str, Any]:
         "world_from_cyclopean": seen.world_from_cyclopean.tolist(),
         "seconds": round(seen.seconds, 4),
         "settled_s": round(seen.settled_s, 4),
+        "from_light_s": round(seen.from_light_s, 4),
         "epipolar_px": None if np.isnan(seen.epipolar_px) else round(seen.epipolar_px, 4),
         "health": findings_json(seen.health),
     }
@@ -179,7 +180,10 @@ def one_part(seen: Look) -> Part:
 
 def _timing(seen: Look) -> str:
     stages = "  ".join(f"{name} {1000 * s:.0f} ms" for name, s in seen.scene.seconds.items())
-    return f"settled {1000 * seen.settled_s:.0f} ms, in all {1000 * seen.seconds:.0f} ms ({stages})"
+    return (
+        f"settled {1000 * seen.settled_s:.0f} ms, from light to answer {1000 * seen.from_light_s:.0f} ms, "
+        f"in all {1000 * seen.seconds:.0f} ms ({stages})"
+    )
 
 
 COMMANDS = (
