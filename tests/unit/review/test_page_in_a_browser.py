@@ -2,52 +2,23 @@
 
 from __future__ import annotations
 
-import shutil
 import time
-from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from made_run import MadeRun
 
 from daemon.review.page import write_page
 
-webdriver = pytest.importorskip("selenium.webdriver", reason="selenium is not installed")
-if not (shutil.which("chromium") and shutil.which("chromedriver")):
-    pytest.skip("no chromium and chromedriver on this machine", allow_module_level=True)
 
-FLAGS = (
-    "--headless",
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-    "--disable-dev-shm-usage",
-    "--window-size=1300,1000",
-)
+def rows(browser: Any) -> list[object]:
+    return browser.find_elements("css selector", "#table tbody tr")
 
 
-@pytest.fixture(scope="module")
-def browser() -> Iterator[object]:
-    options = webdriver.ChromeOptions()
-    for flag in FLAGS:
-        options.add_argument(flag)
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
-    driver = webdriver.Chrome(options=options, service=webdriver.ChromeService(shutil.which("chromedriver")))
-    yield driver
-    driver.quit()
-
-
-def rows(browser: object) -> list[object]:
-    return browser.find_elements("css selector", "#table tbody tr")  # type: ignore[attr-defined]
-
-
-def open_page(browser: object, page: Path) -> None:
-    browser.get(page.as_uri())  # type: ignore[attr-defined]
-    assert browser.execute_script("return document.documentElement.dataset.ready") == "yes"  # type: ignore[attr-defined]
+def open_page(browser: Any, page: Path) -> None:
+    browser.get(page.as_uri())
+    assert browser.execute_script("return document.documentElement.dataset.ready") == "yes"
 
 
 @pytest.fixture
@@ -59,7 +30,7 @@ def page(tmp_path: Path) -> Path:
     return write_page(made.close(), tmp_path / "page.html")
 
 
-def test_a_person_filters_opens_a_cycle_and_goes_to_the_next_stop(browser: object, page: Path) -> None:
+def test_a_person_filters_opens_a_cycle_and_goes_to_the_next_stop(browser: Any, page: Path) -> None:
     open_page(browser, page)
     assert len(rows(browser)) == 3
     browser.find_element("css selector", "button[data-outcome=missed]").click()
@@ -80,7 +51,7 @@ def test_a_person_filters_opens_a_cycle_and_goes_to_the_next_stop(browser: objec
     assert browser.get_log("browser") == []
 
 
-def test_plots_are_drawn_once_they_come_into_view(browser: object, page: Path) -> None:
+def test_plots_are_drawn_once_they_come_into_view(browser: Any, page: Path) -> None:
     open_page(browser, page)
     browser.execute_script("document.getElementById('plots').scrollIntoView()")
     deadline = time.monotonic() + 20
@@ -90,7 +61,7 @@ def test_plots_are_drawn_once_they_come_into_view(browser: object, page: Path) -
     assert browser.get_log("browser") == []
 
 
-def test_a_phone_needs_no_sideways_scrolling(browser: object, page: Path) -> None:
+def test_a_phone_needs_no_sideways_scrolling(browser: Any, page: Path) -> None:
     browser.set_window_size(420, 900)
     open_page(browser, page)
     wide = browser.execute_script("return document.documentElement.scrollWidth - document.documentElement.clientWidth")
@@ -98,7 +69,7 @@ def test_a_phone_needs_no_sideways_scrolling(browser: object, page: Path) -> Non
     browser.set_window_size(1300, 1000)
 
 
-def test_a_thousand_cycles_open_and_nothing_out_of_sight_is_drawn(browser: object, tmp_path: Path) -> None:
+def test_a_thousand_cycles_open_and_nothing_out_of_sight_is_drawn(browser: Any, tmp_path: Path) -> None:
     made = MadeRun(tmp_path / "20260102T030405Z")
     made.log.close("")
     made = MadeRun(tmp_path / "20260102T030406Z")

@@ -1,0 +1,84 @@
+"""The demo as a newcomer runs it, and its run as a production engineer reviews it: page, replay, export."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from daemon.ctl import main as facetctl
+
+SEED = 106
+"""Any will do; this one is known to pick every part."""
+
+
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Path]:
+    """What the demo printed, and its run folder."""
+    runs = tmp_path_factory.mktemp("runs")
+    done = subprocess.run(
+        [sys.executable, "-m", "daemon.ctl", "demo", "--seed", str(SEED), "--runs", str(runs)],
+        capture_output=True,
+        text=True,
+        timeout=110,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    (run,) = [folder for folder in runs.iterdir() if folder.is_dir()]
+    return done.stdout, run
+
+
+def test_it_picks_every_part_and_says_how_sure_it_was_and_how_far_off(demo: tuple[str, Path]) -> None:
+    said, run = demo
+    assert f"seed {SEED}" in said
+    records = [json.loads(line) for line in (run / "run.jsonl").read_text().splitlines()]
+    picked = {r["label"] for r in records if r["kind"] == "cycle_end" and r["outcome"] == "picked"}
+    assert picked == {"cube", "pyramid", "triangular_prism", "pentagonal_prism"}
+    truths = [r for r in records if r["kind"] == "truth" and r["held"]]
+    assert len(truths) == 4
+    assert all(r["error_mm"] < 3.0 for r in truths)
+
+
+def test_replayed_through_the_same_code_nothing_changes(
+    demo: tuple[str, Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    _, run = demo
+    assert facetctl(["replay", str(run), "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said["looks"] > 20
+    assert said["identical"] == said["looks"]
+
+
+def test_its_mcap_is_read_back_by_the_mcap_reader(demo: tuple[str, Path], tmp_path: Path) -> None:
+    reader = pytest.importorskip("mcap.reader", reason="mcap is not installed")
+    _, run = demo
+    out = tmp_path / "run.mcap"
+    assert facetctl(["export", str(run), "--mcap", "--out", str(out)]) == 0
+    with out.open("rb") as file:
+        topics = {channel.topic for _, channel, _ in reader.make_reader(file).iter_messages()}
+    assert any("left" in topic for topic in topics)
+    assert any("log" in topic for topic in topics)
+
+
+def test_its_page_is_clicked_through_in_a_browser(demo: tuple[str, Path], tmp_path: Path, browser: Any) -> None:
+    _, run = demo
+    page = tmp_path / "page.html"
+    assert facetctl(["review", str(run), "--out", str(page)]) == 0
+    browser.get(page.as_uri())
+    assert browser.execute_script("return document.documentElement.dataset.ready") == "yes"
+    rows = browser.find_elements("css selector", "#table tbody tr")
+    browser.find_element("id", "search").send_keys("pyramid")
+    found = browser.find_elements("css selector", "#table tbody tr")
+    assert 0 < len(found) < len(rows)
+    found[-1].click()
+    cycle = browser.find_element("id", "cycle")
+    before = cycle.find_element("css selector", "button[aria-pressed=true]").text
+    browser.find_element("id", "next").click()
+    assert cycle.find_element("css selector", "button[aria-pressed=true]").text != before
+    assert len(cycle.find_elements("css selector", ".eye img")) == 2
+    assert cycle.find_elements("css selector", ".eye polygon.facet")
+    assert browser.get_log("browser") == []
