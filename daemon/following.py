@@ -12,13 +12,17 @@ import numpy as np
 
 from daemon import approach, frames
 from daemon.approach import Doubt, Estimate, Sighting
+from daemon.edges import fit_edges, open_eyes
 from daemon.looking import Look
 from daemon.plan import SAME_PLACE_MM, Plan, Seen, seen_parts
 from daemon.tracking import Fit, Shape, refit
+from daemon.vision.data import Facet
 from daemon.workcell import Array, Workcell
 
 NEAR_MM = 60.0
 """Facets farther than this from where the part's middle should be are not its own."""
+FACETS_REACH_MM, REACH_MM = 2.0, 6.0
+"""How far off the pose that edges are searched from may be: one that facets gave, and one thought before the look."""
 
 
 def far(a: Array, b: Array) -> float:
@@ -62,15 +66,30 @@ def follow(target: Target, look: Look, cell: Workcell, doubt: Doubt) -> bool:
     """Find the target in a new look and add the sighting; False where it is not where it should be."""
     target.look = look
     target.looks += 1
-    near = frames.inverse(look.world_from_cyclopean) @ target.world_from_part
     parts = seen_parts(look)
-    fit = refit(target.shape, [f for p in parts if far(p.centre, target.centre) < NEAR_MM for f in p.facets], near)
+    fit = fitted(target, look, cell, [f for p in parts if far(p.centre, target.centre) < NEAR_MM for f in p.facets])
     if fit is None:
         return False
     target.beside_before = target.beside_now
     target.beside_now = [p for p in parts if far(p.centre, target.centre) >= SAME_PLACE_MM]
     target.sightings.append(sighted(look, fit, cell, doubt))
     return True
+
+
+def fitted(target: Target, look: Look, cell: Workcell, facets: list[Facet]) -> Fit | None:
+    """The target's pose in a look, by its edges; by the facets near it where its edges do not show; None where neither
+    does."""
+    near = frames.inverse(look.world_from_cyclopean) @ target.world_from_part
+    by_facets = refit(target.shape, facets, near)
+    eyes = open_eyes(look.pictures.left.pixels, look.pictures.right.pixels, cell.rig)
+    if by_facets is None:
+        return fit_edges(target.shape, eyes, near, REACH_MM)
+    return fit_edges(target.shape, eyes, by_facets.cyclopean_from_part, FACETS_REACH_MM) or by_facets
+
+
+def still_there(target: Target, look: Look, cell: Workcell) -> bool:
+    """Whether the target's edges still show where it lay."""
+    return fitted(target, look, cell, []) is not None
 
 
 def sighted(look: Look, fit: Fit, cell: Workcell, doubt: Doubt) -> Sighting:

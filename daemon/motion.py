@@ -31,11 +31,24 @@ class NotThereError(Exception):
 
 @dataclass(frozen=True)
 class Arrival:
-    """How far WHERE may be from what was asked, and how long a move may take."""
+    """How far WHERE may be from what was asked, and how long a move may take before the arm is given up for lost:
+    slack_s besides the move itself, at no less than slowest_mm_s and slowest_deg_s (at a speed of 100 percent; half
+    of what the arm makes); timeout_s at most."""
 
     within_mm: float = 0.5
     within_deg: float = 0.1
+    slack_s: float = 4.0
+    slowest_mm_s: float = 250.0
+    slowest_deg_s: float = 50.0
     timeout_s: float = 60.0
+
+    def longest_s(self, start: Reading, command: Command, joints_rad: Array | None) -> float:
+        """How long this move may take; joints_rad (6,): where the joints end, if that is known."""
+        motion = frames.difference(command.world_from_tool, start.world_from_tool)
+        turned = motion[3:] if joints_rad is None else np.append(joints_rad - start.joints_rad, motion[3:])
+        way_s = float(np.linalg.norm(motion[:3])) / self.slowest_mm_s
+        way_s += float(np.degrees(np.abs(turned).max())) / self.slowest_deg_s
+        return min(self.timeout_s, self.slack_s + way_s / (command.speed_pct / 100.0))
 
 
 Gate = Callable[[Command], Awaitable[None]]
@@ -99,17 +112,18 @@ class Mover:
         self.check(command)
         assert self.here is not None
         self._log_move(command)
+        joints = self.cell.robot.reachable(command.world_from_tool, self.here.joints_rad)
         if self.dry:
-            joints = self.cell.robot.reachable(command.world_from_tool, self.here.joints_rad)
             self._imagined = Reading(command.world_from_tool, self.here.joints_rad if joints is None else joints)
             return self._imagined
+        longest_s = self.arrival.longest_s(self.here, command, joints)
         started_s = self.cell.clock()
         self.at = None
         reading = await self.cell.robot.move(
             command.world_from_tool,
             straight=command.straight,
             speed_pct=command.speed_pct,
-            timeout_s=self.arrival.timeout_s,
+            timeout_s=longest_s,
         )
         self.at = reading
         self._arrived(command, reading, self.cell.clock() - started_s)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from daemon import approach, guard
 from daemon.approach import CHI_SQUARE_6
-from daemon.following import NEAR_MM, Target, beside, far, follow
+from daemon.following import NEAR_MM, Target, beside, far, follow, still_there
 from daemon.guard import Command, Standing
 from daemon.looking import Look, Sight, log_look, take_look
 from daemon.motion import Mover, MoveRefusedError, OutOfReachError
@@ -387,16 +387,23 @@ class Pick:
         hand = look.reading.world_from_tool[:3, 3]
         on_table = [p for p in seen_parts(look) if far(p.centre, hand) > 70.0]
         left = [p for p in on_table if far(p.centre, target.centre) < self.settings.gone_mm + 20.0]
-        if not left:
+        still = bool(left) or still_there(target, look, self.cell)
+        if not still and not self.knocked_away(target, on_table):
             self.outcome, self.why = "picked", f"{target.label} is gone from where it lay"
             return "gone"
         self.tries += 1
-        self.outcome, self.why = "missed", f"{target.label} still lies there"
+        self.outcome, self.why = "missed", f"{target.label} {'still lies there' if still else 'was knocked away'}"
         self.decide("missed", self.why)
         if self.tries >= self.settings.tries:
             self.skip("missed", target, f"still there after {self.tries} tries")
         await self.mover.hand(closed=False)
         return "missed"
+
+    def knocked_away(self, target: Target, on_table: list[Seen]) -> bool:
+        """Whether the like of it lies now where nothing lay before."""
+        others = [p.centre for p in self.found if far(p.centre, target.centre) > SAME_PLACE_MM]
+        alike = [p for p in on_table if p.label == target.label]
+        return any(all(far(p.centre, c) > SAME_PLACE_MM for c in others) for p in alike)
 
     async def place(self) -> str:
         """To the bin, and let go."""

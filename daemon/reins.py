@@ -17,8 +17,8 @@ from daemon.motion import Arrival, Mover, MoveRefusedError, OutOfReachError
 from daemon.workcell import Workcell
 
 T = TypeVar("T")
-ABORT_S = 5.0
-"""How long an answer to ABORT may take before the operator is sent to the emergency stop."""
+ABORT_S = 7.0
+"""How long an answer to ABORT may take before the operator is sent to the emergency stop (the link gives up sooner)."""
 
 
 class RefusedError(Exception):

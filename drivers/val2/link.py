@@ -183,6 +183,7 @@ class Link:
         """
         if self._aborting is None or self._aborting.done():
             self._aborting = asyncio.create_task(self._abort(self._open_session))
+            self._aborting.add_done_callback(_heard_of)
         return await asyncio.shield(self._aborting)
 
     # Inside
@@ -305,6 +306,12 @@ class Link:
         if answer.question is not None:
             raise ControllerError(f"the controller asks {answer.question!r}: answer that first")
         return answer
+
+
+def _heard_of(aborting: asyncio.Task[Where]) -> None:
+    """Whoever asked may have gone away before the controller did not confirm; that is nobody's unhandled error."""
+    if not aborting.cancelled():
+        aborting.exception()
 
 
 def _may_be_our_own_noise(text: str) -> bool:

@@ -149,6 +149,27 @@ def test_a_part_missed_too_often_is_given_up_with_the_hand_open():
     assert world.lying
 
 
+def test_a_part_knocked_away_by_the_closing_hand_is_not_taken_for_picked():
+    world = one_part()
+    knocked = []
+
+    def knock(act):
+        if act == "hand" and world.wire and world.wire[-1][0] == "move" and not knocked and near_hand(world):
+            knocked.append(act)
+            world.lying["cube"][:2, 3] += (70.0, -60.0)
+
+    world.before = knock
+    _, end = picked(world)
+    assert knocked
+    assert [r["why"] for r in world.said("decision") if r["text"] == "missed"] == ["cube was knocked away"]
+    assert (end.outcome, world.binned) == ("picked", ["cube"])
+
+
+def near_hand(world):
+    """Whether the hand is around the cube."""
+    return np.linalg.norm(world.lying["cube"][:3, 3] - world.at[:3, 3]) < 40.0
+
+
 def test_a_part_out_of_reach_is_skipped_and_named_and_the_others_are_picked():
     world = one_part("cube")
     world.put("pyramid", 400, 90, 1.0)

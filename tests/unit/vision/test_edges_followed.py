@@ -1,0 +1,91 @@
+"""A known part near a known place is found by its edges, also where its faces are not told apart, or not at all."""
+
+import numpy as np
+import painted
+import pytest
+from painted import paint_pair, rig
+from solids import KNOWN, pose
+
+from daemon import frames
+from daemon.edges import fit_edges, open_eyes
+from daemon.tracking import Shape
+
+VIEWS = ((0.75, 0.25, 0.6), (0.2, -0.5, 0.84), (-0.6, 0.55, 0.58))
+ALIKE = (95.0, 165.0, 165.0, 165.0, 165.0, 165.0, 165.0)
+
+
+def shape_of(label):
+    body = KNOWN[label]
+    return Shape(label, body.corners_mm, tuple(np.array(ring) for ring in body.facets))
+
+
+def near(where, rng):
+    """What may be thought before a look: some 2 mm and a degree off."""
+    return frames.perturb(where, np.concatenate([rng.normal(0, 1.2, 3), np.radians(rng.normal(0, 0.6, 3))]))
+
+
+def error(fit, where, shape):
+    """(mm at the middle, degrees)."""
+    middle = shape.corners_mm.mean(axis=0)
+    shift = frames.apply(fit.cyclopean_from_part, middle) - frames.apply(where, middle)
+    return np.linalg.norm(shift), np.degrees(frames.angle_between(fit.cyclopean_from_part, where))
+
+
+def found(label, view, seed=1):
+    """(mm, degrees) off, and the sigma of the place, of a part laid from a near pose."""
+    rng, shape = np.random.default_rng(seed), shape_of(label)
+    where = pose(np.array(view), 0.3, 300.0)
+    fit = fit_edges(shape, open_eyes(*paint_pair([(KNOWN[label], where)], rng), rig()), near(where, rng))
+    assert fit is not None
+    return *error(fit, where, shape), np.sqrt(np.trace(fit.covariance[:3, :3]))
+
+
+@pytest.mark.parametrize("label", KNOWN)
+@pytest.mark.parametrize("view", VIEWS)
+def test_edges_give_the_pose_to_a_fraction_of_a_millimetre(label, view):
+    error_mm, error_deg, sigma_mm = found(label, view)
+    assert error_mm < 0.4
+    assert error_deg < 0.2
+    assert error_mm < 3 * sigma_mm
+
+
+@pytest.mark.parametrize("label", ["cube", "pyramid", "pentagonal_prism"])
+@pytest.mark.parametrize("view", VIEWS)
+def test_a_part_of_which_only_the_outline_shows_is_located_by_that(monkeypatch, label, view):
+    monkeypatch.setattr(painted, "GREYS", ALIKE)
+    error_mm, error_deg, sigma_mm = found(label, view)
+    assert error_mm < 1.0
+    assert error_deg < 1.5
+    assert error_mm < 3 * sigma_mm
+
+
+@pytest.mark.parametrize("label", KNOWN)
+def test_an_empty_table_shows_no_part(label):
+    rng, shape = np.random.default_rng(2), shape_of(label)
+    where = pose(np.array(VIEWS[0]), 0.3, 300.0)
+    assert fit_edges(shape, open_eyes(*paint_pair([], rng), rig()), where) is None
+
+
+@pytest.mark.parametrize("label", KNOWN)
+def test_a_part_that_lies_elsewhere_is_not_taken_for_one_that_lies_here(label):
+    rng, shape = np.random.default_rng(3), shape_of(label)
+    where = pose(np.array(VIEWS[0]), 0.3, 300.0)
+    eyes = open_eyes(*paint_pair([(KNOWN[label], where)], rng), rig())
+    assert fit_edges(shape, eyes, frames.perturb(where, np.array([24.0, -16.0, 0.0, 0.0, 0.0, 0.3]))) is None
+
+
+@pytest.mark.parametrize("label", KNOWN)
+def test_another_part_in_its_place_is_not_taken_for_it(label):
+    rng = np.random.default_rng(4)
+    where = pose(np.array(VIEWS[0]), 0.3, 300.0)
+    eyes = open_eyes(*paint_pair([(KNOWN[label], where)], rng), rig())
+    assert [other for other in KNOWN if other != label and fit_edges(shape_of(other), eyes, where)] == []
+
+
+def test_a_part_half_out_of_the_picture_is_located_by_the_edges_that_are_in_it():
+    rng, shape = np.random.default_rng(5), shape_of("pentagonal_prism")
+    where = frames.rigid(np.eye(3), np.array([0.0, -62.0, 0.0])) @ pose(np.array(VIEWS[0]), 0.3, 300.0)
+    eyes = open_eyes(*paint_pair([(KNOWN["pentagonal_prism"], where)], rng), rig())
+    fit = fit_edges(shape, eyes, near(where, rng))
+    assert fit is not None
+    assert error(fit, where, shape)[0] < 1.0
