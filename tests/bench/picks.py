@@ -69,7 +69,8 @@ def _off_centre(eye: Camera, rng: np.random.Generator) -> Camera:
     return replace(eye, matrix=matrix)
 
 
-async def _pick(believed: Calibration, model: Any, seed: int, settings: Settings) -> Picked:
+async def pick_once(believed: Calibration, model: Any, seed: int, settings: Settings) -> Picked:
+    """One part, drawn by seed, in a random resting pose alone on the table, picked under that calibration."""
     rng = np.random.default_rng(seed)
     label = PARTS[int(rng.integers(len(PARTS)))]
     async with simulated_cell.rig(seed, model, time_scale=40.0, settings=settings, believed=believed) as here:
@@ -95,7 +96,7 @@ async def _all(picks: int, calibrations: int) -> dict[str, list[Picked]]:
         for k in range(picks // calibrations):
             seed = 10_000 * (number + 1) + k
             for name, settings in (("looks as needed", usual), ("a single look", once)):
-                one = await _pick(believed, model, seed, settings)
+                one = await pick_once(believed, model, seed, settings)
                 found[name].append(one)
             print(".", end="", flush=True)
     print()
