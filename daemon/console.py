@@ -53,6 +53,9 @@ class Door(Protocol):
     async def ask(self, question: str) -> str:
         """Put a question and wait for the answer; empty when the operator went away."""
 
+    async def fetch(self, path: str) -> bytes:
+        """The content of a file of the operator's, on the machine they sit at. Raises CommandError."""
+
 
 Handler = Callable[[Desk, list[str], Door], Awaitable[Answer]]
 

@@ -18,6 +18,7 @@ from daemon.cell import EXPECTED_ERRORS, Hardware
 from daemon.config import Config, ConfigError
 from daemon.cycle import Cycle, CycleEnd, RefusedError
 from daemon.looking import Look, NotSettledError
+from daemon.mesh import MeshError
 from daemon.model import ModelError
 from daemon.motion import MoveRefusedError, NotThereError, OutOfReachError
 from daemon.picking import SuspectError
@@ -33,6 +34,7 @@ from daemon.vision.table import Table
 ANSWERABLE: tuple[type[Exception], ...] = (
     *EXPECTED_ERRORS,
     ConfigError,
+    MeshError,
     ModelError,
     MoveRefusedError,
     NotSettledError,

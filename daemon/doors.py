@@ -1,14 +1,16 @@
 """The operators' socket: JSON objects, one a line, both ways. What the words mean is the console's business.
 
-Operator to daemon: {"do": TEXT, "door": NAME, "asks": BOOL} {"answer": TEXT} {"interrupt": true} {"complete": TEXT}.
-Daemon to operator: {"say": TEXT} {"ask": QUESTION} {"done": {text, data, status}} {"options": [LINE, ...]}
-{"stopped": TEXT}, the answer to an interrupt.
+Operator to daemon: {"do": TEXT, "door": NAME, "asks": BOOL} {"answer": TEXT} {"interrupt": true} {"complete": TEXT}
+{"file": BASE64, "more": BOOL} or {"no_file": WHY}, the answer to a fetch.
+Daemon to operator: {"say": TEXT} {"ask": QUESTION} {"fetch": PATH} {"done": {text, data, status}}
+{"options": [LINE, ...]} {"stopped": TEXT}, the answer to an interrupt.
 Who is speaking is what the kernel says of the other end, not what it says of itself.
 """
 
 from __future__ import annotations
 
 import asyncio
+import base64
 import contextlib
 import grp
 import json
@@ -20,9 +22,10 @@ from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any, Literal
 
-from daemon.console import Answer, Console
+from daemon.console import NOT_UNDERSTOOD, Answer, CommandError, Console
 
 LONGEST_MESSAGE = 64 * 1024
+LONGEST_FILE = 8_000_000
 Interrupt = Callable[[str], Awaitable[str]]
 """Called when somebody presses control-C, with who it was; stops the arm and says what happened."""
 
@@ -110,6 +113,8 @@ class _Operator:
         self._reader, self._writer, self._console, self._interrupt = reader, writer, console, interrupt
         self.name, self.asks, self.who = "socket", False, _who(writer.get_extra_info("socket"))
         self._question: asyncio.Future[str] | None = None
+        self._file: asyncio.Future[bytes] | None = None
+        self._pieces: list[bytes] = []
         self._doing: asyncio.Task[None] | None = None
         self._beside: set[asyncio.Task[None]] = set()
         self._gone = False
@@ -133,6 +138,8 @@ class _Operator:
         self._gone = True
         if self._question is not None and not self._question.done():
             self._question.set_result("")
+        if self._file is not None and not self._file.done():
+            self._file.set_exception(CommandError("the operator went away"))
 
     async def say(self, text: str) -> None:
         """Show some lines now."""
@@ -145,6 +152,14 @@ class _Operator:
         self._question = asyncio.get_running_loop().create_future()
         await self._send({"ask": question})
         return await self._question
+
+    async def fetch(self, path: str) -> bytes:
+        """A file at the operator's end. Raises CommandError."""
+        if self._gone:
+            raise CommandError("the operator went away")
+        self._file, self._pieces = asyncio.get_running_loop().create_future(), []
+        await self._send({"fetch": path})
+        return await self._file
 
     async def _next_line(self) -> bytes:
         try:
@@ -170,12 +185,27 @@ class _Operator:
         elif "answer" in message:
             if self._question is not None and not self._question.done():
                 self._question.set_result(str(message["answer"]))
+        elif "file" in message or "no_file" in message:
+            self._take_file(message)
         elif "interrupt" in message:
             await self._send({"stopped": await self._interrupt(f"{self.who}, {self.name}")})
         elif "complete" in message:
             await self._send({"options": self._console.complete(str(message["complete"]))})
         else:
-            raise ValueError("it holds neither do, answer, interrupt nor complete")
+            raise ValueError("it holds neither do, answer, file, interrupt nor complete")
+
+    def _take_file(self, message: dict[str, Any]) -> None:
+        """One piece of a file that was asked for, or why there is none."""
+        if self._file is None or self._file.done():
+            return
+        if "no_file" in message:
+            self._file.set_exception(CommandError(str(message["no_file"]), NOT_UNDERSTOOD))
+            return
+        self._pieces.append(base64.b64decode(str(message["file"]), validate=True))
+        if sum(map(len, self._pieces)) > LONGEST_FILE:
+            self._file.set_exception(CommandError(f"a file may have {LONGEST_FILE // 1_000_000} MB at most"))
+        elif not message.get("more"):
+            self._file.set_result(b"".join(self._pieces))
 
     async def _do(self, text: str) -> None:
         answer = await self._console.interpret(text, self)

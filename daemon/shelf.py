@@ -1,6 +1,7 @@
 """What was taught, on disk: views as images, models by version, and which model is in use. Files only; no learning.
 
 views/<label>/<number>/{left.png, right.png, view.json}      a view appears whole or not at all
+views/<label>/<number>/{mesh.stl or mesh.obj, view.json}     the same for a part taught from its drawing
 models/<version>.npz, models/state.json                      {"current", "candidate", "history"}
 """
 
@@ -10,10 +11,11 @@ import json
 import os
 import shutil
 import tempfile
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import cv2
 import msgspec
@@ -33,7 +35,7 @@ class ShelfError(Exception):
 
 @dataclass(frozen=True)
 class StoredView:
-    """One taught view on disk. note: when, by whom, under which calibration, what was seen."""
+    """One taught view on disk, or one drawing. note: when, by whom, under which calibration, what was seen."""
 
     label: str
     number: int
@@ -45,8 +47,13 @@ class StoredView:
         """For people: cube/3."""
         return f"{self.label}/{self.number}"
 
+    @property
+    def mesh(self) -> Path | None:
+        """The drawing's file, where it is one."""
+        return next((p for p in (self.folder / "mesh.stl", self.folder / "mesh.obj") if p.exists()), None)
+
     def images(self) -> tuple[Image, Image]:
-        """Left and right, (H, W) grey. Raises ShelfError."""
+        """Left and right, (H, W) grey, of a view that is no drawing. Raises ShelfError."""
         left, right = (_read_image(self.folder / f"{eye}.png") for eye in ("left", "right"))
         return left, right
 
@@ -82,13 +89,22 @@ class Shelf:
 
     def add_view(self, label: str, left: Image, right: Image, note: dict[str, Any]) -> StoredView:
         """Store a view under the next free number. Raises ShelfError; then nothing of it is there."""
+        images = {f"{eye}.png": cv2.imencode(".png", pixels)[1].tobytes() for eye, pixels in
+                  (("left", left), ("right", right))}  # fmt: skip
+        return self._add(label, images, note)
+
+    def add_mesh(self, label: str, kind: Literal["stl", "obj"], content: bytes, note: dict[str, Any]) -> StoredView:
+        """Store a drawing under the next free number. Raises ShelfError; then nothing of it is there."""
+        return self._add(label, {f"mesh.{kind}": content}, note)
+
+    def _add(self, label: str, files: Mapping[str, bytes], note: dict[str, Any]) -> StoredView:
         parent = self.folder / "views" / label
         try:
             parent.mkdir(parents=True, exist_ok=True)
             making = Path(tempfile.mkdtemp(dir=parent, prefix=".new-"))
             try:
-                for eye, pixels in (("left", left), ("right", right)):
-                    write_atomically(making / f"{eye}.png", cv2.imencode(".png", pixels)[1].tobytes())
+                for name, content in files.items():
+                    write_atomically(making / name, content)
                 note = {"v": 1, "label": label, "taught": datetime.now(UTC).isoformat(timespec="seconds"), **note}
                 write_atomically(making / "view.json", json.dumps(note, indent=1).encode())
                 number = max((view.number for view in self.views(label)), default=0) + 1

@@ -7,6 +7,7 @@ what it then answers is what it would answer in the cell.
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,6 +25,9 @@ DISTANCE_MM = 400.0
 CORNER_PX = 0.15
 FACING = 0.3  # cosine below which a facet is too oblique to count on
 HIDDEN_SHARE = 0.9
+INSIDE = 0.95  # where a facet is tried for being covered: its corners and the middles of its sides, drawn in so far
+BEFORE_MM = 1.0
+EDGE_ON = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,17 +96,62 @@ def judge(model: Model, label: str, rig: StereoRig) -> Sufficiency:
 def imagined_view(solid: Solid, towards: Array, rig: StereoRig) -> Group | None:
     """The facets that would be measured with the cameras in direction `towards` (3,) of the part, at 400 mm; None when
     no facet faces them. Corners carry the covariance that CORNER_PX of corner error gives at that distance."""
-    cyclopean_from_part = _turned_to(towards)
-    corners = (solid.corners_mm - solid.corners_mm.mean(axis=0)) @ cyclopean_from_part.T + [0.0, 0.0, DISTANCE_MM]
+    shown = visible_facets(solid, towards)
+    return imagined_group(solid, shown, towards, rig) if shown else None
+
+
+def visible_facets(solid: Solid, towards: Array, least_facing: float = FACING) -> tuple[int, ...]:
+    """The facets that face a camera in direction `towards` (3,), far away, and that no other facet covers in part.
+
+    least_facing: cosine below which a facet is too oblique to be seen.
+    """
     areas = facet_areas(solid)
     cosine = (areas @ towards) / np.linalg.norm(areas, axis=1)
-    visible = [k for k in range(len(solid.facets)) if cosine[k] > FACING]
-    if not visible:
-        return None
+    facing = (k for k in range(len(solid.facets)) if cosine[k] > least_facing)
+    return tuple(k for k in facing if not _covered(solid, k, areas[k], towards))
+
+
+def imagined_group(solid: Solid, shown: Sequence[int], towards: Array, rig: StereoRig) -> Group:
+    """These facets as they would be measured from there, untyped by the measurement: they keep their own types."""
+    corners = (solid.corners_mm - solid.corners_mm.mean(axis=0)) @ _turned_to(towards).T + [0.0, 0.0, DISTANCE_MM]
     spread_mm2 = _corner_covariance(rig)
-    facets = tuple(_facet(corners[list(solid.facets[k])], solid.types[k], spread_mm2, rig) for k in visible)
-    touching = touching_from(solid)[np.ix_(visible, visible)]
-    return Group(facets, touching)
+    facets = tuple(_facet(corners[list(solid.facets[k])], solid.types[k], spread_mm2, rig) for k in shown)
+    return Group(facets, touching_from(solid)[np.ix_(shown, shown)])
+
+
+def _covered(solid: Solid, facet: int, area: Array, towards: Array) -> bool:
+    """Whether another facet lies before one, seen from `towards`: in front of its corners, drawn in a little."""
+    corners = solid.corners_mm[list(solid.facets[facet])]
+    beyond = (solid.corners_mm - corners[0]) @ area > BEFORE_MM * np.linalg.norm(area)
+    others = [solid.corners_mm[list(ring)] for ring in solid.facets if beyond[list(ring)].any()]
+    if not others:
+        return False
+    middle = corners.mean(axis=0)
+    along = np.roll(corners, -1, axis=0)
+    points = np.concatenate([middle + INSIDE * (corners - middle), middle + INSIDE * ((corners + along) / 2 - middle)])
+    return any(_in_front(ring, points, towards) for ring in others)
+
+
+def _in_front(ring: Array, points: Array, towards: Array) -> bool:
+    """Whether a ray from any of the points (N, 3) in direction `towards` goes through the polygon (M, 3)."""
+    normal = np.cross(ring, np.roll(ring, -1, axis=0)).sum(axis=0)
+    slope = float(normal @ towards)
+    if abs(slope) < EDGE_ON * float(np.linalg.norm(normal)):
+        return False
+    reach = ((ring[0] - points) @ normal) / slope
+    met = points + reach[:, None] * towards
+    x, y = _turned_to(towards)[:2]
+    across = np.stack([ring @ x, ring @ y], axis=1)
+    return any(r > BEFORE_MM and _inside(across, float(p @ x), float(p @ y)) for r, p in zip(reach, met, strict=True))
+
+
+def _inside(polygon: Array, x: float, y: float) -> bool:
+    """Whether a point lies in a plane polygon (M, 2): a ray to the right crosses its border an odd number of times."""
+    after = np.roll(polygon, -1, axis=0)
+    spans = (polygon[:, 1] > y) != (after[:, 1] > y)
+    rise = np.where(spans, after[:, 1] - polygon[:, 1], 1.0)
+    crossing = polygon[:, 0] + (y - polygon[:, 1]) / rise * (after[:, 0] - polygon[:, 0])
+    return bool((spans & (crossing > x)).sum() % 2)
 
 
 def open_edges(solid: Solid) -> int:

@@ -8,12 +8,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from time import perf_counter
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from daemon.aspects import aspects, learn_solid
 from daemon.library import PartEntry
+from daemon.mesh import MeshError, read_mesh
+from daemon.polyhedron import solid_of
 from daemon.shelf import Shelf, ShelfError, StoredView
 from daemon.sufficiency import Sufficiency, judge
 from daemon.tracking import Shape
@@ -22,6 +25,8 @@ from daemon.vision.facet_types import FacetLibrary
 from daemon.vision.image import VisionError
 from daemon.vision.look import look
 from daemon.vision.model import Model, TeachError, empty_model, learn_view
+from daemon.vision.recognise import recognise_group
+from daemon.vision.relation import Solid
 from daemon.vision.report import scene_json
 from daemon.vision.rig import StereoRig
 from daemon.vision.settings import VisionSettings
@@ -130,6 +135,18 @@ class School:
         self.check(label, left, right, _table_of(note))
         return self.shelf.add_view(label, left, right, note)
 
+    def store_mesh(self, label: str, name: str, content: bytes, unit: str, note: dict[str, Any]) -> StoredView:
+        """Keep a drawing (STL or OBJ) of a part on disk. Raises ShelfError, MeshError, TeachError."""
+        mesh = read_mesh(name, content, unit)
+        try:
+            solid = solid_of(mesh, self.library)
+        except MeshError as error:
+            raise MeshError(f"{name}: {error}") from None
+        learn_solid(empty_model(self.library), solid, self.rig, label)
+        kind: Literal["stl", "obj"] = "stl" if name.lower().endswith(".stl") else "obj"
+        note = {"mesh": name, "unit": unit, "facets": [list(solid.types)], **note}
+        return self.shelf.add_mesh(label, kind, content, note)
+
     def only_group(self, left: Image, right: Image, table: Table | None) -> Group:
         """The facets of the one part in view. Raises TeachError for none or several, VisionError."""
         groups = look(left, right, self.rig, None, self.settings, table=table).view.groups
@@ -142,16 +159,30 @@ class School:
         return largest[0]
 
     def learnt(self) -> tuple[Model, list[str]]:
-        """A model of every stored view, in order, and one line for each view that could not be learnt."""
+        """A model of every stored view, in order, and one line for each view that could not be learnt.
+
+        Drawings come last: the shape they give a part is not changed by what was measured.
+        """
         model, left_out = empty_model(self.library), []
-        for view in self.shelf.views():
+        for view in sorted(self.shelf.views(), key=lambda view: view.mesh is not None):
             try:
-                model = learn_view(
-                    model, self.only_group(*view.images(), _table_of(view.note)), view.label, source=view.name
-                )
-            except (TeachError, VisionError, ShelfError) as error:
+                if view.mesh is not None:
+                    model = learn_solid(model, self._solid(view), self.rig, view.label, view.name)
+                else:
+                    group = self.only_group(*view.images(), _table_of(view.note))
+                    model = learn_view(model, group, view.label, source=view.name)
+            except (TeachError, VisionError, ShelfError, MeshError) as error:
                 left_out.append(f"{view.name}: {error}")
         return model, left_out
+
+    def _solid(self, view: StoredView) -> Solid:
+        """The solid of a stored drawing. Raises MeshError."""
+        assert view.mesh is not None
+        try:
+            content = view.mesh.read_bytes()
+        except OSError as error:
+            raise MeshError(f"{view.mesh}: {error.strerror}") from None
+        return solid_of(read_mesh(view.mesh.name, content, str(view.note.get("unit", "mm"))), self.library)
 
     def train(self) -> Trained:
         """Make a candidate of every stored view and try it on each. The model in use is not touched.
@@ -193,11 +224,21 @@ class School:
         return judge(model, label, self.rig)
 
     def _verdict(self, trial: Recogniser, view: StoredView) -> ViewVerdict:
+        if view.mesh is not None:
+            return self._drawing_verdict(trial, view)
         parts = trial.see(*view.images(), _table_of(view.note)).parts
         if not parts:
             return ViewVerdict(view.name, view.label, "nothing", 0.0, None, "no part was seen in it")
         said = max(parts, key=lambda p: len(p.facets)).recognition
         return ViewVerdict(view.name, view.label, said.label, said.confidence, said.runner_up, said.reason)
+
+    def _drawing_verdict(self, trial: Recogniser, view: StoredView) -> ViewVerdict:
+        """From the directions in which the drawing shows its characteristic views; the worst of them counts."""
+        said = [recognise_group(group, trial.model).recognition for group in aspects(self._solid(view), self.rig)]
+        named = [one for one in said if one.label == view.label]
+        others = [one for one in said if one.label not in (view.label, "unknown")]
+        worst = (others or sorted(named, key=lambda one: one.confidence) or said)[0]
+        return ViewVerdict(view.name, view.label, worst.label, worst.confidence, worst.runner_up, worst.reason)
 
 
 def teaching_note(who: str, calibration: str, table: Table | None, scene: Scene) -> dict[str, Any]:

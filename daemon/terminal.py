@@ -10,12 +10,13 @@ import contextlib
 import os
 from collections import deque
 from collections.abc import Callable, Coroutine
+from pathlib import Path
 from typing import Any, Literal
 
 import serial
 
 from daemon.config import Terminal
-from daemon.console import Console
+from daemon.console import NOT_UNDERSTOOD, CommandError, Console
 from daemon.doors import Interrupt
 from daemon.lineedit import Key, LineEditor, to_terminal
 
@@ -75,6 +76,13 @@ class SerialConsole:
         finally:
             self._question = None
             self._editor.prompt, self._editor.remember = BUSY, True
+
+    async def fetch(self, path: str) -> bytes:
+        """A file on this machine: behind a serial terminal there is no other."""
+        try:
+            return await asyncio.to_thread(Path(path).read_bytes)
+        except OSError as error:
+            raise CommandError(f"{path}: {error.strerror}", NOT_UNDERSTOOD) from None
 
     def notice(self, text: str) -> None:
         """Lines above the one being typed, which is drawn again: answers, and faults that nobody asked for."""

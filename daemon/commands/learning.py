@@ -6,6 +6,7 @@ import asyncio
 import difflib
 import hashlib
 import re
+from collections import Counter
 from typing import Any
 
 from daemon.commands import standing_in
@@ -14,14 +15,19 @@ from daemon.commands.words import is_yes, plural
 from daemon.console import NOT_DONE, NOT_UNDERSTOOD, Answer, Command, CommandError, Door, no_more, number, one_of
 from daemon.desk import Desk
 from daemon.looking import Look
+from daemon.mesh import UNITS_MM, MeshError
 from daemon.sufficiency import VIEWPOINTS, Sufficiency
 from daemon.teach import ViewVerdict, teaching_note
+from daemon.vision.model import TeachError
 
 LABEL = re.compile(r"[a-z][a-z0-9_]{0,39}")
+MESH_USAGE = "teach LABEL --mesh FILE.stl|FILE.obj [mm|cm|m|inch]"
 
 
 async def teach(desk: Desk, words: list[str], door: Door) -> Answer:
     """Look, show what was seen, ask whether it is right, keep the view, say what is still missing."""
+    if "--mesh" in words:
+        return await _teach_drawing(desk, words, door)
     label = await _label(desk, words, door)
     hand = desk.hardware.hand
     if hand is None:
@@ -56,6 +62,29 @@ async def _teach_what_is_shown(desk: Desk, label: str, door: Door) -> Answer:
     )
 
 
+async def _teach_drawing(desk: Desk, words: list[str], door: Door) -> Answer:
+    """Learn a part from its STL or OBJ file, without showing it."""
+    at = words.index("--mesh")
+    file, unit = (*words[at + 1 :], *(None,) * 2)[:2]
+    if file is None:
+        raise CommandError(f"FILE is missing: {MESH_USAGE}", NOT_UNDERSTOOD)
+    no_more(words[at:], 3, MESH_USAGE)
+    unit = one_of(words, at + 2, UNITS_MM, "unit", MESH_USAGE) if unit is not None else "mm"
+    label = await _label(desk, words[:at], door, shown=False)
+    content = await door.fetch(file)
+    try:
+        view = await asyncio.to_thread(
+            desk.school.store_mesh, label, file.rpartition("/")[2], content, unit, {"who": door.who}
+        )
+    except (MeshError, TeachError) as error:
+        raise CommandError(str(error), NOT_UNDERSTOOD) from None
+    verdict, data = await _sufficiency(desk, label)
+    count = Counter(view.note["facets"][0])
+    facets = ", ".join(f"{n} {kind}" for kind, n in count.most_common())
+    text = f"Kept as {view.name}: a solid of {plural(sum(count.values()), 'facet')} ({facets}).\n{verdict}"
+    return Answer(f"{text}\n`train` makes a candidate with it.", {"kept": True, "view": view.name, **data})
+
+
 async def untaught(desk: Desk, words: list[str], _: Door) -> Answer:
     """What is named but not taught, and views no model was trained on yet."""
     no_more(words, 0, "untaught")
@@ -72,7 +101,7 @@ async def views(desk: Desk, words: list[str], _: Door) -> Answer:
     label = one_of(words, 0, desk.school.shelf.labels(), "label with views", "views LABEL") if words else None
     found = desk.school.shelf.views(label)
     rows = [
-        f"{view.name:<24} {view.note.get('taught', '?'):<26} {_facets_of(view.note)}, by {view.note.get('who', '?')}"
+        f"{view.name:<24} {view.note.get('taught', '?'):<26} {_what_of(view.note)}, by {view.note.get('who', '?')}"
         for view in found
     ]
     data = [{"view": view.name, **view.note} for view in found]
@@ -137,8 +166,8 @@ async def rollback(desk: Desk, words: list[str], _: Door) -> Answer:
     return Answer(f"Version {version} is in use again; the other one is the candidate.", {"version": version})
 
 
-async def _label(desk: Desk, words: list[str], door: Door) -> str:
-    """The label to teach; one that is new is asked about. Raises CommandError."""
+async def _label(desk: Desk, words: list[str], door: Door, shown: bool = True) -> str:
+    """The label to teach; one that is new is asked about. shown: a simulated hand must have it. Raises CommandError."""
     no_more(words, 1, "teach LABEL")
     if not words:
         known = ", ".join(desk.parts) or "none yet"
@@ -150,7 +179,7 @@ async def _label(desk: Desk, words: list[str], door: Door) -> str:
         raise CommandError(f"{label}: a label is small letters, digits and _, as in hex_bolt", NOT_UNDERSTOOD)
     close = difflib.get_close_matches(label, desk.parts, 1)
     hint = f"; did you mean {close[0]}?" if close else f" (known: {', '.join(desk.parts)})"
-    if desk.hardware.hand is not None or not door.asks:
+    if (shown and desk.hardware.hand is not None) or not door.asks:
         raise CommandError(f"{label}: no such part{hint} Add a new one to parts.yaml.", NOT_UNDERSTOOD)
     if not is_yes(await door.ask(f"{label} is not in parts.yaml{hint} Teach it as a new part? [y/n]")):
         raise CommandError("not taught")
@@ -210,7 +239,9 @@ def _named_otherwise(seen: Look, label: str) -> str | None:
     return others[0] if others and label not in names else None
 
 
-def _facets_of(note: dict[str, Any]) -> str:
+def _what_of(note: dict[str, Any]) -> str:
+    if "mesh" in note:
+        return f"drawing {note['mesh']} in {note.get('unit', 'mm')}, {plural(len(note['facets'][0]), 'facet')}"
     groups: list[list[str]] = note.get("facets") or [[]]
     return ", ".join(sorted(groups, key=len)[-1]) or "?"
 
@@ -224,9 +255,11 @@ def _with_views(desk: Desk) -> list[str]:
 
 
 COMMANDS = (
-    Command("teach", "teach LABEL", "look at a part and keep the view as that part", teach, "change",
+    Command("teach", "teach LABEL [--mesh FILE]", "look at a part and keep the view as that part", teach, "change",
             "  Show the part alone. What is seen is drawn and you are asked whether it is right.\n"
-            "  Then you are told which sides are still unseen and what it could be taken for.",
+            "  Then you are told which sides are still unseen and what it could be taken for.\n"
+            "  With --mesh FILE.stl or FILE.obj [mm|cm|m|inch] the part is learnt from its drawing, without being\n"
+            "  shown: every characteristic view of it, and its exact shape. The file is read where you sit.",
             choices=lambda desk: desk.parts),
     Command("untaught", "untaught", "parts not taught yet, views not trained yet", untaught),
     Command("views", "views [LABEL]", "the views that were taught", views, choices=_with_views),
