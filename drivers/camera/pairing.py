@@ -52,11 +52,17 @@ def newest_pair(
     return max(good, key=lambda ij: min(left[ij[0]].middle_s, right[ij[1]].middle_s), default=None)
 
 
-def why_no_pair(left: Sequence[Exposure], right: Sequence[Exposure], not_before_s: float, max_skew_s: float) -> str:
-    """In words, what stands between these frames and a pair. The sequences hold whole frames only."""
-    silent = [eye for eye, frames in (("left", left), ("right", right)) if not frames]
+def why_no_pair(
+    left: Sequence[Exposure], right: Sequence[Exposure], not_before_s: float, max_skew_s: float, silent_since_s: float
+) -> str:
+    """In words, what stands between these frames and a pair. The sequences hold whole frames only.
+
+    silent_since_s: a camera whose newest frame is older than that has fallen silent.
+    """
+    both = {"left": left, "right": right}
+    silent = [eye for eye, frames in both.items() if not frames or frames[-1].middle_s < silent_since_s]
     if silent:
-        return f"no frame from the {' and the '.join(silent)} camera"
+        return f"no frame {'any more ' if any(both[eye] for eye in silent) else ''}from the {_cameras(silent)}"
     fresh = [[m for m in frames if m.start_s >= not_before_s] for frames in (left, right)]
     if not all(fresh):
         late_ms = (not_before_s - min(max(m.start_s for m in frames) for frames in (left, right))) * 1000.0
@@ -66,3 +72,7 @@ def why_no_pair(left: Sequence[Exposure], right: Sequence[Exposure], not_before_
         f"the frames are {skew_ms:.1f} ms apart, more than max_skew_ms {max_skew_s * 1000.0:g}: "
         "raise the frame rate, synchronise the cameras, or allow more"
     )
+
+
+def _cameras(eyes: Sequence[str]) -> str:
+    return " and the ".join(eyes) + " camera"

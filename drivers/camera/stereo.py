@@ -21,6 +21,8 @@ from drivers.camera.settings import CameraSettings
 
 KEEP = 4
 """Frames remembered of each eye while looking for a pair."""
+SILENT_PERIODS = 10
+"""A camera without a frame for as many frame periods has fallen silent."""
 
 
 @dataclass(frozen=True)
@@ -125,7 +127,8 @@ class V4L2StereoCamera:
         self, both: tuple[Eye, Eye], seen: tuple[list[RawFrame], list[RawFrame]], not_before_s: float, timeout_s: float
     ) -> str:
         left, right = ([f.exposure for f in frames] for frames in seen)
-        why = why_no_pair(left, right, not_before_s, self._settings.max_skew_ms / 1000.0)
+        silent_since_s = self._clock() - SILENT_PERIODS * max(eye.period_s for eye in both)
+        why = why_no_pair(left, right, not_before_s, self._settings.max_skew_ms / 1000.0, silent_since_s)
         damage = [
             f"{e.name}: {e.tally.damaged} damaged frames, the last {e.tally.last_damage} (cable, USB bandwidth?)"
             for e in both

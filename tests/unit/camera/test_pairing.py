@@ -75,7 +75,8 @@ def test_a_stamp_at_the_start_of_exposure_and_one_at_the_end_of_read_out_give_th
 
 
 def test_the_reason_why_there_is_no_pair_is_said() -> None:
-    assert why_no_pair([], frames(1.0), 0.0, 0.02) == "no frame from the left camera"
-    assert why_no_pair([], [], 0.0, 0.02) == "no frame from the left and the right camera"
-    assert "200 ms too old" in why_no_pair(frames(1.0), frames(1.1), 1.2, 0.02)
-    assert "30.0 ms apart, more than max_skew_ms 20" in why_no_pair(frames(1.0), frames(1.03), 0.0, 0.02)
+    assert why_no_pair([], frames(1.0), 0.0, 0.02, 0.5) == "no frame from the left camera"
+    assert why_no_pair([], [], 0.0, 0.02, 0.5) == "no frame from the left and the right camera"
+    assert why_no_pair(frames(1.0), frames(9.0), 0.0, 0.02, 5.0) == "no frame any more from the left camera"
+    assert "200 ms too old" in why_no_pair(frames(1.0), frames(1.1), 1.2, 0.02, 0.5)
+    assert "30.0 ms apart, more than max_skew_ms 20" in why_no_pair(frames(1.0), frames(1.03), 0.0, 0.02, 0.5)
