@@ -9,14 +9,16 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from daemon import approach, frames
 from daemon.approach import Doubt, Estimate, Sighting
 from daemon.edges import fit_edges, open_eyes
-from daemon.looking import Look
+from daemon.looking import Expect, Look
 from daemon.plan import SAME_PLACE_MM, Plan, Seen, seen_parts
 from daemon.tracking import Fit, Shape, refit
-from daemon.vision.data import Facet
+from daemon.vision.data import Facet, FacetView, Part, Recognition, Scene
+from daemon.vision.rig import StereoRig
 from daemon.workcell import Array, Workcell
 
 NEAR_MM = 60.0
@@ -32,9 +34,10 @@ def far(a: Array, b: Array) -> float:
 
 @dataclass(eq=False)
 class Target:
-    """The part being picked: what is known of it so far; beside_before, beside_now: other parts in the last looks.
+    """The part being picked: what is known of it so far.
 
-    view: (3, 3) how the tool is turned for looks, world, where that is not as for the grasp.
+    view: (3, 3) how the tool is turned for looks, world, where that is not as for the grasp; confidence: of its name.
+    looked_before: the look before the last one.
     """
 
     label: str
@@ -47,8 +50,8 @@ class Target:
     looks: int = 0
     restarts: int = 0
     view: Array | None = None
-    beside_before: list[Seen] = field(default_factory=list)
-    beside_now: list[Seen] = field(default_factory=list)
+    confidence: float = 1.0
+    looked_before: Look | None = None
 
     @property
     def looking(self) -> Array:
@@ -64,32 +67,73 @@ class Target:
 
 def follow(target: Target, look: Look, cell: Workcell, doubt: Doubt) -> bool:
     """Find the target in a new look and add the sighting; False where it is not where it should be."""
-    target.look = look
+    target.looked_before, target.look = target.look, look
     target.looks += 1
-    parts = seen_parts(look)
-    fit = fitted(target, look, cell, [f for p in parts if far(p.centre, target.centre) < NEAR_MM for f in p.facets])
+    fit = expected_fit(look) if not look.whole else fitted(target, look, cell)
     if fit is None:
         return False
-    target.beside_before = target.beside_now
-    target.beside_now = [p for p in parts if far(p.centre, target.centre) >= SAME_PLACE_MM]
     target.sightings.append(sighted(look, fit, cell, doubt))
     return True
 
 
-def fitted(target: Target, look: Look, cell: Workcell, facets: list[Facet]) -> Fit | None:
-    """The target's pose in a look, by its edges; by the facets near it where its edges do not show; None where neither
-    does."""
+def fitted(target: Target, look: Look, cell: Workcell) -> Fit | None:
+    """The target's pose in a whole look, by the facets near it and then by its edges; None where neither show."""
     near = frames.inverse(look.world_from_cyclopean) @ target.world_from_part
+    facets = [f for p in seen_parts(look) if far(p.centre, target.centre) < NEAR_MM for f in p.facets]
     by_facets = refit(target.shape, facets, near)
-    eyes = open_eyes(look.pictures.left.pixels, look.pictures.right.pixels, cell.rig)
     if by_facets is None:
-        return fit_edges(target.shape, eyes, near, REACH_MM)
+        return None
+    eyes = open_eyes(look.pictures.left.pixels, look.pictures.right.pixels, cell.rig)
     return fit_edges(target.shape, eyes, by_facets.cyclopean_from_part, FACETS_REACH_MM) or by_facets
+
+
+def expecting(target: Target, cell: Workcell) -> Expect:
+    """Looks for the target's edges where it should be, and for nothing else."""
+
+    def expect(left: NDArray[np.uint8], right: NDArray[np.uint8], world_from_cyclopean: Array) -> Scene | None:
+        near = frames.inverse(world_from_cyclopean) @ target.world_from_part
+        fit = fit_edges(target.shape, open_eyes(left, right, cell.rig), near, REACH_MM)
+        return None if fit is None else expected_scene(target.shape, target.confidence, fit, cell.rig)
+
+    return expect
+
+
+def expected_scene(shape: Shape, confidence: float, fit: Fit, rig: StereoRig) -> Scene:
+    """A scene with one part, named before and found again: the facets that face the cameras, as they must lie."""
+    corners = frames.apply(fit.cyclopean_from_part, shape.corners_mm)
+    arms = corners - fit.cyclopean_from_part[:3, 3]
+    spread = np.array(
+        [frames.lever_covariance(frames.rigid(np.eye(3), arm), fit.covariance, np.eye(4)) for arm in arms]
+    )
+    normals = shape.normals() @ fit.cyclopean_from_part[:3, :3].T
+    facets = tuple(
+        Facet(
+            corners_mm=corners[ring],
+            covariance_mm2=spread[ring, :3, :3],
+            left_px=rig.left.project(corners[ring]),
+            right_px=rig.right.project(corners[ring]),
+            epipolar_px=np.full(len(ring), np.nan),
+            planarity_mm=0.0,
+            type=f"polygon{len(ring)}",
+        )
+        for ring, normal in zip(shape.facets, normals, strict=True)
+        if float(normal @ corners[ring].mean(axis=0)) < 0.0
+    )
+    known = Recognition(shape.label, confidence, np.nan, np.nan, None, False, "its edges lie where they should")
+    part = Part(known, facets, fit.cyclopean_from_part, fit.covariance, fit.residual_mm)
+    return Scene((part,), (), FacetView((), (), (), (), np.nan), ("only what was expected was looked for",))
+
+
+def expected_fit(look: Look) -> Fit:
+    """The fit that expected_scene was made of."""
+    (part,) = look.scene.parts
+    return Fit(part.cyclopean_from_part, part.covariance, part.residual_mm, len(part.facets))
 
 
 def still_there(target: Target, look: Look, cell: Workcell) -> bool:
     """Whether the target's edges still show where it lay."""
-    return fitted(target, look, cell, []) is not None
+    images = look.pictures.left.pixels, look.pictures.right.pixels
+    return expecting(target, cell)(*images, look.world_from_cyclopean) is not None
 
 
 def sighted(look: Look, fit: Fit, cell: Workcell, doubt: Doubt) -> Sighting:
@@ -103,6 +147,11 @@ def sighted(look: Look, fit: Fit, cell: Workcell, doubt: Doubt) -> Sighting:
         float(cell.rig.left.matrix[0, 0]),
         cell.rig.baseline_mm,
     )
+
+
+def others(target: Target, look: Look) -> list[Seen]:
+    """The parts in a whole look that are not the target."""
+    return [p for p in seen_parts(look) if far(p.centre, target.centre) >= SAME_PLACE_MM]
 
 
 def beside(

@@ -6,7 +6,8 @@ That the arm has settled is told by the images themselves: two pairs, one after 
 from __future__ import annotations
 
 import asyncio
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -62,7 +63,7 @@ class Look:
     """What one look saw. taken_s: when, on the cell's clock; settled_s: from the arm's rest to the first pair known to
     be still; seconds: from the arm's rest to the answer; from_light_s: from mid-exposure to the answer; epipolar_px:
     median distance of corners from their lines; table: where it was taken to be; health: what there is to say of the
-    images themselves."""
+    images themselves; whole: whether everything in view was looked for, or only what was expected."""
 
     scene: Scene
     pictures: Pictures
@@ -75,6 +76,11 @@ class Look:
     epipolar_px: float
     table: Table | None = None
     health: tuple[Finding, ...] = ()
+    whole: bool = True
+
+
+Expect = Callable[[NDArray[np.uint8], NDArray[np.uint8], Array], Scene | None]
+"""Looks for one thing only: both images and world_from_cyclopean (4, 4) in, the scene with it, or None, out."""
 
 
 def block_means(image: NDArray[np.uint8]) -> Array:
@@ -107,8 +113,8 @@ def still(before: Pictures, after: Pictures, settling: Settling) -> bool:
 
 def epipolar_px(scene: Scene) -> float:
     """Median distance of the matched corners from their epipolar lines; nan where nothing was matched."""
-    rows = [f.epipolar_px for p in scene.parts for f in p.facets]
-    return float(np.median(np.abs(np.concatenate(rows)))) if rows else float("nan")
+    rows = [f.epipolar_px[np.isfinite(f.epipolar_px)] for p in scene.parts for f in p.facets]
+    return float(np.median(np.abs(np.concatenate(rows)))) if any(map(len, rows)) else float("nan")
 
 
 async def settled_pair(cell: Workcell, rest_s: float, settling: Settling) -> tuple[Pictures, float]:
@@ -131,17 +137,32 @@ async def _agreeing_pairs(cell: Workcell, rest_s: float, settling: Settling) -> 
 
 
 async def take_look(
-    cell: Workcell, sight: Sight, reading: Reading, rest_s: float, settling: Settling, table_z_mm: float | None
+    cell: Workcell,
+    sight: Sight,
+    reading: Reading,
+    rest_s: float,
+    settling: Settling,
+    table_z_mm: float | None,
+    expect: Expect | None = None,
 ) -> Look:
     """Wait until the images are still, then see. reading: where the arm is; rest_s: since when, on the cell's clock;
-    table_z_mm: the table's height in the world, None where what lies in it counts, too. Raises VisionError on images
+    table_z_mm: the table's height in the world, None where what lies in it counts, too; expect: looks for one thing
+    that should be there, and where it finds that, nothing else is looked for. Raises VisionError on images
     that mislead (frozen, covered, swapped, half), besides what settled_pair and see raise."""
     before, pictures, settled_s = await _agreeing_pairs(cell, rest_s, settling)
     world_from_cyclopean = reading.world_from_tool @ cell.tool_from_cyclopean
     table = None
     if table_z_mm is not None:
         table = Table(world_from_cyclopean[2, :3], table_z_mm - float(world_from_cyclopean[2, 3]))
-    scene, health = await asyncio.to_thread(_see, cell, sight, before, pictures, table)
+    images = pictures.left.pixels, pictures.right.pixels
+
+    def see() -> tuple[Scene, tuple[Finding, ...], bool]:
+        health = _health(cell, before, pictures)
+        expected = None if expect is None else expect(*images, world_from_cyclopean)
+        scene = expected or sight.see(*images, table)
+        return scene, (*health, *drift(scene)), expected is None
+
+    scene, health, whole = await asyncio.to_thread(see)
     now_s = cell.clock()
     return Look(
         scene=scene,
@@ -155,21 +176,28 @@ async def take_look(
         epipolar_px=epipolar_px(scene),
         table=table,
         health=health,
+        whole=whole,
     )
 
 
-def _see(
-    cell: Workcell, sight: Sight, before: Pictures, now: Pictures, table: Table | None
-) -> tuple[Scene, tuple[Finding, ...]]:
-    """What is in the pair, and how well the pair itself is. Raises VisionError."""
+async def whole_look(sight: Sight, look: Look) -> Look:
+    """The same look with everything in view looked for."""
+    if look.whole:
+        return look
+    images = look.pictures.left.pixels, look.pictures.right.pixels
+    scene = await asyncio.to_thread(sight.see, *images, look.table)
+    return replace(look, scene=scene, whole=True, epipolar_px=epipolar_px(scene))
+
+
+def _health(cell: Workcell, before: Pictures, now: Pictures) -> tuple[Finding, ...]:
+    """How well the pair itself is. Raises VisionError where it misleads."""
     earlier, images = ((p.left.pixels, p.right.pixels) for p in (before, now))
     shown_again = now.left.pixels is before.left.pixels  # a recorded pair held still, not a camera that repeats itself
     health = examine(images, None if shown_again else earlier, cell.rig)
     wrong = misleading(health)
     if wrong:
         raise VisionError("; ".join(wrong))
-    scene = sight.see(*images, table)
-    return scene, (*health, *drift(scene))
+    return health
 
 
 def log_look(cell: Workcell, sight: Sight, look: Look, *, cycle: int, stop: int, purpose: str) -> None:
@@ -202,6 +230,7 @@ def log_look(cell: Workcell, sight: Sight, look: Look, *, cycle: int, stop: int,
         },
         where=look.reading.world_from_tool,
         world_from_cyclopean=look.world_from_cyclopean,
+        whole=look.whole,
         table=None if look.table is None else {"up": look.table.up, "level_mm": look.table.level_mm},
     )
 

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 from daemon import approach, guard
 from daemon.approach import CHI_SQUARE_6
-from daemon.following import NEAR_MM, Target, beside, far, follow, still_there
+from daemon.following import NEAR_MM, Target, beside, expecting, far, follow, others, still_there
 from daemon.guard import Command, Standing
-from daemon.looking import Look, Sight, log_look, take_look
+from daemon.looking import Expect, Look, Sight, log_look, take_look, whole_look
 from daemon.motion import Mover, MoveRefusedError, OutOfReachError
 from daemon.plan import (
     SAME_PLACE_MM,
@@ -128,13 +128,13 @@ class Pick:
 
         await self.mover.travel(target, purpose, speed, straight, None if look is None else look.taken_s)
 
-    async def look(self, purpose: str) -> Look:
-        """A settled look from here, logged."""
+    async def look(self, purpose: str, expect: Expect | None = None) -> Look:
+        """A settled look from here, logged; expect: see take_look."""
         assert self.mover.at is not None
         looks = 0 if self.target is None else self.target.looks + 1
         settings = self.settings
         rest_s, table_z_mm = self.cell.clock(), settings.limits.table_z_mm
-        look = await take_look(self.cell, self.sight, self.mover.at, rest_s, settings.settling, table_z_mm)
+        look = await take_look(self.cell, self.sight, self.mover.at, rest_s, settings.settling, table_z_mm, expect)
         log_look(self.cell, self.sight, look, cycle=self.cycle, stop=looks, purpose=purpose)
         return look
 
@@ -202,7 +202,9 @@ class Pick:
             if isinstance(plan, str):
                 self.skip("unreachable", part, plan)
                 continue
-            self.target = self.last = Target(part.label, shape, part.world_from_part, plan, part.look, view=view)
+            self.target = self.last = Target(
+                part.label, shape, part.world_from_part, plan, part.look, view=view, confidence=part.confidence
+            )
             self.decide(
                 f"pick {part.label}",
                 f"{self.settings.order}: confidence {part.confidence:.2f}; grasp {plan.grasp.width_mm:.0f} mm wide, "
@@ -244,11 +246,11 @@ class Pick:
         """Look, and find the target again."""
         target = self.target
         assert target is not None
-        look = await self.look("approach")
+        look = await self.look("approach", expecting(target, self.cell))
         if follow(target, look, self.cell, self.settings.doubt):
             return "looked"
         if any(p.label == target.label and far(p.centre, target.centre) < NEAR_MM for p in seen_parts(look)):
-            return self.elsewhere(target, "its corners are not where the look before had them")
+            return await self.elsewhere(target, "its corners are not where the look before had them")
         self.tries += 1
         why = f"not seen where it was at look {target.looks}"
         if len(self.blind_at(target.centre)) >= self.settings.views_of_doubtful:
@@ -259,14 +261,14 @@ class Pick:
         self.decide(f"approach {target.label} from another side", why)
         return "elsewhere"
 
-    def elsewhere(self, target: Target, why: str) -> str:
+    async def elsewhere(self, target: Target, why: str) -> str:
         """The target lies otherwise than was thought: choose and plan again from the newest look, but not for ever."""
         self.replans += 1
         if self.replans > self.settings.tries:
             self.skip("lost", target, why)
             return "lost"
         self.decide(f"plan {target.label} again", why)
-        self.found = seen_parts(target.look)
+        self.found = seen_parts(await whole_look(self.sight, target.look))
         return "elsewhere"
 
     async def estimating(self) -> str:
@@ -276,14 +278,14 @@ class Pick:
         chi = 0.0
         if len(target.sightings) > 1:
             chi = approach.disagreement(target.sightings[-2], target.sightings[-1], settings.doubt)
-        event = self.disagreed(target, chi) if chi > CHI_SQUARE_6 else None
+        event = await self.disagreed(target, chi) if chi > CHI_SQUARE_6 else None
         if event is not None:
             return event
         estimate = approach.fuse(target.sightings, settings.doubt)
         target.estimate, target.world_from_part = estimate, estimate.world_from_part
         plan = regrasp(target.shape, target.world_from_part, target.plan, settings)
         if plan is None:
-            return self.elsewhere(target, "the grasp that was planned does not hold it as it lies")
+            return await self.elsewhere(target, "the grasp that was planned does not hold it as it lies")
         target.plan = plan
         self.cell.log.record(
             "estimate",
@@ -306,11 +308,13 @@ class Pick:
         self.skip("unsure", target, why)
         return "gave_up"
 
-    def disagreed(self, target: Target, chi: float) -> str | None:
+    async def disagreed(self, target: Target, chi: float) -> str | None:
         """Two looks disagree: say which is suspect. Where the part moved, go on from the newest look; where that cannot
         be told from here, the event that leads to a look at the whole table."""
-        others = self.moved(target.beside_before, target.beside_now)
-        who = approach.suspect(others, target.look.epipolar_px, self.settings.epipolar_limit_px)
+        assert target.looked_before is not None
+        before, now = [await whole_look(self.sight, look) for look in (target.looked_before, target.look)]
+        moved = self.moved(others(target, before), others(target, now))
+        who = approach.suspect(moved, now.epipolar_px, self.settings.epipolar_limit_px)
         text = (
             f"looks {target.looks - 1} and {target.looks} disagree (chi-square {chi:.0f}, {CHI_SQUARE_6:g} is the most)"
         )

@@ -39,7 +39,7 @@ KINDS: Mapping[str, str] = {
     "command": "who door text",
     "state": "from event to",
     "cycle_start": "cycle target",
-    "look": "cycle stop purpose images{left,right} scene seconds health where world_from_cyclopean",
+    "look": "cycle stop purpose images{left,right} scene seconds health where world_from_cyclopean whole",
     "estimate": "cycle stop label world_from_part covariance predicted_mm predicted_deg chi2",
     "decision": "cycle text why",
     "move": "cycle how target speed_pct purpose",

@@ -36,6 +36,8 @@ NEAR_MM = 25.0
 """A part now and a part then are the same one when their facets' centroids are this close."""
 SIGMAS = 3.0
 TIMINGS = ("ms", "stages_ms")
+NO_LONGER, NOT_BEFORE = "no longer found", "was not found before"
+"""Neither says anything of a look in which only the expected part was looked for, by its edges."""
 
 
 @dataclass(frozen=True)
@@ -91,9 +93,11 @@ def replay(
             continue
         scene = look(*pair, rig, model or in_use or untaught, settings, perf_counter, _table(record))
         now, then = scene_json(scene), record.get("scene") or {}
-        found = compare(then, now)
+        found, whole = compare(then, now), record.get("whole", True)
+        if not whole:
+            found = [c for c in found if c[1] not in (NO_LONGER, NOT_BEFORE)]
         looks += 1
-        identical += _same(then, now)
+        identical += _same(then, now) if whole else not found
         changes += [Change(int(record["seq"]), record.get("cycle"), part, what, worse) for part, what, worse in found]
         then_ms += [then["ms"]] if then.get("ms") else []
         now_ms += [now["ms"]] if now.get("ms") else []
@@ -129,14 +133,14 @@ def compare(then: Json, now: Json) -> list[tuple[str, str, bool]]:
         named = part["label"] != "unknown"
         if match is None or _gap_mm(part, match) > NEAR_MM:
             if named:
-                found.append((part["label"], "no longer found", True))
+                found.append((part["label"], NO_LONGER, True))
             continue
         left.remove(match)
         if match["label"] != part["label"]:
             found.append((part["label"], f"now {match['label']}: {match.get('reason')}", named))
         elif named and (moved := _moved(part, match)) is not None:
             found.append((part["label"], moved, True))
-    found += [(p["label"], "was not found before", False) for p in left if p["label"] != "unknown"]
+    found += [(p["label"], NOT_BEFORE, False) for p in left if p["label"] != "unknown"]
     return found
 
 
