@@ -29,20 +29,46 @@ GRAB_S = 5.0
 def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Add `cameras`, `snap` and `stream` to facetctl."""
     cameras = subparsers.add_parser("cameras", help="list the cameras; rate, skew and drops of the configured pair")
-    cameras.add_argument("--seconds", type=float, default=3.0, help="how long to measure (default 3; 0: only list)")
+    cameras.add_argument(
+        "--seconds", type=_number(0), default=3.0, help="how long to measure (default 3; 0: only list)"
+    )
     snap = subparsers.add_parser("snap", help="save stereo pairs as left.png and right.png")
     snap.add_argument("folder", type=Path, metavar="DIR")
-    snap.add_argument("--count", type=int, default=1, help="more than one: DIR/1, DIR/2, ...")
-    snap.add_argument("--every", type=float, default=1.0, metavar="SECONDS", help="time between them (default 1)")
+    snap.add_argument("--count", type=_whole(1, 100_000), default=1, help="more than one: DIR/1, DIR/2, ...")
+    snap.add_argument("--every", type=_number(0), default=1.0, metavar="SECONDS", help="time between them (default 1)")
     stream = subparsers.add_parser("stream", help="a live picture for a browser on this machine, facets drawn in")
-    stream.add_argument("--port", type=int, default=8080, help="on 127.0.0.1 (default 8080)")
-    stream.add_argument("--fps", type=float, default=5.0, help="pictures a second at most (default 5)")
+    stream.add_argument("--port", type=_whole(0, 65535), default=8080, help="on 127.0.0.1 (default 8080)")
+    stream.add_argument("--fps", type=_number(0.1), default=5.0, help="pictures a second at most (default 5)")
     stream.add_argument("--plain", action="store_true", help="the bare images: nothing looked for, nothing drawn")
     for parser, run in ((cameras, _cameras), (snap, _snap), (stream, _stream)):
         parser.add_argument("--config", type=Path, default=places.config_file(), metavar="FILE")
         parser.add_argument("--sim", action="store_true", help="the simulated cell's cameras")
         parser.add_argument("--json", action="store_true", help="for machines")
         parser.set_defaults(run=_guarded(run))
+
+
+def _number(least: float) -> Callable[[str], float]:
+    """An argument's type: a number, `least` or more."""
+
+    def number(text: str) -> float:
+        value = float(text)
+        if not least <= value < float("inf"):
+            raise argparse.ArgumentTypeError(f"expected {least:g} or more, found {text}")
+        return value
+
+    return number
+
+
+def _whole(least: int, most: int) -> Callable[[str], int]:
+    """An argument's type: a whole number within bounds."""
+
+    def number(text: str) -> int:
+        value = int(text)
+        if not least <= value <= most:
+            raise argparse.ArgumentTypeError(f"expected {least} to {most}, found {text}")
+        return value
+
+    return number
 
 
 def _guarded(run: Callable[[argparse.Namespace], int]) -> Callable[[argparse.Namespace], int]:
@@ -59,8 +85,12 @@ def _guarded(run: Callable[[argparse.Namespace], int]) -> Callable[[argparse.Nam
         except EXPECTED_ERRORS as error:
             print(f"facetctl: {error}", file=sys.stderr)
             return 1
-        except (ConfigError, ModelError, ShelfError, OSError) as error:
+        except (ConfigError, ModelError, ShelfError) as error:
             print(f"facetctl: {error}", file=sys.stderr)
+            return 2
+        except OSError as error:
+            where = f"{error.filename}: " if error.filename else ""
+            print(f"facetctl: {where}{error.strerror or error}", file=sys.stderr)
             return 2
 
     return guarded
@@ -128,8 +158,9 @@ def measure(camera: StereoCamera, seconds: float, clock: Callable[[], float]) ->
 
     camera.grab(clock(), GRAB_S)
     began_s = clock()
-    skews, ages = [], []
-    while clock() - began_s < seconds:
+    skews: list[float] = []
+    ages = []
+    while not skews or clock() - began_s < seconds:
         pair = camera.grab(clock(), GRAB_S)
         skews.append(abs(pair.skew_ms))
         ages.append((clock() - pair.right.taken_s) * 1000.0)
@@ -181,7 +212,10 @@ def _stream(args: argparse.Namespace) -> int:
     from daemon.preview import Preview
 
     with _open(args) as (camera, config):
-        preview = Preview(_shooter(camera, config, args.plain), args.port, args.fps, EXPECTED_ERRORS)
+        try:
+            preview = Preview(_shooter(camera, config, args.plain), args.port, args.fps, EXPECTED_ERRORS)
+        except OSError as error:
+            raise OSError(error.errno, f"{error.strerror}: choose another --port", f"127.0.0.1:{args.port}") from None
         said = {"address": preview.address, "cameras": camera.describe()}
         print(json.dumps(said) if args.json else f"{preview.address}  (control-C ends it)", flush=True)
         with contextlib.suppress(KeyboardInterrupt):
@@ -215,7 +249,7 @@ def _shooter(camera: StereoCamera, config: Config, plain: bool) -> Callable[[], 
                 lines = [f"{p.recognition.label} ({p.recognition.confidence:.2f})" for p in scene.parts]
             except VisionError as error:
                 lines = [str(error)]
-        findings = examine(images, before[-1] if before else None, rig)
+        findings = examine(images, before[-1] if before and config.kind != "recorded" else None, rig)
         wrong = troubles((*findings, *drift(scene)) if scene else findings)
         before[:] = [images]
         picture = draw_scene(*images, scene) if scene is not None else np.hstack(images)

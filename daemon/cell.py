@@ -263,8 +263,15 @@ def build(config: Config, on_wire: WireListener, clock: Callable[[], float] = ti
 
 @contextlib.contextmanager
 def cameras_alone(config: Config) -> Iterator[StereoCamera]:
-    """The cameras as configured, opened, without the arm. Raises ConfigError, CameraError."""
+    """The cameras as configured, opened, without the arm. Raises ConfigError, CameraError.
+
+    Recorded pairs go by, one a grab; before simulated cameras a part is held.
+    """
     hardware = build(config, lambda _: None)
+    if config.kind == "recorded":
+        hardware.eyes.camera = RecordedCamera(config.file(config.said.recorded.pairs), again=True)
+    if hardware.hand is not None:
+        hardware.hand.show(hardware.hand.labels[0], 0)
     try:
         hardware.eyes.camera.open()
         yield hardware.eyes.camera

@@ -17,6 +17,7 @@ Shot = tuple[bytes, dict[str, Any]]
 """A JPEG, and what to say of it."""
 
 PAGE = """<!doctype html><meta charset="utf-8"><title>facetd: what the cameras see</title>
+<link rel="icon" href="data:,">
 <style>body{margin:0;background:#181818;color:#ddd;font:15px/1.5 sans-serif}
 img{display:block;max-width:100%;margin:auto}
 p{margin:.6em 1em;white-space:pre-wrap}.bad{color:#fa6}</style>
@@ -54,12 +55,13 @@ class Preview:
         return f"http://127.0.0.1:{self._server.server_address[1]}/"
 
     def serve(self) -> None:
-        """Until close() is called or the program is interrupted."""
+        """Until close() is called or the program is interrupted; then no picture is being made any more."""
         self._worker.start()
         try:
             self._server.serve_forever(poll_interval=0.2)
         finally:
             self.close()
+            self._worker.join()
 
     def close(self) -> None:
         """End everything; safe to call twice and from another thread."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import http.client
 import json
 import shutil
+import socket
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -71,6 +72,46 @@ def test_a_configuration_that_is_not_there_is_one_line_and_status_2(
 ) -> None:
     assert ctl.main(["snap", str(tmp_path), "--config", str(tmp_path / "no.yaml")]) == 2
     assert "no.yaml" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["snap", "x", "--count", "0"], "expected 1 to 100000, found 0"),
+        (["snap", "x", "--every", "-1"], "expected 0 or more, found -1"),
+        (["cameras", "--seconds", "nan"], "expected 0 or more, found nan"),
+        (["stream", "--fps", "0"], "expected 0.1 or more, found 0"),
+        (["stream", "--port", "99999"], "expected 0 to 65535, found 99999"),
+    ],
+)
+def test_a_number_that_makes_no_sense_is_refused(
+    words: list[str], told: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        ctl.main(words)
+    assert told in capsys.readouterr().err
+
+
+def test_a_folder_that_cannot_be_and_a_port_that_is_taken_are_one_line_each(
+    config: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "file").touch()
+    assert ctl.main(["snap", str(tmp_path / "file"), "--config", str(config)]) == 2
+    assert capsys.readouterr().err == f"facetctl: {tmp_path}/file: File exists\n"
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        assert ctl.main(["stream", "--port", str(port), "--config", str(config)]) == 2
+    told = f"facetctl: 127.0.0.1:{port}: Address already in use: choose another --port\n"
+    assert capsys.readouterr().err == told
+
+
+def test_recorded_pairs_go_by_one_a_snap(config: Path, tmp_path: Path) -> None:
+    words = ["snap", str(tmp_path / "shots"), "--count", "3", "--every", "0", "--config", str(config)]
+    dark = np.zeros((480, 640), np.uint8)
+    cv2.imwrite(str(config.parent / "pairs" / "2" / "left.png"), dark)
+    assert ctl.main(words) == 0
+    shots = [cv2.imread(str(tmp_path / f"shots/{k}/left.png"), cv2.IMREAD_GRAYSCALE) for k in (1, 2, 3)]
+    assert [bool(shot.any()) for shot in shots] == [True, False, True]
 
 
 class Steady:
