@@ -10,11 +10,11 @@ import asyncio
 import contextlib
 import random
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import AsyncIterator, Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,14 +31,12 @@ from drivers.camera.report import device_rows as device_rows
 from drivers.camera.report import eye_rows as eye_rows
 from drivers.camera.settings import CameraSettings
 from drivers.camera.stereo import V4L2StereoCamera
+from drivers.val2.commands import moves_the_arm as moves_the_arm
 from drivers.val2.dialect import Dialect
 from drivers.val2.errors import Elsewhere, LinkError, Preempted
 from drivers.val2.link import Link
 from drivers.val2.location import apart, location_from_matrix, matrix_from_location
 from drivers.val2.wire import Where
-
-if TYPE_CHECKING:
-    pass
 
 Array = NDArray[np.float64]
 WireListener = Callable[[dict[str, Any]], None]
@@ -121,8 +119,11 @@ class ArmOnLink:
         self.link = link
         self.heard_s: float | None = None
         """When the controller last answered, on the cell's clock."""
+        self.aside = False
+        """Somebody talks to the controller; nobody else is to ask it anything."""
         self._arm = arm
         self._speed_pct: float | None = None
+        self._introduced = False
         self._o_deg = 0.0
 
     async def open(self) -> None:
@@ -136,7 +137,9 @@ class ArmOnLink:
         await self.link.close()
 
     async def where(self) -> Reading:
-        """Ask the controller where the arm is."""
+        """Ask the controller where the arm is; after a stop, remind it of our tool first (it may have been off)."""
+        if not self._introduced:
+            await self._introduce_tool()
         return self._reading(await self.link.where())
 
     async def check(self) -> None:
@@ -166,7 +169,7 @@ class ArmOnLink:
 
     async def abort(self) -> None:
         """Stop the arm now. Raises LinkError when the controller does not confirm it."""
-        self._speed_pct = None
+        self._speed_pct, self._introduced = None, False
         await self.link.abort()
         self._heard()
 
@@ -191,7 +194,7 @@ class ArmOnLink:
     async def power_up(self, replies: Sequence[str]) -> list[str]:
         """Answer what the controller asks after it was switched on; gives what it said."""
         answer = await self.link.power_up(tuple(replies))
-        self._speed_pct = None
+        self._speed_pct, self._introduced = None, False
         await self._introduce_tool()
         return _said(answer)
 
@@ -203,10 +206,26 @@ class ArmOnLink:
         """Any command, as typed at the controller's own terminal; gives what it said."""
         return _said(await self.link.command(text))
 
+    @contextlib.asynccontextmanager
+    async def terminal(self, show: Callable[[bytes], None]) -> AsyncIterator[Callable[[bytes], None]]:
+        """The controller's own terminal for a person: what it says goes to show, what they type to the function given.
+
+        Afterwards its TOOL and SPEED are ours again, whatever was typed. abort() still works, and ends it.
+        """
+        self.aside = True
+        try:
+            async with self.link.terminal(show) as send:
+                yield send
+            self._speed_pct = None
+            await self._introduce_tool()
+        finally:
+            self.aside = False
+
     async def _introduce_tool(self) -> None:
         """Tell the controller of our tool: switched on, it knows none, and would bring the bare wrist to each place."""
         if self.link.question is None:
             await self.link.tool(location_from_matrix(self._arm.flange_from_tool))
+            self._introduced = True
 
     def _reading(self, where: Any) -> Reading:
         self._heard()

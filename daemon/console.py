@@ -56,6 +56,13 @@ class Door(Protocol):
     async def fetch(self, path: str) -> bytes:
         """The content of a file of the operator's, on the machine they sit at. Raises CommandError."""
 
+    async def terminal(self, typed: Callable[[bytes], None]) -> None:
+        """Give every key to `typed`, as it is pressed, until control-] or until the operator goes away. Raises
+        CommandError where they sit at no terminal."""
+
+    def show(self, data: bytes) -> None:
+        """Bytes onto the operator's terminal, as they are; only in terminal mode."""
+
 
 Handler = Callable[[Desk, list[str], Door], Awaitable[Answer]]
 

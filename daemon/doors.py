@@ -1,9 +1,10 @@
 """The operators' socket: JSON objects, one a line, both ways. What the words mean is the console's business.
 
 Operator to daemon: {"do": TEXT, "door": NAME, "asks": BOOL} {"answer": TEXT} {"interrupt": true} {"complete": TEXT}
-{"file": BASE64, "more": BOOL} or {"no_file": WHY}, the answer to a fetch.
+{"file": BASE64, "more": BOOL} or {"no_file": WHY}, the answer to a fetch; {"keys": TEXT} {"leave": true} at a terminal.
 Daemon to operator: {"say": TEXT} {"ask": QUESTION} {"fetch": PATH} {"done": {text, data, status}}
-{"options": [LINE, ...]} {"stopped": TEXT}, the answer to an interrupt.
+{"terminal": BOOL}, its beginning and end, {"show": TEXT} in between (one character a byte); {"options": [LINE, ...]};
+{"stopped": TEXT}, the answer to an interrupt.
 Who is speaking is what the kernel says of the other end, not what it says of itself.
 """
 
@@ -115,6 +116,8 @@ class _Operator:
         self._question: asyncio.Future[str] | None = None
         self._file: asyncio.Future[bytes] | None = None
         self._pieces: list[bytes] = []
+        self._typed: Callable[[bytes], None] | None = None
+        self._left = asyncio.Event()
         self._doing: asyncio.Task[None] | None = None
         self._beside: set[asyncio.Task[None]] = set()
         self._gone = False
@@ -136,6 +139,7 @@ class _Operator:
     def leave(self) -> None:
         """The operator is gone: what they asked for goes on, questions to them are answered by nothing."""
         self._gone = True
+        self._left.set()
         if self._question is not None and not self._question.done():
             self._question.set_result("")
         if self._file is not None and not self._file.done():
@@ -160,6 +164,24 @@ class _Operator:
         self._file, self._pieces = asyncio.get_running_loop().create_future(), []
         await self._send({"fetch": path})
         return await self._file
+
+    async def terminal(self, typed: Callable[[bytes], None]) -> None:
+        """Keys go to `typed` until the operator leaves."""
+        if not self.asks:
+            raise CommandError("this works only at a terminal", NOT_UNDERSTOOD)
+        self._left.clear()
+        self._typed = typed
+        await self._send({"terminal": True})
+        try:
+            await self._left.wait()
+        finally:
+            self._typed = None
+            await self._send({"terminal": False})
+
+    def show(self, data: bytes) -> None:
+        """Bytes onto the operator's terminal."""
+        if not self._gone:
+            self._writer.write(json.dumps({"show": data.decode("latin-1")}).encode() + b"\n")
 
     async def _next_line(self) -> bytes:
         try:
@@ -187,12 +209,17 @@ class _Operator:
                 self._question.set_result(str(message["answer"]))
         elif "file" in message or "no_file" in message:
             self._take_file(message)
+        elif "keys" in message:
+            if self._typed is not None:
+                self._typed(str(message["keys"]).encode("latin-1", "replace"))
+        elif "leave" in message:
+            self._left.set()
         elif "interrupt" in message:
             await self._send({"stopped": await self._interrupt(f"{self.who}, {self.name}")})
         elif "complete" in message:
             await self._send({"options": self._console.complete(str(message["complete"]))})
         else:
-            raise ValueError("it holds neither do, answer, file, interrupt nor complete")
+            raise ValueError("it holds neither do, answer, file, keys, leave, interrupt nor complete")
 
     def _take_file(self, message: dict[str, Any]) -> None:
         """One piece of a file that was asked for, or why there is none."""

@@ -11,9 +11,12 @@ import shlex
 import socket
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from daemon.places import socket_candidates
+
+if TYPE_CHECKING:
+    from daemon.keyboard import Keyboard
 
 PIECE = 32 * 1024
 """Bytes of a file in one message."""
@@ -31,6 +34,9 @@ class DaemonLink:
         paths = [path] if path is not None else socket_candidates()
         self._socket = _connect(paths)
         self._file = self._socket.makefile("rwb")
+        self._keyboard: Keyboard | None = None
+        self._stops = 0
+        """Control-C that the daemon has not yet answered."""
 
     def close(self) -> None:
         """Hang up."""
@@ -52,10 +58,15 @@ class DaemonLink:
         the daemon goes away.
         """
         self._send({"do": text, "door": door, "asks": ask is not None})
+        try:
+            return self._listen(text, say, ask)
+        finally:
+            self._end_terminal()
+
+    def _listen(self, text: str, say: Callable[[str], None], ask: Callable[[str], str] | None) -> dict[str, Any]:
         done: dict[str, Any] | None = None
-        stops = 0
         messages = self._messages()
-        while done is None or stops:
+        while done is None or self._stops:
             try:
                 message = next(messages, None)
                 if message is None:
@@ -64,14 +75,14 @@ class DaemonLink:
                 for line in (message.get("say"), message.get("stopped")):
                     if line is not None:
                         say(line)
-                stops -= "stopped" in message
+                self._stops = max(0, self._stops - ("stopped" in message))
+                self._at_terminal(message)
                 if "ask" in message and ask is not None:
                     self._send({"answer": ask(message["ask"])})
                 if "fetch" in message:
                     self._send_file(str(message["fetch"]), text)
             except KeyboardInterrupt:
-                stops += 1
-                self._send({"interrupt": True})
+                self._stop()
                 messages = self._messages()
         return done
 
@@ -87,6 +98,26 @@ class DaemonLink:
         """What control-C does: stop the arm; gives what the daemon says."""
         self._send({"interrupt": True})
         return next((str(m["stopped"]) for m in self._messages() if "stopped" in m), "")
+
+    def _stop(self) -> None:
+        self._stops += 1
+        self._send({"interrupt": True})
+
+    def _at_terminal(self, message: dict[str, Any]) -> None:
+        """The controller's own terminal, shown here for a while."""
+        if message.get("terminal") is True:
+            from daemon.keyboard import Keyboard
+
+            self._keyboard = Keyboard(self._send, self._stop)
+        elif message.get("terminal") is False:
+            self._end_terminal()
+        elif "show" in message and self._keyboard is not None:
+            self._keyboard.show(str(message["show"]))
+
+    def _end_terminal(self) -> None:
+        if self._keyboard is not None:
+            self._keyboard.close()
+        self._keyboard = None
 
     def _send_file(self, path: str, asked: str) -> None:
         """Send a file that the command itself names, and no other."""

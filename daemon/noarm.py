@@ -5,7 +5,8 @@ Honours daemon/workcell.py's Robot, and what the console asks of an arm besides.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import AbstractAsyncContextManager
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,7 @@ class NoArm:
 
     heard_s: float | None = None
     question: str | None = None
+    aside = False
 
     async def open(self) -> None:
         """Nothing to open."""
@@ -66,5 +68,9 @@ class NoArm:
         raise CellError("this cell is recorded: there is no controller")
 
     async def monitor(self, text: str) -> list[str]:
+        """Refused."""
+        raise CellError("this cell is recorded: there is no controller")
+
+    def terminal(self, show: Callable[[bytes], None]) -> AbstractAsyncContextManager[Callable[[bytes], None]]:
         """Refused."""
         raise CellError("this cell is recorded: there is no controller")

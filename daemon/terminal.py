@@ -24,6 +24,8 @@ PROMPT = "facetd> "
 BUSY = ""
 """No prompt while a command is being done; what is typed ahead is shown."""
 GREETING = "facetd console. `help` lists the commands; control-C stops the arm."
+LEAVE, STOP = b"\x1d", b"\x03"
+"""Control-] and control-C: what terminal mode does not pass on."""
 RETRY_S = 5.0
 QUEUE_LIMIT = 256 * 1024
 
@@ -47,6 +49,8 @@ class SerialConsole:
         self._lines: asyncio.Queue[str] = asyncio.Queue()
         self._lost = asyncio.Event()
         self._question: asyncio.Future[str] | None = None
+        self._keys: Callable[[bytes], None] | None = None
+        self._left = asyncio.Event()
         self._busy = False
         self._tasks: set[asyncio.Task[None]] = set()
 
@@ -84,6 +88,18 @@ class SerialConsole:
         except OSError as error:
             raise CommandError(f"{path}: {error.strerror}", NOT_UNDERSTOOD) from None
 
+    async def terminal(self, typed: Callable[[bytes], None]) -> None:
+        """Keys go to `typed`, past the line editor, until control-] or until the port is gone."""
+        self._keys, self._left = typed, asyncio.Event()
+        try:
+            await self._left.wait()
+        finally:
+            self._keys = None
+
+    def show(self, data: bytes) -> None:
+        """Bytes onto the terminal, as they are."""
+        self._write(data)
+
     def notice(self, text: str) -> None:
         """Lines above the one being typed, which is drawn again: answers, and faults that nobody asked for."""
         self._write(self._editor.notice(text) if text else self._editor.show_prompt())
@@ -112,6 +128,7 @@ class SerialConsole:
         self._port = None
         self._out.clear()
         self._lost.set()
+        self._left.set()
         if self._question is not None and not self._question.done():
             self._question.set_result("")
 
@@ -148,10 +165,23 @@ class SerialConsole:
             self._trouble(f"console.tty: {self._settings.device}: the terminal is gone")
             self._close()
             return
+        if self._keys is not None:
+            self._raw(data)
+            return
         typed = self._editor.feed(data)
         self._write(typed.echo)
         for event in typed.events:
             self._hear(event)
+
+    def _raw(self, data: bytes) -> None:
+        """Keys in terminal mode: only control-] and control-C are ours."""
+        keys, leave, _ = data.partition(LEAVE)
+        if STOP in keys:
+            self._beside(self._stop())
+        elif self._keys is not None and keys:
+            self._keys(keys)
+        if leave:
+            self._left.set()
 
     def _hear(self, event: str | Key) -> None:
         if event is Key.INTERRUPT:

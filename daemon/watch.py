@@ -56,8 +56,9 @@ class Watch:
         now = time.monotonic()
         health = self._desk.config.said.health
         busy = self._desk.cycle.status()["doing"] is not None
-        if not busy:
+        if self._may_ask("cameras", busy, health.camera_silence_s):
             self._start("cameras", self._check_cameras, now, health.camera_silence_s / 2)
+        if self._may_ask("controller", busy, health.arm_check_s):
             self._start("controller", self._check_controller, now, health.arm_check_s)
         if now >= self._quota_s:
             self._quota_s = now + QUOTA_S
@@ -67,6 +68,13 @@ class Watch:
         self._check_clock()
         self._check_memory_of_motion(busy)
         self._feed(now, busy)
+
+    def _may_ask(self, device: str, busy: bool, quiet_s: float) -> bool:
+        """Whether a device is to be asked: always when idle; while the cycle works only when it has not for so long
+        (it waits for an operator's yes, for the end of a pause, for parts)."""
+        hardware = self._desk.hardware
+        heard_s = (hardware.eyes if device == "cameras" else hardware.robot).heard_s
+        return not busy or (heard_s is not None and hardware.clock() - heard_s > quiet_s)
 
     def _start(self, name: str, check: object, now: float, every_s: float) -> None:
         running = self._checks.get(name)
@@ -88,6 +96,9 @@ class Watch:
     async def _check_controller(self) -> None:
         desk, robot = self._desk, self._desk.hardware.robot
         try:
+            if robot.aside:
+                self._ended_s["controller"] = time.monotonic()
+                return
             if "controller" in desk.troubles.standing:
                 await robot.close()
                 await robot.open()

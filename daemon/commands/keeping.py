@@ -6,14 +6,15 @@ import asyncio
 
 from daemon import bundle as bundles
 from daemon import doctor as doctors
-from daemon.console import NOT_DONE, NOT_UNDERSTOOD, Answer, Command, CommandError, Door, no_more, one_of
+from daemon.commands.monitoring import may_not_move, monitor
+from daemon.console import NOT_DONE, Answer, Command, CommandError, Door, no_more, one_of
 from daemon.desk import Desk
 
 ROBOT = ("power-up", "cal", "monitor")
-ROBOT_USAGE = "robot power-up [Y N ...] | robot cal | robot monitor TEXT"
+ROBOT_USAGE = "robot power-up [Y N ...] | robot cal | robot monitor [TEXT]"
 
 
-async def robot(desk: Desk, words: list[str], _: Door) -> Answer:
+async def robot(desk: Desk, words: list[str], door: Door) -> Answer:
     """Speak with the controller as its own terminal would."""
     what = one_of(words, 0, ROBOT, "word", ROBOT_USAGE)
     arm = desk.hardware.robot
@@ -28,13 +29,11 @@ async def robot(desk: Desk, words: list[str], _: Door) -> Answer:
         _not_while_busy(desk)
         return _said(await arm.calibrate(desk.config.said.arm.calibrate_answer))
     text = " ".join(words[1:])
-    if not text:
-        raise CommandError(f"TEXT is missing: {ROBOT_USAGE}", NOT_UNDERSTOOD)
     _not_while_busy(desk)
-    if desk.cycle.status()["fault"] or not desk.cycle.status()["enabled"]:
-        moves = {"DO", "EX", "EXECUTE", "CAL", "CALIBRATE", "PROCEED", "RETRY", "NEXT", "STEP", "XSTEP"}
-        if words[1].upper() in moves:
-            raise CommandError(f"{text}: may move the arm, and the arm may not move now (`enable`, `resume`)")
+    if not text:
+        return await monitor(desk, door)
+    if may_not_move(desk, text):
+        raise CommandError(f"{text}: may move the arm, and the arm may not move now (`enable`, `resume`)")
     return _said(await arm.monitor(text))
 
 
@@ -81,7 +80,9 @@ def _said(lines: list[str]) -> Answer:
 COMMANDS = (
     Command("robot", ROBOT_USAGE, "speak with the arm's controller as its own terminal would", robot, "move",
             "  power-up answers what the controller asks after it was switched on (Y Y unless you say otherwise);\n"
-            "  cal lets the arm find its zero; monitor types TEXT and shows the answer.", choices=lambda _: ROBOT),
+            "  cal lets the arm find its zero; monitor TEXT types one line and shows the answer. monitor alone is the\n"
+            "  controller's own terminal, every line logged: control-] comes back, control-C stops the arm.",
+            choices=lambda _: ROBOT),
     Command("doctor", "doctor", "check everything the cell needs; says how to mend it", doctor),
     Command("bundle", "bundle", "pack logs and settings into one file for a maintainer", bundle),
     Command("reload", "reload", "read the configuration again", reload, "change"),

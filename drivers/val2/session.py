@@ -79,6 +79,7 @@ class Session:
             finally:
                 self._listener = None
                 if talk is self.talk:
+                    talk.unheard()  # what the person was told is no answer of ours
                     await self.find_prompt()
 
     async def find_prompt(self) -> list[Event]:

@@ -102,10 +102,12 @@ class WatchedCell:
         )
         self.heard_s = time.monotonic()
         self.question = None
+        self.aside = False
+        self.doing: str | None = None
 
     def status(self) -> dict[str, Any]:
         fault = self.failed[-1] if self.failed else None
-        return {"doing": None, "fault": fault, "enabled": self.enabled, "state": "idle", "picked": 0, "failed": 0}
+        return {"doing": self.doing, "fault": fault, "enabled": self.enabled, "state": "idle", "picked": 0, "failed": 0}
 
     async def grab(self, not_before_s: float, timeout_s: float) -> None:
         if self.camera_fails:
@@ -177,6 +179,30 @@ def test_the_watchdog_is_fed_while_devices_answer_and_starves_when_one_hangs(
         await asyncio.sleep(1.2)
         assert not any("WATCHDOG=1" in note for note in notes)
         assert any("no sign of life from cameras" in note for note in notes)
+
+    watching(tmp_path, play)
+
+
+@pytest.mark.parametrize("aside", [False, True])
+def test_the_watchdog_is_fed_while_a_pick_waits_for_an_operator_or_somebody_talks_to_the_controller(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, aside: bool
+) -> None:
+    notes: list[str] = []
+    monkeypatch.setattr(journal, "notify", notes.append)
+    monkeypatch.setenv("WATCHDOG_USEC", "1000000")
+    monkeypatch.setattr("daemon.watch.CHECK_LIMIT_S", 1.0)
+
+    async def refuse() -> None:
+        raise AssertionError("the daemon does not stand aside")
+
+    async def play(watched: WatchedCell, _: Watch) -> None:
+        watched.doing, watched.aside = "pick", aside
+        if aside:
+            monkeypatch.setattr(watched, "check", refuse)
+        await asyncio.sleep(2.5)
+        notes.clear()
+        await asyncio.sleep(1.2)
+        assert any("WATCHDOG=1" in note for note in notes), notes
 
     watching(tmp_path, play)
 

@@ -1,0 +1,91 @@
+"""The controller's own terminal for an operator while the daemon stands aside: every line is logged, none surprises.
+
+What an operator types goes to the controller as it is, but for a line that would move an arm that may not move.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from daemon.cell import moves_the_arm
+from daemon.console import Answer, CommandError, Door
+from daemon.desk import Desk
+
+ENDS, RUBOUTS, CANCEL = b"\r\n", b"\x08\x7f", b"\x15"
+SPOIL = CANCEL + b"!!\r"
+"""Takes a typed line back; makes it an error where the controller knows no such key."""
+GREETING = "The controller's own terminal; the daemon stands aside. Control-] comes back, control-C stops the arm."
+HAND_WORDS = ("OPEN", "CLOSE", "GRASP", "RELAX")
+
+
+async def monitor(desk: Desk, door: Door) -> Answer:
+    """Talk to the controller until control-]. Raises CommandError where the door is no terminal."""
+    if not door.asks:
+        raise CommandError("only at a terminal; from here one line at a time: robot monitor TEXT", 2)
+    await door.say(GREETING)
+    try:
+        return await desk.cycle.alone("monitor", _monitored(desk, door), moves=False)
+    except desk.expected_errors as error:
+        fault = desk.cycle.status()["fault"]
+        raise CommandError(f"the controller's terminal has ended: {fault or error}") from error
+
+
+async def _monitored(desk: Desk, door: Door) -> Answer:
+    typist = Typist(desk, door)
+    async with desk.hardware.robot.terminal(door.show) as send:
+        send(b"\r")  # an empty line, for the controller to show its prompt
+        await door.terminal(lambda keys: typist.typed(keys, send))
+    return Answer(f"\nBack from the controller's terminal: {typist.lines} lines typed.", {"lines": typist.lines})
+
+
+class Typist:
+    """Follows what is typed, line by line: records each line, and keeps back the end of one that may not be sent."""
+
+    def __init__(self, desk: Desk, door: Door) -> None:
+        self._desk, self._door = desk, door
+        self._line = bytearray()
+        self.lines = 0
+
+    def typed(self, keys: bytes, send: Callable[[bytes], None]) -> None:
+        """Take some keys and send on what may be sent; other control keys could edit the line past our knowledge."""
+        for key in (bytes([k]) for k in keys):
+            if key in ENDS:
+                self._end_line(send)
+            elif key == CANCEL:
+                self._line.clear()
+                send(key)
+            elif key in RUBOUTS:
+                del self._line[-1:]
+                send(key)
+            elif key >= b" ":
+                self._line += key
+                send(key)
+
+    def _end_line(self, send: Callable[[bytes], None]) -> None:
+        text = self._line.decode("latin-1").strip()
+        self._line.clear()
+        if text and may_not_move(self._desk, text):
+            send(SPOIL)
+            self._door.show(b"\r\nfacetd: the arm may not move now (`enable`, `resume` first); not sent\r\n")
+            self._record(f"not sent: {text}")
+            return
+        if text:
+            self.lines += 1
+            self._record(text)
+        if any(word in text.upper() for word in HAND_WORDS):
+            self._desk.cycle.hand_full = None
+        send(b"\r")
+
+    def _record(self, text: str) -> None:
+        self._desk.log.record("command", who=self._door.who, door=f"{self._door.name}, monitor", text=text)
+
+
+def may_not_move(desk: Desk, text: str) -> bool:
+    """Whether a line may set the arm in motion while it may not move."""
+    state = desk.cycle.status()
+    held = state["fault"] is not None or not state["enabled"]
+    return held and (moves_the_arm(text) or text.split()[0].upper() in PROGRAM_WORDS)
+
+
+PROGRAM_WORDS = frozenset({"DO", "PROCEED", "RETRY", "NEXT", "STEP", "XSTEP", "COMMANDS"})
+"""What starts or goes on with a program, or may begin a motion in a spelling that is not known here."""

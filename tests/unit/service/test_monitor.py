@@ -1,0 +1,191 @@
+"""The controller's own terminal through the daemon: key by key, logged, stopped by control-C, moving only what may."""
+
+from __future__ import annotations
+
+import os
+import pty
+import select
+import shutil
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from service_fakes import FakeDoor, FakeLog
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[3]))
+
+from daemon.commands.monitoring import Typist
+from daemon.runs import check_wire, list_runs, read_run
+from drivers.simcell.arm import Arm
+from drivers.simcell.controller import Controller
+from tests.bench.running import Running
+
+
+def standing(fault: str | None = None, enabled: bool = True) -> Any:
+    """As much of a desk as a typist sees."""
+    cycle = SimpleNamespace(status=lambda: {"fault": fault, "enabled": enabled}, hand_full=False)
+    return SimpleNamespace(cycle=cycle, log=FakeLog())
+
+
+class Shown(FakeDoor):
+    """A door that keeps what it was shown."""
+
+    def show(self, data: bytes) -> None:
+        self.said.append(data.decode("latin-1"))
+
+
+def typed(desk: Any, *keys: bytes) -> tuple[bytes, Shown]:
+    sent, door = bytearray(), Shown()
+    typist = Typist(desk, door)
+    for some in keys:
+        typist.typed(some, sent.extend)
+    return bytes(sent), door
+
+
+def test_every_line_goes_out_as_it_was_typed_and_into_the_log() -> None:
+    desk = standing()
+    sent, _ = typed(desk, b"WHE", b"RX\x7fE\r", b"DO MOVE P1\r\r")
+    assert sent == b"WHERX\x7fE\rDO MOVE P1\r\r"
+    assert [fields["text"] for kind, fields in desk.log.records] == ["WHERE", "DO MOVE P1"]
+    assert {fields["door"] for _, fields in desk.log.records} == {"test, monitor"}
+    assert {fields["who"] for _, fields in desk.log.records} == {"tester"}
+
+
+@pytest.mark.parametrize("desk", [standing("stopped by an operator"), standing(enabled=False)])
+@pytest.mark.parametrize("line", [b"DO MOVE P1", b"do  ready", b" EX PROG", b"CAL", b"PROCEED", b"XX\x7f\x08DO NEST"])
+def test_a_line_that_would_move_an_arm_that_may_not_is_taken_back_and_told(desk: Any, line: bytes) -> None:
+    desk.log.records.clear()
+    sent, door = typed(desk, line + b"\r")
+    assert sent == line + b"\x15!!\r"
+    assert "not sent" in door.said[0]
+    assert desk.log.records[0][1]["text"].startswith("not sent: ")
+
+
+def test_a_hand_that_was_worked_here_is_asked_about_later() -> None:
+    desk = standing()
+    typed(desk, b"DO CLOSEI\r")
+    assert desk.cycle.hand_full is None
+
+
+WORDS = [b"DO MOVE TRANS(400,0,0,0,90,0)", b"DO READY", b"EXECUTE", b"CAL", b"Y", b"WHERE", b"SPEED 50", b"DO ",
+         b"READY", b"\r", b"\n", b"\x15", b"\x7f", b"\x08", b"\x1b[A", b"\x00", b"\x11", b"P", b"!!", b" "]  # fmt: skip
+
+
+@settings(max_examples=300)
+@given(keys=st.lists(st.sampled_from(WORDS) | st.binary(max_size=4), max_size=30))
+def test_whatever_keys_are_pressed_an_arm_that_may_not_move_does_not(keys: list[bytes]) -> None:
+    sent, _ = typed(standing(enabled=False), *keys)
+    controller = Controller(Arm())
+    before = controller.arm.joints_at(0.0)
+    for now_s, byte in enumerate(sent):
+        controller.receive(bytes([byte]), now_s * 0.05)
+    end_s = len(sent) * 0.05 + 1000.0
+    controller.tick(end_s)
+    assert np.array_equal(controller.arm.joints_at(end_s), before)
+
+
+def test_the_property_above_sees_an_arm_that_may_move_moving() -> None:
+    sent, _ = typed(standing(), b"DO READY\r")
+    controller = Controller(Arm())
+    before = controller.arm.joints_at(0.0)
+    controller.receive(sent, 0.0)
+    controller.tick(1000.0)
+    assert not np.array_equal(controller.arm.joints_at(1000.0), before)
+
+
+@pytest.fixture
+def daemon() -> Iterator[Running]:
+    folder = Path(tempfile.mkdtemp(prefix="facetd-monitor-"))
+    daemon = Running(folder, "", seed=3, time_scale=20.0)
+    daemon.start()
+    yield daemon
+    daemon.kill()
+    shutil.rmtree(folder, ignore_errors=True)
+
+
+class Person:
+    """Somebody at a terminal on which a program runs."""
+
+    def __init__(self, daemon: Running, *words: str) -> None:
+        self.seen = ""
+        self._pid, self._handle = pty.fork()
+        if self._pid == 0:
+            os.environ.update(FACETD_SOCKET=str(daemon.folder / "facetd.sock"), HOME=str(daemon.folder))
+            os.execv(sys.executable, [sys.executable, "-m", "daemon.ctl", *words])
+
+    def types(self, keys: str) -> None:
+        os.write(self._handle, keys.encode("latin-1"))
+
+    def sees(self, text: str, within_s: float = 20.0) -> None:
+        """Wait for a text beyond what was seen before."""
+        deadline = time.monotonic() + within_s
+        while text not in self.seen:
+            assert time.monotonic() < deadline, f"{text!r} did not come; what came: {self.seen!r}"
+            if select.select([self._handle], [], [], 0.1)[0]:
+                try:
+                    self.seen += os.read(self._handle, 4096).decode("latin-1")
+                except OSError:
+                    assert text in self.seen, self.seen
+        self.seen = self.seen.partition(text)[2]
+
+    def leaves(self) -> int:
+        _, status = os.waitpid(self._pid, 0)
+        os.close(self._handle)
+        return os.waitstatus_to_exitcode(status)
+
+
+def test_a_person_talks_to_the_controller_and_comes_back(daemon: Running) -> None:
+    person = Person(daemon, "robot", "monitor")
+    person.sees("control-C stops the arm.")
+    person.sees(".")
+    assert daemon.do("go home")["status"] == 1, "the daemon stands aside"
+    person.types("WHERE\r")
+    person.sees("JT1")
+    person.sees(".")
+    person.types("DO READY\r")
+    person.sees("may not move now")
+    person.types("SPEED 12\r")
+    person.types("\x1d")
+    person.sees("Back from the controller's terminal: 2 lines typed.")
+    assert person.leaves() == 0
+    assert daemon.do("where")["status"] == 0
+    (run,) = list_runs(daemon.runs)
+    lines = [r["text"] for r in read_run(run).records if r["kind"] == "command"]
+    assert [text for text in lines if not text.startswith("go")] == [
+        "robot monitor", "WHERE", "not sent: DO READY", "SPEED 12",
+    ]  # fmt: skip
+    assert check_wire(run) == []
+
+
+def test_control_c_at_the_controllers_terminal_stops_the_arm_and_a_fault_stands(daemon: Running) -> None:
+    daemon.do("enable")
+    person = Person(daemon, "console")
+    person.sees("control-D leaves")
+    person.types("robot monitor\r")
+    person.sees("stops the arm.")
+    person.sees(".")
+    person.types("SPEED 1\r")
+    person.types("DO READY\r")
+    time.sleep(0.3)
+    person.types("\x03")
+    person.sees("Stopped. Nothing moves until `resume`.")
+    before = daemon.do("where")["data"]["joints_deg"]
+    assert "stopped by control-C" in daemon.do("status")["data"]["fault"]
+    assert daemon.do("where")["data"]["joints_deg"] == before
+    person.sees("facetd> ")
+    person.types("quit\r")
+    assert person.leaves() == 1
+
+
+def test_without_a_terminal_one_line_at_a_time_is_offered(daemon: Running) -> None:
+    refused = daemon.do("robot monitor")
+    assert (refused["status"], "robot monitor TEXT" in refused["text"]) == (2, True)
+    assert "Arm power on" in daemon.do("robot monitor STATUS")["text"]
