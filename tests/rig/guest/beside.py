@@ -1,12 +1,13 @@
 """In the guest: the ends of the two virtio ports that lead to the cell around it (tests/rig/otherside.py).
 
-Run as a program this is the feeder: it keeps the two loopback cameras supplied with what the eyes see now.
+Run as a program this is the feeder: it keeps the two loopback cameras (LEFT RIGHT) supplied with what the eyes see now.
 """
 
 from __future__ import annotations
 
 import json
 import os
+import sys
 import time
 from typing import Any
 
@@ -60,8 +61,8 @@ class Person:
         return answer
 
 
-def feed() -> None:
-    """Feed /dev/video0 and 1 for ever. A pair whose light took longer than a period is not shown: it would be stale."""
+def feed(left: str, right: str) -> None:
+    """Feed two devices for ever. A pair whose light took longer than a period is not shown: it would be stale."""
     import loopback
 
     light = Port("light")
@@ -71,7 +72,7 @@ def feed() -> None:
         both = np.frombuffer(light.read(2 * WIDTH * HEIGHT), np.uint8).reshape(2, HEIGHT, WIDTH)
         return both[0], both[1]
 
-    feeder = loopback.Feeder(picture, fps=FPS, most_s=0.9 / FPS)
+    feeder = loopback.Feeder(picture, fps=FPS, most_s=0.9 / FPS, paths=(left, right))
     while True:
         began_s = time.monotonic()
         feeder.write()
@@ -79,4 +80,4 @@ def feed() -> None:
 
 
 if __name__ == "__main__":
-    feed()
+    feed(*sys.argv[1:])

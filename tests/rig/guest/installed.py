@@ -25,6 +25,7 @@ CHECKOUT = Path(__file__).resolve().parents[3]
 ETC = Path("/etc/facetd")
 SOCKET = Path("/run/facetd/facetd.sock")
 UNITS = Path("/etc/systemd/system")
+PATIENT = {"baud": 9600, "prompt_silence_s": 0.1, "typing_s": 20.0, "answer_s": 30.0, "resync_s": 5.0, "stall_s": 5.0}
 DROP_IN = """\
 [Service]
 ExecStart=
@@ -32,7 +33,8 @@ ExecStart={facetd} --config /etc/facetd/facetd.yaml
 Environment=PYTHONDONTWRITEBYTECODE=1
 ProtectHome=no
 PrivateTmp={private_tmp}
-TimeoutStartSec=120
+TimeoutStartSec=300
+TimeoutStopSec=60
 """
 
 
@@ -54,13 +56,19 @@ def install() -> None:
     run("groupadd", "--system", "facetd")
     run("useradd", "--system", "--gid", "facetd", "--home-dir", "/var/lib/facetd", "facetd")
     shutil.copytree(CHECKOUT / "etc", ETC, dirs_exist_ok=True)
+    configure(100.0)
+    run("systemctl", "daemon-reload")
+
+
+def configure(travel_pct: float) -> None:
+    """Write the configuration; travel_pct: how fast the arm may go away from parts."""
     configuration = yaml.safe_load((CHECKOUT / "etc/facetd.yaml").read_text())
     configuration["cameras"] |= {"left": "left", "right": "right", "fps": beside.FPS, "max_skew_ms": 60}
-    configuration["arm"]["port"] = "/dev/ttyS1"
-    configuration["pick"]["settling"] = {"timeout_s": 30.0}
+    configuration["arm"] |= {"port": "/dev/ttyS1", "dialect": PATIENT}
+    configuration["pick"] |= {"travel_pct": travel_pct, "settling": {"timeout_s": 30.0}, "arrival": {"slack_s": 20.0}}
+    configuration["pick"]["limits"]["max_look_age_s"] = 120
     configuration["health"] |= {"camera_silence_s": 20.0}
     (ETC / "facetd.yaml").write_text(yaml.safe_dump(configuration))
-    run("systemctl", "daemon-reload")
 
 
 def _let_everybody_read(*paths: Path) -> None:
@@ -88,7 +96,7 @@ def unit(what: str) -> str:
     return run("systemctl", "show", "facetd", "--value", "-p", what).stdout.strip()
 
 
-def until(what: Any, timeout_s: float = 60.0, every_s: float = 0.5) -> Any:
+def until(what: Any, timeout_s: float = 150.0, every_s: float = 0.5) -> Any:
     """Wait for something to become true; gives it. AssertionError with the journal's end otherwise."""
     ends_s = time.monotonic() + timeout_s
     while time.monotonic() < ends_s:

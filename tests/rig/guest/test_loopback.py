@@ -134,8 +134,8 @@ def test_a_feeder_that_stops_is_said_and_one_that_returns_is_taken_up_again(
     with loopback.Feeder(numbered(RANDOM), fps=FPS):
         grab_now(eyes)
     started_s = time.monotonic()
-    with pytest.raises(CameraError, match=r"no frame from the left and the right camera|too old"):
-        grab_now(eyes, 1.0)
+    with pytest.raises(CameraError, match=r"no frame (any more )?from the left and the right camera"):
+        grab_now(eyes, 3.0)
     assert time.monotonic() - started_s < HUNG_S
     with pytest.raises(
         CameraError, match=r"left camera `left` is not there; there is: only /dev/video0, /dev/video1, which capture"
