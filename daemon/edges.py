@@ -34,7 +34,7 @@ ROOM_PX, LEAST_LENGTH_PX = 6.0, 12.0
 SMOOTHING_PX = 1.0
 ROUGHLY = (1.0, 0.4)
 """Shares of the reach within which edges are searched for, round by round."""
-MOST_ROUNDS, SMALL_MM = 5, 0.1
+MOST_ROUNDS, SMALL_MM = 5, 0.3
 """How often edges are measured anew, and a motion after which that would change nothing more."""
 SEARCH_DEG = 3.0
 LEAST_EVIDENCE, LEAST_SUPPORT = 6.0, 0.5

@@ -146,11 +146,11 @@ class Link:
 
     async def open_hand(self) -> None:
         """Open the hand now."""
-        await self.command("DO OPENI")
+        await self.command("DO OPENI", timeout_s=self.dialect.answer_s)
 
     async def close_hand(self) -> None:
         """Close the hand now."""
-        await self.command("DO CLOSEI")
+        await self.command("DO CLOSEI", timeout_s=self.dialect.answer_s)
 
     async def rest(self, location: Location, timeout_s: float | None = None) -> Where:
         """Wait until the arm is at rest at location: the controller says so, and two readings agree with it.

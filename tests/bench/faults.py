@@ -1,22 +1,26 @@
 """`make bench-faults`: faults injected at every moment of a pick on the simulated cell; what happened, as one table.
 
-usage: python -m tests.bench.faults [--each N] [--only WORD]   N picks for each fault and moment (2)
+usage: python -m tests.bench.faults [--each N] [--only WORD] [--jobs N]   N picks for each fault and moment (2)
 
 Each run lays one part, starts a pick and harms it once when the cycle enters the moment's state. Then it is judged
-by the cell's witness: was the arm at rest after the fault, did any move leave afterwards, is what was said of the part
-true, and does the cell pick on after `resume`. Prints the table and the counts; exit 1 where a part was lost silently
-or the arm moved after a fault.
+by the cell's witness and the wire ledger: was the arm at rest after the fault, did any motion leave afterwards, is what
+was said of the part true, and does the cell pick on after `resume`. Prints the table and the counts; exit 1 where a
+part was lost silently or the arm moved after a fault.
 """
 
 from __future__ import annotations
 
 import argparse
 import asyncio
+import os
+import re
 import sys
 import time
 from collections import Counter
 from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -32,6 +36,8 @@ from drivers.simcell.controller import LineFault, Mishap
 
 MOMENTS = ("survey", "stop_n", "looking", "final", "closing", "retreat", "verify", "place")
 STILL_MM = 0.3
+MOTION = re.compile(r"DO (?:MOVE|MOVES|DRAW|READY|OPENI|CLOSEI)\b[^\r\x15]*\r")
+"""A line that moves arm or hand, ended: what was typed and cancelled moves nothing."""
 
 
 @dataclass(frozen=True)
@@ -129,6 +135,7 @@ async def mend(here: Rig) -> None:
     here.cell.controller.switch_arm_power_on()
     if here.robot.question:
         await here.robot.power_up(("Y", "Y"))
+    if not here.cell.controller.calibrated:
         await here.robot.calibrate("Y")
 
 
@@ -147,6 +154,24 @@ def on_state(here: Rig, state: str, act: Callable[[], None]) -> None:
     here.cycle.cell.log.record = listening  # type: ignore[method-assign]
 
 
+def mark_faults(here: Rig) -> list[int]:
+    """How long the wire ledger was at each fault from now on."""
+    record, at = here.cycle.cell.log.record, list[int]()
+
+    def listening(kind: str, /, **fields: Any) -> None:
+        record(kind, **fields)
+        if kind == "fault":
+            at.append(len(here.log.wire))
+
+    here.cycle.cell.log.record = listening  # type: ignore[method-assign]
+    return at
+
+
+def motions(here: Rig, since: int) -> int:
+    """How many lines that move something went out since that record of the ledger."""
+    return len(MOTION.findall("".join(r["bytes"] for r in here.log.wire[since:] if r["way"] == "out")))
+
+
 async def judged(model: Any, seed: int, fault: str, moment: str) -> Judged:
     """One pick with one fault."""
     rng = np.random.default_rng(seed)
@@ -154,30 +179,31 @@ async def judged(model: Any, seed: int, fault: str, moment: str) -> Judged:
     async with simulated_cell.rig(seed, model, time_scale=40.0) as here:
         simulated_cell.lay(here, label, rng)
         on_state(here, moment, lambda: FAULTS[fault](here))
+        faults_at = mark_faults(here)
         end = await here.cycle.pick()
         if hasattr(here, "later"):
             await asyncio.gather(here.later, return_exceptions=True)
-        sent = len(here.log.said("move"))
         before = here.cell.world_from_tool()
         await asyncio.sleep(0.15)
         moved_mm = float(np.linalg.norm((here.cell.world_from_tool() - before)[:3, 3]))
-        lies = here.lies(label)
-        honest = _honest(end.outcome, lies)
-        stood = len(here.log.said("move")) - sent
-        recovered = await _goes_on(here, model, label, rng) if fault not in BROKEN_FOR_GOOD else True
-        return Judged(end.outcome, moved_mm < STILL_MM, stood, honest, recovered, end.why)
+        honest = _honest(end.outcome, here.lies(label), here.cycle.hand_full)
+        after = motions(here, faults_at[0]) if faults_at else 0
+        recovered = await _goes_on(here, label, rng) if fault not in BROKEN_FOR_GOOD else True
+        return Judged(end.outcome, moved_mm < STILL_MM, after, honest, recovered, end.why)
 
 
 BROKEN_FOR_GOOD = ("controller dead", "right camera knocked")
 """What needs another controller or another calibration; going on is not expected."""
 
 
-def _honest(outcome: str, lies: str) -> bool:
-    """Whether what was said of the part is so: `picked` only for one in the bin; anything else names a failure."""
-    return lies == "bin" if outcome == "picked" else True
+def _honest(outcome: str, lies: str, hand_full: bool | None) -> bool:
+    """Whether what was said of the part is so: `picked` only for one in the bin, `empty` only where none lies on the
+    table, and never `nothing in the hand` where something is."""
+    said = {"picked": lies == "bin", "empty": lies != "table"}.get(outcome, True)
+    return said and not (lies == "hand" and hand_full is False)
 
 
-async def _goes_on(here: Rig, model: Any, label: str, rng: np.random.Generator) -> bool:
+async def _goes_on(here: Rig, label: str, rng: np.random.Generator) -> bool:
     """Mend, resume, answer for the gripper, pick a fresh part."""
     try:
         await mend(here)
@@ -194,16 +220,29 @@ async def _goes_on(here: Rig, model: Any, label: str, rng: np.random.Generator) 
         return False
 
 
-async def _all(each: int, only: str) -> dict[tuple[str, str], list[Judged]]:
+async def _taught() -> Any:
     async with simulated_cell.rig(seed=100) as here:
-        model = await simulated_cell.taught(here)
+        return await simulated_cell.taught(here)
+
+
+def _one(model: Any, task: tuple[int, str, str]) -> Judged:
+    return asyncio.run(judged(model, *task))
+
+
+def _all(each: int, only: str, jobs: int) -> dict[tuple[str, str], list[Judged]]:
+    model = asyncio.run(_taught())
+    tasks = [
+        (1000 + 10 * number + k, fault, moment)
+        for number, (fault, moment) in enumerate(product(FAULTS, MOMENTS))
+        for k in range(each if only in fault else 0)
+    ]
     found: dict[tuple[str, str], list[Judged]] = {}
-    for number, (fault, moment) in enumerate(product(FAULTS, MOMENTS)):
-        for k in range(each if only in fault else 0):
-            one = await judged(model, 1000 + 10 * number + k, fault, moment)
+    with ProcessPoolExecutor(jobs) as pool:
+        for (seed, fault, moment), one in zip(tasks, pool.map(partial(_one, model), tasks), strict=True):
             found.setdefault((fault, moment), []).append(one)
             bad = "" if one.honest and one.at_rest and not one.sent_after else "  <-- WRONG"
-            print(f"  {fault:24} {moment:8} {one.outcome:11} {one.why[:90]}{bad}", flush=True)
+            stuck = "" if one.recovered else "  (did not go on)"
+            print(f"  {seed} {fault:24} {moment:8} {one.outcome:11} {one.why[:90]}{bad}{stuck}", flush=True)
     return found
 
 
@@ -212,9 +251,10 @@ def main() -> int:
     parser = argparse.ArgumentParser()
     parser.add_argument("--each", type=int, default=2)
     parser.add_argument("--only", default="", help="faults with this word in their name")
+    parser.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)))
     args = parser.parse_args()
     began = time.monotonic()
-    found = asyncio.run(_all(args.each, args.only))
+    found = _all(args.each, args.only, args.jobs)
     every = [one for ones in found.values() for one in ones]
     print(f"\n{'fault':26}{'moment':10}{'outcomes':34}{'at rest':>8}{'moves after':>12}{'true':>6}{'goes on':>9}")
     for (fault, moment), ones in found.items():

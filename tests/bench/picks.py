@@ -1,11 +1,11 @@
 """Many picks from random poses with realistic calibration error, against a single look from the same poses.
 
-usage: python -m tests.bench.picks [--picks N] [--calibrations N]
+usage: python -m tests.bench.picks [--picks N] [--calibrations N] [--single-every N] [--jobs N]
 
 For each of some made-up calibrations (hand-eye off by 0.3 mm and 0.05 degrees, image centres by 0.3 px, in random
-directions) the six views are taught anew; then single parts in random resting poses are picked twice: with as many
-looks as the approach wants, and with one look from the first stand-off. The witness says what was held and how far
-off.
+directions) the six views are taught anew; then single parts in random resting poses are picked with as many looks as
+the approach wants, and every so many of the same poses with one look from the first stand-off. The witness says what
+was held and how far off. Besides: how long the daemon takes from one move's end to the next one's start, with a look.
 """
 
 from __future__ import annotations
@@ -13,10 +13,14 @@ from __future__ import annotations
 import argparse
 import asyncio
 import contextlib
+import os
 import sys
 import time
 from collections import Counter
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +29,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "cell"))
 
 import simulated_cell
-from simulated_cell import PARTS
+from simulated_cell import PARTS, Rig
 
 from daemon import frames
 from daemon.approach import Stops
@@ -34,6 +38,10 @@ from daemon.plan import Settings, doubt_of
 from daemon.vision.rig import Camera
 
 HAND_EYE_MM, HAND_EYE_DEG, CENTRE_PX = 0.3, 0.05, 0.3
+TIME_SCALE = 40.0
+SURE, SINGLE = "looks as needed", "a single look"
+AGAIN = {"picked", "missed", "lost", "unsure", "unreachable", "unknown", "ambiguous", "empty"}
+"""Outcomes after which the same cell goes on; after others it is built anew."""
 
 
 @dataclass(frozen=True)
@@ -46,6 +54,55 @@ class Picked:
     error_deg: float
     predicted_mm: float
     stops: int
+    why: str = ""
+
+
+@dataclass(frozen=True)
+class Turn:
+    """From a move's end (the controller's prompt, the arm at rest) to the next one's start, with a look in it: s in
+    all, s waited for pictures (settling, exposure, rendering), and the processor's s for all but those."""
+
+    wall_s: float
+    pictures_s: float
+    busy_s: float
+
+    @property
+    def own_s(self) -> float:
+        """What the daemon itself took."""
+        return self.wall_s - self.pictures_s
+
+
+class Stopwatch:
+    """Times the turns of one rig, by its robot's moves and its cameras' grabs."""
+
+    def __init__(self, here: Rig) -> None:
+        self.turns: list[Turn] = []
+        self._since: tuple[float, float] | None = None
+        self._pictures = [0.0, 0.0]
+        self._move, self._grab = here.robot.move, here.cycle.cell.eyes.grab
+        here.robot.move, here.cycle.cell.eyes.grab = self.move, self.grab  # type: ignore[method-assign]
+
+    async def move(self, *args: Any, **how: Any) -> Any:
+        """The robot's move, with the turn before it told."""
+        if self._since is not None and self._pictures[0] > 0:
+            wall, busy = (b - a for a, b in zip(self._since, _now(), strict=True))
+            self.turns.append(Turn(wall, self._pictures[0], busy - self._pictures[1]))
+        self._pictures = [0.0, 0.0]
+        reading = await self._move(*args, **how)
+        self._since = _now()
+        return reading
+
+    async def grab(self, *args: Any, **how: Any) -> Any:
+        """The cameras' grab, timed."""
+        began = _now()
+        try:
+            return await self._grab(*args, **how)
+        finally:
+            self._pictures = [s + b - a for s, a, b in zip(self._pictures, began, _now(), strict=True)]
+
+
+def _now() -> tuple[float, float]:
+    return time.perf_counter(), time.process_time()
 
 
 def erring(true: Calibration, rng: np.random.Generator) -> Calibration:
@@ -71,36 +128,84 @@ def _off_centre(eye: Camera, rng: np.random.Generator) -> Camera:
 
 async def pick_once(believed: Calibration, model: Any, seed: int, settings: Settings) -> Picked:
     """One part, drawn by seed, in a random resting pose alone on the table, picked under that calibration."""
+    async with simulated_cell.rig(seed, model, time_scale=TIME_SCALE, settings=settings, believed=believed) as here:
+        return await pick_here(here, seed)
+
+
+async def pick_here(here: Rig, seed: int) -> Picked:
+    """The same in a cell that runs already."""
     rng = np.random.default_rng(seed)
     label = PARTS[int(rng.integers(len(PARTS)))]
-    async with simulated_cell.rig(seed, model, time_scale=40.0, settings=settings, believed=believed) as here:
-        simulated_cell.lay(here, label, rng)
-        end = await here.cycle.pick()
-        error = (float("nan"), float("nan"))
-        if end.grasp is not None and here.cell.world.closings:
-            with contextlib.suppress(ValueError):
-                error = here.grasp_error(end)
-        predicted = end.predicted_mm if end.predicted_mm is not None else float("nan")
-        return Picked(end.outcome, here.lies(label) == "bin", *error, predicted, end.stops)
+    simulated_cell.lay(here, label, rng)
+    closings = len(here.cell.world.closings)
+    end = await here.cycle.pick()
+    error = (float("nan"), float("nan"))
+    if end.grasp is not None and len(here.cell.world.closings) > closings:
+        with contextlib.suppress(ValueError):
+            error = here.grasp_error(end)
+    predicted = end.predicted_mm if end.predicted_mm is not None else float("nan")
+    return Picked(
+        end.outcome, here.lies(label) == "bin", *error, predicted, end.stops, f"seed {seed}, {label}: {end.why}"
+    )
 
 
-async def _all(picks: int, calibrations: int) -> dict[str, list[Picked]]:
-    true = simulated_cell.true_calibration()
-    found: dict[str, list[Picked]] = {"looks as needed": [], "a single look": []}
-    for number in range(calibrations):
-        believed = erring(true, np.random.default_rng(number))
-        async with simulated_cell.rig(seed=100 + number, believed=believed) as here:
-            model = await simulated_cell.taught(here)
-        usual = replace(Settings(), doubt=doubt_of(believed.quality))
-        once = replace(usual, stops=Stops((450.0,), enough_mm=1e9, enough_deg=1e9, most_looks=1))
-        for k in range(picks // calibrations):
-            seed = 10_000 * (number + 1) + k
-            for name, settings in (("looks as needed", usual), ("a single look", once)):
-                one = await pick_once(believed, model, seed, settings)
-                found[name].append(one)
-            print(".", end="", flush=True)
-    print()
-    return found
+async def _row(
+    believed: Calibration, model: Any, seeds: Sequence[int], settings: Settings
+) -> tuple[list[Picked], list[Turn]]:
+    """All picks of one kind under one calibration, in one cell as long as it goes on."""
+    left, found, turns = list(seeds), list[Picked](), list[Turn]()
+    while left:
+        async with simulated_cell.rig(left[0], model, TIME_SCALE, settings, believed) as here:
+            watch = Stopwatch(here)
+            while left and (not found or found[-1].outcome in AGAIN or not watch.turns):
+                found.append(await pick_here(here, left.pop(0)))
+                print(".", end="", flush=True)
+            turns += watch.turns
+    return found, turns
+
+
+async def _under_one(number: int, picks: int, single_every: int) -> tuple[dict[str, list[Picked]], list[Turn]]:
+    """Teach and pick under one made-up calibration."""
+    believed = erring(simulated_cell.true_calibration(), np.random.default_rng(number))
+    async with simulated_cell.rig(seed=100 + number, believed=believed) as here:
+        model = await simulated_cell.taught(here)
+    usual = replace(Settings(), doubt=doubt_of(believed.quality))
+    once = replace(usual, stops=Stops((450.0,), enough_mm=1e9, enough_deg=1e9, most_looks=1))
+    seeds = [10_000 * (number + 1) + k for k in range(picks)]
+    sure, turns = await _row(believed, model, seeds, usual)
+    single, _ = await _row(believed, model, seeds[::single_every], once)
+    return {SURE: sure, SINGLE: single}, turns
+
+
+def _run(number: int, picks: int, single_every: int) -> tuple[dict[str, list[Picked]], list[Turn]]:
+    return asyncio.run(_under_one(number, picks, single_every))
+
+
+def _told(name: str, ones: Sequence[Picked]) -> None:
+    """One row of the table, and what went wrong in it."""
+    met = [o for o in ones if np.isfinite(o.error_mm)]
+    mm, deg = np.array([o.error_mm for o in met]), np.array([o.error_deg for o in met])
+    print(
+        f"{name:18}{len(ones):>6}{100 * np.mean([o.in_bin for o in ones]):>9.1f}%"
+        f"{np.median(mm):>17.2f}, {np.quantile(mm, 0.95):>6.2f}"
+        f"{np.median(deg):>9.2f}, {np.quantile(deg, 0.95):>5.2f}"
+        f"{np.nanmedian([o.predicted_mm for o in ones]):>11.2f}{np.mean([o.stops for o in met]):>7.2f}"
+    )
+    others = Counter(o.outcome for o in ones if not o.in_bin)
+    if others:
+        print(f"{'':18}not in the bin: {', '.join(f'{n} {what}' for what, n in others.items())}")
+    for one in (o for o in ones if not o.in_bin):
+        print(f"{'':20}{one.outcome}: {one.why}")
+    print(f"{'':18}said to be picked and not in the bin: {sum(o.outcome == 'picked' and not o.in_bin for o in ones)}")
+
+
+def _times(turns: Sequence[Turn]) -> None:
+    own, pictures, busy = (1000 * np.array([getattr(t, n) for t in turns]) for n in ("own_s", "pictures_s", "busy_s"))
+    print(f"\nfrom a move's end to the next one's start with a look in it, ms, {len(turns)} times:  median     95 %")
+    print(f"  {'the daemon itself':56}{np.median(own):>12.0f}{np.quantile(own, 0.95):>9.0f}")
+    print(f"  {'  of that, on an idle processor (its time)':56}{np.median(busy):>12.0f}{np.quantile(busy, 0.95):>9.0f}")
+    told = "besides: settling, exposure and the rendering of pictures"
+    print(f"  {told:56}{np.median(pictures):>12.0f}{np.quantile(pictures, 0.95):>9.0f}")
 
 
 def main() -> None:
@@ -108,26 +213,23 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--picks", type=int, default=500)
     parser.add_argument("--calibrations", type=int, default=10)
+    parser.add_argument("--single-every", type=int, default=5, help="which of the poses a single look is tried at, too")
+    parser.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)))
     args = parser.parse_args()
     began = time.monotonic()
-    found = asyncio.run(_all(args.picks, args.calibrations))
-    print(
-        f"{'':18}{'picks':>6}{'grasped':>10}{'error mm: median, 95 %':>26}{'degrees':>16}{'predicted':>11}{'stops':>7}"
-    )
+    found: dict[str, list[Picked]] = {SURE: [], SINGLE: []}
+    turns: list[Turn] = []
+    work = partial(_run, picks=args.picks // args.calibrations, single_every=args.single_every)
+    with ProcessPoolExecutor(args.jobs) as pool:
+        for ones, times in pool.map(work, range(args.calibrations)):
+            turns += times
+            for name, some in ones.items():
+                found[name] += some
+    print(f"\n{'':18}{'picks':>6}{'grasped':>10}{'error mm: median, 95 %':>26}{'degrees':>16}", end="")
+    print(f"{'predicted':>11}{'stops':>7}")
     for name, ones in found.items():
-        met = [o for o in ones if np.isfinite(o.error_mm)]
-        mm, deg = np.array([o.error_mm for o in met]), np.array([o.error_deg for o in met])
-        print(
-            f"{name:18}{len(ones):>6}{100 * np.mean([o.in_bin for o in ones]):>9.1f}%"
-            f"{np.median(mm):>17.2f}, {np.quantile(mm, 0.95):>6.2f}"
-            f"{np.median(deg):>9.2f}, {np.quantile(deg, 0.95):>5.2f}"
-            f"{np.nanmedian([o.predicted_mm for o in ones]):>11.2f}{np.mean([o.stops for o in met]):>7.2f}"
-        )
-        others = Counter(o.outcome for o in ones if not o.in_bin)
-        if others:
-            print(f"{'':18}not in the bin: {', '.join(f'{n} {what}' for what, n in others.items())}")
-        wrong = sum(o.outcome == "picked" and not o.in_bin for o in ones)
-        print(f"{'':18}said to be picked and not in the bin: {wrong}")
+        _told(name, ones)
+    _times(turns)
     print(f"{time.monotonic() - began:.0f} s")
 
 
