@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from daemon import approach, frames
 from daemon.approach import Doubt, Estimate, Sighting
-from daemon.edges import fit_edges, open_eyes
+from daemon.edges import fit_edges, open_eyes, shown
+from daemon.grasp import Gripper, closed_fingers
 from daemon.looking import Expect, Look
 from daemon.plan import SAME_PLACE_MM, Plan, Seen, seen_parts
 from daemon.tracking import Fit, Shape, refit
@@ -23,6 +24,8 @@ from daemon.workcell import Array, Workcell
 
 NEAR_MM = 60.0
 """Facets farther than this from where the part's middle should be are not its own."""
+FINGERS_SHOW, FINGERS_REACH_MM = 0.7, 1.0
+"""The share of the met fingers' outline that proves them so, and how far from its place it is looked for."""
 FACETS_REACH_MM, REACH_MM = 2.0, 6.0
 """How far off the pose that edges are searched from may be: one that facets gave, and one thought before the look."""
 
@@ -134,6 +137,14 @@ def still_there(target: Target, look: Look, cell: Workcell) -> bool:
     """Whether the target's edges still show where it lay."""
     images = look.pictures.left.pixels, look.pictures.right.pixels
     return expecting(target, cell)(*images, look.world_from_cyclopean) is not None
+
+
+def came_back_empty(look: Look, cell: Workcell, gripper: Gripper) -> bool:
+    """Whether a look shows the fingers met with nothing between them. Where the cameras do not have them in view, or a
+    part hides them, it does not."""
+    eyes = open_eyes(look.pictures.left.pixels, look.pictures.right.pixels, cell.rig)
+    cyclopean_from_tool = frames.inverse(cell.tool_from_cyclopean)
+    return shown(closed_fingers(gripper), eyes, cyclopean_from_tool, FINGERS_REACH_MM) > FINGERS_SHOW
 
 
 def sighted(look: Look, fit: Fit, cell: Workcell, doubt: Doubt) -> Sighting:

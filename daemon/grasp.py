@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import combinations, product
 
 import numpy as np
 from numpy.typing import NDArray
 
 from daemon import frames
+from daemon.tracking import Shape
 
 Array = NDArray[np.float64]
 UP = np.array([0.0, 0.0, 1.0])
@@ -56,6 +57,14 @@ class Grasp:
     slip_deg: float
     tilt_deg: float
     blocked: bool = False
+
+
+def closed_fingers(gripper: Gripper) -> Shape:
+    """Both fingers met, nothing between them, as one box in the tool frame."""
+    x, y = gripper.finger_width_mm / 2, gripper.finger_thick_mm
+    corners = np.array(list(product((-x, x), (-y, y), (-gripper.pad_back_mm, gripper.tip_mm))))
+    rings = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    return Shape("closed fingers", corners, tuple(np.array(ring) for ring in rings))
 
 
 def tool_rotation(heading: Array, tilt_rad: float) -> Array:

@@ -11,7 +11,17 @@ from dataclasses import dataclass
 
 from daemon import approach, guard
 from daemon.approach import CHI_SQUARE_6
-from daemon.following import NEAR_MM, Target, beside, expecting, far, follow, others, still_there
+from daemon.following import (
+    NEAR_MM,
+    Target,
+    beside,
+    came_back_empty,
+    expecting,
+    far,
+    follow,
+    others,
+    still_there,
+)
 from daemon.guard import Command, Standing
 from daemon.looking import Expect, Look, Sight, log_look, take_look, whole_look
 from daemon.motion import Mover, MoveRefusedError, OutOfReachError
@@ -384,22 +394,27 @@ class Pick:
         return "there"
 
     async def verify(self) -> str:
-        """Look whether the part is gone from where it lay (what hangs in the hand does not count)."""
+        """Look whether the part is gone from where it lay, and nowhere else but in the hand."""
         target = self.target
         assert target is not None
         look = await self.look("verify")
         hand = look.reading.world_from_tool[:3, 3]
         on_table = [p for p in seen_parts(look) if far(p.centre, hand) > 70.0]
         left = [p for p in on_table if far(p.centre, target.centre) < self.settings.gone_mm + 20.0]
-        still = bool(left) or still_there(target, look, self.cell)
-        if not still and not self.knocked_away(target, on_table):
+        if left or still_there(target, look, self.cell):
+            why = "still lies there"
+        elif self.knocked_away(target, on_table):
+            why = "was knocked away"
+        elif came_back_empty(look, self.cell, self.settings.gripper):
+            why = "is gone, and the hand came back empty"
+        else:
             self.outcome, self.why = "picked", f"{target.label} is gone from where it lay"
             return "gone"
         self.tries += 1
-        self.outcome, self.why = "missed", f"{target.label} {'still lies there' if still else 'was knocked away'}"
+        self.outcome, self.why = "missed", f"{target.label} {why}"
         self.decide("missed", self.why)
         if self.tries >= self.settings.tries:
-            self.skip("missed", target, f"still there after {self.tries} tries")
+            self.skip("missed", target, f"{why} after {self.tries} tries")
         await self.mover.hand(closed=False)
         return "missed"
 

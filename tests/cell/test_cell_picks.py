@@ -64,6 +64,26 @@ def test_a_part_whisked_away_while_the_hand_closes_is_reported_missed_or_gone_an
     assert end.outcome in ("missed", "lost", "unreachable")
 
 
+def test_a_part_taken_away_while_the_hand_closes_is_missed_and_not_said_to_be_picked(model):
+    async def story():
+        async with rig(seed=4, model=model) as here:
+            simulated_cell.lay(here, "cube", np.random.default_rng(1))
+            hand = here.robot.hand
+
+            async def take_away(closed):
+                for part in here.cell.world.parts if closed else ():
+                    here.cell.world.remove(part.name)
+                await hand(closed)
+
+            here.robot.hand = take_away
+            end = await here.cycle.pick()
+            return end, here.cycle.hand_full
+
+    end, hand_full = run(story())
+    assert (end.outcome, hand_full) == ("missed", False)
+    assert "the hand came back empty" in end.why
+
+
 @pytest.mark.parametrize("mishap", list(Mishap))
 def test_a_mishap_in_a_move_ends_in_a_fault_with_the_arm_at_rest(model, mishap):
     async def story():

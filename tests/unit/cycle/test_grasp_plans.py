@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from daemon import frames, places
-from daemon.grasp import Gripper, grasps, hull_planes, tool_rotation
+from daemon.grasp import Gripper, closed_fingers, grasps, hull_planes, tool_rotation
 from daemon.plan import Settings, plan_part, regrasp
 from drivers.simcell.gripper import close_on
 from drivers.simcell.parts import TAUGHT, part_shape
@@ -114,3 +114,13 @@ def test_the_cameras_look_up_from_the_side_the_hand_leans_away_from():
     assert np.isclose(np.linalg.det(rotation), 1.0)
     assert rotation[2, 0] < 0
     assert rotation[0, 2] > 0
+
+
+def test_the_met_fingers_are_a_box_whose_faces_look_outwards():
+    gripper = Gripper()
+    shape = closed_fingers(gripper)
+    outwards = shape.centres() - shape.corners_mm.mean(axis=0)
+    assert (np.einsum("fi,fi->f", shape.normals(), outwards) > 0).all()
+    size = np.ptp(shape.corners_mm, axis=0)
+    thick = 2 * gripper.finger_thick_mm
+    np.testing.assert_allclose(size, [gripper.finger_width_mm, thick, gripper.pad_back_mm + gripper.tip_mm])
