@@ -79,22 +79,27 @@ def replay(records: Iterable[Record], echo: bool = True) -> list[Event]:
 
     echo: whether that controller echoed what was typed. The replay is faithful when `what_was_heard` names the same.
     """
-    reader, typing = Reader(), bytearray()
+    reader, typing, kept = Reader(), False, list(records)
     events: list[Event] = []
-    for record in records:
-        data = str(record["bytes"]).encode("latin-1")
-        if record["way"] == "out":
-            _follow_sending(reader, typing, data, echo)
-            continue
-        events += reader.receive(data)
-        if record["what"] in (_kind(Prompt), _kind(Question)):
-            events += reader.silence()
+    for k, record in enumerate(kept):
+        data = _bytes(record)
+        if record["way"] == "in":
+            events += reader.receive(data)
+            if record["what"] in (_kind(Prompt), _kind(Question)):
+                events += reader.silence()
+        elif not _is_typed(data):
+            typing = False
+            reader.line_ended(echoed=echo and not data.strip(b"\r\n"))
+        elif not typing:
+            typing = True
+            if echo:
+                reader.typed(_line_from(kept[k:]))
     return events
 
 
 def what_was_heard(records: Iterable[Record]) -> list[tuple[str, bytes]]:
     """The kinds of event, and their bytes, that were heard then."""
-    return [(str(r["what"]), str(r["bytes"]).encode("latin-1")) for r in records if r["way"] == "in"]
+    return [(str(r["what"]), _bytes(r)) for r in records if r["way"] == "in"]
 
 
 def what_was_read(events: Iterable[Event]) -> list[tuple[str, bytes]]:
@@ -102,15 +107,24 @@ def what_was_read(events: Iterable[Event]) -> list[tuple[str, bytes]]:
     return [(_kind(type(event)), event.raw) for event in events]
 
 
-def _follow_sending(reader: Reader, typing: bytearray, data: bytes, echo: bool) -> None:
-    """Tell the reader what the link told it when these bytes were sent. typing: the characters of the present line."""
-    if all(0x20 <= byte <= 0x7E for byte in data):
-        typing += data
-        if echo:
-            reader.typed(bytes(typing))
-        return
-    typing.clear()
-    reader.line_ended(echoed=echo and not data.strip(b"\r\n"))
+def _line_from(records: Iterable[Record]) -> bytes:
+    """The whole line that was being typed, character by character perhaps: the link told its reader all of it first."""
+    line = b""
+    for record in records:
+        if record["way"] == "out":
+            if not _is_typed(_bytes(record)):
+                break
+            line += _bytes(record)
+    return line
+
+
+def _is_typed(data: bytes) -> bool:
+    """Whether these are characters of a command line, not a line end or what cancels one."""
+    return all(0x20 <= byte <= 0x7E for byte in data)
+
+
+def _bytes(record: Record) -> bytes:
+    return str(record["bytes"]).encode("latin-1")
 
 
 def _kind(event: type[Event]) -> str:

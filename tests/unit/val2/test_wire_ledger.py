@@ -14,7 +14,7 @@ from drivers.simcell.controller import Controller, LineFault
 from drivers.val2.ledger import Ledger, LedgerError, replay, verify, what_was_heard, what_was_read
 from drivers.val2.link import Dialect
 from drivers.val2.location import Location
-from drivers.val2.wire import Prompt
+from drivers.val2.wire import Prompt, Reader
 
 Records = list[dict[str, Any]]
 SCALE = 20.0
@@ -92,6 +92,21 @@ def test_a_ledger_played_to_the_protocol_gives_the_same_events(
     bench: Callable[..., Any], faults: list[LineFault], pause_s: float
 ) -> None:
     records = a_session(bench, faults, character_pause_s=pause_s)
+    assert what_was_read(replay(records)) == what_was_heard(records)
+
+
+def test_a_character_doubled_in_a_line_typed_slowly_is_the_same_garble_again() -> None:
+    """What doubled may look like the end of the line as far as it was typed; the link knew what was still to come."""
+    records: Records = []
+    ledger, reader = Ledger(records.append), Reader()
+    reader.typed(b"SPEED 80")
+    for k in range(7):
+        ledger.sent(b"SPEED 80"[k : k + 1], 0.1 * k)
+    for event in reader.receive(b"SPEED 88"):
+        ledger.heard(event, 0.7)
+    ledger.sent(b"0", 0.8)
+    ledger.sent(b"\x15", 0.9)
+    assert records[7]["what"] == "garble"
     assert what_was_read(replay(records)) == what_was_heard(records)
 
 
