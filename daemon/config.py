@@ -168,7 +168,7 @@ class Config:
     def state(self) -> Path:
         """The folder of runs, models and taught views."""
         said = self.said.folders.state
-        return self.file(said) if said else places.state_folder()
+        return self.file(said) if said else places.state_folder(self.kind == "simulated")
 
     @property
     def runs(self) -> Path:
@@ -179,7 +179,7 @@ class Config:
     def socket(self) -> Path:
         """The operators' socket."""
         said = self.said.folders.runtime
-        return (self.file(said) if said else places.runtime_folder()) / places.SOCKET_NAME
+        return (self.file(said) if said else places.runtime_folder(self.kind == "simulated")) / places.SOCKET_NAME
 
 
 def load_config(path: Path, simulated: bool = False) -> Config:

@@ -64,12 +64,13 @@ def run(args: argparse.Namespace) -> int:
     """Run it; 0 only when every part was picked, 2 where the installation cannot be used."""
     from daemon.cell import EXPECTED_ERRORS
     from daemon.config import ConfigError
+    from daemon.files import plain
 
     seed = args.seed if args.seed is not None else random.SystemRandom().randrange(1_000_000)
     try:
-        return asyncio.run(_demo(seed, args.time_scale, args.runs or places.runs_folder()))
+        return asyncio.run(_demo(seed, args.time_scale, args.runs or places.runs_folder(simulated=True)))
     except (ConfigError, OSError, *EXPECTED_ERRORS) as error:  # type: ignore[misc]
-        print(f"facetctl demo: {error}", file=sys.stderr)
+        print(f"facetctl demo: {plain(error)}", file=sys.stderr)
         return 2
 
 

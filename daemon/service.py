@@ -27,7 +27,7 @@ from daemon.cycle import Cycle
 from daemon.desk import Desk, Troubles
 from daemon.doors import DoorError, SocketServer
 from daemon.driftwatch import DriftWatch
-from daemon.files import InUseError, hold
+from daemon.files import InUseError, hold, plain
 from daemon.library import load_facets, load_parts
 from daemon.metrics import MetricsServer
 from daemon.model import ModelError
@@ -77,7 +77,7 @@ class Service:
         except (ConfigError, ModelError, ShelfError) as error:
             status, self._why = BAD_CONFIGURATION, str(error)
         except (CellError, DoorError, InUseError, OSError) as error:
-            status, self._why = NO_DEVICE, str(error)
+            status, self._why = NO_DEVICE, plain(error)
         if status != STOPPED:
             journal.tell("trouble", self._why, journal.ERROR)
             journal.notify(f"STATUS={self._why}")

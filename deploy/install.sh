@@ -55,7 +55,8 @@ settings() {
     for file in facetd.yaml calibration.yaml facets.yaml parts.yaml simcell.yaml; do
         if [ ! -e "$root/etc/facetd/$file" ]; then
             install -m 0644 "$house/etc/$file" "$root/etc/facetd/$file"
-        elif ! cmp -s "$house/etc/$file" "$root/etc/facetd/$file"; then
+        elif ! cmp -s "$house/etc/$file" "$root/etc/facetd/$file" && ! cmp -s "$house/etc/$file" "$opt/current/etc/$file"
+        then
             install -m 0644 "$house/etc/$file" "$root/etc/facetd/$file.new"
             say "kept your /etc/facetd/$file; what is new lies beside it as $file.new"
         fi
@@ -66,6 +67,7 @@ system_files() {
     install -D -m 0644 "$house/deploy/facetd.service" "$root/etc/systemd/system/facetd.service"
     install -D -m 0644 "$house/deploy/facetd.sysusers" "$root/usr/lib/sysusers.d/facetd.conf"
     install -D -m 0644 "$house/deploy/facetd.tmpfiles" "$root/usr/lib/tmpfiles.d/facetd.conf"
+    install -D -m 0644 "$house/deploy/facetd.catalog" "$root/usr/lib/systemd/catalog/facetd.catalog"
     if [ ! -e "$root/etc/udev/rules.d/60-facetd.rules" ]; then
         install -D -m 0644 "$house/deploy/60-facetd.rules" "$root/etc/udev/rules.d/60-facetd.rules"
     fi
@@ -75,6 +77,7 @@ system_files() {
     [ -n "$root" ] && return 0
     systemd-sysusers facetd.conf
     systemd-tmpfiles --create facetd.conf
+    journalctl --update-catalog
     if alive; then
         udevadm control --reload
         systemctl daemon-reload
@@ -98,8 +101,9 @@ do_install() {
     packages
     build
     settings
-    if ! "$release/venv/bin/facetd" --config "$root/etc/facetd/facetd.yaml" --check; then
-        fail "this release does not take your configuration (above); nothing was changed"
+    if ! STATE_DIRECTORY=$root/var/lib/facetd RUNTIME_DIRECTORY=$root/run/facetd \
+        "$release/venv/bin/facetd" --config "$root/etc/facetd/facetd.yaml" --check; then
+        fail "this release does not take your configuration (above); the one before stays in use"
     fi
     trap - EXIT
     system_files
@@ -115,7 +119,8 @@ do_install() {
 
 do_rollback() {
     need_root
-    now=$(basename "$(readlink "$opt/current" 2>/dev/null)" 2>/dev/null) || fail "nothing is installed in $opt"
+    [ -L "$opt/current" ] || fail "nothing is installed in $opt"
+    now=$(basename "$(readlink "$opt/current")")
     # shellcheck disable=SC2012
     before=$(ls -1 "$opt/releases" | sort | grep -B1 -x "$now" | head -n 1)
     [ -n "$before" ] && [ "$before" != "$now" ] || fail "there is no release before $now"
@@ -131,8 +136,9 @@ do_remove() {
     fi
     rm -rf "$opt"
     rm -f "$root/etc/systemd/system/facetd.service" "$root/usr/lib/sysusers.d/facetd.conf" \
-        "$root/usr/lib/tmpfiles.d/facetd.conf" "$root/usr/local/bin/facetctl" "$root/usr/local/bin/facetd" \
-        "$root/etc/udev/rules.d/60-facetd.rules"
+        "$root/usr/lib/tmpfiles.d/facetd.conf" "$root/usr/lib/systemd/catalog/facetd.catalog" \
+        "$root/usr/local/bin/facetctl" "$root/usr/local/bin/facetd" "$root/etc/udev/rules.d/60-facetd.rules"
+    [ -n "$root" ] || journalctl --update-catalog
     if alive; then
         systemctl daemon-reload
         udevadm control --reload

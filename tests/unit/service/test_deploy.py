@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from daemon.guard import RULES
+from daemon.journal import MESSAGE_IDS
 
 DEPLOY = Path(__file__).resolve().parents[3] / "deploy"
 
@@ -69,3 +70,22 @@ def test_the_guide_names_every_rule_of_the_guard_and_every_message_of_the_contro
     assert missing == []
     for message in ("Arm power off", "Not calibrated", "Emergency stop", "Envelope error", "out of range"):
         assert message in guide
+
+
+def test_the_journals_catalogue_explains_every_kind_of_message() -> None:
+    entries = re.findall(
+        r"^-- (\w+)\nSubject: (.+)\n(?:[A-Z][\w-]+: .+\n)+\n(.+)", (DEPLOY / "facetd.catalog").read_text(), re.M
+    )
+    assert sorted(found for found, _, _ in entries) == sorted(MESSAGE_IDS.values())
+    assert all(len(found) == 32 for found in MESSAGE_IDS.values())
+
+
+@pytest.mark.skipif(shutil.which("journalctl") is None, reason="this machine has no journalctl")
+def test_journald_takes_the_catalogue(tmp_path: Path) -> None:
+    for folder in ("usr/lib/systemd/catalog", "var/lib/systemd/catalog"):
+        (tmp_path / folder).mkdir(parents=True)
+    shutil.copy(DEPLOY / "facetd.catalog", tmp_path / "usr/lib/systemd/catalog")
+    for what in ("--update-catalog", "--list-catalog"):
+        done = subprocess.run(["journalctl", what, f"--root={tmp_path}"], capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+    assert done.stdout.count("facetd") >= len(MESSAGE_IDS)
