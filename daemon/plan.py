@@ -70,17 +70,19 @@ class Place:
 
 @dataclass(frozen=True)
 class Settings:
-    """All of a pick. order: which part first; tries: how often one part is tried; views_of_doubtful: how often a part
-    that cannot be named is looked at from another side; verify_mm: from how far the place is looked at afterwards;
-    gone_mm: a part this near to where it lay still lies there; hand_s: what fingers need; epipolar_limit_px: beyond it
-    a camera was knocked."""
+    """All of a pick. surveys: from where the table is looked at, until a part has a name; last_surveys: from where else
+    before it is called empty; order: which part first; tries: how often one part is tried; views_of_doubtful: how often
+    a part that cannot be named is looked at from another side; verify_mm: from how far the place is looked at
+    afterwards; gone_mm: a part this near to where it lay still lies there; hand_s: what fingers need;
+    epipolar_limit_px: beyond it a camera was knocked."""
 
     surveys: tuple[View, ...] = (View(heading_deg=50.0), View(heading_deg=-50.0), View(heading_deg=90.0))
+    last_surveys: tuple[View, ...] = (View(heading_deg=-90.0, tilt_deg=35.0), View(heading_deg=0.0, tilt_deg=20.0))
     home: Place = Place((420.0, 0.0, 60.0), tilt_deg=20.0)
     bin: Place = Place((250.0, 410.0, -150.0), heading_deg=58.0, tilt_deg=10.0)
     order: Literal["nearest", "surest"] = "surest"
     tries: int = 2
-    views_of_doubtful: int = 3
+    views_of_doubtful: int = 4
     travel_pct: float = 100.0
     near_pct: float = 30.0
     pregrasp_mm: float = 50.0

@@ -159,7 +159,7 @@ async def _row(
             watch = Stopwatch(here)
             while left and (not found or found[-1].outcome in AGAIN or not watch.turns):
                 found.append(await pick_here(here, left.pop(0)))
-                print(".", end="", flush=True)
+                print("." if found[-1].in_bin else f"\n{found[-1]}", end="", flush=True)
             turns += watch.turns
     return found, turns
 
@@ -221,10 +221,12 @@ def main() -> None:
     turns: list[Turn] = []
     work = partial(_run, picks=args.picks // args.calibrations, single_every=args.single_every)
     with ProcessPoolExecutor(args.jobs) as pool:
-        for ones, times in pool.map(work, range(args.calibrations)):
+        for number, (ones, times) in enumerate(pool.map(work, range(args.calibrations)), start=1):
             turns += times
             for name, some in ones.items():
                 found[name] += some
+            binned = sum(one.in_bin for one in found[SURE])
+            print(f" {number} calibrations: {binned} of {len(found[SURE])} in the bin", flush=True)
     print(f"\n{'':18}{'picks':>6}{'grasped':>10}{'error mm: median, 95 %':>26}{'degrees':>16}", end="")
     print(f"{'predicted':>11}{'stops':>7}")
     for name, ones in found.items():
