@@ -48,7 +48,7 @@ class Arrival:
         turned = motion[3:] if joints_rad is None else np.append(joints_rad - start.joints_rad, motion[3:])
         way_s = float(np.linalg.norm(motion[:3])) / self.slowest_mm_s
         way_s += float(np.degrees(np.abs(turned).max())) / self.slowest_deg_s
-        return min(self.timeout_s, self.slack_s + way_s / (command.speed_pct / 100.0))
+        return min(self.timeout_s, self.slack_s + way_s / max(command.speed_pct / 100.0, 0.01))
 
 
 Gate = Callable[[Command], Awaitable[None]]
