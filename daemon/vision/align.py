@@ -6,7 +6,6 @@ Whether that is enough for a name is not decided here.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,34 +15,33 @@ from daemon import frames
 from daemon.vision.epipolar import Baseline
 from daemon.vision.eye import Sight
 from daemon.vision.relation import Solid
-from daemon.vision.shapes import corners_of
-from daemon.vision.sides import Sides, fit_sides
+from daemon.vision.sides import Sides, edge_sigmas, fit_sides
 
 Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 Edge = tuple[int, int]
 
+HOPELESS_PX, LEAST_SHARE = 2.5, 0.4  # moved twice, an edge is this near, of so much of their length; or all is wrong
 ROUNDS = 2  # move the pose, measure the edges anew, and again
 MODEL_MM = 0.25  # how well a taught corner is known: in pixels the least an edge may be off
 TUKEY = 4.0
-NEAR = 1.4  # an edge is on its place within so many times the model's doubt
+NEAR = 2.3  # an edge is on its place within so many times the model's doubt
 LEAST_SUPPORT = 0.5
 LEAST_EVIDENCE = 6.0
-FAINT = 0.1  # an edge this much fainter than the strongest is taken for grain
-LEAST_SHARE = 0.65  # of a facet's sides, in both eyes together
-FOUND_PX = 0.15  # how sure a corner is whose two sides were found
+LEAST_SIGMAS = 4.0  # of the slope across an edge against what lies beside it
+FOUND_PX = 0.1  # how sure a side that was found is, at best
 
 
 @dataclass(frozen=True, eq=False)
 class Aligned:
-    """pose (4, 4) cyclopean_from_part; facets: which of the model's visible facets the images confirm; outlines: for
+    """pose (4, 4) cyclopean_from_part; facets: which of the model's visible facets the images confirm; share: of the
 
-    each of those its corners (N, 2) px in the left and right eye, where its sides were found to meet, and how sure a
-    corner is there, (N,) px.
+    length of all edges that should be seen, in both eyes, what was found on its place; outlines: for each of the
+    facets its corners (N, 2) px in the left eye, their covariance (N, 2, 2), and the same in the right.
     """
 
     pose: Array
     facets: tuple[int, ...]
+    share: float
     outlines: tuple[tuple[Array, Array, Array, Array], ...]
 
 
@@ -71,26 +69,6 @@ class Placement:
     pose: Array
 
 
-def showing(placements: Sequence[Placement], geometry: Baseline, eyes: tuple[Sight, Sight]) -> list[Placement]:
-    """Those placements of which two facets at least have an image edge near each of their sides. All tried at once."""
-    if not placements:
-        return []
-    edges = [_edges(p.solid, p.visible) for p in placements]
-    first = np.cumsum([0, *(len(e) for e in edges)])
-    shows = []
-    for eye, sight in enumerate(eyes):
-        ends = [_ends(_project(p, geometry, eye)[0], e) for p, e in zip(placements, edges, strict=True)]
-        start_px, end_px = np.concatenate(ends, axis=1)
-        sides = fit_sides(sight.image, sight.noise, start_px, end_px, sight.eye)
-        shows.append(_shows(sides, first))
-    kept = []
-    for place, own, start, end in zip(placements, edges, first[:-1], first[1:], strict=True):
-        good = np.stack([s[start:end] for s in shows])
-        if sum(_confirmed(place.solid, f, own, good) for f in place.visible) > 1:
-            kept.append(place)
-    return kept
-
-
 def align(place: Placement, geometry: Baseline, eyes: tuple[Sight, Sight]) -> Aligned:
     """Move a placement so that the visible facets' edges meet the image edges, and see which facets do.
 
@@ -98,17 +76,27 @@ def align(place: Placement, geometry: Baseline, eyes: tuple[Sight, Sight]) -> Al
     edges' ends across the edges, with Tukey's weights because some edges find another one nearby.
     """
     solid, edges = place.solid, _edges(place.solid, place.visible)
-    readings = [_read(place, edges, geometry, sight, k) for k, sight in enumerate(eyes)]
     for _ in range(ROUNDS):
-        place = replace(place, pose=frames.perturb(place.pose, _motion(readings)))
-        readings = [_read(place, edges, geometry, sight, k) for k, sight in enumerate(eyes)]
-    good = np.stack([_shows(r.sides, np.array([0, len(edges)])) & _on_place(r) for r in readings])
+        rough = [_read(place, edges, geometry, sight, k, roughly=True) for k, sight in enumerate(eyes)]
+        place = replace(place, pose=frames.perturb(place.pose, _motion(rough)))
+    if _share([_shows(r.sides) & (np.abs(r.off).max(1) < HOPELESS_PX) for r in rough], rough) < LEAST_SHARE:
+        return Aligned(place.pose, (), 0.0, ())
+    fine = [_read(place, edges, geometry, sight, k) for k, sight in enumerate(eyes)]
+    place = replace(place, pose=frames.perturb(place.pose, _motion(fine)))
+    readings = [_read(place, edges, geometry, sight, k) for k, sight in enumerate(eyes)]
+    good = np.stack([_good(r, sight) for r, sight in zip(readings, eyes, strict=True)])
     confirmed = tuple(f for f in place.visible if _confirmed(solid, f, edges, good))
     outlines = tuple(
         (*_outline(solid, f, edges, readings[0], good[0]), *_outline(solid, f, edges, readings[1], good[1]))
         for f in confirmed
     )
-    return Aligned(place.pose, confirmed, outlines)
+    return Aligned(place.pose, confirmed, _share(list(good), readings), outlines)
+
+
+def _share(good: list[NDArray[np.bool_]], readings: list[_Reading]) -> float:
+    """Of the length of all edges in both eyes, that of the good ones."""
+    lengths = np.stack([np.hypot(*(r.expected[:, 1] - r.expected[:, 0]).T) for r in readings])
+    return float((lengths * np.stack(good)).sum() / lengths.sum())
 
 
 def _edges(solid: Solid, visible: tuple[int, ...]) -> list[Edge]:
@@ -121,15 +109,12 @@ def _edges(solid: Solid, visible: tuple[int, ...]) -> list[Edge]:
     return list(edges.values())
 
 
-def _ends(px: Array, edges: list[Edge]) -> Array:
-    """(2, E, 2) px: where each edge starts and ends."""
-    return np.asarray(px[np.array(edges).T])
-
-
-def _read(place: Placement, edges: list[Edge], geometry: Baseline, sight: Sight, eye: int) -> _Reading:
+def _read(
+    place: Placement, edges: list[Edge], geometry: Baseline, sight: Sight, eye: int, *, roughly: bool = False
+) -> _Reading:
     px, slope = _project(place, geometry, eye)
     a, b = np.array(edges).T
-    sides = fit_sides(sight.image, sight.noise, px[a], px[b], sight.eye)
+    sides = fit_sides(sight.image, sight.noise, px[a], px[b], sight.eye, roughly=roughly)
     chord = px[b] - px[a]
     across = np.stack([chord[:, 1], -chord[:, 0]], 1) / np.maximum(np.hypot(*chord.T), 1e-6)[:, None]
     off = np.stack([((sides.start - px[a]) * across).sum(1), ((sides.end - px[b]) * across).sum(1)], 1)
@@ -167,14 +152,17 @@ def _motion(readings: list[_Reading]) -> Array:
     return np.asarray(motion)
 
 
-def _shows(sides: Sides, first: Index) -> NDArray[np.bool_]:
-    """(E,) whether there is an edge near, and not something much fainter than the same part's other edges.
+def _shows(sides: Sides) -> NDArray[np.bool_]:
+    """(E,) whether there is an edge near."""
+    return np.asarray((sides.evidence > LEAST_EVIDENCE) & (sides.support > LEAST_SUPPORT))
 
-    first: where each part's edges begin, and the end.
-    """
-    strongest = np.repeat(np.maximum.reduceat(sides.evidence, first[:-1]), np.diff(first))
-    faintest = np.maximum(LEAST_EVIDENCE, FAINT * strongest)
-    return np.asarray((sides.evidence > faintest) & (sides.support > LEAST_SUPPORT))
+
+def _good(reading: _Reading, sight: Sight) -> NDArray[np.bool_]:
+    """(E,) whether an edge was found on its place, and stands out from the shading and the grain beside it."""
+    if sight.fine is None:
+        return np.zeros(len(reading.off), bool)
+    clear = edge_sigmas(sight.fine.smoothed, reading.sides.start, reading.sides.end) > LEAST_SIGMAS
+    return _shows(reading.sides) & _on_place(reading) & clear
 
 
 def _on_place(reading: _Reading) -> NDArray[np.bool_]:
@@ -183,9 +171,12 @@ def _on_place(reading: _Reading) -> NDArray[np.bool_]:
 
 
 def _confirmed(solid: Solid, facet: int, edges: list[Edge], good: NDArray[np.bool_]) -> bool:
-    """Whether every side of a facet is good in one eye at least, and most are in both."""
+    """Whether every side of a facet is good in one eye at least, and all but one in each.
+
+    good (2, E). Sides along the baseline look right at any depth: one eye alone must not place a facet.
+    """
     own = good[:, _sides_of(solid, facet, edges)[0]]
-    return bool(own.any(0).all()) and float(own.mean()) >= LEAST_SHARE
+    return bool(own.any(0).all()) and int(own.sum(1).min()) >= own.shape[1] - 1
 
 
 def _sides_of(solid: Solid, facet: int, edges: list[Edge]) -> tuple[list[int], list[bool]]:
@@ -199,12 +190,22 @@ def _sides_of(solid: Solid, facet: int, edges: list[Edge]) -> tuple[list[int], l
 def _outline(
     solid: Solid, facet: int, edges: list[Edge], reading: _Reading, good: NDArray[np.bool_]
 ) -> tuple[Array, Array]:
-    """Corners (N, 2) px where the sides meet, and their doubt (N,) px; a side not found stays where expected."""
-    which, turned = _sides_of(solid, facet, edges)
-    found = good[which]
-    start = np.where(found[:, None], reading.sides.start[which], reading.expected[which, 0])
-    end = np.where(found[:, None], reading.sides.end[which], reading.expected[which, 1])
-    back = np.array(turned)[:, None]
-    start, end = np.where(back, end, start), np.where(back, start, end)
-    doubt = np.where(found & np.roll(found, 1), FOUND_PX, reading.doubt_px + FOUND_PX)
-    return corners_of(start, end), doubt
+    """Most likely corners (N, 2) px given the model and the sides that were found, and their covariance (N, 2, 2)."""
+    which, backwards = _sides_of(solid, facet, edges)
+    sides = reading.sides.chosen(np.array(which), np.array(backwards))
+    turned = np.array(backwards)[:, None]
+    expected = np.where(turned, reading.expected[which, 1], reading.expected[which, 0])
+    chord = sides.end - sides.start
+    normal = np.stack([chord[:, 1], -chord[:, 0]], 1) / np.maximum(np.hypot(*chord.T), 1e-6)[:, None]
+    place = np.sum(normal * sides.start, 1)
+    firm = good[which, None] / (sides.covariance[:, (0, 1), (0, 1)] + FOUND_PX**2)
+    information = np.eye(2) / reading.doubt_px**2 + np.zeros((len(which), 1, 1))
+    pull = expected / reading.doubt_px**2
+    for weight, n, d in (
+        (firm[:, 0], normal, place),
+        (np.roll(firm[:, 1], 1), np.roll(normal, 1, 0), np.roll(place, 1)),
+    ):
+        information = information + weight[:, None, None] * n[:, :, None] * n[:, None, :]
+        pull = pull + (weight * d)[:, None] * n
+    covariance = np.asarray(np.linalg.inv(information), float)
+    return (covariance @ pull[..., None])[..., 0], covariance

@@ -16,8 +16,8 @@ from daemon.vision.candidates import Candidate, candidate, flatness_sigmas
 from daemon.vision.data import Polygon
 from daemon.vision.epipolar import Baseline
 from daemon.vision.eye import Sight
-from daemon.vision.grouping import same_edge
-from daemon.vision.outlines import Outline, probe, snap
+from daemon.vision.grouping import same_edges
+from daemon.vision.outlines import Outline, probe, snap_near
 from daemon.vision.polygons import fit_polygons
 from daemon.vision.rings import areas, rings
 from daemon.vision.settings import VisionSettings
@@ -46,7 +46,7 @@ def complete(
     """Further facets, none of which covers a chosen one or another."""
     added: list[Candidate] = []
     for seen, other, is_left in ((left, right, True), (right, left, False)):
-        if not other.scales:
+        if other.fine is None:
             continue
         tried = 0
         for outline in seen.outlines:
@@ -75,20 +75,21 @@ def _hinge(outline: Outline, known: list[Candidate], is_left: bool) -> _Hinge | 
 
 
 def _common_side(corners: Array, own: Polygon, far: Polygon) -> _Hinge | None:
-    for i in range(len(corners)):
-        for j in range(len(own.corners_px)):
-            if same_edge(corners, own.corners_px, i, j, _EDGE_PX):
-                k = (j + 1) % len(far.corners_px)
-                return _Hinge(i, far.corners_px[[k, j]])
-    return None
+    same = same_edges(corners, own.corners_px, _EDGE_PX)
+    if not same.any():
+        return None
+    i, j = divmod(int(np.argmax(same)), same.shape[1])
+    return _Hinge(i, far.corners_px[[(j + 1) % len(far.corners_px), j]])
 
 
 def _swing(
     outline: Outline, hinge: _Hinge, seen: Sight, other: Sight, is_left: bool, eyes: Baseline, settings: VisionSettings
 ) -> Candidate | None:
     """The outline's facet, turned about its hinge to where the other eye shows it; None where it does not."""
+    fine = other.fine
+    if fine is None:
+        return None
     polygons = _turned(outline, hinge, seen, other)
-    fine = other.scales[0]
     shape = rings(list(polygons))
     start = shape.corners - fine.origin_px
     strength = probe_sides(fine.smoothed, start, start[shape.next])[0].reshape(len(polygons), -1)
@@ -98,9 +99,7 @@ def _swing(
     best = int(np.argmax(agree.sum(1)))
     if not np.all(np.isfinite(agree[best])):
         return None
-    there = rings([polygons[best]])
-    near = np.zeros(len(there.corners))
-    there = snap(fine, there, _REACH_PX, near, near + _SIGMA_PX)
+    there = snap_near(fine, rings([polygons[best]]), _REACH_PX, _SIGMA_PX)
     outlines = probe(fine, there, [outline.border], settings)
     if not outlines:
         return None

@@ -10,86 +10,84 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from daemon import frames
-from daemon.vision.align import Aligned, Placement, align, showing
+from daemon.vision.align import Aligned, Placement, align
 from daemon.vision.candidates import corner_covariance
 from daemon.vision.data import Facet, FacetView, Group, Rejected
 from daemon.vision.epipolar import Baseline, Eye, baseline
 from daemon.vision.eye import Sight
 from daemon.vision.image import Grey, as_grey, measure_noise
-from daemon.vision.measure import newell_normal
 from daemon.vision.model import Model
-from daemon.vision.oneeye import Suspicion, suspicions_in
+from daemon.vision.oneeye import Suspicion, suspicions_at, suspicions_in
 from daemon.vision.planes import planarity
 from daemon.vision.recognise import UNKNOWN, recognise_group, suspicions
-from daemon.vision.relation import Solid, touching_from, weld
+from daemon.vision.regions import whole
+from daemon.vision.relation import touching_from, weld
 from daemon.vision.rig import StereoRig
 from daemon.vision.shapes import Shape
+from daemon.vision.trial import EdgeMap, edge_map, facing, trial_costs
 
 Array = NDArray[np.float64]
-LEAST_FACING = 0.08  # cosine below which a facet is too thin in the image to be looked for
 ROOM_PX = 12
 COVERED = 0.2  # of the smaller facet's area; more than that, and the two cannot both be there
-CLOSE_MM = 1.5  # rms; how well a completed part must fit
+CLOSE_MM = 2.5  # rms; how well a completed part must fit
 OUTLINES = 6  # single outlines followed up, the largest first
-MOST = 8  # poses tried for one facet
+LEAST_SHARE = 0.7  # of the edges a part should show, what both images must show on its place
+MOST_OFF_PX = 3.0  # mean distance of a suspected part's edges from edges in the images
+EDGE_SIGMAS = 4.0
+MOST = 12  # poses laid onto the images
 
 
 @dataclass(frozen=True, eq=False)
 class Eyes:
-    """Both images made ready for looking closer: rig geometry and each eye's grey levels and noise."""
+    """Both images made ready for looking closer: rig geometry, each eye's grey levels and
+    noise, and how far its pixels are from edges."""
 
     geometry: Baseline
     left: Sight
     right: Sight
+    edges: tuple[EdgeMap, EdgeMap]
     size: tuple[int, int]
 
 
 def open_eyes(left: NDArray[Any], right: NDArray[Any], rig: StereoRig) -> Eyes:
     """Prepare a stereo pair, (H, W) uint8 or what as_grey takes. Raises VisionError."""
     geometry = baseline(rig)
-    return Eyes(
-        geometry,
-        _sight(geometry.left, as_grey(left, "left image")),
-        _sight(geometry.right, as_grey(right, "right image")),
-        rig.image_size,
-    )
+    one, one_edges = _sight(geometry.left, as_grey(left, "left image"))
+    other, other_edges = _sight(geometry.right, as_grey(right, "right image"))
+    return Eyes(geometry, one, other, (one_edges, other_edges), rig.image_size)
 
 
 def look_closer(view: FacetView, model: Model, eyes: Eyes) -> FacetView:
-    """The view with unnamed groups completed to parts where both images show the rest; as it was where they do not.
+    """The view with unnamed facets completed to parts where both images show the rest; as it was where they do not.
 
-    Each facet of such a group is taken on its own, the largest first: others may be shadows, or measured wrongly.
+    Every facet of an unnamed group and every outline of one eye says which parts could be there, and where; should
+    none of those be seen, any three corners of theirs do.
     """
-    groups = list(view.groups)
-    for group in view.groups:
-        if not any(g is group for g in groups) or recognise_group(group, model).recognition.label != UNKNOWN:
-            continue
-        others = [g for g in groups if g is not group]
-        for facet in sorted(group.facets, key=lambda f: -Shape.of(f.left_px).area):
-            whole = _completed(facet, others, model, eyes)
-            if whole is not None:
-                rest = [_alone(f) for f in group.facets]
-                groups = [g for g in (*others, *rest) if not _absorbs(whole, g)] + [whole]
-                break
-    return _with_one_eyed(replace(view, groups=tuple(groups)), model, eyes)
+    unnamed = [g for g in view.groups if recognise_group(g, model).recognition.label == UNKNOWN]
+    named = [g for g in view.groups if not any(g is u for u in unnamed)]
+    facets = [f for g in unnamed for f in g.facets]
+    single = [o for o in _largest(view.rejected) if not any(_lies_on(o, g) for g in named)]
+    outlines = [(o.corners_px, o.eye) for o in single[:OUTLINES]]
+    outlines += [(f.left_px, "left") for f in facets] + [(f.right_px, "right") for f in facets]
+    suspected = [Suspicion(h.label, h.pose, h.rms_mm) for f in facets for h in suspicions(f, model)]
+    suspected += [s for o in outlines for s in suspicions_in(*o, eyes.geometry, model)]
+    found = _proved(expected_groups(suspected, model, eyes), named, model)
+    if not found:
+        suspected = suspicions_at(outlines, eyes.geometry, model)
+        found = _proved(expected_groups(suspected, model, eyes), named, model)
+    outlined = [_silhouette(g, model, eyes) for g in found]
+    rest = [part for g in unnamed for part in _left_over(g, found, outlined)]
+    kept = tuple(o for o in view.rejected if not any(_lies_on(o, g) for g in found))
+    return replace(view, groups=(*named, *found, *rest), rejected=kept)
 
 
-def _with_one_eyed(view: FacetView, model: Model, eyes: Eyes) -> FacetView:
-    """The view with parts of which only single outlines in single eyes were found, the largest outlines first."""
-    groups, rejected = list(view.groups), list(view.rejected)
-    for outline in sorted(rejected, key=lambda r: -Shape.of(r.corners_px).area)[:OUTLINES]:
-        if any(_lies_on(outline, g) for g in groups if len(g.facets) > 1):
-            continue
-        suspected = suspicions_in(outline.corners_px, outline.eye, eyes.geometry, model)
-        whole = _proved(expected_groups(suspected, model, eyes), groups, model)
-        if whole is not None:
-            groups = [g for g in groups if not _absorbs(whole, g)] + [whole]
-            rejected.remove(outline)
-    return replace(view, groups=tuple(groups), rejected=tuple(rejected))
+def _largest(outlines: Sequence[Rejected]) -> list[Rejected]:
+    return sorted(outlines, key=lambda o: -Shape.of(o.corners_px).area)
 
 
 def _lies_on(outline: Rejected, group: Group) -> bool:
@@ -99,30 +97,40 @@ def _lies_on(outline: Rejected, group: Group) -> bool:
     )
 
 
+def _proved(candidates: Sequence[Group], named: Sequence[Group], model: Model) -> list[Group]:
+    """Those of the groups that have a name, where none of the others has another name and nothing named lies there."""
+    parts = [(group, recognise_group(group, model)) for group in candidates]
+    good = [
+        (group, part.recognition.label)
+        for group, part in parts
+        if part.recognition.label != UNKNOWN and part.residual_mm < CLOSE_MM
+    ]
+    found: list[Group] = []
+    for group, label in good:
+        rivals = any(name != label and _collides(group, other) for other, name in good)
+        if not rivals and not any(_collides(group, g) for g in (*named, *found)):
+            found.append(group)
+    return found
+
+
+def _silhouette(group: Group, model: Model, eyes: Eyes) -> Shape:
+    """What the part that a group was named after covers in the left eye."""
+    part = recognise_group(group, model)
+    corners = frames.apply(part.cyclopean_from_part, model.metric[part.recognition.label].solid.corners_mm)
+    hull = cv2.convexHull(_pixels(corners, eyes.geometry)[0].astype(np.float32))
+    return Shape.of(hull[:, 0].astype(float))
+
+
+def _left_over(group: Group, found: Sequence[Group], outlined: Sequence[Shape]) -> list[Group]:
+    """What remains of an unnamed group: all of it, or its facets that lie on none of the parts found, each alone."""
+    shapes = [Shape.of(f.left_px) for f in group.facets]
+    on = [any(shape.common(s) > COVERED * shape.area for s in outlined) for shape in shapes]
+    on = [o or any(_collides(whole, _alone(f)) for whole in found) for o, f in zip(on, group.facets, strict=True)]
+    return [_alone(f) for o, f in zip(on, group.facets, strict=True) if not o] if any(on) else [group]
+
+
 def _alone(facet: Facet) -> Group:
     return Group((facet,), np.zeros((1, 1), bool))
-
-
-def _completed(facet: Facet, others: Sequence[Group], model: Model, eyes: Eyes) -> Group | None:
-    """A facet with those missing beside it, where that gives it a name."""
-    suspected = [Suspicion(h.label, h.pose, h.rms_mm) for h in suspicions(facet, model)]
-    return _proved(expected_groups(suspected, model, eyes), others, model)
-
-
-def _proved(candidates: Sequence[Group], others: Sequence[Group], model: Model) -> Group | None:
-    """The first of these groups that has a name, if no other of them has another name and nothing else lies there."""
-    named: dict[str, Group] = {}
-    for more in candidates:
-        part = recognise_group(more, model)
-        free = not any(_collides(more, other) for other in others if not _absorbs(more, other))
-        if part.recognition.label != UNKNOWN and part.residual_mm < CLOSE_MM and free:
-            named.setdefault(part.recognition.label, more)
-    return next(iter(named.values())) if len(named) == 1 else None
-
-
-def _absorbs(whole: Group, other: Group) -> bool:
-    """Whether the other group is a lone facet that is one of these, measured worse, or lies where these are."""
-    return len(other.facets) == 1 and _collides(whole, other)
 
 
 def _collides(one: Group, other: Group) -> bool:
@@ -132,38 +140,35 @@ def _collides(one: Group, other: Group) -> bool:
 
 
 def expected_groups(suspected: Sequence[Suspicion], model: Model, eyes: Eyes) -> list[Group]:
-    """For each part and pose that a facet may belong to, the facets that the images confirm there, two or more."""
-    both = (eyes.left, eyes.right)
-    laid = [align(p, eyes.geometry, both) for p in showing(_placements(suspected, model, eyes), eyes.geometry, both)]
-    return [_group(a, eyes.geometry) for a in laid if len(a.facets) > 1]
+    """For the likeliest of the parts and poses that are suspected, the facets that the images confirm there, two or
+    more.
+    """
+    laid = [align(p, eyes.geometry, (eyes.left, eyes.right)) for p in _placements(suspected, model, eyes)]
+    return [_group(a, eyes.geometry) for a in laid if len(a.facets) > 1 and a.share > LEAST_SHARE]
 
 
 def _placements(suspected: Sequence[Suspicion], model: Model, eyes: Eyes) -> list[Placement]:
-    """Where to try: two facets in view at least, and of poses that would look the same only one."""
+    """Where to try: two facets in view at least, edges near, and of poses that would look the same only one."""
+    ranked = list[tuple[float, Placement]]()
+    for label, metric in model.metric.items():
+        poses = np.array([s.pose for s in suspected if s.label == label]).reshape(-1, 4, 4)
+        if not len(poses):
+            continue
+        costs = trial_costs(metric.solid, poses, eyes.geometry, eyes.edges)
+        shown = facing(metric.solid, poses)
+        for k in np.flatnonzero((costs < MOST_OFF_PX) & (shown.sum(1) > 1)):
+            place = Placement(metric.solid, tuple(np.flatnonzero(shown[k]).tolist()), poses[k])
+            ranked.append((float(costs[k]), place))
     found, known = list[Placement](), list[Array]()
-    for suspicion in suspected:
-        solid = model.metric[suspicion.label].solid
-        visible = _visible(solid, suspicion.pose, eyes)
-        corners = frames.apply(suspicion.pose, solid.corners_mm)[sorted({k for f in visible for k in solid.facets[f]})]
-        if len(visible) > 1 and not any(_same_place(corners, k) for k in known):
+    for _, place in sorted(ranked, key=lambda r: r[0]):
+        corners = frames.apply(place.pose, place.solid.corners_mm)
+        corners = corners[sorted({k for f in place.visible for k in place.solid.facets[f]})]
+        if not any(_same_place(corners, k) for k in known) and _inside(corners, eyes):
             known.append(corners)
-            found.append(Placement(solid, visible, suspicion.pose))
+            found.append(place)
         if len(found) == MOST:
             break
     return found
-
-
-def _visible(solid: Solid, pose: Array, eyes: Eyes) -> tuple[int, ...]:
-    """The taught facets that face the cameras and lie inside both images."""
-    corners = frames.apply(pose, solid.corners_mm)
-    found = []
-    for index, ring in enumerate(solid.facets):
-        points = corners[list(ring)]
-        middle = points.mean(0)
-        facing = -float(newell_normal(points) @ middle) / float(np.linalg.norm(middle))
-        if facing > LEAST_FACING and _inside(points, eyes):
-            found.append(index)
-    return tuple(found)
 
 
 def _inside(points: Array, eyes: Eyes) -> bool:
@@ -190,17 +195,14 @@ def _group(laid: Aligned, geometry: Baseline) -> Group:
     facets = []
     for left, left_doubt, right, right_doubt in laid.outlines:
         ideal = geometry.left.ideal(left), geometry.right.ideal(right)
-        covariance = corner_covariance(geometry, *ideal, _round(left_doubt), _round(right_doubt))
+        covariance = corner_covariance(geometry, *ideal, left_doubt, right_doubt)
         corners = geometry.points(*ideal)
         off = np.abs(ideal[0][:, 1] - ideal[1][:, 1]) * geometry.left.focal_px
         facets.append(Facet(corners, covariance, left, right, off, planarity(corners)))
     return Group(tuple(facets), touching_from(weld(tuple(facets))))
 
 
-def _round(doubt_px: Array) -> Array:
-    """(N,) px the same every way -> (N, 2, 2) px^2."""
-    return np.asarray(doubt_px[:, None, None] ** 2 * np.eye(2))
-
-
-def _sight(eye: Eye, image: Grey) -> Sight:
-    return Sight(eye, image.astype(np.float32), measure_noise(image), (), [])
+def _sight(eye: Eye, image: Grey) -> tuple[Sight, EdgeMap]:
+    noise = measure_noise(image)
+    fine, half = whole(image, noise)
+    return Sight(eye, image.astype(np.float32), noise, fine, []), edge_map(half, EDGE_SIGMAS)

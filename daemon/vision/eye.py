@@ -10,23 +10,24 @@ from numpy.typing import NDArray
 from daemon.vision.epipolar import Eye
 from daemon.vision.image import Grey, Noise, measure_noise
 from daemon.vision.outlines import Outline, find_outlines
-from daemon.vision.regions import Scale, scale_space
+from daemon.vision.regions import Fine, scale_space
 from daemon.vision.settings import VisionSettings
 
 
 @dataclass(frozen=True, eq=False)
 class Sight:
-    """One eye's image as float32 grey levels, its noise, its scales and its outlines."""
+    """One eye's image as float32 grey levels, its noise, where it shows edges (None: nowhere) and its outlines."""
 
     eye: Eye
     image: NDArray[np.float32]
     noise: Noise
-    scales: tuple[Scale, ...]
+    fine: Fine | None
     outlines: list[Outline]
 
 
 def look_with(eye: Eye, image: Grey, settings: VisionSettings) -> Sight:
     """Measure the noise of a checked image and find its outlines."""
     noise = measure_noise(image)
-    scales = scale_space(image, noise, settings)
-    return Sight(eye, image.astype(np.float32), noise, scales, find_outlines(scales, image.size, settings))
+    fine, scales = scale_space(image, noise, settings)
+    outlines = find_outlines(fine, scales, image.size, settings) if fine else []
+    return Sight(eye, image.astype(np.float32), noise, fine, outlines)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,20 +18,26 @@ _FLUSH_MM, _RISE_MM = 2.0, 6.0
 
 def shared_edge(a: Facet, b: Facet, tolerance_px: float) -> tuple[int, int] | None:
     """(i, j) when side i -> i+1 of a is side j+1 <- j of b, run the other way, in both eyes; else None."""
-    for i in range(len(a.left_px)):
-        for j in range(len(b.left_px)):
-            if same_edge(a.left_px, b.left_px, i, j, tolerance_px) and same_edge(
-                a.right_px, b.right_px, i, j, tolerance_px
-            ):
-                return i, j
-    return None
+    left = same_edges(a.left_px, b.left_px, tolerance_px)
+    if not left.any():
+        return None
+    both = left & same_edges(a.right_px, b.right_px, tolerance_px)
+    found = int(np.argmax(both))
+    return divmod(found, both.shape[1]) if both.any() else None
 
 
-def same_edge(a: Array, b: Array, i: int, j: int, tolerance_px: float) -> bool:
-    """Whether side i of corners a (N, 2) px is side j of b run the other way."""
-    one = np.abs(a[i] - b[(j + 1) % len(b)]).max()
-    other = np.abs(a[(i + 1) % len(a)] - b[j]).max()
-    return bool(max(one, other) < tolerance_px)
+def same_edges(a: Array, b: Array, tolerance_px: float) -> NDArray[np.bool_]:
+    """(N, M) whether side i of corners a (N, 2) px is side j of b (M, 2), run the other way."""
+    near: NDArray[np.bool_] = np.abs(a[:, None] - b).max(2) < tolerance_px
+    if not near.any():
+        return near
+    return np.asarray(near[:, _turned(len(b))] & near[_turned(len(a))])
+
+
+@cache
+def _turned(count: int) -> NDArray[np.intp]:
+    """Each corner's next."""
+    return (np.arange(count) + 1) % count
 
 
 def touching_table(facets: tuple[Facet, ...], tolerance_px: float = 4.0) -> NDArray[np.bool_]:

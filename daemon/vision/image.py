@@ -17,6 +17,8 @@ SATURATED = 250
 _BIN = 8
 _SIZES = 256
 _FEWEST = 40
+_EVERY = 4
+_SECOND = np.array([1.0, -2.0, 1.0])
 
 
 class VisionError(ValueError):
@@ -94,16 +96,9 @@ def measure_noise(image: Grey) -> Noise:
 
 def _residuals(image: Grey) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Sizes of the product of second differences (6 sigma for noise sigma), and grey levels, at every few pixels."""
-    height, width = image.shape
-
-    def at(row: int, column: int) -> NDArray[np.int16]:
-        return image[row : height - 2 + row : 3, column : width - 2 + column : 3].astype(np.int16)
-
-    edges = at(0, 1) + at(1, 0) + at(1, 2) + at(2, 1)
-    corners = at(0, 0) + at(0, 2) + at(2, 0) + at(2, 2)
-    middle = at(1, 1)
-    residual = np.minimum(np.abs(4 * middle - 2 * edges + corners), _SIZES - 1)
-    return residual.astype(np.intp).ravel(), ((edges + middle) // 5).astype(np.intp).ravel()
+    size = np.abs(cv2.sepFilter2D(image, cv2.CV_16S, _SECOND, _SECOND)[1:-1:_EVERY, 1:-1:_EVERY])
+    level = cv2.blur(image, (3, 3))[1:-1:_EVERY, 1:-1:_EVERY]
+    return np.minimum(size, _SIZES - 1).astype(np.intp).ravel(), level.astype(np.intp).ravel()
 
 
 def _variance_curve(rows: Array) -> Array:
@@ -112,12 +107,14 @@ def _variance_curve(rows: Array) -> Array:
     if len(rows) == 0:
         return np.ones(256)
     x, variance = rows[:, 0] / 100.0, np.maximum(rows[:, 1], 1e-2)
-    weight = np.sqrt(rows[:, 2]) / variance
+    weight = rows[:, 2] / variance**2
+    design = x[:, None] ** np.arange(3)
+    normal, right = (design.T * weight) @ design, (design.T * weight) @ variance
     best, found = np.inf, np.full(256, float(np.median(variance)))
     for powers in ([0], [1], [2], [0, 1], [0, 2], [1, 2], [0, 1, 2]):
-        design = x[:, None] ** powers
-        c = np.linalg.lstsq(design * weight[:, None], variance * weight, rcond=None)[0]
-        error = float(np.sum(((design @ c - variance) * weight) ** 2))
-        if np.all(c >= 0) and error < best * (1 - 1e-9):
+        own = normal[np.ix_(powers, powers)]
+        c = np.linalg.solve(own + 1e-9 * np.diag(own.diagonal()), right[powers])
+        error = float(c @ own @ c - 2 * c @ right[powers])
+        if np.all(c >= 0) and error < best - 1e-9 * abs(best if np.isfinite(best) else 0.0):
             best, found = error, levels[:, None] ** powers @ c
     return np.asarray(found)

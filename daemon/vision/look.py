@@ -33,23 +33,37 @@ def look(
     """See, name and locate everything in one stereo pair.
 
     left, right: images as find_facets takes them, of the size the rig was calibrated for. Without a model every part is
-    `unknown`. clock: seconds, for Scene.seconds by stage; without it the stages are not timed. table: where it is, for
-    whoever knows; what lies in it is no part.
+    `unknown`. With one, a brief attempt comes first; what it leaves unnamed is looked for with all that the settings
+    say, and then from what the taught parts would show. clock: seconds, for Scene.seconds by stage; without it the
+    stages are not timed. table: where it is, for whoever knows; what lies in it is no part.
     Raises VisionError where an image cannot be used.
     """
     now = clock or _no_clock
-    start = now()
-    view = find_facets(left, right, rig, settings)
-    if table is not None:
-        view = without_table(view, table)
-    seen = now()
     known = model or empty_model(FacetLibrary(()))
-    parts = recognise(view, known)
-    if known.labels and (not parts or any(p.recognition.label == UNKNOWN for p in parts)):
+    full = settings or VisionSettings()
+    seconds = {"facets": 0.0, "recognise": 0.0}
+    for effort in (full.brief(), full) if known.labels else (full,):
+        start = now()
+        view = find_facets(left, right, rig, effort)
+        if table is not None:
+            view = without_table(view, table)
+        seen = now()
+        parts = recognise(view, known)
+        seconds["facets"] += seen - start
+        seconds["recognise"] += now() - seen
+        if _all_named(parts):
+            break
+    if known.labels and not _all_named(parts):
+        start = now()
         view = look_closer(view, known, open_eyes(left, right, rig))
         parts = recognise(view, known)
-    seconds = {"facets": seen - start, "recognise": now() - seen} if clock else {}
-    return Scene(parts, view.rejected, view, (*view.notes, *_notes(view, parts, model)), seconds)
+        seconds["closer"] = now() - start
+    notes = (*view.notes, *_notes(view, parts, model))
+    return Scene(parts, view.rejected, view, notes, seconds if clock else {})
+
+
+def _all_named(parts: tuple[Part, ...]) -> bool:
+    return bool(parts) and all(p.recognition.label != UNKNOWN for p in parts)
 
 
 def _no_clock() -> float:

@@ -16,9 +16,11 @@ from daemon import frames
 from daemon.vision.epipolar import Baseline
 from daemon.vision.measure import newell_normal
 from daemon.vision.model import Model
+from daemon.vision.threes import poses_of_three
 
 Array = NDArray[np.float64]
 REPROJECTION_PX = 2.5  # rms; an outline that fits a facet no better is another facet
+SAME_PX = 3.0  # corners this close are the same
 NEAREST_MM, FARTHEST_MM = 120.0, 1500.0
 
 
@@ -51,6 +53,40 @@ def suspicions_in(corners_px: Array, eye: str, geometry: Baseline, model: Model)
                     if misfit < REPROJECTION_PX and NEAREST_MM < pose[2, 3] < FARTHEST_MM:
                         found.append(Suspicion(label, _cyclopean(pose, eye, geometry), misfit))
     return sorted(found, key=lambda s: s.misfit)
+
+
+def suspicions_at(outlines: list[tuple[Array, str]], geometry: Baseline, model: Model) -> list[Suspicion]:
+    """The same from any three neighbouring corners of outlines (corners (N, 2) px, eye) whose others may be wrong.
+
+    Two faces in the same light have one outline, and a faint edge makes a wrong corner.
+    """
+    found = []
+    for eye in ("left", "right"):
+        threes = [c[(k + np.arange(3)) % len(c)] for c, own in outlines if own == eye for k in range(len(c))]
+        if threes:
+            found += _from_threes(_different(np.array(threes)), eye, geometry, model)
+    return found
+
+
+def _different(threes: Array) -> Array:
+    """Of corners (T, 3, 2) px, three at a time, those that do not repeat earlier ones."""
+    apart = np.abs(threes[:, None] - threes[None]).max((2, 3))
+    return np.asarray(threes[np.argmax(apart < SAME_PX, 1) == np.arange(len(threes))])
+
+
+def _from_threes(threes: Array, eye: str, geometry: Baseline, model: Model) -> list[Suspicion]:
+    """Poses of all taught facets of which any three neighbouring corners would look like any of these (T, 3, 2) px."""
+    one = geometry.right if eye == "right" else geometry.left
+    ideal = one.ideal(threes.reshape(-1, 2)).reshape(-1, 3, 2)
+    found = []
+    for label, metric in model.metric.items():
+        rings = [ring[k:] + ring[:k] for ring in metric.solid.facets for k in range(len(ring))]
+        taught = metric.solid.corners_mm[np.array([ring[:3] for ring in rings])]
+        points, seen = np.tile(taught, (len(ideal), 1, 1)), np.repeat(ideal, len(taught), axis=0)
+        poses, solved = poses_of_three(points, seen)
+        near = solved & (poses[:, 2, 3] > NEAREST_MM) & (poses[:, 2, 3] < FARTHEST_MM)
+        found += [Suspicion(label, pose, 0.0) for pose in _cyclopean(poses[near], eye, geometry)]
+    return found
 
 
 def _solutions(corners_mm: Array, ideal: Array) -> list[tuple[Array, float]]:
@@ -86,8 +122,7 @@ def _laid_flat(corners_mm: Array) -> Array:
 
 
 def _cyclopean(eye_from_part: Array, eye: str, geometry: Baseline) -> Array:
-    """The same pose in the cyclopean frame: the eyes sit half the baseline to either side of its origin."""
-    side = 0.5 if eye == "right" else -0.5
+    """The same poses (..., 4, 4) in the cyclopean frame: the eyes sit half the baseline off its middle."""
     moved = eye_from_part.copy()
-    moved[0, 3] += side * geometry.length_mm
-    return frames.rigid(geometry.cyclopean_from_baseline, geometry.middle_mm) @ moved
+    moved[..., 0, 3] += (0.5 if eye == "right" else -0.5) * geometry.length_mm
+    return np.asarray(frames.rigid(geometry.cyclopean_from_baseline, geometry.middle_mm) @ moved)

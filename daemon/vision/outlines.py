@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.vision.regions import Border, Region, Scale, closed_regions, rough_polygons
-from daemon.vision.rings import Rings, areas, convex, met, rings
+from daemon.vision.regions import Border, Fine, Region, Scale, closed_regions, rough_polygons
+from daemon.vision.rings import Rings, areas, convex, different, met, rings
 from daemon.vision.settings import VisionSettings
 from daemon.vision.shapes import Point, drop_side, is_simple, tidy
 from daemon.vision.sides import find_sides, probe_sides
@@ -23,8 +23,7 @@ Array = NDArray[np.float64]
 _FIRST_REACH_PX, _SECOND_REACH_PX = 4.0, 1.5
 _INSIDE_PX, _UNSURE_PX = 1.2, 1.2  # per px of the scale: how far inside its edges a region ends
 _DOUBTFUL_SIDE, _DOUBTFUL_PX = 0.6, 12.0
-_SAME_PX = 2.0
-_ALIKE = 3
+_SAME_PX, _SAME_SIDE_PX = 2.0, 0.6
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +40,9 @@ class Outline:
     support: float
 
 
-def find_outlines(scales: tuple[Scale, ...], image_area_px: float, settings: VisionSettings) -> list[Outline]:
+def find_outlines(
+    fine: Fine, scales: tuple[Scale, ...], image_area_px: float, settings: VisionSettings
+) -> list[Outline]:
     """Outlines of the closed regions at every scale and level, without repeats, best supported first."""
     largest = settings.max_area_fraction * image_area_px
     rough = [
@@ -54,7 +55,6 @@ def find_outlines(scales: tuple[Scale, ...], image_area_px: float, settings: Vis
     rough = _cleanest(rough, settings)
     if not rough:
         return []
-    fine = scales[0]
     start = rings([c for c, _ in rough])
     shrink = np.repeat([float(r.shrink) for _, r in rough], start.count)
     first = snap(fine, start, _FIRST_REACH_PX, _INSIDE_PX * shrink, _UNSURE_PX * shrink)
@@ -64,23 +64,35 @@ def find_outlines(scales: tuple[Scale, ...], image_area_px: float, settings: Vis
     variants = _distinct(variants, _SAME_PX)
     if not variants:
         return []
-    shape = rings([c for c, _ in variants])
-    near = np.zeros(len(shape.corners))
-    shape = snap(fine, shape, _SECOND_REACH_PX, near, near + 1.0)
+    shape = snap_near(fine, rings([c for c, _ in variants]), _SECOND_REACH_PX, 1.0)
     return probe(fine, shape, [r.border for _, r in variants], settings)
 
 
-def snap(fine: Scale, shape: Rings, reach_px: float, expected_px: Array, sigma_px: Array) -> Rings:
+def snap(fine: Fine, shape: Rings, reach_px: float, expected_px: Array, sigma_px: Array) -> Rings:
     """Polygons with their sides moved onto the gradient, expected so far outwards (M,), and met again in corners."""
     start = shape.corners - fine.origin_px
     start, end = find_sides(fine.smoothed, start, start[shape.next], reach_px, expected_px, sigma_px)
     return shape.moved(met(shape, start, end) + fine.origin_px)
 
 
-def probe(fine: Scale, shape: Rings, borders: list[Border], settings: VisionSettings) -> list[Outline]:
+def snap_near(fine: Fine, shape: Rings, reach_px: float, sigma_px: float) -> Rings:
+    """The same where the gradient is expected to be where the sides are; each different side is moved once."""
+    start = shape.corners - fine.origin_px
+    end = start[shape.next]
+    kept, which, turned = different(start, end, _SAME_SIDE_PX)
+    near = np.zeros(len(kept))
+    one, other = find_sides(fine.smoothed, start[kept], end[kept], reach_px, near, near + sigma_px)
+    one, other, back = one[which], other[which], turned[:, None]
+    start, end = np.where(back, other, one), np.where(back, one, other)
+    return shape.moved(met(shape, start, end) + fine.origin_px)
+
+
+def probe(fine: Fine, shape: Rings, borders: list[Border], settings: VisionSettings) -> list[Outline]:
     """The polygons whose every side shows in the gradient, best supported first, without repeats."""
     start = shape.corners - fine.origin_px
-    strength, seen = probe_sides(fine.smoothed, start, start[shape.next])
+    kept, which, turned = different(start, start[shape.next], _SAME_SIDE_PX / 2)
+    strength, seen = (v[which] for v in probe_sides(fine.smoothed, start[kept], start[shape.next][kept]))
+    strength = np.where(turned, -strength, strength)
     chord = shape.corners[shape.next] - shape.corners
     length = np.hypot(chord[:, 0], chord[:, 1])
     support = shape.sums(length * seen) / shape.sums(length)
@@ -119,7 +131,7 @@ def _cleanest(rough: list[tuple[Array, Region]], settings: VisionSettings) -> li
             apart = max(abs(x - group[0]), abs(y - group[1]))
             if apart < 0.2 * math.sqrt(group[2]) + 1 and 0.55 < area / group[2] < 1.8:
                 group[3] += 1
-                if group[3] <= _ALIKE:
+                if group[3] <= settings.alike:
                     kept.append(k)
                 break
         else:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from daemon.vision.data import Polygon
 from daemon.vision.eye import Sight
 from daemon.vision.outlines import Outline
-from daemon.vision.rings import Rings, convex, met, rings
+from daemon.vision.rings import Rings, convex, different, met, rings
 from daemon.vision.shapes import is_simple
 from daemon.vision.sides import Sides, fit_sides
 
@@ -18,6 +18,7 @@ Array = NDArray[np.float64]
 
 _FARTHEST_PX = 6.0
 _SHORTEST_PX = 4.0
+_SAME_PX = 1.0
 MODEL_PX = 0.04  # how far a real side is from a blurred step between even faces
 
 
@@ -32,9 +33,8 @@ class Fitted:
         """The same with corner `shift` first."""
         p, n = self.polygon, len(self.polygon.corners_px)
         order = (np.arange(n) + shift) % n
-        sides = Sides(*(getattr(self.sides, k)[order] for k in Sides.__dataclass_fields__))
         polygon = Polygon(p.corners_px[order], p.covariance_px2[order], p.contrast[order], p.border_px)
-        return Fitted(polygon, sides)
+        return Fitted(polygon, self.sides.chosen(order))
 
 
 def fit_polygons(sight: Sight, outlines: list[Outline]) -> list[Fitted | None]:
@@ -42,17 +42,19 @@ def fit_polygons(sight: Sight, outlines: list[Outline]) -> list[Fitted | None]:
     if not outlines:
         return []
     shape = rings([o.corners for o in outlines])
-    every = fit_sides(sight.image, sight.noise, shape.corners, shape.corners[shape.next], sight.eye)
+    start, end = shape.corners, shape.corners[shape.next]
+    kept, which, turned = different(start, end, _SAME_PX)
+    every = fit_sides(sight.image, sight.noise, start[kept], end[kept], sight.eye).chosen(which, turned)
     shape = shape.moved(met(shape, every.start, every.end))
     covariance = met_covariance(shape, every)
     sound = convex(shape)
     fitted: list[Fitted | None] = []
     for k, (o, corners) in enumerate(zip(outlines, shape.split(), strict=True)):
-        part = slice(int(shape.first[k]), int(shape.first[k] + shape.count[k]))
+        part = shape.first[k] + np.arange(shape.count[k])
         shortest = np.hypot(*(corners - np.roll(corners, -1, 0)).T).min()
         moved = np.abs(corners - o.corners).max()
         if moved < _FARTHEST_PX and shortest > _SHORTEST_PX and (sound[k] or is_simple(corners)):
-            sides = Sides(*(getattr(every, name)[part] for name in Sides.__dataclass_fields__))
+            sides = every.chosen(part)
             polygon = Polygon(corners, covariance[part], np.abs(sides.step), o.border.astype(float))
             fitted.append(Fitted(polygon, sides))
         else:

@@ -9,7 +9,7 @@ with them the regions.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 
 import cv2
@@ -33,16 +33,24 @@ _RAYLEIGH_MEDIAN, _MOST_GRAIN = 1.177, 1.7
 
 
 @dataclass(frozen=True, eq=False)
-class Scale:
-    """An image of unit noise, smoothed, and the strength of its gradient in sigmas.
+class Fine:
+    """The part of an image that shows edges: full size, of unit noise, smoothed. origin_px (2,): its first pixel."""
 
-    shrink: full-size pixels a pixel; origin_px (2,): where its first pixel's centre lies in the full image, px.
+    origin_px: Array
+    smoothed: Image32
+
+
+@dataclass(frozen=True, eq=False)
+class Scale:
+    """How strong the gradient is where pixels are `shrink` full-size ones wide; its noise has `sigma` (1 if white).
+
+    origin_px (2,): where the first pixel's centre lies in the full image, px.
     """
 
     shrink: int
     origin_px: Array
-    smoothed: Image32
     strength: Image32
+    sigma: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,27 +62,35 @@ class Region:
     shrink: int
 
 
-def scale_space(image: Grey, noise: Noise, settings: VisionSettings) -> tuple[Scale, ...]:
-    """The image stretched to unit noise, finest scale first; the finest only covers where coarser ones show edges.
+def scale_space(image: Grey, noise: Noise, settings: VisionSettings) -> tuple[Fine | None, tuple[Scale, ...]]:
+    """The image stretched to unit noise, and its scales, finest first; the finest only cover where coarser ones show
+    edges.
 
-    Empty where no scale shows any edge.
+    None and nothing where no scale shows any edge.
     """
+    whole = np.asarray(cv2.LUT(image, noise.stretch), np.float32)
     coarse: list[Scale] = []
-    excess = 1.0
-    whole = cv2.LUT(image, noise.stretch)
-    for shrink in settings.shrinks[1:]:
-        small = cv2.resize(whole, None, fx=1 / shrink, fy=1 / shrink, interpolation=cv2.INTER_AREA)
-        scale = _scale(np.asarray(small, np.float32) * np.float32(shrink), shrink, np.zeros(2))
-        grain = _grain(scale.strength)
-        excess = grain if not coarse else excess
-        smoothed, strength = scale.smoothed * np.float32(1 / grain), scale.strength * np.float32(1 / grain)
-        coarse.append(replace(scale, smoothed=smoothed, strength=strength))
+    for shrink in settings.shrinks:
+        if shrink > 1:
+            small = cv2.resize(whole, None, fx=1 / shrink, fy=1 / shrink, interpolation=cv2.INTER_AREA)
+            coarse.append(_scale(np.asarray(small, np.float32), shrink))
     window = _window(coarse, image.shape, settings.faintest)
     if window is None:
-        return ()
+        return None, ()
     (left, top), (right, bottom) = window
-    fine = np.asarray(whole[top:bottom, left:right], np.float32) * np.float32(1 / excess)
-    return (_scale(fine, 1, np.array([left, top], float)), *coarse)
+    smoothed = cv2.GaussianBlur(whole[top:bottom, left:right], _KERNEL, SMOOTHING_PX) * np.float32(1 / coarse[0].sigma)
+    fine = Fine(np.array([left, top], float), np.asarray(smoothed, np.float32))
+    if 1 not in settings.shrinks:
+        return fine, tuple(coarse)
+    return fine, (Scale(1, fine.origin_px, _gradient(fine.smoothed), 1.0), *coarse)
+
+
+def whole(image: Grey, noise: Noise) -> tuple[Fine, Scale]:
+    """All of an image as scale_space has the part that shows edges, its noise taken for white; and its half scale."""
+    unit = np.asarray(cv2.LUT(image, noise.stretch), np.float32)
+    small = cv2.resize(unit, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+    fine = Fine(np.zeros(2), np.asarray(cv2.GaussianBlur(unit, _KERNEL, SMOOTHING_PX), np.float32))
+    return fine, _scale(np.asarray(small, np.float32), 2)
 
 
 def _grain(strength: Image32) -> float:
@@ -84,23 +100,30 @@ def _grain(strength: Image32) -> float:
     height, width = (n // _TILES for n in strength.shape)
     step = max(1, min(height, width) // 12)
     tiles = strength[: height * _TILES, : width * _TILES].reshape(_TILES, height, _TILES, width)[:, ::step, :, ::step]
-    medians = np.median(tiles.swapaxes(1, 2).reshape(_TILES * _TILES, -1), axis=1)
-    excess = float(np.percentile(medians, _QUIET)) / _RAYLEIGH_MEDIAN
+    each = np.sort(tiles.swapaxes(1, 2).reshape(_TILES * _TILES, -1), axis=1)
+    medians = np.sort(each[:, each.shape[1] // 2])
+    excess = float(medians[_QUIET * len(medians) // 100]) / _RAYLEIGH_MEDIAN
     return min(max(excess, 1.0), _MOST_GRAIN)
 
 
-def _scale(unit_noise: Image32, shrink: int, first_px: Array) -> Scale:
+def _scale(unit_noise: Image32, shrink: int) -> Scale:
     smoothed = np.asarray(cv2.GaussianBlur(unit_noise, _KERNEL, SMOOTHING_PX), np.float32)
-    gx = cv2.Sobel(smoothed, cv2.CV_32F, 1, 0, scale=0.125 / gradient_noise(SMOOTHING_PX))
-    gy = cv2.Sobel(smoothed, cv2.CV_32F, 0, 1, scale=0.125 / gradient_noise(SMOOTHING_PX))
-    return Scale(shrink, first_px + (shrink - 1) / 2, smoothed, np.asarray(cv2.magnitude(gx, gy), np.float32))
+    strength = _gradient(smoothed, shrink)
+    return Scale(shrink, np.full(2, (shrink - 1) / 2), strength, _grain(strength))
+
+
+def _gradient(smoothed: Image32, shrink: int = 1) -> Image32:
+    """Its size in sigmas of white noise, of an image in which one pixel is the mean of shrink x shrink."""
+    scale = 0.125 * shrink / gradient_noise(SMOOTHING_PX)
+    gx, gy = (cv2.Sobel(smoothed, cv2.CV_32F, x, 1 - x, scale=scale) for x in (1, 0))
+    return np.asarray(cv2.magnitude(gx, gy), np.float32)
 
 
 def _window(scales: list[Scale], shape: tuple[int, ...], level: float) -> tuple[Array, Array] | None:
     """Corners (left, top), (right, bottom) px of the part of the image in which the scales show edges, or None."""
     low, high = np.array([np.inf, np.inf]), np.array([-np.inf, -np.inf])
     for scale in scales:
-        edges = (scale.strength >= level).astype(np.uint8)
+        edges = (scale.strength >= level * scale.sigma).astype(np.uint8)
         for border in cv2.findContours(edges, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)[0]:
             x, y, width, height = cv2.boundingRect(border)
             if width + height >= _LEAST_EXTENT:
@@ -125,7 +148,7 @@ def gradient_noise(sigma_px: float) -> float:
 
 def closed_regions(scale: Scale, level: float, largest_px: float, settings: VisionSettings) -> list[Region]:
     """Regions that edges stronger than `level` close off; those at the image's rim are left out."""
-    edges = (scale.strength >= level).astype(np.uint8)
+    edges = (scale.strength >= level * scale.sigma).astype(np.uint8)
     borders, tree = cv2.findContours(edges, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
     if len(borders) == 0:
         return []

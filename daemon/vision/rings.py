@@ -74,3 +74,27 @@ def convex(shape: Rings) -> NDArray[np.bool_]:
     old = chord[shape.before]
     turn = np.arctan2(old[:, 0] * chord[:, 1] - old[:, 1] * chord[:, 0], np.sum(old * chord, 1))
     return (shape.least(-turn) > 0) & (np.abs(shape.sums(turn) + 2 * np.pi) < 1e-3)
+
+
+def different(start: Array, end: Array, tolerance_px: float) -> tuple[Index, Index, NDArray[np.bool_]]:
+    """Which of M sides (M, 2), (M, 2) px differ: (D,) indices of those, for each side which of them it is (M,), and
+    whether it runs the other way (M,).
+
+    Neighbouring polygons share sides, and so do several readings of one region; what is done for all sides alike need
+    be done once for those that lie within the tolerance.
+    """
+    one, other = (np.ascontiguousarray(p.T, np.float32) for p in (start, end))
+    same = _near(one, one, tolerance_px) & _near(other, other, tolerance_px)
+    crossed = _near(one, other, tolerance_px)
+    back = crossed & crossed.T
+    here = np.arange(len(start))
+    first = np.argmax(same | back, 1)
+    first = np.where(first[first] == first, first, here)
+    kept, which = np.unique(first, return_inverse=True)
+    return kept, which, ~same[here, first]
+
+
+def _near(a: NDArray[np.float32], b: NDArray[np.float32], tolerance_px: float) -> NDArray[np.bool_]:
+    """(M, M) whether points (2, M) and (2, M) px are the same."""
+    x, y = np.abs(a[:, :, None] - b[:, None, :]) < tolerance_px
+    return np.asarray(x & y)

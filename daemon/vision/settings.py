@@ -5,7 +5,7 @@ Thresholds are in units of the measured noise, of pixels, or of predicted errors
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 CornerDetector = Literal["line_fit", "mic", "median"]
@@ -22,9 +22,9 @@ class VisionSettings:
     shrinks: sizes of pixel, in camera pixels, at which closed regions are sought. levels: gradient thresholds for that,
     in sigmas of the gradient's noise; faintest: what counts as an edge at all. min_area_px, max_area_fraction (of the
     image): smallest and largest region. max_corners: of a polygon. max_regions: how many are followed up a scale,
-    largest first. min_side_px: shortest side. min_evidence: mean slope across a side, in sigmas; min_seen: least
-    fraction of a side that shows an edge. min_support: least
-    fraction of the outline that shows an edge. max_epipolar_px: how far matched corners may lie off each other's
+    largest first; alike: how many of those in much the same place. min_side_px: shortest side. min_evidence: mean slope
+    across a side, in sigmas; min_seen: least fraction of a side that shows an edge. min_support: least fraction of the
+    outline that shows an edge. max_epipolar_px: how far matched corners may lie off each other's
     epipolar line. depth_range_mm: where parts may be. planarity_sigmas: how many predicted errors a corner may leave
     its plane by.
     """
@@ -38,6 +38,7 @@ class VisionSettings:
     max_area_fraction: float = 0.3
     max_corners: int = 14
     max_regions: int = 40
+    alike: int = 3
     min_side_px: float = 5.0
     min_evidence: float = 4.0
     min_support: float = 0.75
@@ -46,3 +47,7 @@ class VisionSettings:
     max_epipolar_px: float = 2.5
     depth_range_mm: tuple[float, float] = (80.0, 2500.0)
     planarity_sigmas: float = 6.0
+
+    def brief(self) -> VisionSettings:
+        """The same for a first attempt that costs little: half-size pixels, few levels, the largest regions only."""
+        return replace(self, shrinks=(2,), levels=(4.5, 8.0, 16.0), max_regions=12, alike=2)

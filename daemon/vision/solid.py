@@ -130,9 +130,8 @@ def _flatten(hessian: Array, gradient: Array, points: Array, plane: Index) -> No
     """Add the condition that these corners lie on some plane, free to move and tilt, in place."""
     p = points[plane]
     centred = p - p.mean(0)
-    axes = np.linalg.svd(centred)[2]
-    frame = np.concatenate([np.ones((len(p), 1)), centred @ axes[:2].T], 1)
-    out_of_plane = np.eye(len(p)) - frame @ np.linalg.pinv(frame)
+    own, _, axes = np.linalg.svd(centred, full_matrices=False)
+    out_of_plane = np.eye(len(p)) - 1 / len(p) - own[:, :2] @ own[:, :2].T
     j = (out_of_plane[:, :, None] * axes[2]).reshape(len(p), -1) / PLANE_MM
     residual = out_of_plane @ (centred @ axes[2]) / PLANE_MM
     columns = (plane[:, None] * 3 + np.arange(3)).ravel()
