@@ -151,13 +151,16 @@ class Pick(Finding):
         return "closed"
 
     async def retreat(self) -> str:
-        """Straight up, then to where the place can be seen."""
+        """Straight up and back as planned, then to where the place was seen from."""
         target = self.target
         assert target is not None
-        up = approach.lifted(target.plan.grasp.world_from_tool, self.settings.lift_mm)
-        await self.travel(up, "lift", straight=True)
-        pose = approach.look_pose(target.looking, target.centre, self.settings.verify_mm, self.cell.tool_from_cyclopean)
-        await self.travel(pose, "back off", straight=True)
+        grasp, verify_mm = target.plan.grasp.world_from_tool, self.settings.verify_mm
+        await self.travel(approach.lifted(grasp, self.settings.lift_mm), "lift", straight=True)
+        back = approach.look_pose(grasp[:3, :3], target.centre, verify_mm, self.cell.tool_from_cyclopean)
+        await self.travel(back, "back off", straight=True)
+        if target.view is not None:
+            seen = approach.look_pose(target.view, target.centre, verify_mm, self.cell.tool_from_cyclopean)
+            await self.travel(seen, "where it was seen from")
         return "there"
 
     async def verify(self) -> str:
