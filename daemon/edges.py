@@ -145,6 +145,13 @@ def shown(shape: Shape, eyes: Eyes, pose: Array, reach_mm: float) -> float:
     return min(shares)
 
 
+def facing(shape: Shape, eyes: Eyes, pose: Array) -> int:
+    """How many facets of a part at cyclopean_from_part (4, 4) both eyes see, none of them edge-on."""
+    points = eyes.geometry.project(frames.apply(pose, shape.corners_mm))
+    px = [one.eye.pixels(points[int(one.right)]) for one in eyes.both]
+    return sum(all(_thickness(seen[ring]) >= THIN_PX[1] for seen in px) for ring in shape.facets)
+
+
 def _searched(edges: _Edges, one: Eyed, reach_mm: float) -> _Reading:
     """The strongest straight gradient within the reach of each edge."""
     count = len(edges.start)

@@ -6,9 +6,11 @@ follows on the choice is daemon/picking.py's.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import asyncio
+from dataclasses import dataclass, replace
 
 from daemon import approach, guard
+from daemon.edges import open_eyes
 from daemon.following import Target, beside, far
 from daemon.guard import Command, Standing
 from daemon.looking import Expect, Look, Sight, log_look, take_look
@@ -25,10 +27,13 @@ from daemon.plan import (
     plan_part,
     seen_parts,
 )
+from daemon.proving import Proved, proved
 from daemon.workcell import Array, Workcell
 
 MOST_STALE = 3
 """How often a table is looked at again because looks got old; after that the guard has its say."""
+BY_EDGES = 0.9
+"""Confidence in a name that edges proved: below what recognition is sure of, which is then picked first."""
 STANDING_RULES = ("fault_stands", "not_enabled", "arm_lost")
 
 
@@ -155,11 +160,34 @@ class Finding:
             if number > len(usual) and (self.left() or self.skipped):
                 break
             await self.travel(view.pose(self.cell.tool_from_cyclopean), f"survey {number}")
-            self.found = merged(self.found, seen_parts(await self.look(f"survey {number}")))
+            self.found = merged(self.found, await self.named(await self.look(f"survey {number}")))
             self.settle_question()
             if any(p.named for p in self.left()):
                 return "seen"
         return "seen" if self.left() else "nothing"
+
+    async def named(self, look: Look) -> list[Seen]:
+        """The parts of a look; those that recognition could not name are named by their edges, where these prove it."""
+        seen = seen_parts(look)
+        if all(part.named for part in seen):
+            return seen
+        shapes = [shape for label in self.sight.labels if (shape := self.sight.shape(label)) is not None]
+        images = look.pictures.left.pixels, look.pictures.right.pixels
+
+        def prove() -> list[Proved | None]:
+            eyes = open_eyes(*images, self.cell.rig)
+            return [None if part.named else proved(part.facets, shapes, eyes) for part in seen]
+
+        found = await asyncio.to_thread(prove)
+        return [part if proof is None else self.by_edges(part, proof) for part, proof in zip(seen, found, strict=True)]
+
+    def by_edges(self, part: Seen, proof: Proved) -> Seen:
+        """The part with the name that its edges prove."""
+        why = f"{100 * proof.share:.0f} % of its outline lies where its facets say"
+        self.decide(f"name {proof.label} by its edges", why)
+        pose = part.look.world_from_cyclopean @ proof.cyclopean_from_part
+        named = replace(part, label=proof.label, confidence=BY_EDGES, ambiguous=False, candidates=(proof.label,))
+        return replace(named, reason=why, world_from_part=pose)
 
     def left(self) -> list[Seen]:
         """What was found, is wanted and was not skipped, in order."""
@@ -226,7 +254,7 @@ class Finding:
             return "seen"
         self.eyes.append((pose @ self.cell.tool_from_cyclopean)[:3, 3])
         await self.travel(pose, "another view", part.look)
-        self.found = merged(self.found, seen_parts(await self.look("another view")))
+        self.found = merged(self.found, await self.named(await self.look("another view")))
         return "seen"
 
     def moved(self, before: list[Seen], now: list[Seen]) -> list[float]:
