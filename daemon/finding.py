@@ -75,7 +75,7 @@ class Finding:
         self.target: Target | None = None
         self.last: Target | None = None
         self.doubtful: Seen | None = None
-        self.tries = self.replans = self.stales = 0
+        self.tries = self.replans = self.stales = self.riddles = 0
         self.questioned: list[Seen] | None = None
         self.outcome, self.why = "empty", "nothing on the table that can be picked"
 
@@ -160,10 +160,14 @@ class Finding:
             if number > len(usual) and (self.left() or self.skipped):
                 break
             await self.travel(view.pose(self.cell.tool_from_cyclopean), f"survey {number}")
-            self.found = merged(self.found, await self.named(await self.look(f"survey {number}")))
+            look = await self.look(f"survey {number}")
+            self.found = merged(self.found, await self.named(look))
+            self.riddles += bool(look.scene.view.polygons_left and look.scene.view.polygons_right)
             self.settle_question()
             if any(p.named for p in self.left()):
                 return "seen"
+        if not self.found and self.riddles and self.outcome == "empty":
+            self.outcome, self.why = "unknown", "outlines in both images, but no facet: light, focus, a knocked camera?"
         return "seen" if self.left() else "nothing"
 
     async def named(self, look: Look) -> list[Seen]:

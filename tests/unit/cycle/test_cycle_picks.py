@@ -10,7 +10,7 @@ from cell_fakes import TruthSight, World, build
 from daemon import frames
 from daemon.cycle import HANDLERS, NEXT, TABLE, Cycle, RefusedError, printed_table
 from daemon.plan import Settings
-from daemon.vision.data import Recognition
+from daemon.vision.data import Polygon, Recognition
 from drivers.simcell import parts
 
 
@@ -96,6 +96,23 @@ def test_an_empty_table_is_told_and_the_arm_goes_home():
     cycle, end = picked(world)
     assert end.outcome == "empty"
     assert np.allclose(world.at[:3, 3], cycle.settings.home.point_mm, atol=1)
+
+
+def test_a_table_with_outlines_that_make_no_facet_is_not_called_empty():
+    world = World(np.random.default_rng(0))
+    cycle = cycle_of(world)
+    see = cycle.sight.see
+    corners = np.array([[20.0, 20.0], [30.0, 20.0], [20.0, 35.0]])
+    outline = Polygon(corners, np.tile(np.eye(2), (3, 1, 1)), np.ones(3), corners)
+
+    def outlined(left, right, table=None):
+        scene = see(left, right, table)
+        return replace(scene, view=replace(scene.view, polygons_left=(outline,), polygons_right=(outline,)))
+
+    cycle.sight.see = outlined
+    end = asyncio.run(cycle.pick())
+    assert end.outcome == "unknown"
+    assert "knocked camera" in end.why
 
 
 def test_an_empty_table_is_looked_at_again_at_the_interval():
