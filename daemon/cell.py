@@ -14,11 +14,13 @@ from collections.abc import AsyncIterator, Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from daemon.bounds import check_dialect
 from daemon.config import Config
 from daemon.noarm import CellError, NoArm
 from daemon.simulated import SimulatedHand
@@ -304,6 +306,8 @@ def check(config: Config) -> None:
     arm_geometry(config)
     if config.kind == "real":
         camera_settings(config)
+    if config.kind == "simulated":
+        _truth(config)
 
 
 def camera_settings(config: Config) -> CameraSettings:
@@ -322,7 +326,9 @@ def dialect(config: Config) -> Dialect:
         for k, v in said.items()
     }
     document = replace(config.document, data={"arm": {"dialect": typed}})
-    return document.section(("arm", "dialect"), Dialect)
+    found = document.section(("arm", "dialect"), Dialect)
+    check_dialect(config.document, found)
+    return found
 
 
 def arm_geometry(config: Config) -> puma560.Puma560:
@@ -348,6 +354,18 @@ def _belongs_together(arm: puma560.Puma560, where: Where) -> bool:
     return off_mm < 0.5 and off_deg < 0.2
 
 
+def _truth(config: Config) -> Path:
+    """The simulated cell's file, once it was read without complaint. Raises ConfigError."""
+    from drivers.simcell.truth import TruthError, load_truth
+
+    path = config.file(config.said.simulated.truth)
+    try:
+        load_truth(path)
+    except TruthError as error:
+        raise config.document.error(("simulated", "truth"), " ".join(str(error).split())) from None
+    return path
+
+
 def _simulated(config: Config, on_wire: WireListener, clock: Callable[[], float]) -> Hardware:
     from drivers.simcell.boards import BoardPrint
     from drivers.simcell.cell import SimulatedCell
@@ -355,7 +373,7 @@ def _simulated(config: Config, on_wire: WireListener, clock: Callable[[], float]
 
     said = config.said.simulated
     seed = said.seed if said.seed is not None else random.SystemRandom().randrange(1_000_000)
-    cell = SimulatedCell(config.file(said.truth), seed, said.time_scale)
+    cell = SimulatedCell(_truth(config), seed, said.time_scale)
     eyes = ThreadedEyes(cell.camera, clock)
     robot = _arm(config, dialect(config).on_a_faster_line(said.time_scale), cell.port, on_wire, clock)
     return Hardware(

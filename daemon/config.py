@@ -14,6 +14,7 @@ from typing import Annotated, Any, Literal
 from msgspec import Meta
 
 from daemon import places
+from daemon.bounds import check_bounds, check_finite
 from daemon.plan import Settings
 from daemon.vision.settings import VisionSettings
 from daemon.yamlfile import ConfigError, Document, Key, read
@@ -185,8 +186,9 @@ class Config:
 def load_config(path: Path, simulated: bool = False) -> Config:
     """Read and check facetd.yaml; simulated overrides `cell`. Raises ConfigError."""
     document = read(path)
+    check_finite(document)
     said = document.convert(_File)
-    for check in (_check_guard, _check_files):
+    for check in (check_bounds, _check_guard, _check_files):
         check(document, said)
     return Config(said, document, "simulated" if simulated else said.cell)
 
@@ -197,13 +199,6 @@ def _check_guard(document: Document, said: _File) -> None:
         if low >= high:
             keys: tuple[Key, ...] = ("pick", "limits", "box_low_mm")
             raise document.error(keys, f"expected {axis} below box_high_mm's {high:g}, found {low:g}")
-    if not 0 < guard.max_speed_pct <= 100:
-        raise document.error(
-            ("pick", "limits", "max_speed_pct"), f"expected above 0 to 100, found {guard.max_speed_pct:g}"
-        )
-    for name in ("max_step_mm", "max_turn_deg", "max_look_age_s", "clearance_mm"):
-        if getattr(guard, name) <= 0:
-            raise document.error(("pick", "limits", name), f"expected above 0, found {getattr(guard, name):g}")
 
 
 def _check_files(document: Document, said: _File) -> None:

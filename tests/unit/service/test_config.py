@@ -64,7 +64,7 @@ def test_sections_with_every_key_commented_out_mean_their_defaults(path: Path) -
         ("version: 1\nconsole: {tty: {baud: 9600}}\n", ":2: console.tty: the key `device` is missing"),
         ("version: 1\npick: {order: biggest}\n", ":2: pick.order: expected one of nearest, surest, found 'biggest'"),
         ("version: 1\npick:\n  limits:\n    box_low_mm: [900, 0, 0]\n", ":4: pick.limits.box_low_mm: expected x below"),
-        ("version: 1\npick: {limits: {max_speed_pct: 200}}\n", "pick.limits.max_speed_pct: expected above 0 to 100"),
+        ("version: 1\npick: {limits: {max_speed_pct: 200}}\n", "pick.limits.max_speed_pct: expected from 0.1 to 100"),
         ("version: 1\npick: {limits: {table: 3}}\n", ":2: pick.limits.table: unknown key; did you mean `table_z_mm`?"),
         ("version: 1\npick: {home: {point_mm: [1, 2]}}\n", ":2: pick.home.point_mm: expected array of length 3"),
         ("version: 1\nfiles:\n  calibration: none.yaml\n", ":3: files.calibration: expected a file, found none at"),
