@@ -21,7 +21,7 @@ from daemon.cycle import Cycle, CycleEnd
 from daemon.library import load_facets
 from daemon.plan import Settings, doubt_of
 from daemon.teach import Recogniser
-from daemon.vision.model import Model, empty_model, learn_view
+from daemon.vision.model import Model, TeachError, empty_model, learn_view
 from daemon.vision.rig import Camera, StereoRig
 from daemon.workcell import Workcell
 from drivers.simcell.cell import SimulatedCell
@@ -132,12 +132,24 @@ async def taught(here: Rig) -> Model:
     model = empty_model(sight.model.library)
     await here.cycle.go("survey")
     for label, view in VIEWS:
-        here.cell.place_for_teaching(label, view)
-        look = await here.cycle.look(f"teach {label}")
-        model = learn_view(model, max(look.scene.view.groups, key=lambda g: len(g.facets)), label)
+        model = await _learnt(here, model, label, view)
     here.cell.clear()
     here.cycle.use(Recogniser(model, sight.rig, sight.settings))
     return model
+
+
+async def _learnt(here: Rig, model: Model, label: str, view: int) -> Model:
+    """The model with one view more, shown again, as a person would, where it was not seen whole."""
+    tries = 4
+    while True:
+        here.cell.place_for_teaching(label, view)
+        look = await here.cycle.look(f"teach {label}")
+        try:
+            return learn_view(model, max(look.scene.view.groups, key=lambda g: len(g.facets)), label)
+        except TeachError:
+            tries -= 1
+            if not tries:
+                raise
 
 
 def lay(here: Rig, label: str, rng: np.random.Generator) -> None:
