@@ -10,6 +10,7 @@ import importlib.metadata
 import time
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Protocol
 
@@ -24,7 +25,7 @@ from daemon.motion import MoveRefusedError, NotThereError, OutOfReachError
 from daemon.picking import SuspectError
 from daemon.reins import OperatorRefusedError
 from daemon.runlog import RunLog
-from daemon.runs import RunError
+from daemon.runs import RunError, new_folder
 from daemon.shelf import ShelfError
 from daemon.teach import School
 from daemon.vision.image import VisionError
@@ -91,6 +92,8 @@ class Desk:
     reload: Callable[[], Awaitable[str]]
     started_s: float = field(default_factory=time.monotonic)
     expected_errors: tuple[type[Exception], ...] = ANSWERABLE
+    roll_due: bool = False
+    """The run's folder is large: the log goes on in a new one as soon as no pick is under way."""
     _auto: asyncio.Task[list[CycleEnd]] | None = None
 
     @property
@@ -117,6 +120,12 @@ class Desk:
     async def auto_ends(self) -> list[CycleEnd]:
         """Wait for the last auto to end; what became of each part. Empty where there was none."""
         return [] if self._auto is None else await asyncio.shield(self._auto)
+
+    def roll_if_due(self) -> None:
+        """Between two picks: an auto that goes on for weeks is never idle."""
+        if self.roll_due:
+            self.roll_due = False
+            self.new_run(new_folder(self.config.runs, datetime.now(UTC)))
 
     def new_run(self, folder: Path) -> None:
         """Go on in a new run folder, which says again what it was made with."""

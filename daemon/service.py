@@ -246,6 +246,12 @@ class Service:
             self._tasks.append(failing)
 
     def _pick_ended(self) -> None:
+        """What is to be done between two picks."""
+        self._note_truth()
+        if self.desk is not None:
+            self.desk.roll_if_due()
+
+    def _note_truth(self) -> None:
         """A simulated cell knows how well each grasp met the part, and the log keeps it beside the prediction."""
         desk = self.desk
         if desk is None or desk.hardware.hand is None:

@@ -9,12 +9,11 @@ from __future__ import annotations
 import asyncio
 import shutil
 import time
-from datetime import UTC, datetime
 
 from daemon import journal
 from daemon.cell import EXPECTED_ERRORS
 from daemon.desk import Desk
-from daemon.runs import enforce_quota, folder_bytes, new_folder
+from daemon.runs import enforce_quota, folder_bytes
 
 TICK_S = 0.5
 REOPEN_S = 5.0
@@ -137,8 +136,10 @@ class Watch:
         )
         desk.troubles.tell("disk", low)
         size = await asyncio.to_thread(folder_bytes, current)
-        if size > said.roll_mb * 1_000_000 and desk.cycle.status()["doing"] is None:
-            desk.new_run(new_folder(runs, datetime.now(UTC)))
+        if size > said.roll_mb * 1_000_000:
+            desk.roll_due = True
+            if desk.cycle.status()["doing"] is None:
+                desk.roll_if_due()
 
     def _check_clock(self) -> None:
         offset_s = time.time() - time.monotonic()

@@ -17,7 +17,7 @@ import pytest
 
 from daemon import cell, journal
 from daemon.config import load_config
-from daemon.desk import Troubles
+from daemon.desk import Desk, Troubles
 from daemon.runlog import RunLog
 from daemon.runs import list_runs, read_run
 from daemon.watch import Watch
@@ -99,6 +99,7 @@ class WatchedCell:
             cycle=self,
             troubles=Troubles(),
             run_log=self.run_log,
+            roll_due=False,
         )
         self.heard_s = time.monotonic()
         self.question = None
@@ -205,6 +206,25 @@ def test_the_watchdog_is_fed_while_a_pick_waits_for_an_operator_or_somebody_talk
         assert any("WATCHDOG=1" in note for note in notes), notes
 
     watching(tmp_path, play)
+
+
+def test_a_run_that_grew_large_while_auto_never_rests_goes_on_in_a_new_folder_between_two_picks(
+    tmp_path: Path,
+) -> None:
+    async def play(watched: WatchedCell, watch: Watch) -> None:
+        watched.doing = "auto"
+        (watched.run_log.folder / "images" / "big.png").write_bytes(bytes(2_000_000))
+        watch._quota_s = 0.0
+        await asyncio.sleep(1.2)
+        assert watched.desk.roll_due
+
+    watched = watching(tmp_path, play)
+    desk = SimpleNamespace(config=watched.desk.config, roll_due=True, new_run=lambda folder: rolled.append(folder))
+    rolled: list[Path] = []
+    for _ in range(2):
+        Desk.roll_if_due(desk)  # type: ignore[arg-type]
+    assert len(rolled) == 1
+    assert rolled[0].parent == tmp_path / "runs"
 
 
 def test_a_jump_of_the_clock_is_in_the_log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
