@@ -164,8 +164,8 @@ def enough(estimate: Estimate, looks: int, stops: Stops) -> bool:
 
 
 def next_stand_off(sightings: Sequence[Sighting], doubt: Doubt, stops: Stops) -> float:
-    """The stand-off of the next look, mm: the farthest not yet passed whose look is predicted to be enough, or the next
-    one in the list where none is; the nearest again when all are passed.
+    """The stand-off of the next look, mm: the nearest not yet passed whose look is predicted to be enough (nearer costs
+    no more, and says more), or the next one in the list where none is; the nearest again when all are passed.
 
     A look's own covariance is taken to shrink with the square of the distance (depth from disparity), its shared part
     as the cameras' would from there.
@@ -175,7 +175,7 @@ def next_stand_off(sightings: Sequence[Sighting], doubt: Doubt, stops: Stops) ->
     if not sightings or done + 1 < stops.least_looks:
         return ahead[0]
     last = sightings[-1]
-    for distance in ahead:
+    for distance in reversed(ahead):
         ratio = distance / last.distance_mm
         shared = last.shared.copy()
         shared[:3, 6:8] *= ratio

@@ -107,7 +107,7 @@ def test_a_good_first_look_goes_straight_to_the_nearest_stop_that_is_enough():
     first = looked(rng, 450.0, np.zeros(9))
     easy, hard = Stops(enough_mm=1.2), Stops(enough_mm=0.05)
     assert approach.next_stand_off([], DOUBT, easy) == 450.0
-    assert approach.next_stand_off([first], DOUBT, easy) == 300.0
+    assert approach.next_stand_off([first], DOUBT, easy) == 200.0
     assert approach.next_stand_off([first], DOUBT, hard) == 300.0
     assert approach.next_stand_off([first] * 5, DOUBT, hard) == 200.0
 
