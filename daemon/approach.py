@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon import frames
-from daemon.tracking import Shape
+from daemon.pick.tracking import Shape
 
 Array = NDArray[np.float64]
 Reachable = Callable[[Array], bool]

@@ -20,11 +20,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.bounds import check_dialect
 from daemon.config import Config
 from daemon.noarm import CellError, NoArm
+from daemon.pick.workcell import Reading
 from daemon.simulated import SimulatedHand
-from daemon.workcell import Reading
+from daemon.store.bounds import check_dialect
 from drivers import puma560
 from drivers.camera.pair import CameraError, Frame, StereoPair
 from drivers.camera.pair import StereoCamera as StereoCamera
@@ -115,7 +115,7 @@ class HeldPairs(RecordedCamera):
 
 
 class ArmOnLink:
-    """daemon/workcell.py's Robot over VAL II, and what only an operator does: power-up, CAL, the monitor."""
+    """daemon/pick/workcell.py's Robot over VAL II, and what only an operator does: power-up, CAL, the monitor."""
 
     def __init__(self, link: Link, arm: puma560.Puma560) -> None:
         self.link = link

@@ -13,11 +13,11 @@ from typing import Annotated, Any, Literal
 
 from msgspec import Meta
 
-from daemon import places
-from daemon.bounds import check_bounds, check_finite
-from daemon.plan import Settings
+from daemon.pick.plan import Settings
+from daemon.store import places
+from daemon.store.bounds import check_bounds, check_finite
+from daemon.store.yamlfile import ConfigError, Document, Key, read
 from daemon.vision.settings import VisionSettings
-from daemon.yamlfile import ConfigError, Document, Key, read
 
 Positive = Annotated[float, Meta(gt=0)]
 NotNegative = Annotated[float, Meta(ge=0)]

@@ -1,7 +1,7 @@
 """The operators' command language: one interpreter for terminal, socket, one-shot commands and scripts.
 
 Here: finding the command that was meant, help, permission, the record of who said what, and turning what went wrong
-into one line. What each command does is in daemon/commands/; how text travels is in daemon/doors.py.
+into one line. What each command does is in daemon/commands/; how text travels is in daemon/doors/socket.py.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from collections.abc import Awaitable, Callable, Iterable
 from dataclasses import dataclass, field
 from typing import Any, Literal, Protocol
 
-from daemon import journal
 from daemon.desk import Desk
+from daemon.upkeep import journal
 
 Grade = Literal["look", "move", "change"]
 DONE, NOT_DONE, NOT_UNDERSTOOD = 0, 1, 2

@@ -14,21 +14,21 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from daemon.link import DaemonLink, NotThereError
+from daemon.doors.client import DaemonLink, NotThereError
 
 OFFLINE: dict[str, str] = {
-    "recognise": "daemon.offline",
-    "model": "daemon.offline",
+    "recognise": "daemon.jobs.offline",
+    "model": "daemon.jobs.offline",
     "calibrate": "daemon.calibration.cli",
     "review": "daemon.review.cli",
     "replay": "daemon.review.cli",
     "runs": "daemon.review.cli",
     "export": "daemon.review.cli",
     "tail": "daemon.review.cli",
-    "cameras": "daemon.cameras",
-    "snap": "daemon.cameras",
-    "stream": "daemon.cameras",
-    "demo": "daemon.demo",
+    "cameras": "daemon.jobs.cameras",
+    "snap": "daemon.jobs.cameras",
+    "stream": "daemon.jobs.cameras",
+    "demo": "daemon.jobs.demo",
 }
 """Command -> the module that registers it. `train` is both: with --views a job on files, without it the daemon's."""
 DONE, NOT_DONE, NOT_UNDERSTOOD = 0, 1, 2
@@ -54,7 +54,7 @@ def main(arguments: list[str] | None = None) -> int:
         return DONE if words else NOT_UNDERSTOOD
     try:
         if _needs_no_daemon(words):
-            return _offline(OFFLINE.get(words[0], "daemon.offline"), [*words, *(["--json"] if as_json else [])])
+            return _offline(OFFLINE.get(words[0], "daemon.jobs.offline"), [*words, *(["--json"] if as_json else [])])
         return _online(words, socket_path, as_json)
     except NotThereError as error:
         print(f"facetctl: {error}", file=sys.stderr)
@@ -109,7 +109,7 @@ def _online(words: list[str], socket_path: Path | None, as_json: bool) -> int:
         link.close()
     with DaemonLink(socket_path) as link:
         if words[0] == "console":
-            from daemon.prompt import converse
+            from daemon.doors.prompt import converse
 
             return converse(link)
         if words[0] == "script":
@@ -168,10 +168,11 @@ def _script(link: DaemonLink, words: list[str], as_json: bool) -> int:
 
 def _without_daemon(command: str, as_json: bool) -> int:
     """doctor and bundle when no daemon runs."""
-    from daemon import bundle, doctor, places
     from daemon.commands.keeping import doctor_answer
     from daemon.config import load_config
-    from daemon.yamlfile import ConfigError
+    from daemon.store import places
+    from daemon.store.yamlfile import ConfigError
+    from daemon.upkeep import bundle, doctor
 
     try:
         config = load_config(places.config_file())

@@ -1,9 +1,9 @@
-"""The pick cycle: one state machine (its table: daemon/transitions.py). When the arm moves or stops is decided here.
+"""The pick cycle: one state machine (its table: pick/transitions.py). When the arm moves or stops is decided here.
 
 The console and the service talk to one `Cycle` object (all calls from the one event loop):
 
-    cycle = Cycle(cell, settings, sight)    a Workcell, daemon.plan.Settings, a daemon.looking.Sight or None
-    cycle.state                     a state of TABLE (daemon/transitions.py)
+    cycle = Cycle(cell, settings, sight)    a Workcell, Settings (pick/plan.py), a Sight (pick/looking.py) or None
+    cycle.state                     a state of TABLE (daemon/pick/transitions.py)
     cycle.status() -> dict          JSON values, see `status`
     cycle.use(sight)                the recogniser and model from the next pick on (None: picking is refused)
     cycle.enable()                  the arm may move from now on
@@ -41,12 +41,12 @@ from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 
 from daemon import frames
-from daemon.looking import Look, Sight, log_look, take_look
-from daemon.picking import Bench, Pick, Skipped
-from daemon.plan import Settings
-from daemon.reins import OperatorRefusedError, RefusedError, Reins
-from daemon.transitions import NEXT, TABLE, printed_table
-from daemon.workcell import Array, Reading, Workcell
+from daemon.pick.looking import Look, Sight, log_look, take_look
+from daemon.pick.picking import Bench, Pick, Skipped
+from daemon.pick.plan import Settings
+from daemon.pick.reins import OperatorRefusedError, RefusedError, Reins
+from daemon.pick.transitions import NEXT, TABLE, printed_table
+from daemon.pick.workcell import Array, Reading, Workcell
 
 __all__ = ["NEXT", "TABLE", "Cycle", "CycleEnd", "RefusedError", "printed_table"]
 

@@ -18,15 +18,15 @@ from daemon.calibration.file import Calibration
 from daemon.cell import EXPECTED_ERRORS, Hardware
 from daemon.config import Config, ConfigError
 from daemon.cycle import Cycle, CycleEnd, RefusedError
-from daemon.looking import Look, NotSettledError
-from daemon.mesh import MeshError
-from daemon.model import ModelError
-from daemon.motion import MoveRefusedError, NotThereError, OutOfReachError
-from daemon.picking import SuspectError
-from daemon.reins import OperatorRefusedError
+from daemon.pick.looking import Look, NotSettledError
+from daemon.pick.motion import MoveRefusedError, NotThereError, OutOfReachError
+from daemon.pick.picking import SuspectError
+from daemon.pick.reins import OperatorRefusedError
 from daemon.runlog import RunLog
-from daemon.runs import RunError, new_folder
-from daemon.shelf import ShelfError
+from daemon.school.mesh import MeshError
+from daemon.store.model import ModelError
+from daemon.store.runs import RunError, new_folder
+from daemon.store.shelf import ShelfError
 from daemon.teach import School
 from daemon.vision.image import VisionError
 from daemon.vision.model import TeachError

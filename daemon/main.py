@@ -14,7 +14,7 @@ import os
 import sys
 from pathlib import Path
 
-from daemon import places
+from daemon.store import places
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -36,11 +36,11 @@ def check(config_path: Path, simulated: bool) -> int:
     from daemon import cell
     from daemon.calibration.file import load_calibration
     from daemon.config import load_config
-    from daemon.library import load_facets, load_parts
-    from daemon.model import ModelError, load
     from daemon.service import BAD_CONFIGURATION
-    from daemon.shelf import Shelf, ShelfError
-    from daemon.yamlfile import ConfigError
+    from daemon.store.library import load_facets, load_parts
+    from daemon.store.model import ModelError, load
+    from daemon.store.shelf import Shelf, ShelfError
+    from daemon.store.yamlfile import ConfigError
 
     try:
         config = load_config(config_path, simulated)

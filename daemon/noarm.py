@@ -1,6 +1,6 @@
 """The arm of a cell that has none (recorded pairs): everything about it is refused in one clear line.
 
-Honours daemon/workcell.py's Robot, and what the console asks of an arm besides.
+Honours daemon/pick/workcell.py's Robot, and what the console asks of an arm besides.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from contextlib import AbstractAsyncContextManager
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.workcell import Reading
+from daemon.pick.workcell import Reading
 
 Array = NDArray[np.float64]
 

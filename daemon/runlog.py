@@ -2,7 +2,7 @@
 
 `record` returns once its line is in the kernel's hands (kill -9 then loses at most a line being written). It waits once
 `patience_s` for a stalled disk, and no more until the disk has caught up: a log may not delay moves. Reading and
-quotas are in daemon/runs.py.
+quotas are in daemon/store/runs.py.
 
 Lines are {"v": 1, "seq": n, "t": ISO UTC ms, "mono_s": ..., "kind": ..., more by kind}; kinds and their fields are in
 the table KINDS. wire.jsonl beside it holds the serial line's ledger: there each line carries its forerunner's hash.
@@ -25,7 +25,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.files import LineFile, Syncer, write_whole
+from daemon.store.files import LineFile, Syncer, write_whole
 
 VERSION = 1
 PATIENCE_S = 0.1

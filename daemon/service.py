@@ -1,7 +1,7 @@
 """The daemon's life: start everything, watch it, reload, stop the arm first and then the rest.
 
 Here: what is started in which order, and what ends it. Signals in, exit status out. Commands are the console's, moving
-is the cycle's, watching devices is daemon/watch.py's.
+is the cycle's, watching devices is daemon/upkeep/watch.py's.
 """
 
 from __future__ import annotations
@@ -18,29 +18,30 @@ from typing import Any
 
 import numpy as np
 
-from daemon import cell, journal
+from daemon import cell
 from daemon.calibration.file import Calibration, load_calibration
 from daemon.commands import every_command
 from daemon.config import Config, load_config
 from daemon.console import Console
 from daemon.cycle import Cycle
 from daemon.desk import Desk, Troubles
-from daemon.doors import DoorError, SocketServer
-from daemon.driftwatch import DriftWatch
-from daemon.files import InUseError, hold, plain
-from daemon.library import load_facets, load_parts
-from daemon.metrics import MetricsServer
-from daemon.model import ModelError
-from daemon.model import load as load_model
+from daemon.doors.socket import DoorError, SocketServer
+from daemon.doors.terminal import SerialConsole
 from daemon.noarm import CellError
+from daemon.pick.workcell import Workcell
 from daemon.runlog import RunLog
-from daemon.runs import Interrupted, RunError, drop_unstarted, left_behind, new_folder
-from daemon.shelf import Shelf, ShelfError
+from daemon.store.files import InUseError, hold, plain
+from daemon.store.library import load_facets, load_parts
+from daemon.store.model import ModelError
+from daemon.store.model import load as load_model
+from daemon.store.runs import Interrupted, RunError, drop_unstarted, left_behind, new_folder
+from daemon.store.shelf import Shelf, ShelfError
+from daemon.store.yamlfile import ConfigError
 from daemon.teach import School
-from daemon.terminal import SerialConsole
-from daemon.watch import Watch
-from daemon.workcell import Workcell
-from daemon.yamlfile import ConfigError
+from daemon.upkeep import journal
+from daemon.upkeep.driftwatch import DriftWatch
+from daemon.upkeep.metrics import MetricsServer
+from daemon.upkeep.watch import Watch
 
 STOPPED, BROKEN, NO_DEVICE, BAD_CONFIGURATION = 0, 1, 2, 78
 HALT_S = 1.0

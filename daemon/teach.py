@@ -1,6 +1,6 @@
 """From taught views to a model in use: store a view, train a candidate beside the model in use, accept it, go back.
 
-Learning itself is daemon/vision/model.py's, files are daemon/shelf.py's. Nothing here talks to people or moves.
+Learning itself is daemon/vision/model.py's, files are daemon/store/shelf.py's. Nothing here talks to people or moves.
 """
 
 from __future__ import annotations
@@ -13,13 +13,13 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.aspects import aspects, learn_solid
-from daemon.library import PartEntry
-from daemon.mesh import MeshError, read_mesh
-from daemon.polyhedron import solid_of
-from daemon.shelf import Shelf, ShelfError, StoredView
-from daemon.sufficiency import Sufficiency, judge
-from daemon.tracking import Shape
+from daemon.pick.tracking import Shape
+from daemon.school.aspects import aspects, learn_solid
+from daemon.school.mesh import MeshError, read_mesh
+from daemon.school.polyhedron import solid_of
+from daemon.school.sufficiency import Sufficiency, judge
+from daemon.store.library import PartEntry
+from daemon.store.shelf import Shelf, ShelfError, StoredView
 from daemon.vision.data import Group, Scene
 from daemon.vision.facet_types import FacetLibrary
 from daemon.vision.image import VisionError
@@ -36,7 +36,7 @@ Image = NDArray[np.uint8]
 
 
 class Recogniser:
-    """daemon/looking.py's Sight: one model and one rig. Never changed; another model is another Recogniser."""
+    """daemon/pick/looking.py's Sight: one model and one rig. Never changed; another model is another Recogniser."""
 
     def __init__(self, model: Model, rig: StereoRig, settings: VisionSettings | None = None) -> None:
         self.model, self.rig, self.settings = model, rig, settings

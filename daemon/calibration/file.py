@@ -14,9 +14,9 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from daemon.files import write_atomically
+from daemon.store.files import write_atomically
+from daemon.store.yamlfile import Document, Key, read
 from daemon.vision.rig import Camera, StereoRig
-from daemon.yamlfile import Document, Key, read
 
 Array = NDArray[np.float64]
 ORTHONORMAL_TOLERANCE = 1e-4

@@ -19,9 +19,9 @@ from daemon import frames
 from daemon.calibration.file import Calibration, Quality, load_calibration, save_calibration
 from daemon.calibration.recorded import keep_old
 from daemon.calibration.stereo import cyclopean_frame
-from daemon.files import write_atomically
+from daemon.store.files import write_atomically
+from daemon.store.yamlfile import ConfigError, read
 from daemon.vision.rig import Camera, StereoRig
-from daemon.yamlfile import ConfigError, read
 
 Array = NDArray[np.float64]
 MM_PER_M = 1000.0

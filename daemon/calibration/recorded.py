@@ -17,7 +17,7 @@ import numpy as np
 from daemon.calibration.board import Board, BoardError, Grey, find_board, parse_board
 from daemon.calibration.file import Calibration, Quality, load_calibration, save_calibration
 from daemon.calibration.stereo import Pair, StereoError, StereoResult, calibrate_stereo
-from daemon.yamlfile import ConfigError
+from daemon.store.yamlfile import ConfigError
 
 
 def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:

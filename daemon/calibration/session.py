@@ -30,10 +30,10 @@ from daemon.calibration.stereo import (
 from daemon.calibration.tour import in_order, looks_at, spread_out
 from daemon.cycle import Cycle
 from daemon.guard import Command, Standing, refuse
-from daemon.looking import NotSettledError, settled_pair
-from daemon.motion import MoveRefusedError, OutOfReachError
+from daemon.pick.looking import NotSettledError, settled_pair
+from daemon.pick.motion import MoveRefusedError, OutOfReachError
+from daemon.pick.workcell import Reading
 from daemon.vision.rig import StereoRig
-from daemon.workcell import Reading
 
 Array = NDArray[np.float64]
 Say = Callable[[str], Awaitable[None]]

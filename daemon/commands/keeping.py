@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import asyncio
 
-from daemon import bundle as bundles
-from daemon import doctor as doctors
 from daemon.commands.monitoring import may_not_move, monitor
 from daemon.console import NOT_DONE, Answer, Command, CommandError, Door, no_more, one_of
 from daemon.desk import Desk
+from daemon.upkeep import bundle as bundles
+from daemon.upkeep import doctor as doctors
 
 ROBOT = ("power-up", "cal", "monitor")
 ROBOT_USAGE = "robot power-up [Y N ...] | robot cal | robot monitor [TEXT]"

@@ -14,9 +14,9 @@ from daemon.commands.looking import describe_facet, describe_scene, one_part
 from daemon.commands.words import is_yes, plural
 from daemon.console import NOT_DONE, NOT_UNDERSTOOD, Answer, Command, CommandError, Door, no_more, number, one_of
 from daemon.desk import Desk
-from daemon.looking import Look
-from daemon.mesh import UNITS_MM, MeshError
-from daemon.sufficiency import VIEWPOINTS, Sufficiency
+from daemon.pick.looking import Look
+from daemon.school.mesh import UNITS_MM, MeshError
+from daemon.school.sufficiency import VIEWPOINTS, Sufficiency
 from daemon.teach import ViewVerdict, teaching_note
 from daemon.vision.model import TeachError
 

@@ -11,8 +11,8 @@ import numpy as np
 from daemon.commands.words import duration, millimetres, plural
 from daemon.console import Answer, Command, CommandError, Door, no_more
 from daemon.desk import Desk
-from daemon.looking import Look
-from daemon.sketch import sketch
+from daemon.doors.sketch import sketch
+from daemon.pick.looking import Look
 from daemon.vision.data import Facet, Part, Scene
 from daemon.vision.health import findings_json, troubles
 from daemon.vision.report import scene_json

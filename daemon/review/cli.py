@@ -12,8 +12,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from daemon import places
-from daemon.runs import Record, RunError, find_run, list_runs
+from daemon.store import places
+from daemon.store.runs import Record, RunError, find_run, list_runs
 
 DONE, REGRESSED, UNUSABLE = 0, 1, 2
 
@@ -51,9 +51,9 @@ def _command(
     text: str,
 ) -> argparse.ArgumentParser:
     def run(args: argparse.Namespace) -> int:
-        from daemon.model import ModelError
         from daemon.review.export import ExportError
-        from daemon.yamlfile import ConfigError
+        from daemon.store.model import ModelError
+        from daemon.store.yamlfile import ConfigError
 
         try:
             return job(args)
@@ -117,10 +117,10 @@ def _review(args: argparse.Namespace) -> int:
 
 
 def _replay(args: argparse.Namespace) -> int:
-    from daemon.library import FACETS, load_facets
-    from daemon.model import load
     from daemon.review.page import read_digest
     from daemon.review.replay import replay
+    from daemon.store.library import FACETS, load_facets
+    from daemon.store.model import load
 
     folder = _folder(args)
     model = load(args.model) if args.model else None

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from daemon.review.digest import Digest, digest, short_hash
-from daemon.runs import read_run
+from daemon.store.runs import read_run
 
 
 def kept_differences(before_folder: Path, before: Digest, after_folder: Path) -> list[dict[str, Any]]:

@@ -11,7 +11,7 @@ from itertools import pairwise
 from statistics import fmean
 from typing import Any
 
-from daemon.runs import Record
+from daemon.store.runs import Record
 
 
 @dataclass(frozen=True)
@@ -125,7 +125,7 @@ class Digest:
 
 
 def digest(name: str, records: Sequence[Record], skipped: Sequence[str] = ()) -> Digest:
-    """Sort a run's records (read by daemon/runs.py) into cycles and stops."""
+    """Sort a run's records (read by daemon/store/runs.py) into cycles and stops."""
     cycles: list[Cycle] = []
     outside: list[Record] = []
     current: list[Record] | None = None

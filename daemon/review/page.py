@@ -14,10 +14,10 @@ from typing import Any
 
 import cv2
 
-from daemon.files import write_atomically
 from daemon.review.digest import Digest, digest
 from daemon.review.pagedata import page_data
-from daemon.runs import read_run
+from daemon.store.files import write_atomically
+from daemon.store.runs import read_run
 
 PICTURE_BUDGET = 24_000_000
 """Bytes of pictures a page may carry: more would make it slow to open. Failed cycles come first, then the newest."""

@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 
 from daemon import frames
 from daemon.calibration.file import load_calibration
-from daemon.model import load
 from daemon.review.digest import Digest
-from daemon.runs import Record, RunError
+from daemon.store.model import load
+from daemon.store.runs import Record, RunError
 from daemon.vision.facet_types import FacetLibrary
 from daemon.vision.look import look
 from daemon.vision.model import Model, empty_model

@@ -1,7 +1,7 @@
 """What was taught: facet library, views, Fuzzy ARTMAP nodes, one metric model a part. Learning and forgetting.
 
 Values in, values out: every change gives a new Model; the same views in the same order give the same one. Files are
-daemon/model.py's business, recognising is recognise.py's.
+daemon/store/model.py's business, recognising is recognise.py's.
 """
 
 from __future__ import annotations

@@ -13,15 +13,16 @@ from dataclasses import replace
 import numpy as np
 
 from daemon import cell as cells
-from daemon import frames, places
+from daemon import frames
 from daemon.calibration.board import Board
 from daemon.calibration.file import Calibration
 from daemon.calibration.session import meet, solve_hand_eye, solve_stereo, verify, view_tour
 from daemon.config import load_config
 from daemon.cycle import Cycle
-from daemon.plan import Settings, doubt_of
+from daemon.pick.plan import Settings, doubt_of
+from daemon.pick.workcell import Workcell
+from daemon.store import places
 from daemon.vision.rig import Camera, StereoRig
-from daemon.workcell import Workcell
 from drivers.simcell.truth import load_truth
 from tests.bench.picks import pick_once, simulated_cell
 

@@ -24,12 +24,12 @@ from numpy.typing import NDArray
 
 from daemon.calibration.file import load_calibration
 from daemon.cell import ThreadedEyes
-from daemon.library import load_facets
-from daemon.looking import Settling, take_look
+from daemon.pick.looking import Settling, take_look
+from daemon.pick.workcell import Reading, Workcell
+from daemon.store.library import load_facets
 from daemon.teach import Recogniser
 from daemon.vision.model import empty_model
 from daemon.vision.settings import VisionSettings
-from daemon.workcell import Reading, Workcell
 from drivers.camera import v4l2
 from drivers.camera.pixels import FORMATS
 from drivers.camera.settings import CameraSettings

@@ -23,10 +23,10 @@ from typing import Any
 import cv2
 import numpy as np
 
-from daemon.link import NotThereError
-from daemon.model import ModelError
-from daemon.runs import check_wire, interrupted, list_runs, read_run
-from daemon.shelf import Shelf, ShelfError
+from daemon.doors.client import NotThereError
+from daemon.store.model import ModelError
+from daemon.store.runs import check_wire, interrupted, list_runs, read_run
+from daemon.store.shelf import Shelf, ShelfError
 from tests.bench.running import Running
 
 CONFIG = "log: {keep_free_mb: 0, quota_mb: 100, roll_mb: 25}\n"

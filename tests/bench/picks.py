@@ -34,7 +34,7 @@ from simulated_cell import PARTS, Rig
 from daemon import frames
 from daemon.approach import Stops
 from daemon.calibration.file import Calibration
-from daemon.plan import Settings, doubt_of
+from daemon.pick.plan import Settings, doubt_of
 from daemon.vision.rig import Camera
 
 HAND_EYE_MM, HAND_EYE_DEG, CENTRE_PX = 0.3, 0.05, 0.3

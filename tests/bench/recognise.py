@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon.calibration.file import load_calibration
-from daemon.library import load_facets
+from daemon.store.library import load_facets
 from daemon.vision.data import Part, Scene
 from daemon.vision.facets import find_facets
 from daemon.vision.look import look

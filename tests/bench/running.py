@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from daemon.link import DaemonLink
+from daemon.doors.client import DaemonLink
 
 ETC = Path(__file__).resolve().parents[2] / "etc"
 SHOWN = (("cube", 3), ("pyramid", 4), ("pyramid", 3), ("triangular_prism", 3), ("pentagonal_prism", 3),

@@ -14,16 +14,17 @@ from typing import Any
 import numpy as np
 
 from daemon import cell as cells
-from daemon import frames, places
+from daemon import frames
 from daemon.calibration.file import Calibration, load_calibration
 from daemon.config import load_config
 from daemon.cycle import Cycle, CycleEnd
-from daemon.library import load_facets
-from daemon.plan import Settings, doubt_of
+from daemon.pick.plan import Settings, doubt_of
+from daemon.pick.workcell import Workcell
+from daemon.store import places
+from daemon.store.library import load_facets
 from daemon.teach import Recogniser
 from daemon.vision.model import Model, TeachError, empty_model, learn_view
 from daemon.vision.rig import Camera, StereoRig
-from daemon.workcell import Workcell
 from drivers.simcell.cell import SimulatedCell
 from drivers.simcell.truth import load_truth
 

@@ -8,7 +8,7 @@ from simulated_cell import PARTS, rig
 
 from daemon.calibration.board import Board
 from daemon.calibration.session import SessionError, verify, view_tour
-from daemon.driftwatch import DriftWatch
+from daemon.upkeep.driftwatch import DriftWatch
 
 BOARD = Board(9, 6, 16.0)
 

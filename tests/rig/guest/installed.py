@@ -19,7 +19,7 @@ from typing import Any
 import beside
 import yaml
 
-from daemon.link import DaemonLink
+from daemon.doors.client import DaemonLink
 
 CHECKOUT = Path(__file__).resolve().parents[3]
 ETC = Path("/etc/facetd")

@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 
 from daemon import ctl
-from daemon.cameras import measure
 from daemon.cell import EXPECTED_ERRORS, CellError
-from daemon.preview import Preview, Shot
+from daemon.jobs.cameras import measure
+from daemon.jobs.preview import Preview, Shot
 from drivers.camera.pair import Frame, StereoPair
 
 HOUSE = Path(__file__).resolve().parents[3]

@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 
 from daemon import frames
-from daemon.grasp import tool_rotation
-from daemon.tracking import Shape
+from daemon.pick.grasp import tool_rotation
+from daemon.pick.tracking import Shape
+from daemon.pick.workcell import Reading, Workcell
 from daemon.vision.data import Facet, FacetView, Part, Recognition, Scene
 from daemon.vision.rig import Camera, StereoRig
-from daemon.workcell import Reading, Workcell
 from drivers.simcell import parts
 
 PITCH = np.arcsin(75 / 350)

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from daemon import approach, frames
 from daemon.approach import CHI_SQUARE_6, Doubt, Stops
-from daemon.grasp import tool_rotation
-from daemon.tracking import Fit, poses_that_fit, refit
+from daemon.pick.grasp import tool_rotation
+from daemon.pick.tracking import Fit, poses_that_fit, refit
 from daemon.vision.data import Facet
 
 DOUBT = Doubt()

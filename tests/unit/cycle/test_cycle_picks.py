@@ -9,7 +9,7 @@ from cell_fakes import TruthSight, World, build
 
 from daemon import frames
 from daemon.cycle import HANDLERS, NEXT, TABLE, Cycle, RefusedError, printed_table
-from daemon.plan import Settings
+from daemon.pick.plan import Settings
 from daemon.vision.data import Polygon, Recognition
 from drivers.simcell import parts
 

@@ -7,8 +7,8 @@ import pytest
 from cell_fakes import TruthSight, World, build
 
 from daemon.cycle import Cycle, RefusedError
-from daemon.plan import Settings
-from daemon.reins import OperatorRefusedError
+from daemon.pick.plan import Settings
+from daemon.pick.reins import OperatorRefusedError
 
 
 def world_with_cube(seed=0) -> World:

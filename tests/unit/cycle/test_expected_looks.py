@@ -7,11 +7,11 @@ import numpy as np
 from cell_fakes import TruthSight, World, build, rig, shape_of
 
 from daemon import frames
-from daemon.following import expected_fit, expected_scene
-from daemon.looking import Settling, epipolar_px, take_look, whole_look
-from daemon.tracking import Fit
+from daemon.pick.following import expected_fit, expected_scene
+from daemon.pick.looking import Settling, epipolar_px, take_look, whole_look
+from daemon.pick.tracking import Fit
+from daemon.pick.workcell import Reading
 from daemon.vision.report import scene_json
-from daemon.workcell import Reading
 
 POSE = frames.rigid(frames.rotation_from_vector(np.array([2.6, 0.4, 0.3])), np.array([5.0, -8.0, 300.0]))
 FIT = Fit(POSE, np.diag([0.1, 0.1, 0.3, 1e-5, 1e-5, 1e-5]), 0.1, 9)

@@ -6,9 +6,10 @@ from cell_fakes import TOOL_FROM_CYCLOPEAN, shape_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from daemon import frames, places
-from daemon.grasp import Gripper, closed_fingers, grasps, hull_planes, tool_rotation
-from daemon.plan import Settings, plan_part, regrasp
+from daemon import frames
+from daemon.pick.grasp import Gripper, closed_fingers, grasps, hull_planes, tool_rotation
+from daemon.pick.plan import Settings, plan_part, regrasp
+from daemon.store import places
 from drivers.simcell.gripper import close_on
 from drivers.simcell.parts import TAUGHT, part_shape
 from drivers.simcell.truth import load_truth

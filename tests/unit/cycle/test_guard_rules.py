@@ -9,10 +9,11 @@ from hypothesis import HealthCheck, Phase, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule, run_state_machine_as_test
 
-from daemon import frames, guard, motion
-from daemon.grasp import tool_rotation
+from daemon import frames, guard
 from daemon.guard import Command, Limits, Standing, refuse
-from daemon.motion import Arrival, Mover, MoveRefusedError
+from daemon.pick import motion
+from daemon.pick.grasp import tool_rotation
+from daemon.pick.motion import Arrival, Mover, MoveRefusedError
 
 LIMITS = Limits()
 AT = HEAD_DOWN

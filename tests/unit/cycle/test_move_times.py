@@ -6,8 +6,8 @@ from hypothesis import strategies as st
 
 from daemon import frames
 from daemon.guard import Command, Limits
-from daemon.motion import Arrival
-from daemon.workcell import Reading
+from daemon.pick.motion import Arrival
+from daemon.pick.workcell import Reading
 from drivers import puma560
 from drivers.simcell.arm import SingularWristError, plan_joints, plan_straight
 

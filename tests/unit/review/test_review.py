@@ -15,7 +15,7 @@ from daemon.review.page import read_digest, write_page
 from daemon.review.pagedata import page_data
 from daemon.review.replay import compare
 from daemon.review.why import causes
-from daemon.runs import read_run
+from daemon.store.runs import read_run
 
 
 @pytest.fixture

@@ -12,9 +12,9 @@ from typing import Any
 import pytest
 
 from daemon import cell
-from daemon.bounds import BOUNDS, DIALECT_BOUNDS
 from daemon.config import ConfigError, load_config
-from daemon.plan import Settings
+from daemon.pick.plan import Settings
+from daemon.store.bounds import BOUNDS, DIALECT_BOUNDS
 
 ETC = Path(__file__).resolve().parents[3] / "etc"
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from daemon.calibration.file import Calibration, Quality, load_calibration, save_calibration
+from daemon.store.yamlfile import ConfigError
 from daemon.vision.rig import Camera, StereoRig
-from daemon.yamlfile import ConfigError
 
 
 def pose(x_mm: float, angle: float) -> np.ndarray:

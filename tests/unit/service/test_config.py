@@ -7,10 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from daemon import cell, places
+from daemon import cell
 from daemon.config import load_config
 from daemon.main import main
-from daemon.yamlfile import ConfigError
+from daemon.store import places
+from daemon.store.yamlfile import ConfigError
 
 ETC = Path(__file__).resolve().parents[3] / "etc"
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from daemon.guard import RULES
-from daemon.journal import MESSAGE_IDS
+from daemon.upkeep.journal import MESSAGE_IDS
 
 DEPLOY = Path(__file__).resolve().parents[3] / "deploy"
 

@@ -20,9 +20,9 @@ from service_fakes import fake_desk
 from daemon.commands import every_command
 from daemon.config import Terminal
 from daemon.console import Console
-from daemon.doors import DoorError, SocketServer
-from daemon.link import DaemonLink, NotThereError
-from daemon.terminal import SerialConsole
+from daemon.doors.client import DaemonLink, NotThereError
+from daemon.doors.socket import DoorError, SocketServer
+from daemon.doors.terminal import SerialConsole
 
 
 def interrupter(desk: Any) -> Callable[[str], Awaitable[str]]:

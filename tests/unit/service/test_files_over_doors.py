@@ -15,8 +15,8 @@ import pytest
 from service_fakes import fake_desk
 
 from daemon.console import Answer, Command, Console, Door
-from daemon.doors import LONGEST_FILE, SocketServer
-from daemon.link import DaemonLink
+from daemon.doors.client import DaemonLink
+from daemon.doors.socket import LONGEST_FILE, SocketServer
 
 
 async def digest(_: Any, words: list[str], door: Door) -> Answer:

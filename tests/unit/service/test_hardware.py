@@ -15,12 +15,13 @@ import cv2
 import numpy as np
 import pytest
 
-from daemon import cell, journal
+from daemon import cell
 from daemon.config import load_config
 from daemon.desk import Desk, Troubles
 from daemon.runlog import RunLog
-from daemon.runs import list_runs, read_run
-from daemon.watch import Watch
+from daemon.store.runs import list_runs, read_run
+from daemon.upkeep import journal
+from daemon.upkeep.watch import Watch
 
 ETC = Path(__file__).resolve().parents[3] / "etc"
 FILES = "files: {{calibration: {0}/calibration.yaml, facets: {0}/facets.yaml, parts: {0}/parts.yaml}}\n"
@@ -165,7 +166,7 @@ def test_the_watchdog_is_fed_while_devices_answer_and_starves_when_one_hangs(
     notes: list[str] = []
     monkeypatch.setattr(journal, "notify", notes.append)
     monkeypatch.setenv("WATCHDOG_USEC", "1000000")
-    monkeypatch.setattr("daemon.watch.CHECK_LIMIT_S", 0.3)
+    monkeypatch.setattr("daemon.upkeep.watch.CHECK_LIMIT_S", 0.3)
 
     async def play(watched: WatchedCell, _: Watch) -> None:
         await asyncio.sleep(1.2)
@@ -191,7 +192,7 @@ def test_the_watchdog_is_fed_while_a_pick_waits_for_an_operator_or_somebody_talk
     notes: list[str] = []
     monkeypatch.setattr(journal, "notify", notes.append)
     monkeypatch.setenv("WATCHDOG_USEC", "1000000")
-    monkeypatch.setattr("daemon.watch.CHECK_LIMIT_S", 1.0)
+    monkeypatch.setattr("daemon.upkeep.watch.CHECK_LIMIT_S", 1.0)
 
     async def refuse() -> None:
         raise AssertionError("the daemon does not stand aside")
@@ -232,7 +233,7 @@ def test_a_jump_of_the_clock_is_in_the_log(tmp_path: Path, monkeypatch: pytest.M
 
     async def play(watched: WatchedCell, _: Watch) -> None:
         await asyncio.sleep(0.1)
-        monkeypatch.setattr("daemon.watch.time.time", lambda: real() + 3600)
+        monkeypatch.setattr("daemon.upkeep.watch.time.time", lambda: real() + 3600)
         await asyncio.sleep(0.7)
 
     watching(tmp_path, play)

@@ -15,16 +15,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from daemon.aspects import aspects, learn_solid
 from daemon.calibration.file import load_calibration
 from daemon.commands.learning import teach
 from daemon.console import NOT_UNDERSTOOD, CommandError
-from daemon.library import load_facets, load_parts
-from daemon.mesh import LARGEST_BYTES, MeshError, read_mesh
-from daemon.model import from_bytes, to_bytes
-from daemon.polyhedron import solid_of
-from daemon.shelf import Shelf
-from daemon.sufficiency import facet_areas, judge, open_edges
+from daemon.school.aspects import aspects, learn_solid
+from daemon.school.mesh import LARGEST_BYTES, MeshError, read_mesh
+from daemon.school.polyhedron import solid_of
+from daemon.school.sufficiency import facet_areas, judge, open_edges
+from daemon.store.library import load_facets, load_parts
+from daemon.store.model import from_bytes, to_bytes
+from daemon.store.shelf import Shelf
 from daemon.teach import School
 from daemon.vision.model import empty_model
 from daemon.vision.recognise import recognise_group

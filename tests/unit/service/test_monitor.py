@@ -23,7 +23,7 @@ from service_fakes import FakeDoor, FakeLog
 sys.path.insert(0, str(Path(__file__).resolve().parents[3]))
 
 from daemon.commands.monitoring import Typist
-from daemon.runs import check_wire, list_runs, read_run
+from daemon.store.runs import check_wire, list_runs, read_run
 from drivers.simcell.arm import Arm
 from drivers.simcell.controller import Controller
 from tests.bench.running import Running

@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 
 from daemon.runlog import RunLog
-from daemon.runs import (
+from daemon.store.runs import (
     RunError,
     check_wire,
     enforce_quota,
@@ -154,7 +154,7 @@ class Disk:
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.full, self.delay_s, self.half = False, 0.0, False
         self._write = os.write
-        monkeypatch.setattr("daemon.files.os.write", self.write)
+        monkeypatch.setattr("daemon.store.files.os.write", self.write)
 
     def write(self, handle: int, content: bytes) -> int:
         time.sleep(self.delay_s)

@@ -17,8 +17,8 @@ from typing import Any
 
 import pytest
 
-from daemon.link import DaemonLink, NotThereError
-from daemon.runs import check_wire, list_runs, read_run
+from daemon.doors.client import DaemonLink, NotThereError
+from daemon.store.runs import check_wire, list_runs, read_run
 
 ETC = Path(__file__).resolve().parents[3] / "etc"
 SIMULATED = "simulated: {truth: simcell.yaml, time_scale: 20.0, seed: 7}\n"

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from daemon.library import load_facets
-from daemon.model import ModelError
-from daemon.shelf import Shelf, ShelfError
+from daemon.store.library import load_facets
+from daemon.store.model import ModelError
+from daemon.store.shelf import Shelf, ShelfError
 from daemon.vision.model import Model, empty_model
 
 
@@ -58,7 +58,7 @@ def test_a_disk_that_fills_up_in_the_middle_leaves_no_half_view(shelf: Shelf, mo
             raise OSError(errno.ENOSPC, "No space left on device")
         path.write_bytes(content)
 
-    monkeypatch.setattr("daemon.shelf.write_atomically", fail_on_the_second)
+    monkeypatch.setattr("daemon.store.shelf.write_atomically", fail_on_the_second)
     with pytest.raises(ShelfError, match="the view is not stored: No space left on device"):
         shelf.add_view("cube", picture(1), picture(2), {})
     assert shelf.views() == []

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from daemon.calibration.file import load_calibration
-from daemon.library import load_facets, load_parts
-from daemon.shelf import Shelf
-from daemon.sufficiency import facet_areas, imagined_view, judge, open_edges, spread
+from daemon.school.sufficiency import facet_areas, imagined_view, judge, open_edges, spread
+from daemon.store.library import load_facets, load_parts
+from daemon.store.shelf import Shelf
 from daemon.teach import School
 from daemon.vision.model import TeachError
 from daemon.vision.relation import Solid

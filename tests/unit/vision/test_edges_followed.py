@@ -7,8 +7,8 @@ from painted import paint_pair, rig
 from solids import KNOWN, pose
 
 from daemon import frames
-from daemon.edges import fit_edges, open_eyes
-from daemon.tracking import Shape
+from daemon.pick.edges import fit_edges, open_eyes
+from daemon.pick.tracking import Shape
 
 VIEWS = ((0.75, 0.25, 0.6), (0.2, -0.5, 0.84), (-0.6, 0.55, 0.58))
 ALIKE = (95.0, 165.0, 165.0, 165.0, 165.0, 165.0, 165.0)

@@ -15,7 +15,7 @@ from solids import CUBE, KNOWN, PENTAGONAL, PYRAMID, STRANGERS, TRIANGULAR, Body
 
 from daemon.calibration.file import Calibration, save_calibration
 from daemon.ctl import main
-from daemon.library import load_facets
+from daemon.store.library import load_facets
 from daemon.vision.draw import draw_scene
 from daemon.vision.facets import find_facets
 from daemon.vision.image import VisionError

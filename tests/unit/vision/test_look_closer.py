@@ -11,7 +11,7 @@ from painted import paint_pair, rig
 from solids import CUBE, KNOWN, PENTAGONAL, PYRAMID, STRANGERS, TRIANGULAR, Body, measured, pose, seen_facets, view_of
 
 from daemon import frames
-from daemon.library import load_facets
+from daemon.store.library import load_facets
 from daemon.vision.data import Facet, FacetView, Group, Rejected
 from daemon.vision.expect import look_closer, open_eyes
 from daemon.vision.model import Model, empty_model, learn_view

@@ -13,9 +13,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from solids import CUBE, PENTAGONAL, PYRAMID, Body, pose, view_of
 
-from daemon.library import load_facets
-from daemon.model import ModelError, from_bytes, load, load_file, save, to_bytes
-from daemon.modelview import check, compare, describe
+from daemon.jobs.modelview import check, compare, describe
+from daemon.store.library import load_facets
+from daemon.store.model import ModelError, from_bytes, load, load_file, save, to_bytes
 from daemon.vision.model import Model, TeachError, empty_model, forget, learn_view
 from daemon.vision.recognise import recognise_group
 

@@ -7,9 +7,9 @@ from painted import paint_pair, rig
 from solids import KNOWN, STRANGERS, measured, pose
 
 from daemon import frames
-from daemon.edges import open_eyes
-from daemon.proving import proved
-from daemon.tracking import Shape
+from daemon.pick.edges import open_eyes
+from daemon.pick.proving import proved
+from daemon.pick.tracking import Shape
 
 ALIKE = (95.0, 165.0, 165.0, 165.0, 165.0, 165.0, 165.0)
 SHAPES = [Shape(label, body.corners_mm, tuple(np.array(ring) for ring in body.facets)) for label, body in KNOWN.items()]

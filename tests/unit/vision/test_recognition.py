@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from solids import CUBE, KNOWN, PENTAGONAL, PYRAMID, STRANGERS, TRIANGULAR, Body, pose, view_of
 
 from daemon import frames
-from daemon.library import load_facets
+from daemon.store.library import load_facets
 from daemon.vision.data import Facet, FacetView, Group, Part
 from daemon.vision.model import Model, empty_model, forget, learn_view
 from daemon.vision.recognise import recognise, recognise_group

@@ -1,0 +1,1 @@
+"""Where operators come in: the serial terminal, the socket and its client. What their words mean is console.py's."""

@@ -1,0 +1,64 @@
+"""The keyboard of whoever sits at this terminal, key by key: for the time in which they talk to the controller itself.
+
+Keys go out as they are pressed, in a thread; what comes back is shown as it comes. What keys mean is not known here,
+but for two: control-] leaves, control-C stops the arm.
+"""
+
+from __future__ import annotations
+
+import os
+import select
+import sys
+import termios
+import threading
+import tty
+from collections.abc import Callable
+from typing import Any
+
+LEAVE, STOP = b"\x1d", b"\x03"
+POLL_S = 0.1
+
+
+class Keyboard:
+    """From construction to close() every key goes to `send` as a message of doors/socket.py, control-C to `stop`.
+
+    Needs a terminal.
+    """
+
+    def __init__(self, send: Callable[[dict[str, Any]], None], stop: Callable[[], None]) -> None:
+        self._send, self._stop = send, stop
+        self._handle = sys.stdin.fileno()
+        self._before = termios.tcgetattr(self._handle)
+        tty.setcbreak(self._handle)
+        mode = termios.tcgetattr(self._handle)
+        mode[0] &= ~(termios.ICRNL | termios.IXON)
+        mode[3] &= ~(termios.ISIG | termios.IEXTEN)
+        termios.tcsetattr(self._handle, termios.TCSANOW, mode)
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._read, name="keyboard", daemon=True)
+        self._thread.start()
+
+    def show(self, text: str) -> None:
+        """What the controller says, one character a byte."""
+        sys.stdout.write(text)
+        sys.stdout.flush()
+
+    def close(self) -> None:
+        """The terminal as it was before; safe to call twice."""
+        self._over.set()
+        self._thread.join()
+        termios.tcsetattr(self._handle, termios.TCSADRAIN, self._before)
+
+    def _read(self) -> None:
+        while not self._over.is_set():
+            if not select.select([self._handle], [], [], POLL_S)[0]:
+                continue
+            keys = os.read(self._handle, 1024)
+            typed, leave, _ = keys.partition(LEAVE)
+            if STOP in typed:
+                self._stop()
+            elif typed:
+                self._send({"keys": typed.decode("latin-1")})
+            if leave or not keys:
+                self._send({"leave": True})
+                return

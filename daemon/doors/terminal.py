@@ -1,0 +1,247 @@
+"""The serial console: an operator at a terminal on a tty. Typing is daemon/doors/lineedit.py's, meaning the console's.
+
+The port is opened again when it went away. Nothing here waits for a slow terminal: what it does not take yet is queued.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+from collections import deque
+from collections.abc import Callable, Coroutine
+from pathlib import Path
+from typing import Any, Literal
+
+import serial
+
+from daemon.config import Terminal
+from daemon.console import NOT_UNDERSTOOD, CommandError, Console
+from daemon.doors.lineedit import Key, LineEditor, to_terminal
+from daemon.doors.socket import Interrupt
+
+PROMPT = "facetd> "
+BUSY = ""
+"""No prompt while a command is being done; what is typed ahead is shown."""
+GREETING = "facetd console. `help` lists the commands; control-C stops the arm."
+LEAVE, STOP = b"\x1d", b"\x03"
+"""Control-] and control-C: what terminal mode does not pass on."""
+RETRY_S = 5.0
+QUEUE_LIMIT = 256 * 1024
+
+
+class SerialConsole:
+    """The Door at a serial terminal, and its life. Commands are done one by one; control-C is heard at once."""
+
+    name = "terminal"
+    asks = True
+
+    def __init__(
+        self, settings: Terminal, console: Console, interrupt: Interrupt, trouble: Callable[[str | None], None]
+    ) -> None:
+        """trouble: told in one line when the port cannot be had, None when it can."""
+        self.who = f"operator at {settings.device}"
+        self.may: Literal["look", "all"] = settings.may
+        self._settings, self._console, self._interrupt, self._trouble = settings, console, interrupt, trouble
+        self._editor = LineEditor(PROMPT, console.complete)
+        self._port: serial.Serial | None = None
+        self._out: deque[bytes] = deque()
+        self._lines: asyncio.Queue[str] = asyncio.Queue()
+        self._lost = asyncio.Event()
+        self._question: asyncio.Future[str] | None = None
+        self._keys: Callable[[bytes], None] | None = None
+        self._left = asyncio.Event()
+        self._busy = False
+        self._tasks: set[asyncio.Task[None]] = set()
+
+    async def run(self) -> None:
+        """Serve the terminal until cancelled."""
+        try:
+            while True:
+                if self._open():
+                    self._trouble(None)
+                    self._write(to_terminal(GREETING) + self._editor.show_prompt())
+                    await self._serve()
+                await asyncio.sleep(RETRY_S)
+        finally:
+            self._close()
+
+    async def say(self, text: str) -> None:
+        """Show some lines now."""
+        self.notice(text)
+
+    async def ask(self, question: str) -> str:
+        """Put a question and wait for the line that answers it; empty after control-C or when the port is gone."""
+        self._question = asyncio.get_running_loop().create_future()
+        self._editor.prompt, self._editor.remember = "? ", False
+        self.notice(question)
+        try:
+            return await self._question
+        finally:
+            self._question = None
+            self._editor.prompt, self._editor.remember = BUSY, True
+
+    async def fetch(self, path: str) -> bytes:
+        """A file on this machine: behind a serial terminal there is no other."""
+        try:
+            return await asyncio.to_thread(Path(path).read_bytes)
+        except OSError as error:
+            raise CommandError(f"{path}: {error.strerror}", NOT_UNDERSTOOD) from None
+
+    async def terminal(self, typed: Callable[[bytes], None]) -> None:
+        """Keys go to `typed`, past the line editor, until control-] or until the port is gone."""
+        self._keys, self._left = typed, asyncio.Event()
+        try:
+            await self._left.wait()
+        finally:
+            self._keys = None
+
+    def show(self, data: bytes) -> None:
+        """Bytes onto the terminal, as they are."""
+        self._write(data)
+
+    def notice(self, text: str) -> None:
+        """Lines above the one being typed, which is drawn again: answers, and faults that nobody asked for."""
+        self._write(self._editor.notice(text) if text else self._editor.show_prompt())
+
+    def _open(self) -> bool:
+        settings = self._settings
+        try:
+            self._port = serial.Serial(
+                settings.device, settings.baud, timeout=0, xonxoff=settings.flow_control, exclusive=True
+            )
+        except (serial.SerialException, OSError, ValueError) as error:
+            self._trouble(f"console.tty: {settings.device}: {_reason(error)}")
+            return False
+        os.set_blocking(self._port.fileno(), False)
+        self._lost.clear()
+        asyncio.get_running_loop().add_reader(self._port.fileno(), self._readable)
+        return True
+
+    def _close(self) -> None:
+        if self._port is not None:
+            loop = asyncio.get_running_loop()
+            loop.remove_reader(self._port.fileno())
+            loop.remove_writer(self._port.fileno())
+            with contextlib.suppress(OSError, serial.SerialException):
+                self._port.close()
+        self._port = None
+        self._out.clear()
+        self._lost.set()
+        self._left.set()
+        if self._question is not None and not self._question.done():
+            self._question.set_result("")
+
+    async def _serve(self) -> None:
+        gone = asyncio.create_task(self._lost.wait())
+        try:
+            while not self._lost.is_set():
+                line = asyncio.create_task(self._lines.get())
+                await asyncio.wait([line, gone], return_when=asyncio.FIRST_COMPLETED)
+                if line.done():
+                    await self._do(line.result())
+                else:
+                    line.cancel()
+        finally:
+            gone.cancel()
+
+    async def _do(self, text: str) -> None:
+        self._busy, self._editor.prompt = True, BUSY
+        try:
+            answer = await self._console.interpret(text, self)
+        finally:
+            self._busy, self._editor.prompt = False, PROMPT
+        self.notice(answer.text)
+
+    def _readable(self) -> None:
+        assert self._port is not None
+        try:
+            data = os.read(self._port.fileno(), 4096)
+        except BlockingIOError:
+            return
+        except OSError:
+            data = b""
+        if not data:
+            self._trouble(f"console.tty: {self._settings.device}: the terminal is gone")
+            self._close()
+            return
+        if self._keys is not None:
+            self._raw(data)
+            return
+        typed = self._editor.feed(data)
+        self._write(typed.echo)
+        for event in typed.events:
+            self._hear(event)
+
+    def _raw(self, data: bytes) -> None:
+        """Keys in terminal mode: only control-] and control-C are ours."""
+        keys, leave, _ = data.partition(LEAVE)
+        if STOP in keys:
+            self._beside(self._stop())
+        elif self._keys is not None and keys:
+            self._keys(keys)
+        if leave:
+            self._left.set()
+
+    def _hear(self, event: str | Key) -> None:
+        if event is Key.INTERRUPT:
+            self._beside(self._stop())
+        elif isinstance(event, str):
+            if self._question is not None and not self._question.done():
+                self._question.set_result(event)
+            elif self._busy and self._console.at_once(event):
+                self._beside(self._do_beside(event))
+            else:
+                self._lines.put_nowait(event)
+
+    def _beside(self, work: Coroutine[Any, Any, None]) -> None:
+        """Do something now, while a command may still be under way."""
+        task = asyncio.create_task(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    async def _do_beside(self, text: str) -> None:
+        answer = await self._console.interpret(text, self)
+        self.notice(answer.text)
+
+    async def _stop(self) -> None:
+        while not self._lines.empty():
+            self._lines.get_nowait()
+        text = await self._interrupt(f"{self.who}")
+        if self._question is not None and not self._question.done():
+            self._question.set_result("")
+        self.notice(text)
+
+    def _write(self, data: bytes) -> None:
+        if self._port is None or not data or sum(map(len, self._out)) > QUEUE_LIMIT:
+            return
+        self._out.append(data)
+        self._writable()
+
+    def _writable(self) -> None:
+        assert self._port is not None
+        loop, handle = asyncio.get_running_loop(), self._port.fileno()
+        try:
+            while self._out:
+                count = os.write(handle, self._out[0])
+                if count < len(self._out[0]):
+                    self._out[0] = self._out[0][count:]
+                else:
+                    self._out.popleft()
+            loop.remove_writer(handle)
+        except BlockingIOError:
+            loop.add_writer(handle, self._writable)
+        except OSError:
+            self._out.clear()
+            loop.remove_writer(handle)
+
+
+def _reason(error: Exception) -> str:
+    text = str(error)
+    if "exclusively lock" in text or "busy" in text:
+        return "in use by another program (a getty?); stop that one or name another port"
+    if "No such file" in text:
+        return "no such port; is the adapter plugged in?"
+    if "ermission denied" in text:
+        return "permission denied; is the daemon's user in the group dialout?"
+    return text

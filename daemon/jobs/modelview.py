@@ -1,0 +1,179 @@
+"""What a model knows, for people: parts, views, nodes, which parts could be confused, and what two models differ in.
+
+In: loaded models. Out: text and the same as JSON values. Nothing is changed here.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+
+from daemon.store.model import ModelFile
+from daemon.vision.hypotheses import hypotheses
+from daemon.vision.model import Model
+from daemon.vision.relation import Solid
+
+
+@dataclass(frozen=True)
+class Told:
+    """The same thing twice: lines for people, values for machines."""
+
+    text: str
+    data: dict[str, Any]
+
+
+def describe(file: ModelFile) -> Told:
+    """Parts with their shape, nodes with the views behind them, parameters."""
+    model = file.model
+    parts = [_part(model, label, file.codes.get(label, "")) for label in model.labels]
+    nodes = [_node(model, j) for j in range(len(model.node_labels))]
+    p = model.parameters
+    data = {
+        "trained": file.trained,
+        "sha256": file.sha256,
+        "parameters": {"rho": p.rho, "alpha": p.alpha, "beta": p.beta, "complement": p.complement,
+                       "vigilance": p.vigilance, "tolerance_mm": p.tolerance_mm, "matrix_size": model.matrix_size},
+        "parts": parts,
+        "nodes": nodes,
+    }  # fmt: skip
+    lines = [f"trained {file.trained or 'at an unknown time'}, {len(parts)} parts, {len(model.views)} views"]
+    lines += [f"rho {p.rho:g}, alpha {p.alpha:g}, beta {p.beta:g}, matrix {model.matrix_size}x{model.matrix_size}, "
+              f"{'complement-coded' if p.complement else 'raw'}"]  # fmt: skip
+    lines += ["", f"{'part':<22}{'code':<6}{'views':>5}{'facets':>8}{'corners':>9}{'size mm':>9}  not joined"]
+    lines += [
+        f"{r['label']:<22}{r['code']:<6}{r['views']:>5}{r['facets']:>8}{r['corners']:>9}{r['size_mm']:>9.1f}  "
+        f"{', '.join(r['not_joined']) or '-'}"
+        for r in parts
+    ]
+    lines += ["", f"{'node':>4}  {'part':<22}{'facets':<48}views"]
+    lines += [f"{n['node']:>4}  {n['label']:<22}{', '.join(n['facets']):<48}{'; '.join(n['views'])}" for n in nodes]
+    return Told("\n".join(lines), data)
+
+
+def check(file: ModelFile) -> Told:
+    """What a person should mend: views that could not be joined, parts that look alike from some side."""
+    model = file.model
+    warnings = [
+        f"{label}: view {source} shares no facet with the others; teach a view in between"
+        for label in model.labels
+        for source in _not_joined(model, label)
+    ]
+    pairs = confusable(model)
+    warnings += [f"{p['seen']} as {p['taken_for']}: {p['how']}" for p in pairs]
+    text = "\n".join(["sound: the file's checksum fits its content", *warnings])
+    return Told(text, {"sound": True, "warnings": warnings, "confusable": pairs})
+
+
+def compare(one: ModelFile, two: ModelFile) -> Told:
+    """Parts, views and parameters that only one of them has, and shapes that differ."""
+    a, b = one.model, two.model
+    gone = [label for label in a.labels if label not in b.labels]
+    new = [label for label in b.labels if label not in a.labels]
+    lines = [f"- {label}" for label in gone] + [f"+ {label}" for label in new]
+    changed: dict[str, list[str]] = {}
+    for label in (x for x in a.labels if x in b.labels):
+        told = _differences(a, b, label)
+        if told:
+            changed[label] = told
+            lines += [f"~ {label}: {text}" for text in told]
+    if a.parameters != b.parameters:
+        lines.append(f"~ parameters: {a.parameters} -> {b.parameters}")
+    if a.library != b.library:
+        lines.append("~ facet library")
+    data = {"gone": gone, "new": new, "changed": changed, "same": not lines, "sha256": [one.sha256, two.sha256]}
+    return Told("\n".join(lines) or "the same", data)
+
+
+def confusable(model: Model) -> list[dict[str, str]]:
+    """Views of one part that another part's pattern fits as well; what tells them apart is said in `how`."""
+    found = []
+    for view in model.views:
+        for label, metric in model.metric.items():
+            if label == view.label:
+                continue
+            how = _likeness(model, view.solid, label, metric.solid)
+            if how:
+                found.append({"seen": view.label, "taken_for": label, "how": how})
+    unique = {(f["seen"], f["taken_for"], f["how"]): f for f in found}
+    return list(unique.values())
+
+
+def _likeness(model: Model, seen: Solid, label: str, taught: Solid) -> str:
+    """How parts of this view look like another part: shared facet pairs, and by how much lengths and angles differ."""
+    for count in (len(seen.facets), 2):
+        for some in combinations(range(len(seen.facets)), count):
+            part = _cut(seen, some)
+            if count > 1 and not part.seams():
+                continue
+            fits = hypotheses(part, {label: model.metric[label]}, model.parameters.tolerance_mm)
+            same = [h for h in fits if h.explained == count and _same_types(part, taught, h.facets)]
+            if same:
+                best = same[0]
+                settled = "lengths and angles do not settle it" if best.tail > 1e-4 else (
+                    f"settled by lengths and angles ({best.rms_mm:.1f} mm rms apart)"
+                )  # fmt: skip
+                shapes = ", ".join(part.types)
+                return f"{shapes} alone have the same pattern; {settled}"
+    return ""
+
+
+def _cut(solid: Solid, some: tuple[int, ...]) -> Solid:
+    """Only these facets of a solid."""
+    kept = sorted({k for f in some for k in solid.facets[f]})
+    place = {k: n for n, k in enumerate(kept)}
+    return Solid(
+        solid.corners_mm[kept],
+        solid.covariance_mm2[kept],
+        tuple(tuple(place[k] for k in solid.facets[f]) for f in some),
+        tuple(solid.types[f] for f in some),
+    )
+
+
+def _same_types(seen: Solid, taught: Solid, facets: tuple[int, ...]) -> bool:
+    return all(seen.types[f] == taught.types[g] for f, g in enumerate(facets))
+
+
+def _part(model: Model, label: str, code: str) -> dict[str, Any]:
+    metric = model.metric[label]
+    return {
+        "label": label,
+        "code": code,
+        "views": sum(v.label == label for v in model.views),
+        "facets": len(metric.solid.facets),
+        "corners": len(metric.solid.corners_mm),
+        "size_mm": round(metric.size_mm, 2),
+        "not_joined": _not_joined(model, label),
+    }
+
+
+def _not_joined(model: Model, label: str) -> list[str]:
+    own = [v for v in model.views if v.label == label]
+    return [v.source or f"view {i + 1}" for i, v in enumerate(own) if i not in model.metric[label].joined]
+
+
+def _node(model: Model, node: int) -> dict[str, Any]:
+    behind = [v for v in model.views if v.node == node]
+    return {
+        "node": node + 1,
+        "label": model.node_labels[node],
+        "facets": list(behind[0].solid.types) if behind else [],
+        "views": [v.source or "?" for v in behind],
+    }
+
+
+def _differences(a: Model, b: Model, label: str) -> list[str]:
+    told = []
+    views = [sum(v.label == label for v in m.views) for m in (a, b)]
+    if views[0] != views[1]:
+        told.append(f"{views[0]} -> {views[1]} views")
+    one, two = a.metric[label].solid, b.metric[label].solid
+    if len(one.facets) != len(two.facets):
+        told.append(f"{len(one.facets)} -> {len(two.facets)} facets known")
+    elif one.corners_mm.shape == two.corners_mm.shape:
+        apart = float(np.abs(one.corners_mm - two.corners_mm).max())
+        if apart > 0:
+            told.append(f"corners up to {apart:.2f} mm apart")
+    return told

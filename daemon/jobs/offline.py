@@ -1,0 +1,205 @@
+"""`facetctl recognise`, `train` and `model`: the recogniser on files, without a daemon.
+
+Here: arguments, files, lines of output, exit status. What is seen, learnt or stored is done elsewhere.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Callable
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+
+from daemon.store.yamlfile import ConfigError, read
+
+if TYPE_CHECKING:
+    from daemon.calibration.file import Calibration
+    from daemon.vision.data import Scene
+    from daemon.vision.model import Model
+
+DONE, UNUSABLE = 0, 2
+
+
+class OfflineError(Exception):
+    """An argument or a file cannot be used: one line, where and what."""
+
+
+class _View(msgspec.Struct, forbid_unknown_fields=True):
+    left: str
+    right: str
+    label: str
+
+
+def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add `recognise`, `train` and `model` to facetctl."""
+    _register_recognise(subparsers)
+    train = subparsers.add_parser("train", help="teach views from image files and write a model")
+    train.add_argument("--calibration", type=Path, required=True, metavar="FILE")
+    train.add_argument("--views", type=Path, required=True, metavar="YAML", help="a list of {left, right, label}")
+    train.add_argument("--out", type=Path, required=True, metavar="MODEL")
+    train.add_argument("--facets", type=Path, metavar="YAML", help="the facet library (default: etc/facets.yaml)")
+    train.add_argument("--parts", type=Path, metavar="YAML", help="names and ART-b codes (default: etc/parts.yaml)")
+    train.set_defaults(run=_guarded(_train))
+    model = subparsers.add_parser("model", help="what a model knows: show, compare, check")
+    kinds = model.add_subparsers(dest="what", required=True, metavar="show|diff|check")
+    for name, files, text in (
+        ("show", 1, "parts, views and nodes"),
+        ("diff", 2, "what the second model has that the first has not, and the other way round"),
+        ("check", 1, "whether the file is sound, and which parts could be confused"),
+    ):
+        kind = kinds.add_parser(name, help=text)
+        kind.add_argument("files", type=Path, nargs=files, metavar="MODEL")
+        kind.add_argument("--json", action="store_true", help="for machines")
+        kind.set_defaults(run=_guarded(_model))
+
+
+def _register_recognise(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    recognise = subparsers.add_parser("recognise", help="name and locate parts in stored stereo pairs")
+    recognise.add_argument("--calibration", type=Path, required=True, metavar="FILE")
+    recognise.add_argument("--model", type=Path, required=True, metavar="FILE")
+    recognise.add_argument("--json", action="store_true", help="one JSON object a line (it is so anyway)")
+    recognise.add_argument("--draw", type=Path, metavar="PNG", help="draw what was seen; with several pairs PNG-<name>")
+    recognise.add_argument("pairs", nargs="+", metavar="DIR", help="a folder with left.png and right.png")
+    recognise.set_defaults(run=_guarded(_recognise))
+
+
+def _guarded(run: Callable[[argparse.Namespace], int]) -> Callable[[argparse.Namespace], int]:
+    """Every unusable argument or file becomes one line on stderr and status 2."""
+
+    def guarded(args: argparse.Namespace) -> int:
+        from daemon.store.model import ModelError
+        from daemon.vision.image import VisionError
+        from daemon.vision.model import TeachError
+
+        try:
+            return run(args)
+        except (OfflineError, ConfigError, ModelError, VisionError, TeachError) as error:
+            print(f"facetctl {args.command}: {error}", file=sys.stderr)
+            return UNUSABLE
+
+    return guarded
+
+
+def _recognise(args: argparse.Namespace) -> int:
+    """One JSON line a pair; pairs that cannot be used are named on stderr and the others still done."""
+    from time import perf_counter
+
+    from daemon.calibration.file import load_calibration
+    from daemon.store.model import load
+    from daemon.vision.image import VisionError
+    from daemon.vision.look import look
+    from daemon.vision.report import scene_json
+
+    calibration, model = load_calibration(args.calibration), load(args.model)
+    status = DONE
+    for name in args.pairs:
+        try:
+            left, right = _pair(Path(name))
+            scene = look(left, right, calibration.rig, model, clock=perf_counter)
+            print(json.dumps({"pair": name, **scene_json(scene)}), flush=True)
+            if args.draw:
+                _draw(_drawing_path(args.draw, name, len(args.pairs)), left, right, scene)
+        except (OfflineError, VisionError) as error:
+            print(f"facetctl {args.command}: {name}: {error}", file=sys.stderr)
+            status = UNUSABLE
+    return status
+
+
+def _pair(folder: Path) -> tuple[Any, Any]:
+    return _image(folder / "left.png"), _image(folder / "right.png")
+
+
+def _image(path: Path) -> Any:
+    import cv2
+    import numpy as np
+
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise OfflineError(f"{path}: cannot be read: {error.strerror}") from None
+    image = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED) if content else None
+    if image is None:
+        raise OfflineError(f"{path}: not an image that can be decoded, or cut short")
+    return image
+
+
+def _drawing_path(path: Path, pair: str, count: int) -> Path:
+    return path if count == 1 else path.with_name(f"{path.stem}-{Path(pair).resolve().name}{path.suffix}")
+
+
+def _draw(path: Path, left: Any, right: Any, scene: Scene) -> None:
+    import cv2
+
+    from daemon.store.files import write_atomically
+    from daemon.vision.draw import draw_scene
+
+    picture = draw_scene(left, right, scene)
+    try:
+        write_atomically(path, cv2.imencode(".png", picture)[1].tobytes())
+    except OSError as error:
+        raise OfflineError(f"{path}: cannot be written: {error.strerror}") from None
+
+
+def _train(args: argparse.Namespace) -> int:
+    """Learn every view in the order of the file; a view that cannot be learnt ends the training."""
+    from daemon.calibration.file import load_calibration
+    from daemon.store.library import FACETS, PARTS, load_facets, load_parts
+    from daemon.store.model import save
+    from daemon.vision.image import VisionError
+    from daemon.vision.model import TeachError, empty_model
+
+    calibration = load_calibration(args.calibration)
+    model = empty_model(load_facets(args.facets or FACETS))
+    parts = load_parts(args.parts or PARTS) if args.parts or PARTS.exists() else {}
+    document = read(args.views)
+    views = document.convert(list[_View])
+    if not views:
+        raise document.error((), "expected at least one view, found an empty list")
+    for index, view in enumerate(views):
+        try:
+            model = _taught(model, view, args.views.parent, calibration)
+        except (OfflineError, TeachError, VisionError) as error:
+            raise OfflineError(str(document.error((index,), f"{view.label}: {error}"))) from None
+    codes = {label: parts[label].code for label in model.labels} if set(model.labels) <= set(parts) else None
+    save(model, args.out, trained=datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"), codes=codes)
+    print(f"{args.out}: {len(model.labels)} parts from {len(model.views)} views, {len(model.node_labels)} nodes")
+    return DONE
+
+
+def _taught(model: Model, view: _View, base: Path, calibration: Calibration) -> Model:
+    from daemon.vision.facets import find_facets
+    from daemon.vision.model import TeachError, learn_view
+
+    left, right = (_found(base, name) for name in (view.left, view.right))
+    seen = find_facets(_image(left), _image(right), calibration.rig)
+    if not seen.groups:
+        raise TeachError("no facet was found in both images")
+    largest = max(seen.groups, key=lambda g: (len(g.facets), sum(len(f.corners_mm) for f in g.facets)))
+    if sum(len(g.facets) == len(largest.facets) for g in seen.groups) > 1:
+        raise TeachError("more than one part is in view; show one alone")
+    return learn_view(model, largest, view.label, source=str(left))
+
+
+def _found(base: Path, name: str) -> Path:
+    """A picture named in a list of views: beside the list, or from where the command was given."""
+    return base / name if (base / name).exists() else Path(name)
+
+
+def _model(args: argparse.Namespace) -> int:
+    from daemon.jobs.modelview import check, compare, describe
+    from daemon.store.model import load_file
+
+    files = [load_file(path) for path in args.files]
+    if args.what == "show":
+        told = describe(files[0])
+    elif args.what == "diff":
+        told = compare(files[0], files[1])
+    else:
+        told = check(files[0])
+    print(json.dumps(told.data) if args.json else told.text)
+    return DONE

@@ -1,0 +1,289 @@
+"""A known part's edges laid onto both images: its pose from grey levels, where facets alone are not told apart.
+
+Two faces in the same light melt into one outline, and no facet is found; whoever knows the part and about where it
+lies knows which edges each eye should see, and measures those. Pure: images, a shape and a near pose in, a pose out.
+Naming is not done here, and what to make of a part that is not there is the cycle's business.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from daemon import frames
+from daemon.pick.tracking import Fit, Shape
+from daemon.vision.epipolar import Baseline, Eye, baseline
+from daemon.vision.image import Noise, measure_noise
+from daemon.vision.rig import StereoRig
+from daemon.vision.sides import find_sides, fit_sides, probe_sides
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+SHAPE_MM = 0.25
+"""How well a taught edge is known, at its ends and across it."""
+THIN_PX = (-3.0, 6.0)
+"""A facet this thin in the image (negative: just turned away) has edges that may be taken for one another."""
+ROOM_PX, LEAST_LENGTH_PX = 6.0, 12.0
+SMOOTHING_PX = 1.0
+ROUGHLY = (1.0, 0.4)
+"""Shares of the reach within which edges are searched for, round by round."""
+MOST_ROUNDS, SMALL_MM = 5, 0.3
+"""How often edges are measured anew, and a motion after which that would change nothing more."""
+SEARCH_DEG = 3.0
+LEAST_EVIDENCE, LEAST_SUPPORT = 6.0, 0.5
+TUKEY = 5.6
+LEAST_SHARE = 0.75
+"""Of the length of the outline that an eye should see, what it must show on its place."""
+ON_PLACE = 2.0
+"""An edge is on its place within so many times what the shape leaves open."""
+SAFE_CONDITION = 1e7
+SCALE = np.array([1.0, 1.0, 1.0, 0.03, 0.03, 0.03])
+"""Turns are weighed at a lever of some 30 mm, so that mm and rad compare."""
+STEPS = np.array([0.1, 0.1, 0.1, 1e-3, 1e-3, 1e-3])
+
+
+@dataclass(frozen=True, eq=False)
+class Eyed:
+    """One eye's image made ready: grey levels as they are, and smoothed with a noise of one everywhere."""
+
+    eye: Eye
+    right: bool
+    grey: NDArray[np.float32]
+    smooth: NDArray[np.float32]
+    noise: Noise
+
+
+@dataclass(frozen=True, eq=False)
+class Eyes:
+    """Both eyes of one look."""
+
+    geometry: Baseline
+    both: tuple[Eyed, Eyed]
+
+
+@dataclass(frozen=True, eq=False)
+class _Edges:
+    """Edges one eye should see with the part at a pose: start, end (E, 2) px; jacobian (E, 2, 6), how far each end
+    moves across its edge with the pose; outline (E,): which belong to one facing facet only, and show in any light;
+    doubt_px: what the shape leaves open there."""
+
+    start: Array
+    end: Array
+    jacobian: Array
+    outline: Flags
+    doubt_px: float
+
+    def off(self, start: Array, end: Array) -> Array:
+        """(E, 2) px how far ends found (E, 2) are from their places, across their edges."""
+        across = _across(self.start, self.end)
+        return np.stack([((start - self.start) * across).sum(1), ((end - self.end) * across).sum(1)], 1)
+
+
+@dataclass(frozen=True, eq=False)
+class _Reading:
+    """Edges as found: off (E, 2) px from their places, weight (E, 2, 2), and which of them (E,) are there at all."""
+
+    edges: _Edges
+    off: Array
+    weight: Array
+    there: Flags
+
+
+def open_eyes(left: NDArray[np.uint8], right: NDArray[np.uint8], rig: StereoRig) -> Eyes:
+    """Make a stereo pair, (H, W) each, ready."""
+    geometry = _geometry(rig)
+    return Eyes(geometry, (_eyed(geometry, left, False), _eyed(geometry, right, True)))
+
+
+@lru_cache(maxsize=4)
+def _geometry(rig: StereoRig) -> Baseline:
+    return baseline(rig)
+
+
+def _eyed(geometry: Baseline, image: NDArray[np.uint8], right: bool) -> Eyed:
+    noise = measure_noise(image)
+    smooth = np.asarray(cv2.GaussianBlur(noise.stretch[image], (0, 0), SMOOTHING_PX), np.float32)
+    return Eyed(geometry.right if right else geometry.left, right, image.astype(np.float32), smooth, noise)
+
+
+def fit_edges(shape: Shape, eyes: Eyes, near: Array, reach_mm: float = 5.0) -> Fit | None:
+    """The pose (cyclopean_from_part) within some reach_mm of `near` at which the part's edges lie on the images' edges.
+
+    None where an eye shows too few of the edges it should see, or they leave the pose open. Fit.matched counts edges.
+    Source: edges searched for across their expected places, the pose by Gauss-Newton on their ends with Tukey's weights
+    (as Harris's RAPiD does point by point), then on sub-pixel lines until it moves no more.
+    """
+    pose = near
+    for share in ROUGHLY:
+        rough = [_searched(_edges(shape, eyes, one, pose), one, reach_mm * share) for one in eyes.both]
+        pose = frames.perturb(pose, _solved(rough, reach_mm)[0])
+    for _ in range(MOST_ROUNDS):
+        fine = [_measured(_edges(shape, eyes, one, pose), one) for one in eyes.both]
+        motion = _solved(fine, reach_mm)[0]
+        if float(np.linalg.norm(motion / SCALE)) < SMALL_MM:
+            return _judged(pose, fine, reach_mm)
+        pose = frames.perturb(pose, motion)
+    return _judged(pose, [_measured(_edges(shape, eyes, one, pose), one) for one in eyes.both], reach_mm)
+
+
+def shown(shape: Shape, eyes: Eyes, pose: Array, reach_mm: float) -> float:
+    """Share of the outline of a part at cyclopean_from_part (4, 4) near which both eyes have edges, within reach_mm;
+    0 where an eye does not have it in view. Cheaper than a fit, and for what is only partly in view."""
+    shares = []
+    for one in eyes.both:
+        edges = _edges(shape, eyes, one, pose)
+        length = np.linalg.norm(edges.end - edges.start, axis=1) * edges.outline
+        there = _searched(edges, one, reach_mm).there
+        shares.append(float(length[there].sum()) / float(length.sum()) if length.sum() > 0 else 0.0)
+    return min(shares)
+
+
+def facing(shape: Shape, eyes: Eyes, pose: Array) -> int:
+    """How many facets of a part at cyclopean_from_part (4, 4) both eyes see, none of them edge-on."""
+    points = eyes.geometry.project(frames.apply(pose, shape.corners_mm))
+    px = [one.eye.pixels(points[int(one.right)]) for one in eyes.both]
+    return sum(all(_thickness(seen[ring]) >= THIN_PX[1] for seen in px) for ring in shape.facets)
+
+
+def _searched(edges: _Edges, one: Eyed, reach_mm: float) -> _Reading:
+    """The strongest straight gradient within the reach of each edge."""
+    count = len(edges.start)
+    if not count:
+        return _nothing(edges)
+    reach_px = float(np.clip(reach_mm * edges.doubt_px / SHAPE_MM, 2.0, 24.0))
+    ends = find_sides(one.smooth, edges.start, edges.end, reach_px, np.zeros(count), np.full(count, reach_px / 2))
+    strength, seen = probe_sides(one.smooth, *ends, SMOOTHING_PX)
+    there = (np.abs(strength) > LEAST_EVIDENCE) & (seen > LEAST_SUPPORT)
+    weight = np.eye(2) / max(1.0, reach_px / 6) ** 2
+    return _Reading(edges, edges.off(*ends), np.tile(weight, (count, 1, 1)), there)
+
+
+def _measured(edges: _Edges, one: Eyed) -> _Reading:
+    """Each edge's sub-pixel line."""
+    if not len(edges.start):
+        return _nothing(edges)
+    sides = fit_sides(one.grey, one.noise, edges.start, edges.end, one.eye)
+    weight = np.asarray(np.linalg.inv(sides.covariance + edges.doubt_px**2 * np.eye(2)))
+    there = (sides.evidence > LEAST_EVIDENCE) & (sides.support > LEAST_SUPPORT)
+    return _Reading(edges, edges.off(sides.start, sides.end), weight, there)
+
+
+def _nothing(edges: _Edges) -> _Reading:
+    return _Reading(edges, np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(0, bool))
+
+
+def _solved(readings: Sequence[_Reading], reach_mm: float) -> tuple[Array, Array, float]:
+    """The motion (6,) that brings the pose onto the edges, not much more than the reach; the information (6, 6) of the
+    edges that agree; and how much worse these fit than they should (chi-square a degree of freedom, 1 at least)."""
+    off, jacobian, weight = (
+        np.concatenate(rows) for rows in zip(*((r.off, r.edges.jacobian, r.weight) for r in readings), strict=True)
+    )
+    there = np.concatenate([r.there for r in readings]).astype(float)
+    prior = np.diag(([reach_mm**-2] * 3) + [np.radians(SEARCH_DEG) ** -2] * 3)
+    trust, motion, information, chi2 = there, np.zeros(6), np.zeros((6, 6)), 0.0
+    for _ in range(5):
+        weighed = weight * trust[:, None, None]
+        information = np.einsum("eai,eab,ebj->ij", jacobian, weighed, jacobian)
+        motion = np.linalg.solve(information + prior, np.einsum("eai,eab,eb->i", jacobian, weighed, off))
+        left = off - jacobian @ motion
+        miss = np.einsum("ei,eij,ej->e", left, weight, left)
+        chi2 = float(miss @ trust) / max(2.0 * float(trust.sum()) - 6.0, 1.0)
+        trust = there * np.maximum(1 - miss / TUKEY**2, 0.0) ** 2
+    return motion, information, max(chi2, 1.0)
+
+
+def _judged(pose: Array, readings: Sequence[_Reading], reach_mm: float) -> Fit | None:
+    """The pose moved a last time, with its covariance, if the images bear it out."""
+    on_place = []
+    for reading in readings:
+        edges = reading.edges
+        length = np.linalg.norm(edges.end - edges.start, axis=1) * edges.outline
+        near = np.abs(reading.off).max(axis=1, initial=0.0) < ON_PLACE * max(edges.doubt_px, 0.5)
+        on_place.append(reading.there & near)
+        if not length.size or float(length[on_place[-1]].sum()) < LEAST_SHARE * float(length.sum()):
+            return None
+    motion, information, excess = _solved(readings, reach_mm)
+    if np.linalg.cond(information * np.outer(SCALE, SCALE)) > SAFE_CONDITION:
+        return None
+    kept = np.concatenate(on_place)
+    off_px = np.concatenate([r.off for r in readings])[kept]
+    residual_mm = float(np.sqrt((off_px**2).mean())) / readings[0].edges.doubt_px * SHAPE_MM
+    covariance = np.asarray(np.linalg.inv(information), float) * excess
+    return Fit(frames.perturb(pose, motion), covariance, residual_mm, int(kept.sum()))
+
+
+def _edges(shape: Shape, eyes: Eyes, one: Eyed, pose: Array) -> _Edges:
+    """The edges of the facets that look at this eye, as far as they are inside its image."""
+    moved = [pose, *(frames.perturb(pose, step) for step in np.diag(STEPS))]
+    points = [frames.apply(p, shape.corners_mm) for p in moved]
+    px = one.eye.pixels(eyes.geometry.project(np.concatenate(points))[int(one.right)]).reshape(7, -1, 2)
+    slope = np.moveaxis((px[1:] - px[0]) / STEPS[:, None, None], 0, 2)
+    a, b, outline = _sharp_edges(shape, px[0])
+    first, last = _inside(px[0][a], px[0][b], one.grey.shape)
+    keep = (last - first) * np.linalg.norm(px[0][b] - px[0][a], axis=1) >= LEAST_LENGTH_PX
+    a, b, first, last = a[keep], b[keep], first[keep, None], last[keep, None]
+    start, way = px[0][a], px[0][b] - px[0][a]
+    across = _across(px[0][a], px[0][b])
+    at_a, at_b = (np.einsum("ei,eij->ej", across, slope[k]) for k in (a, b))
+    jacobian = np.stack([at_a + share * (at_b - at_a) for share in (first, last)], 1)
+    doubt_px = SHAPE_MM * one.eye.focal_px / float(points[0][:, 2].mean())
+    return _Edges(start + first * way, start + last * way, jacobian, outline[keep], doubt_px)
+
+
+def _sharp_edges(shape: Shape, px: Array) -> tuple[NDArray[np.int64], NDArray[np.int64], Flags]:
+    """Indices (E,), (E,) of both ends of each edge of the facets that face an eye, once each, and which belong to one
+    of them only (E,); none of a facet that is seen edge-on. px (N, 2): where the eye sees the shape's corners."""
+    found: dict[frozenset[int], tuple[int, int]] = {}
+    facing: Counter[frozenset[int]] = Counter()
+    doubtful: set[frozenset[int]] = set()
+    for ring in shape.facets:
+        thick_px = _thickness(px[ring])
+        pairs = list(zip(ring.tolist(), np.roll(ring, -1).tolist(), strict=True))
+        edges = [frozenset(pair) for pair in pairs]
+        if THIN_PX[0] < thick_px < THIN_PX[1]:
+            doubtful.update(edges)
+        elif thick_px > 0:
+            facing.update(edges)
+            found.update(zip(edges, pairs, strict=True))
+    kept = [edge for edge in found if edge not in doubtful]
+    ends = np.array([found[edge] for edge in kept], np.int64).reshape(-1, 2)
+    return ends[:, 0], ends[:, 1], np.array([facing[edge] == 1 for edge in kept], bool)
+
+
+def _thickness(ring_px: Array) -> float:
+    """Area by length of a ring (N, 2) px, both halved round: the width of a long one; negative where it is seen from
+    behind (it then runs clockwise)."""
+    x, y = ring_px.T
+    following = np.roll(ring_px, -1, axis=0)
+    twice_area = float(np.sum(x * following[:, 1] - y * following[:, 0]))
+    return -twice_area / float(np.linalg.norm(following - ring_px, axis=1).sum())
+
+
+def _across(start: Array, end: Array) -> Array:
+    """(E, 2) unit vectors across edges start -> end, (E, 2) each."""
+    chord = end - start
+    length = np.maximum(np.linalg.norm(chord, axis=1), 1e-6)
+    return np.asarray(np.stack([chord[:, 1], -chord[:, 0]], 1) / length[:, None])
+
+
+def _inside(start: Array, end: Array, shape: tuple[int, ...]) -> tuple[Array, Array]:
+    """Shares (E,), (E,) of the way start -> end between which each edge is inside an image (Liang and Barsky); the
+    second is not above the first where none of it is."""
+    way = end - start
+    first, last = np.zeros(len(start)), np.ones(len(start))
+    for axis, length in enumerate(shape[::-1]):
+        for sign, limit in ((-1.0, -ROOM_PX), (1.0, length - 1 - ROOM_PX)):
+            speed, room = sign * way[:, axis], limit - sign * start[:, axis]
+            with np.errstate(divide="ignore", invalid="ignore"):
+                at = room / speed
+            first = np.where(speed < -1e-9, np.maximum(first, at), first)
+            last = np.where(speed > 1e-9, np.minimum(last, at), last)
+            last = np.where((np.abs(speed) <= 1e-9) & (room < 0), -1.0, last)
+    return first, last

@@ -1,0 +1,130 @@
+"""etc/facets.yaml and etc/parts.yaml -> the facet library and the parts' names.
+
+In: paths. Out: values that vision takes, or a ConfigError that names file, line and key. What a type means is said in
+daemon/vision/facet_types.py.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from daemon.store.yamlfile import Document, read
+from daemon.vision.facet_types import LARGEST_NUMBER, FacetLibrary, FacetType, Value
+
+HOME = Path(__file__).resolve().parents[2] / "etc"
+FACETS = HOME / "facets.yaml"
+PARTS = HOME / "parts.yaml"
+
+
+class _Tolerance(msgspec.Struct, forbid_unknown_fields=True):
+    angle_deg: float
+    ratio: float
+
+
+class _Facet(msgspec.Struct, forbid_unknown_fields=True):
+    name: str
+    type_number: float
+    angles_deg: list[float | str]
+    side_ratios: list[float | str]
+
+
+class _Facets(msgspec.Struct, forbid_unknown_fields=True):
+    version: int
+    tolerance: _Tolerance
+    facets: list[_Facet]
+
+
+class Grasp(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
+    """Where and how a person says a part is best taken; lengths in mm."""
+
+    width_mm: float | None = None
+    along: str | None = None
+
+
+class PartEntry(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
+    """One named part: what to call it to people, its ART-b code, hints for the gripper."""
+
+    name: str
+    code: str
+    grasp: Grasp = Grasp()
+
+
+class _Parts(msgspec.Struct, forbid_unknown_fields=True):
+    version: int
+    parts: dict[str, PartEntry]
+
+
+def load_facets(path: Path = FACETS) -> FacetLibrary:
+    """Read and check facets.yaml. Raises ConfigError."""
+    document = read(path)
+    file = document.convert(_Facets)
+    if file.version != 1:
+        raise document.error(("version",), f"expected 1, found {file.version}")
+    types = tuple(_facet_type(document, i, f) for i, f in enumerate(file.facets))
+    for key in ("name", "number"):
+        seen = [getattr(t, key) for t in types]
+        for i, value in enumerate(seen):
+            if value in seen[:i]:
+                field = "type_number" if key == "number" else key
+                raise document.error(
+                    ("facets", i, field), f"{value} is already that of {types[seen.index(value)].name}"
+                )
+    return FacetLibrary(types, float(np.deg2rad(file.tolerance.angle_deg)), file.tolerance.ratio)
+
+
+def load_parts(path: Path = PARTS) -> dict[str, PartEntry]:
+    """Read and check parts.yaml: {label: entry}. Raises ConfigError."""
+    document = read(path)
+    file = document.convert(_Parts)
+    if file.version != 1:
+        raise document.error(("version",), f"expected 1, found {file.version}")
+    codes: dict[str, str] = {}
+    for label, entry in file.parts.items():
+        if not entry.code or set(entry.code) - {"0", "1"}:
+            raise document.error(("parts", label, "code"), f"expected zeros and ones, found {entry.code!r}")
+        if entry.code in codes:
+            raise document.error(("parts", label, "code"), f"{entry.code} is already that of {codes[entry.code]}")
+        codes[entry.code] = label
+    return file.parts
+
+
+def library_digest(library: FacetLibrary) -> str:
+    """sha256 over what the library says, the same on every machine."""
+    text = msgspec.json.encode(library_plain(library))
+    return hashlib.sha256(text).hexdigest()
+
+
+def library_plain(library: FacetLibrary) -> dict[str, Any]:
+    """The library as plain JSON values."""
+    return {
+        "angle_tolerance_rad": library.angle_tolerance_rad,
+        "ratio_tolerance": library.ratio_tolerance,
+        "types": [[t.name, t.number, list(t.angles_rad), list(t.ratios)] for t in library.types],
+    }
+
+
+def _facet_type(document: Document, index: int, facet: _Facet) -> FacetType:
+    if len(facet.angles_deg) < 3 or len(facet.angles_deg) != len(facet.side_ratios):
+        raise document.error(
+            ("facets", index, "side_ratios"),
+            f"expected as many as angles and at least 3, found {len(facet.side_ratios)} and {len(facet.angles_deg)}",
+        )
+    if not 0 < facet.type_number < LARGEST_NUMBER:
+        raise document.error(
+            ("facets", index, "type_number"),
+            f"expected more than 0 and less than {LARGEST_NUMBER}, found {facet.type_number}",
+        )
+    for i, ratio in enumerate(facet.side_ratios):
+        if not isinstance(ratio, str) and ratio <= 0:
+            raise document.error(("facets", index, "side_ratios", i), f"expected more than 0, found {ratio}")
+    angles: tuple[Value, ...] = tuple(a if isinstance(a, str) else float(np.deg2rad(a)) for a in facet.angles_deg)
+    known = [a for a in angles if not isinstance(a, str)]
+    if len(known) == len(angles) and abs(sum(known) - np.pi * (len(angles) - 2)) > 0.01:
+        total = 180 * (len(angles) - 2)
+        raise document.error(("facets", index, "angles_deg"), f"expected a sum of {total} for {len(angles)} sides")
+    return FacetType(facet.name, facet.type_number, angles, tuple(facet.side_ratios))

@@ -1,0 +1,60 @@
+"""Where things are when nobody says otherwise: configuration, state, the socket. Paths only; nothing is opened here."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+HOUSE = Path(__file__).resolve().parents[2]
+INSTALLED_CONFIG = Path("/etc/facetd/facetd.yaml")
+INSTALLED_STATE = Path("/var/lib/facetd")
+INSTALLED_RUNTIME = Path("/run/facetd")
+SOCKET_NAME = "facetd.sock"
+
+
+def config_file() -> Path:
+    """$FACETD_CONFIG, else the installed one where there is one, else the checkout's own."""
+    said = os.environ.get("FACETD_CONFIG")
+    if said:
+        return Path(said)
+    return INSTALLED_CONFIG if INSTALLED_CONFIG.exists() else HOUSE / "etc" / "facetd.yaml"
+
+
+def own_folder() -> Path:
+    """What a person's own simulated cell keeps, away from the real one's: nothing taught there is for the real arm."""
+    return Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state") / "facetd"
+
+
+def state_folder(simulated: bool = False) -> Path:
+    """Runs, models and taught views: what systemd says, else the installed place, else var/ of the checkout."""
+    said = os.environ.get("STATE_DIRECTORY")
+    if said:
+        return Path(said.split(":")[0])
+    if not INSTALLED_STATE.is_dir():
+        return HOUSE / "var"
+    return own_folder() if simulated else INSTALLED_STATE
+
+
+def runtime_folder(simulated: bool = False) -> Path:
+    """Where the daemon puts its socket."""
+    said = os.environ.get("RUNTIME_DIRECTORY")
+    if said:
+        return Path(said.split(":")[0])
+    if simulated and INSTALLED_STATE.is_dir():
+        return own_folder()
+    return INSTALLED_RUNTIME if INSTALLED_RUNTIME.is_dir() else HOUSE / "var"
+
+
+def socket_candidates() -> list[Path]:
+    """Where the operator's tool looks for the daemon, first to last."""
+    said = os.environ.get("FACETD_SOCKET")
+    if said:
+        return [Path(said)]
+    other = own_folder() if INSTALLED_STATE.is_dir() else HOUSE / "var"
+    return [INSTALLED_RUNTIME / SOCKET_NAME, other / SOCKET_NAME]
+
+
+def runs_folder(simulated: bool = False) -> Path:
+    """Run folders: $FACETD_RUNS, else runs/ of the state folder."""
+    said = os.environ.get("FACETD_RUNS")
+    return Path(said) if said else state_folder(simulated) / "runs"

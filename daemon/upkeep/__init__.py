@@ -1,0 +1,1 @@
+"""What keeps a service running for years: watching, telling, checking, packing up for a maintainer."""

@@ -1,0 +1,95 @@
+"""Everything a maintainer would ask for, in one file. Reads and packs; nothing leaves the machine.
+
+Configuration, calibration, model state, the newest runs' records (pictures of the newest one only, up to a limit), the
+journal, versions and what the kernel says of the devices.
+"""
+
+from __future__ import annotations
+
+import importlib.metadata
+import io
+import json
+import platform
+import shutil
+import subprocess
+import sys
+import tarfile
+import time
+from collections.abc import Iterator
+from datetime import UTC, datetime
+from pathlib import Path
+
+from daemon.config import Config
+from daemon.store.runs import list_runs
+from daemon.upkeep import doctor
+
+RUNS = 5
+PICTURES_MB = 40
+COMMANDS = {
+    "journal.txt": ["journalctl", "-u", "facetd", "-b", "--no-pager", "-n", "5000"],
+    "unit.txt": ["systemctl", "show", "facetd.service"],
+    "kernel.txt": ["dmesg", "--level=err,warn"],
+    "devices.txt": ["ls", "-lR", "/dev/v4l", "/dev/serial"],
+    "usb.txt": ["lsusb", "-t"],
+}
+
+
+def pack(config: Config, into: Path) -> Path:
+    """Write facetd-<host>-<time>.tar.gz into a folder and give its path. Raises OSError."""
+    into.mkdir(parents=True, exist_ok=True)
+    stem = f"facetd-{platform.node() or 'cell'}-{datetime.now(UTC):%Y%m%dT%H%M%SZ}"
+    path = into / f"{stem}.tar.gz"
+    making = path.with_name(f".{path.name}.part")
+    try:
+        with tarfile.open(making, "w:gz", compresslevel=6) as archive:
+            for name, content in _texts(config):
+                entry = tarfile.TarInfo(f"{stem}/{name}")
+                entry.size, entry.mtime = len(content), int(time.time())
+                archive.addfile(entry, io.BytesIO(content))
+            for name, source in _files(config):
+                archive.add(source, f"{stem}/{name}", recursive=False)
+        making.replace(path)
+    finally:
+        making.unlink(missing_ok=True)
+    return path
+
+
+def _texts(config: Config) -> Iterator[tuple[str, bytes]]:
+    findings = doctor.examine(config, running=True)
+    yield "doctor.txt", "\n".join(finding.line() for finding in findings).encode()
+    versions = {d.name: d.version for d in importlib.metadata.distributions()}
+    about = {"python": sys.version, "machine": platform.platform(), "packages": dict(sorted(versions.items()))}
+    yield "versions.json", json.dumps(about, indent=1).encode()
+    for name, command in COMMANDS.items():
+        if shutil.which(command[0]) is not None:
+            yield name, _said(command)
+
+
+def _said(command: list[str]) -> bytes:
+    try:
+        done = subprocess.run(command, capture_output=True, timeout=10, check=False)
+    except (OSError, subprocess.TimeoutExpired) as error:
+        return f"{command[0]}: {error}".encode()
+    return done.stdout + done.stderr
+
+
+def _files(config: Config) -> Iterator[tuple[str, Path]]:
+    yield "facetd.yaml", config.path
+    for name in ("calibration", "facets", "parts"):
+        source = config.file(getattr(config.said.files, name))
+        if source.is_file():
+            yield f"{name}.yaml", source
+    state = config.state / "models" / "state.json"
+    if state.is_file():
+        yield "models/state.json", state
+    runs = list_runs(config.runs)[-RUNS:]
+    for run in runs:
+        for source in (run / "run.jsonl", run / "wire.jsonl", *sorted((run / "kept").glob("*"))):
+            if source.is_file():
+                yield f"runs/{run.name}/{source.relative_to(run)}", source
+    budget = PICTURES_MB * 1_000_000
+    for picture in sorted(runs[-1].glob("images/*.png"), reverse=True) if runs else ():
+        budget -= picture.stat().st_size
+        if budget < 0:
+            return
+        yield f"runs/{runs[-1].name}/images/{picture.name}", picture

@@ -1,0 +1,216 @@
+"""What an installation needs, checked one thing at a time, each with what to do about it. Reads only; moves nothing.
+
+Works beside a running daemon (which holds the devices) and without one.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import stat
+import subprocess
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Literal
+
+from daemon import cell
+from daemon.calibration.file import Calibration, load_calibration
+from daemon.cell import Hardware
+from daemon.config import Config
+from daemon.store.library import load_facets, load_parts
+from daemon.store.model import ModelError
+from daemon.store.runs import list_runs
+from daemon.store.shelf import Shelf, ShelfError
+from daemon.store.yamlfile import ConfigError
+
+Level = Literal["good", "note", "bad"]
+GOOD_REPROJECTION_PX = 0.5
+GOOD_EPIPOLAR_PX = 0.5
+EARLIEST_YEAR = 2024
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing looked at: how it is, and what to do where it is not good."""
+
+    level: Level
+    what: str
+    found: str
+    mend: str = ""
+
+    def line(self) -> str:
+        """For a terminal."""
+        sign = {"good": "ok  ", "note": "note", "bad": "BAD "}[self.level]
+        return f"{sign} {self.what}: {self.found}" + (f". {self.mend}" if self.mend else "")
+
+
+def examine(config: Config, running: bool) -> list[Finding]:
+    """Every check that needs no daemon. running: a daemon holds the devices, so they are not tried."""
+    findings: list[Finding] = []
+    for check in CHECKS:
+        try:
+            findings += check(config, running)
+        except (ConfigError, ModelError, ShelfError, OSError) as error:
+            findings.append(Finding("bad", check.__name__.removeprefix("_").replace("_", " "), str(error)))
+    return findings
+
+
+def from_service(hardware: Hardware, troubles: Mapping[str, str]) -> list[Finding]:
+    """What only the running daemon knows."""
+    now = hardware.clock()
+    findings = [Finding("good", "cameras", hardware.eyes.describe())]
+    heard = hardware.robot.heard_s
+    if heard is not None:
+        findings.append(Finding("good", "controller", f"answered {now - heard:.0f} s ago at {hardware.where}"))
+    findings += [Finding("bad", source, text) for source, text in troubles.items()]
+    return findings
+
+
+def _configuration(config: Config, _: bool) -> Iterator[Finding]:
+    cell.check(config)
+    load_facets(config.file(config.said.files.facets))
+    load_parts(config.file(config.said.files.parts))
+    yield Finding("good", "configuration", f"{config.path} ({config.kind} cell)")
+
+
+def _calibration(config: Config, _: bool) -> Iterator[Finding]:
+    calibration = load_calibration(config.calibration)
+    quality = calibration.quality
+    yield _calibration_age(config, calibration)
+    for name, value, good in (
+        ("reprojection", quality.reprojection_px, GOOD_REPROJECTION_PX),
+        ("epipolar", quality.epipolar_px, GOOD_EPIPOLAR_PX),
+    ):
+        if value is not None and value > good:
+            yield Finding("bad", "calibration", f"{name} error {value:.2f} px, more than {good}", "Calibrate again")
+    if calibration.tool_from_cyclopean is None:
+        mend = "Run `facetctl calibrate hand-eye`; until then nothing moves"
+        yield Finding("bad", "calibration", f"{config.calibration} has no hand_eye", mend)
+
+
+def _calibration_age(config: Config, calibration: Calibration) -> Finding:
+    made = calibration.quality.made
+    if made is None:
+        return Finding("note", "calibration", f"{config.calibration} does not say when it was made")
+    made = made if made.tzinfo else made.replace(tzinfo=UTC)
+    days = (datetime.now(UTC) - made).total_seconds() / 86400
+    if days > config.said.health.calibration_days:
+        return Finding("note", "calibration", f"{days:.0f} days old", "Verify it: `facetctl calibrate verify`")
+    return Finding("good", "calibration", f"{config.calibration}, {max(days, 0):.0f} days old")
+
+
+def _model(config: Config, _: bool) -> Iterator[Finding]:
+    shelf = Shelf(config.state)
+    if shelf.current is None:
+        yield Finding("note", "model", "nothing was taught and accepted yet", "`teach LABEL`, `train`, `accept`")
+    else:
+        labels = ", ".join(shelf.load(shelf.current).labels)
+        yield Finding("good", "model", f"version {shelf.current} knows {labels}")
+
+
+def _cameras(config: Config, running: bool) -> Iterator[Finding]:
+    if config.kind != "real":
+        return
+    settings = cell.camera_settings(config)
+    for eye in (settings.left, settings.right):
+        yield from _device(f"camera {eye}", eye, "video", running) if eye.startswith("/") else ()
+
+
+def _controller_port(config: Config, running: bool) -> Iterator[Finding]:
+    if config.kind == "real":
+        yield from _device("controller port", config.said.arm.port, "dialout", running)
+
+
+def _console_port(config: Config, running: bool) -> Iterator[Finding]:
+    tty = config.said.console.tty
+    if tty is not None:
+        yield from _device("console port", tty.device, "dialout", running)
+
+
+def _device(what: str, path: str, group: str, running: bool) -> Iterator[Finding]:
+    """Whether a device is there, is a device, may be used, and is free."""
+    try:
+        mode = os.stat(path).st_mode
+    except OSError as error:
+        mend = "Is it plugged in? Do the udev rules (deploy/60-facetd.rules) name it?"
+        yield Finding("bad", what, f"{path}: {error.strerror}", mend)
+        return
+    if not stat.S_ISCHR(mode):
+        yield Finding("bad", what, f"{path} is not a device", "Name the device in facetd.yaml")
+    elif not os.access(path, os.R_OK | os.W_OK):
+        yield Finding("bad", what, f"{path}: no permission", f"Put the daemon's user into the group {group}")
+    elif not running and (holders := _holders(path)):
+        yield Finding("bad", what, f"{path} is in use by {', '.join(holders)}", "Stop that program")
+    else:
+        yield Finding("good", what, path)
+
+
+def _holders(path: str) -> list[str]:
+    """Programs that have a device open, as far as this user may see."""
+    target, found = os.path.realpath(path), []
+    for process in Path("/proc").glob("[0-9]*"):
+        try:
+            if any(os.readlink(handle) == target for handle in (process / "fd").iterdir()):
+                found.append(f"{(process / 'comm').read_text().strip()} ({process.name})")
+        except OSError:
+            continue
+    return found
+
+
+def _disk(config: Config, _: bool) -> Iterator[Finding]:
+    folder = next(p for p in (config.state, *config.state.parents) if p.exists())
+    free_mb = shutil.disk_usage(folder).free / 1e6
+    runs = list_runs(config.runs)
+    if not os.access(folder, os.W_OK):
+        yield Finding("bad", "disk", f"{folder} cannot be written", "The daemon's user must own it")
+    elif free_mb < config.said.log.keep_free_mb:
+        mend = "Free some space; old runs go by themselves (log.quota_mb)"
+        yield Finding("bad", "disk", f"{free_mb:.0f} MB free in {folder}", mend)
+    else:
+        yield Finding("good", "disk", f"{free_mb:.0f} MB free, {len(runs)} runs kept in {config.runs}")
+
+
+def _clock(config: Config, _: bool) -> Iterator[Finding]:
+    year = datetime.now(UTC).year
+    newest = max((run.stat().st_mtime for run in list_runs(config.runs)), default=0.0)
+    if year < EARLIEST_YEAR or newest > time.time() + 60:
+        found = f"the clock says {datetime.now(UTC):%Y-%m-%d %H:%M} UTC, which cannot be"
+        yield Finding(
+            "bad", "clock", found, "Set it, or let systemd-timesyncd set it; the run log's times depend on it"
+        )
+    else:
+        yield Finding("good", "clock", f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC")
+
+
+def _unit(_: Config, __: bool) -> Iterator[Finding]:
+    if not Path("/run/systemd/system").is_dir() or shutil.which("systemctl") is None:
+        yield Finding("note", "unit", "this machine does not run systemd; the daemon is started by hand")
+        return
+    asked = subprocess.run(
+        ["systemctl", "show", "facetd.service", "-p", "LoadState,ActiveState,UnitFileState,NRestarts"],
+        capture_output=True, text=True, timeout=5, check=False,
+    )  # fmt: skip
+    said = dict(line.split("=", 1) for line in asked.stdout.splitlines() if "=" in line)
+    if said.get("LoadState") != "loaded":
+        yield Finding("note", "unit", "facetd.service is not installed", "deploy/install.sh install")
+    else:
+        restarts = said.get("NRestarts", "0")
+        level: Level = "bad" if said.get("ActiveState") == "failed" or restarts not in ("", "0") else "good"
+        found = f"{said.get('ActiveState')}, {said.get('UnitFileState')}, restarted {restarts} times"
+        yield Finding(level, "unit", found, "" if level == "good" else "journalctl -u facetd -b")
+
+
+CHECKS: tuple[Callable[[Config, bool], Iterator[Finding]], ...] = (
+    _configuration,
+    _calibration,
+    _model,
+    _cameras,
+    _controller_port,
+    _console_port,
+    _disk,
+    _clock,
+    _unit,
+)

@@ -1,0 +1,173 @@
+"""Watching while nothing else does: are the devices alive, the disk within its quota, the clock sane.
+
+The systemd watchdog is fed only while the main loop turns and every device's check came to an end lately, be it with
+an error that is told: a hanging driver starves it, a pulled cable does not (restarting would not plug it in again).
+"""
+
+from __future__ import annotations
+
+import asyncio
+import shutil
+import time
+
+from daemon.cell import EXPECTED_ERRORS
+from daemon.desk import Desk
+from daemon.store.runs import enforce_quota, folder_bytes
+from daemon.upkeep import journal
+
+TICK_S = 0.5
+REOPEN_S = 5.0
+QUOTA_S = 60.0
+CLOCK_JUMP_S = 2.0
+CHECK_LIMIT_S = 20.0
+
+
+class Watch:
+    """Runs beside everything else. Never moves the arm, except to stop it."""
+
+    def __init__(self, desk: Desk) -> None:
+        self._desk = desk
+        self._offset_s = time.time() - time.monotonic()
+        self._fed_s = 0.0
+        self._quota_s = time.monotonic() + 5.0
+        self._checks: dict[str, asyncio.Task[None]] = {}
+        self._begun_s: dict[str, float] = {}
+        self._ended_s = {"cameras": time.monotonic(), "controller": time.monotonic()}
+
+    async def run(self) -> None:
+        """Tick until cancelled."""
+        try:
+            while True:
+                self._tick()
+                await asyncio.sleep(TICK_S)
+        finally:
+            for task in self._checks.values():
+                task.cancel()
+
+    def status_line(self) -> str:
+        """One line for `systemctl status`."""
+        state = self._desk.cycle.status()
+        troubles = "; ".join(self._desk.troubles.standing.values())
+        doing = f"FAULT {state['fault']}" if state["fault"] else f"{state['doing'] or 'idle'} ({state['state']})"
+        return f"{doing}; {state['picked']} picked, {state['failed']} failed" + (f"; {troubles}" if troubles else "")
+
+    def _tick(self) -> None:
+        now = time.monotonic()
+        health = self._desk.config.said.health
+        busy = self._desk.cycle.status()["doing"] is not None
+        if self._may_ask("cameras", busy, health.camera_silence_s):
+            self._start("cameras", self._check_cameras, now, health.camera_silence_s / 2)
+        if self._may_ask("controller", busy, health.arm_check_s):
+            self._start("controller", self._check_controller, now, health.arm_check_s)
+        if now >= self._quota_s:
+            self._quota_s = now + QUOTA_S
+            self._start("quota", self._keep_quota, now, 0.0)
+        if self._desk.cycle.status()["fault"] is None:
+            self._desk.troubles.tell("restart", None)
+        self._check_clock()
+        self._check_memory_of_motion(busy)
+        self._feed(now, busy)
+
+    def _may_ask(self, device: str, busy: bool, quiet_s: float) -> bool:
+        """Whether a device is to be asked: always when idle; while the cycle works only when it has not for so long
+        (it waits for an operator's yes, for the end of a pause, for parts)."""
+        hardware = self._desk.hardware
+        heard_s = (hardware.eyes if device == "cameras" else hardware.robot).heard_s
+        return not busy or (heard_s is not None and hardware.clock() - heard_s > quiet_s)
+
+    def _start(self, name: str, check: object, now: float, every_s: float) -> None:
+        running = self._checks.get(name)
+        if (running is not None and not running.done()) or now < self._begun_s.get(name, -1e9) + every_s:
+            return
+        self._begun_s[name] = now
+        self._checks[name] = asyncio.create_task(check(), name=f"check {name}")  # type: ignore[operator]
+
+    async def _check_cameras(self) -> None:
+        desk = self._desk
+        eyes, limit_s = desk.hardware.eyes, desk.config.said.health.camera_silence_s
+        try:
+            await eyes.grab(desk.hardware.clock() - limit_s, limit_s / 2)
+            desk.troubles.tell("cameras", None)
+        except EXPECTED_ERRORS as error:
+            await self._lost("cameras", str(error))
+        self._ended_s["cameras"] = time.monotonic()
+
+    async def _check_controller(self) -> None:
+        desk, robot = self._desk, self._desk.hardware.robot
+        try:
+            if robot.aside:
+                self._ended_s["controller"] = time.monotonic()
+                return
+            if "controller" in desk.troubles.standing:
+                await robot.close()
+                await robot.open()
+            if robot.question is not None:
+                desk.troubles.tell("controller", f"the controller asks `{robot.question}`: say `robot power-up`")
+            else:
+                await robot.check()
+                desk.troubles.tell("controller", None)
+        except EXPECTED_ERRORS as error:
+            self._begun_s["controller"] = time.monotonic() + REOPEN_S - desk.config.said.health.arm_check_s
+            await self._lost("controller", str(error))
+        self._ended_s["controller"] = time.monotonic()
+
+    async def _lost(self, what: str, text: str) -> None:
+        """Tell of a lost device once; an arm that may move is stopped and stays so until somebody says resume."""
+        desk = self._desk
+        new = what not in desk.troubles.standing
+        desk.troubles.tell(what, f"{what}: {text}")
+        state = desk.cycle.status()
+        if new and state["enabled"] and state["fault"] is None:
+            await desk.cycle.fail(what, text)
+
+    async def _keep_quota(self) -> None:
+        desk, said = self._desk, self._desk.config.said.log
+        runs, current = desk.config.runs, desk.run_log.folder
+        removed = await asyncio.to_thread(
+            enforce_quota, runs, said.quota_mb * 1_000_000, current, said.keep_free_mb * 1_000_000
+        )
+        if removed:
+            journal.tell("trouble", f"quota: removed {', '.join(folder.name for folder in removed)}", journal.NOTICE)
+        free = shutil.disk_usage(runs).free
+        low = (
+            f"disk: {free / 1e6:.0f} MB free below {runs}; looks may soon not be kept"
+            if free < said.keep_free_mb * 1e6
+            else None
+        )
+        desk.troubles.tell("disk", low)
+        size = await asyncio.to_thread(folder_bytes, current)
+        if size > said.roll_mb * 1_000_000:
+            desk.roll_due = True
+            if desk.cycle.status()["doing"] is None:
+                desk.roll_if_due()
+
+    def _check_clock(self) -> None:
+        offset_s = time.time() - time.monotonic()
+        jump_s, self._offset_s = offset_s - self._offset_s, offset_s
+        if abs(jump_s) > CLOCK_JUMP_S:
+            journal.tell("trouble", f"the clock was set by {jump_s:+.1f} s", journal.NOTICE)
+            self._desk.run_log.record("clock", jump_s=round(jump_s, 3))
+
+    def _check_memory_of_motion(self, busy: bool) -> None:
+        """While the cycle works, it is the cycle that talks to the devices: what it hears counts as their life."""
+        if not busy:
+            return
+        hardware, now = self._desk.hardware, self._desk.hardware.clock()
+        for name, heard_s in (("cameras", hardware.eyes.heard_s), ("controller", hardware.robot.heard_s)):
+            if heard_s is not None and now - heard_s < CHECK_LIMIT_S:
+                self._ended_s[name] = time.monotonic()
+
+    def _feed(self, now: float, busy: bool) -> None:
+        every_s = journal.watchdog_s()
+        journal_due = now - self._fed_s >= min(every_s or 10.0, 10.0) / 2
+        if not journal_due:
+            return
+        self._fed_s = now
+        limit_s = CHECK_LIMIT_S + max(
+            self._desk.config.said.health.arm_check_s, self._desk.config.said.health.camera_silence_s
+        )
+        silent = [name for name, ended_s in self._ended_s.items() if now - ended_s > limit_s]
+        if silent:
+            journal.notify(f"STATUS=no sign of life from {', '.join(silent)}")
+            return
+        journal.notify(f"WATCHDOG=1\nSTATUS={self.status_line()}")
