@@ -47,7 +47,8 @@ class Typist:
         self.lines = 0
 
     def typed(self, keys: bytes, send: Callable[[bytes], None]) -> None:
-        """Take some keys and send on what may be sent; other control keys could edit the line past our knowledge."""
+        """Take some keys and send on what may be sent: plain characters and the keys known here. Others could edit the
+        line past our knowledge: a controller may pass over a byte that is no ASCII, and read a motion behind it."""
         for key in (bytes([k]) for k in keys):
             if key in ENDS:
                 self._end_line(send)
@@ -57,7 +58,7 @@ class Typist:
             elif key in RUBOUTS:
                 del self._line[-1:]
                 send(key)
-            elif key >= b" ":
+            elif b" " <= key <= b"~":
                 self._line += key
                 send(key)
 

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from service_fakes import FakeDoor, FakeLog
 
@@ -80,6 +80,7 @@ WORDS = [b"DO MOVE TRANS(400,0,0,0,90,0)", b"DO READY", b"EXECUTE", b"CAL", b"Y"
 
 
 @settings(max_examples=300)
+@example(keys=[b"\x80", b"DO MOVE TRANS(400,0,0,0,90,0)", b"\r"])
 @given(keys=st.lists(st.sampled_from(WORDS) | st.binary(max_size=4), max_size=30))
 def test_whatever_keys_are_pressed_an_arm_that_may_not_move_does_not(keys: list[bytes]) -> None:
     sent, _ = typed(standing(enabled=False), *keys)
