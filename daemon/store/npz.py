@@ -52,6 +52,8 @@ def pack(arrays: Arrays) -> bytes:
 
 def unpack(content: bytes) -> Arrays:
     """The arrays in an archive. Raises ArchiveError; object arrays (pickles) are refused unopened."""
+    if not zipfile.is_zipfile(io.BytesIO(content)):  # numpy would suggest to unpickle it
+        raise ArchiveError("not an archive of arrays, or cut short")
     try:
         with np.load(io.BytesIO(content), allow_pickle=False) as archive:
             if not isinstance(archive, np.lib.npyio.NpzFile):
