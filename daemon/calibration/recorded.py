@@ -6,6 +6,7 @@ import argparse
 import json
 import shutil
 import sys
+from collections import Counter
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from glob import glob
@@ -82,28 +83,32 @@ def read_picture(path: Path) -> Grey:
 def read_pairs(files: Sequence[tuple[Path, Path]], board: Board) -> tuple[list[Pair], dict[str, str], tuple[int, int]]:
     """Find the board in each pair of files: (usable pairs, reason by unusable file, image size).
 
-    Raises BoardError: a file cannot be read, sizes differ, or the board is in no pair.
+    The size is that of most pictures; a pair of another size (a thumbnail that the glob names, too) is left out and
+    named. Raises BoardError: a file cannot be read, or the board is in no pair.
     """
     pairs: list[Pair] = []
     unused: dict[str, str] = {}
-    size: tuple[int, int] | None = None
+    images = {path: read_picture(path) for pair in files for path in pair}
+    sizes = Counter((image.shape[1], image.shape[0]) for image in images.values())
+    size = sizes.most_common(1)[0][0]
     for left, right in files:
-        images = [read_picture(left), read_picture(right)]
-        for path, image in zip((left, right), images, strict=True):
-            found = (image.shape[1], image.shape[0])
-            if size is not None and found != size:
-                raise BoardError(f"{path}: {found[0]}x{found[1]} px, the ones before are {size[0]}x{size[1]}")
-            size = found
+        name = f"{left.name}, {right.name}"
         try:
-            left_sight, right_sight = find_board(images[0], board), find_board(images[1], board)
+            for path in (left, right):
+                _same_size(path, images[path], size)
+            pairs.append(Pair(name, find_board(images[left], board), find_board(images[right], board)))
         except BoardError as error:
-            unused[f"{left.name}, {right.name}"] = str(error)
-            continue
-        pairs.append(Pair(f"{left.name}, {right.name}", left_sight, right_sight))
-    if not pairs or size is None:
+            unused[name] = str(error)
+    if not pairs:
         name, reason = next(iter(unused.items()))
         raise BoardError(f"the board is in no pair of {len(files)}; {name}: {reason}")
     return pairs, unused, size
+
+
+def _same_size(path: Path, image: Grey, size: tuple[int, int]) -> None:
+    height, width = image.shape
+    if (width, height) != size:
+        raise BoardError(f"{path.name} is {width}x{height} px, most are {size[0]}x{size[1]}")
 
 
 def to_calibration(result: StereoResult) -> Calibration:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 from daemon import frames
 from daemon.calibration.board import Board, BoardError, Sight, find_board, parse_board
 from daemon.calibration.least_squares import INTRINSICS, Match, stereo_problem
+from daemon.calibration.recorded import read_pairs
 from daemon.calibration.stereo import Pair, StereoError, calibrate_stereo
 from daemon.vision.rig import Camera, StereoRig
 
@@ -145,3 +147,17 @@ def test_a_mirrored_charuco_board_is_told_as_such() -> None:
 def test_a_malformed_board_size_says_what_was_expected(text: str) -> None:
     with pytest.raises(BoardError, match="expected COLUMNSxROWS"):
         parse_board(text, 10.0)
+
+
+def test_a_picture_of_another_size_is_named_and_left_out(tmp_path: Path) -> None:
+    """A glob that names the pictures names a thumbnail among them, too, and perhaps first."""
+    files = []
+    for number, scale in enumerate((0.5, 1.0, 1.0)):
+        pair = tmp_path / f"left{number}.png", tmp_path / f"right{number}.png"
+        for path in pair:
+            cv2.imwrite(str(path), cv2.resize(drawn_board(), None, fx=scale, fy=scale))
+        files.append(pair)
+    pairs, unused, size = read_pairs(files, BOARD)
+    assert [pair.name for pair in pairs] == ["left1.png, right1.png", "left2.png, right2.png"]
+    assert size == drawn_board().shape[1::-1]
+    assert "most are" in unused["left0.png, right0.png"]
