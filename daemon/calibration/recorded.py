@@ -12,12 +12,11 @@ from datetime import UTC, datetime
 from glob import glob
 from pathlib import Path
 
-import cv2
-import numpy as np
-
 from daemon.calibration.board import Board, BoardError, Grey, find_board, parse_board
 from daemon.calibration.file import Calibration, Quality, load_calibration, save_calibration
 from daemon.calibration.stereo import Pair, StereoError, StereoResult, calibrate_stereo
+from daemon.store.files import plain
+from daemon.store.pictures import PictureError, read_grey
 from daemon.store.yamlfile import ConfigError
 
 
@@ -72,14 +71,6 @@ def _expand(patterns: Sequence[str], option: str) -> list[Path]:
     return files
 
 
-def read_picture(path: Path) -> Grey:
-    """One picture as grey (H, W) uint8. Raises BoardError naming the file."""
-    image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
-    if image is None:
-        raise BoardError(f"{path}: not a picture, or cut short")
-    return np.asarray(image, np.uint8)
-
-
 def read_pairs(files: Sequence[tuple[Path, Path]], board: Board) -> tuple[list[Pair], dict[str, str], tuple[int, int]]:
     """Find the board in each pair of files: (usable pairs, reason by unusable file, image size).
 
@@ -88,7 +79,10 @@ def read_pairs(files: Sequence[tuple[Path, Path]], board: Board) -> tuple[list[P
     """
     pairs: list[Pair] = []
     unused: dict[str, str] = {}
-    images = {path: read_picture(path) for pair in files for path in pair}
+    try:
+        images = {path: read_grey(path) for pair in files for path in pair}
+    except (OSError, PictureError) as error:
+        raise BoardError(plain(error)) from None
     sizes = Counter((image.shape[1], image.shape[0]) for image in images.values())
     size = sizes.most_common(1)[0][0]
     for left, right in files:

@@ -115,17 +115,14 @@ def _pair(folder: Path) -> tuple[Any, Any]:
 
 
 def _image(path: Path) -> Any:
-    import cv2
-    import numpy as np
+    from daemon.store.pictures import PictureError, read_as_stored
 
     try:
-        content = path.read_bytes()
+        return read_as_stored(path)
     except OSError as error:
         raise OfflineError(f"{path}: cannot be read: {error.strerror}") from None
-    image = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED) if content else None
-    if image is None:
-        raise OfflineError(f"{path}: not an image that can be decoded, or cut short")
-    return image
+    except PictureError:
+        raise OfflineError(f"{path}: not an image that can be decoded, or cut short") from None
 
 
 def _drawing_path(path: Path, pair: str, count: int) -> Path:

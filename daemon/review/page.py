@@ -17,6 +17,7 @@ import cv2
 from daemon.review.digest import Digest, digest
 from daemon.review.pagedata import page_data
 from daemon.store.files import write_atomically
+from daemon.store.pictures import read_grey
 from daemon.store.runs import read_run
 
 PICTURE_BUDGET = 24_000_000
@@ -83,9 +84,9 @@ def _pictures(folder: Path, run: Digest) -> tuple[dict[str, str], int]:
             if spent >= PICTURE_BUDGET:
                 left_out += 1
                 continue
-            path = folder / str(name)
-            image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) if path.is_file() else None  # else OpenCV complains
-            if image is None:
+            try:
+                image = read_grey(folder / str(name))
+            except (OSError, ValueError):
                 continue
             content = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1].tobytes()
             chosen[f"{look['seq']}-{eye}"] = "data:image/jpeg;base64," + base64.b64encode(content).decode()

@@ -13,7 +13,6 @@ from statistics import median
 from time import perf_counter
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,6 +20,7 @@ from daemon import frames
 from daemon.calibration.file import load_calibration
 from daemon.review.digest import Digest
 from daemon.store.model import load
+from daemon.store.pictures import read_as_stored
 from daemon.store.runs import Record, RunError
 from daemon.vision.facet_types import FacetLibrary
 from daemon.vision.look import look
@@ -182,11 +182,11 @@ def _table(record: Record) -> Table | None:
 
 def _pictures(folder: Path, record: Record) -> tuple[NDArray[Any], NDArray[Any]] | None:
     names = record.get("images") or {}
-    paths = [folder / str(names.get(eye)) for eye in ("left", "right")]
-    if not all(path.is_file() for path in paths):  # OpenCV would complain
+    try:
+        left, right = (read_as_stored(folder / str(names.get(eye))) for eye in ("left", "right"))
+    except (OSError, ValueError):
         return None
-    left, right = (cv2.imread(str(path), cv2.IMREAD_UNCHANGED) for path in paths)
-    return None if left is None or right is None else (left, right)
+    return left, right
 
 
 def _intact(folder: Path, kept: str) -> Path:

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from daemon.store import model as model_file
 from daemon.store.files import write_atomically
+from daemon.store.pictures import PictureError, read_grey
 from daemon.vision.model import Model
 
 Image = NDArray[np.uint8]
@@ -211,10 +212,8 @@ def _read_note(folder: Path) -> dict[str, Any]:
 
 def _read_image(path: Path) -> Image:
     try:
-        data = np.frombuffer(path.read_bytes(), np.uint8)
+        return read_grey(path)
     except OSError as error:
         raise ShelfError(f"{path}: {error.strerror}") from None
-    image = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE) if data.size else None
-    if image is None:
-        raise ShelfError(f"{path}: not an image; `forget` this view and teach it again")
-    return np.asarray(image, np.uint8)
+    except PictureError:
+        raise ShelfError(f"{path}: not an image; `forget` this view and teach it again") from None

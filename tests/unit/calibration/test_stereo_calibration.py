@@ -161,3 +161,13 @@ def test_a_picture_of_another_size_is_named_and_left_out(tmp_path: Path) -> None
     assert [pair.name for pair in pairs] == ["left1.png, right1.png", "left2.png, right2.png"]
     assert size == drawn_board().shape[1::-1]
     assert "most are" in unused["left0.png, right0.png"]
+
+
+def test_a_picture_that_cannot_be_read_is_named_with_what_is_wrong(tmp_path: Path) -> None:
+    left, right = tmp_path / "left.png", tmp_path / "right.png"
+    cv2.imwrite(str(left), drawn_board())
+    with pytest.raises(BoardError, match=r"right\.png: No such file or directory"):
+        read_pairs([(left, right)], BOARD)
+    right.write_bytes(left.read_bytes()[:-20])
+    with pytest.raises(BoardError, match=r"right\.png: not a picture, or cut short"):
+        read_pairs([(left, right)], BOARD)
