@@ -29,6 +29,7 @@ from daemon.pick.plan import (
 )
 from daemon.pick.proving import Proved, proved
 from daemon.pick.workcell import Array, Workcell
+from daemon.vision.look import outlines
 
 MOST_STALE = 3
 """How often a table is looked at again because looks got old; after that the guard has its say."""
@@ -162,7 +163,7 @@ class Finding:
             await self.travel(view.pose(self.cell.tool_from_cyclopean), f"survey {number}")
             look = await self.look(f"survey {number}")
             self.found = merged(self.found, await self.named(look))
-            self.riddles += bool(look.scene.view.polygons_left and look.scene.view.polygons_right)
+            self.riddles += all(outlines(look.scene.view))
             self.settle_question()
             if any(p.named for p in self.left()):
                 return "seen"

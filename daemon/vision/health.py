@@ -53,7 +53,18 @@ MEASURES = {
         0.0, "same images", True, "both eyes show one image: cameras.left and .right name one device", True
     ),
     "swapped": Measure(
-        0.5, "share of matches", True, "left and right are swapped: exchange cameras.left and .right", True
+        0.5,
+        "share of matches",
+        True,
+        "left and right are swapped: exchange cameras.left and .right (or one was knocked upwards: look)",
+        True,
+    ),
+    "knocked": Measure(
+        3.5,
+        "px",
+        True,
+        "a camera was knocked: it does not stand as calibrated; fasten it, `facetctl calibrate stereo`",
+        True,
     ),
     "epipolar": Measure(0.6, "px", True, "the cameras have moved since calibration: `facetctl calibrate stereo`"),
 }
@@ -83,7 +94,8 @@ def _finding(name: str, eye: str, value: float) -> Finding:
 def examine(pair: Pair, before: Pair | None = None, rig: StereoRig | None = None) -> tuple[Finding, ...]:
     """Every measure that can be taken of a pair of grey images (H, W); what cannot be measured is left out.
 
-    before: the pair grabbed before this one (frozen). rig: finds swapped eyes.
+    before: the pair grabbed before this one (frozen). rig: finds swapped eyes and a camera knocked by much; a small
+    knock is for drift() and for daemon/calibration/drift.py to tell, from measured corners.
     """
     findings: list[Finding] = []
     contrasts = [_contrast(image) for image in pair]
@@ -93,9 +105,11 @@ def examine(pair: Pair, before: Pair | None = None, rig: StereoRig | None = None
     findings.append(_finding("frozen", "pair", float(same)))
     findings.append(_finding("doubled", "pair", float(np.array_equal(*pair))))
     if rig is not None and all(f.good for f in findings):
-        verdict = assignment(*pair, rig)
+        verdict, off_px = assignment(*pair, rig)
         if verdict is not Assignment.UNKNOWN:
             findings.append(_finding("swapped", "pair", float(verdict is Assignment.SWAPPED)))
+        if not np.isnan(off_px):
+            findings.append(_finding("knocked", "pair", off_px))
     return tuple(findings)
 
 

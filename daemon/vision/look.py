@@ -5,6 +5,7 @@ Pure; the clock is an argument. What the steps do is said where they live.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 from typing import Any
 
@@ -75,8 +76,13 @@ def _notes(view: FacetView, parts: tuple[Part, ...], model: Model | None) -> tup
     if model is None or not model.labels:
         return ("nothing was taught yet: every part is unknown",) if parts else ()
     silent = tuple(f"{p.recognition.label}: {p.recognition.reason}" for p in parts if p.recognition.label == UNKNOWN)
-    if not parts and (view.polygons_left or view.polygons_right):
-        return (
-            f"no facet was found in both images ({len(view.polygons_left)} and {len(view.polygons_right)} outlines)",
-        )
+    left, right = outlines(view)
+    if not parts and (left or right):
+        return (f"no facet was found in both images ({left} and {right} outlines)",)
     return silent
+
+
+def outlines(view: FacetView) -> tuple[int, int]:
+    """How many outlines the left and the right eye show, used or refused."""
+    refused = Counter(r.eye for r in view.rejected)
+    return len(view.polygons_left) + refused["left"], len(view.polygons_right) + refused["right"]

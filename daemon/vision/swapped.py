@@ -1,11 +1,14 @@
-"""Are left and right the right way round? Told by where the same points lie in the two images. Pure.
+"""Do the eyes stand as the calibration says, left and right the right way round? Told by where the same points lie in
+the two images. Pure.
 
 Every point of the left image has its partner on its epipolar line in the right one. Swapped eyes put it elsewhere:
-above or below the line by twice what the cameras differ in height and tilt, and behind the cameras or absurdly far.
+above or below the line by twice what the cameras differ in height and tilt, and behind the cameras or absurdly far. A
+camera that was knocked up or down puts it off the line both ways round.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from enum import Enum
 
 import cv2
@@ -21,6 +24,13 @@ LEAST_ALIKE = 0.8
 NEAR_MM, FAR_MM = 80.0, 3000.0
 CLEAR_PX = 1.0
 """How much nearer to the lines one way round must be before it is believed."""
+ALIKE_PX = 1.2
+"""Points this much alike in their distance from the lines are together: a patch is placed to a pixel."""
+LEAST_TOGETHER, MOST_TOGETHER = 0.3, 0.6
+"""Share of the points that must be together on their lines to be believed, and together off them: grain and repeated
+patterns match anywhere."""
+NEAR_ENOUGH = 0.5
+"""Share of the points that must lie at a plausible distance."""
 
 
 class Assignment(Enum):
@@ -28,21 +38,28 @@ class Assignment(Enum):
 
     RIGHT = "right"
     SWAPPED = "swapped"
+    NEITHER = "neither"
     UNKNOWN = "unknown"
 
 
-def assignment(left: NDArray[np.uint8], right: NDArray[np.uint8], rig: StereoRig) -> Assignment:
-    """Compare grey images (H, W) with the rig both ways round. UNKNOWN where there is too little to compare."""
+def assignment(left: NDArray[np.uint8], right: NDArray[np.uint8], rig: StereoRig) -> tuple[Assignment, float]:
+    """Compare grey images (H, W) with the rig both ways round; and how far (px) the points are from their epipolar
+    lines as the rig has them, where RIGHT or NEITHER was told, else nan.
+
+    NEITHER: most points are the same distance off their lines, whichever way round. UNKNOWN: too little to compare.
+    """
+    unknown = Assignment.UNKNOWN, float("nan")
     a, b = matched_points(left, right)
     if len(a) < LEAST_POINTS:
-        return Assignment.UNKNOWN
-    turned = StereoRig(rig.right, rig.left, rig.image_size)
-    (off, plausible), (off_turned, plausible_turned) = (_fit(a, b, way) for way in (rig, turned))
-    if off + CLEAR_PX < off_turned and plausible >= 0.5:
-        return Assignment.RIGHT
-    if off_turned + CLEAR_PX < off and plausible_turned >= 0.5:
-        return Assignment.SWAPPED
-    return Assignment.UNKNOWN
+        return unknown
+    here, turned = _fit(a, b, rig), _fit(a, b, StereoRig(rig.right, rig.left, rig.image_size))
+    if abs(here.off_px - turned.off_px) < CLEAR_PX:
+        return unknown
+    if here.on_line and here.off_px < turned.off_px:
+        return Assignment.RIGHT, here.off_px
+    if turned.on_line and turned.off_px < here.off_px:
+        return Assignment.SWAPPED, float("nan")
+    return (Assignment.NEITHER, here.off_px) if here.together > MOST_TOGETHER else unknown
 
 
 def matched_points(left: NDArray[np.uint8], right: NDArray[np.uint8]) -> tuple[Array, Array]:
@@ -63,19 +80,36 @@ def matched_points(left: NDArray[np.uint8], right: NDArray[np.uint8]) -> tuple[A
     return points[:, :2], points[:, 2:]
 
 
-def _fit(left_px: Array, right_px: Array, rig: StereoRig) -> tuple[float, float]:
-    """Median distance (px) of the points from their epipolar lines, and the share that lies at a plausible distance."""
+@dataclass(frozen=True)
+class _Fit:
+    """off_px: from their epipolar lines, of the largest set of points that agree in it; together: its share of all
+    points; plausible: the share of all points that lies at a plausible distance."""
+
+    off_px: float
+    together: float
+    plausible: float
+
+    @property
+    def on_line(self) -> bool:
+        return self.off_px < ALIKE_PX and self.together > LEAST_TOGETHER and self.plausible > NEAR_ENOUGH
+
+
+def _fit(left_px: Array, right_px: Array, rig: StereoRig) -> _Fit:
+    """Points (N, 2) px each against the rig."""
     ours = np.stack([_rays(camera.normalised(px), camera.cyclopean_from_camera[:3, :3]) for camera, px in
                      ((rig.left, left_px), (rig.right, right_px))])  # fmt: skip
     ends = [camera.cyclopean_from_camera[:3, 3] for camera in (rig.left, rig.right)]
     baseline = ends[1] - ends[0]
     normal = np.cross(ours[0], baseline)
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    off_px = np.abs(np.einsum("ij,ij->i", normal, ours[1])) * float(rig.right.matrix[1, 1])
+    off_px = np.einsum("ij,ij->i", normal, ours[1]) * float(rig.right.matrix[1, 1])
     # t: how far along the left ray the right one passes nearest.
     across = np.einsum("ij,ij->i", ours[0], ours[1])
     t = (ours[0] @ baseline - across * (ours[1] @ baseline)) / np.maximum(1.0 - across**2, 1e-12)
-    return float(np.median(off_px)), float(np.mean((t > NEAR_MM) & (t < FAR_MM)))
+    alike = np.abs(off_px[:, None] - off_px) < ALIKE_PX
+    most = alike[np.argmax(alike.sum(1))]
+    plausible = (t > NEAR_MM) & (t < FAR_MM)
+    return _Fit(abs(float(np.median(off_px[most]))), float(most.mean()), float(plausible.mean()))
 
 
 def _rays(normalised: Array, cyclopean_from_camera: Array) -> Array:

@@ -64,8 +64,8 @@ def alarms() -> None:
         false.update(f.name for f in findings if not f.good)
         for name, harm in planted().items():
             found[name] += any(f.name == name and not f.good for f in examine((harm(left), right)))
-        told["right way round: " + assignment(left, right, rigs[rig]).value] += 1
-        told["swapped: " + assignment(right, left, rigs[rig]).value] += 1
+        told["right way round: " + assignment(left, right, rigs[rig])[0].value] += 1
+        told["swapped: " + assignment(right, left, rigs[rig])[0].value] += 1
         blurs.append(measure_blur(cv2.GaussianBlur(left, (0, 0), 2.0)).least_px)
     print(f"{count} scenes; false alarms: {dict(false) or 'none'}; {1000 * seconds / count:.0f} ms of processor a pair")
     for name in planted():
@@ -79,7 +79,9 @@ def alarms() -> None:
     )
 
 
-WRONG = {f"right way round: {Assignment.SWAPPED.value}", f"swapped: {Assignment.RIGHT.value}"}
+WRONG = {f"right way round: {way.value}" for way in (Assignment.SWAPPED, Assignment.NEITHER)} | {
+    f"swapped: {Assignment.RIGHT.value}"
+}
 
 
 def reading() -> None:

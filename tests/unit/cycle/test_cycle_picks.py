@@ -10,7 +10,7 @@ from cell_fakes import TruthSight, World, build
 from daemon import frames
 from daemon.cycle import HANDLERS, NEXT, TABLE, Cycle, RefusedError, printed_table
 from daemon.pick.plan import Settings
-from daemon.vision.data import Polygon, Recognition
+from daemon.vision.data import Polygon, Recognition, Rejected
 from drivers.simcell import parts
 
 
@@ -98,7 +98,8 @@ def test_an_empty_table_is_told_and_the_arm_goes_home():
     assert np.allclose(world.at[:3, 3], cycle.settings.home.point_mm, atol=1)
 
 
-def test_a_table_with_outlines_that_make_no_facet_is_not_called_empty():
+@pytest.mark.parametrize("used", [True, False])
+def test_a_table_with_outlines_that_make_no_facet_is_not_called_empty(used):
     world = World(np.random.default_rng(0))
     cycle = cycle_of(world)
     see = cycle.sight.see
@@ -107,7 +108,10 @@ def test_a_table_with_outlines_that_make_no_facet_is_not_called_empty():
 
     def outlined(left, right, table=None):
         scene = see(left, right, table)
-        return replace(scene, view=replace(scene.view, polygons_left=(outline,), polygons_right=(outline,)))
+        if used:
+            return replace(scene, view=replace(scene.view, polygons_left=(outline,), polygons_right=(outline,)))
+        alone = tuple(Rejected(corners, eye, "no partner") for eye in ("left", "right"))
+        return replace(scene, view=replace(scene.view, rejected=alone))
 
     cycle.sight.see = outlined
     end = asyncio.run(cycle.pick())

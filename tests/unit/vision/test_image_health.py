@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -155,12 +157,29 @@ def starry(eyes: StereoRig, points: int = 25) -> tuple[Image, Image]:
 
 def test_swapped_eyes_are_found_and_those_the_right_way_round_are_left_in_peace() -> None:
     left, right = starry(rig())
-    assert assignment(left, right, rig()) is Assignment.RIGHT
-    assert assignment(right, left, rig()) is Assignment.SWAPPED
+    assert assignment(left, right, rig())[0] is Assignment.RIGHT
+    assert assignment(right, left, rig())[0] is Assignment.SWAPPED
     assert "swapped" in bad(right, left, rig=rig())
     assert "swapped" not in bad(left, right, rig=rig())
 
 
+@pytest.mark.parametrize("pitch_deg", [-1.0, -0.5, 0.32, 1.0])
+def test_a_camera_knocked_up_or_down_is_told_from_swapped_eyes(pitch_deg: float) -> None:
+    left, right = starry(rig())
+    knocked = knocked_right(rig(), pitch_deg)
+    way, off_px = assignment(left, right, knocked)
+    assert way is Assignment.NEITHER
+    assert off_px == pytest.approx(700 * np.radians(abs(pitch_deg)), abs=1.0)
+    assert bad(left, right, rig=knocked) == {"knocked"}
+
+
+def knocked_right(eyes: StereoRig, pitch_deg: float) -> StereoRig:
+    """What a calibration says from before the right camera was tilted."""
+    pose = eyes.right.cyclopean_from_camera.copy()
+    pose[:3, :3] = pose[:3, :3] @ cv2.Rodrigues(np.array([np.radians(pitch_deg), 0.0, 0.0]))[0]
+    return replace(eyes, right=replace(eyes.right, cyclopean_from_camera=pose))
+
+
 def test_a_picture_with_little_in_it_does_not_tell_which_eye_is_which() -> None:
     plain = np.random.default_rng(2).normal(100, 2, (480, 640)).astype(np.uint8)
-    assert assignment(plain, plain[:, ::-1].copy(), rig()) is Assignment.UNKNOWN
+    assert assignment(plain, plain[:, ::-1].copy(), rig())[0] is Assignment.UNKNOWN
