@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 import sys
 import tempfile
 import threading
@@ -14,6 +13,7 @@ import numpy as np
 
 from daemon.review.page import write_page
 from daemon.runlog import RunLog
+from tests.chromium import chromium
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "review"))
 from made_run import MadeRun, part
@@ -58,14 +58,9 @@ def _keep_busy(path: Path, over: threading.Event) -> None:
 
 def opened_ms(page: Path, times: int = 5) -> np.ndarray | None:
     """(times,) ms from asking for the page to its load event in headless Chromium; None where there is none."""
-    if not (shutil.which("chromium") and shutil.which("chromedriver")):
+    browser = chromium()
+    if browser is None:
         return None
-    from selenium import webdriver
-
-    options = webdriver.ChromeOptions()
-    for flag in ("--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage"):
-        options.add_argument(flag)
-    browser = webdriver.Chrome(options=options, service=webdriver.ChromeService(shutil.which("chromedriver")))
     try:
         found = []
         for _ in range(times):
