@@ -30,8 +30,9 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "cell"))
 
 import simulated_cell
-from simulated_cell import PARTS, Rig
+from simulated_cell import Rig
 
+from daemon.jobs.demo import PARTS
 from drivers.simcell.controller import LineFault, Mishap
 
 MOMENTS = ("survey", "stop_n", "looking", "final", "closing", "retreat", "verify", "place")

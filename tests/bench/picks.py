@@ -29,11 +29,12 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "cell"))
 
 import simulated_cell
-from simulated_cell import PARTS, Rig
+from simulated_cell import Rig
 
 from daemon import frames
 from daemon.approach import Stops
 from daemon.calibration.file import Calibration
+from daemon.jobs.demo import PARTS
 from daemon.pick.plan import Settings, doubt_of
 from daemon.vision.rig import Camera
 

@@ -18,6 +18,7 @@ from daemon import frames
 from daemon.calibration.file import Calibration, load_calibration
 from daemon.config import load_config
 from daemon.cycle import Cycle, CycleEnd
+from daemon.jobs.demo import VIEWS
 from daemon.pick.plan import Settings, doubt_of
 from daemon.pick.workcell import Workcell
 from daemon.store import places
@@ -28,15 +29,6 @@ from daemon.vision.rig import Camera, StereoRig
 from drivers.simcell.cell import SimulatedCell
 from drivers.simcell.truth import load_truth
 
-VIEWS = (
-    ("cube", 0),
-    ("pyramid", 0),
-    ("pyramid", 1),
-    ("triangular_prism", 0),
-    ("pentagonal_prism", 0),
-    ("pentagonal_prism", 1),
-)
-PARTS = tuple(dict.fromkeys(label for label, _ in VIEWS))
 CONFIG = places.HOUSE / "etc" / "facetd.yaml"
 
 
@@ -127,12 +119,12 @@ async def rig(
 
 
 async def taught(here: Rig) -> Model:
-    """Show the six characteristic views and learn them; the cycle uses the model from then on."""
+    """Show the six characteristic views of the demo and learn them; the cycle uses the model from then on."""
     sight = here.cycle.sight
     assert isinstance(sight, Recogniser)
     model = empty_model(sight.model.library)
     await here.cycle.go("survey")
-    for label, view in VIEWS:
+    for label, view, _ in VIEWS:
         model = await _learnt(here, model, label, view)
     here.cell.clear()
     here.cycle.use(Recogniser(model, sight.rig, sight.settings))

@@ -4,10 +4,11 @@ import asyncio
 
 import pytest
 import simulated_cell
-from simulated_cell import PARTS, rig
+from simulated_cell import rig
 
 from daemon.calibration.board import Board
 from daemon.calibration.session import SessionError, verify, view_tour
+from daemon.jobs.demo import PARTS
 from daemon.upkeep.driftwatch import DriftWatch
 
 BOARD = Board(9, 6, 16.0)

@@ -5,9 +5,10 @@ import asyncio
 import numpy as np
 import pytest
 import simulated_cell
-from simulated_cell import PARTS, rig
+from simulated_cell import rig
 
 from daemon.cycle import RefusedError
+from daemon.jobs.demo import PARTS
 from drivers.simcell.controller import LineFault, Mishap
 
 
