@@ -89,6 +89,17 @@ def compose_covariance(c_from_b: Array, covariance_c_b: Array, b_from_a: Array, 
     return transport_covariance(c_from_b, covariance_b_a) + lever_covariance(b_from_a, covariance_c_b, c_from_b)
 
 
+def point_motion(levers: Array) -> Array:
+    """(N, 3) levers from a's origin, along b's axes -> (N, 3, 6) motion of each point with a pose's (6,) motion."""
+    rows = np.zeros((len(levers), 3, 6))
+    rows[:, range(3), range(3)] = 1.0
+    x, y, z = levers.T
+    rows[:, 0, 4], rows[:, 0, 5] = z, -y
+    rows[:, 1, 3], rows[:, 1, 5] = -z, x
+    rows[:, 2, 3], rows[:, 2, 4] = y, -x
+    return rows
+
+
 def perturb(b_from_a: Array, motion: Array) -> Array:
     """Move b_from_a by a small (6,) motion as the module's covariance convention has it."""
     return rigid(rotation_from_vector(motion[3:]) @ b_from_a[:3, :3], b_from_a[:3, 3] + motion[:3])

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -18,8 +17,9 @@ from numpy.typing import NDArray
 
 from daemon import frames
 from daemon.pick.tracking import Fit, Shape
-from daemon.vision.epipolar import Baseline, Eye, baseline
+from daemon.vision.epipolar import Eye, baseline
 from daemon.vision.image import Noise, measure_noise
+from daemon.vision.registration import Solved, across, corners_in, off_places, solve
 from daemon.vision.rig import StereoRig
 from daemon.vision.sides import find_sides, fit_sides, probe_sides
 
@@ -38,7 +38,7 @@ MOST_ROUNDS, SMALL_MM = 5, 0.3
 """How often edges are measured anew, and a motion after which that would change nothing more."""
 SEARCH_DEG = 3.0
 LEAST_EVIDENCE, LEAST_SUPPORT = 6.0, 0.5
-TUKEY = 5.6
+TUKEY, PASSES = 5.6, 5
 LEAST_SHARE = 0.75
 """Of the length of the outline that an eye should see, what it must show on its place."""
 ON_PLACE = 2.0
@@ -46,7 +46,6 @@ ON_PLACE = 2.0
 SAFE_CONDITION = 1e7
 SCALE = np.array([1.0, 1.0, 1.0, 0.03, 0.03, 0.03])
 """Turns are weighed at a lever of some 30 mm, so that mm and rad compare."""
-STEPS = np.array([0.1, 0.1, 0.1, 1e-3, 1e-3, 1e-3])
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,18 +53,13 @@ class Eyed:
     """One eye's image made ready: grey levels as they are, and smoothed with a noise of one everywhere."""
 
     eye: Eye
-    right: bool
     grey: NDArray[np.float32]
     smooth: NDArray[np.float32]
     noise: Noise
 
 
-@dataclass(frozen=True, eq=False)
-class Eyes:
-    """Both eyes of one look."""
-
-    geometry: Baseline
-    both: tuple[Eyed, Eyed]
+Eyes = tuple[Eyed, Eyed]
+"""Both eyes of one look, left and right."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,8 +76,7 @@ class _Edges:
 
     def off(self, start: Array, end: Array) -> Array:
         """(E, 2) px how far ends found (E, 2) are from their places, across their edges."""
-        across = _across(self.start, self.end)
-        return np.stack([((start - self.start) * across).sum(1), ((end - self.end) * across).sum(1)], 1)
+        return off_places(self.start, self.end, start, end)
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,19 +91,14 @@ class _Reading:
 
 def open_eyes(left: NDArray[np.uint8], right: NDArray[np.uint8], rig: StereoRig) -> Eyes:
     """Make a stereo pair, (H, W) each, ready."""
-    geometry = _geometry(rig)
-    return Eyes(geometry, (_eyed(geometry, left, False), _eyed(geometry, right, True)))
+    geometry = baseline(rig)
+    return _eyed(geometry.left, left), _eyed(geometry.right, right)
 
 
-@lru_cache(maxsize=4)
-def _geometry(rig: StereoRig) -> Baseline:
-    return baseline(rig)
-
-
-def _eyed(geometry: Baseline, image: NDArray[np.uint8], right: bool) -> Eyed:
+def _eyed(eye: Eye, image: NDArray[np.uint8]) -> Eyed:
     noise = measure_noise(image)
-    smooth = np.asarray(cv2.GaussianBlur(noise.stretch[image], (0, 0), SMOOTHING_PX), np.float32)
-    return Eyed(geometry.right if right else geometry.left, right, image.astype(np.float32), smooth, noise)
+    smooth = np.asarray(cv2.GaussianBlur(cv2.LUT(image, noise.stretch), (0, 0), SMOOTHING_PX), np.float32)
+    return Eyed(eye, image.astype(np.float32), smooth, noise)
 
 
 def fit_edges(shape: Shape, eyes: Eyes, near: Array, reach_mm: float = 5.0) -> Fit | None:
@@ -122,23 +110,23 @@ def fit_edges(shape: Shape, eyes: Eyes, near: Array, reach_mm: float = 5.0) -> F
     """
     pose = near
     for share in ROUGHLY:
-        rough = [_searched(_edges(shape, eyes, one, pose), one, reach_mm * share) for one in eyes.both]
-        pose = frames.perturb(pose, _solved(rough, reach_mm)[0])
+        rough = [_searched(_edges(shape, one, pose), one, reach_mm * share) for one in eyes]
+        pose = frames.perturb(pose, _solved(rough, reach_mm).motion)
     for _ in range(MOST_ROUNDS):
-        fine = [_measured(_edges(shape, eyes, one, pose), one) for one in eyes.both]
-        motion = _solved(fine, reach_mm)[0]
+        fine = [_measured(_edges(shape, one, pose), one) for one in eyes]
+        motion = _solved(fine, reach_mm).motion
         if float(np.linalg.norm(motion / SCALE)) < SMALL_MM:
             return _judged(pose, fine, reach_mm)
         pose = frames.perturb(pose, motion)
-    return _judged(pose, [_measured(_edges(shape, eyes, one, pose), one) for one in eyes.both], reach_mm)
+    return _judged(pose, [_measured(_edges(shape, one, pose), one) for one in eyes], reach_mm)
 
 
 def shown(shape: Shape, eyes: Eyes, pose: Array, reach_mm: float) -> float:
     """Share of the outline of a part at cyclopean_from_part (4, 4) near which both eyes have edges, within reach_mm;
     0 where an eye does not have it in view. Cheaper than a fit, and for what is only partly in view."""
     shares = []
-    for one in eyes.both:
-        edges = _edges(shape, eyes, one, pose)
+    for one in eyes:
+        edges = _edges(shape, one, pose)
         length = np.linalg.norm(edges.end - edges.start, axis=1) * edges.outline
         there = _searched(edges, one, reach_mm).there
         shares.append(float(length[there].sum()) / float(length.sum()) if length.sum() > 0 else 0.0)
@@ -147,8 +135,8 @@ def shown(shape: Shape, eyes: Eyes, pose: Array, reach_mm: float) -> float:
 
 def facing(shape: Shape, eyes: Eyes, pose: Array) -> int:
     """How many facets of a part at cyclopean_from_part (4, 4) both eyes see, none of them edge-on."""
-    points = eyes.geometry.project(frames.apply(pose, shape.corners_mm))
-    px = [one.eye.pixels(points[int(one.right)]) for one in eyes.both]
+    points = frames.apply(pose, shape.corners_mm)
+    px = [one.eye.camera.project(points) for one in eyes]
     return sum(all(_thickness(seen[ring]) >= THIN_PX[1] for seen in px) for ring in shape.facets)
 
 
@@ -179,24 +167,12 @@ def _nothing(edges: _Edges) -> _Reading:
     return _Reading(edges, np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(0, bool))
 
 
-def _solved(readings: Sequence[_Reading], reach_mm: float) -> tuple[Array, Array, float]:
-    """The motion (6,) that brings the pose onto the edges, not much more than the reach; the information (6, 6) of the
-    edges that agree; and how much worse these fit than they should (chi-square a degree of freedom, 1 at least)."""
-    off, jacobian, weight = (
-        np.concatenate(rows) for rows in zip(*((r.off, r.edges.jacobian, r.weight) for r in readings), strict=True)
-    )
-    there = np.concatenate([r.there for r in readings]).astype(float)
+def _solved(readings: Sequence[_Reading], reach_mm: float) -> Solved:
+    """The motion that brings the pose onto the edges of both eyes, not much more than the reach."""
+    rows = zip(*((r.off, r.edges.jacobian, r.weight, r.there) for r in readings), strict=True)
+    off, jacobian, weight, there = (np.concatenate(each) for each in rows)
     prior = np.diag(([reach_mm**-2] * 3) + [np.radians(SEARCH_DEG) ** -2] * 3)
-    trust, motion, information, chi2 = there, np.zeros(6), np.zeros((6, 6)), 0.0
-    for _ in range(5):
-        weighed = weight * trust[:, None, None]
-        information = np.einsum("eai,eab,ebj->ij", jacobian, weighed, jacobian)
-        motion = np.linalg.solve(information + prior, np.einsum("eai,eab,eb->i", jacobian, weighed, off))
-        left = off - jacobian @ motion
-        miss = np.einsum("ei,eij,ej->e", left, weight, left)
-        chi2 = float(miss @ trust) / max(2.0 * float(trust.sum()) - 6.0, 1.0)
-        trust = there * np.maximum(1 - miss / TUKEY**2, 0.0) ** 2
-    return motion, information, max(chi2, 1.0)
+    return solve(off, jacobian, weight, there.astype(float), prior, TUKEY, PASSES)
 
 
 def _judged(pose: Array, readings: Sequence[_Reading], reach_mm: float) -> Fit | None:
@@ -209,31 +185,28 @@ def _judged(pose: Array, readings: Sequence[_Reading], reach_mm: float) -> Fit |
         on_place.append(reading.there & near)
         if not length.size or float(length[on_place[-1]].sum()) < LEAST_SHARE * float(length.sum()):
             return None
-    motion, information, excess = _solved(readings, reach_mm)
-    if np.linalg.cond(information * np.outer(SCALE, SCALE)) > SAFE_CONDITION:
+    solved = _solved(readings, reach_mm)
+    if np.linalg.cond(solved.information * np.outer(SCALE, SCALE)) > SAFE_CONDITION:
         return None
     kept = np.concatenate(on_place)
     off_px = np.concatenate([r.off for r in readings])[kept]
     residual_mm = float(np.sqrt((off_px**2).mean())) / readings[0].edges.doubt_px * SHAPE_MM
-    covariance = np.asarray(np.linalg.inv(information), float) * excess
-    return Fit(frames.perturb(pose, motion), covariance, residual_mm, int(kept.sum()))
+    covariance = np.asarray(np.linalg.inv(solved.information), float) * solved.excess
+    return Fit(frames.perturb(pose, solved.motion), covariance, residual_mm, int(kept.sum()))
 
 
-def _edges(shape: Shape, eyes: Eyes, one: Eyed, pose: Array) -> _Edges:
+def _edges(shape: Shape, one: Eyed, pose: Array) -> _Edges:
     """The edges of the facets that look at this eye, as far as they are inside its image."""
-    moved = [pose, *(frames.perturb(pose, step) for step in np.diag(STEPS))]
-    points = [frames.apply(p, shape.corners_mm) for p in moved]
-    px = one.eye.pixels(eyes.geometry.project(np.concatenate(points))[int(one.right)]).reshape(7, -1, 2)
-    slope = np.moveaxis((px[1:] - px[0]) / STEPS[:, None, None], 0, 2)
-    a, b, outline = _sharp_edges(shape, px[0])
-    first, last = _inside(px[0][a], px[0][b], one.grey.shape)
-    keep = (last - first) * np.linalg.norm(px[0][b] - px[0][a], axis=1) >= LEAST_LENGTH_PX
+    px, slope = corners_in(one.eye.camera, pose, shape.corners_mm)
+    a, b, outline = _sharp_edges(shape, px)
+    first, last = _inside(px[a], px[b], one.grey.shape)
+    keep = (last - first) * np.linalg.norm(px[b] - px[a], axis=1) >= LEAST_LENGTH_PX
     a, b, first, last = a[keep], b[keep], first[keep, None], last[keep, None]
-    start, way = px[0][a], px[0][b] - px[0][a]
-    across = _across(px[0][a], px[0][b])
-    at_a, at_b = (np.einsum("ei,eij->ej", across, slope[k]) for k in (a, b))
+    start, way = px[a], px[b] - px[a]
+    normal = across(px[a], px[b])[:, None]
+    at_a, at_b = ((normal @ slope[k])[:, 0] for k in (a, b))
     jacobian = np.stack([at_a + share * (at_b - at_a) for share in (first, last)], 1)
-    doubt_px = SHAPE_MM * one.eye.focal_px / float(points[0][:, 2].mean())
+    doubt_px = SHAPE_MM * one.eye.focal_px / float(frames.apply(pose, shape.corners_mm)[:, 2].mean())
     return _Edges(start + first * way, start + last * way, jacobian, outline[keep], doubt_px)
 
 
@@ -264,13 +237,6 @@ def _thickness(ring_px: Array) -> float:
     following = np.roll(ring_px, -1, axis=0)
     twice_area = float(np.sum(x * following[:, 1] - y * following[:, 0]))
     return -twice_area / float(np.linalg.norm(following - ring_px, axis=1).sum())
-
-
-def _across(start: Array, end: Array) -> Array:
-    """(E, 2) unit vectors across edges start -> end, (E, 2) each."""
-    chord = end - start
-    length = np.maximum(np.linalg.norm(chord, axis=1), 1e-6)
-    return np.asarray(np.stack([chord[:, 1], -chord[:, 0]], 1) / length[:, None])
 
 
 def _inside(start: Array, end: Array, shape: tuple[int, ...]) -> tuple[Array, Array]:

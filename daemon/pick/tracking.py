@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from daemon import frames
 from daemon.vision.data import Facet
+from daemon.vision.measure import newell_normal
 
 Array = NDArray[np.float64]
 
@@ -33,13 +34,8 @@ class Shape:
     facets: tuple[NDArray[np.int64], ...]
 
     def normals(self) -> Array:
-        """(F, 3) outward unit normals of the facets (Newell's, which forgives corners slightly off the plane)."""
-        rows = []
-        for facet in self.facets:
-            corners = self.corners_mm[facet] - self.corners_mm[facet].mean(axis=0)
-            normal = np.cross(corners, np.roll(corners, -1, axis=0)).sum(axis=0)
-            rows.append(normal / np.linalg.norm(normal))
-        return np.array(rows).reshape(-1, 3)
+        """(F, 3) outward unit normals of the facets."""
+        return np.array([newell_normal(self.corners_mm[facet]) for facet in self.facets]).reshape(-1, 3)
 
     def centres(self) -> Array:
         """(F, 3) means of the facets' corners, mm."""
@@ -61,17 +57,6 @@ def _stacked(facets: Sequence[Facet]) -> tuple[Array, Array]:
     corners = np.concatenate([f.corners_mm for f in facets])
     covariances = np.concatenate([f.covariance_mm2 for f in facets]) + SHAPE_SIGMA_MM**2 * np.eye(3)
     return corners, covariances
-
-
-def _jacobian(levers: Array) -> Array:
-    """(N, 3) levers from the part's origin -> (N, 3, 6) motion of each point with the pose's (6,) motion."""
-    rows = np.zeros((len(levers), 3, 6))
-    rows[:, range(3), range(3)] = 1.0
-    x, y, z = levers.T
-    rows[:, 0, 4], rows[:, 0, 5] = z, -y
-    rows[:, 1, 3], rows[:, 1, 5] = -z, x
-    rows[:, 2, 3], rows[:, 2, 4] = y, -x
-    return rows
 
 
 def refit(
@@ -111,7 +96,7 @@ def _refit(shape: Shape, facets: Sequence[Facet], near: Array, gate_mm: float, m
         if len(met) < 3:
             return None
         levers = (placed - pose[:3, 3])[nearest[keep]]
-        jacobian, weight = _jacobian(levers), weights[keep]
+        jacobian, weight = frames.point_motion(levers), weights[keep]
         errors = corners[keep] - placed[nearest[keep]]
         information = np.einsum("nia,nij,njb->ab", jacobian, weight, jacobian)
         if np.linalg.cond(information * np.outer(_SCALE, _SCALE)) > 1e6:
@@ -132,7 +117,7 @@ def _judged(shape: Shape, pose: Array, corners: Array, met: Array, weights: Arra
     residual_mm = float(np.sqrt((errors**2).sum(axis=1).mean()))
     if residual_mm > most_mm:
         return None
-    jacobian = _jacobian(frames.apply(pose, shape.corners_mm)[met] - pose[:3, 3])
+    jacobian = frames.point_motion(frames.apply(pose, shape.corners_mm)[met] - pose[:3, 3])
     covariance = np.linalg.inv(np.einsum("nia,nij,njb->ab", jacobian, weights, jacobian))
     excess = float(np.einsum("ni,nij,nj->", errors, weights, errors)) / max(3 * len(errors) - 6, 1)
     return Fit(pose, covariance * max(excess, 1.0), residual_mm, len(np.unique(met)))

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from daemon import frames
 from daemon.vision.epipolar import Baseline
 from daemon.vision.eye import Sight
+from daemon.vision.registration import across, corners_in, off_places, solve
 from daemon.vision.relation import Solid
 from daemon.vision.sides import Sides, edge_sigmas, fit_sides
 
@@ -23,7 +24,8 @@ Edge = tuple[int, int]
 HOPELESS_PX, LEAST_SHARE = 2.5, 0.4  # moved twice, an edge is this near, of so much of their length; or all is wrong
 ROUNDS = 2  # move the pose, measure the edges anew, and again
 MODEL_MM = 0.25  # how well a taught corner is known: in pixels the least an edge may be off
-TUKEY = 4.0
+TUKEY, PASSES = 4.0, 4
+HARDLY = 1e-6  # what keeps a motion finite that nothing holds
 NEAR = 2.3  # an edge is on its place within so many times the model's doubt
 LEAST_SUPPORT = 0.5
 LEAST_EVIDENCE = 6.0
@@ -72,8 +74,7 @@ class Placement:
 def align(place: Placement, geometry: Baseline, eyes: tuple[Sight, Sight]) -> Aligned:
     """Move a placement so that the visible facets' edges meet the image edges, and see which facets do.
 
-    It must be near enough that most edges are within some two pixels. Source: Gauss-Newton on the distances of the
-    edges' ends across the edges, with Tukey's weights because some edges find another one nearby.
+    It must be near enough that most edges are within some two pixels.
     """
     solid, edges = place.solid, _edges(place.solid, place.visible)
     for _ in range(ROUNDS):
@@ -112,44 +113,23 @@ def _edges(solid: Solid, visible: tuple[int, ...]) -> list[Edge]:
 def _read(
     place: Placement, edges: list[Edge], geometry: Baseline, sight: Sight, eye: int, *, roughly: bool = False
 ) -> _Reading:
-    px, slope = _project(place, geometry, eye)
+    camera = (geometry.right if eye else geometry.left).camera
+    px, slope = corners_in(camera, place.pose, place.solid.corners_mm)
     a, b = np.array(edges).T
     sides = fit_sides(sight.image, sight.noise, px[a], px[b], sight.eye, roughly=roughly)
-    chord = px[b] - px[a]
-    across = np.stack([chord[:, 1], -chord[:, 0]], 1) / np.maximum(np.hypot(*chord.T), 1e-6)[:, None]
-    off = np.stack([((sides.start - px[a]) * across).sum(1), ((sides.end - px[b]) * across).sum(1)], 1)
-    jacobian = np.stack([np.einsum("ei,eij->ej", across, slope[k]) for k in (a, b)], 1)
+    normal = across(px[a], px[b])[:, None]
+    jacobian = np.stack([(normal @ slope[k])[:, 0] for k in (a, b)], 1)
     doubt_px = MODEL_MM * sight.eye.focal_px / float(frames.apply(place.pose, place.solid.corners_mm)[:, 2].mean())
     weight = np.linalg.inv(sides.covariance + doubt_px**2 * np.eye(2))
+    off = off_places(px[a], px[b], sides.start, sides.end)
     return _Reading(np.stack([px[a], px[b]], 1), off, jacobian, np.asarray(weight), sides, doubt_px)
-
-
-def _project(place: Placement, geometry: Baseline, eye: int) -> tuple[Array, Array]:
-    """Corners (K, 2) px in one eye, and their derivative (K, 2, 6) by a motion of the pose."""
-    one = geometry.right if eye else geometry.left
-    steps = np.concatenate([np.zeros((1, 6)), np.diag([0.1] * 3 + [1e-3] * 3)])
-    points = np.concatenate([frames.apply(frames.perturb(place.pose, s), place.solid.corners_mm) for s in steps])
-    px = one.pixels(geometry.project(points)[eye]).reshape(7, -1, 2)
-    slope = (px[1:] - px[0]) / np.array([0.1] * 3 + [1e-3] * 3)[:, None, None]
-    return px[0], np.moveaxis(slope, 0, 2)
 
 
 def _motion(readings: list[_Reading]) -> Array:
     """The motion (6,) that brings the pose onto the edges, robustly."""
-    off = np.concatenate([r.off for r in readings])
-    jacobian = np.concatenate([r.jacobian for r in readings])
-    weight = np.concatenate([r.weight for r in readings])
+    off, jacobian, weight = (np.concatenate([getattr(r, n) for r in readings]) for n in ("off", "jacobian", "weight"))
     usable = np.concatenate([r.sides.evidence > LEAST_EVIDENCE for r in readings]).astype(float)
-    motion = np.zeros(6)
-    trust = usable
-    for _ in range(4):
-        weighted = weight * trust[:, None, None]
-        normal = np.einsum("eai,eab,ebj->ij", jacobian, weighted, jacobian) + 1e-6 * np.eye(6)
-        motion = np.linalg.solve(normal, np.einsum("eai,eab,eb->i", jacobian, weighted, off))
-        left = off - jacobian @ motion
-        miss = np.einsum("ei,eij,ej->e", left, weight, left)
-        trust = usable * np.maximum(1 - miss / TUKEY**2, 0.0) ** 2 + 1e-6
-    return np.asarray(motion)
+    return solve(off, jacobian, weight, usable, HARDLY * np.eye(6), TUKEY, PASSES, HARDLY).motion
 
 
 def _shows(sides: Sides) -> NDArray[np.bool_]:
@@ -195,8 +175,7 @@ def _outline(
     sides = reading.sides.chosen(np.array(which), np.array(backwards))
     turned = np.array(backwards)[:, None]
     expected = np.where(turned, reading.expected[which, 1], reading.expected[which, 0])
-    chord = sides.end - sides.start
-    normal = np.stack([chord[:, 1], -chord[:, 0]], 1) / np.maximum(np.hypot(*chord.T), 1e-6)[:, None]
+    normal = across(sides.start, sides.end)
     place = np.sum(normal * sides.start, 1)
     firm = good[which, None] / (sides.covariance[:, (0, 1), (0, 1)] + FOUND_PX**2)
     information = np.eye(2) / reading.doubt_px**2 + np.zeros((len(which), 1, 1))

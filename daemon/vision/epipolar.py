@@ -6,6 +6,7 @@ Points and lines only; which point belongs to which is decided elsewhere.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -82,6 +83,7 @@ def disparity(left: Array, right: Array) -> Array:
     return np.asarray(np.where(np.abs(d) < 1e-6, 1e-6, d))
 
 
+@lru_cache(maxsize=4)
 def baseline(rig: StereoRig) -> Baseline:
     """The rig as Baseline: the frame's x axis joins the optical centres, its z axis is the cyclopean z made
     normal to it.

@@ -6,6 +6,7 @@ In: pixels or rays. Out: rays, pixels, points in the cyclopean frame (mm). No fi
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -24,10 +25,21 @@ class Camera:
 
     def project(self, points_mm: Array) -> Array:
         """(N, 3) points in the cyclopean frame, mm -> (N, 2) px in the distorted image."""
+        px, _ = self._projected(points_mm)
+        return np.asarray(px[:, 0, :], float)
+
+    def project_with_slope(self, points_mm: Array) -> tuple[Array, Array]:
+        """project, and how each pixel (2) moves with its point (3) in the cyclopean frame: (N, 2), (N, 2, 3)."""
+        px, jacobian = self._projected(points_mm)
+        # Columns of OpenCV's jacobian: rotation (3), translation (3), and the camera's own; all points share the
+        # translation, so that its columns are each point's own slope.
+        slope = np.asarray(jacobian[:, 3:6], float).reshape(-1, 2, 3)
+        return np.asarray(px[:, 0, :], float), slope @ self.cyclopean_from_camera[:3, :3].T
+
+    def _projected(self, points_mm: Array) -> tuple[NDArray[Any], NDArray[Any]]:
         r = self.cyclopean_from_camera[:3, :3]
         in_camera = (np.asarray(points_mm, float).reshape(-1, 3) - self.cyclopean_from_camera[:3, 3]) @ r
-        px, _ = cv2.projectPoints(in_camera[:, None, :], np.zeros(3), np.zeros(3), self.matrix, self.distortion)
-        return np.asarray(px[:, 0, :], float)
+        return cv2.projectPoints(in_camera[:, None, :], np.zeros(3), np.zeros(3), self.matrix, self.distortion)
 
     def normalised(self, points_px: Array) -> Array:
         """(N, 2) px in the distorted image -> (N, 2) undistorted coordinates on the plane z = 1 of this camera."""
