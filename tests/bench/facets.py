@@ -7,9 +7,6 @@ Reads the rendered scenes of $FACETD_SHARED/scenes (default ../shared); a bench 
 from __future__ import annotations
 
 import collections
-import json
-import os
-import pathlib
 import sys
 import time
 from dataclasses import dataclass, field
@@ -17,7 +14,6 @@ from typing import Any
 
 import cv2
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 
 from daemon.vision.candidates import choose, find_candidates
@@ -26,31 +22,12 @@ from daemon.vision.epipolar import baseline
 from daemon.vision.eye import look_with
 from daemon.vision.facets import find_facets
 from daemon.vision.limit import limit
-from daemon.vision.rig import Camera, StereoRig
+from daemon.vision.rig import StereoRig
 from daemon.vision.settings import CornerDetector, StereoFormula, VisionSettings
+from tests import rendered
 
 Array = NDArray[np.float64]
 NEAR_PX = 3.0
-
-
-def scenes_folder() -> pathlib.Path | None:
-    """The folder of rendered scenes, or None."""
-    folder = pathlib.Path(os.environ.get("FACETD_SHARED", "../shared")) / "scenes"
-    return folder if folder.is_dir() else None
-
-
-def load_rig(path: pathlib.Path) -> StereoRig:
-    """A rig from a calibration file."""
-    data = yaml.safe_load(path.read_text())
-    keys = ("camera_matrix", "distortion", "cyclopean_from_camera")
-    left, right = (Camera(*(np.array(data[eye][k], float) for k in keys)) for eye in ("left", "right"))
-    return StereoRig(left, right, tuple(data["image_size"]))
-
-
-def images(folder: pathlib.Path) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Left and right image of a scene."""
-    left, right = (np.asarray(cv2.imread(str(folder / f"{eye}.png"), -1)) for eye in ("left", "right"))
-    return left, right
 
 
 @dataclass
@@ -108,17 +85,17 @@ def score(view: FacetView, truth: dict[str, Any], name: str, tally: Tally) -> No
     tally.extra += len(found) - hits
 
 
-def run(scenes: pathlib.Path, settings: VisionSettings, only: str = "") -> dict[str, Tally]:
+def run(settings: VisionSettings, only: str = "") -> dict[str, Tally]:
     """All scenes whose name holds `only`, by set."""
     rigs: dict[str, StereoRig] = {}
     tallies: dict[str, Tally] = collections.defaultdict(Tally)
-    for path in sorted(scenes.glob("*/truth.json")):
-        name = path.parent.name
+    for scene in [path.parent for path in sorted(rendered.ALL.glob("*/truth.json"))]:
+        name = scene.name
         if only not in name:
             continue
-        truth = json.loads(path.read_text())
-        rig = rigs.setdefault(truth["rig"], load_rig(scenes / f"calibration-{truth['rig']}.yaml"))
-        left, right = images(path.parent)
+        truth = rendered.truth(scene)
+        rig = rigs.setdefault(truth["rig"], rendered.rig(rendered.ALL, truth["rig"]))
+        left, right = rendered.pair(scene)
         tally = tallies[name.rsplit("-", 1)[0]]
         start = time.process_time()
         view = find_facets(left, right, rig, settings)
@@ -152,12 +129,12 @@ def edges(facets: list[Array]) -> list[Array]:
     return found
 
 
-def edge_errors(scenes: pathlib.Path, settings: VisionSettings) -> tuple[Array, int]:
+def edge_errors(settings: VisionSettings) -> tuple[Array, int]:
     """The thesis's figure 5.7: absolute errors of a box's edge lengths, mm, and how many edges were not found."""
     errors, missing = [], 0
-    for path in sorted(scenes.glob("table57-*/truth.json")):
-        truth = json.loads(path.read_text())
-        view = find_facets(*images(path.parent), load_rig(scenes / f"calibration-{truth['rig']}.yaml"), settings)
+    for scene in sorted(rendered.ALL.glob("table57-*")):
+        truth = rendered.truth(scene)
+        view = find_facets(*rendered.pair(scene), rendered.rig(rendered.ALL, truth["rig"]), settings)
         got = edges([f.corners_mm for g in view.groups for f in g.facets])
         for edge in edges([np.array(f["corners_mm"]) for f in visible_facets(truth)]):
             away = [min(np.abs(g - edge).max(), np.abs(g[::-1] - edge).max()) for g in got]
@@ -169,7 +146,7 @@ def edge_errors(scenes: pathlib.Path, settings: VisionSettings) -> tuple[Array, 
     return np.array(errors), missing
 
 
-def print_comparison(scenes: pathlib.Path) -> None:
+def print_comparison() -> None:
     """Corner detectors and stereo formulas on figure 5.7."""
     print(f"\n{'figure 5.7, rig A0: corners by':<32}{'depth by':<22}{'mean |edge error| mm':>22}{'missing':>9}")
     detectors: tuple[CornerDetector, ...] = ("line_fit", "mic", "median")
@@ -177,19 +154,19 @@ def print_comparison(scenes: pathlib.Path) -> None:
     for detector in detectors:
         for formula in formulas:
             settings = VisionSettings(corner_detector=detector, stereo_formula=formula)
-            error, missing = edge_errors(scenes, settings)
+            error, missing = edge_errors(settings)
             print(f"{detector:<32}{formula:<22}{error.mean():>22.3f}{missing:>9}")
     print("the thesis itself, with its own cameras: 2.99 mm")
 
 
-def print_stages(scenes: pathlib.Path) -> None:
+def print_stages() -> None:
     """Median CPU time by stage over the clean scenes of rig B, and the limit meter's reading."""
     spent: dict[str, list[float]] = collections.defaultdict(list)
     ratios = []
-    rig, settings = load_rig(scenes / "calibration-B.yaml"), VisionSettings()
+    rig, settings = rendered.rig(rendered.ALL, "B"), VisionSettings()
     eyes = baseline(rig)
-    for path in sorted(scenes.glob("clean-B-*")):
-        pair = images(path)
+    for scene in sorted(rendered.ALL.glob("clean-B-*")):
+        pair = rendered.pair(scene)
         t = [time.process_time()]
         sights = [look_with(eye, image, settings) for eye, image in zip((eyes.left, eyes.right), pair, strict=True)]
         t.append(time.process_time())
@@ -215,18 +192,17 @@ def print_stages(scenes: pathlib.Path) -> None:
 def main() -> None:
     """Print the tables."""
     cv2.setNumThreads(1)
-    scenes = scenes_folder()
-    if scenes is None:
+    if not rendered.ALL.is_dir():
         print("facets: no scenes (set FACETD_SHARED)")
         return
     only = sys.argv[1] if len(sys.argv) > 1 else ""
-    tallies = run(scenes, VisionSettings(), only)
+    tallies = run(VisionSettings(), only)
     print_table(tallies)
     if only:
         print(*(m for t in tallies.values() for m in t.missed), sep="\n")
     else:
-        print_comparison(scenes)
-        print_stages(scenes)
+        print_comparison()
+        print_stages()
 
 
 if __name__ == "__main__":

@@ -14,16 +14,15 @@ import tempfile
 import time
 from pathlib import Path
 
+from tests import rendered
 from tests.bench.running import Running
 
-SCENES = Path(os.environ.get("FACETD_SHARED", Path(__file__).resolve().parents[3] / "shared")) / "scenes"
-OWN_SCENES = Path(__file__).resolve().parents[1] / "data" / "scenes"
 STARTS, LOOKS, IDLE_S = 3, 15, 10.0
 
 
 def recorded_pairs(into: Path) -> None:
     """A few pairs as recorded; those of the tests where no others are at hand."""
-    home = SCENES if SCENES.is_dir() else OWN_SCENES
+    home = rendered.ALL if rendered.ALL.is_dir() else rendered.HERE
     for scene in [f for f in sorted(home.iterdir()) if (f / "left.png").exists()][:5]:
         shutil.copytree(scene, into / scene.name)
 

@@ -15,14 +15,12 @@ import time
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.calibration.file import load_calibration
 from daemon.cell import ThreadedEyes
 from daemon.pick.looking import Settling, take_look
 from daemon.pick.workcell import Reading, Workcell
@@ -34,8 +32,8 @@ from drivers.camera import v4l2
 from drivers.camera.pixels import FORMATS
 from drivers.camera.settings import CameraSettings
 from drivers.camera.stereo import V4L2StereoCamera
+from tests import rendered
 
-SCENES = Path(__file__).resolve().parents[1] / "data/scenes"
 SCENE = "clean-B-003"
 SECONDS = 8.0
 LATE_S = 0.003
@@ -141,8 +139,7 @@ class LiveSystem:
 def live(code: str, fps: float, scene: str = SCENE) -> V4L2StereoCamera:
     """The driver on two such cameras; every buffer has noise of its own."""
     random, cameras, first_s = np.random.default_rng(1), {}, time.monotonic() + 0.3
-    for k, eye in enumerate(("left", "right")):
-        grey = cv2.imread(str(SCENES / scene / f"{eye}.png"), cv2.IMREAD_GRAYSCALE)
+    for k, (eye, grey) in enumerate(zip(("left", "right"), rendered.pair(rendered.HERE / scene), strict=True)):
         noisy = [np.clip(grey + random.normal(0, 1, grey.shape), 0, 255).astype(np.uint8) for _ in range(4)]
         frames = [packed(code, image) for image in noisy]
         cameras[f"/dev/video{k}"] = LiveCamera(eye, code, frames, first_s + k * LATE_S, fps)
@@ -180,7 +177,7 @@ class StillRobot:
 
 async def looks(scene: str, fps: float, count: int) -> str:
     """take_look, whole: two pairs that agree, the images' health, facets, recognition without a model."""
-    rig = load_calibration(SCENES / "calibration-B.yaml").rig
+    rig = rendered.rig(rendered.HERE, "B")
     eyes = ThreadedEyes(live("YUYV", fps, scene))
     cell = Workcell(StillRobot(), eyes, None, time.monotonic, rig, np.eye(4))  # type: ignore[arg-type]
     sight = Recogniser(empty_model(load_facets()), rig, VisionSettings())

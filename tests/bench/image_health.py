@@ -5,22 +5,19 @@ Reads the rendered scenes of $FACETD_SHARED/scenes (default ../shared); a bench 
 
 from __future__ import annotations
 
-import os
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
-from pathlib import Path
 
 import cv2
 import numpy as np
 
-from daemon.calibration.file import load_calibration
 from daemon.vision.health import examine
 from daemon.vision.sharpness import measure_blur
 from daemon.vision.swapped import Assignment, assignment
 from drivers.camera.pixels import Layout, read_grey
+from tests import rendered
 
-SCENES = Path(os.environ.get("FACETD_SHARED", "../shared")) / "scenes"
 Image = np.ndarray
 
 
@@ -47,14 +44,13 @@ def planted() -> dict[str, Callable[[Image], Image]]:
 
 def scenes() -> Iterator[tuple[str, Image, Image]]:
     """(rig, left, right) of every scene."""
-    for folder in sorted(path for path in SCENES.iterdir() if path.is_dir()):
-        left, right = (cv2.imread(str(folder / f"{eye}.png"), cv2.IMREAD_GRAYSCALE) for eye in ("left", "right"))
-        yield "A0" if "-A0-" in folder.name else "B", left, right
+    for scene in sorted(path for path in rendered.ALL.iterdir() if path.is_dir()):
+        yield rendered.truth(scene)["rig"], *rendered.pair(scene)
 
 
 def alarms() -> None:
     """False alarms, faults found, swapped eyes told, and blur measured against what was planted."""
-    rigs = {name: load_calibration(SCENES / f"calibration-{name}.yaml").rig for name in ("A0", "B")}
+    rigs = {name: rendered.rig(rendered.ALL, name) for name in ("A0", "B")}
     false, found, told, seconds, blurs, count = Counter(), Counter(), Counter(), 0.0, [], 0
     for rig, left, right in scenes():
         count += 1
@@ -104,7 +100,7 @@ def main() -> None:
     """Print both tables."""
     cv2.setNumThreads(1)
     reading()
-    if SCENES.is_dir():
+    if rendered.ALL.is_dir():
         alarms()
     else:
         print("image_health: no scenes (set FACETD_SHARED)")

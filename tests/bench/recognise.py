@@ -5,8 +5,6 @@ Scenes: the folder named by FACETD_SHARED (default ../shared), scenes/ in it. Tr
 
 from __future__ import annotations
 
-import json
-import os
 import resource
 import time
 from collections import Counter, defaultdict
@@ -19,7 +17,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.calibration.file import load_calibration
 from daemon.store.library import load_facets
 from daemon.vision.data import Part, Scene
 from daemon.vision.facets import find_facets
@@ -27,9 +24,9 @@ from daemon.vision.look import look
 from daemon.vision.model import Model, empty_model, learn_view
 from daemon.vision.rig import StereoRig
 from daemon.vision.settings import VisionSettings
+from tests import rendered
 
 Array = NDArray[np.float64]
-SCENES = Path(os.environ.get("FACETD_SHARED", "../shared")) / "scenes"
 NEAR_MM = 25.0  # a part found belongs to a true one when their corners' centroids are this close
 BINS = (0.0, 0.5, 0.9, 0.99, 0.999, 1.0 + 1e-9)
 
@@ -44,10 +41,10 @@ class Tally:
 
 
 def main() -> None:
-    if not SCENES.is_dir():
-        print(f"no scenes at {SCENES}: set FACETD_SHARED to the folder that holds scenes/")
+    if not rendered.ALL.is_dir():
+        print(f"no scenes at {rendered.ALL}: set FACETD_SHARED to the folder that holds scenes/")
         return
-    rigs = {p.stem.split("-")[1]: load_calibration(p).rig for p in SCENES.glob("calibration-*.yaml")}
+    rigs = {name: rendered.rig(rendered.ALL, name) for name in ("A0", "B")}
     model = trained(rigs["B"])
     _accuracy(rigs, model)
     _detectors(rigs, model)
@@ -58,27 +55,17 @@ def main() -> None:
 def trained(rig: StereoRig, settings: VisionSettings | None = None) -> Model:
     """The model taught on the six characteristic views."""
     model = empty_model(load_facets())
-    for folder in sorted(SCENES.glob("train-B-*")):
-        left, right = images(folder)
+    for folder in sorted(rendered.ALL.glob("train-B-*")):
+        left, right = rendered.pair(folder)
         groups = find_facets(left, right, rig, settings).groups
-        model = learn_view(model, max(groups, key=lambda g: len(g.facets)), truth(folder)["objects"][0]["label"])
+        label = rendered.truth(folder)["objects"][0]["label"]
+        model = learn_view(model, max(groups, key=lambda g: len(g.facets)), label)
     return model
 
 
-def images(folder: Path) -> tuple[NDArray[Any], NDArray[Any]]:
-    left, right = (cv2.imread(str(folder / f"{eye}.png"), cv2.IMREAD_UNCHANGED) for eye in ("left", "right"))
-    assert left is not None
-    assert right is not None
-    return left, right
-
-
-def truth(folder: Path) -> dict[str, Any]:
-    told: dict[str, Any] = json.loads((folder / "truth.json").read_text())
-    return told
-
-
 def test_folders() -> list[Path]:
-    return [p.parent for p in sorted(SCENES.glob("*/truth.json")) if not p.parent.name.startswith(("train", "table57"))]
+    folders = sorted(path.parent for path in rendered.ALL.glob("*/truth.json"))
+    return [folder for folder in folders if not folder.name.startswith(("train", "table57"))]
 
 
 def judge(scene: Scene, told: dict[str, Any], known: tuple[str, ...], tally: Tally) -> list[tuple[float, bool]]:
@@ -124,8 +111,8 @@ def _accuracy(rigs: dict[str, StereoRig], model: Model) -> None:
     tallies: dict[str, Tally] = defaultdict(Tally)
     named: list[tuple[float, bool]] = []
     for folder in test_folders():
-        told = truth(folder)
-        scene = look(*images(folder), rigs[told["rig"]], model)
+        told = rendered.truth(folder)
+        scene = look(*rendered.pair(folder), rigs[told["rig"]], model)
         named += judge(scene, told, model.labels, tallies[f"{told['tags'][0]}-{told['rig']}"])
     print(f"{'set':<16}{'parts':>6}{'right':>7}{'silent':>7}{'wrong':>7}{'reject':>7}{'ghost':>7}"
           f"{'corner mm 50 %':>16}{'95 %':>7}{'measured 50 %':>15}{'95 %':>7}")  # fmt: skip
@@ -165,8 +152,8 @@ def _detectors(rigs: dict[str, StereoRig], model: Model) -> None:
     ):
         tally = Tally()
         for folder in folders:
-            told = truth(folder)
-            scene = look(*images(folder), rigs[told["rig"]], model, settings)
+            told = rendered.truth(folder)
+            scene = look(*rendered.pair(folder), rigs[told["rig"]], model, settings)
             judge(scene, told, model.labels, tally)
         print(f"{settings.corner_detector:<22}{settings.stereo_formula:<22}{tally.counts['right']:>5}{len(folders):>4}"
               f"{_quantile(tally.fitted_mm, 50):>17}{_quantile(tally.fitted_mm, 95):>8}"
@@ -179,7 +166,7 @@ def _time(rig: StereoRig, model: Model) -> None:
     dense = cv2.StereoSGBM.create(minDisparity=0, numDisparities=128, blockSize=5, P1=200, P2=800)
     stages: dict[str, list[float]] = defaultdict(list)
     for folder in [f for f in test_folders() if "-B-" in f.name]:
-        left, right = images(folder)
+        left, right = rendered.pair(folder)
         start = time.process_time()
         dense.compute(left, right)
         stages["StereoSGBM"].append(time.process_time() - start)

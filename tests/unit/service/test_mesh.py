@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import json
 from collections.abc import Callable
 from pathlib import Path
 
-import cv2
 import drawn
 import numpy as np
 import pytest
+import rendered
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from daemon.calibration.file import load_calibration
 from daemon.commands.learning import teach
 from daemon.console import NOT_UNDERSTOOD, CommandError
 from daemon.school.aspects import aspects, learn_solid
@@ -30,8 +28,7 @@ from daemon.vision.model import empty_model
 from daemon.vision.recognise import recognise_group
 from daemon.vision.relation import Solid
 
-SCENES = Path(__file__).resolve().parents[2] / "data" / "scenes"
-RIG = load_calibration(SCENES / "calibration-B.yaml").rig
+RIG = rendered.rig(rendered.HERE, "B")
 LIBRARY = load_facets()
 WAYS: dict[str, Callable[..., bytes]] = {
     "a.stl": drawn.binary_stl, "b.STL": drawn.ascii_stl, "c.obj": drawn.obj,
@@ -189,12 +186,11 @@ def test_a_drawing_is_kept_trained_on_and_names_the_part_in_a_real_picture(schoo
     assert [(v.view, v.named) for v in trained.verdicts] == [("brick/1", "brick"), ("cube/1", "cube")]
     school.accept()
     assert school.waiting() == []
-    scenes = [f for f in sorted(SCENES.iterdir()) if _holds(f, "cube")]
+    scenes = [f.parent for f in sorted(rendered.HERE.glob("*/truth.json")) if _holds(f.parent, "cube")]
     assert scenes, "a scene with a cube belongs to the test data"
     for scene in scenes:
-        left, right = (cv2.imread(str(scene / f"{eye}.png"), cv2.IMREAD_GRAYSCALE) for eye in ("left", "right"))
-        rig = load_calibration(SCENES / f"calibration-{scene.name.split('-')[1]}.yaml").rig
-        scenery = School(school.shelf, rig, LIBRARY, load_parts()).in_use.see(left, right)
+        rig = rendered.rig(rendered.HERE, rendered.truth(scene)["rig"])
+        scenery = School(school.shelf, rig, LIBRARY, load_parts()).in_use.see(*rendered.pair(scene))
         named = [p.recognition.label for p in scenery.parts]
         assert "brick" not in named
         assert "cube" in named, (scene.name, [p.recognition.reason for p in scenery.parts])
@@ -203,8 +199,7 @@ def test_a_drawing_is_kept_trained_on_and_names_the_part_in_a_real_picture(schoo
 
 
 def _holds(scene: Path, label: str) -> bool:
-    truth = scene / "truth.json"
-    return truth.exists() and any(one["label"] == label for one in json.loads(truth.read_text())["objects"])
+    return any(one["label"] == label for one in rendered.truth(scene)["objects"])
 
 
 def test_shown_views_and_a_drawing_of_one_part_go_together(school: School) -> None:

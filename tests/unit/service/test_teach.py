@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import json
-import os
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
+import rendered
 
-from daemon.calibration.file import load_calibration
 from daemon.school.sufficiency import facet_areas, imagined_view, judge, open_edges, spread
 from daemon.store.library import load_facets, load_parts
 from daemon.store.shelf import Shelf
@@ -18,34 +15,25 @@ from daemon.teach import School
 from daemon.vision.model import TeachError
 from daemon.vision.relation import Solid
 
-SCENES = Path(__file__).resolve().parents[2] / "data" / "scenes"
-SHARED = Path(os.environ.get("FACETD_SHARED", Path(__file__).resolve().parents[4] / "shared")) / "scenes"
-
 
 def scenes(kind: str) -> list[Path]:
-    found = sorted(SHARED.glob(f"{kind}-B-*"))
+    found = sorted(rendered.ALL.glob(f"{kind}-B-*"))
     if not found:
-        pytest.skip(f"the scenes that parts are taught from are not here ({SHARED}); FACETD_SHARED says where they are")
+        here = rendered.ALL
+        pytest.skip(f"the scenes that parts are taught from are not here ({here}); FACETD_SHARED says where they are")
     return found
-
-
-def pair(scene: Path) -> tuple[np.ndarray, np.ndarray]:
-    left, right = (cv2.imread(str(scene / f"{eye}.png"), cv2.IMREAD_GRAYSCALE) for eye in ("left", "right"))
-    assert left is not None
-    assert right is not None
-    return left, right
 
 
 @pytest.fixture
 def school(tmp_path: Path) -> School:
-    return School(Shelf(tmp_path), load_calibration(SCENES / "calibration-B.yaml").rig, load_facets(), load_parts())
+    return School(Shelf(tmp_path), rendered.rig(rendered.HERE, "B"), load_facets(), load_parts())
 
 
 def taught(school: School) -> list[str]:
     labels = []
     for scene in scenes("train"):
-        label = json.loads((scene / "truth.json").read_text())["objects"][0]["label"]
-        school.store(label, *pair(scene), {})
+        label = rendered.truth(scene)["objects"][0]["label"]
+        school.store(label, *rendered.pair(scene), {})
         labels.append(label)
     return labels
 

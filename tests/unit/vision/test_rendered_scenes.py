@@ -2,30 +2,21 @@
 
 from __future__ import annotations
 
-import json
-from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import pytest
-import yaml
+import rendered
 from numpy.typing import NDArray
 
 from daemon.vision.data import FacetView
 from daemon.vision.facets import find_facets
-from daemon.vision.rig import Camera, StereoRig
-
-SCENES = Path(__file__).parents[2] / "data" / "scenes"
 
 
 def load(name: str) -> tuple[FacetView, dict[str, Any]]:
-    truth = json.loads((SCENES / name / "truth.json").read_text())
-    data = yaml.safe_load((SCENES / f"calibration-{truth['rig']}.yaml").read_text())
-    keys = ("camera_matrix", "distortion", "cyclopean_from_camera")
-    left, right = (Camera(*(np.array(data[eye][k], float) for k in keys)) for eye in ("left", "right"))
-    images = [np.asarray(cv2.imread(str(SCENES / name / f"{eye}.png"), -1)) for eye in ("left", "right")]
-    return find_facets(images[0], images[1], StereoRig(left, right, tuple(data["image_size"]))), truth
+    scene = rendered.HERE / name
+    truth = rendered.truth(scene)
+    return find_facets(*rendered.pair(scene), rendered.rig(rendered.HERE, truth["rig"])), truth
 
 
 def visible(truth: dict[str, Any]) -> list[NDArray[np.float64]]:
