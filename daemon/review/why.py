@@ -9,11 +9,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from daemon.approach import CHI_SQUARE_6
 from daemon.review.digest import Cycle
-
-CHI_SQUARE_6 = 22.46
-"""What a chi-square with 6 degrees of freedom passes once in a thousand times."""
-
 
 NOTHING_WRONG = frozenset({"picked", "placed", "empty", "dry"})
 
