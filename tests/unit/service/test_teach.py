@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import drawn
 import numpy as np
 import pytest
 import rendered
@@ -72,10 +73,9 @@ def test_a_view_that_can_no_longer_be_read_is_left_out_and_named(school: School)
 
 
 def box(a: float, b: float, c: float, faces: int = 6) -> Solid:
-    corners = np.array([[x, y, z] for x in (0, a) for y in (0, b) for z in (0, c)], float)
-    rings = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
+    corners, rings = drawn.box(a, b, c)
     spread_mm2 = np.repeat(0.01 * np.eye(3)[None], 8, axis=0)
-    return Solid(corners, spread_mm2, rings[:faces], ("rectangle",) * faces)
+    return Solid(corners, spread_mm2, tuple(rings[:faces]), ("rectangle",) * faces)
 
 
 def test_areas_of_a_closed_solid_cancel_and_open_edges_are_counted() -> None:
