@@ -13,7 +13,9 @@ from typing import Any
 import numpy as np
 
 from daemon import frames
+from daemon.cycle import Cycle
 from daemon.pick.grasp import tool_rotation
+from daemon.pick.plan import Settings
 from daemon.pick.tracking import Shape
 from daemon.pick.workcell import Reading, Workcell
 from daemon.vision.data import Facet, FacetView, Part, Recognition, Scene
@@ -226,3 +228,17 @@ def build(world: World) -> Workcell:
     """The workcell of this world."""
     eyes = FakeEyes(world)
     return Workcell(FakeRobot(world), eyes, world, world.clock, rig(), TOOL_FROM_CYCLOPEAN)
+
+
+def cycle_of(world: World, settings: Settings | None = None) -> Cycle:
+    """A cycle that works in this world, enabled."""
+    cycle = Cycle(build(world), settings or Settings(), TruthSight(world))
+    cycle.enable()
+    return cycle
+
+
+def one_part(label: str = "cube", seed: int = 0) -> World:
+    """A world with one part where the arm reaches it well."""
+    world = World(np.random.default_rng(seed))
+    world.put(label, 520, 0, 0.4)
+    return world

@@ -5,19 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cell_fakes import TruthSight, World, build
+from cell_fakes import World, build, cycle_of, one_part
 
 from daemon import frames
-from daemon.cycle import HANDLERS, NEXT, TABLE, Cycle, RefusedError, printed_table
+from daemon.cycle import HANDLERS, NEXT, TABLE, RefusedError, printed_table
 from daemon.pick.plan import Settings
 from daemon.vision.data import Polygon, Recognition, Rejected
 from drivers.simcell import parts
-
-
-def cycle_of(world: World, settings: Settings | None = None) -> Cycle:
-    cycle = Cycle(build(world), settings or Settings(), TruthSight(world))
-    cycle.enable()
-    return cycle
 
 
 def cleared(world: World, settings: Settings | None = None, **options):
@@ -35,12 +29,6 @@ def four_parts(seed: int) -> World:
     world = World(rng)
     for label, (x, y) in zip(parts.TAUGHT, ((430, -100), (430, 100), (590, -90), (590, 90)), strict=True):
         world.put(label, x, y, rng.uniform(0, 6.28), int(rng.integers(len(parts.part_shape(label).rests))))
-    return world
-
-
-def one_part(label="cube", seed=0) -> World:
-    world = World(np.random.default_rng(seed))
-    world.put(label, 520, 0, 0.4)
     return world
 
 

@@ -2,25 +2,11 @@
 
 import asyncio
 
-import numpy as np
 import pytest
-from cell_fakes import TruthSight, World, build
+from cell_fakes import World, cycle_of, one_part
 
 from daemon.cycle import Cycle, RefusedError
-from daemon.pick.plan import Settings
 from daemon.pick.reins import OperatorRefusedError
-
-
-def world_with_cube(seed=0) -> World:
-    world = World(np.random.default_rng(seed))
-    world.put("cube", 520, 0, 0.4)
-    return world
-
-
-def cycle_of(world: World) -> Cycle:
-    cycle = Cycle(build(world), Settings(), TruthSight(world))
-    cycle.enable()
-    return cycle
 
 
 async def during(world: World, cycle: Cycle, name: str, count: int, act):
@@ -48,7 +34,7 @@ def moves_after_abort(world: World) -> list:
 
 @pytest.mark.parametrize("moment", ["move", "moving", "moved", "where", "hand", "handed"])
 def test_stop_at_any_moment_stops_the_arm_first_and_leaves_a_fault_standing(moment):
-    world = world_with_cube()
+    world = one_part()
     cycle = cycle_of(world)
     end = asyncio.run(during(world, cycle, moment, 1, cycle.stop))
     assert end.outcome == "fault"
@@ -58,7 +44,7 @@ def test_stop_at_any_moment_stops_the_arm_first_and_leaves_a_fault_standing(mome
 
 
 def test_the_arm_is_told_to_stop_before_the_fault_is_logged():
-    world = world_with_cube()
+    world = one_part()
     cycle = cycle_of(world)
 
     def fail(name):
@@ -77,7 +63,7 @@ def test_the_arm_is_told_to_stop_before_the_fault_is_logged():
 @pytest.mark.parametrize("moment", ["where", "move", "moving", "moved", "grab", "see", "hand", "handed"])
 @pytest.mark.parametrize("count", [1, 2, 3])
 def test_whatever_raises_ends_in_a_fault_with_the_arm_stopped_and_nothing_moves_until_resume(moment, count):
-    world = world_with_cube()
+    world = one_part()
     cycle = cycle_of(world)
     seen = 0
 
@@ -101,7 +87,7 @@ def test_whatever_raises_ends_in_a_fault_with_the_arm_stopped_and_nothing_moves_
 
 
 def test_an_abort_that_is_not_answered_either_sends_the_operator_to_the_emergency_stop():
-    world = world_with_cube()
+    world = one_part()
     cycle = cycle_of(world)
 
     def fail(name):
@@ -115,7 +101,7 @@ def test_an_abort_that_is_not_answered_either_sends_the_operator_to_the_emergenc
 
 
 def test_a_move_that_ends_elsewhere_is_a_fault():
-    world = world_with_cube()
+    world = one_part()
     cycle = cycle_of(world)
     robot = cycle.cell.robot
     honest = robot.move
@@ -132,7 +118,7 @@ def test_a_move_that_ends_elsewhere_is_a_fault():
 
 
 def test_after_resume_the_next_pick_goes_and_nothing_went_by_itself():
-    world = world_with_cube()
+    world = one_part()
     cycle = cycle_of(world)
     asyncio.run(during(world, cycle, "moving", 2, cycle.stop))
     world.before = lambda name: None
@@ -143,7 +129,7 @@ def test_after_resume_the_next_pick_goes_and_nothing_went_by_itself():
 
 
 def test_abort_gives_the_pick_up_without_a_fault():
-    world = world_with_cube()
+    world = one_part()
     cycle = cycle_of(world)
     end = asyncio.run(during(world, cycle, "moving", 2, cycle.abort))
     assert (end.outcome, cycle.state, cycle.status()["fault"]) == ("aborted", "idle", None)
@@ -151,17 +137,17 @@ def test_abort_gives_the_pick_up_without_a_fault():
 
 
 def test_disable_in_mid_pick_stops_the_arm_and_a_device_that_fails_leaves_its_code():
-    world = world_with_cube()
+    world = one_part()
     cycle = cycle_of(world)
     assert asyncio.run(during(world, cycle, "moving", 2, cycle.disable)).outcome == "aborted"
-    world = world_with_cube()
+    world = one_part()
     cycle = cycle_of(world)
     asyncio.run(during(world, cycle, "moving", 2, lambda: cycle.fail("camera_lost", "left camera is gone")))
     assert cycle.status()["fault"] == "camera_lost: left camera is gone"
 
 
 def test_pause_holds_before_the_next_move_and_resume_goes_on():
-    world = world_with_cube()
+    world = one_part()
     cycle = cycle_of(world)
 
     async def story():
@@ -181,7 +167,7 @@ def test_pause_holds_before_the_next_move_and_resume_goes_on():
 
 
 def test_stop_while_paused_is_heard():
-    world = world_with_cube()
+    world = one_part()
     cycle = cycle_of(world)
 
     async def story():
@@ -197,7 +183,7 @@ def test_stop_while_paused_is_heard():
 
 
 def test_in_step_mode_each_move_is_told_and_waits_for_a_yes():
-    world = world_with_cube()
+    world = one_part()
     cycle = cycle_of(world)
 
     async def story():
@@ -221,7 +207,7 @@ def test_in_step_mode_each_move_is_told_and_waits_for_a_yes():
 
 
 def test_a_no_in_step_mode_gives_the_pick_up_before_the_move():
-    world = world_with_cube()
+    world = one_part()
     cycle = cycle_of(world)
 
     async def story():
@@ -237,7 +223,7 @@ def test_a_no_in_step_mode_gives_the_pick_up_before_the_move():
 
 
 def test_no_to_a_move_asked_for_by_hand_is_no_fault():
-    world = world_with_cube()
+    world = one_part()
     cycle = cycle_of(world)
 
     async def story():
@@ -254,7 +240,7 @@ def test_no_to_a_move_asked_for_by_hand_is_no_fault():
 
 
 def test_dry_does_everything_but_the_bytes():
-    world = world_with_cube()
+    world = one_part()
     cycle = cycle_of(world)
     cycle.dry(True)
     end = asyncio.run(cycle.pick())
@@ -265,7 +251,7 @@ def test_dry_does_everything_but_the_bytes():
 
 
 def test_a_second_job_is_refused_while_one_runs_and_says_which():
-    world = world_with_cube()
+    world = one_part()
     cycle = cycle_of(world)
 
     async def story():
@@ -281,7 +267,7 @@ def test_a_second_job_is_refused_while_one_runs_and_says_which():
 
 
 def test_a_pick_goes_on_when_the_one_who_asked_goes_away():
-    world = world_with_cube()
+    world = one_part()
     cycle = cycle_of(world)
 
     async def story():
@@ -297,7 +283,7 @@ def test_a_pick_goes_on_when_the_one_who_asked_goes_away():
 
 
 def test_a_restart_in_mid_cycle_comes_back_in_fault_and_asks_about_the_gripper():
-    world = world_with_cube()
+    world = one_part()
     cycle = cycle_of(world)
     cycle.recover("retreat", closed=True)
     with pytest.raises(RefusedError, match="resume"):
@@ -314,14 +300,14 @@ def test_a_restart_in_mid_cycle_comes_back_in_fault_and_asks_about_the_gripper()
 
 
 def test_a_stop_with_the_hand_around_a_part_asks_about_the_gripper():
-    world = world_with_cube()
+    world = one_part()
     cycle = cycle_of(world)
     asyncio.run(during(world, cycle, "handed", 2, cycle.stop))
     assert cycle.status()["holding"] is None
 
 
 def test_closing_the_daemon_stops_the_arm_and_ends_its_task():
-    world = world_with_cube()
+    world = one_part()
     cycle = cycle_of(world)
 
     async def story():
@@ -335,13 +321,13 @@ def test_closing_the_daemon_stops_the_arm_and_ends_its_task():
 
 
 def test_an_unknown_place_is_refused_with_the_places_there_are():
-    cycle = cycle_of(world_with_cube())
+    cycle = cycle_of(one_part())
     with pytest.raises(RefusedError, match="home, bin, survey"):
         asyncio.run(cycle.go("moon"))
 
 
 def test_a_look_waits_until_the_images_agree_and_the_settling_time_is_logged():
-    world = world_with_cube()
+    world = one_part()
     cycle = cycle_of(world)
     cycle.cell.eyes.shaking = 3
     look = asyncio.run(cycle.look())
@@ -353,7 +339,7 @@ def test_a_look_waits_until_the_images_agree_and_the_settling_time_is_logged():
 
 
 def test_images_that_never_agree_are_told_and_are_no_look():
-    world = world_with_cube()
+    world = one_part()
     cycle = cycle_of(world)
     cycle.cell.eyes.shaking = 10_000
     with pytest.raises(Exception, match="still change"):
@@ -362,7 +348,7 @@ def test_images_that_never_agree_are_told_and_are_no_look():
 
 
 def test_a_look_needs_no_enable_and_moves_nothing():
-    world = world_with_cube()
+    world = one_part()
     cycle = cycle_of(world)
     cycle.mover.enabled = False
     assert [p.recognition.label for p in asyncio.run(cycle.look()).scene.parts] == ["cube"]
