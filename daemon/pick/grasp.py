@@ -23,6 +23,8 @@ TOUCHING_MM = 0.6
 MEETING_MM = 2.0
 """Faces that are reached within this of one another meet there in an edge or a corner."""
 NEAR_RAD = 0.25
+LEAST_SIZE_MM2, SAME_PLANE = 20.0, float(np.cos(np.radians(6.0)))
+"""Twice the area of three corners that give a plane, and the cosine above which two planes are one."""
 ALONG_DEG = 9.0
 """A face this near to parallel lies along a finger; the closing finger turns the part the rest."""
 
@@ -72,9 +74,9 @@ def tool_rotation(heading: Array, tilt_rad: float) -> Array:
 
     The closing direction (tool y) is horizontal and the cameras (tool -x) are on the upper side.
     """
-    y = np.cross(UP, heading)
-    z = np.sin(tilt_rad) * heading - np.cos(tilt_rad) * UP
-    return np.column_stack([np.cross(y, z), y, z])
+    u, v, _ = heading
+    sine, cosine = np.sin(tilt_rad), np.cos(tilt_rad)
+    return np.array([[-cosine * u, -v, sine * u], [-cosine * v, u, sine * v], [-sine, 0.0, -cosine]])
 
 
 def hull_planes(corners_mm: Array, flat_mm: float = 1.5) -> tuple[Array, Array]:
@@ -83,25 +85,23 @@ def hull_planes(corners_mm: Array, flat_mm: float = 1.5) -> tuple[Array, Array]:
     Corners within flat_mm of a plane lie on it, so that taught (noisy) faces come out whole. For the few corners a
     part has, trying each three is quick. Raises ValueError where the corners span no volume.
     """
+    if len(corners_mm) < 4:
+        raise ValueError(f"{len(corners_mm)} corners span no solid")
+    first, second, third = corners_mm[np.array(list(combinations(range(len(corners_mm)), 3))).T]
+    every = np.cross(second - first, third - first)
+    size = np.linalg.norm(every, axis=1)
+    wide = size >= LEAST_SIZE_MM2
+    every, first = every[wide] / size[wide, None], first[wide]
+    heights = every @ corners_mm.T - np.einsum("ti,ti->t", every, first)[:, None]
+    above, below = heights.max(axis=1) > flat_mm, heights.min(axis=1) < -flat_mm
+    every, heights = np.where(above[:, None], -every, every), np.where(above[:, None], -heights, heights)
     normals: list[Array] = []
     offsets: list[float] = []
-    for three in combinations(range(len(corners_mm)), 3):
-        a, b, c = corners_mm[list(three)]
-        normal = np.cross(b - a, c - a)
-        size = float(np.linalg.norm(normal))
-        if size < 20.0:
+    for k in np.flatnonzero(above != below):
+        if any(float(n @ every[k]) > SAME_PLANE for n in normals):
             continue
-        normal = normal / size
-        heights = (corners_mm - a) @ normal
-        if heights.max() > flat_mm and heights.min() < -flat_mm:
-            continue
-        if heights.max() > flat_mm:
-            normal, heights = -normal, -heights
-        if -heights.min() <= flat_mm or any(float(n @ normal) > np.cos(np.radians(6.0)) for n in normals):
-            continue
-        on = corners_mm[heights > -flat_mm]
-        normals.append(normal)
-        offsets.append(float((on @ normal).max()))
+        normals.append(every[k])
+        offsets.append(float((corners_mm[heights[k] > -flat_mm] @ every[k]).max()))
     if len(normals) < 4:
         raise ValueError(f"{len(corners_mm)} corners span no solid")
     return np.array(normals), np.array(offsets)
@@ -222,7 +222,7 @@ def grasps(
         for closing in (along, -along):
             for tilt_deg in gripper.tilts_deg:
                 rotation = tool_rotation(np.cross(closing, UP), float(np.radians(tilt_deg)))
-                if near is not None and frames.angle_between(rotation, near) > NEAR_RAD:
+                if near is not None and float((rotation * near).sum()) < 1.0 + 2.0 * np.cos(NEAR_RAD):
                     continue
                 grasp = _placed(rotation, tilt_deg, world, normals, offsets, table_z_mm, gripper)
                 if grasp is not None:

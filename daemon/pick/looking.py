@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Protocol
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -87,8 +88,7 @@ def block_means(image: NDArray[np.uint8]) -> Array:
     """(H, W) grey -> (H // 8, W // 8) means of 8x8 px blocks."""
     rows, columns = (n // BLOCK_PX for n in image.shape)
     cut = image[: rows * BLOCK_PX, : columns * BLOCK_PX].astype(np.float32)
-    means: Array = cut.reshape(rows, BLOCK_PX, columns, BLOCK_PX).mean(axis=(1, 3)).astype(float)
-    return means
+    return np.asarray(cv2.resize(cut, (columns, rows), interpolation=cv2.INTER_AREA), float)
 
 
 def change(before: NDArray[np.uint8], after: NDArray[np.uint8]) -> tuple[float, float]:

@@ -6,6 +6,7 @@ decided here.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,7 +58,8 @@ def solve(
     """
     pull = weight @ jacobian
     rows, wanted = jacobian.reshape(-1, 6), (weight @ off[..., None])[..., 0]
-    trust, motion, information, chi2 = usable, np.zeros(6), np.zeros((6, 6)), 0.0
+    trust: NDArray[Any] = usable
+    motion, information, chi2 = np.zeros(6), np.zeros((6, 6)), 0.0
     for _ in range(passes):
         each = np.repeat(trust, 2)
         information = (pull.reshape(-1, 6) * each[:, None]).T @ rows

@@ -19,14 +19,14 @@ from daemon.vision.rig import StereoRig
 
 Array = NDArray[np.float64]
 PATCH_PX, BAND_PX = 10, 16
-MOST_POINTS, LEAST_POINTS = 60, 8
+MOST_POINTS, LEAST_POINTS = 60, 5
 LEAST_ALIKE = 0.8
 NEAR_MM, FAR_MM = 80.0, 3000.0
 CLEAR_PX = 1.0
 """How much nearer to the lines one way round must be before it is believed."""
 ALIKE_PX = 1.2
 """Points this much alike in their distance from the lines are together: a patch is placed to a pixel."""
-LEAST_TOGETHER, MOST_TOGETHER = 0.3, 0.6
+LEAST_TOGETHER, MOST_TOGETHER = 0.4, 0.7
 """Share of the points that must be together on their lines to be believed, and together off them: grain and repeated
 patterns match anywhere."""
 NEAR_ENOUGH = 0.5
@@ -63,21 +63,47 @@ def assignment(left: NDArray[np.uint8], right: NDArray[np.uint8], rig: StereoRig
 
 
 def matched_points(left: NDArray[np.uint8], right: NDArray[np.uint8]) -> tuple[Array, Array]:
-    """The same points in both images, (N, 2) px each: corners of the left, found by patch in a band of the right."""
-    corners = cv2.goodFeaturesToTrack(left, MOST_POINTS, 0.02, 8)
-    height, width = left.shape
+    """The same points in both images, (N, 2) px each: corners of the left, found by patch in a band of the right; at
+    half size first, then to the pixel."""
+    half = [np.asarray(cv2.resize(i, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), np.uint8)
+            for i in (left, right)]  # fmt: skip
+    corners = cv2.goodFeaturesToTrack(half[0], MOST_POINTS, 0.02, 4)
     pairs = []
     for x, y in [] if corners is None else np.rint(corners[:, 0]).astype(int):
-        top = y - PATCH_PX - BAND_PX
-        if not (PATCH_PX <= x < width - PATCH_PX and top >= 0 and y + PATCH_PX + BAND_PX < height):
+        coarse = _found(half[0], half[1], (x, y), PATCH_PX // 2, (0, half[1].shape[1]), (y, BAND_PX // 2))
+        if coarse is None:
             continue
-        patch = left[y - PATCH_PX : y + PATCH_PX + 1, x - PATCH_PX : x + PATCH_PX + 1]
-        alike = cv2.matchTemplate(right[top : y + PATCH_PX + BAND_PX + 1], patch, cv2.TM_CCOEFF_NORMED)
-        _, best, _, (u, v) = cv2.minMaxLoc(alike)
-        if best >= LEAST_ALIKE:
-            pairs.append((x, y, u + PATCH_PX, top + v + PATCH_PX))
+        u, v = 2 * coarse[0], 2 * coarse[1]
+        fine = _found(left, right, (2 * x, 2 * y), PATCH_PX, (u - PATCH_PX - 3, u + PATCH_PX + 4), (v, 3))
+        if fine is not None:
+            pairs.append((2 * x, 2 * y, *fine))
     points = np.array(pairs, float).reshape(-1, 4)
     return points[:, :2], points[:, 2:]
+
+
+def _found(
+    image: NDArray[np.uint8],
+    other: NDArray[np.uint8],
+    at: tuple[int, int],
+    patch: int,
+    columns: tuple[int, int],
+    rows: tuple[int, int],
+) -> tuple[int, int] | None:
+    """Where the patch round `at` (x, y) of one image is in the other, between columns (first, end) and within some
+    rows (middle, reach); None where it is not, or the image ends."""
+    x, y = at
+    top, bottom = rows[0] - rows[1] - patch, rows[0] + rows[1] + patch + 1
+    first, end = max(columns[0], 0), min(columns[1], other.shape[1])
+    height, width = image.shape
+    if not (patch <= x < width - patch and patch <= y < height - patch) or top < 0 or bottom > height:
+        return None
+    if end - first < 2 * patch + 1:
+        return None
+    alike = cv2.matchTemplate(
+        other[top:bottom, first:end], image[y - patch : y + patch + 1, x - patch : x + patch + 1], cv2.TM_CCOEFF_NORMED
+    )
+    _, best, _, (u, v) = cv2.minMaxLoc(alike)
+    return (first + u + patch, top + v + patch) if best >= LEAST_ALIKE else None
 
 
 @dataclass(frozen=True)
