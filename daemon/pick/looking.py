@@ -19,7 +19,7 @@ from daemon.pick.workcell import Array, Pictures, Reading, Workcell
 from daemon.upkeep.clues import clue_of
 from daemon.upkeep.driftwatch import health_fields
 from daemon.vision.data import Scene
-from daemon.vision.health import Finding, drift, examine, misleading
+from daemon.vision.health import Finding, drift, examine, misleading, sharpness
 from daemon.vision.image import VisionError
 from daemon.vision.table import Table
 
@@ -159,8 +159,10 @@ async def take_look(
     def see() -> tuple[Scene, tuple[Finding, ...], bool]:
         health = _health(cell, before, pictures)
         expected = None if expect is None else expect(*images, world_from_cyclopean)
-        scene = expected or sight.see(*images, table)
-        return scene, (*health, *drift(scene)), expected is None
+        if expected is not None:
+            return expected, health, False
+        scene = sight.see(*images, table)
+        return scene, (*health, *sharpness(images), *drift(scene)), True
 
     scene, health, whole = await asyncio.to_thread(see)
     now_s = cell.clock()
@@ -190,10 +192,11 @@ async def whole_look(sight: Sight, look: Look) -> Look:
 
 
 def _health(cell: Workcell, before: Pictures, now: Pictures) -> tuple[Finding, ...]:
-    """How well the pair itself is. Raises VisionError where it misleads."""
+    """How well the pair itself is, but for its sharpness, which an expected part's edges prove when they are found.
+    Raises VisionError where it misleads."""
     earlier, images = ((p.left.pixels, p.right.pixels) for p in (before, now))
     shown_again = now.left.pixels is before.left.pixels  # a recorded pair held still, not a camera that repeats itself
-    health = examine(images, None if shown_again else earlier, cell.rig)
+    health = examine(images, None if shown_again else earlier, cell.rig, sharp=False)
     wrong = misleading(health)
     if wrong:
         raise VisionError("; ".join(wrong))

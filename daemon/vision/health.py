@@ -91,16 +91,21 @@ def _finding(name: str, eye: str, value: float) -> Finding:
     return Finding(name, eye, value, value <= measure.limit if measure.above else value >= measure.limit)
 
 
-def examine(pair: Pair, before: Pair | None = None, rig: StereoRig | None = None) -> tuple[Finding, ...]:
+def examine(
+    pair: Pair, before: Pair | None = None, rig: StereoRig | None = None, sharp: bool = True
+) -> tuple[Finding, ...]:
     """Every measure that can be taken of a pair of grey images (H, W); what cannot be measured is left out.
 
     before: the pair grabbed before this one (frozen). rig: finds swapped eyes and a camera knocked by much; a small
-    knock is for drift() and for daemon/calibration/drift.py to tell, from measured corners.
+    knock is for drift() and for daemon/calibration/drift.py to tell, from measured corners. sharp: whether sharpness()
+    is asked, too; it takes longest.
     """
     findings: list[Finding] = []
     contrasts = [_contrast(image) for image in pair]
     for k, (eye, image) in enumerate(zip(("left", "right"), pair, strict=True)):
         findings += _image(eye, image, contrasts[k], contrasts[1 - k])
+    if sharp:
+        findings += sharpness(pair)
     same = sum(np.array_equal(now, then) for now, then in zip(pair, before, strict=True)) if before else 0
     findings.append(_finding("frozen", "pair", float(same)))
     findings.append(_finding("doubled", "pair", float(np.array_equal(*pair))))
@@ -137,10 +142,16 @@ def _image(eye: str, image: Image, contrast: float, other_contrast: float) -> It
     yield _finding("saturation", eye, 100.0 * float(np.mean(image >= 250)))
     yield _finding("darkness", eye, bright)
     yield _finding("torn", eye, _tear(image))
-    blur = measure_blur(image)
-    if not np.isnan(blur.least_px):
-        yield _finding("focus", eye, blur.least_px)
-        yield _finding("motion", eye, blur.motion_px)
+
+
+def sharpness(pair: Pair) -> tuple[Finding, ...]:
+    """How sharp the edges of a pair of grey images (H, W) are, where they have enough."""
+    findings: list[Finding] = []
+    for eye, image in zip(("left", "right"), pair, strict=True):
+        blur = measure_blur(image)
+        if not np.isnan(blur.least_px):
+            findings += [_finding("focus", eye, blur.least_px), _finding("motion", eye, blur.motion_px)]
+    return tuple(findings)
 
 
 def _repeated_rows(image: Image) -> float:
