@@ -189,6 +189,11 @@ class ArmOnLink:
         return puma560.forward(joints_rad + share * (to_rad - joints_rad), self._arm)
 
     @property
+    def stopped_on_opening(self) -> bool:
+        """Whether the arm was found at work when the port was opened last, and was stopped."""
+        return self.link.stopped_on_opening
+
+    @property
     def question(self) -> str | None:
         """What the controller asks since it was switched on, or None."""
         return self.link.question

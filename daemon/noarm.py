@@ -25,7 +25,7 @@ class NoArm:
 
     heard_s: float | None = None
     question: str | None = None
-    aside = False
+    aside = stopped_on_opening = False
 
     async def open(self) -> None:
         """Nothing to open."""

@@ -44,6 +44,7 @@ from daemon.upkeep.metrics import MetricsServer
 from daemon.upkeep.watch import Watch
 
 STOPPED, BROKEN, NO_DEVICE, BAD_CONFIGURATION = 0, 1, 2, 78
+AT_WORK = "at work: the controller was still carrying out what it was told before this start; it was stopped (ABORT)"
 HALT_S = 1.0
 """What the arm's stop may take of the two seconds that systemd and people wait for a clean end."""
 
@@ -146,6 +147,8 @@ class Service:
             desk.cycle.recover(left.state or "an unknown state", left.hand_closed)
             troubles.tell("restart", _told(left))
         desk.record_start()
+        if self._hardware.robot.stopped_on_opening:
+            desk.log.record("fault", code="at work", text=AT_WORK, **{"while": "starting"})
         if self._hardware.hand is not None:
             self._hardware.hand.scatter()
         await self._open_doors(desk)

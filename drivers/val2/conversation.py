@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from drivers.val2.dialect import Dialect
-from drivers.val2.errors import Garbled, LinkError, NoAnswer
+from drivers.val2.errors import Busy, Garbled, LinkError, NoAnswer
 from drivers.val2.wire import Echo, Error, Event, Garble, Prompt, Question, Reader, State, Table, Text, Where
 
 POISON = b"!!"
@@ -104,7 +104,7 @@ class Conversation:
         """Get the controller to an empty line and its prompt or question; what it said, that last.
 
         First the half-typed line is cancelled. Should that not bring a prompt, characters that make any line an error
-        are typed and ended. Raises NoAnswer.
+        are typed and ended. Raises NoAnswer; Busy where something came back, but neither prompt nor question.
         """
         said: list[Event] = []
         for attempt in range(attempts):
@@ -115,7 +115,8 @@ class Conversation:
                 continue
             await asyncio.sleep(self.dialect.echo_settle_s)
             return said
-        raise NoAnswer(f"no prompt after {attempts} attempts; is the controller on, and its terminal line this one?")
+        error = Busy if said else NoAnswer
+        raise error(f"no prompt after {attempts} attempts; is the controller on, and its terminal line this one?")
 
     def send_raw(self, data: bytes) -> None:
         """Send bytes as they are, their echo unchecked. Raises Preempted, PortError."""

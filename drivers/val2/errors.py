@@ -22,6 +22,10 @@ class NoAnswer(LinkError):  # noqa: N818 - it reads as what happened
     """The controller did not answer in time."""
 
 
+class Busy(NoAnswer):
+    """The controller echoes what is typed and gives no prompt: it is still carrying something out."""
+
+
 class Garbled(LinkError):  # noqa: N818
     """Noise on the line: what was typed or answered did not come through whole."""
 

@@ -17,7 +17,7 @@ from typing import Any
 from drivers.val2 import commands
 from drivers.val2.conversation import POISON, Answer, Conversation
 from drivers.val2.dialect import Dialect
-from drivers.val2.errors import ControllerError, Elsewhere, Garbled, LinkError, NoAnswer, PortError, Preempted
+from drivers.val2.errors import Busy, ControllerError, Elsewhere, Garbled, LinkError, NoAnswer, PortError, Preempted
 from drivers.val2.ledger import Ledger
 from drivers.val2.location import Location, apart
 from drivers.val2.session import Session
@@ -38,6 +38,8 @@ __all__ = [
 ]
 
 ABORT_ATTEMPTS = 5
+CONFIRMS = "are you sure"
+"""How a controller asks whether a command is meant; found open, it was typed by somebody who is gone."""
 
 
 class Link:
@@ -61,15 +63,21 @@ class Link:
         self._belongs_together = belongs_together or (lambda where: True)
         self._session: Session | None = None
         self._aborting: asyncio.Task[Where] | None = None
+        self.stopped_on_opening = False
+        """Whether the arm was found at work when the port was opened last, and was stopped."""
 
     # Connecting
 
     async def open(self) -> None:
-        """Claim the port and find the controller's prompt, or the question it asks at power-up (see `question`)."""
+        """Claim the port and find the controller's prompt, or the question it asks at power-up (see `question`).
+
+        An arm that is still at work on what somebody before us told it (a program that was killed) is stopped.
+        """
         self._let_go()
         self._session = Session(self.port, self.dialect, self.clock, self._ledger)
+        self.stopped_on_opening = False
         try:
-            await self._session.find_prompt()
+            await self._come_to_a_still_arm(self._session)
         except BaseException:
             self._let_go()
             raise
@@ -197,6 +205,45 @@ class Link:
     @property
     def _move_answer_s(self) -> float:
         return self.dialect.answer_s if self.dialect.prompt_after_move == "start" else self.dialect.motion_s
+
+    async def _come_to_a_still_arm(self, session: Session) -> None:
+        """To the prompt, with the arm at rest, or to a power-up question: nothing moves then. Raises NoAnswer."""
+        try:
+            await session.find_prompt()
+            if CONFIRMS in (session.question or "").lower():
+                await self._decline(session)
+            if session.question is None:
+                async with session.turn() as talk:
+                    await self._see_that_it_rests(talk)
+            return
+        except NoAnswer as problem:
+            if not isinstance(problem, Busy):
+                raise
+            busy = problem
+        try:
+            await self.abort()
+        except NoAnswer:
+            raise busy from None
+        self.stopped_on_opening = True
+
+    async def _decline(self, session: Session) -> None:
+        """No to what somebody before us began; typed twice where something stood in the line before it."""
+        async with session.turn(answers_question=True) as talk:
+            for _ in range(2):
+                answer = await talk.ask("N", (), self.dialect.resync_s)
+                session.question = answer.question
+                if answer.question is None:
+                    return
+
+    async def _see_that_it_rests(self, talk: Conversation) -> None:
+        """Raises Busy where the arm moves, or the line is not clear enough to tell."""
+        try:
+            if not self.dialect.break_after_move:
+                await self._still(talk, 0.0, any_place=True)
+            elif self._met_a_rest(await talk.ask("DO BREAK", (), self.dialect.resync_s)):
+                await talk.ask("DO BREAK", (), self.dialect.resync_s)
+        except (NoAnswer, Garbled) as problem:
+            raise Busy(problem.message) from problem
 
     async def _carry_out(self, lines: Sequence[str], replies: Sequence[str], timeout_s: float | None) -> Answer:
         """Several lines in one turn, so that no abort can fall between them unnoticed; the last one's answer."""

@@ -50,6 +50,8 @@ class Running:
             f"version: 1\nfolders: {{state: state, runtime: .}}\n{simulated}{config}", encoding="utf-8"
         )
         self.process: subprocess.Popen[bytes] | None = None
+        self.program = "daemon.main"
+        self.environment: dict[str, str] = {}
 
     @property
     def runs(self) -> Path:
@@ -63,8 +65,9 @@ class Running:
             place.unlink(missing_ok=True)
             notes.bind(str(place))
             notes.settimeout(0.2)
-            environment = {**os.environ, "NOTIFY_SOCKET": str(place), "OMP_NUM_THREADS": "1"}
-            command = [sys.executable, "-m", "daemon.main", "--config", str(self.folder / "facetd.yaml"), *arguments]
+            environment = {**os.environ, "NOTIFY_SOCKET": str(place), "OMP_NUM_THREADS": "1", **self.environment}
+            config = str(self.folder / "facetd.yaml")
+            command = [sys.executable, "-m", self.program, "--config", config, *arguments]
             began = time.monotonic()
             with (self.folder / "stderr").open("ab") as errors:
                 self.process = subprocess.Popen(command, stderr=errors, env=environment)
@@ -85,8 +88,10 @@ class Running:
 
     def teach(self) -> None:
         """Show the six views as an operator would, each again until it is seen whole; train. Raises RuntimeError."""
-        for label, facets in SHOWN:
+        shown = [label for label, _ in SHOWN]
+        for k, (label, facets) in enumerate(SHOWN):
             for _ in range(TRIES):
+                self.show(label, shown[:k].count(label))
                 done = self.do(f"teach {label}")
                 if done["status"] == 0 and len(done["data"]["facets"]) == facets:
                     break
@@ -96,6 +101,9 @@ class Running:
                 raise RuntimeError(f"the {label} was not seen whole in {TRIES} looks")
         self.do("train")
         self.do("accept")
+
+    def show(self, label: str, view: int) -> None:
+        """Show a part in one of its views: the simulated hand does it by itself."""
 
     def footprint(self) -> Footprint:
         """What the process holds now."""

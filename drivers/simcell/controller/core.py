@@ -31,6 +31,7 @@ from drivers.simcell.controller.waits import Ask, Command, Wait
 from drivers.simcell.controller.words import come_to_rest
 
 TYPE_AHEAD_LINES = 16
+KEPT_LINES = 1000
 
 
 @dataclass(frozen=True)
@@ -68,6 +69,8 @@ class Controller:
         self.hand_closed = False
         self.wanted = Configuration()
         self.alive = True
+        self.lines: deque[str] = deque(maxlen=KEPT_LINES)
+        """What was typed, the newest line last, carried out or refused; for witnesses."""
         self._terminal = Terminal(self.manners.line_editing)
         self._ahead: deque[str] = deque(maxlen=TYPE_AHEAD_LINES)
         self._running: Command | None = None
@@ -123,6 +126,16 @@ class Controller:
         """When `tick` or `output` next has something to do; None: not before something is typed."""
         moments = [self._next_event_s(), self._output[0][0] if self._output else None]
         return min((moment for moment in moments if moment is not None), default=None)
+
+    @property
+    def half_typed(self) -> str:
+        """What stands in the line that nobody has ended yet."""
+        return self._terminal.typed
+
+    @property
+    def question(self) -> str | None:
+        """What it asks, and waits for an answer to."""
+        return self._waits_for.question if isinstance(self._waits_for, Ask) else None
 
     # What may happen to it
 
@@ -195,6 +208,7 @@ class Controller:
         return min(moments, default=None)
 
     def _take_line(self, text: str) -> None:
+        self.lines.append(text)
         if self.faults.mute_answers > 0:
             self.faults.mute_answers -= 1
             self._muted = True

@@ -37,10 +37,15 @@ class Terminal:
         self._typed = bytearray()
         self._too_long = False
 
+    @property
+    def typed(self) -> str:
+        """The line so far."""
+        return self._typed.decode("ascii", "replace")
+
     def take(self, byte: int) -> tuple[bytes, Line | Cancelled | Interrupt | None]:
         """One byte typed: what to echo, and what it completes."""
         if byte == CARRIAGE_RETURN:
-            text = "?" if self._too_long else self._typed.decode("ascii", "replace")
+            text = "?" if self._too_long else self.typed
             self.clear()
             return b"\r\n", Line(text)
         if not self._editing and byte not in IGNORED:

@@ -275,14 +275,57 @@ def test_a_rest_that_opening_left_in_the_line_spoils_no_command(bench: Callable[
     """A prompt that happened to be printed just then makes a controller look as if it had cancelled the line."""
 
     async def scene() -> None:
-        cell = bench(Manners(line_editing=False))
+        cell = bench(Manners(line_editing=False, prompt_after_move="end"))
+        with cell.server.controller() as controller:
+            controller.receive(b"DO DRIVE 1,10,5\r", controller.now_s)
+            assert 0.05 < (controller.arm.rests_s - controller.now_s) / 20 < 0.3
         async with cell.link() as link:
-            with cell.server.controller() as controller:
-                controller.receive(link.dialect.cancel_line, controller.now_s)
-            await asyncio.sleep(0.1)
+            assert cell.sent().count("DO BREAK") == 2
+            assert not link.stopped_on_opening
             await link.speed(10)
             with pytest.raises(ControllerError, match="Illegal command"):
                 await link.command("NONSENSE")
+
+    asyncio.run(scene())
+
+
+@pytest.mark.parametrize("prompt", ["start", "end"])
+@pytest.mark.parametrize("break_after_move", [True, False])
+@pytest.mark.parametrize("line_editing", [True, False])
+def test_an_arm_found_at_work_on_opening_is_stopped(
+    bench: Callable[..., Any], prompt: Any, break_after_move: bool, line_editing: bool
+) -> None:
+    """Whoever told it so was killed, and may have left the next line half typed."""
+
+    async def scene() -> None:
+        cell = bench(Manners(line_editing=line_editing, prompt_after_move=prompt), time_scale=5.0)
+        with cell.server.controller() as controller:
+            controller.receive(b"DO DRIVE 1,90,2\rDO NE", controller.now_s)
+        async with cell.link(quick(break_after_move=break_after_move)) as link:
+            assert link.stopped_on_opening
+            place = await link.where()
+            await asyncio.sleep(0.2)
+            assert place == await link.where()
+            assert place.joints_deg[0] < 89.0
+            assert link.question is None
+
+    asyncio.run(scene())
+
+
+@pytest.mark.parametrize("line_editing", [True, False])
+def test_a_calibration_somebody_else_began_and_did_not_confirm_is_declined_on_opening(
+    bench: Callable[..., Any], line_editing: bool
+) -> None:
+    async def scene() -> None:
+        cell = bench(Manners(line_editing=line_editing))
+        with cell.server.controller() as controller:
+            controller.calibrated = False
+            controller.receive(b"CAL\r", controller.now_s)
+        async with cell.link() as link:
+            assert link.question is None
+            await link.where()
+            with cell.server.controller() as controller:
+                assert not controller.calibrated
 
     asyncio.run(scene())
 
