@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal
 
 from msgspec import Meta
 
-from daemon.pick.plan import Settings
+from daemon.pick.settings import Settings
 from daemon.store import places
 from daemon.store.bounds import check_bounds, check_finite
 from daemon.store.yamlfile import ConfigError, Document, Key, read

@@ -43,8 +43,8 @@ from dataclasses import dataclass
 from daemon import frames
 from daemon.pick.looking import Look, Sight, log_look, take_look
 from daemon.pick.picking import Bench, Pick, Skipped
-from daemon.pick.plan import Settings
 from daemon.pick.reins import OperatorRefusedError, RefusedError, Reins
+from daemon.pick.settings import Settings
 from daemon.pick.transitions import NEXT, TABLE, printed_table
 from daemon.pick.workcell import Array, Reading, Workcell
 

@@ -177,7 +177,7 @@ async def _demo(seed: int, time_scale: float, runs: Path) -> int:
 
 
 def _settings(config: Any, calibration: Any) -> Any:
-    from daemon.pick.plan import doubt_of
+    from daemon.pick.settings import doubt_of
 
     pick = config.said.pick
     return replace(pick, stops=replace(pick.stops, least_looks=3), doubt=doubt_of(calibration.quality))

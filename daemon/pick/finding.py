@@ -15,19 +15,10 @@ from daemon.pick.edges import open_eyes
 from daemon.pick.following import Target, beside, far
 from daemon.pick.looking import Expect, Look, Sight, log_look, take_look
 from daemon.pick.motion import Mover, MoveRefusedError, OutOfReachError
-from daemon.pick.plan import (
-    SAME_PLACE_MM,
-    Seen,
-    Settings,
-    facings,
-    is_own,
-    merged,
-    ordered,
-    other_view,
-    plan_part,
-    seen_parts,
-)
+from daemon.pick.plan import other_view, plan_part
 from daemon.pick.proving import Proved, proved
+from daemon.pick.seen import SAME_PLACE_MM, Seen, facings, is_own, merged, ordered, seen_parts
+from daemon.pick.settings import Settings
 from daemon.pick.workcell import Array, Workcell
 from daemon.vision.look import outlines
 

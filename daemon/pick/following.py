@@ -16,7 +16,8 @@ from daemon.approach import Doubt, Estimate, Sighting
 from daemon.pick.edges import fit_edges, open_eyes, shown
 from daemon.pick.grasp import Gripper, closed_fingers
 from daemon.pick.looking import Expect, Look
-from daemon.pick.plan import SAME_PLACE_MM, Plan, Seen, seen_parts
+from daemon.pick.plan import Plan
+from daemon.pick.seen import SAME_PLACE_MM, Seen, seen_parts
 from daemon.pick.tracking import Fit, Shape, refit
 from daemon.pick.workcell import Array, Workcell
 from daemon.vision.data import Facet, FacetView, Part, Recognition, Scene

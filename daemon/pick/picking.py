@@ -14,7 +14,8 @@ from daemon.pick.finding import Bench, Finding, Skipped, SuspectError
 from daemon.pick.following import NEAR_MM, Target, came_back_empty, expecting, far, follow, others, still_there
 from daemon.pick.looking import whole_look
 from daemon.pick.motion import MoveRefusedError, OutOfReachError
-from daemon.pick.plan import SAME_PLACE_MM, Seen, regrasp, seen_parts
+from daemon.pick.plan import regrasp
+from daemon.pick.seen import SAME_PLACE_MM, Seen, seen_parts
 
 __all__ = ["Bench", "Pick", "Skipped", "SuspectError"]
 

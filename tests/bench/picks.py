@@ -1,11 +1,12 @@
 """Many picks from random poses with realistic calibration error, against a single look from the same poses.
 
-usage: python -m tests.bench.picks [--picks N] [--calibrations N] [--single-every N] [--jobs N]
+usage: python -m tests.bench.picks [--picks N] [--calibrations N] [--own N] [--single-every N] [--jobs N]
 
-For each of some made-up calibrations (hand-eye off by 0.3 mm and 0.05 degrees, image centres by 0.3 px, in random
-directions) the six views are taught anew; then single parts in random resting poses are picked with as many looks as
-the approach wants, and every so many of the same poses with one look from the first stand-off. The witness says what
-was held and how far off. Besides: how long the daemon takes from one move's end to the next one's start, with a look.
+Under each of some calibrations the six views are taught anew; then single parts in random resting poses are picked with
+as many looks as the approach wants, and every so many of the same poses with one look from the first stand-off. The
+witness says what was held and how far off. The calibrations are made up (hand-eye off by 0.3 mm and 0.05 degrees, image
+centres by 0.3 px, in random directions) or, --own, found by the program's own calibration of the simulated cell.
+Besides: how long the daemon takes from one move's end to the next one's start, with a look.
 """
 
 from __future__ import annotations
@@ -35,8 +36,9 @@ from daemon import frames
 from daemon.approach import Stops
 from daemon.calibration.file import Calibration
 from daemon.jobs.demo import PARTS
-from daemon.pick.plan import Settings, doubt_of
+from daemon.pick.settings import Settings, doubt_of
 from daemon.vision.rig import Camera
+from tests.bench.calibration import calibrated
 
 HAND_EYE_MM, HAND_EYE_DEG, CENTRE_PX = 0.3, 0.05, 0.3
 TIME_SCALE = 40.0
@@ -165,9 +167,14 @@ async def _row(
     return found, turns
 
 
-async def _under_one(number: int, picks: int, single_every: int) -> tuple[dict[str, list[Picked]], list[Turn]]:
-    """Teach and pick under one made-up calibration."""
-    believed = erring(simulated_cell.true_calibration(), np.random.default_rng(number))
+async def _under_one(
+    number: int, picks: int, single_every: int, own: bool
+) -> tuple[dict[str, list[Picked]], list[Turn]]:
+    """Teach and pick under one calibration."""
+    if own:
+        believed = (await calibrated(number)).calibration
+    else:
+        believed = erring(simulated_cell.true_calibration(), np.random.default_rng(number))
     async with simulated_cell.rig(seed=100 + number, believed=believed) as here:
         model = await simulated_cell.taught(here)
     usual = replace(Settings(), doubt=doubt_of(believed.quality))
@@ -178,8 +185,8 @@ async def _under_one(number: int, picks: int, single_every: int) -> tuple[dict[s
     return {SURE: sure, SINGLE: single}, turns
 
 
-def _run(number: int, picks: int, single_every: int) -> tuple[dict[str, list[Picked]], list[Turn]]:
-    return asyncio.run(_under_one(number, picks, single_every))
+def _run(task: tuple[int, bool], picks: int, single_every: int) -> tuple[dict[str, list[Picked]], list[Turn]]:
+    return asyncio.run(_under_one(task[0], picks, single_every, task[1]))
 
 
 def _told(name: str, ones: Sequence[Picked]) -> None:
@@ -213,16 +220,18 @@ def main() -> None:
     """Pick and print."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--picks", type=int, default=500)
-    parser.add_argument("--calibrations", type=int, default=10)
+    parser.add_argument("--calibrations", type=int, default=10, help="made-up ones")
+    parser.add_argument("--own", type=int, default=0, help="calibrations that the program finds itself")
     parser.add_argument("--single-every", type=int, default=5, help="which of the poses a single look is tried at, too")
     parser.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)))
     args = parser.parse_args()
     began = time.monotonic()
+    tasks = [(number, False) for number in range(args.calibrations)] + [(number, True) for number in range(args.own)]
     found: dict[str, list[Picked]] = {SURE: [], SINGLE: []}
     turns: list[Turn] = []
-    work = partial(_run, picks=args.picks // args.calibrations, single_every=args.single_every)
+    work = partial(_run, picks=args.picks // len(tasks), single_every=args.single_every)
     with ProcessPoolExecutor(args.jobs) as pool:
-        for number, (ones, times) in enumerate(pool.map(work, range(args.calibrations)), start=1):
+        for number, (ones, times) in enumerate(pool.map(work, tasks), start=1):
             turns += times
             for name, some in ones.items():
                 found[name] += some

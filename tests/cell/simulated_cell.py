@@ -19,7 +19,7 @@ from daemon.calibration.file import Calibration, load_calibration
 from daemon.config import load_config
 from daemon.cycle import Cycle, CycleEnd
 from daemon.jobs.demo import VIEWS
-from daemon.pick.plan import Settings, doubt_of
+from daemon.pick.settings import Settings, doubt_of
 from daemon.pick.workcell import Workcell
 from daemon.store import places
 from daemon.store.library import load_facets

@@ -15,7 +15,7 @@ import numpy as np
 from daemon import frames
 from daemon.cycle import Cycle
 from daemon.pick.grasp import tool_rotation
-from daemon.pick.plan import Settings
+from daemon.pick.settings import Settings
 from daemon.pick.tracking import Shape
 from daemon.pick.workcell import Reading, Workcell
 from daemon.vision.data import Facet, FacetView, Part, Recognition, Scene

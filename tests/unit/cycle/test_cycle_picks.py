@@ -9,7 +9,7 @@ from cell_fakes import World, build, cycle_of, one_part
 
 from daemon import frames
 from daemon.cycle import HANDLERS, NEXT, TABLE, RefusedError, printed_table
-from daemon.pick.plan import Settings
+from daemon.pick.settings import Settings
 from daemon.vision.data import Polygon, Recognition, Rejected
 from drivers.simcell import parts
 

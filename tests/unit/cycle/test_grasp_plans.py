@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 
 from daemon import frames
 from daemon.pick.grasp import Gripper, closed_fingers, grasps, hull_planes, tool_rotation
-from daemon.pick.plan import Settings, plan_part, regrasp
+from daemon.pick.plan import plan_part, regrasp
+from daemon.pick.settings import Settings
 from daemon.store import places
 from drivers.simcell.gripper import close_on
 from drivers.simcell.parts import TAUGHT, part_shape

@@ -13,7 +13,7 @@ import pytest
 
 from daemon import cell
 from daemon.config import ConfigError, load_config
-from daemon.pick.plan import Settings
+from daemon.pick.settings import Settings
 from daemon.store.bounds import BOUNDS, DIALECT_BOUNDS
 
 ETC = Path(__file__).resolve().parents[3] / "etc"

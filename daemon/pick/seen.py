@@ -1,0 +1,130 @@
+"""Parts as looks saw them, brought to the world: which are one part, which comes first, which would show again.
+
+Pure. What is made of them is daemon/pick/finding.py's business; one part followed closely is following.py's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daemon import frames
+from daemon.pick.looking import Look
+from daemon.vision.data import Facet
+from daemon.vision.measure import newell_normal
+from daemon.vision.recognise import UNKNOWN
+
+Array = NDArray[np.float64]
+
+SAME_PLACE_MM = 30.0
+"""Two parts seen nearer than this to one place are one part."""
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """A part as one look saw it, in the world: what for, how sure, where, and its facets (in that look's frame)."""
+
+    label: str
+    confidence: float
+    ambiguous: bool
+    candidates: tuple[str, ...]
+    reason: str
+    world_from_part: Array
+    facets: tuple[Facet, ...]
+    look: Look
+
+    @property
+    def named(self) -> bool:
+        """Whether it was recognised as one taught part."""
+        return not self.ambiguous and self.label != UNKNOWN
+
+    @property
+    def centre(self) -> Array:
+        """(3,) world, mm: mean of the seen corners."""
+        corners = np.concatenate([f.corners_mm for f in self.facets])
+        centre: Array = frames.apply(self.look.world_from_cyclopean, corners).mean(axis=0)
+        return centre
+
+    @property
+    def corners(self) -> Array:
+        """(N, 3) world, mm: the seen corners."""
+        return frames.apply(self.look.world_from_cyclopean, np.concatenate([f.corners_mm for f in self.facets]))
+
+
+@dataclass(frozen=True, eq=False)
+class Facing:
+    """A facet in the world: its centre (3,) mm and outward unit normal (3,)."""
+
+    centre: Array
+    normal: Array
+
+
+def facings(part: Seen) -> list[Facing]:
+    """The facets a look saw of a part."""
+    turn = part.look.world_from_cyclopean
+    found = []
+    for facet in part.facets:
+        corners = frames.apply(turn, facet.corners_mm)
+        found.append(Facing(corners.mean(axis=0), newell_normal(corners)))
+    return found
+
+
+def is_own(other: Seen, part: Seen) -> bool:
+    """Whether what was seen beside a named part is nothing but one of its facets, measured worse: a lone unnamed facet
+    whose middle lies within the part's reach. It would keep the fingers from every grasp."""
+    reach = float(np.linalg.norm(part.corners - part.centre, axis=1).max())
+    lone = not other.named and len(other.facets) == 1
+    return lone and float(np.linalg.norm(other.centre - part.centre)) < reach
+
+
+def seen_again(seen: Sequence[Facing], eye: Array, least_cosine: float = 0.3) -> float:
+    """How well the facets told apart before would show to the eye (3,), world: 0 to 1, their mean."""
+    if not seen:
+        return 0.0
+    rays = [eye - f.centre for f in seen]
+    cosines = [float(f.normal @ ray) / float(np.linalg.norm(ray)) for f, ray in zip(seen, rays, strict=True)]
+    return float(np.mean(np.sqrt(np.clip((np.array(cosines) - least_cosine) / (1 - least_cosine), 0, 1))))
+
+
+def seen_parts(look: Look) -> list[Seen]:
+    """The look's parts in the world."""
+    return [
+        Seen(
+            label=part.recognition.label,
+            confidence=part.recognition.confidence,
+            ambiguous=part.recognition.ambiguous,
+            candidates=part.recognition.candidates,
+            reason=part.recognition.reason,
+            world_from_part=look.world_from_cyclopean @ part.cyclopean_from_part,
+            facets=part.facets,
+            look=look,
+        )
+        for part in look.scene.parts
+        if part.facets
+    ]
+
+
+def merged(before: Sequence[Seen], now: Sequence[Seen]) -> list[Seen]:
+    """What is known to lie there after another look: the newest sight of each place, but a name is not unlearnt."""
+    kept = [old for old in before if not any(_same_place(old, new) for new in now)]
+    for new in now:
+        named = [old for old in before if old.named and _same_place(old, new)]
+        kept.append(named[0] if named and not new.named else new)
+    return kept
+
+
+def _same_place(a: Seen, b: Seen) -> bool:
+    return float(np.linalg.norm(a.centre - b.centre)) < SAME_PLACE_MM
+
+
+def ordered(parts: Sequence[Seen], order: str) -> list[Seen]:
+    """Nearest to the cameras first, or surest first; parts with one name before the others."""
+
+    def rank(part: Seen) -> tuple[bool, float]:
+        away = float(np.linalg.norm(part.centre - part.look.world_from_cyclopean[:3, 3]))
+        return not part.named, away if order == "nearest" else -part.confidence
+
+    return sorted(parts, key=rank)
