@@ -12,7 +12,8 @@ The console and the service talk to one `Cycle` object (all calls from the one e
     await cycle.auto(count=None, wait_s=None) -> list[CycleEnd]
                                     pick until the table is empty, count is reached or auto_off(); wait_s: an empty
                                     table is looked at again at that interval instead of ending
-    cycle.auto_off()                ends after the part in hand is placed
+    cycle.auto_off()                ends after the part in hand is placed; gives up what is left of an auto cut off
+    cycle.errand                    what auto has still to bring; stays when a stop, a fault or a restart cuts it off
     await cycle.look(purpose) -> Look   one settled look from where the arm stands; nothing moves; also without enable
     await cycle.where() -> Reading  ask the controller
     await cycle.go(place)           home, bin, survey, survey2, ...: a guarded move
@@ -25,7 +26,8 @@ The console and the service talk to one `Cycle` object (all calls from the one e
     cycle.step(on)                  each move waits: status()["pending"] tells it in words until confirm() or refuse()
     cycle.confirm() / cycle.refuse()
     cycle.dry(on)                   everything but the bytes: moves are guarded, logged as not sent, and not sent
-    cycle.recover(state, closed)    at start, after a crash in mid-cycle: a fault stands, and holding() must be answered
+    cycle.recover(state, closed, errand)    at start, after a crash in mid-cycle: a fault stands, and holding() must be
+                                    answered; errand: what was left of auto
     cycle.holding(answer)           the operator's word for whether a part is in the gripper
     await cycle.close()             the arm first, then every task of the cycle
 
@@ -41,6 +43,7 @@ from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 
 from daemon import frames
+from daemon.pick.errand import Errand
 from daemon.pick.looking import Look, Sight, log_look, take_look
 from daemon.pick.picking import Bench, Pick, Skipped
 from daemon.pick.reins import OperatorRefusedError, RefusedError, Reins
@@ -102,6 +105,8 @@ class Cycle(Reins):
         self.tally: Counter[str] = Counter()
         self.skipped: list[Skipped] = []
         self.hand_full: bool | None = False
+        self.errand: Errand | None = None
+        """What auto has still to bring; where auto is not on, it was cut off."""
         self._pick: Pick | None = None
         self._cycles = 0
         self._auto = False
@@ -114,6 +119,7 @@ class Cycle(Reins):
             "state": self.state,
             **self.reins(),
             "auto": self._auto,
+            "left": None if self.errand is None else {"count": self.errand.count, "every_s": self.errand.every_s},
             "cycle": self._cycles,
             "target": None if target is None else target.label,
             "stop": None if target is None else target.looks,
@@ -150,11 +156,12 @@ class Cycle(Reins):
         """Pick one part after the other; see the module."""
         self._may_pick()
         self.skipped = []
-        self._auto = True
-        return await self.alone("auto", self._many(count, wait_s))
+        return await self.alone("auto", self._many(Errand(count, wait_s)))
 
     def auto_off(self) -> None:
-        """End auto after the part in hand."""
+        """End auto after the part in hand; where it was cut off, give up what is left."""
+        if self._task is None:
+            self._take(None)
         self._auto = False
 
     async def look(self, purpose: str = "look") -> Look:
@@ -188,8 +195,9 @@ class Cycle(Reins):
         surveys = {"survey" + (str(n) if n > 1 else ""): view.pose(tool_from_cyclopean) for n, view in views}
         return {"home": self.settings.home.pose(), "bin": self.settings.bin.pose(), **surveys}
 
-    def recover(self, state: str, closed: bool | None) -> None:
+    def recover(self, state: str, closed: bool | None, errand: Errand | None = None) -> None:
         """After a crash in mid-cycle: nothing moves until resume; a hand that may be full is asked about."""
+        self.errand = errand
         self.mover.fault = f"restarted: the daemon ended in {state}"
         self.hand_full = None if closed is not False else False
         self.state = "fault"
@@ -218,6 +226,8 @@ class Cycle(Reins):
         if (self.state, then) != ("idle", "idle"):
             self.cell.log.record("state", cycle=self._cycles, event=event, to=then, **{"from": self.state})
         self.state = then
+        if event == "placed" and self.errand is not None:
+            self.errand = self.errand.one_less()
         if event != "pause":
             self._before_pause = then
 
@@ -235,22 +245,33 @@ class Cycle(Reins):
         await self.mover.where()
         await self.mover.travel(target, purpose, lambda _: self.settings.travel_pct)
 
-    async def _many(self, count: int | None, wait_s: float | None) -> list[CycleEnd]:
+    def _take(self, errand: Errand | None) -> None:
+        """What auto has to bring from now on; None: it is done, or given up."""
+        if errand == self.errand is None:
+            return
+        self.errand = errand
+        on = errand is not None
+        self.cell.log.record("auto", on=on, count=errand and errand.count, every_s=errand and errand.every_s)
+
+    async def _many(self, errand: Errand) -> list[CycleEnd]:
         ends: deque[CycleEnd] = deque(maxlen=KEPT_ENDS)
-        before = self.tally["picked"]
+        self._auto = True
+        self._take(errand)
         try:
-            while self._auto and (count is None or self.tally["picked"] - before < count):
-                more = count is None or self.tally["picked"] - before + 1 < count
-                ends.append(await self._one(None, stay=more))
-                if ends[-1].outcome in ("aborted", "fault", "dry"):
+            while self._auto and self.errand is not None and not self.errand.done:
+                ends.append(await self._one(None, stay=self.errand.count != 1))
+                if ends[-1].outcome in ("aborted", "fault"):
+                    return list(ends)
+                if ends[-1].outcome == "dry":
                     break
                 if ends[-1].outcome in ("picked", "placed"):
                     self.skipped = [s for s in self.skipped if s.outcome == "missed"]
                 else:
-                    if wait_s is None:
+                    if errand.every_s is None:
                         break
-                    await asyncio.sleep(wait_s)
+                    await asyncio.sleep(errand.every_s)
                     self.skipped = []
+            self._take(None)
         except asyncio.CancelledError:
             pass  # stopped while it waited for parts: the arm stands, and what was picked is told
         finally:

@@ -132,6 +132,9 @@ class Desk:
         before = self.run_log.folder
         self.run_log.roll(folder)
         self.record_start(continues=before.name)
+        errand = self.cycle.errand
+        if errand is not None:
+            self.log.record("auto", on=True, count=errand.count, every_s=errand.every_s)
         if self.cycle.hand_full is not False:
             self.log.record("holding", held=self.cycle.hand_full)
 

@@ -34,7 +34,8 @@ PICTURES_WAITING = 64
 
 KINDS: Mapping[str, str] = {
     "run_start": "version config calibration model (files in kept/) seed continues",
-    "left": "run cycle state hand_closed label (how the daemon before ended; stands until resume)",
+    "auto": "on count every_s (what is to be picked from now on; on false: done, or given up)",
+    "left": "run cycle state hand_closed label auto (how the daemon before ended; stands until resume)",
     "holding": "held (what an operator saw in the gripper; null: not known)",
     "command": "who door text",
     "state": "from event to",

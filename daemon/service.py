@@ -21,6 +21,7 @@ import numpy as np
 from daemon import cell
 from daemon.calibration.file import Calibration, load_calibration
 from daemon.commands import every_command
+from daemon.commands.words import cut_off
 from daemon.config import Config, load_config
 from daemon.console import Console
 from daemon.cycle import Cycle
@@ -28,6 +29,7 @@ from daemon.desk import Desk, Troubles
 from daemon.doors.socket import DoorError, SocketServer
 from daemon.doors.terminal import SerialConsole
 from daemon.noarm import CellError
+from daemon.pick.errand import Errand
 from daemon.pick.workcell import Workcell
 from daemon.runlog import RunLog
 from daemon.store.files import InUseError, hold, plain
@@ -139,12 +141,13 @@ class Service:
         run_log = self._run_log = self._open_log(config, troubles)
         if left is not None:
             run_log.record("left", run=left.run, cycle=left.cycle, state=left.state, hand_closed=left.hand_closed,
-                           label=left.label)  # fmt: skip
+                           label=left.label, auto=left.auto)  # fmt: skip
         self._hardware = cell.build(config, run_log.wire)
         await self._hardware.open()
         desk = self._furnish(config, calibration, school, troubles, run_log)
         if left is not None:
-            desk.cycle.recover(left.state or "an unknown state", left.hand_closed)
+            errand = None if left.auto is None else Errand(**left.auto)
+            desk.cycle.recover(left.state or "an unknown state", left.hand_closed, errand)
             troubles.tell("restart", _told(left))
         desk.record_start()
         if self._hardware.robot.stopped_on_opening:
@@ -336,6 +339,8 @@ def _told(left: Interrupted) -> str:
     what = f"run {left.run} was cut off in state {left.state or 'unknown'}"
     if left.hand_closed:
         what += f", with {f'the {left.label}' if left.label else 'a part'} perhaps in the gripper"
+    if left.auto is not None:
+        what += f"; {cut_off(left.auto['count'])}"
     return f"{what}: look at the cell, then say `resume`"
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from daemon.commands.words import duration, millimetres, plural
+from daemon.commands.words import cut_off, duration, millimetres, plural
 from daemon.console import Answer, Command, CommandError, Door, no_more
 from daemon.desk import Desk
 from daemon.doors.sketch import sketch
@@ -35,6 +35,9 @@ async def status(desk: Desk, words: list[str], _: Door) -> Answer:
         f"so far    {state['picked']} picked, {state['failed']} failed; up {up}",
         f"run       {desk.run_log.folder}",
     ]
+    errand = desk.cycle.errand
+    if errand is not None and not state["auto"]:
+        lines.insert(2, f"left      {cut_off(errand.count)}: `auto resume` takes it up, `auto off` gives it up")
     if shelf.candidate is not None:
         lines.insert(3, f"candidate version {shelf.candidate}, not in use: `try` it, then `accept`")
     lines += [f"TROUBLE   {text}" for text in desk.troubles.standing.values()]

@@ -6,7 +6,7 @@ import asyncio
 from collections.abc import Awaitable
 from typing import Any, TypeVar
 
-from daemon.commands.words import is_yes, plural
+from daemon.commands.words import cut_off, is_yes, plural
 from daemon.console import DONE, NOT_DONE, NOT_UNDERSTOOD, Answer, Command, CommandError, Door, no_more, number, one_of
 from daemon.cycle import CycleEnd
 from daemon.desk import Desk
@@ -14,7 +14,8 @@ from daemon.desk import Desk
 T = TypeVar("T")
 POLL_S = 0.05
 MOST_PICKS = 1_000_000
-AUTO_USAGE = "auto on [N] [every S] | auto off | auto wait"
+AUTO_WORDS = ("on", "off", "wait", "resume")
+AUTO_USAGE = "auto on [N] [every S] | auto resume | auto off | auto wait"
 
 
 async def enable(desk: Desk, words: list[str], _: Door) -> Answer:
@@ -58,6 +59,8 @@ async def resume(desk: Desk, words: list[str], door: Door) -> Answer:
         lines.append("Is a part in the gripper? Say `holding yes` or `holding no` before the next pick.")
     if not desk.cycle.status()["enabled"]:
         lines.append("The arm does not move until `enable`; then `pick` or `auto on` go on.")
+    if desk.cycle.errand is not None:
+        lines.append(f"{cut_off(desk.cycle.errand.count)}: `auto resume` takes it up, `auto off` gives it up.")
     return Answer("\n".join(lines))
 
 
@@ -85,16 +88,19 @@ async def pick(desk: Desk, words: list[str], door: Door) -> Answer:
 
 async def auto(desk: Desk, words: list[str], door: Door) -> Answer:
     """A mode: pick one after the other until the table is empty or N are picked. Goes on when the operator leaves."""
-    word = one_of(words, 0, ("on", "off", "wait"), "word", AUTO_USAGE)
-    if word == "on":
-        count, every_s = _auto_words(words[1:])
+    word = one_of(words, 0, AUTO_WORDS, "word", AUTO_USAGE)
+    if word in ("on", "resume"):
+        count, every_s = _auto_words(words[1:]) if word == "on" else _cut_off(desk, words)
         await desk.begin_auto(count, every_s)
         what = "until the table is empty" if count is None else f"at most {plural(count, 'part')}"
-        what += "" if every_s is None else f", looking again every {every_s} s when it is empty"
+        what += "" if every_s is None else f", looking again every {every_s:g} s when it is empty"
         return Answer(f"Picking, {what}; `auto off` ends it after a part, `status` tells how far it is.")
     no_more(words, 1, AUTO_USAGE)
     if word == "off":
+        idle = desk.cycle.status()["doing"] is None
         desk.cycle.auto_off()
+        if idle:
+            return Answer("No auto is on; what was left of one is given up.")
         return Answer("No further part is picked after this one.")
     ends = await with_questions(desk, desk.auto_ends(), door)
     picked = sum(end.outcome == "picked" for end in ends)
@@ -209,7 +215,7 @@ def end_json(end: CycleEnd) -> dict[str, Any]:
     }
 
 
-def _auto_words(words: list[str]) -> tuple[int | None, int | None]:
+def _auto_words(words: list[str]) -> tuple[int | None, float | None]:
     """[N] [every S] -> how many, and after how many seconds an empty table is looked at again."""
     count = every_s = None
     if words and words[0] != "every":
@@ -221,6 +227,15 @@ def _auto_words(words: list[str]) -> tuple[int | None, int | None]:
         every_s = number(words[1], "S", 1, 3600)
         no_more(words, 2, AUTO_USAGE)
     return count, every_s
+
+
+def _cut_off(desk: Desk, words: list[str]) -> tuple[int | None, float | None]:
+    """What is left of an auto that was cut off. Raises CommandError."""
+    no_more(words, 1, AUTO_USAGE)
+    errand = desk.cycle.errand
+    if errand is None:
+        raise CommandError("no auto was cut off; say `auto on`")
+    return errand.count, errand.every_s
 
 
 def _decide(desk: Desk, yes: bool) -> Answer:
@@ -250,12 +265,13 @@ COMMANDS = (
     Command("pick", "pick [LABEL]", "take one part and put it into the bin", pick, "move", choices=_labels),
     Command("auto", AUTO_USAGE, "pick until the table is empty, or N parts", auto, "move",
             "  auto on returns at once; auto wait waits for its end and tells what was picked.\n"
-            "  With `every S` an empty table is looked at again after S seconds instead of ending.",
-            choices=lambda _: ("on", "off", "wait")),
+            "  With `every S` an empty table is looked at again after S seconds instead of ending.\n"
+            "  auto resume picks what is left of an auto that a stop, a fault or a restart cut off.",
+            choices=lambda _: AUTO_WORDS),
     Command("stop", "stop", "stop the arm now; nothing moves until `resume`", stop, "move", at_once=True),
     Command("pause", "pause", "hold before the next move", pause, "move", at_once=True),
     Command("resume", "resume", "go on after `pause`; clear a fault", resume, "move",
-            "  After a fault nothing goes on by itself: say `pick` or `auto on` again.", at_once=True),
+            "  After a fault nothing goes on by itself: say `pick`, `auto on` or `auto resume`.", at_once=True),
     Command("abort", "abort", "stop the arm, give the part up; leaves no fault", abort, "move", at_once=True),
     Command("step", "step on|off", "show each move and wait for a yes before it is sent", step, "move", at_once=True,
             choices=lambda _: ("on", "off")),

@@ -23,6 +23,13 @@ def millimetres(lengths: Iterable[float]) -> str:
     return " ".join(f"{length:.0f}" for length in lengths) + " mm"
 
 
+def cut_off(count: int | None) -> str:
+    """What a stopped or restarted daemon has not picked yet; None: all that lies there."""
+    if count is None:
+        return "`auto on` was cut off before the table was empty"
+    return f"`auto on` was cut off with {plural(count, 'part')} still to pick"
+
+
 def is_yes(answer: str) -> bool:
     """Whether an operator said yes."""
     return answer.strip().lower() in ("y", "yes", "ja", "j")

@@ -35,7 +35,8 @@ class RunRecords:
 @dataclass(frozen=True)
 class Interrupted:
     """How a run was left: state and cycle, what the gripper was last told, which part it was; in_doubt: what an earlier
-    run left was never resolved, or it ended with a part perhaps in the gripper."""
+    run left was never resolved, or it ended with a part perhaps in the gripper; auto: count and every_s of what an
+    `auto on` had still to bring."""
 
     run: str
     cycle: int | None
@@ -43,6 +44,7 @@ class Interrupted:
     hand_closed: bool
     label: str | None
     in_doubt: bool = False
+    auto: Record | None = None
 
 
 def new_folder(runs: Path, now: datetime) -> Path:
@@ -101,13 +103,13 @@ def interrupted(folder: Path) -> Interrupted | None:
     """How the run was left in doubt: without an end (power cut, kill -9), or with a part perhaps in the gripper; else
     None. A doubt that was there when it began (`left`) stands until an operator's `resume`."""
     records = read_run(folder).records
-    cycle = state = label = None
+    cycle = state = label = auto = None
     in_doubt = hand_closed = False
     for record in records:
         kind = record["kind"]
         if kind == "left":
             cycle, state, label = record.get("cycle"), record.get("state"), record.get("label")
-            in_doubt, hand_closed = True, bool(record.get("hand_closed"))
+            in_doubt, hand_closed, auto = True, bool(record.get("hand_closed")), record.get("auto")
         elif kind in ("cycle_start", "cycle_end"):
             cycle, label = (record.get("cycle"), record.get("target")) if kind == "cycle_start" else (None, None)
         elif kind == "estimate":
@@ -116,6 +118,10 @@ def interrupted(folder: Path) -> Interrupted | None:
             if record.get("from") == "fault" and record.get("event") == "resume":
                 cycle, in_doubt = None, False
             state = record.get("to")
+            if record.get("event") == "placed":
+                auto = _one_less(auto)
+        elif kind == "auto":
+            auto = {"count": record.get("count"), "every_s": record.get("every_s")} if record.get("on") else None
         elif kind == "hand":
             hand_closed = bool(record.get("closed"))
         elif kind == "holding":
@@ -125,11 +131,19 @@ def interrupted(folder: Path) -> Interrupted | None:
     ended = any(r["kind"] == "run_end" for r in records)
     if not records or (ended and not in_doubt):
         return None
-    return Interrupted(folder.name, cycle, state, hand_closed, label, in_doubt)
+    return Interrupted(folder.name, cycle, state, hand_closed, label, in_doubt, auto)
+
+
+def _one_less(auto: Record | None) -> Record | None:
+    """What `auto` has still to bring after a part was put into the bin; None: nothing."""
+    if auto is None or auto["count"] is None:
+        return auto
+    return {**auto, "count": auto["count"] - 1} if auto["count"] > 1 else None
 
 
 def left_behind(runs: Path) -> Interrupted | None:
-    """What the last daemon left that somebody must look at: a pick cut off, a part perhaps in the gripper; else None.
+    """What the last daemon left that somebody must look at: a pick or an auto cut off, a part perhaps in the gripper;
+    else None.
 
     Runs that never started (a device was not there) are looked past: they know nothing of the gripper.
     """
@@ -137,7 +151,8 @@ def left_behind(runs: Path) -> Interrupted | None:
         if not _started(folder):
             continue
         left = interrupted(folder)
-        return left if left is not None and (left.in_doubt or left.cycle is not None or left.hand_closed) else None
+        told = left is not None and (left.in_doubt or left.cycle is not None or left.hand_closed or left.auto)
+        return left if told else None
     return None
 
 

@@ -21,7 +21,7 @@ from drivers.simcell.controller import Manners
 from drivers.val2.commands import moves_the_arm
 from drivers.val2.dialect import Dialect
 from tests.bench.lent_eyes import PLACE, lend
-from tests.bench.running import ETC
+from tests.bench.running import ETC, SHOWN
 from tests.bench.sentry import CONFIG, Act, Found, Sentry, come_back, go_on, killed, look_over, sent
 
 POISONED = ("!!", "\x15")
@@ -98,11 +98,11 @@ class Beside(Sentry):
             time.sleep(0.05)
         return rests
 
-    def teach(self) -> None:
-        """Show the six views; see Running.teach."""
+    def teach(self, views: Sequence[tuple[str, int]] = SHOWN) -> None:
+        """Show the views; see Running.teach."""
         self.do("enable")
         self.do("go survey")
-        super().teach()
+        super().teach(views)
         self.cell.clear()
 
     def show(self, label: str, view: int) -> None:

@@ -11,7 +11,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -86,10 +86,10 @@ class Running:
         with DaemonLink(self.folder / "facetd.sock") as link:
             return link.do(text, "bench", lambda _: None)
 
-    def teach(self) -> None:
-        """Show the six views as an operator would, each again until it is seen whole; train. Raises RuntimeError."""
-        shown = [label for label, _ in SHOWN]
-        for k, (label, facets) in enumerate(SHOWN):
+    def teach(self, views: Sequence[tuple[str, int]] = SHOWN) -> None:
+        """Show the views as an operator would, each again until it is seen whole; train. Raises RuntimeError."""
+        shown = [label for label, _ in views]
+        for k, (label, facets) in enumerate(views):
             for _ in range(TRIES):
                 self.show(label, shown[:k].count(label))
                 done = self.do(f"teach {label}")

@@ -23,6 +23,7 @@ class FakeCycle:
     pending: str | None = None
     refuse_with: str | None = None
     slow: bool = False
+    errand: None = None
 
     def status(self) -> dict[str, Any]:
         return {

@@ -44,7 +44,7 @@ def came_back(runs: Path, *more: Record, end: dict[str, Any] | None = None) -> N
     found: tuple[Record, ...] = ()
     if left is not None:
         said = {"run": left.run, "cycle": left.cycle, "state": left.state, "hand_closed": left.hand_closed,
-                "label": left.label}  # fmt: skip
+                "label": left.label, "auto": left.auto}  # fmt: skip
         found = (("left", said),)
     ran(runs, *found, START, *more, end=end)
 
@@ -110,6 +110,36 @@ def test_the_question_is_settled_by_the_operators_word_or_by_opening_the_hand(
 def test_a_daemon_stopped_with_a_part_in_the_gripper_is_asked_about_it_when_it_starts_again(runs: Path) -> None:
     ran(runs, *GRIPPED, end={"holding": True})
     assert gripped(left_behind(runs))
+
+
+AUTO: tuple[Record, ...] = (START, ("auto", {"on": True, "count": 20, "every_s": None}))
+PLACED: Record = ("state", {"from": "place", "event": "placed", "to": "home"})
+
+
+def left_of_auto(runs: Path) -> dict[str, Any] | None:
+    left = left_behind(runs)
+    return None if left is None else left.auto
+
+
+def test_an_auto_cut_off_is_told_with_the_parts_that_are_left_of_it(runs: Path) -> None:
+    ran(runs, *AUTO, *[PLACED] * 7, ("cycle_start", {"cycle": 8}))
+    assert left_of_auto(runs) == {"count": 13, "every_s": None}
+    came_back(runs)
+    came_back(runs, *resumed(("holding", {"held": True})))
+    assert left_of_auto(runs) == {"count": 13, "every_s": None}
+    came_back(runs, *resumed(("holding", {"held": True}), PLACED))
+    assert left_of_auto(runs) == {"count": 12, "every_s": None}
+
+
+def test_an_auto_that_waited_for_parts_when_it_was_cut_off_is_told_though_no_pick_was_under_way(runs: Path) -> None:
+    ran(runs, START, ("auto", {"on": True, "count": None, "every_s": 30}), ("cycle_end", {"cycle": 8}))
+    assert left_of_auto(runs) == {"count": None, "every_s": 30}
+
+
+@pytest.mark.parametrize("end", [("auto", {"on": False}), PLACED], ids=["ended", "the last part placed"])
+def test_an_auto_that_had_brought_all_leaves_nothing(runs: Path, end: Record) -> None:
+    ran(runs, START, ("auto", {"on": True, "count": 1, "every_s": None}), end)
+    assert left_behind(runs) is None
 
 
 def test_an_orderly_end_with_an_empty_gripper_leaves_nothing(runs: Path) -> None:

@@ -1,0 +1,81 @@
+"""An `auto on N` that is cut off knows what is left of it, and so does the log that a restart reads."""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import astuple
+from typing import Any
+
+import numpy as np
+import pytest
+from cell_fakes import World, cycle_of
+
+from daemon.pick.errand import Errand
+from drivers.simcell import parts
+
+SPOTS = ((430, -100), (430, 100), (590, -90), (590, 90))
+
+
+def some(count: int) -> World:
+    world = World(np.random.default_rng(0))
+    for label, (x, y) in list(zip(parts.TAUGHT, SPOTS, strict=True))[:count]:
+        world.put(label, x, y, 0.4)
+    return world
+
+
+def cut_off(world: World, cycle: Any, after: int, how: str, **options: Any) -> None:
+    """Begin auto, and cut it off when so many parts are in the bin."""
+
+    async def scene() -> None:
+        task = asyncio.create_task(cycle.auto(**options))
+        while sum(r["event"] == "placed" for r in world.said("state")) < after:
+            await asyncio.sleep(0)
+        await getattr(cycle, how)()
+        await task
+
+    asyncio.run(scene())
+
+
+@pytest.mark.parametrize("how", ["stop", "abort", "disable"])
+def test_what_is_left_of_an_auto_that_was_stopped_is_known_and_taking_it_up_brings_just_that(how: str) -> None:
+    world = some(4)
+    cycle = cycle_of(world)
+    cut_off(world, cycle, 1, how, count=3)
+    assert cycle.errand == Errand(2, None)
+    assert cycle.status()["left"] == {"count": 2, "every_s": None}
+    assert not cycle.status()["auto"]
+    cycle.resume()
+    cycle.enable()
+    cycle.holding(False)
+    ends = asyncio.run(cycle.auto(*astuple(cycle.errand)))
+    assert sum(end.outcome == "picked" for end in ends) == 2
+    assert cycle.errand is None
+
+
+def test_a_part_that_was_in_the_hand_counts_once_it_is_in_the_bin() -> None:
+    world = some(2)
+    cycle = cycle_of(world)
+    cycle.recover("place", True, Errand(2, None))
+    cycle.resume()
+    cycle.holding(True)
+    ends = asyncio.run(cycle.auto(*astuple(cycle.errand)))
+    assert [end.outcome for end in ends] == ["placed", "picked"]
+
+
+def test_an_auto_that_came_to_its_end_leaves_nothing() -> None:
+    for options in ({"count": 1}, {}):
+        world = some(2)
+        cycle = cycle_of(world)
+        asyncio.run(cycle.auto(**options))
+        assert cycle.errand is None
+        assert [record["on"] for record in world.said("auto")] == [True, False]
+
+
+def test_auto_off_gives_up_what_is_left() -> None:
+    world = some(2)
+    cycle = cycle_of(world)
+    cut_off(world, cycle, 1, "stop")
+    assert cycle.errand == Errand(None, None)
+    cycle.auto_off()
+    assert cycle.errand is None
+    assert [record["on"] for record in world.said("auto")] == [True, False]
