@@ -66,6 +66,7 @@ class SimulatedPair:
         self._retinas: dict[str, Retina] = {}
         self._light_of_cell = CellLight(truth.table, truth.lighting)
         self._lit_for: object = None
+        self._seen: dict[str, tuple[object, Array32]] = {}
         self._vignette = _vignette(truth)
         self._covered: set[str] = set()
         self._unplugged = False
@@ -121,6 +122,7 @@ class SimulatedPair:
         with self._lock:
             self._eyes[eye] = turned(self._eyes[eye], rotation_vector_deg)
             self._retinas.pop(eye, None)
+            self._seen.pop(eye, None)
 
     def unplug(self, unplugged: bool = True) -> None:
         """Pull the cable, or put it back."""
@@ -143,13 +145,20 @@ class SimulatedPair:
         return self._see(eye, sights[0])
 
     def _see(self, eye: str, sight: Sight) -> Array32:
+        """The light that reaches an eye; worked out anew only where something moved since that eye saw last."""
+        mark = _mark(sight)
+        seen = self._seen.get(eye)
+        if seen is not None and seen[0] == mark:
+            return seen[1]
         if eye not in self._retinas:
             self._retinas[eye] = Retina(self._eyes[eye], *self._truth.image_size)
         if sight.state != self._lit_for:
             self._light_of_cell.cast([apply(thing.world_from_solid, thing.solid.vertices) for thing in sight.things])
             self._lit_for = sight.state
         things = (*sight.things, *sight.hand)
-        return radiance(self._retinas[eye], sight.world_from_cyclopean, things, self._light_of_cell)
+        light = radiance(self._retinas[eye], sight.world_from_cyclopean, things, self._light_of_cell)
+        self._seen[eye] = mark, light
+        return light
 
     def _expose(self, light: Array32, gain: float) -> NDArray[np.uint8]:
         sensor = self._truth.sensor
@@ -164,6 +173,12 @@ def _moves(sights: Sequence[Sight]) -> bool:
     first, last = (sight.world_from_cyclopean for sight in sights)
     shift = float(np.linalg.norm(first[:3, 3] - last[:3, 3]))
     return shift > STILL_MM or angle_of(first[:3, :3].T @ last[:3, :3]) > STILL_RAD
+
+
+def _mark(sight: Sight) -> object:
+    """Equal for two sights that look the same to the last bit."""
+    hand = [part.tobytes() for thing in sight.hand for part in (thing.world_from_solid, thing.solid.vertices)]
+    return sight.world_from_cyclopean.tobytes(), sight.state, hand
 
 
 def _vignette(truth: Truth) -> Array32:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from drivers.camera.pair import CameraError
+from drivers.puma560 import READY_RAD, configuration_of
 from drivers.simcell.camera import Sight, SimulatedPair
+from drivers.simcell.cell import SimulatedCell
 from drivers.simcell.parts import part_shape
 from drivers.simcell.render import Thing
 from drivers.simcell.rigid import Array, rigid, turn
@@ -16,6 +19,7 @@ from drivers.simcell.truth import load_truth
 
 TRUTH = load_truth(Path(__file__).parents[3] / "etc" / "simcell.yaml")
 OVERHEAD = rigid(turn([1, 0, 0], np.pi), [520.0, 0.0, 100.0])
+LOOKING_DOWN = rigid(turn([1, 0, 0], np.pi), [520.0, 0.0, 60.0])
 
 
 class Clock:
@@ -149,3 +153,34 @@ def test_frames_come_faster_where_the_cell_lives_faster() -> None:
     pair.grab(100.0, 1.0)
     numbers = [pair.grab(100.0 + k / 300.0, 1.0).left.sequence for k in range(4)]
     assert numbers == sorted(set(numbers))
+
+
+def test_light_remembered_from_the_last_frame_is_never_light_of_something_that_has_changed() -> None:
+    """Two equal cells go through the same changes; one works all light out anew each time."""
+    truth = Path(__file__).parents[3] / "etc" / "simcell.yaml"
+    changes = (
+        lambda cell: cell.scatter(["cube", "pyramid"]),
+        lambda cell: cell.world.nudge("cube-1", 3.0, 0.0),
+        lambda cell: cell.world.close_hand(cell.world_from_tool()),
+        lambda cell: cell.camera.cover("left"),
+        lambda cell: cell.camera.cover("left", False),
+        lambda cell: cell.camera.knock("left", (0.2, 0.0, 0.0)),
+        lambda cell: cell.arm.move_joints(READY_RAD, 1.0, cell.server.now_s() - 100.0),
+        lambda cell: cell.show_board(),
+        lambda cell: cell.clear(),
+    )
+    with SimulatedCell(truth, seed=3) as remembering, SimulatedCell(truth, seed=3) as forgetful:
+        before = b""
+        for cell in (remembering, forgetful):
+            cell.arm.move_to(LOOKING_DOWN, configuration_of(READY_RAD), 1.0, cell.server.now_s() - 100.0)
+            cell.camera.open()
+        for change in changes:
+            pictures = []
+            for cell in (remembering, forgetful):
+                change(cell)
+                forgetful.camera._seen.clear()
+                pairs = [cell.camera.grab(time.monotonic(), 1.0) for _ in range(2)]
+                pictures.append(b"".join(pair.left.pixels.tobytes() + pair.right.pixels.tobytes() for pair in pairs))
+            assert pictures[0] == pictures[1]
+            assert pictures[0] != before
+            before = pictures[0]
