@@ -46,24 +46,26 @@ class _Seen:
 def recognise(view: FacetView, model: Model) -> tuple[Part, ...]:
     """Name and locate every group of facets, nearest first. Groups that fit nothing taught come back as `unknown`."""
     found = [(group, _parts_of(group, model)) for group in view.groups if group.facets]
-    silent = [group for group, parts in found if all(p.recognition.label == UNKNOWN for p in parts)]
-    for one, other in combinations(silent, 2):
-        whole = _as_one(one, other, found, model)
+    for one, other in combinations(found, 2):
+        whole = _as_one(one, other, model) if all(any(f is known for known in found) for f in (one, other)) else None
         if whole is not None:
-            found = [(g, p) for g, p in found if g is not one and g is not other] + [whole]
+            found = [f for f in found if f is not one and f is not other] + [whole]
     parts = [part for _, own in found for part in own]
     return tuple(sorted(parts, key=lambda p: float(np.linalg.norm(p.cyclopean_from_part[:3, 3]))))
 
 
-def _as_one(
-    one: Group, other: Group, found: list[tuple[Group, tuple[Part, ...]]], model: Model
-) -> tuple[Group, tuple[Part, ...]] | None:
-    """Two unnamed groups that share an edge after all and have a name together; None where they do not."""
-    if not all(any(g is known for known, _ in found) for g in (one, other)):
+Named = tuple[Group, tuple[Part, ...]]
+
+
+def _as_one(one: Named, other: Named, model: Model) -> Named | None:
+    """Two groups without a name, or with the same one, that share an edge after all and have a name together; None
+    where they do not."""
+    names = [{p.recognition.label for p in parts} for _, parts in (one, other)]
+    if names[0] != names[1] or len(names[0]) > 1:
         return None
-    facets = one.facets + other.facets
+    facets = one[0].facets + other[0].facets
     touching = touching_from(weld(facets))
-    if not touching[: len(one.facets), len(one.facets) :].any():
+    if not touching[: len(one[0].facets), len(one[0].facets) :].any():
         return None
     whole = Group(facets, touching)
     part = recognise_group(whole, model)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from functools import cache
+from itertools import combinations
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from solids import CUBE, KNOWN, PENTAGONAL, PYRAMID, STRANGERS, TRIANGULAR, Body, pose, view_of
+from solids import CUBE, KNOWN, PENTAGONAL, PYRAMID, STRANGERS, TRIANGULAR, Body, group_of, pose, view_of
 
 from daemon import frames
 from daemon.store.library import load_facets
@@ -107,6 +108,27 @@ def test_two_rectangles_of_a_triangular_prism_are_not_a_pentagonal_prism() -> No
         assert part.recognition.label == "triangular_prism"
         assert part.recognition.runner_up == "pentagonal_prism"
         assert part.recognition.match_ratio == pytest.approx(2 / 3)
+
+
+def test_a_part_that_fell_into_two_groups_with_one_name_is_one_part() -> None:
+    whole = view_of(PENTAGONAL, pose(np.array([0.81, 0.59, 0.6]), 0.4), np.random.default_rng(1))
+    assert sorted(len(f.corners_mm) for f in whole.facets) == [4, 4, 4, 5]
+    cuts = 0
+    for one in combinations(range(4), 2):
+        halves = [group_of(tuple(whole.facets[k] for k in half)) for half in (one, set(range(4)) - set(one))]
+        if all(recognise_group(half, taught()).recognition.label == "pentagonal_prism" for half in halves):
+            cuts += 1
+            (part,) = recognise(FacetView(tuple(halves), (), (), (), 1.0), taught())
+            assert (part.recognition.label, len(part.facets)) == ("pentagonal_prism", 4)
+    assert cuts >= 2
+
+
+def test_two_like_parts_that_lie_edge_to_edge_stay_two() -> None:
+    at = pose(np.array([0.5, 0.4, 1.0]), 0.2)
+    beside = at @ frames.rigid(np.eye(3), np.array([0.0, 50.0, 0.0]))
+    groups = tuple(view_of(CUBE, place, np.random.default_rng(k)) for k, place in enumerate((at, beside)))
+    parts = recognise(FacetView(groups, (), (), (), 1.0), taught())
+    assert [p.recognition.label for p in parts] == ["cube", "cube"]
 
 
 def test_a_lone_square_is_said_to_fit_cube_and_pyramid() -> None:
