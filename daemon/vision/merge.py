@@ -13,15 +13,13 @@ from numpy.typing import NDArray
 
 from daemon.vision.chisquare import chi_square_limit
 from daemon.vision.correspond import Correspondence, correspondences
-from daemon.vision.facet_types import FacetLibrary
+from daemon.vision.facet_types import FALSE_ALARM, SIGMA_SCALE, FacetLibrary
 from daemon.vision.measure import newell_normal
 from daemon.vision.metric import Fits, fit_poses
 from daemon.vision.regular import regularise
 from daemon.vision.relation import Solid
 
 Array = NDArray[np.float64]
-FALSE_ALARM = 1e-4
-SIGMA_SCALE = 1.5
 JOIN_TOLERANCE_MM = 0.3
 
 
