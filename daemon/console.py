@@ -77,8 +77,8 @@ class Command:
     run: Handler
     grade: Grade = "look"
     details: str = ""
-    at_once: bool = False
-    """Heard also while the same operator's last command is still being done."""
+    at_once: bool | frozenset[str] = False
+    """Heard also while the same operator's last command is still being done; or only with one of these words."""
     choices: Callable[[Desk], Iterable[str]] = lambda _: ()
     """What the first argument can be, for completion and for suggestions."""
 
@@ -121,7 +121,9 @@ class Console:
         """Whether a line is for now, even while the last command is still being done."""
         words = text.split()
         command = self.commands.get(words[0].lower()) if words else None
-        return command is not None and command.at_once
+        if command is None or isinstance(command.at_once, bool):
+            return command is not None and command.at_once is True
+        return len(words) > 1 and words[1] in command.at_once
 
     def complete(self, typed: str) -> list[str]:
         """Every line that the one typed so far may become."""

@@ -153,6 +153,9 @@ async def train(desk: Desk, words: list[str], door: Door) -> Answer:
 async def accept(desk: Desk, words: list[str], _: Door) -> Answer:
     """Put the candidate into use."""
     no_more(words, 0, "accept")
+    shelf = desk.school.shelf
+    if shelf.candidate is None and shelf.current is not None:
+        raise CommandError(f"version {shelf.current} is in use and no other waits; `train` makes a candidate")
     version = await asyncio.to_thread(desk.school.accept)
     desk.use_model("accept", version)
     return Answer(f"Version {version} is in use; `rollback` goes back.", {"version": version})

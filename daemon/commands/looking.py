@@ -30,7 +30,7 @@ async def status(desk: Desk, words: list[str], _: Door) -> Answer:
     up = duration(time.monotonic() - desk.started_s)
     lines = [
         f"cell      {desk.hardware.kind}; {_standing(state)}",
-        f"doing     {_doing(state)}",
+        f"doing     {_doing(desk, state)}",
         f"model     {version}; knows {', '.join(model.labels) or 'nothing: teach, train, accept'}",
         f"so far    {state['picked']} picked, {state['failed']} failed; up {up}",
         f"run       {desk.run_log.folder}",
@@ -61,8 +61,10 @@ def _standing(state: dict[str, Any]) -> str:
     return ", ".join(words)
 
 
-def _doing(state: dict[str, Any]) -> str:
+def _doing(desk: Desk, state: dict[str, Any]) -> str:
     text = f"{state['doing'] or 'nothing'} ({state['state']})"
+    if state["auto"] and desk.cycle.errand is not None and desk.cycle.errand.count is not None:
+        text += f", {plural(desk.cycle.errand.count, 'part')} still to pick"
     if state["target"]:
         text += f", {state['target']}, look {state['stop']}"
     if state["pending"]:

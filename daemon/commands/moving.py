@@ -6,7 +6,7 @@ import asyncio
 from collections.abc import Awaitable
 from typing import Any, TypeVar
 
-from daemon.commands.words import cut_off, is_yes, plural
+from daemon.commands.words import cut_off, is_no, is_yes, plural
 from daemon.console import DONE, NOT_DONE, NOT_UNDERSTOOD, Answer, Command, CommandError, Door, no_more, number, one_of
 from daemon.cycle import CycleEnd
 from daemon.desk import Desk
@@ -53,7 +53,7 @@ async def resume(desk: Desk, words: list[str], door: Door) -> Answer:
     lines = [f"The fault is cleared: {before['fault']}."]
     if before["holding"] is None and door.asks:
         answer = await door.ask("Is a part in the gripper? [y/n]")
-        if answer.strip():
+        if is_yes(answer) or is_no(answer):
             lines.append(_take_word(desk, is_yes(answer)))
     if desk.cycle.status()["holding"] is None:
         lines.append("Is a part in the gripper? Say `holding yes` or `holding no` before the next pick.")
@@ -97,10 +97,10 @@ async def auto(desk: Desk, words: list[str], door: Door) -> Answer:
         return Answer(f"Picking, {what}; `auto off` ends it after a part, `status` tells how far it is.")
     no_more(words, 1, AUTO_USAGE)
     if word == "off":
-        idle = desk.cycle.status()["doing"] is None
+        was_on, left = desk.cycle.status()["auto"], desk.cycle.errand is not None
         desk.cycle.auto_off()
-        if idle:
-            return Answer("No auto is on; what was left of one is given up.")
+        if not was_on:
+            return Answer("What was left of the auto is given up." if left else "No auto is on.")
         return Answer("No further part is picked after this one.")
     ends = await with_questions(desk, desk.auto_ends(), door)
     picked = sum(end.outcome == "picked" for end in ends)
@@ -114,7 +114,8 @@ async def go(desk: Desk, words: list[str], door: Door) -> Answer:
     place = one_of(words, 0, desk.cycle.places(), "place", "go PLACE")
     no_more(words, 1, "go PLACE")
     await with_questions(desk, desk.cycle.go(place), door)
-    return Answer(f"At {place}.")
+    dry = desk.cycle.status()["dry"]
+    return Answer(f"Planned to {place}, and not sent: `dry` is on." if dry else f"At {place}.")
 
 
 async def hand(desk: Desk, words: list[str], _: Door) -> Answer:
@@ -267,7 +268,7 @@ COMMANDS = (
             "  auto on returns at once; auto wait waits for its end and tells what was picked.\n"
             "  With `every S` an empty table is looked at again after S seconds instead of ending.\n"
             "  auto resume picks what is left of an auto that a stop, a fault or a restart cut off.",
-            choices=lambda _: AUTO_WORDS),
+            at_once=frozenset({"off"}), choices=lambda _: AUTO_WORDS),
     Command("stop", "stop", "stop the arm now; nothing moves until `resume`", stop, "move", at_once=True),
     Command("pause", "pause", "hold before the next move", pause, "move", at_once=True),
     Command("resume", "resume", "go on after `pause`; clear a fault", resume, "move",

@@ -33,3 +33,8 @@ def cut_off(count: int | None) -> str:
 def is_yes(answer: str) -> bool:
     """Whether an operator said yes."""
     return answer.strip().lower() in ("y", "yes", "ja", "j")
+
+
+def is_no(answer: str) -> bool:
+    """Whether an operator said no: where neither will do for the other, something else typed is no answer."""
+    return answer.strip().lower() in ("n", "no", "nein")

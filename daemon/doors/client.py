@@ -6,6 +6,7 @@ Light on purpose: `facetctl status` imports nothing heavier than this.
 from __future__ import annotations
 
 import base64
+import contextlib
 import json
 import shlex
 import socket
@@ -31,8 +32,8 @@ class DaemonLink:
 
     def __init__(self, path: Path | None = None) -> None:
         """Connect to the socket at path, or to the first of the usual ones. Raises NotThereError."""
-        paths = [path] if path is not None else socket_candidates()
-        self._socket = _connect(paths)
+        self._paths = [path] if path is not None else socket_candidates()
+        self._socket = _connect(self._paths)
         self._file = self._socket.makefile("rwb")
         self._keyboard: Keyboard | None = None
         self._stops = 0
@@ -40,8 +41,16 @@ class DaemonLink:
 
     def close(self) -> None:
         """Hang up."""
-        self._file.close()
+        with contextlib.suppress(OSError):
+            self._file.close()
         self._socket.close()
+
+    def connect_again(self) -> None:
+        """To the daemon that runs now, after the one before went away. Raises NotThereError."""
+        self.close()
+        self._socket = _connect(self._paths)
+        self._file = self._socket.makefile("rwb")
+        self._stops = 0
 
     def __enter__(self) -> DaemonLink:
         return self
@@ -136,7 +145,7 @@ class DaemonLink:
         try:
             self._file.write(json.dumps(message).encode() + b"\n")
             self._file.flush()
-        except OSError:
+        except (OSError, ValueError):
             raise NotThereError("the daemon hung up") from None
 
     def _messages(self) -> Iterator[dict[str, Any]]:

@@ -8,14 +8,18 @@ import shutil
 import sys
 from pathlib import Path
 
-from daemon.doors.client import DaemonLink
+from daemon.doors.client import DaemonLink, NotThereError
 from daemon.doors.lineedit import fold
 
 HISTORY_LINES = 1000
 
 
 def converse(link: DaemonLink) -> int:
-    """Read lines until end of input or `quit`. Control-C stops the arm, also while a command is being done."""
+    """Read lines until end of input or `quit`. Control-C stops the arm, also while a command is being done.
+
+    At a terminal a daemon that went away is sought again, and nothing is said twice: who typed it decides anew. Raises
+    NotThereError elsewhere.
+    """
     interactive = sys.stdin.isatty()
     if interactive:
         _prepare(link)
@@ -29,14 +33,37 @@ def converse(link: DaemonLink) -> int:
                 print()
             return status
         except KeyboardInterrupt:
-            print(f"\n{link.interrupt()}")
-            continue
-        if line.strip() in ("quit", "exit"):
+            line = None
+        if line is not None and line.strip() in ("quit", "exit"):
             return status
-        done = link.do(line, "console", _say, _ask if interactive else None)
-        status = int(done["status"])
-        if done["text"]:
-            _say(done["text"])
+        try:
+            status = _said(link, line, interactive)
+        except NotThereError as error:
+            if not interactive:
+                raise
+            _seek(link, error)
+
+
+def _said(link: DaemonLink, line: str | None, interactive: bool) -> int:
+    """Say a line, or (None) stop the arm; gives the status. Raises NotThereError."""
+    if line is None:
+        print(f"\n{link.interrupt()}")
+        return 0
+    done = link.do(line, "console", _say, _ask if interactive else None)
+    if done["text"]:
+        _say(done["text"])
+    return int(done["status"])
+
+
+def _seek(link: DaemonLink, error: NotThereError) -> None:
+    """Say that the daemon is gone, and find the next one if it is there already."""
+    _say(str(error))
+    try:
+        link.connect_again()
+    except NotThereError as gone:
+        _say(str(gone))
+    else:
+        _say("A daemon answers again: see its `status`, then say anew what is still wanted.")
 
 
 def _say(text: str) -> None:

@@ -24,12 +24,13 @@ class FakeCycle:
     refuse_with: str | None = None
     slow: bool = False
     errand: None = None
+    held: bool | None = False
 
     def status(self) -> dict[str, Any]:
         return {
             "state": "fault" if self.fault else "idle", "doing": self.doing, "fault": self.fault, "enabled": True,
             "paused": False, "step": False, "dry": False, "pending": self.pending, "auto": False, "cycle": 1,
-            "target": None, "stop": None, "predicted_mm": None, "predicted_deg": None, "holding": False,
+            "target": None, "stop": None, "predicted_mm": None, "predicted_deg": None, "holding": self.held,
             "picked": 2, "failed": 1, "skipped": [], "last": None,
         }  # fmt: skip
 
@@ -42,6 +43,9 @@ class FakeCycle:
     def resume(self) -> None:
         self.told.append("resume")
         self.fault = None
+
+    def holding(self, held: bool) -> None:
+        self.held = held
 
     def pause(self) -> None:
         self.told.append("pause")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -56,6 +57,19 @@ def test_what_is_not_understood_is_said_in_one_line_with_the_right_word(
     answer = say(desk, text)
     assert answer.text == want
     assert answer.status == status
+
+
+@pytest.mark.parametrize(
+    ("typed", "held"), [("y", True), ("n", False), ("enable", None), ("holding yes", None), ("", None)]
+)
+def test_only_a_yes_or_a_no_says_what_is_in_the_gripper_after_a_restart(
+    desk: Any, typed: str, held: bool | None
+) -> None:
+    """Somebody who types on takes nothing for empty that may hold a part."""
+    desk.cycle.fault, desk.cycle.held = "restarted: the daemon ended in verify", None
+    text = say(desk, "resume", FakeDoor(answers=[typed])).text
+    assert desk.cycle.held is held
+    assert ("`holding yes` or `holding no`" in text) is (held is None)
 
 
 @pytest.mark.parametrize("word", ["status", "STATUS", "stat", " status  # now"])
