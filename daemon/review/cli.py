@@ -223,6 +223,13 @@ def _words(record: Record) -> str | None:
             return f"{record.get('code') or record.get('rule')}: {record.get('text')}"
         case "command":
             return f"{record.get('who')} at {record.get('door')}: {record.get('text')}"
+        case "left":
+            hand = ", a part perhaps in the gripper" if record.get("hand_closed") else ""
+            return f"run {record.get('run')} was cut off in state {record.get('state')}{hand}"
+        case "holding":
+            return {True: "a part in the gripper", False: "the gripper is empty"}.get(record["held"], "not known")
+        case "auto" if record.get("on"):
+            return f"{record.get('count') or 'all'} parts to pick"
         case "run_end":
             return str(record.get("why"))
         case _:
