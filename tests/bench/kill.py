@@ -97,11 +97,11 @@ def with_its_cell(kills: int, seed: int, time_scale: float) -> dict[str, Found]:
 
 def print_table(table: dict[str, Found]) -> None:
     """What was seen, a row an act."""
-    print(f"{'killed while':36}{'kills':>6}{'torn last line':>16}{'other lines lost':>18}{'answered, not logged':>22}"
+    print(f"{'killed while':46}{'kills':>6}{'torn last line':>16}{'other lines lost':>18}{'answered, not logged':>22}"
           f"{'corrupt files':>15}{'pick cut off: asked':>21}{'moved after':>13}{'stuck after':>13}  met")  # fmt: skip
     for name, found in table.items():
         met = ", ".join(f"{what} {count}" for what, count in found.met.items() if count)
-        print(f"{name:36}{found.kills:>6}{found.torn:>16}{len(found.lost):>18}{len(found.unanswered):>22}"
+        print(f"{name:46}{found.kills:>6}{found.torn:>16}{len(found.lost):>18}{len(found.unanswered):>22}"
               f"{len(found.corrupt):>15}{f'{found.asked} of {found.in_cycle}':>21}{len(found.moved):>13}"
               f"{len(found.stuck):>13}  {met}")  # fmt: skip
     for found in table.values():
