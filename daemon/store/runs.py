@@ -171,16 +171,19 @@ def _started(folder: Path) -> bool:
 def check_wire(folder: Path) -> list[str]:
     """Walk the ledger's chain of hashes; one line for each place where it does not hold, none when it is whole."""
     problems: list[str] = []
-    chain = ""
+    chain, before = "", None
     for number, line in _lines(folder / "wire.jsonl"):
         try:
-            said = json.loads(line).get("chain")
+            entry = json.loads(line)
         except ValueError:
             problems.append(f"wire.jsonl:{number}: torn or unreadable line")
             continue
-        if said != chain:
+        missing = entry.get("seq", 0) - before - 1 if before is not None else 0
+        if entry.get("chain") != chain and missing > 0:
+            problems.append(f"wire.jsonl:{number}: {missing} entries are missing before it")
+        elif entry.get("chain") != chain:
             problems.append(f"wire.jsonl:{number}: does not follow from the line before it")
-        chain = hashlib.sha256(line).hexdigest()
+        chain, before = hashlib.sha256(line).hexdigest(), entry.get("seq")
     return problems
 
 

@@ -25,6 +25,8 @@ CHECKOUT = Path(__file__).resolve().parents[3]
 ETC = Path("/etc/facetd")
 SOCKET = Path("/run/facetd/facetd.sock")
 UNITS = Path("/etc/systemd/system")
+STATE, STATE_MB = Path("/var/lib/facetd"), 200
+"""What the daemon keeps: a disk of its own, small enough to be filled."""
 PATIENT = {"baud": 9600, "prompt_silence_s": 0.1, "typing_s": 20.0, "answer_s": 30.0, "resync_s": 5.0, "stall_s": 5.0}
 DROP_IN = """\
 [Service]
@@ -56,6 +58,9 @@ def install() -> None:
     run("groupadd", "--system", "facetd")
     run("useradd", "--system", "--gid", "facetd", "--home-dir", "/var/lib/facetd", "facetd")
     shutil.copytree(CHECKOUT / "etc", ETC, dirs_exist_ok=True)
+    STATE.mkdir(exist_ok=True)
+    mounted = run("mount", "-t", "tmpfs", "-o", f"size={STATE_MB}m", "tmpfs", str(STATE))
+    assert mounted.returncode == 0, mounted.stderr
     configure(100.0)
     run("systemctl", "daemon-reload")
 
@@ -68,6 +73,7 @@ def configure(travel_pct: float) -> None:
     configuration["pick"] |= {"travel_pct": travel_pct, "settling": {"timeout_s": 30.0}, "arrival": {"slack_s": 20.0}}
     configuration["pick"]["limits"]["max_look_age_s"] = 120
     configuration["health"] |= {"camera_silence_s": 20.0}
+    configuration["log"] |= {"keep_free_mb": 5}
     (ETC / "facetd.yaml").write_text(yaml.safe_dump(configuration))
 
 
@@ -110,7 +116,7 @@ def until(what: Any, timeout_s: float = 150.0, every_s: float = 0.5) -> Any:
 
 def looks() -> Iterator[dict[str, Any]]:
     """The look records of every run."""
-    for log in sorted(Path("/var/lib/facetd/runs").glob("*/run.jsonl")):
+    for log in sorted((STATE / "runs").glob("*/run.jsonl")):
         yield from (record for line in log.read_text().splitlines() if (record := json.loads(line))["kind"] == "look")
 
 

@@ -1,6 +1,7 @@
 """In the guest: the whole daemon under real systemd, with real V4L2 devices and a real serial line.
 
-One simulated cell for all tests, in the order of a day: start, teach, pick, trouble with the cameras, hang, stop.
+One simulated cell for all tests, in the order of a day: start, teach, pick, trouble with cameras, clock, disk and
+memory, hang, stop.
 """
 
 from __future__ import annotations
@@ -19,8 +20,10 @@ from typing import Any
 import loopback
 import pytest
 from beside import FPS, Person
-from installed import command, configure, install, journal, looks, processor_s, run, unit, until
+from installed import STATE, command, configure, install, journal, looks, processor_s, run, unit, until
 
+from daemon.doors.client import NotThereError
+from daemon.store.runs import check_wire, list_runs, read_run
 from drivers.camera.find import list_devices
 from drivers.camera.node import LINUX
 
@@ -50,7 +53,7 @@ def person() -> Iterator[Person]:
         following.kill()
         following.wait()
     run("systemctl", "kill", "-s", "KILL", "facetd")
-    shutil.copytree("/var/lib/facetd/runs", "/results/runs")
+    shutil.copytree(STATE / "runs", "/results/runs")
     print(run("journalctl", "-u", "facetd", "-u", "feeder", "--no-pager", "-o", "short-monotonic").stdout)
 
 
@@ -177,11 +180,82 @@ def test_a_module_that_is_removed_and_comes_back_under_other_numbers_is_found_ag
     assert command("resume")["status"] == 0
 
 
+def test_a_clock_that_jumps_is_told_and_stops_nothing() -> None:
+    for seconds, way in ((86_400, "forward"), (-86_400, "back")):
+        assert run("date", "--set", f"@{time.time() + seconds:.3f}").returncode == 0, way
+        seen = command("look")
+        assert seen["status"] == 0, (way, seen)
+        until(lambda way=way: any(_jumps()[0 if way == "forward" else 1 :]))
+    assert [round(jump, -2) for jump in _jumps()] == [86_400, -86_400]
+    assert unit("NRestarts") == "0"
+    assert not command("status")["fault"]
+    numbers = [record["seq"] for record in read_run(list_runs(STATE / "runs")[-1]).records]
+    assert numbers == list(range(len(numbers)))
+    write_down("clock a day forward and back: looks go on, told in the log, nothing lost")
+
+
+def _jumps() -> list[float]:
+    run_now = list_runs(STATE / "runs")[-1]
+    return [float(record["jump_s"]) for record in read_run(run_now).records if record["kind"] == "clock"]
+
+
+def test_a_disk_that_fills_up_is_told_and_the_arm_obeys_all_the_same(person: Person) -> None:
+    assert command("enable")["status"] == 0
+    filler = STATE / "filler"
+    filled = run("dd", "if=/dev/zero", f"of={filler}", "bs=1M")
+    assert "No space left" in filled.stderr, filled.stderr
+    assert command("look")["status"] == 0
+    told = until(lambda: next((t for t in command("status")["troubles"].values() if "space" in t), ""))
+    assert command("go home")["status"] == 0
+    assert command("stop")["status"] == 0
+    assert not person.do("tell")["moves"]
+    filler.unlink()
+    until(lambda: told not in command("status")["troubles"].values())
+    assert command("resume")["status"] == 0
+    assert command("look")["status"] == 0
+    now = read_run(list_runs(STATE / "runs")[-1])
+    assert now.skipped == ()
+    lost = [record["lost"] for record in now.records if record.get("lost")]
+    assert lost, "what could not be written is counted where writing goes on"
+    write_down(f"disk full: told ({told}), arm moved and stopped, {sum(lost)} records counted as lost, none torn")
+
+
+def test_a_daemon_that_runs_into_its_memory_limit_comes_back_and_asks(person: Person) -> None:
+    assert command("enable")["status"] == 0
+    person.do("lay", label=PART, rest=1)
+    restarts, cut = int(unit("NRestarts")), list_runs(STATE / "runs")[-1]
+    known = {*read_run(cut).skipped, *check_wire(cut)}
+    with ThreadPoolExecutor(1) as beside:
+        pick = beside.submit(command, f"pick {PART}")
+        until(lambda: pick.done() or person.do("tell")["moves"], every_s=0.05)
+        assert not pick.done(), pick.result()
+        limit = ["systemctl", "set-property", "--runtime", "facetd"]
+        assert run(*limit, "MemoryHigh=infinity", "MemoryMax=24M", "MemorySwapMax=0").returncode == 0
+        until(lambda: unit("Result") == "oom-kill" or int(unit("NRestarts")) > restarts, every_s=0.2)
+        assert run(*limit, "MemoryMax=600M").returncode == 0
+        with pytest.raises((OSError, NotThereError)):
+            pick.result(timeout=60)
+    until(lambda: unit("ActiveState") == "active", 280.0, 2.0)
+    before = person.do("tell")
+    status = command("status")
+    assert "restarted" in status["fault"], status
+    assert not status["enabled"]
+    assert command(f"pick {PART}")["status"] != 0
+    time.sleep(1.0)
+    later = person.do("tell")
+    assert not later["moves"]
+    assert later["gripper_mm"] == pytest.approx(before["gripper_mm"], abs=0.1)
+    assert all("torn" in text for text in {*read_run(cut).skipped, *check_wire(cut)} - known)
+    for text in ("resume", "holding no", "enable", "go home"):
+        assert command(text)["status"] == 0, text
+    write_down("memory limit in mid-pick: killed, started again, asks, nothing moved, no line lost but the last")
+
+
 def test_a_daemon_that_hangs_is_killed_by_the_watchdog_and_started_again() -> None:
-    before = unit("MainPID")
+    before, restarts = unit("MainPID"), int(unit("NRestarts"))
     run("kill", "-STOP", before)
     hung_s = time.monotonic()
-    until(lambda: unit("NRestarts") == "1" and unit("ActiveState") == "active", 280.0, 2.0)
+    until(lambda: int(unit("NRestarts")) > restarts and unit("ActiveState") == "active", 280.0, 2.0)
     write_down(
         f"a daemon that hangs is killed and READY again after {time.monotonic() - hung_s:.0f} s (WatchdogSec=30)"
     )

@@ -212,6 +212,16 @@ def test_a_line_changed_in_the_wire_ledger_is_found(log: RunLog) -> None:
     assert check_wire(log.folder) == ["wire.jsonl:3: does not follow from the line before it"]
 
 
+def test_entries_that_a_full_disk_swallowed_are_counted_in_the_wire_ledger(log: RunLog) -> None:
+    for n in range(9):
+        log.wire({"seq": n, "sent": "where"})
+    log.close()
+    path = log.folder / "wire.jsonl"
+    lines = path.read_bytes().splitlines(keepends=True)
+    path.write_bytes(b"".join(lines[:3] + lines[7:]))
+    assert check_wire(log.folder) == ["wire.jsonl:4: 4 entries are missing before it"]
+
+
 def run_with(folder: Path, *records: dict[str, object], size: int = 200_000) -> Path:
     log = RunLog(folder)
     for record in records:
