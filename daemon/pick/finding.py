@@ -17,7 +17,17 @@ from daemon.pick.looking import Expect, Look, Sight, log_look, take_look
 from daemon.pick.motion import Mover, MoveRefusedError, OutOfReachError
 from daemon.pick.plan import other_view, plan_part
 from daemon.pick.proving import Proved, proved
-from daemon.pick.seen import SAME_PLACE_MM, Seen, facings, is_own, merged, ordered, seen_parts
+from daemon.pick.seen import (
+    NEIGHBOUR_MM,
+    SAME_PLACE_MM,
+    Seen,
+    facings,
+    is_own,
+    merged,
+    ordered,
+    seen_parts,
+    unconfirmed,
+)
 from daemon.pick.settings import Settings
 from daemon.pick.workcell import Array, Workcell
 from daemon.vision.look import outlines
@@ -226,6 +236,10 @@ class Finding:
                 self.blind_at(part.centre) if view is None else (),
             )
             if isinstance(plan, str):
+                beside = [p for p in self.found if p.lone and far(p.centre, part.centre) < NEIGHBOUR_MM]
+                if beside and self.looks_at(part.centre) < self.settings.views_of_doubtful:
+                    self.doubtful = part
+                    return "doubtful"
                 self.skip("unreachable", part, plan)
                 continue
             self.target = self.last = Target(
@@ -240,17 +254,22 @@ class Finding:
         return "none_left"
 
     async def second_view(self) -> str:
-        """Look at a part that could not be named from where its candidates differ most, or from another side."""
+        """Look at a part that could not be named from where its candidates differ most, or from another side; at one
+        that has a name, whether what bars the way to it shows again."""
         part = self.doubtful
         assert part is not None
         self.looked_again.append(part.centre)
         pose, why = other_view(part, self.sight.shape, self.eyes, self.cell.tool_from_cyclopean, self.allowed)
-        self.decide(f"another view of {part.label}", why)
+        self.decide(f"another view of {part.label}", "does what bars the way show again?" if part.named else why)
         if pose is None:
             return "seen"
         self.eyes.append((pose @ self.cell.tool_from_cyclopean)[:3, 3])
         await self.travel(pose, "another view", part.look)
-        self.found = merged(self.found, await self.named(await self.look("another view")))
+        look = await self.look("another view")
+        if part.named:
+            gone = unconfirmed(self.found, look, part.centre, self.cell.rig)
+            self.found = [p for p in self.found if not any(p is g for g in gone)]
+        self.found = merged(self.found, await self.named(look))
         return "seen"
 
     def moved(self, before: list[Seen], now: list[Seen]) -> list[float]:

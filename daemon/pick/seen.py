@@ -16,11 +16,14 @@ from daemon.pick.looking import Look
 from daemon.vision.data import Facet
 from daemon.vision.measure import newell_normal
 from daemon.vision.recognise import UNKNOWN
+from daemon.vision.rig import StereoRig
 
 Array = NDArray[np.float64]
 
 SAME_PLACE_MM = 30.0
 """Two parts seen nearer than this to one place are one part."""
+NEIGHBOUR_MM, RIM_PX = 100.0, 30.0
+"""How far from a part what is seen may keep the fingers from it; how far inside an image it must be to be missed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +43,11 @@ class Seen:
     def named(self) -> bool:
         """Whether it was recognised as one taught part."""
         return not self.ambiguous and self.label != UNKNOWN
+
+    @property
+    def lone(self) -> bool:
+        """Whether it is a single facet without a name: perhaps none at all."""
+        return not self.named and len(self.facets) == 1
 
     @property
     def centre(self) -> Array:
@@ -76,8 +84,7 @@ def is_own(other: Seen, part: Seen) -> bool:
     """Whether what was seen beside a named part is nothing but one of its facets, measured worse: a lone unnamed facet
     whose middle lies within the part's reach. It would keep the fingers from every grasp."""
     reach = float(np.linalg.norm(part.corners - part.centre, axis=1).max())
-    lone = not other.named and len(other.facets) == 1
-    return lone and float(np.linalg.norm(other.centre - part.centre)) < reach
+    return other.lone and float(np.linalg.norm(other.centre - part.centre)) < reach
 
 
 def seen_again(seen: Sequence[Facing], eye: Array, least_cosine: float = 0.3) -> float:
@@ -114,6 +121,21 @@ def merged(before: Sequence[Seen], now: Sequence[Seen]) -> list[Seen]:
         named = [old for old in before if old.named and _same_place(old, new)]
         kept.append(named[0] if named and not new.named else new)
     return kept
+
+
+def unconfirmed(before: Sequence[Seen], look: Look, around: Array, rig: StereoRig) -> list[Seen]:
+    """The lone facets within NEIGHBOUR_MM of a point (3,) world that a look with their middle in both images does not
+    show again."""
+    now, cyclopean_from_world = seen_parts(look), frames.inverse(look.world_from_cyclopean)
+    found = []
+    for old in before:
+        middle = frames.apply(cyclopean_from_world, old.centre[None])
+        px = np.concatenate([eye.project(middle) for eye in (rig.left, rig.right)])
+        in_view = bool(np.all((px > RIM_PX) & (px < np.array(rig.image_size) - RIM_PX)))
+        near = float(np.linalg.norm(old.centre - around)) < NEIGHBOUR_MM
+        if old.lone and near and in_view and not any(_same_place(old, new) for new in now):
+            found.append(old)
+    return found
 
 
 def _same_place(a: Seen, b: Seen) -> bool:

@@ -23,7 +23,12 @@ TABLE: tuple[Row, ...] = (
     Row("survey", "seen", "choose", "something on the table was not skipped before"),
     Row("survey", "nothing", "home", "no view shows anything to pick"),
     Row("choose", "chosen", "stop_n", "named, a grasp holds it, the whole approach is reached"),
-    Row("choose", "doubtful", "second_view", "more than one taught part fits, or none: look from another side"),
+    Row(
+        "choose",
+        "doubtful",
+        "second_view",
+        "more than one part fits, or none, or a lone facet bars the way: look from another side",
+    ),
     Row("choose", "stale", "survey", "the look is too old to move on"),
     Row("choose", "none_left", "home", "what is left is skipped, each with its reason"),
     Row(

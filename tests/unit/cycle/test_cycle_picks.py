@@ -188,6 +188,38 @@ def test_a_part_out_of_reach_is_skipped_and_named_and_the_others_are_picked():
     assert any(s.label == "cube" and s.outcome == "unreachable" for e in ends for s in e.skipped)
 
 
+@pytest.mark.parametrize("lasts", [False, True])
+def test_a_lone_facet_that_bars_the_way_must_show_again(lasts):
+    world = World(np.random.default_rng(0))
+    world.put("cube", 520, 0, 0.4)
+    cycle = cycle_of(world)
+    see, looks = cycle.sight.see, []
+    upright = np.array([[48.0, -30, -20], [48, 30, -20], [48, 30, 30], [48, -30, 30]])
+
+    def with_walls(left, right, table=None):
+        scene, looks[len(looks) :] = see(left, right, table), [1]
+        if not scene.parts or (len(looks) > 1 and not lasts):
+            return scene
+        cyclopean_from_world = frames.inverse(world.at @ world.tool_from_cyclopean)
+        walls = []
+        for k in range(6):
+            turn = frames.rigid(
+                frames.rotation_from_vector(np.array([0, 0, k * np.pi / 3])), np.array([520.0, 0, -275])
+            )
+            corners = frames.apply(cyclopean_from_world @ turn, upright)
+            wall = replace(scene.parts[0].facets[0], corners_mm=corners)
+            unknown = Recognition("unknown", 0.9, 0.0, 0.0, None, False, "fits nothing that was taught")
+            walls.append(replace(scene.parts[0], recognition=unknown, facets=(wall,)))
+        return replace(scene, parts=(*scene.parts, *walls))
+
+    cycle.sight.see = with_walls
+    end = asyncio.run(cycle.pick())
+    assert "does what bars the way show again?" in [r["why"] for r in world.said("decision")]
+    barred = [s.why for s in cycle.skipped if s.label == "cube" and s.outcome == "unreachable"]
+    assert any("blocked by a neighbour" in why for why in barred) == lasts
+    assert (end.outcome == "picked") == (not lasts), end.why
+
+
 def test_a_blocked_part_waits_until_its_neighbour_is_gone():
     world = World(np.random.default_rng(2))
     world.put("cube", 520, 0, 0.0)
