@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from daemon import approach, frames
 from daemon.approach import Doubt, Estimate, Sighting
-from daemon.pick.edges import fit_edges, open_eyes, shown
+from daemon.pick.edges import Eyes, fit_edges, open_eyes, shown
 from daemon.pick.grasp import Gripper, closed_fingers
 from daemon.pick.looking import Expect, Look
 from daemon.pick.plan import Plan
@@ -87,8 +87,7 @@ def fitted(target: Target, look: Look, cell: Workcell) -> Fit | None:
     by_facets = refit(target.shape, facets, near)
     if by_facets is None:
         return None
-    eyes = open_eyes(look.pictures.left.pixels, look.pictures.right.pixels, cell.rig)
-    return fit_edges(target.shape, eyes, by_facets.cyclopean_from_part, FACETS_REACH_MM) or by_facets
+    return fit_edges(target.shape, eyes_of(look, cell), by_facets.cyclopean_from_part, FACETS_REACH_MM) or by_facets
 
 
 def expecting(target: Target, cell: Workcell) -> Expect:
@@ -134,16 +133,20 @@ def expected_fit(look: Look) -> Fit:
     return Fit(part.cyclopean_from_part, part.covariance, part.residual_mm, len(part.facets))
 
 
-def still_there(target: Target, look: Look, cell: Workcell) -> bool:
+def eyes_of(look: Look, cell: Workcell) -> Eyes:
+    """A look's images made ready for edges."""
+    return open_eyes(look.pictures.left.pixels, look.pictures.right.pixels, cell.rig)
+
+
+def still_there(target: Target, look: Look, eyes: Eyes) -> bool:
     """Whether the target's edges still show where it lay."""
-    images = look.pictures.left.pixels, look.pictures.right.pixels
-    return expecting(target, cell)(*images, look.world_from_cyclopean) is not None
+    near = frames.inverse(look.world_from_cyclopean) @ target.world_from_part
+    return fit_edges(target.shape, eyes, near, REACH_MM) is not None
 
 
-def came_back_empty(look: Look, cell: Workcell, gripper: Gripper) -> bool:
+def came_back_empty(eyes: Eyes, cell: Workcell, gripper: Gripper) -> bool:
     """Whether a look shows the fingers met with nothing between them. Where the cameras do not have them in view, or a
     part hides them, it does not."""
-    eyes = open_eyes(look.pictures.left.pixels, look.pictures.right.pixels, cell.rig)
     cyclopean_from_tool = frames.inverse(cell.tool_from_cyclopean)
     return shown(closed_fingers(gripper), eyes, cyclopean_from_tool, FINGERS_REACH_MM) > FINGERS_SHOW
 

@@ -11,7 +11,17 @@ import asyncio
 from daemon import approach
 from daemon.approach import CHI_SQUARE_6
 from daemon.pick.finding import Bench, Finding, Skipped, SuspectError
-from daemon.pick.following import NEAR_MM, Target, came_back_empty, expecting, far, follow, others, still_there
+from daemon.pick.following import (
+    NEAR_MM,
+    Target,
+    came_back_empty,
+    expecting,
+    eyes_of,
+    far,
+    follow,
+    others,
+    still_there,
+)
 from daemon.pick.looking import whole_look
 from daemon.pick.motion import MoveRefusedError, OutOfReachError
 from daemon.pick.plan import regrasp
@@ -172,11 +182,12 @@ class Pick(Finding):
         hand = look.reading.world_from_tool[:3, 3]
         on_table = [p for p in seen_parts(look) if far(p.centre, hand) > 70.0]
         left = [p for p in on_table if far(p.centre, target.centre) < self.settings.gone_mm + 20.0]
-        if left or still_there(target, look, self.cell):
+        eyes = eyes_of(look, self.cell)
+        if left or still_there(target, look, eyes):
             why = "still lies there"
         elif self.knocked_away(target, on_table):
             why = "was knocked away"
-        elif came_back_empty(look, self.cell, self.settings.gripper):
+        elif came_back_empty(eyes, self.cell, self.settings.gripper):
             why = "is gone, and the hand came back empty"
         else:
             self.outcome, self.why = "picked", f"{target.label} is gone from where it lay"

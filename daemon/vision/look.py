@@ -54,7 +54,7 @@ def look(
         seconds["recognise"] += now() - seen
         if _all_named(parts):
             break
-    if known.labels and not _all_named(parts):
+    if known.labels and not _all_named(parts) and (view.groups or view.rejected):
         start = now()
         view = look_closer(view, known, open_eyes(left, right, rig))
         parts = recognise(view, known)
