@@ -157,11 +157,13 @@ def _line(kind: str, fields: Mapping[str, Any]) -> str | None:
             return f"cycle {fields.get('cycle')}: looking for {fields.get('target') or 'any part'}"
         case "cycle_end":
             why = f": {fields['why']}" if fields.get("why") else ""
-            return f"cycle {fields.get('cycle')}: {fields.get('outcome')} {fields.get('label') or ''}{why}"
+            ended = f"{fields.get('outcome')} {fields.get('label') or ''}".strip()
+            return f"cycle {fields.get('cycle')}: {ended}{why}"
         case "refusal":
             return f"refused, {fields.get('rule')}: {fields.get('text')}"
         case "fault":
-            return f"FAULT {fields.get('code')}: {fields.get('text')}"
+            code, text = str(fields.get("code")), str(fields.get("text"))
+            return f"FAULT {text}" if text.startswith(code) else f"FAULT {code}: {text}"
         case "command":
             return f"{fields.get('who')} at {fields.get('door')}: {fields.get('text')}"
         case "model" if fields.get("action") != "start":
