@@ -232,9 +232,11 @@ function plotAll() {
     const base = name.replace(/_(left|right)$/, "");
     measures.set(base, [...(measures.get(base) || []), name]);
   }
-  for (const [base, names] of measures)
+  for (const [base, names] of measures) {
+    if (names.every((n) => looks.health[n].every((v) => !v))) continue;  // frozen, doubled, half: nothing to see while nothing was wrong
     plot(names.map((n) => ({ ...spot, x: looks.s, y: looks.health[n], name: n.slice(base.length + 1) || base })),
       `Camera health: ${base.replaceAll("_", " ")}`, "s since the start", base.endsWith("px") ? "px" : "", { showlegend: names.length > 1 });
+  }
 }
 function colours() {
   const style = getComputedStyle(root), fg = style.getPropertyValue("--fg").trim(), line = style.getPropertyValue("--line").trim();
