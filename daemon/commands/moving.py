@@ -55,13 +55,23 @@ async def resume(desk: Desk, words: list[str], door: Door) -> Answer:
         answer = await door.ask("Is a part in the gripper? [y/n]")
         if is_yes(answer) or is_no(answer):
             lines.append(_take_word(desk, is_yes(answer)))
-    if desk.cycle.status()["holding"] is None:
+    known, errand = desk.cycle.status()["holding"] is not None, desk.cycle.errand
+    if known and errand is not None and await _agreed(door, f"{cut_off(errand.count)}. Let the arm move and go on?"):
+        desk.cycle.enable()
+        await desk.begin_auto(errand.count, errand.every_s)
+        return Answer("\n".join([*lines, "Going on; `auto off` ends it after a part."]))
+    if not known:
         lines.append("Is a part in the gripper? Say `holding yes` or `holding no` before the next pick.")
     if not desk.cycle.status()["enabled"]:
         lines.append("The arm does not move until `enable`; then `pick` or `auto on` go on.")
-    if desk.cycle.errand is not None:
-        lines.append(f"{cut_off(desk.cycle.errand.count)}: `auto resume` takes it up, `auto off` gives it up.")
+    if errand is not None:
+        lines.append(f"{cut_off(errand.count)}: `auto resume` takes it up, `auto off` gives it up.")
     return Answer("\n".join(lines))
+
+
+async def _agreed(door: Door, question: str) -> bool:
+    """Whether somebody was there to be asked, and said yes."""
+    return door.asks and is_yes(await door.ask(f"{question} [y/n]"))
 
 
 async def pause(desk: Desk, words: list[str], _: Door) -> Answer:
@@ -272,7 +282,8 @@ COMMANDS = (
     Command("stop", "stop", "stop the arm now; nothing moves until `resume`", stop, "move", at_once=True),
     Command("pause", "pause", "hold before the next move", pause, "move", at_once=True),
     Command("resume", "resume", "go on after `pause`; clear a fault", resume, "move",
-            "  After a fault nothing goes on by itself: say `pick`, `auto on` or `auto resume`.", at_once=True),
+            "  After a fault nothing goes on by itself: say `pick`, `auto on` or `auto resume`. Where an auto was cut\n"
+            "  off, and at a door that can ask, it is asked whether to take it up now.", at_once=True),
     Command("abort", "abort", "stop the arm, give the part up; leaves no fault", abort, "move", at_once=True),
     Command("step", "step on|off", "show each move and wait for a yes before it is sent", step, "move", at_once=True,
             choices=lambda _: ("on", "off")),

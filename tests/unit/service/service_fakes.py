@@ -11,6 +11,7 @@ from typing import Any
 
 from daemon.cycle import RefusedError
 from daemon.desk import ANSWERABLE, Troubles
+from daemon.pick.errand import Errand
 
 
 @dataclass
@@ -23,7 +24,7 @@ class FakeCycle:
     pending: str | None = None
     refuse_with: str | None = None
     slow: bool = False
-    errand: None = None
+    errand: Errand | None = None
     held: bool | None = False
 
     def status(self) -> dict[str, Any]:

@@ -14,6 +14,7 @@ from service_fakes import FakeDoor, fake_desk
 
 from daemon.commands import every_command
 from daemon.console import Answer, Console
+from daemon.pick.errand import Errand
 
 
 def say(desk: object, text: str, door: FakeDoor | None = None) -> Answer:
@@ -70,6 +71,33 @@ def test_only_a_yes_or_a_no_says_what_is_in_the_gripper_after_a_restart(
     text = say(desk, "resume", FakeDoor(answers=[typed])).text
     assert desk.cycle.held is held
     assert ("`holding yes` or `holding no`" in text) is (held is None)
+
+
+@pytest.mark.parametrize(
+    ("answers", "goes_on"), [(["n", "y"], True), (["n", "n"], False), (["n", "status"], False), (["what?"], False)]
+)
+def test_resume_goes_on_with_an_auto_that_was_cut_off_only_after_a_plain_yes(
+    desk: Any, answers: list[str], goes_on: bool
+) -> None:
+    begun: list[tuple[int | None, float | None]] = []
+
+    async def begin_auto(count: int | None, every_s: float | None = None) -> None:
+        begun.append((count, every_s))
+
+    desk.begin_auto = begin_auto
+    desk.cycle.fault, desk.cycle.held, desk.cycle.errand = "restarted: the daemon ended in looking", None, Errand(13)
+    door = FakeDoor(answers=list(answers))
+    text = say(desk, "resume", door).text
+    assert begun == ([(13, None)] if goes_on else [])
+    assert ("enable" in desk.cycle.told) is goes_on
+    assert ("`auto resume` takes it up" in text) is not goes_on
+    assert len(door.asked) == len(answers)
+
+
+def test_resume_at_a_door_that_cannot_ask_moves_nothing(desk: Any) -> None:
+    desk.cycle.fault, desk.cycle.errand = "stopped by ann", Errand(2)
+    assert "`auto resume` takes it up" in say(desk, "resume").text
+    assert desk.cycle.told == ["resume"]
 
 
 @pytest.mark.parametrize("word", ["status", "STATUS", "stat", " status  # now"])
