@@ -18,7 +18,7 @@ from daemon.review.digest import Digest, digest
 from daemon.review.pagedata import page_data
 from daemon.store.files import write_atomically
 from daemon.store.pictures import read_grey
-from daemon.store.runs import read_run
+from daemon.store.runs import check_wire, read_run
 
 PICTURE_BUDGET = 24_000_000
 """Bytes of pictures a page may carry: more would make it slow to open. Failed cycles come first, then the newest."""
@@ -32,6 +32,7 @@ def write_page(folder: Path, out: Path, against: Path | None = None) -> Path:
     """
     run = read_digest(folder)
     data = page_data(run)
+    data["skipped"] += check_wire(folder)
     if against is not None:
         data["against"] = _comparison(read_digest(against), against, folder)
     pictures, left_out = _pictures(folder, run)

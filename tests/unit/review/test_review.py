@@ -105,6 +105,18 @@ def test_every_prefix_of_a_run_makes_a_digest(made: MadeRun) -> None:
     assert page_data(digest("prefix", records[:-2]))["cycles"][-1]["outcome"] == "unfinished"
 
 
+def test_a_wire_ledger_that_was_altered_is_said_on_the_page(made: MadeRun) -> None:
+    for n in range(6):
+        made.log.wire({"seq": n, "bytes": "WHERE"})
+    made.pick()
+    folder = made.close()
+    assert "wire.jsonl" not in write_page(folder, folder / "page.html").read_text()
+    wire = folder / "wire.jsonl"
+    lines = wire.read_bytes().splitlines(keepends=True)
+    wire.write_bytes(b"".join(lines[:2] + lines[4:]))
+    assert "wire.jsonl:3: 2 entries are missing before it" in write_page(folder, folder / "page.html").read_text()
+
+
 def test_texts_of_a_run_cannot_break_out_of_the_page(made: MadeRun) -> None:
     made.pick("missed", why="</script><script>alert(1)</script>")
     text = write_page(made.close(), made.folder / "page.html").read_text()
