@@ -43,7 +43,10 @@ def stream(tmp_path: Path) -> Iterator[tuple[subprocess.Popen[str], str]]:
     text = config.read_text().replace("cell: real", "cell: recorded")
     config.write_text(text + f"\nfolders: {{state: {tmp_path}/state}}\n")
     words = [sys.executable, "-m", "daemon.ctl", "stream", "--port", "0", "--config", str(config)]
+    # Tests that a shell runs in the background have control-C ignored, and so would the program: give it back.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
     program = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=HOUSE)
+    signal.signal(signal.SIGINT, before)
     assert program.stdout
     found = re.match(r"(http://127\.0\.0\.1:\d+/)  \(control-C ends it\)", program.stdout.readline())
     assert found
