@@ -11,8 +11,7 @@ from dataclasses import dataclass, replace
 
 from daemon import approach, guard
 from daemon.guard import Command, Standing
-from daemon.pick.edges import open_eyes
-from daemon.pick.following import Target, beside, far
+from daemon.pick.following import Target, beside, eyes_of, far
 from daemon.pick.looking import Expect, Look, Sight, log_look, take_look
 from daemon.pick.motion import Mover, MoveRefusedError, OutOfReachError
 from daemon.pick.plan import other_view, plan_part
@@ -178,10 +177,9 @@ class Finding:
         if all(part.named for part in seen):
             return seen
         shapes = [shape for label in self.sight.labels if (shape := self.sight.shape(label)) is not None]
-        images = look.pictures.left.pixels, look.pictures.right.pixels
 
         def prove() -> list[Proved | None]:
-            eyes = open_eyes(*images, self.cell.rig)
+            eyes = eyes_of(look, self.cell)
             return [None if part.named else proved(part.facets, shapes, eyes) for part in seen]
 
         found = await asyncio.to_thread(prove)
@@ -268,7 +266,7 @@ class Finding:
         look = await self.look("another view")
         if part.named:
             gone = unconfirmed(self.found, look, part.centre, self.cell.rig)
-            self.found = [p for p in self.found if not any(p is g for g in gone)]
+            self.found = [p for p in self.found if p not in gone]
         self.found = merged(self.found, await self.named(look))
         return "seen"
 

@@ -90,12 +90,16 @@ def fitted(target: Target, look: Look, cell: Workcell) -> Fit | None:
     return fit_edges(target.shape, eyes_of(look, cell), by_facets.cyclopean_from_part, FACETS_REACH_MM) or by_facets
 
 
+def _in_its_place(target: Target, world_from_cyclopean: Array, eyes: Eyes) -> Fit | None:
+    """The target's pose by its edges about where it is thought to lie, None where they do not show there."""
+    return fit_edges(target.shape, eyes, frames.inverse(world_from_cyclopean) @ target.world_from_part, REACH_MM)
+
+
 def expecting(target: Target, cell: Workcell) -> Expect:
     """Looks for the target's edges where it should be, and for nothing else."""
 
     def expect(left: NDArray[np.uint8], right: NDArray[np.uint8], world_from_cyclopean: Array) -> Scene | None:
-        near = frames.inverse(world_from_cyclopean) @ target.world_from_part
-        fit = fit_edges(target.shape, open_eyes(left, right, cell.rig), near, REACH_MM)
+        fit = _in_its_place(target, world_from_cyclopean, open_eyes(left, right, cell.rig))
         return None if fit is None else expected_scene(target.shape, target.confidence, fit, cell.rig)
 
     return expect
@@ -140,8 +144,7 @@ def eyes_of(look: Look, cell: Workcell) -> Eyes:
 
 def still_there(target: Target, look: Look, eyes: Eyes) -> bool:
     """Whether the target's edges still show where it lay."""
-    near = frames.inverse(look.world_from_cyclopean) @ target.world_from_part
-    return fit_edges(target.shape, eyes, near, REACH_MM) is not None
+    return _in_its_place(target, look.world_from_cyclopean, eyes) is not None
 
 
 def came_back_empty(eyes: Eyes, cell: Workcell, gripper: Gripper) -> bool:

@@ -52,9 +52,7 @@ class Seen:
     @property
     def centre(self) -> Array:
         """(3,) world, mm: mean of the seen corners."""
-        corners = np.concatenate([f.corners_mm for f in self.facets])
-        centre: Array = frames.apply(self.look.world_from_cyclopean, corners).mean(axis=0)
-        return centre
+        return np.asarray(self.corners.mean(axis=0))
 
     @property
     def corners(self) -> Array:
