@@ -1,8 +1,8 @@
 """etc/facetd.yaml -> Config. The service's own keys are typed here; another room's settings stay in that room.
 
 Sections `cameras`, `arm.dialect` and the simulated cell belong to drivers and are typed where drivers are named
-(daemon/cell.py), through the same Document, so that their errors name file, line and key as well. Paths in the file are
-relative to the file. Nothing is opened here but the file itself.
+(daemon/cell/build.py), through the same Document, so that their errors name file, line and key as well. Paths in the
+file are relative to the file. Nothing is opened here but the file itself.
 """
 
 from __future__ import annotations
@@ -145,9 +145,9 @@ class _File:
 
 @dataclass(frozen=True)
 class Config:
-    """The whole configuration: `said` as the file has it, `document` to name lines in, paths made absolute."""
+    """The whole configuration: `values` as the file has it, `document` to name lines in, paths made absolute."""
 
-    said: _File
+    values: _File
     document: Document
     kind: Kind
 
@@ -163,12 +163,12 @@ class Config:
     @property
     def calibration(self) -> Path:
         """calibration.yaml."""
-        return self.file(self.said.files.calibration)
+        return self.file(self.values.files.calibration)
 
     @property
     def state(self) -> Path:
         """The folder of runs, models and taught views."""
-        said = self.said.folders.state
+        said = self.values.folders.state
         return self.file(said) if said else places.state_folder(self.kind == "simulated")
 
     @property
@@ -179,7 +179,7 @@ class Config:
     @property
     def socket(self) -> Path:
         """The operators' socket."""
-        said = self.said.folders.runtime
+        said = self.values.folders.runtime
         return (self.file(said) if said else places.runtime_folder(self.kind == "simulated")) / places.SOCKET_NAME
 
 
@@ -193,18 +193,18 @@ def load_config(path: Path, simulated: bool = False) -> Config:
     return Config(said, document, "simulated" if simulated else said.cell)
 
 
-def _check_guard(document: Document, said: _File) -> None:
-    guard = said.pick.limits
+def _check_guard(document: Document, values: _File) -> None:
+    guard = values.pick.limits
     for axis, low, high in zip("xyz", guard.box_low_mm, guard.box_high_mm, strict=True):
         if low >= high:
             keys: tuple[Key, ...] = ("pick", "limits", "box_low_mm")
             raise document.error(keys, f"expected {axis} below box_high_mm's {high:g}, found {low:g}")
 
 
-def _check_files(document: Document, said: _File) -> None:
+def _check_files(document: Document, values: _File) -> None:
     folder = document.path.resolve().parent
     for name in ("calibration", "facets", "parts", "model"):
-        value = getattr(said.files, name)
+        value = getattr(values.files, name)
         if value is not None and not (folder / Path(value).expanduser()).is_file():
             raise document.error(("files", name), f"expected a file, found none at {folder / value}")
 

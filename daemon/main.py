@@ -33,27 +33,27 @@ def main(arguments: list[str] | None = None) -> int:
 
 def check(config_path: Path, simulated: bool) -> int:
     """Read every file the daemon would read; touch no device. One line a fault, status 78."""
-    from daemon import cell
     from daemon.calibration.file import load_calibration
+    from daemon.cell import build as cell
     from daemon.config import load_config
     from daemon.service import BAD_CONFIGURATION
     from daemon.store.library import load_facets, load_parts
     from daemon.store.model import ModelError, load
-    from daemon.store.shelf import Shelf, ShelfError
+    from daemon.store.model_store import ModelStore, ModelStoreError
     from daemon.store.yamlfile import ConfigError
 
     try:
         config = load_config(config_path, simulated)
         cell.check(config)
         load_calibration(config.calibration)
-        load_facets(config.file(config.said.files.facets))
-        load_parts(config.file(config.said.files.parts))
-        shelf = Shelf(config.state)
-        if config.said.files.model is not None:
-            load(config.file(config.said.files.model))
-        if shelf.current is not None:
-            shelf.load(shelf.current)
-    except (ConfigError, ModelError, ShelfError) as error:
+        load_facets(config.file(config.values.files.facets))
+        load_parts(config.file(config.values.files.parts))
+        model_store = ModelStore(config.state)
+        if config.values.files.model is not None:
+            load(config.file(config.values.files.model))
+        if model_store.current is not None:
+            model_store.load(model_store.current)
+    except (ConfigError, ModelError, ModelStoreError) as error:
         print(f"facetd: {error}", file=sys.stderr)
         return BAD_CONFIGURATION
     print(f"facetd: {config.path} is good: a {config.kind} cell, socket {config.socket}, runs in {config.runs}")

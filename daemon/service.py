@@ -18,30 +18,30 @@ from typing import Any
 
 import numpy as np
 
-from daemon import cell
+from daemon.arm.workcell import Workcell
+from daemon.calibration.drift_watch import DriftWatch
 from daemon.calibration.file import Calibration, load_calibration
+from daemon.cell import build as cell
+from daemon.cell.no_arm import CellError
 from daemon.commands import every_command
 from daemon.commands.words import cut_off
 from daemon.config import Config, load_config
-from daemon.console import Console
-from daemon.cycle import Cycle
-from daemon.desk import Desk, Troubles
+from daemon.console.context import CommandContext, Troubles
+from daemon.console.interpreter import Console
 from daemon.doors.socket import DoorError, SocketServer
 from daemon.doors.terminal import SerialConsole
-from daemon.noarm import CellError
-from daemon.pick.errand import Errand
-from daemon.pick.workcell import Workcell
-from daemon.runlog import RunLog
+from daemon.pick.cycle import Cycle
+from daemon.pick.order import PickOrder
 from daemon.store.files import InUseError, hold, plain
 from daemon.store.library import load_facets, load_parts
 from daemon.store.model import ModelError
 from daemon.store.model import load as load_model
+from daemon.store.model_store import ModelStore, ModelStoreError
+from daemon.store.runlog import RunLog
 from daemon.store.runs import Interrupted, RunError, drop_unstarted, left_behind, new_folder
-from daemon.store.shelf import Shelf, ShelfError
 from daemon.store.yamlfile import ConfigError
-from daemon.teach import School
+from daemon.teaching.trainer import Trainer
 from daemon.upkeep import journal
-from daemon.upkeep.driftwatch import DriftWatch
 from daemon.upkeep.metrics import MetricsServer
 from daemon.upkeep.watch import Watch
 
@@ -58,7 +58,7 @@ class Service:
         self._config_path, self._simulated = config_path, simulated
         self._ending = asyncio.Event()
         self._why = "stopped"
-        self.desk: Desk | None = None
+        self.context: CommandContext | None = None
         self._console: Console | None = None
         self._socket: SocketServer | None = None
         self._terminal: SerialConsole | None = None
@@ -78,7 +78,7 @@ class Service:
             started = await self._unless_ending(self._start())
             if started:
                 await self._ending.wait()
-        except (ConfigError, ModelError, ShelfError) as error:
+        except (ConfigError, ModelError, ModelStoreError) as error:
             status, self._why = BAD_CONFIGURATION, str(error)
         except (CellError, DoorError, InUseError, OSError) as error:
             status, self._why = NO_DEVICE, plain(error)
@@ -95,32 +95,32 @@ class Service:
 
     async def reload(self) -> str:
         """Read configuration and calibration again; a bad one is refused, all stays as it was. Raises ConfigError."""
-        assert self.desk is not None
-        desk, old = self.desk, self.desk.config
+        assert self.context is not None
+        context, old = self.context, self.context.config
         journal.notify(f"RELOADING=1\nMONOTONIC_USEC={time.monotonic_ns() // 1000}")
         try:
             config = load_config(self._config_path, self._simulated)
             cell.check(config)
             calibration = load_calibration(config.calibration)
-            if desk.cycle.status()["doing"]:
+            if context.cycle.status()["doing"]:
                 raise ConfigError(f"{config.path}: not taken over while busy; say `reload` when nothing is being done")
-            desk.config, desk.calibration = config, calibration
-            desk.school.rig = calibration.rig
-            desk.cycle.refit(self._workcell(calibration, desk), config.said.pick)
-            desk.cycle.use(desk.school.in_use)
+            context.config, context.calibration = config, calibration
+            context.trainer.rig = calibration.rig
+            context.cycle.refit(self._workcell(calibration, context), config.values.pick)
+            context.cycle.use(context.trainer.in_use)
             self._drift = DriftWatch()
-            desk.troubles.tell("calibration", None)
+            context.troubles.tell("calibration", None)
         except ConfigError as error:
             journal.tell("reload", f"refused, the old configuration stays: {error}", journal.ERROR)
             raise
         finally:
             journal.notify("READY=1")
         late = [name for name in ("cell", "cameras", "arm", "folders", "console", "files", "simulated", "metrics")
-                if getattr(config.said, name) != getattr(old.said, name)]  # fmt: skip
+                if getattr(config.values, name) != getattr(old.values, name)]  # fmt: skip
         text = "The configuration is taken over."
         if late:
             text += f" Only after a restart: {', '.join(late)}."
-        desk.record_start(reloaded=True)
+        context.record_start(reloaded=True)
         journal.tell("reload", text)
         return text
 
@@ -129,13 +129,13 @@ class Service:
     async def _start(self) -> None:
         config = load_config(self._config_path, self._simulated)
         calibration = load_calibration(config.calibration)
-        library = load_facets(config.file(config.said.files.facets))
-        parts = load_parts(config.file(config.said.files.parts))
+        library = load_facets(config.file(config.values.files.facets))
+        parts = load_parts(config.file(config.values.files.parts))
         self._lock = hold(config.state)
-        shelf = Shelf(config.state)
-        begin = config.said.files.model
+        model_store = ModelStore(config.state)
+        begin = config.values.files.model
         first = None if begin is None else load_model(config.file(begin))
-        school = School(shelf, calibration.rig, library, parts, config.said.vision, first)
+        trainer = Trainer(model_store, calibration.rig, library, parts, config.values.vision, first)
         troubles = Troubles(self._on_trouble)
         left = _left_behind(config.runs)
         run_log = self._run_log = self._open_log(config, troubles)
@@ -144,19 +144,19 @@ class Service:
                            label=left.label, auto=left.auto)  # fmt: skip
         self._hardware = cell.build(config, run_log.wire)
         await self._hardware.open()
-        desk = self._furnish(config, calibration, school, troubles, run_log)
+        context = self._furnish(config, calibration, trainer, troubles, run_log)
         if left is not None:
-            errand = None if left.auto is None else Errand(**left.auto)
-            desk.cycle.recover(left.state or "an unknown state", left.hand_closed, errand)
+            pick_order = None if left.auto is None else PickOrder(**left.auto)
+            context.cycle.recover(left.state or "an unknown state", left.hand_closed, pick_order)
             troubles.tell("restart", _told(left))
-        desk.record_start()
+        context.record_start()
         if self._hardware.robot.stopped_on_opening:
-            desk.log.record("fault", code="at work", text=AT_WORK, **{"while": "starting"})
+            context.log.record("fault", code="at work", text=AT_WORK, **{"while": "starting"})
         if self._hardware.hand is not None:
             self._hardware.hand.scatter()
-        await self._open_doors(desk)
-        desk.use_model("start", shelf.current)
-        watch = Watch(desk)
+        await self._open_doors(context)
+        context.use_model("start", model_store.current)
+        watch = Watch(context)
         self._tasks.append(asyncio.create_task(self._guarded(watch.run()), name="watch"))
         self._ready = True
         journal.notify(f"READY=1\nSTATUS={watch.status_line()}")
@@ -169,11 +169,11 @@ class Service:
             loop.call_soon_threadsafe(troubles.tell, "log", text)
 
         folder = new_folder(config.runs, datetime.now(UTC))
-        return RunLog(folder, fsync_every_s=config.said.log.sync_s, on_trouble=on_trouble)
+        return RunLog(folder, fsync_every_s=config.values.log.sync_s, on_trouble=on_trouble)
 
     def _furnish(
-        self, config: Config, calibration: Calibration, school: School, troubles: Troubles, run_log: RunLog
-    ) -> Desk:
+        self, config: Config, calibration: Calibration, trainer: Trainer, troubles: Troubles, run_log: RunLog
+    ) -> CommandContext:
         assert self._hardware is not None
         log = journal.JournalledLog(run_log, self._notice, self._looked, self._pick_ended)
         workcell = Workcell(
@@ -184,28 +184,30 @@ class Service:
             calibration.rig,
             _hand_eye(calibration),
         )
-        cycle = Cycle(workcell, config.said.pick, school.in_use)
-        self.desk = Desk(config, calibration, self._hardware, cycle, school, run_log, log, troubles, self.reload)
-        return self.desk
+        cycle = Cycle(workcell, config.values.pick, trainer.in_use)
+        self.context = CommandContext(
+            config, calibration, self._hardware, cycle, trainer, run_log, log, troubles, self.reload
+        )
+        return self.context
 
-    def _workcell(self, calibration: Calibration, desk: Desk) -> Workcell:
-        hardware = desk.hardware
+    def _workcell(self, calibration: Calibration, context: CommandContext) -> Workcell:
+        hardware = context.hardware
         return Workcell(
-            hardware.robot, hardware.eyes, desk.log, hardware.clock, calibration.rig, _hand_eye(calibration)
+            hardware.robot, hardware.eyes, context.log, hardware.clock, calibration.rig, _hand_eye(calibration)
         )
 
-    async def _open_doors(self, desk: Desk) -> None:
-        said = desk.config.said
-        self._console = Console(desk, every_command(desk.hardware.kind))
-        self._socket = SocketServer(desk.config.socket, said.console.group, self._console, self._interrupt)
+    async def _open_doors(self, context: CommandContext) -> None:
+        said = context.config.values
+        self._console = Console(context, every_command(context.hardware.kind))
+        self._socket = SocketServer(context.config.socket, said.console.group, self._console, self._interrupt)
         await self._socket.open()
         if said.console.tty is not None:
             self._terminal = SerialConsole(
-                said.console.tty, self._console, self._interrupt, lambda text: desk.troubles.tell("console", text)
+                said.console.tty, self._console, self._interrupt, lambda text: context.troubles.tell("console", text)
             )
             self._tasks.append(asyncio.create_task(self._guarded(self._terminal.run()), name="terminal"))
         if said.metrics.port is not None:
-            self._metrics = MetricsServer(desk, said.metrics.port)
+            self._metrics = MetricsServer(context, said.metrics.port)
             self._metrics.open()
 
     # While it runs
@@ -217,7 +219,7 @@ class Service:
         loop.add_signal_handler(signal.SIGHUP, self._hang_up)
 
     def _hang_up(self) -> None:
-        if self.desk is not None:
+        if self.context is not None:
             self._tasks.append(asyncio.create_task(self._reload_quietly(), name="reload"))
 
     async def _reload_quietly(self) -> None:
@@ -226,11 +228,11 @@ class Service:
 
     async def _interrupt(self, who: str) -> str:
         """Control-C at any door."""
-        assert self.desk is not None
-        cycle = self.desk.cycle
+        assert self.context is not None
+        cycle = self.context.cycle
         if cycle.status()["doing"] is None:
             return "Nothing moves."
-        self.desk.log.record("command", who=who, door="control-C", text="stop")
+        self.context.log.record("command", who=who, door="control-C", text="stop")
         await cycle.stop(f"by control-C of {who}")
         return "Stopped. Nothing moves until `resume`."
 
@@ -243,33 +245,33 @@ class Service:
 
     def _looked(self, health: Mapping[str, Any]) -> None:
         """Each look says a little of the calibration; a drift is told, and past its limit picking by itself ends."""
-        desk = self.desk
-        if desk is None:
+        context = self.context
+        if context is None:
             return
         drift = self._drift.seen(health, datetime.now().strftime("%H:%M"))
-        desk.troubles.tell("calibration", None if drift is None else drift.text)
-        if drift is not None and drift.stops and desk.cycle.status()["auto"]:
-            failing = asyncio.create_task(desk.cycle.fail("calibration", drift.text), name="calibration drift")
+        context.troubles.tell("calibration", None if drift is None else drift.text)
+        if drift is not None and drift.stops and context.cycle.status()["auto"]:
+            failing = asyncio.create_task(context.cycle.fail("calibration", drift.text), name="calibration drift")
             self._tasks.append(failing)
 
     def _pick_ended(self) -> None:
         """What is to be done between two picks."""
         self._note_truth()
-        if self.desk is not None:
-            self.desk.roll_if_due()
+        if self.context is not None:
+            self.context.roll_if_due()
 
     def _note_truth(self) -> None:
         """A simulated cell knows how well each grasp met the part, and the log keeps it beside the prediction."""
-        desk = self.desk
-        if desk is None or desk.hardware.hand is None:
+        context = self.context
+        if context is None or context.hardware.hand is None:
             return
-        end = desk.cycle.ends[-1]
+        end = context.cycle.ends[-1]
         if end.outcome not in ("picked", "missed") or end.grasp is None or end.corners is None:
             return
-        truth = desk.hardware.hand.grasp_error(end.grasp, end.corners)
+        truth = context.hardware.hand.grasp_error(end.grasp, end.corners)
         if truth is not None:
             error_mm, error_deg, held = truth
-            desk.run_log.record("truth", cycle=end.cycle, error_mm=error_mm, error_deg=error_deg, held=held)
+            context.run_log.record("truth", cycle=end.cycle, error_mm=error_mm, error_deg=error_deg, held=held)
 
     def _notice(self, text: str) -> None:
         """Show something at the serial console that nobody there asked for."""
@@ -304,8 +306,8 @@ class Service:
     async def _end(self) -> None:
         """The arm first. One step that fails or hangs cannot keep the others from being taken."""
         journal.notify(f"STOPPING=1\nSTATUS={self._why}")
-        if self.desk is not None:
-            await _within(HALT_S, self.desk.cycle.close())
+        if self.context is not None:
+            await _within(HALT_S, self.context.cycle.close())
         for task in self._tasks:
             task.cancel()
         await asyncio.wait(self._tasks, timeout=0.2) if self._tasks else None
@@ -316,7 +318,7 @@ class Service:
         if self._hardware is not None:
             await _within(0.5, self._hardware.close())
         if self._run_log is not None:
-            known = {} if self.desk is None or not self._ready else {"holding": self.desk.cycle.hand_full}
+            known = {} if self.context is None or not self._ready else {"holding": self.context.cycle.hand_full}
             self._run_log.close(self._why, **known)
         if self._lock is not None:
             os.close(self._lock)

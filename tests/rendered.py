@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from daemon.calibration.file import load_calibration
 from daemon.store.pictures import read_grey
-from daemon.vision.rig import StereoRig
+from daemon.vision.geometry.rig import StereoRig
 
 HERE = Path(__file__).resolve().parent / "data" / "scenes"
 ALL = Path(os.environ.get("FACETD_SHARED", Path(__file__).resolve().parents[2] / "shared")) / "scenes"

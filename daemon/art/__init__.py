@@ -7,10 +7,10 @@ from daemon.art.fuzzy_art import FuzzyART
 from daemon.art.fuzzy_artmap import FuzzyARTMAP
 from daemon.art.gaussian import GaussianRule
 from daemon.art.gaussian_art import GaussianART, GaussianARTMAP
-from daemon.art.match import Match, modified_match
-from daemon.art.relations import padded, padded_weights
-from daemon.art.rotation import Recall, RotationLayer, best_numbering
-from daemon.art.verdict import Verdict, choose
+from daemon.art.rotation.layer import Recall, RotationLayer, best_numbering
+from daemon.art.rotation.match import Match, modified_match
+from daemon.art.rotation.matrices import padded, padded_weights
+from daemon.art.rotation.verdict import Verdict, choose
 from daemon.art.voting import Voting
 from daemon.art.winners import Answers
 

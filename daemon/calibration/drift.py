@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon import frames
-from daemon.vision.rig import StereoRig
+from daemon.vision.geometry.rig import StereoRig
 
 Array = NDArray[np.float64]
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from daemon.store.files import write_atomically
 from daemon.store.yamlfile import Document, Key, read
-from daemon.vision.rig import Camera, StereoRig
+from daemon.vision.geometry.rig import Camera, StereoRig
 
 Array = NDArray[np.float64]
 ORTHONORMAL_TOLERANCE = 1e-4

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from daemon import frames
 from daemon.calibration.least_squares import Problem, UndeterminedError, chain, solve
-from daemon.vision.rig import Camera, StereoRig
+from daemon.vision.geometry.rig import Camera, StereoRig
 
 Array = NDArray[np.float64]
 FEWEST_POSES = 5

@@ -21,7 +21,7 @@ from daemon.calibration.recorded import keep_old
 from daemon.calibration.stereo import cyclopean_frame
 from daemon.store.files import write_atomically
 from daemon.store.yamlfile import ConfigError, read
-from daemon.vision.rig import Camera, StereoRig
+from daemon.vision.geometry.rig import Camera, StereoRig
 
 Array = NDArray[np.float64]
 MM_PER_M = 1000.0

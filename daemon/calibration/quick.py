@@ -23,8 +23,8 @@ from daemon.calibration.file import Calibration, Quality, save_calibration
 from daemon.calibration.recorded import keep_old
 from daemon.calibration.session import meet
 from daemon.store.yamlfile import ConfigError, read
-from daemon.vision.formulas import Converging, by_formula
-from daemon.vision.rig import Camera, StereoRig
+from daemon.vision.geometry.converging import Converging, by_formula
+from daemon.vision.geometry.rig import Camera, StereoRig
 
 Array = NDArray[np.float64]
 Length = Annotated[float, Meta(gt=0)]

@@ -14,7 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon import frames
-from daemon.calibration.board import Board, BoardError, Sight, find_board
+from daemon.arm.guard import ArmState, Command, refuse
+from daemon.arm.mover import MoveRefusedError, OutOfReachError
+from daemon.arm.workcell import Reading
+from daemon.calibration.board import Board, BoardError, Recogniser, find_board
 from daemon.calibration.file import Calibration, Quality
 from daemon.calibration.guide import Shown, is_new, missing
 from daemon.calibration.hand_eye import HandEyeResult, Sample, calibrate_hand_eye, cyclopean_from_board
@@ -28,12 +31,9 @@ from daemon.calibration.stereo import (
     matched,
 )
 from daemon.calibration.tour import in_order, looks_at, spread_out
-from daemon.cycle import Cycle
-from daemon.guard import Command, Standing, refuse
+from daemon.pick.cycle import Cycle
 from daemon.pick.looking import NotSettledError, settled_pair
-from daemon.pick.motion import MoveRefusedError, OutOfReachError
-from daemon.pick.workcell import Reading
-from daemon.vision.rig import StereoRig
+from daemon.vision.geometry.rig import StereoRig
 
 Array = NDArray[np.float64]
 Say = Callable[[str], Awaitable[None]]
@@ -107,7 +107,7 @@ def _plan(cycle: Cycle, board: Board, calibration: Calibration, first: View, cou
     def allowed(world_from_cyclopean: Array) -> bool:
         pose = world_from_cyclopean @ cyclopean_from_tool
         command = Command(pose, False, 1.0, "calibration pose")
-        fits = refuse(command, Standing(True, None, pose, 0.0), cycle.settings.limits) is None
+        fits = refuse(command, ArmState(True, None, pose, 0.0), cycle.settings.limits) is None
         return fits and cycle.cell.robot.reachable(pose, here.joints_rad) is not None
 
     centre = board.points_mm().mean(axis=0)
@@ -130,7 +130,7 @@ async def _see(cycle: Cycle, board: Board, reading: Reading, name: str) -> View:
         images={"left": pictures.left.pixels, "right": pictures.right.pixels},
         where=reading.world_from_tool,
     )
-    sights: list[Sight] = []
+    sights: list[Recogniser] = []
     for eye in (pictures.left, pictures.right):
         sights.append(await asyncio.to_thread(find_board, eye.pixels, board))
     return View(reading.world_from_tool, Pair(name, sights[0], sights[1]))

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon import frames
-from daemon.calibration.board import Board, Sight
+from daemon.calibration.board import Board, Recogniser
 from daemon.calibration.least_squares import (
     INTRINSICS,
     Match,
@@ -24,7 +24,7 @@ from daemon.calibration.least_squares import (
     solve,
     stereo_problem,
 )
-from daemon.vision.rig import Camera, StereoRig
+from daemon.vision.geometry.rig import Camera, StereoRig
 
 Array = NDArray[np.float64]
 FEWEST_PAIRS = 6
@@ -44,8 +44,8 @@ class Pair:
     """One board seen by both eyes; its name is for messages."""
 
     name: str
-    left: Sight
-    right: Sight
+    left: Recogniser
+    right: Recogniser
 
 
 @dataclass(frozen=True, eq=False)

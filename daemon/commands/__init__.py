@@ -1,9 +1,9 @@
-"""What each of the operators' words does. One file a subject; the interpreter that finds them is daemon/console.py."""
+"""What each of the operators' words does. One file a subject; daemon/console/interpreter.py finds them."""
 
 from __future__ import annotations
 
 from daemon.commands import calibrating, keeping, learning, looking, moving, standing_in
-from daemon.console import Command
+from daemon.console.interpreter import Command
 
 
 def every_command(kind: str = "real") -> list[Command]:

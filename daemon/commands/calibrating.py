@@ -26,8 +26,8 @@ from daemon.calibration.session import (
     view_tour,
 )
 from daemon.calibration.stereo import StereoError, StereoResult
-from daemon.console import NOT_DONE, NOT_UNDERSTOOD, Answer, Command, CommandError, Door, one_of
-from daemon.desk import Desk
+from daemon.console.context import CommandContext
+from daemon.console.interpreter import NOT_DONE, NOT_UNDERSTOOD, Answer, Command, CommandError, Door, one_of
 
 KINDS = ("stereo", "by-hand", "hand-eye", "verify", "touch")
 USAGE = "calibrate stereo|by-hand|hand-eye|verify|touch [CxR SQUARE_MM [charuco]]"
@@ -37,23 +37,23 @@ SPEED_PCT = 60.0
 TOUCH_ABOVE_MM = 2.0
 
 
-async def calibrate(desk: Desk, words: list[str], door: Door) -> Answer:
+async def calibrate(context: CommandContext, words: list[str], door: Door) -> Answer:
     """See USAGE and DETAILS."""
     kind = one_of(words, 0, KINDS, "kind of calibration", USAGE)
     board = _board(words[1:])
-    hand = desk.hardware.hand
+    hand = context.hardware.hand
     if hand is not None:
         hand.show_board(board.columns, board.rows, board.square_mm, board.kind == "charuco")
         await door.say("(simulated) A hand lays the board on the table.")
     try:
         if kind == "by-hand":
-            return await _eyes_alone(desk, board, door)
-        views = await view_tour(desk.cycle, board, desk.calibration, POSES[kind], door.say, SPEED_PCT)
+            return await _eyes_alone(context, board, door)
+        views = await view_tour(context.cycle, board, context.calibration, POSES[kind], door.say, SPEED_PCT)
         if kind == "verify":
-            return _verified(views, board, desk.calibration)
+            return _verified(views, board, context.calibration)
         if kind == "touch":
-            return await _touch(desk, views[0], board, door)
-        return await _solved(desk, kind, views, board)
+            return await _touch(context, views[0], board, door)
+        return await _solved(context, kind, views, board)
     except (SessionError, StereoError, HandEyeError, BoardError) as error:
         raise CommandError(f"calibrate {kind}: {error}") from None
     finally:
@@ -71,8 +71,8 @@ def _board(words: list[str]) -> Board:
         raise CommandError(f"calibrate: {error}", NOT_UNDERSTOOD) from None
 
 
-async def _solved(desk: Desk, kind: str, views: list[View], board: Board) -> Answer:
-    before = after = desk.calibration
+async def _solved(context: CommandContext, kind: str, views: list[View], board: Board) -> Answer:
+    before = after = context.calibration
     lines: list[str] = []
     data: dict[str, object] = {"poses": len(views)}
     if kind == "stereo":
@@ -89,26 +89,26 @@ async def _solved(desk: Desk, kind: str, views: list[View], board: Board) -> Ans
         "left_out_mm": list(hand_eye.left_out_mm),
         "warning": hand_eye.warning,
     }
-    lines += [_moved(before, after), *await _taken_over(desk, after)]
+    lines += [_moved(before, after), *await _taken_over(context, after)]
     lines.append("Residuals are not accuracy: `calibrate verify` measures that from new poses.")
     return Answer("\n".join(lines), data)
 
 
-async def _eyes_alone(desk: Desk, board: Board, door: Door) -> Answer:
+async def _eyes_alone(context: CommandContext, board: Board, door: Door) -> Answer:
     """Both eyes, from a board held by a person; no arm is needed."""
-    views = await show_by_hand(desk.cycle, board, desk.calibration, door.say)
-    after, stereo = await asyncio.to_thread(solve_stereo, views, board, desk.calibration)
-    lines = [*_stereo_lines(stereo), *await _taken_over(desk, after)]
+    views = await show_by_hand(context.cycle, board, context.calibration, door.say)
+    after, stereo = await asyncio.to_thread(solve_stereo, views, board, context.calibration)
+    lines = [*_stereo_lines(stereo), *await _taken_over(context, after)]
     lines.append("Now `calibrate hand-eye`: the eyes' common frame has moved a little under the old one.")
     return Answer("\n".join(lines), {"views": len(views), "rms_px": stereo.stereo_rms_px, "sigmas": stereo.sigmas})
 
 
-async def _taken_over(desk: Desk, after: Calibration) -> list[str]:
+async def _taken_over(context: CommandContext, after: Calibration) -> list[str]:
     """Write it, keep the old one, and work with it from now on."""
-    kept = keep_old(desk.config.calibration)
-    save_calibration(after, desk.config.calibration)
-    where = f"Written: {desk.config.calibration}" + ("" if kept is None else f"; the old one is {kept.name}")
-    return [await desk.reload(), where]
+    kept = keep_old(context.config.calibration)
+    save_calibration(after, context.config.calibration)
+    where = f"Written: {context.config.calibration}" + ("" if kept is None else f"; the old one is {kept.name}")
+    return [await context.reload(), where]
 
 
 def _stereo_lines(result: StereoResult) -> list[str]:
@@ -150,13 +150,13 @@ def _verified(views: list[View], board: Board, calibration: Calibration) -> Answ
     return Answer("\n".join(lines), {**asdict(found), "passed": found.passed}, 0 if found.passed else NOT_DONE)
 
 
-async def _touch(desk: Desk, view: View, board: Board, door: Door) -> Answer:
+async def _touch(context: CommandContext, view: View, board: Board, door: Door) -> Answer:
     """Bring the closed gripper over the board's first corner; the operator says how far off it is."""
-    corner = board_in_world(view, board, desk.calibration)[:3, 3]
-    tip_mm = desk.config.said.pick.gripper.tip_mm
+    corner = board_in_world(view, board, context.calibration)[:3, 3]
+    tip_mm = context.config.values.pick.gripper.tip_mm
     for above_mm in (60.0, TOUCH_ABOVE_MM):
         down = frames.rigid(np.diag([-1.0, 1.0, -1.0]), corner + np.array([0.0, 0.0, tip_mm + above_mm]))
-        await desk.cycle.move_to(down, f"touch test, {above_mm:g} mm above the corner")
+        await context.cycle.move_to(down, f"touch test, {above_mm:g} mm above the corner")
     await door.say(f"The finger tips should be {TOUCH_ABOVE_MM:g} mm above the first inner corner of the board.")
     said = (
         (await door.ask("How far off are they, along world x and y, in mm? (e.g. 0.5 -0.3) ")).replace(",", " ").split()
@@ -168,7 +168,7 @@ async def _touch(desk: Desk, view: View, board: Board, door: Door) -> Answer:
     except ValueError:
         raise CommandError("expected two numbers in mm; nothing was recorded", NOT_UNDERSTOOD) from None
     distance = float(np.linalg.norm(off))
-    desk.log.record("touch", off_mm=off.tolist(), distance_mm=distance, corner=corner.tolist())
+    context.log.record("touch", off_mm=off.tolist(), distance_mm=distance, corner=corner.tolist())
     verdict = "good" if distance <= 1.0 else "not fit for picking: calibrate hand-eye, check the TOOL transform"
     return Answer(f"{distance:.2f} mm off: {verdict}.", {"off_mm": off.tolist()}, 0 if distance <= 1.0 else NOT_DONE)
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import asyncio
 
 from daemon.commands.monitoring import may_not_move, monitor
-from daemon.console import NOT_DONE, Answer, Command, CommandError, Door, no_more, one_of
-from daemon.desk import Desk
+from daemon.console.context import CommandContext
+from daemon.console.interpreter import NOT_DONE, Answer, Command, CommandError, Door, no_more, one_of
 from daemon.upkeep import bundle as bundles
 from daemon.upkeep import doctor as doctors
 
@@ -14,10 +14,10 @@ ROBOT = ("power-up", "cal", "monitor")
 ROBOT_USAGE = "robot power-up [Y N ...] | robot cal | robot monitor [TEXT]"
 
 
-async def robot(desk: Desk, words: list[str], door: Door) -> Answer:
+async def robot(context: CommandContext, words: list[str], door: Door) -> Answer:
     """Speak with the controller as its own terminal would."""
     what = one_of(words, 0, ROBOT, "word", ROBOT_USAGE)
-    arm = desk.hardware.robot
+    arm = context.hardware.robot
     if what == "power-up":
         question = arm.question
         if question is None:
@@ -26,36 +26,36 @@ async def robot(desk: Desk, words: list[str], door: Door) -> Answer:
         return _said([question, *said])
     if what == "cal":
         no_more(words, 1, "robot cal")
-        _not_while_busy(desk)
-        return _said(await arm.calibrate(desk.config.said.arm.calibrate_answer))
+        _not_while_busy(context)
+        return _said(await arm.calibrate(context.config.values.arm.calibrate_answer))
     text = " ".join(words[1:])
-    _not_while_busy(desk)
+    _not_while_busy(context)
     if not text:
-        return await monitor(desk, door)
-    if may_not_move(desk, text):
+        return await monitor(context, door)
+    if may_not_move(context, text):
         raise CommandError(f"{text}: may move the arm, and the arm may not move now (`enable`, `resume`)")
     return _said(await arm.monitor(text))
 
 
-async def doctor(desk: Desk, words: list[str], _: Door) -> Answer:
+async def doctor(context: CommandContext, words: list[str], _: Door) -> Answer:
     """Check everything an installation needs and say how to mend each."""
     no_more(words, 0, "doctor")
-    findings = await asyncio.to_thread(doctors.examine, desk.config, True)
-    findings += doctors.from_service(desk.hardware, desk.troubles.standing)
+    findings = await asyncio.to_thread(doctors.examine, context.config, True)
+    findings += doctors.from_service(context.hardware, context.troubles.standing)
     return doctor_answer(findings)
 
 
-async def bundle(desk: Desk, words: list[str], _: Door) -> Answer:
+async def bundle(context: CommandContext, words: list[str], _: Door) -> Answer:
     """Pack what a maintainer would ask for into one file."""
     no_more(words, 0, "bundle")
-    path = await asyncio.to_thread(bundles.pack, desk.config, desk.config.state / "bundles")
+    path = await asyncio.to_thread(bundles.pack, context.config, context.config.state / "bundles")
     return Answer(f"{path} ({path.stat().st_size / 1e6:.1f} MB): send this file.", {"file": str(path)})
 
 
-async def reload(desk: Desk, words: list[str], _: Door) -> Answer:
+async def reload(context: CommandContext, words: list[str], _: Door) -> Answer:
     """Read the configuration again; a bad one is refused and the old one kept."""
     no_more(words, 0, "reload")
-    return Answer(await desk.reload())
+    return Answer(await context.reload())
 
 
 def doctor_answer(findings: list[doctors.Finding]) -> Answer:
@@ -67,8 +67,8 @@ def doctor_answer(findings: list[doctors.Finding]) -> Answer:
     return Answer("\n".join(lines), data, NOT_DONE if bad else 0)
 
 
-def _not_while_busy(desk: Desk) -> None:
-    doing = desk.cycle.status()["doing"]
+def _not_while_busy(context: CommandContext) -> None:
+    doing = context.cycle.status()["doing"]
     if doing:
         raise CommandError(f"busy: {doing}")
 

@@ -12,39 +12,49 @@ from typing import Any
 from daemon.commands import standing_in
 from daemon.commands.looking import describe_facet, describe_scene, one_part
 from daemon.commands.words import is_yes, plural
-from daemon.console import NOT_DONE, NOT_UNDERSTOOD, Answer, Command, CommandError, Door, no_more, number, one_of
-from daemon.desk import Desk
+from daemon.console.context import CommandContext
+from daemon.console.interpreter import (
+    NOT_DONE,
+    NOT_UNDERSTOOD,
+    Answer,
+    Command,
+    CommandError,
+    Door,
+    no_more,
+    number,
+    one_of,
+)
 from daemon.pick.looking import Look
-from daemon.school.mesh import UNITS_MM, MeshError
-from daemon.school.sufficiency import VIEWPOINTS, Sufficiency
-from daemon.teach import ViewVerdict, teaching_note
-from daemon.vision.model import TeachError
+from daemon.teaching.mesh import UNITS_MM, MeshError
+from daemon.teaching.sufficiency import VIEWPOINTS, Sufficiency
+from daemon.teaching.trainer import ViewVerdict, teaching_note
+from daemon.vision.model.model import TeachError
 
 LABEL = re.compile(r"[a-z][a-z0-9_]{0,39}")
 MESH_USAGE = "teach LABEL --mesh FILE.stl|FILE.obj [mm|cm|m|inch]"
 
 
-async def teach(desk: Desk, words: list[str], door: Door) -> Answer:
+async def teach(context: CommandContext, words: list[str], door: Door) -> Answer:
     """Look, show what was seen, ask whether it is right, keep the view, say what is still missing."""
     if "--mesh" in words:
-        return await _teach_drawing(desk, words, door)
-    label = await _label(desk, words, door)
-    hand = desk.hardware.hand
+        return await _teach_drawing(context, words, door)
+    label = await _label(context, words, door)
+    hand = context.hardware.hand
     if hand is None:
-        return await _teach_what_is_shown(desk, label, door)
-    await door.say(standing_in.show(desk, label))
+        return await _teach_what_is_shown(context, label, door)
+    await door.say(standing_in.show(context, label))
     try:
-        return await _teach_what_is_shown(desk, label, door)
+        return await _teach_what_is_shown(context, label, door)
     finally:
         hand.put_back()
 
 
-async def _teach_what_is_shown(desk: Desk, label: str, door: Door) -> Answer:
-    seen = await desk.cycle.look(f"teach {label}")
+async def _teach_what_is_shown(context: CommandContext, label: str, door: Door) -> Answer:
+    seen = await context.cycle.look(f"teach {label}")
     left, right = seen.pictures.left.pixels, seen.pictures.right.pixels
-    table = desk.table_in(seen)
+    table = context.table_in(seen)
     await door.say(describe_scene(seen.scene))
-    await asyncio.to_thread(desk.school.check, label, left, right, table)
+    await asyncio.to_thread(context.trainer.check, label, left, right, table)
     if len(seen.scene.parts) > 1 and not door.asks:
         raise CommandError(f"{len(seen.scene.parts)} separate things are seen; show the {label} alone, evenly lit")
     named = _named_otherwise(seen, label)
@@ -53,16 +63,16 @@ async def _teach_what_is_shown(desk: Desk, label: str, door: Door) -> Answer:
     shown = ", ".join(describe_facet(facet) for facet in one_part(seen).facets)
     if door.asks and not is_yes(await door.ask(f"Is this the {label}, alone and whole: {shown}? [y/n]")):
         return Answer("Not kept. Turn it or light it better, and say `teach` again.", {"kept": False}, NOT_DONE)
-    note = teaching_note(door.who, _digest(desk), table, seen.scene)
-    view = await asyncio.to_thread(desk.school.store, label, left, right, note)
-    verdict, data = await _sufficiency(desk, label)
+    note = teaching_note(door.who, _digest(context), table, seen.scene)
+    view = await asyncio.to_thread(context.trainer.store, label, left, right, note)
+    verdict, data = await _sufficiency(context, label)
     text = f"Kept as view {view.name} ({plural(len(one_part(seen).facets), 'facet')}).\n{verdict}"
     return Answer(
         text, {"kept": True, "view": view.name, "facets": [facet.type for facet in one_part(seen).facets], **data}
     )
 
 
-async def _teach_drawing(desk: Desk, words: list[str], door: Door) -> Answer:
+async def _teach_drawing(context: CommandContext, words: list[str], door: Door) -> Answer:
     """Learn a part from its STL or OBJ file, without showing it."""
     at = words.index("--mesh")
     file, unit = (*words[at + 1 :], *(None,) * 2)[:2]
@@ -70,36 +80,36 @@ async def _teach_drawing(desk: Desk, words: list[str], door: Door) -> Answer:
         raise CommandError(f"FILE is missing: {MESH_USAGE}", NOT_UNDERSTOOD)
     no_more(words[at:], 3, MESH_USAGE)
     unit = one_of(words, at + 2, UNITS_MM, "unit", MESH_USAGE) if unit is not None else "mm"
-    label = await _label(desk, words[:at], door, shown=False)
+    label = await _label(context, words[:at], door, shown=False)
     content = await door.fetch(file)
     try:
         view = await asyncio.to_thread(
-            desk.school.store_mesh, label, file.rpartition("/")[2], content, unit, {"who": door.who}
+            context.trainer.store_mesh, label, file.rpartition("/")[2], content, unit, {"who": door.who}
         )
     except (MeshError, TeachError) as error:
         raise CommandError(str(error), NOT_UNDERSTOOD) from None
-    verdict, data = await _sufficiency(desk, label)
+    verdict, data = await _sufficiency(context, label)
     count = Counter(view.note["facets"][0])
     facets = ", ".join(f"{n} {kind}" for kind, n in count.most_common())
     text = f"Kept as {view.name}: a solid of {plural(sum(count.values()), 'facet')} ({facets}).\n{verdict}"
     return Answer(f"{text}\n`train` makes a candidate with it.", {"kept": True, "view": view.name, **data})
 
 
-async def untaught(desk: Desk, words: list[str], _: Door) -> Answer:
+async def untaught(context: CommandContext, words: list[str], _: Door) -> Answer:
     """What is named but not taught, and views no model was trained on yet."""
     no_more(words, 0, "untaught")
-    missing, waiting = desk.school.untaught(), desk.school.waiting()
+    missing, waiting = context.trainer.untaught(), context.trainer.waiting()
     lines = [f"Not taught: {', '.join(missing)}." if missing else "Every part of parts.yaml is taught."]
     if waiting:
         lines.append(f"Taught but not yet trained and accepted: {', '.join(view.name for view in waiting)}.")
     return Answer("\n".join(lines), {"untaught": missing, "waiting": [view.name for view in waiting]})
 
 
-async def views(desk: Desk, words: list[str], _: Door) -> Answer:
+async def views(context: CommandContext, words: list[str], _: Door) -> Answer:
     """The stored views of one part, or of all."""
     no_more(words, 1, "views [LABEL]")
-    label = one_of(words, 0, desk.school.shelf.labels(), "label with views", "views LABEL") if words else None
-    found = desk.school.shelf.views(label)
+    label = one_of(words, 0, context.trainer.model_store.labels(), "label with views", "views LABEL") if words else None
+    found = context.trainer.model_store.views(label)
     rows = [
         f"{view.name:<24} {view.note.get('taught', '?'):<26} {_what_of(view.note)}, by {view.note.get('who', '?')}"
         for view in found
@@ -108,93 +118,93 @@ async def views(desk: Desk, words: list[str], _: Door) -> Answer:
     return Answer("\n".join(rows) or "No view is stored: `teach LABEL`.", {"views": data})
 
 
-async def forget(desk: Desk, words: list[str], door: Door) -> Answer:
+async def forget(context: CommandContext, words: list[str], door: Door) -> Answer:
     """Remove stored views; the model in use stays until a new one is trained and accepted."""
     usage = "forget LABEL [NUMBER]"
-    label = one_of(words, 0, desk.school.shelf.labels(), "label with views", usage)
+    label = one_of(words, 0, context.trainer.model_store.labels(), "label with views", usage)
     no_more(words, 2, usage)
     which = number(words[1], "NUMBER", 1, 9999) if len(words) > 1 else None
     what = f"view {label}/{which}" if which else f"all views of {label}"
     if door.asks and not is_yes(await door.ask(f"Remove {what} for good? [y/n]")):
         return Answer("Nothing is removed.", {"removed": 0}, NOT_DONE)
-    removed = desk.school.shelf.drop_views(label, which)
+    removed = context.trainer.model_store.drop_views(label, which)
     if not removed:
         raise CommandError(f"there is no {what}")
     text = f"{plural(removed, 'view')} removed. The model in use stays as it is; `train` makes one without."
     return Answer(text, {"removed": removed})
 
 
-async def train(desk: Desk, words: list[str], door: Door) -> Answer:
+async def train(context: CommandContext, words: list[str], door: Door) -> Answer:
     """Make a candidate of all stored views and try it on them; the model in use goes on working meanwhile."""
     no_more(words, 0, "train")
-    trained = await asyncio.to_thread(desk.school.train)
+    trained = await asyncio.to_thread(context.trainer.train)
     wrong = [v for v in trained.verdicts if not v.right]
     right = len(trained.verdicts) - len(wrong)
     text = f"Candidate {trained.version}: names {right} of {plural(len(trained.verdicts), 'taught view')} rightly"
     lines = [f"{text} ({trained.seconds:.1f} s)."]
     lines += [f"  {_describe_verdict(v)}" for v in wrong]
     lines += [f"  left out: {line}" for line in trained.left_out]
-    candidate = desk.school.candidate()
+    candidate = context.trainer.candidate()
     data: dict[str, Any] = {"version": trained.version, "right": right, "views": len(trained.verdicts)}
     if candidate is not None:
-        judged = [await asyncio.to_thread(desk.school.judge, candidate.model, label) for label in candidate.labels]
+        judged = [await asyncio.to_thread(context.trainer.judge, candidate.model, label) for label in candidate.labels]
         lines += [_describe_sufficiency(judgement) for judgement in judged]
         data["parts"] = {judgement.label: _sufficiency_json(judgement) for judgement in judged}
     lines.append("`try` looks with it; `accept` puts it into use.")
-    first = desk.school.shelf.current is None and not desk.school.model.labels
+    first = context.trainer.model_store.current is None and not context.trainer.model.labels
     if first and not wrong:
-        version = desk.school.accept()
-        desk.use_model("first", version)
+        version = context.trainer.accept()
+        context.use_model("first", version)
         lines[-1] = f"There was no model yet: version {version} is in use from now on."
         data["accepted"] = True
     return Answer("\n".join(lines), data, NOT_DONE if wrong else 0)
 
 
-async def accept(desk: Desk, words: list[str], _: Door) -> Answer:
+async def accept(context: CommandContext, words: list[str], _: Door) -> Answer:
     """Put the candidate into use."""
     no_more(words, 0, "accept")
-    shelf = desk.school.shelf
-    if shelf.candidate is None and shelf.current is not None:
-        raise CommandError(f"version {shelf.current} is in use and no other waits; `train` makes a candidate")
-    version = await asyncio.to_thread(desk.school.accept)
-    desk.use_model("accept", version)
+    model_store = context.trainer.model_store
+    if model_store.candidate is None and model_store.current is not None:
+        raise CommandError(f"version {model_store.current} is in use and no other waits; `train` makes a candidate")
+    version = await asyncio.to_thread(context.trainer.accept)
+    context.use_model("accept", version)
     return Answer(f"Version {version} is in use; `rollback` goes back.", {"version": version})
 
 
-async def rollback(desk: Desk, words: list[str], _: Door) -> Answer:
+async def rollback(context: CommandContext, words: list[str], _: Door) -> Answer:
     """Back to the model used before."""
     no_more(words, 0, "rollback")
-    version = await asyncio.to_thread(desk.school.rollback)
-    desk.use_model("rollback", version)
+    version = await asyncio.to_thread(context.trainer.rollback)
+    context.use_model("rollback", version)
     return Answer(f"Version {version} is in use again; the other one is the candidate.", {"version": version})
 
 
-async def _label(desk: Desk, words: list[str], door: Door, shown: bool = True) -> str:
+async def _label(context: CommandContext, words: list[str], door: Door, shown: bool = True) -> str:
     """The label to teach; one that is new is asked about. shown: a simulated hand must have it. Raises CommandError."""
     no_more(words, 1, "teach LABEL")
     if not words:
-        known = ", ".join(desk.parts) or "none yet"
+        known = ", ".join(context.parts) or "none yet"
         raise CommandError(f"which part? teach LABEL; known labels: {known}", NOT_UNDERSTOOD)
     label = words[0]
-    if label in desk.parts:
+    if label in context.parts:
         return label
     if not LABEL.fullmatch(label) or label in ("unknown", "nothing"):
         raise CommandError(f"{label}: a label is small letters, digits and _, as in hex_bolt", NOT_UNDERSTOOD)
-    close = difflib.get_close_matches(label, desk.parts, 1)
-    hint = f"; did you mean {close[0]}?" if close else f" (known: {', '.join(desk.parts)})"
-    if (shown and desk.hardware.hand is not None) or not door.asks:
+    close = difflib.get_close_matches(label, context.parts, 1)
+    hint = f"; did you mean {close[0]}?" if close else f" (known: {', '.join(context.parts)})"
+    if (shown and context.hardware.hand is not None) or not door.asks:
         raise CommandError(f"{label}: no such part{hint} Add a new one to parts.yaml.", NOT_UNDERSTOOD)
     if not is_yes(await door.ask(f"{label} is not in parts.yaml{hint} Teach it as a new part? [y/n]")):
         raise CommandError("not taught")
     return label
 
 
-async def _sufficiency(desk: Desk, label: str) -> tuple[str, dict[str, Any]]:
+async def _sufficiency(context: CommandContext, label: str) -> tuple[str, dict[str, Any]]:
     """What the views kept so far leave open about a part: in words and as JSON."""
-    model, _ = await asyncio.to_thread(desk.school.learnt)
+    model, _ = await asyncio.to_thread(context.trainer.learnt)
     if label not in model.metric:
         return "", {}
-    judged = await asyncio.to_thread(desk.school.judge, model, label)
+    judged = await asyncio.to_thread(context.trainer.judge, model, label)
     return _describe_sufficiency(judged), {"sufficiency": _sufficiency_json(judged)}
 
 
@@ -249,12 +259,12 @@ def _what_of(note: dict[str, Any]) -> str:
     return ", ".join(sorted(groups, key=len)[-1]) or "?"
 
 
-def _digest(desk: Desk) -> str:
-    return hashlib.sha256(desk.config.calibration.read_bytes()).hexdigest()
+def _digest(context: CommandContext) -> str:
+    return hashlib.sha256(context.config.calibration.read_bytes()).hexdigest()
 
 
-def _with_views(desk: Desk) -> list[str]:
-    return desk.school.shelf.labels()
+def _with_views(context: CommandContext) -> list[str]:
+    return context.trainer.model_store.labels()
 
 
 COMMANDS = (
@@ -263,7 +273,7 @@ COMMANDS = (
             "  Then you are told which sides are still unseen and what it could be taken for.\n"
             "  With --mesh FILE.stl or FILE.obj [mm|cm|m|inch] the part is learnt from its drawing, without being\n"
             "  shown: every characteristic view of it, and its exact shape. The file is read where you sit.",
-            choices=lambda desk: desk.parts),
+            choices=lambda context: context.parts),
     Command("untaught", "untaught", "parts not taught yet, views not trained yet", untaught),
     Command("views", "views [LABEL]", "the views that were taught", views, choices=_with_views),
     Command("forget", "forget LABEL [NUMBER]", "remove taught views", forget, "change", choices=_with_views),

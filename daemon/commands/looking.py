@@ -9,46 +9,46 @@ from typing import Any
 import numpy as np
 
 from daemon.commands.words import cut_off, duration, millimetres, plural
-from daemon.console import Answer, Command, CommandError, Door, no_more
-from daemon.desk import Desk
+from daemon.console.context import CommandContext
+from daemon.console.interpreter import Answer, Command, CommandError, Door, no_more
 from daemon.doors.sketch import sketch
 from daemon.pick.looking import Look
-from daemon.vision.data import Facet, Part, Scene
-from daemon.vision.health import findings_json, troubles
+from daemon.vision.health.examine import findings_json, troubles
 from daemon.vision.report import scene_json
+from daemon.vision.values import Facet, Part, Scene
 
 MARKS = "abcdefghijklmnopqrstuvwxyz"
 
 
-async def status(desk: Desk, words: list[str], _: Door) -> Answer:
+async def status(context: CommandContext, words: list[str], _: Door) -> Answer:
     """How things stand, in at most ten lines."""
     no_more(words, 0, "status")
-    state = desk.cycle.status()
-    model = desk.school.model
-    shelf = desk.school.shelf
-    version = "none accepted yet" if shelf.current is None else f"version {shelf.current}"
-    up = duration(time.monotonic() - desk.started_s)
+    state = context.cycle.status()
+    model = context.trainer.model
+    model_store = context.trainer.model_store
+    version = "none accepted yet" if model_store.current is None else f"version {model_store.current}"
+    up = duration(time.monotonic() - context.started_s)
     lines = [
-        f"cell      {desk.hardware.kind}; {_standing(state)}",
-        f"doing     {_doing(desk, state)}",
+        f"cell      {context.hardware.kind}; {_standing(state)}",
+        f"doing     {_doing(context, state)}",
         f"model     {version}; knows {', '.join(model.labels) or 'nothing: teach, train, accept'}",
         f"so far    {state['picked']} picked, {state['failed']} failed; up {up}",
-        f"run       {desk.run_log.folder}",
+        f"run       {context.run_log.folder}",
     ]
-    errand = desk.cycle.errand
-    if errand is not None and not state["auto"]:
-        lines.insert(2, f"left      {cut_off(errand.count)}: `auto resume` takes it up, `auto off` gives it up")
-    if shelf.candidate is not None:
-        lines.insert(3, f"candidate version {shelf.candidate}, not in use: `try` it, then `accept`")
-    lines += [f"TROUBLE   {text}" for text in desk.troubles.standing.values()]
+    pick_order = context.cycle.pick_order
+    if pick_order is not None and not state["auto"]:
+        lines.insert(2, f"left      {cut_off(pick_order.count)}: `auto resume` takes it up, `auto off` gives it up")
+    if model_store.candidate is not None:
+        lines.insert(3, f"candidate version {model_store.candidate}, not in use: `try` it, then `accept`")
+    lines += [f"TROUBLE   {text}" for text in context.troubles.standing.values()]
     data: dict[str, Any] = {
         **state,
-        "cell": desk.hardware.kind,
-        "seed": desk.hardware.seed,
-        "model": {"version": shelf.current, "labels": list(model.labels), "candidate": shelf.candidate},
-        "troubles": dict(desk.troubles.standing),
-        "run": str(desk.run_log.folder),
-        "up_s": round(time.monotonic() - desk.started_s, 1),
+        "cell": context.hardware.kind,
+        "seed": context.hardware.seed,
+        "model": {"version": model_store.current, "labels": list(model.labels), "candidate": model_store.candidate},
+        "troubles": dict(context.troubles.standing),
+        "run": str(context.run_log.folder),
+        "up_s": round(time.monotonic() - context.started_s, 1),
     }
     return Answer("\n".join(lines), data)
 
@@ -61,10 +61,10 @@ def _standing(state: dict[str, Any]) -> str:
     return ", ".join(words)
 
 
-def _doing(desk: Desk, state: dict[str, Any]) -> str:
+def _doing(context: CommandContext, state: dict[str, Any]) -> str:
     text = f"{state['doing'] or 'nothing'} ({state['state']})"
-    if state["auto"] and desk.cycle.errand is not None and desk.cycle.errand.count is not None:
-        text += f", {plural(desk.cycle.errand.count, 'part')} still to pick"
+    if state["auto"] and context.cycle.pick_order is not None and context.cycle.pick_order.count is not None:
+        text += f", {plural(context.cycle.pick_order.count, 'part')} still to pick"
     if state["target"]:
         text += f", {state['target']}, look {state['stop']}"
     if state["pending"]:
@@ -74,23 +74,23 @@ def _doing(desk: Desk, state: dict[str, Any]) -> str:
     return text
 
 
-async def look(desk: Desk, words: list[str], _: Door) -> Answer:
+async def look(context: CommandContext, words: list[str], _: Door) -> Answer:
     """One look from where the arm stands."""
     no_more(words, 0, "look")
-    seen = await desk.cycle.look("look")
+    seen = await context.cycle.look("look")
     lines = [describe_scene(seen.scene), _timing(seen), *troubles(seen.health)]
     return Answer("\n".join(lines), look_json(seen))
 
 
-async def try_now(desk: Desk, words: list[str], _: Door) -> Answer:
+async def try_now(context: CommandContext, words: list[str], _: Door) -> Answer:
     """Recognise now, with the candidate where there is one, and say why."""
     no_more(words, 0, "try")
-    candidate = desk.school.candidate()
-    sight = candidate or desk.school.in_use
-    seen = await desk.cycle.look("try")
+    candidate = context.trainer.candidate()
+    sight = candidate or context.trainer.in_use
+    seen = await context.cycle.look("try")
     pictures = seen.pictures
-    scene = await asyncio.to_thread(sight.see, pictures.left.pixels, pictures.right.pixels, desk.table_in(seen))
-    which = f"candidate {desk.school.shelf.candidate}" if candidate else "the model in use"
+    scene = await asyncio.to_thread(sight.see, pictures.left.pixels, pictures.right.pixels, context.table_in(seen))
+    which = f"candidate {context.trainer.model_store.candidate}" if candidate else "the model in use"
     lines = [f"With {which}:"]
     for mark, part in zip(MARKS, scene.parts, strict=False):
         said = part.recognition
@@ -102,10 +102,10 @@ async def try_now(desk: Desk, words: list[str], _: Door) -> Answer:
     return Answer("\n".join(lines), {"with": which, **scene_json(scene)}, 0 if scene.parts else 1)
 
 
-async def where(desk: Desk, words: list[str], _: Door) -> Answer:
+async def where(context: CommandContext, words: list[str], _: Door) -> Answer:
     """Ask the controller."""
     no_more(words, 0, "where")
-    reading = await desk.cycle.where()
+    reading = await context.cycle.where()
     x, y, z = reading.world_from_tool[:3, 3]
     a = reading.world_from_tool[:3, 2]
     joints = np.degrees(reading.joints_rad)
@@ -119,14 +119,14 @@ async def where(desk: Desk, words: list[str], _: Door) -> Answer:
     )
 
 
-async def parts(desk: Desk, words: list[str], _: Door) -> Answer:
+async def parts(context: CommandContext, words: list[str], _: Door) -> Answer:
     """Every part that means something here, and how well it is known."""
     no_more(words, 0, "parts")
-    views = desk.school.shelf.views()
+    views = context.trainer.model_store.views()
     rows, data = [], {}
-    for label in desk.parts:
+    for label in context.parts:
         stored = sum(view.label == label for view in views)
-        metric = desk.school.model.metric.get(label)
+        metric = context.trainer.model.metric.get(label)
         known = (
             f"{plural(len(metric.solid.facets), 'facet')}, {metric.size_mm:.0f} mm across" if metric else "not taught"
         )

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from daemon.cell import moves_the_arm
-from daemon.console import Answer, CommandError, Door
-from daemon.desk import Desk
+from daemon.cell.build import moves_the_arm
+from daemon.console.context import CommandContext
+from daemon.console.interpreter import Answer, CommandError, Door
 
 ENDS, RUBOUTS, CANCEL = b"\r\n", b"\x08\x7f", b"\x15"
 SPOIL = CANCEL + b"!!\r"
@@ -18,21 +18,21 @@ GREETING = "The controller's own terminal; the daemon stands aside. Control-] co
 HAND_WORDS = ("OPEN", "CLOSE", "GRASP", "RELAX")
 
 
-async def monitor(desk: Desk, door: Door) -> Answer:
+async def monitor(context: CommandContext, door: Door) -> Answer:
     """Talk to the controller until control-]. Raises CommandError where the door is no terminal."""
     if not door.asks:
         raise CommandError("only at a terminal; from here one line at a time: robot monitor TEXT", 2)
     await door.say(GREETING)
     try:
-        return await desk.cycle.alone("monitor", _monitored(desk, door), moves=False)
-    except desk.expected_errors as error:
-        fault = desk.cycle.status()["fault"]
+        return await context.cycle.alone("monitor", _monitored(context, door), moves=False)
+    except context.expected_errors as error:
+        fault = context.cycle.status()["fault"]
         raise CommandError(f"the controller's terminal has ended: {fault or error}") from error
 
 
-async def _monitored(desk: Desk, door: Door) -> Answer:
-    typist = Typist(desk, door)
-    async with desk.hardware.robot.terminal(door.show) as send:
+async def _monitored(context: CommandContext, door: Door) -> Answer:
+    typist = Typist(context, door)
+    async with context.hardware.robot.terminal(door.show) as send:
         send(b"\r")  # an empty line, for the controller to show its prompt
         await door.terminal(lambda keys: typist.typed(keys, send))
     return Answer(f"\nBack from the controller's terminal: {typist.lines} lines typed.", {"lines": typist.lines})
@@ -41,8 +41,8 @@ async def _monitored(desk: Desk, door: Door) -> Answer:
 class Typist:
     """Follows what is typed, line by line: records each line, and keeps back the end of one that may not be sent."""
 
-    def __init__(self, desk: Desk, door: Door) -> None:
-        self._desk, self._door = desk, door
+    def __init__(self, context: CommandContext, door: Door) -> None:
+        self._desk, self._door = context, door
         self._line = bytearray()
         self.lines = 0
 
@@ -81,9 +81,9 @@ class Typist:
         self._desk.log.record("command", who=self._door.who, door=f"{self._door.name}, monitor", text=text)
 
 
-def may_not_move(desk: Desk, text: str) -> bool:
+def may_not_move(context: CommandContext, text: str) -> bool:
     """Whether a line may set the arm in motion while it may not move."""
-    state = desk.cycle.status()
+    state = context.cycle.status()
     held = state["fault"] is not None or not state["enabled"]
     return held and (moves_the_arm(text) or text.split()[0].upper() in PROGRAM_WORDS)
 

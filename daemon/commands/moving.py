@@ -7,9 +7,20 @@ from collections.abc import Awaitable
 from typing import Any, TypeVar
 
 from daemon.commands.words import cut_off, is_no, is_yes, plural
-from daemon.console import DONE, NOT_DONE, NOT_UNDERSTOOD, Answer, Command, CommandError, Door, no_more, number, one_of
-from daemon.cycle import CycleEnd
-from daemon.desk import Desk
+from daemon.console.context import CommandContext
+from daemon.console.interpreter import (
+    DONE,
+    NOT_DONE,
+    NOT_UNDERSTOOD,
+    Answer,
+    Command,
+    CommandError,
+    Door,
+    no_more,
+    number,
+    one_of,
+)
+from daemon.pick.cycle import CycleEnd
 
 T = TypeVar("T")
 POLL_S = 0.05
@@ -18,54 +29,58 @@ AUTO_WORDS = ("on", "off", "wait", "resume")
 AUTO_USAGE = "auto on [N] [every S] | auto resume | auto off | auto wait"
 
 
-async def enable(desk: Desk, words: list[str], _: Door) -> Answer:
+async def enable(context: CommandContext, words: list[str], _: Door) -> Answer:
     """Let the arm move from now on."""
     no_more(words, 0, "enable")
-    if desk.hardware.kind == "recorded":
+    if context.hardware.kind == "recorded":
         raise CommandError("this cell is recorded: there is no arm to move")
-    if desk.calibration.tool_from_cyclopean is None:
-        raise CommandError(f"{desk.config.calibration} has no hand_eye yet: `facetctl calibrate hand-eye` first")
-    fault = desk.cycle.status()["fault"]
-    desk.cycle.enable()
+    if context.calibration.tool_from_cyclopean is None:
+        raise CommandError(f"{context.config.calibration} has no hand_eye yet: `facetctl calibrate hand-eye` first")
+    fault = context.cycle.status()["fault"]
+    context.cycle.enable()
     return Answer("The arm may move." + (f" First the fault must go: {fault}; say `resume`." if fault else ""))
 
 
-async def disable(desk: Desk, words: list[str], _: Door) -> Answer:
+async def disable(context: CommandContext, words: list[str], _: Door) -> Answer:
     """Do not let the arm move; stop it where it does."""
     no_more(words, 0, "disable")
-    await desk.cycle.disable()
+    await context.cycle.disable()
     return Answer("The arm does not move until `enable`.")
 
 
-async def stop(desk: Desk, _: list[str], door: Door) -> Answer:
+async def stop(context: CommandContext, _: list[str], door: Door) -> Answer:
     """Stop the arm. Whatever else is on the line does not matter."""
-    await desk.cycle.stop(f"by {door.who}")
+    await context.cycle.stop(f"by {door.who}")
     return Answer("Stopped. Nothing moves until `resume`.")
 
 
-async def resume(desk: Desk, words: list[str], door: Door) -> Answer:
+async def resume(context: CommandContext, words: list[str], door: Door) -> Answer:
     """Go on after a pause; clear a fault. Where it is not known what is in the gripper, it is asked."""
     no_more(words, 0, "resume")
-    before = desk.cycle.status()
-    desk.cycle.resume()
+    before = context.cycle.status()
+    context.cycle.resume()
     if before["fault"] is None:
         return Answer("Going on." if before["paused"] else "Nothing was held.")
     lines = [f"The fault is cleared: {before['fault']}."]
     if before["holding"] is None and door.asks:
         answer = await door.ask("Is a part in the gripper? [y/n]")
         if is_yes(answer) or is_no(answer):
-            lines.append(_take_word(desk, is_yes(answer)))
-    known, errand = desk.cycle.status()["holding"] is not None, desk.cycle.errand
-    if known and errand is not None and await _agreed(door, f"{cut_off(errand.count)}. Let the arm move and go on?"):
-        desk.cycle.enable()
-        await desk.begin_auto(errand.count, errand.every_s)
+            lines.append(_take_word(context, is_yes(answer)))
+    known, pick_order = context.cycle.status()["holding"] is not None, context.cycle.pick_order
+    if (
+        known
+        and pick_order is not None
+        and await _agreed(door, f"{cut_off(pick_order.count)}. Let the arm move and go on?")
+    ):
+        context.cycle.enable()
+        await context.begin_auto(pick_order.count, pick_order.every_s)
         return Answer("\n".join([*lines, "Going on; `auto off` ends it after a part."]))
     if not known:
         lines.append("Is a part in the gripper? Say `holding yes` or `holding no` before the next pick.")
-    if not desk.cycle.status()["enabled"]:
+    if not context.cycle.status()["enabled"]:
         lines.append("The arm does not move until `enable`; then `pick` or `auto on` go on.")
-    if errand is not None:
-        lines.append(f"{cut_off(errand.count)}: `auto resume` takes it up, `auto off` gives it up.")
+    if pick_order is not None:
+        lines.append(f"{cut_off(pick_order.count)}: `auto resume` takes it up, `auto off` gives it up.")
     return Answer("\n".join(lines))
 
 
@@ -74,124 +89,124 @@ async def _agreed(door: Door, question: str) -> bool:
     return door.asks and is_yes(await door.ask(f"{question} [y/n]"))
 
 
-async def pause(desk: Desk, words: list[str], _: Door) -> Answer:
+async def pause(context: CommandContext, words: list[str], _: Door) -> Answer:
     """Hold before the next move."""
     no_more(words, 0, "pause")
-    desk.cycle.pause()
+    context.cycle.pause()
     return Answer("Holding before the next move; `resume` goes on.")
 
 
-async def abort(desk: Desk, words: list[str], _: Door) -> Answer:
+async def abort(context: CommandContext, words: list[str], _: Door) -> Answer:
     """Stop the arm and give up the part; no fault is left."""
     no_more(words, 0, "abort")
-    await desk.cycle.abort()
+    await context.cycle.abort()
     return Answer("Stopped; the part is given up.")
 
 
-async def pick(desk: Desk, words: list[str], door: Door) -> Answer:
+async def pick(context: CommandContext, words: list[str], door: Door) -> Answer:
     """Pick one part, the named one or the one that is surest."""
     no_more(words, 1, "pick [LABEL]")
-    label = one_of(words, 0, desk.school.model.labels, "taught part", "pick LABEL") if words else None
-    end = await with_questions(desk, desk.cycle.pick(label), door)
+    label = one_of(words, 0, context.trainer.model.labels, "taught part", "pick LABEL") if words else None
+    end = await with_questions(context, context.cycle.pick(label), door)
     return Answer(describe_end(end), end_json(end), DONE if end.outcome in ("picked", "dry", "placed") else NOT_DONE)
 
 
-async def auto(desk: Desk, words: list[str], door: Door) -> Answer:
+async def auto(context: CommandContext, words: list[str], door: Door) -> Answer:
     """A mode: pick one after the other until the table is empty or N are picked. Goes on when the operator leaves."""
     word = one_of(words, 0, AUTO_WORDS, "word", AUTO_USAGE)
     if word in ("on", "resume"):
-        count, every_s = _auto_words(words[1:]) if word == "on" else _cut_off(desk, words)
-        await desk.begin_auto(count, every_s)
+        count, every_s = _auto_words(words[1:]) if word == "on" else _cut_off(context, words)
+        await context.begin_auto(count, every_s)
         what = "until the table is empty" if count is None else f"at most {plural(count, 'part')}"
         what += "" if every_s is None else f", looking again every {every_s:g} s when it is empty"
         return Answer(f"Picking, {what}; `auto off` ends it after a part, `status` tells how far it is.")
     no_more(words, 1, AUTO_USAGE)
     if word == "off":
-        was_on, left = desk.cycle.status()["auto"], desk.cycle.errand is not None
-        desk.cycle.auto_off()
+        was_on, left = context.cycle.status()["auto"], context.cycle.pick_order is not None
+        context.cycle.auto_off()
         if not was_on:
             return Answer("What was left of the auto is given up." if left else "No auto is on.")
         return Answer("No further part is picked after this one.")
-    ends = await with_questions(desk, desk.auto_ends(), door)
+    ends = await with_questions(context, context.auto_ends(), door)
     picked = sum(end.outcome == "picked" for end in ends)
     lines = [describe_end(end) for end in ends] + [f"{plural(picked, 'part')} picked."]
     done = bool(ends) and ends[-1].outcome in ("picked", "empty", "dry")
     return Answer("\n".join(lines), {"picked": picked, "ends": [end_json(e) for e in ends]}, DONE if done else NOT_DONE)
 
 
-async def go(desk: Desk, words: list[str], door: Door) -> Answer:
+async def go(context: CommandContext, words: list[str], door: Door) -> Answer:
     """To a named place."""
-    place = one_of(words, 0, desk.cycle.places(), "place", "go PLACE")
+    place = one_of(words, 0, context.cycle.places(), "place", "go PLACE")
     no_more(words, 1, "go PLACE")
-    await with_questions(desk, desk.cycle.go(place), door)
-    dry = desk.cycle.status()["dry"]
+    await with_questions(context, context.cycle.go(place), door)
+    dry = context.cycle.status()["dry"]
     return Answer(f"Planned to {place}, and not sent: `dry` is on." if dry else f"At {place}.")
 
 
-async def hand(desk: Desk, words: list[str], _: Door) -> Answer:
+async def hand(context: CommandContext, words: list[str], _: Door) -> Answer:
     """Open or close the gripper."""
     word = one_of(words, 0, ("open", "close"), "word", "hand open|close")
     no_more(words, 1, "hand open|close")
-    await desk.cycle.hand(word == "close")
+    await context.cycle.hand(word == "close")
     return Answer("The gripper is open." if word == "open" else "The gripper is closed.")
 
 
-async def holding(desk: Desk, words: list[str], _: Door) -> Answer:
+async def holding(context: CommandContext, words: list[str], _: Door) -> Answer:
     """The operator's word for what is in the gripper."""
     word = one_of(words, 0, ("yes", "no"), "word", "holding yes|no")
     no_more(words, 1, "holding yes|no")
-    return Answer(_take_word(desk, word == "yes"))
+    return Answer(_take_word(context, word == "yes"))
 
 
-def _take_word(desk: Desk, held: bool) -> str:
+def _take_word(context: CommandContext, held: bool) -> str:
     """Believe the operator about the gripper."""
-    desk.cycle.holding(held)
-    desk.log.record("holding", held=held)
+    context.cycle.holding(held)
+    context.log.record("holding", held=held)
     return "The next pick first puts it into the bin." if held else "The gripper is taken as empty."
 
 
-async def step(desk: Desk, words: list[str], _: Door) -> Answer:
+async def step(context: CommandContext, words: list[str], _: Door) -> Answer:
     """One confirmed move at a time, or not."""
     on = _on_or_off(words, "step on|off")
-    desk.cycle.step(on)
+    context.cycle.step(on)
     return Answer("Every move is shown and waits for `confirm` or `refuse`." if on else "Moves no longer wait.")
 
 
-async def confirm(desk: Desk, words: list[str], _: Door) -> Answer:
+async def confirm(context: CommandContext, words: list[str], _: Door) -> Answer:
     """Yes to the move that waits."""
     no_more(words, 0, "confirm")
-    return _decide(desk, True)
+    return _decide(context, True)
 
 
-async def refuse(desk: Desk, words: list[str], _: Door) -> Answer:
+async def refuse(context: CommandContext, words: list[str], _: Door) -> Answer:
     """No to the move that waits."""
     no_more(words, 0, "refuse")
-    return _decide(desk, False)
+    return _decide(context, False)
 
 
-async def dry(desk: Desk, words: list[str], _: Door) -> Answer:
+async def dry(context: CommandContext, words: list[str], _: Door) -> Answer:
     """Everything but the bytes, or not."""
     on = _on_or_off(words, "dry on|off")
-    desk.cycle.dry(on)
+    context.cycle.dry(on)
     return Answer("Moves are planned, guarded and logged, but not sent." if on else "Moves are sent again.")
 
 
-async def with_questions(desk: Desk, work: Awaitable[T], door: Door) -> T:
+async def with_questions(context: CommandContext, work: Awaitable[T], door: Door) -> T:
     """Wait for a motion's end; in step mode show each move at this door and ask."""
     task = asyncio.ensure_future(work)
     shown: Any = None
     told: Any = None
     while not task.done():
         await asyncio.wait([task], timeout=POLL_S)
-        state = desk.cycle.status()
+        state = context.cycle.status()
         if state["predicted_mm"] is not None and (state["cycle"], state["stop"]) != told:
             told = state["cycle"], state["stop"]
             await door.say(_progress(state))
         pending = state["pending"]
         if pending is not None and pending != shown and door.asks:
             answer = await door.ask(f"{pending}. Send it? [y/n]")
-            if desk.cycle.status()["pending"] == pending:
-                _decide(desk, is_yes(answer))
+            if context.cycle.status()["pending"] == pending:
+                _decide(context, is_yes(answer))
             pending = None
         shown = pending
     return await task
@@ -240,22 +255,22 @@ def _auto_words(words: list[str]) -> tuple[int | None, float | None]:
     return count, every_s
 
 
-def _cut_off(desk: Desk, words: list[str]) -> tuple[int | None, float | None]:
+def _cut_off(context: CommandContext, words: list[str]) -> tuple[int | None, float | None]:
     """What is left of an auto that was cut off. Raises CommandError."""
     no_more(words, 1, AUTO_USAGE)
-    errand = desk.cycle.errand
-    if errand is None:
+    pick_order = context.cycle.pick_order
+    if pick_order is None:
         raise CommandError("no auto was cut off; say `auto on`")
-    return errand.count, errand.every_s
+    return pick_order.count, pick_order.every_s
 
 
-def _decide(desk: Desk, yes: bool) -> Answer:
-    if desk.cycle.status()["pending"] is None:
+def _decide(context: CommandContext, yes: bool) -> Answer:
+    if context.cycle.status()["pending"] is None:
         raise CommandError("no move waits for an answer")
     if yes:
-        desk.cycle.confirm()
+        context.cycle.confirm()
     else:
-        desk.cycle.refuse()
+        context.cycle.refuse()
     return Answer("Sent." if yes else "Not sent; the job is given up.")
 
 
@@ -266,8 +281,8 @@ def _on_or_off(words: list[str], usage: str) -> bool:
     return not words or words[0] == "on"
 
 
-def _labels(desk: Desk) -> tuple[str, ...]:
-    return desk.school.model.labels
+def _labels(context: CommandContext) -> tuple[str, ...]:
+    return context.trainer.model.labels
 
 
 COMMANDS = (

@@ -23,7 +23,7 @@ from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any, Literal
 
-from daemon.console import NOT_UNDERSTOOD, Answer, CommandError, Console
+from daemon.console.interpreter import NOT_UNDERSTOOD, Answer, CommandError, Console
 
 LONGEST_MESSAGE = 64 * 1024
 LONGEST_FILE = 8_000_000

@@ -16,7 +16,7 @@ from typing import Any, Literal
 import serial
 
 from daemon.config import Terminal
-from daemon.console import NOT_UNDERSTOOD, CommandError, Console
+from daemon.console.interpreter import NOT_UNDERSTOOD, CommandError, Console
 from daemon.doors.lineedit import Key, LineEditor, to_terminal
 from daemon.doors.socket import Interrupt
 

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 from daemon.store import places
 
 if TYPE_CHECKING:
-    from daemon.cell import StereoCamera
+    from daemon.cell.build import StereoCamera
     from daemon.config import Config
     from daemon.jobs.preview import Shot
 
@@ -75,9 +75,9 @@ def _guarded(run: Callable[[argparse.Namespace], int]) -> Callable[[argparse.Nam
     """Trouble with cameras is one line and status 1, with arguments or files one line and status 2."""
 
     def guarded(args: argparse.Namespace) -> int:
-        from daemon.cell import EXPECTED_ERRORS
+        from daemon.cell.build import EXPECTED_ERRORS
         from daemon.store.model import ModelError
-        from daemon.store.shelf import ShelfError
+        from daemon.store.model_store import ModelStoreError
         from daemon.store.yamlfile import ConfigError
 
         try:
@@ -85,7 +85,7 @@ def _guarded(run: Callable[[argparse.Namespace], int]) -> Callable[[argparse.Nam
         except EXPECTED_ERRORS as error:
             print(f"facetctl: {error}", file=sys.stderr)
             return 1
-        except (ConfigError, ModelError, ShelfError) as error:
+        except (ConfigError, ModelError, ModelStoreError) as error:
             print(f"facetctl: {error}", file=sys.stderr)
             return 2
         except OSError as error:
@@ -98,7 +98,7 @@ def _guarded(run: Callable[[argparse.Namespace], int]) -> Callable[[argparse.Nam
 
 @contextlib.contextmanager
 def _open(args: argparse.Namespace) -> Iterator[tuple[StereoCamera, Config]]:
-    from daemon import cell
+    from daemon.cell import build as cell
     from daemon.config import load_config
 
     config = load_config(args.config, args.sim)
@@ -107,7 +107,7 @@ def _open(args: argparse.Namespace) -> Iterator[tuple[StereoCamera, Config]]:
 
 
 def _cameras(args: argparse.Namespace) -> int:
-    from daemon import cell
+    from daemon.cell import build as cell
 
     devices, notes = cell.device_rows()
     measured: dict[str, Any] | None = None
@@ -154,7 +154,7 @@ def _pair_lines(measured: dict[str, Any] | None) -> Iterator[str]:
 
 def measure(camera: StereoCamera, seconds: float, clock: Callable[[], float]) -> dict[str, Any]:
     """Grab for a while: how many pairs a second, how far apart and how old, and what each eye lost."""
-    from daemon import cell
+    from daemon.cell import build as cell
 
     camera.grab(clock(), GRAB_S)
     began_s = clock()
@@ -189,7 +189,7 @@ def _save(camera: StereoCamera, folder: Path, rig: Any) -> dict[str, Any]:
     """One pair into a folder: left.png, right.png, and snap.json with times, skew and the images' health."""
     import cv2
 
-    from daemon.vision.health import examine, findings_json, troubles
+    from daemon.vision.health.examine import examine, findings_json, troubles
 
     pair = camera.grab(time.monotonic(), GRAB_S)
     findings = examine((pair.left.pixels, pair.right.pixels), None, rig)
@@ -208,7 +208,7 @@ def _save(camera: StereoCamera, folder: Path, rig: Any) -> dict[str, Any]:
 
 
 def _stream(args: argparse.Namespace) -> int:
-    from daemon.cell import EXPECTED_ERRORS
+    from daemon.cell.build import EXPECTED_ERRORS
     from daemon.jobs.preview import Preview
 
     with _open(args) as (camera, config):
@@ -228,15 +228,15 @@ def _shooter(camera: StereoCamera, config: Config, plain: bool) -> Callable[[], 
     import cv2
     import numpy as np
 
-    from daemon.store.shelf import Shelf
+    from daemon.store.model_store import ModelStore
     from daemon.vision.draw import draw_scene
-    from daemon.vision.health import drift, examine, troubles
-    from daemon.vision.image import VisionError
+    from daemon.vision.health.examine import drift, examine, troubles
+    from daemon.vision.image.grey import VisionError
     from daemon.vision.look import look
 
     rig = None if plain else _rig(config)
-    shelf = Shelf(config.state)
-    model = shelf.load(shelf.current) if rig and shelf.current is not None else None
+    model_store = ModelStore(config.state)
+    model = model_store.load(model_store.current) if rig and model_store.current is not None else None
     before: list[tuple[Any, Any]] = []
 
     def shoot() -> Shot:
@@ -245,7 +245,7 @@ def _shooter(camera: StereoCamera, config: Config, plain: bool) -> Callable[[], 
         lines, scene = [], None
         if rig is not None:
             try:
-                scene = look(*images, rig, model, config.said.vision)
+                scene = look(*images, rig, model, config.values.vision)
                 lines = [f"{p.recognition.label} ({p.recognition.confidence:.2f})" for p in scene.parts]
             except VisionError as error:
                 lines = [str(error)]

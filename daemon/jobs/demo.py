@@ -63,7 +63,7 @@ def register(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run it; 0 only when every part was picked, 2 where the installation cannot be used."""
-    from daemon.cell import EXPECTED_ERRORS
+    from daemon.cell.build import EXPECTED_ERRORS
     from daemon.config import ConfigError
     from daemon.store.files import plain
 
@@ -126,23 +126,23 @@ def say(text: str) -> None:
 
 
 async def _demo(seed: int, time_scale: float, runs: Path) -> int:
-    from daemon import cell as cells
+    from daemon.arm.workcell import Workcell
     from daemon.calibration.file import load_calibration
+    from daemon.cell import build as cells
+    from daemon.cell.no_arm import CellError
     from daemon.config import load_config
-    from daemon.cycle import Cycle
-    from daemon.noarm import CellError
-    from daemon.pick.workcell import Workcell
-    from daemon.runlog import RunLog
+    from daemon.pick.cycle import Cycle
     from daemon.store.library import load_facets, load_parts
+    from daemon.store.model_store import ModelStore
+    from daemon.store.runlog import RunLog
     from daemon.store.runs import new_folder
-    from daemon.store.shelf import Shelf
-    from daemon.teach import School
+    from daemon.teaching.trainer import Trainer
 
     began = time.monotonic()
     own = places.HOUSE / "etc" / "facetd.yaml"
     config = load_config(own if own.exists() else places.config_file(), simulated=True)
-    simulated = replace(config.said.simulated, seed=seed, time_scale=time_scale)
-    config = replace(config, said=replace(config.said, simulated=simulated))
+    simulated = replace(config.values.simulated, seed=seed, time_scale=time_scale)
+    config = replace(config, values=replace(config.values, simulated=simulated))
     calibration = load_calibration(config.calibration)
     if calibration.tool_from_cyclopean is None:
         raise CellError(f"{config.calibration}: no hand_eye in it; `facetctl calibrate hand-eye` first")
@@ -159,12 +159,12 @@ async def _demo(seed: int, time_scale: float, runs: Path) -> int:
         log.record("run_start", seed=seed, **kept)
         rig = calibration.rig
         cell = Workcell(hardware.robot, hardware.eyes, teller, hardware.clock, rig, calibration.tool_from_cyclopean)
-        library = load_facets(config.file(config.said.files.facets))
-        parts = load_parts(config.file(config.said.files.parts))
-        school = School(Shelf(folder / "taught"), rig, library, parts, config.said.vision)
-        cycle = teller.cycle = Cycle(cell, _settings(config, calibration), school.in_use)
+        library = load_facets(config.file(config.values.files.facets))
+        parts = load_parts(config.file(config.values.files.parts))
+        trainer = Trainer(ModelStore(folder / "taught"), rig, library, parts, config.values.vision)
+        cycle = teller.cycle = Cycle(cell, _settings(config, calibration), trainer.in_use)
         try:
-            await _teach(cycle, school, in_cell, log)
+            await _teach(cycle, trainer, in_cell, log)
             await _clear(cycle, in_cell, teller)
         finally:
             await cycle.close()
@@ -179,34 +179,34 @@ async def _demo(seed: int, time_scale: float, runs: Path) -> int:
 def _settings(config: Any, calibration: Any) -> Any:
     from daemon.pick.settings import doubt_of
 
-    pick = config.said.pick
+    pick = config.values.pick
     return replace(pick, stops=replace(pick.stops, least_looks=3), doubt=doubt_of(calibration.quality))
 
 
-async def _teach(cycle: Any, school: Any, simulated: Any, log: Any) -> None:
+async def _teach(cycle: Any, trainer: Any, simulated: Any, log: Any) -> None:
     """Show the six views, store each, train, and take the model into use."""
     say("teaching")
     cycle.enable()
     await cycle.go("survey")
     for label, view, shown in VIEWS:
-        await _teach_view(cycle, school, simulated, (label, view, shown))
-    trained = school.train()
-    school.accept()
-    cycle.use(school.in_use)
-    kept = log.keep(school.shelf.path(trained.version))
-    log.record("model", action="accepted", version=trained.version, labels=list(school.model.labels), file=kept)
+        await _teach_view(cycle, trainer, simulated, (label, view, shown))
+    trained = trainer.train()
+    trainer.accept()
+    cycle.use(trainer.in_use)
+    kept = log.keep(trainer.model_store.path(trained.version))
+    log.record("model", action="accepted", version=trained.version, labels=list(trainer.model.labels), file=kept)
     right_ones = sum(verdict.right for verdict in trained.verdicts)
     say(f"trained on {len(trained.verdicts)} views in {trained.seconds:.1f} s, {right_ones} of them named right")
 
 
-async def _teach_view(cycle: Any, school: Any, simulated: Any, shown: tuple[str, int, tuple[str, ...]]) -> None:
+async def _teach_view(cycle: Any, trainer: Any, simulated: Any, shown: tuple[str, int, tuple[str, ...]]) -> None:
     """One view, looked at again until what was seen is what a person sees, as `teach` asks it of an operator.
 
     Raises CellError when it never is.
     """
-    from daemon.noarm import CellError
-    from daemon.teach import teaching_note
-    from daemon.vision.model import TeachError
+    from daemon.cell.no_arm import CellError
+    from daemon.teaching.trainer import teaching_note
+    from daemon.vision.model.model import TeachError
 
     label, view, facets = shown
     for _ in range(TEACHING_TRIES):
@@ -218,7 +218,7 @@ async def _teach_view(cycle: Any, school: Any, simulated: Any, shown: tuple[str,
             continue
         left, right = look.pictures.left.pixels, look.pictures.right.pixels
         try:
-            school.store(label, left, right, teaching_note("demo", "", look.table, look.scene))
+            trainer.store(label, left, right, teaching_note("demo", "", look.table, look.scene))
         except TeachError as error:
             say(f"  {label}, view {view + 1}: {error}; again")
             continue

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from daemon.store.model import ModelFile
-from daemon.vision.hypotheses import hypotheses
-from daemon.vision.model import Model
-from daemon.vision.relation import Solid
+from daemon.vision.geometry.polyhedron import Polyhedron
+from daemon.vision.model.model import Model
+from daemon.vision.recognition.hypotheses import hypotheses
 
 
 @dataclass(frozen=True)
@@ -101,12 +101,12 @@ def confusable(model: Model) -> list[dict[str, str]]:
     return list(unique.values())
 
 
-def _likeness(model: Model, seen: Solid, label: str, taught: Solid) -> str:
+def _likeness(model: Model, seen: Polyhedron, label: str, taught: Polyhedron) -> str:
     """How parts of this view look like another part: shared facet pairs, and by how much lengths and angles differ."""
     for count in (len(seen.facets), 2):
         for some in combinations(range(len(seen.facets)), count):
             part = _cut(seen, some)
-            if count > 1 and not part.seams():
+            if count > 1 and not part.seams:
                 continue
             fits = hypotheses(part, {label: model.metric[label]}, model.parameters.tolerance_mm)
             same = [h for h in fits if h.explained == count and _same_types(part, taught, h.facets)]
@@ -120,19 +120,19 @@ def _likeness(model: Model, seen: Solid, label: str, taught: Solid) -> str:
     return ""
 
 
-def _cut(solid: Solid, some: tuple[int, ...]) -> Solid:
+def _cut(solid: Polyhedron, some: tuple[int, ...]) -> Polyhedron:
     """Only these facets of a solid."""
     kept = sorted({k for f in some for k in solid.facets[f]})
     place = {k: n for n, k in enumerate(kept)}
-    return Solid(
+    return Polyhedron(
         solid.corners_mm[kept],
-        solid.covariance_mm2[kept],
         tuple(tuple(place[k] for k in solid.facets[f]) for f in some),
+        solid.covariance_mm2[kept],
         tuple(solid.types[f] for f in some),
     )
 
 
-def _same_types(seen: Solid, taught: Solid, facets: tuple[int, ...]) -> bool:
+def _same_types(seen: Polyhedron, taught: Polyhedron, facets: tuple[int, ...]) -> bool:
     return all(seen.types[f] == taught.types[g] for f, g in enumerate(facets))
 
 

@@ -9,13 +9,14 @@ from __future__ import annotations
 import asyncio
 from dataclasses import dataclass, replace
 
-from daemon import approach, guard
-from daemon.guard import Command, Standing
+from daemon.arm import guard, paths
+from daemon.arm.guard import ArmState, Command
+from daemon.arm.mover import Mover, MoveRefusedError, OutOfReachError
+from daemon.arm.workcell import Array, Workcell
+from daemon.pick import fusion, viewpoints
 from daemon.pick.following import Target, beside, eyes_of, far
-from daemon.pick.looking import Expect, Look, Sight, log_look, take_look
-from daemon.pick.motion import Mover, MoveRefusedError, OutOfReachError
+from daemon.pick.looking import Expect, Look, Recogniser, log_look, take_look
 from daemon.pick.plan import other_view, plan_part
-from daemon.pick.proving import Proved, proved
 from daemon.pick.seen import (
     NEIGHBOUR_MM,
     SAME_PLACE_MM,
@@ -28,8 +29,8 @@ from daemon.pick.seen import (
     unconfirmed,
 )
 from daemon.pick.settings import Settings
-from daemon.pick.workcell import Array, Workcell
 from daemon.vision.look import outlines
+from daemon.vision.registration.proving import Proved, proved
 
 MOST_STALE = 3
 """How often a table is looked at again because looks got old; after that the guard has its say."""
@@ -53,12 +54,12 @@ class Skipped:
 
 
 @dataclass(frozen=True, eq=False)
-class Bench:
+class PickContext:
     """What every pick works with."""
 
     cell: Workcell
     mover: Mover
-    sight: Sight
+    sight: Recogniser
     settings: Settings
 
 
@@ -66,7 +67,7 @@ class Finding:
     """A pick of the wanted label (None: any) as far as its approach. skipped goes on from pick to pick; stay: do not
     go home at the end."""
 
-    def __init__(self, bench: Bench, cycle: int, wanted: str | None, skipped: list[Skipped], stay: bool) -> None:
+    def __init__(self, bench: PickContext, cycle: int, wanted: str | None, skipped: list[Skipped], stay: bool) -> None:
         self.bench, self.cycle, self.wanted, self.skipped, self.stay = bench, cycle, wanted, skipped, stay
         self.cell, self.mover, self.sight, self.settings = bench.cell, bench.mover, bench.sight, bench.settings
         self.found: list[Seen] = []
@@ -107,7 +108,7 @@ class Finding:
             return None
         view: Array = part.look.reading.world_from_tool[:3, :3]
         distances = (*self.settings.stops.stand_offs_mm, self.settings.verify_mm)
-        poses = [approach.look_pose(view, part.centre, d, self.cell.tool_from_cyclopean) for d in distances]
+        poses = [viewpoints.look_pose(view, part.centre, d, self.cell.tool_from_cyclopean) for d in distances]
         return view if all(self.allowed(pose) for pose in poses) else None
 
     def is_skipped(self, centre: Array) -> bool:
@@ -118,7 +119,7 @@ class Finding:
         """Whether the arm can be there: reached in its present configuration, and no rule of place broken."""
         assert self.mover.at is not None
         command = Command(pose, straight=True, speed_pct=self.settings.near_pct, purpose="plan")
-        if guard.refuse(command, Standing(True, None, pose, 0.0), self.settings.limits) is not None:
+        if guard.refuse(command, ArmState(True, None, pose, 0.0), self.settings.limits) is not None:
             return False
         return self.cell.robot.reachable(pose, self.mover.at.joints_rad) is not None
 
@@ -128,7 +129,7 @@ class Finding:
 
         def speed(pose: Array) -> float:
             away = 1e9 if target_part is None else far(pose[:3, 3], target_part.centre)
-            return approach.speed_pct(away, settings.travel_pct, settings.near_pct)
+            return paths.speed_pct(away, settings.travel_pct, settings.near_pct)
 
         await self.mover.travel(target, purpose, speed, straight, None if look is None else look.taken_s)
 
@@ -176,7 +177,7 @@ class Finding:
         seen = seen_parts(look)
         if all(part.named for part in seen):
             return seen
-        shapes = [shape for label in self.sight.labels if (shape := self.sight.shape(label)) is not None]
+        shapes = {n: shape for n in self.sight.labels if (shape := self.sight.shape(n)) is not None}
 
         def prove() -> list[Proved | None]:
             eyes = eyes_of(look, self.cell)
@@ -279,7 +280,7 @@ class Finding:
         before, self.questioned = self.questioned, None
         if before is None:
             return
-        who = approach.suspect(self.moved(before, self.found), 0.0, self.settings.epipolar_limit_px)
+        who = fusion.suspect(self.moved(before, self.found), 0.0, self.settings.epipolar_limit_px)
         self.decide(f"suspect: {who}", "the whole table was looked at again, and held against the look before")
         if who == "unclear":
             raise SuspectError(

@@ -11,17 +11,19 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon import approach, frames
-from daemon.approach import Doubt, Estimate, Sighting
-from daemon.pick.edges import Eyes, fit_edges, open_eyes, shown
+from daemon import frames
+from daemon.arm.workcell import Array, Workcell
+from daemon.pick import fusion
+from daemon.pick.fusion import Doubt, Estimate, Sighting
 from daemon.pick.grasp import Gripper, closed_fingers
 from daemon.pick.looking import Expect, Look
 from daemon.pick.plan import Plan
 from daemon.pick.seen import SAME_PLACE_MM, Seen, seen_parts
-from daemon.pick.tracking import Fit, Shape, refit
-from daemon.pick.workcell import Array, Workcell
-from daemon.vision.data import Facet, FacetView, Part, Recognition, Scene
-from daemon.vision.rig import StereoRig
+from daemon.vision.geometry.polyhedron import Polyhedron
+from daemon.vision.geometry.rig import StereoRig
+from daemon.vision.registration.corner_pose import Fit, refit
+from daemon.vision.registration.edge_pose import Eyes, fit_edges, open_eyes, shown
+from daemon.vision.values import Facet, FacetView, Part, Recognition, Scene
 
 NEAR_MM = 60.0
 """Facets farther than this from where the part's middle should be are not its own."""
@@ -45,7 +47,7 @@ class Target:
     """
 
     label: str
-    shape: Shape
+    shape: Polyhedron
     world_from_part: Array
     plan: Plan
     look: Look
@@ -100,19 +102,19 @@ def expecting(target: Target, cell: Workcell) -> Expect:
 
     def expect(left: NDArray[np.uint8], right: NDArray[np.uint8], world_from_cyclopean: Array) -> Scene | None:
         fit = _in_its_place(target, world_from_cyclopean, open_eyes(left, right, cell.rig))
-        return None if fit is None else expected_scene(target.shape, target.confidence, fit, cell.rig)
+        return None if fit is None else expected_scene(target.label, target.shape, target.confidence, fit, cell.rig)
 
     return expect
 
 
-def expected_scene(shape: Shape, confidence: float, fit: Fit, rig: StereoRig) -> Scene:
+def expected_scene(label: str, shape: Polyhedron, confidence: float, fit: Fit, rig: StereoRig) -> Scene:
     """A scene with one part, named before and found again: the facets that face the cameras, as they must lie."""
     corners = frames.apply(fit.cyclopean_from_part, shape.corners_mm)
     arms = corners - fit.cyclopean_from_part[:3, 3]
     spread = np.array(
         [frames.lever_covariance(frames.rigid(np.eye(3), arm), fit.covariance, np.eye(4)) for arm in arms]
     )
-    normals = shape.normals() @ fit.cyclopean_from_part[:3, :3].T
+    normals = shape.normals @ fit.cyclopean_from_part[:3, :3].T
     facets = tuple(
         Facet(
             corners_mm=corners[ring],
@@ -123,10 +125,10 @@ def expected_scene(shape: Shape, confidence: float, fit: Fit, rig: StereoRig) ->
             planarity_mm=0.0,
             type=f"polygon{len(ring)}",
         )
-        for ring, normal in zip(shape.facets, normals, strict=True)
+        for ring, normal in zip(shape.rings, normals, strict=True)
         if float(normal @ corners[ring].mean(axis=0)) < 0.0
     )
-    known = Recognition(shape.label, confidence, np.nan, np.nan, None, False, "its edges lie where they should")
+    known = Recognition(label, confidence, np.nan, np.nan, None, False, "its edges lie where they should")
     part = Part(known, facets, fit.cyclopean_from_part, fit.covariance, fit.residual_mm)
     return Scene((part,), (), FacetView((), (), (), (), np.nan), ("only what was expected was looked for",))
 
@@ -156,7 +158,7 @@ def came_back_empty(eyes: Eyes, cell: Workcell, gripper: Gripper) -> bool:
 
 def sighted(look: Look, fit: Fit, cell: Workcell, doubt: Doubt) -> Sighting:
     """A fit in a look, brought to the world with its errors."""
-    return approach.sighting(
+    return fusion.sighting(
         look.reading.world_from_tool,
         cell.tool_from_cyclopean,
         fit.cyclopean_from_part,
@@ -173,7 +175,7 @@ def others(target: Target, look: Look) -> list[Seen]:
 
 
 def beside(
-    before: list[Seen], now: list[Seen], shape_of: Callable[[str], Shape | None], cell: Workcell, doubt: Doubt
+    before: list[Seen], now: list[Seen], shape_of: Callable[[str], Polyhedron | None], cell: Workcell, doubt: Doubt
 ) -> list[float]:
     """Chi-squares of the parts that two looks both show: did they move as well?"""
     found = []
@@ -187,5 +189,5 @@ def beside(
         second = refit(shape, near[0].facets, here, gate_mm=20.0)
         if first is not None and second is not None:
             pair = sighted(old.look, first, cell, doubt), sighted(near[0].look, second, cell, doubt)
-            found.append(approach.disagreement(*pair, doubt))
+            found.append(fusion.disagreement(*pair, doubt))
     return found

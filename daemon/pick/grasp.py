@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon import frames
-from daemon.pick.tracking import Shape
+from daemon.vision.geometry.polyhedron import Polyhedron, exact
 
 Array = NDArray[np.float64]
 UP = np.array([0.0, 0.0, 1.0])
@@ -61,12 +61,12 @@ class Grasp:
     blocked: bool = False
 
 
-def closed_fingers(gripper: Gripper) -> Shape:
+def closed_fingers(gripper: Gripper) -> Polyhedron:
     """Both fingers met, nothing between them, as one box in the tool frame."""
     x, y = gripper.finger_width_mm / 2, gripper.finger_thick_mm
     corners = np.array(list(product((-x, x), (-y, y), (-gripper.pad_back_mm, gripper.tip_mm))))
     rings = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-    return Shape("closed fingers", corners, tuple(np.array(ring) for ring in rings))
+    return exact(corners, rings)
 
 
 def tool_rotation(heading: Array, tilt_rad: float) -> Array:

@@ -14,14 +14,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.pick.tracking import Shape
-from daemon.pick.workcell import Array, Pictures, Reading, Workcell
-from daemon.upkeep.clues import clue_of
-from daemon.upkeep.driftwatch import health_fields
-from daemon.vision.data import Scene
-from daemon.vision.health import Finding, drift, examine, misleading, sharpness
-from daemon.vision.image import VisionError
-from daemon.vision.table import Table
+from daemon.arm.workcell import Array, Pictures, Reading, Workcell
+from daemon.calibration.clues import clue_of
+from daemon.calibration.drift_watch import health_fields
+from daemon.vision.facets.table import Table
+from daemon.vision.geometry.polyhedron import Polyhedron
+from daemon.vision.health.examine import Finding, drift, examine, misleading, sharpness
+from daemon.vision.image.grey import VisionError
+from daemon.vision.values import Scene
 
 BLOCK_PX = 8
 """Side of the blocks whose means are compared: noise averages out in one, an edge still shows."""
@@ -31,13 +31,13 @@ class NotSettledError(Exception):
     """The images still differ when the time is up: the arm shakes, a part moves, or the light flickers."""
 
 
-class Sight(Protocol):
-    """What turns images into parts: the recogniser with its model (daemon/teach.py builds it), or a test's own."""
+class Recogniser(Protocol):
+    """What turns images into parts: the recogniser with its model (daemon/teaching/trainer.py), or a test's own."""
 
     def see(self, left: NDArray[np.uint8], right: NDArray[np.uint8], table: Table | None) -> Scene:
         """Parts in a stereo pair, in the cyclopean frame; table: where it is. May take a while; called in a thread."""
 
-    def shape(self, label: str) -> Shape | None:
+    def shape(self, label: str) -> Polyhedron | None:
         """The taught part's corners and facets, or None where there is no such part."""
 
     def report(self, scene: Scene) -> dict[str, object]:
@@ -138,7 +138,7 @@ async def _agreeing_pairs(cell: Workcell, rest_s: float, settling: Settling) -> 
 
 async def take_look(
     cell: Workcell,
-    sight: Sight,
+    sight: Recogniser,
     reading: Reading,
     rest_s: float,
     settling: Settling,
@@ -182,7 +182,7 @@ async def take_look(
     )
 
 
-async def whole_look(sight: Sight, look: Look) -> Look:
+async def whole_look(sight: Recogniser, look: Look) -> Look:
     """The same look with everything in view looked for."""
     if look.whole:
         return look
@@ -203,7 +203,7 @@ def _health(cell: Workcell, before: Pictures, now: Pictures) -> tuple[Finding, .
     return health
 
 
-def log_look(cell: Workcell, sight: Sight, look: Look, *, cycle: int, stop: int, purpose: str) -> None:
+def log_look(cell: Workcell, sight: Recogniser, look: Look, *, cycle: int, stop: int, purpose: str) -> None:
     """Write a look to the run log, with both images and what it hints at of the calibration."""
 
     def taught(label: str) -> Array | None:

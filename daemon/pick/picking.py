@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import asyncio
 
-from daemon import approach
-from daemon.approach import CHI_SQUARE_6
-from daemon.pick.finding import Bench, Finding, Skipped, SuspectError
+from daemon.arm import paths
+from daemon.arm.mover import MoveRefusedError, OutOfReachError
+from daemon.pick import fusion, viewpoints
+from daemon.pick.finding import Finding, PickContext, Skipped, SuspectError
 from daemon.pick.following import (
     NEAR_MM,
     Target,
@@ -22,12 +23,12 @@ from daemon.pick.following import (
     others,
     still_there,
 )
+from daemon.pick.fusion import CHI_SQUARE_6
 from daemon.pick.looking import whole_look
-from daemon.pick.motion import MoveRefusedError, OutOfReachError
 from daemon.pick.plan import regrasp
 from daemon.pick.seen import SAME_PLACE_MM, Seen, seen_parts
 
-__all__ = ["Bench", "Pick", "Skipped", "SuspectError"]
+__all__ = ["Pick", "PickContext", "Skipped", "SuspectError"]
 
 
 class Pick(Finding):
@@ -37,8 +38,8 @@ class Pick(Finding):
         """Go to the next stand-off."""
         target = self.target
         assert target is not None
-        distance = approach.next_stand_off(target.sightings, self.settings.doubt, self.settings.stops)
-        pose = approach.look_pose(target.looking, target.centre, distance, self.cell.tool_from_cyclopean)
+        distance = fusion.next_stand_off(target.sightings, self.settings.doubt, self.settings.stops)
+        pose = viewpoints.look_pose(target.looking, target.centre, distance, self.cell.tool_from_cyclopean)
         try:
             if self.mover.closed is not False:
                 await self.mover.hand(closed=False)
@@ -83,11 +84,11 @@ class Pick(Finding):
         assert target is not None
         chi = 0.0
         if len(target.sightings) > 1:
-            chi = approach.disagreement(target.sightings[-2], target.sightings[-1], settings.doubt)
+            chi = fusion.disagreement(target.sightings[-2], target.sightings[-1], settings.doubt)
         event = await self.disagreed(target, chi) if chi > CHI_SQUARE_6 else None
         if event is not None:
             return event
-        estimate = approach.fuse(target.sightings, settings.doubt)
+        estimate = fusion.fuse(target.sightings, settings.doubt)
         target.estimate, target.world_from_part = estimate, estimate.world_from_part
         plan = regrasp(target.shape, target.world_from_part, target.plan, settings)
         if plan is None:
@@ -104,7 +105,7 @@ class Pick(Finding):
             predicted_deg=estimate.predicted_deg,
             chi2=chi,
         )
-        if self.mover.dry or approach.enough(estimate, len(target.sightings), settings.stops):
+        if self.mover.dry or fusion.enough(estimate, len(target.sightings), settings.stops):
             return "sure"
         if target.looks < settings.stops.most_looks:
             return "unsure"
@@ -120,7 +121,7 @@ class Pick(Finding):
         assert target.looked_before is not None
         before, now = [await whole_look(self.sight, look) for look in (target.looked_before, target.look)]
         moved = self.moved(others(target, before), others(target, now))
-        who = approach.suspect(moved, now.epipolar_px, self.settings.epipolar_limit_px)
+        who = fusion.suspect(moved, now.epipolar_px, self.settings.epipolar_limit_px)
         text = (
             f"looks {target.looks - 1} and {target.looks} disagree (chi-square {chi:.0f}, {CHI_SQUARE_6:g} is the most)"
         )
@@ -142,9 +143,9 @@ class Pick(Finding):
         try:
             if target.view is not None:
                 round_mm = self.settings.stops.stand_offs_mm[0]
-                away = approach.look_pose(grasp[:3, :3], target.centre, round_mm, self.cell.tool_from_cyclopean)
+                away = viewpoints.look_pose(grasp[:3, :3], target.centre, round_mm, self.cell.tool_from_cyclopean)
                 await self.travel(away, "round to the approach", target.look)
-            before = approach.backed_off(grasp, self.settings.pregrasp_mm)
+            before = paths.backed_off(grasp, self.settings.pregrasp_mm)
             await self.travel(before, "before the grasp", target.look, straight=True)
             await self.travel(grasp, "grasp", target.look, straight=True)
         except (MoveRefusedError, OutOfReachError) as error:
@@ -166,11 +167,11 @@ class Pick(Finding):
         target = self.target
         assert target is not None
         grasp, verify_mm = target.plan.grasp.world_from_tool, self.settings.verify_mm
-        await self.travel(approach.lifted(grasp, self.settings.lift_mm), "lift", straight=True)
-        back = approach.look_pose(grasp[:3, :3], target.centre, verify_mm, self.cell.tool_from_cyclopean)
+        await self.travel(paths.lifted(grasp, self.settings.lift_mm), "lift", straight=True)
+        back = viewpoints.look_pose(grasp[:3, :3], target.centre, verify_mm, self.cell.tool_from_cyclopean)
         await self.travel(back, "back off", straight=True)
         if target.view is not None:
-            seen = approach.look_pose(target.view, target.centre, verify_mm, self.cell.tool_from_cyclopean)
+            seen = viewpoints.look_pose(target.view, target.centre, verify_mm, self.cell.tool_from_cyclopean)
             await self.travel(seen, "where it was seen from")
         return "there"
 

@@ -12,13 +12,16 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon import approach, frames
-from daemon.approach import Reachable
+from daemon import frames
+from daemon.arm import paths
+from daemon.arm.mover import PATH_MM
+from daemon.pick import viewpoints
 from daemon.pick.grasp import Grasp, grasps
-from daemon.pick.motion import PATH_MM
 from daemon.pick.seen import Facing, Seen, seen_again
 from daemon.pick.settings import Settings, View
-from daemon.pick.tracking import Shape, poses_that_fit
+from daemon.pick.viewpoints import Reachable
+from daemon.vision.geometry.polyhedron import Polyhedron
+from daemon.vision.registration.corner_pose import poses_that_fit
 
 Array = NDArray[np.float64]
 
@@ -42,20 +45,20 @@ def approach_poses(grasp: Grasp, centre: Array, settings: Settings, tool_from_cy
     """Every pose of the approach and the retreat, in order; world_from_tool."""
     at = grasp.world_from_tool
     looks = [
-        approach.look_pose(at[:3, :3], centre, d, tool_from_cyclopean)
+        viewpoints.look_pose(at[:3, :3], centre, d, tool_from_cyclopean)
         for d in (*settings.stops.stand_offs_mm, settings.verify_mm)
     ]
     return [
         *looks[:-1],
-        approach.backed_off(at, settings.pregrasp_mm),
+        paths.backed_off(at, settings.pregrasp_mm),
         at,
-        approach.lifted(at, settings.lift_mm),
+        paths.lifted(at, settings.lift_mm),
         looks[-1],
     ]
 
 
 def plan_part(
-    shape: Shape,
+    shape: Polyhedron,
     world_from_part: Array,
     neighbours: Sequence[Array],
     settings: Settings,
@@ -80,11 +83,11 @@ def plan_part(
     middle = settings.stops.stand_offs_mm[len(settings.stops.stand_offs_mm) // 2]
     plans = []
     for grasp in found:
-        pose = approach.look_pose(grasp.world_from_tool[:3, :3], centre, middle, tool_from_cyclopean)
+        pose = viewpoints.look_pose(grasp.world_from_tool[:3, :3], centre, middle, tool_from_cyclopean)
         eye = (pose @ tool_from_cyclopean)[:3, 3]
-        if any(approach.angle_at(centre, eye, centre + away) < BLIND_RAD for away in blind):
+        if any(viewpoints.angle_at(centre, eye, centre + away) < BLIND_RAD for away in blind):
             continue
-        worth = approach.view_worth(shape, world_from_part, eye) + seen_again(seen, eye)
+        worth = viewpoints.view_worth(shape, world_from_part, eye) + seen_again(seen, eye)
         plans.append(Plan(grasp, worth))
     if not plans:
         return "it was looked for from every side that a grasp leaves"
@@ -93,7 +96,7 @@ def plan_part(
         if not plan.grasp.blocked:
             poses = approach_poses(plan.grasp, centre, settings, tool_from_cyclopean)
             if all(allowed(pose) for pose in poses) and all(
-                allowed(pose) for a, b in pairwise(poses) for pose in approach.steps(a, b, PATH_MM, 90.0)[:-1]
+                allowed(pose) for a, b in pairwise(poses) for pose in paths.steps(a, b, PATH_MM, 90.0)[:-1]
             ):
                 return plan
     blocked = sum(p.grasp.blocked for p in plans)
@@ -102,7 +105,7 @@ def plan_part(
 
 def other_view(
     part: Seen,
-    shape_of: Callable[[str], Shape | None],
+    shape_of: Callable[[str], Polyhedron | None],
     eyes_before: Sequence[Array],
     tool_from_cyclopean: Array,
     allowed: Reachable,
@@ -122,16 +125,16 @@ def other_view(
         if shape is not None and fits:
             candidates.append((shape, part.look.world_from_cyclopean @ fits[0].cyclopean_from_part))
     before = [*eyes_before, part.look.world_from_cyclopean[:3, 3]]
-    fresh = [min(approach.angle_at(part.centre, eye, old) for old in before) for eye in eyes]
+    fresh = [min(viewpoints.angle_at(part.centre, eye, old) for old in before) for eye in eyes]
     if not candidates:
         return poses[int(np.argmax(fresh))], f"from another side: {part.reason}"
-    unlike = [approach.unlikeness(candidates, eye) for eye in eyes]
-    worth = [min(approach.view_worth(shape, pose, eye) for shape, pose in candidates) for eye in eyes]
+    unlike = [viewpoints.unlikeness(candidates, eye) for eye in eyes]
+    worth = [min(viewpoints.view_worth(shape, pose, eye) for shape, pose in candidates) for eye in eyes]
     scores = [w + u / 2 + min(f, 0.6) for w, u, f in zip(worth, unlike, fresh, strict=True)]
     return poses[int(np.argmax(scores))], f"to tell whether it is {' or '.join(part.candidates)}: {part.reason}"
 
 
-def regrasp(shape: Shape, world_from_part: Array, before: Plan, settings: Settings) -> Plan | None:
+def regrasp(shape: Polyhedron, world_from_part: Array, before: Plan, settings: Settings) -> Plan | None:
     """The same grasp on the part where it is now known to be: the nearest of today's grasps by turn and place. None
     where none is near (the part lies otherwise than was thought: plan again)."""
     old = before.grasp.world_from_tool

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from daemon import frames
 from daemon.pick.looking import Look
-from daemon.vision.data import Facet
-from daemon.vision.measure import newell_normal
-from daemon.vision.recognise import UNKNOWN
-from daemon.vision.rig import StereoRig
+from daemon.vision.geometry.facet_measures import newell_normal
+from daemon.vision.geometry.rig import StereoRig
+from daemon.vision.recognition.recognise import UNKNOWN
+from daemon.vision.values import Facet
 
 Array = NDArray[np.float64]
 

@@ -8,12 +8,13 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon import approach, frames
-from daemon.approach import Doubt, Stops
-from daemon.guard import Limits, Point
+from daemon import frames
+from daemon.arm.guard import Limits, Point
+from daemon.arm.mover import Arrival
+from daemon.pick import viewpoints
+from daemon.pick.fusion import Doubt, Stops
 from daemon.pick.grasp import Gripper, tool_rotation
 from daemon.pick.looking import Settling
-from daemon.pick.motion import Arrival
 
 Array = NDArray[np.float64]
 
@@ -31,7 +32,7 @@ class View:
     def pose(self, tool_from_cyclopean: Array) -> Array:
         """world_from_tool (4, 4)."""
         rotation = tool_rotation(heading(self.heading_deg), float(np.radians(self.tilt_deg)))
-        return approach.look_pose(rotation, np.array(self.centre_mm), self.distance_mm, tool_from_cyclopean)
+        return viewpoints.look_pose(rotation, np.array(self.centre_mm), self.distance_mm, tool_from_cyclopean)
 
 
 @dataclass(frozen=True)

@@ -22,12 +22,12 @@ from daemon.review.digest import Digest
 from daemon.store.model import load
 from daemon.store.pictures import read_as_stored
 from daemon.store.runs import Record, RunError
-from daemon.vision.facet_types import FacetLibrary
+from daemon.vision.facets.table import Table
 from daemon.vision.look import look
-from daemon.vision.model import Model, empty_model
+from daemon.vision.model.facet_types import FacetLibrary
+from daemon.vision.model.model import Model, empty_model
 from daemon.vision.report import scene_json
 from daemon.vision.settings import VisionSettings
-from daemon.vision.table import Table
 
 Array = NDArray[np.float64]
 Json = dict[str, Any]

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from daemon.approach import CHI_SQUARE_6
+from daemon.pick.fusion import CHI_SQUARE_6
 from daemon.review.digest import Cycle
 
 NOTHING_WRONG = frozenset({"picked", "placed", "empty", "dry"})

@@ -1,7 +1,7 @@
 """etc/facets.yaml and etc/parts.yaml -> the facet library and the parts' names.
 
 In: paths. Out: values that vision takes, or a ConfigError that names file, line and key. What a type means is said in
-daemon/vision/facet_types.py.
+daemon/vision/model/facet_types.py.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import msgspec
 import numpy as np
 
 from daemon.store.yamlfile import Document, read
-from daemon.vision.facet_types import LARGEST_NUMBER, FacetLibrary, FacetType, Value
+from daemon.vision.model.facet_types import LARGEST_NUMBER, FacetLibrary, FacetType, Value
 
 HOME = Path(__file__).resolve().parents[2] / "etc"
 FACETS = HOME / "facets.yaml"

@@ -1,7 +1,7 @@
 """The trained model on disk: one .npz of plain arrays with a JSON header. Never pickled.
 
 In: a path and a Model. Out: the same Model, or a ModelError that says what is wrong and where. What a model means is
-said in daemon/vision/model.py.
+said in daemon/vision/model/model.py.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from daemon.art import ArtError, FuzzyARTMAP
 from daemon.store.files import write_atomically
 from daemon.store.library import library_digest, library_plain
 from daemon.store.npz import ArchiveError, Arrays, one_line, pack, unpack
-from daemon.vision.facet_types import FacetLibrary, FacetType
-from daemon.vision.merge import MetricModel
-from daemon.vision.model import Model, Parameters, TaughtView
-from daemon.vision.relation import Solid
+from daemon.vision.geometry.polyhedron import Polyhedron
+from daemon.vision.model.facet_types import FacetLibrary, FacetType
+from daemon.vision.model.merge import MetricModel
+from daemon.vision.model.model import Model, Parameters, TaughtView
 
 FORMAT = "facetd-model"
 VERSION = 1
@@ -178,11 +178,11 @@ def _arrays(model: Model) -> Arrays:
     return found
 
 
-def _solid_arrays(name: str, solid: Solid) -> Arrays:
+def _solid_arrays(name: str, solid: Polyhedron) -> Arrays:
     return {f"{name}_corners_mm": solid.corners_mm, f"{name}_covariance_mm2": solid.covariance_mm2}
 
 
-def _solid_header(solid: Solid) -> dict[str, Any]:
+def _solid_header(solid: Polyhedron) -> dict[str, Any]:
     return {"facets": [list(f) for f in solid.facets], "types": list(solid.types)}
 
 
@@ -226,7 +226,7 @@ def _model(header: _Header, arrays: Arrays) -> Model:
     return Model(library, parameters, views, artmap, header.matrix_size, metric)
 
 
-def _solid(name: str, header: _SolidHeader, arrays: Arrays) -> Solid:
+def _solid(name: str, header: _SolidHeader, arrays: Arrays) -> Polyhedron:
     corners = np.asarray(arrays[f"{name}_corners_mm"], float)
     covariance = np.asarray(arrays[f"{name}_covariance_mm2"], float)
     if corners.shape != (len(corners), 3) or covariance.shape != (len(corners), 3, 3):
@@ -234,7 +234,7 @@ def _solid(name: str, header: _SolidHeader, arrays: Arrays) -> Solid:
     facets = tuple(tuple(f) for f in header.facets)
     if any(not 0 <= k < len(corners) for f in facets for k in f):
         raise ValueError(f"{name}: a facet names a corner that is not there")
-    return Solid(corners, covariance, facets, tuple(header.types))
+    return Polyhedron(corners, facets, covariance, tuple(header.types))
 
 
 def _counted_codes(labels: tuple[str, ...]) -> dict[str, str]:

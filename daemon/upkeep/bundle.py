@@ -76,7 +76,7 @@ def _said(command: list[str]) -> bytes:
 def _files(config: Config) -> Iterator[tuple[str, Path]]:
     yield "facetd.yaml", config.path
     for name in ("calibration", "facets", "parts"):
-        source = config.file(getattr(config.said.files, name))
+        source = config.file(getattr(config.values.files, name))
         if source.is_file():
             yield f"{name}.yaml", source
     state = config.state / "models" / "state.json"

@@ -16,14 +16,14 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Literal
 
-from daemon import cell
 from daemon.calibration.file import Calibration, load_calibration
-from daemon.cell import Hardware
+from daemon.cell import build as cell
+from daemon.cell.build import Hardware
 from daemon.config import Config
 from daemon.store.library import load_facets, load_parts
 from daemon.store.model import ModelError
+from daemon.store.model_store import ModelStore, ModelStoreError
 from daemon.store.runs import list_runs
-from daemon.store.shelf import Shelf, ShelfError
 from daemon.store.yamlfile import ConfigError
 
 Level = Literal["good", "note", "bad"]
@@ -53,7 +53,7 @@ def examine(config: Config, running: bool) -> list[Finding]:
     for check in CHECKS:
         try:
             findings += check(config, running)
-        except (ConfigError, ModelError, ShelfError, OSError) as error:
+        except (ConfigError, ModelError, ModelStoreError, OSError) as error:
             findings.append(Finding("bad", check.__name__.removeprefix("_").replace("_", " "), str(error)))
     return findings
 
@@ -71,8 +71,8 @@ def from_service(hardware: Hardware, troubles: Mapping[str, str]) -> list[Findin
 
 def _configuration(config: Config, _: bool) -> Iterator[Finding]:
     cell.check(config)
-    load_facets(config.file(config.said.files.facets))
-    load_parts(config.file(config.said.files.parts))
+    load_facets(config.file(config.values.files.facets))
+    load_parts(config.file(config.values.files.parts))
     yield Finding("good", "configuration", f"{config.path} ({config.kind} cell)")
 
 
@@ -97,18 +97,18 @@ def _calibration_age(config: Config, calibration: Calibration) -> Finding:
         return Finding("note", "calibration", f"{config.calibration} does not say when it was made")
     made = made if made.tzinfo else made.replace(tzinfo=UTC)
     days = (datetime.now(UTC) - made).total_seconds() / 86400
-    if days > config.said.health.calibration_days:
+    if days > config.values.health.calibration_days:
         return Finding("note", "calibration", f"{days:.0f} days old", "Verify it: `facetctl calibrate verify`")
     return Finding("good", "calibration", f"{config.calibration}, {max(days, 0):.0f} days old")
 
 
 def _model(config: Config, _: bool) -> Iterator[Finding]:
-    shelf = Shelf(config.state)
-    if shelf.current is None:
+    model_store = ModelStore(config.state)
+    if model_store.current is None:
         yield Finding("note", "model", "nothing was taught and accepted yet", "`teach LABEL`, `train`, `accept`")
     else:
-        labels = ", ".join(shelf.load(shelf.current).labels)
-        yield Finding("good", "model", f"version {shelf.current} knows {labels}")
+        labels = ", ".join(model_store.load(model_store.current).labels)
+        yield Finding("good", "model", f"version {model_store.current} knows {labels}")
 
 
 def _cameras(config: Config, running: bool) -> Iterator[Finding]:
@@ -121,11 +121,11 @@ def _cameras(config: Config, running: bool) -> Iterator[Finding]:
 
 def _controller_port(config: Config, running: bool) -> Iterator[Finding]:
     if config.kind == "real":
-        yield from _device("controller port", config.said.arm.port, "dialout", running)
+        yield from _device("controller port", config.values.arm.port, "dialout", running)
 
 
 def _console_port(config: Config, running: bool) -> Iterator[Finding]:
-    tty = config.said.console.tty
+    tty = config.values.console.tty
     if tty is not None:
         yield from _device("console port", tty.device, "dialout", running)
 
@@ -166,7 +166,7 @@ def _disk(config: Config, _: bool) -> Iterator[Finding]:
     runs = list_runs(config.runs)
     if not os.access(folder, os.W_OK):
         yield Finding("bad", "disk", f"{folder} cannot be written", "The daemon's user must own it")
-    elif free_mb < config.said.log.keep_free_mb:
+    elif free_mb < config.values.log.keep_free_mb:
         mend = "Free some space; old runs go by themselves (log.quota_mb)"
         yield Finding("bad", "disk", f"{free_mb:.0f} MB free in {folder}", mend)
     else:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from daemon.config import ConfigError
-from daemon.desk import Desk
+from daemon.console.context import CommandContext
 
 LOOPBACK = "127.0.0.1"
 
@@ -15,8 +15,8 @@ LOOPBACK = "127.0.0.1"
 class MetricsServer:
     """Answers scrapes on one port, in a thread of its own; reads values only."""
 
-    def __init__(self, desk: Desk, port: int) -> None:
-        self._desk, self._port = desk, port
+    def __init__(self, context: CommandContext, port: int) -> None:
+        self._desk, self._port = context, port
         self._server: Any = None
 
     def open(self) -> None:
@@ -42,27 +42,27 @@ class MetricsServer:
 
 
 class _Collector:
-    def __init__(self, desk: Desk) -> None:
-        self._desk = desk
+    def __init__(self, context: CommandContext) -> None:
+        self._desk = context
 
     def collect(self) -> Iterator[Any]:
         """Every metric as it is now."""
         from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
 
-        desk = self._desk
-        state = desk.cycle.status()
-        now = desk.hardware.clock()
+        context = self._desk
+        state = context.cycle.status()
+        now = context.hardware.clock()
         for name, key, text in (("picked", "picked", "parts picked"), ("failed", "failed", "picks that failed")):
             yield CounterMetricFamily(f"facetd_{name}", text, value=float(state[key]))  # type: ignore[arg-type]
         gauges = {
             "facetd_fault": ("1 while a fault stands", state["fault"] is not None),
             "facetd_enabled": ("1 while the arm may move", state["enabled"]),
             "facetd_busy": ("1 while something is being done", state["doing"] is not None),
-            "facetd_troubles": ("troubles that stand", len(desk.troubles.standing)),
-            "facetd_up_seconds": ("seconds since start", time.monotonic() - desk.started_s),
-            "facetd_camera_silence_seconds": ("since the last pair", _since(now, desk.hardware.eyes.heard_s)),
-            "facetd_controller_silence_seconds": ("since its last answer", _since(now, desk.hardware.robot.heard_s)),
-            "facetd_parts_taught": ("labels the model in use knows", len(desk.school.model.labels)),
+            "facetd_troubles": ("troubles that stand", len(context.troubles.standing)),
+            "facetd_up_seconds": ("seconds since start", time.monotonic() - context.started_s),
+            "facetd_camera_silence_seconds": ("since the last pair", _since(now, context.hardware.eyes.heard_s)),
+            "facetd_controller_silence_seconds": ("since its last answer", _since(now, context.hardware.robot.heard_s)),
+            "facetd_parts_taught": ("labels the model in use knows", len(context.trainer.model.labels)),
         }
         for name, (text, value) in gauges.items():
             yield GaugeMetricFamily(name, text, value=float(value))  # type: ignore[arg-type]

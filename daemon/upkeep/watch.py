@@ -10,8 +10,8 @@ import asyncio
 import shutil
 import time
 
-from daemon.cell import EXPECTED_ERRORS
-from daemon.desk import Desk
+from daemon.cell.build import EXPECTED_ERRORS
+from daemon.console.context import CommandContext
 from daemon.store.runs import enforce_quota, folder_bytes
 from daemon.upkeep import journal
 
@@ -25,8 +25,8 @@ CHECK_LIMIT_S = 20.0
 class Watch:
     """Runs beside everything else. Never moves the arm, except to stop it."""
 
-    def __init__(self, desk: Desk) -> None:
-        self._desk = desk
+    def __init__(self, context: CommandContext) -> None:
+        self._desk = context
         self._offset_s = time.time() - time.monotonic()
         self._fed_s = 0.0
         self._quota_s = time.monotonic() + 5.0
@@ -53,7 +53,7 @@ class Watch:
 
     def _tick(self) -> None:
         now = time.monotonic()
-        health = self._desk.config.said.health
+        health = self._desk.config.values.health
         busy = self._desk.cycle.status()["doing"] is not None
         if self._may_ask("cameras", busy, health.camera_silence_s):
             self._start("cameras", self._check_cameras, now, health.camera_silence_s / 2)
@@ -83,46 +83,46 @@ class Watch:
         self._checks[name] = asyncio.create_task(check(), name=f"check {name}")  # type: ignore[operator]
 
     async def _check_cameras(self) -> None:
-        desk = self._desk
-        eyes, limit_s = desk.hardware.eyes, desk.config.said.health.camera_silence_s
+        context = self._desk
+        eyes, limit_s = context.hardware.eyes, context.config.values.health.camera_silence_s
         try:
-            await eyes.grab(desk.hardware.clock() - limit_s, limit_s / 2)
-            desk.troubles.tell("cameras", None)
+            await eyes.grab(context.hardware.clock() - limit_s, limit_s / 2)
+            context.troubles.tell("cameras", None)
         except EXPECTED_ERRORS as error:
             await self._lost("cameras", str(error))
         self._ended_s["cameras"] = time.monotonic()
 
     async def _check_controller(self) -> None:
-        desk, robot = self._desk, self._desk.hardware.robot
+        context, robot = self._desk, self._desk.hardware.robot
         try:
             if robot.aside:
                 self._ended_s["controller"] = time.monotonic()
                 return
-            if "controller" in desk.troubles.standing:
+            if "controller" in context.troubles.standing:
                 await robot.close()
                 await robot.open()
             if robot.question is not None:
-                desk.troubles.tell("controller", f"the controller asks `{robot.question}`: say `robot power-up`")
+                context.troubles.tell("controller", f"the controller asks `{robot.question}`: say `robot power-up`")
             else:
                 await robot.check()
-                desk.troubles.tell("controller", None)
+                context.troubles.tell("controller", None)
         except EXPECTED_ERRORS as error:
-            self._begun_s["controller"] = time.monotonic() + REOPEN_S - desk.config.said.health.arm_check_s
+            self._begun_s["controller"] = time.monotonic() + REOPEN_S - context.config.values.health.arm_check_s
             await self._lost("controller", str(error))
         self._ended_s["controller"] = time.monotonic()
 
     async def _lost(self, what: str, text: str) -> None:
         """Tell of a lost device once; an arm that may move is stopped and stays so until somebody says resume."""
-        desk = self._desk
-        new = what not in desk.troubles.standing
-        desk.troubles.tell(what, f"{what}: {text}")
-        state = desk.cycle.status()
+        context = self._desk
+        new = what not in context.troubles.standing
+        context.troubles.tell(what, f"{what}: {text}")
+        state = context.cycle.status()
         if new and state["enabled"] and state["fault"] is None:
-            await desk.cycle.fail(what, text)
+            await context.cycle.fail(what, text)
 
     async def _keep_quota(self) -> None:
-        desk, said = self._desk, self._desk.config.said.log
-        runs, current = desk.config.runs, desk.run_log.folder
+        context, said = self._desk, self._desk.config.values.log
+        runs, current = context.config.runs, context.run_log.folder
         removed = await asyncio.to_thread(
             enforce_quota, runs, said.quota_mb * 1_000_000, current, said.keep_free_mb * 1_000_000
         )
@@ -134,12 +134,12 @@ class Watch:
             if free < said.keep_free_mb * 1e6
             else None
         )
-        desk.troubles.tell("disk", low)
+        context.troubles.tell("disk", low)
         size = await asyncio.to_thread(folder_bytes, current)
         if size > said.roll_mb * 1_000_000:
-            desk.roll_due = True
-            if desk.cycle.status()["doing"] is None:
-                desk.roll_if_due()
+            context.roll_due = True
+            if context.cycle.status()["doing"] is None:
+                context.roll_if_due()
 
     def _check_clock(self) -> None:
         offset_s = time.time() - time.monotonic()
@@ -164,7 +164,7 @@ class Watch:
             return
         self._fed_s = now
         limit_s = CHECK_LIMIT_S + max(
-            self._desk.config.said.health.arm_check_s, self._desk.config.said.health.camera_silence_s
+            self._desk.config.values.health.arm_check_s, self._desk.config.values.health.camera_silence_s
         )
         silent = [name for name, ended_s in self._ended_s.items() if now - ended_s > limit_s]
         if silent:

@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.vision.data import Facet, Part, Scene
-from daemon.vision.image import as_grey
+from daemon.vision.image.grey import as_grey
+from daemon.vision.values import Facet, Part, Scene
 
 Picture = NDArray[np.uint8]
 Array = NDArray[np.float64]

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.vision.data import FacetView, Polygon
+from daemon.vision.values import FacetView, Polygon
 
 Array = NDArray[np.float64]
 

@@ -11,15 +11,15 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from daemon.vision.data import FacetView, Part, Scene
-from daemon.vision.expect import look_closer, open_eyes
-from daemon.vision.facet_types import FacetLibrary
-from daemon.vision.facets import find_facets
-from daemon.vision.model import Model, empty_model
-from daemon.vision.recognise import UNKNOWN, recognise
-from daemon.vision.rig import StereoRig
+from daemon.vision.facets.reconstruct import find_facets
+from daemon.vision.facets.table import Table, without_table
+from daemon.vision.geometry.rig import StereoRig
+from daemon.vision.model.facet_types import FacetLibrary
+from daemon.vision.model.model import Model, empty_model
+from daemon.vision.recognition.recognise import UNKNOWN, recognise
+from daemon.vision.registration.verify import look_closer, open_eyes
 from daemon.vision.settings import VisionSettings
-from daemon.vision.table import Table, without_table
+from daemon.vision.values import FacetView, Part, Scene
 
 
 def look(

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.vision.data import Facet, Part, Rejected, Scene
+from daemon.vision.values import Facet, Part, Rejected, Scene
 
 Array = NDArray[np.float64]
 

@@ -29,7 +29,7 @@ BLUR_STEPS = 6
 
 
 @dataclass(frozen=True, eq=False)
-class Sight:
+class Recogniser:
     """What there is to see at a moment: where the cameras are, the things, and a mark that changes when those move.
 
     hand: what hangs from the arm beside the cameras; it is seen, but casts no shadow.
@@ -50,7 +50,7 @@ class SimulatedPair:
     def __init__(
         self,
         truth: Truth,
-        sight: Callable[[float], Sight],
+        sight: Callable[[float], Recogniser],
         rng: np.random.Generator,
         time_scale: float = 1.0,
         clock: Callable[[], float] = time.monotonic,
@@ -144,7 +144,7 @@ class SimulatedPair:
             return np.asarray(np.mean(seen, axis=0), np.float32)
         return self._see(eye, sights[0])
 
-    def _see(self, eye: str, sight: Sight) -> Array32:
+    def _see(self, eye: str, sight: Recogniser) -> Array32:
         """The light that reaches an eye; worked out anew only where something moved since that eye saw last."""
         mark = _mark(sight)
         seen = self._seen.get(eye)
@@ -169,13 +169,13 @@ class SimulatedPair:
         return np.asarray(np.clip(np.round(noisy), 0, 255), np.uint8)
 
 
-def _moves(sights: Sequence[Sight]) -> bool:
+def _moves(sights: Sequence[Recogniser]) -> bool:
     first, last = (sight.world_from_cyclopean for sight in sights)
     shift = float(np.linalg.norm(first[:3, 3] - last[:3, 3]))
     return shift > STILL_MM or angle_of(first[:3, :3].T @ last[:3, :3]) > STILL_RAD
 
 
-def _mark(sight: Sight) -> object:
+def _mark(sight: Recogniser) -> object:
     """Equal for two sights that look the same to the last bit."""
     hand = [part.tobytes() for thing in sight.hand for part in (thing.world_from_solid, thing.solid.vertices)]
     return sight.world_from_cyclopean.tobytes(), sight.state, hand

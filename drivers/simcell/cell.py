@@ -14,7 +14,7 @@ import numpy as np
 from drivers.puma560 import Puma560
 from drivers.simcell.arm import Arm
 from drivers.simcell.boards import BoardPrint, board_thing
-from drivers.simcell.camera import Sight, SimulatedPair
+from drivers.simcell.camera import Recogniser, SimulatedPair
 from drivers.simcell.controller import Controller, Faults, Manners, PtyServer
 from drivers.simcell.gripper import fingers
 from drivers.simcell.render import Thing
@@ -131,7 +131,7 @@ class SimulatedCell:
         else:
             self.world.open_hand(tool)
 
-    def _sight(self, real_s: float) -> Sight:
+    def _sight(self, real_s: float) -> Recogniser:
         tool = self.world_from_tool(real_s)
         albedo = self._settings.lighting.facet_albedo
         parts = [part for part in self.world.parts if part.where in (Where.TABLE, Where.STAND, Where.HAND)]
@@ -140,4 +140,6 @@ class SimulatedCell:
         hand = tuple(
             Thing(finger, tool, FINGER_ALBEDO) for finger in fingers(self._settings.gripper, self.world.gap_mm)
         )
-        return Sight(tool @ self._tool_from_cyclopean, (*things, *self._board), (self.world.changes, carried), hand)
+        return Recogniser(
+            tool @ self._tool_from_cyclopean, (*things, *self._board), (self.world.changes, carried), hand
+        )

@@ -12,7 +12,7 @@ from itertools import combinations
 
 import numpy as np
 
-from drivers.simcell.parts import Shape, Solid, box, hull
+from drivers.simcell.parts import Polyhedron, Shape, box, hull
 from drivers.simcell.rigid import Array, apply, rigid, turn
 from drivers.simcell.truth import Gripper
 
@@ -49,7 +49,7 @@ class _Bite:
 
 
 @lru_cache(maxsize=16)
-def fingers(gripper: Gripper, gap_mm: float) -> tuple[Solid, Solid]:
+def fingers(gripper: Gripper, gap_mm: float) -> tuple[Polyhedron, Polyhedron]:
     """Both fingers as boxes in the tool frame, gap_mm between their pads."""
     half, back = gripper.finger_width_mm / 2, gripper.tip_mm - gripper.finger_length_mm
     near, far = gap_mm / 2, gap_mm / 2 + gripper.finger_thickness_mm
@@ -117,7 +117,7 @@ def _within(shape: Shape, tool_from_part: Array, room: tuple[Array, Array]) -> _
     return _Bite(np.vstack([b.corners for b in bites]), tuple(n for b in bites for n in b.normals))
 
 
-def _clip(solid: Solid, tool_from_part: Array, room: tuple[Array, Array]) -> _Bite:
+def _clip(solid: Polyhedron, tool_from_part: Array, room: tuple[Array, Array]) -> _Bite:
     """Every corner of solid and room together: where three of their planes meet and none is passed."""
     part_normals = solid.normals @ tool_from_part[:3, :3].T
     normals = np.vstack([part_normals, room[0]])

@@ -18,7 +18,7 @@ FLAT_MM = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class Solid:
+class Polyhedron:
     """A convex polyhedron: vertices (V, 3) mm; faces as vertex indices, anticlockwise from outside.
 
     normals (F, 3) unit, outward; offsets (F,) mm with normals @ x <= offsets inside.
@@ -39,13 +39,13 @@ class Shape:
     """
 
     label: str
-    pieces: tuple[Solid, ...]
-    hull: Solid
+    pieces: tuple[Polyhedron, ...]
+    hull: Polyhedron
     centre_of_mass: Array
     rests: tuple[Array, ...]
 
 
-def hull(points: Array) -> Solid:
+def hull(points: Array) -> Polyhedron:
     """The convex hull of a few (N, 3) points; coplanar triangles become one face. Brute force: N up to some thirty."""
     found: dict[tuple[int, ...], Array] = {}
     for i, j, k in combinations(range(len(points)), 3):
@@ -60,7 +60,7 @@ def hull(points: Array) -> Solid:
     faces = tuple(_loop(points, members, normal) for members, normal in found.items())
     normals = np.array(list(found.values()))
     offsets = np.array([normals[i] @ points[f[0]] for i, f in enumerate(faces)])
-    return Solid(points, faces, normals, offsets)
+    return Polyhedron(points, faces, normals, offsets)
 
 
 def _loop(points: Array, members: tuple[int, ...], normal: Array) -> tuple[int, ...]:
@@ -81,7 +81,7 @@ def _loop(points: Array, members: tuple[int, ...], normal: Array) -> tuple[int, 
     return tuple(int(members[i]) for i in ring)
 
 
-def volume_and_centre(solid: Solid) -> tuple[float, Array]:
+def volume_and_centre(solid: Polyhedron) -> tuple[float, Array]:
     """Volume in mm^3 and centre of mass (3,) mm, by tetrahedra from the origin."""
     volume, moment = 0.0, np.zeros(3)
     for face in solid.faces:
@@ -93,7 +93,7 @@ def volume_and_centre(solid: Solid) -> tuple[float, Array]:
     return volume, moment / volume
 
 
-def stable_rests(solid: Solid, centre_of_mass: Array, margin_mm: float = 3.0) -> tuple[Array, ...]:
+def stable_rests(solid: Polyhedron, centre_of_mass: Array, margin_mm: float = 3.0) -> tuple[Array, ...]:
     """The (4, 4) rests_from_part of each face over whose inside, margin_mm from its sides, the centre of mass lies."""
     rests = []
     for face, normal in zip(solid.faces, solid.normals, strict=True):

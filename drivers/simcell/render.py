@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from drivers.simcell.light import CellLight
 from drivers.simcell.optics import Array32, Eye
-from drivers.simcell.parts import Solid
+from drivers.simcell.parts import Polyhedron
 from drivers.simcell.rigid import Array, apply, inverse
 
 NOTHING = -1
@@ -40,7 +40,7 @@ class Pattern:
 class Thing:
     """A convex solid standing in the world: world_from_solid (4, 4) mm, albedo 0 to 1, perhaps a print."""
 
-    solid: Solid
+    solid: Polyhedron
     world_from_solid: Array
     albedo: float
     pattern: Pattern | None = None

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.simcell.light import facet_levels
-from drivers.simcell.parts import Shape, Solid, part_shape
+from drivers.simcell.parts import Polyhedron, Shape, part_shape
 from drivers.simcell.rigid import Array, apply, rigid, turn, turn_between
 from drivers.simcell.truth import Lighting
 
@@ -123,7 +123,7 @@ def _facing(middles: Array, normals: Array, eye: Array) -> Array:
 
 
 def _least_step(
-    solid: Solid, middles: Array, normals: Array, seen: NDArray[np.intp], eye: Array, lighting: Lighting
+    solid: Polyhedron, middles: Array, normals: Array, seen: NDArray[np.intp], eye: Array, lighting: Lighting
 ) -> float:
     """The least difference in grey level across an edge between facets in sight, or between one and the table."""
 

@@ -12,18 +12,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from daemon import cell as cells
 from daemon import frames
+from daemon.arm.workcell import Workcell
 from daemon.calibration.board import Board
 from daemon.calibration.file import Calibration
 from daemon.calibration.hand_eye import HandEyeResult
 from daemon.calibration.session import Verified, meet, solve_hand_eye, solve_stereo, verify, view_tour
 from daemon.calibration.stereo import StereoResult
+from daemon.cell import build as cells
 from daemon.config import load_config
-from daemon.cycle import Cycle
-from daemon.pick.workcell import Workcell
+from daemon.pick.cycle import Cycle
 from daemon.store import places
-from daemon.vision.rig import Camera, StereoRig
+from daemon.vision.geometry.rig import Camera, StereoRig
 from drivers.simcell.truth import load_truth
 
 SEEDS = (1, 2, 3)
@@ -72,7 +72,7 @@ async def calibrated(seed: int) -> Calibrated:
     """Calibrate and verify on one cell, from a ruler's guess."""
     config = load_config(places.HOUSE / "etc" / "facetd.yaml", simulated=True)
     config = replace(
-        config, said=replace(config.said, simulated=replace(config.said.simulated, seed=seed, time_scale=30))
+        config, said=replace(config.values, simulated=replace(config.values.simulated, seed=seed, time_scale=30))
     )
     start = guess(*truth())
     hardware = cells.build(config, lambda _: None)
@@ -80,7 +80,7 @@ async def calibrated(seed: int) -> Calibrated:
         await hardware.open()
         assert start.tool_from_cyclopean is not None
         cell = Workcell(hardware.robot, hardware.eyes, Silent(), hardware.clock, start.rig, start.tool_from_cyclopean)
-        cycle = Cycle(cell, config.said.pick, None)
+        cycle = Cycle(cell, config.values.pick, None)
         cycle.enable()
         await cycle.go("survey")
         assert hardware.hand is not None

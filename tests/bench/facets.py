@@ -16,14 +16,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.vision.candidates import choose, find_candidates
-from daemon.vision.data import Facet, FacetView
-from daemon.vision.epipolar import baseline
-from daemon.vision.eye import look_with
-from daemon.vision.facets import find_facets
+from daemon.vision.facets.candidates import choose, find_candidates
+from daemon.vision.facets.reconstruct import find_facets
+from daemon.vision.geometry.rectified import baseline
+from daemon.vision.geometry.rig import StereoRig
+from daemon.vision.image.one_eye import look_with
 from daemon.vision.limit import limit
-from daemon.vision.rig import StereoRig
 from daemon.vision.settings import CornerDetector, StereoFormula, VisionSettings
+from daemon.vision.values import Facet, FacetView
 from tests import rendered
 
 Array = NDArray[np.float64]

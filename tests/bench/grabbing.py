@@ -21,12 +21,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.cell import ThreadedEyes
+from daemon.arm.workcell import Reading, Workcell
+from daemon.cell.build import ThreadedEyes
 from daemon.pick.looking import Settling, take_look
-from daemon.pick.workcell import Reading, Workcell
 from daemon.store.library import load_facets
-from daemon.teach import Recogniser
-from daemon.vision.model import empty_model
+from daemon.teaching.trainer import Recogniser
+from daemon.vision.model.model import empty_model
 from daemon.vision.settings import VisionSettings
 from drivers.camera import v4l2
 from drivers.camera.pixels import FORMATS

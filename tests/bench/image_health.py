@@ -12,9 +12,9 @@ from collections.abc import Callable, Iterator
 import cv2
 import numpy as np
 
-from daemon.vision.health import examine
-from daemon.vision.sharpness import measure_blur
-from daemon.vision.swapped import Assignment, assignment
+from daemon.vision.health.blur import measure_blur
+from daemon.vision.health.camera_order import Assignment, assignment
+from daemon.vision.health.examine import examine
 from drivers.camera.pixels import Layout, read_grey
 from tests import rendered
 

@@ -14,7 +14,8 @@ from multiprocessing.connection import Client, Connection, Listener
 from pathlib import Path
 from typing import Any
 
-from daemon import cell, main
+from daemon import main
+from daemon.cell import build as cell
 from drivers.camera.pair import CameraError, StereoCamera, StereoPair
 
 PLACE = "FACETD_LENT_EYES"

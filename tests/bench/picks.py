@@ -33,11 +33,11 @@ import simulated_cell
 from simulated_cell import Rig
 
 from daemon import frames
-from daemon.approach import Stops
 from daemon.calibration.file import Calibration
 from daemon.jobs.demo import PARTS
+from daemon.pick.fusion import Stops
 from daemon.pick.settings import Settings, doubt_of
-from daemon.vision.rig import Camera
+from daemon.vision.geometry.rig import Camera
 from tests.bench.calibration import calibrated
 
 HAND_EYE_MM, HAND_EYE_DEG, CENTRE_PX = 0.3, 0.05, 0.3

@@ -18,12 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon.store.library import load_facets
-from daemon.vision.data import Part, Scene
-from daemon.vision.facets import find_facets
+from daemon.vision.facets.reconstruct import find_facets
+from daemon.vision.geometry.rig import StereoRig
 from daemon.vision.look import look
-from daemon.vision.model import Model, empty_model, learn_view
-from daemon.vision.rig import StereoRig
+from daemon.vision.model.model import Model, empty_model, learn_view
 from daemon.vision.settings import VisionSettings
+from daemon.vision.values import Part, Scene
 from tests import rendered
 
 Array = NDArray[np.float64]

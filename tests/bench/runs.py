@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from daemon.review.page import write_page
-from daemon.runlog import RunLog
+from daemon.store.runlog import RunLog
 from tests.chromium import chromium
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "review"))

@@ -18,8 +18,8 @@ import cv2
 
 from daemon.doors.client import NotThereError
 from daemon.store.model import ModelError
+from daemon.store.model_store import ModelStore, ModelStoreError
 from daemon.store.runs import check_wire, interrupted, list_runs, read_run
-from daemon.store.shelf import Shelf, ShelfError
 from tests.bench.running import Running
 
 CONFIG = "log: {keep_free_mb: 0, quota_mb: 100, roll_mb: 25}\n"
@@ -142,13 +142,13 @@ def corrupt_files(state: Path) -> Iterator[str]:
     for picture in state.rglob("[0-9a-z]*.png"):
         if cv2.imread(str(picture), cv2.IMREAD_UNCHANGED) is None:
             yield f"{picture}: not a whole picture"
-    shelf = Shelf(state)
+    model_store = ModelStore(state)
     try:
-        for view in shelf.views():
+        for view in model_store.views():
             view.images()
-        for version in {shelf.current, shelf.candidate, *shelf.history} - {None}:
-            shelf.load(version)
-    except (ShelfError, ModelError) as error:
+        for version in {model_store.current, model_store.candidate, *model_store.history} - {None}:
+            model_store.load(version)
+    except (ModelStoreError, ModelError) as error:
         yield str(error)
     for file in state.rglob("*.json"):
         try:

@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon.calibration.file import load_calibration
-from daemon.vision.data import FacetView
-from daemon.vision.facets import find_facets
-from daemon.vision.rig import Camera, StereoRig
+from daemon.vision.facets.reconstruct import find_facets
+from daemon.vision.geometry.rig import Camera, StereoRig
+from daemon.vision.values import FacetView
 from drivers.camera.pair import StereoPair
-from drivers.simcell.camera import Sight, SimulatedPair
+from drivers.simcell.camera import Recogniser, SimulatedPair
 from drivers.simcell.parts import TAUGHT
 from drivers.simcell.render import Thing
 from drivers.simcell.rigid import apply, inverse, rigid, turn
@@ -103,9 +103,9 @@ class Stage:
         self.cameras = SimulatedPair(truth, self._sight, np.random.default_rng(SEED))
         self.cameras.open()
 
-    def _sight(self, _: float) -> Sight:
+    def _sight(self, _: float) -> Recogniser:
         things = [Thing(piece, part.pose, self._albedo) for part in self.world.parts for piece in part.shape.pieces]
-        return Sight(self.pose, tuple(things), self.world.changes)
+        return Recogniser(self.pose, tuple(things), self.world.changes)
 
     def look(self) -> tuple[StereoPair, float]:
         began = time.perf_counter()

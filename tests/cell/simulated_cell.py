@@ -13,19 +13,19 @@ from typing import Any
 
 import numpy as np
 
-from daemon import cell as cells
 from daemon import frames
+from daemon.arm.workcell import Workcell
 from daemon.calibration.file import Calibration, load_calibration
+from daemon.cell import build as cells
 from daemon.config import load_config
-from daemon.cycle import Cycle, CycleEnd
 from daemon.jobs.demo import VIEWS
+from daemon.pick.cycle import Cycle, CycleEnd
 from daemon.pick.settings import Settings, doubt_of
-from daemon.pick.workcell import Workcell
 from daemon.store import places
 from daemon.store.library import load_facets
-from daemon.teach import Recogniser
-from daemon.vision.model import Model, TeachError, empty_model, learn_view
-from daemon.vision.rig import Camera, StereoRig
+from daemon.teaching.trainer import Recogniser
+from daemon.vision.geometry.rig import Camera, StereoRig
+from daemon.vision.model.model import Model, TeachError, empty_model, learn_view
 from drivers.simcell.cell import SimulatedCell
 from drivers.simcell.truth import load_truth
 
@@ -72,7 +72,7 @@ class Rig:
 def true_calibration() -> Calibration:
     """What the daemon's calibration would say if it knew the truth."""
     config = load_config(CONFIG, simulated=True)
-    truth = load_truth(config.file(config.said.simulated.truth))
+    truth = load_truth(config.file(config.values.simulated.truth))
     eyes = [
         Camera(np.array(e.camera_matrix), np.array(e.distortion), np.array(e.cyclopean_from_camera))
         for e in (truth.left, truth.right)
@@ -94,10 +94,10 @@ async def rig(
 ) -> AsyncIterator[Rig]:
     """Build, open, enable; close at the end. believed: the daemon's calibration (None: its file)."""
     config = load_config(CONFIG, simulated=True)
-    simulated = replace(config.said.simulated, seed=seed, time_scale=time_scale)
+    simulated = replace(config.values.simulated, seed=seed, time_scale=time_scale)
     if truth is not None:
         simulated = replace(simulated, truth=str(truth))
-    config = replace(config, said=replace(config.said, simulated=simulated))
+    config = replace(config, values=replace(config.values, simulated=simulated))
     believed = believed or load_calibration(config.calibration)
     log = ListLog()
     hardware = cells.build(config, log.wire.append)
@@ -106,9 +106,9 @@ async def rig(
     try:
         await hardware.open()
         cell = Workcell(hardware.robot, hardware.eyes, log, hardware.clock, believed.rig, believed.tool_from_cyclopean)
-        settings = settings or replace(config.said.pick, doubt=doubt_of(believed.quality))
-        start = model or empty_model(load_facets(config.file(config.said.files.facets)))
-        cycle = Cycle(cell, settings, Recogniser(start, believed.rig, config.said.vision))
+        settings = settings or replace(config.values.pick, doubt=doubt_of(believed.quality))
+        start = model or empty_model(load_facets(config.file(config.values.files.facets)))
+        cycle = Cycle(cell, settings, Recogniser(start, believed.rig, config.values.vision))
         cycle.enable()
         try:
             yield Rig(hardware.hand.cell, cycle, log, hardware.robot)

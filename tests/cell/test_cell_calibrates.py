@@ -7,9 +7,9 @@ import simulated_cell
 from simulated_cell import rig
 
 from daemon.calibration.board import Board
+from daemon.calibration.drift_watch import DriftWatch
 from daemon.calibration.session import SessionError, verify, view_tour
 from daemon.jobs.demo import PARTS
-from daemon.upkeep.driftwatch import DriftWatch
 
 BOARD = Board(9, 6, 16.0)
 

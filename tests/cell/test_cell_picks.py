@@ -7,8 +7,8 @@ import pytest
 import simulated_cell
 from simulated_cell import rig
 
-from daemon.cycle import RefusedError
 from daemon.jobs.demo import PARTS
+from daemon.pick.cycle import RefusedError
 from drivers.simcell.controller import LineFault, Mishap
 
 

@@ -10,8 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from daemon.art import InputError, ParameterError, RotationLayer, best_numbering, numberings
+from daemon.art import InputError, ParameterError, RotationLayer, best_numbering
 from daemon.art.coding import code
+from daemon.art.rotation import numberings
 
 
 def turned(matrix, place, slots):

@@ -11,7 +11,7 @@ from test_stereo_calibration import true_rig
 
 from daemon import frames
 from daemon.calibration.drift import Clue, Drift, Watching, clue, fresh, observe
-from daemon.vision.rig import StereoRig
+from daemon.vision.geometry.rig import StereoRig
 
 Array = frames.Array
 CUBE = 25.0 * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)

@@ -11,7 +11,7 @@ from test_stereo_calibration import true_rig
 from daemon import ctl, frames
 from daemon.calibration.file import Calibration, load_calibration, save_calibration
 from daemon.calibration.interchange import InterchangeError, from_opencv, from_ros, to_opencv, to_ros
-from daemon.vision.rig import StereoRig
+from daemon.vision.geometry.rig import StereoRig
 
 
 def assert_same(found: StereoRig, expected: StereoRig) -> None:

@@ -11,7 +11,7 @@ import pytest
 from daemon import ctl, frames
 from daemon.calibration.file import load_calibration
 from daemon.calibration.quick import Depth, Measured, Width, calibrate_quick
-from daemon.vision.rig import Camera, StereoRig
+from daemon.vision.geometry.rig import Camera, StereoRig
 
 
 def thesis_rig() -> StereoRig:

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from daemon import frames
-from daemon.calibration.board import Board, BoardError, Sight, find_board, parse_board
+from daemon.calibration.board import Board, BoardError, Recogniser, find_board, parse_board
 from daemon.calibration.least_squares import INTRINSICS, Match, stereo_problem
 from daemon.calibration.recorded import read_pairs
 from daemon.calibration.stereo import Pair, StereoError, calibrate_stereo
-from daemon.vision.rig import Camera, StereoRig
+from daemon.vision.geometry.rig import Camera, StereoRig
 
 Array = frames.Array
 BOARD = Board(9, 6, 10.0)
@@ -49,7 +49,7 @@ def sights(seed: int, count: int = 20, noise_px: float = 0.1) -> list[Pair]:
         points = frames.apply(pose, BOARD.points_mm())
         ids = np.arange(len(points))
         seen = [eye.project(points) + rng.normal(0, noise_px, (len(points), 2)) for eye in (rig.left, rig.right)]
-        pairs.append(Pair(f"view {k}", Sight(ids, seen[0], 0.8), Sight(ids, seen[1], 0.8)))
+        pairs.append(Pair(f"view {k}", Recogniser(ids, seen[0], 0.8), Recogniser(ids, seen[1], 0.8)))
     return pairs
 
 
@@ -95,7 +95,7 @@ def test_swapped_eyes_are_told_as_such() -> None:
 
 
 def test_one_mirrored_eye_is_told_as_such() -> None:
-    def mirrored(sight: Sight) -> Sight:
+    def mirrored(sight: Recogniser) -> Recogniser:
         grid = (np.array([639.0, 0]) + sight.corners_px * (-1.0, 1.0)).reshape(6, 9, 2)[:, ::-1]
         return replace(sight, corners_px=grid.reshape(-1, 2))
 

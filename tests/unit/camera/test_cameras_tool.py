@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from daemon import ctl
-from daemon.cell import EXPECTED_ERRORS, CellError
+from daemon.cell.build import EXPECTED_ERRORS, CellError
 from daemon.jobs.cameras import measure
 from daemon.jobs.preview import Preview, Shot
 from drivers.camera.pair import Frame, StereoPair

@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 
 from daemon import frames
-from daemon.cycle import Cycle
+from daemon.arm.workcell import Reading, Workcell
+from daemon.pick.cycle import Cycle
 from daemon.pick.grasp import tool_rotation
 from daemon.pick.settings import Settings
-from daemon.pick.tracking import Shape
-from daemon.pick.workcell import Reading, Workcell
-from daemon.vision.data import Facet, FacetView, Part, Recognition, Scene
-from daemon.vision.rig import Camera, StereoRig
+from daemon.vision.geometry.polyhedron import Polyhedron, exact
+from daemon.vision.geometry.rig import Camera, StereoRig
+from daemon.vision.values import Facet, FacetView, Part, Recognition, Scene
 from drivers.simcell import parts
 
 PITCH = np.arcsin(75 / 350)
@@ -37,10 +37,10 @@ def rig() -> StereoRig:
     return StereoRig(eyes[0], eyes[1], (640, 480))
 
 
-def shape_of(label: str) -> Shape:
+def shape_of(label: str) -> Polyhedron:
     """A part's full shape."""
     hull = parts.part_shape(label).hull
-    return Shape(label, hull.vertices, tuple(np.array(f) for f in hull.faces))
+    return exact(hull.vertices, hull.faces)
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,7 +180,7 @@ class TruthSight:
     def __init__(self, world: World, labels: tuple[str, ...] = parts.TAUGHT) -> None:
         self.world, self.labels = world, labels
 
-    def shape(self, label: str) -> Shape | None:
+    def shape(self, label: str) -> Polyhedron | None:
         return shape_of(label) if label in self.labels else None
 
     def report(self, scene: Scene) -> dict[str, object]:
@@ -200,7 +200,7 @@ class TruthSight:
         if middle[2] < 100 or abs(middle[0] / middle[2]) > 0.4 or abs(middle[1] / middle[2]) > 0.3:
             return None
         facets = []
-        for indices, normal in zip(shape.facets, shape.normals(), strict=True):
+        for indices, normal in zip(shape.rings, shape.normals, strict=True):
             corners = frames.apply(cyclopean_from_part, shape.corners_mm[indices])
             if (cyclopean_from_part[:3, :3] @ normal) @ corners.mean(axis=0) / np.linalg.norm(
                 corners.mean(axis=0)

@@ -9,11 +9,13 @@ from cell_fakes import TOOL_FROM_CYCLOPEAN, shape_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from daemon import approach, frames
-from daemon.approach import CHI_SQUARE_6, Doubt, Stops
+from daemon import frames
+from daemon.arm import paths
+from daemon.pick import fusion, viewpoints
+from daemon.pick.fusion import CHI_SQUARE_6, Doubt, Stops
 from daemon.pick.grasp import tool_rotation
-from daemon.pick.tracking import Fit, poses_that_fit, refit
-from daemon.vision.data import Facet
+from daemon.vision.registration.corner_pose import Fit, poses_that_fit, refit
+from daemon.vision.values import Facet
 
 DOUBT = Doubt()
 TRUE = frames.rigid(frames.rotation_from_vector(np.array([0.1, -0.2, 0.7])), np.array([520.0, 10.0, -275.0]))
@@ -22,11 +24,11 @@ ROTATION = tool_rotation(np.array([0.0, 1.0, 0.0]), 0.4)
 
 def looked(rng, distance, shared, doubt=DOUBT, knocked=None):
     """A sighting of TRUE from a distance, with errors as doubted: shared (9,) the same for all looks."""
-    at = approach.look_pose(ROTATION, TRUE[:3, 3], distance, TOOL_FROM_CYCLOPEAN)
+    at = viewpoints.look_pose(ROTATION, TRUE[:3, 3], distance, TOOL_FROM_CYCLOPEAN)
     cyclopean_from_part = frames.inverse(at @ TOOL_FROM_CYCLOPEAN) @ TRUE
     sigma = distance / 1000.0
     covariance = np.diag([0.1, 0.1, 0.4, 0.002, 0.002, 0.002]) ** 2 * sigma**2
-    one = approach.sighting(at, TOOL_FROM_CYCLOPEAN, cyclopean_from_part, covariance, doubt, 700.0, 60.0)
+    one = fusion.sighting(at, TOOL_FROM_CYCLOPEAN, cyclopean_from_part, covariance, doubt, 700.0, 60.0)
     error = rng.multivariate_normal(np.zeros(6), one.covariance) + one.shared @ shared
     if knocked is not None:
         error = error + knocked
@@ -39,7 +41,7 @@ def test_the_predicted_error_is_the_error_made():
     for _ in range(400):
         shared = rng.multivariate_normal(np.zeros(9), DOUBT.shared())
         looks = [looked(rng, d, shared) for d in (450.0, 300.0, 200.0)]
-        estimate = approach.fuse(looks, DOUBT)
+        estimate = fusion.fuse(looks, DOUBT)
         motion = frames.difference(estimate.world_from_part, TRUE)
         squares.append(motion[:3] @ motion[:3] + np.trace(DOUBT.arm()[:3, :3]))
         predicted = estimate.predicted_mm
@@ -49,7 +51,7 @@ def test_the_predicted_error_is_the_error_made():
 def test_what_all_looks_share_does_not_shrink_by_looking_again_from_the_same_place():
     rng = np.random.default_rng(1)
     looks = [looked(rng, 300.0, np.zeros(9)) for _ in range(50)]
-    assert approach.fuse(looks, DOUBT).predicted_mm > np.sqrt(3) * DOUBT.hand_eye_mm
+    assert fusion.fuse(looks, DOUBT).predicted_mm > np.sqrt(3) * DOUBT.hand_eye_mm
 
 
 def test_looks_from_several_distances_tell_a_disparity_offset_from_depth():
@@ -57,7 +59,7 @@ def test_looks_from_several_distances_tell_a_disparity_offset_from_depth():
     shared = np.array([0, 0, 0, 0, 0, 0, 0, 0, 0.5])
     looks = [looked(rng, d, shared) for d in (450.0, 300.0, 200.0)]
     alone = np.linalg.norm(frames.difference(looks[-1].world_from_part, TRUE)[:3])
-    together = np.linalg.norm(frames.difference(approach.fuse(looks, DOUBT).world_from_part, TRUE)[:3])
+    together = np.linalg.norm(frames.difference(fusion.fuse(looks, DOUBT).world_from_part, TRUE)[:3])
     assert together < 0.6 * alone
 
 
@@ -67,7 +69,7 @@ def test_two_honest_looks_agree_whatever_they_share(seed):
     rng = np.random.default_rng(seed)
     shared = rng.multivariate_normal(np.zeros(9), DOUBT.shared())
     pair = looked(rng, 450.0, shared), looked(rng, 300.0, shared)
-    assert approach.disagreement(*pair, DOUBT) < 2 * CHI_SQUARE_6
+    assert fusion.disagreement(*pair, DOUBT) < 2 * CHI_SQUARE_6
 
 
 def test_false_alarms_are_as_rare_as_said():
@@ -76,7 +78,7 @@ def test_false_alarms_are_as_rare_as_said():
     for _ in range(2000):
         shared = rng.multivariate_normal(np.zeros(9), DOUBT.shared())
         pair = looked(rng, 450.0, shared), looked(rng, 300.0, shared)
-        alarms += approach.disagreement(*pair, DOUBT) > CHI_SQUARE_6
+        alarms += fusion.disagreement(*pair, DOUBT) > CHI_SQUARE_6
     assert alarms <= 8
 
 
@@ -84,7 +86,7 @@ def test_a_part_that_moved_three_millimetres_is_noticed():
     rng = np.random.default_rng(4)
     zero = np.zeros(9)
     moved = looked(rng, 300.0, zero, knocked=np.array([3.0, 0, 0, 0, 0, 0]))
-    assert approach.disagreement(looked(rng, 450.0, zero), moved, DOUBT) > CHI_SQUARE_6
+    assert fusion.disagreement(looked(rng, 450.0, zero), moved, DOUBT) > CHI_SQUARE_6
 
 
 @pytest.mark.parametrize(
@@ -99,29 +101,29 @@ def test_a_part_that_moved_three_millimetres_is_noticed():
     ],
 )
 def test_the_suspect_is_named(others, epipolar, who):
-    assert approach.suspect(others, epipolar, 1.0) == who
+    assert fusion.suspect(others, epipolar, 1.0) == who
 
 
 def test_a_good_first_look_goes_straight_to_the_nearest_stop_that_is_enough():
     rng = np.random.default_rng(5)
     first = looked(rng, 450.0, np.zeros(9))
     easy, hard = Stops(enough_mm=1.2), Stops(enough_mm=0.05)
-    assert approach.next_stand_off([], DOUBT, easy) == 450.0
-    assert approach.next_stand_off([first], DOUBT, easy) == 200.0
-    assert approach.next_stand_off([first], DOUBT, hard) == 300.0
-    assert approach.next_stand_off([first] * 5, DOUBT, hard) == 200.0
+    assert fusion.next_stand_off([], DOUBT, easy) == 450.0
+    assert fusion.next_stand_off([first], DOUBT, easy) == 200.0
+    assert fusion.next_stand_off([first], DOUBT, hard) == 300.0
+    assert fusion.next_stand_off([first] * 5, DOUBT, hard) == 200.0
 
 
 def test_the_least_number_of_looks_is_kept_though_the_first_would_do():
     rng = np.random.default_rng(6)
     stops = Stops(enough_mm=1e6, enough_deg=1e6, least_looks=3)
     looks = [looked(rng, d, np.zeros(9)) for d in (450.0, 300.0, 200.0)]
-    estimate = approach.fuse(looks, DOUBT)
-    assert [approach.enough(estimate, n, stops) for n in (1, 2, 3)] == [False, False, True]
+    estimate = fusion.fuse(looks, DOUBT)
+    assert [fusion.enough(estimate, n, stops) for n in (1, 2, 3)] == [False, False, True]
 
 
 def test_a_look_pose_puts_the_point_on_the_cameras_axis_at_the_distance():
-    pose = approach.look_pose(ROTATION, TRUE[:3, 3], 300.0, TOOL_FROM_CYCLOPEAN)
+    pose = viewpoints.look_pose(ROTATION, TRUE[:3, 3], 300.0, TOOL_FROM_CYCLOPEAN)
     seen = frames.apply(frames.inverse(pose @ TOOL_FROM_CYCLOPEAN), TRUE[:3, 3])
     assert np.allclose(seen, [0, 0, 300], atol=1e-9)
 
@@ -130,33 +132,33 @@ def test_a_look_pose_puts_the_point_on_the_cameras_axis_at_the_distance():
 @given(move=st.tuples(*[st.floats(-900, 900)] * 3), turn=st.floats(-3, 3))
 def test_steps_end_at_the_target_and_none_is_too_long(move, turn):
     target = frames.perturb(TRUE, np.array([*move, 0.0, 0.0, turn]))
-    way = [TRUE, *approach.steps(TRUE, target, 100.0, 30.0)]
+    way = [TRUE, *paths.steps(TRUE, target, 100.0, 30.0)]
     assert np.allclose(way[-1], target)
-    assert all(approach.within(a, b, 100.0, 30.0) for a, b in pairwise(way))
+    assert all(paths.within(a, b, 100.0, 30.0) for a, b in pairwise(way))
 
 
 def test_speed_falls_towards_the_part():
-    speeds = [approach.speed_pct(d, 100.0, 30.0) for d in (50, 100, 250, 400, 900)]
+    speeds = [paths.speed_pct(d, 100.0, 30.0) for d in (50, 100, 250, 400, 900)]
     assert speeds == [30.0, 30.0, 65.0, 100.0, 100.0]
 
 
 def test_a_view_of_two_facets_is_worth_more_than_of_one():
     cube, pose = shape_of("cube"), np.eye(4)
     on_one, on_two = np.array([400.0, 0, 0]), np.array([300.0, 300.0, 0])
-    assert approach.view_worth(cube, pose, on_two) > 2 * approach.view_worth(cube, pose, on_one)
+    assert viewpoints.view_worth(cube, pose, on_two) > 2 * viewpoints.view_worth(cube, pose, on_one)
 
 
 def test_a_cube_and_a_pyramid_are_most_unlike_from_the_side():
     candidates = [(shape_of("cube"), np.eye(4)), (shape_of("pyramid"), np.eye(4))]
     below, side = np.array([0, 0, -400.0]), np.array([400.0, 0.0, 60.0])
-    assert approach.unlikeness(candidates, side) > approach.unlikeness(candidates, below)
-    assert approach.unlikeness(candidates[:1], side) == 0.0
+    assert viewpoints.unlikeness(candidates, side) > viewpoints.unlikeness(candidates, below)
+    assert viewpoints.unlikeness(candidates[:1], side) == 0.0
 
 
 def facets_of(shape, pose, which, rng, sigma=0.2):
     found = []
     for index in which:
-        corners = frames.apply(pose, shape.corners_mm[shape.facets[index]])
+        corners = frames.apply(pose, shape.corners_mm[shape.rings[index]])
         noisy = corners + rng.normal(0, sigma, corners.shape)
         covariance = np.tile(np.eye(3) * sigma**2, (len(corners), 1, 1))
         px = np.zeros((len(corners), 2))

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from cell_fakes import World, cycle_of
 
-from daemon.pick.errand import Errand
+from daemon.pick.order import PickOrder
 from drivers.simcell import parts
 
 SPOTS = ((430, -100), (430, 100), (590, -90), (590, 90))
@@ -41,24 +41,24 @@ def test_what_is_left_of_an_auto_that_was_stopped_is_known_and_taking_it_up_brin
     world = some(4)
     cycle = cycle_of(world)
     cut_off(world, cycle, 1, how, count=3)
-    assert cycle.errand == Errand(2, None)
+    assert cycle.pick_order == PickOrder(2, None)
     assert cycle.status()["left"] == {"count": 2, "every_s": None}
     assert not cycle.status()["auto"]
     cycle.resume()
     cycle.enable()
     cycle.holding(False)
-    ends = asyncio.run(cycle.auto(*astuple(cycle.errand)))
+    ends = asyncio.run(cycle.auto(*astuple(cycle.pick_order)))
     assert sum(end.outcome == "picked" for end in ends) == 2
-    assert cycle.errand is None
+    assert cycle.pick_order is None
 
 
 def test_a_part_that_was_in_the_hand_counts_once_it_is_in_the_bin() -> None:
     world = some(2)
     cycle = cycle_of(world)
-    cycle.recover("place", True, Errand(2, None))
+    cycle.recover("place", True, PickOrder(2, None))
     cycle.resume()
     cycle.holding(True)
-    ends = asyncio.run(cycle.auto(*astuple(cycle.errand)))
+    ends = asyncio.run(cycle.auto(*astuple(cycle.pick_order)))
     assert [end.outcome for end in ends] == ["placed", "picked"]
 
 
@@ -67,7 +67,7 @@ def test_an_auto_that_came_to_its_end_leaves_nothing() -> None:
         world = some(2)
         cycle = cycle_of(world)
         asyncio.run(cycle.auto(**options))
-        assert cycle.errand is None
+        assert cycle.pick_order is None
         assert [record["on"] for record in world.said("auto")] == [True, False]
 
 
@@ -75,7 +75,7 @@ def test_auto_off_gives_up_what_is_left() -> None:
     world = some(2)
     cycle = cycle_of(world)
     cut_off(world, cycle, 1, "stop")
-    assert cycle.errand == Errand(None, None)
+    assert cycle.pick_order == PickOrder(None, None)
     cycle.auto_off()
-    assert cycle.errand is None
+    assert cycle.pick_order is None
     assert [record["on"] for record in world.said("auto")] == [True, False]

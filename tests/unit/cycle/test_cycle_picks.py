@@ -8,9 +8,9 @@ import pytest
 from cell_fakes import World, build, cycle_of, one_part
 
 from daemon import frames
-from daemon.cycle import HANDLERS, NEXT, TABLE, RefusedError, printed_table
+from daemon.pick.cycle import HANDLERS, NEXT, TABLE, RefusedError, printed_table
 from daemon.pick.settings import Settings
-from daemon.vision.data import Polygon, Recognition, Rejected
+from daemon.vision.values import Polygon, Recognition, Rejected
 from drivers.simcell import parts
 
 

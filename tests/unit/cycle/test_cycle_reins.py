@@ -5,8 +5,8 @@ import asyncio
 import pytest
 from cell_fakes import World, cycle_of, one_part
 
-from daemon.cycle import Cycle, RefusedError
-from daemon.pick.reins import OperatorRefusedError
+from daemon.arm.supervisor import OperatorRefusedError
+from daemon.pick.cycle import Cycle, RefusedError
 
 
 async def during(world: World, cycle: Cycle, name: str, count: int, act):

@@ -7,10 +7,10 @@ import numpy as np
 from cell_fakes import TruthSight, World, build, rig, shape_of
 
 from daemon import frames
+from daemon.arm.workcell import Reading
 from daemon.pick.following import expected_fit, expected_scene
 from daemon.pick.looking import Settling, epipolar_px, take_look, whole_look
-from daemon.pick.tracking import Fit
-from daemon.pick.workcell import Reading
+from daemon.vision.registration.corner_pose import Fit
 from daemon.vision.report import scene_json
 
 POSE = frames.rigid(frames.rotation_from_vector(np.array([2.6, 0.4, 0.3])), np.array([5.0, -8.0, 300.0]))
@@ -31,7 +31,7 @@ def taken(expect):
 
 
 def test_what_was_expected_and_found_is_all_that_is_looked_for_until_the_whole_look_is_asked_for():
-    expected = expected_scene(shape_of("pyramid"), 0.9, FIT, rig())
+    expected = expected_scene("pyramid", shape_of("pyramid"), 0.9, FIT, rig())
     look, whole = taken(lambda left, right, at: expected)
     assert (look.whole, look.scene) == (False, expected)
     assert whole.whole
@@ -47,7 +47,7 @@ def test_where_the_expected_is_not_found_everything_is_looked_for():
 
 def test_a_part_found_again_is_told_as_the_facets_that_face_the_cameras():
     shape = shape_of("cube")
-    scene = expected_scene(shape, 0.9, FIT, rig())
+    scene = expected_scene("cube", shape, 0.9, FIT, rig())
     (part,) = scene.parts
     told = scene_json(scene)["parts"][0]
     assert told["label"] == "cube"

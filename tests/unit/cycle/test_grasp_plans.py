@@ -121,8 +121,8 @@ def test_the_cameras_look_up_from_the_side_the_hand_leans_away_from():
 def test_the_met_fingers_are_a_box_whose_faces_look_outwards():
     gripper = Gripper()
     shape = closed_fingers(gripper)
-    outwards = shape.centres() - shape.corners_mm.mean(axis=0)
-    assert (np.einsum("fi,fi->f", shape.normals(), outwards) > 0).all()
+    outwards = shape.centres_mm - shape.corners_mm.mean(axis=0)
+    assert (np.einsum("fi,fi->f", shape.normals, outwards) > 0).all()
     size = np.ptp(shape.corners_mm, axis=0)
     thick = 2 * gripper.finger_thick_mm
     np.testing.assert_allclose(size, [gripper.finger_width_mm, thick, gripper.pad_back_mm + gripper.tip_mm])

@@ -9,15 +9,16 @@ from hypothesis import HealthCheck, Phase, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule, run_state_machine_as_test
 
-from daemon import frames, guard
-from daemon.guard import Command, Limits, Standing, refuse
-from daemon.pick import motion
+from daemon import frames
+from daemon.arm import guard
+from daemon.arm import mover as motion
+from daemon.arm.guard import ArmState, Command, Limits, refuse
+from daemon.arm.mover import Arrival, Mover, MoveRefusedError
 from daemon.pick.grasp import tool_rotation
-from daemon.pick.motion import Arrival, Mover, MoveRefusedError
 
 LIMITS = Limits()
 AT = HEAD_DOWN
-STANDING = Standing(enabled=True, fault=None, at=AT, now_s=100.0)
+STANDING = ArmState(enabled=True, fault=None, at=AT, now_s=100.0)
 
 
 def moved(x=0.0, y=0.0, z=0.0, turn=0.0):
@@ -29,12 +30,12 @@ def command(pose=None, speed=50.0, look=99.0):
 
 
 BROKEN = [
-    ("fault_stands", command(), Standing(True, "stopped", AT, 100.0)),
-    ("not_enabled", command(), Standing(False, None, AT, 100.0)),
+    ("fault_stands", command(), ArmState(True, "stopped", AT, 100.0)),
+    ("not_enabled", command(), ArmState(False, None, AT, 100.0)),
     ("not_a_location", command(np.full((4, 4), np.nan)), STANDING),
     ("not_a_location", command(np.diag([1.0, 1.0, -1.0, 1.0])), STANDING),
     ("not_a_location", command(np.eye(3)), STANDING),
-    ("arm_lost", command(), Standing(True, None, None, 100.0)),
+    ("arm_lost", command(), ArmState(True, None, None, 100.0)),
     ("outside_workspace", command(moved(x=600.0)), STANDING),
     ("outside_workspace", command(moved(z=-400.0)), STANDING),
     ("below_table", command(moved(z=-352.0)), STANDING),
@@ -66,7 +67,7 @@ def test_a_sound_command_goes():
 
 def test_the_cameras_may_not_dip_into_the_table_even_when_the_fingers_are_clear():
     tilted = frames.rigid(tool_rotation(np.array([1.0, 0, 0]), np.radians(-75.0)), np.array([420.0, 0.0, -270.0]))
-    standing = Standing(True, None, tilted, 100.0)
+    standing = ArmState(True, None, tilted, 100.0)
     refusal = refuse(Command(tilted, True, 10.0, "test"), standing, LIMITS)
     assert refusal is not None
     assert refusal.rule == "below_table"

@@ -5,9 +5,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from daemon import frames
-from daemon.guard import Command, Limits
-from daemon.pick.motion import Arrival
-from daemon.pick.workcell import Reading
+from daemon.arm.guard import Command, Limits
+from daemon.arm.mover import Arrival
+from daemon.arm.workcell import Reading
 from drivers import puma560
 from drivers.simcell.arm import SingularWristError, plan_joints, plan_straight
 

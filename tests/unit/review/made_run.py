@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from daemon.runlog import RunLog
+from daemon.store.runlog import RunLog
 
 FACET = {
     "type": "square",

@@ -11,7 +11,7 @@ from made_run import MadeRun
 
 from daemon import ctl
 from daemon.review.tables import CYCLE_COLUMNS, LOOK_COLUMNS
-from daemon.runlog import KINDS
+from daemon.store.runlog import KINDS
 
 duckdb = pytest.importorskip("duckdb", reason="duckdb is not installed")
 reader = pytest.importorskip("mcap.reader", reason="mcap is not installed")

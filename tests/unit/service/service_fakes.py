@@ -1,4 +1,4 @@
-"""A desk for console tests: a cycle that remembers what it was told, a school on a real folder, no hardware."""
+"""A context for console tests: a cycle that remembers what it was told, a trainer on a real folder, no hardware."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-from daemon.cycle import RefusedError
-from daemon.desk import ANSWERABLE, Troubles
-from daemon.pick.errand import Errand
+from daemon.console.context import ANSWERABLE, Troubles
+from daemon.pick.cycle import RefusedError
+from daemon.pick.order import PickOrder
 
 
 @dataclass
@@ -24,7 +24,7 @@ class FakeCycle:
     pending: str | None = None
     refuse_with: str | None = None
     slow: bool = False
-    errand: Errand | None = None
+    pick_order: PickOrder | None = None
     held: bool | None = False
 
     def status(self) -> dict[str, Any]:
@@ -107,16 +107,16 @@ class FakeDoor:
 
 
 def fake_desk(folder: Path, reload: Callable[[], Any] | None = None) -> Any:
-    """A Desk as far as commands look at it."""
-    school = SimpleNamespace(
+    """A CommandContext as far as commands look at it."""
+    trainer = SimpleNamespace(
         parts={"cube": None, "pyramid": None},
         model=SimpleNamespace(labels=("cube",), metric={}),
-        shelf=SimpleNamespace(current=3, candidate=None, labels=lambda: ["cube"], views=lambda *_: []),
+        model_store=SimpleNamespace(current=3, candidate=None, labels=lambda: ["cube"], views=lambda *_: []),
     )
     return SimpleNamespace(
         cycle=FakeCycle(),
         log=FakeLog(),
-        school=school,
+        trainer=trainer,
         troubles=Troubles(),
         hardware=SimpleNamespace(kind="real", seed=None, hand=None),
         run_log=SimpleNamespace(folder=folder),

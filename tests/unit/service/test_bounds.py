@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from daemon import cell
+from daemon.cell import build as cell
 from daemon.config import ConfigError, load_config
 from daemon.pick.settings import Settings
 from daemon.store.bounds import BOUNDS, DIALECT_BOUNDS

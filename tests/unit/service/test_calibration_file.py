@@ -10,7 +10,7 @@ import pytest
 
 from daemon.calibration.file import Calibration, Quality, load_calibration, save_calibration
 from daemon.store.yamlfile import ConfigError
-from daemon.vision.rig import Camera, StereoRig
+from daemon.vision.geometry.rig import Camera, StereoRig
 
 
 def pose(x_mm: float, angle: float) -> np.ndarray:

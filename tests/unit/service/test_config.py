@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from daemon import cell
+from daemon.cell import build as cell
 from daemon.config import load_config
 from daemon.main import main
 from daemon.store import places
@@ -41,14 +41,14 @@ def test_the_configuration_that_is_shipped_is_good_and_says_the_defaults(path: P
     assert load_config(path, simulated=True).kind == "simulated"
     path.write_text("version: 1\ncameras: {left: a, right: b}\n")
     bare = load_config(path)
-    assert bare.said.pick == config.said.pick, "facetd.yaml shows another default than the program has"
-    assert bare.said.log == config.said.log
-    assert bare.said.health == config.said.health
+    assert bare.values.pick == config.values.pick, "facetd.yaml shows another default than the program has"
+    assert bare.values.log == config.values.log
+    assert bare.values.health == config.values.health
 
 
 def test_sections_with_every_key_commented_out_mean_their_defaults(path: Path) -> None:
     path.write_text("version: 1\ncameras: {left: a, right: b}\npick:\n  stops:\nconsole:\nlog:\n")
-    assert load_config(path).said.log.quota_mb == 4000
+    assert load_config(path).values.log.quota_mb == 4000
 
 
 @pytest.mark.parametrize(

@@ -13,17 +13,17 @@ from hypothesis import strategies as st
 from service_fakes import FakeDoor, fake_desk
 
 from daemon.commands import every_command
-from daemon.console import Answer, Console
-from daemon.pick.errand import Errand
+from daemon.console.interpreter import Answer, Console
+from daemon.pick.order import PickOrder
 
 
-def say(desk: object, text: str, door: FakeDoor | None = None) -> Answer:
-    console = Console(desk, every_command("simulated"))  # type: ignore[arg-type]
+def say(context: object, text: str, door: FakeDoor | None = None) -> Answer:
+    console = Console(context, every_command("simulated"))  # type: ignore[arg-type]
     return asyncio.run(console.interpret(text, door or FakeDoor()))
 
 
 @pytest.fixture
-def desk(tmp_path: Path) -> object:
+def context(tmp_path: Path) -> object:
     return fake_desk(tmp_path)
 
 
@@ -53,9 +53,9 @@ def desk(tmp_path: Path) -> object:
     ],
 )
 def test_what_is_not_understood_is_said_in_one_line_with_the_right_word(
-    desk: object, text: str, want: str, status: int
+    context: object, text: str, want: str, status: int
 ) -> None:
-    answer = say(desk, text)
+    answer = say(context, text)
     assert answer.text == want
     assert answer.status == status
 
@@ -64,12 +64,12 @@ def test_what_is_not_understood_is_said_in_one_line_with_the_right_word(
     ("typed", "held"), [("y", True), ("n", False), ("enable", None), ("holding yes", None), ("", None)]
 )
 def test_only_a_yes_or_a_no_says_what_is_in_the_gripper_after_a_restart(
-    desk: Any, typed: str, held: bool | None
+    context: Any, typed: str, held: bool | None
 ) -> None:
     """Somebody who types on takes nothing for empty that may hold a part."""
-    desk.cycle.fault, desk.cycle.held = "restarted: the daemon ended in verify", None
-    text = say(desk, "resume", FakeDoor(answers=[typed])).text
-    assert desk.cycle.held is held
+    context.cycle.fault, context.cycle.held = "restarted: the daemon ended in verify", None
+    text = say(context, "resume", FakeDoor(answers=[typed])).text
+    assert context.cycle.held is held
     assert ("`holding yes` or `holding no`" in text) is (held is None)
 
 
@@ -77,114 +77,118 @@ def test_only_a_yes_or_a_no_says_what_is_in_the_gripper_after_a_restart(
     ("answers", "goes_on"), [(["n", "y"], True), (["n", "n"], False), (["n", "status"], False), (["what?"], False)]
 )
 def test_resume_goes_on_with_an_auto_that_was_cut_off_only_after_a_plain_yes(
-    desk: Any, answers: list[str], goes_on: bool
+    context: Any, answers: list[str], goes_on: bool
 ) -> None:
     begun: list[tuple[int | None, float | None]] = []
 
     async def begin_auto(count: int | None, every_s: float | None = None) -> None:
         begun.append((count, every_s))
 
-    desk.begin_auto = begin_auto
-    desk.cycle.fault, desk.cycle.held, desk.cycle.errand = "restarted: the daemon ended in looking", None, Errand(13)
+    context.begin_auto = begin_auto
+    context.cycle.fault, context.cycle.held, context.cycle.pick_order = (
+        "restarted: the daemon ended in looking",
+        None,
+        PickOrder(13),
+    )
     door = FakeDoor(answers=list(answers))
-    text = say(desk, "resume", door).text
+    text = say(context, "resume", door).text
     assert begun == ([(13, None)] if goes_on else [])
-    assert ("enable" in desk.cycle.told) is goes_on
+    assert ("enable" in context.cycle.told) is goes_on
     assert ("`auto resume` takes it up" in text) is not goes_on
     assert len(door.asked) == len(answers)
 
 
-def test_resume_at_a_door_that_cannot_ask_moves_nothing(desk: Any) -> None:
-    desk.cycle.fault, desk.cycle.errand = "stopped by ann", Errand(2)
-    assert "`auto resume` takes it up" in say(desk, "resume").text
-    assert desk.cycle.told == ["resume"]
+def test_resume_at_a_door_that_cannot_ask_moves_nothing(context: Any) -> None:
+    context.cycle.fault, context.cycle.pick_order = "stopped by ann", PickOrder(2)
+    assert "`auto resume` takes it up" in say(context, "resume").text
+    assert context.cycle.told == ["resume"]
 
 
 @pytest.mark.parametrize("word", ["status", "STATUS", "stat", " status  # now"])
-def test_case_and_unambiguous_abbreviations_are_accepted(desk: object, word: str) -> None:
-    assert "2 picked, 1 failed" in say(desk, word).text
+def test_case_and_unambiguous_abbreviations_are_accepted(context: object, word: str) -> None:
+    assert "2 picked, 1 failed" in say(context, word).text
 
 
-def test_an_ambiguous_abbreviation_is_asked_back_not_guessed(desk: object) -> None:
-    answer = say(desk, "res")
+def test_an_ambiguous_abbreviation_is_asked_back_not_guessed(context: object) -> None:
+    answer = say(context, "res")
     assert answer.status == 0, "only resume begins so"
-    answer = say(desk, "st")
+    answer = say(context, "st")
     assert answer.status == 2
     assert "no such command" in answer.text
 
 
-def test_help_names_every_command_and_help_of_one_tells_its_usage(desk: object) -> None:
-    every = say(desk, "help").text
+def test_help_names_every_command_and_help_of_one_tells_its_usage(context: object) -> None:
+    every = say(context, "help").text
     for command in every_command("simulated"):
         assert command.usage in every
-        assert command.usage in say(desk, f"help {command.name}").text
+        assert command.usage in say(context, f"help {command.name}").text
     assert max(len(line) for line in every.splitlines()) <= 100
-    assert "did you mean teach" in say(desk, "help tech").text
+    assert "did you mean teach" in say(context, "help tech").text
 
 
-def test_every_answer_is_json_too(desk: object) -> None:
+def test_every_answer_is_json_too(context: object) -> None:
     for text in ("status", "help", "parts", "help pick", "enable", "nonsense"):
-        answer = say(desk, text)
+        answer = say(context, text)
         json.dumps(answer.data)
 
 
-def test_who_moves_the_arm_or_changes_a_model_is_kept_and_who_looks_is_not(desk: object) -> None:
-    say(desk, "enable", FakeDoor(name="terminal", who="anna"))
-    say(desk, "status")
-    assert desk.log.records == [("command", {"who": "anna", "door": "terminal", "text": "enable"})]  # type: ignore[attr-defined]
+def test_who_moves_the_arm_or_changes_a_model_is_kept_and_who_looks_is_not(context: object) -> None:
+    say(context, "enable", FakeDoor(name="terminal", who="anna"))
+    say(context, "status")
+    assert context.log.records == [("command", {"who": "anna", "door": "terminal", "text": "enable"})]  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize(
     "text", ["pick cube", "enable", "teach cube", "train", "go home", "robot monitor WHERE", "reload"]
 )
-def test_a_door_that_may_only_look_moves_nothing_and_changes_nothing(desk: object, text: str) -> None:
-    answer = say(desk, text, FakeDoor(may="look"))
+def test_a_door_that_may_only_look_moves_nothing_and_changes_nothing(context: object, text: str) -> None:
+    answer = say(context, text, FakeDoor(may="look"))
     assert answer.status == 1
     assert "may only look" in answer.text
-    assert desk.cycle.told == []  # type: ignore[attr-defined]
-    assert desk.log.records == []  # type: ignore[attr-defined]
+    assert context.cycle.told == []  # type: ignore[attr-defined]
+    assert context.log.records == []  # type: ignore[attr-defined]
 
 
-def test_stop_is_heard_at_every_door_and_whatever_else_is_on_the_line(desk: object) -> None:
-    answer = say(desk, "stop at once please!!", FakeDoor(may="look"))
+def test_stop_is_heard_at_every_door_and_whatever_else_is_on_the_line(context: object) -> None:
+    answer = say(context, "stop at once please!!", FakeDoor(may="look"))
     assert answer.status == 0
-    assert desk.cycle.told == ["stop by tester"]  # type: ignore[attr-defined]
+    assert context.cycle.told == ["stop by tester"]  # type: ignore[attr-defined]
 
 
-def test_what_the_cycle_refuses_is_an_answer_with_its_words(desk: object) -> None:
-    desk.cycle.refuse_with = "the arm is not enabled: say `enable`"  # type: ignore[attr-defined]
-    answer = say(desk, "go home")
+def test_what_the_cycle_refuses_is_an_answer_with_its_words(context: object) -> None:
+    context.cycle.refuse_with = "the arm is not enabled: say `enable`"  # type: ignore[attr-defined]
+    answer = say(context, "go home")
     assert (answer.status, answer.text) == (1, "the arm is not enabled: say `enable`")
     assert answer.data["error"] == answer.text
 
 
-def test_a_fault_in_the_program_itself_is_an_answer_too_and_the_console_lives(desk: object) -> None:
-    desk.school.shelf.views = None  # type: ignore[attr-defined]
-    answer = say(desk, "views")
+def test_a_fault_in_the_program_itself_is_an_answer_too_and_the_console_lives(context: object) -> None:
+    context.trainer.model_store.views = None  # type: ignore[attr-defined]
+    answer = say(context, "views")
     assert answer.status == 1
     assert "a fault in facetd itself: TypeError" in answer.text
-    assert say(desk, "status").status == 0
+    assert say(context, "status").status == 0
 
 
-def test_enable_is_refused_without_a_hand_eye_calibration(desk: object) -> None:
-    desk.calibration.tool_from_cyclopean = None  # type: ignore[attr-defined]
-    answer = say(desk, "enable")
+def test_enable_is_refused_without_a_hand_eye_calibration(context: object) -> None:
+    context.calibration.tool_from_cyclopean = None  # type: ignore[attr-defined]
+    answer = say(context, "enable")
     assert answer.status == 1
     assert "has no hand_eye yet: `facetctl calibrate hand-eye` first" in answer.text
-    assert desk.cycle.told == []  # type: ignore[attr-defined]
+    assert context.cycle.told == []  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize(("said", "told"), [("y", "confirm"), ("n", "refuse"), ("", "refuse")])
-def test_in_step_mode_the_move_is_shown_and_sent_only_after_a_yes(desk: object, said: str, told: str) -> None:
-    desk.cycle.slow, desk.cycle.pending = True, "home: joints to 420 0 60 at 100 %"  # type: ignore[attr-defined]
+def test_in_step_mode_the_move_is_shown_and_sent_only_after_a_yes(context: object, said: str, told: str) -> None:
+    context.cycle.slow, context.cycle.pending = True, "home: joints to 420 0 60 at 100 %"  # type: ignore[attr-defined]
     door = FakeDoor(answers=[said, "n"])
-    say(desk, "go home", door)
+    say(context, "go home", door)
     assert door.asked == ["home: joints to 420 0 60 at 100 %. Send it? [y/n]"]
-    assert desk.cycle.told == ["go home", told]  # type: ignore[attr-defined]
+    assert context.cycle.told == ["go home", told]  # type: ignore[attr-defined]
 
 
-def test_completion_offers_commands_and_then_what_they_can_be_given(desk: object) -> None:
-    console = Console(desk, every_command())  # type: ignore[arg-type]
+def test_completion_offers_commands_and_then_what_they_can_be_given(context: object) -> None:
+    console = Console(context, every_command())  # type: ignore[arg-type]
     assert console.complete("ste") == ["step"]
     assert console.complete("pick ") == ["pick cube"]
     assert console.complete("go s") == ["go survey"]
@@ -195,7 +199,7 @@ def test_completion_offers_commands_and_then_what_they_can_be_given(desk: object
 
 @given(text=st.text(max_size=60))
 def test_no_line_whatever_it_holds_ends_in_an_exception(text: str) -> None:
-    desk = fake_desk(Path("/nonexistent"))
-    answer = say(desk, f"help {text}")
+    context = fake_desk(Path("/nonexistent"))
+    answer = say(context, f"help {text}")
     assert answer.status in (0, 1, 2)
-    assert say(desk, f"q{text}").status in (0, 1, 2)
+    assert say(context, f"q{text}").status in (0, 1, 2)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from daemon.guard import RULES
+from daemon.arm.guard import RULES
 from daemon.upkeep.journal import MESSAGE_IDS
 
 DEPLOY = Path(__file__).resolve().parents[3] / "deploy"

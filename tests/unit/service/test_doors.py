@@ -19,35 +19,35 @@ from service_fakes import fake_desk
 
 from daemon.commands import every_command
 from daemon.config import Terminal
-from daemon.console import Console
+from daemon.console.interpreter import Console
 from daemon.doors.client import DaemonLink, NotThereError
 from daemon.doors.socket import DoorError, SocketServer
 from daemon.doors.terminal import SerialConsole
 
 
-def interrupter(desk: Any) -> Callable[[str], Awaitable[str]]:
+def interrupter(context: Any) -> Callable[[str], Awaitable[str]]:
     async def interrupt(who: str) -> str:
-        if desk.cycle.doing is None:
+        if context.cycle.doing is None:
             return "Nothing moves."
-        await desk.cycle.stop(f"by control-C of {who}")
+        await context.cycle.stop(f"by control-C of {who}")
         return "Stopped."
 
     return interrupt
 
 
 def with_socket(path: Path, use: Callable[[Path], Any]) -> tuple[Any, Any]:
-    """Serve a socket while `use(path)` runs in a thread; its result and the desk."""
-    desk = fake_desk(path.parent)
+    """Serve a socket while `use(path)` runs in a thread; its result and the context."""
+    context = fake_desk(path.parent)
 
     async def serve() -> Any:
-        server = SocketServer(path, None, Console(desk, every_command()), interrupter(desk))
+        server = SocketServer(path, None, Console(context, every_command()), interrupter(context))
         await server.open()
         try:
             return await asyncio.wait_for(asyncio.to_thread(use, path), 20)
         finally:
             await server.close()
 
-    return asyncio.run(serve()), desk
+    return asyncio.run(serve()), context
 
 
 def test_a_command_over_the_socket_is_answered_and_the_kernel_says_who_it_was(tmp_path: Path) -> None:
@@ -56,11 +56,11 @@ def test_a_command_over_the_socket_is_answered_and_the_kernel_says_who_it_was(tm
         with DaemonLink(path) as link:
             return link.do("enable", "one-shot", print), link.complete("sta"), link.do("flurb", "one-shot", print)
 
-    (enabled, options, unknown), desk = with_socket(tmp_path / "s", use)
+    (enabled, options, unknown), context = with_socket(tmp_path / "s", use)
     assert enabled["status"] == 0
     assert options == ["status"]
     assert unknown["status"] == 2
-    (_, said), *_ = desk.log.records
+    (_, said), *_ = context.log.records
     assert f"(process {os.getpid()})" in said["who"]
     assert not (tmp_path / "s").exists(), "the path is free again"
 
@@ -130,11 +130,11 @@ def test_stop_is_heard_while_another_command_is_being_done_and_a_second_move_is_
                 answers.append(json.loads(file.readline())["done"])
             return answers
 
-    desk = fake_desk(tmp_path)
-    desk.cycle.slow = True
+    context = fake_desk(tmp_path)
+    context.cycle.slow = True
 
     async def serve() -> Any:
-        server = SocketServer(tmp_path / "s", None, Console(desk, every_command()), interrupter(desk))
+        server = SocketServer(tmp_path / "s", None, Console(context, every_command()), interrupter(context))
         await server.open()
         answers = await asyncio.to_thread(use, tmp_path / "s")
         await server.close()
@@ -144,8 +144,8 @@ def test_stop_is_heard_while_another_command_is_being_done_and_a_second_move_is_
     assert "still being done" in refused["text"]
     assert stopped["text"].startswith("Stopped")
     assert ended["text"] == "At home."
-    assert desk.cycle.told[0] == "go home"
-    assert desk.cycle.told[1].startswith("stop by")
+    assert context.cycle.told[0] == "go home"
+    assert context.cycle.told[1].startswith("stop by")
 
 
 def test_a_daemon_that_lives_keeps_its_socket_and_a_dead_ones_is_taken_over(tmp_path: Path) -> None:
@@ -154,8 +154,8 @@ def test_a_daemon_that_lives_keeps_its_socket_and_a_dead_ones_is_taken_over(tmp_
         dead.bind(str(path))
 
     async def two() -> None:
-        desk = fake_desk(tmp_path)
-        first, second = (SocketServer(path, None, Console(desk, []), interrupter(desk)) for _ in range(2))
+        context = fake_desk(tmp_path)
+        first, second = (SocketServer(path, None, Console(context, []), interrupter(context)) for _ in range(2))
         await first.open()
         with pytest.raises(DoorError, match="another facetd answers there"):
             await second.open()
@@ -222,14 +222,16 @@ def at_a_terminal(
     settings: dict[str, Any] | None = None,
     slow: bool = False,
 ) -> Any:
-    """Let a person play at a serial console; gives the desk."""
-    desk = fake_desk(Path("/nonexistent"))
-    desk.cycle.slow = slow
+    """Let a person play at a serial console; gives the context."""
+    context = fake_desk(Path("/nonexistent"))
+    context.cycle.slow = slow
     terminal = Terminals(settings)
-    desk.heard = []
+    context.heard = []
 
     async def run() -> None:
-        console = SerialConsole(terminal.settings, Console(desk, every_command()), interrupter(desk), desk.heard.append)
+        console = SerialConsole(
+            terminal.settings, Console(context, every_command()), interrupter(context), context.heard.append
+        )
         task = asyncio.create_task(console.run())
         try:
             await asyncio.wait_for(play(terminal, console), 20)
@@ -241,7 +243,7 @@ def at_a_terminal(
         asyncio.run(run())
     finally:
         terminal.hang_up()
-    return desk
+    return context
 
 
 def test_a_person_types_mistypes_and_is_answered_at_9600_baud() -> None:
@@ -273,8 +275,8 @@ def test_control_c_stops_the_arm_while_a_command_is_being_done() -> None:
         await terminal.type(b"status\r")
         assert "FAULT: stopped by control-C of operator at" in await terminal.sees("doing     nothing")
 
-    desk = at_a_terminal(play, slow=True)
-    assert [t.split(" by")[0] for t in desk.cycle.told] == ["go home", "stop"], "what was typed ahead is dropped"
+    context = at_a_terminal(play, slow=True)
+    assert [t.split(" by")[0] for t in context.cycle.told] == ["go home", "stop"], "what was typed ahead is dropped"
 
 
 def test_questions_are_put_and_answered_on_the_terminal() -> None:
@@ -312,8 +314,8 @@ def test_a_terminal_that_may_only_look_stops_the_arm_but_does_not_move_it() -> N
         await terminal.type(b"stop\r")
         await terminal.sees("Stopped")
 
-    desk = at_a_terminal(play, {"may": "look"})
-    assert [t.split(" by")[0] for t in desk.cycle.told] == ["stop"]
+    context = at_a_terminal(play, {"may": "look"})
+    assert [t.split(" by")[0] for t in context.cycle.told] == ["stop"]
 
 
 def test_a_port_that_is_not_there_is_told_and_tried_again(tmp_path: Path) -> None:
@@ -321,8 +323,8 @@ def test_a_port_that_is_not_there_is_told_and_tried_again(tmp_path: Path) -> Non
 
     async def run() -> None:
         settings = Terminal(device=str(tmp_path / "none"))
-        desk = fake_desk(tmp_path)
-        console = SerialConsole(settings, Console(desk, []), interrupter(desk), heard.append)
+        context = fake_desk(tmp_path)
+        console = SerialConsole(settings, Console(context, []), interrupter(context), heard.append)
         task = asyncio.create_task(console.run())
         await asyncio.sleep(0.05)
         task.cancel()

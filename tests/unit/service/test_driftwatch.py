@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from daemon.calibration.drift import Clue
-from daemon.upkeep.driftwatch import DriftWatch, clue_from, health_fields
+from daemon.calibration.drift_watch import DriftWatch, clue_from, health_fields
 
 
 def health(pitch_deg: float, rng: np.random.Generator) -> dict[str, float]:

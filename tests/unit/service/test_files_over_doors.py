@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 from service_fakes import fake_desk
 
-from daemon.console import Answer, Command, Console, Door
+from daemon.console.interpreter import Answer, Command, Console, Door
 from daemon.doors.client import DaemonLink
 from daemon.doors.socket import LONGEST_FILE, SocketServer
 

@@ -15,10 +15,10 @@ import cv2
 import numpy as np
 import pytest
 
-from daemon import cell
+from daemon.cell import build as cell
 from daemon.config import load_config
-from daemon.desk import Desk, Troubles
-from daemon.runlog import RunLog
+from daemon.console.context import CommandContext, Troubles
+from daemon.store.runlog import RunLog
 from daemon.store.runs import list_runs, read_run
 from daemon.upkeep import journal
 from daemon.upkeep.watch import Watch
@@ -94,8 +94,8 @@ class WatchedCell:
         health = SimpleNamespace(camera_silence_s=0.2, arm_check_s=0.1)
         log = SimpleNamespace(quota_mb=10, keep_free_mb=0, roll_mb=1)
         self.run_log = RunLog(folder / "runs" / "20260101T000000Z")
-        self.desk: Any = SimpleNamespace(
-            config=SimpleNamespace(said=SimpleNamespace(health=health, log=log), runs=folder / "runs"),
+        self.context: Any = SimpleNamespace(
+            config=SimpleNamespace(values=SimpleNamespace(health=health, log=log), runs=folder / "runs"),
             hardware=SimpleNamespace(clock=time.monotonic, eyes=self, robot=self),
             cycle=self,
             troubles=Troubles(),
@@ -126,7 +126,7 @@ def watching(folder: Path, play: Callable[[WatchedCell, Watch], Awaitable[None]]
     watched = WatchedCell(folder)
 
     async def run() -> None:
-        watch = Watch(watched.desk)
+        watch = Watch(watched.context)
         task = asyncio.create_task(watch.run())
         try:
             await play(watched, watch)
@@ -143,10 +143,10 @@ def test_a_camera_lost_while_the_arm_may_move_stops_it_once_and_is_told_until_it
     async def play(watched: WatchedCell, _: Watch) -> None:
         watched.camera_fails = True
         await asyncio.sleep(1.3)
-        assert watched.desk.troubles.standing["cameras"] == "cameras: no stereo pair within 0.1 s"
+        assert watched.context.troubles.standing["cameras"] == "cameras: no stereo pair within 0.1 s"
         watched.camera_fails = False
         await asyncio.sleep(1.2)
-        assert "cameras" not in watched.desk.troubles.standing
+        assert "cameras" not in watched.context.troubles.standing
 
     assert watching(tmp_path, play).failed == ["cameras: no stereo pair within 0.1 s"]
 
@@ -155,7 +155,7 @@ def test_a_camera_lost_while_the_arm_may_not_move_is_told_and_no_fault(tmp_path:
     async def play(watched: WatchedCell, _: Watch) -> None:
         watched.enabled, watched.camera_fails = False, True
         await asyncio.sleep(0.8)
-        assert "cameras" in watched.desk.troubles.standing
+        assert "cameras" in watched.context.troubles.standing
 
     assert watching(tmp_path, play).failed == []
 
@@ -217,13 +217,15 @@ def test_a_run_that_grew_large_while_auto_never_rests_goes_on_in_a_new_folder_be
         (watched.run_log.folder / "images" / "big.png").write_bytes(bytes(2_000_000))
         watch._quota_s = 0.0
         await asyncio.sleep(1.2)
-        assert watched.desk.roll_due
+        assert watched.context.roll_due
 
     watched = watching(tmp_path, play)
-    desk = SimpleNamespace(config=watched.desk.config, roll_due=True, new_run=lambda folder: rolled.append(folder))
+    context = SimpleNamespace(
+        config=watched.context.config, roll_due=True, new_run=lambda folder: rolled.append(folder)
+    )
     rolled: list[Path] = []
     for _ in range(2):
-        Desk.roll_if_due(desk)  # type: ignore[arg-type]
+        CommandContext.roll_if_due(context)  # type: ignore[arg-type]
     assert len(rolled) == 1
     assert rolled[0].parent == tmp_path / "runs"
 

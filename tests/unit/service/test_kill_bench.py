@@ -15,7 +15,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[3]))
 
-from daemon.runlog import RunLog
+from daemon.store.runlog import RunLog
 from daemon.store.runs import new_folder
 from tests.bench.outlive import Beside, Ways, witness
 from tests.bench.sentry import Found, Sentry, come_back, go_on, look_over
@@ -98,7 +98,7 @@ def test_a_torn_last_line_is_all_that_a_kill_may_leave(folder: Path) -> None:
         (lambda run: edit(run / "run.jsonl", lambda lines: lines[:1]), "answered and is not in the log"),
         (lambda run: edit(run / "wire.jsonl", lambda lines: [lines[0], *lines[2:]]), "does not follow"),
         (lambda run: os.truncate(next(run.glob("images/*.png")), 200), "not a whole picture"),
-        (lambda run: (run.parents[1] / "shelf.json").write_text('{"cur'), "not whole"),
+        (lambda run: (run.parents[1] / "model_store.json").write_text('{"cur'), "not whole"),
     ],
     ids=["torn in the middle", "line lost", "answered, not logged", "wire line lost", "picture cut", "json cut"],
 )

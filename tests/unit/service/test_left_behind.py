@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from daemon.runlog import RunLog
+from daemon.store.runlog import RunLog
 from daemon.store.runs import Interrupted, drop_unstarted, left_behind, list_runs, new_folder
 
 NOW = datetime(2026, 11, 21, 10, tzinfo=UTC)

@@ -15,18 +15,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from daemon.commands.learning import teach
-from daemon.console import NOT_UNDERSTOOD, CommandError
-from daemon.school.aspects import aspects, learn_solid
-from daemon.school.mesh import LARGEST_BYTES, MeshError, read_mesh
-from daemon.school.polyhedron import solid_of
-from daemon.school.sufficiency import facet_areas, judge, open_edges
+from daemon.console.interpreter import NOT_UNDERSTOOD, CommandError
 from daemon.store.library import load_facets, load_parts
 from daemon.store.model import from_bytes, to_bytes
-from daemon.store.shelf import Shelf
-from daemon.teach import School
-from daemon.vision.model import empty_model
-from daemon.vision.recognise import recognise_group
-from daemon.vision.relation import Solid
+from daemon.store.model_store import ModelStore
+from daemon.teaching.aspects import aspects, learn_solid
+from daemon.teaching.mesh import LARGEST_BYTES, MeshError, read_mesh
+from daemon.teaching.solid_from_mesh import solid_of
+from daemon.teaching.sufficiency import facet_areas, judge, open_edges
+from daemon.teaching.trainer import Trainer
+from daemon.vision.geometry.polyhedron import Polyhedron
+from daemon.vision.model.model import empty_model
+from daemon.vision.recognition.recognise import recognise_group
 
 RIG = rendered.rig(rendered.HERE, "B")
 LIBRARY = load_facets()
@@ -35,11 +35,11 @@ WAYS: dict[str, Callable[..., bytes]] = {
 }  # fmt: skip
 
 
-def solid(name: str, content: bytes, unit: str = "mm") -> Solid:
+def solid(name: str, content: bytes, unit: str = "mm") -> Polyhedron:
     return solid_of(read_mesh(name, content, unit), LIBRARY)
 
 
-def box(*sides: float) -> Solid:
+def box(*sides: float) -> Polyhedron:
     return solid("box.obj", drawn.obj(*drawn.box(*sides)))
 
 
@@ -163,7 +163,7 @@ def test_a_learnt_drawing_names_the_part_from_everywhere_and_survives_the_file()
     model = from_bytes(to_bytes(model)).model
     for label, sides in (("brick", {40, 50, 60}), ("cube", {50})):
         metric = model.metric[label].solid
-        lengths = {round(float(np.linalg.norm(metric.corners_mm[a] - metric.corners_mm[b]))) for a, b in metric.edges()}
+        lengths = {round(float(np.linalg.norm(metric.corners_mm[a] - metric.corners_mm[b]))) for a, b in metric.edges}
         assert lengths == sides
         told = judge(model, label, RIG)
         assert told.complete
@@ -172,50 +172,50 @@ def test_a_learnt_drawing_names_the_part_from_everywhere_and_survives_the_file()
 
 
 @pytest.fixture
-def school(tmp_path: Path) -> School:
-    return School(Shelf(tmp_path), RIG, LIBRARY, load_parts())
+def trainer(tmp_path: Path) -> Trainer:
+    return Trainer(ModelStore(tmp_path), RIG, LIBRARY, load_parts())
 
 
-def test_a_drawing_is_kept_trained_on_and_names_the_part_in_a_real_picture(school: School) -> None:
+def test_a_drawing_is_kept_trained_on_and_names_the_part_in_a_real_picture(trainer: Trainer) -> None:
     for label, drawing in (("cube", drawn.box(50, 50, 50)), ("brick", drawn.box(40, 50, 60))):
-        view = school.store_mesh(label, f"{label}.stl", drawn.binary_stl(*drawing), "mm", {"who": "tester"})
+        view = trainer.store_mesh(label, f"{label}.stl", drawn.binary_stl(*drawing), "mm", {"who": "tester"})
         assert view.mesh is not None
         assert view.note["facets"][0] == list(solid("x.obj", drawn.obj(*drawing)).types)
-    trained = school.train()
+    trained = trainer.train()
     assert trained.left_out == ()
     assert [(v.view, v.named) for v in trained.verdicts] == [("brick/1", "brick"), ("cube/1", "cube")]
-    school.accept()
-    assert school.waiting() == []
+    trainer.accept()
+    assert trainer.waiting() == []
     scenes = [f.parent for f in sorted(rendered.HERE.glob("*/truth.json")) if _holds(f.parent, "cube")]
     assert scenes, "a scene with a cube belongs to the test data"
     for scene in scenes:
         rig = rendered.rig(rendered.HERE, rendered.truth(scene)["rig"])
-        scenery = School(school.shelf, rig, LIBRARY, load_parts()).in_use.see(*rendered.pair(scene))
+        scenery = Trainer(trainer.model_store, rig, LIBRARY, load_parts()).in_use.see(*rendered.pair(scene))
         named = [p.recognition.label for p in scenery.parts]
         assert "brick" not in named
         assert "cube" in named, (scene.name, [p.recognition.reason for p in scenery.parts])
-    assert school.shelf.drop_views("cube") == 1
-    assert school.learnt()[0].labels == ("brick",)
+    assert trainer.model_store.drop_views("cube") == 1
+    assert trainer.learnt()[0].labels == ("brick",)
 
 
 def _holds(scene: Path, label: str) -> bool:
     return any(one["label"] == label for one in rendered.truth(scene)["objects"])
 
 
-def test_shown_views_and_a_drawing_of_one_part_go_together(school: School) -> None:
+def test_shown_views_and_a_drawing_of_one_part_go_together(trainer: Trainer) -> None:
     view = aspects(box(50, 50, 50), RIG)[0]
-    school.store_mesh("cube", "cube.obj", drawn.obj(*drawn.box()), "mm", {})
-    model, left_out = school.learnt()
+    trainer.store_mesh("cube", "cube.obj", drawn.obj(*drawn.box()), "mm", {})
+    model, left_out = trainer.learnt()
     assert left_out == []
     assert recognise_group(view, model).recognition.label == "cube"
 
 
-def test_a_damaged_drawing_on_the_shelf_is_left_out_and_named(school: School) -> None:
-    view = school.store_mesh("cube", "cube.obj", drawn.obj(*drawn.box()), "mm", {})
-    school.store_mesh("brick", "brick.obj", drawn.obj(*drawn.box(40, 50, 60)), "mm", {})
+def test_a_damaged_drawing_on_the_shelf_is_left_out_and_named(trainer: Trainer) -> None:
+    view = trainer.store_mesh("cube", "cube.obj", drawn.obj(*drawn.box()), "mm", {})
+    trainer.store_mesh("brick", "brick.obj", drawn.obj(*drawn.box(40, 50, 60)), "mm", {})
     assert view.mesh is not None
     view.mesh.write_bytes(b"v 1\n")
-    trained = school.train()
+    trained = trainer.train()
     assert [line.split(":")[0] for line in trained.left_out] == ["cube/1"]
     assert [verdict.label for verdict in trained.verdicts] == ["brick"]
 
@@ -252,14 +252,16 @@ class Reader:
         ("brick --mesh cube.stl", "brick: no such part"),
     ],
 )
-def test_a_drawing_that_cannot_be_taught_is_an_answer_and_nothing_is_kept(school: School, text: str, want: str) -> None:
+def test_a_drawing_that_cannot_be_taught_is_an_answer_and_nothing_is_kept(
+    trainer: Trainer, text: str, want: str
+) -> None:
     import service_fakes
 
-    desk = service_fakes.fake_desk(school.shelf.folder)
-    desk.school = school
+    context = service_fakes.fake_desk(trainer.model_store.folder)
+    context.trainer = trainer
     door = Reader(cube_stl=drawn.binary_stl(*CUBE), bad_obj=GAP)
     with pytest.raises(CommandError) as told:
-        asyncio.run(teach(desk, text.split(), door))  # type: ignore[arg-type]
+        asyncio.run(teach(context, text.split(), door))  # type: ignore[arg-type]
     assert want in str(told.value)
     assert told.value.status == NOT_UNDERSTOOD
-    assert school.shelf.views() == []
+    assert trainer.model_store.views() == []

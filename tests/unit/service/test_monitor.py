@@ -30,7 +30,7 @@ from tests.bench.running import Running
 
 
 def standing(fault: str | None = None, enabled: bool = True) -> Any:
-    """As much of a desk as a typist sees."""
+    """As much of a context as a typist sees."""
     cycle = SimpleNamespace(status=lambda: {"fault": fault, "enabled": enabled}, hand_full=False)
     return SimpleNamespace(cycle=cycle, log=FakeLog())
 
@@ -42,37 +42,37 @@ class Shown(FakeDoor):
         self.said.append(data.decode("latin-1"))
 
 
-def typed(desk: Any, *keys: bytes) -> tuple[bytes, Shown]:
+def typed(context: Any, *keys: bytes) -> tuple[bytes, Shown]:
     sent, door = bytearray(), Shown()
-    typist = Typist(desk, door)
+    typist = Typist(context, door)
     for some in keys:
         typist.typed(some, sent.extend)
     return bytes(sent), door
 
 
 def test_every_line_goes_out_as_it_was_typed_and_into_the_log() -> None:
-    desk = standing()
-    sent, _ = typed(desk, b"WHE", b"RX\x7fE\r", b"DO MOVE P1\r\r")
+    context = standing()
+    sent, _ = typed(context, b"WHE", b"RX\x7fE\r", b"DO MOVE P1\r\r")
     assert sent == b"WHERX\x7fE\rDO MOVE P1\r\r"
-    assert [fields["text"] for kind, fields in desk.log.records] == ["WHERE", "DO MOVE P1"]
-    assert {fields["door"] for _, fields in desk.log.records} == {"test, monitor"}
-    assert {fields["who"] for _, fields in desk.log.records} == {"tester"}
+    assert [fields["text"] for kind, fields in context.log.records] == ["WHERE", "DO MOVE P1"]
+    assert {fields["door"] for _, fields in context.log.records} == {"test, monitor"}
+    assert {fields["who"] for _, fields in context.log.records} == {"tester"}
 
 
-@pytest.mark.parametrize("desk", [standing("stopped by an operator"), standing(enabled=False)])
+@pytest.mark.parametrize("context", [standing("stopped by an operator"), standing(enabled=False)])
 @pytest.mark.parametrize("line", [b"DO MOVE P1", b"do  ready", b" EX PROG", b"CAL", b"PROCEED", b"XX\x7f\x08DO NEST"])
-def test_a_line_that_would_move_an_arm_that_may_not_is_taken_back_and_told(desk: Any, line: bytes) -> None:
-    desk.log.records.clear()
-    sent, door = typed(desk, line + b"\r")
+def test_a_line_that_would_move_an_arm_that_may_not_is_taken_back_and_told(context: Any, line: bytes) -> None:
+    context.log.records.clear()
+    sent, door = typed(context, line + b"\r")
     assert sent == line + b"\x15!!\r"
     assert "not sent" in door.said[0]
-    assert desk.log.records[0][1]["text"].startswith("not sent: ")
+    assert context.log.records[0][1]["text"].startswith("not sent: ")
 
 
 def test_a_hand_that_was_worked_here_is_asked_about_later() -> None:
-    desk = standing()
-    typed(desk, b"DO CLOSEI\r")
-    assert desk.cycle.hand_full is None
+    context = standing()
+    typed(context, b"DO CLOSEI\r")
+    assert context.cycle.hand_full is None
 
 
 WORDS = [b"DO MOVE TRANS(400,0,0,0,90,0)", b"DO READY", b"EXECUTE", b"CAL", b"Y", b"WHERE", b"SPEED 50", b"DO ",

@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 import pytest
 
-from daemon.runlog import RunLog
+from daemon.store.runlog import RunLog
 from daemon.store.runs import (
     RunError,
     check_wire,
@@ -94,7 +94,7 @@ WRITER = """
 import sys, itertools
 from pathlib import Path
 import numpy as np
-from daemon.runlog import RunLog
+from daemon.store.runlog import RunLog
 log = RunLog(Path(sys.argv[1]))
 picture = np.zeros((480, 640), np.uint8)
 for n in itertools.count():

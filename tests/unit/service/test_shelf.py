@@ -10,8 +10,8 @@ import pytest
 
 from daemon.store.library import load_facets
 from daemon.store.model import ModelError
-from daemon.store.shelf import Shelf, ShelfError
-from daemon.vision.model import Model, empty_model
+from daemon.store.model_store import ModelStore, ModelStoreError
+from daemon.vision.model.model import Model, empty_model
 
 
 def picture(value: int) -> np.ndarray:
@@ -19,8 +19,8 @@ def picture(value: int) -> np.ndarray:
 
 
 @pytest.fixture
-def shelf(tmp_path: Path) -> Shelf:
-    return Shelf(tmp_path)
+def model_store(tmp_path: Path) -> ModelStore:
+    return ModelStore(tmp_path)
 
 
 @pytest.fixture
@@ -28,28 +28,30 @@ def model() -> Model:
     return empty_model(load_facets())
 
 
-def test_a_view_comes_back_as_it_was_put_there(shelf: Shelf) -> None:
-    view = shelf.add_view("cube", picture(1), picture(2), {"who": "anna"})
-    (found,) = shelf.views()
+def test_a_view_comes_back_as_it_was_put_there(model_store: ModelStore) -> None:
+    view = model_store.add_view("cube", picture(1), picture(2), {"who": "anna"})
+    (found,) = model_store.views()
     assert (found.name, found.note["who"], found.note["label"]) == ("cube/1", "anna", "cube")
     left, right = found.images()
     assert (left[0, 0], right[0, 0]) == (1, 2)
     assert view == found
 
 
-def test_numbers_go_on_and_removed_views_leave_nothing_behind(shelf: Shelf) -> None:
+def test_numbers_go_on_and_removed_views_leave_nothing_behind(model_store: ModelStore) -> None:
     for _ in range(11):
-        shelf.add_view("cube", picture(1), picture(2), {})
-    assert [view.number for view in shelf.views("cube")] == list(range(1, 12))
-    assert shelf.drop_views("cube", 4) == 1
-    assert shelf.drop_views("cube", 4) == 0
-    assert shelf.add_view("cube", picture(1), picture(2), {}).number == 12
-    assert shelf.drop_views("cube") == 11
-    assert shelf.labels() == []
-    assert list((shelf.folder / "views").iterdir()) == []
+        model_store.add_view("cube", picture(1), picture(2), {})
+    assert [view.number for view in model_store.views("cube")] == list(range(1, 12))
+    assert model_store.drop_views("cube", 4) == 1
+    assert model_store.drop_views("cube", 4) == 0
+    assert model_store.add_view("cube", picture(1), picture(2), {}).number == 12
+    assert model_store.drop_views("cube") == 11
+    assert model_store.labels() == []
+    assert list((model_store.folder / "views").iterdir()) == []
 
 
-def test_a_disk_that_fills_up_in_the_middle_leaves_no_half_view(shelf: Shelf, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_disk_that_fills_up_in_the_middle_leaves_no_half_view(
+    model_store: ModelStore, monkeypatch: pytest.MonkeyPatch
+) -> None:
     calls = []
 
     def fail_on_the_second(path: Path, content: bytes) -> None:
@@ -58,46 +60,46 @@ def test_a_disk_that_fills_up_in_the_middle_leaves_no_half_view(shelf: Shelf, mo
             raise OSError(errno.ENOSPC, "No space left on device")
         path.write_bytes(content)
 
-    monkeypatch.setattr("daemon.store.shelf.write_atomically", fail_on_the_second)
-    with pytest.raises(ShelfError, match="the view is not stored: No space left on device"):
-        shelf.add_view("cube", picture(1), picture(2), {})
-    assert shelf.views() == []
-    assert list((shelf.folder / "views" / "cube").iterdir()) == []
+    monkeypatch.setattr("daemon.store.model_store.write_atomically", fail_on_the_second)
+    with pytest.raises(ModelStoreError, match="the view is not stored: No space left on device"):
+        model_store.add_view("cube", picture(1), picture(2), {})
+    assert model_store.views() == []
+    assert list((model_store.folder / "views" / "cube").iterdir()) == []
 
 
-def test_a_candidate_is_not_in_use_until_accepted_and_rollback_goes_back(shelf: Shelf, model: Model) -> None:
-    assert (shelf.current, shelf.candidate) == (None, None)
-    with pytest.raises(ShelfError, match="no candidate"):
-        shelf.accept()
-    assert shelf.put_candidate(model) == 1
-    assert (shelf.current, shelf.candidate) == (None, 1)
-    assert shelf.accept() == 1
-    assert shelf.put_candidate(model) == 2
-    assert shelf.put_candidate(model) == 3
-    assert shelf.accept() == 3
-    assert (shelf.current, shelf.candidate, shelf.history) == (3, None, (1,))
-    assert shelf.rollback() == 1
-    assert (shelf.current, shelf.candidate) == (1, 3), "what was gone back from can be accepted again"
-    assert shelf.accept() == 3
-    assert shelf.rollback() == 1
-    with pytest.raises(ShelfError, match="no earlier model"):
-        shelf.rollback()
-    assert shelf.put_candidate(model) == 4, "a version is never used twice"
+def test_a_candidate_is_not_in_use_until_accepted_and_rollback_goes_back(model_store: ModelStore, model: Model) -> None:
+    assert (model_store.current, model_store.candidate) == (None, None)
+    with pytest.raises(ModelStoreError, match="no candidate"):
+        model_store.accept()
+    assert model_store.put_candidate(model) == 1
+    assert (model_store.current, model_store.candidate) == (None, 1)
+    assert model_store.accept() == 1
+    assert model_store.put_candidate(model) == 2
+    assert model_store.put_candidate(model) == 3
+    assert model_store.accept() == 3
+    assert (model_store.current, model_store.candidate, model_store.history) == (3, None, (1,))
+    assert model_store.rollback() == 1
+    assert (model_store.current, model_store.candidate) == (1, 3), "what was gone back from can be accepted again"
+    assert model_store.accept() == 3
+    assert model_store.rollback() == 1
+    with pytest.raises(ModelStoreError, match="no earlier model"):
+        model_store.rollback()
+    assert model_store.put_candidate(model) == 4, "a version is never used twice"
 
 
-def test_what_cannot_be_read_is_named_with_what_to_do(shelf: Shelf, model: Model) -> None:
-    view = shelf.add_view("cube", picture(1), picture(2), {})
+def test_what_cannot_be_read_is_named_with_what_to_do(model_store: ModelStore, model: Model) -> None:
+    view = model_store.add_view("cube", picture(1), picture(2), {})
     (view.folder / "left.png").write_bytes(b"\x89PNG cut")
-    with pytest.raises(ShelfError, match=r"left\.png: not an image; `forget` this view"):
+    with pytest.raises(ModelStoreError, match=r"left\.png: not an image; `forget` this view"):
         view.images()
     (view.folder / "view.json").write_text("{")
-    with pytest.raises(ShelfError, match=r"view\.json: cannot be read"):
-        shelf.views()
-    shelf.put_candidate(model)
-    shelf.accept()
-    shelf.path(1).write_bytes(shelf.path(1).read_bytes()[:-20])
+    with pytest.raises(ModelStoreError, match=r"view\.json: cannot be read"):
+        model_store.views()
+    model_store.put_candidate(model)
+    model_store.accept()
+    model_store.path(1).write_bytes(model_store.path(1).read_bytes()[:-20])
     with pytest.raises(ModelError):
-        shelf.load(1)
-    (shelf.folder / "models" / "state.json").write_text('{"current": "one"}')
-    with pytest.raises(ShelfError, match=r"state\.json: cannot be read"):
-        _ = shelf.current
+        model_store.load(1)
+    (model_store.folder / "models" / "state.json").write_text('{"current": "one"}')
+    with pytest.raises(ModelStoreError, match=r"state\.json: cannot be read"):
+        _ = model_store.current

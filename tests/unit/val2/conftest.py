@@ -34,7 +34,7 @@ def fuzz() -> Callable[[int, int], tuple[int, bool]]:
     return run
 
 
-class Bench:
+class PickContext:
     """A controller on a pseudo-terminal in scaled time, and what a link to it wrote into its ledger."""
 
     def __init__(self, server: PtyServer, faults: Faults, hand: list[bool]) -> None:
@@ -66,17 +66,17 @@ QUICK = Dialect(resync_s=0.4, typing_s=0.4, answer_s=1.0, stall_s=0.3)
 
 
 @pytest.fixture
-def bench() -> Iterator[Callable[..., Bench]]:
+def bench() -> Iterator[Callable[..., PickContext]]:
     """Builds benches: bench(manners, cold=False, time_scale=20, joints_rad=READY_RAD)."""
     servers: list[PtyServer] = []
 
     def build(
         manners: Manners | None = None, cold: bool = False, time_scale: float = 20.0, joints_rad: Any = READY_RAD
-    ) -> Bench:
+    ) -> PickContext:
         faults, hand = Faults(), list[bool]()
         controller = Controller(Arm(joints_rad=joints_rad), manners, hand.append, faults, cold)
         servers.append(PtyServer(controller, time_scale=time_scale))
-        return Bench(servers[-1], faults, hand)
+        return PickContext(servers[-1], faults, hand)
 
     yield build
     for server in servers:

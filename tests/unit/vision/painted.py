@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from solids import Body
 
 from daemon import frames
-from daemon.vision.rig import Camera, StereoRig
+from daemon.vision.geometry.rig import Camera, StereoRig
 
 Array = NDArray[np.float64]
 FINER = 4

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon import frames
-from daemon.vision.data import Facet, Group
-from daemon.vision.relation import touching_from, weld
+from daemon.vision.model.relation_matrix import weld
+from daemon.vision.values import Facet, Group
 
 Array = NDArray[np.float64]
 LATERAL_MM, DEPTH_MM = 0.08, 0.4  # at 350 mm, 700 px focal length, 60 mm base, 0.1 px
@@ -112,7 +112,7 @@ def measured(corners_mm: Array, rng: np.random.Generator | None, noise: float = 
 
 
 def group_of(facets: tuple[Facet, ...]) -> Group:
-    return Group(facets, touching_from(weld(facets)))
+    return Group(facets, weld(facets).touching)
 
 
 def view_of(

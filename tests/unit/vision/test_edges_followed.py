@@ -7,8 +7,8 @@ from painted import paint_pair, rig
 from solids import KNOWN, pose
 
 from daemon import frames
-from daemon.pick.edges import fit_edges, open_eyes
-from daemon.pick.tracking import Shape
+from daemon.vision.geometry.polyhedron import exact
+from daemon.vision.registration.edge_pose import fit_edges, open_eyes
 
 VIEWS = ((0.75, 0.25, 0.6), (0.2, -0.5, 0.84), (-0.6, 0.55, 0.58))
 ALIKE = (95.0, 165.0, 165.0, 165.0, 165.0, 165.0, 165.0)
@@ -16,7 +16,7 @@ ALIKE = (95.0, 165.0, 165.0, 165.0, 165.0, 165.0, 165.0)
 
 def shape_of(label):
     body = KNOWN[label]
-    return Shape(label, body.corners_mm, tuple(np.array(ring) for ring in body.facets))
+    return exact(body.corners_mm, body.facets)
 
 
 def near(where, rng):

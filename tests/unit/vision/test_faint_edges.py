@@ -12,13 +12,13 @@ from painted import paint_pair, rig
 from solids import CUBE, PYRAMID, pose
 
 from daemon import frames
-from daemon.vision.epipolar import baseline
-from daemon.vision.expect import open_eyes
-from daemon.vision.relation import Solid
-from daemon.vision.rings import different
-from daemon.vision.sides import edge_sigmas
-from daemon.vision.threes import poses_of_three
-from daemon.vision.trial import trial_costs
+from daemon.vision.geometry.p3p import poses_of_three
+from daemon.vision.geometry.polygon_batch import different
+from daemon.vision.geometry.polyhedron import exact
+from daemon.vision.geometry.rectified import baseline
+from daemon.vision.image.edge_lines import edge_sigmas
+from daemon.vision.registration.chamfer import trial_costs
+from daemon.vision.registration.verify import open_eyes
 
 Array = NDArray[np.float64]
 LINE = np.array([[20.0, 60.0]]), np.array([[140.0, 60.0]])
@@ -95,7 +95,7 @@ def test_most_triples_of_corners_are_solved() -> None:
 def test_the_true_pose_costs_less_than_poses_beside_it(body: object) -> None:
     where = pose(np.array([0.75, 0.25, 0.6]), 0.3, 340.0)
     eyes = open_eyes(*paint_pair([(body, where)], np.random.default_rng(4)), rig())  # type: ignore[list-item]
-    solid = Solid(body.corners_mm, np.zeros((len(body.corners_mm), 3, 3)), body.facets, ("",) * len(body.facets))  # type: ignore[attr-defined]
+    solid = exact(body.corners_mm, body.facets)
     beside = [
         frames.perturb(where, np.array(m)) for m in ([9.0, 0, 0, 0, 0, 0], [0, 9, 0, 0, 0, 0], [0, 0, 0, 0.2, 0, 0])
     ]

@@ -8,10 +8,10 @@ import cv2
 import numpy as np
 import pytest
 
-from daemon.vision.health import MEASURES, examine, findings_json, misleading, troubles
-from daemon.vision.rig import Camera, StereoRig
-from daemon.vision.sharpness import measure_blur
-from daemon.vision.swapped import Assignment, assignment
+from daemon.vision.geometry.rig import Camera, StereoRig
+from daemon.vision.health.blur import measure_blur
+from daemon.vision.health.camera_order import Assignment, assignment
+from daemon.vision.health.examine import MEASURES, examine, findings_json, misleading, troubles
 
 Image = np.ndarray
 

@@ -9,8 +9,8 @@ import pytest
 from numpy.typing import NDArray
 from painted import rig
 
-from daemon.vision.facets import find_facets
-from daemon.vision.image import VisionError, as_grey, measure_noise
+from daemon.vision.facets.reconstruct import find_facets
+from daemon.vision.image.grey import VisionError, as_grey, measure_noise
 
 SIZE = (480, 640)
 

@@ -17,10 +17,10 @@ from daemon.calibration.file import Calibration, save_calibration
 from daemon.ctl import main
 from daemon.store.library import load_facets
 from daemon.vision.draw import draw_scene
-from daemon.vision.facets import find_facets
-from daemon.vision.image import VisionError
+from daemon.vision.facets.reconstruct import find_facets
+from daemon.vision.image.grey import VisionError
 from daemon.vision.look import look
-from daemon.vision.model import Model, empty_model, learn_view
+from daemon.vision.model.model import Model, empty_model, learn_view
 from daemon.vision.report import scene_json
 
 Image = NDArray[np.uint8]

@@ -12,10 +12,10 @@ from solids import CUBE, KNOWN, PENTAGONAL, PYRAMID, STRANGERS, TRIANGULAR, Body
 
 from daemon import frames
 from daemon.store.library import load_facets
-from daemon.vision.data import Facet, FacetView, Group, Rejected
-from daemon.vision.expect import look_closer, open_eyes
-from daemon.vision.model import Model, empty_model, learn_view
-from daemon.vision.recognise import recognise
+from daemon.vision.model.model import Model, empty_model, learn_view
+from daemon.vision.recognition.recognise import recognise
+from daemon.vision.registration.verify import look_closer, open_eyes
+from daemon.vision.values import Facet, FacetView, Group, Rejected
 
 Array = NDArray[np.float64]
 TAUGHT = (

@@ -7,12 +7,12 @@ from painted import paint_pair, rig
 from solids import KNOWN, STRANGERS, measured, pose
 
 from daemon import frames
-from daemon.pick.edges import open_eyes
-from daemon.pick.proving import proved
-from daemon.pick.tracking import Shape
+from daemon.vision.geometry.polyhedron import exact
+from daemon.vision.registration.edge_pose import open_eyes
+from daemon.vision.registration.proving import proved
 
 ALIKE = (95.0, 165.0, 165.0, 165.0, 165.0, 165.0, 165.0)
-SHAPES = [Shape(label, body.corners_mm, tuple(np.array(ring) for ring in body.facets)) for label, body in KNOWN.items()]
+SHAPES = {label: exact(body.corners_mm, body.facets) for label, body in KNOWN.items()}
 TRIES = 5
 
 

@@ -13,9 +13,9 @@ from solids import CUBE, KNOWN, PENTAGONAL, PYRAMID, STRANGERS, TRIANGULAR, Body
 
 from daemon import frames
 from daemon.store.library import load_facets
-from daemon.vision.data import Facet, FacetView, Group, Part
-from daemon.vision.model import Model, empty_model, forget, learn_view
-from daemon.vision.recognise import recognise, recognise_group
+from daemon.vision.model.model import Model, empty_model, forget, learn_view
+from daemon.vision.recognition.recognise import recognise, recognise_group
+from daemon.vision.values import Facet, FacetView, Group, Part
 
 TAUGHT = (
     ("cube", CUBE, (1.0, 0.1, 0.8)),

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from daemon import frames
-from daemon.vision.registration import across, corners_in, off_places, solve
-from daemon.vision.rig import Camera
+from daemon.vision.geometry.rig import Camera
+from daemon.vision.registration.pose_step import across, corners_in, off_places, solve
 
 CUBE = np.array([[x, y, z] for x in (-20.0, 20) for y in (-20.0, 20) for z in (-20.0, 20)])
 RING = [(0, 1), (1, 3), (3, 2), (2, 0), (4, 5), (5, 7), (7, 6), (6, 4), (0, 4), (1, 5), (3, 7), (2, 6)]

@@ -9,8 +9,8 @@ import pytest
 import rendered
 from numpy.typing import NDArray
 
-from daemon.vision.data import FacetView
-from daemon.vision.facets import find_facets
+from daemon.vision.facets.reconstruct import find_facets
+from daemon.vision.values import FacetView
 
 
 def load(name: str) -> tuple[FacetView, dict[str, Any]]:

@@ -13,19 +13,19 @@ from painted import paint_pair, rig
 from solids import CUBE, KNOWN, pose, seen_facets
 
 from daemon import frames
-from daemon.vision.candidates import choose, find_candidates
-from daemon.vision.completion import complete
-from daemon.vision.data import Facet, FacetView
-from daemon.vision.epipolar import baseline
-from daemon.vision.eye import look_with
-from daemon.vision.facets import find_facets
-from daemon.vision.formulas import by_formula, converging
-from daemon.vision.grouping import lying_under
+from daemon.vision.facets.candidates import choose, find_candidates
+from daemon.vision.facets.completion import complete
+from daemon.vision.facets.corner_adjustment import Pull, settle
+from daemon.vision.facets.grouping import lying_under
+from daemon.vision.facets.matching import Match, match_polygons
+from daemon.vision.facets.reconstruct import find_facets
+from daemon.vision.geometry.converging import by_formula, converging
+from daemon.vision.geometry.rectified import baseline
+from daemon.vision.geometry.rig import Camera, StereoRig
+from daemon.vision.image.one_eye import look_with
 from daemon.vision.limit import limit
-from daemon.vision.matching import Match, match_polygons
-from daemon.vision.rig import Camera, StereoRig
 from daemon.vision.settings import VisionSettings
-from daemon.vision.solid import Pull, settle
+from daemon.vision.values import Facet, FacetView
 
 Array = NDArray[np.float64]
 DIRECTION = np.array([1.0, 0.45, 0.8])

@@ -1,0 +1,170 @@
+"""What the arm may never be told. Pure: a command and how things stand in, the broken rule out.
+
+Every motion of the arm passes `refuse` immediately before its bytes leave (pick/motion.py); nothing here remembers
+anything, so that each rule can be read, and tested, on its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daemon import frames
+
+Array = NDArray[np.float64]
+Point = tuple[float, float, float]
+
+# The gripper and the cameras on it, as points in the tool frame (mm): finger tips, and the corners of the camera bar.
+BODY_MM: tuple[Point, ...] = (
+    (7.5, 45.0, 10.0),
+    (-7.5, 45.0, 10.0),
+    (7.5, -45.0, 10.0),
+    (-7.5, -45.0, 10.0),
+    (-85.0, 50.0, -80.0),
+    (-85.0, -50.0, -80.0),
+    (-100.0, 50.0, -110.0),
+    (-100.0, -50.0, -110.0),
+)
+
+
+@dataclass(frozen=True)
+class Limits:
+    """The rules' numbers. Box: where the tool centre point may be, world, mm. body_mm: points of the tool that stay
+    `clearance_mm` above the table. max_look_age_s: how old the look behind a computed location may be."""
+
+    box_low_mm: Point = (0.0, -650.0, -300.0)
+    box_high_mm: Point = (900.0, 650.0, 1100.0)
+    table_z_mm: float = -300.0
+    clearance_mm: float = 2.0
+    max_step_mm: float = 450.0
+    max_turn_deg: float = 100.0
+    max_speed_pct: float = 100.0
+    max_look_age_s: float = 20.0
+    body_mm: tuple[Point, ...] = BODY_MM
+
+
+@dataclass(frozen=True, eq=False)
+class Command:
+    """One motion: world_from_tool (4, 4) mm; look_taken_s: when the look it was computed from was exposed, None for a
+    taught place; purpose in words for log and operator."""
+
+    world_from_tool: Array
+    straight: bool
+    speed_pct: float
+    purpose: str
+    look_taken_s: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class ArmState:
+    """How things stand at this moment: enabled by an operator, the fault that stands (None), where the arm is by its
+    own last word (None when it has none), and the time on the clock that stamps looks."""
+
+    enabled: bool
+    fault: str | None
+    at: Array | None
+    now_s: float
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """The broken rule's name and a line for people."""
+
+    rule: str
+    text: str
+
+
+Rule = Callable[[Command, ArmState, Limits], str | None]
+
+
+def _fault_stands(_: Command, standing: ArmState, __: Limits) -> str | None:
+    return f"the fault {standing.fault!r} stands until `resume`" if standing.fault is not None else None
+
+
+def _not_enabled(_: Command, standing: ArmState, __: Limits) -> str | None:
+    return None if standing.enabled else "the arm is not enabled: say `enable`"
+
+
+def _not_a_location(command: Command, _: ArmState, __: Limits) -> str | None:
+    pose = command.world_from_tool
+    if pose.shape != (4, 4) or not np.all(np.isfinite(pose)):
+        return "the target is not a 4x4 matrix of numbers"
+    rotation = pose[:3, :3]
+    off = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
+    if off > 1e-6 or np.linalg.det(rotation) < 0:
+        return "the target's orientation is not a rotation"
+    return None
+
+
+def _arm_lost(_: Command, standing: ArmState, __: Limits) -> str | None:
+    return "it is not known where the arm is: ask `where` first" if standing.at is None else None
+
+
+def _outside_workspace(command: Command, _: ArmState, limits: Limits) -> str | None:
+    point = command.world_from_tool[:3, 3]
+    for axis, value, low, high in zip("xyz", point, limits.box_low_mm, limits.box_high_mm, strict=True):
+        if not low <= value <= high:
+            return f"{axis} = {value:.1f} mm is outside {low:g} to {high:g}"
+    return None
+
+
+def _below_table(command: Command, _: ArmState, limits: Limits) -> str | None:
+    body = np.asarray((*limits.body_mm, (0.0, 0.0, 0.0)))
+    lowest = float(frames.apply(command.world_from_tool, body)[:, 2].min()) - limits.table_z_mm
+    if lowest < limits.clearance_mm:
+        return f"the tool would be {lowest:.1f} mm above the table, {limits.clearance_mm:g} is the least"
+    return None
+
+
+def _step_too_long(command: Command, standing: ArmState, limits: Limits) -> str | None:
+    assert standing.at is not None
+    step = float(np.linalg.norm(command.world_from_tool[:3, 3] - standing.at[:3, 3]))
+    return f"a step of {step:.1f} mm, {limits.max_step_mm:g} is the most" if step > limits.max_step_mm else None
+
+
+def _turn_too_far(command: Command, standing: ArmState, limits: Limits) -> str | None:
+    assert standing.at is not None
+    turn = float(np.degrees(frames.angle_between(standing.at, command.world_from_tool)))
+    return f"a turn of {turn:.1f} degrees, {limits.max_turn_deg:g} is the most" if turn > limits.max_turn_deg else None
+
+
+def _too_fast(command: Command, _: ArmState, limits: Limits) -> str | None:
+    if not 0 < command.speed_pct <= limits.max_speed_pct:
+        return f"speed {command.speed_pct:g} % is not within 0 to {limits.max_speed_pct:g}"
+    return None
+
+
+def _stale_look(command: Command, standing: ArmState, limits: Limits) -> str | None:
+    if command.look_taken_s is None:
+        return None
+    age = standing.now_s - command.look_taken_s
+    if not 0 <= age <= limits.max_look_age_s:
+        return f"the look behind it is {age:.1f} s old, {limits.max_look_age_s:g} is the most"
+    return None
+
+
+# In this order: the first broken rule is the one named, and later rules may rely on earlier ones.
+RULES: tuple[tuple[str, Rule], ...] = (
+    ("fault_stands", _fault_stands),
+    ("not_enabled", _not_enabled),
+    ("not_a_location", _not_a_location),
+    ("arm_lost", _arm_lost),
+    ("outside_workspace", _outside_workspace),
+    ("below_table", _below_table),
+    ("step_too_long", _step_too_long),
+    ("turn_too_far", _turn_too_far),
+    ("too_fast", _too_fast),
+    ("stale_look", _stale_look),
+)
+
+
+def refuse(command: Command, standing: ArmState, limits: Limits) -> Refusal | None:
+    """The first rule the command would break, or None when it may go."""
+    for name, rule in RULES:
+        text = rule(command, standing, limits)
+        if text is not None:
+            return Refusal(name, text)
+    return None

@@ -1,0 +1,216 @@
+"""The one gate between a decision and the arm: guard, log, send, and see that it arrived. Decides nothing itself.
+
+Whoever wants the arm to move goes through `Mover.go`; the guard is asked after every wait and immediately before the
+robot is told, so that a stop or a fault that came meanwhile closes the gate.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from daemon import frames
+from daemon.arm import paths
+from daemon.arm.guard import ArmState, Command, Limits, Refusal, refuse
+from daemon.arm.workcell import Array, Reading, Workcell
+
+
+class MoveRefusedError(Exception):
+    """The guard refused; nothing was sent."""
+
+    def __init__(self, refusal: Refusal) -> None:
+        super().__init__(f"{refusal.rule}: {refusal.text}")
+        self.refusal = refusal
+
+
+class NotThereError(Exception):
+    """The controller says that the arm is at rest elsewhere than it was sent."""
+
+
+@dataclass(frozen=True)
+class Arrival:
+    """How far WHERE may be from what was asked, and how long a move may take before the arm is given up for lost:
+    slack_s besides the move itself, at no less than slowest_mm_s and slowest_deg_s (at a speed of 100 percent; half
+    of what the arm makes); timeout_s at most."""
+
+    within_mm: float = 0.5
+    within_deg: float = 0.1
+    slack_s: float = 4.0
+    slowest_mm_s: float = 250.0
+    slowest_deg_s: float = 50.0
+    timeout_s: float = 60.0
+
+    def longest_s(self, start: Reading, command: Command, joints_rad: Array | None) -> float:
+        """How long this move may take; joints_rad (6,): where the joints end, if that is known."""
+        motion = frames.difference(command.world_from_tool, start.world_from_tool)
+        turned = motion[3:] if joints_rad is None else np.append(joints_rad - start.joints_rad, motion[3:])
+        way_s = float(np.linalg.norm(motion[:3])) / self.slowest_mm_s
+        way_s += float(np.degrees(np.abs(turned).max())) / self.slowest_deg_s
+        return min(self.timeout_s, self.slack_s + way_s / max(command.speed_pct / 100.0, 0.01))
+
+
+Gate = Callable[[Command], Awaitable[None]]
+
+
+async def _open_gate(_: Command) -> None:
+    return None
+
+
+PATH_MM = 40.0
+"""How densely a straight way is checked."""
+
+
+class OutOfReachError(Exception):
+    """The arm, as it is configured, has no way there; nothing was sent."""
+
+
+class Mover:
+    """Sends guarded moves. enabled, fault and at are how things stand; gate may hold a move back (pause, step);
+    dry: all but the bytes; closed is the last word the hand was given, None when nobody knows."""
+
+    def __init__(self, cell: Workcell, limits: Limits, arrival: Arrival, gate: Gate = _open_gate) -> None:
+        self.cell = cell
+        self.limits = limits
+        self.arrival = arrival
+        self.gate = gate
+        self.enabled = self.dry = False
+        self.fault: str | None = None
+        self.at: Reading | None = None
+        self._imagined: Reading | None = None
+        self.cycle = 0
+        self.closed: bool | None = None
+
+    @property
+    def here(self) -> Reading | None:
+        """Where the next move starts: where the arm is, or, dry, where it would be by now."""
+        return self._imagined or self.at
+
+    def standing(self) -> ArmState:
+        """How things stand now."""
+        at = None if self.here is None else self.here.world_from_tool
+        return ArmState(self.enabled, self.fault, at, self.cell.clock())
+
+    async def where(self) -> Reading:
+        """Ask the controller where the arm is, and remember it."""
+        self.at = self._imagined = None
+        self.at = await self.cell.robot.where()
+        return self.at
+
+    def check(self, command: Command) -> None:
+        """Raise MoveRefusedError, and log it, where the command breaks a rule now."""
+        refusal = refuse(command, self.standing(), self.limits)
+        if refusal is not None:
+            self.cell.log.record("refusal", cycle=self.cycle, rule=refusal.rule, text=refusal.text)
+            raise MoveRefusedError(refusal)
+
+    async def go(self, command: Command) -> Reading:
+        """One move, to rest. Raises MoveRefusedError before, NotThereError after, or what the robot raises."""
+        self.check(command)
+        await self.gate(command)
+        self.check(command)
+        assert self.here is not None
+        self._log_move(command)
+        joints = self.cell.robot.reachable(command.world_from_tool, self.here.joints_rad)
+        if self.dry:
+            self._imagined = Reading(command.world_from_tool, self.here.joints_rad if joints is None else joints)
+            return self._imagined
+        longest_s = self.arrival.longest_s(self.here, command, joints)
+        started_s = self.cell.clock()
+        self.at = None
+        reading = await self.cell.robot.move(
+            command.world_from_tool,
+            straight=command.straight,
+            speed_pct=command.speed_pct,
+            timeout_s=longest_s,
+        )
+        self.at = reading
+        self._arrived(command, reading, self.cell.clock() - started_s)
+        return reading
+
+    async def travel(
+        self,
+        target: Array,
+        purpose: str,
+        speed_pct: Callable[[Array], float],
+        straight: bool = False,
+        look_taken_s: float | None = None,
+    ) -> None:
+        """Go there in as many moves as the step limits ask for, on the line or the joints' own way.
+
+        speed_pct(world_from_tool of a step) is cut to the limit. Raises OutOfReachError before anything is sent, and
+        what `go` raises.
+        """
+        for pose in self._steps(target, straight):
+            speed = round(min(speed_pct(pose), self.limits.max_speed_pct), 1)
+            await self.go(Command(pose, straight, speed, purpose, look_taken_s))
+
+    def _steps(self, target: Array, straight: bool) -> list[Array]:
+        limits, here = self.limits, self.here
+        if here is None:
+            return [target]
+        robot = self.cell.robot
+        if straight:
+            for pose in paths.steps(here.world_from_tool, target, PATH_MM, 90.0):
+                if robot.reachable(pose, here.joints_rad) is None:
+                    raise OutOfReachError(_out_of_reach(pose))
+            return paths.steps(here.world_from_tool, target, limits.max_step_mm, limits.max_turn_deg)
+        joints = robot.reachable(target, here.joints_rad)
+        if joints is None:
+            x, y, z = target[:3, 3]
+            raise OutOfReachError(
+                f"the arm as it is configured cannot reach {x:.0f}, {y:.0f}, {z:.0f} mm at that angle"
+            )
+        for count in range(1, 40):
+            way = [robot.between(here.joints_rad, joints, k / count) for k in range(count)]
+            way = [here.world_from_tool, *way[1:], target]
+            if all(paths.within(a, b, limits.max_step_mm, limits.max_turn_deg) for a, b in pairwise(way)):
+                return way[1:]
+        return [target]
+
+    async def hand(self, closed: bool) -> None:
+        """Open or close the gripper, under the same enable and fault rules as a move."""
+        if self.fault is not None or not self.enabled:
+            name = "fault_stands" if self.fault is not None else "not_enabled"
+            refusal = Refusal(name, f"the hand stays as it is: {self.fault or 'the arm is not enabled'}")
+            self.cell.log.record("refusal", cycle=self.cycle, rule=refusal.rule, text=refusal.text)
+            raise MoveRefusedError(refusal)
+        self.cell.log.record("hand", cycle=self.cycle, closed=closed, sent=not self.dry)
+        if self.dry:
+            return
+        self.closed = None
+        await self.cell.robot.hand(closed)
+        self.closed = closed
+
+    def _log_move(self, command: Command) -> None:
+        self.cell.log.record(
+            "move",
+            cycle=self.cycle,
+            how="straight" if command.straight else "joint",
+            target=command.world_from_tool,
+            speed_pct=command.speed_pct,
+            purpose=command.purpose,
+            sent=not self.dry,
+        )
+
+    def _arrived(self, command: Command, reading: Reading, seconds: float) -> None:
+        off_mm = float(np.linalg.norm(reading.world_from_tool[:3, 3] - command.world_from_tool[:3, 3]))
+        off_deg = float(np.degrees(frames.angle_between(reading.world_from_tool, command.world_from_tool)))
+        self.cell.log.record(
+            "moved",
+            cycle=self.cycle,
+            where=reading.world_from_tool,
+            joints=reading.joints_rad,
+            error_mm=off_mm,
+            error_deg=off_deg,
+            seconds=seconds,
+        )
+        if off_mm > self.arrival.within_mm or off_deg > self.arrival.within_deg:
+            raise NotThereError(f"{command.purpose}: sent, but WHERE is {off_mm:.2f} mm and {off_deg:.2f} degrees off")
+
+
+def _out_of_reach(pose: Array) -> str:
+    x, y, z = pose[:3, 3]
+    return f"the arm as it is configured cannot reach {x:.0f}, {y:.0f}, {z:.0f} mm at that angle"

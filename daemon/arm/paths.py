@@ -1,0 +1,47 @@
+"""Ways from pose to pose: steps within the limits, backing off, lifting, how fast how near. Pure."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daemon import frames
+
+Array = NDArray[np.float64]
+
+
+def backed_off(world_from_tool: Array, distance_mm: float) -> Array:
+    """The pose distance_mm back along the tool's own z."""
+    return world_from_tool @ frames.rigid(np.eye(3), np.array([0.0, 0.0, -distance_mm]))
+
+
+def lifted(world_from_tool: Array, height_mm: float) -> Array:
+    """The pose height_mm straight up."""
+    pose = world_from_tool.copy()
+    pose[2, 3] += height_mm
+    return pose
+
+
+def steps(at: Array, target: Array, most_mm: float, most_deg: float) -> list[Array]:
+    """Poses from at (left out) to target (last), none farther from the one before than the limits, straight between."""
+    motion = frames.difference(target, at)
+    share = max(
+        float(np.linalg.norm(motion[:3])) / most_mm, float(np.degrees(np.linalg.norm(motion[3:]))) / most_deg, 1e-9
+    )
+    count = int(np.ceil(share / 0.98))
+    return [frames.perturb(at, motion * (k / count)) for k in range(1, count)] + [target]
+
+
+def within(a: Array, b: Array, most_mm: float, most_deg: float) -> bool:
+    """Whether one move from a to b stays within the limits, with a little to spare."""
+    motion = frames.difference(b, a)
+    far, turned = float(np.linalg.norm(motion[:3])), float(np.degrees(np.linalg.norm(motion[3:])))
+    return far < 0.98 * most_mm and turned < 0.98 * most_deg
+
+
+def speed_pct(
+    distance_mm: float, travel_pct: float, near_pct: float, near_mm: float = 100.0, far_mm: float = 400.0
+) -> float:
+    """Speed by distance to the part: near_pct within near_mm, travel_pct beyond far_mm, a ramp between."""
+    share = float(np.clip((distance_mm - near_mm) / (far_mm - near_mm), 0.0, 1.0))
+    return near_pct + share * (travel_pct - near_pct)

@@ -1,0 +1,102 @@
+"""What the pick cycle is given to work with: a robot, eyes, a log, a clock. Protocols and values only; no hardware.
+
+daemon/cell/build.py builds the real, recorded or simulated ones; tests hand in fakes. Anything a robot or camera raises
+ends the motion: the cycle stops the arm first and then reports the exception's own text.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daemon.vision.geometry.rig import StereoRig
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """Where the controller says the arm is: world_from_tool (4, 4) mm, joints_rad (6,)."""
+
+    world_from_tool: Array
+    joints_rad: Array
+
+
+class Robot(Protocol):
+    """The arm, in matrices. Every method may raise; a method that raised has not promised that the arm stands still."""
+
+    async def where(self) -> Reading:
+        """Ask the controller where the arm is."""
+
+    async def move(self, world_from_tool: Array, *, straight: bool, speed_pct: float, timeout_s: float) -> Reading:
+        """Send one move and return when the arm is at rest (two WHERE that agree), with the last WHERE.
+
+        straight: DO SET + DO MOVES, otherwise DO MOVE. Whether it arrived is for the caller to judge.
+        """
+
+    async def hand(self, closed: bool) -> None:
+        """OPENI or CLOSEI."""
+
+    async def abort(self) -> None:
+        """Stop the arm now; may be called from another task at any time, also when nothing moves."""
+
+    def reachable(self, world_from_tool: Array, joints_rad: Array) -> Array | None:
+        """Joints (6,) rad that bring the tool there in the arm's present configuration (righty/above/flip as in
+        joints_rad), within the joint limits and clear of singular wrists, or None. No I/O."""
+
+    def between(self, joints_rad: Array, to_rad: Array, share: float) -> Array:
+        """world_from_tool (4, 4) a share (0 to 1) of the way of a joint-interpolated move. No I/O."""
+
+
+class Picture(Protocol):
+    """One image: pixels (H, W) uint8, taken_s on the cell's clock (mid-exposure)."""
+
+    @property
+    def pixels(self) -> NDArray[np.uint8]: ...
+
+    @property
+    def taken_s(self) -> float: ...
+
+
+class Pictures(Protocol):
+    """A stereo pair of one moment (drivers.camera.pair.StereoPair has this shape)."""
+
+    @property
+    def left(self) -> Picture: ...
+
+    @property
+    def right(self) -> Picture: ...
+
+
+class Eyes(Protocol):
+    """The stereo camera, asynchronous (cell.py runs the driver's blocking grab in a thread)."""
+
+    async def grab(self, not_before_s: float, timeout_s: float) -> Pictures:
+        """The newest pair whose frames were both exposed wholly after not_before_s, on the cell's clock."""
+
+
+class Log(Protocol):
+    """The run log as the cycle sees it."""
+
+    def record(self, kind: str, /, **fields: object) -> None:
+        """Write one record; never blocks on a disk.
+
+        Fields are JSON values, numpy arrays (written as nested lists), or, under the name `images`, a dict of
+        name -> (H, W) uint8 array that is kept as PNG and replaced by file names.
+        """
+
+
+@dataclass(frozen=True, eq=False)
+class Workcell:
+    """All of it. clock: seconds, monotonic, the one that stamps frames. tool_from_cyclopean: the hand-eye (4, 4) mm."""
+
+    robot: Robot
+    eyes: Eyes
+    log: Log
+    clock: Callable[[], float]
+    rig: StereoRig
+    tool_from_cyclopean: Array

@@ -1,0 +1,103 @@
+"""What a facet pair adds to |I ^ w| by sitting in a pair of slots, and the best of all tabled numberings.
+
+|I ^ w| over all slots is a constant of the node (nothing sits anywhere) plus a gain for every element of the view that
+is not 0. An element x on an element of the node whose taught values lie in [u, v] gains min(x, u), and with complement
+coding loses max(0, x - v) of what the empty slot had.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daemon.art.rotation.matrices import TaughtMatrices
+from daemon.art.rotation.numberings import Numberings
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+
+def empty_overlap(taught: TaughtMatrices) -> Array:
+    """|I ^ w| of the empty matrix with each node, (J,)."""
+    if not taught.complement:
+        return np.zeros(len(taught.lower))
+    return np.asarray((1.0 - taught.upper).sum(axis=(1, 2)))
+
+
+def element_gain(element: Array, lower: Array, upper: Array, complement: bool) -> Array:
+    """The gain of elements over empty ones; shapes broadcast. For a node of one view (lower is upper) in one step."""
+    gain = np.minimum(element, lower)
+    if not complement:
+        return gain
+    if lower is upper:
+        gain += gain
+        gain -= element
+        return gain
+    gain -= np.maximum(0.0, element - upper)
+    return gain
+
+
+@dataclass(frozen=True, eq=False)
+class Gains:
+    """Gains of a view's k facets at C nodes.
+
+    pairs (E,): which of the pairs of Numberings touch; pair (E, m * m, C): the first of the pair in slot a and the
+    second in slot b at a * m + b; single (k, m, C), or None where no facet touches itself; base (C,): the overlap with
+    nothing anywhere.
+    """
+
+    pairs: Index
+    pair: Array
+    single: Array | None
+    base: Array
+
+
+def gains(view: Array, taught: TaughtMatrices, nodes: Index, base: Array, numberings: Numberings) -> Gains:
+    """Gains of the stripped view (k, k) at the given nodes, (C,) indices; base as empty_overlap gives it, (J,)."""
+    m = taught.slots
+    there, back = view[numberings.first, numberings.second], view[numberings.second, numberings.first]
+    pairs = np.flatnonzero((there > 0.0) | (back > 0.0))
+    all_lower, all_upper = taught.by_element
+    lower = np.take(all_lower, nodes, axis=1)
+    upper = lower if all_upper is all_lower else np.take(all_upper, nodes, axis=1)
+    pair = element_gain(there[pairs, None, None], lower, upper, taught.complement)
+    pair += element_gain(back[pairs, None, None], lower, upper, taught.complement)[:, numberings.swapped]
+    single = None
+    if view.diagonal().any():
+        own = np.arange(m) * (m + 1)
+        lower_own, upper_own = lower[own], upper[own] if upper is not lower else None
+        single = element_gain(
+            view.diagonal()[:, None, None], lower_own, lower_own if upper_own is None else upper_own, taught.complement
+        )
+    return Gains(pairs, pair, single, base[nodes])
+
+
+def all_gains(view: Array, taught: TaughtMatrices, node: int) -> tuple[Array, Array]:
+    """Gains of the stripped view (k, k) at one node for branching: of pairs (k, k, m, m) and of single facets (k, m).
+
+    pair[p, q, a, b] is the gain of p in slot a with q in slot b, both ways; 0 where p is q.
+    """
+    lower = taught.lower[node]
+    upper = lower if taught.upper is taught.lower else taught.upper[node]
+    one_way = element_gain(view[:, :, None, None], lower, upper, taught.complement)
+    pair = one_way + one_way.transpose(1, 0, 3, 2)
+    pair[np.arange(len(view)), np.arange(len(view))] = 0.0
+    own_lower = lower.diagonal()
+    own_upper = own_lower if upper is lower else upper.diagonal()
+    return pair, element_gain(view.diagonal()[:, None], own_lower, own_upper, taught.complement)
+
+
+def best_of_table(gain: Gains, numberings: Numberings) -> tuple[Array, Index]:
+    """|I ^ w| at the best numbering, (C,), and which it was, (C,); the first on a tie."""
+    count = len(gain.base)
+    total, term = (np.zeros((len(numberings.slots), count)) for _ in range(2))
+    for number, pair in zip(gain.pairs, gain.pair, strict=True):
+        total += np.take(pair, numberings.place[number], axis=0, out=term, mode="clip")
+    if gain.single is not None:
+        for facet, own in enumerate(gain.single):
+            total += own[numberings.slots[:, facet]]
+    by_node = np.ascontiguousarray(total.T)
+    best = np.asarray(by_node.argmax(axis=1), dtype=np.int64)
+    return gain.base + by_node[np.arange(count), best], best

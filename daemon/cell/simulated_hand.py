@@ -1,0 +1,91 @@
+"""What a person does at a real cell, done in a simulated one: show a part, strew parts, measure a grasp.
+
+The simulated cell itself is built in daemon/cell/build.py; here it is whatever has these few methods.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daemon import frames
+
+Array = NDArray[np.float64]
+USUAL = ("cube", "pyramid", "triangular_prism", "pentagonal_prism")
+"""What lies on the table unless somebody says otherwise."""
+
+
+class Table(Protocol):
+    """The simulated cell as far as a hand reaches into it."""
+
+    @property
+    def truth(self) -> Any:
+        """Who knows what is really so."""
+
+    def place_for_teaching(self, label: str, view: int) -> Any:
+        """Hold one part before the cameras."""
+
+    def scatter(self, labels: Sequence[str]) -> None:
+        """Strew parts over the table."""
+
+    def clear(self) -> None:
+        """Take all parts away."""
+
+    def show_board(self, board: Any) -> Any:
+        """Clear the table and lay a board on it."""
+
+    def stop(self) -> None:
+        """End the simulation."""
+
+
+class SimulatedHand:
+    """See the module. views: how many characteristic views each part has; board: makes a calibration board."""
+
+    def __init__(self, cell: Table, views: Mapping[str, int], board: Callable[..., Any]) -> None:
+        self.cell = cell
+        self._views, self._board = views, board
+        self._strewn: tuple[str, ...] = ()
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """The parts there are."""
+        return tuple(self._views)
+
+    def show(self, label: str, view: int) -> int:
+        """Hold a part before the cameras in a characteristic view, counted round; gives the view it is in."""
+        view %= self._views[label]
+        self.cell.place_for_teaching(label, view)
+        return view
+
+    def scatter(self, labels: Sequence[str] = USUAL) -> None:
+        """Strew parts over the table."""
+        self._strewn = tuple(labels)
+        self.cell.scatter(labels)
+
+    def put_back(self) -> None:
+        """After showing a part: strew again what lay on the table before."""
+        self.cell.scatter(self._strewn)
+
+    def clear(self) -> None:
+        """Take all parts away."""
+        self._strewn = ()
+        self.cell.clear()
+
+    def show_board(self, columns: int, rows: int, square_mm: float, charuco: bool) -> None:
+        """Lay a calibration board with that many inner corners on the table, instead of the parts."""
+        self.cell.show_board(self._board(columns + 1, rows + 1, square_mm, charuco))
+
+    def grasp_error(self, grasp: Array, corners: Array) -> tuple[float, float, bool] | None:
+        """mm, degrees, held: where the part truly was in the hand that closed last, against where it was expected.
+
+        grasp: world_from_tool; corners (N, 3) of the part in the world, as estimated. None where nothing was closed on.
+        """
+        try:
+            expected = frames.apply(frames.inverse(grasp), corners)
+            error_mm, error_deg = self.cell.truth.grasp_pose_error(expected)
+        except ValueError:
+            return None
+        return error_mm, error_deg, bool(self.cell.truth.grasps[-1].held)

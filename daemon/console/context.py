@@ -1,0 +1,161 @@
+"""What operators' commands work with: the one cycle, the trainer, the hardware, the log, and what troubles there are.
+
+Values and small questions about them; what commands do is in daemon/commands/, when things start and end in service.py.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import importlib.metadata
+import time
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Protocol
+
+from daemon.arm.mover import MoveRefusedError, NotThereError, OutOfReachError
+from daemon.arm.supervisor import OperatorRefusedError
+from daemon.calibration.file import Calibration
+from daemon.cell.build import EXPECTED_ERRORS, Hardware
+from daemon.config import Config, ConfigError
+from daemon.pick.cycle import Cycle, CycleEnd, RefusedError
+from daemon.pick.looking import Look, NotSettledError
+from daemon.pick.picking import SuspectError
+from daemon.store.model import ModelError
+from daemon.store.model_store import ModelStoreError
+from daemon.store.runlog import RunLog
+from daemon.store.runs import RunError, new_folder
+from daemon.teaching.mesh import MeshError
+from daemon.teaching.trainer import Trainer
+from daemon.vision.facets.table import Table
+from daemon.vision.image.grey import VisionError
+from daemon.vision.model.model import TeachError
+
+ANSWERABLE: tuple[type[Exception], ...] = (
+    *EXPECTED_ERRORS,
+    ConfigError,
+    MeshError,
+    ModelError,
+    MoveRefusedError,
+    NotSettledError,
+    NotThereError,
+    OperatorRefusedError,
+    OutOfReachError,
+    RefusedError,
+    RunError,
+    ModelStoreError,
+    SuspectError,
+    TeachError,
+    VisionError,
+)
+"""What the world can do to a command: an answer, not a crash."""
+
+
+class LogSink(Protocol):
+    """Where records go: the run log, and the journal for what matters to whoever watches the machine."""
+
+    def record(self, kind: str, /, **fields: object) -> None:
+        """Write one record."""
+
+
+@dataclass
+class Troubles:
+    """What is wrong now, by source, in one line each; on_change(source, text or None) is told of every change."""
+
+    on_change: Callable[[str, str | None], None] = lambda _, __: None
+    standing: dict[str, str] = field(default_factory=dict)
+
+    def tell(self, source: str, text: str | None) -> None:
+        """Say that something is wrong, or (None) that it no longer is."""
+        if self.standing.get(source) == text:
+            return
+        if text is None:
+            self.standing.pop(source, None)
+        else:
+            self.standing[source] = text
+        self.on_change(source, text)
+
+
+@dataclass
+class CommandContext:
+    """See the module. Built by the service; a reload replaces config and calibration."""
+
+    config: Config
+    calibration: Calibration
+    hardware: Hardware
+    cycle: Cycle
+    trainer: Trainer
+    run_log: RunLog
+    log: LogSink
+    troubles: Troubles
+    reload: Callable[[], Awaitable[str]]
+    started_s: float = field(default_factory=time.monotonic)
+    expected_errors: tuple[type[Exception], ...] = ANSWERABLE
+    roll_due: bool = False
+    """The run's folder is large: the log goes on in a new one as soon as no pick is under way."""
+    _auto: asyncio.Task[list[CycleEnd]] | None = None
+
+    @property
+    def parts(self) -> list[str]:
+        """Every label that means something here: in parts.yaml, taught, or with stored views."""
+        known = [*self.trainer.parts, *self.trainer.model.labels, *self.trainer.model_store.labels()]
+        return list(dict.fromkeys(known))
+
+    def table_in(self, seen: Look) -> Table:
+        """The table in the cyclopean frame of a look."""
+        world_from_cyclopean = seen.world_from_cyclopean
+        height_mm = self.config.values.pick.limits.table_z_mm
+        return Table(world_from_cyclopean[2, :3], height_mm - float(world_from_cyclopean[2, 3]))
+
+    async def begin_auto(self, count: int | None, every_s: float | None = None) -> None:
+        """Pick in the background. Raises RefusedError where that may not begin."""
+        self._auto = asyncio.create_task(self.cycle.auto(count, every_s), name="auto")
+        self._auto.add_done_callback(lambda task: task.cancelled() or task.exception())
+        await asyncio.sleep(0)
+        if self._auto.done():
+            refused, self._auto = self._auto, None
+            refused.result()
+
+    async def auto_ends(self) -> list[CycleEnd]:
+        """Wait for the last auto to end; what became of each part. Empty where there was none."""
+        return [] if self._auto is None else await asyncio.shield(self._auto)
+
+    def roll_if_due(self) -> None:
+        """Between two picks: an auto that goes on for weeks is never idle."""
+        if self.roll_due:
+            self.roll_due = False
+            self.new_run(new_folder(self.config.runs, datetime.now(UTC)))
+
+    def new_run(self, folder: Path) -> None:
+        """Go on in a new run folder, which says again what it was made with."""
+        before = self.run_log.folder
+        self.run_log.roll(folder)
+        self.record_start(continues=before.name)
+        pick_order = self.cycle.pick_order
+        if pick_order is not None:
+            self.log.record("auto", on=True, count=pick_order.count, every_s=pick_order.every_s)
+        if self.cycle.hand_full is not False:
+            self.log.record("holding", held=self.cycle.hand_full)
+
+    def record_start(self, **more: object) -> None:
+        """What this run is made with, each file kept by its content."""
+        model_store, log, config = self.trainer.model_store, self.run_log, self.config
+        model = None if model_store.current is None else log.keep(model_store.path(model_store.current))
+        log.record(
+            "run_start",
+            version=importlib.metadata.version("facetd"),
+            cell=self.hardware.kind,
+            config=log.keep(config.path),
+            calibration=log.keep(config.calibration),
+            model=model,
+            seed=self.hardware.seed,
+            **more,
+        )
+
+    def use_model(self, action: str, version: int | None) -> None:
+        """Put the trainer's model in front of the cycle from the next pick on, and into the log."""
+        sight = self.trainer.in_use
+        self.cycle.use(sight)
+        kept = None if version is None else self.run_log.keep(self.trainer.model_store.path(version))
+        self.log.record("model", action=action, version=version, labels=list(sight.labels), file=kept)

@@ -1,0 +1,185 @@
+"""What several looks at one part say together, and when that is enough to grasp. Pure: poses and covariances in,
+verdicts out.
+
+What errs the same way in every look (hand-eye, the cameras' calibration) is kept apart from what errs anew in each
+(pixels, the arm's repeatability): the first does not shrink by looking more often, and two looks may still be compared
+much more sharply than either is known.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daemon import frames
+
+Array = NDArray[np.float64]
+
+CHI_SQUARE_6 = 22.46
+"""What a chi-square with 6 degrees of freedom passes once in a thousand times."""
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """One-sigma doubts about the cell. hand_eye: of tool_from_cyclopean, per axis; arm: repeatability of a pose, per
+    axis; pixels: how far the calibrated centre and disparity may be off, px."""
+
+    hand_eye_mm: float = 0.3
+    hand_eye_deg: float = 0.05
+    arm_mm: float = 0.1
+    arm_deg: float = 0.02
+    pixels: float = 0.3
+
+    def arm(self) -> Array:
+        """Covariance (6, 6) of a pose the arm is at."""
+        return np.diag([self.arm_mm**2] * 3 + [np.radians(self.arm_deg) ** 2] * 3)
+
+    def shared(self) -> Array:
+        """Covariance (9, 9) of what all looks share: hand-eye motion (6), then u, v and disparity offsets in px."""
+        hand_eye = [self.hand_eye_mm**2] * 3 + [np.radians(self.hand_eye_deg) ** 2] * 3
+        return np.diag([*hand_eye, self.pixels**2, self.pixels**2, 2 * self.pixels**2])
+
+
+@dataclass(frozen=True)
+class Stops:
+    """Stand-offs of the cyclopean centre from the part, mm, far to near; the predicted error at the grasp (rms, mm and
+    degrees) that is good enough; how many looks at least and at most."""
+
+    stand_offs_mm: tuple[float, ...] = (450.0, 300.0, 200.0)
+    enough_mm: float = 1.0
+    enough_deg: float = 1.0
+    least_looks: int = 1
+    most_looks: int = 5
+
+
+@dataclass(frozen=True, eq=False)
+class Sighting:
+    """One look at the part: world_from_part (4, 4); covariance (6, 6) of what errs anew in each look; shared (6, 9)
+    how the errors of Doubt.shared move the pose; distance_mm from the cyclopean centre."""
+
+    world_from_part: Array
+    covariance: Array
+    shared: Array
+    distance_mm: float
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """What the looks say together: world_from_part, covariance (6, 6) with everything in it, and the error predicted at
+    the grasp, rms over the three axes."""
+
+    world_from_part: Array
+    covariance: Array
+    predicted_mm: float
+    predicted_deg: float
+
+
+def sighting(
+    world_from_tool: Array,
+    tool_from_cyclopean: Array,
+    cyclopean_from_part: Array,
+    covariance: Array,
+    doubt: Doubt,
+    focal_px: float,
+    baseline_mm: float,
+) -> Sighting:
+    """Bring one look's pose, covariance (6, 6) in the cyclopean frame, to the world; see Sighting."""
+    world_from_cyclopean = world_from_tool @ tool_from_cyclopean
+    world_from_part = world_from_cyclopean @ cyclopean_from_part
+    anew = frames.transport_covariance(world_from_cyclopean, covariance)
+    anew = anew + frames.lever_covariance(cyclopean_from_part, doubt.arm(), world_from_cyclopean)
+    shared = np.zeros((6, 9))
+    x, y, z = world_from_tool[:3, :3] @ (tool_from_cyclopean @ cyclopean_from_part)[:3, 3]
+    lever = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    turn = world_from_tool[:3, :3]
+    shared[:3, :3] = shared[3:, 3:6] = turn
+    shared[:3, 3:6] = -lever @ turn
+    shared[:3, 6:] = world_from_cyclopean[:3, :3] @ _pixel_motion(cyclopean_from_part[:3, 3], focal_px, baseline_mm)
+    distance = float(np.linalg.norm(cyclopean_from_part[:3, 3]))
+    return Sighting(world_from_part, anew, shared, distance)
+
+
+def _pixel_motion(point: Array, focal_px: float, baseline_mm: float) -> Array:
+    """(3, 3) mm per px: how a point moves with u and v offsets of both eyes and with a disparity offset."""
+    x, y, z = point
+    depth = z * z / (focal_px * baseline_mm)
+    return np.array([[z / focal_px, 0, -x / z * depth], [0, z / focal_px, -y / z * depth], [0, 0, -depth]])
+
+
+def fuse(sightings: Sequence[Sighting], doubt: Doubt) -> Estimate:
+    """Weigh the looks together, and with them the errors they share.
+
+    The part's pose (6) and Doubt.shared's errors (9, about zero as doubted) are estimated at once: looks from several
+    distances tell a disparity offset from a part that lies deeper, and what they cannot tell stays in the covariance
+    whole. Source: linear least squares with priors, about the last look's pose.
+    """
+    reference = sightings[-1].world_from_part
+    prior = np.linalg.inv(doubt.shared())
+    total = np.zeros((15, 15))
+    total[6:, 6:] = prior
+    right = np.zeros(15)
+    for one in sightings:
+        jacobian = np.hstack([np.eye(6), one.shared])
+        weighed = jacobian.T @ np.linalg.inv(one.covariance)
+        total += weighed @ jacobian
+        right += weighed @ frames.difference(one.world_from_part, reference)
+    every = np.asarray(np.linalg.inv(total), float)
+    covariance = every[:6, :6]
+    at_grasp = covariance + doubt.arm()
+    turn = float(np.trace(at_grasp[3:, 3:]))
+    place = float(np.trace(at_grasp[:3, :3]))
+    pose = frames.perturb(reference, (every @ right)[:6])
+    return Estimate(pose, covariance, float(np.sqrt(place)), float(np.degrees(np.sqrt(turn))))
+
+
+def disagreement(a: Sighting, b: Sighting, doubt: Doubt) -> float:
+    """Chi-square (6 degrees of freedom) of two looks at one part; what they share counts only by its difference."""
+    motion = frames.difference(b.world_from_part, a.world_from_part)
+    lever = b.shared - a.shared
+    covariance = a.covariance + b.covariance + lever @ doubt.shared() @ lever.T
+    return float(motion @ np.linalg.solve(covariance, motion))
+
+
+def suspect(others: Sequence[float], epipolar_px: float, epipolar_limit_px: float) -> str:
+    """Which is to blame when a look at the target disagrees: `camera`, `hand-eye`, `part` or `unclear`.
+
+    others: chi-squares of the other parts followed through the same two looks; epipolar_px: how far matched corners lie
+    from their epipolar lines now (a knocked eye shows there).
+    """
+    if epipolar_px > epipolar_limit_px:
+        return "camera"
+    if not others:
+        return "unclear"
+    return "hand-eye" if sum(c > CHI_SQUARE_6 for c in others) * 2 >= len(others) else "part"
+
+
+def enough(estimate: Estimate, looks: int, stops: Stops) -> bool:
+    """Whether the last, blind stretch may be taken."""
+    good = estimate.predicted_mm <= stops.enough_mm and estimate.predicted_deg <= stops.enough_deg
+    return good and looks >= stops.least_looks
+
+
+def next_stand_off(sightings: Sequence[Sighting], doubt: Doubt, stops: Stops) -> float:
+    """The stand-off of the next look, mm: the nearest not yet passed whose look is predicted to be enough (nearer costs
+    no more, and says more), or the next one in the list where none is; the nearest again when all are passed.
+
+    A look's own covariance is taken to shrink with the square of the distance (depth from disparity), its shared part
+    as the cameras' would from there.
+    """
+    done = len(sightings)
+    ahead = stops.stand_offs_mm[min(done, len(stops.stand_offs_mm) - 1) :]
+    if not sightings or done + 1 < stops.least_looks:
+        return ahead[0]
+    last = sightings[-1]
+    for distance in reversed(ahead):
+        ratio = distance / last.distance_mm
+        shared = last.shared.copy()
+        shared[:3, 6:8] *= ratio
+        shared[:3, 8] *= ratio**2
+        imagined = Sighting(last.world_from_part, last.covariance * ratio**2, shared, distance)
+        if enough(fuse([*sightings, imagined], doubt), done + 1, stops):
+            return distance
+    return ahead[0]

@@ -1,0 +1,63 @@
+"""From where to look at a part, and what would show from there. Pure: shapes and poses in, poses and worths out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daemon import frames
+from daemon.vision.geometry.polyhedron import Polyhedron
+
+Array = NDArray[np.float64]
+Reachable = Callable[[Array], bool]
+
+
+def look_pose(rotation: Array, centre: Array, stand_off_mm: float, tool_from_cyclopean: Array) -> Array:
+    """world_from_tool (4, 4) with the tool turned to rotation (3, 3) and the cameras' axis through centre (3,), world,
+    from stand_off_mm away."""
+    view = rotation @ tool_from_cyclopean[:3, :3]
+    world_from_cyclopean = frames.rigid(view, centre - stand_off_mm * view[:, 2])
+    return world_from_cyclopean @ frames.inverse(tool_from_cyclopean)
+
+
+def facing(shape: Polyhedron, world_from_part: Array, eye: Array) -> Array:
+    """(F,) cosine between each facet's outward normal and the direction to the eye (3,), world."""
+    normals = shape.normals @ world_from_part[:3, :3].T
+    rays = eye - frames.apply(world_from_part, shape.centres_mm)
+    cosines: Array = np.einsum("fi,fi->f", normals, rays / np.linalg.norm(rays, axis=1, keepdims=True))
+    return cosines
+
+
+def view_worth(shape: Polyhedron, world_from_part: Array, eye: Array, least_cosine: float = 0.3) -> float:
+    """How well a look from the eye shows the part: facets well seen, the second one counting most (0 to 1).
+
+    One facet alone fits too many parts; two that meet fix the part and its pose; a third adds little.
+    """
+    seen = np.sort(np.clip((facing(shape, world_from_part, eye) - least_cosine) / (1 - least_cosine), 0, 1))[::-1]
+    weights = np.array([0.3, 1.0, 0.3])[: len(seen)]
+    return float(weights @ np.sqrt(seen[:3])) / 1.6
+
+
+def angle_at(point: Array, a: Array, b: Array) -> float:
+    """Angle in rad at which a and b (3,) are seen from point (3,)."""
+    u, v = a - point, b - point
+    return float(np.arccos(np.clip(u @ v / (np.linalg.norm(u) * np.linalg.norm(v)), -1.0, 1.0)))
+
+
+def unlikeness(candidates: Sequence[tuple[Polyhedron, Array]], eye: Array, least_cosine: float = 0.3) -> float:
+    """How unlike the two most alike of the candidates (shape, world_from_part) look from the eye (3,), world.
+
+    Counted in facets: for each number of sides, how many would be seen. 0 for fewer than two candidates.
+    """
+    counts = [_seen_facets(shape, pose, eye, least_cosine) for shape, pose in candidates]
+    return min((float(np.abs(a - b).sum()) for i, a in enumerate(counts) for b in counts[:i]), default=0.0)
+
+
+def _seen_facets(shape: Polyhedron, world_from_part: Array, eye: Array, least_cosine: float) -> Array:
+    """(8,) by number of sides, how much facet the eye would see (each facet 0 to 1, soft at the rim)."""
+    counts = np.zeros(9)
+    for facet, cosine in zip(shape.facets, facing(shape, world_from_part, eye), strict=True):
+        counts[min(len(facet), 8)] += float(np.clip((cosine - least_cosine) / 0.3, 0.0, 1.0))
+    return counts

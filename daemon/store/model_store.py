@@ -1,0 +1,221 @@
+"""What was taught, on disk: views as images, models by version, and which model is in use. Files only; no learning.
+
+views/<label>/<number>/{left.png, right.png, view.json}      a view appears whole or not at all
+views/<label>/<number>/{mesh.stl or mesh.obj, view.json}     the same for a part taught from its drawing
+models/<version>.npz, models/state.json                      {"current", "candidate", "history"}
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Literal
+
+import cv2
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from daemon.store import model as model_file
+from daemon.store.files import write_atomically
+from daemon.store.pictures import PictureError, read_grey
+from daemon.vision.model.model import Model
+
+Image = NDArray[np.uint8]
+
+
+class ModelStoreError(Exception):
+    """Something taught cannot be read or written: which file, why, what to do."""
+
+
+@dataclass(frozen=True)
+class StoredView:
+    """One taught view on disk, or one drawing. note: when, by whom, under which calibration, what was seen."""
+
+    label: str
+    number: int
+    folder: Path
+    note: dict[str, Any] = field(default_factory=dict, compare=False)
+
+    @property
+    def name(self) -> str:
+        """For people: cube/3."""
+        return f"{self.label}/{self.number}"
+
+    @property
+    def mesh(self) -> Path | None:
+        """The drawing's file, where it is one."""
+        return next((p for p in (self.folder / "mesh.stl", self.folder / "mesh.obj") if p.exists()), None)
+
+    def images(self) -> tuple[Image, Image]:
+        """Left and right, (H, W) grey, of a view that is no drawing. Raises ModelStoreError."""
+        left, right = (_read_image(self.folder / f"{eye}.png") for eye in ("left", "right"))
+        return left, right
+
+
+class _State(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    current: int | None = None
+    candidate: int | None = None
+    history: tuple[int, ...] = ()
+    """Versions that were in use before the current one, oldest first."""
+
+
+class ModelStore:
+    """The taught things below one folder. One writer: the daemon."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def views(self, label: str | None = None) -> list[StoredView]:
+        """Every stored view, by label and number. Raises ModelStoreError."""
+        root = self.folder / "views"
+        labels = [label] if label is not None else sorted(p.name for p in root.iterdir()) if root.is_dir() else []
+        found = []
+        for name in labels:
+            folders = [p for p in (root / name).glob("*") if p.name.isdecimal()] if (root / name).is_dir() else []
+            found += [
+                StoredView(name, int(p.name), p, _read_note(p)) for p in sorted(folders, key=lambda p: int(p.name))
+            ]
+        return found
+
+    def labels(self) -> list[str]:
+        """Every label with at least one stored view."""
+        return sorted({view.label for view in self.views()})
+
+    def add_view(self, label: str, left: Image, right: Image, note: dict[str, Any]) -> StoredView:
+        """Store a view under the next free number. Raises ModelStoreError; then nothing of it is there."""
+        images = {f"{eye}.png": cv2.imencode(".png", pixels)[1].tobytes() for eye, pixels in
+                  (("left", left), ("right", right))}  # fmt: skip
+        return self._add(label, images, note)
+
+    def add_mesh(self, label: str, kind: Literal["stl", "obj"], content: bytes, note: dict[str, Any]) -> StoredView:
+        """Store a drawing under the next free number. Raises ModelStoreError; then nothing of it is there."""
+        return self._add(label, {f"mesh.{kind}": content}, note)
+
+    def _add(self, label: str, files: Mapping[str, bytes], note: dict[str, Any]) -> StoredView:
+        parent = self.folder / "views" / label
+        try:
+            parent.mkdir(parents=True, exist_ok=True)
+            making = Path(tempfile.mkdtemp(dir=parent, prefix=".new-"))
+            try:
+                for name, content in files.items():
+                    write_atomically(making / name, content)
+                note = {"v": 1, "label": label, "taught": datetime.now(UTC).isoformat(timespec="seconds"), **note}
+                write_atomically(making / "view.json", json.dumps(note, indent=1).encode())
+                number = max((view.number for view in self.views(label)), default=0) + 1
+                os.chmod(making, 0o755)
+                making.rename(parent / str(number))
+            except BaseException:
+                shutil.rmtree(making, ignore_errors=True)
+                raise
+        except OSError as error:
+            raise ModelStoreError(f"{parent}: the view is not stored: {error.strerror or error}") from error
+        return StoredView(label, number, parent / str(number), note)
+
+    def drop_views(self, label: str, number: int | None = None) -> int:
+        """Remove a label's views, or one of them; returns how many there were. Raises ModelStoreError."""
+        gone = [view for view in self.views(label) if number in (None, view.number)]
+        try:
+            for view in gone:
+                doomed = view.folder.with_name(f".gone-{view.folder.name}")
+                view.folder.rename(doomed)
+                shutil.rmtree(doomed)
+            parent = self.folder / "views" / label
+            if parent.is_dir() and not any(parent.iterdir()):
+                parent.rmdir()
+        except OSError as error:
+            raise ModelStoreError(f"{self.folder / 'views' / label}: not removed: {error.strerror or error}") from error
+        return len(gone)
+
+    @property
+    def current(self) -> int | None:
+        """The version in use."""
+        return self._state().current
+
+    @property
+    def candidate(self) -> int | None:
+        """The version trained last and not yet accepted."""
+        return self._state().candidate
+
+    @property
+    def history(self) -> tuple[int, ...]:
+        """What a rollback goes back through, oldest first."""
+        return self._state().history
+
+    def path(self, version: int) -> Path:
+        """The file of a version."""
+        return self.folder / "models" / f"{version:04d}.npz"
+
+    def load(self, version: int) -> Model:
+        """Raises ModelError."""
+        return model_file.load(self.path(version))
+
+    def put_candidate(self, model: Model) -> int:
+        """Store a trained model as the candidate; returns its version. Raises ModelStoreError."""
+        known = [int(p.stem) for p in (self.folder / "models").glob("*.npz") if p.stem.isdecimal()]
+        version = max(known, default=0) + 1
+        try:
+            self.path(version).parent.mkdir(parents=True, exist_ok=True)
+            model_file.save(model, self.path(version))
+        except OSError as error:
+            raise ModelStoreError(f"{self.path(version)}: not written: {error.strerror or error}") from error
+        self._write(msgspec.structs.replace(self._state(), candidate=version))
+        return version
+
+    def accept(self) -> int:
+        """Put the candidate into use; returns its version. Raises ModelStoreError where there is none."""
+        state = self._state()
+        if state.candidate is None:
+            raise ModelStoreError("there is no candidate: `train` makes one")
+        history = state.history if state.current is None else (*state.history, state.current)
+        self._write(_State(state.candidate, None, history))
+        return state.candidate
+
+    def rollback(self) -> int:
+        """Back to the version used before; the present one becomes the candidate again. Raises ModelStoreError."""
+        state = self._state()
+        if not state.history:
+            raise ModelStoreError("there is no earlier model to go back to")
+        self._write(_State(state.history[-1], state.current, state.history[:-1]))
+        return state.history[-1]
+
+    def _state(self) -> _State:
+        path = self.folder / "models" / "state.json"
+        try:
+            return msgspec.json.decode(path.read_bytes(), type=_State)
+        except FileNotFoundError:
+            return _State()
+        except (OSError, msgspec.MsgspecError) as error:
+            raise ModelStoreError(
+                f"{path}: cannot be read: {error}; restore it, or remove it and `train` again"
+            ) from None
+
+    def _write(self, state: _State) -> None:
+        path = self.folder / "models" / "state.json"
+        try:
+            write_atomically(path, msgspec.json.encode(state))
+        except OSError as error:
+            raise ModelStoreError(f"{path}: not written: {error.strerror or error}") from error
+
+
+def _read_note(folder: Path) -> dict[str, Any]:
+    try:
+        note = json.loads((folder / "view.json").read_bytes())
+    except (OSError, ValueError) as error:
+        raise ModelStoreError(f"{folder / 'view.json'}: cannot be read: {error}; `forget` this view") from None
+    return dict(note) if isinstance(note, dict) else {}
+
+
+def _read_image(path: Path) -> Image:
+    try:
+        return read_grey(path)
+    except OSError as error:
+        raise ModelStoreError(f"{path}: {error.strerror}") from None
+    except PictureError:
+        raise ModelStoreError(f"{path}: not an image; `forget` this view and teach it again") from None

@@ -1,0 +1,179 @@
+"""Polygons of a mesh -> a solid with flat facets, as the recogniser knows parts. Pure.
+
+Corners that coincide become one, triangles of one plane one facet; the rings run anticlockwise seen from outside. What
+a camera could not tell (a corner in the middle of a straight side) goes.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daemon.teaching.mesh import Mesh, MeshError
+from daemon.vision.geometry.polyhedron import Polyhedron
+from daemon.vision.model.facet_types import FacetLibrary, type_facet
+
+Array = NDArray[np.float64]
+Triangle = tuple[int, int, int]
+Edge = tuple[int, int]
+SAME_CORNER_MM = 0.01
+SAME_PLANE_DEG, SAME_PLANE_MM = 0.5, 0.05
+STRAIGHT_DEG = 1.0
+MOST_FACETS = 40
+"""More than that, and it is a curved surface cut into strips; it has no facets to be recognised by."""
+DRAWN_MM = 0.05
+"""How far corners on a drawing are off (one standard deviation); how far real parts are off is the model's business."""
+
+
+def solid_of(mesh: Mesh, library: FacetLibrary) -> Polyhedron:
+    """The solid a mesh bounds. Raises MeshError where it bounds none, or one without flat facets."""
+    corners, triangles = _welded(mesh)
+    triangles = _outward(corners, _oriented(triangles))
+    regions = _flat_regions(corners, triangles)
+    if len(regions) > MOST_FACETS:
+        raise MeshError(f"{len(regions)} facets: a curved surface? at most {MOST_FACETS} flat ones tell a part")
+    rings = [_straightened(corners, _outline(corners, [triangles[k] for k in region])) for region in regions]
+    if any(len(ring) < 3 for ring in rings):
+        raise MeshError("a facet without an area; mend the mesh")
+    used = sorted({k for ring in rings for k in ring})
+    place = {k: n for n, k in enumerate(used)}
+    points = corners[used] - corners[used].mean(axis=0)
+    facets = tuple(tuple(place[k] for k in ring) for ring in rings)
+    covariance = np.repeat(DRAWN_MM**2 * np.eye(3)[None], len(points), axis=0)
+    types = tuple(type_facet(points[list(f)], covariance[list(f)], library)[0].name for f in facets)
+    return Polyhedron(points, facets, covariance, types)
+
+
+def _welded(mesh: Mesh) -> tuple[Array, list[Triangle]]:
+    """Corners apart by more than a hundredth of a millimetre, and the triangles between them that have an area."""
+    cells = np.round(mesh.corners_mm / SAME_CORNER_MM).astype(np.int64)
+    _, first, owner = np.unique(cells, axis=0, return_index=True, return_inverse=True)
+    owner = owner.ravel()
+    corners = mesh.corners_mm[first]
+    triangles = []
+    for polygon in mesh.polygons:
+        ring = [int(owner[k]) for k in polygon]
+        for b, c in pairwise(ring[1:]):
+            if len({ring[0], b, c}) == 3:
+                triangles.append((ring[0], b, c))
+    if len(triangles) < 4:
+        raise MeshError(f"{len(triangles)} triangles bound no solid")
+    return corners, triangles
+
+
+def _oriented(triangles: list[Triangle]) -> list[Triangle]:
+    """All wound the same way round. Raises MeshError where the surface has a gap, a crossing, or several pieces."""
+    beside: dict[frozenset[int], list[int]] = {}
+    for t, triangle in enumerate(triangles):
+        for edge in _edges(triangle):
+            beside.setdefault(frozenset(edge), []).append(t)
+    gaps = sum(len(both) == 1 for both in beside.values())
+    if gaps:
+        raise MeshError(f"not closed: {gaps} edges have a triangle on one side only; mend the mesh")
+    if any(len(both) > 2 for both in beside.values()):
+        raise MeshError("more than two triangles share an edge: bodies that touch or cross; join them into one")
+    turned = {0: triangles[0]}
+    queue = deque([0])
+    while queue:
+        here = turned[t := queue.popleft()]
+        for a, b in _edges(here):
+            (other,) = [k for k in beside[frozenset((a, b))] if k != t]
+            if other in turned:
+                if (a, b) in _edges(turned[other]):
+                    raise MeshError("the surface has only one side; mend the mesh")
+                continue
+            p, q, r = triangles[other]
+            turned[other] = (p, r, q) if (a, b) in _edges(triangles[other]) else (p, q, r)
+            queue.append(other)
+    if len(turned) < len(triangles):
+        raise MeshError("several bodies that do not touch; a part is one")
+    return [turned[t] for t in range(len(triangles))]
+
+
+def _outward(corners: Array, triangles: list[Triangle]) -> list[Triangle]:
+    """Wound so that the volume inside is positive."""
+    a, b, c = (corners[[t[k] for t in triangles]] for k in range(3))
+    volume_mm3 = float((a * np.cross(b, c)).sum() / 6)
+    if abs(volume_mm3) < 1.0:
+        raise MeshError("it has no inside; mend the mesh")
+    return triangles if volume_mm3 > 0 else [(p, r, q) for p, q, r in triangles]
+
+
+def _flat_regions(corners: Array, triangles: list[Triangle]) -> list[list[int]]:
+    """Triangles that hang together in one plane, largest triangle first: small ones do not tell a plane well."""
+    a, b, c = (corners[[t[k] for t in triangles]] for k in range(3))
+    normals = np.cross(b - a, c - a)
+    areas = np.linalg.norm(normals, axis=1)
+    normals /= np.maximum(areas, 1e-12)[:, None]
+    owner = {edge: t for t, triangle in enumerate(triangles) for edge in _edges(triangle)}
+    free = set(range(len(triangles)))
+    regions = []
+    for seed in np.argsort(-areas):
+        if int(seed) not in free:
+            continue
+        free.discard(int(seed))
+        region, queue = [int(seed)], deque([int(seed)])
+        while queue:
+            for p, q in _edges(triangles[queue.popleft()]):
+                other = owner[q, p]
+                off_mm = np.abs((corners[list(triangles[other])] - a[seed]) @ normals[seed]).max()
+                thin = areas[other] < 1e-3
+                flat = normals[other] @ normals[seed] > np.cos(np.radians(SAME_PLANE_DEG))
+                if other in free and off_mm < SAME_PLANE_MM and (flat or thin):
+                    free.discard(other)
+                    region.append(other)
+                    queue.append(other)
+        regions.append(region)
+    return regions
+
+
+def _outline(corners: Array, triangles: list[Triangle]) -> list[int]:
+    """The outer border of a flat region; holes in it are not looked at."""
+    own = {edge for triangle in triangles for edge in _edges(triangle)}
+    after: dict[int, list[int]] = {}
+    for a, b in own:
+        if (b, a) not in own:
+            after.setdefault(a, []).append(b)
+    loops = []
+    while after:
+        first = here = next(iter(after))
+        loop = []
+        while True:
+            loop.append(here)
+            follows = after[here]
+            here = follows.pop()
+            if not follows:
+                del after[loop[-1]]
+            if here == first:
+                break
+        loops.append(loop)
+    return max(loops, key=lambda ring: _area(corners[ring]))
+
+
+def _straightened(corners: Array, ring: list[int]) -> list[int]:
+    """Without corners at which the border goes straight on."""
+    kept = list(ring)
+    at = 0
+    while at < len(kept) and len(kept) > 2:
+        before, here, after = (corners[kept[(at + step) % len(kept)]] for step in (-1, 0, 1))
+        one, two = here - before, after - here
+        cosine = float(one @ two / (np.linalg.norm(one) * np.linalg.norm(two)))
+        if cosine > np.cos(np.radians(STRAIGHT_DEG)):
+            kept.pop(at)
+            at = max(at - 1, 0)
+        else:
+            at += 1
+    return kept
+
+
+def _area(ring: Array) -> float:
+    shifted = ring - ring.mean(axis=0)
+    return float(np.linalg.norm(np.cross(shifted, np.roll(shifted, -1, axis=0)).sum(axis=0)) / 2)
+
+
+def _edges(triangle: Triangle) -> tuple[Edge, Edge, Edge]:
+    a, b, c = triangle
+    return (a, b), (b, c), (c, a)

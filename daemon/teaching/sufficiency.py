@@ -1,0 +1,204 @@
+"""Is a part taught well enough? What of it was never seen, and from where it could be taken for something else. Pure.
+
+A part is turned before imagined cameras and its known facets are given to the recogniser as they would be measured:
+what it then answers is what it would answer in the cell.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daemon.vision.geometry.polyhedron import Polyhedron
+from daemon.vision.geometry.rig import StereoRig
+from daemon.vision.model.model import Model
+from daemon.vision.recognition.recognise import recognise_group
+from daemon.vision.values import Facet, Group
+
+Array = NDArray[np.float64]
+VIEWPOINTS = 60
+DISTANCE_MM = 400.0
+CORNER_PX = 0.15
+FACING = 0.3  # cosine below which a facet is too oblique to count on
+HIDDEN_SHARE = 0.9
+INSIDE = 0.95  # where a facet is tried for being covered: its corners and the middles of its sides, drawn in so far
+BEFORE_MM = 1.0
+EDGE_ON = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Mistake:
+    """Viewpoints from which a part is not named: what it is taken for (several where it cannot be settled), which
+    facets are in view there, and from how many of the viewpoints."""
+
+    taken_for: tuple[str, ...]
+    facets: tuple[str, ...]
+    viewpoints: int
+
+
+@dataclass(frozen=True, eq=False)
+class Sufficiency:
+    """One label: facets known by type, open edges (beyond them nothing was seen), share of viewpoints never seen, named
+    rightly, and not; the mistakes; the facet (index, type) that should point away from the cameras in the next view."""
+
+    label: str
+    facets: tuple[str, ...]
+    open_edges: int
+    unseen: float
+    named: float
+    mistakes: tuple[Mistake, ...]
+    turn_away: tuple[int, str] | None
+
+    @property
+    def complete(self) -> bool:
+        """Every side was seen."""
+        return self.open_edges == 0
+
+
+def judge(model: Model, label: str, rig: StereoRig) -> Sufficiency:
+    """Try a taught part from all round. Raises KeyError for a label that was not taught."""
+    solid = model.metric[label].solid
+    areas = facet_areas(solid)
+    unseen, named, mistakes = 0, 0, Counter[tuple[tuple[str, ...], tuple[str, ...]]]()
+    best: tuple[float, Array | None] = (0.0, None)
+    directions = spread(VIEWPOINTS)
+    for towards in directions:
+        facing = areas @ towards
+        front, back = float(facing.clip(0).sum()), float((-facing).clip(0).sum())
+        if front < HIDDEN_SHARE * back:
+            unseen += 1
+            best = max(best, (back - front, towards), key=lambda pair: pair[0])
+            continue
+        seen = imagined_view(solid, towards, rig)
+        if seen is None:
+            continue
+        verdict = recognise_group(seen, model).recognition
+        if verdict.label == label:
+            named += 1
+        else:
+            taken = tuple(sorted(verdict.candidates)) or (verdict.label,)
+            mistakes[taken, tuple(sorted(f.type for f in seen.facets))] += 1
+    return Sufficiency(
+        label=label,
+        facets=solid.types,
+        open_edges=open_edges(solid),
+        unseen=unseen / len(directions),
+        named=named / len(directions),
+        mistakes=tuple(Mistake(taken, facets, n) for (taken, facets), n in mistakes.most_common()),
+        turn_away=None if best[1] is None else _opposite(solid, areas, best[1]),
+    )
+
+
+def imagined_view(solid: Polyhedron, towards: Array, rig: StereoRig) -> Group | None:
+    """The facets that would be measured with the cameras in direction `towards` (3,) of the part, at 400 mm; None when
+    no facet faces them. Corners carry the covariance that CORNER_PX of corner error gives at that distance."""
+    shown = visible_facets(solid, towards)
+    return imagined_group(solid, shown, towards, rig) if shown else None
+
+
+def visible_facets(solid: Polyhedron, towards: Array, least_facing: float = FACING) -> tuple[int, ...]:
+    """The facets that face a camera in direction `towards` (3,), far away, and that no other facet covers in part.
+
+    least_facing: cosine below which a facet is too oblique to be seen.
+    """
+    areas = facet_areas(solid)
+    cosine = (areas @ towards) / np.linalg.norm(areas, axis=1)
+    facing = (k for k in range(len(solid.facets)) if cosine[k] > least_facing)
+    return tuple(k for k in facing if not _covered(solid, k, areas[k], towards))
+
+
+def imagined_group(solid: Polyhedron, shown: Sequence[int], towards: Array, rig: StereoRig) -> Group:
+    """These facets as they would be measured from there, untyped by the measurement: they keep their own types."""
+    corners = (solid.corners_mm - solid.corners_mm.mean(axis=0)) @ _turned_to(towards).T + [0.0, 0.0, DISTANCE_MM]
+    spread_mm2 = _corner_covariance(rig)
+    facets = tuple(_facet(corners[list(solid.facets[k])], solid.types[k], spread_mm2, rig) for k in shown)
+    return Group(facets, solid.touching[np.ix_(shown, shown)])
+
+
+def _covered(solid: Polyhedron, facet: int, area: Array, towards: Array) -> bool:
+    """Whether another facet lies before one, seen from `towards`: in front of its corners, drawn in a little."""
+    corners = solid.corners_mm[list(solid.facets[facet])]
+    beyond = (solid.corners_mm - corners[0]) @ area > BEFORE_MM * np.linalg.norm(area)
+    others = [solid.corners_mm[list(ring)] for ring in solid.facets if beyond[list(ring)].any()]
+    if not others:
+        return False
+    middle = corners.mean(axis=0)
+    along = np.roll(corners, -1, axis=0)
+    points = np.concatenate([middle + INSIDE * (corners - middle), middle + INSIDE * ((corners + along) / 2 - middle)])
+    return any(_in_front(ring, points, towards) for ring in others)
+
+
+def _in_front(ring: Array, points: Array, towards: Array) -> bool:
+    """Whether a ray from any of the points (N, 3) in direction `towards` goes through the polygon (M, 3)."""
+    normal = np.cross(ring, np.roll(ring, -1, axis=0)).sum(axis=0)
+    slope = float(normal @ towards)
+    if abs(slope) < EDGE_ON * float(np.linalg.norm(normal)):
+        return False
+    reach = ((ring[0] - points) @ normal) / slope
+    met = points + reach[:, None] * towards
+    x, y = _turned_to(towards)[:2]
+    across = np.stack([ring @ x, ring @ y], axis=1)
+    return any(r > BEFORE_MM and _inside(across, float(p @ x), float(p @ y)) for r, p in zip(reach, met, strict=True))
+
+
+def _inside(polygon: Array, x: float, y: float) -> bool:
+    """Whether a point lies in a plane polygon (M, 2): a ray to the right crosses its border an odd number of times."""
+    after = np.roll(polygon, -1, axis=0)
+    spans = (polygon[:, 1] > y) != (after[:, 1] > y)
+    rise = np.where(spans, after[:, 1] - polygon[:, 1], 1.0)
+    crossing = polygon[:, 0] + (y - polygon[:, 1]) / rise * (after[:, 0] - polygon[:, 0])
+    return bool((spans & (crossing > x)).sum() % 2)
+
+
+def open_edges(solid: Polyhedron) -> int:
+    """Edges with a known facet on one side only."""
+    edges = solid.edges
+    return sum((b, a) not in edges for a, b in edges)
+
+
+def facet_areas(solid: Polyhedron) -> Array:
+    """(F, 3) outward area vectors, mm^2."""
+    rows = []
+    for ring in solid.facets:
+        corners = solid.corners_mm[list(ring)]
+        rows.append(np.cross(corners, np.roll(corners, -1, axis=0)).sum(axis=0) / 2)
+    return np.array(rows)
+
+
+def spread(count: int) -> Array:
+    """(count, 3) unit vectors spread evenly over the sphere (Fibonacci's spiral)."""
+    k = np.arange(count) + 0.5
+    z, turn = 1 - 2 * k / count, np.pi * (1 + np.sqrt(5)) * k
+    radius = np.sqrt(1 - z * z)
+    return np.column_stack([radius * np.cos(turn), radius * np.sin(turn), z])
+
+
+def _turned_to(towards: Array) -> Array:
+    """(3, 3) cyclopean_from_part rotation of a part that turns its direction `towards` to the cameras (-z)."""
+    z = -towards
+    x = np.cross([0.0, 1.0, 0.0] if abs(z[1]) < 0.9 else [1.0, 0.0, 0.0], z)
+    x /= np.linalg.norm(x)
+    return np.array([x, np.cross(z, x), z])
+
+
+def _corner_covariance(rig: StereoRig) -> Array:
+    focal_px = float(rig.left.matrix[0, 0])
+    across = CORNER_PX * DISTANCE_MM / focal_px
+    along = np.sqrt(2) * CORNER_PX * DISTANCE_MM**2 / (focal_px * rig.baseline_mm)
+    return np.diag([across**2, across**2, along**2])
+
+
+def _facet(corners_mm: Array, kind: str, covariance: Array, rig: StereoRig) -> Facet:
+    count = len(corners_mm)
+    left, right = rig.left.project(corners_mm), rig.right.project(corners_mm)
+    return Facet(corners_mm, np.repeat(covariance[None], count, axis=0), left, right, np.zeros(count), 0.0, kind)
+
+
+def _opposite(solid: Polyhedron, areas: Array, towards: Array) -> tuple[int, str]:
+    """The facet that points most away from a direction."""
+    k = int(np.argmin((areas @ towards) / np.linalg.norm(areas, axis=1)))
+    return k, solid.types[k]

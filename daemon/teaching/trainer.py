@@ -1,0 +1,252 @@
+"""From taught views to a model in use: store a view, train a candidate beside the model in use, accept it, go back.
+
+Learning itself is daemon/vision/model/model.py's, files are daemon/store/model_store.py's. No talk.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from time import perf_counter
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daemon.store.library import PartEntry
+from daemon.store.model_store import ModelStore, ModelStoreError, StoredView
+from daemon.teaching.aspects import aspects, learn_solid
+from daemon.teaching.mesh import MeshError, read_mesh
+from daemon.teaching.solid_from_mesh import solid_of
+from daemon.teaching.sufficiency import Sufficiency, judge
+from daemon.vision.facets.table import Table
+from daemon.vision.geometry.polyhedron import Polyhedron
+from daemon.vision.geometry.rig import StereoRig
+from daemon.vision.image.grey import VisionError
+from daemon.vision.look import look
+from daemon.vision.model.facet_types import FacetLibrary
+from daemon.vision.model.model import Model, TeachError, empty_model, learn_view
+from daemon.vision.recognition.recognise import recognise_group
+from daemon.vision.report import scene_json
+from daemon.vision.settings import VisionSettings
+from daemon.vision.values import Group, Scene
+
+Image = NDArray[np.uint8]
+
+
+class Recogniser:
+    """daemon/pick/looking.py's Recogniser: one model and one rig. Never changed; another model is another one."""
+
+    def __init__(self, model: Model, rig: StereoRig, settings: VisionSettings | None = None) -> None:
+        self.model, self.rig, self.settings = model, rig, settings
+
+    def see(self, left: Image, right: Image, table: Table | None = None) -> Scene:
+        """Parts in a stereo pair, in the cyclopean frame; what lies in the table is none. Raises VisionError."""
+        return look(left, right, self.rig, self.model, self.settings, perf_counter, table)
+
+    def report(self, scene: Scene) -> dict[str, object]:
+        """The scene as JSON values."""
+        return scene_json(scene)
+
+    def shape(self, label: str) -> Polyhedron | None:
+        """The taught part's corners and facets, or None."""
+        metric = self.model.metric.get(label)
+        return None if metric is None else metric.solid
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """What was taught."""
+        return self.model.labels
+
+
+@dataclass(frozen=True)
+class ViewVerdict:
+    """How a trained model does on a view it was taught: what it takes it for, how sure, and why."""
+
+    view: str
+    label: str
+    named: str
+    confidence: float
+    runner_up: str | None
+    reason: str
+
+    @property
+    def right(self) -> bool:
+        """Whether it says what the operator said."""
+        return self.label == self.named
+
+
+@dataclass(frozen=True)
+class Trained:
+    """A candidate: its version, how it does on every stored view, views that could not be learnt and why."""
+
+    version: int
+    verdicts: tuple[ViewVerdict, ...]
+    left_out: tuple[str, ...]
+    seconds: float
+
+
+class Trainer:
+    """All that can be taught in one daemon: the model_store, the model in use, and the candidate that is not."""
+
+    def __init__(
+        self,
+        model_store: ModelStore,
+        rig: StereoRig,
+        library: FacetLibrary,
+        parts: Mapping[str, PartEntry],
+        settings: VisionSettings | None = None,
+        start: Model | None = None,
+    ) -> None:
+        """start: the model to use while none was accepted here. Raises ModelError, ModelStoreError."""
+        self.model_store, self.rig, self.library, self.parts, self.settings = model_store, rig, library, parts, settings
+        self._start = start or empty_model(library)
+        self.model = self._start if model_store.current is None else model_store.load(model_store.current)
+
+    @property
+    def in_use(self) -> Recogniser:
+        """The recogniser with the model in use."""
+        return Recogniser(self.model, self.rig, self.settings)
+
+    def candidate(self) -> Recogniser | None:
+        """The recogniser with the candidate, or None. Raises ModelError."""
+        version = self.model_store.candidate
+        return None if version is None else Recogniser(self.model_store.load(version), self.rig, self.settings)
+
+    def untaught(self) -> list[str]:
+        """Parts of parts.yaml that the model in use does not know."""
+        return [label for label in self.parts if label not in self.model.labels]
+
+    def waiting(self) -> list[StoredView]:
+        """Stored views that the model in use was not trained on."""
+        known = {view.source for view in self.model.views}
+        return [view for view in self.model_store.views() if view.name not in known]
+
+    def check(self, label: str, left: Image, right: Image, table: Table | None) -> None:
+        """Raise TeachError or VisionError where a view cannot be learnt from."""
+        learn_view(empty_model(self.library), self.only_group(left, right, table), label)
+
+    def store(self, label: str, left: Image, right: Image, note: dict[str, Any]) -> StoredView:
+        """Keep a view on disk. Raises ModelStoreError, and TeachError or VisionError as check does."""
+        self.check(label, left, right, _table_of(note))
+        return self.model_store.add_view(label, left, right, note)
+
+    def store_mesh(self, label: str, name: str, content: bytes, unit: str, note: dict[str, Any]) -> StoredView:
+        """Keep a drawing (STL or OBJ) of a part on disk. Raises ModelStoreError, MeshError, TeachError."""
+        mesh = read_mesh(name, content, unit)
+        try:
+            solid = solid_of(mesh, self.library)
+        except MeshError as error:
+            raise MeshError(f"{name}: {error}") from None
+        learn_solid(empty_model(self.library), solid, self.rig, label)
+        kind: Literal["stl", "obj"] = "stl" if name.lower().endswith(".stl") else "obj"
+        note = {"mesh": name, "unit": unit, "facets": [list(solid.types)], **note}
+        return self.model_store.add_mesh(label, kind, content, note)
+
+    def only_group(self, left: Image, right: Image, table: Table | None) -> Group:
+        """The facets of the one part in view. Raises TeachError for none or several, VisionError."""
+        groups = look(left, right, self.rig, None, self.settings, table=table).view.groups
+        if not groups:
+            raise TeachError("no part is seen; put it where both cameras see it, lit from above, nothing else near")
+        most = max(len(g.facets) for g in groups)
+        largest = [g for g in groups if len(g.facets) == most]
+        if len(largest) > 1 or (len(groups) > 1 and most == 1):
+            raise TeachError(f"{len(groups)} parts are in view; show the one to be taught alone")
+        return largest[0]
+
+    def learnt(self) -> tuple[Model, list[str]]:
+        """A model of every stored view, in order, and one line for each view that could not be learnt.
+
+        Drawings come last: the shape they give a part is not changed by what was measured.
+        """
+        model, left_out = empty_model(self.library), []
+        for view in sorted(self.model_store.views(), key=lambda view: view.mesh is not None):
+            try:
+                if view.mesh is not None:
+                    model = learn_solid(model, self._solid(view), self.rig, view.label, view.name)
+                else:
+                    group = self.only_group(*view.images(), _table_of(view.note))
+                    model = learn_view(model, group, view.label, source=view.name)
+            except (TeachError, VisionError, ModelStoreError, MeshError) as error:
+                left_out.append(f"{view.name}: {error}")
+        return model, left_out
+
+    def _solid(self, view: StoredView) -> Polyhedron:
+        """The solid of a stored drawing. Raises MeshError."""
+        assert view.mesh is not None
+        try:
+            content = view.mesh.read_bytes()
+        except OSError as error:
+            raise MeshError(f"{view.mesh}: {error.strerror}") from None
+        return solid_of(read_mesh(view.mesh.name, content, str(view.note.get("unit", "mm"))), self.library)
+
+    def train(self) -> Trained:
+        """Make a candidate of every stored view and try it on each. The model in use is not touched.
+
+        Raises TeachError where there is nothing to train on, ModelStoreError.
+        """
+        began = perf_counter()
+        model, left_out = self.learnt()
+        if not model.views:
+            raise TeachError(
+                "there are no views to train on: `teach LABEL` first" + "".join(f"; {x}" for x in left_out)
+            )
+        version = self.model_store.put_candidate(model)
+        trial = Recogniser(model, self.rig, self.settings)
+        unlearnt = {line.split(":")[0] for line in left_out}
+        verdicts = [self._verdict(trial, view) for view in self.model_store.views() if view.name not in unlearnt]
+        return Trained(version, tuple(verdicts), tuple(left_out), perf_counter() - began)
+
+    def accept(self) -> int:
+        """Take the candidate into use; returns its version. Raises ModelStoreError, ModelError (nothing changes)."""
+        if self.model_store.candidate is not None:
+            model = self.model_store.load(self.model_store.candidate)
+            version = self.model_store.accept()
+            self.model = model
+            return version
+        return self.model_store.accept()
+
+    def rollback(self) -> int:
+        """Back to the model used before; returns its version. ModelStoreError, ModelError: nothing has changed."""
+        if self.model_store.history:
+            model = self.model_store.load(self.model_store.history[-1])
+            version = self.model_store.rollback()
+            self.model = model
+            return version
+        return self.model_store.rollback()
+
+    def judge(self, model: Model, label: str) -> Sufficiency:
+        """What is still missing of a part, and what it could be taken for."""
+        return judge(model, label, self.rig)
+
+    def _verdict(self, trial: Recogniser, view: StoredView) -> ViewVerdict:
+        if view.mesh is not None:
+            return self._drawing_verdict(trial, view)
+        parts = trial.see(*view.images(), _table_of(view.note)).parts
+        if not parts:
+            return ViewVerdict(view.name, view.label, "nothing", 0.0, None, "no part was seen in it")
+        said = max(parts, key=lambda p: len(p.facets)).recognition
+        return ViewVerdict(view.name, view.label, said.label, said.confidence, said.runner_up, said.reason)
+
+    def _drawing_verdict(self, trial: Recogniser, view: StoredView) -> ViewVerdict:
+        """From the directions in which the drawing shows its characteristic views; the worst of them counts."""
+        said = [recognise_group(group, trial.model).recognition for group in aspects(self._solid(view), self.rig)]
+        named = [one for one in said if one.label == view.label]
+        others = [one for one in said if one.label not in (view.label, "unknown")]
+        worst = (others or sorted(named, key=lambda one: one.confidence) or said)[0]
+        return ViewVerdict(view.name, view.label, worst.label, worst.confidence, worst.runner_up, worst.reason)
+
+
+def teaching_note(who: str, calibration: str, table: Table | None, scene: Scene) -> dict[str, Any]:
+    """What is written beside a taught view: who showed it, the calibration's sha256, the table, the facets seen."""
+    return {
+        "who": who,
+        "calibration": calibration,
+        "table": None if table is None else {"up": table.up.tolist(), "level_mm": table.level_mm},
+        "facets": [[facet.type for facet in part.facets] for part in scene.parts],
+    }
+
+
+def _table_of(note: Mapping[str, Any]) -> Table | None:
+    said = note.get("table") or None
+    return None if said is None else Table(np.array(said["up"], float), float(said["level_mm"]))

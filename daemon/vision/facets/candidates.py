@@ -1,0 +1,179 @@
+"""Facets that may be: polygons matched between the eyes, fitted, triangulated, weighed against each other."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daemon.vision.facets.matching import Match, match_polygons
+from daemon.vision.geometry.planes import fit_plane, planarity, weighted_plane
+from daemon.vision.geometry.polygon import Shape
+from daemon.vision.geometry.rectified import Baseline, disparity
+from daemon.vision.image.one_eye import Sight
+from daemon.vision.image.polygon_fit import Fitted, fit_polygons
+from daemon.vision.settings import VisionSettings
+from daemon.vision.values import Facet, Polygon
+
+Array = NDArray[np.float64]
+
+_FEW = 2
+_COVERED = 0.25
+_MODEL_RAD = 2e-3  # a corner may be this much of its distance off, where another edge runs close by
+_PER_CORNER = 0.05
+_BENT = float(np.radians(10))
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A facet that may be: as fitted in both eyes (the right's corners in the left's order), in space, and its
+    worth.
+    """
+
+    facet: Facet
+    left: Fitted
+    right: Fitted
+    worth: float
+    left_shape: Shape
+    right_shape: Shape
+
+    def covers(self, other: Candidate) -> float:
+        """Greatest part, in either eye, of the smaller of the two that both cover."""
+        return max(self.left_shape.covers(other.left_shape), self.right_shape.covers(other.right_shape))
+
+
+def find_candidates(left: Sight, right: Sight, eyes: Baseline, settings: VisionSettings) -> list[Candidate]:
+    """Pairs of outlines that fit along the epipolar lines, fitted and triangulated; of similar pairs only the
+    best few.
+    """
+    matches = match_polygons([o.corners for o in left.outlines], [o.corners for o in right.outlines], eyes, settings)
+    matches = _best_few(matches, left, right)
+    fits = [_fit_used(left, {m.left for m in matches}), _fit_used(right, {m.right for m in matches})]
+    candidates = []
+    for m in matches:
+        a, b = fits[0][m.left], fits[1][m.right]
+        if a is not None and b is not None:
+            support = min(left.outlines[m.left].support, right.outlines[m.right].support)
+            made = candidate(a, b.rolled(m.shift), support - 0.1 * m.cost, eyes)
+            if made.facet.epipolar_px.max() < settings.max_epipolar_px:
+                candidates.append(made)
+    return candidates
+
+
+def candidate(left: Fitted, right: Fitted, support: float, eyes: Baseline) -> Candidate:
+    """A candidate of polygons whose corners correspond; support: how far its outlines are seen, less what
+    speaks against.
+    """
+    facet = triangulate(left.polygon, right.polygon, eyes)
+    worth = support + _agreement(left, right) - _PER_CORNER * len(facet.left_px)
+    return Candidate(facet, left, right, worth, Shape.of(facet.left_px), Shape.of(facet.right_px))
+
+
+def _best_few(matches: list[Match], left: Sight, right: Sight) -> list[Match]:
+    """Of matches of much the same region the best two, by how far the outlines are seen and how well they match."""
+
+    def rank(m: Match) -> float:
+        support = min(left.outlines[m.left].support, right.outlines[m.right].support)
+        return m.cost * 0.1 + _PER_CORNER * len(left.outlines[m.left].corners) - support
+
+    kept: list[Match] = []
+    shapes: list[tuple[Shape, Shape]] = []
+    for m in sorted(matches, key=rank):
+        both = Shape.of(left.outlines[m.left].corners), Shape.of(right.outlines[m.right].corners)
+        alike = sum(both[0].union(s[0]) > 0.7 or both[1].union(s[1]) > 0.7 for s in shapes)
+        if alike < _FEW:
+            kept.append(m)
+            shapes.append(both)
+    return kept
+
+
+def _fit_used(sight: Sight, used: set[int]) -> dict[int, Fitted | None]:
+    order = sorted(used)
+    return dict(zip(order, fit_polygons(sight, [sight.outlines[k] for k in order]), strict=True))
+
+
+def _agreement(a: Fitted, b: Fitted) -> float:
+    """The least fraction of rows, over all sides of both eyes, that lie on their line."""
+    return float(min(a.sides.support.min(), b.sides.support.min()))
+
+
+def choose(
+    candidates: list[Candidate], settings: VisionSettings
+) -> tuple[list[Candidate], list[tuple[Candidate, str]]]:
+    """Of candidates that cover each other in either eye, the worthiest; and those refused, with the reason.
+
+    A candidate that is not flat is two facets, and so is one that is made up of others that do not lie in its plane.
+    """
+    chosen: list[Candidate] = []
+    refused: list[tuple[Candidate, str]] = []
+    flat = []
+    for c in sorted(candidates, key=lambda c: -c.worth):
+        if flatness_sigmas(c.facet) > settings.planarity_sigmas:
+            refused.append((c, "its corners do not lie in one plane: it is two facets"))
+        else:
+            flat.append(c)
+    for c in flat:
+        if any(c.covers(k) > _COVERED for k in chosen):
+            continue
+        if _is_made_of_parts(c, flat, settings):
+            refused.append((c, "it is made up of facets that do not lie in its plane"))
+            continue
+        chosen.append(c)
+    return chosen, refused
+
+
+def flatness_sigmas(facet: Facet) -> float:
+    """How far the worst corner leaves the facet's plane, in predicted sigmas; 0 for a triangle."""
+    if len(facet.corners_mm) < 4:
+        return 0.0
+    model_mm2 = (_MODEL_RAD * facet.corners_mm[:, 2].mean()) ** 2 * np.eye(3)
+    residuals = weighted_plane(facet.corners_mm, facet.covariance_mm2 + model_mm2)[2]
+    return float(np.abs(residuals).max())
+
+
+def _is_made_of_parts(whole: Candidate, others: list[Candidate], settings: VisionSettings) -> bool:
+    """Whether disjoint candidates hardly less worthy, not in the whole's plane, fill most of it in the left eye."""
+    filled = 0.0
+    parts: list[Candidate] = []
+    bent = False
+    for c in others:
+        if c.left_shape.area > 0.8 * whole.left_shape.area or c.worth < whole.worth - 0.3:
+            continue
+        inside = c.left_shape.common(whole.left_shape)
+        if inside < 0.85 * c.left_shape.area or any(c.covers(p) > _COVERED for p in parts):
+            continue
+        parts.append(c)
+        filled += inside
+        bent = bent or _angle_between(c.facet, whole.facet) > _BENT
+    return bent and len(parts) > 1 and filled > 0.75 * whole.left_shape.area
+
+
+def _angle_between(a: Facet, b: Facet) -> float:
+    one, other = fit_plane(a.corners_mm)[0], fit_plane(b.corners_mm)[0]
+    return float(np.arccos(np.clip(one @ other, -1, 1)))
+
+
+def triangulate(a: Polygon, b: Polygon, eyes: Baseline) -> Facet:
+    """The facet whose corners are a's in the left and b's in the right eye, in the same order."""
+    left, right = eyes.left.ideal(a.corners_px), eyes.right.ideal(b.corners_px)
+    corners = eyes.points(left, right)
+    covariance = corner_covariance(eyes, left, right, a.covariance_px2, b.covariance_px2)
+    off = np.abs(left[:, 1] - right[:, 1]) * eyes.left.focal_px
+    return Facet(corners, covariance, a.corners_px, b.corners_px, off, planarity(corners))
+
+
+def corner_covariance(eyes: Baseline, left: Array, right: Array, left_px2: Array, right_px2: Array) -> Array:
+    """(N, 3, 3) mm^2 of triangulated corners, to first order. left, right: ideal coordinates (N, 2)."""
+    d = disparity(left, right)
+    z = eyes.length_mm / d
+    fall = z / d
+    u, v = (left + right).T / 2
+    jacobian = np.zeros((len(left), 3, 4))
+    jacobian[:, :, 0] = np.stack([z / 2 - u * fall, -v * fall, -fall], 1)
+    jacobian[:, :, 2] = np.stack([z / 2 + u * fall, v * fall, fall], 1)
+    jacobian[:, 1, 1] = jacobian[:, 1, 3] = z / 2
+    jacobian = eyes.cyclopean_from_baseline @ jacobian
+    noise = np.zeros((len(left), 4, 4))
+    noise[:, :2, :2], noise[:, 2:, 2:] = left_px2 / eyes.left.focal_px**2, right_px2 / eyes.right.focal_px**2
+    return np.asarray(jacobian @ noise @ np.swapaxes(jacobian, 1, 2))

@@ -1,0 +1,128 @@
+"""Facets that one eye outlined and the other did not, looked for in the other eye along the edge of a facet that
+both see.
+
+Two corners are then known in both eyes. The rest follow, all along their epipolar lines, from one number: how the facet
+turns about that edge. The turn whose sides show best in the other image is taken, and must then pass like any other.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daemon.vision.facets.candidates import Candidate, candidate, flatness_sigmas
+from daemon.vision.facets.grouping import same_edges
+from daemon.vision.geometry.polygon import Shape
+from daemon.vision.geometry.polygon_batch import areas, rings
+from daemon.vision.geometry.rectified import Baseline
+from daemon.vision.image.edge_lines import probe_sides
+from daemon.vision.image.one_eye import Sight
+from daemon.vision.image.outlines import Outline, probe, snap_near
+from daemon.vision.image.polygon_fit import fit_polygons
+from daemon.vision.settings import VisionSettings
+from daemon.vision.values import Polygon
+
+Array = NDArray[np.float64]
+
+_TURNS = np.linspace(-0.8, 0.8, 97)
+_MOST_TRIED = 8
+_EDGE_PX = 4.0
+_REACH_PX, _SIGMA_PX = 2.0, 1.5
+
+
+@dataclass(frozen=True, eq=False)
+class _Hinge:
+    """Side `side` of an outline in one eye is also a known facet's: its two ends (2, 2) in the other eye, px."""
+
+    side: int
+    other_px: Array
+
+
+def complete(
+    chosen: list[Candidate], left: Sight, right: Sight, eyes: Baseline, settings: VisionSettings
+) -> list[Candidate]:
+    """Further facets, none of which covers a chosen one or another."""
+    added: list[Candidate] = []
+    for seen, other, is_left in ((left, right, True), (right, left, False)):
+        if other.fine is None:
+            continue
+        tried = 0
+        for outline in seen.outlines:
+            if tried >= _MOST_TRIED:
+                break
+            hinge = _hinge(outline, chosen + added, is_left)
+            if hinge is None:
+                continue
+            tried += 1
+            found = _swing(outline, hinge, seen, other, is_left, eyes, settings)
+            if found is not None and not any(found.covers(k) > 0.25 for k in chosen + added):
+                added.append(found)
+    return added
+
+
+def _hinge(outline: Outline, known: list[Candidate], is_left: bool) -> _Hinge | None:
+    """A side shared with a known facet, unless the outline covers one."""
+    shape = Shape.of(outline.corners)
+    found = None
+    for c in known:
+        own, far = (c.left.polygon, c.right.polygon) if is_left else (c.right.polygon, c.left.polygon)
+        if shape.covers(c.left_shape if is_left else c.right_shape) > 0.25:
+            return None
+        found = found or _common_side(outline.corners, own, far)
+    return found
+
+
+def _common_side(corners: Array, own: Polygon, far: Polygon) -> _Hinge | None:
+    same = same_edges(corners, own.corners_px, _EDGE_PX)
+    if not same.any():
+        return None
+    i, j = divmod(int(np.argmax(same)), same.shape[1])
+    return _Hinge(i, far.corners_px[[(j + 1) % len(far.corners_px), j]])
+
+
+def _swing(
+    outline: Outline, hinge: _Hinge, seen: Sight, other: Sight, is_left: bool, eyes: Baseline, settings: VisionSettings
+) -> Candidate | None:
+    """The outline's facet, turned about its hinge to where the other eye shows it; None where it does not."""
+    fine = other.fine
+    if fine is None:
+        return None
+    polygons = _turned(outline, hinge, seen, other)
+    shape = rings(list(polygons))
+    start = shape.corners - fine.origin_px
+    strength = probe_sides(fine.smoothed, start, start[shape.next])[0].reshape(len(polygons), -1)
+    agree = np.minimum(strength * np.sign(outline.strength), np.abs(outline.strength))
+    agree = np.delete(agree, hinge.side, axis=1)
+    agree[areas(shape) > -settings.min_area_px] = -np.inf
+    best = int(np.argmax(agree.sum(1)))
+    if not np.all(np.isfinite(agree[best])):
+        return None
+    there = snap_near(fine, rings([polygons[best]]), _REACH_PX, _SIGMA_PX)
+    outlines = probe(fine, there, [outline.border], settings)
+    if not outlines:
+        return None
+    here, far = fit_polygons(seen, [outline])[0], fit_polygons(other, outlines)[0]
+    if here is None or far is None:
+        return None
+    worth = min(outline.support, outlines[0].support)
+    made = candidate(here, far, worth, eyes) if is_left else candidate(far, here, worth, eyes)
+    off = made.facet.epipolar_px.max() > settings.max_epipolar_px
+    return None if off or flatness_sigmas(made.facet) > settings.planarity_sigmas else made
+
+
+def _turned(outline: Outline, hinge: _Hinge, seen: Sight, other: Sight) -> Array:
+    """The outline in the other eye for every turn about the hinge, (T, N, 2) px."""
+    here = seen.eye.ideal(outline.corners)
+    n = len(here)
+    ends = here[[hinge.side, (hinge.side + 1) % n]]
+    disparity = ends[:, 0] - other.eye.ideal(hinge.other_px)[:, 0]
+    edge = ends[1] - ends[0]
+    length = float(np.hypot(*edge))
+    from_edge = here - ends[0]
+    along = from_edge @ edge / length**2
+    away = (from_edge[:, 0] * edge[1] - from_edge[:, 1] * edge[0]) / length
+    shift = disparity[0] + along * (disparity[1] - disparity[0]) + _TURNS[:, None] * away
+    there = np.stack([here[:, 0] - shift, np.broadcast_to(here[:, 1], shift.shape)], 2)
+    return other.eye.pixels(there.reshape(-1, 2)).reshape(len(_TURNS), n, 2)

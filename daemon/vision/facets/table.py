@@ -1,0 +1,50 @@
+"""What lies in a known table plane is no part: its shadow, a mark, a scratch. Geometry on values only.
+
+Where the table is, the arm knows (whoever looks says so); a look without that knowledge keeps every facet.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daemon.vision.facets.grouping import split_groups
+from daemon.vision.values import Facet, FacetView, Rejected
+
+Array = NDArray[np.float64]
+FLAT_MM = 3.0
+SIGMAS = 4.0
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """The table in the cyclopean frame: up (3,) its unit normal, height of a point = up . p - level_mm."""
+
+    up: Array
+    level_mm: float
+
+    def holds(self, facet: Facet) -> bool:
+        """Whether every corner lies in the table, to what is measured (4 sigma) and at least 3 mm."""
+        heights = facet.corners_mm @ self.up - self.level_mm
+        sigma = np.sqrt(np.einsum("i,nij,j->n", self.up, facet.covariance_mm2, self.up))
+        return bool(np.all(np.abs(heights) < FLAT_MM + SIGMAS * sigma))
+
+
+def without_table(view: FacetView, table: Table) -> FacetView:
+    """The view without the facets that lie in the table; groups they held together fall apart."""
+    groups, dropped = [], []
+    for group in view.groups:
+        lying = np.array([table.holds(facet) for facet in group.facets], bool)
+        if not lying.any():
+            groups.append(group)
+            continue
+        dropped += [
+            Rejected(f.left_px, "left", "lies in the table")
+            for f, flat in zip(group.facets, lying, strict=True)
+            if flat
+        ]
+        kept = np.flatnonzero(~lying)
+        groups += split_groups(tuple(group.facets[k] for k in kept), group.touching[np.ix_(kept, kept)])
+    return replace(view, groups=tuple(groups), rejected=(*view.rejected, *dropped))

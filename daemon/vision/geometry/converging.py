@@ -1,0 +1,61 @@
+"""Depth as D'Souza computes it: his formula (2.3) for eyes that converge a little, and his compensation of its error.
+
+Kept beside the exact rays of epipolar.py so that the two can be compared on the same corners.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daemon.vision.geometry.rig import StereoRig
+
+Array = NDArray[np.float64]
+
+_READINGS = np.linspace(0.5, 2.0, 9)
+
+
+@dataclass(frozen=True, eq=False)
+class Converging:
+    """The three constants of D'Souza, section 4.2.1: baseline mm, focal length px, fixation distance mm.
+
+    at_mm, error_mm: depths as the formula gives them on the cyclopean axis, and what is wrong with each there.
+    """
+
+    baseline_mm: float
+    focal_px: float
+    fixation_mm: float
+    at_mm: Array
+    error_mm: Array
+
+
+def converging(rig: StereoRig) -> Converging:
+    """The thesis's constants of a calibrated rig, with depth errors read at nine distances about the fixation point."""
+    focal = float(np.mean([c.matrix[k, k] for c in (rig.left, rig.right) for k in (0, 1)]))
+    turns = [c.cyclopean_from_camera[:3, 2] for c in (rig.left, rig.right)]
+    vergence = turns[0][0] / turns[0][2] - turns[1][0] / turns[1][2]
+    fixation = rig.baseline_mm / vergence if vergence > 1e-6 else 1e9
+    bare = Converging(rig.baseline_mm, focal, fixation, np.zeros(1), np.zeros(1))
+    truth = _READINGS * min(fixation, 1000.0)
+    points = np.stack([np.zeros_like(truth), np.zeros_like(truth), truth], 1)
+    seen = by_formula(rig.left.project(points), rig.right.project(points), rig, bare)[:, 2]
+    order = np.argsort(seen)
+    return Converging(rig.baseline_mm, focal, fixation, seen[order], (seen - truth)[order])
+
+
+def by_formula(left_px: Array, right_px: Array, rig: StereoRig, eyes: Converging, compensated: bool = False) -> Array:
+    """Points (N, 3) mm, cyclopean, from matched distorted px (N, 2) by equation (2.3).
+
+    compensated: depth less the error interpolated, piecewise linearly, between the readings (section 4.2.4).
+    """
+    left, right = rig.left.normalised(left_px) * eyes.focal_px, rig.right.normalised(right_px) * eyes.focal_px
+    p = left[:, 0] - right[:, 0] + eyes.focal_px * eyes.baseline_mm / eyes.fixation_mm
+    p = np.where(np.abs(p) < 1e-6, 1e-6, p)
+    z = eyes.baseline_mm * eyes.focal_px / p
+    if compensated:
+        z = z - np.interp(z, eyes.at_mm, eyes.error_mm)
+    x = z * (left[:, 0] + right[:, 0]) / (2 * eyes.focal_px)
+    y = z * (left[:, 1] + right[:, 1]) / (2 * eyes.focal_px)
+    return np.stack([x, y, z], 1)

@@ -1,0 +1,48 @@
+"""Planes through corners: the planarity test, the table, and what lies in it. Geometry only."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daemon.vision.values import Facet
+
+Array = NDArray[np.float64]
+
+
+def fit_plane(points: Array) -> tuple[Array, float]:
+    """Least-squares plane n . p = d of (N, 3) points: unit normal n towards the cameras (n_z <= 0), and d."""
+    centre = points.mean(0)
+    normal = np.linalg.svd(points - centre)[2][2]
+    if normal @ centre > 0:
+        normal = -normal
+    return normal, float(normal @ centre)
+
+
+def weighted_plane(points: Array, covariance: Array) -> tuple[Array, float, Array]:
+    """Plane n . p = d with each corner weighted by how well it is known along the normal, and residuals in sigmas (N,).
+
+    points (N, 3) mm, covariance (N, 3, 3) mm^2.
+    """
+    normal, d = fit_plane(points)
+    for _ in range(2):
+        sigma = np.sqrt(np.maximum(np.einsum("i,nij,j->n", normal, covariance, normal), 1e-8))
+        weight = 1 / sigma**2
+        centre = (weight @ points) / weight.sum()
+        normal = np.linalg.svd((points - centre) / sigma[:, None])[2][2]
+        if normal @ centre > 0:
+            normal = -normal
+        d = float(normal @ centre)
+    return normal, d, (points @ normal - d) / sigma
+
+
+def planarity(points: Array) -> float:
+    """Rms distance, mm, of the corners from their best plane."""
+    normal, d = fit_plane(points)
+    return float(np.sqrt(np.mean((points @ normal - d) ** 2)))
+
+
+def height_sigmas(facet: Facet, normal: Array, d: float) -> Array:
+    """Signed heights (N,) of a facet's corners over the plane n . p = d, in their own sigmas."""
+    sigma = np.sqrt(np.maximum(np.einsum("i,nij,j->n", normal, facet.covariance_mm2, normal), 1e-8))
+    return np.asarray((facet.corners_mm @ normal - d) / sigma)

@@ -1,0 +1,76 @@
+"""Outlines fitted to the grey levels: corners to sub-pixel, with their covariance. Knows nothing of the other eye."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daemon.vision.geometry.polygon import is_simple
+from daemon.vision.geometry.polygon_batch import Rings, convex, different, met, rings
+from daemon.vision.image.edge_lines import Sides, fit_sides
+from daemon.vision.image.one_eye import Sight
+from daemon.vision.image.outlines import Outline
+from daemon.vision.values import Polygon
+
+Array = NDArray[np.float64]
+
+_FARTHEST_PX = 6.0
+_SHORTEST_PX = 4.0
+_SAME_PX = 1.0
+MODEL_PX = 0.04  # how far a real side is from a blurred step between even faces
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """A polygon and the sides it was met from; side i goes from corner i to the next."""
+
+    polygon: Polygon
+    sides: Sides
+
+    def rolled(self, shift: int) -> Fitted:
+        """The same with corner `shift` first."""
+        p, n = self.polygon, len(self.polygon.corners_px)
+        order = (np.arange(n) + shift) % n
+        polygon = Polygon(p.corners_px[order], p.covariance_px2[order], p.contrast[order], p.border_px)
+        return Fitted(polygon, self.sides.chosen(order))
+
+
+def fit_polygons(sight: Sight, outlines: list[Outline]) -> list[Fitted | None]:
+    """Fit every side of every outline to the grey levels; None where the fit strays from the outline."""
+    if not outlines:
+        return []
+    shape = rings([o.corners for o in outlines])
+    start, end = shape.corners, shape.corners[shape.next]
+    kept, which, turned = different(start, end, _SAME_PX)
+    every = fit_sides(sight.image, sight.noise, start[kept], end[kept], sight.eye).chosen(which, turned)
+    shape = shape.moved(met(shape, every.start, every.end))
+    covariance = met_covariance(shape, every)
+    sound = convex(shape)
+    fitted: list[Fitted | None] = []
+    for k, (o, corners) in enumerate(zip(outlines, shape.split(), strict=True)):
+        part = shape.first[k] + np.arange(shape.count[k])
+        shortest = np.hypot(*(corners - np.roll(corners, -1, 0)).T).min()
+        moved = np.abs(corners - o.corners).max()
+        if moved < _FARTHEST_PX and shortest > _SHORTEST_PX and (sound[k] or is_simple(corners)):
+            sides = every.chosen(part)
+            polygon = Polygon(corners, covariance[part], np.abs(sides.step), o.border.astype(float))
+            fitted.append(Fitted(polygon, sides))
+        else:
+            fitted.append(None)
+    return fitted
+
+
+def met_covariance(shape: Rings, sides: Sides) -> Array:
+    """Covariance (M, 2, 2) px^2 of corners where the side before ends and the corner's own side starts."""
+    chord = sides.end - sides.start
+    normal = np.stack([chord[:, 1], -chord[:, 0]], 1) / np.hypot(chord[:, 0], chord[:, 1])[:, None]
+    before = normal[shape.before]
+    sine = before[:, 0] * normal[:, 1] - before[:, 1] * normal[:, 0]
+    sine = np.where(np.abs(sine) < 0.02, 0.02, sine)
+    along = np.stack([normal[:, 1], -normal[:, 0]], 1) / sine[:, None]
+    across = np.stack([-before[:, 1], before[:, 0]], 1) / sine[:, None]
+    ends, starts = sides.covariance[shape.before, 1, 1] + MODEL_PX**2, sides.covariance[:, 0, 0] + MODEL_PX**2
+    one = along[:, :, None] * along[:, None, :] * ends[:, None, None]
+    return np.asarray(one + across[:, :, None] * across[:, None, :] * starts[:, None, None])

@@ -1,0 +1,88 @@
+"""Arcs in a facet's outline: corners that run round a circle in short, equal turns, and the sector angle they span.
+
+In: corners. Out: arcs, and the name a facet gets from one. Straight-sided typing lives in facet_types.py.
+Source: D'Souza, section 5.7 (the sector angle of an arc as a property of the element).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daemon.vision.geometry.facet_measures import newell_normal
+
+Array = NDArray[np.float64]
+FEWEST_CORNERS = 7  # fewer than this on a circle is a regular polygon as well as an arc
+NAME_STEP_DEG = 15  # sector angles are named to this step
+
+
+@dataclass(frozen=True)
+class Arc:
+    """Corners first, first + 1, ... (count of them, round the facet) on one circle; sector_rad is 2 pi for a disc."""
+
+    first: int
+    count: int
+    sector_rad: float
+    radius_mm: float
+
+
+def find_arc(corners_mm: Array, covariance_mm2: Array) -> Arc | None:
+    """The longest run of at least seven corners on one circle, or None. (N, 3) mm, (N, 3, 3) mm^2."""
+    n = len(corners_mm)
+    if n < FEWEST_CORNERS:
+        return None
+    flat = _in_plane(corners_mm)
+    sigma = 0.2 + 2.0 * float(np.sqrt(np.trace(covariance_mm2, axis1=1, axis2=2).mean() / 3))
+    for count in range(n, FEWEST_CORNERS - 1, -1):
+        for first in range(n if count < n else 1):
+            points = flat[(first + np.arange(count)) % n]
+            centre, radius, worst = _circle(points)
+            if worst < sigma and _turns_evenly(points, centre):
+                sector = 2 * np.pi if count == n else _sector(points, centre)
+                return Arc(first, count, sector, radius)
+    return None
+
+
+def arc_name(corners_mm: Array, covariance_mm2: Array) -> str | None:
+    """`arc360` for a disc, `arc180` for a facet with a half circle in its outline, and so on; None without an arc."""
+    arc = find_arc(corners_mm, covariance_mm2)
+    if arc is None:
+        return None
+    return f"arc{NAME_STEP_DEG * round(np.rad2deg(arc.sector_rad) / NAME_STEP_DEG)}"
+
+
+def _in_plane(corners: Array) -> Array:
+    normal = newell_normal(corners)
+    centred = corners - corners.mean(0)
+    one = centred[0] - normal * (centred[0] @ normal)
+    one = one / max(float(np.linalg.norm(one)), 1e-9)
+    flat: Array = np.column_stack([centred @ one, centred @ np.cross(normal, one)])
+    return flat
+
+
+def _circle(points: Array) -> tuple[Array, float, float]:
+    """Algebraic circle through (K, 2): centre, radius, worst distance of a point from it."""
+    a = np.column_stack([2 * points, np.ones(len(points))])
+    solution, *_ = np.linalg.lstsq(a, (points**2).sum(1), rcond=None)
+    centre = solution[:2]
+    radius = float(np.sqrt(max(float(solution[2] + centre @ centre), 0.0)))
+    worst = float(np.abs(np.linalg.norm(points - centre, axis=1) - radius).max())
+    return centre, radius, worst
+
+
+def _turns_evenly(points: Array, centre: Array) -> bool:
+    """Whether the steps round the circle all go one way and none is longer than a straight side would be."""
+    steps = _steps(points, centre)
+    return bool((steps > 0).all() and steps.max() < np.pi / 2 and steps.max() < 4 * np.median(steps))
+
+
+def _sector(points: Array, centre: Array) -> float:
+    return float(_steps(points, centre).sum())
+
+
+def _steps(points: Array, centre: Array) -> Array:
+    angle = np.arctan2(points[:, 1] - centre[1], points[:, 0] - centre[0])
+    steps: Array = (np.diff(angle) + np.pi) % (2 * np.pi) - np.pi
+    return steps

@@ -1,0 +1,119 @@
+"""Which taught facet each seen facet may be: every numbering under which shared edges stay shared.
+
+In: two solids (corners only as indices). Out: correspondences of facets and corners. No lengths, no angles: those
+judge afterwards (metric.py).
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daemon.vision.geometry.polyhedron import Polyhedron
+
+Index = NDArray[np.intp]
+Place = tuple[int, int]  # (facet, turn) or (facet, edge)
+
+
+@dataclass(frozen=True, eq=False)
+class Correspondence:
+    """facets: for each seen facet the taught one or -1; corners (K,): for each seen corner the taught one or -1."""
+
+    facets: tuple[int, ...]
+    corners: Index
+
+    @property
+    def explained(self) -> int:
+        """How many of the seen facets have a counterpart."""
+        return sum(g >= 0 for g in self.facets)
+
+
+def correspondences(seen: Polyhedron, taught: Polyhedron, *, may_add: bool = False) -> tuple[Correspondence, ...]:
+    """Every way to lay the seen facets onto taught ones, edge to edge, without a mirror.
+
+    A seen facet beyond a taught edge behind which nothing was taught stays open (-1); one that meets a taught facet
+    with another number of sides contradicts the numbering. may_add: also numberings that leave most facets open (for
+    joining views); otherwise only those that explain the most facets are returned.
+    """
+    if not seen.facets:
+        return ()
+    near, far = _neighbours(seen), _neighbours(taught)
+    found: dict[tuple[int, ...], Correspondence] = {}
+    for start in _starts(seen, taught, every=may_add):
+        for g, corners in enumerate(taught.facets):
+            if len(corners) != len(seen.facets[start]):
+                continue
+            for turn in range(len(corners)):
+                laid = _walk(seen, taught, near, far, start, (g, turn))
+                if laid:
+                    found.setdefault(tuple(laid.corners), laid)
+    most = max((c.explained for c in found.values()), default=0)
+    return tuple(c for c in found.values() if may_add or c.explained == most)
+
+
+def _starts(seen: Polyhedron, taught: Polyhedron, *, every: bool) -> list[int]:
+    """The seen facet with the fewest taught counterparts to start from (all of them when every numbering counts)."""
+    sides = [len(f) for f in taught.facets]
+    counts = {f: sides.count(len(corners)) * len(corners) for f, corners in enumerate(seen.facets)}
+    able = [f for f, n in counts.items() if n]
+    if every or len(able) < len(counts):
+        return able
+    return sorted(able, key=lambda f: (counts[f], f))[:1]
+
+
+def _neighbours(solid: Polyhedron) -> dict[Place, Place]:
+    """{(facet, edge): (facet on the other side, its edge)}."""
+    edges = solid.edges
+    return {place: edges[b, a] for (a, b), place in edges.items() if (b, a) in edges}
+
+
+def _walk(
+    seen: Polyhedron, taught: Polyhedron, near: dict[Place, Place], far: dict[Place, Place], start: int, first: Place
+) -> Correspondence | None:
+    """Spread one assumption over all shared edges; None where it contradicts itself."""
+    laid: dict[int, Place] = {start: first}
+    queue = deque([start])
+    while queue:
+        f = queue.popleft()
+        g, turn = laid[f]
+        count = len(seen.facets[f])
+        for edge in range(count):
+            beyond = near.get((f, edge))
+            if beyond is None:
+                continue
+            there = far.get((g, (edge + turn) % count))
+            if there is None:
+                continue
+            sides = len(seen.facets[beyond[0]])
+            if len(taught.facets[there[0]]) != sides:
+                return None
+            place = (there[0], (there[1] - beyond[1]) % sides)
+            if beyond[0] not in laid:
+                laid[beyond[0]] = place
+                queue.append(beyond[0])
+            elif laid[beyond[0]] != place:
+                return None
+    return _correspondence(seen, taught, laid)
+
+
+def _correspondence(seen: Polyhedron, taught: Polyhedron, laid: dict[int, Place]) -> Correspondence | None:
+    """Facets to corners; None where two seen facets claim one taught facet, or one corner two taught ones."""
+    facets = [-1] * len(seen.facets)
+    corners = np.full(len(seen.corners_mm), -1, dtype=np.intp)
+    for f, (g, turn) in laid.items():
+        if g in facets:
+            return None
+        facets[f] = g
+        ring = taught.facets[g]
+        for i, k in enumerate(seen.facets[f]):
+            k_taught = ring[(i + turn) % len(ring)]
+            if corners[k] not in (-1, k_taught):
+                return None
+            corners[k] = k_taught
+    used = corners[corners >= 0]
+    if len(set(used.tolist())) != len(used):
+        return None
+    return Correspondence(tuple(facets), corners)

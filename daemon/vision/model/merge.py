@@ -1,0 +1,163 @@
+"""Several taught views of one part -> one metric model in the part's own frame.
+
+In: the views' solids, each in the cyclopean frame of its look. Out: the merged solid and which views went into it.
+The part frame: origin at the centroid of all known corners; z out of the first taught facet; x along its first side.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daemon.vision.geometry.chisquare import chi_square_limit
+from daemon.vision.geometry.facet_measures import newell_normal
+from daemon.vision.geometry.polyhedron import Polyhedron
+from daemon.vision.geometry.rigid_fit import Fits, fit_poses
+from daemon.vision.model.correspond import Correspondence, correspondences
+from daemon.vision.model.facet_types import FALSE_ALARM, SIGMA_SCALE, FacetLibrary
+from daemon.vision.model.regularise import regularise
+
+Array = NDArray[np.float64]
+JOIN_TOLERANCE_MM = 0.3
+
+
+@dataclass(frozen=True, eq=False)
+class MetricModel:
+    """All that is known of a part's shape. solid: in the part frame; joined: indices of the views it was made from."""
+
+    solid: Polyhedron
+    joined: tuple[int, ...]
+
+    @property
+    def size_mm(self) -> float:
+        """Largest distance between two known corners."""
+        corners = self.solid.corners_mm
+        return float(np.sqrt(((corners[:, None] - corners[None]) ** 2).sum(2).max()))
+
+
+def merge_views(views: tuple[Polyhedron, ...], library: FacetLibrary) -> MetricModel:
+    """Join the views of one part, the first one first; a view that shares no facet with the rest stays out.
+
+    A join that could be made in several ways is made only where all of them lead to the same shape (a symmetric part).
+    """
+    whole, joined, waiting = views[0], [0], list(range(1, len(views)))
+    while waiting:
+        for index in waiting:
+            grown = _join(whole, views[index])
+            if grown is not None:
+                whole = grown
+                joined.append(index)
+                waiting.remove(index)
+                break
+        else:
+            break
+    return MetricModel(_in_part_frame(regularise(whole, library)), tuple(sorted(joined)))
+
+
+def _join(whole: Polyhedron, view: Polyhedron) -> Polyhedron | None:
+    """`whole` with the view's facets in it, or None where they do not fit together in one definite way."""
+    ways = [c for c in correspondences(view, whole, may_add=True) if (c.corners >= 0).sum() >= 3]
+    ranked = sorted(ways, key=lambda c: -c.explained)
+    for explained in sorted({c.explained for c in ranked}, reverse=True):
+        fitting = [
+            (float(fit.chi2[0]), _united(whole, view, way, fit))
+            for way, fit in ((w, _fit(whole, view, w)) for w in ranked if w.explained == explained)
+            if fit.chi2[0] < chi_square_limit(int(fit.dof[0]), FALSE_ALARM) * SIGMA_SCALE**2
+        ]
+        if fitting:
+            fitting.sort(key=lambda pair: pair[0])
+            shape = _shape(fitting[0][1])
+            same = all(_same_shape(shape, _shape(other)) for _, other in fitting[1:])
+            return fitting[0][1] if same else None
+    return None
+
+
+def _fit(whole: Polyhedron, view: Polyhedron, way: Correspondence) -> Fits:
+    """whole_from_view by the corners both have."""
+    shared = np.nonzero(way.corners >= 0)[0]
+    there = way.corners[shared]
+    return fit_poses(
+        whole.corners_mm[there],
+        whole.covariance_mm2[there],
+        view.corners_mm[shared][None],
+        view.covariance_mm2[shared][None],
+        np.ones((1, len(shared)), dtype=bool),
+        JOIN_TOLERANCE_MM,
+    )
+
+
+def _united(whole: Polyhedron, view: Polyhedron, way: Correspondence, fit: Fits) -> Polyhedron:
+    """Shared corners by their weighted mean, new ones appended; new facets get the view's types."""
+    turn, shift = fit.poses[0, :3, :3], fit.poses[0, :3, 3]
+    moved = view.corners_mm @ turn.T + shift
+    spread = turn @ view.covariance_mm2 @ turn.T
+    owners = _owners(whole, moved, spread, way)
+    corners, covariance = whole.corners_mm.copy(), whole.covariance_mm2.copy()
+    for k in np.nonzero(owners < len(corners))[0]:
+        there = owners[k]
+        one, two = np.linalg.inv(covariance[there]), np.linalg.inv(spread[k])
+        covariance[there] = np.linalg.inv(one + two)
+        corners[there] = covariance[there] @ (one @ corners[there] + two @ moved[k])
+    extra = owners >= len(whole.corners_mm)
+    rings = [tuple(int(owners[k]) for k in view.facets[f]) for f, g in enumerate(way.facets) if g < 0]
+    types = [view.types[f] for f, g in enumerate(way.facets) if g < 0]
+    known = {frozenset(ring) for ring in whole.facets}
+    new = [i for i, ring in enumerate(rings) if frozenset(ring) not in known]
+    return Polyhedron(
+        np.concatenate([corners, moved[extra]]),
+        whole.facets + tuple(rings[i] for i in new),
+        np.concatenate([covariance, spread[extra]]),
+        whole.types + tuple(types[i] for i in new),
+    )
+
+
+def _owners(whole: Polyhedron, moved: Array, spread: Array, way: Correspondence) -> NDArray[np.intp]:
+    """(K,) the corner of `whole` each corner of the view is, or the index it gets when it is new.
+
+    Corners that no shared edge leads to are the same where they coincide in space within their errors.
+    """
+    owners = way.corners.copy()
+    free = set(range(len(whole.corners_mm))) - set(owners[owners >= 0].tolist())
+    new = len(whole.corners_mm)
+    for k in np.nonzero(owners < 0)[0]:
+        near = min(free, key=lambda j: float(np.linalg.norm(whole.corners_mm[j] - moved[k])), default=None)
+        if near is not None and _coincide(whole.corners_mm[near] - moved[k], whole.covariance_mm2[near] + spread[k]):
+            owners[k] = near
+            free.discard(near)
+        else:
+            owners[k], new = new, new + 1
+    return owners
+
+
+def _coincide(apart: Array, covariance: Array) -> bool:
+    """Whether two corners are one: within 3 mm, or within four predicted errors where those are larger; never 8 mm."""
+    distance = float(np.linalg.norm(apart))
+    return distance < min(8.0, max(3.0, 4.0 * float(np.sqrt(np.trace(covariance)))))
+
+
+def _shape(solid: Polyhedron) -> Array:
+    """Sorted distances between all corners: the same for congruent solids, mirrored or not."""
+    corners = solid.corners_mm
+    rows, columns = np.triu_indices(len(corners), 1)
+    return np.sort(np.linalg.norm(corners[rows] - corners[columns], axis=1))
+
+
+def _same_shape(one: Array, other: Array) -> bool:
+    return one.shape == other.shape and bool(np.abs(one - other).max() < 2.0 + 0.02 * one.max())
+
+
+def _in_part_frame(solid: Polyhedron) -> Polyhedron:
+    corners = solid.corners_mm
+    ring = list(solid.facets[0])
+    z = newell_normal(corners[ring])
+    x = corners[ring[1]] - corners[ring[0]]
+    x = x - z * (x @ z)
+    x /= np.linalg.norm(x)
+    part_from_look = np.stack([x, np.cross(z, x), z])
+    return replace(
+        solid,
+        corners_mm=(corners - corners.mean(0)) @ part_from_look.T,
+        covariance_mm2=part_from_look @ solid.covariance_mm2 @ part_from_look.T,
+    )

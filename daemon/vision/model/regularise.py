@@ -1,0 +1,69 @@
+"""Corners made to agree with what their facets are: plane, and as regular as their type says.
+
+In: a solid with measured corners. Out: the same solid, most likely corners. Typing happens elsewhere; a facet of no
+known type is only made plane.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daemon.vision.geometry.facet_measures import measure, newell_normal
+from daemon.vision.geometry.polyhedron import Polyhedron
+from daemon.vision.model.facet_types import FacetLibrary, conditions
+
+Array = NDArray[np.float64]
+FLAT_MM = 0.05  # how far a corner of a real facet lies off its plane
+STEPS = 4
+
+
+def regularise(solid: Polyhedron, library: FacetLibrary, strength: float = 1.0) -> Polyhedron:
+    """The most likely corners given their measurement, the facets' types and their planes.
+
+    strength: how many times tighter than the library's tolerance the types are taken; the tolerance is that of the
+    drawing. Source: Gauss-Newton on corners weighted by their covariance plus the conditions of the types.
+    """
+    count = len(solid.corners_mm)
+    measured = np.linalg.inv(solid.covariance_mm2 + 1e-8 * np.eye(3))
+    prior = np.zeros((3 * count, 3 * count))
+    for k in range(count):
+        prior[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] = measured[k]
+    rules = [conditions(solid.corners_mm[list(f)], t, library) for f, t in zip(solid.facets, solid.types, strict=True)]
+    weights = (strength / library.angle_tolerance_rad, strength / library.ratio_tolerance)
+    corners = solid.corners_mm.copy()
+    normal = prior
+    for _ in range(STEPS):
+        normal = prior.copy()
+        right = prior @ (solid.corners_mm - corners).ravel()
+        for ring, (a, b) in zip(solid.facets, rules, strict=True):
+            jacobian, miss = _facet_rows(corners[list(ring)], a, b, weights)
+            at = (3 * np.array(ring)[:, None] + np.arange(3)).ravel()
+            normal[np.ix_(at, at)] += jacobian.T @ jacobian
+            right[at] -= jacobian.T @ miss
+        step = np.linalg.solve(normal, right)
+        corners = corners + step.reshape(-1, 3)
+        if np.abs(step).max() < 1e-4:
+            break
+    spread: Array = np.asarray(np.linalg.inv(normal), float).reshape(count, 3, count, 3)
+    here = np.arange(count)
+    return replace(solid, corners_mm=corners, covariance_mm2=spread[here, :, here, :])
+
+
+def _facet_rows(corners: Array, a: Array, b: Array, weights: tuple[float, float]) -> tuple[Array, Array]:
+    """Weighted rows (jacobian, miss) of one facet: its type's conditions, then its plane."""
+    n = len(corners)
+    rows, misses = [np.zeros((0, 3 * n))], [np.zeros(0)]
+    if len(b):
+        measures = measure(corners)
+        scale = np.where(np.abs(a[:, :n]).sum(1) > 0, weights[0], weights[1])
+        rows.append(scale[:, None] * (a @ measures.jacobian))
+        misses.append(scale * (a @ measures.values - b))
+    if n > 3:
+        normal = newell_normal(corners)
+        centring = np.eye(n) - 1.0 / n
+        rows.append(np.asarray(np.kron(centring, normal[None, :]) / FLAT_MM, float))
+        misses.append(centring @ (corners @ normal) / FLAT_MM)
+    return np.vstack(rows), np.concatenate(misses)

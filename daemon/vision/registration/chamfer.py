@@ -1,0 +1,85 @@
+"""Many poses tried at once, roughly: how far a part's edges would lie from the nearest edges of both images.
+
+In: poses of one metric model, a map of distances to edges an eye. Out: a cost for each. What is worth laying onto the
+images exactly (align.py) is chosen by it; nothing is decided here.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from daemon.vision.geometry.facet_measures import newell_normal
+from daemon.vision.geometry.polyhedron import Polyhedron
+from daemon.vision.geometry.rectified import Baseline
+from daemon.vision.image.regions import Scale
+
+Array = NDArray[np.float64]
+
+FARTHEST_PX = 6.0  # an edge farther off than this is as good as none
+PLACES = 10  # along each edge where the distance is read
+LEAST_FACING = 0.08  # cosine below which a facet is too thin in the image to be looked for
+
+
+@dataclass(frozen=True, eq=False)
+class EdgeMap:
+    """away (H, W): px from each pixel to the nearest edge, at most FARTHEST_PX; a pixel is `shrink` full-size ones."""
+
+    away: NDArray[np.float32]
+    shrink: int
+
+
+def edge_map(scale: Scale, level: float) -> EdgeMap:
+    """Distances to where the gradient exceeds so many sigmas."""
+    none = (scale.strength < level * scale.sigma).astype(np.uint8)
+    away = np.minimum(cv2.distanceTransform(none, cv2.DIST_L2, 3), FARTHEST_PX / scale.shrink)
+    return EdgeMap(np.asarray(away * scale.shrink, np.float32), scale.shrink)
+
+
+def facing(solid: Polyhedron, poses: Array) -> NDArray[np.bool_]:
+    """(P, F) which facets of a solid are turned to the cameras in each pose (P, 4, 4) cyclopean_from_part."""
+    rings = [solid.corners_mm[list(ring)] for ring in solid.facets]
+    normals = np.stack([newell_normal(r) for r in rings]) @ poses[:, :3, :3].transpose(0, 2, 1)
+    middles = np.stack([r.mean(0) for r in rings]) @ poses[:, :3, :3].transpose(0, 2, 1) + poses[:, None, :3, 3]
+    return np.asarray(-np.sum(normals * middles, 2) > LEAST_FACING * np.linalg.norm(middles, axis=2))
+
+
+def trial_costs(solid: Polyhedron, poses: Array, geometry: Baseline, maps: tuple[EdgeMap, EdgeMap]) -> Array:
+    """(P,) mean px between the edges that a part in each pose would show and the nearest that are seen."""
+    pairs, owners = _edges(solid)
+    shown = (facing(solid, poses) @ owners) > 0
+    corners = solid.corners_mm @ poses[:, :3, :3].transpose(0, 2, 1) + poses[:, None, :3, 3]
+    cost, weight = np.zeros(len(poses)), np.full(len(poses), 1e-9)
+    along = ((np.arange(PLACES) + 0.5) / PLACES)[:, None]
+    projected = geometry.project(corners.reshape(-1, 3))
+    for eye, ideal, seen in zip((geometry.left, geometry.right), projected, maps, strict=True):
+        ends = eye.pixels(ideal).reshape(*corners.shape[:2], 2)[:, pairs]
+        start, chord = ends[:, :, 0], ends[:, :, 1] - ends[:, :, 0]
+        places = ((start[:, :, None] + along * chord[:, :, None] + 0.5) / seen.shrink - 0.5).astype(np.float32)
+        flat = places.reshape(len(poses), -1, 2)
+        away = cv2.remap(
+            seen.away,
+            np.ascontiguousarray(flat[:, :, 0]),
+            np.ascontiguousarray(flat[:, :, 1]),
+            cv2.INTER_NEAREST,
+            borderMode=cv2.BORDER_CONSTANT,
+            borderValue=FARTHEST_PX,
+        )
+        length = np.hypot(chord[:, :, 0], chord[:, :, 1]) * shown
+        cost += np.sum(length * away.reshape(len(poses), -1, PLACES).mean(2), 1)
+        weight += length.sum(1)
+    return np.asarray(cost / weight)
+
+
+def _edges(solid: Polyhedron) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
+    """Every edge (E, 2) once, and (F, E) which facets it bounds."""
+    edges: dict[frozenset[int], set[int]] = {}
+    for (a, b), (facet, _) in solid.edges.items():
+        edges.setdefault(frozenset((a, b)), set()).add(facet)
+    owners = np.zeros((len(solid.facets), len(edges)))
+    for k, facets in enumerate(edges.values()):
+        owners[list(facets), k] = 1.0
+    return np.array([sorted(edge) for edge in edges], dtype=np.intp), owners
