@@ -69,7 +69,7 @@ class Noise:
 
     def at(self, level: Array) -> Array:
         """Sigma in grey levels at these grey levels (any shape)."""
-        return np.asarray(self.sigma[np.clip(level, 0, 255).astype(np.intp)])
+        return np.asarray(self.sigma.take(level.astype(np.intp), mode="clip"))
 
 
 def measure_noise(image: Grey) -> Noise:

@@ -1,0 +1,151 @@
+"""Calipers laid across many straight lines at once: each gives a profile, the image's values along a short line across.
+
+Lines are straight in ideal coordinates and slightly bowed in a distorted image; the calipers follow that bow. Arrays of
+profiles are (C, R), offset by offset, so that what is done to each is done along the whole array.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from daemon.vision.geometry.rectified import Eye
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+Image32 = NDArray[np.float32]
+Real = NDArray[np.floating[Any]]
+FEWEST, MOST = 3, 400
+"""Calipers on one side."""
+BLOCKS, IN_BLOCK = 6, 6
+"""Stretches of a side, and calipers in each, where all sides get as many; set by eye."""
+_MOST_COLUMNS = 32000  # of a map that cv2.remap takes
+
+
+@dataclass(frozen=True, eq=False)
+class Calipers:
+    """R calipers across S sides, side by side.
+
+    side (R,) which side each belongs to; first, count (S,) its first, how many it has; at (R,) position along the side,
+    -1 at its start to 1 at its end; base (2, R) px on the bowed side; across (2, R), and normal (S, 2) by side: px unit
+    vector pointing out of the polygon. spacing_px: between neighbours, about.
+    """
+
+    side: Index
+    first: Index
+    count: Index
+    at: Array
+    base: Array
+    across: Array
+    normal: Array
+    spacing_px: float
+
+    def sums(self, values: Real) -> Array:
+        """Sums (..., S) of (..., R) values over each side."""
+        return np.asarray(np.add.reduceat(values, self.first, axis=-1, dtype=float))
+
+    def means(self, values: Real) -> Array:
+        """Means (..., S) of (..., R) values over each side."""
+        return self.sums(values) / self.count
+
+    def running_means(self, values: Real, reach_px: float) -> Array:
+        """Means (K, R) of values over the calipers of the same side within so many px, the neighbours at least."""
+        half = max(round(reach_px / self.spacing_px), 1)
+        here, end = np.arange(len(self.side)), self.first + self.count
+        low = np.maximum(here - half, self.first.take(self.side))
+        high = np.minimum(here + half + 1, end.take(self.side))
+        total = np.zeros((len(values), len(here) + 1))
+        np.cumsum(values, 1, out=total[:, 1:])
+        return np.asarray((total.take(high, 1) - total.take(low, 1)) / (high - low))
+
+
+def lay_calipers(start_px: Array, end_px: Array, bow_px: Array | None, trim_px: float, spacing_px: float) -> Calipers:
+    """Calipers across the sides start -> end, (S, 2) px each, polygon on the left hand as seen (anticlockwise corners).
+
+    trim_px is left out at either end, at most a quarter of the side, because there the neighbouring side is in view.
+    bow_px (S, 2): as lens_bow says; None where lines are straight in the image.
+    """
+    chord = end_px - start_px
+    length = np.maximum(np.hypot(chord[:, 0], chord[:, 1]), 1e-6)
+    trim = np.minimum(trim_px, 0.25 * length)
+    count = np.clip(np.ceil((length - 2 * trim) / spacing_px), FEWEST, MOST).astype(np.intp)
+    first = np.cumsum(count) - count
+    side = np.repeat(np.arange(len(count)), count)
+    normal = np.stack([-chord[:, 1], chord[:, 0]], 1) / length[:, None]
+    bow = np.zeros_like(chord) if bow_px is None else bow_px
+    reach = 1 - 2 * trim / length
+    by_side = np.concatenate([(start_px + end_px).T / 2, chord.T / 2, bow.T, normal.T, [first, 2 / count, reach]])
+    here = by_side.take(side, 1)
+    at = ((np.arange(len(side)) - here[8] + 0.5) * here[9] - 1) * here[10]
+    base = here[0:2] + at * here[2:4] + (1 - at * at) * here[4:6]
+    return Calipers(side, first, count, at, base, here[6:8], normal, spacing_px)
+
+
+def lens_bow(start_px: Array, end_px: Array, eye: Eye | None) -> Array | None:
+    """How far (S, 2) px the middle of each truly straight side lies from its chord in the distorted image.
+
+    None where there is no eye whose lens would bend anything.
+
+    Along the side the bow is a parabola to well under 0.01 px for lenses of ordinary distortion.
+    """
+    if eye is None:
+        return None
+    ends = eye.ideal(np.concatenate([start_px, end_px]))
+    n = len(start_px)
+    middle = eye.pixels((ends[:n] + ends[n:]) / 2)
+    chord = end_px - start_px
+    off = middle - (start_px + end_px) / 2
+    along = np.sum(off * chord, 1) / np.maximum(np.sum(chord * chord, 1), 1e-9)
+    return np.asarray(off - along[:, None] * chord)
+
+
+def profiles(image: Image32, calipers: Calipers, offsets: Array) -> Image32:
+    """Image values (C, R), bilinear, at C offsets px outwards of each caliper's base; outside the image its rim."""
+    base, across = calipers.base.astype(np.float32), calipers.across.astype(np.float32)
+    x, y = (base[k] + offsets.astype(np.float32)[:, None] * across[k] for k in (0, 1))
+    return bilinear(image, x, y)
+
+
+def stretch_profiles(image: Image32, start: Array, end: Array, trim_px: float, offsets: Array, bias_px: Array) -> Array:
+    """Mean profiles (S, BLOCKS, C) of equal stretches of straight sides (S, 2), (S, 2) px.
+
+    offsets (C,) px, counted from each side's bias_px (S,), outwards; trim_px is left out at either end.
+    """
+    chord = end - start
+    length, places = stretches(start, end, trim_px)
+    normal = np.stack([-chord[:, 1], chord[:, 0]], 1) / length[:, None]
+    # In-block first: a mean over the leading axis adds whole arrays.
+    fine = (
+        places + (np.arange(IN_BLOCK)[:, None, None] - (IN_BLOCK - 1) / 2) * (places[:, 1:2] - places[:, :1]) / IN_BLOCK
+    )
+    middle = (start + end) / 2 + normal * bias_px[:, None]
+    x, y = (
+        np.asarray(middle[:, k, None] + fine * chord[:, k, None] / 2, np.float32)[..., None]
+        + normal.astype(np.float32)[:, k, None, None] * offsets.astype(np.float32)
+        for k in (0, 1)
+    )
+    width = len(offsets)
+    values = bilinear(image, x.reshape(-1, width), y.reshape(-1, width))
+    return np.asarray(values.reshape(IN_BLOCK, -1, BLOCKS, width).mean(0), float)
+
+
+def stretches(start: Array, end: Array, trim_px: float) -> tuple[Array, Array]:
+    """Lengths (S,) px of sides, and the middles (S, BLOCKS) of equal stretches, -1 at a side's start to 1 at its end,
+    trim_px left out at either end."""
+    length = np.maximum(np.hypot(*(end - start).T), 1e-6)
+    middles = (np.arange(BLOCKS) + 0.5) / BLOCKS * 2 - 1
+    return length, middles * (1 - 2 * np.minimum(trim_px, 0.25 * length) / length)[:, None]
+
+
+def bilinear(image: Image32, x: Image32, y: Image32) -> Image32:
+    """Image values at real pixel coordinates (N, M); outside the image its rim."""
+    wide = x.shape[1] > x.shape[0]  # cv2.remap takes maps of fewer than 32768 rows and columns
+    step = _MOST_COLUMNS
+    every = x.shape[1] if wide else x.shape[0]
+    cuts = [np.s_[:, k : k + step] if wide else np.s_[k : k + step] for k in range(0, every, step)]
+    parts = [cv2.remap(image, x[c], y[c], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE) for c in cuts]
+    return np.asarray(parts[0] if len(parts) == 1 else np.concatenate(parts, int(wide)), np.float32)
