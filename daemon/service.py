@@ -11,7 +11,7 @@ import contextlib
 import os
 import signal
 import time
-from collections.abc import Coroutine, Mapping
+from collections.abc import Coroutine
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -31,7 +31,9 @@ from daemon.console.interpreter import Console
 from daemon.doors.socket import DoorError, SocketServer
 from daemon.doors.terminal import SerialConsole
 from daemon.pick.cycle import Cycle
+from daemon.pick.looking import Look
 from daemon.pick.order import PickOrder
+from daemon.pick.outcome import CycleEnd
 from daemon.store.files import InUseError, hold, plain
 from daemon.store.library import load_facets, load_parts
 from daemon.store.model import ModelError
@@ -175,7 +177,7 @@ class Service:
         self, config: Config, calibration: Calibration, trainer: Trainer, troubles: Troubles, run_log: RunLog
     ) -> CommandContext:
         assert self._hardware is not None
-        log = journal.JournalledLog(run_log, self._notice, self._looked, self._pick_ended)
+        log = journal.JournalledLog(run_log, self._notice)
         workcell = Workcell(
             self._hardware.robot,
             self._hardware.eyes,
@@ -184,7 +186,7 @@ class Service:
             calibration.rig,
             _hand_eye(calibration),
         )
-        cycle = Cycle(workcell, config.values.pick, trainer.in_use)
+        cycle = Cycle(workcell, config.values.pick, trainer.in_use, self)
         self.context = CommandContext(
             config, calibration, self._hardware, cycle, trainer, run_log, log, troubles, self.reload
         )
@@ -233,7 +235,7 @@ class Service:
         if cycle.status()["doing"] is None:
             return "Nothing moves."
         self.context.log.record("command", who=who, door="control-C", text="stop")
-        await cycle.stop(f"by control-C of {who}")
+        await cycle.supervisor.stop(f"by control-C of {who}")
         return "Stopped. Nothing moves until `resume`."
 
     def _on_trouble(self, source: str, text: str | None) -> None:
@@ -243,29 +245,29 @@ class Service:
             journal.tell("trouble", text, journal.WARNING)
             self._notice(f"TROUBLE {text}")
 
-    def _looked(self, health: Mapping[str, Any]) -> None:
+    # What the cycle tells (pick/outcome.py, Observer).
+
+    def looked(self, look: Look) -> None:
         """Each look says a little of the calibration; a drift is told, and past its limit picking by itself ends."""
         context = self.context
         if context is None:
             return
-        drift = self._drift.seen(health, datetime.now().strftime("%H:%M"))
+        drift = self._drift.seen(look.clue, datetime.now().strftime("%H:%M"))
         context.troubles.tell("calibration", None if drift is None else drift.text)
         if drift is not None and drift.stops and context.cycle.status()["auto"]:
-            failing = asyncio.create_task(context.cycle.fail("calibration", drift.text), name="calibration drift")
-            self._tasks.append(failing)
+            failing = context.cycle.supervisor.fail("calibration", drift.text)
+            self._tasks.append(asyncio.create_task(failing, name="calibration drift"))
 
-    def _pick_ended(self) -> None:
+    def ended(self, end: CycleEnd) -> None:
         """What is to be done between two picks."""
-        self._note_truth()
         if self.context is not None:
+            self._note_truth(self.context, end)
             self.context.roll_if_due()
 
-    def _note_truth(self) -> None:
+    def _note_truth(self, context: CommandContext, end: CycleEnd) -> None:
         """A simulated cell knows how well each grasp met the part, and the log keeps it beside the prediction."""
-        context = self.context
-        if context is None or context.hardware.hand is None:
+        if context.hardware.hand is None:
             return
-        end = context.cycle.ends[-1]
         if end.outcome not in ("picked", "missed") or end.grasp is None or end.corners is None:
             return
         truth = context.hardware.hand.grasp_error(end.grasp, end.corners)
@@ -307,7 +309,7 @@ class Service:
         """The arm first. One step that fails or hangs cannot keep the others from being taken."""
         journal.notify(f"STOPPING=1\nSTATUS={self._why}")
         if self.context is not None:
-            await _within(HALT_S, self.context.cycle.close())
+            await _within(HALT_S, self.context.cycle.supervisor.close())
         for task in self._tasks:
             task.cancel()
         await asyncio.wait(self._tasks, timeout=0.2) if self._tasks else None

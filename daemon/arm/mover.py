@@ -16,9 +16,10 @@ from daemon import frames
 from daemon.arm import paths
 from daemon.arm.guard import ArmState, Command, Limits, Refusal, refuse
 from daemon.arm.workcell import Array, Reading, Workcell
+from daemon.errors import FacetdError
 
 
-class MoveRefusedError(Exception):
+class MoveRefusedError(FacetdError):
     """The guard refused; nothing was sent."""
 
     def __init__(self, refusal: Refusal) -> None:
@@ -26,8 +27,16 @@ class MoveRefusedError(Exception):
         self.refusal = refusal
 
 
-class NotThereError(Exception):
+class NotThereError(FacetdError):
     """The controller says that the arm is at rest elsewhere than it was sent."""
+
+
+class OutOfReachError(FacetdError):
+    """The arm, as it is configured, has no way to world_from_tool (4, 4); nothing was sent."""
+
+    def __init__(self, world_from_tool: Array) -> None:
+        x, y, z = world_from_tool[:3, 3]
+        super().__init__(f"the arm as it is configured cannot reach {x:.0f}, {y:.0f}, {z:.0f} mm at that angle")
 
 
 @dataclass(frozen=True)
@@ -61,10 +70,6 @@ async def _open_gate(_: Command) -> None:
 
 PATH_MM = 40.0
 """How densely a straight way is checked."""
-
-
-class OutOfReachError(Exception):
-    """The arm, as it is configured, has no way there; nothing was sent."""
 
 
 class Mover:
@@ -103,8 +108,15 @@ class Mover:
         """Raise MoveRefusedError, and log it, where the command breaks a rule now."""
         refusal = refuse(command, self.standing(), self.limits)
         if refusal is not None:
-            self.cell.log.record("refusal", cycle=self.cycle, rule=refusal.rule, text=refusal.text)
-            raise MoveRefusedError(refusal)
+            raise self._refused(refusal)
+
+    def allows(self, world_from_tool: Array) -> bool:
+        """Whether the arm can be there: reached in its present configuration, and no rule of place broken."""
+        assert self.here is not None
+        command = Command(world_from_tool, straight=True, speed_pct=self.limits.max_speed_pct, purpose="plan")
+        if refuse(command, ArmState(True, None, world_from_tool, 0.0), self.limits) is not None:
+            return False
+        return self.cell.robot.reachable(world_from_tool, self.here.joints_rad) is not None
 
     async def go(self, command: Command) -> Reading:
         """One move, to rest. Raises MoveRefusedError before, NotThereError after, or what the robot raises."""
@@ -155,14 +167,11 @@ class Mover:
         if straight:
             for pose in paths.steps(here.world_from_tool, target, PATH_MM, 90.0):
                 if robot.reachable(pose, here.joints_rad) is None:
-                    raise OutOfReachError(_out_of_reach(pose))
+                    raise OutOfReachError(pose)
             return paths.steps(here.world_from_tool, target, limits.max_step_mm, limits.max_turn_deg)
         joints = robot.reachable(target, here.joints_rad)
         if joints is None:
-            x, y, z = target[:3, 3]
-            raise OutOfReachError(
-                f"the arm as it is configured cannot reach {x:.0f}, {y:.0f}, {z:.0f} mm at that angle"
-            )
+            raise OutOfReachError(target)
         for count in range(1, 40):
             way = [robot.between(here.joints_rad, joints, k / count) for k in range(count)]
             way = [here.world_from_tool, *way[1:], target]
@@ -174,15 +183,18 @@ class Mover:
         """Open or close the gripper, under the same enable and fault rules as a move."""
         if self.fault is not None or not self.enabled:
             name = "fault_stands" if self.fault is not None else "not_enabled"
-            refusal = Refusal(name, f"the hand stays as it is: {self.fault or 'the arm is not enabled'}")
-            self.cell.log.record("refusal", cycle=self.cycle, rule=refusal.rule, text=refusal.text)
-            raise MoveRefusedError(refusal)
+            raise self._refused(Refusal(name, f"the hand stays as it is: {self.fault or 'the arm is not enabled'}"))
         self.cell.log.record("hand", cycle=self.cycle, closed=closed, sent=not self.dry)
         if self.dry:
             return
         self.closed = None
         await self.cell.robot.hand(closed)
         self.closed = closed
+
+    def _refused(self, refusal: Refusal) -> MoveRefusedError:
+        """Logged, and to be raised."""
+        self.cell.log.record("refusal", cycle=self.cycle, rule=refusal.rule, text=refusal.text)
+        return MoveRefusedError(refusal)
 
     def _log_move(self, command: Command) -> None:
         self.cell.log.record(
@@ -209,8 +221,3 @@ class Mover:
         )
         if off_mm > self.arrival.within_mm or off_deg > self.arrival.within_deg:
             raise NotThereError(f"{command.purpose}: sent, but WHERE is {off_mm:.2f} mm and {off_deg:.2f} degrees off")
-
-
-def _out_of_reach(pose: Array) -> str:
-    x, y, z = pose[:3, 3]
-    return f"the arm as it is configured cannot reach {x:.0f}, {y:.0f}, {z:.0f} mm at that angle"

@@ -1,4 +1,4 @@
-"""Who holds the arm: one job at a time, stopped at any moment, held before a move. What the jobs are is cycle.py's.
+"""Who has the arm: one job at a time, stopped at any moment, held before a move. What the jobs are, others say.
 
 The order is always the same: no new motion can leave (the fault is set), the arm is told to stop, the job is ended, and
 only then is anything reported.
@@ -7,7 +7,8 @@ only then is anything reported.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Coroutine
+from collections.abc import Callable, Coroutine
+from enum import StrEnum
 from typing import Any, TypeVar
 
 import numpy as np
@@ -15,40 +16,56 @@ import numpy as np
 from daemon.arm.guard import Command, Limits
 from daemon.arm.mover import Arrival, Mover, MoveRefusedError, OutOfReachError
 from daemon.arm.workcell import Workcell
+from daemon.errors import FacetdError
 
 T = TypeVar("T")
 ABORT_S = 7.0
 """How long an answer to ABORT may take before the operator is sent to the emergency stop (the link gives up sooner)."""
 
 
-class RefusedError(Exception):
+class Interruption(StrEnum):
+    """What comes over a job from outside."""
+
+    PAUSE = "pause"
+    RESUME = "resume"
+    STOP = "stop"
+    ABORT = "abort"
+    ERROR = "error"
+
+
+class RefusedError(FacetdError):
     """Not done now; the message says why and what to do."""
 
 
-class OperatorRefusedError(Exception):
+class OperatorRefusedError(FacetdError):
     """In step mode the operator said no to a move."""
 
 
 class Supervisor:
-    """See the module. A subclass says what to do on `entered` (pause, resume, stop, abort, error)."""
+    """See the module. interrupted: told of what comes over the job, after the arm was; all calls from one event loop.
 
-    def __init__(self, cell: Workcell, limits: Limits, arrival: Arrival) -> None:
-        self.cell = cell
+    stop, fail, abort, disable and pause are heard at any moment; jobs (`run`) are taken one at a time.
+    """
+
+    def __init__(
+        self, cell: Workcell, limits: Limits, arrival: Arrival, interrupted: Callable[[Interruption], None]
+    ) -> None:
         self.mover = Mover(cell, limits, arrival, self._gate)
+        self._interrupted = interrupted
         self._task: asyncio.Task[Any] | None = None
-        self._doing = ""
-        self._why = ""
+        self._doing = self._why = ""
         self._going = asyncio.Event()
         self._going.set()
         self._step = False
         self._pending: tuple[str, asyncio.Future[bool]] | None = None
 
-    def entered(self, event: str) -> None:
-        """Called when something happens to the job from outside."""
-        raise NotImplementedError
+    @property
+    def busy(self) -> bool:
+        """Whether a job has the arm."""
+        return self._task is not None
 
-    def reins(self) -> dict[str, object]:
-        """How things stand, JSON values only."""
+    def status(self) -> dict[str, object]:
+        """How things stand, JSON values only. pending: the move, in words, that waits for confirm or refuse."""
         return {
             "doing": self._doing or None,
             "fault": self.mover.fault,
@@ -59,6 +76,8 @@ class Supervisor:
             "pending": None if self._pending is None else self._pending[0],
         }
 
+    # What may be.
+
     def enable(self) -> None:
         """Let the arm move."""
         self.mover.enabled = True
@@ -67,24 +86,7 @@ class Supervisor:
         """Do not let the arm move; stop it where it does."""
         self.mover.enabled = False
         if self._task is not None:
-            await self._halt("abort", "disabled", fault=None)
-
-    async def stop(self, why: str = "by the operator") -> None:
-        """Stop the arm, then report; the fault stands until resume."""
-        await self._halt("stop", why, fault=f"stopped {why}")
-
-    async def fail(self, code: str, text: str) -> None:
-        """Stop the arm for a fault found elsewhere."""
-        await self._halt("error", text, fault=f"{code}: {text}")
-
-    async def abort(self) -> None:
-        """Stop the arm and give up what it does."""
-        await self._halt("abort", "aborted by the operator", fault=None)
-
-    async def close(self) -> None:
-        """Stop the arm and end the job."""
-        if self._task is not None:
-            await self._halt("abort", "the daemon ends", fault=None)
+            await self._halt(Interruption.ABORT, "disabled", fault=None)
 
     def pause(self) -> None:
         """Hold before the next move."""
@@ -97,7 +99,7 @@ class Supervisor:
                 raise RefusedError("the arm is still being stopped; say `resume` once more")
             self.mover.fault = None
             self.mover.at = None
-            self.entered("resume")
+            self._interrupted(Interruption.RESUME)
         self._going.set()
 
     def step(self, on: bool) -> None:
@@ -116,9 +118,13 @@ class Supervisor:
 
     def dry(self, on: bool) -> None:
         """Everything but the bytes, or not."""
-        if self._task is not None:
-            raise RefusedError(f"busy: {self._doing}; dry is switched in between")
+        self._between_jobs("dry is switched")
         self.mover.dry = on
+
+    def refit(self, cell: Workcell, limits: Limits, arrival: Arrival) -> None:
+        """Go on with another calibration or other limits; only while nothing is being done."""
+        self._between_jobs("settings are changed")
+        self.mover.cell, self.mover.limits, self.mover.arrival = cell, limits, arrival
 
     def may_move(self) -> None:
         """Raise RefusedError, with what to do, where nothing may move."""
@@ -127,12 +133,14 @@ class Supervisor:
         if not self.mover.enabled:
             raise RefusedError("the arm is not enabled: say `enable`")
 
-    async def alone(self, doing: str, work: Coroutine[Any, Any, T], moves: bool = True) -> T:
+    # Jobs, and their end.
+
+    async def run(self, doing: str, work: Coroutine[Any, Any, T], moves: bool = True) -> T:
         """Run one job; it goes on when the one who asked goes away. moves: an error in it stops the arm."""
         if self._task is not None:
             work.close()
             raise RefusedError(f"busy: {self._doing}")
-        task: asyncio.Task[T] = asyncio.create_task(self._watched(work, moves), name=f"cycle {doing}")
+        task: asyncio.Task[T] = asyncio.create_task(self._watched(work, moves), name=f"arm: {doing}")
         self._doing, self._task = doing, task
         task.add_done_callback(self._done)
         try:
@@ -142,26 +150,48 @@ class Supervisor:
                 raise RefusedError(f"{doing}: {self._why}") from None
             raise
 
-    async def stop_arm(self, event: str, why: str, fault: str | None) -> None:
+    async def stop(self, why: str = "by the operator") -> None:
+        """Stop the arm, then report; the fault stands until resume."""
+        await self._halt(Interruption.STOP, why, fault=f"stopped {why}")
+
+    async def fail(self, code: str, text: str) -> None:
+        """Stop the arm for a fault found elsewhere."""
+        await self._halt(Interruption.ERROR, text, fault=f"{code}: {text}")
+
+    async def abort(self) -> None:
+        """Stop the arm and give up what it does."""
+        await self._halt(Interruption.ABORT, "aborted by the operator", fault=None)
+
+    async def close(self) -> None:
+        """Stop the arm and end the job."""
+        if self._task is not None:
+            await self._halt(Interruption.ABORT, "the daemon ends", fault=None)
+
+    async def stop_arm(self, event: Interruption, why: str, fault: str | None) -> None:
         """The arm first, then the report. fault: what stands from now on (None: nothing does)."""
         if fault is not None:
             self.mover.fault = fault
         self._why = why
         self.mover.at = None
         try:
-            await asyncio.wait_for(self.cell.robot.abort(), ABORT_S)
+            await asyncio.wait_for(self.mover.cell.robot.abort(), ABORT_S)
         except Exception as error:
             fault = f"{fault or why}; and ABORT went unanswered ({type(error).__name__}: {error}): press emergency stop"
-            self.mover.fault, event = fault, "error"
+            self.mover.fault, event = fault, Interruption.ERROR
         if fault is not None:
             code = fault.partition(":")[0]
-            self.cell.log.record("fault", cycle=self.mover.cycle, code=code, text=fault, **{"while": self._doing})
-        self.entered(event)
+            log, cycle = self.mover.cell.log, self.mover.cycle
+            log.record("fault", cycle=cycle, code=code, text=fault, **{"while": self._doing})
+        self._interrupted(event)
 
-    def _done(self, task: asyncio.Task[Any]) -> None:
-        self._task, self._doing, self._pending = None, "", None
-        if not task.cancelled():
-            task.exception()  # whoever awaits the job hears of it; nobody has to
+    async def _halt(self, event: Interruption, why: str, fault: str | None) -> None:
+        """End the job: the fault is set in the same breath as its task is cancelled, before anything can run."""
+        task = self._task
+        if task is not None:
+            task.cancel()
+        await self.stop_arm(event, why, fault)
+        if task is not None:
+            await asyncio.wait({task})
 
     async def _watched(self, work: Coroutine[Any, Any, T], moves: bool) -> T:
         try:
@@ -171,26 +201,26 @@ class Supervisor:
         except Exception as error:
             if moves and self.mover.fault is None:
                 text = f"{type(error).__name__}: {error}"
-                await self.stop_arm("error", text, text)
+                await self.stop_arm(Interruption.ERROR, text, text)
             raise
 
-    async def _halt(self, event: str, why: str, fault: str | None) -> None:
-        task = self._task
-        if fault is not None:
-            self.mover.fault = fault
-        self._why = why
-        if task is not None:
-            task.cancel()
-        await self.stop_arm(event, why, fault)
-        if task is not None:
-            await asyncio.wait({task})
+    def _done(self, task: asyncio.Task[Any]) -> None:
+        self._task, self._doing, self._pending = None, "", None
+        if not task.cancelled():
+            task.exception()  # whoever awaits the job hears of it; nobody has to
+
+    def _between_jobs(self, what: str) -> None:
+        if self._task is not None:
+            raise RefusedError(f"busy: {self._doing}; {what} in between")
+
+    # Before a move.
 
     async def _gate(self, command: Command) -> None:
-        """Before each move: wait out a pause, ask in step mode."""
+        """Wait out a pause, ask in step mode."""
         if not self._going.is_set():
-            self.entered("pause")
+            self._interrupted(Interruption.PAUSE)
             await self._going.wait()
-            self.entered("resume")
+            self._interrupted(Interruption.RESUME)
         if self._step:
             x, y, z = np.round(command.world_from_tool[:3, 3], 1)
             how = "straight" if command.straight else "joints"

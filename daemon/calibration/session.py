@@ -1,4 +1,5 @@
-"""Calibrating with the arm: go round the board, see it from each pose, solve. The cycle moves, and guards each move.
+"""Calibrating with the arm: go round the board, see it from each pose, solve. A tour is a job of the supervisor's, and
+each of its moves is guarded.
 
 What to look from is tour.py's, solving is stereo.py's and hand_eye.py's; here they meet the arm and the cameras.
 """
@@ -14,10 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon import frames
-from daemon.arm.guard import ArmState, Command, refuse
 from daemon.arm.mover import MoveRefusedError, OutOfReachError
+from daemon.arm.settling import NotSettledError, Settling, settled_pair
+from daemon.arm.supervisor import Supervisor
 from daemon.arm.workcell import Reading
-from daemon.calibration.board import Board, BoardError, Recogniser, find_board
+from daemon.calibration.board import Board, BoardError, find_board
 from daemon.calibration.file import Calibration, Quality
 from daemon.calibration.guide import Shown, is_new, missing
 from daemon.calibration.hand_eye import HandEyeResult, Sample, calibrate_hand_eye, cyclopean_from_board
@@ -31,15 +33,14 @@ from daemon.calibration.stereo import (
     matched,
 )
 from daemon.calibration.tour import in_order, looks_at, spread_out
-from daemon.pick.cycle import Cycle
-from daemon.pick.looking import NotSettledError, settled_pair
+from daemon.errors import FacetdError
 from daemon.vision.geometry.rig import StereoRig
 
 Array = NDArray[np.float64]
 Say = Callable[[str], Awaitable[None]]
 
 
-class SessionError(Exception):
+class SessionError(FacetdError):
     """The session cannot go on; the message says why, and what to do."""
 
 
@@ -51,66 +52,67 @@ class View:
     pair: Pair
 
 
-async def view_tour(
-    cycle: Cycle, board: Board, calibration: Calibration, count: int, say: Say, speed_pct: float
-) -> list[View]:
-    """Go to `count` poses round the board and see it from each. One job of the cycle: stop and step work as ever.
+@dataclass(frozen=True, eq=False)
+class Session:
+    """Where calibrating is done: who has the arm, how still images must be, the board, and the calibration so far."""
+
+    supervisor: Supervisor
+    settling: Settling
+    board: Board
+    calibration: Calibration
+
+
+async def view_tour(session: Session, count: int, say: Say, speed_pct: float) -> list[View]:
+    """Go to `count` poses round the board and see it from each. One job of the arm: stop and step work as ever.
 
     The view from where the arm stands comes first; with a count of 0 it is the only one. Raises SessionError where the
     board is not in view from here or hardly any pose shows it, and what the arm raises.
     """
-    return await cycle.alone("calibrate", _tour(cycle, board, calibration, count, say, speed_pct))
+    return await session.supervisor.run("calibrate", _tour(session, count, say, speed_pct))
 
 
-async def _tour(
-    cycle: Cycle, board: Board, calibration: Calibration, count: int, say: Say, speed_pct: float
-) -> list[View]:
-    cycle.may_move()
-    if calibration.tool_from_cyclopean is None:
+async def _tour(session: Session, count: int, say: Say, speed_pct: float) -> list[View]:
+    mover = session.supervisor.mover
+    session.supervisor.may_move()
+    if session.calibration.tool_from_cyclopean is None:
         raise SessionError("no hand_eye in calibration.yaml to begin with: a rough one, by ruler, is enough")
-    reading = await cycle.mover.where()
+    reading = await mover.where()
     try:
-        first = await _see(cycle, board, reading, "pose 0")
+        first = await _see(session, reading, "pose 0")
     except BoardError as error:
         raise SessionError(f"from here the cameras do not see the board: {error}") from None
     if count == 0:
         return [first]
-    poses = _plan(cycle, board, calibration, first, count)
+    poses = _plan(session, first, count)
     await say(f"The board is in view. {len(poses)} poses round it follow; `stop` stops the arm at any moment.")
     views = [first]
     for number, pose in enumerate(poses, start=1):
         try:
-            await cycle.mover.travel(pose, f"calibration pose {number}", lambda _: speed_pct)
+            await mover.travel(pose, f"calibration pose {number}", lambda _: speed_pct)
         except (OutOfReachError, MoveRefusedError) as error:
             await say(f"pose {number} of {len(poses)}: left out: {error}")
             continue
-        at = cycle.mover.here
-        assert at is not None
+        assert mover.here is not None
         try:
-            views.append(await _see(cycle, board, at, f"pose {number}"))
+            views.append(await _see(session, mover.here, f"pose {number}"))
             await say(f"pose {number} of {len(poses)}: seen")
         except BoardError as error:
             await say(f"pose {number} of {len(poses)}: not used: {error}")
     return views
 
 
-def _plan(cycle: Cycle, board: Board, calibration: Calibration, first: View, count: int) -> list[Array]:
+def _plan(session: Session, first: View, count: int) -> list[Array]:
     """world_from_tool of the poses to go to."""
-    tool_from_cyclopean = calibration.tool_from_cyclopean
+    tool_from_cyclopean = session.calibration.tool_from_cyclopean
     assert tool_from_cyclopean is not None
     cyclopean_from_tool = frames.inverse(tool_from_cyclopean)
     world_from_cyclopean = first.world_from_tool @ tool_from_cyclopean
-    world_from_board = board_in_world(first, board, calibration)
-    here = cycle.mover.here
-    assert here is not None
+    world_from_board = board_in_world(first, session.board, session.calibration)
 
     def allowed(world_from_cyclopean: Array) -> bool:
-        pose = world_from_cyclopean @ cyclopean_from_tool
-        command = Command(pose, False, 1.0, "calibration pose")
-        fits = refuse(command, ArmState(True, None, pose, 0.0), cycle.settings.limits) is None
-        return fits and cycle.cell.robot.reachable(pose, here.joints_rad) is not None
+        return session.supervisor.mover.allows(world_from_cyclopean @ cyclopean_from_tool)
 
-    centre = board.points_mm().mean(axis=0)
+    centre = session.board.points_mm().mean(axis=0)
     looks = looks_at(world_from_board, centre, world_from_cyclopean[:3, 0])
     chosen = spread_out(looks, count, allowed, world_from_cyclopean)
     if len(chosen) < min(count, 8):
@@ -118,10 +120,10 @@ def _plan(cycle: Cycle, board: Board, calibration: Calibration, first: View, cou
     return [look @ cyclopean_from_tool for look in in_order(chosen, world_from_cyclopean)]
 
 
-async def _see(cycle: Cycle, board: Board, reading: Reading, name: str) -> View:
+async def _see(session: Session, reading: Reading, name: str) -> View:
     """A settled pair from where the arm stands, and the board in both. Raises BoardError."""
-    cell = cycle.cell
-    pictures, _ = await settled_pair(cell, cell.clock(), cycle.settings.settling)
+    cell = session.supervisor.mover.cell
+    pictures = (await settled_pair(cell, cell.clock(), session.settling)).pictures
     cell.log.record(
         "look",
         cycle=0,
@@ -130,27 +132,26 @@ async def _see(cycle: Cycle, board: Board, reading: Reading, name: str) -> View:
         images={"left": pictures.left.pixels, "right": pictures.right.pixels},
         where=reading.world_from_tool,
     )
-    sights: list[Recogniser] = []
-    for eye in (pictures.left, pictures.right):
-        sights.append(await asyncio.to_thread(find_board, eye.pixels, board))
-    return View(reading.world_from_tool, Pair(name, sights[0], sights[1]))
+    boards = [await asyncio.to_thread(find_board, eye.pixels, session.board) for eye in (pictures.left, pictures.right)]
+    return View(reading.world_from_tool, Pair(name, boards[0], boards[1]))
 
 
-async def show_by_hand(cycle: Cycle, board: Board, calibration: Calibration, say: Say, most: int = 40) -> list[View]:
+async def show_by_hand(session: Session, say: Say, most: int = 40) -> list[View]:
     """Nothing moves: a person shows the board, and hears which view is missing, until every kind was seen. One job of
-    the cycle: `stop` or `abort` ends it.
+    the arm: `stop` or `abort` ends it.
 
     Raises SessionError where no new view comes for PATIENCE_S.
     """
-    return await cycle.alone("calibrate by hand", _shown(cycle, board, calibration, say, most), moves=False)
+    return await session.supervisor.run("calibrate by hand", _shown(session, say, most), moves=False)
 
 
 PATIENCE_S = 60.0
 
 
-async def _shown(cycle: Cycle, board: Board, calibration: Calibration, say: Say, most: int) -> list[View]:
+async def _shown(session: Session, say: Say, most: int) -> list[View]:
     views, shown = list[View](), list[Shown]()
-    clock, last_s, told = cycle.cell.clock, cycle.cell.clock(), ""
+    board, calibration, clock = session.board, session.calibration, session.supervisor.mover.cell.clock
+    last_s, told = clock(), ""
     nowhere = Reading(np.eye(4), np.zeros(6))
     size = np.array(calibration.rig.image_size, float)
     await say("Show the board to both cameras. A view counts when the board is held still for a moment.")
@@ -160,7 +161,7 @@ async def _shown(cycle: Cycle, board: Board, calibration: Calibration, say: Say,
                 f"no new view for {PATIENCE_S:.0f} s; {len(views)} were seen, missing: {'; '.join(wants)}"
             )
         try:
-            view = await _see(cycle, board, nowhere, f"view {len(views) + 1}")
+            view = await _see(session, nowhere, f"view {len(views) + 1}")
         except (BoardError, NotSettledError) as error:
             if str(error) != told:
                 await say(f"  {error}")

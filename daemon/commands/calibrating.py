@@ -16,6 +16,7 @@ from daemon.calibration.file import Calibration, save_calibration
 from daemon.calibration.hand_eye import HandEyeError, HandEyeResult
 from daemon.calibration.recorded import keep_old
 from daemon.calibration.session import (
+    Session,
     SessionError,
     View,
     board_in_world,
@@ -48,7 +49,7 @@ async def calibrate(context: CommandContext, words: list[str], door: Door) -> An
     try:
         if kind == "by-hand":
             return await _eyes_alone(context, board, door)
-        views = await view_tour(context.cycle, board, context.calibration, POSES[kind], door.say, SPEED_PCT)
+        views = await view_tour(_session(context, board), POSES[kind], door.say, SPEED_PCT)
         if kind == "verify":
             return _verified(views, board, context.calibration)
         if kind == "touch":
@@ -59,6 +60,10 @@ async def calibrate(context: CommandContext, words: list[str], door: Door) -> An
     finally:
         if hand is not None:
             hand.put_back()
+
+
+def _session(context: CommandContext, board: Board) -> Session:
+    return Session(context.cycle.supervisor, context.cycle.settings.settling, board, context.calibration)
 
 
 def _board(words: list[str]) -> Board:
@@ -96,7 +101,7 @@ async def _solved(context: CommandContext, kind: str, views: list[View], board: 
 
 async def _eyes_alone(context: CommandContext, board: Board, door: Door) -> Answer:
     """Both eyes, from a board held by a person; no arm is needed."""
-    views = await show_by_hand(context.cycle, board, context.calibration, door.say)
+    views = await show_by_hand(_session(context, board), door.say)
     after, stereo = await asyncio.to_thread(solve_stereo, views, board, context.calibration)
     lines = [*_stereo_lines(stereo), *await _taken_over(context, after)]
     lines.append("Now `calibrate hand-eye`: the eyes' common frame has moved a little under the old one.")

@@ -20,7 +20,7 @@ from daemon.console.interpreter import (
     number,
     one_of,
 )
-from daemon.pick.cycle import CycleEnd
+from daemon.pick.outcome import CycleEnd
 
 T = TypeVar("T")
 POLL_S = 0.05
@@ -37,20 +37,20 @@ async def enable(context: CommandContext, words: list[str], _: Door) -> Answer:
     if context.calibration.tool_from_cyclopean is None:
         raise CommandError(f"{context.config.calibration} has no hand_eye yet: `facetctl calibrate hand-eye` first")
     fault = context.cycle.status()["fault"]
-    context.cycle.enable()
+    context.cycle.supervisor.enable()
     return Answer("The arm may move." + (f" First the fault must go: {fault}; say `resume`." if fault else ""))
 
 
 async def disable(context: CommandContext, words: list[str], _: Door) -> Answer:
     """Do not let the arm move; stop it where it does."""
     no_more(words, 0, "disable")
-    await context.cycle.disable()
+    await context.cycle.supervisor.disable()
     return Answer("The arm does not move until `enable`.")
 
 
 async def stop(context: CommandContext, _: list[str], door: Door) -> Answer:
     """Stop the arm. Whatever else is on the line does not matter."""
-    await context.cycle.stop(f"by {door.who}")
+    await context.cycle.supervisor.stop(f"by {door.who}")
     return Answer("Stopped. Nothing moves until `resume`.")
 
 
@@ -58,7 +58,7 @@ async def resume(context: CommandContext, words: list[str], door: Door) -> Answe
     """Go on after a pause; clear a fault. Where it is not known what is in the gripper, it is asked."""
     no_more(words, 0, "resume")
     before = context.cycle.status()
-    context.cycle.resume()
+    context.cycle.supervisor.resume()
     if before["fault"] is None:
         return Answer("Going on." if before["paused"] else "Nothing was held.")
     lines = [f"The fault is cleared: {before['fault']}."]
@@ -72,7 +72,7 @@ async def resume(context: CommandContext, words: list[str], door: Door) -> Answe
         and pick_order is not None
         and await _agreed(door, f"{cut_off(pick_order.count)}. Let the arm move and go on?")
     ):
-        context.cycle.enable()
+        context.cycle.supervisor.enable()
         await context.begin_auto(pick_order.count, pick_order.every_s)
         return Answer("\n".join([*lines, "Going on; `auto off` ends it after a part."]))
     if not known:
@@ -92,14 +92,14 @@ async def _agreed(door: Door, question: str) -> bool:
 async def pause(context: CommandContext, words: list[str], _: Door) -> Answer:
     """Hold before the next move."""
     no_more(words, 0, "pause")
-    context.cycle.pause()
+    context.cycle.supervisor.pause()
     return Answer("Holding before the next move; `resume` goes on.")
 
 
 async def abort(context: CommandContext, words: list[str], _: Door) -> Answer:
     """Stop the arm and give up the part; no fault is left."""
     no_more(words, 0, "abort")
-    await context.cycle.abort()
+    await context.cycle.supervisor.abort()
     return Answer("Stopped; the part is given up.")
 
 
@@ -168,7 +168,7 @@ def _take_word(context: CommandContext, held: bool) -> str:
 async def step(context: CommandContext, words: list[str], _: Door) -> Answer:
     """One confirmed move at a time, or not."""
     on = _on_or_off(words, "step on|off")
-    context.cycle.step(on)
+    context.cycle.supervisor.step(on)
     return Answer("Every move is shown and waits for `confirm` or `refuse`." if on else "Moves no longer wait.")
 
 
@@ -187,7 +187,7 @@ async def refuse(context: CommandContext, words: list[str], _: Door) -> Answer:
 async def dry(context: CommandContext, words: list[str], _: Door) -> Answer:
     """Everything but the bytes, or not."""
     on = _on_or_off(words, "dry on|off")
-    context.cycle.dry(on)
+    context.cycle.supervisor.dry(on)
     return Answer("Moves are planned, guarded and logged, but not sent." if on else "Moves are sent again.")
 
 
@@ -268,9 +268,9 @@ def _decide(context: CommandContext, yes: bool) -> Answer:
     if context.cycle.status()["pending"] is None:
         raise CommandError("no move waits for an answer")
     if yes:
-        context.cycle.confirm()
+        context.cycle.supervisor.confirm()
     else:
-        context.cycle.refuse()
+        context.cycle.supervisor.refuse()
     return Answer("Sent." if yes else "Not sent; the job is given up.")
 
 

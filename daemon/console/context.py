@@ -15,13 +15,15 @@ from pathlib import Path
 from typing import Protocol
 
 from daemon.arm.mover import MoveRefusedError, NotThereError, OutOfReachError
-from daemon.arm.supervisor import OperatorRefusedError
+from daemon.arm.settling import NotSettledError
+from daemon.arm.supervisor import OperatorRefusedError, RefusedError
 from daemon.calibration.file import Calibration
 from daemon.cell.build import EXPECTED_ERRORS, Hardware
 from daemon.config import Config, ConfigError
-from daemon.pick.cycle import Cycle, CycleEnd, RefusedError
-from daemon.pick.looking import Look, NotSettledError
-from daemon.pick.picking import SuspectError
+from daemon.pick.cycle import Cycle
+from daemon.pick.looking import Look
+from daemon.pick.outcome import CycleEnd
+from daemon.pick.world import SuspectError
 from daemon.store.model import ModelError
 from daemon.store.model_store import ModelStoreError
 from daemon.store.runlog import RunLog
@@ -155,7 +157,7 @@ class CommandContext:
 
     def use_model(self, action: str, version: int | None) -> None:
         """Put the trainer's model in front of the cycle from the next pick on, and into the log."""
-        sight = self.trainer.in_use
-        self.cycle.use(sight)
+        recogniser = self.trainer.in_use
+        self.cycle.use(recogniser)
         kept = None if version is None else self.run_log.keep(self.trainer.model_store.path(version))
-        self.log.record("model", action=action, version=version, labels=list(sight.labels), file=kept)
+        self.log.record("model", action=action, version=version, labels=list(recogniser.labels), file=kept)

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal, Protocol
 
 from daemon.console.context import CommandContext
+from daemon.errors import FacetdError
 from daemon.upkeep import journal
 
 Grade = Literal["look", "move", "change"]
@@ -21,7 +22,7 @@ DONE, NOT_DONE, NOT_UNDERSTOOD = 0, 1, 2
 LINE_WIDTH = 78
 
 
-class CommandError(Exception):
+class CommandError(FacetdError):
     """A command that cannot be done: one line for the operator; status 1 (not now) or 2 (not understood)."""
 
     def __init__(self, text: str, status: int = NOT_DONE) -> None:

@@ -24,6 +24,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from daemon.console.interpreter import NOT_UNDERSTOOD, Answer, CommandError, Console
+from daemon.errors import FacetdError
 
 LONGEST_MESSAGE = 64 * 1024
 LONGEST_FILE = 8_000_000
@@ -31,7 +32,7 @@ Interrupt = Callable[[str], Awaitable[str]]
 """Called when somebody presses control-C, with who it was; stops the arm and says what happened."""
 
 
-class DoorError(Exception):
+class DoorError(FacetdError):
     """A door cannot be opened: which, why, what to do."""
 
 

@@ -167,7 +167,7 @@ async def _demo(seed: int, time_scale: float, runs: Path) -> int:
             await _teach(cycle, trainer, in_cell, log)
             await _clear(cycle, in_cell, teller)
         finally:
-            await cycle.close()
+            await cycle.supervisor.close()
     finally:
         await hardware.close()
         log.close("the demo ended")
@@ -186,7 +186,7 @@ def _settings(config: Any, calibration: Any) -> Any:
 async def _teach(cycle: Any, trainer: Any, simulated: Any, log: Any) -> None:
     """Show the six views, store each, train, and take the model into use."""
     say("teaching")
-    cycle.enable()
+    cycle.supervisor.enable()
     await cycle.go("survey")
     for label, view, shown in VIEWS:
         await _teach_view(cycle, trainer, simulated, (label, view, shown))
@@ -233,7 +233,7 @@ async def _clear(cycle: Any, simulated: Any, teller: Teller) -> None:
     say(f"the table: {', '.join(PARTS)}, in random poses")
     for _ in range(ROUNDS):
         left = len(PARTS) - sum(taken.outcome == "picked" for taken in teller.taken)
-        if left == 0 or cycle.mover.fault is not None:
+        if left == 0 or cycle.supervisor.mover.fault is not None:
             return
         await cycle.auto(count=left)
 

@@ -16,14 +16,12 @@ from daemon.arm.workcell import Array, Workcell
 from daemon.pick import fusion
 from daemon.pick.fusion import Doubt, Estimate, Sighting
 from daemon.pick.grasp import Gripper, closed_fingers
-from daemon.pick.looking import Expect, Look
+from daemon.pick.looking import Expected, Look
 from daemon.pick.plan import Plan
-from daemon.pick.seen import SAME_PLACE_MM, Seen, seen_parts
+from daemon.pick.seen import SAME_PLACE_MM, Seen, same_place, seen_parts
 from daemon.vision.geometry.polyhedron import Polyhedron
-from daemon.vision.geometry.rig import StereoRig
 from daemon.vision.registration.corner_pose import Fit, refit
 from daemon.vision.registration.edge_pose import Eyes, fit_edges, open_eyes, shown
-from daemon.vision.values import Facet, FacetView, Part, Recognition, Scene
 
 NEAR_MM = 60.0
 """Facets farther than this from where the part's middle should be are not its own."""
@@ -33,16 +31,12 @@ FACETS_REACH_MM, REACH_MM = 2.0, 6.0
 """How far off the pose that edges are searched from may be: one that facets gave, and one thought before the look."""
 
 
-def far(a: Array, b: Array) -> float:
-    """Distance of two points, mm."""
-    return float(np.linalg.norm(a - b))
-
-
 @dataclass(eq=False)
 class Target:
     """The part being picked: what is known of it so far.
 
-    view: (3, 3) how the tool is turned for looks, world, where that is not as for the grasp; confidence: of its name.
+    side_view: (3, 3) how the tool is turned for looks, world, where that is not as for the grasp; confidence: of its
+    name.
     looked_before: the look before the last one.
     """
 
@@ -55,14 +49,14 @@ class Target:
     estimate: Estimate | None = None
     looks: int = 0
     restarts: int = 0
-    view: Array | None = None
+    side_view: Array | None = None
     confidence: float = 1.0
     looked_before: Look | None = None
 
     @property
-    def looking(self) -> Array:
+    def look_rotation(self) -> Array:
         """(3, 3) how the tool is turned when looked at, world."""
-        return self.plan.grasp.world_from_tool[:3, :3] if self.view is None else self.view
+        return self.plan.grasp.world_from_tool[:3, :3] if self.side_view is None else self.side_view
 
     @property
     def centre(self) -> Array:
@@ -75,7 +69,7 @@ def follow(target: Target, look: Look, cell: Workcell, doubt: Doubt) -> bool:
     """Find the target in a new look and add the sighting; False where it is not where it should be."""
     target.looked_before, target.look = target.look, look
     target.looks += 1
-    fit = expected_fit(look) if not look.whole else fitted(target, look, cell)
+    fit = look.tracked or fitted(target, look, cell)
     if fit is None:
         return False
     target.sightings.append(sighted(look, fit, cell, doubt))
@@ -85,7 +79,7 @@ def follow(target: Target, look: Look, cell: Workcell, doubt: Doubt) -> bool:
 def fitted(target: Target, look: Look, cell: Workcell) -> Fit | None:
     """The target's pose in a whole look, by the facets near it and then by its edges; None where neither show."""
     near = frames.inverse(look.world_from_cyclopean) @ target.world_from_part
-    facets = [f for p in seen_parts(look) if far(p.centre, target.centre) < NEAR_MM for f in p.facets]
+    facets = [f for p in seen_parts(look) if same_place(p.centre, target.centre, NEAR_MM) for f in p.facets]
     by_facets = refit(target.shape, facets, near)
     if by_facets is None:
         return None
@@ -97,46 +91,13 @@ def _in_its_place(target: Target, world_from_cyclopean: Array, eyes: Eyes) -> Fi
     return fit_edges(target.shape, eyes, frames.inverse(world_from_cyclopean) @ target.world_from_part, REACH_MM)
 
 
-def expecting(target: Target, cell: Workcell) -> Expect:
-    """Looks for the target's edges where it should be, and for nothing else."""
+def expecting(target: Target, cell: Workcell) -> Expected:
+    """The target, looked for by its edges where it should be."""
 
-    def expect(left: NDArray[np.uint8], right: NDArray[np.uint8], world_from_cyclopean: Array) -> Scene | None:
-        fit = _in_its_place(target, world_from_cyclopean, open_eyes(left, right, cell.rig))
-        return None if fit is None else expected_scene(target.label, target.shape, target.confidence, fit, cell.rig)
+    def fit(left: NDArray[np.uint8], right: NDArray[np.uint8], world_from_cyclopean: Array) -> Fit | None:
+        return _in_its_place(target, world_from_cyclopean, open_eyes(left, right, cell.rig))
 
-    return expect
-
-
-def expected_scene(label: str, shape: Polyhedron, confidence: float, fit: Fit, rig: StereoRig) -> Scene:
-    """A scene with one part, named before and found again: the facets that face the cameras, as they must lie."""
-    corners = frames.apply(fit.cyclopean_from_part, shape.corners_mm)
-    arms = corners - fit.cyclopean_from_part[:3, 3]
-    spread = np.array(
-        [frames.lever_covariance(frames.rigid(np.eye(3), arm), fit.covariance, np.eye(4)) for arm in arms]
-    )
-    normals = shape.normals @ fit.cyclopean_from_part[:3, :3].T
-    facets = tuple(
-        Facet(
-            corners_mm=corners[ring],
-            covariance_mm2=spread[ring, :3, :3],
-            left_px=rig.left.project(corners[ring]),
-            right_px=rig.right.project(corners[ring]),
-            epipolar_px=np.full(len(ring), np.nan),
-            planarity_mm=0.0,
-            type=f"polygon{len(ring)}",
-        )
-        for ring, normal in zip(shape.rings, normals, strict=True)
-        if float(normal @ corners[ring].mean(axis=0)) < 0.0
-    )
-    known = Recognition(label, confidence, np.nan, np.nan, None, False, "its edges lie where they should")
-    part = Part(known, facets, fit.cyclopean_from_part, fit.covariance, fit.residual_mm)
-    return Scene((part,), (), FacetView((), (), (), (), np.nan), ("only what was expected was looked for",))
-
-
-def expected_fit(look: Look) -> Fit:
-    """The fit that expected_scene was made of."""
-    (part,) = look.scene.parts
-    return Fit(part.cyclopean_from_part, part.covariance, part.residual_mm, len(part.facets))
+    return Expected(target.label, target.confidence, target.shape, fit)
 
 
 def eyes_of(look: Look, cell: Workcell) -> Eyes:
@@ -171,7 +132,7 @@ def sighted(look: Look, fit: Fit, cell: Workcell, doubt: Doubt) -> Sighting:
 
 def others(target: Target, look: Look) -> list[Seen]:
     """The parts in a whole look that are not the target."""
-    return [p for p in seen_parts(look) if far(p.centre, target.centre) >= SAME_PLACE_MM]
+    return [p for p in seen_parts(look) if not same_place(p.centre, target.centre)]
 
 
 def beside(
@@ -181,7 +142,7 @@ def beside(
     found = []
     for old in before:
         shape = shape_of(old.label)
-        near = [p for p in now if far(p.centre, old.centre) < 2 * SAME_PLACE_MM]
+        near = [p for p in now if same_place(p.centre, old.centre, 2 * SAME_PLACE_MM)]
         if shape is None or not near:
             continue
         first = refit(shape, old.facets, frames.inverse(old.look.world_from_cyclopean) @ old.world_from_part)

@@ -1,6 +1,6 @@
 """How a part will be taken: a grasp whose whole approach is checked before its first move, or from where to look again.
 
-Pure: what is seen and what the arm can reach in, plans out. Doing them is daemon/pick/picking.py.
+Pure: what is seen and what the arm can reach in, plans out. Doing them is approach.py's and take.py's.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from daemon.arm import paths
 from daemon.arm.mover import PATH_MM
 from daemon.pick import viewpoints
 from daemon.pick.grasp import Grasp, grasps
-from daemon.pick.seen import Facing, Seen, seen_again
+from daemon.pick.seen import Facing, Seen, apart_mm, seen_again
 from daemon.pick.settings import Settings, View
 from daemon.pick.viewpoints import Reachable
 from daemon.vision.geometry.polyhedron import Polyhedron
@@ -29,7 +29,7 @@ CLOSE_MM = 340.0
 """From how far a part that could not be named is looked at again."""
 MOST_CHANGE_MM = 25.0
 """How far a grasp may change from look to look (a radian of turn counts as 50 mm)."""
-BLIND_RAD = 0.5
+SAME_SIDE_RAD = 0.5
 """A look from within this angle of one that did not find the part would not find it either."""
 
 
@@ -65,13 +65,13 @@ def plan_part(
     tool_from_cyclopean: Array,
     allowed: Reachable,
     seen: Sequence[Facing] = (),
-    blind: Sequence[Array] = (),
+    unseen_from: Sequence[Array] = (),
 ) -> Plan | str:
     """The best grasp whose whole approach is allowed (reached, in the box, above the table), or why there is none.
 
     seen: facets that a look has told apart; their shading, and so their contrast, is the same from everywhere, so that
-    a look along the approach should show them again. blind: (3,) directions from the part in which a camera stood that
-    did not find it.
+    a look along the approach should show them again. unseen_from: (3,) directions from the part in which a
+    camera stood that did not find it.
     """
     try:
         found = grasps(shape.corners_mm, world_from_part, settings.limits.table_z_mm, settings.gripper, neighbours)
@@ -85,7 +85,7 @@ def plan_part(
     for grasp in found:
         pose = viewpoints.look_pose(grasp.world_from_tool[:3, :3], centre, middle, tool_from_cyclopean)
         eye = (pose @ tool_from_cyclopean)[:3, 3]
-        if any(viewpoints.angle_at(centre, eye, centre + away) < BLIND_RAD for away in blind):
+        if any(viewpoints.angle_at(centre, eye, centre + away) < SAME_SIDE_RAD for away in unseen_from):
             continue
         worth = viewpoints.view_worth(shape, world_from_part, eye) + seen_again(seen, eye)
         plans.append(Plan(grasp, worth))
@@ -142,8 +142,8 @@ def regrasp(shape: Polyhedron, world_from_part: Array, before: Plan, settings: S
     found = grasps(shape.corners_mm, world_from_part, table_z_mm, gripper, near=old[:3, :3])
 
     def away(grasp: Grasp) -> float:
-        gap = float(np.linalg.norm(grasp.world_from_tool[:3, 3] - old[:3, 3]))
-        return gap + 50.0 * frames.angle_between(grasp.world_from_tool, old)
+        gap_mm = apart_mm(grasp.world_from_tool[:3, 3], old[:3, 3])
+        return gap_mm + 50.0 * frames.angle_between(grasp.world_from_tool, old)
 
     nearest = min(found, key=away, default=None)
     return None if nearest is None or away(nearest) > MOST_CHANGE_MM else Plan(nearest, before.worth)

@@ -1,6 +1,6 @@
 """Parts as looks saw them, brought to the world: which are one part, which comes first, which would show again.
 
-Pure. What is made of them is daemon/pick/finding.py's business; one part followed closely is following.py's.
+Pure. What is made of them is find.py's business; one part followed closely is following.py's.
 """
 
 from __future__ import annotations
@@ -21,9 +21,19 @@ from daemon.vision.values import Facet
 Array = NDArray[np.float64]
 
 SAME_PLACE_MM = 30.0
-"""Two parts seen nearer than this to one place are one part."""
+"""What is seen nearer than this to where something lay is that."""
 NEIGHBOUR_MM, RIM_PX = 100.0, 30.0
 """How far from a part what is seen may keep the fingers from it; how far inside an image it must be to be missed."""
+
+
+def apart_mm(a: Array, b: Array) -> float:
+    """Distance of two points (3,)."""
+    return float(np.linalg.norm(a - b))
+
+
+def same_place(a: Array, b: Array, within_mm: float = SAME_PLACE_MM) -> bool:
+    """Whether what lies at two points (3,), mm, is one thing."""
+    return apart_mm(a, b) < within_mm
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +92,7 @@ def is_own(other: Seen, part: Seen) -> bool:
     """Whether what was seen beside a named part is nothing but one of its facets, measured worse: a lone unnamed facet
     whose middle lies within the part's reach. It would keep the fingers from every grasp."""
     reach = float(np.linalg.norm(part.corners - part.centre, axis=1).max())
-    return other.lone and float(np.linalg.norm(other.centre - part.centre)) < reach
+    return other.lone and same_place(other.centre, part.centre, reach)
 
 
 def seen_again(seen: Sequence[Facing], eye: Array, least_cosine: float = 0.3) -> float:
@@ -114,9 +124,9 @@ def seen_parts(look: Look) -> list[Seen]:
 
 def merged(before: Sequence[Seen], now: Sequence[Seen]) -> list[Seen]:
     """What is known to lie there after another look: the newest sight of each place, but a name is not unlearnt."""
-    kept = [old for old in before if not any(_same_place(old, new) for new in now)]
+    kept = [old for old in before if not any(same_place(old.centre, new.centre) for new in now)]
     for new in now:
-        named = [old for old in before if old.named and _same_place(old, new)]
+        named = [old for old in before if old.named and same_place(old.centre, new.centre)]
         kept.append(named[0] if named and not new.named else new)
     return kept
 
@@ -130,21 +140,17 @@ def unconfirmed(before: Sequence[Seen], look: Look, around: Array, rig: StereoRi
         middle = frames.apply(cyclopean_from_world, old.centre[None])
         px = np.concatenate([eye.project(middle) for eye in (rig.left, rig.right)])
         in_view = bool(np.all((px > RIM_PX) & (px < np.array(rig.image_size) - RIM_PX)))
-        near = float(np.linalg.norm(old.centre - around)) < NEIGHBOUR_MM
-        if old.lone and near and in_view and not any(_same_place(old, new) for new in now):
+        near = same_place(old.centre, around, NEIGHBOUR_MM)
+        if old.lone and near and in_view and not any(same_place(old.centre, new.centre) for new in now):
             found.append(old)
     return found
-
-
-def _same_place(a: Seen, b: Seen) -> bool:
-    return float(np.linalg.norm(a.centre - b.centre)) < SAME_PLACE_MM
 
 
 def ordered(parts: Sequence[Seen], order: str) -> list[Seen]:
     """Nearest to the cameras first, or surest first; parts with one name before the others."""
 
     def rank(part: Seen) -> tuple[bool, float]:
-        away = float(np.linalg.norm(part.centre - part.look.world_from_cyclopean[:3, 3]))
+        away = apart_mm(part.centre, part.look.world_from_cyclopean[:3, 3])
         return not part.named, away if order == "nearest" else -part.confidence
 
     return sorted(parts, key=rank)

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from daemon import frames
 from daemon.arm.guard import Limits, Point
 from daemon.arm.mover import Arrival
+from daemon.arm.settling import Settling
 from daemon.pick import viewpoints
 from daemon.pick.fusion import Doubt, Stops
 from daemon.pick.grasp import Gripper, tool_rotation
-from daemon.pick.looking import Settling
 
 Array = NDArray[np.float64]
 

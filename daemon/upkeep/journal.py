@@ -115,24 +115,15 @@ def watchdog_s() -> float | None:
 
 
 class JournalledLog:
-    """A run log whose records that matter to the machine's keeper are told to the journal as well."""
+    """A run log whose records that matter to the machine's keeper are written to the journal as well, and those that an
+    operator should see unasked (faults, refusals) to `notice`. It only writes: nothing is decided by what is logged."""
 
-    def __init__(
-        self,
-        log: Any,
-        notice: Callable[[str], None] = lambda _: None,
-        looked: Callable[[Mapping[str, Any]], None] = lambda _: None,
-        ended: Callable[[], None] = lambda: None,
-    ) -> None:
-        """notice: told what an operator should see unasked (faults, refusals); looked: told each look's health;
-        ended: called after the end of each pick."""
-        self.log, self._notice, self._looked, self._ended = log, notice, looked, ended
+    def __init__(self, log: Any, notice: Callable[[str], None] = lambda _: None) -> None:
+        self.log, self._notice = log, notice
 
     def record(self, kind: str, /, **fields: Any) -> None:
         """Write one record."""
         self.log.record(kind, **fields)
-        if kind == "look":
-            self._looked(fields.get("health") or {})
         text = _line(kind, fields)
         if kind in ("fault", "refusal") and text is not None:
             self._notice(text)
@@ -146,8 +137,6 @@ class JournalledLog:
                 "WHO": fields.get("who"),
             }
             tell(kind, text, _priority(kind, fields), **said)
-        if kind == "cycle_end":
-            self._ended()
 
 
 def _line(kind: str, fields: Mapping[str, Any]) -> str | None:

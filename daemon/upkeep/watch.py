@@ -118,7 +118,7 @@ class Watch:
         context.troubles.tell(what, f"{what}: {text}")
         state = context.cycle.status()
         if new and state["enabled"] and state["fault"] is None:
-            await context.cycle.fail(what, text)
+            await context.cycle.supervisor.fail(what, text)
 
     async def _keep_quota(self) -> None:
         context, said = self._desk, self._desk.config.values.log

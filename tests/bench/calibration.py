@@ -17,7 +17,7 @@ from daemon.arm.workcell import Workcell
 from daemon.calibration.board import Board
 from daemon.calibration.file import Calibration
 from daemon.calibration.hand_eye import HandEyeResult
-from daemon.calibration.session import Verified, meet, solve_hand_eye, solve_stereo, verify, view_tour
+from daemon.calibration.session import Session, Verified, meet, solve_hand_eye, solve_stereo, verify, view_tour
 from daemon.calibration.stereo import StereoResult
 from daemon.cell import build as cells
 from daemon.config import load_config
@@ -72,7 +72,7 @@ async def calibrated(seed: int) -> Calibrated:
     """Calibrate and verify on one cell, from a ruler's guess."""
     config = load_config(places.HOUSE / "etc" / "facetd.yaml", simulated=True)
     config = replace(
-        config, said=replace(config.values, simulated=replace(config.values.simulated, seed=seed, time_scale=30))
+        config, values=replace(config.values, simulated=replace(config.values.simulated, seed=seed, time_scale=30))
     )
     start = guess(*truth())
     hardware = cells.build(config, lambda _: None)
@@ -81,15 +81,16 @@ async def calibrated(seed: int) -> Calibrated:
         assert start.tool_from_cyclopean is not None
         cell = Workcell(hardware.robot, hardware.eyes, Silent(), hardware.clock, start.rig, start.tool_from_cyclopean)
         cycle = Cycle(cell, config.values.pick, None)
-        cycle.enable()
+        cycle.supervisor.enable()
         await cycle.go("survey")
         assert hardware.hand is not None
         hardware.hand.show_board(9, 6, 16.0, False)
-        views = await view_tour(cycle, BOARD, start, 28, silence, 100.0)
+        session = Session(cycle.supervisor, config.values.pick.settling, BOARD, start)
+        views = await view_tour(session, 28, silence, 100.0)
         found, stereo = await asyncio.to_thread(solve_stereo, views, BOARD, start)
         found, hand_eye = await asyncio.to_thread(solve_hand_eye, views, BOARD, found)
-        checked = verify(await view_tour(cycle, BOARD, found, 8, silence, 100.0), BOARD, found)
-        await cycle.close()
+        checked = verify(await view_tour(replace(session, calibration=found), 8, silence, 100.0), BOARD, found)
+        await cycle.supervisor.close()
     finally:
         await hardware.close()
     return Calibrated(found, len(views), stereo, hand_eye, checked)

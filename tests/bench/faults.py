@@ -99,7 +99,7 @@ def _take_away(here: Rig) -> None:
 
 
 def _stop(here: Rig) -> None:
-    here.later = asyncio.get_running_loop().create_task(here.cycle.stop("by the bench"))  # type: ignore[attr-defined]
+    here.later = asyncio.get_running_loop().create_task(here.cycle.supervisor.stop("by the bench"))  # type: ignore[attr-defined]
 
 
 FAULTS: dict[str, Callable[[Rig], None]] = {
@@ -208,8 +208,8 @@ async def _goes_on(here: Rig, label: str, rng: np.random.Generator) -> bool:
     """Mend, resume, answer for the gripper, pick a fresh part."""
     try:
         await mend(here)
-        if here.cycle.mover.fault is not None:
-            here.cycle.resume()
+        if here.cycle.supervisor.mover.fault is not None:
+            here.cycle.supervisor.resume()
         if here.cycle.hand_full is None:
             here.cycle.holding(here.lies(label) == "hand")
         if here.cycle.hand_full:

@@ -21,9 +21,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from daemon.arm.settling import Settling
 from daemon.arm.workcell import Reading, Workcell
 from daemon.cell.build import ThreadedEyes
-from daemon.pick.looking import Settling, take_look
+from daemon.pick.looking import take_look
 from daemon.store.library import load_facets
 from daemon.teaching.trainer import Recogniser
 from daemon.vision.model.model import empty_model

@@ -19,7 +19,8 @@ from daemon.calibration.file import Calibration, load_calibration
 from daemon.cell import build as cells
 from daemon.config import load_config
 from daemon.jobs.demo import VIEWS
-from daemon.pick.cycle import Cycle, CycleEnd
+from daemon.pick.cycle import Cycle
+from daemon.pick.outcome import CycleEnd
 from daemon.pick.settings import Settings, doubt_of
 from daemon.store import places
 from daemon.store.library import load_facets
@@ -109,18 +110,18 @@ async def rig(
         settings = settings or replace(config.values.pick, doubt=doubt_of(believed.quality))
         start = model or empty_model(load_facets(config.file(config.values.files.facets)))
         cycle = Cycle(cell, settings, Recogniser(start, believed.rig, config.values.vision))
-        cycle.enable()
+        cycle.supervisor.enable()
         try:
             yield Rig(hardware.hand.cell, cycle, log, hardware.robot)
         finally:
-            await cycle.close()
+            await cycle.supervisor.close()
     finally:
         await hardware.close()
 
 
 async def taught(here: Rig) -> Model:
     """Show the six characteristic views of the demo and learn them; the cycle uses the model from then on."""
-    sight = here.cycle.sight
+    sight = here.cycle.recogniser
     assert isinstance(sight, Recogniser)
     model = empty_model(sight.model.library)
     await here.cycle.go("survey")

@@ -7,8 +7,8 @@ import pytest
 import simulated_cell
 from simulated_cell import rig
 
+from daemon.arm.supervisor import RefusedError
 from daemon.jobs.demo import PARTS
-from daemon.pick.cycle import RefusedError
 from drivers.simcell.controller import LineFault, Mishap
 
 
@@ -137,7 +137,7 @@ def test_cameras_unplugged_in_mid_pick_end_in_a_fault_and_the_cell_goes_on_after
             here.robot.move = pull_the_plug
             first = await here.cycle.pick()
             here.cell.camera.unplug(False)
-            here.cycle.resume()
+            here.cycle.supervisor.resume()
             second = await here.cycle.pick()
             return first, second, here.lies("cube")
 
@@ -155,7 +155,7 @@ def test_stop_in_mid_move_brings_the_arm_to_rest_where_it_is(model):
             task = asyncio.create_task(here.cycle.go("home"))
             while np.linalg.norm(here.cell.world_from_tool()[:3, 3] - start) < 20.0:
                 await asyncio.sleep(0.005)
-            await here.cycle.stop()
+            await here.cycle.supervisor.stop()
             results = await asyncio.gather(task, return_exceptions=True)
             at = here.cell.world_from_tool()
             await asyncio.sleep(0.3)

@@ -174,7 +174,7 @@ class FakeEyes:
         return FakePair(*(FakePicture(i, self.world.now_s) for i in images))
 
 
-class TruthSight:
+class TruthRecogniser:
     """Sees the truth: every facet turned to the cameras, corners with the noise a stereo pair would have."""
 
     def __init__(self, world: World, labels: tuple[str, ...] = parts.TAUGHT) -> None:
@@ -232,8 +232,8 @@ def build(world: World) -> Workcell:
 
 def cycle_of(world: World, settings: Settings | None = None) -> Cycle:
     """A cycle that works in this world, enabled."""
-    cycle = Cycle(build(world), settings or Settings(), TruthSight(world))
-    cycle.enable()
+    cycle = Cycle(build(world), settings or Settings(), TruthRecogniser(world))
+    cycle.supervisor.enable()
     return cycle
 
 

@@ -30,7 +30,7 @@ def cut_off(world: World, cycle: Any, after: int, how: str, **options: Any) -> N
         task = asyncio.create_task(cycle.auto(**options))
         while sum(r["event"] == "placed" for r in world.said("state")) < after:
             await asyncio.sleep(0)
-        await getattr(cycle, how)()
+        await getattr(cycle.supervisor, how)()
         await task
 
     asyncio.run(scene())
@@ -44,8 +44,8 @@ def test_what_is_left_of_an_auto_that_was_stopped_is_known_and_taking_it_up_brin
     assert cycle.pick_order == PickOrder(2, None)
     assert cycle.status()["left"] == {"count": 2, "every_s": None}
     assert not cycle.status()["auto"]
-    cycle.resume()
-    cycle.enable()
+    cycle.supervisor.resume()
+    cycle.supervisor.enable()
     cycle.holding(False)
     ends = asyncio.run(cycle.auto(*astuple(cycle.pick_order)))
     assert sum(end.outcome == "picked" for end in ends) == 2
@@ -56,7 +56,7 @@ def test_a_part_that_was_in_the_hand_counts_once_it_is_in_the_bin() -> None:
     world = some(2)
     cycle = cycle_of(world)
     cycle.recover("place", True, PickOrder(2, None))
-    cycle.resume()
+    cycle.supervisor.resume()
     cycle.holding(True)
     ends = asyncio.run(cycle.auto(*astuple(cycle.pick_order)))
     assert [end.outcome for end in ends] == ["placed", "picked"]

@@ -8,8 +8,10 @@ import pytest
 from cell_fakes import World, build, cycle_of, one_part
 
 from daemon import frames
-from daemon.pick.cycle import HANDLERS, NEXT, TABLE, RefusedError, printed_table
+from daemon.arm.supervisor import RefusedError
+from daemon.pick.cycle import HANDLERS
 from daemon.pick.settings import Settings
+from daemon.pick.transitions import NEXT, TABLE, printed_table
 from daemon.vision.values import Polygon, Recognition, Rejected
 from drivers.simcell import parts
 
@@ -90,7 +92,7 @@ def test_an_empty_table_is_told_and_the_arm_goes_home():
 def test_a_table_with_outlines_that_make_no_facet_is_not_called_empty(used):
     world = World(np.random.default_rng(0))
     cycle = cycle_of(world)
-    see = cycle.sight.see
+    see = cycle.recogniser.see
     corners = np.array([[20.0, 20.0], [30.0, 20.0], [20.0, 35.0]])
     outline = Polygon(corners, np.tile(np.eye(2), (3, 1, 1)), np.ones(3), corners)
 
@@ -101,7 +103,7 @@ def test_a_table_with_outlines_that_make_no_facet_is_not_called_empty(used):
         alone = tuple(Rejected(corners, eye, "no partner") for eye in ("left", "right"))
         return replace(scene, view=replace(scene.view, rejected=alone))
 
-    cycle.sight.see = outlined
+    cycle.recogniser.see = outlined
     end = asyncio.run(cycle.pick())
     assert end.outcome == "unknown"
     assert "knocked camera" in end.why
@@ -193,7 +195,7 @@ def test_a_lone_facet_that_bars_the_way_must_show_again(lasts):
     world = World(np.random.default_rng(0))
     world.put("cube", 520, 0, 0.4)
     cycle = cycle_of(world)
-    see, looks = cycle.sight.see, []
+    see, looks = cycle.recogniser.see, []
     upright = np.array([[48.0, -30, -20], [48, 30, -20], [48, 30, 30], [48, -30, 30]])
 
     def with_walls(left, right, table=None):
@@ -212,7 +214,7 @@ def test_a_lone_facet_that_bars_the_way_must_show_again(lasts):
             walls.append(replace(scene.parts[0], recognition=unknown, facets=(wall,)))
         return replace(scene, parts=(*scene.parts, *walls))
 
-    cycle.sight.see = with_walls
+    cycle.recogniser.see = with_walls
     end = asyncio.run(cycle.pick())
     assert "does what bars the way show again?" in [r["why"] for r in world.said("decision")]
     barred = [s.why for s in cycle.skipped if s.label == "cube" and s.outcome == "unreachable"]
@@ -321,14 +323,14 @@ def test_a_knocked_camera_is_named_by_its_epipolar_error():
 def test_picking_is_refused_with_what_to_do_before_enable_in_fault_and_without_a_model():
     world = one_part()
     cycle = cycle_of(world)
-    asyncio.run(cycle.disable())
+    asyncio.run(cycle.supervisor.disable())
     with pytest.raises(RefusedError, match="enable"):
         asyncio.run(cycle.pick())
-    cycle.enable()
-    asyncio.run(cycle.stop())
+    cycle.supervisor.enable()
+    asyncio.run(cycle.supervisor.stop())
     with pytest.raises(RefusedError, match="resume"):
         asyncio.run(cycle.pick())
-    cycle.resume()
+    cycle.supervisor.resume()
     cycle.use(None)
     with pytest.raises(RefusedError, match="teach"):
         asyncio.run(cycle.pick())

@@ -5,8 +5,8 @@ import asyncio
 import pytest
 from cell_fakes import World, cycle_of, one_part
 
-from daemon.arm.supervisor import OperatorRefusedError
-from daemon.pick.cycle import Cycle, RefusedError
+from daemon.arm.supervisor import OperatorRefusedError, RefusedError
+from daemon.pick.cycle import Cycle
 
 
 async def during(world: World, cycle: Cycle, name: str, count: int, act):
@@ -36,7 +36,7 @@ def moves_after_abort(world: World) -> list:
 def test_stop_at_any_moment_stops_the_arm_first_and_leaves_a_fault_standing(moment):
     world = one_part()
     cycle = cycle_of(world)
-    end = asyncio.run(during(world, cycle, moment, 1, cycle.stop))
+    end = asyncio.run(during(world, cycle, moment, 1, cycle.supervisor.stop))
     assert end.outcome == "fault"
     assert cycle.state == "fault"
     assert "stopped" in cycle.status()["fault"]
@@ -120,10 +120,10 @@ def test_a_move_that_ends_elsewhere_is_a_fault():
 def test_after_resume_the_next_pick_goes_and_nothing_went_by_itself():
     world = one_part()
     cycle = cycle_of(world)
-    asyncio.run(during(world, cycle, "moving", 2, cycle.stop))
+    asyncio.run(during(world, cycle, "moving", 2, cycle.supervisor.stop))
     world.before = lambda name: None
     sent = len(world.wire)
-    cycle.resume()
+    cycle.supervisor.resume()
     assert (cycle.state, len(world.wire)) == ("idle", sent)
     assert asyncio.run(cycle.pick()).outcome == "picked"
 
@@ -131,7 +131,7 @@ def test_after_resume_the_next_pick_goes_and_nothing_went_by_itself():
 def test_abort_gives_the_pick_up_without_a_fault():
     world = one_part()
     cycle = cycle_of(world)
-    end = asyncio.run(during(world, cycle, "moving", 2, cycle.abort))
+    end = asyncio.run(during(world, cycle, "moving", 2, cycle.supervisor.abort))
     assert (end.outcome, cycle.state, cycle.status()["fault"]) == ("aborted", "idle", None)
     assert not moves_after_abort(world)
 
@@ -139,10 +139,10 @@ def test_abort_gives_the_pick_up_without_a_fault():
 def test_disable_in_mid_pick_stops_the_arm_and_a_device_that_fails_leaves_its_code():
     world = one_part()
     cycle = cycle_of(world)
-    assert asyncio.run(during(world, cycle, "moving", 2, cycle.disable)).outcome == "aborted"
+    assert asyncio.run(during(world, cycle, "moving", 2, cycle.supervisor.disable)).outcome == "aborted"
     world = one_part()
     cycle = cycle_of(world)
-    asyncio.run(during(world, cycle, "moving", 2, lambda: cycle.fail("camera_lost", "left camera is gone")))
+    asyncio.run(during(world, cycle, "moving", 2, lambda: cycle.supervisor.fail("camera_lost", "left camera is gone")))
     assert cycle.status()["fault"] == "camera_lost: left camera is gone"
 
 
@@ -153,13 +153,13 @@ def test_pause_holds_before_the_next_move_and_resume_goes_on():
     async def story():
         task = asyncio.create_task(cycle.pick())
         await asyncio.sleep(0.02)
-        cycle.pause()
+        cycle.supervisor.pause()
         while cycle.state != "paused":
             await asyncio.sleep(0.001)
         sent = len(world.wire)
         await asyncio.sleep(0.05)
         assert len(world.wire) == sent
-        cycle.resume()
+        cycle.supervisor.resume()
         return await task
 
     assert asyncio.run(story()).outcome == "picked"
@@ -171,11 +171,11 @@ def test_stop_while_paused_is_heard():
     cycle = cycle_of(world)
 
     async def story():
-        cycle.pause()
+        cycle.supervisor.pause()
         task = asyncio.create_task(cycle.pick())
         while cycle.state != "paused":
             await asyncio.sleep(0.001)
-        await cycle.stop()
+        await cycle.supervisor.stop()
         return await task
 
     assert asyncio.run(story()).outcome == "fault"
@@ -187,7 +187,7 @@ def test_in_step_mode_each_move_is_told_and_waits_for_a_yes():
     cycle = cycle_of(world)
 
     async def story():
-        cycle.step(True)
+        cycle.supervisor.step(True)
         task = asyncio.create_task(cycle.pick())
         told = []
         while not task.done():
@@ -196,7 +196,7 @@ def test_in_step_mode_each_move_is_told_and_waits_for_a_yes():
             if pending is not None:
                 told.append(pending)
                 assert sum(name == "move" for name, _ in world.wire) == len(told) - 1
-                cycle.confirm()
+                cycle.supervisor.confirm()
                 await asyncio.sleep(0)
         return await task, told
 
@@ -211,11 +211,11 @@ def test_a_no_in_step_mode_gives_the_pick_up_before_the_move():
     cycle = cycle_of(world)
 
     async def story():
-        cycle.step(True)
+        cycle.supervisor.step(True)
         task = asyncio.create_task(cycle.pick())
         while cycle.status()["pending"] is None:
             await asyncio.sleep(0.001)
-        cycle.refuse()
+        cycle.supervisor.refuse()
         return await task
 
     assert asyncio.run(story()).outcome == "aborted"
@@ -227,11 +227,11 @@ def test_no_to_a_move_asked_for_by_hand_is_no_fault():
     cycle = cycle_of(world)
 
     async def story():
-        cycle.step(True)
+        cycle.supervisor.step(True)
         task = asyncio.create_task(cycle.go("home"))
         while cycle.status()["pending"] is None:
             await asyncio.sleep(0.001)
-        cycle.refuse()
+        cycle.supervisor.refuse()
         with pytest.raises(OperatorRefusedError):
             await task
 
@@ -242,7 +242,7 @@ def test_no_to_a_move_asked_for_by_hand_is_no_fault():
 def test_dry_does_everything_but_the_bytes():
     world = one_part()
     cycle = cycle_of(world)
-    cycle.dry(True)
+    cycle.supervisor.dry(True)
     end = asyncio.run(cycle.pick())
     assert end.outcome == "dry"
     assert not world.wire
@@ -260,7 +260,7 @@ def test_a_second_job_is_refused_while_one_runs_and_says_which():
         with pytest.raises(RefusedError, match="busy: pick"):
             await cycle.look()
         with pytest.raises(RefusedError, match="busy: pick"):
-            cycle.dry(True)
+            cycle.supervisor.dry(True)
         return await task
 
     assert asyncio.run(story()).outcome == "picked"
@@ -288,7 +288,7 @@ def test_a_restart_in_mid_cycle_comes_back_in_fault_and_asks_about_the_gripper()
     cycle.recover("retreat", closed=True)
     with pytest.raises(RefusedError, match="resume"):
         asyncio.run(cycle.pick())
-    cycle.resume()
+    cycle.supervisor.resume()
     with pytest.raises(RefusedError, match="holding"):
         asyncio.run(cycle.pick())
     assert not world.wire
@@ -302,7 +302,7 @@ def test_a_restart_in_mid_cycle_comes_back_in_fault_and_asks_about_the_gripper()
 def test_a_stop_with_the_hand_around_a_part_asks_about_the_gripper():
     world = one_part()
     cycle = cycle_of(world)
-    asyncio.run(during(world, cycle, "handed", 2, cycle.stop))
+    asyncio.run(during(world, cycle, "handed", 2, cycle.supervisor.stop))
     assert cycle.status()["holding"] is None
 
 
@@ -313,7 +313,7 @@ def test_closing_the_daemon_stops_the_arm_and_ends_its_task():
     async def story():
         task = asyncio.create_task(cycle.pick())
         await asyncio.sleep(0.01)
-        await cycle.close()
+        await cycle.supervisor.close()
         return await task
 
     assert asyncio.run(story()).outcome == "aborted"
@@ -350,6 +350,6 @@ def test_images_that_never_agree_are_told_and_are_no_look():
 def test_a_look_needs_no_enable_and_moves_nothing():
     world = one_part()
     cycle = cycle_of(world)
-    cycle.mover.enabled = False
+    cycle.supervisor.mover.enabled = False
     assert [p.recognition.label for p in asyncio.run(cycle.look()).scene.parts] == ["cube"]
     assert not world.wire

@@ -1,62 +1,74 @@
 """On the approach only the expected part is looked for, by its edges; the rest is looked for when it counts."""
 
 import asyncio
-from types import SimpleNamespace
 
 import numpy as np
-from cell_fakes import TruthSight, World, build, rig, shape_of
+from cell_fakes import TruthRecogniser, World, build, rig, shape_of
 
 from daemon import frames
+from daemon.arm.settling import Settling
 from daemon.arm.workcell import Reading
-from daemon.pick.following import expected_fit, expected_scene
-from daemon.pick.looking import Settling, epipolar_px, take_look, whole_look
+from daemon.pick.looking import Expected, log_look, take_look, tracked_json, whole_look
 from daemon.vision.registration.corner_pose import Fit
-from daemon.vision.report import scene_json
 
 POSE = frames.rigid(frames.rotation_from_vector(np.array([2.6, 0.4, 0.3])), np.array([5.0, -8.0, 300.0]))
 FIT = Fit(POSE, np.diag([0.1, 0.1, 0.3, 1e-5, 1e-5, 1e-5]), 0.1, 9)
 
 
+def expected(fit, label="pyramid"):
+    return Expected(label, 0.9, shape_of(label), lambda left, right, at: fit)
+
+
 def taken(expect):
+    """The look, the same with everything looked for, and the first one's record."""
     world = World(np.random.default_rng(0))
     world.put("cube", 520, 0, 0.3)
-    cell, sight = build(world), TruthSight(world)
+    cell, recogniser = build(world), TruthRecogniser(world)
 
     async def story():
         reading = Reading(world.at, np.zeros(6))
-        look = await take_look(cell, sight, reading, 0.0, Settling(), -300.0, expect)
-        return look, await whole_look(sight, look)
+        look = await take_look(cell, recogniser, reading, 0.0, Settling(), -300.0, expect)
+        return look, await whole_look(recogniser, look)
 
-    return asyncio.run(story())
+    look, whole = asyncio.run(story())
+    log_look(cell, recogniser, look, cycle=1, stop=2, purpose="approach", expected=expect)
+    return look, whole, world.said("look")[-1]
 
 
 def test_what_was_expected_and_found_is_all_that_is_looked_for_until_the_whole_look_is_asked_for():
-    expected = expected_scene("pyramid", shape_of("pyramid"), 0.9, FIT, rig())
-    look, whole = taken(lambda left, right, at: expected)
-    assert (look.whole, look.scene) == (False, expected)
-    assert whole.whole
-    assert whole.scene is not expected
+    look, whole, record = taken(expected(FIT))
+    assert look.tracked is FIT
+    assert not look.scene.parts
+    assert np.isnan(look.epipolar_px)
+    assert whole.tracked is None
+    assert [part.recognition.label for part in whole.scene.parts] == ["cube"]
     assert whole.taken_s == look.taken_s
+    assert record["whole"] is False
+    assert [part["label"] for part in record["scene"]["parts"]] == ["pyramid"]
 
 
 def test_where_the_expected_is_not_found_everything_is_looked_for():
-    look, whole = taken(lambda left, right, at: None)
-    assert look.whole
+    look, whole, record = taken(expected(None))
+    assert look.tracked is None
     assert whole is look
+    assert record["whole"] is True
+    assert record["scene"]["parts"] == ["cube"]
+
+
+def test_a_look_that_followed_a_part_hints_at_nothing_of_the_calibration():
+    look, _, record = taken(expected(FIT))
+    assert np.isinf(look.clue.sigma).all()
+    assert not [name for name in record["health"] if name.startswith(("pitch", "roll", "vergence"))]
 
 
 def test_a_part_found_again_is_told_as_the_facets_that_face_the_cameras():
-    shape = shape_of("cube")
-    scene = expected_scene("cube", shape, 0.9, FIT, rig())
-    (part,) = scene.parts
-    told = scene_json(scene)["parts"][0]
+    told = tracked_json(expected(FIT, "cube"), FIT, rig())
     assert told["label"] == "cube"
-    assert 1 <= len(part.facets) <= 3
-    for facet in part.facets:
-        np.testing.assert_allclose(rig().left.project(facet.corners_mm), facet.left_px)
-        assert np.cross(*np.diff(facet.corners_mm[:3], axis=0)) @ facet.corners_mm.mean(axis=0) < 0
-        assert (np.linalg.eigvalsh(facet.covariance_mm2) > 0).all()
-    assert np.isnan(epipolar_px(scene))
-    again = expected_fit(SimpleNamespace(scene=scene))
-    np.testing.assert_array_equal(again.cyclopean_from_part, POSE)
-    np.testing.assert_array_equal(again.covariance, FIT.covariance)
+    assert 1 <= len(told["facets"]) <= 3
+    for facet in told["facets"]:
+        corners = facet["corners_mm"]
+        np.testing.assert_allclose(rig().left.project(corners), facet["left_px"])
+        np.testing.assert_allclose(rig().right.project(corners), facet["right_px"])
+        assert np.cross(*np.diff(corners[:3], axis=0)) @ corners.mean(axis=0) < 0
+    np.testing.assert_array_equal(told["cyclopean_from_part"], POSE)
+    np.testing.assert_array_equal(told["covariance"], FIT.covariance)

@@ -9,8 +9,8 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+from daemon.arm.supervisor import RefusedError
 from daemon.console.context import ANSWERABLE, Troubles
-from daemon.pick.cycle import RefusedError
 from daemon.pick.order import PickOrder
 
 
@@ -26,6 +26,11 @@ class FakeCycle:
     slow: bool = False
     pick_order: PickOrder | None = None
     held: bool | None = False
+
+    @property
+    def supervisor(self) -> FakeCycle:
+        """Who has the arm: told the same."""
+        return self
 
     def status(self) -> dict[str, Any]:
         return {

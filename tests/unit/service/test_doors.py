@@ -29,7 +29,7 @@ def interrupter(context: Any) -> Callable[[str], Awaitable[str]]:
     async def interrupt(who: str) -> str:
         if context.cycle.doing is None:
             return "Nothing moves."
-        await context.cycle.stop(f"by control-C of {who}")
+        await context.cycle.supervisor.stop(f"by control-C of {who}")
         return "Stopped."
 
     return interrupt

@@ -97,7 +97,7 @@ class WatchedCell:
         self.context: Any = SimpleNamespace(
             config=SimpleNamespace(values=SimpleNamespace(health=health, log=log), runs=folder / "runs"),
             hardware=SimpleNamespace(clock=time.monotonic, eyes=self, robot=self),
-            cycle=self,
+            cycle=SimpleNamespace(status=self.status, supervisor=self),
             troubles=Troubles(),
             run_log=self.run_log,
             roll_due=False,

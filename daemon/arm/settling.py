@@ -1,0 +1,79 @@
+"""When the arm is still enough to look. The images tell it: two pairs, one after the other, that show the same."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from daemon.arm.workcell import Array, Pictures, Workcell
+from daemon.errors import FacetdError
+
+BLOCK_PX = 8
+"""Side of the blocks whose means are compared: noise averages out in one, an edge still shows."""
+
+
+class NotSettledError(FacetdError):
+    """The images still differ when the time is up: the arm shakes, a part moves, or the light flickers."""
+
+
+@dataclass(frozen=True)
+class Settling:
+    """still_noise: how many times its own noise a block may change; floor_grey: what a change may always be, and
+    most_noise_grey: what can still be noise (all of the image may move), grey levels; timeout_s: when to give up."""
+
+    still_noise: float = 6.0
+    floor_grey: float = 1.5
+    most_noise_grey: float = 2.0
+    timeout_s: float = 5.0
+
+
+@dataclass(frozen=True, eq=False)
+class SettledPair:
+    """A pair that agrees with the one before it; seconds: from the arm's rest to the first of the two."""
+
+    before: Pictures
+    pictures: Pictures
+    seconds: float
+
+
+def block_means(image: NDArray[np.uint8]) -> Array:
+    """(H, W) grey -> (H // 8, W // 8) means of 8x8 px blocks."""
+    rows, columns = (n // BLOCK_PX for n in image.shape)
+    cut = image[: rows * BLOCK_PX, : columns * BLOCK_PX].astype(np.float32)
+    return np.asarray(cv2.resize(cut, (columns, rows), interpolation=cv2.INTER_AREA), float)
+
+
+def change(before: NDArray[np.uint8], after: NDArray[np.uint8]) -> tuple[float, float]:
+    """(largest, typical) change of a block between two images, grey levels: the 99.8 % quantile, and the robust noise.
+
+    A common change of brightness (lamps) is taken out first.
+    """
+    difference = block_means(after) - block_means(before)
+    difference = np.abs(difference - np.median(difference))
+    return float(np.quantile(difference, 0.998)), float(1.4826 * np.median(difference))
+
+
+def still(before: Pictures, after: Pictures, settling: Settling) -> bool:
+    """Whether two pairs show the same scene from the same place."""
+    for a, b in ((before.left, after.left), (before.right, after.right)):
+        largest, typical = change(a.pixels, b.pixels)
+        noise = min(typical, settling.most_noise_grey)
+        if largest > max(settling.floor_grey, settling.still_noise * noise):
+            return False
+    return True
+
+
+async def settled_pair(cell: Workcell, rest_s: float, settling: Settling) -> SettledPair:
+    """Wait until two pairs agree. rest_s: since when the arm is at rest, on the cell's clock. Raises NotSettledError,
+    or the camera's error."""
+    before = await cell.eyes.grab(rest_s, settling.timeout_s)
+    while True:
+        after = await cell.eyes.grab(max(before.left.taken_s, before.right.taken_s), settling.timeout_s)
+        if still(before, after, settling):
+            return SettledPair(before, after, max(0.0, before.left.taken_s - rest_s))
+        if cell.clock() - rest_s > settling.timeout_s:
+            raise NotSettledError(f"the images still change {settling.timeout_s:g} s after the arm came to rest")
+        before = after

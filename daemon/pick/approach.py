@@ -1,0 +1,130 @@
+"""The states in which a part is approached, look by look: stop_n, looking, estimating. See world.py for what a handler
+is."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from daemon.pick import fusion, viewpoints
+from daemon.pick.following import NEAR_MM, Target, beside, expecting, follow, others
+from daemon.pick.fusion import CHI_SQUARE_6
+from daemon.pick.looking import whole_look
+from daemon.pick.outcome import Outcome
+from daemon.pick.plan import regrasp
+from daemon.pick.seen import SAME_PLACE_MM, same_place, seen_parts
+from daemon.pick.transitions import Event
+from daemon.pick.world import (
+    MOVE_ERRORS,
+    PickContext,
+    SuspectError,
+    WorldModel,
+    look,
+    skip,
+    skip_unreachable,
+    travel,
+)
+
+
+async def stop_n(context: PickContext, world: WorldModel) -> Literal[Event.THERE, Event.UNREACHABLE]:
+    """Go to the next stand-off."""
+    target, settings = world.the_target(), context.settings
+    distance = fusion.next_stand_off(target.sightings, settings.doubt, settings.stops)
+    pose = viewpoints.look_pose(target.look_rotation, target.centre, distance, context.cell.tool_from_cyclopean)
+    try:
+        if context.mover.closed is not False:
+            await context.mover.hand(closed=False)
+        purpose = f"stand-off {distance:g} mm"
+        await travel(context, world, pose, purpose, target.look, straight=bool(target.sightings))
+    except MOVE_ERRORS as error:
+        skip_unreachable(context, world, error)
+        return Event.UNREACHABLE
+    return Event.THERE
+
+
+async def looking(context: PickContext, world: WorldModel) -> Literal[Event.LOOKED, Event.ELSEWHERE, Event.LOST]:
+    """Look, and find the target again."""
+    target = world.the_target()
+    seen = await look(context, world, "approach", expecting(target, context.cell))
+    if follow(target, seen, context.cell, context.settings.doubt):
+        return Event.LOOKED
+    near = [part for part in seen_parts(seen) if same_place(part.centre, target.centre, NEAR_MM)]
+    if any(part.label == target.label for part in near):
+        return await _elsewhere(context, world, target, "its corners are not where the look before had them")
+    world.failures += 1
+    why = f"not seen where it was at look {target.looks}"
+    if len(world.sides_unseen(target.centre)) >= context.settings.views_of_doubtful:
+        skip(context, world, Outcome.LOST, target, why)
+        return Event.LOST
+    world.unseen_from.append((target.centre, seen.world_from_cyclopean[:3, 3] - target.centre))
+    context.decide(f"approach {target.label} from another side", why)
+    return Event.ELSEWHERE
+
+
+async def _elsewhere(
+    context: PickContext, world: WorldModel, target: Target, why: str
+) -> Literal[Event.ELSEWHERE, Event.LOST]:
+    """The target lies otherwise than was thought: choose and plan again from the newest look, but not for ever."""
+    world.replans += 1
+    if world.replans > context.settings.tries:
+        skip(context, world, Outcome.LOST, target, why)
+        return Event.LOST
+    context.decide(f"plan {target.label} again", why)
+    world.found = seen_parts(await whole_look(context.recogniser, target.look))
+    return Event.ELSEWHERE
+
+
+async def estimating(
+    context: PickContext, world: WorldModel
+) -> Literal[Event.UNSURE, Event.SURE, Event.DOUBT, Event.ELSEWHERE, Event.LOST, Event.GAVE_UP]:
+    """Hold the look against the one before, fuse, and say whether it is enough."""
+    target, settings = world.the_target(), context.settings
+    chi = 0.0
+    if len(target.sightings) > 1:
+        chi = fusion.disagreement(target.sightings[-2], target.sightings[-1], settings.doubt)
+    if chi > CHI_SQUARE_6 and await _blame(context, world, target, chi) == "unclear":
+        return Event.DOUBT
+    estimate = fusion.fuse(target.sightings, settings.doubt)
+    target.estimate, target.world_from_part = estimate, estimate.world_from_part
+    plan = regrasp(target.shape, target.world_from_part, target.plan, settings)
+    if plan is None:
+        why = "the grasp that was planned does not hold it as it lies"
+        return await _elsewhere(context, world, target, why)
+    target.plan = plan
+    context.cell.log.record(
+        "estimate",
+        cycle=context.cycle,
+        stop=target.looks,
+        label=target.label,
+        world_from_part=estimate.world_from_part,
+        covariance=estimate.covariance,
+        predicted_mm=estimate.predicted_mm,
+        predicted_deg=estimate.predicted_deg,
+        chi2=chi,
+    )
+    if context.mover.dry or fusion.enough(estimate, len(target.sightings), settings.stops):
+        return Event.SURE
+    if target.looks < settings.stops.most_looks:
+        return Event.UNSURE
+    why = f"{estimate.predicted_mm:.2f} mm, {estimate.predicted_deg:.2f} degrees predicted after {target.looks} looks"
+    skip(context, world, Outcome.UNSURE, target, why)
+    return Event.GAVE_UP
+
+
+async def _blame(context: PickContext, world: WorldModel, target: Target, chi: float) -> Literal["part", "unclear"]:
+    """Two looks disagree: which is suspect? Where the part moved, the newest look alone counts from now on; where that
+    cannot be told from here, the whole table is to be looked at. Raises SuspectError where the cell is to blame."""
+    assert target.looked_before is not None
+    settings, recogniser = context.settings, context.recogniser
+    before, now = [await whole_look(recogniser, seen) for seen in (target.looked_before, target.look)]
+    moved = beside(others(target, before), others(target, now), recogniser.shape, context.cell, settings.doubt)
+    who = fusion.suspect(moved, now.epipolar_px, settings.epipolar_limit_px)
+    text = f"looks {target.looks - 1} and {target.looks} disagree (chi-square {chi:.0f}, {CHI_SQUARE_6:g} is the most)"
+    context.decide(f"suspect: {who}", text)
+    if who in ("camera", "hand-eye") or target.restarts:
+        raise SuspectError(f"{text}; suspect: {who}")
+    target.restarts += 1
+    del target.sightings[:-1]
+    if who == "part":
+        return "part"
+    world.questioned = [p for p in world.found if not same_place(p.centre, target.centre, 2 * SAME_PLACE_MM)]
+    return "unclear"

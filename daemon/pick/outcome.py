@@ -1,0 +1,90 @@
+"""How a pick ends, and who is told. Values only."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Protocol, TypeVar
+
+from daemon.arm.workcell import Array
+from daemon.pick.looking import Look
+
+T = TypeVar("T")
+
+
+class Outcome(StrEnum):
+    """How a pick ended, or why a part was left alone, in a word."""
+
+    PICKED = "picked"
+    MISSED = "missed"
+    EMPTY = "empty"
+    LOST = "lost"
+    AMBIGUOUS = "ambiguous"
+    UNKNOWN = "unknown"
+    UNREACHABLE = "unreachable"
+    UNSURE = "unsure"
+    DRY = "dry"
+    PLACED = "placed"
+    ABORTED = "aborted"
+    FAULT = "fault"
+
+
+@dataclass(frozen=True, eq=False)
+class Skipped:
+    """A part left alone: what it was taken for, where (3,) world mm, the outcome in a word, and why."""
+
+    label: str
+    centre: Array
+    outcome: Outcome
+    why: str
+
+
+@dataclass(frozen=True, eq=False)
+class CycleEnd:
+    """How a pick ended. skipped: parts left alone in this pick; grasp: world_from_tool at the grasp;
+    corners: (N, 3) world mm, where the part's corners were estimated to be."""
+
+    cycle: int
+    outcome: Outcome
+    label: str | None
+    why: str
+    stops: int
+    seconds: float
+    predicted_mm: float | None
+    predicted_deg: float | None
+    grasp: Array | None
+    skipped: tuple[Skipped, ...]
+    corners: Array | None
+
+
+class Observer(Protocol):
+    """Who is told of looks and picks, each after its record is written. Whoever finds in it that the arm must stop asks
+    the supervisor to; nothing raised here stops it."""
+
+    def looked(self, look: Look) -> None:
+        """A look was taken, in a pick or between."""
+
+    def ended(self, end: CycleEnd) -> None:
+        """A pick has ended."""
+
+
+class Nobody:
+    """The observer where there is none."""
+
+    def looked(self, look: Look) -> None:
+        """Nothing."""
+
+    def ended(self, end: CycleEnd) -> None:
+        """Nothing."""
+
+
+def tell(observer: Callable[[T], None], what: T) -> None:
+    """Tell an observer. What goes wrong there is reported by the event loop, and stops nothing."""
+    try:
+        observer(what)
+    except Exception as error:
+        asyncio.get_running_loop().call_exception_handler(
+            {"message": "an observer of the cycle failed", "exception": error}
+        )

@@ -1,0 +1,116 @@
+"""The states from the blind stretch to the bin: final, closing, retreat, verify, place, home. See world.py for what a
+handler is."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Literal
+
+from daemon.arm import paths
+from daemon.pick import viewpoints
+from daemon.pick.following import Target, came_back_empty, eyes_of, still_there
+from daemon.pick.looking import Look
+from daemon.pick.outcome import Outcome
+from daemon.pick.seen import Seen, same_place, seen_parts
+from daemon.pick.transitions import Event
+from daemon.pick.world import MOVE_ERRORS, PickContext, WorldModel, look, skip, skip_unreachable, travel
+
+HAND_REACH_MM = 70.0
+"""What is seen within this of the tool's centre point is in the hand, and not on the table."""
+SEEN_OFF_MM = 20.0
+"""How far off a part may be seen from the side on which it was grasped."""
+
+
+async def final(context: PickContext, world: WorldModel) -> Literal[Event.THERE, Event.DRY, Event.UNREACHABLE]:
+    """The blind stretch: to before the part, then around it, both straight."""
+    target, settings = world.the_target(), context.settings
+    grasp, tool_from_cyclopean = target.plan.grasp.world_from_tool, context.cell.tool_from_cyclopean
+    try:
+        if target.side_view is not None:
+            far_mm = settings.stops.stand_offs_mm[0]
+            round_it = viewpoints.look_pose(grasp[:3, :3], target.centre, far_mm, tool_from_cyclopean)
+            await travel(context, world, round_it, "round to the approach", target.look)
+        before = paths.backed_off(grasp, settings.pregrasp_mm)
+        await travel(context, world, before, "before the grasp", target.look, straight=True)
+        await travel(context, world, grasp, "grasp", target.look, straight=True)
+    except MOVE_ERRORS as error:
+        skip_unreachable(context, world, error)
+        return Event.UNREACHABLE
+    if context.mover.dry:
+        world.outcome, world.why = Outcome.DRY, f"{target.label} would be grasped now"
+        return Event.DRY
+    return Event.THERE
+
+
+async def closing(context: PickContext, world: WorldModel) -> Literal[Event.CLOSED]:
+    """Close the hand."""
+    await context.mover.hand(closed=True)
+    await asyncio.sleep(context.settings.hand_s)
+    return Event.CLOSED
+
+
+async def retreat(context: PickContext, world: WorldModel) -> Literal[Event.THERE]:
+    """Straight up and back as planned, then to where the place was seen from."""
+    target, tool_from_cyclopean = world.the_target(), context.cell.tool_from_cyclopean
+    grasp, verify_mm = target.plan.grasp.world_from_tool, context.settings.verify_mm
+    await travel(context, world, paths.lifted(grasp, context.settings.lift_mm), "lift", straight=True)
+    back = viewpoints.look_pose(grasp[:3, :3], target.centre, verify_mm, tool_from_cyclopean)
+    await travel(context, world, back, "back off", straight=True)
+    if target.side_view is not None:
+        seen_from = viewpoints.look_pose(target.side_view, target.centre, verify_mm, tool_from_cyclopean)
+        await travel(context, world, seen_from, "where it was seen from")
+    return Event.THERE
+
+
+async def verify(context: PickContext, world: WorldModel) -> Literal[Event.GONE, Event.MISSED]:
+    """Look whether the part is gone from where it lay, and nowhere else but in the hand."""
+    target = world.the_target()
+    failed = _failed(context, world, target, await look(context, world, "verify"))
+    if failed is None:
+        world.outcome, world.why = Outcome.PICKED, f"{target.label} is gone from where it lay"
+        return Event.GONE
+    world.failures += 1
+    world.outcome, world.why = Outcome.MISSED, f"{target.label} {failed}"
+    context.decide("missed", world.why)
+    if world.failures >= context.settings.tries:
+        skip(context, world, Outcome.MISSED, target, f"{failed} after {world.failures} tries")
+    await context.mover.hand(closed=False)
+    return Event.MISSED
+
+
+def _failed(context: PickContext, world: WorldModel, target: Target, look: Look) -> str | None:
+    """What a look says against the part's being in the hand; None where it says nothing."""
+    hand, settings = look.reading.world_from_tool[:3, 3], context.settings
+    on_table = [p for p in seen_parts(look) if not same_place(p.centre, hand, HAND_REACH_MM)]
+    eyes = eyes_of(look, context.cell)
+    left = any(same_place(p.centre, target.centre, settings.gone_mm + SEEN_OFF_MM) for p in on_table)
+    if left or still_there(target, look, eyes):
+        return "still lies there"
+    if _knocked_away(world, target, on_table):
+        return "was knocked away"
+    if came_back_empty(eyes, context.cell, settings.gripper):
+        return "is gone, and the hand came back empty"
+    return None
+
+
+def _knocked_away(world: WorldModel, target: Target, on_table: list[Seen]) -> bool:
+    """Whether the like of it lies now where nothing lay before."""
+    others = [p.centre for p in world.found if not same_place(p.centre, target.centre)]
+    alike = [p.centre for p in on_table if p.label == target.label]
+    return any(not any(same_place(now, before) for before in others) for now in alike)
+
+
+async def place(context: PickContext, world: WorldModel) -> Literal[Event.PLACED]:
+    """To the bin, and let go."""
+    await travel(context, world, context.settings.bin.pose(), "bin")
+    await context.mover.hand(closed=False)
+    await asyncio.sleep(context.settings.hand_s)
+    return Event.PLACED
+
+
+async def home(context: PickContext, world: WorldModel) -> Literal[Event.THERE]:
+    """Out of the way, unless the next pick follows."""
+    world.target = None
+    if not (context.stay and world.outcome is Outcome.PICKED):
+        await travel(context, world, context.settings.home.pose(), "home")
+    return Event.THERE

@@ -1,0 +1,147 @@
+"""What a pick works with, what it knows, and what its handlers do alike: travel, look, leave a part alone.
+
+A handler is `async def state(context, world) -> Event`: it does what its state is for and returns an event that leaves
+it, as its annotation says (transitions.py has the table). Whatever it raises is a fault: the arm is stopped first, then
+it is reported. A part that cannot be had is skipped, and named, and that is no fault.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass, field
+
+from daemon.arm import paths
+from daemon.arm.mover import Mover, MoveRefusedError, OutOfReachError
+from daemon.arm.workcell import Array, Reading, Workcell
+from daemon.errors import FacetdError
+from daemon.pick.following import Target
+from daemon.pick.looking import Expected, Look, Recogniser, log_look, take_look
+from daemon.pick.outcome import Observer, Outcome, Skipped, tell
+from daemon.pick.seen import Seen, apart_mm, ordered, same_place
+from daemon.pick.settings import Settings
+from daemon.pick.transitions import Event
+
+STANDING_RULES = ("fault_stands", "not_enabled", "arm_lost")
+MoveError = MoveRefusedError | OutOfReachError
+MOVE_ERRORS = (MoveRefusedError, OutOfReachError)
+
+
+class SuspectError(FacetdError):
+    """Looks disagree in a way that says the cell's geometry is not what the calibration says."""
+
+
+@dataclass(frozen=True, eq=False)
+class PickContext:
+    """What a pick works with. cycle: its number; wanted: the label asked for (None: any); stay: do not go home at the
+    end."""
+
+    cell: Workcell
+    mover: Mover
+    recogniser: Recogniser
+    settings: Settings
+    observer: Observer
+    cycle: int = 0
+    wanted: str | None = None
+    stay: bool = False
+
+    def decide(self, text: str, why: str) -> None:
+        """Log a decision."""
+        self.cell.log.record("decision", cycle=self.cycle, text=text, why=why)
+
+    async def look(self, reading: Reading, purpose: str, stop: int = 0, expected: Expected | None = None) -> Look:
+        """A settled look from where the arm now is, logged; expected: see take_look."""
+        settings, cell = self.settings, self.cell
+        rest_s, table_z_mm = cell.clock(), settings.limits.table_z_mm
+        look = await take_look(cell, self.recogniser, reading, rest_s, settings.settling, table_z_mm, expected)
+        log_look(cell, self.recogniser, look, cycle=self.cycle, stop=stop, purpose=purpose, expected=expected)
+        tell(self.observer.looked, look)
+        return look
+
+
+@dataclass(eq=False)
+class WorldModel:
+    """What a pick knows of the table. The running pick has one, and its handlers keep it.
+
+    skipped: parts left alone, from pick to pick; found: what lies there; looked_again: (3,) centres of parts that were
+    looked at from another side, and eyes: (3,) from where; unseen_from: (3,) where a part lay and (3,) in which
+    direction from it a look along its approach did not find it; last_target: stays when the target is given up;
+    doubtful: to be looked at from another side; failures: of tries at a target; old_looks: how often a table was looked
+    at again because its looks got old; unmatched: looks with outlines in both images; questioned: what was found before
+    two looks at the target disagreed. All in world, mm.
+    """
+
+    skipped: list[Skipped]
+    found: list[Seen] = field(default_factory=list)
+    looked_again: list[Array] = field(default_factory=list)
+    eyes: list[Array] = field(default_factory=list)
+    unseen_from: list[tuple[Array, Array]] = field(default_factory=list)
+    target: Target | None = None
+    last_target: Target | None = None
+    doubtful: Seen | None = None
+    failures: int = 0
+    replans: int = 0
+    old_looks: int = 0
+    unmatched: int = 0
+    questioned: list[Seen] | None = None
+    outcome: Outcome = Outcome.EMPTY
+    why: str = "nothing on the table that can be picked"
+
+    def the_target(self) -> Target:
+        """The target, where a state has one."""
+        assert self.target is not None
+        return self.target
+
+    def left(self, context: PickContext) -> list[Seen]:
+        """What was found, is or may be wanted, and was not skipped, in order."""
+        return [
+            part
+            for part in ordered(self.found, context.settings.order)
+            if (context.wanted in (None, part.label) or not part.named)
+            and not any(same_place(s.centre, part.centre) for s in self.skipped)
+        ]
+
+    def sides_unseen(self, centre: Array) -> list[Array]:
+        """(3,) directions from a part that lies here in which a look along its approach did not find it."""
+        return [away for at, away in self.unseen_from if same_place(at, centre)]
+
+
+Handler = Callable[[PickContext, WorldModel], Awaitable[Event]]
+
+
+def skip(context: PickContext, world: WorldModel, outcome: Outcome, part: Seen | Target, why: str) -> None:
+    """Leave a part alone from now on."""
+    world.skipped.append(Skipped(part.label, part.centre, outcome, why))
+    world.outcome, world.why = outcome, f"{part.label}: {why}"
+    context.decide(f"skip {part.label}", f"{outcome}: {why}")
+
+
+def skip_unreachable(context: PickContext, world: WorldModel, error: MoveError) -> None:
+    """A move was refused: give the target up where its place is to blame, raise where all motion is closed."""
+    if isinstance(error, MoveRefusedError) and error.refusal.rule in STANDING_RULES:
+        raise error
+    skip(context, world, Outcome.UNREACHABLE, world.the_target(), str(error))
+
+
+async def travel(
+    context: PickContext,
+    world: WorldModel,
+    pose: Array,
+    purpose: str,
+    look: Look | None = None,
+    straight: bool = False,
+) -> None:
+    """Go there in bounded steps; slower the nearer a part is (a target known) or at travel speed."""
+    settings, target = context.settings, world.target
+
+    def speed(step: Array) -> float:
+        away_mm = 1e9 if target is None else apart_mm(step[:3, 3], target.centre)
+        return paths.speed_pct(away_mm, settings.travel_pct, settings.near_pct)
+
+    await context.mover.travel(pose, purpose, speed, straight, None if look is None else look.taken_s)
+
+
+async def look(context: PickContext, world: WorldModel, purpose: str, expected: Expected | None = None) -> Look:
+    """A look from where the last move ended."""
+    assert context.mover.at is not None
+    stop = 0 if world.target is None else world.target.looks + 1
+    return await context.look(context.mover.at, purpose, stop, expected)
