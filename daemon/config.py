@@ -1,7 +1,7 @@
 """etc/facetd.yaml -> Config. The service's own keys are typed here; another room's settings stay in that room.
 
 Sections `cameras`, `arm.dialect` and the simulated cell belong to drivers and are typed where drivers are named
-(daemon/cell/build.py), through the same Document, so that their errors name file, line and key as well. Paths in the
+(daemon/cell/sections.py), through the same Document, so that their errors name file, line and key as well. Paths in the
 file are relative to the file. Nothing is opened here but the file itself.
 """
 

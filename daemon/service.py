@@ -22,6 +22,7 @@ from daemon.arm.workcell import Workcell
 from daemon.calibration.drift_watch import DriftWatch
 from daemon.calibration.file import Calibration, load_calibration
 from daemon.cell import build as cell
+from daemon.cell import sections
 from daemon.cell.no_arm import CellError
 from daemon.commands import every_command
 from daemon.commands.words import cut_off
@@ -100,7 +101,7 @@ class Service:
         journal.notify(f"RELOADING=1\nMONOTONIC_USEC={time.monotonic_ns() // 1000}")
         try:
             config = load_config(self._config_path, self._simulated)
-            cell.check(config)
+            sections.check(config)
             calibration = load_calibration(config.calibration)
             if context.cycle.status()["doing"]:
                 raise ConfigError(f"{config.path}: not taken over while busy; say `reload` when nothing is being done")

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon.arm.workcell import Reading, Workcell
-from daemon.cell.build import ThreadedEyes
+from daemon.cell.cameras import ThreadedEyes
 from daemon.pick.looking import Settling, take_look
 from daemon.store.library import load_facets
 from daemon.teaching.trainer import Recogniser
