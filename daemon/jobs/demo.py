@@ -126,10 +126,10 @@ def say(text: str) -> None:
 
 
 async def _demo(seed: int, time_scale: float, runs: Path) -> int:
-    from daemon.arm.workcell import Workcell
     from daemon.calibration.file import load_calibration
     from daemon.cell import build as cells
     from daemon.cell.no_arm import CellError
+    from daemon.cell.pick_cell import pick_cell
     from daemon.config import load_config
     from daemon.pick.cycle import Cycle
     from daemon.store.library import load_facets, load_parts
@@ -158,11 +158,12 @@ async def _demo(seed: int, time_scale: float, runs: Path) -> int:
         kept = {"config": log.keep(config.path), "calibration": log.keep(config.calibration)}
         log.record("run_start", seed=seed, **kept)
         rig = calibration.rig
-        cell = Workcell(hardware.robot, hardware.eyes, teller, hardware.clock, rig, calibration.tool_from_cyclopean)
+        cell, settings = pick_cell(config, calibration, hardware, teller)
+        settings = replace(settings, stops=replace(settings.stops, least_looks=3))
         library = load_facets(config.file(config.values.files.facets))
         parts = load_parts(config.file(config.values.files.parts))
         trainer = Trainer(ModelStore(folder / "taught"), rig, library, parts, config.values.vision)
-        cycle = teller.cycle = Cycle(cell, _settings(config, calibration), trainer.in_use)
+        cycle = teller.cycle = Cycle(cell, settings, trainer.in_use)
         try:
             await _teach(cycle, trainer, in_cell, log)
             await _clear(cycle, in_cell, teller)
@@ -174,13 +175,6 @@ async def _demo(seed: int, time_scale: float, runs: Path) -> int:
     picked = _table(teller.taken, time.monotonic() - began)
     _report(folder)
     return 0 if picked == len(PARTS) else 1
-
-
-def _settings(config: Any, calibration: Any) -> Any:
-    from daemon.pick.settings import doubt_of
-
-    pick = config.values.pick
-    return replace(pick, stops=replace(pick.stops, least_looks=3), doubt=doubt_of(calibration.quality))
 
 
 async def _teach(cycle: Any, trainer: Any, simulated: Any, log: Any) -> None:

@@ -13,13 +13,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from daemon import frames
-from daemon.arm.workcell import Workcell
 from daemon.calibration.board import Board
 from daemon.calibration.file import Calibration
 from daemon.calibration.hand_eye import HandEyeResult
 from daemon.calibration.session import Verified, meet, solve_hand_eye, solve_stereo, verify, view_tour
 from daemon.calibration.stereo import StereoResult
 from daemon.cell import build as cells
+from daemon.cell.pick_cell import pick_cell
 from daemon.config import load_config
 from daemon.pick.cycle import Cycle
 from daemon.store import places
@@ -72,15 +72,13 @@ async def calibrated(seed: int) -> Calibrated:
     """Calibrate and verify on one cell, from a ruler's guess."""
     config = load_config(places.HOUSE / "etc" / "facetd.yaml", simulated=True)
     config = replace(
-        config, said=replace(config.values, simulated=replace(config.values.simulated, seed=seed, time_scale=30))
+        config, values=replace(config.values, simulated=replace(config.values.simulated, seed=seed, time_scale=30))
     )
     start = guess(*truth())
     hardware = cells.build(config, lambda _: None)
     try:
         await hardware.open()
-        assert start.tool_from_cyclopean is not None
-        cell = Workcell(hardware.robot, hardware.eyes, Silent(), hardware.clock, start.rig, start.tool_from_cyclopean)
-        cycle = Cycle(cell, config.values.pick, None)
+        cycle = Cycle(*pick_cell(config, start, hardware, Silent()), None)
         cycle.enable()
         await cycle.go("survey")
         assert hardware.hand is not None
