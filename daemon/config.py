@@ -74,10 +74,14 @@ class Files:
 
 @dataclass(frozen=True, kw_only=True)
 class Folders:
-    """state: runs, models, taught views; runtime: the socket. None: where systemd says, else var/ of the checkout."""
+    """state: runs, models, taught views; runtime: the socket. None: where systemd says, else var/ of the checkout.
+
+    runs: the run folders, where they are to lie elsewhere than in runs/ of the state.
+    """
 
     state: str | None = None
     runtime: str | None = None
+    runs: str | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -174,7 +178,8 @@ class Config:
     @property
     def runs(self) -> Path:
         """The folder of run folders."""
-        return self.state / "runs"
+        runs = self.values.folders.runs
+        return self.file(runs) if runs else self.state / "runs"
 
     @property
     def socket(self) -> Path:
