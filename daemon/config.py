@@ -1,7 +1,7 @@
 """etc/facetd.yaml -> Config. The service's own keys are typed here; another room's settings stay in that room.
 
 Sections `cameras`, `arm.dialect` and the simulated cell belong to drivers and are typed where drivers are named
-(daemon/cell/build.py), through the same Document, so that their errors name file, line and key as well. Paths in the
+(daemon/cell/sections.py), through the same Document, so that their errors name file, line and key as well. Paths in the
 file are relative to the file. Nothing is opened here but the file itself.
 """
 
@@ -74,10 +74,14 @@ class Files:
 
 @dataclass(frozen=True, kw_only=True)
 class Folders:
-    """state: runs, models, taught views; runtime: the socket. None: where systemd says, else var/ of the checkout."""
+    """state: runs, models, taught views; runtime: the socket. None: where systemd says, else var/ of the checkout.
+
+    runs: the run folders, where they are to lie elsewhere than in runs/ of the state.
+    """
 
     state: str | None = None
     runtime: str | None = None
+    runs: str | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -174,7 +178,8 @@ class Config:
     @property
     def runs(self) -> Path:
         """The folder of run folders."""
-        return self.state / "runs"
+        runs = self.values.folders.runs
+        return self.file(runs) if runs else self.state / "runs"
 
     @property
     def socket(self) -> Path:

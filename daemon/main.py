@@ -34,7 +34,7 @@ def main(arguments: list[str] | None = None) -> int:
 def check(config_path: Path, simulated: bool) -> int:
     """Read every file the daemon would read; touch no device. One line a fault, status 78."""
     from daemon.calibration.file import load_calibration
-    from daemon.cell import build as cell
+    from daemon.cell import sections
     from daemon.config import load_config
     from daemon.service import BAD_CONFIGURATION
     from daemon.store.library import load_facets, load_parts
@@ -44,7 +44,7 @@ def check(config_path: Path, simulated: bool) -> int:
 
     try:
         config = load_config(config_path, simulated)
-        cell.check(config)
+        sections.check(config)
         load_calibration(config.calibration)
         load_facets(config.file(config.values.files.facets))
         load_parts(config.file(config.values.files.parts))

@@ -16,13 +16,12 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from daemon.arm.workcell import Workcell
 from daemon.calibration.drift_watch import DriftWatch
 from daemon.calibration.file import Calibration, load_calibration
 from daemon.cell import build as cell
+from daemon.cell import sections
 from daemon.cell.no_arm import CellError
+from daemon.cell.pick_cell import pick_cell
 from daemon.commands import every_command
 from daemon.commands.words import cut_off
 from daemon.config import Config, load_config
@@ -102,13 +101,13 @@ class Service:
         journal.notify(f"RELOADING=1\nMONOTONIC_USEC={time.monotonic_ns() // 1000}")
         try:
             config = load_config(self._config_path, self._simulated)
-            cell.check(config)
+            sections.check(config)
             calibration = load_calibration(config.calibration)
             if context.cycle.status()["doing"]:
                 raise ConfigError(f"{config.path}: not taken over while busy; say `reload` when nothing is being done")
             context.config, context.calibration = config, calibration
             context.trainer.rig = calibration.rig
-            context.cycle.refit(self._workcell(calibration, context), config.values.pick)
+            context.cycle.refit(*pick_cell(config, calibration, context.hardware, context.log))
             context.cycle.use(context.trainer.in_use)
             self._drift = DriftWatch()
             context.troubles.tell("calibration", None)
@@ -178,25 +177,11 @@ class Service:
     ) -> CommandContext:
         assert self._hardware is not None
         log = journal.JournalledLog(run_log, self._notice)
-        workcell = Workcell(
-            self._hardware.robot,
-            self._hardware.eyes,
-            log,
-            self._hardware.clock,
-            calibration.rig,
-            _hand_eye(calibration),
-        )
-        cycle = Cycle(workcell, config.values.pick, trainer.in_use, self)
+        cycle = Cycle(*pick_cell(config, calibration, self._hardware, log), trainer.in_use, self)
         self.context = CommandContext(
             config, calibration, self._hardware, cycle, trainer, run_log, log, troubles, self.reload
         )
         return self.context
-
-    def _workcell(self, calibration: Calibration, context: CommandContext) -> Workcell:
-        hardware = context.hardware
-        return Workcell(
-            hardware.robot, hardware.eyes, context.log, hardware.clock, calibration.rig, _hand_eye(calibration)
-        )
 
     async def _open_doors(self, context: CommandContext) -> None:
         said = context.config.values
@@ -346,11 +331,6 @@ def _told(left: Interrupted) -> str:
     if left.auto is not None:
         what += f"; {cut_off(left.auto['count'])}"
     return f"{what}: look at the cell, then say `resume`"
-
-
-def _hand_eye(calibration: Calibration) -> Any:
-    """The hand-eye, or the unit matrix where there is none yet (then `enable` refuses)."""
-    return np.eye(4) if calibration.tool_from_cyclopean is None else calibration.tool_from_cyclopean
 
 
 async def _within(seconds: float, work: Coroutine[Any, Any, Any]) -> None:

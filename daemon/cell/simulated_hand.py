@@ -25,8 +25,15 @@ class Table(Protocol):
     def truth(self) -> Any:
         """Who knows what is really so."""
 
+    @property
+    def world(self) -> Any:
+        """Its `parts` are what lies and is held where."""
+
     def place_for_teaching(self, label: str, view: int) -> Any:
-        """Hold one part before the cameras."""
+        """Hold one part before the cameras, and nothing else."""
+
+    def bring_back(self, parts: Sequence[Any]) -> None:
+        """Put parts back to where they were, and take away all else."""
 
     def scatter(self, labels: Sequence[str]) -> None:
         """Strew parts over the table."""
@@ -47,7 +54,8 @@ class SimulatedHand:
     def __init__(self, cell: Table, views: Mapping[str, int], board: Callable[..., Any]) -> None:
         self.cell = cell
         self._views, self._board = views, board
-        self._strewn: tuple[str, ...] = ()
+        self._set_aside: tuple[Any, ...] | None = None
+        """The parts as they lay before something else was shown."""
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -57,26 +65,33 @@ class SimulatedHand:
     def show(self, label: str, view: int) -> int:
         """Hold a part before the cameras in a characteristic view, counted round; gives the view it is in."""
         view %= self._views[label]
+        self._remember()
         self.cell.place_for_teaching(label, view)
         return view
 
     def scatter(self, labels: Sequence[str] = USUAL) -> None:
         """Strew parts over the table."""
-        self._strewn = tuple(labels)
+        self._set_aside = None
         self.cell.scatter(labels)
 
     def put_back(self) -> None:
-        """After showing a part: strew again what lay on the table before."""
-        self.cell.scatter(self._strewn)
+        """After showing a part or a board: everything again where it was before."""
+        self.cell.bring_back(self._set_aside or ())
+        self._set_aside = None
 
     def clear(self) -> None:
         """Take all parts away."""
-        self._strewn = ()
+        self._set_aside = None
         self.cell.clear()
 
     def show_board(self, columns: int, rows: int, square_mm: float, charuco: bool) -> None:
         """Lay a calibration board with that many inner corners on the table, instead of the parts."""
+        self._remember()
         self.cell.show_board(self._board(columns + 1, rows + 1, square_mm, charuco))
+
+    def _remember(self) -> None:
+        if self._set_aside is None:
+            self._set_aside = self.cell.world.parts
 
     def grasp_error(self, grasp: Array, corners: Array) -> tuple[float, float, bool] | None:
         """mm, degrees, held: where the part truly was in the hand that closed last, against where it was expected.

@@ -146,6 +146,7 @@ async def train(context: CommandContext, words: list[str], door: Door) -> Answer
     lines += [f"  left out: {line}" for line in trained.left_out]
     candidate = context.trainer.candidate()
     data: dict[str, Any] = {"version": trained.version, "right": right, "views": len(trained.verdicts)}
+    data["seconds"] = round(trained.seconds, 2)
     if candidate is not None:
         judged = [await asyncio.to_thread(context.trainer.judge, candidate.model, label) for label in candidate.labels]
         lines += [_describe_sufficiency(judgement) for judgement in judged]

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from daemon.cell.build import moves_the_arm
+from daemon.cell.arm_on_link import moves_the_arm
 from daemon.console.context import CommandContext
 from daemon.console.interpreter import Answer, CommandError, Door
 

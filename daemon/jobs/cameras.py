@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 from daemon.store import places
 
 if TYPE_CHECKING:
-    from daemon.cell.build import StereoCamera
+    from daemon.cell.cameras import StereoCamera
     from daemon.config import Config
     from daemon.jobs.preview import Shot
 
@@ -98,25 +98,26 @@ def _guarded(run: Callable[[argparse.Namespace], int]) -> Callable[[argparse.Nam
 
 @contextlib.contextmanager
 def _open(args: argparse.Namespace) -> Iterator[tuple[StereoCamera, Config]]:
-    from daemon.cell import build as cell
+    from daemon.cell.build import cameras_alone
     from daemon.config import load_config
 
     config = load_config(args.config, args.sim)
-    with cell.cameras_alone(config) as camera:
+    with cameras_alone(config) as camera:
         yield camera, config
 
 
 def _cameras(args: argparse.Namespace) -> int:
-    from daemon.cell import build as cell
+    from daemon.cell.build import EXPECTED_ERRORS
+    from daemon.cell.cameras import device_rows
 
-    devices, notes = cell.device_rows()
+    devices, notes = device_rows()
     measured: dict[str, Any] | None = None
     trouble = None
     if args.seconds > 0:
         try:
             with _open(args) as (camera, _):
                 measured = measure(camera, args.seconds, time.monotonic)
-        except cell.EXPECTED_ERRORS as error:
+        except EXPECTED_ERRORS as error:
             trouble = str(error)
     if args.json:
         print(json.dumps({"devices": devices, "notes": notes, "pair": measured, "trouble": trouble}))
@@ -154,7 +155,7 @@ def _pair_lines(measured: dict[str, Any] | None) -> Iterator[str]:
 
 def measure(camera: StereoCamera, seconds: float, clock: Callable[[], float]) -> dict[str, Any]:
     """Grab for a while: how many pairs a second, how far apart and how old, and what each eye lost."""
-    from daemon.cell import build as cell
+    from daemon.cell.cameras import eye_rows
 
     camera.grab(clock(), GRAB_S)
     began_s = clock()
@@ -169,7 +170,7 @@ def measure(camera: StereoCamera, seconds: float, clock: Callable[[], float]) ->
     return {
         "cameras": camera.describe(), "seconds": took_s, "pairs": len(skews), "rate_hz": len(skews) / took_s,
         "skew_ms": sorted(skews)[middle], "worst_skew_ms": max(skews), "age_ms": sorted(ages)[middle],
-        "eyes": cell.eye_rows(camera),
+        "eyes": eye_rows(camera),
     }  # fmt: skip
 
 

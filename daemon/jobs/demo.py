@@ -1,23 +1,27 @@
-"""`facetctl demo`: teach, train and clear a table on the simulated cell, with the service's own parts throughout.
+"""`facetctl demo`: teach, train and clear a table on the simulated cell, by the console commands a person would give.
 
-Only what a demo adds is here: setting the scene, telling what happens, and asking the simulated cell afterwards how far
-each grasp truly was from what was estimated. The daemon's parts are never told.
+A daemon of its own is started, told what to do, and followed in its run log; nothing here moves or judges. How far each
+grasp truly was from where it was estimated is the simulated cell's own word, which the daemon logs and never uses.
 """
 
 from __future__ import annotations
 
 import argparse
-import asyncio
+import contextlib
+import json
 import random
+import re
+import subprocess
 import sys
+import tempfile
 import time
-from dataclasses import dataclass, replace
-from datetime import UTC, datetime
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from daemon import frames
+from daemon.doors.client import DaemonLink, NotThereError
 from daemon.store import places
+from daemon.store.runs import Record, follow
 
 TRIANGLE = "isosceles_triangle"
 VIEWS = (
@@ -34,22 +38,12 @@ TEACHING_TRIES = 6
 PARTS = tuple(dict.fromkeys(label for label, _, _ in VIEWS))
 ROUNDS = 3
 """How often the table is gone over before what is left is given up."""
+READY_S = 60.0
+"""How long the daemon may take to start."""
 
 
-@dataclass(frozen=True)
-class Taken:
-    """One pick as the demo tells it; errors are what the grasp truly was off, nan where it is not known."""
-
-    label: str
-    outcome: str
-    looks: int
-    predicted_mm: float
-    predicted_deg: float
-    error_mm: float
-    error_deg: float
-    held: bool
-    seconds: float
-    why: str
+class DemoError(Exception):
+    """The demo cannot go on; the message says why."""
 
 
 def register(subparsers: Any) -> None:
@@ -63,61 +57,28 @@ def register(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run it; 0 only when every part was picked, 2 where the installation cannot be used."""
-    from daemon.cell.build import EXPECTED_ERRORS
-    from daemon.config import ConfigError
     from daemon.store.files import plain
+    from daemon.store.yamlfile import ConfigError
 
     seed = args.seed if args.seed is not None else random.SystemRandom().randrange(1_000_000)
+    runs = (args.runs or places.runs_folder(simulated=True)).resolve()
+    began = time.monotonic()
     try:
-        return asyncio.run(_demo(seed, args.time_scale, args.runs or places.runs_folder(simulated=True)))
-    except (ConfigError, OSError, *EXPECTED_ERRORS) as error:  # type: ignore[misc]
+        with (
+            tempfile.TemporaryDirectory(prefix="facetd-demo-") as folder,
+            _daemon(Path(folder), _configuration(seed, args.time_scale, runs, folder)) as (process, link),
+        ):
+            written = Path(link.do("status", "demo", say)["data"]["run"])
+            again = f"seed {seed} (repeat it with --seed {seed})"
+            say(f"facetctl demo: {again}, cell time x{args.time_scale:g}, run {written}")
+            _teach(link)
+            rows = _clear(link, follow(written / "run.jsonl", lambda: process.poll() is None))
+    except (ConfigError, DemoError, NotThereError, OSError) as error:
         print(f"facetctl demo: {plain(error)}", file=sys.stderr)
         return 2
-
-
-class Teller:
-    """The run log, told on the screen as it is written. After each closing of the hand it asks the cell's witness."""
-
-    def __init__(self, log: Any, simulated: Any) -> None:
-        self.log, self.simulated = log, simulated
-        self.cycle: Any = None
-        self.taken: list[Taken] = []
-
-    def record(self, kind: str, /, **fields: Any) -> None:
-        """Write the record; say what a bystander wants to know of it."""
-        self.log.record(kind, **fields)
-        if kind == "decision":
-            say(f"  {fields['text']}: {fields['why']}")
-        elif kind == "estimate":
-            error = f"{fields['predicted_mm']:.2f} mm, {fields['predicted_deg']:.2f} degrees"
-            say(f"  look {fields['stop']}: {fields['label']}, predicted error at the grasp {error}")
-        elif kind in ("refusal", "fault"):
-            say(f"  {kind}: {fields['text']}")
-        elif kind == "cycle_end":
-            self._ended()
-
-    def _ended(self) -> None:
-        end = self.cycle.ends[-1]
-        truth = self._truth(end)
-        if truth is not None:
-            error_mm, error_deg, held = truth
-            self.log.record("truth", cycle=end.cycle, error_mm=error_mm, error_deg=error_deg, held=held)
-            predicted = end.predicted_mm or float("nan"), end.predicted_deg or float("nan")
-            self.taken.append(
-                Taken(end.label, end.outcome, end.stops, *predicted, error_mm, error_deg, held, end.seconds, end.why)
-            )
-        say(f"  {end.outcome}: {end.why} ({end.seconds:.1f} s)")
-
-    def _truth(self, end: Any) -> tuple[float, float, bool] | None:
-        """(mm, degrees, held): where the part truly was in the closing hand against where it was expected."""
-        if end.outcome not in ("picked", "missed", "fault") or end.grasp is None or end.corners is None:
-            return None
-        try:
-            expected = frames.apply(frames.inverse(end.grasp), end.corners)
-            error_mm, error_deg = self.simulated.truth.grasp_pose_error(expected)
-        except ValueError:
-            return float("nan"), float("nan"), False
-        return error_mm, error_deg, self.simulated.truth.grasps[-1].held
+    picked = _table(rows, time.monotonic() - began)
+    _report(written)
+    return 0 if picked == len(PARTS) else 1
 
 
 def say(text: str) -> None:
@@ -125,128 +86,135 @@ def say(text: str) -> None:
     print(text, flush=True)
 
 
-async def _demo(seed: int, time_scale: float, runs: Path) -> int:
-    from daemon.arm.workcell import Workcell
-    from daemon.calibration.file import load_calibration
-    from daemon.cell import build as cells
-    from daemon.cell.no_arm import CellError
+def _configuration(seed: int, time_scale: float, runs: Path, folder: str) -> dict[str, Any]:
+    """facetd.yaml of the demo's daemon: the files of the one that is here, all else as shipped. Raises ConfigError."""
     from daemon.config import load_config
-    from daemon.pick.cycle import Cycle
-    from daemon.store.library import load_facets, load_parts
-    from daemon.store.model_store import ModelStore
-    from daemon.store.runlog import RunLog
-    from daemon.store.runs import new_folder
-    from daemon.teaching.trainer import Trainer
 
-    began = time.monotonic()
     own = places.HOUSE / "etc" / "facetd.yaml"
     config = load_config(own if own.exists() else places.config_file(), simulated=True)
-    simulated = replace(config.values.simulated, seed=seed, time_scale=time_scale)
-    config = replace(config, values=replace(config.values, simulated=simulated))
-    calibration = load_calibration(config.calibration)
-    if calibration.tool_from_cyclopean is None:
-        raise CellError(f"{config.calibration}: no hand_eye in it; `facetctl calibrate hand-eye` first")
-    folder = new_folder(runs, datetime.now(UTC))
-    log = RunLog(folder)
-    say(f"facetctl demo: seed {seed} (repeat it with --seed {seed}), cell time x{time_scale:g}, run {folder}")
-    hardware = cells.build(config, log.wire)
+    files = {name: str(config.file(getattr(config.values.files, name))) for name in ("calibration", "facets", "parts")}
+    truth = str(config.file(config.values.simulated.truth))
+    return {
+        "version": 1,
+        "cell": "simulated",
+        "files": files,
+        "folders": {"state": folder, "runtime": folder, "runs": str(runs)},
+        "pick": {"stops": {"least_looks": 3}},
+        "simulated": {"truth": truth, "time_scale": time_scale, "seed": seed},
+    }
+
+
+@contextlib.contextmanager
+def _daemon(folder: Path, configuration: dict[str, Any]) -> Iterator[tuple[subprocess.Popen[bytes], DaemonLink]]:
+    """A daemon that keeps its things in a folder, and a line to it. Raises DemoError with its last word."""
+    (folder / "facetd.yaml").write_text(json.dumps(configuration))
+    command = [sys.executable, "-m", "daemon.main", "--config", str(folder / "facetd.yaml")]
+    with (folder / "stderr").open("wb") as errors:
+        process = subprocess.Popen(command, stderr=errors)
     try:
-        await hardware.open()
-        assert hardware.hand is not None
-        in_cell = hardware.hand.cell
-        teller = Teller(log, in_cell)
-        kept = {"config": log.keep(config.path), "calibration": log.keep(config.calibration)}
-        log.record("run_start", seed=seed, **kept)
-        rig = calibration.rig
-        cell = Workcell(hardware.robot, hardware.eyes, teller, hardware.clock, rig, calibration.tool_from_cyclopean)
-        library = load_facets(config.file(config.values.files.facets))
-        parts = load_parts(config.file(config.values.files.parts))
-        trainer = Trainer(ModelStore(folder / "taught"), rig, library, parts, config.values.vision)
-        cycle = teller.cycle = Cycle(cell, _settings(config, calibration), trainer.in_use)
-        try:
-            await _teach(cycle, trainer, in_cell, log)
-            await _clear(cycle, in_cell, teller)
-        finally:
-            await cycle.supervisor.close()
+        deadline = time.monotonic() + READY_S
+        while not (folder / places.SOCKET_NAME).exists():
+            if process.poll() is not None or time.monotonic() > deadline:
+                told = (folder / "stderr").read_text(errors="replace").strip().splitlines()
+                raise DemoError(told[-1].removeprefix("facetd: ") if told else "the daemon does not start")
+            time.sleep(0.05)
+        with DaemonLink(folder / places.SOCKET_NAME) as link:
+            yield process, link
     finally:
-        await hardware.close()
-        log.close("the demo ended")
-    picked = _table(teller.taken, time.monotonic() - began)
-    _report(folder)
-    return 0 if picked == len(PARTS) else 1
+        process.terminate()
+        process.wait(10.0)
 
 
-def _settings(config: Any, calibration: Any) -> Any:
-    from daemon.pick.settings import doubt_of
+def _do(link: DaemonLink, text: str) -> dict[str, Any]:
+    """One command; its data. Raises DemoError where it was not done."""
+    done = link.do(text, "demo", lambda _: None)
+    if done["status"]:
+        raise DemoError(f"{text}: {done['text']}")
+    data: dict[str, Any] = done["data"]
+    return data
 
-    pick = config.values.pick
-    return replace(pick, stops=replace(pick.stops, least_looks=3), doubt=doubt_of(calibration.quality))
 
-
-async def _teach(cycle: Any, trainer: Any, simulated: Any, log: Any) -> None:
-    """Show the six views, store each, train, and take the model into use."""
+def _teach(link: DaemonLink) -> None:
+    """Show the six views, answer what is asked, train, and take the model into use."""
     say("teaching")
-    cycle.supervisor.enable()
-    await cycle.go("survey")
-    for label, view, shown in VIEWS:
-        await _teach_view(cycle, trainer, simulated, (label, view, shown))
-    trained = trainer.train()
-    trainer.accept()
-    cycle.use(trainer.in_use)
-    kept = log.keep(trainer.model_store.path(trained.version))
-    log.record("model", action="accepted", version=trained.version, labels=list(trainer.model.labels), file=kept)
-    right_ones = sum(verdict.right for verdict in trained.verdicts)
-    say(f"trained on {len(trained.verdicts)} views in {trained.seconds:.1f} s, {right_ones} of them named right")
+    for text in ("enable", "go survey"):
+        _do(link, text)
+    for label, view, facets in VIEWS:
+        if not any(_shown(link, label, view, facets) for _ in range(TEACHING_TRIES)):
+            raise DemoError(f"the {label} was not seen whole in {TEACHING_TRIES} looks; light, focus and calibration?")
+    trained = link.do("train", "demo", lambda _: None)["data"]
+    if not trained.get("accepted"):
+        _do(link, "accept")
+    say(f"trained on {trained['views']} views in {trained['seconds']:.1f} s, {trained['right']} of them named right")
 
 
-async def _teach_view(cycle: Any, trainer: Any, simulated: Any, shown: tuple[str, int, tuple[str, ...]]) -> None:
-    """One view, looked at again until what was seen is what a person sees, as `teach` asks it of an operator.
+def _shown(link: DaemonLink, label: str, view: int, facets: tuple[str, ...]) -> bool:
+    """Whether a view was seen as a person sees it, and so kept."""
+    seen: list[str] = []
 
-    Raises CellError when it never is.
-    """
-    from daemon.cell.no_arm import CellError
-    from daemon.teaching.trainer import teaching_note
-    from daemon.vision.model.model import TeachError
+    def answer(question: str) -> str:
+        seen.extend(sorted(re.findall(r"([a-z_]+) \d[\d ]* mm", question)))
+        return "y" if seen == sorted(facets) else "n"
 
-    label, view, facets = shown
-    for _ in range(TEACHING_TRIES):
-        simulated.place_for_teaching(label, view)
-        look = await cycle.look(f"teach {label}")
-        seen = tuple(sorted(f.type for f in max((p.facets for p in look.scene.parts), key=len, default=())))
-        if seen != tuple(sorted(facets)):
-            say(f"  {label}, view {view + 1}: not all of it was seen ({', '.join(seen) or 'nothing'}); again")
-            continue
-        left, right = look.pictures.left.pixels, look.pictures.right.pixels
-        try:
-            trainer.store(label, left, right, teaching_note("demo", "", look.table, look.scene))
-        except TeachError as error:
-            say(f"  {label}, view {view + 1}: {error}; again")
-            continue
-        say(f"  {label}, view {view + 1}: {', '.join(seen)}")
-        return
-    raise CellError(f"the {label} was not seen whole in {TEACHING_TRIES} looks; light, focus and calibration?")
+    done = link.do(f"teach {label}", "demo", lambda _: None, answer)
+    kept = bool(done["status"] == 0)
+    why = f"not all of it was seen ({', '.join(seen)})" if seen else done["text"]
+    say(f"  {label}, view {view + 1}: {', '.join(seen) if kept else f'{why}; again'}")
+    return kept
 
 
-async def _clear(cycle: Any, simulated: Any, teller: Teller) -> None:
-    """Scatter the parts and pick until all are in the bin or several rounds left some."""
-    simulated.scatter(PARTS)
+def _clear(link: DaemonLink, records: Iterator[Record]) -> list[dict[str, Any]]:
+    """Pick until all parts are in the bin or several rounds left some; what became of each, and how it truly was."""
     say(f"the table: {', '.join(PARTS)}, in random poses")
+    ends: list[dict[str, Any]] = []
+    truths: dict[int, Record] = {}
     for _ in range(ROUNDS):
-        left = len(PARTS) - sum(taken.outcome == "picked" for taken in teller.taken)
-        if left == 0 or cycle.supervisor.mover.fault is not None:
-            return
-        await cycle.auto(count=left)
+        left = len(PARTS) - sum(end["outcome"] == "picked" for end in ends)
+        if not left or (ends and ends[-1]["outcome"] == "fault"):
+            break
+        _do(link, f"auto on {left}")
+        truths |= _told(records)
+        ends += link.do("auto wait", "demo", lambda _: None)["data"]["ends"]
+    tried = [end for end in ends if end["outcome"] in ("picked", "missed", "fault") and end["predicted_mm"] is not None]
+    unknown = {"error_mm": float("nan"), "error_deg": float("nan"), "held": False}
+    return [{**end, **truths.get(end["cycle"], unknown)} for end in tried]
 
 
-def _table(taken: list[Taken], seconds: float) -> int:
+def _told(records: Iterator[Record]) -> dict[int, Record]:
+    """Tell an auto's picks as they are logged, until it ends; how far each grasp truly was, by cycle."""
+    truths: dict[int, Record] = {}
+    began_s = 0.0
+    for record in records:
+        match record["kind"]:
+            case "cycle_start":
+                began_s = record["mono_s"]
+            case "decision":
+                say(f"  {record['text']}: {record['why']}")
+            case "estimate":
+                error = f"{record['predicted_mm']:.2f} mm, {record['predicted_deg']:.2f} degrees"
+                say(f"  look {record['stop']}: {record['label']}, predicted error at the grasp {error}")
+            case "refusal" | "fault" as kind:
+                say(f"  {kind}: {record['text']}")
+            case "truth":
+                truths[record["cycle"]] = record
+            case "cycle_end":
+                say(f"  {record['outcome']}: {record['why']} ({record['mono_s'] - began_s:.1f} s)")
+                if record["outcome"] in ("fault", "aborted"):
+                    break
+            case "auto" if not record["on"]:
+                break
+    return truths
+
+
+def _table(rows: list[dict[str, Any]], seconds: float) -> int:
     """Print part by part; returns how many were picked (and truly held)."""
     say(f"\n{'part':18}{'outcome':9}{'looks':>6}{'predicted':>20}{'true error at grasp':>23}{'time':>8}")
-    for one in taken:
-        predicted = f"{one.predicted_mm:.2f} mm {one.predicted_deg:.2f} deg"
-        error = f"{one.error_mm:.2f} mm {one.error_deg:.2f} deg"
-        outcome = one.outcome if one.held or one.outcome != "picked" else "WRONG"
-        say(f"{one.label:18}{outcome:9}{one.looks:6}{predicted:>20}{error:>23}{one.seconds:6.1f} s")
-    picked = sum(one.outcome == "picked" and one.held for one in taken)
+    for row in rows:
+        predicted = f"{row['predicted_mm']:.2f} mm {row['predicted_deg']:.2f} deg"
+        error = f"{row['error_mm']:.2f} mm {row['error_deg']:.2f} deg"
+        outcome = row["outcome"] if row["held"] or row["outcome"] != "picked" else "WRONG"
+        say(f"{row['label']:18}{outcome:9}{row['stops']:6}{predicted:>20}{error:>23}{row['seconds']:6.1f} s")
+    picked = sum(bool(row["outcome"] == "picked" and row["held"]) for row in rows)
     say(f"{picked} of {len(PARTS)} parts picked, {seconds:.0f} s in all")
     return picked
 

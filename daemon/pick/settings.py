@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
-from typing import Literal, Protocol
+from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,29 +78,6 @@ class Settings:
     doubt: Doubt = field(default_factory=Doubt)
     gripper: Gripper = field(default_factory=Gripper)
     settling: Settling = field(default_factory=Settling)
-
-
-class Quality(Protocol):
-    """What a calibration says of itself (daemon/calibration/file.py)."""
-
-    @property
-    def reprojection_px(self) -> float | None: ...
-
-    @property
-    def hand_eye_mm(self) -> float | None: ...
-
-    @property
-    def hand_eye_deg(self) -> float | None: ...
-
-
-def doubt_of(quality: Quality) -> Doubt:
-    """The doubts a calibration admits to; where it says nothing, the careful default."""
-    said = {
-        "pixels": quality.reprojection_px,
-        "hand_eye_mm": quality.hand_eye_mm,
-        "hand_eye_deg": quality.hand_eye_deg,
-    }
-    return replace(Doubt(), **{name: value for name, value in said.items() if value is not None})
 
 
 def heading(degrees: float) -> Array:

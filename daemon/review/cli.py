@@ -6,14 +6,13 @@ import argparse
 import json
 import socket
 import sys
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from daemon.store import places
-from daemon.store.runs import Record, RunError, find_run, list_runs
+from daemon.store.runs import Record, RunError, find_run, follow, list_runs
 
 DONE, REGRESSED, UNUSABLE = 0, 1, 2
 
@@ -167,34 +166,13 @@ def _tail(args: argparse.Namespace) -> int:
     colour = sys.stdout.isatty()
     print(f"{folder}")
     try:
-        for record in _follow(folder / "run.jsonl", args.once):
+        for record in follow(folder / "run.jsonl", lambda: not args.once):
             line = told(record)
             if line is not None:
                 print(_coloured(record["kind"], line) if colour else line, flush=True)
     except KeyboardInterrupt:
         print()
     return DONE
-
-
-def _follow(path: Path, once: bool) -> Iterator[Record]:
-    """Records as they are written, until run_end; once: those that are there."""
-    with path.open("rb") as file:
-        rest = b""
-        while True:
-            content = file.read()
-            *lines, rest = (rest + content).split(b"\n")
-            for line in lines:
-                try:
-                    record: Record = json.loads(line)
-                except ValueError:
-                    continue
-                yield record
-                if record.get("kind") == "run_end":
-                    return
-            if once:
-                return
-            if not content:
-                time.sleep(0.2)
 
 
 def told(record: Record) -> str | None:

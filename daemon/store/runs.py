@@ -8,7 +8,8 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -99,6 +100,28 @@ def read_run(folder: Path) -> RunRecords:
             what = "torn last line" if number == len(lines) else "unreadable line"
             skipped.append(f"{folder}/run.jsonl:{number}: {what}, {len(line)} bytes skipped")
     return RunRecords(folder, tuple(records), tuple(skipped))
+
+
+def follow(path: Path, going_on: Callable[[], bool]) -> Iterator[Record]:
+    """Records of run.jsonl as they are written, until run_end; where nothing goes on any more, those that are there."""
+    with path.open("rb") as file:
+        rest = b""
+        while True:
+            more_may_come = going_on()
+            content = file.read()
+            *lines, rest = (rest + content).split(b"\n")
+            for line in lines:
+                try:
+                    record: Record = json.loads(line)
+                except ValueError:
+                    continue
+                yield record
+                if record.get("kind") == "run_end":
+                    return
+            if not content:
+                if not more_may_come:
+                    return
+                time.sleep(0.1)
 
 
 def interrupted(folder: Path) -> Interrupted | None:

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Literal
 
 from daemon.calibration.file import Calibration, load_calibration
-from daemon.cell import build as cell
+from daemon.cell import sections
 from daemon.cell.build import Hardware
 from daemon.config import Config
 from daemon.store.library import load_facets, load_parts
@@ -70,7 +70,7 @@ def from_service(hardware: Hardware, troubles: Mapping[str, str]) -> list[Findin
 
 
 def _configuration(config: Config, _: bool) -> Iterator[Finding]:
-    cell.check(config)
+    sections.check(config)
     load_facets(config.file(config.values.files.facets))
     load_parts(config.file(config.values.files.parts))
     yield Finding("good", "configuration", f"{config.path} ({config.kind} cell)")
@@ -114,7 +114,7 @@ def _model(config: Config, _: bool) -> Iterator[Finding]:
 def _cameras(config: Config, running: bool) -> Iterator[Finding]:
     if config.kind != "real":
         return
-    settings = cell.camera_settings(config)
+    settings = sections.camera_settings(config)
     for eye in (settings.left, settings.right):
         yield from _device(f"camera {eye}", eye, "video", running) if eye.startswith("/") else ()
 

@@ -97,6 +97,11 @@ class SimulatedCell:
         self._board = ()
         self.world.clear()
 
+    def bring_back(self, parts: Sequence[PlacedPart]) -> None:
+        """Clear the cell; put these parts back to where they were."""
+        self.clear()
+        self.world.bring_back(parts)
+
     def place_for_teaching(self, label: str, view: int, world_from_cyclopean: Array | None = None) -> PlacedPart:
         """Clear the cell; hold one part before the cameras (where they are, or as given) in a characteristic view.
 

@@ -115,6 +115,12 @@ class World:
             about = rigid(turn([0, 0, 1], turn_rad), centre + np.array([x_mm, y_mm, 0.0])) @ rigid(np.eye(3), -centre)
             self._set(replace(part, pose=about @ part.pose))
 
+    def bring_back(self, parts: Sequence[PlacedPart]) -> None:
+        """Put parts that were here before back to where they were."""
+        with self._lock:
+            for part in parts:
+                self._set(part)
+
     def remove(self, name: str) -> None:
         """Take one part away."""
         with self._lock:

@@ -13,13 +13,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from daemon import frames
-from daemon.arm.workcell import Workcell
 from daemon.calibration.board import Board
 from daemon.calibration.file import Calibration
 from daemon.calibration.hand_eye import HandEyeResult
 from daemon.calibration.session import Session, Verified, meet, solve_hand_eye, solve_stereo, verify, view_tour
 from daemon.calibration.stereo import StereoResult
 from daemon.cell import build as cells
+from daemon.cell.pick_cell import pick_cell
 from daemon.config import load_config
 from daemon.pick.cycle import Cycle
 from daemon.store import places
@@ -78,9 +78,7 @@ async def calibrated(seed: int) -> Calibrated:
     hardware = cells.build(config, lambda _: None)
     try:
         await hardware.open()
-        assert start.tool_from_cyclopean is not None
-        cell = Workcell(hardware.robot, hardware.eyes, Silent(), hardware.clock, start.rig, start.tool_from_cyclopean)
-        cycle = Cycle(cell, config.values.pick, None)
+        cycle = Cycle(*pick_cell(config, start, hardware, Silent()), None)
         cycle.supervisor.enable()
         await cycle.go("survey")
         assert hardware.hand is not None

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from daemon.arm.settling import Settling
 from daemon.arm.workcell import Reading, Workcell
-from daemon.cell.build import ThreadedEyes
+from daemon.cell.cameras import ThreadedEyes
 from daemon.pick.looking import take_look
 from daemon.store.library import load_facets
 from daemon.teaching.trainer import Recogniser

@@ -34,9 +34,10 @@ from simulated_cell import Rig
 
 from daemon import frames
 from daemon.calibration.file import Calibration
+from daemon.cell.pick_cell import doubt_of
 from daemon.jobs.demo import PARTS
-from daemon.pick.fusion import Stops
-from daemon.pick.settings import Settings, doubt_of
+from daemon.pick.fusion import Doubt, Stops
+from daemon.pick.settings import Settings
 from daemon.vision.geometry.rig import Camera
 from tests.bench.calibration import calibrated
 
@@ -177,7 +178,7 @@ async def _under_one(
         believed = erring(simulated_cell.true_calibration(), np.random.default_rng(number))
     async with simulated_cell.rig(seed=100 + number, believed=believed) as here:
         model = await simulated_cell.taught(here)
-    usual = replace(Settings(), doubt=doubt_of(believed.quality))
+    usual = replace(Settings(), doubt=doubt_of(believed.quality, Doubt()))
     once = replace(usual, stops=Stops((450.0,), enough_mm=1e9, enough_deg=1e9, most_looks=1))
     seeds = [10_000 * (number + 1) + k for k in range(picks)]
     sure, turns = await _row(believed, model, seeds, usual)

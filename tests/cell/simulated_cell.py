@@ -14,14 +14,14 @@ from typing import Any
 import numpy as np
 
 from daemon import frames
-from daemon.arm.workcell import Workcell
 from daemon.calibration.file import Calibration, load_calibration
 from daemon.cell import build as cells
+from daemon.cell.pick_cell import pick_cell
 from daemon.config import load_config
 from daemon.jobs.demo import VIEWS
 from daemon.pick.cycle import Cycle
 from daemon.pick.outcome import CycleEnd
-from daemon.pick.settings import Settings, doubt_of
+from daemon.pick.settings import Settings
 from daemon.store import places
 from daemon.store.library import load_facets
 from daemon.teaching.trainer import Recogniser
@@ -103,13 +103,11 @@ async def rig(
     log = ListLog()
     hardware = cells.build(config, log.wire.append)
     assert hardware.hand is not None
-    assert believed.tool_from_cyclopean is not None
     try:
         await hardware.open()
-        cell = Workcell(hardware.robot, hardware.eyes, log, hardware.clock, believed.rig, believed.tool_from_cyclopean)
-        settings = settings or replace(config.values.pick, doubt=doubt_of(believed.quality))
+        cell, usual = pick_cell(config, believed, hardware, log)
         start = model or empty_model(load_facets(config.file(config.values.files.facets)))
-        cycle = Cycle(cell, settings, Recogniser(start, believed.rig, config.values.vision))
+        cycle = Cycle(cell, settings or usual, Recogniser(start, believed.rig, config.values.vision))
         cycle.supervisor.enable()
         try:
             yield Rig(hardware.hand.cell, cycle, log, hardware.robot)

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from daemon.cell import build as cell
+from daemon.cell import sections
 from daemon.config import ConfigError, load_config
 from daemon.pick.settings import Settings
 from daemon.store.bounds import BOUNDS, DIALECT_BOUNDS
@@ -29,7 +29,7 @@ def folder(tmp_path: Path) -> Path:
 def told(folder: Path, text: str) -> str:
     (folder / "facetd.yaml").write_text(text)
     with pytest.raises(ConfigError) as error:
-        cell.check(load_config(folder / "facetd.yaml"))
+        sections.check(load_config(folder / "facetd.yaml"))
     assert "\n" not in str(error.value)
     return str(error.value)
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from daemon.cell import build as cell
+from daemon.cell import sections
 from daemon.config import load_config
 from daemon.main import main
 from daemon.store import places
@@ -26,7 +26,7 @@ def path(tmp_path: Path) -> Path:
 def refusal(path: Path, text: str) -> str:
     path.write_text(text)
     with pytest.raises(ConfigError) as caught:
-        cell.check(load_config(path))
+        sections.check(load_config(path))
     message = str(caught.value)
     assert "\n" not in message
     assert message.startswith(str(path))
@@ -36,7 +36,7 @@ def refusal(path: Path, text: str) -> str:
 
 def test_the_configuration_that_is_shipped_is_good_and_says_the_defaults(path: Path) -> None:
     config = load_config(path)
-    cell.check(config)
+    sections.check(config)
     assert config.kind == "real"
     assert load_config(path, simulated=True).kind == "simulated"
     path.write_text("version: 1\ncameras: {left: a, right: b}\n")
@@ -97,7 +97,7 @@ def test_a_file_that_is_no_text_is_refused_in_one_line(path: Path) -> None:
 
 def test_control_characters_of_the_dialect_are_written_as_in_yaml(path: Path) -> None:
     path.write_text('version: 1\narm: {dialect: {line_end: "\\n\\r"}}\n')
-    assert cell.dialect(load_config(path)).line_end == b"\n\r"
+    assert sections.dialect(load_config(path)).line_end == b"\n\r"
 
 
 def test_check_says_what_is_wrong_in_one_line_and_ends_with_78(

@@ -1,0 +1,167 @@
+"""The arm over VAL II as the daemon calls it: matrices in, readings out. The bytes are drivers/val2's."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import AsyncIterator, Callable, Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daemon.arm.workcell import Reading
+from drivers import puma560
+from drivers.val2.commands import moves_the_arm as moves_the_arm
+from drivers.val2.dialect import Dialect
+from drivers.val2.errors import Elsewhere, Preempted
+from drivers.val2.link import Link
+from drivers.val2.location import apart, location_from_matrix, matrix_from_location
+from drivers.val2.wire import Where
+
+Array = NDArray[np.float64]
+WireListener = Callable[[dict[str, Any]], None]
+
+
+class ArmOnLink:
+    """daemon/arm/workcell.py's Robot over VAL II, and what only an operator does: power-up, CAL, the monitor."""
+
+    def __init__(self, link: Link, arm: puma560.Puma560) -> None:
+        self.link = link
+        self.heard_s: float | None = None
+        """When the controller last answered, on the cell's clock."""
+        self.aside = False
+        """Somebody talks to the controller; nobody else is to ask it anything."""
+        self._arm = arm
+        self._speed_pct: float | None = None
+        self._introduced = False
+        self._o_deg = 0.0
+
+    async def open(self) -> None:
+        """Claim the port and find the controller's prompt. Raises LinkError."""
+        await self.link.open()
+        await self._introduce_tool()
+        self._heard()
+
+    async def close(self) -> None:
+        """Let go of the port; does not stop the arm."""
+        await self.link.close()
+
+    async def where(self) -> Reading:
+        """Ask the controller where the arm is; after a stop, remind it of our tool first (it may have been off)."""
+        if not self._introduced:
+            await self._introduce_tool()
+        return self._reading(await self.link.where())
+
+    async def check(self) -> None:
+        """Does the controller answer? Raises LinkError where it does not; being stopped meanwhile is an answer."""
+        with contextlib.suppress(Preempted):
+            await self.where()
+
+    async def move(self, world_from_tool: Array, *, straight: bool, speed_pct: float, timeout_s: float) -> Reading:
+        """One move; returns when the arm is at rest, there or elsewhere. Raises LinkError."""
+        location = location_from_matrix(world_from_tool, self._o_deg)
+        if speed_pct != self._speed_pct:
+            self._speed_pct = None
+            await self.link.speed(speed_pct)
+            self._speed_pct = speed_pct
+        await (self.link.move_straight if straight else self.link.move)(location, timeout_s)
+        try:
+            return self._reading(await self.link.rest(location, timeout_s))
+        except Elsewhere as elsewhere:
+            if elsewhere.where is None:
+                raise
+            return self._reading(elsewhere.where)
+
+    async def hand(self, closed: bool) -> None:
+        """CLOSEI or OPENI."""
+        await (self.link.close_hand if closed else self.link.open_hand)()
+        self._heard()
+
+    async def abort(self) -> None:
+        """Stop the arm now. Raises LinkError when the controller does not confirm it."""
+        self._speed_pct, self._introduced = None, False
+        await self.link.abort()
+        self._heard()
+
+    def reachable(self, world_from_tool: Array, joints_rad: Array) -> Array | None:
+        """Joints (6,) rad that reach the pose as the arm is configured now, clear of a singular wrist, or None."""
+        configuration = puma560.configuration_of(joints_rad)
+        try:
+            joints = puma560.inverse(world_from_tool, configuration, self._arm, joints_rad)
+        except puma560.UnreachableError:
+            return None
+        return None if puma560.wrist_is_singular(joints, within_rad=np.radians(3.0)) else joints
+
+    def between(self, joints_rad: Array, to_rad: Array, share: float) -> Array:
+        """Where the tool is a share of the way of a joint-interpolated move."""
+        return puma560.forward(joints_rad + share * (to_rad - joints_rad), self._arm)
+
+    @property
+    def stopped_on_opening(self) -> bool:
+        """Whether the arm was found at work when the port was opened last, and was stopped."""
+        return self.link.stopped_on_opening
+
+    @property
+    def question(self) -> str | None:
+        """What the controller asks since it was switched on, or None."""
+        return self.link.question
+
+    async def power_up(self, replies: Sequence[str]) -> list[str]:
+        """Answer what the controller asks after it was switched on; gives what it said."""
+        answer = await self.link.power_up(tuple(replies))
+        self._speed_pct, self._introduced = None, False
+        await self._introduce_tool()
+        return list(answer.lines)
+
+    async def calibrate(self, reply: str) -> list[str]:
+        """CAL: the arm finds its zero (it moves a little)."""
+        return list((await self.link.calibrate(reply)).lines)
+
+    async def monitor(self, text: str) -> list[str]:
+        """Any command, as typed at the controller's own terminal; gives what it said."""
+        return list((await self.link.command(text)).lines)
+
+    @contextlib.asynccontextmanager
+    async def terminal(self, show: Callable[[bytes], None]) -> AsyncIterator[Callable[[bytes], None]]:
+        """The controller's own terminal for a person: what it says goes to show, what they type to the function given.
+
+        Afterwards its TOOL and SPEED are ours again, whatever was typed. abort() still works, and ends it.
+        """
+        self.aside = True
+        try:
+            async with self.link.terminal(show) as send:
+                yield send
+            self._speed_pct = None
+            await self._introduce_tool()
+        finally:
+            self.aside = False
+
+    async def _introduce_tool(self) -> None:
+        """Tell the controller of our tool: switched on, it knows none, and would bring the bare wrist to each place."""
+        if self.link.question is None:
+            await self.link.tool(location_from_matrix(self._arm.flange_from_tool))
+            self._introduced = True
+
+    def _reading(self, where: Where) -> Reading:
+        self._heard()
+        self._o_deg = where.location.o_deg
+        return Reading(matrix_from_location(where.location), np.radians(where.joints_deg))
+
+    def _heard(self) -> None:
+        self.heard_s = self.link.clock()
+
+
+def arm_on_link(
+    port: str, dialect: Dialect, arm: puma560.Puma560, on_wire: WireListener, clock: Callable[[], float]
+) -> ArmOnLink:
+    """The arm at a serial port, not yet opened. on_wire: called with every record of the wire ledger."""
+    link = Link(port, dialect, clock=clock, on_wire=on_wire, belongs_together=partial(_belongs_together, arm))
+    return ArmOnLink(link, arm)
+
+
+def _belongs_together(arm: puma560.Puma560, where: Where) -> bool:
+    """Whether a WHERE's joints put our tool at its place, to more than its digits and less than any spoiled one."""
+    place = location_from_matrix(puma560.forward(np.radians(where.joints_deg), arm))
+    off_mm, off_deg = apart(place, where.location)
+    return off_mm < 0.5 and off_deg < 0.2

@@ -1,0 +1,70 @@
+"""The sections of facetd.yaml that drivers type: cameras, arm.dialect, the arm's geometry, the simulated cell's truth.
+
+In: Config. Out: the drivers' own settings, or a ConfigError that names file, line and key. No device is touched.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from daemon.config import Config
+from daemon.store.bounds import check_dialect
+from drivers.camera.pair import CameraError
+from drivers.camera.settings import CameraSettings
+from drivers.puma560 import Puma560
+from drivers.val2.dialect import Dialect
+
+
+def check(config: Config) -> None:
+    """Type every one of them. Raises ConfigError."""
+    dialect(config)
+    arm_geometry(config)
+    if config.kind == "real":
+        camera_settings(config)
+    if config.kind == "simulated":
+        truth(config)
+
+
+def camera_settings(config: Config) -> CameraSettings:
+    """The section `cameras`. Raises ConfigError."""
+    try:
+        return config.document.section(("cameras",), CameraSettings)
+    except CameraError as error:
+        raise config.document.error(("cameras",), str(error)) from None
+
+
+def dialect(config: Config) -> Dialect:
+    """The section `arm.dialect`; control characters are written as in "\\r". Raises ConfigError."""
+    section = {
+        key: value.encode("latin-1") if key in ("line_end", "cancel_line") and isinstance(value, str) else value
+        for key, value in config.values.arm.dialect.items()
+    }
+    document = replace(config.document, data={"arm": {"dialect": section}})
+    found = document.section(("arm", "dialect"), Dialect)
+    check_dialect(config.document, found)
+    return found
+
+
+def arm_geometry(config: Config) -> Puma560:
+    """The arm with its tool: arm.flange_from_tool, (4, 4) mm. Raises ConfigError."""
+    matrix = np.array(config.values.arm.flange_from_tool, float)
+    if not np.allclose(matrix[:3, :3] @ matrix[:3, :3].T, np.eye(3), atol=1e-4) or not np.allclose(
+        matrix[3], [0, 0, 0, 1]
+    ):
+        raise config.document.error(("arm", "flange_from_tool"), "expected a rotation, mm, and a last row [0, 0, 0, 1]")
+    return Puma560(flange_from_tool=matrix)
+
+
+def truth(config: Config) -> Path:
+    """The simulated cell's file, once it was read without complaint. Raises ConfigError."""
+    from drivers.simcell.truth import TruthError, load_truth
+
+    path = config.file(config.values.simulated.truth)
+    try:
+        load_truth(path)
+    except TruthError as error:
+        raise config.document.error(("simulated", "truth"), " ".join(str(error).split())) from None
+    return path
