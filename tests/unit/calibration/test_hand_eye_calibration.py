@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from test_stereo_calibration import BOARD, true_rig
 
 from daemon import frames
+from daemon.calibration.board import Board
 from daemon.calibration.hand_eye import (
     ArmDoubt,
     HandEyeError,
@@ -18,15 +18,17 @@ from daemon.calibration.hand_eye import (
     park_martin,
     shah,
 )
+from tests.worlds.rigs import unlike_rig
 
 Array = frames.Array
 TRUE_HAND_EYE = frames.rigid(frames.rotation_from_vector(np.array([0.2, -0.1, 1.5])), np.array([-75.0, 3.0, -110.0]))
+BOARD = Board(9, 6, 10.0)
 WORLD_FROM_BOARD = frames.rigid(frames.rotation_from_vector(np.array([3.1, 0.05, 0.1])), np.array([520.0, 0, -300.0]))
 
 
 def looks(seed: int, count: int = 14, arm_mm: float = 0.05, noise_px: float = 0.1, tilt: float = 0.45) -> list[Sample]:
     """Looks at the board from around 300 mm, tilted about both axes and rolled."""
-    rng, rig, samples = np.random.default_rng(seed), true_rig(), []
+    rng, rig, samples = np.random.default_rng(seed), unlike_rig(), []
     centre = np.append(BOARD.points_mm()[:, :2].mean(axis=0), 0.0)
     for _ in range(count):
         turn = frames.rotation_from_vector(np.array([*rng.uniform(-tilt, tilt, 2), rng.uniform(-0.6, 0.6)]))
@@ -47,7 +49,7 @@ def off(found: Array) -> tuple[float, float]:
 def test_both_closed_forms_are_exact_without_noise() -> None:
     samples = looks(0, arm_mm=0.0, noise_px=0.0)
     arm = [s.world_from_tool for s in samples]
-    eye = [cyclopean_from_board(s, true_rig()) for s in samples]
+    eye = [cyclopean_from_board(s, unlike_rig()) for s in samples]
     for solver in (park_martin, shah):
         mm, deg = off(solver(arm, eye))
         assert mm < 1e-3
@@ -56,7 +58,7 @@ def test_both_closed_forms_are_exact_without_noise() -> None:
 
 @pytest.mark.parametrize("seed", range(6))
 def test_the_refined_hand_eye_is_right_and_its_standard_deviation_covers_its_error(seed: int) -> None:
-    result = calibrate_hand_eye(looks(seed), true_rig())
+    result = calibrate_hand_eye(looks(seed), unlike_rig())
     mm, deg = off(result.tool_from_cyclopean)
     assert mm < 0.3
     assert deg < 0.1
@@ -68,7 +70,7 @@ def test_the_refined_hand_eye_is_right_and_its_standard_deviation_covers_its_err
 
 def test_the_jacobian_is_the_slope_of_the_residuals() -> None:
     samples = looks(1, count=2)
-    problem = hand_eye_problem(samples, true_rig(), ArmDoubt())
+    problem = hand_eye_problem(samples, unlike_rig(), ArmDoubt())
     arm_errors = [0.001, 0.002, -0.001, 0.1, -0.2, 0.1] * 2
     x = np.array([0.2, -0.1, 1.4, -74.0, 2, -108, 3.0, 0.1, 0.1, 515, 4, -305, *arm_errors])
     jacobian = problem(x)[1]
@@ -93,12 +95,12 @@ def test_turning_about_one_axis_alone_is_refused_with_the_remedy() -> None:
     ]
     assert diversity_deg([s.world_from_tool for s in roll_only]) < 1e-3
     with pytest.raises(HandEyeError, match="tilt the hand about two directions"):
-        calibrate_hand_eye(roll_only, true_rig())
+        calibrate_hand_eye(roll_only, unlike_rig())
 
 
 def test_too_few_poses_are_refused() -> None:
     with pytest.raises(HandEyeError, match="4 poses, 5 are needed"):
-        calibrate_hand_eye(looks(3)[:4], true_rig())
+        calibrate_hand_eye(looks(3)[:4], unlike_rig())
 
 
 def test_a_mistaken_pose_shows_in_the_left_out_errors() -> None:
@@ -106,6 +108,6 @@ def test_a_mistaken_pose_shows_in_the_left_out_errors() -> None:
     typo = samples[3].world_from_tool.copy()
     typo[0, 3] += 10.0
     samples[3] = Sample(typo, samples[3].points_mm, samples[3].left_px, samples[3].right_px)
-    left_out = calibrate_hand_eye(samples, true_rig()).left_out_mm
+    left_out = calibrate_hand_eye(samples, unlike_rig()).left_out_mm
     assert int(np.argmax(left_out)) == 3
     assert left_out[3] > 3 * float(np.median(left_out))

@@ -8,20 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from daemon import ctl, frames
+from daemon import ctl
 from daemon.calibration.file import load_calibration
 from daemon.calibration.quick import Depth, Measured, Width, calibrate_quick
-from daemon.vision.geometry.rig import Camera, StereoRig
-
-
-def thesis_rig() -> StereoRig:
-    """Baseline 200 mm, converging at 567 mm, focal length 760 px."""
-    eyes = []
-    for side in (-1.0, 1.0):
-        turn = frames.rotation_from_vector(np.array([0.0, -side * np.arctan2(100.0, 567.0), 0.0]))
-        matrix = np.array([[760.0, 0, 255.5], [0, 760.0, 239.5], [0, 0, 1]])
-        eyes.append(Camera(matrix, np.zeros(5), frames.rigid(turn, np.array([side * 100.0, 0, 0]))))
-    return StereoRig(eyes[0], eyes[1], (512, 480))
+from daemon.vision.geometry.rig import Camera
+from tests.worlds.rigs import thesis_rig
 
 
 def measured(baseline_mm: float = 200.0, depths: bool = True) -> Measured:

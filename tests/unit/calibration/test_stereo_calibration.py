@@ -14,21 +14,10 @@ from daemon.calibration.board import Board, BoardError, Recogniser, find_board, 
 from daemon.calibration.least_squares import INTRINSICS, Match, stereo_problem
 from daemon.calibration.recorded import read_pairs
 from daemon.calibration.stereo import Pair, StereoError, calibrate_stereo
-from daemon.vision.geometry.rig import Camera, StereoRig
+from tests.worlds.rigs import unlike_rig
 
 Array = frames.Array
 BOARD = Board(9, 6, 10.0)
-
-
-def true_rig() -> StereoRig:
-    """Baseline 60 mm, converging at 350 mm, mild barrel distortion, eyes a little unlike."""
-    eyes = []
-    for side, (cx, cy) in ((-1.0, (322.7, 241.0)), (1.0, (316.8, 237.4))):
-        turn = frames.rotation_from_vector(np.array([0.0, -side * np.arctan2(30.0, 350.0), 0.0]))
-        pose = frames.rigid(turn, np.array([side * 30.0, 0.0, 0.0]))
-        matrix = np.array([[700.0 + side, 0, cx], [0, 700.0, cy], [0, 0, 1]])
-        eyes.append(Camera(matrix, np.array([-0.08, 0.03, 0.0004, -0.0003, 0.0]), pose))
-    return StereoRig(eyes[0], eyes[1], (640, 480))
 
 
 def board_poses(rng: np.random.Generator, count: int) -> list[Array]:
@@ -43,7 +32,7 @@ def board_poses(rng: np.random.Generator, count: int) -> list[Array]:
 
 
 def sights(seed: int, count: int = 20, noise_px: float = 0.1) -> list[Pair]:
-    rng, rig = np.random.default_rng(seed), true_rig()
+    rng, rig = np.random.default_rng(seed), unlike_rig()
     pairs = []
     for k, pose in enumerate(board_poses(rng, count)):
         points = frames.apply(pose, BOARD.points_mm())
@@ -55,7 +44,7 @@ def sights(seed: int, count: int = 20, noise_px: float = 0.1) -> list[Pair]:
 
 @pytest.mark.parametrize("seed", range(4))
 def test_the_truth_lies_within_the_standard_deviations_that_are_given(seed: int) -> None:
-    result, truth = calibrate_stereo(sights(seed), BOARD, (640, 480)), true_rig()
+    result, truth = calibrate_stereo(sights(seed), BOARD, (640, 480)), unlike_rig()
     assert result.stereo_rms_px == pytest.approx(0.1 * np.sqrt(2), rel=0.1)
     for side in ("left", "right"):
         eye, true_eye = getattr(result.rig, side), getattr(truth, side)

@@ -5,11 +5,11 @@ from __future__ import annotations
 import errno
 
 import pytest
-from pretend_video import PretendControl, PretendDevice, PretendNode, PretendSystem
 
 from drivers.camera import controls
 from drivers.camera.find import find, list_devices
 from drivers.camera.pair import CameraError
+from tests.worlds.pretend_video import PretendControl, PretendDevice, PretendNode, PretendSystem
 
 EXPOSURE, EXPOSURE_AUTO, GAIN, FOCUS, FOCUS_AUTO = 0x009A0902, 0x009A0901, 0x00980913, 0x009A090A, 0x009A090C
 

@@ -7,7 +7,6 @@ import json
 from pathlib import Path
 
 import pytest
-from made_run import MadeRun, part
 
 from daemon import ctl
 from daemon.review.digest import digest
@@ -16,6 +15,7 @@ from daemon.review.pagedata import page_data
 from daemon.review.replay import compare
 from daemon.review.why import causes
 from daemon.store.runs import read_run
+from tests.worlds.made_run import MadeRun, part
 
 
 @pytest.fixture

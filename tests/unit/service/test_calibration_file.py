@@ -10,7 +10,7 @@ import pytest
 
 from daemon.calibration.file import Calibration, Quality, load_calibration, save_calibration
 from daemon.store.yamlfile import ConfigError
-from daemon.vision.geometry.rig import Camera, StereoRig
+from tests.worlds.rigs import rig
 
 
 def pose(x_mm: float, angle: float) -> np.ndarray:
@@ -19,11 +19,9 @@ def pose(x_mm: float, angle: float) -> np.ndarray:
 
 
 def example(hand_eye: bool = True) -> Calibration:
-    matrix = np.array([[700.0, 0, 322.7], [0, 700.0, 241.0], [0, 0, 1]])
-    bend = np.array([-0.08, 0.03, 0.0004, -0.0003, 0.0])
-    rig = StereoRig(Camera(matrix, bend, pose(-30, 0.0855)), Camera(matrix, bend, pose(30, -0.0855)), (640, 480))
+    eyes = rig(centres_px=((322.7, 241.0), (322.7, 241.0)))
     made = datetime(2026, 11, 21, 10, tzinfo=UTC)
-    return Calibration(rig, pose(-75, 0.3) if hand_eye else None, Quality(reprojection_px=0.11, made=made))
+    return Calibration(eyes, pose(-75, 0.3) if hand_eye else None, Quality(reprojection_px=0.11, made=made))
 
 
 @pytest.fixture

@@ -7,10 +7,8 @@ import contextlib
 from collections.abc import Callable
 from pathlib import Path
 
-import drawn
 import numpy as np
 import pytest
-import rendered
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -27,6 +25,7 @@ from daemon.teaching.trainer import Trainer
 from daemon.vision.geometry.polyhedron import Polyhedron
 from daemon.vision.model.model import empty_model
 from daemon.vision.recognition.recognise import recognise_group
+from tests.worlds import drawn, rendered
 
 RIG = rendered.rig(rendered.HERE, "B")
 LIBRARY = load_facets()
@@ -255,9 +254,9 @@ class Reader:
 def test_a_drawing_that_cannot_be_taught_is_an_answer_and_nothing_is_kept(
     trainer: Trainer, text: str, want: str
 ) -> None:
-    import service_fakes
+    from tests.worlds import fake_context
 
-    context = service_fakes.fake_desk(trainer.model_store.folder)
+    context = fake_context.fake_desk(trainer.model_store.folder)
     context.trainer = trainer
     door = Reader(cube_stl=drawn.binary_stl(*CUBE), bad_obj=GAP)
     with pytest.raises(CommandError) as told:

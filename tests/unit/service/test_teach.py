@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import drawn
 import numpy as np
 import pytest
-import rendered
 
 from daemon.store.library import load_facets, load_parts
 from daemon.store.model_store import ModelStore
@@ -15,6 +13,7 @@ from daemon.teaching.sufficiency import facet_areas, imagined_view, judge, open_
 from daemon.teaching.trainer import Trainer
 from daemon.vision.geometry.polyhedron import Polyhedron
 from daemon.vision.model.model import TeachError
+from tests.worlds import drawn, rendered
 
 
 def scenes(kind: str) -> list[Path]:

@@ -15,15 +15,16 @@ from drivers.val2.ledger import Ledger, LedgerError, replay, verify, what_was_he
 from drivers.val2.link import Dialect
 from drivers.val2.location import Location
 from drivers.val2.wire import Prompt, Reader
+from tests.worlds.arm_line import MakesLine
 
 Records = list[dict[str, Any]]
 SCALE = 20.0
 GOAL = Location(520.0, 0.0, -100.0, 0.0, 80.0, 0.0)
 
 
-def a_session(bench: Callable[..., Any], faults: Sequence[LineFault] = (), **settings: Any) -> Records:
+def a_session(arm_line: MakesLine, faults: Sequence[LineFault] = (), **settings: Any) -> Records:
     """The ledger of a short session: questions asked, moves made, errors met; perhaps with noise."""
-    cell = bench(time_scale=SCALE)
+    cell = arm_line(time_scale=SCALE)
 
     async def scene() -> None:
         async with cell.link(Dialect(resync_s=0.4, **settings)) as link:
@@ -41,8 +42,8 @@ def a_session(bench: Callable[..., Any], faults: Sequence[LineFault] = (), **set
     return records
 
 
-def test_a_session_s_ledger_is_whole(bench: Callable[..., Any]) -> None:
-    records = a_session(bench)
+def test_a_session_s_ledger_is_whole(arm_line: MakesLine) -> None:
+    records = a_session(arm_line)
     assert verify(records) == len(records) > 20
 
 
@@ -57,9 +58,9 @@ def test_a_session_s_ledger_is_whole(bench: Callable[..., Any]) -> None:
     ],
 )
 def test_whatever_was_done_to_a_ledger_afterwards_is_found_and_named(
-    bench: Callable[..., Any], harm: Callable[[list[dict[str, Any]]], object], words: str
+    arm_line: MakesLine, harm: Callable[[list[dict[str, Any]]], object], words: str
 ) -> None:
-    records = a_session(bench)
+    records = a_session(arm_line)
     harm(records)
     with pytest.raises(LedgerError, match=words):
         verify(records)
@@ -89,9 +90,9 @@ def test_a_record_rewritten_with_a_fitting_hash_breaks_the_chain_after_it() -> N
 )
 @pytest.mark.parametrize("pause_s", [0.0, 0.0005])
 def test_a_ledger_played_to_the_protocol_gives_the_same_events(
-    bench: Callable[..., Any], faults: list[LineFault], pause_s: float
+    arm_line: MakesLine, faults: list[LineFault], pause_s: float
 ) -> None:
-    records = a_session(bench, faults, character_pause_s=pause_s)
+    records = a_session(arm_line, faults, character_pause_s=pause_s)
     assert what_was_read(replay(records)) == what_was_heard(records)
 
 
@@ -110,8 +111,8 @@ def test_a_character_doubled_in_a_line_typed_slowly_is_the_same_garble_again() -
     assert what_was_read(replay(records)) == what_was_heard(records)
 
 
-def test_a_ledger_drives_a_simulated_controller_to_the_same_answers(bench: Callable[..., Any]) -> None:
-    records = a_session(bench)
+def test_a_ledger_drives_a_simulated_controller_to_the_same_answers(arm_line: MakesLine) -> None:
+    records = a_session(arm_line)
     then = "".join(record["bytes"] for record in records if record["way"] == "in")
     controller = Controller(Arm(joints_rad=READY_RAD))
     now = ""
@@ -134,6 +135,6 @@ def without_places_on_the_way(said: str) -> list[str]:
     return last + [line for k, line in enumerate(lines) if k not in within]
 
 
-def test_prompts_are_kept_apart_from_the_dots_in_numbers(bench: Callable[..., Any]) -> None:
-    prompts = [record for record in a_session(bench) if record["what"] == Prompt.__name__.lower()]
+def test_prompts_are_kept_apart_from_the_dots_in_numbers(arm_line: MakesLine) -> None:
+    prompts = [record for record in a_session(arm_line) if record["what"] == Prompt.__name__.lower()]
     assert all(record["bytes"].strip("\r\n^U") == "." for record in prompts)

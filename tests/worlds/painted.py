@@ -8,25 +8,15 @@ from __future__ import annotations
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from solids import Body
 
 from daemon import frames
 from daemon.vision.geometry.rig import Camera, StereoRig
+from tests.worlds.rigs import rig
+from tests.worlds.solids import Body
 
 Array = NDArray[np.float64]
 FINER = 4
 GREYS = (95.0, 165.0, 110.0, 185.0, 140.0, 205.0, 125.0)  # one a facet, in turn, so that neighbours differ
-
-
-def rig() -> StereoRig:
-    """Two converging eyes 60 mm apart, 640 x 480, 700 px, mild barrel distortion."""
-    eyes = []
-    for side in (-1, 1):
-        turn = frames.rotation_from_vector(np.array([0.0, -side * 0.0855, 0.0]))
-        matrix = np.array([[700.0, 0, 320.0], [0, 700.0, 240.0], [0, 0, 1]])
-        distortion = np.array([-0.08, 0.03, 0.0004, -0.0003, 0.0])
-        eyes.append(Camera(matrix, distortion, frames.rigid(turn, np.array([side * 30.0, 0.0, 0.0]))))
-    return StereoRig(eyes[0], eyes[1], (640, 480))
 
 
 def paint_pair(

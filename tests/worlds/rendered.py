@@ -17,8 +17,8 @@ from daemon.calibration.file import load_calibration
 from daemon.store.pictures import read_grey
 from daemon.vision.geometry.rig import StereoRig
 
-HERE = Path(__file__).resolve().parent / "data" / "scenes"
-ALL = Path(os.environ.get("FACETD_SHARED", Path(__file__).resolve().parents[2] / "shared")) / "scenes"
+HERE = Path(__file__).resolve().parents[1] / "data" / "scenes"
+ALL = Path(os.environ.get("FACETD_SHARED", Path(__file__).resolve().parents[3] / "shared")) / "scenes"
 """May not be there: who needs it says so and goes without."""
 
 
