@@ -1,10 +1,15 @@
-"""Drawings for tests: convex polygons as STL (both kinds) and OBJ text, and a few solids."""
+"""Drawings for tests: convex polygons as STL (both kinds) and OBJ text, and the solids that are read from them."""
 
 from __future__ import annotations
 
 from itertools import pairwise
 
 import numpy as np
+
+from daemon.store.library import load_facets
+from daemon.teaching.mesh import read_mesh
+from daemon.teaching.solid_from_mesh import solid_of
+from daemon.vision.geometry.polyhedron import Polyhedron
 
 CUBE_RINGS = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
 
@@ -53,3 +58,13 @@ def ascii_stl(corners: np.ndarray, rings: list[tuple[int, ...]]) -> bytes:
         lines += ["facet normal 0 0 0", " outer loop", *(f"  vertex {x:e} {y:e} {z:e}" for x, y, z in one),
                   " endloop", "endfacet"]  # fmt: skip
     return "\n".join([*lines, "endsolid part"]).encode()
+
+
+def solid(name: str, content: bytes, unit: str = "mm") -> Polyhedron:
+    """What a drawing is read as."""
+    return solid_of(read_mesh(name, content, unit), load_facets())
+
+
+def block(*sides: float) -> Polyhedron:
+    """A box, drawn and read."""
+    return solid("box.obj", obj(*box(*sides)))

@@ -10,9 +10,10 @@ from pathlib import Path
 import pytest
 
 from daemon.arm.guard import RULES
+from daemon.store import places
 from daemon.upkeep.journal import MESSAGE_IDS
 
-DEPLOY = Path(__file__).resolve().parents[3] / "deploy"
+DEPLOY = places.HOUSE / "deploy"
 
 
 def unit() -> dict[str, list[str]]:

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from daemon import frames
-from daemon.calibration.board import Board
 from daemon.calibration.hand_eye import (
     ArmDoubt,
     HandEyeError,
@@ -18,11 +17,11 @@ from daemon.calibration.hand_eye import (
     park_martin,
     shah,
 )
+from tests.worlds.boards import BOARD
 from tests.worlds.rigs import unlike_rig
 
 Array = frames.Array
 TRUE_HAND_EYE = frames.rigid(frames.rotation_from_vector(np.array([0.2, -0.1, 1.5])), np.array([-75.0, 3.0, -110.0]))
-BOARD = Board(9, 6, 10.0)
 WORLD_FROM_BOARD = frames.rigid(frames.rotation_from_vector(np.array([3.1, 0.05, 0.1])), np.array([520.0, 0, -300.0]))
 
 

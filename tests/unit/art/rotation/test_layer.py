@@ -127,13 +127,6 @@ def test_branching_and_the_table_of_all_agree(kind):
             assert best_numbering(view, nodes, 0.01).activation.tolist() == by_table.tolist()
 
 
-def test_the_cube_needs_one_numbering_not_six():
-    cube = 0.6 * (1 - np.eye(3))
-    twin_before = numberings.twins(cube)
-    assert twin_before == (-1, 0, 1)
-    assert len(numberings.table((0, 1, 2), 3, twin_before).slots) == 1
-
-
 @pytest.mark.parametrize(
     ("matrix", "words"),
     [

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import yaml
 
+from daemon.store import places
 from drivers.simcell.cell import SimulatedCell
 from drivers.simcell.rigid import Array, apply, inverse, rigid
 from drivers.simcell.truth import TruthError
@@ -18,7 +19,7 @@ from drivers.simcell.world import Where
 from drivers.val2.link import Link
 from drivers.val2.location import Location, location_from_matrix
 
-TRUTH = Path(__file__).parents[3] / "etc" / "simcell.yaml"
+TRUTH = places.HOUSE / "etc" / "simcell.yaml"
 DOWN = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 
 
