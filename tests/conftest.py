@@ -6,7 +6,8 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from chromium import chromium
+
+from tests.chromium import chromium
 
 
 @pytest.fixture(scope="module")

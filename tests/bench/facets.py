@@ -23,7 +23,7 @@ from daemon.vision.image.both_eyes import open_eyes
 from daemon.vision.limit import limit
 from daemon.vision.settings import CornerDetector, StereoFormula, VisionSettings
 from daemon.vision.values import Facet, FacetView
-from tests import rendered
+from tests.worlds import rendered
 
 Array = NDArray[np.float64]
 NEAR_PX = 3.0

@@ -22,18 +22,14 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from itertools import product
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "cell"))
-
-import simulated_cell
-from simulated_cell import Rig
-
 from daemon.jobs.demo import PARTS
 from drivers.simcell.controller import LineFault, Mishap
+from tests.worlds import simulated_cell
+from tests.worlds.simulated_cell import Rig
 
 MOMENTS = ("survey", "stop_n", "looking", "final", "closing", "retreat", "verify", "place")
 STILL_MM = 0.3

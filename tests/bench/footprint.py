@@ -14,8 +14,8 @@ import tempfile
 import time
 from pathlib import Path
 
-from tests import rendered
 from tests.bench.running import Running
+from tests.worlds import rendered
 
 STARTS, LOOKS, IDLE_S = 3, 15, 10.0
 

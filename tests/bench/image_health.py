@@ -16,7 +16,7 @@ from daemon.vision.health.blur import measure_blur
 from daemon.vision.health.camera_order import Assignment, assignment
 from daemon.vision.health.examine import examine
 from drivers.camera.pixels import Layout, read_grey
-from tests import rendered
+from tests.worlds import rendered
 
 Image = np.ndarray
 

@@ -15,22 +15,15 @@ import argparse
 import asyncio
 import contextlib
 import os
-import sys
 import time
 from collections import Counter
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "cell"))
-
-import simulated_cell
-from simulated_cell import Rig
 
 from daemon import frames
 from daemon.calibration.file import Calibration
@@ -40,6 +33,8 @@ from daemon.pick.fusion import Doubt, Stops
 from daemon.pick.settings import Settings
 from daemon.vision.geometry.rig import Camera
 from tests.bench.calibration import calibrated
+from tests.worlds import simulated_cell
+from tests.worlds.simulated_cell import Rig
 
 HAND_EYE_MM, HAND_EYE_DEG, CENTRE_PX = 0.3, 0.05, 0.3
 TIME_SCALE = 40.0

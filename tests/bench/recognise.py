@@ -24,7 +24,7 @@ from daemon.vision.look import look
 from daemon.vision.model.model import Model, empty_model, learn_view
 from daemon.vision.settings import VisionSettings
 from daemon.vision.values import Part, Scene
-from tests import rendered
+from tests.worlds import rendered
 
 Array = NDArray[np.float64]
 NEAR_MM = 25.0  # a part found belongs to a true one when their corners' centroids are this close

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import sys
 import tempfile
 import threading
 import time
@@ -14,9 +13,7 @@ import numpy as np
 from daemon.review.page import write_page
 from daemon.store.runlog import RunLog
 from tests.chromium import chromium
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "review"))
-from made_run import MadeRun, part
+from tests.worlds.made_run import MadeRun, part
 
 LOOKS, LOOK_EVERY_S = 300, 0.1
 CYCLES = 1000

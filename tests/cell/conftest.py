@@ -3,7 +3,8 @@
 import asyncio
 
 import pytest
-import simulated_cell
+
+from tests.worlds import simulated_cell
 
 
 @pytest.fixture(scope="session")

@@ -3,13 +3,13 @@
 import asyncio
 
 import pytest
-import simulated_cell
-from simulated_cell import rig
 
 from daemon.calibration.board import Board
 from daemon.calibration.drift_watch import DriftWatch
 from daemon.calibration.session import Session, SessionError, verify, view_tour
 from daemon.jobs.demo import PARTS
+from tests.worlds import simulated_cell
+from tests.worlds.simulated_cell import rig
 
 BOARD = Board(9, 6, 16.0)
 

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import shutil
-import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from drivers.simcell.world import Where
 from tests.bench.outlive import ACTS, Beside, Ways, harm
@@ -35,7 +32,7 @@ def daemon() -> Iterator[Beside]:
 
 def test_an_auto_of_two_killed_with_the_first_part_in_the_gripper_brings_two(daemon: Beside) -> None:
     daemon.start()
-    daemon.teaching.trainer([("cube", 3)])
+    daemon.teach([("cube", 3)])
     daemon.cell.scatter(["cube"] * 3)
     daemon.do("auto on 2")
     daemon.await_moment()

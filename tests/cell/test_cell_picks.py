@@ -4,12 +4,12 @@ import asyncio
 
 import numpy as np
 import pytest
-import simulated_cell
-from simulated_cell import rig
 
 from daemon.arm.supervisor import RefusedError
 from daemon.jobs.demo import PARTS
 from drivers.simcell.controller import LineFault, Mishap
+from tests.worlds import simulated_cell
+from tests.worlds.simulated_cell import rig
 
 
 def run(story):

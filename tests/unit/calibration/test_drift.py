@@ -7,11 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_stereo_calibration import true_rig
 
 from daemon import frames
 from daemon.calibration.drift import Clue, Drift, Watching, clue, fresh, observe
 from daemon.vision.geometry.rig import StereoRig
+from tests.worlds.rigs import unlike_rig
 
 Array = frames.Array
 CUBE = 25.0 * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
@@ -38,7 +38,7 @@ def met(rig: StereoRig, left_px: Array, right_px: Array) -> Array:
 
 def look(truth: StereoRig, rng: np.random.Generator, at: str, believed: StereoRig | None = None) -> Clue:
     """What a cube somewhere in view says, seen with corners good to 0.1 px, three of its corners hidden."""
-    believed = believed or true_rig()
+    believed = believed or unlike_rig()
     turn = frames.rotation_from_vector(rng.normal(0, 1, 3))
     cube = CUBE @ turn.T + np.array([*rng.uniform(-40, 40, 2), rng.uniform(250, 450)])
     seen = rng.permutation(8)[:7]
@@ -64,7 +64,7 @@ def run(rig_at: Callable[[int], StereoRig], count: int, seed: int = 0) -> tuple[
 
 @pytest.mark.parametrize(("axis", "name"), [(0, "pitched"), (1, "turned in"), (2, "rolled")])
 def test_a_knock_of_a_fifth_of_a_degree_is_noticed_within_twenty_looks_and_named(axis: int, name: str) -> None:
-    before, after = true_rig(), turned(true_rig(), axis, 0.2)
+    before, after = unlike_rig(), turned(unlike_rig(), axis, 0.2)
     found = run(lambda k: before if k < 50 else after, 90)
     assert found is not None
     at, drift = found
@@ -76,7 +76,7 @@ def test_a_knock_of_a_fifth_of_a_degree_is_noticed_within_twenty_looks_and_named
 @pytest.mark.parametrize("seed", range(3))
 def test_a_single_misread_look_is_no_knock(seed: int) -> None:
     def rig_at(k: int) -> StereoRig:
-        return turned(true_rig(), 0, 0.5) if k in (60, 90) else true_rig()
+        return turned(unlike_rig(), 0, 0.5) if k in (60, 90) else unlike_rig()
 
     assert run(rig_at, 150, seed) is None
 
@@ -84,7 +84,7 @@ def test_a_single_misread_look_is_no_knock(seed: int) -> None:
 def test_the_size_of_a_knock_is_told_once_it_is_known() -> None:
     rng, watch, drift = np.random.default_rng(3), fresh(), None
     for k in range(120):
-        rig = true_rig() if k < 50 else turned(true_rig(), 0, 0.2)
+        rig = unlike_rig() if k < 50 else turned(unlike_rig(), 0, 0.2)
         watch, drift = observe(watch, look(rig, rng, f"look {k}"), Watching())
     assert drift is not None
     assert abs(drift.degrees) == pytest.approx(0.2, abs=0.03)
@@ -92,27 +92,27 @@ def test_the_size_of_a_knock_is_told_once_it_is_known() -> None:
 
 
 def test_two_thousand_looks_of_an_eye_at_rest_raise_no_alarm() -> None:
-    assert run(lambda _: true_rig(), 2000, seed=5) is None
+    assert run(lambda _: unlike_rig(), 2000, seed=5) is None
 
 
 def test_a_knock_in_the_first_hour_is_not_learnt_as_usual() -> None:
-    before, after = true_rig(), turned(true_rig(), 0, 0.2)
+    before, after = unlike_rig(), turned(unlike_rig(), 0, 0.2)
     found = run(lambda k: before if k < 10 else after, 30)
     assert found is not None
     assert found[0] < 15
 
 
 def test_the_first_looks_after_calibrating_raise_no_alarm() -> None:
-    assert [run(lambda _: true_rig(), 40, seed) for seed in range(30)] == [None] * 30
+    assert [run(lambda _: unlike_rig(), 40, seed) for seed in range(30)] == [None] * 30
 
 
 def test_a_calibration_that_was_a_little_off_from_the_start_is_not_taken_for_a_drift() -> None:
-    believed_wrong = turned(true_rig(), 0, 0.05)
+    believed_wrong = turned(unlike_rig(), 0, 0.05)
     assert run(lambda _: believed_wrong, 300, seed=6) is None
 
 
 def test_a_look_that_says_nothing_changes_nothing() -> None:
     watch = fresh()
-    after, drift = observe(watch, clue(true_rig(), np.zeros((0, 2)), np.zeros((0, 2)), [], "09:12"), Watching())
+    after, drift = observe(watch, clue(unlike_rig(), np.zeros((0, 2)), np.zeros((0, 2)), [], "09:12"), Watching())
     assert drift is None
     assert not after.learnt.any()

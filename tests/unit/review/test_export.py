@@ -7,16 +7,17 @@ import re
 from pathlib import Path
 
 import pytest
-from made_run import MadeRun
 
 from daemon import ctl
 from daemon.review.tables import CYCLE_COLUMNS, LOOK_COLUMNS
+from daemon.store import places
 from daemon.store.runlog import KINDS
+from tests.worlds.made_run import MadeRun
 
 duckdb = pytest.importorskip("duckdb", reason="duckdb is not installed")
 reader = pytest.importorskip("mcap.reader", reason="mcap is not installed")
 
-GUIDE = (Path(__file__).parents[3] / "deploy" / "RUNS.md").read_text()
+GUIDE = (places.HOUSE / "deploy" / "RUNS.md").read_text()
 QUERIES = re.findall(r"```sql\n(.*?)```", GUIDE, re.DOTALL)
 
 

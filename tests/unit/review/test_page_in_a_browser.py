@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from made_run import MadeRun
 
 from daemon.review.page import write_page
+from tests.worlds.made_run import MadeRun
 
 
 def rows(browser: Any) -> list[object]:

@@ -10,11 +10,11 @@ from typing import Any
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from service_fakes import FakeDoor, fake_desk
 
 from daemon.commands import every_command
 from daemon.console.interpreter import Answer, Console
 from daemon.pick.order import PickOrder
+from tests.worlds.fake_context import FakeDoor, fake_desk
 
 
 def say(context: object, text: str, door: FakeDoor | None = None) -> Answer:

@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from service_fakes import fake_desk
 
 from daemon.commands import every_command
 from daemon.config import Terminal
@@ -23,6 +22,7 @@ from daemon.console.interpreter import Console
 from daemon.doors.client import DaemonLink, NotThereError
 from daemon.doors.socket import DoorError, SocketServer
 from daemon.doors.terminal import SerialConsole
+from tests.worlds.fake_context import fake_desk
 
 
 def interrupter(context: Any) -> Callable[[str], Awaitable[str]]:

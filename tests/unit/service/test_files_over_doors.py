@@ -12,11 +12,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from service_fakes import fake_desk
 
 from daemon.console.interpreter import Answer, Command, Console, Door
 from daemon.doors.client import DaemonLink
 from daemon.doors.socket import LONGEST_FILE, SocketServer
+from tests.worlds.fake_context import fake_desk
 
 
 async def digest(_: Any, words: list[str], door: Door) -> Answer:

@@ -18,15 +18,13 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from service_fakes import FakeDoor, FakeLog
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[3]))
 
 from daemon.commands.monitoring import Typist
 from daemon.store.runs import check_wire, list_runs, read_run
 from drivers.simcell.arm import Arm
 from drivers.simcell.controller import Controller
 from tests.bench.running import Running
+from tests.worlds.fake_context import FakeDoor, FakeLog
 
 
 def standing(fault: str | None = None, enabled: bool = True) -> Any:

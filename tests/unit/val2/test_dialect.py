@@ -1,14 +1,13 @@
 """The dialect's waits on a line that runs in scaled time."""
 
 import asyncio
-from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import pytest
 
 from drivers.val2.link import Dialect
 from drivers.val2.location import Location, apart
+from tests.worlds.arm_line import MakesLine
 
 GOAL = Location(520.0, 0.0, -100.0, 0.0, 80.0, 0.0)
 
@@ -28,9 +27,9 @@ def test_no_wait_falls_below_what_a_busy_machine_keeps_nor_grows() -> None:
     assert Dialect(prompt_silence_s=0.004).on_a_faster_line(1000.0).prompt_silence_s == pytest.approx(0.004)
 
 
-def test_shortened_waits_serve_a_fast_simulated_line(bench: Callable[..., Any]) -> None:
+def test_shortened_waits_serve_a_fast_simulated_line(arm_line: MakesLine) -> None:
     async def scene() -> None:
-        async with bench(time_scale=20.0).link(Dialect().on_a_faster_line(20.0)) as link:
+        async with arm_line(time_scale=20.0).link(Dialect().on_a_faster_line(20.0)) as link:
             await link.move(GOAL)
             assert apart((await link.rest(GOAL)).location, GOAL)[0] < 0.01
 

@@ -5,7 +5,6 @@ import contextlib
 import os
 import re
 import time
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -26,6 +25,7 @@ from drivers.val2.link import (
     Where,
 )
 from drivers.val2.location import Location, apart, location_from_matrix
+from tests.worlds.arm_line import MakesLine
 
 GOAL = Location(520.0, 0.0, -100.0, 0.0, 80.0, 0.0)
 READY = location_from_matrix(forward(READY_RAD))
@@ -41,9 +41,9 @@ async def go(link: Link, location: Location, timeout_s: float | None = None) -> 
     await link.rest(location, timeout_s)
 
 
-def test_it_says_where_the_arm_is(bench: Callable[..., Any]) -> None:
+def test_it_says_where_the_arm_is(arm_line: MakesLine) -> None:
     async def scene() -> None:
-        async with bench().link() as link:
+        async with arm_line().link() as link:
             where = await link.where()
             np.testing.assert_allclose(where.joints_deg, np.degrees(READY_RAD), atol=1e-3)
             assert where.location.z_mm == pytest.approx(863.6)
@@ -54,10 +54,10 @@ def test_it_says_where_the_arm_is(bench: Callable[..., Any]) -> None:
 @pytest.mark.parametrize("prompt", ["start", "end"])
 @pytest.mark.parametrize("break_after_move", [True, False])
 def test_a_move_is_over_when_two_readings_agree_with_the_target(
-    bench: Callable[..., Any], prompt: Any, break_after_move: bool
+    arm_line: MakesLine, prompt: Any, break_after_move: bool
 ) -> None:
     async def scene() -> None:
-        cell = bench(Manners(prompt_after_move=prompt))
+        cell = arm_line(Manners(prompt_after_move=prompt))
         async with cell.link(quick(break_after_move=break_after_move)) as link:
             await link.speed(50)
             await link.move(GOAL)
@@ -73,9 +73,9 @@ def test_a_move_is_over_when_two_readings_agree_with_the_target(
     asyncio.run(scene())
 
 
-def test_a_straight_move_can_be_one_line_or_two(bench: Callable[..., Any]) -> None:
+def test_a_straight_move_can_be_one_line_or_two(arm_line: MakesLine) -> None:
     async def scene(through_variable: bool) -> str:
-        cell = bench()
+        cell = arm_line()
         async with cell.link(quick(straight_through_variable=through_variable)) as link:
             await link.move(GOAL)
             await link.rest(GOAL)
@@ -87,9 +87,9 @@ def test_a_straight_move_can_be_one_line_or_two(bench: Callable[..., Any]) -> No
     assert "DO MOVES TRANS(" in asyncio.run(scene(False))
 
 
-def test_ready_and_the_hand(bench: Callable[..., Any]) -> None:
+def test_ready_and_the_hand(arm_line: MakesLine) -> None:
     async def scene() -> None:
-        cell = bench()
+        cell = arm_line()
         async with cell.link() as link:
             await link.close_hand()
             await link.open_hand()
@@ -111,10 +111,10 @@ def test_ready_and_the_hand(bench: Callable[..., Any]) -> None:
     ],
 )
 def test_a_refusal_is_raised_in_the_controller_s_own_words_and_the_link_goes_on(
-    bench: Callable[..., Any], text: str, words: str
+    arm_line: MakesLine, text: str, words: str
 ) -> None:
     async def scene() -> None:
-        async with bench().link() as link:
+        async with arm_line().link() as link:
             with pytest.raises(ControllerError) as refusal:
                 await link.command(text)
             assert refusal.value.message == words
@@ -123,18 +123,18 @@ def test_a_refusal_is_raised_in_the_controller_s_own_words_and_the_link_goes_on(
     asyncio.run(scene())
 
 
-def test_an_answer_s_lines_are_kept_for_people(bench: Callable[..., Any]) -> None:
+def test_an_answer_s_lines_are_kept_for_people(arm_line: MakesLine) -> None:
     async def scene() -> None:
-        async with bench().link() as link:
+        async with arm_line().link() as link:
             assert "Arm power on" in (await link.command("STATUS")).lines
 
     asyncio.run(scene())
 
 
 @pytest.mark.parametrize("text", ["x" * 80, "WHERE\rDO READY", "WHERE\n", "caf\u00e9"])
-def test_what_is_not_one_plain_line_is_never_typed(bench: Callable[..., Any], text: str) -> None:
+def test_what_is_not_one_plain_line_is_never_typed(arm_line: MakesLine, text: str) -> None:
     async def scene() -> None:
-        cell = bench()
+        cell = arm_line()
         async with cell.link() as link:
             before = cell.sent()
             with pytest.raises(ValueError, match="cannot be typed"):
@@ -147,9 +147,9 @@ def test_what_is_not_one_plain_line_is_never_typed(bench: Callable[..., Any], te
 # Power-up and calibration
 
 
-def test_power_up_is_asked_and_answered_before_anything_else(bench: Callable[..., Any]) -> None:
+def test_power_up_is_asked_and_answered_before_anything_else(arm_line: MakesLine) -> None:
     async def scene() -> None:
-        cell = bench(Manners(arm_power_after_s=1.0), cold=True)
+        cell = arm_line(Manners(arm_power_after_s=1.0), cold=True)
         async with cell.link() as link:
             assert link.question == "Load VAL-II from floppy (Y/N)?"
             with pytest.raises(ControllerError, match="floppy"):
@@ -166,9 +166,9 @@ def test_power_up_is_asked_and_answered_before_anything_else(bench: Callable[...
     asyncio.run(scene())
 
 
-def test_calibration_waits_for_a_slow_person_at_the_pendant(bench: Callable[..., Any]) -> None:
+def test_calibration_waits_for_a_slow_person_at_the_pendant(arm_line: MakesLine) -> None:
     async def scene() -> None:
-        cell = bench(time_scale=50.0)
+        cell = arm_line(time_scale=50.0)
         cell.faults.pendant_s = 100.0
         async with cell.link() as link:
             answer = await link.calibrate()
@@ -178,9 +178,9 @@ def test_calibration_waits_for_a_slow_person_at_the_pendant(bench: Callable[...,
     asyncio.run(scene())
 
 
-def test_a_question_nobody_has_a_reply_for_is_kept_and_blocks_motion(bench: Callable[..., Any]) -> None:
+def test_a_question_nobody_has_a_reply_for_is_kept_and_blocks_motion(arm_line: MakesLine) -> None:
     async def scene() -> None:
-        cell = bench()
+        cell = arm_line()
         async with cell.link() as link:
             with pytest.raises(ControllerError, match="Are you sure"):
                 await link.command("CAL")
@@ -204,9 +204,9 @@ def test_an_absent_port_is_named_with_what_to_do() -> None:
     asyncio.run(scene())
 
 
-def test_a_busy_port_is_named_with_what_to_do(bench: Callable[..., Any]) -> None:
+def test_a_busy_port_is_named_with_what_to_do(arm_line: MakesLine) -> None:
     async def scene() -> None:
-        cell = bench()
+        cell = arm_line()
         async with cell.link():
             with pytest.raises(PortError, match="in use by another program"):
                 await Link(cell.server.port).open()
@@ -230,9 +230,9 @@ def test_a_port_with_nobody_behind_it_is_no_answer_in_time() -> None:
     asyncio.run(scene())
 
 
-def test_a_port_that_goes_away_is_told_to_whoever_waits(bench: Callable[..., Any]) -> None:
+def test_a_port_that_goes_away_is_told_to_whoever_waits(arm_line: MakesLine) -> None:
     async def scene() -> None:
-        cell = bench()
+        cell = arm_line()
         link = Link(cell.server.port, quick())
         await link.open()
         await link.command("DO DRIVE 1, 100, 1")
@@ -248,9 +248,9 @@ def test_a_port_that_goes_away_is_told_to_whoever_waits(bench: Callable[..., Any
     asyncio.run(scene())
 
 
-def test_a_link_can_be_closed_and_opened_again(bench: Callable[..., Any]) -> None:
+def test_a_link_can_be_closed_and_opened_again(arm_line: MakesLine) -> None:
     async def scene() -> None:
-        cell = bench()
+        cell = arm_line()
         for _ in range(3):
             async with cell.link() as link:
                 await link.where()
@@ -258,9 +258,9 @@ def test_a_link_can_be_closed_and_opened_again(bench: Callable[..., Any]) -> Non
     asyncio.run(scene())
 
 
-def test_a_line_half_typed_by_somebody_else_is_not_carried_out_on_opening(bench: Callable[..., Any]) -> None:
+def test_a_line_half_typed_by_somebody_else_is_not_carried_out_on_opening(arm_line: MakesLine) -> None:
     async def scene(manners: Manners) -> None:
-        cell = bench(manners)
+        cell = arm_line(manners)
         with cell.server.controller() as controller:
             controller.receive(b"DO NEST", controller.now_s)
         async with cell.link() as link:
@@ -271,11 +271,11 @@ def test_a_line_half_typed_by_somebody_else_is_not_carried_out_on_opening(bench:
     asyncio.run(scene(Manners(line_editing=False)))
 
 
-def test_a_rest_that_opening_left_in_the_line_spoils_no_command(bench: Callable[..., Any]) -> None:
+def test_a_rest_that_opening_left_in_the_line_spoils_no_command(arm_line: MakesLine) -> None:
     """A prompt that happened to be printed just then makes a controller look as if it had cancelled the line."""
 
     async def scene() -> None:
-        cell = bench(Manners(line_editing=False, prompt_after_move="end"))
+        cell = arm_line(Manners(line_editing=False, prompt_after_move="end"))
         with cell.server.controller() as controller:
             controller.receive(b"DO DRIVE 1,10,5\r", controller.now_s)
             assert 0.05 < (controller.arm.rests_s - controller.now_s) / 20 < 0.3
@@ -293,12 +293,12 @@ def test_a_rest_that_opening_left_in_the_line_spoils_no_command(bench: Callable[
 @pytest.mark.parametrize("break_after_move", [True, False])
 @pytest.mark.parametrize("line_editing", [True, False])
 def test_an_arm_found_at_work_on_opening_is_stopped(
-    bench: Callable[..., Any], prompt: Any, break_after_move: bool, line_editing: bool
+    arm_line: MakesLine, prompt: Any, break_after_move: bool, line_editing: bool
 ) -> None:
     """Whoever told it so was killed, and may have left the next line half typed."""
 
     async def scene() -> None:
-        cell = bench(Manners(line_editing=line_editing, prompt_after_move=prompt), time_scale=5.0)
+        cell = arm_line(Manners(line_editing=line_editing, prompt_after_move=prompt), time_scale=5.0)
         with cell.server.controller() as controller:
             controller.receive(b"DO DRIVE 1,90,2\rDO NE", controller.now_s)
         async with cell.link(quick(break_after_move=break_after_move)) as link:
@@ -314,10 +314,10 @@ def test_an_arm_found_at_work_on_opening_is_stopped(
 
 @pytest.mark.parametrize("line_editing", [True, False])
 def test_a_calibration_somebody_else_began_and_did_not_confirm_is_declined_on_opening(
-    bench: Callable[..., Any], line_editing: bool
+    arm_line: MakesLine, line_editing: bool
 ) -> None:
     async def scene() -> None:
-        cell = bench(Manners(line_editing=line_editing))
+        cell = arm_line(Manners(line_editing=line_editing))
         with cell.server.controller() as controller:
             controller.calibrated = False
             controller.receive(b"CAL\r", controller.now_s)
@@ -333,9 +333,9 @@ def test_a_calibration_somebody_else_began_and_did_not_confirm_is_declined_on_op
 # Turns and the abort
 
 
-def test_commands_from_two_tasks_take_turns(bench: Callable[..., Any]) -> None:
+def test_commands_from_two_tasks_take_turns(arm_line: MakesLine) -> None:
     async def scene() -> None:
-        async with bench().link() as link:
+        async with arm_line().link() as link:
             places = await asyncio.gather(*(link.where() for _ in range(6)))
             assert len({place.location for place in places}) == 1
 
@@ -344,11 +344,9 @@ def test_commands_from_two_tasks_take_turns(bench: Callable[..., Any]) -> None:
 
 @pytest.mark.parametrize("line_editing", [True, False])
 @pytest.mark.parametrize("prompt", ["start", "end"])
-def test_an_abort_stops_the_arm_whoever_is_using_the_link(
-    bench: Callable[..., Any], prompt: Any, line_editing: bool
-) -> None:
+def test_an_abort_stops_the_arm_whoever_is_using_the_link(arm_line: MakesLine, prompt: Any, line_editing: bool) -> None:
     async def scene() -> None:
-        cell = bench(Manners(prompt_after_move=prompt, line_editing=line_editing), time_scale=5.0)
+        cell = arm_line(Manners(prompt_after_move=prompt, line_editing=line_editing), time_scale=5.0)
         async with cell.link() as link:
             await link.speed(10)
 
@@ -376,10 +374,10 @@ def test_an_abort_stops_the_arm_whoever_is_using_the_link(
 
 @pytest.mark.parametrize("after_ms", range(0, 200, 10))
 def test_an_abort_at_any_moment_of_a_command_leaves_a_still_arm_and_a_working_link(
-    bench: Callable[..., Any], after_ms: int
+    arm_line: MakesLine, after_ms: int
 ) -> None:
     async def scene() -> None:
-        cell = bench(Manners(line_editing=after_ms % 20 == 0), time_scale=4.0)
+        cell = arm_line(Manners(line_editing=after_ms % 20 == 0), time_scale=4.0)
         async with cell.link() as link:
             moving = asyncio.create_task(link.move_straight(NEARBY))
             await asyncio.sleep(after_ms / 1000)
@@ -393,9 +391,9 @@ def test_an_abort_at_any_moment_of_a_command_leaves_a_still_arm_and_a_working_li
     asyncio.run(scene())
 
 
-def test_two_aborts_at_once_are_one(bench: Callable[..., Any]) -> None:
+def test_two_aborts_at_once_are_one(arm_line: MakesLine) -> None:
     async def scene() -> None:
-        cell = bench()
+        cell = arm_line()
         async with cell.link() as link:
             await asyncio.gather(link.abort(), link.abort(), link.abort())
             assert cell.sent().count("ABORT") == 1
@@ -403,9 +401,9 @@ def test_two_aborts_at_once_are_one(bench: Callable[..., Any]) -> None:
     asyncio.run(scene())
 
 
-def test_a_motion_asked_for_during_an_abort_is_not_carried_out(bench: Callable[..., Any]) -> None:
+def test_a_motion_asked_for_during_an_abort_is_not_carried_out(arm_line: MakesLine) -> None:
     async def scene() -> None:
-        cell = bench()
+        cell = arm_line()
         async with cell.link() as link:
             aborting = asyncio.create_task(link.abort())
             await asyncio.sleep(0)
@@ -419,9 +417,9 @@ def test_a_motion_asked_for_during_an_abort_is_not_carried_out(bench: Callable[.
 
 
 @pytest.mark.parametrize("text", ["CAL", "POINT #P"])
-def test_an_abort_gets_past_a_question(bench: Callable[..., Any], text: str) -> None:
+def test_an_abort_gets_past_a_question(arm_line: MakesLine, text: str) -> None:
     async def scene() -> None:
-        cell = bench(time_scale=2.0)
+        cell = arm_line(time_scale=2.0)
         async with cell.link() as link:
             await link.speed(10)
             await link.move(GOAL)
@@ -437,18 +435,18 @@ def test_an_abort_gets_past_a_question(bench: Callable[..., Any], text: str) -> 
     asyncio.run(scene())
 
 
-def test_an_abort_gets_past_the_power_up_dialogue(bench: Callable[..., Any]) -> None:
+def test_an_abort_gets_past_the_power_up_dialogue(arm_line: MakesLine) -> None:
     async def scene() -> None:
-        async with bench(cold=True).link() as link:
+        async with arm_line(cold=True).link() as link:
             await link.abort()
             assert link.question is None
 
     asyncio.run(scene())
 
 
-def test_an_abort_that_is_not_confirmed_says_to_use_the_emergency_stop(bench: Callable[..., Any]) -> None:
+def test_an_abort_that_is_not_confirmed_says_to_use_the_emergency_stop(arm_line: MakesLine) -> None:
     async def scene() -> None:
-        cell = bench()
+        cell = arm_line()
         async with cell.link(quick(resync_s=0.05)) as link:
             with cell.server.controller() as controller:
                 controller.mishap(Mishap.DEAD)
@@ -458,9 +456,9 @@ def test_an_abort_that_is_not_confirmed_says_to_use_the_emergency_stop(bench: Ca
     asyncio.run(scene())
 
 
-def test_a_person_s_terminal_has_the_line_to_itself_but_for_the_abort(bench: Callable[..., Any]) -> None:
+def test_a_person_s_terminal_has_the_line_to_itself_but_for_the_abort(arm_line: MakesLine) -> None:
     async def scene() -> None:
-        cell = bench()
+        cell = arm_line()
         seen = bytearray()
         async with cell.link() as link:
             async with link.terminal(seen.extend) as type_in:
@@ -491,10 +489,10 @@ def test_a_person_s_terminal_has_the_line_to_itself_but_for_the_abort(bench: Cal
 @pytest.mark.parametrize("harm", ["drop", "double", "flip", "insert"])
 @pytest.mark.parametrize("after", [0, 5, 20, 41])
 def test_noise_in_a_typed_move_is_caught_before_it_is_ended_and_the_line_typed_again(
-    bench: Callable[..., Any], way: Any, harm: Any, after: int
+    arm_line: MakesLine, way: Any, harm: Any, after: int
 ) -> None:
     async def scene() -> None:
-        cell = bench()
+        cell = arm_line()
         async with cell.link() as link:
             await link.where()  # nothing of the opening is under way any more
             cell.faults.line.append(LineFault(way, harm, after=after))
@@ -507,9 +505,9 @@ def test_noise_in_a_typed_move_is_caught_before_it_is_ended_and_the_line_typed_a
 
 
 @pytest.mark.parametrize("line_editing", [True, False])
-def test_a_line_that_stays_spoiled_is_given_up_and_nothing_moves(bench: Callable[..., Any], line_editing: bool) -> None:
+def test_a_line_that_stays_spoiled_is_given_up_and_nothing_moves(arm_line: MakesLine, line_editing: bool) -> None:
     async def scene() -> None:
-        cell = bench(Manners(line_editing=line_editing))
+        cell = arm_line(Manners(line_editing=line_editing))
         async with cell.link(quick(resync_s=0.1)) as link:
             cell.faults.line.append(LineFault("to_controller", "flip", after=15, count=100_000))
             with pytest.raises(NoAnswer, match=r"typed 'DO MOVE .*then no prompt after 3 attempts"):
@@ -522,10 +520,10 @@ def test_a_line_that_stays_spoiled_is_given_up_and_nothing_moves(bench: Callable
 @pytest.mark.parametrize("line_editing", [True, False])
 @pytest.mark.parametrize("seed", range(4))
 def test_on_a_noisy_line_the_arm_only_ever_goes_where_it_was_sent(
-    bench: Callable[..., Any], line_editing: bool, seed: int
+    arm_line: MakesLine, line_editing: bool, seed: int
 ) -> None:
     async def scene() -> None:
-        cell = bench(Manners(line_editing=line_editing), time_scale=50.0)
+        cell = arm_line(Manners(line_editing=line_editing), time_scale=50.0)
         async with cell.link(quick(resync_s=0.1, answer_s=0.5, typing_s=0.1, stall_s=0.1, motion_s=1.0)) as link:
             cell.faults.seed_noise(seed, rate=0.004)
             for goal in (GOAL, NEARBY) * 2:
@@ -542,9 +540,11 @@ def test_on_a_noisy_line_the_arm_only_ever_goes_where_it_was_sent(
     asyncio.run(scene())
 
 
-def test_a_motion_whose_answer_is_lost_is_not_repeated_and_the_arm_s_place_is_told(bench: Callable[..., Any]) -> None:
+def test_a_motion_whose_answer_is_lost_is_not_repeated_and_the_arm_s_place_is_told(
+    arm_line: MakesLine,
+) -> None:
     async def scene() -> None:
-        cell = bench()
+        cell = arm_line()
         async with cell.link(quick(prompt_after_move="start")) as link:
             cell.faults.mute_answers = 1
             with pytest.raises(NoAnswer, match="no answer to 'DO MOVE") as problem:
@@ -556,9 +556,9 @@ def test_a_motion_whose_answer_is_lost_is_not_repeated_and_the_arm_s_place_is_to
     asyncio.run(scene())
 
 
-def test_a_question_whose_answer_is_lost_is_asked_again(bench: Callable[..., Any]) -> None:
+def test_a_question_whose_answer_is_lost_is_asked_again(arm_line: MakesLine) -> None:
     async def scene() -> None:
-        cell = bench()
+        cell = arm_line()
         async with cell.link() as link:
             cell.faults.mute_answers = 1
             assert (await link.where()).location.z_mm == pytest.approx(863.6)
@@ -566,9 +566,9 @@ def test_a_question_whose_answer_is_lost_is_asked_again(bench: Callable[..., Any
     asyncio.run(scene())
 
 
-def test_a_spoiled_table_is_asked_for_again(bench: Callable[..., Any]) -> None:
+def test_a_spoiled_table_is_asked_for_again(arm_line: MakesLine) -> None:
     async def scene() -> None:
-        cell = bench()
+        cell = arm_line()
         async with cell.link() as link:
             cell.faults.line.append(LineFault("to_host", "drop", after=70, count=5))
             assert (await link.where()).location.z_mm == pytest.approx(863.6)
@@ -582,9 +582,9 @@ def place_and_joints_agree(where: Where) -> bool:
 
 
 @pytest.mark.parametrize("after", [75, 93, 115, 198, 207])
-def test_a_digit_spoiled_by_noise_is_never_given_out_as_a_place(bench: Callable[..., Any], after: int) -> None:
+def test_a_digit_spoiled_by_noise_is_never_given_out_as_a_place(arm_line: MakesLine, after: int) -> None:
     async def scene() -> None:
-        cell = bench()
+        cell = arm_line()
         link = Link(cell.server.port, quick(), on_wire=cell.records.append, belongs_together=place_and_joints_agree)
         await link.open()
         await go(link, GOAL)
@@ -596,9 +596,9 @@ def test_a_digit_spoiled_by_noise_is_never_given_out_as_a_place(bench: Callable[
     asyncio.run(scene())
 
 
-def test_another_tool_than_ours_is_noticed_and_an_abort_still_confirmed(bench: Callable[..., Any]) -> None:
+def test_another_tool_than_ours_is_noticed_and_an_abort_still_confirmed(arm_line: MakesLine) -> None:
     async def scene() -> None:
-        cell = bench()
+        cell = arm_line()
         link = Link(cell.server.port, quick(), belongs_together=place_and_joints_agree)
         await link.open()
         await link.command("TOOL TRANS(0,0,100,0,-90,90)")
@@ -610,18 +610,18 @@ def test_another_tool_than_ours_is_noticed_and_an_abort_still_confirmed(bench: C
     asyncio.run(scene())
 
 
-def test_a_system_that_counts_its_joints_otherwise_is_read_in_our_angles(bench: Callable[..., Any]) -> None:
+def test_a_system_that_counts_its_joints_otherwise_is_read_in_our_angles(arm_line: MakesLine) -> None:
     async def scene() -> None:
         dialect = quick(joint_signs=(1, -1, -1, 1, -1, 1), joint_zeros_deg=(180, 0, 0, 0, 0, 0))
-        async with bench().link(dialect) as link:
+        async with arm_line().link(dialect) as link:
             np.testing.assert_allclose((await link.where()).joints_deg, [180, -90, 90, 0, 0, 0], atol=1e-3)
 
     asyncio.run(scene())
 
 
-def test_a_prompt_in_two_halves_is_waited_for(bench: Callable[..., Any]) -> None:
+def test_a_prompt_in_two_halves_is_waited_for(arm_line: MakesLine) -> None:
     async def scene() -> None:
-        cell = bench()
+        cell = arm_line()
         async with cell.link() as link:
             cell.faults.split_prompt_s = 6.0
             await link.speed(40)
@@ -630,9 +630,9 @@ def test_a_prompt_in_two_halves_is_waited_for(bench: Callable[..., Any]) -> None
     asyncio.run(scene())
 
 
-def test_a_line_without_echo_is_served_by_its_setting(bench: Callable[..., Any]) -> None:
+def test_a_line_without_echo_is_served_by_its_setting(arm_line: MakesLine) -> None:
     async def scene() -> None:
-        cell = bench(Manners(echo=False))
+        cell = arm_line(Manners(echo=False))
         async with cell.link(quick(echo=False)) as link:
             await link.move(GOAL)
             await link.rest(GOAL)
@@ -640,9 +640,9 @@ def test_a_line_without_echo_is_served_by_its_setting(bench: Callable[..., Any])
     asyncio.run(scene())
 
 
-def test_characters_can_be_typed_slowly(bench: Callable[..., Any]) -> None:
+def test_characters_can_be_typed_slowly(arm_line: MakesLine) -> None:
     async def scene() -> None:
-        async with bench().link(quick(character_pause_s=0.002)) as link:
+        async with arm_line().link(quick(character_pause_s=0.002)) as link:
             await link.speed(40)
             await link.where()
 
@@ -669,10 +669,10 @@ def ended_moves(sent: str) -> list[str]:
 )
 @pytest.mark.parametrize("share", [0.05, 0.5, 0.95])
 def test_a_mishap_in_mid_move_is_told_in_the_controller_s_words_and_no_further_motion_is_typed(
-    bench: Callable[..., Any], what: Mishap, words: str, prompt: Any, share: float
+    arm_line: MakesLine, what: Mishap, words: str, prompt: Any, share: float
 ) -> None:
     async def scene() -> None:
-        cell = bench(Manners(prompt_after_move=prompt))
+        cell = arm_line(Manners(prompt_after_move=prompt))
         async with cell.link() as link:
             cell.faults.in_move.append((share, what))
             with pytest.raises(ControllerError, match=words):
@@ -688,9 +688,9 @@ def test_a_mishap_in_mid_move_is_told_in_the_controller_s_words_and_no_further_m
     asyncio.run(scene())
 
 
-def test_a_controller_that_dies_in_mid_move_is_no_answer(bench: Callable[..., Any]) -> None:
+def test_a_controller_that_dies_in_mid_move_is_no_answer(arm_line: MakesLine) -> None:
     async def scene() -> None:
-        cell = bench()
+        cell = arm_line()
         async with cell.link(quick(resync_s=0.1)) as link:
             cell.faults.in_move.append((0.5, Mishap.DEAD))
             with pytest.raises(NoAnswer):
@@ -699,9 +699,9 @@ def test_a_controller_that_dies_in_mid_move_is_no_answer(bench: Callable[..., An
     asyncio.run(scene())
 
 
-def test_an_emergency_stop_while_idle_is_told_before_the_next_command_is_typed(bench: Callable[..., Any]) -> None:
+def test_an_emergency_stop_while_idle_is_told_before_the_next_command_is_typed(arm_line: MakesLine) -> None:
     async def scene() -> None:
-        cell = bench()
+        cell = arm_line()
         async with cell.link() as link:
             with cell.server.controller() as controller:
                 controller.mishap(Mishap.EMERGENCY_STOP)
@@ -714,9 +714,9 @@ def test_an_emergency_stop_while_idle_is_told_before_the_next_command_is_typed(b
     asyncio.run(scene())
 
 
-def test_an_arm_stopped_by_hand_is_at_rest_elsewhere(bench: Callable[..., Any]) -> None:
+def test_an_arm_stopped_by_hand_is_at_rest_elsewhere(arm_line: MakesLine) -> None:
     async def scene() -> None:
-        cell = bench(time_scale=5.0)
+        cell = arm_line(time_scale=5.0)
         async with cell.link() as link:
             await link.speed(20)
             await link.move(GOAL)

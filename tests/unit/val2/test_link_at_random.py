@@ -12,6 +12,7 @@ import pytest
 from drivers.simcell.controller import LineFault, Manners, Mishap
 from drivers.val2.link import Dialect, Link, LinkError
 from drivers.val2.location import Location
+from tests.worlds.arm_line import MakesLine
 
 PLACES = [
     Location(520.0, 0.0, -100.0, 0.0, 80.0, 0.0),
@@ -99,10 +100,10 @@ class Scene:
 @pytest.mark.parametrize("prompt", ["start", "end"])
 @pytest.mark.parametrize("seed", range(8))
 def test_whatever_happens_no_order_moves_twice_and_the_link_comes_back(
-    bench: Callable[..., Any], seed: int, prompt: Any
+    arm_line: MakesLine, seed: int, prompt: Any
 ) -> None:
     async def scene() -> None:
-        cell = bench(Manners(prompt_after_move=prompt, calibration_s=1.0), time_scale=40.0)
+        cell = arm_line(Manners(prompt_after_move=prompt, calibration_s=1.0), time_scale=40.0)
         async with cell.link(QUICK) as link:
             run = Scene(cell, link, seed)
             for _ in range(6):

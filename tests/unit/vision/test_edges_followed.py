@@ -1,14 +1,15 @@
 """A known part near a known place is found by its edges, also where its faces are not told apart, or not at all."""
 
 import numpy as np
-import painted
 import pytest
-from painted import paint_pair, rig
-from solids import KNOWN, pose
 
 from daemon import frames
 from daemon.vision.geometry.polyhedron import exact
 from daemon.vision.registration.edge_pose import fit_edges, open_eyes
+from tests.worlds import painted
+from tests.worlds.painted import paint_pair
+from tests.worlds.rigs import rig
+from tests.worlds.solids import KNOWN, pose
 
 VIEWS = ((0.75, 0.25, 0.6), (0.2, -0.5, 0.84), (-0.6, 0.55, 0.58))
 ALIKE = (95.0, 165.0, 165.0, 165.0, 165.0, 165.0, 165.0)

@@ -8,8 +8,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from painted import paint_pair, rig
-from solids import CUBE, PYRAMID, pose
 
 from daemon import frames
 from daemon.vision.geometry.p3p import poses_of_three
@@ -19,6 +17,9 @@ from daemon.vision.geometry.rectified import baseline
 from daemon.vision.image.edge_lines import edge_sigmas
 from daemon.vision.registration.chamfer import trial_costs
 from daemon.vision.registration.verify import open_eyes
+from tests.worlds.painted import paint_pair
+from tests.worlds.rigs import rig
+from tests.worlds.solids import CUBE, PYRAMID, pose
 
 Array = NDArray[np.float64]
 LINE = np.array([[20.0, 60.0]]), np.array([[140.0, 60.0]])

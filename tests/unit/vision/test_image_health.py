@@ -8,10 +8,11 @@ import cv2
 import numpy as np
 import pytest
 
-from daemon.vision.geometry.rig import Camera, StereoRig
+from daemon.vision.geometry.rig import StereoRig
 from daemon.vision.health.blur import measure_blur
 from daemon.vision.health.camera_order import Assignment, assignment
 from daemon.vision.health.examine import MEASURES, examine, findings_json, misleading, troubles
+from tests.worlds import rigs
 
 Image = np.ndarray
 
@@ -127,15 +128,9 @@ def test_the_blur_of_a_picture_without_edges_is_not_measured() -> None:
 
 
 def rig(height_mm: float = 0.0) -> StereoRig:
-    """Two eyes 60 mm apart that converge at 350 mm, the right one's image 5 px lower than the left one's."""
-    cameras = []
-    for side, low_px in ((-1, 241.0), (1, 236.0)):
-        pose, turn = np.eye(4), np.arctan2(30.0, 350.0) * -side
-        pose[:3, :3] = [[np.cos(turn), 0, np.sin(turn)], [0, 1, 0], [-np.sin(turn), 0, np.cos(turn)]]
-        pose[:3, 3] = [side * 30.0, height_mm * side, 0.0]
-        matrix = np.array([[700.0, 0, 320.0], [0, 700.0, low_px], [0, 0, 1]])
-        cameras.append(Camera(matrix, np.array([-0.08, 0.03, 0, 0, 0]), pose))
-    return StereoRig(cameras[0], cameras[1], (640, 480))
+    """Two eyes that converge at 350 mm, the right one's image 5 px lower than the left one's."""
+    turn_rad, centres = np.arctan2(30.0, 350.0), ((320.0, 241.0), (320.0, 236.0))
+    return rigs.rig(turn_rad=turn_rad, centres_px=centres, distortion=(-0.08, 0.03, 0, 0, 0), raised_mm=height_mm)
 
 
 def starry(eyes: StereoRig, points: int = 25) -> tuple[Image, Image]:

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from painted import rig
 
 from daemon.vision.facets.reconstruct import find_facets
 from daemon.vision.image.grey import VisionError, as_grey, measure_noise
+from tests.worlds.rigs import rig
 
 SIZE = (480, 640)
 

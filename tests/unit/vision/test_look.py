@@ -10,8 +10,6 @@ import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from painted import paint_pair, rig
-from solids import CUBE, KNOWN, PENTAGONAL, PYRAMID, STRANGERS, TRIANGULAR, Body, pose
 
 from daemon.calibration.file import Calibration, save_calibration
 from daemon.ctl import main
@@ -22,6 +20,9 @@ from daemon.vision.image.grey import VisionError
 from daemon.vision.look import look
 from daemon.vision.model.model import Model, empty_model, learn_view
 from daemon.vision.report import scene_json
+from tests.worlds.painted import paint_pair
+from tests.worlds.rigs import rig
+from tests.worlds.solids import CUBE, KNOWN, PENTAGONAL, PYRAMID, STRANGERS, TRIANGULAR, Body, pose
 
 Image = NDArray[np.uint8]
 TAUGHT = (

@@ -7,8 +7,6 @@ from functools import cache
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from painted import paint_pair, rig
-from solids import CUBE, KNOWN, PENTAGONAL, PYRAMID, STRANGERS, TRIANGULAR, Body, measured, pose, seen_facets, view_of
 
 from daemon import frames
 from daemon.store.library import load_facets
@@ -16,6 +14,21 @@ from daemon.vision.model.model import Model, empty_model, learn_view
 from daemon.vision.recognition.recognise import recognise
 from daemon.vision.registration.verify import look_closer, open_eyes
 from daemon.vision.values import Facet, FacetView, Group, Rejected
+from tests.worlds.painted import paint_pair
+from tests.worlds.rigs import rig
+from tests.worlds.solids import (
+    CUBE,
+    KNOWN,
+    PENTAGONAL,
+    PYRAMID,
+    STRANGERS,
+    TRIANGULAR,
+    Body,
+    measured,
+    pose,
+    seen_facets,
+    view_of,
+)
 
 Array = NDArray[np.float64]
 TAUGHT = (

@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from solids import CUBE, PENTAGONAL, PYRAMID, Body, pose, view_of
 
 from daemon.jobs.modelview import check, compare, describe
 from daemon.store.library import load_facets
 from daemon.store.model import ModelError, from_bytes, load, load_file, save, to_bytes
 from daemon.vision.model.model import Model, TeachError, empty_model, forget, learn_view
 from daemon.vision.recognition.recognise import recognise_group
+from tests.worlds.solids import CUBE, PENTAGONAL, PYRAMID, Body, pose, view_of
 
 VIEWS = (
     ("cube", CUBE, (1.0, 0.1, 0.8)),

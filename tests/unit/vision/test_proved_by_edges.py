@@ -1,15 +1,16 @@
 """A lone facet is no proof, but with the whole outline around it, it is; a part never taught is not named so."""
 
 import numpy as np
-import painted
 import pytest
-from painted import paint_pair, rig
-from solids import KNOWN, STRANGERS, measured, pose
 
 from daemon import frames
 from daemon.vision.geometry.polyhedron import exact
 from daemon.vision.registration.edge_pose import open_eyes
 from daemon.vision.registration.proving import proved
+from tests.worlds import painted
+from tests.worlds.painted import paint_pair
+from tests.worlds.rigs import rig
+from tests.worlds.solids import KNOWN, STRANGERS, measured, pose
 
 ALIKE = (95.0, 165.0, 165.0, 165.0, 165.0, 165.0, 165.0)
 SHAPES = {label: exact(body.corners_mm, body.facets) for label, body in KNOWN.items()}

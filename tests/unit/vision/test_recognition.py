@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from solids import CUBE, KNOWN, PENTAGONAL, PYRAMID, STRANGERS, TRIANGULAR, Body, group_of, pose, view_of
 
 from daemon import frames
 from daemon.store.library import load_facets
 from daemon.vision.model.model import Model, empty_model, forget, learn_view
 from daemon.vision.recognition.recognise import recognise, recognise_group
 from daemon.vision.values import Facet, FacetView, Group, Part
+from tests.worlds.solids import CUBE, KNOWN, PENTAGONAL, PYRAMID, STRANGERS, TRIANGULAR, Body, group_of, pose, view_of
 
 TAUGHT = (
     ("cube", CUBE, (1.0, 0.1, 0.8)),

@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-import rendered
 from numpy.typing import NDArray
 
 from daemon.vision.facets.reconstruct import find_facets
 from daemon.vision.values import FacetView
+from tests.worlds import rendered
 
 
 def load(name: str) -> tuple[FacetView, dict[str, Any]]:

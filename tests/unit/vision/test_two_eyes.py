@@ -9,8 +9,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from painted import paint_pair, rig
-from solids import CUBE, KNOWN, pose, seen_facets
 
 from daemon import frames
 from daemon.vision.facets.candidates import choose, find_candidates
@@ -27,6 +25,9 @@ from daemon.vision.image.one_eye import OneEye
 from daemon.vision.limit import limit
 from daemon.vision.settings import VisionSettings
 from daemon.vision.values import Facet, FacetView
+from tests.worlds.painted import paint_pair
+from tests.worlds.rigs import rig
+from tests.worlds.solids import CUBE, KNOWN, pose, seen_facets
 
 Array = NDArray[np.float64]
 DIRECTION = np.array([1.0, 0.45, 0.8])

@@ -1,0 +1,104 @@
+"""calibration.yaml: what is read is what was written, and every fault is one line that names file, line and key."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from daemon.calibration.file import Calibration, Quality, load_calibration, save_calibration
+from daemon.store.yamlfile import ConfigError
+from tests.worlds.rigs import rig
+
+
+def pose(x_mm: float, angle: float) -> np.ndarray:
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, 0, s, x_mm], [0, 1, 0, 0], [-s, 0, c, 0], [0, 0, 0, 1]])
+
+
+def example(hand_eye: bool = True) -> Calibration:
+    eyes = rig(centres_px=((322.7, 241.0), (322.7, 241.0)))
+    made = datetime(2026, 11, 21, 10, tzinfo=UTC)
+    return Calibration(eyes, pose(-75, 0.3) if hand_eye else None, Quality(reprojection_px=0.11, made=made))
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    save_calibration(example(), tmp_path / "calibration.yaml")
+    return tmp_path / "calibration.yaml"
+
+
+def break_it(path: Path, old: str, new: str) -> str:
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new, 1))
+    with pytest.raises(ConfigError) as caught:
+        load_calibration(path)
+    message = str(caught.value)
+    assert "\n" not in message
+    assert message.startswith(str(path))
+    return message
+
+
+@pytest.mark.parametrize("hand_eye", [True, False])
+def test_what_is_read_is_what_was_written(tmp_path: Path, hand_eye: bool) -> None:
+    want = example(hand_eye)
+    save_calibration(want, tmp_path / "c.yaml")
+    got = load_calibration(tmp_path / "c.yaml")
+    for eye in ("left", "right"):
+        for name in ("matrix", "distortion", "cyclopean_from_camera"):
+            assert np.array_equal(getattr(getattr(got.rig, eye), name), getattr(getattr(want.rig, eye), name))
+    assert got.rig.image_size == (640, 480)
+    assert got.quality == want.quality
+    if hand_eye:
+        assert got.tool_from_cyclopean is not None
+        assert np.array_equal(got.tool_from_cyclopean, want.tool_from_cyclopean)
+    else:
+        assert got.tool_from_cyclopean is None
+
+
+def test_a_missing_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"none\.yaml: cannot be read: No such file"):
+        load_calibration(tmp_path / "none.yaml")
+
+
+def test_a_file_that_is_not_yaml_names_the_line(tmp_path: Path) -> None:
+    (tmp_path / "c.yaml").write_text("version: 1\nleft: [1, 2\n")
+    with pytest.raises(ConfigError, match=r"c\.yaml:3: not valid YAML"):
+        load_calibration(tmp_path / "c.yaml")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "want"),
+    [
+        ("version: 1", "version: 2", ":2: version: expected 1, found 2"),
+        ("  - [0.0, 0.0, 1.0]", "", "left.camera_matrix: expected 3x3 numbers, found 2x3"),
+        ("[640, 480]", "[640]", "image_size: expected [width, height] px, found [640]"),
+        ("[640, 480]", "[640, wide]", "image_size[1]: expected int, found 'wide'"),
+        ("  distortion:", "  distorsion:", "left.distorsion: unknown key; did you mean `distortion`?"),
+        ("- [700.0,", "- [-700.0,", "left.camera_matrix: expected focal lengths above 0"),
+        ("- [0.0, 1.0, 0.0, 0.0]", "- [0.0, 1.1, 0.0, 0.0]", "expected a rotation in the 3x3 block"),
+        ("- [0.0, 0.0, 0.0, 1.0]", "- [0.0, 0.0, 0.5, 1.0]", "expected a last row [0, 0, 0, 1]"),
+        ("-30.0]", "-.inf]", "left.cyclopean_from_camera: expected finite numbers"),
+        ("-30.0]", "130.0]", "eyes swapped?"),
+        ("-30.0]", "30.0]", "less than 1 mm apart"),
+        ("version: 1", "version: 1\nversion: 1", ":3: version: said twice"),
+    ],
+)
+def test_each_fault_is_one_line_that_says_where_and_what(path: Path, old: str, new: str, want: str) -> None:
+    assert want in break_it(path, old, new)
+
+
+def test_a_failed_write_leaves_the_old_file(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    before = path.read_bytes()
+
+    def no_space(_: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("os.fsync", no_space)
+    with pytest.raises(OSError, match="No space"):
+        save_calibration(example(hand_eye=False), path)
+    assert path.read_bytes() == before
+    assert [p.name for p in path.parent.iterdir()] == [path.name]

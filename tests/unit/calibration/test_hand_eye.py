@@ -1,0 +1,112 @@
+"""The hand-eye from looks at a board whose truth is known, with an arm that errs once a pose."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from daemon import frames
+from daemon.calibration.hand_eye import (
+    ArmDoubt,
+    HandEyeError,
+    Sample,
+    calibrate_hand_eye,
+    cyclopean_from_board,
+    diversity_deg,
+    hand_eye_problem,
+    park_martin,
+    shah,
+)
+from tests.worlds.boards import BOARD
+from tests.worlds.rigs import unlike_rig
+
+Array = frames.Array
+TRUE_HAND_EYE = frames.rigid(frames.rotation_from_vector(np.array([0.2, -0.1, 1.5])), np.array([-75.0, 3.0, -110.0]))
+WORLD_FROM_BOARD = frames.rigid(frames.rotation_from_vector(np.array([3.1, 0.05, 0.1])), np.array([520.0, 0, -300.0]))
+
+
+def looks(seed: int, count: int = 14, arm_mm: float = 0.05, noise_px: float = 0.1, tilt: float = 0.45) -> list[Sample]:
+    """Looks at the board from around 300 mm, tilted about both axes and rolled."""
+    rng, rig, samples = np.random.default_rng(seed), unlike_rig(), []
+    centre = np.append(BOARD.points_mm()[:, :2].mean(axis=0), 0.0)
+    for _ in range(count):
+        turn = frames.rotation_from_vector(np.array([*rng.uniform(-tilt, tilt, 2), rng.uniform(-0.6, 0.6)]))
+        eye_from_board = frames.rigid(turn, np.array([*rng.uniform(-10, 10, 2), rng.uniform(260, 360)]) - turn @ centre)
+        points = frames.apply(eye_from_board, BOARD.points_mm())
+        seen = [eye.project(points) + rng.normal(0, noise_px, (len(points), 2)) for eye in (rig.left, rig.right)]
+        world_from_tool = WORLD_FROM_BOARD @ frames.inverse(eye_from_board) @ frames.inverse(TRUE_HAND_EYE)
+        wobble = np.concatenate([rng.normal(0, arm_mm, 3), rng.normal(0, np.radians(0.02) * arm_mm / 0.05, 3)])
+        samples.append(Sample(frames.perturb(world_from_tool, wobble), BOARD.points_mm(), seen[0], seen[1]))
+    return samples
+
+
+def off(found: Array) -> tuple[float, float]:
+    motion = frames.difference(found, TRUE_HAND_EYE)
+    return float(np.linalg.norm(motion[:3])), float(np.degrees(np.linalg.norm(motion[3:])))
+
+
+def test_both_closed_forms_are_exact_without_noise() -> None:
+    samples = looks(0, arm_mm=0.0, noise_px=0.0)
+    arm = [s.world_from_tool for s in samples]
+    eye = [cyclopean_from_board(s, unlike_rig()) for s in samples]
+    for solver in (park_martin, shah):
+        mm, deg = off(solver(arm, eye))
+        assert mm < 1e-3
+        assert deg < 1e-4
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_refined_hand_eye_is_right_and_its_standard_deviation_covers_its_error(seed: int) -> None:
+    result = calibrate_hand_eye(looks(seed), unlike_rig())
+    mm, deg = off(result.tool_from_cyclopean)
+    assert mm < 0.3
+    assert deg < 0.1
+    assert mm < 3 * result.sigma_mm
+    assert deg < 3 * result.sigma_deg
+    assert result.warning is None
+    assert len(result.left_out_mm) == 14
+
+
+def test_the_jacobian_is_the_slope_of_the_residuals() -> None:
+    samples = looks(1, count=2)
+    problem = hand_eye_problem(samples, unlike_rig(), ArmDoubt())
+    arm_errors = [0.001, 0.002, -0.001, 0.1, -0.2, 0.1] * 2
+    x = np.array([0.2, -0.1, 1.4, -74.0, 2, -108, 3.0, 0.1, 0.1, 515, 4, -305, *arm_errors])
+    jacobian = problem(x)[1]
+    for k in range(len(x)):
+        step = np.zeros(len(x))
+        step[k] = 1e-5 * max(1.0, abs(x[k]))
+        slope = (problem(x + step)[0] - problem(x - step)[0]) / (2 * step[k])
+        np.testing.assert_allclose(jacobian[:, k], slope, rtol=1e-4, atol=1e-4 * np.abs(slope).max())
+
+
+def test_turning_about_one_axis_alone_is_refused_with_the_remedy() -> None:
+    samples = looks(2)
+    roll_only = [
+        Sample(
+            samples[0].world_from_tool
+            @ frames.rigid(frames.rotation_from_vector(np.array([0, 0, 0.1 * k])), np.zeros(3)),
+            s.points_mm,
+            s.left_px,
+            s.right_px,
+        )
+        for k, s in enumerate(samples)
+    ]
+    assert diversity_deg([s.world_from_tool for s in roll_only]) < 1e-3
+    with pytest.raises(HandEyeError, match="tilt the hand about two directions"):
+        calibrate_hand_eye(roll_only, unlike_rig())
+
+
+def test_too_few_poses_are_refused() -> None:
+    with pytest.raises(HandEyeError, match="4 poses, 5 are needed"):
+        calibrate_hand_eye(looks(3)[:4], unlike_rig())
+
+
+def test_a_mistaken_pose_shows_in_the_left_out_errors() -> None:
+    samples = looks(4)
+    typo = samples[3].world_from_tool.copy()
+    typo[0, 3] += 10.0
+    samples[3] = Sample(typo, samples[3].points_mm, samples[3].left_px, samples[3].right_px)
+    left_out = calibrate_hand_eye(samples, unlike_rig()).left_out_mm
+    assert int(np.argmax(left_out)) == 3
+    assert left_out[3] > 3 * float(np.median(left_out))

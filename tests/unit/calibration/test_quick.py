@@ -1,0 +1,71 @@
+"""The thesis's calibration by ruler, on eyes whose truth is known."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from daemon import ctl
+from daemon.calibration.file import load_calibration
+from daemon.calibration.quick import Depth, Measured, Width, calibrate_quick
+from daemon.vision.geometry.rig import Camera
+from tests.worlds.rigs import thesis_rig
+
+
+def measured(baseline_mm: float = 200.0, depths: bool = True) -> Measured:
+    rig = thesis_rig()
+
+    def px(eye: Camera, at_mm: float) -> tuple[float, float]:
+        u, v = eye.project(np.array([[0.0, 0, at_mm]]))[0]
+        return float(u), float(v)
+
+    return Measured(
+        image_size=(512, 480),
+        baseline_mm=baseline_mm,
+        fixation_mm=567.0,
+        pin_left_px=px(rig.left, 567.0),
+        pin_right_px=px(rig.right, 567.0),
+        widths=[Width(50.0, z, 760.0 * 50 / z) for z in (500.0, 600.0, 700.0)],
+        depths=[Depth(z, px(rig.left, z), px(rig.right, z)) for z in range(480, 720, 40)] if depths else [],
+    )
+
+
+def test_perfect_measurements_give_the_true_eyes_and_the_formula_errs_as_the_thesis_says() -> None:
+    result = calibrate_quick(measured())
+    assert result.focal_px == pytest.approx(760.0)
+    np.testing.assert_allclose(result.rays_mm, 0.0, atol=1e-6)
+    assert np.abs(result.formula_mm).max() > 3.0
+    inner = slice(1, -1)
+    assert np.abs(result.compensated_mm[inner]).max() < 0.35 * np.abs(result.formula_mm).max()
+
+
+def test_a_baseline_two_percent_off_shows_in_the_depths() -> None:
+    result = calibrate_quick(measured(baseline_mm=204.0))
+    assert np.abs(result.rays_mm).max() > 1.0
+
+
+def test_the_command_writes_the_same_kind_of_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    m = measured()
+    document = {
+        **{k: getattr(m, k) for k in ("image_size", "baseline_mm", "fixation_mm", "pin_left_px", "pin_right_px")},
+        "widths": [{"mm": w.mm, "at_mm": w.at_mm, "px": w.px} for w in m.widths],
+        "depths": [{"at_mm": d.at_mm, "left_px": d.left_px, "right_px": d.right_px} for d in m.depths],
+    }
+    (tmp_path / "m.yaml").write_text(json.dumps(document))
+    out = tmp_path / "calibration.yaml"
+    assert ctl.main(["calibrate", "quick", str(tmp_path / "m.yaml"), "--out", str(out), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["rays_rms_mm"] == 0.0
+    calibration = load_calibration(out)
+    assert calibration.rig.baseline_mm == pytest.approx(200.0)
+    assert calibration.quality.method == "quick"
+
+
+def test_a_missing_measurement_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "m.yaml").write_text("image_size: [512, 480]\nbaseline_mm: 200\nfixation_mm: 0\n")
+    assert ctl.main(["calibrate", "quick", str(tmp_path / "m.yaml"), "--out", str(tmp_path / "c.yaml")]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert "fixation_mm" in said

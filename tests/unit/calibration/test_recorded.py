@@ -1,0 +1,36 @@
+"""Pictures of a board on disk: each that cannot serve is named with what is wrong."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import pytest
+
+from daemon.calibration.board import BoardError
+from daemon.calibration.recorded import read_pairs
+from tests.worlds.boards import BOARD, drawn_board
+
+
+def test_a_picture_of_another_size_is_named_and_left_out(tmp_path: Path) -> None:
+    """A glob that names the pictures names a thumbnail among them, too, and perhaps first."""
+    files = []
+    for number, scale in enumerate((0.5, 1.0, 1.0)):
+        pair = tmp_path / f"left{number}.png", tmp_path / f"right{number}.png"
+        for path in pair:
+            cv2.imwrite(str(path), cv2.resize(drawn_board(), None, fx=scale, fy=scale))
+        files.append(pair)
+    pairs, unused, size = read_pairs(files, BOARD)
+    assert [pair.name for pair in pairs] == ["left1.png, right1.png", "left2.png, right2.png"]
+    assert size == drawn_board().shape[1::-1]
+    assert "most are" in unused["left0.png, right0.png"]
+
+
+def test_a_picture_that_cannot_be_read_is_named_with_what_is_wrong(tmp_path: Path) -> None:
+    left, right = tmp_path / "left.png", tmp_path / "right.png"
+    cv2.imwrite(str(left), drawn_board())
+    with pytest.raises(BoardError, match=r"right\.png: No such file or directory"):
+        read_pairs([(left, right)], BOARD)
+    right.write_bytes(left.read_bytes()[:-20])
+    with pytest.raises(BoardError, match=r"right\.png: not a picture, or cut short"):
+        read_pairs([(left, right)], BOARD)

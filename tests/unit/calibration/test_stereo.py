@@ -1,0 +1,81 @@
+"""A stereo calibration from boards whose truth is known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from daemon import frames
+from daemon.calibration.board import Recogniser
+from daemon.calibration.stereo import Pair, StereoError, calibrate_stereo
+from tests.worlds.boards import BOARD
+from tests.worlds.rigs import unlike_rig
+
+Array = frames.Array
+
+
+def board_poses(rng: np.random.Generator, count: int) -> list[Array]:
+    """Tilted, turned, near and far, about where the eyes look."""
+    centre = np.append(BOARD.points_mm()[:, :2].mean(axis=0), 0.0)
+    poses = []
+    for _ in range(count):
+        turn = frames.rotation_from_vector(rng.uniform(-0.5, 0.5, 3))
+        place = np.array([*rng.uniform(-25, 25, 2), rng.uniform(250, 450)])
+        poses.append(frames.rigid(turn, place - turn @ centre))
+    return poses
+
+
+def sights(seed: int, count: int = 20, noise_px: float = 0.1) -> list[Pair]:
+    rng, rig = np.random.default_rng(seed), unlike_rig()
+    pairs = []
+    for k, pose in enumerate(board_poses(rng, count)):
+        points = frames.apply(pose, BOARD.points_mm())
+        ids = np.arange(len(points))
+        seen = [eye.project(points) + rng.normal(0, noise_px, (len(points), 2)) for eye in (rig.left, rig.right)]
+        pairs.append(Pair(f"view {k}", Recogniser(ids, seen[0], 0.8), Recogniser(ids, seen[1], 0.8)))
+    return pairs
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_truth_lies_within_the_standard_deviations_that_are_given(seed: int) -> None:
+    result, truth = calibrate_stereo(sights(seed), BOARD, (640, 480)), unlike_rig()
+    assert result.stereo_rms_px == pytest.approx(0.1 * np.sqrt(2), rel=0.1)
+    for side in ("left", "right"):
+        eye, true_eye = getattr(result.rig, side), getattr(truth, side)
+        assert abs(eye.matrix[0, 0] - true_eye.matrix[0, 0]) < 4 * result.sigmas[f"{side}.fx"]
+        assert abs(eye.matrix[0, 2] - true_eye.matrix[0, 2]) < 4 * result.sigmas[f"{side}.cx"]
+    assert abs(result.rig.baseline_mm - truth.baseline_mm) < 4 * result.sigmas["baseline_mm"]
+    assert result.sigmas["baseline_mm"] < 0.2
+
+
+def test_a_misread_view_is_named_and_dropped() -> None:
+    pairs = sights(7)
+    rng = np.random.default_rng(1)
+    spoilt = replace(pairs[5].left, corners_px=pairs[5].left.corners_px + rng.normal(0, 3, (54, 2)))
+    pairs[5] = replace(pairs[5], left=spoilt)
+    result = calibrate_stereo(pairs, BOARD, (640, 480))
+    assert list(result.dropped) == ["view 5"]
+    assert result.stereo_rms_px < 0.2
+
+
+def test_swapped_eyes_are_told_as_such() -> None:
+    with pytest.raises(StereoError, match="swap the cameras"):
+        calibrate_stereo([Pair(p.name, p.right, p.left) for p in sights(3)], BOARD, (640, 480))
+
+
+def test_one_mirrored_eye_is_told_as_such() -> None:
+    def mirrored(sight: Recogniser) -> Recogniser:
+        grid = (np.array([639.0, 0]) + sight.corners_px * (-1.0, 1.0)).reshape(6, 9, 2)[:, ::-1]
+        return replace(sight, corners_px=grid.reshape(-1, 2))
+
+    with pytest.raises(StereoError, match="mirrored"):
+        calibrate_stereo([Pair(p.name, p.left, mirrored(p.right)) for p in sights(3)], BOARD, (640, 480))
+
+
+def test_too_few_or_too_similar_views_are_refused() -> None:
+    with pytest.raises(StereoError, match="3 usable pairs, 6 are needed"):
+        calibrate_stereo(sights(3)[:3], BOARD, (640, 480))
+    with pytest.raises(StereoError, match="too like each other"):
+        calibrate_stereo([sights(3)[0]] * 10, BOARD, (640, 480))

@@ -1,0 +1,34 @@
+"""The arm's own tour of poses round a board."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from daemon import frames
+from daemon.calibration.hand_eye import LEAST_TURN_DEG, diversity_deg
+from daemon.calibration.tour import in_order, looks_at, spread_out
+
+
+def test_a_tour_turns_the_hand_about_two_axes_and_keeps_the_board_in_view() -> None:
+    world_from_board = frames.rigid(np.diag([1.0, -1.0, -1.0]), np.array([480.0, 40.0, -296.0]))
+    centre = np.array([64.0, 40.0, 0.0])
+    looks = looks_at(world_from_board, centre, np.array([0.0, 1.0, 0.0]))
+    chosen = spread_out(looks, 20, lambda _: True, looks[0])
+    assert len(chosen) == 20
+    assert diversity_deg(chosen) > 1.5 * LEAST_TURN_DEG
+    for look in chosen:
+        np.testing.assert_allclose(look[:3, :3] @ look[:3, :3].T, np.eye(3), atol=1e-9)
+        seen = frames.apply(frames.inverse(look), frames.apply(world_from_board, centre))
+        assert np.abs(seen[:2]).max() < 40.0
+        assert 250.0 < seen[2] < 420.0
+        assert look[2, 3] > -296.0 + 150.0
+
+
+def test_poses_that_are_not_allowed_are_left_out_and_the_others_are_chosen_once() -> None:
+    world_from_board = frames.rigid(np.diag([1.0, -1.0, -1.0]), np.zeros(3))
+    looks = looks_at(world_from_board, np.zeros(3), np.array([0.0, 1.0, 0.0]))
+    chosen = spread_out(looks, 12, lambda pose: pose[0, 3] > 0, looks[0])
+    assert len(chosen) == 12
+    assert all(pose[0, 3] > 0 for pose in chosen)
+    ordered = in_order(chosen, looks[0])
+    assert {id(p) for p in ordered} == {id(p) for p in chosen}

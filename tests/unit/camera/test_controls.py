@@ -1,0 +1,83 @@
+"""Wishes made true on a device's controls, or refused with what it offers."""
+
+from __future__ import annotations
+
+import pytest
+
+from drivers.camera import controls
+from drivers.camera.pair import CameraError
+from tests.worlds.pretend_video import PretendControl, PretendDevice, PretendNode, PretendSystem
+
+EXPOSURE, EXPOSURE_AUTO, GAIN, FOCUS, FOCUS_AUTO = 0x009A0902, 0x009A0901, 0x00980913, 0x009A090A, 0x009A090C
+
+
+def webcam(**more: PretendControl) -> PretendNode:
+    offered = {
+        EXPOSURE_AUTO: PretendControl("Auto Exposure", 0, 3, 3, menu={1: "Manual Mode", 3: "Aperture Priority Mode"}),
+        EXPOSURE: PretendControl("Exposure Time, Absolute", 3, 2047, 250),
+        GAIN: PretendControl("Gain", 0, 255, 0, step=4),
+        FOCUS: PretendControl("Focus, Absolute", 0, 250, 0, step=5),
+        FOCUS_AUTO: PretendControl("Focus, Automatic Continuous", 0, 1, 1),
+    }
+    device = PretendDevice("webcam", controls=offered | {int(k): v for k, v in more.items()})
+    return PretendNode(device, PretendSystem({"/dev/video0": device}))
+
+
+def test_a_wished_exposure_turns_the_automatism_off_and_is_set_in_the_devices_unit() -> None:
+    node = webcam()
+    took = controls.apply(node, "left", {"exposure_us": 12_500})
+    assert took == {"auto_exposure": 1, "exposure_time_absolute": 125}
+    assert controls.exposure_s(node) == pytest.approx(0.0125)
+
+
+def test_a_value_between_the_devices_steps_is_taken_as_the_device_rounds_it() -> None:
+    assert controls.apply(webcam(), "left", {"gain": 18})["gain"] == 16
+
+
+def test_any_other_control_goes_by_the_name_that_the_listing_gives() -> None:
+    assert controls.apply(webcam(), "left", {"focus_absolute": 100}) == {"focus_absolute": 100}
+
+
+def test_a_value_out_of_range_is_refused_with_the_range() -> None:
+    with pytest.raises(
+        CameraError, match=r"left camera: cannot set gain to 300: the device offers gain 0\.\.255 step 4"
+    ):
+        controls.apply(webcam(), "left", {"gain": 300})
+    with pytest.raises(CameraError, match=r"exposure_us to 100 \(1 in the device's unit\).*3\.\.2047"):
+        controls.apply(webcam(), "left", {"exposure_us": 100})
+
+
+def test_a_menu_refuses_a_line_it_does_not_have_and_says_which_it_has() -> None:
+    with pytest.raises(CameraError, match="1 = Manual Mode, 3 = Aperture Priority Mode"):
+        controls.apply(webcam(), "left", {"auto_exposure": 2})
+
+
+def test_a_control_that_is_not_there_is_refused_with_those_that_are() -> None:
+    with pytest.raises(
+        CameraError, match=r"right camera: cannot set white_balance_k.*It offers: .*focus_absolute 0\.\.250"
+    ):
+        controls.apply(webcam(), "right", {"white_balance_k": 4000})
+
+
+def test_a_control_that_reads_back_another_value_is_trouble() -> None:
+    node = webcam()
+    node.device.controls[GAIN].stuck_at = 90
+    with pytest.raises(CameraError, match="gain was set to 16 but reads back 90"):
+        controls.apply(node, "left", {"gain": 16})
+
+
+def test_an_automatism_runs_between_looks_and_holds_still_during_one() -> None:
+    node, wishes = webcam(), {"exposure_us": "auto"}
+    exposure, automatic = node.device.controls[EXPOSURE], node.device.controls[EXPOSURE_AUTO]
+    controls.apply(node, "left", wishes)
+    exposure.value = 77  # what the camera found
+    controls.hold(node, wishes)
+    assert (automatic.value, exposure.value) == (1, 77)
+    controls.release(node, wishes)
+    assert automatic.value == 3
+
+
+def test_a_camera_with_only_the_full_automatism_gets_that_one() -> None:
+    node = webcam()
+    node.device.controls[EXPOSURE_AUTO] = PretendControl("Auto Exposure", 0, 1, 1, menu={0: "Auto", 1: "Manual"})
+    assert controls.apply(node, "left", {"exposure_us": "auto"}) == {"auto_exposure": 0}

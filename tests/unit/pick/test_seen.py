@@ -1,0 +1,102 @@
+"""What looks saw, in the world: one part where two sights meet, no name unlearnt, and what would show again."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from daemon import frames
+from daemon.pick.seen import Facing, Seen, facings, is_own, merged, ordered, seen_again, seen_parts, unconfirmed
+from daemon.vision.recognition.recognise import UNKNOWN
+from daemon.vision.values import Part, Recognition
+from tests.worlds.rigs import rig
+from tests.worlds.solids import measured
+
+WORLD_FROM_CYCLOPEAN = frames.rigid(np.diag([1.0, -1.0, -1.0]), np.array([500.0, 0.0, 50.0]))
+SQUARE = 25.0 * np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+
+
+def look_of(*parts: Part) -> Any:
+    """As much of a look as its parts need."""
+    return SimpleNamespace(world_from_cyclopean=WORLD_FROM_CYCLOPEAN, scene=SimpleNamespace(parts=parts))
+
+
+def part_at(
+    x: float, y: float, label: str = "cube", facets: int = 1, confidence: float = 0.9, z: float = 350.0
+) -> Part:
+    """A part whose facets are squares seen from above, at (x, y) mm before the cameras."""
+    corners = [SQUARE[::-1] + np.array([x, y + 60.0 * k, z]) for k in range(facets)]
+    told = Recognition(label, confidence, 1.0, 1.0, None, False, "told", (label,))
+    pose = frames.rigid(np.eye(3), np.array([x, y, z]))
+    return Part(told, tuple(measured(c, None) for c in corners), pose, np.eye(6), 0.1)
+
+
+def seen_at(x: float, y: float, label: str = "cube", **more: Any) -> Seen:
+    return seen_parts(look_of(part_at(x, y, label, **more)))[0]
+
+
+def test_a_part_is_brought_to_the_world_with_its_corners_and_its_facets_look_out_of_it() -> None:
+    seen = seen_at(10.0, 20.0)
+    assert seen.centre == pytest.approx([510.0, -20.0, -300.0])
+    assert seen.world_from_part[:3, 3] == pytest.approx([510.0, -20.0, -300.0])
+    (facing,) = facings(seen)
+    assert facing.centre == pytest.approx(seen.centre)
+    assert facing.normal == pytest.approx([0, 0, 1])
+
+
+def test_a_part_without_facets_is_not_told() -> None:
+    assert len(seen_parts(look_of(part_at(0, 0), replace(part_at(60, 0), facets=())))) == 1
+
+
+def test_the_newest_sight_of_a_place_counts_but_a_name_is_not_unlearnt() -> None:
+    named, elsewhere = seen_at(0, 0, "cube"), seen_at(80, 0, "pyramid")
+    again, nameless, renamed = seen_at(5, 0, "cube"), seen_at(5, 0, UNKNOWN), seen_at(5, 0, "pyramid")
+    assert merged([named, elsewhere], [again]) == [elsewhere, again]
+    assert merged([named, elsewhere], [nameless]) == [elsewhere, named]
+    assert merged([named], [renamed]) == [renamed]
+    assert merged([nameless], [again]) == [again]
+
+
+def test_two_parts_farther_apart_than_a_part_is_wide_stay_two() -> None:
+    one, other = seen_at(0, 0), seen_at(31, 0)
+    assert merged([one], [other]) == [one, other]
+    assert merged([one], [seen_at(29, 0)]) != [one, other]
+
+
+def test_a_lone_facet_within_a_part_is_its_own_and_one_beside_it_is_not() -> None:
+    part = seen_at(0, 0, "cube", facets=2)
+    assert is_own(seen_at(0, 30, UNKNOWN), part)
+    assert not is_own(seen_at(90, 0, UNKNOWN), part)
+    assert not is_own(seen_at(0, 30, "pyramid"), part), "what has a name is somebody"
+    assert not is_own(seen_at(0, 0, UNKNOWN, facets=2), part), "two facets are no misread one"
+
+
+def test_a_facet_shows_again_the_better_the_squarer_it_is_seen_and_not_from_behind() -> None:
+    facing = Facing(np.zeros(3), np.array([0, 0, 1.0]))
+    eyes = [np.array([np.sin(a), 0, np.cos(a)]) * 300 for a in np.radians([0, 30, 60, 80, 180])]
+    told = [seen_again([facing], eye) for eye in eyes]
+    assert told[0] == pytest.approx(1.0)
+    assert told == sorted(told, reverse=True)
+    assert told[3:] == [0.0, 0.0]
+    assert seen_again([], eyes[0]) == 0.0
+    assert seen_again([facing, Facing(np.zeros(3), np.array([0, 0, -1.0]))], eyes[0]) == pytest.approx(0.5)
+
+
+def test_a_lone_facet_that_should_show_and_does_not_is_unconfirmed() -> None:
+    lone, named = seen_at(0, 0, UNKNOWN), seen_at(0, 0, "cube")
+    around, nothing = lone.centre + np.array([20.0, 0, 0]), look_of()
+    assert unconfirmed([lone, named], nothing, around, rig()) == [lone]
+    assert unconfirmed([lone], look_of(part_at(5, 5, UNKNOWN)), around, rig()) == [], "it shows again"
+    assert unconfirmed([lone], nothing, around + np.array([150.0, 0, 0]), rig()) == [], "it bars nothing"
+    assert unconfirmed([seen_at(160, 0, UNKNOWN)], nothing, seen_at(160, 0).centre, rig()) == [], "out of view"
+
+
+def test_what_is_nearest_or_surest_comes_first_and_what_has_no_name_last() -> None:
+    far_sure, near, nameless = seen_at(0, 0, z=400.0, confidence=0.99), seen_at(50, 0), seen_at(0, 0, UNKNOWN, z=200.0)
+    parts = [nameless, far_sure, near]
+    assert ordered(parts, "nearest") == [near, far_sure, nameless]
+    assert ordered(parts, "surest") == [far_sure, near, nameless]

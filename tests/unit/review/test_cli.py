@@ -1,0 +1,51 @@
+"""`facetctl runs`, `tail` and comparison: tables of runs for a terminal."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from daemon import ctl
+from tests.worlds.made_run import MadeRun
+
+
+def test_runs_are_tabled_and_laid_side_by_side(
+    made: MadeRun, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    made.pick()
+    made.close()
+    other = MadeRun(tmp_path / "runs" / "20260103T030405Z")
+    other.pick("missed")
+    other.close()
+    runs = ["--runs", str(tmp_path / "runs")]
+    assert ctl.main(["runs", *runs]) == 0
+    table = capsys.readouterr().out.splitlines()
+    assert [line.split()[:4] for line in table[1:]] == [
+        ["20260102T030405Z", "1", "1", "0"],
+        ["20260103T030405Z", "1", "0", "1"],
+    ]
+    page = tmp_path / "page.html"
+    assert ctl.main(["review", *runs, "--out", str(page), "--against", "20260102T030405Z"]) == 0
+    data = json.loads(page.read_text().split('id="data">')[1].split("</script>")[0].replace("<\\/", "</"))
+    assert data["against"]["stats"]["picked"] == 1
+    assert [d["same"] for d in data["against"]["differences"]] == [True, True, False]
+
+
+def test_an_unknown_run_is_one_line_and_status_2(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for command in ("review", "replay", "tail"):
+        assert ctl.main([command, "--runs", str(tmp_path), "nosuch"]) == 2
+        said = capsys.readouterr().err
+        assert said.count("\n") == 1
+        assert "nosuch: no such run" in said
+
+
+def test_tail_tells_a_run_line_by_line(made: MadeRun, capsys: pytest.CaptureFixture[str]) -> None:
+    made.pick()
+    made.close()
+    assert ctl.main(["tail", "--runs", str(made.folder.parent)]) == 0
+    told = capsys.readouterr().out
+    assert "approach: cube 0.98" in told
+    assert "picked: gone from where it lay" in told
+    assert "\x1b[" not in told

@@ -1,0 +1,51 @@
+"""A run's records sorted into cycles and stops; also of runs that were cut short."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from daemon.review.digest import digest
+from daemon.review.page import read_digest
+from daemon.review.pagedata import page_data
+from daemon.store.runs import read_run
+from tests.worlds.made_run import MadeRun
+
+
+def test_a_run_is_sorted_into_cycles_and_stops(made: MadeRun) -> None:
+    made.pick()
+    made.pick("missed", why="the cube lies where it lay")
+    run = read_digest(made.close())
+    assert [c.outcome for c in run.cycles] == ["picked", "missed"]
+    assert [s.purpose for s in run.cycles[0].stops] == ["survey 1", "approach", "approach"]
+    assert run.cycles[0].looks == 2
+    figures = run.statistics()
+    assert (figures["cycles"], figures["picked"], figures["missed"]) == (2, 1, 1)
+    assert figures["predicted_mm"] == 0.7
+    assert figures["ended"]
+
+
+def test_a_log_cut_at_any_byte_of_its_last_record_still_reviews(made: MadeRun, tmp_path: Path) -> None:
+    made.pick()
+    whole = (made.close() / "run.jsonl").read_bytes()
+    last = whole.rstrip(b"\n").rfind(b"\n") + 1
+    cut = tmp_path / "cut"
+    cut.mkdir()
+    for end in range(last, len(whole) + 1):
+        (cut / "run.jsonl").write_bytes(whole[:end])
+        found = read_run(cut)
+        data = page_data(digest("cut", found.records, found.skipped))
+        assert data["stats"]["picked"] == 1
+        whole_again = end >= len(whole) - 1
+        torn = last < end < len(whole) - 1
+        assert bool(data["skipped"]) == torn
+        assert data["stats"]["ended"] == whole_again
+
+
+def test_every_prefix_of_a_run_makes_a_digest(made: MadeRun) -> None:
+    made.pick("missed")
+    made.pick()
+    records = read_run(made.close()).records
+    for count in range(len(records) + 1):
+        data = page_data(digest("prefix", records[:count]))
+        assert len(data["cycles"]) <= 2
+    assert page_data(digest("prefix", records[:-2]))["cycles"][-1]["outcome"] == "unfinished"

@@ -1,0 +1,131 @@
+"""The simulated cell as one: a port that answers, a camera that sees what the arm's pose shows, a hand that takes."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from daemon.store import places
+from drivers.simcell.cell import SimulatedCell
+from drivers.simcell.rigid import Array, apply, inverse, rigid
+from drivers.simcell.truth import TruthError
+from drivers.simcell.world import Where
+from drivers.val2.link import Link
+from drivers.val2.location import Location, location_from_matrix
+
+TRUTH = places.HOUSE / "etc" / "simcell.yaml"
+DOWN = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+
+
+@pytest.fixture
+def cell() -> Iterator[SimulatedCell]:
+    with SimulatedCell(TRUTH, seed=1, time_scale=40.0) as cell:
+        cell.camera.open()
+        yield cell
+
+
+def drive(cell: SimulatedCell, *steps: str | Array) -> None:
+    """Carry out over the line: a matrix is a move to it, 'open' and 'close' are the hand's."""
+
+    async def work() -> None:
+        link = Link(cell.port)
+        await link.open()
+        try:
+            for step in steps:
+                if isinstance(step, str):
+                    await (link.close_hand() if step == "close" else link.open_hand())
+                else:
+                    target: Location = location_from_matrix(step)
+                    await link.move(target)
+                    await link.rest(target, 10.0)
+        finally:
+            await link.close()
+
+    asyncio.run(work())
+
+
+def above(x_mm: float, y_mm: float, z_mm: float) -> Array:
+    return rigid(DOWN, [x_mm, y_mm, z_mm])
+
+
+def test_the_arm_is_truly_a_little_off_where_it_says_it_is(cell: SimulatedCell) -> None:
+    said = above(520.0, 0.0, -100.0)
+    drive(cell, said)
+    off_mm = np.linalg.norm(cell.world_from_tool()[:3, 3] - said[:3, 3])
+    assert 0.02 < off_mm < 1.0
+
+
+def test_a_part_closed_on_goes_with_the_hand_and_lands_in_the_bin_where_it_is_let_go(cell: SimulatedCell) -> None:
+    part = cell.world.stand("cube", 0, 520.0, 20.0, 0.03)
+    grasp = above(520.0, 21.0, -280.0)
+    drive(cell, above(520.0, 21.0, -150.0), grasp, "close", above(520.0, 21.0, -150.0))
+    told = cell.truth.grasps[-1]
+    assert told.held, told.why
+    assert cell.truth.held == "cube"
+    assert told.width_mm == pytest.approx(50.0, abs=0.05)
+    assert told.error_mm < 0.5, "tool y lies along world x, where the aim was right"
+    assert told.error_deg == pytest.approx(np.degrees(0.03), abs=0.1)
+    bin_at = cell.truth.settings.bin.centre_mm
+    drive(cell, above(*bin_at, -150.0), "open")
+    assert cell.truth.held is None
+    assert {p.name: p.where for p in cell.truth.parts} == {part.name: Where.BIN}
+    assert cell.truth.strikes == ()
+
+
+def test_a_hand_that_is_beside_the_part_takes_nothing(cell: SimulatedCell) -> None:
+    cell.world.stand("cube", 0, 520.0, 0.0, 0.0)
+    drive(cell, above(520.0, 60.0, -280.0), "close")
+    assert not cell.truth.grasps[-1].held
+    assert cell.truth.held is None
+
+
+def test_the_camera_shows_the_part_where_the_cameras_true_pose_says(cell: SimulatedCell) -> None:
+    part = cell.world.stand("cube", 0, 500.0, 0.0, 0.4)
+    drive(cell, above(560.0, 0.0, 0.0))
+    pair = cell.camera.grab(time.monotonic(), 2.0)
+    seen = apply(inverse(cell.world_from_cyclopean()), cell.truth.corners(part.name))
+    for eye, frame in ((cell.truth.settings.left, pair.left), (cell.truth.settings.right, pair.right)):
+        outline = eye.eye().project(seen)
+        bright = np.argwhere(frame.pixels > 140)[:, ::-1]
+        assert len(bright) > 500
+        assert np.all(bright.min(axis=0) > outline.min(axis=0) - 2)
+        assert np.all(bright.max(axis=0) < outline.max(axis=0) + 2)
+
+
+def test_what_the_daemon_believes_is_off_by_realistic_errors(cell: SimulatedCell) -> None:
+
+    believed = yaml.safe_load((TRUTH.parent / "calibration.yaml").read_text())
+    truth = cell.truth.settings
+    wrist = inverse(np.array(believed["hand_eye"]["tool_from_cyclopean"])) @ np.array(truth.tool_from_cyclopean)
+    angle_deg = np.degrees(np.arccos((np.trace(wrist[:3, :3]) - 1) / 2))
+    assert 0.2 < np.linalg.norm(wrist[:3, 3]) < 0.4
+    assert 0.03 < angle_deg < 0.07
+    for eye in ("left", "right"):
+        off_px = np.abs(np.array(believed[eye]["camera_matrix"]) - np.array(getattr(truth, eye).camera_matrix))
+        assert 0.1 < off_px.max() < 0.5
+
+
+def test_a_truth_file_with_a_wrong_value_is_refused_by_name(tmp_path: Path) -> None:
+    broken = tmp_path / "simcell.yaml"
+    broken.write_text(TRUTH.read_text().replace("blur_px: 0.6", "blur_px: -1"))
+    with pytest.raises(TruthError, match=r"simcell.yaml: .*blur_px"):
+        SimulatedCell(broken)
+
+
+def test_a_wrongly_set_tool_moves_the_arm_elsewhere_but_not_the_gripper_on_its_flange(cell: SimulatedCell) -> None:
+    before = cell.world_from_tool()
+    with cell.server.controller() as controller:
+        controller.arm.tool = rigid(np.eye(3), [0.0, 0.0, 60.0])
+    assert np.allclose(cell.world_from_tool(), before)
+
+
+def test_the_cameras_see_the_fingers_at_the_upper_rim_and_nowhere_else(cell: SimulatedCell) -> None:
+    drive(cell, above(520.0, 0.0, 0.0))
+    seen = cell.camera.grab(time.monotonic(), 2.0).left.pixels.astype(int)
+    assert seen[:25].max() > seen[60:].max() + 15

@@ -1,0 +1,90 @@
+"""Jaws that close on a part: where it ends up, or why it is missed."""
+
+from __future__ import annotations
+
+import msgspec
+import numpy as np
+import pytest
+
+from drivers.simcell.gripper import Grip, close_on
+from drivers.simcell.parts import part_shape
+from drivers.simcell.rigid import Array, apply, inverse, rigid, turn
+from tests.worlds.hands import TABLE_MM, TRUTH, tool
+
+
+def close_over(label: str, rest: int, part_turn_rad: float, hand: Array) -> Grip:
+    """Close the hand on a part that stands at (520, 0)."""
+    shape = part_shape(label)
+    standing = rigid(turn([0, 0, 1], part_turn_rad), [520.0, 0.0, TABLE_MM]) @ shape.rests[rest]
+    return close_on(shape, inverse(hand) @ standing, inverse(hand)[:3, 2], TRUTH.gripper)
+
+
+def rest_on(label: str, sides: int) -> int:
+    """The number of a rest on a face with that many sides."""
+    shape = part_shape(label)
+    for number, rest in enumerate(shape.rests):
+        if np.sum(apply(rest, shape.hull.vertices)[:, 2] < 1e-6) == sides:
+            return number
+    raise AssertionError
+
+
+@pytest.mark.parametrize("off_mm", [-5.5, -2.0, 0.0, 3.0, 5.5])
+def test_closing_jaws_centre_a_part_and_tell_by_how_much(off_mm: float) -> None:
+    grip = close_over("cube", 0, 0.0, tool(520.0 + off_mm, 0.0, -280.0))
+    assert grip.held, grip.why
+    assert abs(grip.shift_mm) == pytest.approx(abs(off_mm), abs=1e-6)
+    across = apply(grip.tool_from_part, part_shape("cube").hull.vertices)[:, 1]
+    assert across.max() + across.min() == pytest.approx(0.0, abs=1e-6)
+    assert grip.width_mm == pytest.approx(50.0)
+
+
+@pytest.mark.parametrize("turn_deg", [-11.0, -3.0, 4.0, 11.0])
+def test_closing_jaws_turn_a_part_flush(turn_deg: float) -> None:
+    grip = close_over("cube", 0, np.radians(turn_deg), tool(520.0, 0.0, -280.0))
+    assert grip.held, grip.why
+    assert abs(grip.turn_deg) == pytest.approx(abs(turn_deg), abs=1e-6)
+    assert grip.width_mm == pytest.approx(50.0)
+
+
+def test_a_part_is_flush_about_the_vertical_even_under_a_leaning_hand() -> None:
+    grip = close_over("cube", 0, np.radians(5.0), tool(520.0, 0.0, -275.0, lean_rad=np.radians(25)))
+    assert grip.held, grip.why
+    assert abs(grip.turn_deg) == pytest.approx(5.0, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("label", "part_turn_deg", "hand", "why"),
+    [
+        ("cube", 0.0, tool(527.0, 0.0, -280.0), "too far to one side"),
+        ("cube", 20.0, tool(520.0, 0.0, -280.0), "no side of the part lies along the jaws"),
+        ("cube", 45.0, tool(520.0, 0.0, -280.0), "no side of the part lies along the jaws"),
+        ("cube", 0.0, tool(545.0, 0.0, -280.0), "strikes"),
+        ("cube", 0.0, tool(520.0, 0.0, -310.0), "strikes"),
+        ("cube", 0.0, tool(520.0, 0.0, -242.0), "only the tips"),
+    ],
+)
+def test_a_grasp_beyond_the_grippers_tolerance_misses(label: str, part_turn_deg: float, hand: Array, why: str) -> None:
+    grip = close_over(label, 0, np.radians(part_turn_deg), hand)
+    assert not grip.held
+    assert why in grip.why
+    assert grip.struck == ("strikes" in why)
+
+
+def test_a_part_gripped_by_its_end_swings_out() -> None:
+    lying = rest_on("triangular_prism", 4)
+    shape = part_shape("triangular_prism")
+    axis = (shape.rests[lying][:3, :3] @ [0.0, 0.0, 1.0])[:2]
+    along = float(np.arctan2(axis[1], axis[0]))
+    for distance_mm, held in ((0.0, True), (33.0, False)):
+        grip = close_over("triangular_prism", lying, np.pi / 2 - along, tool(520.0, distance_mm, -289.0))
+        assert grip.held == held, grip.why
+
+
+def test_a_slope_is_held_only_inside_the_friction_cone() -> None:
+    shape, hand = part_shape("pyramid"), tool(520.0, 0.0, -270.0)
+    standing = rigid(np.eye(3), [520.0, 0.0, TABLE_MM]) @ shape.rests[rest_on("pyramid", 4)]
+    for friction, held in ((0.7, True), (0.3, False)):
+        gripper = msgspec.structs.replace(TRUTH.gripper, friction=friction)
+        grip = close_on(shape, inverse(hand) @ standing, inverse(hand)[:3, 2], gripper)
+        assert grip.held == held, grip.why
+    assert "slope" in grip.why

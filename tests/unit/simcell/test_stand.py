@@ -1,0 +1,34 @@
+"""The stand shows a part's characteristic views, for teaching."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from daemon.store import places
+from drivers.simcell.parts import part_shape
+from drivers.simcell.rigid import apply, rigid, turn
+from drivers.simcell.stand import VIEWS, NoViewError, characteristic_pose
+from drivers.simcell.truth import load_truth
+
+TRUTH = load_truth(places.HOUSE / "etc" / "simcell.yaml")
+
+
+@pytest.mark.parametrize(("label", "view"), [(label, v) for label, views in VIEWS.items() for v in range(len(views))])
+def test_the_stand_shows_both_eyes_just_the_facets_of_the_characteristic_view(label: str, view: int) -> None:
+    shape = part_shape(label)
+    world_from_cyclopean = rigid(turn([1, 0.1, 0], 2.9), [480.0, 20.0, 100.0])
+    eyes = [eye.eye().cyclopean_from_camera[:3, 3] for eye in (TRUTH.left, TRUTH.right)]
+    pose = characteristic_pose(label, view, world_from_cyclopean, eyes, TRUTH.lighting)
+    normals = shape.hull.normals @ pose[:3, :3].T
+    for eye in eyes:
+        to_eye = apply(world_from_cyclopean, eye) - apply(pose, np.zeros(3))
+        offsets = shape.hull.offsets
+        seen = normals @ to_eye > offsets
+        sides = sorted(len(f) for f, s in zip(shape.hull.faces, seen, strict=True) if s)
+        assert sides == sorted(VIEWS[label][view])
+
+
+def test_a_view_that_does_not_exist_is_refused_by_number() -> None:
+    with pytest.raises(NoViewError, match="numbered 0 to 0, not 1"):
+        characteristic_pose("cube", 1, np.eye(4), [np.zeros(3)], TRUTH.lighting)

@@ -1,0 +1,71 @@
+"""Arrays in bytes: as they were, the same bytes for the same arrays, and never a pickle."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import pickle
+import zipfile
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import array_shapes, arrays
+
+from daemon.store.npz import ArchiveError, one_line, pack, unpack
+
+kinds = st.sampled_from([np.float64, np.int32, np.bool_, np.uint8])
+some_arrays = kinds.flatmap(lambda kind: arrays(kind, array_shapes(min_dims=0, max_dims=3, min_side=0, max_side=4)))
+archives = st.dictionaries(st.text("abcdefg_", min_size=1, max_size=8), some_arrays, max_size=5)
+
+
+@given(archives)
+def test_arrays_come_back_as_they_went(kept: dict[str, np.ndarray]) -> None:
+    found = unpack(pack(kept))
+    assert set(found) == set(kept)
+    for name, array in kept.items():
+        assert found[name].dtype == array.dtype
+        np.testing.assert_array_equal(found[name].reshape(-1), array.reshape(-1))
+
+
+@given(archives)
+def test_the_order_of_names_changes_no_byte(kept: dict[str, np.ndarray]) -> None:
+    assert pack(kept) == pack(dict(reversed(kept.items())))
+
+
+@given(st.integers(0, 10**6), st.integers(0, 255))
+def test_a_damaged_archive_is_called_so_or_read_and_never_another_error(at: int, byte: int) -> None:
+    content = bytearray(pack({"corners": np.arange(30.0), "label": np.array("cube")}))
+    content[at % len(content)] = byte
+    with contextlib.suppress(ArchiveError):
+        unpack(bytes(content))
+
+
+@given(st.integers(0, 10**6))
+def test_an_archive_cut_short_is_called_so(length: int) -> None:
+    content = pack({"corners": np.arange(30.0)})
+    with pytest.raises(ArchiveError, match="cut short"):
+        unpack(content[: length % len(content)])
+
+
+def test_a_pickle_is_refused_unopened() -> None:
+    class Trap:
+        def __reduce__(self) -> tuple[object, ...]:
+            return (pytest.fail, ("a pickle was opened",))
+
+    out = io.BytesIO()
+    with zipfile.ZipFile(out, "w") as archive:
+        header = io.BytesIO()
+        np.lib.format.write_array_header_1_0(header, {"descr": "|O", "fortran_order": False, "shape": (1,)})
+        archive.writestr("trap.npy", header.getvalue() + pickle.dumps(np.array([Trap()], object)))
+    with pytest.raises(ArchiveError, match="damaged"):
+        unpack(out.getvalue())
+    with pytest.raises(ArchiveError, match="not an archive"):
+        unpack(pickle.dumps(Trap()))
+
+
+def test_an_error_s_text_is_one_line_and_no_longer_than_a_line() -> None:
+    assert one_line(ValueError("first\n  second")) == "first second"
+    assert len(one_line(ValueError("x" * 1000))) == 200
+    assert one_line(EOFError()) == "EOFError"

@@ -1,0 +1,71 @@
+"""Where things are when nobody says otherwise: what is said wins, then what is installed, then the checkout."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from daemon.store import places
+
+NAMES = ("FACETD_CONFIG", "FACETD_RUNS", "FACETD_SOCKET", "STATE_DIRECTORY", "RUNTIME_DIRECTORY", "XDG_STATE_HOME")
+
+
+@pytest.fixture(autouse=True)
+def nothing_said(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """A machine with nothing installed and nothing in the environment."""
+    for name in NAMES:
+        monkeypatch.delenv(name, raising=False)
+    for name in ("INSTALLED_CONFIG", "INSTALLED_STATE", "INSTALLED_RUNTIME"):
+        monkeypatch.setattr(places, name, tmp_path / "installed" / name)
+    monkeypatch.setattr(places, "HOUSE", tmp_path / "house")
+
+
+def install() -> None:
+    for path in (places.INSTALLED_STATE, places.INSTALLED_RUNTIME):
+        path.mkdir(parents=True)
+    places.INSTALLED_CONFIG.write_text("version: 1\n")
+
+
+def test_in_a_checkout_all_is_in_the_checkout() -> None:
+    assert places.config_file() == places.HOUSE / "etc" / "facetd.yaml"
+    assert places.state_folder() == places.runtime_folder() == places.HOUSE / "var"
+    assert places.state_folder(simulated=True) == places.HOUSE / "var"
+    assert places.runs_folder() == places.HOUSE / "var" / "runs"
+
+
+def test_installed_the_real_cell_has_the_installed_places_and_a_simulated_one_a_person_s_own(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    install()
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "mine"))
+    assert places.config_file() == places.INSTALLED_CONFIG
+    assert places.state_folder() == places.INSTALLED_STATE
+    assert places.runtime_folder() == places.INSTALLED_RUNTIME
+    assert places.state_folder(simulated=True) == places.runtime_folder(simulated=True) == tmp_path / "mine" / "facetd"
+
+
+def test_what_systemd_or_a_person_says_wins(monkeypatch: pytest.MonkeyPatch) -> None:
+    install()
+    monkeypatch.setenv("FACETD_CONFIG", "/x/c.yaml")
+    monkeypatch.setenv("STATE_DIRECTORY", "/x/state:/x/second")
+    monkeypatch.setenv("RUNTIME_DIRECTORY", "/x/run:/x/second")
+    assert places.config_file() == Path("/x/c.yaml")
+    assert places.state_folder() == places.state_folder(simulated=True) == Path("/x/state")
+    assert places.runtime_folder() == places.runtime_folder(simulated=True) == Path("/x/run")
+    assert places.runs_folder() == Path("/x/state/runs")
+    monkeypatch.setenv("FACETD_RUNS", "/x/runs")
+    assert places.runs_folder() == Path("/x/runs")
+
+
+def test_the_operator_s_tool_looks_for_the_real_daemon_first_and_then_for_the_simulated_one(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "mine"))
+    for simulated in (False, True):
+        assert places.runtime_folder(simulated) / places.SOCKET_NAME in places.socket_candidates()
+    install()
+    for simulated in (False, True):
+        assert places.socket_candidates()[simulated] == places.runtime_folder(simulated) / places.SOCKET_NAME
+    monkeypatch.setenv("FACETD_SOCKET", "/x/s.sock")
+    assert places.socket_candidates() == [Path("/x/s.sock")]

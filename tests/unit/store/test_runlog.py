@@ -1,0 +1,216 @@
+"""The run log: every record written whole, through kills, full disks and disks that hang."""
+
+from __future__ import annotations
+
+import errno
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from datetime import UTC, datetime
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from daemon.store.runlog import RunLog
+from daemon.store.runs import (
+    check_wire,
+    interrupted,
+    read_run,
+)
+
+NOW = datetime(2026, 11, 21, 10, tzinfo=UTC)
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Iterator[RunLog]:
+    log = RunLog(tmp_path / "run", wall=lambda: NOW, clock=lambda: 12.5)
+    yield log
+    log.close()
+
+
+def image(value: int = 7) -> np.ndarray:
+    return np.full((48, 64), value, np.uint8)
+
+
+def test_a_record_carries_version_number_both_clocks_and_kind(log: RunLog) -> None:
+    log.record("decision", cycle=3, text="go on", why=np.float64(1.5))
+    log.record("move", target=np.eye(2), purpose=Path("a/b"), speed_pct=float("nan"))
+    log.close()
+    first, second, end = read_run(log.folder).records
+    assert first == {
+        "v": 1, "seq": 0, "t": "2026-11-21T10:00:00.000Z", "mono_s": 12.5, "kind": "decision",
+        "cycle": 3, "text": "go on", "why": 1.5,
+    }  # fmt: skip
+    assert (second["target"], second["purpose"], second["speed_pct"]) == ([[1, 0], [0, 1]], "a/b", None)
+    assert (end["kind"], end["why"], end["seq"]) == ("run_end", "stopped", 2)
+
+
+def test_the_images_of_a_look_lie_beside_it_under_its_number(log: RunLog) -> None:
+    log.record("decision", text="look")
+    log.record("look", cycle=1, images={"left": image(7), "right": image(9)})
+    assert log.settle()
+    look = read_run(log.folder).records[1]
+    assert look["images"] == {"left": "images/000001-left.png", "right": "images/000001-right.png"}
+    got = [cv2.imread(str(log.folder / name), cv2.IMREAD_UNCHANGED) for name in look["images"].values()]
+    assert np.array_equal(got, [image(7), image(9)])
+
+
+def test_a_file_is_kept_once_by_its_content(log: RunLog, tmp_path: Path) -> None:
+    for name in ("a.yaml", "b.yaml"):
+        (tmp_path / name).write_text("x: 1\n")
+    assert log.keep(tmp_path / "a.yaml") == log.keep(tmp_path / "b.yaml")
+    assert [p.read_text() for p in (log.folder / "kept").iterdir()] == ["x: 1\n"]
+
+
+def test_a_run_is_never_written_over(log: RunLog) -> None:
+    with pytest.raises(FileExistsError):
+        RunLog(log.folder)
+
+
+def test_rolling_ends_one_run_and_goes_on_in_the_next(log: RunLog, tmp_path: Path) -> None:
+    first = log.folder
+    log.record("decision", text="in the first")
+    log.roll(tmp_path / "second")
+    log.record("decision", text="in the second")
+    log.close()
+    assert [r["kind"] for r in read_run(first).records] == ["decision", "run_end"]
+    assert [r["text"] for r in read_run(tmp_path / "second").records[:1]] == ["in the second"]
+    assert interrupted(first) is None
+
+
+WRITER = """
+import sys, itertools
+from pathlib import Path
+import numpy as np
+from daemon.store.runlog import RunLog
+log = RunLog(Path(sys.argv[1]))
+picture = np.zeros((480, 640), np.uint8)
+for n in itertools.count():
+    if n % 10 == 0:
+        log.record("look", n=n, images={"left": picture, "right": picture})
+    else:
+        log.record("decision", n=n, text="x" * (n % 700))
+    log.wire({"n": n})
+    print(n, flush=True)
+"""
+
+
+@pytest.mark.timeout(300)
+def test_kill_minus_nine_at_any_moment_loses_at_most_the_last_line(tmp_path: Path) -> None:
+    chance = random.Random(5)
+    for trial in range(int(os.environ.get("FACETD_KILLS", "8"))):
+        folder = tmp_path / str(trial)
+        writer = subprocess.Popen([sys.executable, "-c", WRITER, str(folder)], stdout=subprocess.PIPE, text=True)
+        assert writer.stdout is not None
+        writer.stdout.readline()
+        time.sleep(chance.uniform(0, 0.3))
+        writer.send_signal(signal.SIGKILL)
+        said = [int(line) for line in writer.stdout.read().split() or [0]]
+        writer.stdout.close()
+        writer.wait()
+        run = read_run(folder)
+        numbers = [r["n"] for r in run.records if r["kind"] != "gap"]  # this writer outruns its pictures
+        assert numbers == list(range(len(numbers))), "a line is missing from the middle"
+        assert len(numbers) >= said[-1] + 1, "a line that was acknowledged is not in the file"
+        assert len(run.skipped) <= 1
+        assert [p for p in check_wire(folder) if "torn" not in p] == []
+        for picture in (folder / "images").glob("*.png"):
+            assert cv2.imread(str(picture), cv2.IMREAD_UNCHANGED) is not None, "half a picture under its final name"
+        assert interrupted(folder) is not None
+
+
+def test_a_log_cut_at_any_byte_of_its_last_record_is_read_and_the_torn_line_named(log: RunLog, tmp_path: Path) -> None:
+    for n in range(3):
+        log.record("decision", n=n, text="ä line")
+    log.close()
+    content = (log.folder / "run.jsonl").read_bytes()
+    last = content.rstrip(b"\n").rfind(b"\n") + 1
+    folder = tmp_path / "cut"
+    folder.mkdir()
+    for length in range(last, len(content)):
+        (folder / "run.jsonl").write_bytes(content[:length])
+        run = read_run(folder)
+        whole = length == len(content) - 1
+        assert len(run.records) == (4 if whole else 3)
+        assert len(run.skipped) == (0 if whole or length == last else 1)
+        assert all("torn last line" in text for text in run.skipped)
+
+
+class Disk:
+    """os.write as seen by a full or a hanging disk, for the log's files only."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.full, self.delay_s, self.half = False, 0.0, False
+        self._write = os.write
+        monkeypatch.setattr("daemon.store.files.os.write", self.write)
+
+    def write(self, handle: int, content: bytes) -> int:
+        time.sleep(self.delay_s)
+        if self.full and self.half:
+            return self._write(handle, content[: len(content) // 2])
+        if self.full:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return self._write(handle, content)
+
+
+@pytest.mark.parametrize("half", [False, True])
+def test_a_full_disk_is_told_and_the_gap_is_in_the_log_when_there_is_room_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, half: bool
+) -> None:
+    disk, told = Disk(monkeypatch), []
+    log = RunLog(tmp_path / "run", on_trouble=told.append)
+    log.record("decision", n=0)
+    disk.full, disk.half = True, half
+    for n in range(1, 6):
+        log.record("decision", n=n)
+    assert log.settle()
+    assert log.trouble is not None
+    assert "No space left on device" in log.trouble
+    disk.full = False
+    log.record("decision", n=6)
+    log.close()
+    run = read_run(log.folder)
+    assert run.skipped == ()
+    assert [r.get("n") for r in run.records] == [0, None, 6, None]
+    assert run.records[1]["lost"] == 5
+    assert told[-1] is None
+    assert len(told) == 2, "each change is told once"
+
+
+def test_a_hanging_disk_does_not_hold_up_the_one_who_records(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    disk = Disk(monkeypatch)
+    log = RunLog(tmp_path / "run", patience_s=0.01)
+    disk.delay_s = 0.2
+    began = time.monotonic()
+    for n in range(5):
+        log.record("move", n=n)
+    assert time.monotonic() - began < 0.15, "five records may wait five times 10 ms, not 1 s for the disk"
+    disk.delay_s = 0.0
+    log.close()
+    assert [r["n"] for r in read_run(log.folder).records[:5]] == [0, 1, 2, 3, 4]
+
+
+def test_a_line_changed_in_the_wire_ledger_is_found(log: RunLog) -> None:
+    for n in range(4):
+        log.wire({"n": n, "sent": "where"})
+    log.close()
+    assert check_wire(log.folder) == []
+    path = log.folder / "wire.jsonl"
+    path.write_bytes(path.read_bytes().replace(b'{"n":1,', b'{"n":8,'))
+    assert check_wire(log.folder) == ["wire.jsonl:3: does not follow from the line before it"]
+
+
+def test_entries_that_a_full_disk_swallowed_are_counted_in_the_wire_ledger(log: RunLog) -> None:
+    for n in range(9):
+        log.wire({"seq": n, "sent": "where"})
+    log.close()
+    path = log.folder / "wire.jsonl"
+    lines = path.read_bytes().splitlines(keepends=True)
+    path.write_bytes(b"".join(lines[:3] + lines[7:]))
+    assert check_wire(log.folder) == ["wire.jsonl:4: 4 entries are missing before it"]

@@ -1,0 +1,83 @@
+"""Runs on disk: found, kept within a quota, told how they were left."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from datetime import UTC, datetime
+from pathlib import Path
+
+import pytest
+
+from daemon.store.runlog import RunLog
+from daemon.store.runs import (
+    RunError,
+    enforce_quota,
+    find_run,
+    has_failure,
+    interrupted,
+    list_runs,
+    new_folder,
+)
+
+NOW = datetime(2026, 11, 21, 10, tzinfo=UTC)
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Iterator[RunLog]:
+    log = RunLog(tmp_path / "run", wall=lambda: NOW, clock=lambda: 12.5)
+    yield log
+    log.close()
+
+
+def run_with(folder: Path, *records: dict[str, object], size: int = 200_000) -> Path:
+    log = RunLog(folder)
+    for record in records:
+        log.record(str(record.pop("kind")), **record)
+    log.close()
+    (folder / "images" / "fill.png").write_bytes(os.urandom(size))
+    return folder
+
+
+def test_the_quota_removes_the_oldest_first_and_runs_with_failures_last(tmp_path: Path) -> None:
+    good = {"kind": "cycle_end", "outcome": "picked"}
+    bad = {"kind": "cycle_end", "outcome": "missed"}
+    names = ["20260101T000000Z", "20260102T000000Z", "20260103T000000Z", "20260104T000000Z", "20260105T000000Z"]
+    for name, record in zip(names, (bad, good, good, bad, good), strict=True):
+        run_with(tmp_path / name, dict(record))
+    assert [has_failure(f) for f in list_runs(tmp_path)] == [True, False, False, True, False]
+    current = tmp_path / names[-1]
+    assert enforce_quota(tmp_path, 2_000_000, current) == []
+    removed = enforce_quota(tmp_path, 700_000, current)
+    assert [f.name for f in removed] == [names[1], names[2]]
+    removed = enforce_quota(tmp_path, 0, current)
+    assert [f.name for f in removed] == [names[0], names[3]], "the failures go when nothing else is left"
+    assert list_runs(tmp_path) == [current], "the run being written stays, whatever the quota"
+
+
+def test_a_run_without_an_end_says_how_it_was_left(tmp_path: Path) -> None:
+    log = RunLog(tmp_path / "run")
+    log.record("cycle_start", cycle=4, target=None)
+    log.record("estimate", cycle=4, label="cube")
+    log.record("hand", closed=True)
+    log.record("state", **{"from": "closing", "event": "closed", "to": "retreat"})
+    log.settle()
+    left = interrupted(log.folder)
+    log.close()
+    assert left is not None
+    assert (left.cycle, left.state, left.hand_closed, left.label) == (4, "retreat", True, "cube")
+
+
+def test_runs_are_found_by_latest_by_name_and_by_path(tmp_path: Path) -> None:
+    with pytest.raises(RunError, match="no run in it yet"):
+        find_run(tmp_path, "latest")
+    folders = []
+    for _ in range(12):
+        folders.append(new_folder(tmp_path, NOW))
+        RunLog(folders[-1]).close()
+    assert list_runs(tmp_path) == folders, "twelve runs of one second keep their order"
+    assert find_run(tmp_path, "latest") == folders[-1]
+    assert find_run(tmp_path, folders[0].name) == folders[0]
+    assert find_run(Path("/nonexistent"), str(folders[1])) == folders[1]
+    with pytest.raises(RunError, match="such-a-run: no such run"):
+        find_run(tmp_path, "such-a-run")

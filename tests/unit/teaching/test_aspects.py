@@ -1,0 +1,44 @@
+"""The characteristic views of a solid."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from daemon.store.library import load_facets
+from daemon.store.model import from_bytes, to_bytes
+from daemon.teaching.aspects import aspects, learn_solid
+from daemon.teaching.sufficiency import judge
+from daemon.vision.model.model import empty_model
+from tests.worlds import drawn, rendered
+from tests.worlds.drawn import block, solid
+
+RIG = rendered.rig(rendered.HERE, "B")
+LIBRARY = load_facets()
+
+
+def test_the_characteristic_views_of_a_cube_are_three_squares_and_two() -> None:
+    assert [len(view.facets) for view in aspects(block(50, 50, 50), RIG)] == [3, 2]
+    assert [len(view.facets) for view in aspects(block(40, 50, 60), RIG)] == [3, 2]
+
+
+def test_what_stands_before_a_facet_hides_it() -> None:
+    block = solid("l.obj", drawn.obj(*drawn.prism(drawn.L_BLOCK, 40)[:1], [(0, 5, 4, 3), (0, 3, 2, 1), (6, 7, 8, 9),
+                  (6, 9, 10, 11), *drawn.prism(drawn.L_BLOCK, 40)[1][2:]]))  # fmt: skip
+    views = aspects(block, RIG)
+    assert max(len(view.facets) for view in views) == 5, "both arms' sides and the step are seen from the corner"
+    seen = {tuple(sorted(f.type for f in view.facets)) for view in views}
+    assert ("polygon6", "rectangle", "rectangle") in seen, "from behind the step is hidden"
+
+
+def test_a_learnt_drawing_names_the_part_from_everywhere_and_survives_the_file() -> None:
+    model = learn_solid(empty_model(LIBRARY), block(40, 50, 60), RIG, "brick", "brick/1")
+    model = learn_solid(model, block(50, 50, 50), RIG, "cube", "cube/1")
+    model = from_bytes(to_bytes(model)).model
+    for label, sides in (("brick", {40, 50, 60}), ("cube", {50})):
+        metric = model.metric[label].solid
+        lengths = {round(float(np.linalg.norm(metric.corners_mm[a] - metric.corners_mm[b]))) for a, b in metric.edges}
+        assert lengths == sides
+        told = judge(model, label, RIG)
+        assert told.complete
+        assert told.unseen == 0
+        assert all(len(mistake.facets) == 1 for mistake in told.mistakes), "only a single facet is no proof"

@@ -1,0 +1,55 @@
+"""Whether a part was shown well enough: what was never seen, and what it could be taken for."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from daemon.teaching.sufficiency import facet_areas, imagined_view, judge, open_edges, spread
+from daemon.teaching.trainer import Trainer
+from daemon.vision.geometry.polyhedron import Polyhedron
+from tests.worlds import drawn
+from tests.worlds.taught import taught
+
+
+def box(a: float, b: float, c: float, faces: int = 6) -> Polyhedron:
+    corners, rings = drawn.box(a, b, c)
+    spread_mm2 = np.repeat(0.01 * np.eye(3)[None], 8, axis=0)
+    return Polyhedron(corners, tuple(rings[:faces]), spread_mm2, ("rectangle",) * faces)
+
+
+def test_areas_of_a_closed_solid_cancel_and_open_edges_are_counted() -> None:
+    assert np.allclose(facet_areas(box(50, 60, 70)).sum(axis=0), 0)
+    assert open_edges(box(50, 60, 70)) == 0
+    assert open_edges(box(50, 60, 70, faces=5)) == 4
+
+
+def test_directions_are_unit_vectors_all_round() -> None:
+    directions = spread(60)
+    assert np.allclose(np.linalg.norm(directions, axis=1), 1)
+    assert np.linalg.norm(directions.mean(axis=0)) < 0.02
+
+
+def test_an_imagined_view_shows_the_facets_that_face_the_cameras(trainer: Trainer) -> None:
+    towards = np.array([1.0, 1.0, 1.0]) / np.sqrt(3)
+    view = imagined_view(box(50, 60, 70), towards, trainer.rig)
+    assert view is not None
+    assert len(view.facets) == 3
+    assert view.touching.sum() == 6
+    for facet in view.facets:
+        corners = facet.corners_mm
+        normal = np.cross(corners[1] - corners[0], corners[2] - corners[1])
+        assert normal @ corners.mean(axis=0) < 0, "outward normals look towards the cameras"
+
+
+def test_what_was_never_seen_and_what_it_could_be_taken_for_is_told(trainer: Trainer) -> None:
+    taught(trainer)
+    trainer.train()
+    trainer.accept()
+    cube = judge(trainer.model, "cube", trainer.rig)
+    assert len(cube.facets) == 3
+    assert cube.open_edges == 6
+    assert 0.3 < cube.unseen < 0.6, "three of six sides are known"
+    assert cube.turn_away is not None
+    assert cube.named > 0
+    alone = [mistake for mistake in cube.mistakes if mistake.facets == ("square",)]
+    assert alone, "a single square is no proof of a cube"

@@ -1,0 +1,115 @@
+"""A part taught from a drawing, by the trainer and at the console."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+
+import pytest
+
+from daemon.commands.learning import teach
+from daemon.console.interpreter import NOT_UNDERSTOOD, CommandError
+from daemon.store.library import load_facets, load_parts
+from daemon.teaching.aspects import aspects
+from daemon.teaching.trainer import Trainer
+from daemon.vision.recognition.recognise import recognise_group
+from tests.worlds import drawn, rendered
+from tests.worlds.drawn import block, solid
+
+RIG = rendered.rig(rendered.HERE, "B")
+LIBRARY = load_facets()
+
+
+CUBE = drawn.box()
+GAP = drawn.obj(CUBE[0], CUBE[1][:5])
+
+
+def test_a_drawing_is_kept_trained_on_and_names_the_part_in_a_real_picture(trainer: Trainer) -> None:
+    for label, drawing in (("cube", drawn.box(50, 50, 50)), ("brick", drawn.box(40, 50, 60))):
+        view = trainer.store_mesh(label, f"{label}.stl", drawn.binary_stl(*drawing), "mm", {"who": "tester"})
+        assert view.mesh is not None
+        assert view.note["facets"][0] == list(solid("x.obj", drawn.obj(*drawing)).types)
+    trained = trainer.train()
+    assert trained.left_out == ()
+    assert [(v.view, v.named) for v in trained.verdicts] == [("brick/1", "brick"), ("cube/1", "cube")]
+    trainer.accept()
+    assert trainer.waiting() == []
+    scenes = [f.parent for f in sorted(rendered.HERE.glob("*/truth.json")) if _holds(f.parent, "cube")]
+    assert scenes, "a scene with a cube belongs to the test data"
+    for scene in scenes:
+        rig = rendered.rig(rendered.HERE, rendered.truth(scene)["rig"])
+        scenery = Trainer(trainer.model_store, rig, LIBRARY, load_parts()).in_use.see(*rendered.pair(scene))
+        named = [p.recognition.label for p in scenery.parts]
+        assert "brick" not in named
+        assert "cube" in named, (scene.name, [p.recognition.reason for p in scenery.parts])
+    assert trainer.model_store.drop_views("cube") == 1
+    assert trainer.learnt()[0].labels == ("brick",)
+
+
+def _holds(scene: Path, label: str) -> bool:
+    return any(one["label"] == label for one in rendered.truth(scene)["objects"])
+
+
+def test_shown_views_and_a_drawing_of_one_part_go_together(trainer: Trainer) -> None:
+    view = aspects(block(50, 50, 50), RIG)[0]
+    trainer.store_mesh("cube", "cube.obj", drawn.obj(*drawn.box()), "mm", {})
+    model, left_out = trainer.learnt()
+    assert left_out == []
+    assert recognise_group(view, model).recognition.label == "cube"
+
+
+def test_a_damaged_drawing_on_the_shelf_is_left_out_and_named(trainer: Trainer) -> None:
+    view = trainer.store_mesh("cube", "cube.obj", drawn.obj(*drawn.box()), "mm", {})
+    trainer.store_mesh("brick", "brick.obj", drawn.obj(*drawn.box(40, 50, 60)), "mm", {})
+    assert view.mesh is not None
+    view.mesh.write_bytes(b"v 1\n")
+    trained = trainer.train()
+    assert [line.split(":")[0] for line in trained.left_out] == ["cube/1"]
+    assert [verdict.label for verdict in trained.verdicts] == ["brick"]
+
+
+class Reader:
+    """A door whose operator has some files."""
+
+    name, who, may, asks = "test", "tester", "all", False
+
+    def __init__(self, **files: bytes) -> None:
+        self.files = {name.replace("_", "."): content for name, content in files.items()}
+
+    async def say(self, text: str) -> None:
+        raise AssertionError(text)
+
+    async def ask(self, question: str) -> str:
+        raise AssertionError(question)
+
+    async def fetch(self, path: str) -> bytes:
+        if path not in self.files:
+            raise CommandError(f"{path}: No such file or directory", NOT_UNDERSTOOD)
+        return self.files[path]
+
+
+@pytest.mark.parametrize(
+    ("text", "want"),
+    [
+        ("cube --mesh", "FILE is missing: teach LABEL --mesh"),
+        ("cube --mesh none.stl", "none.stl: No such file or directory"),
+        ("--mesh cube.stl", "which part?"),
+        ("cube --mesh cube.stl mile", "mile: no such unit; known: cm, inch, m, mm"),
+        ("cube --mesh cube.stl mm mm", "mm: one word too many"),
+        ("cube --mesh bad.obj", "bad.obj: not closed"),
+        ("brick --mesh cube.stl", "brick: no such part"),
+    ],
+)
+def test_a_drawing_that_cannot_be_taught_is_an_answer_and_nothing_is_kept(
+    trainer: Trainer, text: str, want: str
+) -> None:
+    from tests.worlds import fake_context
+
+    context = fake_context.fake_desk(trainer.model_store.folder)
+    context.trainer = trainer
+    door = Reader(cube_stl=drawn.binary_stl(*CUBE), bad_obj=GAP)
+    with pytest.raises(CommandError) as told:
+        asyncio.run(teach(context, text.split(), door))  # type: ignore[arg-type]
+    assert want in str(told.value)
+    assert told.value.status == NOT_UNDERSTOOD
+    assert trainer.model_store.views() == []

@@ -1,0 +1,43 @@
+"""Views taught to a model in use: a candidate first, nothing kept of what cannot serve."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from daemon.teaching.trainer import Trainer
+from daemon.vision.model.model import TeachError
+from tests.worlds.taught import taught
+
+
+def test_taught_views_make_a_candidate_and_the_model_in_use_is_not_touched(trainer: Trainer) -> None:
+    labels = taught(trainer)
+    assert [view.label for view in trainer.waiting()] == sorted(labels)
+    before = trainer.in_use
+    trained = trainer.train()
+    assert trained.left_out == ()
+    assert len(trained.verdicts) == len(labels)
+    assert trainer.model.labels == ()
+    assert before.labels == ()
+    assert trainer.accept() == trained.version
+    assert set(trainer.in_use.labels) == set(labels)
+    assert trainer.waiting() == []
+    again = Trainer(trainer.model_store, trainer.rig, trainer.library, trainer.parts)
+    assert again.model.labels == trainer.model.labels, "a restart finds the model that was accepted"
+
+
+def test_nothing_in_view_is_refused_with_what_to_do_and_nothing_is_kept(trainer: Trainer) -> None:
+    grey = np.full((480, 640), 90, np.uint8)
+    with pytest.raises(TeachError, match="no part is seen; put it where both cameras see it"):
+        trainer.store("cube", grey, grey, {})
+    assert trainer.model_store.views() == []
+    with pytest.raises(TeachError, match="no views to train on"):
+        trainer.train()
+
+
+def test_a_view_that_can_no_longer_be_read_is_left_out_and_named(trainer: Trainer) -> None:
+    taught(trainer)
+    (trainer.model_store.views()[0].folder / "left.png").write_bytes(b"")
+    trained = trainer.train()
+    assert len(trained.left_out) == 1
+    assert "not an image" in trained.left_out[0]

@@ -1,0 +1,140 @@
+"""The wire ledger: chained, verifiable, and good enough to be played again to the protocol and to a controller."""
+
+import asyncio
+import json
+from collections.abc import Callable, Sequence
+from copy import copy
+from typing import Any
+
+import pytest
+
+from drivers.puma560 import READY_RAD
+from drivers.simcell.arm import Arm
+from drivers.simcell.controller import Controller, LineFault
+from drivers.val2.ledger import Ledger, LedgerError, replay, verify, what_was_heard, what_was_read
+from drivers.val2.link import Dialect
+from drivers.val2.location import Location
+from drivers.val2.wire import Prompt, Reader
+from tests.worlds.arm_line import MakesLine
+
+Records = list[dict[str, Any]]
+SCALE = 20.0
+GOAL = Location(520.0, 0.0, -100.0, 0.0, 80.0, 0.0)
+
+
+def a_session(arm_line: MakesLine, faults: Sequence[LineFault] = (), **settings: Any) -> Records:
+    """The ledger of a short session: questions asked, moves made, errors met; perhaps with noise."""
+    cell = arm_line(time_scale=SCALE)
+
+    async def scene() -> None:
+        async with cell.link(Dialect(resync_s=0.4, **settings)) as link:
+            cell.faults.line.extend(map(copy, faults))
+            await link.speed(80)
+            await link.move(GOAL)
+            await link.rest(GOAL)
+            await link.calibrate("N")
+            for text in ("HERE P", "DO SET Q=P", "STATUS"):
+                await link.command(text)
+            await link.abort()
+
+    asyncio.run(scene())
+    records: Records = json.loads(json.dumps(cell.records))
+    return records
+
+
+def test_a_session_s_ledger_is_whole(arm_line: MakesLine) -> None:
+    records = a_session(arm_line)
+    assert verify(records) == len(records) > 20
+
+
+@pytest.mark.parametrize(
+    ("harm", "words"),
+    [
+        (lambda records: records[7].update(bytes="DO NEST"), "record 7: was altered"),
+        (lambda records: records[3].update(t_s=0.0), "record 3: was altered"),
+        (lambda records: records.pop(4), "record 4: found number 5"),
+        (lambda records: records.insert(2, records.pop(3)), "record 2: found number 3"),
+        (lambda records: records.pop(0), "record 0: found number 1"),
+    ],
+)
+def test_whatever_was_done_to_a_ledger_afterwards_is_found_and_named(
+    arm_line: MakesLine, harm: Callable[[list[dict[str, Any]]], object], words: str
+) -> None:
+    records = a_session(arm_line)
+    harm(records)
+    with pytest.raises(LedgerError, match=words):
+        verify(records)
+
+
+def test_a_record_rewritten_with_a_fitting_hash_breaks_the_chain_after_it() -> None:
+    records: list[dict[str, Any]] = []
+    ledger = Ledger(records.append)
+    for text in (b"WHERE", b"\r", b"DO READY"):
+        ledger.sent(text, 1.0)
+    forged: list[dict[str, Any]] = []
+    forger = Ledger(forged.append)
+    forger.sent(b"WHERE", 1.0)
+    forger.sent(b"\n", 1.0)
+    with pytest.raises(LedgerError, match="record 2: does not follow"):
+        verify([records[0], forged[1], records[2]])
+
+
+@pytest.mark.parametrize(
+    "faults",
+    [
+        [],
+        [LineFault("to_host", "drop", after=9)],
+        [LineFault("to_controller", "double", after=25)],
+        [LineFault("to_host", "flip", after=180, count=3)],
+    ],
+)
+@pytest.mark.parametrize("pause_s", [0.0, 0.0005])
+def test_a_ledger_played_to_the_protocol_gives_the_same_events(
+    arm_line: MakesLine, faults: list[LineFault], pause_s: float
+) -> None:
+    records = a_session(arm_line, faults, character_pause_s=pause_s)
+    assert what_was_read(replay(records)) == what_was_heard(records)
+
+
+def test_a_character_doubled_in_a_line_typed_slowly_is_the_same_garble_again() -> None:
+    """What doubled may look like the end of the line as far as it was typed; the link knew what was still to come."""
+    records: Records = []
+    ledger, reader = Ledger(records.append), Reader()
+    reader.typed(b"SPEED 80")
+    for k in range(7):
+        ledger.sent(b"SPEED 80"[k : k + 1], 0.1 * k)
+    for event in reader.receive(b"SPEED 88"):
+        ledger.heard(event, 0.7)
+    ledger.sent(b"0", 0.8)
+    ledger.sent(b"\x15", 0.9)
+    assert records[7]["what"] == "garble"
+    assert what_was_read(replay(records)) == what_was_heard(records)
+
+
+def test_a_ledger_drives_a_simulated_controller_to_the_same_answers(arm_line: MakesLine) -> None:
+    records = a_session(arm_line)
+    then = "".join(record["bytes"] for record in records if record["way"] == "in")
+    controller = Controller(Arm(joints_rad=READY_RAD))
+    now = ""
+    for record in records:
+        passed_s = (record["t_s"] - records[0]["t_s"]) * SCALE
+        if record["way"] == "out":
+            controller.receive(record["bytes"].encode("latin-1"), passed_s)
+        now += controller.output(passed_s).decode("latin-1")
+    controller.tick(passed_s + 10.0)
+    now += controller.output(passed_s + 10.0).decode("latin-1")
+    assert without_places_on_the_way(now) == without_places_on_the_way(then)
+
+
+def without_places_on_the_way(said: str) -> list[str]:
+    """What was said, but for tables of a moving arm: the last table stays, and every line that is not of a table."""
+    lines = [line.strip() for line in said.removeprefix(".").replace("\n", "").split("\r")]
+    tables = [k for k, line in enumerate(lines) if line.startswith("X ")]
+    within = {k + j for k in tables for j in range(4)}
+    last = [line for k, line in enumerate(lines) if k in range(tables[-1], tables[-1] + 4)]
+    return last + [line for k, line in enumerate(lines) if k not in within]
+
+
+def test_prompts_are_kept_apart_from_the_dots_in_numbers(arm_line: MakesLine) -> None:
+    prompts = [record for record in a_session(arm_line) if record["what"] == Prompt.__name__.lower()]
+    assert all(record["bytes"].strip("\r\n^U") == "." for record in prompts)

@@ -1,0 +1,91 @@
+"""Hypotheses: the true label in its true pose is among them and fits as well as predicted; a spoilt corner is found."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from daemon import frames
+from daemon.vision.geometry.polyhedron import Polyhedron, exact
+from daemon.vision.model.merge import MetricModel
+from daemon.vision.recognition.hypotheses import Hypothesis, equivalents, hypotheses, without_one_corner
+from tests.worlds.solids import KNOWN, Body, measured, pose, seen_facets
+
+TAUGHT = {label: MetricModel(exact(body.corners_mm, body.facets), (0,)) for label, body in KNOWN.items()}
+TAU_MM = 0.2
+VIEWS = [(1.0, 0.4, 0.8), (0.6, -0.5, 0.7), (-0.3, 0.8, 0.6)]
+seeds = st.integers(0, 2**31)
+
+
+def seen_of(body: Body, where: np.ndarray, rng: np.random.Generator | None) -> Polyhedron:
+    """What one look measures of a part, its corners met already."""
+    shown = [body.facets[f] for f in seen_facets(body, where)]
+    corners = sorted({k for ring in shown for k in ring})
+    found = measured(frames.apply(where, body.corners_mm[corners]), rng)
+    rings = tuple(tuple(corners.index(k) for k in ring) for ring in shown)
+    return Polyhedron(found.corners_mm, rings, found.covariance_mm2)
+
+
+@given(st.sampled_from(sorted(KNOWN)), st.sampled_from(VIEWS), st.floats(0, 6), seeds)
+@settings(deadline=None, max_examples=40)
+def test_the_true_part_in_its_true_pose_is_among_them_and_fits_as_predicted(label, direction, roll, seed) -> None:
+    where = pose(np.array(direction), roll)
+    seen = seen_of(KNOWN[label], where, np.random.default_rng(seed))
+    same = [h for h in hypotheses(seen, TAUGHT, TAU_MM) if h.label == label and h.explained == len(seen.facets)]
+    off = [np.abs(frames.apply(h.pose, KNOWN[label].corners_mm) - frames.apply(where, KNOWN[label].corners_mm)).max()
+           for h in same]  # fmt: skip
+    true = same[int(np.argmin(off))]
+    assert min(off) < 6.0
+    assert true.tail > 1e-4
+    assert true.dof == 3 * len(seen.corners_mm) - 6
+
+
+def test_they_come_best_first_most_facets_explained_then_smallest_chi_square() -> None:
+    seen = seen_of(KNOWN["pentagonal_prism"], pose(np.array(VIEWS[0]), 0.4), np.random.default_rng(1))
+    found = hypotheses(seen, TAUGHT, TAU_MM)
+    assert [(-h.explained, h.chi2) for h in found] == sorted((-h.explained, h.chi2) for h in found)
+    assert found[0].label == "pentagonal_prism"
+
+
+@given(st.sampled_from(["pyramid", "triangular_prism", "pentagonal_prism"]), seeds)
+@settings(deadline=None, max_examples=25)
+def test_the_mirror_image_of_a_part_does_not_fit_it(label: str, seed: int) -> None:
+    """Upright, all parts here are their own mirror images; made skew, these are not (a skew cube still is)."""
+    skew = np.array([[1, 0.25, 0.1], [0, 1, 0.3], [0, 0, 1]])
+    body = Body(KNOWN[label].corners_mm @ skew.T, KNOWN[label].facets)
+    taught = {label: MetricModel(exact(body.corners_mm, body.facets), (0,))}
+    seen = seen_of(body.mirrored(), pose(np.array(VIEWS[0]), 0.7), np.random.default_rng(seed))
+    assert all(h.tail < 1e-6 for h in hypotheses(seen, taught, TAU_MM) if h.explained == len(seen.facets) > 2)
+
+
+def test_one_corner_spoilt_by_a_wrong_edge_is_found_and_left_out() -> None:
+    seen = seen_of(KNOWN["cube"], pose(np.array(VIEWS[0]), 0.4), None)
+    corners = seen.corners_mm.copy()
+    corners[2] += [6.0, -4.0, 3.0]
+    spoilt = Polyhedron(corners, seen.facets, seen.covariance_mm2)
+    near = hypotheses(spoilt, TAUGHT, TAU_MM)
+    assert near[0].tail < 1e-6
+    mended = without_one_corner(spoilt, TAUGHT, near, TAU_MM)[0]
+    assert (mended.label, mended.astray) == ("cube", 2)
+    assert mended.tail > 0.5
+    corners[2] += 30.0
+    far = Polyhedron(corners, seen.facets, seen.covariance_mm2)
+    assert all(h.astray != 2 for h in without_one_corner(far, TAUGHT, hypotheses(far, TAUGHT, TAU_MM), TAU_MM))
+
+
+def test_what_has_no_counterpart_at_all_has_no_hypothesis() -> None:
+    hexagon = np.array([[np.cos(a), np.sin(a), 0.0] for a in np.arange(6) * np.pi / 3]) * 30 + [0, 0, 350]
+    assert hypotheses(exact(hexagon, [range(6)]), TAUGHT, TAU_MM) == ()
+
+
+def test_poses_that_fit_as_well_are_a_symmetric_part_s_and_the_best_stands_first() -> None:
+    def one(label: str, chi2: float, x: float, explained: int = 2) -> Hypothesis:
+        facets = tuple(range(explained)) + (-1,) * (2 - explained)
+        at = frames.rigid(np.eye(3), np.array([x, 0, 0]))
+        return Hypothesis(label, facets, np.arange(6), at, np.eye(6), chi2, 12, 0.1)
+
+    best = one("cube", 10.0, 0.0)
+    others = (best, one("cube", 12.0, 1.0), one("cube", 40.0, 2.0), one("prism", 10.5, 3.0), one("cube", 11.0, 4.0, 1))
+    assert equivalents(best, others)[:, 0, 3] == pytest.approx([0.0, 1.0])
