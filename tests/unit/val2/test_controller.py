@@ -269,7 +269,7 @@ def test_without_calibration_nothing_moves() -> None:
     context = CommandContext(cold=True)
     context.types("y\ry")
     assert "*Arm power off*" in context.types("DO READY")
-    context.controller.switch_arm_power_on()
+    context.controller.machine.switch_arm_power_on()
     assert "*Not calibrated*" in context.types("DO READY")
     context.waits(30)
     np.testing.assert_array_equal(context.arm.joints_at(context.now_s), NEST_RAD)
@@ -292,7 +292,7 @@ def test_cal_answered_by_n_does_nothing() -> None:
     context = CommandContext(cold=True)
     context.types("y\ry\rCAL")
     assert context.types("N").endswith("\r\n.")
-    assert not context.controller.calibrated
+    assert not context.controller.machine.calibrated
 
 
 def test_a_slow_person_at_the_pendant_delays_calibration() -> None:
@@ -368,7 +368,7 @@ def test_after_a_power_cycle_nothing_is_remembered() -> None:
     context.types("SPEED 20")
     context.types("HERE P")
     context.types("TOOL TRANS(0,0,100,0,0,0)")
-    context.controller.power_cycle()
+    context.controller.mishap(Mishap.POWER_CYCLED)
     context.types("Y\rY")
     assert "*Undefined value*" in context.types("DO SET Q=P")
     assert "100.0" in context.types("STATUS")
@@ -390,7 +390,7 @@ def test_harm_on_the_way_to_the_host_leaves_the_command_whole() -> None:
     context = CommandContext()
     context.controller.faults.line.append(LineFault("to_host", "drop", after=1))
     assert context.types("SPEED 50").startswith("SEED 50")
-    assert context.controller.speed_percent == 50
+    assert context.controller.machine.speed_percent == 50
 
 
 def test_a_swallowed_answer_is_swallowed_with_its_prompt_and_the_next_is_not() -> None:
