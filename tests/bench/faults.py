@@ -129,10 +129,10 @@ async def mend(here: Rig) -> None:
     faults.mute_answers, faults.split_prompt_s = 0, 0.0
     here.cell.camera.unplug(False)
     here.cell.camera.cover("left", False)
-    here.cell.controller.switch_arm_power_on()
+    here.cell.controller.machine.switch_arm_power_on()
     if here.robot.question:
         await here.robot.power_up(("Y", "Y"))
-    if not here.cell.controller.calibrated:
+    if not here.cell.controller.machine.calibrated:
         await here.robot.calibrate("Y")
 
 

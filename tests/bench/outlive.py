@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from drivers.simcell.cell import SimulatedCell
-from drivers.simcell.controller import Manners
+from drivers.simcell.controller import Manners, Mishap
 from drivers.val2.commands import moves_the_arm
 from drivers.val2.dialect import Dialect
 from tests.bench.lent_eyes import PLACE, lend
@@ -112,8 +112,8 @@ class Beside(Sentry):
     def answer_questions(self) -> None:
         """What an operator does about an open question: power-up, arm power, CAL."""
         with self.cell.server.controller() as controller:
-            asks, calibrated = controller.question is not None, controller.calibrated
-            controller.switch_arm_power_on()
+            asks, calibrated = controller.question is not None, controller.machine.calibrated
+            controller.machine.switch_arm_power_on()
         if asks:
             self.do("robot power-up")
         if not calibrated:
@@ -157,8 +157,8 @@ def _switching_on(daemon: Sentry) -> None:
     assert isinstance(daemon, Beside)
     while True:
         with daemon.cell.server.controller() as controller:
-            controller.power_cycle()
-            controller.switch_arm_power_on()
+            controller.mishap(Mishap.POWER_CYCLED)
+            controller.machine.switch_arm_power_on()
         for text in ("status", "robot power-up", "robot cal", "resume", "enable", "go home"):
             daemon.do(text)
 

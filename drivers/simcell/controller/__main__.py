@@ -10,7 +10,8 @@ import threading
 from pathlib import Path
 
 from drivers.simcell.arm import Arm
-from drivers.simcell.controller.core import Controller, Manners
+from drivers.simcell.controller.core import Controller
+from drivers.simcell.controller.manners import Manners
 from drivers.simcell.controller.server import PtyServer
 
 PERSON_AT_THE_PANEL_S = 2.0

@@ -1,7 +1,8 @@
-"""The controller itself: bytes typed go in, bytes printed come out, an arm moves. Sans-IO; time is an argument.
+"""The controller's line: bytes typed go in, bytes printed come out. Echo, prompts, questions, what is typed ahead.
 
-Each command is a generator (monitor.py) that yields what it waits for; this file runs one at a time, prints the prompt
-after it, and lets ABORT, control-C and mishaps cut it short.
+Sans-IO; time is an argument. What moves and remembers is machine.py's. Each command is a generator (commands.py) that
+yields what it waits for; this file runs one at a time, prints the prompt after it, and lets ABORT, control-C and
+mishaps cut it short.
 
     what runs     what comes                    what happens
     nothing       a line                        its command starts
@@ -16,36 +17,23 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Literal
 
-import numpy as np
-
-from drivers.puma560 import Configuration
-from drivers.simcell.arm import EMERGENCY_BRAKING, Arm
+from drivers.simcell.arm import Arm
 from drivers.simcell.controller import monitor
-from drivers.simcell.controller.expressions import Memory, MonitorError
+from drivers.simcell.controller.commands import Ask, Command, Wait, come_to_rest
+from drivers.simcell.controller.expressions import MonitorError
 from drivers.simcell.controller.faults import Faults, Mishap
+from drivers.simcell.controller.machine import Machine
+from drivers.simcell.controller.manners import Manners
 from drivers.simcell.controller.terminal import Cancelled, Interrupt, Line, Terminal
-from drivers.simcell.controller.waits import Ask, Command, Wait
-from drivers.simcell.controller.words import come_to_rest
 
 TYPE_AHEAD_LINES = 16
 KEPT_LINES = 1000
-
-
-@dataclass(frozen=True)
-class Manners:
-    """What differs between systems; times in the controller's seconds."""
-
-    echo: bool = True
-    line_editing: bool = True
-    """Whether control-U, rubout and control-C do what they are for, or are characters like any other."""
-    prompt_after_move: Literal["start", "end"] = "start"
-    hand_s: float = 0.3
-    calibration_s: float = 6.0
-    arm_power_after_s: float | None = None
-    """How long after CAL was refused for want of it somebody switches arm power on (None: nobody does)."""
+MESSAGES = {
+    Mishap.POWER_LOST: "*Arm power off*",
+    Mishap.EMERGENCY_STOP: "*Emergency stop*",
+    Mishap.ENVELOPE_ERROR: "*Envelope error* Joint 2",
+}
 
 
 class Controller:
@@ -59,42 +47,38 @@ class Controller:
         faults: Faults | None = None,
         cold: bool = False,
     ) -> None:
-        """on_hand: called with True when the hand closes. cold: as after the mains were switched on."""
-        self.arm, self.manners, self.faults = arm, manners or Manners(), faults or Faults()
-        self.on_hand = on_hand or (lambda closed: None)
-        self.now_s = 0.0
-        self.memory = Memory()
-        self.speed_percent = 100.0
-        self.arm_power = self.calibrated = not cold
-        self.hand_closed = False
-        self.wanted = Configuration()
-        self.alive = True
+        """See Machine."""
+        self.machine = Machine(arm, manners, on_hand, faults, cold)
+        self.arm, self.faults = arm, self.machine.faults
         self.lines: deque[str] = deque(maxlen=KEPT_LINES)
         """What was typed, the newest line last, carried out or refused; for witnesses."""
-        self._terminal = Terminal(self.manners.line_editing)
+        self._terminal = Terminal(self.machine.manners.line_editing)
         self._ahead: deque[str] = deque(maxlen=TYPE_AHEAD_LINES)
         self._running: Command | None = None
         self._waits_for: Wait | Ask | None = None
         self._output: deque[tuple[float, bytes]] = deque()
         self._at_line_start = True
         self._muted = False
-        self._mishaps: list[tuple[float, Mishap]] = []
-        self._power_comes_s: float | None = None
         if cold:
-            self._start(monitor.power_up(self))
+            self._start(monitor.power_up())
         else:
             self._print_prompt()
+
+    @property
+    def now_s(self) -> float:
+        """The machine's time."""
+        return self.machine.now_s
 
     # The line
 
     def receive(self, data: bytes, now_s: float) -> None:
         """Bytes typed."""
         self.tick(now_s)
-        if not self.alive:
+        if not self.machine.alive:
             return
         for byte in self.faults.harm(data, "to_controller"):
             echo, completed = self._terminal.take(byte)
-            if self.manners.echo:
+            if self.machine.manners.echo:
                 self._emit(echo)
             if isinstance(completed, Line):
                 self._take_line(completed.text)
@@ -112,19 +96,21 @@ class Controller:
 
     def tick(self, now_s: float) -> None:
         """Let time pass; whatever was due on the way happens at its moment, in order."""
-        while (moment_s := self._next_event_s()) is not None and moment_s <= now_s:
-            self.now_s = max(self.now_s, moment_s)
-            if self._mishaps and self._mishaps[0][0] == moment_s:
-                self.mishap(self._mishaps.pop(0)[1])
-            elif self._power_comes_s == moment_s:
-                self.arm_power, self._power_comes_s = True, None
-            else:
+        while True:
+            due_s = self._waits_for.until_s if isinstance(self._waits_for, Wait) else None
+            goes_on = due_s is not None and due_s <= now_s
+            mishap = self.machine.advance_to(due_s if due_s is not None and goes_on else now_s)
+            if mishap is not None:
+                self._tell(mishap)
+            elif goes_on:
                 self._step("")
-        self.now_s = max(self.now_s, now_s)
+            else:
+                return
 
     def next_moment_s(self) -> float | None:
         """When `tick` or `output` next has something to do; None: not before something is typed."""
-        moments = [self._next_event_s(), self._output[0][0] if self._output else None]
+        moments = [self.machine.next_event_s(), self._output[0][0] if self._output else None]
+        moments += [self._waits_for.until_s] if isinstance(self._waits_for, Wait) else []
         return min((moment for moment in moments if moment is not None), default=None)
 
     @property
@@ -141,71 +127,26 @@ class Controller:
 
     def abort(self) -> None:
         """Brake, forget what runs and what was typed ahead; the prompt comes when the arm is at rest."""
-        self.arm.halt(self.now_s)
+        self.machine.halt()
         self._drop()
-        self._start(come_to_rest(self))
+        self._start(come_to_rest(self.machine))
 
     def mishap(self, what: Mishap) -> None:
         """Something happens to the machine, now."""
-        if what is Mishap.DEAD:
-            self.arm.halt(self.now_s, EMERGENCY_BRAKING)
-            self.alive = False
-            return
-        self.arm.halt(self.now_s, EMERGENCY_BRAKING)
-        self.arm_power = False
-        if what is Mishap.POWER_CYCLED:
-            self.power_cycle()
-            return
-        self._drop()
-        message = {
-            Mishap.POWER_LOST: "*Arm power off*",
-            Mishap.EMERGENCY_STOP: "*Emergency stop*",
-            Mishap.ENVELOPE_ERROR: "*Envelope error* Joint 2",
-        }[what]
-        self.say(message)
-        self._print_prompt()
-
-    def power_cycle(self) -> None:
-        """The mains go off and on: nothing is remembered, the arm is not calibrated, the power-up dialogue begins."""
-        self.arm.halt(self.now_s, EMERGENCY_BRAKING)
-        self._drop()
-        self.memory, self.speed_percent, self.wanted = Memory(), 100.0, Configuration()
-        self.arm.tool = np.eye(4)
-        self.arm_power = self.calibrated = False
-        self.alive = True
-        self._terminal.clear()
-        self._start(monitor.power_up(self))
-
-    def switch_arm_power_on(self) -> None:
-        """The button on the panel."""
-        self.arm_power = True
-
-    # For the commands
-
-    def say(self, text: str) -> None:
-        """Print a line."""
-        if not self._at_line_start:
-            self._emit(b"\r\n")
-        self._emit(text.encode("ascii", "replace") + b"\r\n")
-
-    def move_started(self) -> None:
-        """The arm was set in motion: a mishap waiting for a move gets its moment."""
-        if self.faults.in_move:
-            share, what = self.faults.in_move.pop(0)
-            self._mishaps = [(self.now_s + share * (self.arm.rests_s - self.now_s), what)]
-
-    def arm_power_was_missing(self) -> None:
-        """CAL was refused for want of arm power: somebody may come and switch it on."""
-        if self.manners.arm_power_after_s is not None:
-            self._power_comes_s = self.now_s + self.manners.arm_power_after_s
+        self.machine.befall(what)
+        self._tell(what)
 
     # Inside
 
-    def _next_event_s(self) -> float | None:
-        moments = [moment for moment, _ in self._mishaps[:1]]
-        moments += [self._waits_for.until_s] if isinstance(self._waits_for, Wait) else []
-        moments += [self._power_comes_s] if self._power_comes_s is not None else []
-        return min(moments, default=None)
+    def _tell(self, what: Mishap) -> None:
+        """What runs is over, and why is said, where there is still somebody to say it."""
+        self._drop()
+        if what is Mishap.POWER_CYCLED:
+            self._terminal.clear()
+            self._start(monitor.power_up())
+        elif what is not Mishap.DEAD:
+            self._say(MESSAGES[what])
+            self._print_prompt()
 
     def _take_line(self, text: str) -> None:
         self.lines.append(text)
@@ -215,7 +156,7 @@ class Controller:
         if isinstance(self._waits_for, Ask):
             self._step(text)
         elif self._running is None:
-            self._start(monitor.run(self, text))
+            self._start(monitor.run(self.machine, text))
         elif monitor.is_abort(text):
             self.abort()
         else:
@@ -230,21 +171,24 @@ class Controller:
         command = self._running
         assert command is not None
         try:
-            waits_for = next(command) if answer is None else command.send(answer)
+            comes = next(command) if answer is None else command.send(answer)
+            while isinstance(comes, str):
+                self._say(comes)
+                comes = next(command)
         except StopIteration:
             self._finish()
         except MonitorError as error:
-            self.say(str(error))
+            self._say(str(error))
             self._finish()
         else:
-            self._waits_for = waits_for
-            if isinstance(waits_for, Ask):
-                self._ask(waits_for)
+            self._waits_for = comes
+            if isinstance(comes, Ask):
+                self._ask(comes)
 
     def _finish(self) -> None:
         self._running = self._waits_for = None
         if self._ahead:
-            self._start(monitor.run(self, self._ahead.popleft()))
+            self._start(monitor.run(self.machine, self._ahead.popleft()))
         else:
             self._print_prompt()
 
@@ -252,8 +196,7 @@ class Controller:
         if self._ahead:
             self._step(self._ahead.popleft())
             return
-        if not self._at_line_start:
-            self._emit(b"\r\n")
+        self._begin_line()
         self._emit(ask.question.encode("ascii") + b" ")
 
     def _again(self) -> None:
@@ -268,16 +211,23 @@ class Controller:
             self._running.close()
         self._running = self._waits_for = None
         self._ahead.clear()
-        self._mishaps.clear()
+        self.machine.spare()
+
+    def _say(self, line: str) -> None:
+        self._begin_line()
+        self._emit(line.encode("ascii", "replace") + b"\r\n")
 
     def _print_prompt(self) -> None:
-        if not self._at_line_start:
-            self._emit(b"\r\n")
+        self._begin_line()
         self._emit(b".", self.now_s + self.faults.split_prompt_s)
         self._muted = False
 
+    def _begin_line(self) -> None:
+        if not self._at_line_start:
+            self._emit(b"\r\n")
+
     def _emit(self, data: bytes, not_before_s: float = 0.0) -> None:
-        if not data or not self.alive:
+        if not data or not self.machine.alive:
             return
         self._at_line_start = data.endswith(b"\n")
         if self._muted:

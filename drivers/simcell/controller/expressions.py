@@ -8,11 +8,9 @@ from dataclasses import dataclass, field
 from math import isfinite
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drivers.simcell.rigid import Array
 from drivers.val2.location import Location, matrix_from_location
-
-Array = NDArray[np.float64]
 
 LARGEST_NUMBER = 1e6
 NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)(E[-+]?\d{1,2})?")
@@ -33,6 +31,10 @@ class Memory:
 
     transforms: dict[str, Array] = field(default_factory=dict)
     precision_points: dict[str, Array] = field(default_factory=dict)
+
+    def named(self, name: str) -> dict[str, Array]:
+        """Where a name belongs."""
+        return self.precision_points if name.startswith("#") else self.transforms
 
 
 def numbers(text: str, at_most: int, defaults: Mapping[int, float] | None = None) -> list[float]:

@@ -319,13 +319,13 @@ def test_a_calibration_somebody_else_began_and_did_not_confirm_is_declined_on_op
     async def scene() -> None:
         cell = arm_line(Manners(line_editing=line_editing))
         with cell.server.controller() as controller:
-            controller.calibrated = False
+            controller.machine.calibrated = False
             controller.receive(b"CAL\r", controller.now_s)
         async with cell.link() as link:
             assert link.question is None
             await link.where()
             with cell.server.controller() as controller:
-                assert not controller.calibrated
+                assert not controller.machine.calibrated
 
     asyncio.run(scene())
 
@@ -472,7 +472,7 @@ def test_a_person_s_terminal_has_the_line_to_itself_but_for_the_abort(arm_line: 
             assert b"speed 30\r\n." in seen
             np.testing.assert_allclose(cell.joints(), READY_RAD, atol=1e-9)
             with cell.server.controller() as controller:
-                assert controller.speed_percent == 30
+                assert controller.machine.speed_percent == 30
 
             async with link.terminal(seen.extend) as type_in:
                 await link.abort()

@@ -268,7 +268,7 @@ def test_without_calibration_nothing_moves() -> None:
     terminal = Terminal(cold=True)
     terminal.types("y\ry")
     assert "*Arm power off*" in terminal.types("DO READY")
-    terminal.controller.switch_arm_power_on()
+    terminal.controller.machine.switch_arm_power_on()
     assert "*Not calibrated*" in terminal.types("DO READY")
     terminal.waits(30)
     np.testing.assert_array_equal(terminal.arm.joints_at(terminal.now_s), NEST_RAD)
@@ -291,7 +291,7 @@ def test_cal_answered_by_n_does_nothing() -> None:
     terminal = Terminal(cold=True)
     terminal.types("y\ry\rCAL")
     assert terminal.types("N").endswith("\r\n.")
-    assert not terminal.controller.calibrated
+    assert not terminal.controller.machine.calibrated
 
 
 def test_a_slow_person_at_the_pendant_delays_calibration() -> None:
@@ -367,7 +367,7 @@ def test_after_a_power_cycle_nothing_is_remembered() -> None:
     terminal.types("SPEED 20")
     terminal.types("HERE P")
     terminal.types("TOOL TRANS(0,0,100,0,0,0)")
-    terminal.controller.power_cycle()
+    terminal.controller.mishap(Mishap.POWER_CYCLED)
     terminal.types("Y\rY")
     assert "*Undefined value*" in terminal.types("DO SET Q=P")
     assert "100.0" in terminal.types("STATUS")
@@ -389,7 +389,7 @@ def test_harm_on_the_way_to_the_host_leaves_the_command_whole() -> None:
     terminal = Terminal()
     terminal.controller.faults.line.append(LineFault("to_host", "drop", after=1))
     assert terminal.types("SPEED 50").startswith("SEED 50")
-    assert terminal.controller.speed_percent == 50
+    assert terminal.controller.machine.speed_percent == 50
 
 
 def test_a_swallowed_answer_is_swallowed_with_its_prompt_and_the_next_is_not() -> None:

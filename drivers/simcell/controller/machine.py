@@ -1,0 +1,176 @@
+"""The device behind the controller's line: arm, hand, power, memory, and what becomes of them as time passes.
+
+It does not know that it is spoken to over a line: whoever has read a command calls a method here. Time is an argument:
+a test of a minute is a command and `advance(60)`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+import numpy as np
+
+from drivers.puma560 import Configuration, UnreachableError
+from drivers.simcell.arm import EMERGENCY_BRAKING, Arm, SingularWristError
+from drivers.simcell.controller.expressions import Memory, MonitorError, location
+from drivers.simcell.controller.faults import Faults, Mishap
+from drivers.simcell.controller.manners import Manners
+from drivers.simcell.rigid import Array
+
+FULL_PERCENT = 100.0
+
+
+class Machine:
+    """What moves and what is remembered. Errors are MonitorError, in the controller's own words."""
+
+    def __init__(
+        self,
+        arm: Arm,
+        manners: Manners | None = None,
+        on_hand: Callable[[bool], None] | None = None,
+        faults: Faults | None = None,
+        cold: bool = False,
+    ) -> None:
+        """on_hand: called with True when the hand closes. cold: as after the mains were switched on."""
+        self.arm, self.manners, self.faults = arm, manners or Manners(), faults or Faults()
+        self.now_s = 0.0
+        self.alive = True
+        self.arm_power = self.calibrated = not cold
+        self.hand_closed = False
+        self._on_hand = on_hand or (lambda closed: None)
+        self._mishap: tuple[float, Mishap] | None = None
+        self._power_comes_s: float | None = None
+        self._forget()
+
+    # Time
+
+    def advance(self, seconds: float) -> Mishap | None:
+        """Let time pass; see advance_to."""
+        return self.advance_to(self.now_s + seconds)
+
+    def advance_to(self, moment_s: float) -> Mishap | None:
+        """Let time pass up to a moment, or up to the first mishap on the way, which is given back."""
+        if self._mishap is not None and self._mishap[0] <= moment_s:
+            self._pass_to(self._mishap[0])
+            what = self._mishap[1]
+            self.befall(what)
+            return what
+        self._pass_to(moment_s)
+        return None
+
+    def next_event_s(self) -> float | None:
+        """When something happens next that nobody asks for; None: nothing will."""
+        moments = [self._mishap[0] if self._mishap else None, self._power_comes_s]
+        return min((moment for moment in moments if moment is not None), default=None)
+
+    def _pass_to(self, moment_s: float) -> None:
+        self.now_s = max(self.now_s, moment_s)
+        if self._power_comes_s is not None and self._power_comes_s <= self.now_s:
+            self.arm_power, self._power_comes_s = True, None
+
+    # Places
+
+    def pose(self) -> Array:
+        """world_from_tool (4, 4) mm, as the controller believes it."""
+        return self.arm.reported_pose_at(self.now_s)
+
+    def joints(self) -> Array:
+        """(6,) rad, as the controller believes them."""
+        return self.arm.joints_at(self.now_s)
+
+    def place(self, text: str) -> Array:
+        """world_from_tool (4, 4) of a transformation expression. Raises MonitorError."""
+        return location(text, self.memory, self.pose())
+
+    def joints_for(self, world_from_tool: Array) -> Array:
+        """(6,) rad that reach a pose in the configuration asked for. Raises MonitorError."""
+        with _unreachable_told():
+            return self.arm.joints_for(world_from_tool, self.wanted, self.now_s)
+
+    # Motion
+
+    def at_rest(self) -> bool:
+        """Whether no motion is under way."""
+        return self.arm.at_rest(self.now_s)
+
+    def check_ready(self) -> None:
+        """Raise MonitorError where the arm cannot move now."""
+        if not self.arm_power:
+            raise MonitorError("*Arm power off*")
+        if not self.calibrated:
+            raise MonitorError("*Not calibrated*")
+        if self.faults.refusals:
+            raise MonitorError(self.faults.refusals.pop(0))
+
+    def move_joints(self, joints_rad: Array, percent: float | None = None) -> None:
+        """Set out for (6,) joint angles; percent: of full speed (None: the monitor speed). Raises MonitorError."""
+        share = (self.speed_percent if percent is None else percent) / FULL_PERCENT
+        with _unreachable_told():
+            self.arm.move_joints(joints_rad, share, self.now_s)
+        self._set_out()
+
+    def move_straight(self, world_from_tool: Array) -> None:
+        """Set out on a straight line for a pose (4, 4). Raises MonitorError."""
+        with _unreachable_told():
+            self.arm.move_straight(world_from_tool, self.speed_percent / FULL_PERCENT, self.now_s)
+        self._set_out()
+
+    def halt(self, braking: float = 1.0) -> None:
+        """Come to rest along the path; braking: times the usual deceleration."""
+        self.arm.halt(self.now_s, braking)
+
+    def hand(self, closed: bool) -> None:
+        """Close or open the hand."""
+        self.hand_closed = closed
+        self._on_hand(closed)
+
+    def _set_out(self) -> None:
+        """A mishap that waits for a move gets its moment."""
+        if self.faults.in_move:
+            share, what = self.faults.in_move.pop(0)
+            self._mishap = self.now_s + share * (self.arm.rests_s - self.now_s), what
+
+    # What may befall it
+
+    def befall(self, what: Mishap) -> None:
+        """Something happens to the machine, now."""
+        self.halt(EMERGENCY_BRAKING)
+        self.spare()
+        if what is Mishap.DEAD:
+            self.alive = False
+            return
+        self.arm_power = False
+        if what is Mishap.POWER_CYCLED:
+            self.alive, self.calibrated = True, False
+            self.arm.tool = np.eye(4)
+            self._forget()
+
+    def spare(self) -> None:
+        """What was to happen in this move does not."""
+        self._mishap = None
+
+    def switch_arm_power_on(self) -> None:
+        """The button on the panel."""
+        self.arm_power = True
+
+    def miss_arm_power(self) -> None:
+        """It was asked for what needs arm power: somebody may come and switch it on."""
+        if self.manners.arm_power_after_s is not None:
+            self._power_comes_s = self.now_s + self.manners.arm_power_after_s
+
+    def _forget(self) -> None:
+        """As after the mains were off."""
+        self.memory, self.speed_percent, self.wanted = Memory(), FULL_PERCENT, Configuration()
+
+
+@contextmanager
+def _unreachable_told() -> Iterator[None]:
+    """What the arm cannot do, in the controller's words."""
+    try:
+        yield
+    except SingularWristError as error:
+        raise MonitorError("*Wrist singularity*") from error
+    except UnreachableError as error:
+        message = "*Location out of range*" if error.joint is None else f"*Joint {error.joint} out of range*"
+        raise MonitorError(message) from error
