@@ -11,13 +11,15 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from daemon.vision.facets.reconstruct import find_facets
+from daemon.vision.facets.reconstruct import facets_seen
 from daemon.vision.facets.table import Table, without_table
 from daemon.vision.geometry.rig import StereoRig
+from daemon.vision.image.both_eyes import open_eyes
 from daemon.vision.model.facet_types import FacetLibrary
 from daemon.vision.model.model import Model, empty_model
 from daemon.vision.recognition.recognise import UNKNOWN, recognise
-from daemon.vision.registration.verify import look_closer, open_eyes
+from daemon.vision.registration.verify import look_closer
+from daemon.vision.registration.verify import open_eyes as closer_eyes
 from daemon.vision.settings import VisionSettings
 from daemon.vision.values import FacetView, Part, Scene
 
@@ -42,10 +44,11 @@ def look(
     now = clock or _no_clock
     known = model or empty_model(FacetLibrary(()))
     full = settings or VisionSettings()
+    eyes = open_eyes(left, right, rig)
     seconds = {"facets": 0.0, "recognise": 0.0}
     for effort in (full.brief(), full) if known.labels else (full,):
         start = now()
-        view = find_facets(left, right, rig, effort)
+        view = facets_seen(eyes, effort)
         if table is not None:
             view = without_table(view, table)
         seen = now()
@@ -56,7 +59,7 @@ def look(
             break
     if known.labels and not _all_named(parts) and (view.groups or view.rejected):
         start = now()
-        view = look_closer(view, known, open_eyes(left, right, rig))
+        view = look_closer(view, known, closer_eyes(left, right, rig))
         parts = recognise(view, known)
         seconds["closer"] = now() - start
     notes = (*view.notes, *_notes(view, parts, model))

@@ -15,7 +15,7 @@ from daemon import frames
 from daemon.vision.geometry.polyhedron import Polyhedron
 from daemon.vision.geometry.rectified import Baseline
 from daemon.vision.image.edge_lines import Sides, edge_sigmas, fit_sides
-from daemon.vision.image.one_eye import Sight
+from daemon.vision.image.one_eye import OneEye
 from daemon.vision.registration.pose_step import across, corners_in, off_places, solve
 
 Array = NDArray[np.float64]
@@ -71,7 +71,7 @@ class Placement:
     pose: Array
 
 
-def align(place: Placement, geometry: Baseline, eyes: tuple[Sight, Sight]) -> Aligned:
+def align(place: Placement, geometry: Baseline, eyes: tuple[OneEye, OneEye]) -> Aligned:
     """Move a placement so that the visible facets' edges meet the image edges, and see which facets do.
 
     It must be near enough that most edges are within some two pixels.
@@ -111,7 +111,7 @@ def _edges(solid: Polyhedron, visible: tuple[int, ...]) -> list[Edge]:
 
 
 def _read(
-    place: Placement, edges: list[Edge], geometry: Baseline, sight: Sight, eye: int, *, roughly: bool = False
+    place: Placement, edges: list[Edge], geometry: Baseline, sight: OneEye, eye: int, *, roughly: bool = False
 ) -> _Reading:
     camera = (geometry.right if eye else geometry.left).camera
     px, slope = corners_in(camera, place.pose, place.solid.corners_mm)
@@ -137,11 +137,9 @@ def _shows(sides: Sides) -> NDArray[np.bool_]:
     return np.asarray((sides.evidence > LEAST_EVIDENCE) & (sides.support > LEAST_SUPPORT))
 
 
-def _good(reading: _Reading, sight: Sight) -> NDArray[np.bool_]:
+def _good(reading: _Reading, sight: OneEye) -> NDArray[np.bool_]:
     """(E,) whether an edge was found on its place, and stands out from the shading and the grain beside it."""
-    if sight.fine is None:
-        return np.zeros(len(reading.off), bool)
-    clear = edge_sigmas(sight.fine.smoothed, reading.sides.start, reading.sides.end) > LEAST_SIGMAS
+    clear = edge_sigmas(sight.smooth, reading.sides.start, reading.sides.end) > LEAST_SIGMAS
     return _shows(reading.sides) & _on_place(reading) & clear
 
 

@@ -21,9 +21,8 @@ from daemon.vision.geometry.planes import planarity
 from daemon.vision.geometry.polygon import Shape
 from daemon.vision.geometry.rectified import Baseline, Eye, baseline
 from daemon.vision.geometry.rig import StereoRig
-from daemon.vision.image.grey import Grey, as_grey, measure_noise
-from daemon.vision.image.one_eye import Sight
-from daemon.vision.image.regions import whole
+from daemon.vision.image.grey import Grey, as_grey
+from daemon.vision.image.one_eye import OneEye
 from daemon.vision.model.model import Model
 from daemon.vision.recognition.recognise import UNKNOWN, recognise_group, suspicions
 from daemon.vision.registration.chamfer import EdgeMap, edge_map, facing, trial_costs
@@ -48,8 +47,8 @@ class Eyes:
     noise, and how far its pixels are from edges."""
 
     geometry: Baseline
-    left: Sight
-    right: Sight
+    left: OneEye
+    right: OneEye
     edges: tuple[EdgeMap, EdgeMap]
     size: tuple[int, int]
 
@@ -198,7 +197,6 @@ def _group(laid: Aligned, geometry: Baseline) -> Group:
     return weld(facets)
 
 
-def _sight(eye: Eye, image: Grey) -> tuple[Sight, EdgeMap]:
-    noise = measure_noise(image)
-    fine, half = whole(image, noise)
-    return Sight(eye, image.astype(np.float32), noise, fine, []), edge_map(half, EDGE_SIGMAS)
+def _sight(eye: Eye, image: Grey) -> tuple[OneEye, EdgeMap]:
+    view = OneEye(eye, image)
+    return view, edge_map(view.scale(2), EDGE_SIGMAS)
