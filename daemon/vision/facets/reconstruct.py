@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
@@ -10,8 +11,9 @@ from numpy.typing import NDArray
 
 from daemon.vision.facets.candidates import Candidate, choose, find_candidates, triangulate
 from daemon.vision.facets.completion import complete
-from daemon.vision.facets.grouping import connected, lying_under, touching_table
-from daemon.vision.facets.joining import join
+from daemon.vision.facets.grouping import connected, lying_under, nearest_first
+from daemon.vision.facets.joining import settled
+from daemon.vision.facets.weld import weld
 from daemon.vision.geometry.converging import by_formula, converging
 from daemon.vision.geometry.rectified import Baseline
 from daemon.vision.geometry.rig import StereoRig
@@ -41,40 +43,37 @@ def facets_seen(eyes: Eyes, settings: VisionSettings) -> FacetView:
     chosen += complete(chosen, eyes, settings)
     if settings.corner_detector != "line_fit":
         chosen = [_with_detected_corners(c, eyes, settings) for c in chosen]
-    groups = []
-    for group in _touching(chosen):
-        facets = _settled(group, eyes.geometry, settings)
-        under = lying_under(facets)
-        if under is not None:
-            refused.append((group[under], "the part stands on it: a shadow, or a mark on the table"))
-            group = [c for c in group if c is not group[under]]
-            for rest in _touching(group):
-                groups.append(_as_group(_settled(rest, eyes.geometry, settings), eyes.rig, settings))
+    groups = list[Group]()
+    for members, group in _welded(chosen):
+        whole = _settled(members, group, eyes.geometry, settings)
+        under = lying_under(whole.facets)
+        if under is None:
+            groups.append(whole)
             continue
-        groups.append(_as_group(facets, eyes.rig, settings))
-    groups.sort(key=lambda g: float(np.mean([f.corners_mm[:, 2].mean() for f in g.facets])))
+        refused.append((members[under], "the part stands on it: a shadow, or a mark on the table"))
+        for rest, own in _welded([c for c in members if c is not members[under]]):
+            groups.append(_settled(rest, own, eyes.geometry, settings))
+    if settings.stereo_formula != "exact":
+        groups = [replace(g, facets=tuple(_by_formula(g.facets, eyes.rig, settings))) for g in groups]
     polygons = tuple(c.left.polygon for c in chosen), tuple(c.right.polygon for c in chosen)
     rejected = _unmatched(eyes.left.outlines(settings), polygons[0], "left")
     rejected += _unmatched(eyes.right.outlines(settings), polygons[1], "right")
     rejected += tuple(Rejected(c.facet.left_px, "left", why) for c, why in refused)
     sigma, blur = _noise_at_parts(eyes, chosen)
-    return FacetView(tuple(groups), rejected, *polygons, sigma, blur_px=blur)
+    return FacetView(nearest_first(groups), rejected, *polygons, sigma, blur_px=blur)
 
 
-def _touching(candidates: list[Candidate]) -> list[list[Candidate]]:
-    """Sets of candidates that hang together by shared edges."""
-    return [[candidates[k] for k in m] for m in connected(touching_table(tuple(c.facet for c in candidates)))]
+def _welded(candidates: list[Candidate]) -> list[tuple[list[Candidate], Group]]:
+    """Sets of candidates that hang together by shared edges, each with its facets as a group."""
+    if not candidates:
+        return []
+    whole = weld([c.facet for c in candidates])
+    return [([candidates[k] for k in members], whole.only(members)) for members in connected(whole.touching)]
 
 
-def _settled(group: list[Candidate], eyes: Baseline, settings: VisionSettings) -> list[Facet]:
-    """The group's facets, corners estimated together unless they are to stay where a detector put them."""
-    return join(group, eyes)[0] if settings.corner_detector == "line_fit" else [c.facet for c in group]
-
-
-def _as_group(facets: list[Facet], rig: StereoRig, settings: VisionSettings) -> Group:
-    if settings.stereo_formula != "exact":
-        facets = _by_formula(facets, rig, settings)
-    return Group(tuple(facets), touching_table(tuple(facets)))
+def _settled(members: list[Candidate], group: Group, geometry: Baseline, settings: VisionSettings) -> Group:
+    """The group, its corners estimated together unless they are to stay where a detector put them."""
+    return settled(members, group, geometry) if settings.corner_detector == "line_fit" else group
 
 
 def _noise_at_parts(eyes: Eyes, chosen: list[Candidate]) -> tuple[float, float]:
@@ -103,7 +102,7 @@ def _with_detected_corners(c: Candidate, eyes: Eyes, settings: VisionSettings) -
     return replace(c, facet=triangulate(polygons[0], polygons[1], eyes.geometry), left=left, right=right)
 
 
-def _by_formula(facets: list[Facet], rig: StereoRig, settings: VisionSettings) -> list[Facet]:
+def _by_formula(facets: Iterable[Facet], rig: StereoRig, settings: VisionSettings) -> list[Facet]:
     constants = converging(rig)
     compensated = settings.stereo_formula == "thesis_compensated"
     return [replace(f, corners_mm=by_formula(f.left_px, f.right_px, rig, constants, compensated)) for f in facets]

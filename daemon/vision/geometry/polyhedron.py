@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from daemon.vision.geometry.facet_measures import newell_normal
 
 Array = NDArray[np.float64]
+SURE_MM2 = 1e-9  # keeps the weight of a corner known exactly finite
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,3 +69,27 @@ def exact(corners_mm: Array, facets: Iterable[Iterable[int]]) -> Polyhedron:
     """A polyhedron whose corners (K, 3) are known without error, its facets not typed."""
     rings = tuple(tuple(int(k) for k in ring) for ring in facets)
     return Polyhedron(corners_mm, rings, np.zeros((len(corners_mm), 3, 3)))
+
+
+def united(rings: Sequence[Sequence[int]], points_mm: Array, covariance_mm2: Array, types: Iterable[str]) -> Polyhedron:
+    """Facets as they were measured one by one, made one polyhedron: points_mm (N, 3), ring after ring, with covariance
+    (N, 3, 3); points with one number in the rings are one corner.
+
+    A corner is the weighted mean of its points; its covariance stays that of one facet, because neighbours measure the
+    same edges in the same pixels, and grows by how far the points lie apart.
+    """
+    order = {number: k for k, number in enumerate(dict.fromkeys(n for ring in rings for n in ring))}
+    owner = np.array([order[number] for ring in rings for number in ring])
+    count = len(order)
+    information = np.linalg.inv(covariance_mm2 + SURE_MM2 * np.eye(3))
+    total, weighted, shares = np.zeros((count, 3, 3)), np.zeros((count, 3)), np.bincount(owner).astype(float)
+    np.add.at(total, owner, information)
+    np.add.at(weighted, owner, (information @ points_mm[..., None])[..., 0])
+    spread = np.linalg.inv(total)
+    corners = (spread @ weighted[..., None])[..., 0]
+    off = points_mm - corners[owner]
+    scatter = np.zeros((count, 3, 3))
+    np.add.at(scatter, owner, off[:, :, None] * off[:, None, :])
+    facets = tuple(tuple(order[number] for number in ring) for ring in rings)
+    covariance = spread * shares[:, None, None] + scatter / shares[:, None, None]
+    return Polyhedron(corners, facets, covariance, tuple(types))

@@ -6,19 +6,19 @@ In: a FacetView and a Model. Out: Parts. Seeing facets, learning and files are e
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
+from daemon.vision.facets.weld import weld
 from daemon.vision.geometry.facet_measures import newell_normal
 from daemon.vision.geometry.polyhedron import Polyhedron
 from daemon.vision.model.facet_types import LARGEST_NUMBER, FacetLibrary, type_number
 from daemon.vision.model.model import Model
-from daemon.vision.model.patterns import Answer, by_label, recall, touching_of, typed
+from daemon.vision.model.patterns import Answer, by_label, recall, typed
 from daemon.vision.model.regularise import regularise
-from daemon.vision.model.relation_matrix import weld
 from daemon.vision.recognition.confidence import probability
 from daemon.vision.recognition.hypotheses import Hypothesis, equivalents, hypotheses, without_one_corner
 from daemon.vision.recognition.posterior import most_likely_corners
@@ -33,15 +33,6 @@ LEAST_PROBABILITY = 0.9  # below it a part is not named
 EPIPOLAR_PX = 0.25  # a corner farther off its epipolar line than this is less sure than predicted
 HOLLOW_MM = 2.0  # how far in front of a neighbour's plane a facet's middle lies that meets it in a hollow edge
 UNKNOWN = "unknown"
-
-
-@dataclass(frozen=True, eq=False)
-class _Seen:
-    """One group, looked at: typed facets, the welded solid, who touches whom."""
-
-    facets: tuple[Facet, ...]
-    solid: Polyhedron
-    touching: NDArray[np.bool_]
 
 
 def recognise(view: FacetView, model: Model) -> tuple[Part, ...]:
@@ -64,11 +55,9 @@ def _as_one(one: Named, other: Named, model: Model) -> Named | None:
     names = [{p.recognition.label for p in parts} for _, parts in (one, other)]
     if names[0] != names[1] or len(names[0]) > 1:
         return None
-    facets = one[0].facets + other[0].facets
-    touching = weld(facets).touching
-    if not touching[: len(one[0].facets), len(one[0].facets) :].any():
+    whole = weld(one[0].facets + other[0].facets)
+    if not whole.touching[: len(one[0].facets), len(one[0].facets) :].any():
         return None
-    whole = Group(facets, touching)
     part = recognise_group(whole, model)
     return (whole, (part,)) if part.recognition.label != UNKNOWN else None
 
@@ -86,9 +75,9 @@ def _parts_of(group: Group, model: Model) -> tuple[Part, ...]:
         if facet.type_number <= LARGEST_NUMBER and not _hollow(whole.facets, group.touching[index], facet):
             continue
         rest = [k for k in range(len(group.facets)) if k != index]
-        part = recognise_group(_subgroup(group, rest), model)
+        part = recognise_group(group.only(rest), model)
         if part.recognition.label != UNKNOWN:
-            return part, recognise_group(_subgroup(group, [index]), model)
+            return part, recognise_group(group.only([index]), model)
     return (whole,)
 
 
@@ -101,18 +90,14 @@ def _hollow(facets: tuple[Facet, ...], touching: NDArray[np.bool_], facet: Facet
 
 def suspicions(facet: Facet, model: Model) -> tuple[Hypothesis, ...]:
     """Every taught part and pose that a facet may belong to, measured well or not; the nearest first."""
-    seen = _look_at(Group((facet,), np.zeros((1, 1), bool)), model)
-    found = hypotheses(seen.solid, model.metric, model.parameters.tolerance_mm)
+    seen = _typed(weld([facet]), model)
+    found = hypotheses(seen.polyhedron, model.metric, model.parameters.tolerance_mm)
     return tuple(sorted((h for h in found if h.rms_mm < SUSPECT_MM), key=lambda h: h.rms_mm))
-
-
-def _subgroup(group: Group, members: list[int]) -> Group:
-    return Group(tuple(group.facets[k] for k in members), group.touching[np.ix_(members, members)])
 
 
 def recognise_group(group: Group, model: Model) -> Part:
     """Name and locate one group of facets."""
-    seen = _look_at(group, model)
+    seen = _typed(group, model)
     answers = _answers(seen, model)
     fits = _fits(seen, model, answers)
     best = _best_by_label(fits)
@@ -124,22 +109,21 @@ def recognise_group(group: Group, model: Model) -> Part:
     facets = _as_taught(seen, winner, taught, model.library)
     if any(f.type != g.type for f, g in zip(facets, seen.facets, strict=True)):
         verdict = _with_pattern(verdict, facets, seen.touching, model)
-    fitted = most_likely_corners(seen.solid, taught, winner, model.parameters.tolerance_mm)
+    fitted = most_likely_corners(seen.polyhedron, taught, winner, model.parameters.tolerance_mm)
     return Part(
         verdict,
         facets,
         winner.pose,
         winner.covariance,
         winner.rms_mm,
-        tuple(fitted[list(ring)] for ring in seen.solid.facets),
+        tuple(fitted[list(ring)] for ring in seen.polyhedron.facets),
         equivalents(winner, fits),
     )
 
 
-def _look_at(group: Group, model: Model) -> _Seen:
-    facets = tuple(typed(_doubted(f), model.library) for f in group.facets)
-    solid = weld(facets)
-    return _Seen(facets, solid, touching_of(group, solid))
+def _typed(group: Group, model: Model) -> Group:
+    """The group with its facets typed, their corners as sure as their epipolar lines allow."""
+    return replace(group, facets=tuple(typed(_doubted(f), model.library) for f in group.facets))
 
 
 def _doubted(facet: Facet) -> Facet:
@@ -148,7 +132,7 @@ def _doubted(facet: Facet) -> Facet:
     return replace(facet, covariance_mm2=facet.covariance_mm2 * excess[:, None, None])
 
 
-def _answers(seen: _Seen, model: Model) -> tuple[Answer, ...]:
+def _answers(seen: Group, model: Model) -> tuple[Answer, ...]:
     """What the ARTMAP nodes say, best label first; nothing for a lone facet, which has no relations."""
     if model.rotation is None or not seen.touching.any():
         return ()
@@ -156,23 +140,23 @@ def _answers(seen: _Seen, model: Model) -> tuple[Answer, ...]:
     return by_label(recall(model.rotation, numbers, seen.touching), model.node_labels)
 
 
-def _fits(seen: _Seen, model: Model, answers: tuple[Answer, ...]) -> tuple[Hypothesis, ...]:
+def _fits(seen: Group, model: Model, answers: tuple[Answer, ...]) -> tuple[Hypothesis, ...]:
     """Metric hypotheses of the labels whose pattern answers; of all labels where none of those fits."""
     tolerance = model.parameters.tolerance_mm
     named = [a.label for a in answers if a.modified >= model.parameters.vigilance]
-    first = hypotheses(seen.solid, {n: model.metric[n] for n in named}, tolerance)
+    first = hypotheses(seen.polyhedron, {n: model.metric[n] for n in named}, tolerance)
     if any(_stands(h, seen) for h in first):
         return first
-    rest = hypotheses(seen.solid, {n: m for n, m in model.metric.items() if n not in named}, tolerance)
+    rest = hypotheses(seen.polyhedron, {n: m for n, m in model.metric.items() if n not in named}, tolerance)
     found = tuple(sorted(first + rest, key=lambda h: (-h.explained, h.chi2)))
     whole = tuple(h for h in found if h.explained == len(seen.facets))
     if len(seen.facets) < 2 or any(_stands(h, seen) for h in whole):
         return found
-    again = without_one_corner(seen.solid, model.metric, whole, tolerance)
+    again = without_one_corner(seen.polyhedron, model.metric, whole, tolerance)
     return (*(h for h in again if h.tail > LEAST_TAIL_ASTRAY and _stands(h, seen)), *found)
 
 
-def _stands(hypothesis: Hypothesis, seen: _Seen) -> bool:
+def _stands(hypothesis: Hypothesis, seen: Group) -> bool:
     """Whether a hypothesis explains every facet, as well as a right one would, and closely enough to mean anything."""
     whole = hypothesis.explained == len(seen.facets)
     return whole and hypothesis.tail > LEAST_TAIL and hypothesis.rms_mm < FARTHEST_MM
@@ -185,7 +169,7 @@ def _best_by_label(fits: tuple[Hypothesis, ...]) -> tuple[Hypothesis, ...]:
     return tuple(best.values())
 
 
-def _verdict(seen: _Seen, best: tuple[Hypothesis, ...], answers: tuple[Answer, ...]) -> Recognition:
+def _verdict(seen: Group, best: tuple[Hypothesis, ...], answers: tuple[Answer, ...]) -> Recognition:
     """Name, or say why not."""
     standing = tuple(sorted((h for h in best if _stands(h, seen)), key=lambda h: -h.tail))
     ranking = list(dict.fromkeys([h.label for h in standing] + [a.label for a in answers] + [h.label for h in best]))
@@ -194,7 +178,7 @@ def _verdict(seen: _Seen, best: tuple[Hypothesis, ...], answers: tuple[Answer, .
         return _silent(ranking, 1.0 if not best else 1.0 - max(h.tail for h in best), False, _why_not(seen, best))
     labels = tuple(h.label for h in standing)
     first = standing[0]
-    chance = probability(seen.solid, standing, first.label)
+    chance = probability(seen.polyhedron, standing, first.label)
     if len(seen.facets) == 1:
         why = f"a single {seen.facets[0].type} is no proof: it fits {' and '.join(labels)}"
         return replace(_silent(ranking, 1 - chance, True, why), candidates=labels)
@@ -220,7 +204,7 @@ def _silent(ranking: list[str], confidence: float, ambiguous: bool, why: str) ->
     return Recognition(UNKNOWN, confidence, 0.0, 0.0, ranking[0] if ranking else None, ambiguous, why)
 
 
-def _why_not(seen: _Seen, best: tuple[Hypothesis, ...]) -> str:
+def _why_not(seen: Group, best: tuple[Hypothesis, ...]) -> str:
     shapes = ", ".join(sorted(f.type for f in seen.facets))
     if not best:
         return f"nothing taught has facets like these ({shapes})"
@@ -230,7 +214,7 @@ def _why_not(seen: _Seen, best: tuple[Hypothesis, ...]) -> str:
     return f"{shapes}: {near.label} is off by {near.rms_mm:.1f} mm rms, chi-square {near.chi2:.0f} of {near.dof}"
 
 
-def _as_taught(seen: _Seen, winner: Hypothesis, taught: Polyhedron, library: FacetLibrary) -> tuple[Facet, ...]:
+def _as_taught(seen: Group, winner: Hypothesis, taught: Polyhedron, library: FacetLibrary) -> tuple[Facet, ...]:
     """The facets with the taught types: which of the types a facet may have it is, lengths and angles have settled."""
     return tuple(
         replace(facet, type=taught.types[g], type_number=type_number(taught.types[g], library))
@@ -249,12 +233,12 @@ def _with_pattern(
     return replace(verdict, match_ratio=own.match_ratio, activation=own.activation)
 
 
-def _unknown_part(seen: _Seen, model: Model, verdict: Recognition) -> Part:
+def _unknown_part(seen: Group, model: Model, verdict: Recognition) -> Part:
     """An unnamed part sits at its corners' centroid, with the camera's axes; its corners as regular as their types."""
-    corners = regularise(seen.solid, model.library).corners_mm
+    corners = regularise(seen.polyhedron, model.library).corners_mm
     pose = np.eye(4)
     pose[:3, 3] = corners.mean(0)
     covariance = np.diag([0.0, 0.0, 0.0, np.pi**2, np.pi**2, np.pi**2])
-    covariance[:3, :3] = seen.solid.covariance_mm2.sum(0) / len(corners) ** 2
-    fitted = tuple(corners[list(ring)] for ring in seen.solid.facets)
+    covariance[:3, :3] = seen.polyhedron.covariance_mm2.sum(0) / len(corners) ** 2
+    fitted = tuple(corners[list(ring)] for ring in seen.polyhedron.facets)
     return Part(verdict, seen.facets, pose, covariance, float("nan"), fitted, pose[None])

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from daemon import frames
 from daemon.vision.facets.candidates import corner_covariance
+from daemon.vision.facets.weld import weld
 from daemon.vision.geometry.planes import planarity
 from daemon.vision.geometry.polygon import Shape
 from daemon.vision.geometry.rectified import Baseline, Eye, baseline
@@ -23,7 +24,6 @@ from daemon.vision.geometry.rig import StereoRig
 from daemon.vision.image.grey import Grey, as_grey
 from daemon.vision.image.one_eye import OneEye
 from daemon.vision.model.model import Model
-from daemon.vision.model.relation_matrix import weld
 from daemon.vision.recognition.recognise import UNKNOWN, recognise_group, suspicions
 from daemon.vision.registration.chamfer import EdgeMap, edge_map, facing, trial_costs
 from daemon.vision.registration.edge_alignment import Aligned, Placement, align
@@ -124,12 +124,8 @@ def _left_over(group: Group, found: Sequence[Group], outlined: Sequence[Shape]) 
     """What remains of an unnamed group: all of it, or its facets that lie on none of the parts found, each alone."""
     shapes = [Shape.of(f.left_px) for f in group.facets]
     on = [any(shape.common(s) > COVERED * shape.area for s in outlined) for shape in shapes]
-    on = [o or any(_collides(whole, _alone(f)) for whole in found) for o, f in zip(on, group.facets, strict=True)]
-    return [_alone(f) for o, f in zip(on, group.facets, strict=True) if not o] if any(on) else [group]
-
-
-def _alone(facet: Facet) -> Group:
-    return Group((facet,), np.zeros((1, 1), bool))
+    on = [o or any(_collides(whole, weld([f])) for whole in found) for o, f in zip(on, group.facets, strict=True)]
+    return [weld([f]) for o, f in zip(on, group.facets, strict=True) if not o] if any(on) else [group]
 
 
 def _collides(one: Group, other: Group) -> bool:
@@ -198,7 +194,7 @@ def _group(laid: Aligned, geometry: Baseline) -> Group:
         corners = geometry.points(*ideal)
         off = np.abs(ideal[0][:, 1] - ideal[1][:, 1]) * geometry.left.focal_px
         facets.append(Facet(corners, covariance, left, right, off, planarity(corners)))
-    return Group(tuple(facets), weld(tuple(facets)).touching)
+    return weld(facets)
 
 
 def _sight(eye: Eye, image: Grey) -> tuple[OneEye, EdgeMap]:
