@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -71,7 +72,7 @@ def candidate(left: Fitted, right: Fitted, support: float, geometry: Baseline) -
     return Candidate(facet, left, right, worth, Shape.of(facet.left_px), Shape.of(facet.right_px))
 
 
-def _best_few(matches: list[Match], left: list[Outline], right: list[Outline]) -> list[Match]:
+def _best_few(matches: list[Match], left: Sequence[Outline], right: Sequence[Outline]) -> list[Match]:
     """Of matches of much the same region the best two, by how far the outlines are seen and how well they match."""
 
     def rank(m: Match) -> float:

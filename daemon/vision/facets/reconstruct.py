@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -108,7 +108,7 @@ def _by_formula(facets: Iterable[Facet], rig: StereoRig, settings: VisionSetting
     return [replace(f, corners_mm=by_formula(f.left_px, f.right_px, rig, constants, compensated)) for f in facets]
 
 
-def _unmatched(outlines: list[Outline], used: tuple[Polygon, ...], eye: str) -> tuple[Rejected, ...]:
+def _unmatched(outlines: Sequence[Outline], used: tuple[Polygon, ...], eye: str) -> tuple[Rejected, ...]:
     """Outlines well away from every polygon that was used."""
     taken = [(*p.corners_px.min(0), *p.corners_px.max(0)) for p in used]
     alone = []

@@ -2,28 +2,41 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import product
 
 import numpy as np
 
 from daemon.vision.geometry.rectified import Eye
 from daemon.vision.image.grey import Grey, Noise, measure_noise
-from daemon.vision.image.outlines import Outline, find_outlines
+from daemon.vision.image.outlines import Outline, Search, find_outlines
 from daemon.vision.image.polygon_fit import Fitted, fit_polygons
-from daemon.vision.image.regions import Image32, Scale, edge_window, full_size, shrunk, smoothed, unit_noise
+from daemon.vision.image.regions import (
+    Image32,
+    Region,
+    Scale,
+    closed_regions,
+    edge_window,
+    full_size,
+    shrunk,
+    smoothed,
+    unit_noise,
+)
 from daemon.vision.settings import VisionSettings
 
 
 @dataclass(frozen=True, eq=False)
 class OneEye:
-    """One eye's camera and its checked image (H, W); scales by their shrink, outlines by the effort that found
-    them, and what was fitted to them."""
+    """One eye's camera and its checked image (H, W); scales by their shrink, closed regions by scale
+    and level, searches for outlines by their effort, and what was fitted to outlines."""
 
     eye: Eye
     grey: Grey
     scales: dict[int, Scale] = field(default_factory=dict)
-    found: dict[VisionSettings, list[Outline]] = field(default_factory=dict)
+    regions: dict[tuple[int, float], list[Region]] = field(default_factory=dict)
+    searches: dict[VisionSettings, Search] = field(default_factory=dict)
     fitted: dict[Outline, Fitted | None] = field(default_factory=dict)
 
     @cached_property
@@ -57,22 +70,31 @@ class OneEye:
             self.scales[shrink] = shrunk(self.unit, shrink)
         return self.scales[shrink]
 
-    def outlines(self, settings: VisionSettings) -> list[Outline]:
-        """Outlines of what the image shows, best supported first."""
-        if settings not in self.found:
-            self.found[settings] = find_outlines(self.smooth, self.grain, self._scales(settings), settings)
-        return self.found[settings]
+    def outlines(self, settings: VisionSettings) -> tuple[Outline, ...]:
+        """Outlines of what the image shows, best supported first. A further effort goes on from the one before."""
+        if settings not in self.searches:
+            before = next(reversed(self.searches.values()), Search())
+            self.searches[settings] = find_outlines(self.smooth, self.grain, self._regions(settings), before, settings)
+        return self.searches[settings].outlines
 
-    def _scales(self, settings: VisionSettings) -> list[Scale]:
-        """The scales to look at, the finest only where scale 2 shows edges; none where it shows none."""
+    def _regions(self, settings: VisionSettings) -> list[Region]:
+        """Closed regions at every scale and level, the largest of each; at full size only where scale 2 shows edges,
+        and none where it shows none.
+        """
         window = edge_window(self.scale(2), settings.faintest, self.grey.shape)
         if window is None:
             return []
         if 1 in settings.shrinks and 1 not in self.scales:
             self.scales[1] = full_size(self.smooth, window, self.grain)
-        return [self.scale(s) for s in settings.shrinks]
+        found = list[Region]()
+        for shrink, level in product(settings.shrinks, settings.levels):
+            if (shrink, level) not in self.regions:
+                largest = settings.max_area_fraction * self.grey.size
+                self.regions[shrink, level] = closed_regions(self.scale(shrink), level, settings.min_area_px, largest)
+            found += self.regions[shrink, level][: settings.max_regions]
+        return found
 
-    def fits(self, outlines: list[Outline]) -> list[Fitted | None]:
+    def fits(self, outlines: Sequence[Outline]) -> list[Fitted | None]:
         """Each outline fitted to the grey levels, or None where the fit strays from it."""
         new = [o for o in dict.fromkeys(outlines) if o not in self.fitted]
         self.fitted.update(zip(new, fit_polygons(self.image, self.noise, self.eye, new), strict=True))

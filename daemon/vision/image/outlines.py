@@ -1,7 +1,7 @@
 """Outlines: polygons still being worked on. From the borders of closed regions to sides that lie on the gradient.
 
 Several outlines of one region may live side by side (with and without a doubtful corner); which of them is true is
-decided when both eyes are compared. Final corners come from fit.py.
+decided when both eyes are compared. Final corners come from polygon_fit.py.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from daemon.vision.geometry.polygon import Point, drop_side, is_simple, tidy
 from daemon.vision.geometry.polygon_batch import Rings, areas, convex, different, met, rings
 from daemon.vision.image.edge_lines import find_sides, probe_sides
-from daemon.vision.image.regions import Border, Image32, Region, Scale, closed_regions, rough_polygons
+from daemon.vision.image.regions import Border, Image32, Region, RoughPolygon
 from daemon.vision.settings import VisionSettings
 
 Array = NDArray[np.float64]
@@ -24,6 +24,8 @@ _FIRST_REACH_PX, _SECOND_REACH_PX = 4.0, 1.5
 _INSIDE_PX, _UNSURE_PX = 1.2, 1.2  # per px of the scale: how far inside its edges a region ends
 _DOUBTFUL_SIDE, _DOUBTFUL_PX = 0.6, 12.0
 _SAME_PX, _SAME_SIDE_PX = 2.0, 0.6
+_PER_SHRINK = 0.03  # of its area that a region may be eaten into before the next coarser scale is taken for cleaner
+_ALIKE_APART, _ALIKE_RATIO = 0.2, (0.55, 1.8)  # of their size, and of their areas: readings of one region
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,33 +42,38 @@ class Outline:
     support: float
 
 
-def find_outlines(smooth: Image32, grain: float, scales: list[Scale], settings: VisionSettings) -> list[Outline]:
-    """Outlines of the closed regions at every scale and level, without repeats, best supported first.
+@dataclass(frozen=True, eq=False)
+class Search:
+    """One effort: the rough polygons that were worked on, and the outlines that came of them, best supported first."""
+
+    rough: tuple[RoughPolygon, ...] = ()
+    outlines: tuple[Outline, ...] = ()
+
+
+def find_outlines(
+    smooth: Image32, grain: float, regions: list[Region], before: Search, settings: VisionSettings
+) -> Search:
+    """Outlines of closed regions, without repeats, best supported first; what was found before is kept as it is.
 
     smooth: unit-noise image after a Gaussian; grain: its noise over that of white noise.
     """
-    largest = settings.max_area_fraction * smooth.size
-    rough = [
-        (corners, region)
-        for scale in scales
-        for level in settings.levels
-        for region in closed_regions(scale, level, largest, settings)
-        for corners in rough_polygons(region, settings)
-    ]
+    rough = [p for r in regions for p in r.rough if len(p.corners) <= settings.max_corners]
     rough = _cleanest(rough, settings)
-    if not rough:
-        return []
-    start = rings([c for c, _ in rough])
-    shrink = np.repeat([float(r.shrink) for _, r in rough], start.count)
+    new = [p for p in rough if p not in before.rough]
+    if not new:
+        return before
+    start = rings([p.corners for p in new])
+    shrink = np.repeat([float(p.region.scale.shrink) for p in new], start.count)
     first = snap(smooth, start, _FIRST_REACH_PX, _INSIDE_PX * shrink, _UNSURE_PX * shrink)
-    variants = [
-        (v, r) for corners, (_, r) in zip(first.split(), rough, strict=True) for v in _variants(corners, settings)
-    ]
-    variants = _distinct(variants, _SAME_PX)
-    if not variants:
-        return []
-    shape = snap_near(smooth, rings([c for c, _ in variants]), _SECOND_REACH_PX, 1.0)
-    return probe(smooth, grain, shape, [r.border for _, r in variants], settings)
+    variants = [(v, p.region) for c, p in zip(first.split(), new, strict=True) for v in _variants(c, settings)]
+    variants = [variants[k] for k in first_of_each([v for v, _ in variants], _SAME_PX)]
+    found = list[Outline]()
+    if variants:
+        shape = snap_near(smooth, rings([c for c, _ in variants]), _SECOND_REACH_PX, 1.0)
+        found = probe(smooth, grain, shape, [r.border for _, r in variants], settings)
+    every = [*before.outlines, *found]
+    every = [every[k] for k in first_of_each([o.corners for o in every], _SAME_PX)]
+    return Search((*before.rough, *new), tuple(sorted(every, key=lambda o: -o.support)))
 
 
 def snap(smooth: Image32, shape: Rings, reach_px: float, expected_px: Array, sigma_px: Array) -> Rings:
@@ -107,46 +114,39 @@ def probe(
     sound = convex(shape)
     polygons, strengths, seens = shape.split(), shape.split(strength), shape.split(seen)
     order = [k for k in np.argsort(-support, kind="stable") if good[k] and (sound[k] or is_simple(polygons[k]))]
-    order = [order[k] for k in _first_of_each([polygons[k] for k in order], _SAME_PX)]
+    order = [order[k] for k in first_of_each([polygons[k] for k in order], _SAME_PX)]
     return [Outline(polygons[k], borders[k], strengths[k], seens[k], float(support[k])) for k in order]
 
 
-def _cleanest(rough: list[tuple[Array, Region]], settings: VisionSettings) -> list[tuple[Array, Region]]:
+def _cleanest(rough: list[RoughPolygon], settings: VisionSettings) -> list[RoughPolygon]:
     """Of polygons in much the same place, which are one region at several levels and scales, the few cleanest.
 
     A clean border fills its polygon; noise eats into it, and a coarse scale is trusted less than a fine one.
     """
     if not rough:
         return []
-    shape = rings([c for c, _ in rough])
+    shape = rings([p.corners for p in rough])
     size = -areas(shape)
     middle = shape.sums(shape.corners) / shape.count[:, None]
-    filled = np.array([r.area_px for _, r in rough]) / np.maximum(size, 1.0)
-    untidy = np.abs(np.minimum(filled, 1.0) - 1.0) + 0.03 * np.array([r.shrink - 1 for _, r in rough])
-    groups: list[list[float]] = []
-    kept: list[int] = []
-    for k in np.argsort(untidy, kind="stable").tolist():
-        x, y = middle[k].tolist()
-        area = float(size[k])
-        for group in groups:
-            apart = max(abs(x - group[0]), abs(y - group[1]))
-            if apart < 0.2 * math.sqrt(group[2]) + 1 and 0.55 < area / group[2] < 1.8:
-                group[3] += 1
-                if group[3] <= settings.alike:
-                    kept.append(k)
-                break
-        else:
-            groups.append([x, y, area, 1])
-            kept.append(k)
+    filled = np.array([p.region.area_px for p in rough]) / np.maximum(size, 1.0)
+    untidy = np.abs(np.minimum(filled, 1.0) - 1.0) + _PER_SHRINK * np.array([p.region.scale.shrink - 1 for p in rough])
+    left = np.argsort(untidy, kind="stable")
+    kept = list[int]()
+    while len(left):
+        first = left[0]
+        apart = np.abs(middle[left] - middle[first]).max(1)
+        ratio = size[left] / size[first]
+        alike = (
+            (apart < _ALIKE_APART * np.sqrt(size[first]) + 1) & (ratio > _ALIKE_RATIO[0]) & (ratio < _ALIKE_RATIO[1])
+        )
+        alike[0] = True
+        kept += left[alike][: settings.alike].tolist()
+        left = left[~alike]
     kept.sort(key=lambda k: -size[k])
     return [rough[k] for k in kept[: settings.max_regions]]
 
 
-def _distinct(polygons: list[tuple[Array, Region]], tolerance_px: float) -> list[tuple[Array, Region]]:
-    return [polygons[k] for k in _first_of_each([c for c, _ in polygons], tolerance_px)]
-
-
-def _first_of_each(polygons: list[Array], tolerance_px: float) -> list[int]:
+def first_of_each(polygons: list[Array], tolerance_px: float) -> list[int]:
     """Indices of the polygons that do not repeat an earlier one corner by corner."""
     kept: list[int] = []
     known: dict[int, list[tuple[float, float, list[Point]]]] = {}

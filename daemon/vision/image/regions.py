@@ -10,14 +10,13 @@ with them the regions.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from daemon.vision.image.grey import Grey, Noise
-from daemon.vision.settings import VisionSettings
 
 Array = NDArray[np.float64]
 Image32 = NDArray[np.float32]
@@ -26,7 +25,9 @@ Border = NDArray[np.int32]
 SMOOTHING_PX = 1.0
 _LEAST_SOLIDITY, _CONVEX_SOLIDITY = 0.55, 0.88
 _KERNEL = (7, 7)
-_LEAST_AREA = 12.0
+_LEAST_AREA, _LEAST_BORDER = 12.0, 10
+_SPECKLED = 0.3  # of the pixels: what is more than a part's edges
+_MOST_HOLES = 100
 _LEAST_EXTENT = 12
 _WINDOW_RIM_PX = 12
 _TILES, _QUIET = 8, 20
@@ -48,11 +49,41 @@ class Scale:
 
 @dataclass(frozen=True, eq=False)
 class Region:
-    """The border (K, 2) of a closed region, in full-size px, its area, and the shrink of the scale it was found at."""
+    """A closed region: its border (K, 1, 2) in the pixels of the scale it was found at, its area in full-size px."""
 
-    border: Border
+    contour: Border
     area_px: float
-    shrink: int
+    scale: Scale
+
+    @cached_property
+    def border(self) -> Border:
+        """The border (K, 2) in full-size px."""
+        return (self.contour[:, 0] * self.scale.shrink + self.scale.origin_px).astype(np.int32)
+
+    @cached_property
+    def rough(self) -> list[RoughPolygon]:
+        """Coarse polygons of the border, most trusted first; none where it has no body.
+
+        Noise eats into a region but seldom bulges out of it, so the convex hull comes first; the border itself is tried
+        as well where it leaves a good part of the hull open, as a concave facet does.
+        """
+        hull = cv2.convexHull(self.border)
+        full = cv2.contourArea(hull)
+        if full <= 0 or self.area_px < _LEAST_SOLIDITY * full:
+            return []
+        outlines = [hull] if self.area_px > _CONVEX_SOLIDITY * full else [self.border, hull]
+        tolerance = 1.0 + 0.4 * self.scale.shrink + 0.01 * float(np.sqrt(full))
+        polygons = [cv2.approxPolyDP(o, tolerance, True)[:, 0, :] for o in outlines]
+        turned = [p if cv2.contourArea(p, True) < 0 else p[::-1] for p in polygons if len(p) > 2]
+        return [RoughPolygon(p.astype(float), self) for p in turned]
+
+
+@dataclass(frozen=True, eq=False)
+class RoughPolygon:
+    """corners (N, 2) px, anticlockwise as seen, to a pixel or two of the scale of the region they were taken from."""
+
+    corners: Array
+    region: Region
 
 
 def unit_noise(image: Grey, noise: Noise) -> Image32:
@@ -121,36 +152,45 @@ def gradient_noise(sigma_px: float) -> float:
     return float(np.sqrt(np.sum(along**2) * np.sum(across**2)))
 
 
-def closed_regions(scale: Scale, level: float, largest_px: float, settings: VisionSettings) -> list[Region]:
-    """Regions that edges stronger than `level` close off; those at the image's rim are left out."""
-    edges = (scale.strength >= level * scale.sigma).astype(np.uint8)
-    borders, tree = cv2.findContours(edges, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
-    if len(borders) == 0:
-        return []
-    size = scale.shrink**2
-    holes = [borders[k] for k in map(int, np.flatnonzero(np.asarray(tree)[0, :, 3] >= 0)) if len(borders[k]) >= 10]
-    sized = [(cv2.contourArea(b), b) for b in holes]
-    smallest, largest = max(_LEAST_AREA, settings.min_area_px / size), largest_px / size
-    sized = sorted((s for s in sized if smallest <= s[0] <= largest), key=lambda s: -s[0])
-    return [
-        Region((b[:, 0, :] * scale.shrink + scale.origin_px).astype(np.int32), area * size, scale.shrink)
-        for area, b in sized[: settings.max_regions]
-    ]
-
-
-def rough_polygons(region: Region, settings: VisionSettings) -> list[Array]:
-    """Coarse polygons (N, 2) px of one border, anticlockwise as seen, most trusted first; none where it has no body.
-
-    Noise eats into a region but seldom bulges out of it, so the convex hull comes first; the border itself is tried as
-    well where it leaves a good part of the hull open, as a concave facet does.
+def closed_regions(scale: Scale, level: float, least_px: float, largest_px: float) -> list[Region]:
+    """Regions of so many full-size px that edges stronger than `level` close off, largest first; those at the image's
+    rim are left out.
     """
-    contour = region.border[:, None, :]
-    hull = cv2.convexHull(contour)
-    area, full = region.area_px, cv2.contourArea(hull)
-    if full <= 0 or area < _LEAST_SOLIDITY * full:
-        return []
-    outlines = [hull] if area > _CONVEX_SOLIDITY * full else [contour, hull]
-    tolerance = 1.0 + 0.4 * region.shrink + 0.01 * float(np.sqrt(full))
-    polygons = [cv2.approxPolyDP(o, tolerance, True)[:, 0, :].astype(float) for o in outlines]
-    fit = [p for p in polygons if 3 <= len(p) <= settings.max_corners]
-    return [p if cv2.contourArea(p.astype(np.float32), True) < 0 else p[::-1] for p in fit]
+    edges = (scale.strength >= level * scale.sigma).astype(np.uint8)
+    size = scale.shrink**2
+    least = max(_LEAST_AREA, least_px / size)
+    speckled = cv2.countNonZero(edges) > _SPECKLED * edges.size
+    holes = _holes_among_specks(edges, least) if speckled else _holes(edges)
+    sized = [(cv2.contourArea(h), h) for h in holes if len(h) >= _LEAST_BORDER]
+    sized = sorted((s for s in sized if least <= s[0] <= largest_px / size), key=lambda s: -s[0])
+    return [Region(border, area * size, scale) for area, border in sized]
+
+
+def _holes(edges: NDArray[np.uint8]) -> list[Border]:
+    """Borders (K, 1, 2) of everything that edges (H, W), 0 or 1, close off."""
+    borders, tree = cv2.findContours(edges, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
+    return (
+        [np.asarray(borders[k], np.int32) for k in np.flatnonzero(np.asarray(tree)[0, :, 3] >= 0).tolist()]
+        if borders
+        else []
+    )
+
+
+def _holes_among_specks(edges: NDArray[np.uint8], least: float) -> list[Border]:
+    """The same borders, of the largest few only, found by their areas first: following the borders of ten thousand
+    specks costs more than all else.
+    """
+    closed = cv2.copyMakeBorder(1 - edges, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=1)
+    labels, stats = cv2.connectedComponentsWithStats(closed, connectivity=4)[1:3]
+    area = stats[:, cv2.CC_STAT_AREA]
+    area[[0, labels[0, 0]]] = 0  # the edges, and what is open to the rim
+    found = []
+    for k in np.argsort(-area, kind="stable")[:_MOST_HOLES]:
+        if area[k] < least / 2:  # inside a border that itself takes up as much again
+            break
+        x, y, width, height = stats[k, :4].tolist()
+        outside = (labels[y - 1 : y + height + 1, x - 1 : x + width + 1] != k).astype(np.uint8)
+        borders, tree = cv2.findContours(outside, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE, offset=(x - 2, y - 2))
+        inner = [borders[i] for i in np.flatnonzero(np.asarray(tree)[0, :, 3] >= 0).tolist()]
+        found.append(np.asarray(max(inner, key=cv2.contourArea), np.int32))
+    return found
