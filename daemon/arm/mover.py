@@ -19,7 +19,11 @@ from daemon.arm.workcell import Array, Reading, Workcell
 from daemon.errors import FacetdError
 
 
-class MoveRefusedError(FacetdError):
+class NotSentError(FacetdError):
+    """Nothing was sent, and that is no fault."""
+
+
+class MoveRefusedError(NotSentError):
     """The guard refused; nothing was sent."""
 
     def __init__(self, refusal: Refusal) -> None:
@@ -31,7 +35,7 @@ class NotThereError(FacetdError):
     """The controller says that the arm is at rest elsewhere than it was sent."""
 
 
-class OutOfReachError(FacetdError):
+class OutOfReachError(NotSentError):
     """The arm, as it is configured, has no way to world_from_tool (4, 4); nothing was sent."""
 
     def __init__(self, world_from_tool: Array) -> None:
