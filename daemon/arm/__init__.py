@@ -1,1 +1,4 @@
-"""The one way to the arm: what it may never be told, how a move is sent, who has it and stops it."""
+"""The one way to the arm: what it may never be told (guard), paths, bounded moves, the stop that comes first.
+
+Nothing here knows what a pick is; whoever wants the arm moved comes through this door.
+"""

@@ -19,7 +19,11 @@ from daemon.arm.workcell import Array, Reading, Workcell
 from daemon.errors import FacetdError
 
 
-class MoveRefusedError(FacetdError):
+class NotSentError(FacetdError):
+    """Nothing was sent, and that is no fault."""
+
+
+class MoveRefusedError(NotSentError):
     """The guard refused; nothing was sent."""
 
     def __init__(self, refusal: Refusal) -> None:
@@ -31,12 +35,8 @@ class NotThereError(FacetdError):
     """The controller says that the arm is at rest elsewhere than it was sent."""
 
 
-class OutOfReachError(FacetdError):
-    """The arm, as it is configured, has no way to world_from_tool (4, 4); nothing was sent."""
-
-    def __init__(self, world_from_tool: Array) -> None:
-        x, y, z = world_from_tool[:3, 3]
-        super().__init__(f"the arm as it is configured cannot reach {x:.0f}, {y:.0f}, {z:.0f} mm at that angle")
+class OutOfReachError(NotSentError):
+    """The arm, as it is configured, has no way there; nothing was sent."""
 
 
 @dataclass(frozen=True)
@@ -167,11 +167,11 @@ class Mover:
         if straight:
             for pose in paths.steps(here.world_from_tool, target, PATH_MM, 90.0):
                 if robot.reachable(pose, here.joints_rad) is None:
-                    raise OutOfReachError(pose)
+                    raise _out_of_reach(pose)
             return paths.steps(here.world_from_tool, target, limits.max_step_mm, limits.max_turn_deg)
         joints = robot.reachable(target, here.joints_rad)
         if joints is None:
-            raise OutOfReachError(target)
+            raise _out_of_reach(target)
         for count in range(1, 40):
             way = [robot.between(here.joints_rad, joints, k / count) for k in range(count)]
             way = [here.world_from_tool, *way[1:], target]
@@ -221,3 +221,8 @@ class Mover:
         )
         if off_mm > self.arrival.within_mm or off_deg > self.arrival.within_deg:
             raise NotThereError(f"{command.purpose}: sent, but WHERE is {off_mm:.2f} mm and {off_deg:.2f} degrees off")
+
+
+def _out_of_reach(pose: Array) -> OutOfReachError:
+    x, y, z = pose[:3, 3]
+    return OutOfReachError(f"the arm as it is configured cannot reach {x:.0f}, {y:.0f}, {z:.0f} mm at that angle")

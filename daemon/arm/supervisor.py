@@ -14,9 +14,8 @@ from typing import Any, TypeVar
 import numpy as np
 
 from daemon.arm.guard import Command, Limits
-from daemon.arm.mover import Arrival, Mover, MoveRefusedError, OutOfReachError
+from daemon.arm.mover import Arrival, Mover, NotSentError
 from daemon.arm.workcell import Workcell
-from daemon.errors import FacetdError
 
 T = TypeVar("T")
 ABORT_S = 7.0
@@ -33,11 +32,11 @@ class Interruption(StrEnum):
     ERROR = "error"
 
 
-class RefusedError(FacetdError):
+class RefusedError(NotSentError):
     """Not done now; the message says why and what to do."""
 
 
-class OperatorRefusedError(FacetdError):
+class OperatorRefusedError(NotSentError):
     """In step mode the operator said no to a move."""
 
 
@@ -167,17 +166,22 @@ class Supervisor:
         if self._task is not None:
             await self._halt(Interruption.ABORT, "the daemon ends", fault=None)
 
+    def latch(self, fault: str) -> None:
+        """A fault stands from now on; nothing is told to the arm."""
+        self.mover.fault = fault
+
     async def stop_arm(self, event: Interruption, why: str, fault: str | None) -> None:
         """The arm first, then the report. fault: what stands from now on (None: nothing does)."""
         if fault is not None:
-            self.mover.fault = fault
+            self.latch(fault)
         self._why = why
         self.mover.at = None
         try:
             await asyncio.wait_for(self.mover.cell.robot.abort(), ABORT_S)
         except Exception as error:
             fault = f"{fault or why}; and ABORT went unanswered ({type(error).__name__}: {error}): press emergency stop"
-            self.mover.fault, event = fault, Interruption.ERROR
+            self.latch(fault)
+            event = Interruption.ERROR
         if fault is not None:
             code = fault.partition(":")[0]
             log, cycle = self.mover.cell.log, self.mover.cycle
@@ -196,7 +200,7 @@ class Supervisor:
     async def _watched(self, work: Coroutine[Any, Any, T], moves: bool) -> T:
         try:
             return await work
-        except (RefusedError, MoveRefusedError, OutOfReachError, OperatorRefusedError):
+        except NotSentError:
             raise
         except Exception as error:
             if moves and self.mover.fault is None:

@@ -50,7 +50,7 @@ class Board:
 
 
 @dataclass(frozen=True, eq=False)
-class Recogniser:
+class SeenBoard:
     """What one image shows of a board: corner_ids (N,) into Board.points_mm, corners_px (N, 2), blur_px."""
 
     corner_ids: NDArray[np.int64]
@@ -68,7 +68,7 @@ def parse_board(text: str, square_mm: float, kind: Literal["chessboard", "charuc
     return Board(int(columns), int(rows), square_mm, kind)
 
 
-def find_board(image: Grey, board: Board) -> Recogniser:
+def find_board(image: Grey, board: Board) -> SeenBoard:
     """Find the board's corners to sub-pixel. Raises BoardError: not in view, in part, too small, blurred, mirrored."""
     sight = _find_charuco(image, board) if board.kind == "charuco" else _find_chessboard(image, board)
     if sight.blur_px > SHARP_ENOUGH_PX:
@@ -78,7 +78,7 @@ def find_board(image: Grey, board: Board) -> Recogniser:
     return sight
 
 
-def _find_chessboard(image: Grey, board: Board) -> Recogniser:
+def _find_chessboard(image: Grey, board: Board) -> SeenBoard:
     size = (board.columns, board.rows)
     flags = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
     found, raw = cv2.findChessboardCorners(image, size, flags=flags)
@@ -90,10 +90,10 @@ def _find_chessboard(image: Grey, board: Board) -> Recogniser:
     grid = corners.reshape(board.rows, board.columns, 2)
     if _upside_down(image, grid, board):
         corners = corners[::-1].copy()
-    return Recogniser(np.arange(len(corners)), corners, edge_blur_px(image, grid))
+    return SeenBoard(np.arange(len(corners)), corners, edge_blur_px(image, grid))
 
 
-def _find_charuco(image: Grey, board: Board) -> Recogniser:
+def _find_charuco(image: Grey, board: Board) -> SeenBoard:
     detector = cv2.aruco.CharucoDetector(board.charuco())
     raw, ids, *_ = detector.detectBoard(image)
     if ids is None or len(ids) < 8:
@@ -106,7 +106,7 @@ def _find_charuco(image: Grey, board: Board) -> Recogniser:
         raise BoardError(f"only {seen} of its corners in view, 8 are needed")
     order = np.argsort(ids.ravel())
     corners = _refined(image, np.asarray(raw, np.float32).reshape(-1, 2)[order], board)
-    return Recogniser(ids.ravel()[order].astype(np.int64), corners, _blur_at(image, corners))
+    return SeenBoard(ids.ravel()[order].astype(np.int64), corners, _blur_at(image, corners))
 
 
 def _refined(image: Grey, corners: NDArray[np.float32], board: Board) -> Array:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon import frames
-from daemon.calibration.board import Board, Recogniser
+from daemon.calibration.board import Board, SeenBoard
 from daemon.calibration.least_squares import (
     INTRINSICS,
     Match,
@@ -45,8 +45,8 @@ class Pair:
     """One board seen by both eyes; its name is for messages."""
 
     name: str
-    left: Recogniser
-    right: Recogniser
+    left: SeenBoard
+    right: SeenBoard
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,7 +17,7 @@ from daemon.arm.workcell import Array, Reading, Workcell
 from daemon.pick import approach, find, take
 from daemon.pick.looking import Look, Recogniser
 from daemon.pick.order import PickOrder
-from daemon.pick.outcome import CycleEnd, Nobody, Observer, Outcome, Skipped, tell
+from daemon.pick.outcome import CycleEnd, Observer, Outcome, Skipped, tell
 from daemon.pick.settings import Settings
 from daemon.pick.transitions import Event, State, follows
 from daemon.pick.world import Handler, PickContext, WorldModel
@@ -54,7 +54,7 @@ class Cycle:
         self, cell: Workcell, settings: Settings, recogniser: Recogniser | None = None, observer: Observer | None = None
     ) -> None:
         self.supervisor = Supervisor(cell, settings.limits, settings.arrival, self._interrupted)
-        self.cell, self.settings, self.recogniser, self.observer = cell, settings, recogniser, observer or Nobody()
+        self.cell, self.settings, self.recogniser, self.observer = cell, settings, recogniser, observer
         self.state = self._held = State.IDLE
         self.ends: deque[CycleEnd] = deque(maxlen=KEPT_ENDS)
         self.tally: Counter[Outcome] = Counter()
@@ -156,7 +156,7 @@ class Cycle:
         """At start, after a crash in mid-cycle: nothing moves until resume; a hand that may be full is asked about;
         pick_order: what was left of auto."""
         self.pick_order = pick_order
-        self.supervisor.mover.fault = f"restarted: the daemon ended in {state}"
+        self.supervisor.latch(f"restarted: the daemon ended in {state}")
         self.hand_full = None if closed is not False else False
         self.state = State.FAULT
 
@@ -262,7 +262,7 @@ class Cycle:
             await supervisor.stop_arm(Interruption.ERROR, world.why, world.why)
         end = self._ended(world, before, started_s)
         self._world = None
-        tell(self.observer.ended, end)
+        tell(self.observer, end)
         return end
 
     async def _through(self, context: PickContext, world: WorldModel) -> None:

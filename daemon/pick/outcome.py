@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Protocol, TypeVar
+from typing import Protocol
 
 from daemon.arm.workcell import Array
 from daemon.pick.looking import Look
-
-T = TypeVar("T")
 
 
 class Outcome(StrEnum):
@@ -70,21 +67,15 @@ class Observer(Protocol):
         """A pick has ended."""
 
 
-class Nobody:
-    """The observer where there is none."""
-
-    def looked(self, look: Look) -> None:
-        """Nothing."""
-
-    def ended(self, end: CycleEnd) -> None:
-        """Nothing."""
-
-
-def tell(observer: Callable[[T], None], what: T) -> None:
-    """Tell an observer. What goes wrong there is reported by the event loop, and stops nothing."""
+def tell(observer: Observer | None, what: Look | CycleEnd) -> None:
+    """Tell the observer, where there is one. What goes wrong there is reported by the event loop, and stops nothing."""
+    if observer is None:
+        return
     try:
-        observer(what)
+        if isinstance(what, Look):
+            observer.looked(what)
+        else:
+            observer.ended(what)
     except Exception as error:
-        asyncio.get_running_loop().call_exception_handler(
-            {"message": "an observer of the cycle failed", "exception": error}
-        )
+        report = {"message": "an observer of the cycle failed", "exception": error}
+        asyncio.get_running_loop().call_exception_handler(report)

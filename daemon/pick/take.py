@@ -78,13 +78,13 @@ async def verify(context: PickContext, world: WorldModel) -> Literal[Event.GONE,
     return Event.MISSED
 
 
-def _failed(context: PickContext, world: WorldModel, target: Target, look: Look) -> str | None:
+def _failed(context: PickContext, world: WorldModel, target: Target, seen: Look) -> str | None:
     """What a look says against the part's being in the hand; None where it says nothing."""
-    hand, settings = look.reading.world_from_tool[:3, 3], context.settings
-    on_table = [p for p in seen_parts(look) if not same_place(p.centre, hand, HAND_REACH_MM)]
-    eyes = eyes_of(look, context.cell)
+    hand, settings = seen.reading.world_from_tool[:3, 3], context.settings
+    on_table = [p for p in seen_parts(seen) if not same_place(p.centre, hand, HAND_REACH_MM)]
+    eyes = eyes_of(seen, context.cell)
     left = any(same_place(p.centre, target.centre, settings.gone_mm + SEEN_OFF_MM) for p in on_table)
-    if left or still_there(target, look, eyes):
+    if left or still_there(target, seen, eyes):
         return "still lies there"
     if _knocked_away(world, target, on_table):
         return "was knocked away"

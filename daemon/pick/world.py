@@ -39,7 +39,7 @@ class PickContext:
     mover: Mover
     recogniser: Recogniser
     settings: Settings
-    observer: Observer
+    observer: Observer | None
     cycle: int = 0
     wanted: str | None = None
     stay: bool = False
@@ -54,7 +54,7 @@ class PickContext:
         rest_s, table_z_mm = cell.clock(), settings.limits.table_z_mm
         look = await take_look(cell, self.recogniser, reading, rest_s, settings.settling, table_z_mm, expected)
         log_look(cell, self.recogniser, look, cycle=self.cycle, stop=stop, purpose=purpose, expected=expected)
-        tell(self.observer.looked, look)
+        tell(self.observer, look)
         return look
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from daemon import frames
-from daemon.calibration.board import Recogniser
+from daemon.calibration.board import SeenBoard
 from daemon.calibration.stereo import Pair, StereoError, calibrate_stereo
 from tests.worlds.boards import BOARD
 from tests.worlds.rigs import unlike_rig
@@ -34,7 +34,7 @@ def sights(seed: int, count: int = 20, noise_px: float = 0.1) -> list[Pair]:
         points = frames.apply(pose, BOARD.points_mm())
         ids = np.arange(len(points))
         seen = [eye.project(points) + rng.normal(0, noise_px, (len(points), 2)) for eye in (rig.left, rig.right)]
-        pairs.append(Pair(f"view {k}", Recogniser(ids, seen[0], 0.8), Recogniser(ids, seen[1], 0.8)))
+        pairs.append(Pair(f"view {k}", SeenBoard(ids, seen[0], 0.8), SeenBoard(ids, seen[1], 0.8)))
     return pairs
 
 
@@ -66,9 +66,9 @@ def test_swapped_eyes_are_told_as_such() -> None:
 
 
 def test_one_mirrored_eye_is_told_as_such() -> None:
-    def mirrored(sight: Recogniser) -> Recogniser:
-        grid = (np.array([639.0, 0]) + sight.corners_px * (-1.0, 1.0)).reshape(6, 9, 2)[:, ::-1]
-        return replace(sight, corners_px=grid.reshape(-1, 2))
+    def mirrored(seen: SeenBoard) -> SeenBoard:
+        grid = (np.array([639.0, 0]) + seen.corners_px * (-1.0, 1.0)).reshape(6, 9, 2)[:, ::-1]
+        return replace(seen, corners_px=grid.reshape(-1, 2))
 
     with pytest.raises(StereoError, match="mirrored"):
         calibrate_stereo([Pair(p.name, p.left, mirrored(p.right)) for p in sights(3)], BOARD, (640, 480))

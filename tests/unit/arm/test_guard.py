@@ -4,7 +4,6 @@ import asyncio
 
 import numpy as np
 import pytest
-from cell_fakes import HEAD_DOWN, World, build
 from hypothesis import HealthCheck, Phase, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule, run_state_machine_as_test
@@ -15,6 +14,7 @@ from daemon.arm import mover as motion
 from daemon.arm.guard import ArmState, Command, Limits, refuse
 from daemon.arm.mover import Arrival, Mover, MoveRefusedError
 from daemon.pick.grasp import tool_rotation
+from tests.worlds.fake_cell import HEAD_DOWN, World, build
 
 LIMITS = Limits()
 AT = HEAD_DOWN

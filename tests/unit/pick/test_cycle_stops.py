@@ -3,10 +3,10 @@
 import asyncio
 
 import pytest
-from cell_fakes import World, cycle_of, one_part
 
 from daemon.arm.supervisor import OperatorRefusedError, RefusedError
 from daemon.pick.cycle import Cycle
+from tests.worlds.fake_cell import World, cycle_of, one_part
 
 
 async def during(world: World, cycle: Cycle, name: str, count: int, act):

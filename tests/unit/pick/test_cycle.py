@@ -5,15 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cell_fakes import World, build, cycle_of, one_part
 
 from daemon import frames
 from daemon.arm.supervisor import RefusedError
-from daemon.pick.cycle import HANDLERS
 from daemon.pick.settings import Settings
-from daemon.pick.transitions import NEXT, TABLE, printed_table
 from daemon.vision.values import Polygon, Recognition, Rejected
 from drivers.simcell import parts
+from tests.worlds.fake_cell import World, build, cycle_of, one_part
 
 
 def cleared(world: World, settings: Settings | None = None, **options):
@@ -40,32 +38,6 @@ def test_a_table_of_four_parts_is_cleared(seed):
     _, ends = cleared(world)
     assert sorted(world.binned) == sorted(parts.TAUGHT), [(e.outcome, e.why) for e in ends]
     assert [e.outcome for e in ends] == ["picked"] * 4 + ["empty"]
-
-
-def test_every_state_of_the_table_has_a_handler_and_every_row_leads_somewhere_known():
-    states = {row.state for row in TABLE} - {"*", "idle", "fault", "paused"}
-    assert states == set(HANDLERS)
-    assert {row.then for row in TABLE} <= states | {"idle", "fault", "paused", "back"}
-    assert len(NEXT) == len(TABLE)
-    assert len(printed_table().splitlines()) == len(TABLE)
-
-
-def test_every_state_can_be_reached_from_idle_and_leads_back_to_it():
-    leads = {}
-    for row in TABLE:
-        if row.state != "*":
-            leads.setdefault(row.state, set()).add(row.then)
-    assert _reached(leads, "idle") >= set(HANDLERS)
-    assert all("idle" in _reached(leads, state) for state in HANDLERS)
-
-
-def _reached(leads, start):
-    seen, todo = set(), [start]
-    while todo:
-        for then in leads.get(todo.pop(), set()) - seen:
-            seen.add(then)
-            todo.append(then)
-    return seen
 
 
 def test_the_label_asked_for_is_the_one_picked():

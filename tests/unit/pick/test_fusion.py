@@ -1,21 +1,17 @@
 """What looks say together: covariance that is honest, stops that are needed, disagreements that are blamed rightly."""
 
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
-from cell_fakes import TOOL_FROM_CYCLOPEAN, shape_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from daemon import frames
-from daemon.arm import paths
 from daemon.pick import fusion, viewpoints
 from daemon.pick.fusion import CHI_SQUARE_6, Doubt, Stops
 from daemon.pick.grasp import tool_rotation
-from daemon.vision.registration.corner_pose import Fit, poses_that_fit, refit
-from daemon.vision.values import Facet
+from tests.worlds.fake_cell import TOOL_FROM_CYCLOPEAN
 
 DOUBT = Doubt()
 TRUE = frames.rigid(frames.rotation_from_vector(np.array([0.1, -0.2, 0.7])), np.array([520.0, 10.0, -275.0]))
@@ -120,98 +116,3 @@ def test_the_least_number_of_looks_is_kept_though_the_first_would_do():
     looks = [looked(rng, d, np.zeros(9)) for d in (450.0, 300.0, 200.0)]
     estimate = fusion.fuse(looks, DOUBT)
     assert [fusion.enough(estimate, n, stops) for n in (1, 2, 3)] == [False, False, True]
-
-
-def test_a_look_pose_puts_the_point_on_the_cameras_axis_at_the_distance():
-    pose = viewpoints.look_pose(ROTATION, TRUE[:3, 3], 300.0, TOOL_FROM_CYCLOPEAN)
-    seen = frames.apply(frames.inverse(pose @ TOOL_FROM_CYCLOPEAN), TRUE[:3, 3])
-    assert np.allclose(seen, [0, 0, 300], atol=1e-9)
-
-
-@settings(max_examples=50, deadline=None)
-@given(move=st.tuples(*[st.floats(-900, 900)] * 3), turn=st.floats(-3, 3))
-def test_steps_end_at_the_target_and_none_is_too_long(move, turn):
-    target = frames.perturb(TRUE, np.array([*move, 0.0, 0.0, turn]))
-    way = [TRUE, *paths.steps(TRUE, target, 100.0, 30.0)]
-    assert np.allclose(way[-1], target)
-    assert all(paths.within(a, b, 100.0, 30.0) for a, b in pairwise(way))
-
-
-def test_speed_falls_towards_the_part():
-    speeds = [paths.speed_pct(d, 100.0, 30.0) for d in (50, 100, 250, 400, 900)]
-    assert speeds == [30.0, 30.0, 65.0, 100.0, 100.0]
-
-
-def test_a_view_of_two_facets_is_worth_more_than_of_one():
-    cube, pose = shape_of("cube"), np.eye(4)
-    on_one, on_two = np.array([400.0, 0, 0]), np.array([300.0, 300.0, 0])
-    assert viewpoints.view_worth(cube, pose, on_two) > 2 * viewpoints.view_worth(cube, pose, on_one)
-
-
-def test_a_cube_and_a_pyramid_are_most_unlike_from_the_side():
-    candidates = [(shape_of("cube"), np.eye(4)), (shape_of("pyramid"), np.eye(4))]
-    below, side = np.array([0, 0, -400.0]), np.array([400.0, 0.0, 60.0])
-    assert viewpoints.unlikeness(candidates, side) > viewpoints.unlikeness(candidates, below)
-    assert viewpoints.unlikeness(candidates[:1], side) == 0.0
-
-
-def facets_of(shape, pose, which, rng, sigma=0.2):
-    found = []
-    for index in which:
-        corners = frames.apply(pose, shape.corners_mm[shape.rings[index]])
-        noisy = corners + rng.normal(0, sigma, corners.shape)
-        covariance = np.tile(np.eye(3) * sigma**2, (len(corners), 1, 1))
-        px = np.zeros((len(corners), 2))
-        found.append(Facet(noisy, covariance, px, px, np.zeros(len(corners)), 0.0))
-    return found
-
-
-POSE = frames.rigid(frames.rotation_from_vector(np.array([2.0, 0.4, 0.3])), np.array([10.0, -20.0, 350.0]))
-
-
-@pytest.mark.parametrize("label", ["cube", "pyramid", "triangular_prism", "pentagonal_prism"])
-def test_a_symmetric_part_keeps_the_pose_it_had_from_look_to_look(label):
-    rng = np.random.default_rng(0)
-    shape = shape_of(label)
-    fit = refit(
-        shape, facets_of(shape, POSE, (0, 1), rng), frames.perturb(POSE, np.array([3, -2, 3, 0.05, 0.03, -0.05]))
-    )
-    assert isinstance(fit, Fit)
-    motion = frames.difference(fit.cyclopean_from_part, POSE)
-    assert np.linalg.norm(motion[:3]) < 1.0
-    assert np.linalg.norm(motion[3:]) < 0.03
-
-
-def test_a_facet_that_is_hardly_known_does_not_lose_the_part():
-    rng = np.random.default_rng(1)
-    shape = shape_of("triangular_prism")
-    good, bad = facets_of(shape, POSE, (0, 2), rng)
-    wild = replace(bad, corners_mm=bad.corners_mm + 9.0, covariance_mm2=bad.covariance_mm2 * 1000)
-    assert refit(shape, [good, wild], POSE) is not None
-    assert refit(shape, [wild], POSE) is None
-
-
-def test_nothing_is_found_where_nothing_fits():
-    rng = np.random.default_rng(2)
-    shape = shape_of("cube")
-    facets = facets_of(shape, frames.perturb(POSE, np.array([60.0, 0, 0, 0, 0, 0.4])), (0, 1), rng)
-    assert refit(shape, facets, POSE) is None
-    assert refit(shape, [], POSE) is None
-
-
-def test_the_covariance_of_a_fit_is_the_scatter_of_fits():
-    rng = np.random.default_rng(3)
-    shape = shape_of("cube")
-    fits = [refit(shape, facets_of(shape, POSE, (0, 2), rng, 0.3), POSE) for _ in range(200)]
-    motions = np.array([frames.difference(f.cyclopean_from_part, POSE) for f in fits if f is not None])
-    said = np.sqrt(np.diag(np.mean([f.covariance for f in fits if f is not None], axis=0)))
-    ratio = motions.std(axis=0) / said
-    assert np.all(ratio > 0.5)
-    assert np.all(ratio < 1.3)
-
-
-def test_a_single_square_fits_a_cube_in_every_way_it_can_lie_under_it():
-    rng = np.random.default_rng(4)
-    shape = shape_of("cube")
-    fits = poses_that_fit(shape, facets_of(shape, POSE, (0,), rng, 0.05))
-    assert len(fits) == 24

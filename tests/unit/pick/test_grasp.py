@@ -2,14 +2,11 @@
 
 import numpy as np
 import pytest
-from cell_fakes import TOOL_FROM_CYCLOPEAN, shape_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from daemon import frames
 from daemon.pick.grasp import Gripper, closed_fingers, grasps, hull_planes, tool_rotation
-from daemon.pick.plan import plan_part, regrasp
-from daemon.pick.settings import Settings
 from daemon.store import places
 from drivers.simcell.gripper import close_on
 from drivers.simcell.parts import TAUGHT, part_shape
@@ -88,27 +85,6 @@ def test_a_neighbour_in_the_fingers_way_blocks_those_grasps_only():
     found = grasps(corners, lying("cube", 0), -300.0, GRIPPER, [beside])
     assert {g.blocked for g in found} == {True, False}
     assert not found[0].blocked
-
-
-def test_a_plan_is_reachable_all_the_way_or_says_why_not():
-    shape, pose = shape_of("cube"), lying("cube", 0)
-    plan = plan_part(shape, pose, [], Settings(), TOOL_FROM_CYCLOPEAN, lambda _: True)
-    assert not isinstance(plan, str)
-    none = plan_part(shape, pose, [], Settings(), TOOL_FROM_CYCLOPEAN, lambda p: bool(p[2, 3] < -200))
-    assert isinstance(none, str)
-    assert "reached" in none
-
-
-def test_the_same_grasp_is_found_again_on_a_better_estimate_and_not_on_another_pose():
-    shape, pose = shape_of("cube"), lying("cube", 0)
-    plan = plan_part(shape, pose, [], Settings(), TOOL_FROM_CYCLOPEAN, lambda _: True)
-    assert not isinstance(plan, str)
-    nearby = frames.perturb(pose, np.array([2.0, -1.0, 0.0, 0.0, 0.0, 0.03]))
-    again = regrasp(shape, nearby, plan, Settings())
-    assert again is not None
-    gap = again.grasp.world_from_tool[:3, 3] - plan.grasp.world_from_tool[:3, 3]
-    assert np.allclose(gap[:2], [2.0, -1.0], atol=0.5)
-    assert regrasp(shape, lying("cube", 0, 0.3, 560.0), plan, Settings()) is None
 
 
 def test_the_cameras_look_up_from_the_side_the_hand_leans_away_from():

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from cell_fakes import World, cycle_of
 
 from daemon.pick.order import PickOrder
 from drivers.simcell import parts
+from tests.worlds.fake_cell import World, cycle_of
 
 SPOTS = ((430, -100), (430, 100), (590, -90), (590, 90))
 

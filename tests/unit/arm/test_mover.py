@@ -1,0 +1,164 @@
+"""The gate between a decision and the arm: asked after every wait, the place forgotten while the arm may move; how long
+the answer to a move is waited for."""
+
+import asyncio
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from daemon import frames
+from daemon.arm.guard import Command, Limits
+from daemon.arm.mover import Arrival, Mover, MoveRefusedError, OutOfReachError
+from daemon.arm.workcell import Reading
+from drivers import puma560
+from drivers.simcell.arm import SingularWristError, plan_joints, plan_straight
+from tests.worlds.fake_cell import HEAD_DOWN, World, build
+
+START = np.radians([10.0, -120.0, 30.0, 5.0, 60.0, 20.0])
+
+
+def command(pose, straight, speed):
+    return Command(pose, straight, speed, "a test")
+
+
+@given(
+    turns=st.lists(st.floats(-0.6, 0.6), min_size=6, max_size=6), speed=st.floats(10.0, 100.0), straight=st.booleans()
+)
+def test_every_move_of_the_simulated_arm_ends_before_it_is_given_up(turns, speed, straight):
+    geometry = puma560.Puma560()
+    end = START + np.array(turns)
+    start = Reading(puma560.forward(START, geometry), START)
+    target = puma560.forward(end, geometry)
+    try:
+        way = (plan_straight if straight else plan_joints)(START, target if straight else end, speed / 100.0, geometry)
+    except (puma560.UnreachableError, SingularWristError):
+        return
+    longest_s = Arrival().longest_s(start, command(target, straight, speed), end)
+    assert way[1].duration_s < longest_s
+
+
+def test_a_dead_controller_is_told_within_seconds_even_after_the_longest_move():
+    start = Reading(np.eye(4), START)
+    limits = Limits()
+    farthest = frames.perturb(np.eye(4), np.array([limits.max_step_mm, 0, 0, 0, 0, np.radians(limits.max_turn_deg)]))
+    assert Arrival().longest_s(start, command(farthest, True, 100.0), None) < 8.0
+
+
+NEAR = frames.perturb(HEAD_DOWN, np.array([30.0, 0, 0, 0, 0, 0]))
+
+
+def mover_in(world: World, gate=None, **limits) -> Mover:
+    mover = Mover(build(world), Limits(**limits), Arrival(), *([gate] if gate else []))
+    mover.enabled = True
+    asyncio.run(mover.where())
+    return mover
+
+
+def disable(mover: Mover, world: World) -> None:
+    mover.enabled = False
+
+
+def stop(mover: Mover, world: World) -> None:
+    mover.fault = "stopped"
+
+
+def lose(mover: Mover, world: World) -> None:
+    mover.at = None
+
+
+def age(mover: Mover, world: World) -> None:
+    world.now_s += 60.0
+
+
+@pytest.mark.parametrize(
+    ("meanwhile", "rule"),
+    [(disable, "not_enabled"), (stop, "fault_stands"), (lose, "arm_lost"), (age, "stale_look")],
+)
+def test_what_came_while_a_move_was_held_back_closes_the_gate(meanwhile, rule):
+    world = World(np.random.default_rng(0))
+
+    async def held(_: Command) -> None:
+        meanwhile(mover, world)
+
+    mover = mover_in(world, held)
+    with pytest.raises(MoveRefusedError) as refused:
+        asyncio.run(mover.go(Command(NEAR, False, 50.0, "a test", look_taken_s=world.clock())))
+    assert refused.value.refusal.rule == rule
+    assert not world.wire
+    assert [r["rule"] for r in world.said("refusal")] == [rule]
+    assert not world.said("move")
+
+
+def test_a_move_that_is_refused_before_is_not_held_back_first():
+    world, asked = World(np.random.default_rng(0)), []
+
+    async def gate(told: Command) -> None:
+        asked.append(told)
+
+    mover = mover_in(world, gate)
+    mover.enabled = False
+    with pytest.raises(MoveRefusedError):
+        asyncio.run(mover.go(command(NEAR, False, 50.0)))
+    assert not asked
+
+
+def test_while_the_arm_may_move_nobody_knows_where_it_is_and_after_a_failure_neither():
+    world = World(np.random.default_rng(0))
+    mover, known = mover_in(world), []
+    world.before = lambda name: known.append((name, mover.at))
+    asyncio.run(mover.go(command(NEAR, False, 50.0)))
+    assert known == [("move", None), ("moving", None), ("moved", None)]
+    assert mover.at is not None
+
+    def fail(name: str) -> None:
+        if name == "moving":
+            raise OSError("no answer")
+
+    world.before = fail
+    with pytest.raises(OSError, match="no answer"):
+        asyncio.run(mover.go(command(HEAD_DOWN, False, 50.0)))
+    with pytest.raises(MoveRefusedError, match="arm_lost"):
+        asyncio.run(mover.go(command(HEAD_DOWN, False, 50.0)))
+
+
+def test_the_hands_state_is_not_known_while_it_moves_and_after_a_failure():
+    world = World(np.random.default_rng(0))
+    mover = mover_in(world)
+    asyncio.run(mover.hand(closed=False))
+    assert mover.closed is False
+
+    def fail(name: str) -> None:
+        if name == "hand":
+            raise OSError("no answer")
+
+    world.before = fail
+    with pytest.raises(OSError, match="no answer"):
+        asyncio.run(mover.hand(closed=True))
+    assert mover.closed is None
+
+
+def test_a_way_is_cut_into_steps_and_its_speed_to_the_limit():
+    world = World(np.random.default_rng(0))
+    mover = mover_in(world, max_step_mm=50.0, max_speed_pct=40.0)
+    far = frames.perturb(HEAD_DOWN, np.array([120.0, 0, 0, 0, 0, 0]))
+    asyncio.run(mover.travel(far, "far", lambda _: 100.0, straight=True))
+    sent = world.said("move")
+    assert len(sent) == 3
+    assert {r["speed_pct"] for r in sent} == {40.0}
+    np.testing.assert_allclose(sent[-1]["target"], far)
+
+
+@pytest.mark.parametrize("straight", [True, False])
+def test_where_the_arm_has_no_way_nothing_is_sent_and_the_place_is_told(straight):
+    world = World(np.random.default_rng(0))
+    mover = mover_in(world)
+    world.unreached = NEAR[:3, 3]
+    with pytest.raises(OutOfReachError, match=f"cannot reach {NEAR[0, 3]:.0f}, "):
+        asyncio.run(mover.travel(NEAR, "a test", lambda _: 50.0, straight))
+    assert not world.wire
+    assert not mover.allows(NEAR)
+    world.unreached = None
+    assert mover.allows(NEAR)
+    assert not mover.allows(frames.perturb(NEAR, np.array([0, 0, -400.0, 0, 0, 0]))), "below the table"

@@ -1,0 +1,221 @@
+"""Who has the arm: one job at a time; the fault, then the stop, then the report."""
+
+import asyncio
+
+import numpy as np
+import pytest
+
+from daemon import frames
+from daemon.arm.guard import Limits
+from daemon.arm.mover import Arrival, MoveRefusedError
+from daemon.arm.supervisor import Interruption, OperatorRefusedError, RefusedError, Supervisor
+from tests.worlds.fake_cell import HEAD_DOWN, World, build
+
+NEAR = frames.perturb(HEAD_DOWN, np.array([30.0, 0, 0, 0, 0, 0]))
+
+
+class Heard(list):
+    """What the supervisor said came over the job, and what was on the wire by then."""
+
+
+def supervised(enabled: bool = True) -> tuple[World, Supervisor, Heard]:
+    world, heard = World(np.random.default_rng(0)), Heard()
+    supervisor = Supervisor(build(world), Limits(), Arrival(), lambda what: heard.append((what, len(world.wire))))
+    if enabled:
+        supervisor.enable()
+    return world, supervisor, heard
+
+
+async def travelling(supervisor: Supervisor) -> None:
+    """Back and forth until somebody stops it."""
+    await supervisor.mover.where()
+    for _ in range(100):
+        for pose in (NEAR, HEAD_DOWN):
+            await supervisor.mover.travel(pose, "to and fro", lambda _: 50.0)
+
+
+async def interrupted(world: World, supervisor: Supervisor, act, name: str = "moving", count: int = 2):
+    """Start travelling; at the count-th `name` run act in another task; give what the job ended in."""
+    acting, seen = [], 0
+
+    def hook(what: str) -> None:
+        nonlocal seen
+        seen += what == name
+        if what == name and seen == count:
+            acting.append(asyncio.get_running_loop().create_task(act()))
+
+    world.before = hook
+    try:
+        await supervisor.run("travel", travelling(supervisor))
+    except Exception as error:
+        await asyncio.gather(*acting)
+        return error
+    raise AssertionError("nothing stopped it")
+
+
+STOPS = [
+    (lambda s: s.stop("by hand"), "stopped by hand", Interruption.STOP),
+    (lambda s: s.fail("cameras", "no pair"), "cameras: no pair", Interruption.ERROR),
+    (lambda s: s.abort(), None, Interruption.ABORT),
+    (lambda s: s.disable(), None, Interruption.ABORT),
+    (lambda s: s.close(), None, Interruption.ABORT),
+]
+
+
+@pytest.mark.parametrize(("act", "fault", "what"), STOPS)
+def test_every_stop_ends_the_job_with_an_abort_as_the_last_word_and_then_says_what_it_was(act, fault, what):
+    world, supervisor, heard = supervised()
+    error = asyncio.run(interrupted(world, supervisor, lambda: act(supervisor)))
+    assert isinstance(error, RefusedError)
+    assert supervisor.mover.fault == fault
+    assert world.wire[-1][0] == "abort"
+    assert heard == [(what, len(world.wire))]
+    assert not supervisor.busy
+    assert [r["text"] for r in world.said("fault")] == ([] if fault is None else [fault])
+
+
+@pytest.mark.parametrize(("act", "fault", "what"), STOPS[:2])
+def test_the_fault_stands_and_the_place_is_forgotten_before_the_arm_is_told_to_stop(act, fault, what):
+    world, supervisor, _ = supervised()
+    standing = []
+    asyncio.run(supervisor.mover.where())
+
+    def hook(name: str) -> None:
+        if name == "abort":
+            standing.append((supervisor.mover.fault, supervisor.mover.at, len(world.said("fault"))))
+
+    world.before = hook
+    asyncio.run(act(supervisor))
+    assert standing == [(fault, None, 0)], "the fault, then the stop, then the report"
+
+
+def test_an_arm_that_is_being_stopped_is_told_no_further_move():
+    world, supervisor, _ = supervised()
+
+    async def slow_abort():
+        world.wire.append(("abort", None))
+        for _ in range(20):
+            await asyncio.sleep(0)
+
+    supervisor.mover.cell.robot.abort = slow_abort
+    asyncio.run(interrupted(world, supervisor, supervisor.stop))
+    names = [name for name, _ in world.wire]
+    assert names[names.index("abort") :] == ["abort"]
+
+
+def test_an_error_in_a_job_that_moves_stops_the_arm_and_one_in_a_job_that_only_looks_does_not():
+    for moves in (True, False):
+        world, supervisor, heard = supervised()
+
+        async def broken() -> None:
+            raise OSError("the cable came out")
+
+        with pytest.raises(OSError, match="cable"):
+            asyncio.run(supervisor.run("work", broken(), moves))
+        assert (supervisor.mover.fault == "OSError: the cable came out") is moves
+        assert [name for name, _ in world.wire] == ["abort"] * moves
+        assert [what for what, _ in heard] == [Interruption.ERROR] * moves
+
+
+def test_a_refusal_in_a_job_is_no_fault():
+    world, supervisor, heard = supervised(enabled=False)
+    with pytest.raises(MoveRefusedError):
+        asyncio.run(supervisor.run("travel", travelling(supervisor)))
+    assert (supervisor.mover.fault, world.wire, heard) == (None, [], [])
+
+
+def test_an_abort_that_is_not_answered_is_a_fault_that_sends_to_the_emergency_stop():
+    world, supervisor, heard = supervised()
+
+    def dead(name: str) -> None:
+        if name == "abort":
+            raise OSError("no answer")
+
+    world.before = dead
+    asyncio.run(supervisor.abort())
+    assert "press emergency stop" in supervisor.mover.fault
+    assert [what for what, _ in heard] == [Interruption.ERROR]
+
+
+def test_one_job_at_a_time_and_nothing_is_switched_under_it():
+    _, supervisor, _ = supervised()
+
+    async def story() -> None:
+        free = asyncio.Event()
+        task = asyncio.create_task(supervisor.run("wait", free.wait()))
+        await asyncio.sleep(0)
+        assert supervisor.status()["doing"] == "wait"
+        for refused in (
+            supervisor.run("other", asyncio.sleep(0)),
+            asyncio.to_thread(supervisor.dry, True),
+            asyncio.to_thread(supervisor.refit, supervisor.mover.cell, Limits(), Arrival()),
+        ):
+            with pytest.raises(RefusedError, match="busy: wait"):
+                await refused
+        free.set()
+        await task
+        assert supervisor.status()["doing"] is None
+
+    asyncio.run(story())
+
+
+def test_resume_clears_a_fault_and_waits_until_the_arm_is_stopped():
+    world, supervisor, heard = supervised()
+    asyncio.run(supervisor.stop())
+    with pytest.raises(RefusedError, match="say `resume`"):
+        supervisor.may_move()
+    supervisor.resume()
+    supervisor.may_move()
+    assert [what for what, _ in heard] == [Interruption.STOP, Interruption.RESUME]
+
+    def early() -> None:
+        with pytest.raises(RefusedError, match="still being stopped"):
+            supervisor.resume()
+
+    async def stop_and_resume() -> None:
+        stopping = asyncio.create_task(supervisor.stop())
+        await asyncio.sleep(0)
+        early()
+        await stopping
+
+    asyncio.run(interrupted(world, supervisor, stop_and_resume))
+    supervisor.resume()
+
+
+def test_a_pause_is_told_when_a_move_meets_it_and_its_end_when_it_goes_on():
+    world, supervisor, heard = supervised()
+
+    async def story() -> None:
+        supervisor.pause()
+        assert not heard
+        task = asyncio.create_task(supervisor.run("travel", travelling(supervisor)))
+        while not heard:
+            await asyncio.sleep(0)
+        assert not world.wire
+        supervisor.resume()
+        while len(world.wire) < 3:
+            await asyncio.sleep(0)
+        await supervisor.abort()
+        with pytest.raises(RefusedError):
+            await task
+
+    asyncio.run(story())
+    assert [what for what, _ in heard] == [Interruption.PAUSE, Interruption.RESUME, Interruption.ABORT]
+
+
+def test_a_no_to_a_pending_move_leaves_it_unsent_and_no_fault():
+    world, supervisor, _ = supervised()
+
+    async def story() -> None:
+        supervisor.step(True)
+        with pytest.raises(RefusedError, match="no move waits"):
+            supervisor.confirm()
+        task = asyncio.create_task(supervisor.run("travel", travelling(supervisor)))
+        while supervisor.status()["pending"] is None:
+            await asyncio.sleep(0)
+        supervisor.refuse()
+        with pytest.raises(OperatorRefusedError, match="to and fro: joints to"):
+            await task
+
+    asyncio.run(story())
+    assert (world.wire, supervisor.mover.fault) == ([], None)

@@ -1,0 +1,35 @@
+"""Plans: reached all the way or told why not; the same grasp found again on a better estimate."""
+
+import numpy as np
+
+from daemon import frames
+from daemon.pick.plan import plan_part, regrasp
+from daemon.pick.settings import Settings
+from drivers.simcell.parts import part_shape
+from tests.worlds.fake_cell import TOOL_FROM_CYCLOPEAN, shape_of
+
+
+def lying(label, rest, turn=0.3, x=520.0, y=0.0):
+    spin = frames.rotation_from_vector(np.array([0.0, 0.0, turn]))
+    return frames.rigid(spin, np.array([x, y, -300.0])) @ part_shape(label).rests[rest]
+
+
+def test_a_plan_is_reachable_all_the_way_or_says_why_not():
+    shape, pose = shape_of("cube"), lying("cube", 0)
+    plan = plan_part(shape, pose, [], Settings(), TOOL_FROM_CYCLOPEAN, lambda _: True)
+    assert not isinstance(plan, str)
+    none = plan_part(shape, pose, [], Settings(), TOOL_FROM_CYCLOPEAN, lambda p: bool(p[2, 3] < -200))
+    assert isinstance(none, str)
+    assert "reached" in none
+
+
+def test_the_same_grasp_is_found_again_on_a_better_estimate_and_not_on_another_pose():
+    shape, pose = shape_of("cube"), lying("cube", 0)
+    plan = plan_part(shape, pose, [], Settings(), TOOL_FROM_CYCLOPEAN, lambda _: True)
+    assert not isinstance(plan, str)
+    nearby = frames.perturb(pose, np.array([2.0, -1.0, 0.0, 0.0, 0.0, 0.03]))
+    again = regrasp(shape, nearby, plan, Settings())
+    assert again is not None
+    gap = again.grasp.world_from_tool[:3, 3] - plan.grasp.world_from_tool[:3, 3]
+    assert np.allclose(gap[:2], [2.0, -1.0], atol=0.5)
+    assert regrasp(shape, lying("cube", 0, 0.3, 560.0), plan, Settings()) is None

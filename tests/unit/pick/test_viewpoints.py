@@ -1,0 +1,30 @@
+"""From where to look: the point on the axis, two facets rather than one, the side on which candidates differ."""
+
+import numpy as np
+
+from daemon import frames
+from daemon.pick import viewpoints
+from daemon.pick.grasp import tool_rotation
+from tests.worlds.fake_cell import TOOL_FROM_CYCLOPEAN, shape_of
+
+TRUE = frames.rigid(frames.rotation_from_vector(np.array([0.1, -0.2, 0.7])), np.array([520.0, 10.0, -275.0]))
+ROTATION = tool_rotation(np.array([0.0, 1.0, 0.0]), 0.4)
+
+
+def test_a_look_pose_puts_the_point_on_the_cameras_axis_at_the_distance():
+    pose = viewpoints.look_pose(ROTATION, TRUE[:3, 3], 300.0, TOOL_FROM_CYCLOPEAN)
+    seen = frames.apply(frames.inverse(pose @ TOOL_FROM_CYCLOPEAN), TRUE[:3, 3])
+    assert np.allclose(seen, [0, 0, 300], atol=1e-9)
+
+
+def test_a_view_of_two_facets_is_worth_more_than_of_one():
+    cube, pose = shape_of("cube"), np.eye(4)
+    on_one, on_two = np.array([400.0, 0, 0]), np.array([300.0, 300.0, 0])
+    assert viewpoints.view_worth(cube, pose, on_two) > 2 * viewpoints.view_worth(cube, pose, on_one)
+
+
+def test_a_cube_and_a_pyramid_are_most_unlike_from_the_side():
+    candidates = [(shape_of("cube"), np.eye(4)), (shape_of("pyramid"), np.eye(4))]
+    below, side = np.array([0, 0, -400.0]), np.array([400.0, 0.0, 60.0])
+    assert viewpoints.unlikeness(candidates, side) > viewpoints.unlikeness(candidates, below)
+    assert viewpoints.unlikeness(candidates[:1], side) == 0.0
