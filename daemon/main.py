@@ -56,6 +56,8 @@ def check(config_path: Path, simulated: bool) -> int:
     except (ConfigError, ModelError, ModelStoreError) as error:
         print(f"facetd: {error}", file=sys.stderr)
         return BAD_CONFIGURATION
+    for note in config.notes:
+        print(f"facetd: {note}", file=sys.stderr)
     print(f"facetd: {config.path} is good: a {config.kind} cell, socket {config.socket}, runs in {config.runs}")
     return 0
 

@@ -98,7 +98,7 @@ class Service:
         context, old = self.context, self.context.config
         journal.notify(f"RELOADING=1\nMONOTONIC_USEC={time.monotonic_ns() // 1000}")
         try:
-            config = load_config(self._config_path, self._simulated)
+            config = _read(self._config_path, self._simulated)
             sections.check(config)
             calibration = load_calibration(config.calibration)
             if context.cycle.status()["doing"]:
@@ -126,7 +126,7 @@ class Service:
     # Starting
 
     async def _start(self) -> None:
-        config = load_config(self._config_path, self._simulated)
+        config = _read(self._config_path, self._simulated)
         calibration = load_calibration(config.calibration)
         library = load_facets(config.file(config.values.files.facets))
         parts = load_parts(config.file(config.values.files.parts))
@@ -310,6 +310,14 @@ class Service:
         if self._ready:
             journal.tell("run_end", f"ended: {self._why}")
         journal.flush(0.3)
+
+
+def _read(path: Path, simulated: bool) -> Config:
+    """The configuration; what in it is no longer looked at is told. Raises ConfigError."""
+    config = load_config(path, simulated)
+    for note in config.notes:
+        journal.tell("trouble", note, journal.NOTICE)
+    return config
 
 
 def _left_behind(runs: Path) -> Interrupted | None:

@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 
 from daemon.config import Config
-from daemon.store.bounds import check_dialect
 from drivers.camera.pair import CameraError
 from drivers.camera.settings import CameraSettings
 from drivers.puma560 import Puma560
@@ -43,9 +42,7 @@ def dialect(config: Config) -> Dialect:
         for key, value in config.values.arm.dialect.items()
     }
     document = replace(config.document, data={"arm": {"dialect": section}})
-    found = document.section(("arm", "dialect"), Dialect)
-    check_dialect(config.document, found)
-    return found
+    return document.section(("arm", "dialect"), Dialect)
 
 
 def arm_geometry(config: Config) -> Puma560:

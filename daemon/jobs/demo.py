@@ -87,7 +87,10 @@ def say(text: str) -> None:
 
 
 def _configuration(seed: int, time_scale: float, runs: Path, folder: str) -> dict[str, Any]:
-    """facetd.yaml of the demo's daemon: the files of the one that is here, all else as shipped. Raises ConfigError."""
+    """facetd.yaml of the demo's daemon: the files of the one that is here, all else as shipped. Raises ConfigError.
+
+    Idle cameras are not asked for signs of life: each frame draws noise, and a seed would not give the same run again.
+    """
     from daemon.config import load_config
 
     own = places.HOUSE / "etc" / "facetd.yaml"
@@ -99,6 +102,7 @@ def _configuration(seed: int, time_scale: float, runs: Path, folder: str) -> dic
         "cell": "simulated",
         "files": files,
         "folders": {"state": folder, "runtime": folder, "runs": str(runs)},
+        "health": {"camera_silence_s": 3600},
         "pick": {"stops": {"least_looks": 3}},
         "simulated": {"truth": truth, "time_scale": time_scale, "seed": seed},
     }

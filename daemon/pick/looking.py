@@ -8,15 +8,17 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Annotated, Protocol
 
 import cv2
 import numpy as np
+from msgspec import Meta
 from numpy.typing import NDArray
 
 from daemon.arm.workcell import Array, Pictures, Reading, Workcell
 from daemon.calibration.clues import clue_of
 from daemon.calibration.drift_watch import health_fields
+from daemon.quantities import Seconds
 from daemon.vision.facets.table import Table
 from daemon.vision.geometry.polyhedron import Polyhedron
 from daemon.vision.health.examine import Finding, drift, examine, misleading, sharpness
@@ -53,10 +55,10 @@ class Settling:
     """still_noise: how many times its own noise a block may change; floor_grey: what a change may always be, and
     most_noise_grey: what can still be noise (all of the image may move), grey levels; timeout_s: when to give up."""
 
-    still_noise: float = 6.0
-    floor_grey: float = 1.5
-    most_noise_grey: float = 2.0
-    timeout_s: float = 5.0
+    still_noise: Annotated[float, Meta(gt=0, le=1000)] = 6.0
+    floor_grey: Annotated[float, Meta(ge=0, le=255)] = 1.5
+    most_noise_grey: Annotated[float, Meta(gt=0, le=255)] = 2.0
+    timeout_s: Seconds = 5.0
 
 
 @dataclass(frozen=True, eq=False)
