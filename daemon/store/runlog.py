@@ -25,7 +25,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.store.files import LineFile, Syncer, write_whole
+from daemon.store.files import LineFile, Syncer, write_atomically
 
 VERSION = 1
 PATIENCE_S = 0.1
@@ -130,7 +130,7 @@ class RunLog:
         name = f"kept/{hashlib.sha256(content).hexdigest()}{path.suffix}"
         target = self.folder / name
         if not target.exists():
-            write_whole(target, content)
+            write_atomically(target, content, synced=False)
         return name
 
     def roll(self, folder: Path) -> None:
@@ -221,7 +221,7 @@ class RunLog:
                 continue
             try:
                 _, png = cv2.imencode(".png", picture.pixels, [cv2.IMWRITE_PNG_COMPRESSION, 1])
-                write_whole(picture.path, png.tobytes())
+                write_atomically(picture.path, png.tobytes(), synced=False)
             except OSError as error:
                 self._lost += 1
                 self._tell(f"{picture.path}: {error.strerror}")
