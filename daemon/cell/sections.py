@@ -30,7 +30,7 @@ def check(config: Config) -> None:
 def camera_settings(config: Config) -> CameraSettings:
     """The section `cameras`. Raises ConfigError."""
     try:
-        return config.document.section(("cameras",), CameraSettings)
+        return config.document.convert(CameraSettings, at=("cameras",))
     except CameraError as error:
         raise config.document.error(("cameras",), str(error)) from None
 
@@ -42,7 +42,7 @@ def dialect(config: Config) -> Dialect:
         for key, value in config.values.arm.dialect.items()
     }
     document = replace(config.document, data={"arm": {"dialect": section}})
-    return document.section(("arm", "dialect"), Dialect)
+    return document.convert(Dialect, at=("arm", "dialect"))
 
 
 def arm_geometry(config: Config) -> Puma560:

@@ -44,35 +44,21 @@ class Document:
         where = f" {dotted(keys)}:" if keys else ""
         return ConfigError(f"{self.path}{line}:{where} {problem}")
 
-    def convert(self, kind: type[T]) -> T:
+    def convert(self, kind: type[T], at: tuple[Key, ...] = ()) -> T:
         """The document as `kind`: a struct, a dataclass, or lists and mappings of them. Unknown keys are refused.
 
-        Raises ConfigError.
+        at: only the section there; an absent one is an empty one. Raises ConfigError.
         """
-        if self.data is None:
+        data = _value(self.data, at) or {} if at else self.data
+        if data is None:
             raise ConfigError(f"{self.path}: expected {_plain_name(kind)}, found an empty file")
         try:
-            value: T = msgspec.convert(_without_empty_sections(self.data, kind), kind)
+            value: T = msgspec.convert(_without_empty_sections(data, kind), kind)
         except msgspec.ValidationError as error:
-            raise self._explain(error, kind) from None
-        for keys, known in _unknown_keys(self.data, kind, ()):
-            raise self.error(keys, f"unknown key{_suggestion(str(keys[-1]), known)}")
+            raise self._explain(error, kind, data, at) from None
+        for keys, known in _unknown_keys(data, kind, ()):
+            raise self.error((*at, *keys), f"unknown key{_suggestion(str(keys[-1]), known)}")
         return value
-
-    def section(self, keys: tuple[Key, ...], kind: type[T]) -> T:
-        """The part of the document below `keys` as `kind`; an absent part is an empty one. Raises ConfigError."""
-        data: Any = _value(self.data, keys) or {}
-        for key in reversed(keys):
-            data = {key: data}
-        whole = Document(self.path, data, self.root)
-        nested: Any = kind
-        for key in reversed(keys):
-            nested = msgspec.defstruct(str(key), [(str(key), nested)])
-        value: Any = whole.convert(nested)
-        for key in keys:
-            value = getattr(value, str(key))
-        section: T = value
-        return section
 
     def without(self, gone: Mapping[str, str]) -> tuple[Document, list[str]]:
         """The document without keys that are no longer any, and a line for each that was there.
@@ -88,27 +74,28 @@ class Document:
                 notes.append(str(self.error(keys, f"no longer a key, and not looked at: {why}")))
         return dataclasses.replace(self, data=data), notes
 
-    def _explain(self, error: msgspec.ValidationError, kind: type[Any]) -> ConfigError:
+    def _explain(self, error: msgspec.ValidationError, kind: type[Any], data: Any, at: tuple[Key, ...]) -> ConfigError:
+        """msgspec's complaint of the data at a place, for the person who wrote the file."""
         problem, keys = _split(str(error))
-        keys = _settle_wildcards(keys, self.data, problem, lambda data: msgspec.convert(data, kind))
+        keys = _settle_wildcards(keys, data, problem, lambda changed: msgspec.convert(changed, kind))
+        where, found, expected_kind = (*at, *keys), _short(_value(data, keys)), _kind_at(kind, keys)
         unknown = re.match(r"Object contains unknown field `(.*)`", problem)
         if unknown:
-            known = next((k for where, k in _unknown_keys(self.data, kind, ()) if where == (*keys, unknown[1])), [])
-            return self.error((*keys, unknown[1]), f"unknown key{_suggestion(unknown[1], known)}")
+            known = next((k for path, k in _unknown_keys(data, kind, ()) if path == (*keys, unknown[1])), [])
+            return self.error((*where, unknown[1]), f"unknown key{_suggestion(unknown[1], known)}")
         missing = re.match(r"Object missing required field `(.*)`", problem)
         if missing:
-            return self.error(keys, f"the key `{missing[1]}` is missing")
+            return self.error(where, f"the key `{missing[1]}` is missing")
         if not problem.startswith(("Expected", "Invalid")):
-            return self.error(keys, problem)
-        found = _value(self.data, keys)
-        bounds = _bounds(_kind_at(kind, keys))
+            return self.error(where, problem)
+        bounds = _bounds(expected_kind)
         if bounds and re.match(r"Expected `(int|float)` [<>]", problem):
-            return self.error(keys, f"expected {bounds}, found {_short(found)}")
+            return self.error(where, f"expected {bounds}, found {found}")
         if "Invalid enum value" in problem:
-            choices = ", ".join(str(choice) for choice in typing.get_args(_bare(_kind_at(kind, keys))))
-            return self.error(keys, f"expected one of {choices}, found {_short(found)}")
+            choices = ", ".join(str(choice) for choice in typing.get_args(_bare(expected_kind)))
+            return self.error(where, f"expected one of {choices}, found {found}")
         expected = re.sub(r", got .*", "", problem).replace("`", "").replace("object", "keys and values")
-        return self.error(keys, f"{expected[:1].lower()}{expected[1:]}, found {_short(found)}")
+        return self.error(where, f"{expected[:1].lower()}{expected[1:]}, found {found}")
 
 
 def read(path: Path) -> Document:
@@ -142,13 +129,9 @@ def dotted(keys: tuple[Key, ...]) -> str:
     return "".join(f"[{k}]" if isinstance(k, int) else f".{k}" for k in keys).lstrip(".")
 
 
-def _is_struct(kind: Any) -> bool:
-    return isinstance(kind, type) and issubclass(kind, msgspec.Struct)
-
-
 def _field_types(kind: Any) -> dict[str, Any]:
     """Field -> type of a struct or dataclass; empty for anything else."""
-    if _is_struct(kind):
+    if isinstance(kind, type) and issubclass(kind, msgspec.Struct):
         return {f.encode_name: f.type for f in msgspec.structs.fields(kind)}
     return typing.get_type_hints(kind, include_extras=True) if dataclasses.is_dataclass(kind) else {}
 
