@@ -52,13 +52,12 @@ class Document:
         data = _value(self.data, at) or {} if at else self.data
         if data is None:
             raise ConfigError(f"{self.path}: expected {_plain_name(kind)}, found an empty file")
-        try:
-            value: T = msgspec.convert(_without_empty_sections(data, kind), kind)
-        except msgspec.ValidationError as error:
-            raise self._explain(error, kind, data, at) from None
         for keys, known in _unknown_keys(data, kind, ()):
             raise self.error((*at, *keys), f"unknown key{_suggestion(str(keys[-1]), known)}")
-        return value
+        try:
+            return msgspec.convert(_without_empty_sections(data, kind), kind)
+        except msgspec.ValidationError as error:
+            raise self._explain(error, kind, data, at) from None
 
     def without(self, gone: Mapping[str, str]) -> tuple[Document, list[str]]:
         """The document without keys that are no longer any, and a line for each that was there.
@@ -79,10 +78,6 @@ class Document:
         problem, keys = _split(str(error))
         keys = _settle_wildcards(keys, data, problem, lambda changed: msgspec.convert(changed, kind))
         where, found, expected_kind = (*at, *keys), _short(_value(data, keys)), _kind_at(kind, keys)
-        unknown = re.match(r"Object contains unknown field `(.*)`", problem)
-        if unknown:
-            known = next((k for path, k in _unknown_keys(data, kind, ()) if path == (*keys, unknown[1])), [])
-            return self.error((*where, unknown[1]), f"unknown key{_suggestion(unknown[1], known)}")
         missing = re.match(r"Object missing required field `(.*)`", problem)
         if missing:
             return self.error(where, f"the key `{missing[1]}` is missing")
