@@ -14,34 +14,44 @@ from typing import Annotated, Any, Literal
 from msgspec import Meta
 
 from daemon.pick.settings import Settings
+from daemon.quantities import Coordinate, Name
 from daemon.store import places
-from daemon.store.bounds import check_bounds, check_finite
-from daemon.store.yamlfile import ConfigError, Document, Key, read
+from daemon.store.yamlfile import ConfigError, Document, read
 from daemon.vision.settings import VisionSettings
 
-Positive = Annotated[float, Meta(gt=0)]
-NotNegative = Annotated[float, Meta(ge=0)]
-Count = Annotated[int, Meta(ge=1)]
 Kind = Literal["real", "recorded", "simulated"]
-Row4 = tuple[float, float, float, float]
+Row4 = tuple[Coordinate, Coordinate, Coordinate, Coordinate]
 Matrix4 = tuple[Row4, Row4, Row4, Row4]
 Baud = Annotated[int, Meta(ge=50, le=4_000_000)]
+Megabytes = Annotated[int, Meta(ge=1, le=100_000_000)]
+Silence = Annotated[float, Meta(gt=0, le=86_400)]
+FIXED = "it is fixed now; delete the line"
+CALIBRATED = "the calibration says it of itself (`quality` in calibration.yaml); delete the line"
+GONE = {
+    "health.arm_silence_s": "an idle arm is asked every `arm_check_s`; delete the line",
+    **dict.fromkeys((f"pick.doubt.{name}" for name in ("hand_eye_mm", "hand_eye_deg", "pixels")), CALIBRATED),
+    **dict.fromkeys((f"pick.{name}" for name in ("gone_mm", "views_of_doubtful", "epipolar_limit_px")), FIXED),
+    **dict.fromkeys((f"vision.{name}" for name in (
+        "shrinks", "levels", "faintest", "max_corners", "max_regions", "alike", "min_evidence", "min_support",
+        "min_seen", "search_epipolar_px")), FIXED),
+}  # fmt: skip
+"""Keys that files of earlier versions may have, and what became of each. Their values are the fields' defaults."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Simulated:
     """The simulated cell: its truth, how much faster than life it runs, the seed of its noise (None: a new one)."""
 
-    truth: str = "simcell.yaml"
-    time_scale: Positive = 1.0
-    seed: int | None = None
+    truth: Name = "simcell.yaml"
+    time_scale: Annotated[float, Meta(gt=0, le=1000)] = 1.0
+    seed: Annotated[int, Meta(ge=0, le=10**15)] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class Recorded:
     """A folder of recorded pairs instead of cameras; nothing moves."""
 
-    pairs: str = "pairs"
+    pairs: Name = "pairs"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,7 +61,7 @@ class Arm:
     flange_from_tool: where the tool centre point is, seen from the wrist centre, mm; VAL II's TOOL is set to it.
     """
 
-    port: str = "/dev/facetd-arm"
+    port: Name = "/dev/facetd-arm"
     calibrate_answer: Literal["Y", "N"] = "Y"
     dialect: dict[str, Any] = field(default_factory=dict)
     flange_from_tool: Matrix4 = (
@@ -66,10 +76,10 @@ class Arm:
 class Files:
     """calibration, facets, parts; model: what to start from while no model was accepted here yet (None: nothing)."""
 
-    calibration: str = "calibration.yaml"
-    facets: str = "facets.yaml"
-    parts: str = "parts.yaml"
-    model: str | None = None
+    calibration: Name = "calibration.yaml"
+    facets: Name = "facets.yaml"
+    parts: Name = "parts.yaml"
+    model: Name | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,16 +89,16 @@ class Folders:
     runs: the run folders, where they are to lie elsewhere than in runs/ of the state.
     """
 
-    state: str | None = None
-    runtime: str | None = None
-    runs: str | None = None
+    state: Name | None = None
+    runtime: Name | None = None
+    runs: Name | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class Terminal:
     """A serial console. may: what it is allowed, `look` (nothing moves, no model changes) or `all`."""
 
-    device: str
+    device: Name
     baud: Baud = 9600
     flow_control: bool = False
     may: Literal["look", "all"] = "all"
@@ -98,7 +108,7 @@ class Terminal:
 class Console:
     """The operators' doors: the socket's group (None: the daemon's own), and a serial terminal where there is one."""
 
-    group: str | None = None
+    group: Name | None = None
     tty: Terminal | None = None
 
 
@@ -106,20 +116,19 @@ class Console:
 class Log:
     """How runs are kept: quota, the disk's free floor, when a run goes on in a new folder (MB), sync interval."""
 
-    quota_mb: Count = 4000
-    keep_free_mb: Annotated[int, Meta(ge=0)] = 500
-    roll_mb: Count = 500
-    sync_s: NotNegative = 1.0
+    quota_mb: Megabytes = 4000
+    keep_free_mb: Annotated[int, Meta(ge=0, le=100_000_000)] = 500
+    roll_mb: Megabytes = 500
+    sync_s: Annotated[float, Meta(ge=0, le=3600)] = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class Health:
-    """When to worry: seconds without a frame or a word from the idle arm, days since the calibration."""
+    """When to worry: seconds without a frame, how often an idle arm is asked, days since the calibration."""
 
-    camera_silence_s: Positive = 10.0
-    arm_silence_s: Positive = 30.0
-    arm_check_s: Positive = 10.0
-    calibration_days: Positive = 90.0
+    camera_silence_s: Silence = 10.0
+    arm_check_s: Silence = 10.0
+    calibration_days: Annotated[float, Meta(gt=0, le=36_500)] = 90.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -149,11 +158,15 @@ class _File:
 
 @dataclass(frozen=True)
 class Config:
-    """The whole configuration: `values` as the file has it, `document` to name lines in, paths made absolute."""
+    """The whole configuration: `values` as the file has it, `document` to name lines in, paths made absolute.
+
+    notes: a line for each key in the file that is no longer one.
+    """
 
     values: _File
     document: Document
     kind: Kind
+    notes: tuple[str, ...] = ()
 
     @property
     def path(self) -> Path:
@@ -172,8 +185,8 @@ class Config:
     @property
     def state(self) -> Path:
         """The folder of runs, models and taught views."""
-        said = self.values.folders.state
-        return self.file(said) if said else places.state_folder(self.kind == "simulated")
+        state = self.values.folders.state
+        return self.file(state) if state else places.state_folder(self.kind == "simulated")
 
     @property
     def runs(self) -> Path:
@@ -184,26 +197,43 @@ class Config:
     @property
     def socket(self) -> Path:
         """The operators' socket."""
-        said = self.values.folders.runtime
-        return (self.file(said) if said else places.runtime_folder(self.kind == "simulated")) / places.SOCKET_NAME
+        runtime = self.values.folders.runtime
+        folder = self.file(runtime) if runtime else places.runtime_folder(self.kind == "simulated")
+        return folder / places.SOCKET_NAME
 
 
 def load_config(path: Path, simulated: bool = False) -> Config:
     """Read and check facetd.yaml; simulated overrides `cell`. Raises ConfigError."""
-    document = read(path)
-    check_finite(document)
-    said = document.convert(_File)
-    for check in (check_bounds, _check_guard, _check_files):
-        check(document, said)
-    return Config(said, document, "simulated" if simulated else said.cell)
+    document, notes = read(path).without(GONE)
+    values = document.convert(_File)
+    for check in (_check_limits, _check_stops, _check_depth, _check_files):
+        check(document, values)
+    return Config(values, document, "simulated" if simulated else values.cell, tuple(notes))
 
 
-def _check_guard(document: Document, values: _File) -> None:
-    guard = values.pick.limits
-    for axis, low, high in zip("xyz", guard.box_low_mm, guard.box_high_mm, strict=True):
+def _check_limits(document: Document, values: _File) -> None:
+    limits = values.pick.limits
+    for axis, low, high in zip("xyz", limits.box_low_mm, limits.box_high_mm, strict=True):
         if low >= high:
-            keys: tuple[Key, ...] = ("pick", "limits", "box_low_mm")
+            keys = ("pick", "limits", "box_low_mm")
             raise document.error(keys, f"expected {axis} below box_high_mm's {high:g}, found {low:g}")
+
+
+def _check_stops(document: Document, values: _File) -> None:
+    stops = values.pick.stops
+    if list(stops.stand_offs_mm) != sorted(stops.stand_offs_mm, reverse=True):
+        problem = f"expected distances, far to near, found {list(stops.stand_offs_mm)}"
+        raise document.error(("pick", "stops", "stand_offs_mm"), problem)
+    if stops.most_looks < stops.least_looks:
+        found = f"{stops.most_looks}, less than least_looks' {stops.least_looks}"
+        raise document.error(("pick", "stops", "most_looks"), f"expected at least as many looks, found {found}")
+
+
+def _check_depth(document: Document, values: _File) -> None:
+    near, far = values.vision.depth_range_mm
+    if near >= far:
+        problem = f"expected the near end first, found {near:g} and {far:g}"
+        raise document.error(("vision", "depth_range_mm"), problem)
 
 
 def _check_files(document: Document, values: _File) -> None:

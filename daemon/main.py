@@ -33,29 +33,18 @@ def main(arguments: list[str] | None = None) -> int:
 
 def check(config_path: Path, simulated: bool) -> int:
     """Read every file the daemon would read; touch no device. One line a fault, status 78."""
-    from daemon.calibration.file import load_calibration
-    from daemon.cell import sections
-    from daemon.config import load_config
-    from daemon.service import BAD_CONFIGURATION
-    from daemon.store.library import load_facets, load_parts
-    from daemon.store.model import ModelError, load
-    from daemon.store.model_store import ModelStore, ModelStoreError
+    from daemon.service import BAD_CONFIGURATION, read_files
+    from daemon.store.model import ModelError
+    from daemon.store.model_store import ModelStoreError
     from daemon.store.yamlfile import ConfigError
 
     try:
-        config = load_config(config_path, simulated)
-        sections.check(config)
-        load_calibration(config.calibration)
-        load_facets(config.file(config.values.files.facets))
-        load_parts(config.file(config.values.files.parts))
-        model_store = ModelStore(config.state)
-        if config.values.files.model is not None:
-            load(config.file(config.values.files.model))
-        if model_store.current is not None:
-            model_store.load(model_store.current)
+        config, _, _ = read_files(config_path, simulated)
     except (ConfigError, ModelError, ModelStoreError) as error:
         print(f"facetd: {error}", file=sys.stderr)
         return BAD_CONFIGURATION
+    for note in config.notes:
+        print(f"facetd: {note}", file=sys.stderr)
     print(f"facetd: {config.path} is good: a {config.kind} cell, socket {config.socket}, runs in {config.runs}")
     return 0
 

@@ -102,6 +102,7 @@ class Service:
         try:
             config = load_config(self._config_path, self._simulated)
             sections.check(config)
+            _tell_notes(config)
             calibration = load_calibration(config.calibration)
             if context.cycle.status()["doing"]:
                 raise ConfigError(f"{config.path}: not taken over while busy; say `reload` when nothing is being done")
@@ -128,15 +129,9 @@ class Service:
     # Starting
 
     async def _start(self) -> None:
-        config = load_config(self._config_path, self._simulated)
-        calibration = load_calibration(config.calibration)
-        library = load_facets(config.file(config.values.files.facets))
-        parts = load_parts(config.file(config.values.files.parts))
+        config, calibration, trainer = read_files(self._config_path, self._simulated)
+        _tell_notes(config)
         self._lock = hold(config.state)
-        model_store = ModelStore(config.state)
-        begin = config.values.files.model
-        first = None if begin is None else load_model(config.file(begin))
-        trainer = Trainer(model_store, calibration.rig, library, parts, config.values.vision, first)
         troubles = Troubles(self._on_trouble)
         left = _left_behind(config.runs)
         run_log = self._run_log = self._open_log(config, troubles)
@@ -156,7 +151,7 @@ class Service:
         if self._hardware.hand is not None:
             self._hardware.hand.scatter()
         await self._open_doors(context)
-        context.use_model("start", model_store.current)
+        context.use_model("start", trainer.model_store.current)
         watch = Watch(context)
         self._tasks.append(asyncio.create_task(self._guarded(watch.run()), name="watch"))
         self._ready = True
@@ -184,17 +179,17 @@ class Service:
         return self.context
 
     async def _open_doors(self, context: CommandContext) -> None:
-        said = context.config.values
+        values = context.config.values
         self._console = Console(context, every_command(context.hardware.kind))
-        self._socket = SocketServer(context.config.socket, said.console.group, self._console, self._interrupt)
+        self._socket = SocketServer(context.config.socket, values.console.group, self._console, self._interrupt)
         await self._socket.open()
-        if said.console.tty is not None:
+        if values.console.tty is not None:
             self._terminal = SerialConsole(
-                said.console.tty, self._console, self._interrupt, lambda text: context.troubles.tell("console", text)
+                values.console.tty, self._console, self._interrupt, lambda text: context.troubles.tell("console", text)
             )
             self._tasks.append(asyncio.create_task(self._guarded(self._terminal.run()), name="terminal"))
-        if said.metrics.port is not None:
-            self._metrics = MetricsServer(context, said.metrics.port)
+        if values.metrics.port is not None:
+            self._metrics = MetricsServer(context, values.metrics.port)
             self._metrics.open()
 
     # While it runs
@@ -312,6 +307,23 @@ class Service:
         if self._ready:
             journal.tell("run_end", f"ended: {self._why}")
         journal.flush(0.3)
+
+
+def read_files(config_path: Path, simulated: bool) -> tuple[Config, Calibration, Trainer]:
+    """Every file a start needs; no device is touched. Raises ConfigError, ModelError, ModelStoreError."""
+    config = load_config(config_path, simulated)
+    sections.check(config)
+    files = config.values.files
+    calibration = load_calibration(config.calibration)
+    library, parts = load_facets(config.file(files.facets)), load_parts(config.file(files.parts))
+    first = None if files.model is None else load_model(config.file(files.model))
+    trainer = Trainer(ModelStore(config.state), calibration.rig, library, parts, config.values.vision, first)
+    return config, calibration, trainer
+
+
+def _tell_notes(config: Config) -> None:
+    for note in config.notes:
+        journal.tell("trouble", note, journal.NOTICE)
 
 
 def _left_behind(runs: Path) -> Interrupted | None:

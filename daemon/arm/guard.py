@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon import frames
+from daemon.quantities import Coordinate, Length, Percent, Seconds, Turn
 
 Array = NDArray[np.float64]
-Point = tuple[float, float, float]
+Point = tuple[Coordinate, Coordinate, Coordinate]
 
 # The gripper and the cameras on it, as points in the tool frame (mm): finger tips, and the corners of the camera bar.
 BODY_MM: tuple[Point, ...] = (
@@ -37,12 +38,12 @@ class Limits:
 
     box_low_mm: Point = (0.0, -650.0, -300.0)
     box_high_mm: Point = (900.0, 650.0, 1100.0)
-    table_z_mm: float = -300.0
-    clearance_mm: float = 2.0
-    max_step_mm: float = 450.0
-    max_turn_deg: float = 100.0
-    max_speed_pct: float = 100.0
-    max_look_age_s: float = 20.0
+    table_z_mm: Coordinate = -300.0
+    clearance_mm: Length = 2.0
+    max_step_mm: Length = 450.0
+    max_turn_deg: Turn = 100.0
+    max_speed_pct: Percent = 100.0
+    max_look_age_s: Seconds = 20.0
     body_mm: tuple[Point, ...] = BODY_MM
 
 

@@ -17,6 +17,7 @@ from daemon.arm import paths
 from daemon.arm.guard import ArmState, Command, Limits, Refusal, refuse
 from daemon.arm.workcell import Array, Reading, Workcell
 from daemon.errors import FacetdError
+from daemon.quantities import Length, Seconds, Turn
 
 
 class NotSentError(FacetdError):
@@ -45,12 +46,12 @@ class Arrival:
     slack_s besides the move itself, at no less than slowest_mm_s and slowest_deg_s (at a speed of 100 percent; half
     of what the arm makes); timeout_s at most."""
 
-    within_mm: float = 0.5
-    within_deg: float = 0.1
-    slack_s: float = 4.0
-    slowest_mm_s: float = 250.0
-    slowest_deg_s: float = 50.0
-    timeout_s: float = 60.0
+    within_mm: Length = 0.5
+    within_deg: Turn = 0.1
+    slack_s: Seconds = 4.0
+    slowest_mm_s: Length = 250.0
+    slowest_deg_s: Turn = 50.0
+    timeout_s: Seconds = 60.0
 
     def longest_s(self, start: Reading, command: Command, joints_rad: Array | None) -> float:
         """How long this move may take; joints_rad (6,): where the joints end, if that is known."""

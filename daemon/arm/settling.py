@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import cv2
 import numpy as np
+from msgspec import Meta
 from numpy.typing import NDArray
 
 from daemon.arm.workcell import Array, Pictures, Workcell
 from daemon.errors import FacetdError
+from daemon.quantities import Seconds
 
 BLOCK_PX = 8
 """Side of the blocks whose means are compared: noise averages out in one, an edge still shows."""
@@ -24,10 +27,10 @@ class Settling:
     """still_noise: how many times its own noise a block may change; floor_grey: what a change may always be, and
     most_noise_grey: what can still be noise (all of the image may move), grey levels; timeout_s: when to give up."""
 
-    still_noise: float = 6.0
-    floor_grey: float = 1.5
-    most_noise_grey: float = 2.0
-    timeout_s: float = 5.0
+    still_noise: Annotated[float, Meta(gt=0, le=1000)] = 6.0
+    floor_grey: Annotated[float, Meta(ge=0, le=255)] = 1.5
+    most_noise_grey: Annotated[float, Meta(gt=0, le=255)] = 2.0
+    timeout_s: Seconds = 5.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,6 +5,7 @@ In: a path. Out: checked geometry, or a ConfigError that names file, line, key, 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
@@ -19,6 +20,7 @@ from daemon.store.yamlfile import Document, Key, read
 from daemon.vision.geometry.rig import Camera, StereoRig
 
 Array = NDArray[np.float64]
+Rows = Sequence[Sequence[float]]
 ORTHONORMAL_TOLERANCE = 1e-4
 
 
@@ -77,7 +79,7 @@ def load_calibration(path: Path) -> Calibration:
     if rig.left.cyclopean_from_camera[0, 3] > rig.right.cyclopean_from_camera[0, 3]:
         raise document.error(("left", "cyclopean_from_camera"), "left lies to the right of right: eyes swapped?")
     keys: tuple[Key, ...] = ("hand_eye", "tool_from_cyclopean")
-    tool = None if file.hand_eye is None else _rigid(document, keys, file.hand_eye.tool_from_cyclopean)
+    tool = None if file.hand_eye is None else rigid(document, keys, file.hand_eye.tool_from_cyclopean)
     return Calibration(rig, tool, file.quality)
 
 
@@ -108,11 +110,11 @@ def _camera(document: Document, name: str, eye: _Eye) -> Camera:
         raise document.error(
             (name, "distortion"), f"expected 5 numbers k1 k2 p1 p2 k3, found {len(eye.distortion)}: {eye.distortion}"
         )
-    pose = _rigid(document, (name, "cyclopean_from_camera"), eye.cyclopean_from_camera)
+    pose = rigid(document, (name, "cyclopean_from_camera"), eye.cyclopean_from_camera)
     return Camera(matrix, np.array(eye.distortion, float), pose)
 
 
-def _matrix(document: Document, keys: tuple[Key, ...], rows: list[list[float]], height: int, width: int) -> Array:
+def _matrix(document: Document, keys: tuple[Key, ...], rows: Rows, height: int, width: int) -> Array:
     widths = {len(row) for row in rows}
     if len(rows) != height or widths != {width}:
         found = f"{len(rows)}x{'/'.join(str(w) for w in sorted(widths))}"
@@ -123,7 +125,7 @@ def _matrix(document: Document, keys: tuple[Key, ...], rows: list[list[float]], 
     return matrix
 
 
-def _rigid(document: Document, keys: tuple[Key, ...], rows: list[list[float]]) -> Array:
+def rigid(document: Document, keys: tuple[Key, ...], rows: Rows) -> Array:
     """A 4x4 rigid transform, mm: its 3x3 block a rotation to 1e-4, its last row 0 0 0 1."""
     matrix = _matrix(document, keys, rows, 4, 4)
     rotation = matrix[:3, :3]
@@ -131,7 +133,7 @@ def _rigid(document: Document, keys: tuple[Key, ...], rows: list[list[float]]) -
     if off > ORTHONORMAL_TOLERANCE or np.linalg.det(rotation) < 0:
         raise document.error(keys, f"expected a rotation in the 3x3 block, found one off by {off:.2g} or mirrored")
     if not np.array_equal(matrix[3], [0, 0, 0, 1]):
-        raise document.error(keys, f"expected a last row [0, 0, 0, 1], found {rows[3]}")
+        raise document.error(keys, f"expected a last row [0, 0, 0, 1], found {list(rows[3])}")
     return matrix
 
 

@@ -5,8 +5,7 @@ Honours daemon/arm/workcell.py's Robot, and what the console asks of an arm besi
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from contextlib import AbstractAsyncContextManager
+from typing import NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,29 +27,23 @@ class NoArm:
     question: str | None = None
     aside = stopped_on_opening = False
 
-    async def open(self) -> None:
-        """Nothing to open."""
+    async def _nothing(self) -> None:
+        """Nothing is there to open, close or check, and nothing moves."""
 
-    async def close(self) -> None:
-        """Nothing to close."""
-
-    async def check(self) -> None:
-        """There is nothing to check."""
+    open = close = check = abort = _nothing
 
     async def where(self) -> Reading:
         """The origin."""
         return Reading(np.eye(4), np.zeros(6))
 
-    async def move(self, world_from_tool: Array, *, straight: bool, speed_pct: float, timeout_s: float) -> Reading:
-        """Refused."""
-        raise CellError("this cell is recorded: there is no arm to move")
+    async def _refuse(self, *_: object, **__: object) -> NoReturn:
+        raise CellError(NONE)
 
-    async def hand(self, closed: bool) -> None:
-        """Refused."""
-        raise CellError("this cell is recorded: there is no gripper")
+    move = hand = power_up = calibrate = monitor = _refuse
 
-    async def abort(self) -> None:
-        """Nothing moves."""
+    def terminal(self, _: object) -> NoReturn:
+        """Refused."""
+        raise CellError(NONE)
 
     def reachable(self, world_from_tool: Array, joints_rad: Array) -> Array | None:
         """Nowhere."""
@@ -60,18 +53,5 @@ class NoArm:
         """Where it stands."""
         return np.eye(4)
 
-    async def power_up(self, replies: Sequence[str]) -> list[str]:
-        """Refused."""
-        raise CellError("this cell is recorded: there is no controller")
 
-    async def calibrate(self, reply: str) -> list[str]:
-        """Refused."""
-        raise CellError("this cell is recorded: there is no controller")
-
-    async def monitor(self, text: str) -> list[str]:
-        """Refused."""
-        raise CellError("this cell is recorded: there is no controller")
-
-    def terminal(self, show: Callable[[bytes], None]) -> AbstractAsyncContextManager[Callable[[bytes], None]]:
-        """Refused."""
-        raise CellError("this cell is recorded: there is no controller")
+NONE = "this cell is recorded: there is no arm to move, no gripper and no controller"

@@ -8,11 +8,8 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
+from daemon.calibration.file import rigid
 from daemon.config import Config
-from daemon.store.bounds import check_dialect
-from drivers.camera.pair import CameraError
 from drivers.camera.settings import CameraSettings
 from drivers.puma560 import Puma560
 from drivers.val2.dialect import Dialect
@@ -30,10 +27,7 @@ def check(config: Config) -> None:
 
 def camera_settings(config: Config) -> CameraSettings:
     """The section `cameras`. Raises ConfigError."""
-    try:
-        return config.document.section(("cameras",), CameraSettings)
-    except CameraError as error:
-        raise config.document.error(("cameras",), str(error)) from None
+    return config.document.convert(CameraSettings, at=("cameras",))
 
 
 def dialect(config: Config) -> Dialect:
@@ -43,19 +37,13 @@ def dialect(config: Config) -> Dialect:
         for key, value in config.values.arm.dialect.items()
     }
     document = replace(config.document, data={"arm": {"dialect": section}})
-    found = document.section(("arm", "dialect"), Dialect)
-    check_dialect(config.document, found)
-    return found
+    return document.convert(Dialect, at=("arm", "dialect"))
 
 
 def arm_geometry(config: Config) -> Puma560:
     """The arm with its tool: arm.flange_from_tool, (4, 4) mm. Raises ConfigError."""
-    matrix = np.array(config.values.arm.flange_from_tool, float)
-    if not np.allclose(matrix[:3, :3] @ matrix[:3, :3].T, np.eye(3), atol=1e-4) or not np.allclose(
-        matrix[3], [0, 0, 0, 1]
-    ):
-        raise config.document.error(("arm", "flange_from_tool"), "expected a rotation, mm, and a last row [0, 0, 0, 1]")
-    return Puma560(flange_from_tool=matrix)
+    rows = config.values.arm.flange_from_tool
+    return Puma560(flange_from_tool=rigid(config.document, ("arm", "flange_from_tool"), rows))
 
 
 def truth(config: Config) -> Path:

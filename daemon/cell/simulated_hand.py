@@ -1,60 +1,35 @@
 """What a person does at a real cell, done in a simulated one: show a part, strew parts, measure a grasp.
 
-The simulated cell itself is built in daemon/cell/build.py; here it is whatever has these few methods.
+The simulated cell itself is built in daemon/cell/build.py, and only where the cell is to be simulated.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from daemon import frames
 
+if TYPE_CHECKING:
+    from drivers.simcell.boards import BoardPrint
+    from drivers.simcell.cell import SimulatedCell
+    from drivers.simcell.world import PlacedPart
+
 Array = NDArray[np.float64]
 USUAL = ("cube", "pyramid", "triangular_prism", "pentagonal_prism")
 """What lies on the table unless somebody says otherwise."""
 
 
-class Table(Protocol):
-    """The simulated cell as far as a hand reaches into it."""
-
-    @property
-    def truth(self) -> Any:
-        """Who knows what is really so."""
-
-    @property
-    def world(self) -> Any:
-        """Its `parts` are what lies and is held where."""
-
-    def place_for_teaching(self, label: str, view: int) -> Any:
-        """Hold one part before the cameras, and nothing else."""
-
-    def bring_back(self, parts: Sequence[Any]) -> None:
-        """Put parts back to where they were, and take away all else."""
-
-    def scatter(self, labels: Sequence[str]) -> None:
-        """Strew parts over the table."""
-
-    def clear(self) -> None:
-        """Take all parts away."""
-
-    def show_board(self, board: Any) -> Any:
-        """Clear the table and lay a board on it."""
-
-    def stop(self) -> None:
-        """End the simulation."""
-
-
 class SimulatedHand:
     """See the module. views: how many characteristic views each part has; board: makes a calibration board."""
 
-    def __init__(self, cell: Table, views: Mapping[str, int], board: Callable[..., Any]) -> None:
+    def __init__(self, cell: SimulatedCell, views: Mapping[str, int], board: Callable[..., BoardPrint]) -> None:
         self.cell = cell
         self._views, self._board = views, board
-        self._set_aside: tuple[Any, ...] | None = None
+        self._set_aside: tuple[PlacedPart, ...] | None = None
         """The parts as they lay before something else was shown."""
 
     @property

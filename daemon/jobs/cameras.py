@@ -181,8 +181,8 @@ def _snap(args: argparse.Namespace) -> int:
             if number:
                 time.sleep(args.every)
             folder = args.folder / str(number + 1) if args.count > 1 else args.folder
-            said = _save(camera, folder, rig)
-            print(json.dumps(said) if args.json else "\n".join([f"{folder}: {said['cameras']}", *said["troubles"]]))
+            taken = _save(camera, folder, rig)
+            print(json.dumps(taken) if args.json else "\n".join([f"{folder}: {taken['cameras']}", *taken["troubles"]]))
     return 0
 
 
@@ -199,13 +199,13 @@ def _save(camera: StereoCamera, folder: Path, rig: Any) -> dict[str, Any]:
         done, png = cv2.imencode(".png", frame.pixels)
         assert done
         (folder / f"{name}.png").write_bytes(png.tobytes())
-    said = {
+    taken = {
         "folder": str(folder), "cameras": camera.describe(), "skew_ms": round(pair.skew_ms, 3),
         "taken_s": [pair.left.taken_s, pair.right.taken_s], "sequence": [pair.left.sequence, pair.right.sequence],
         "health": findings_json(findings), "troubles": list(troubles(findings)),
     }  # fmt: skip
-    (folder / "snap.json").write_text(json.dumps(said, indent=1) + "\n")
-    return said
+    (folder / "snap.json").write_text(json.dumps(taken, indent=1) + "\n")
+    return taken
 
 
 def _stream(args: argparse.Namespace) -> int:
@@ -217,8 +217,8 @@ def _stream(args: argparse.Namespace) -> int:
             preview = Preview(_shooter(camera, config, args.plain), args.port, args.fps, EXPECTED_ERRORS)
         except OSError as error:
             raise OSError(error.errno, f"{error.strerror}: choose another --port", f"127.0.0.1:{args.port}") from None
-        said = {"address": preview.address, "cameras": camera.describe()}
-        print(json.dumps(said) if args.json else f"{preview.address}  (control-C ends it)", flush=True)
+        served = {"address": preview.address, "cameras": camera.describe()}
+        print(json.dumps(served) if args.json else f"{preview.address}  (control-C ends it)", flush=True)
         with contextlib.suppress(KeyboardInterrupt):
             preview.serve()
     return 0

@@ -57,6 +57,7 @@ def register(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run it; 0 only when every part was picked, 2 where the installation cannot be used."""
+    from daemon.review.page import write_page
     from daemon.store.files import plain
     from daemon.store.yamlfile import ConfigError
 
@@ -77,7 +78,7 @@ def run(args: argparse.Namespace) -> int:
         print(f"facetctl demo: {plain(error)}", file=sys.stderr)
         return 2
     picked = _table(rows, time.monotonic() - began)
-    _report(written)
+    say(f"report: {write_page(written, written / 'report.html')}")
     return 0 if picked == len(PARTS) else 1
 
 
@@ -87,7 +88,10 @@ def say(text: str) -> None:
 
 
 def _configuration(seed: int, time_scale: float, runs: Path, folder: str) -> dict[str, Any]:
-    """facetd.yaml of the demo's daemon: the files of the one that is here, all else as shipped. Raises ConfigError."""
+    """facetd.yaml of the demo's daemon: the files of the one that is here, all else as shipped. Raises ConfigError.
+
+    Idle cameras are not asked for signs of life: each frame draws noise, and a seed would not give the same run again.
+    """
     from daemon.config import load_config
 
     own = places.HOUSE / "etc" / "facetd.yaml"
@@ -99,6 +103,7 @@ def _configuration(seed: int, time_scale: float, runs: Path, folder: str) -> dic
         "cell": "simulated",
         "files": files,
         "folders": {"state": folder, "runtime": folder, "runs": str(runs)},
+        "health": {"camera_silence_s": 3600},
         "pick": {"stops": {"least_looks": 3}},
         "simulated": {"truth": truth, "time_scale": time_scale, "seed": seed},
     }
@@ -217,12 +222,3 @@ def _table(rows: list[dict[str, Any]], seconds: float) -> int:
     picked = sum(bool(row["outcome"] == "picked" and row["held"]) for row in rows)
     say(f"{picked} of {len(PARTS)} parts picked, {seconds:.0f} s in all")
     return picked
-
-
-def _report(folder: Path) -> None:
-    try:
-        from daemon.review.page import write_page
-    except ImportError:
-        say(f"run: {folder}")
-        return
-    say(f"report: {write_page(folder, folder / 'report.html')}")

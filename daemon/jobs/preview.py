@@ -38,7 +38,7 @@ class Preview:
     def __init__(self, shoot: Callable[[], Shot], port: int, fps: float, errors: tuple[type[Exception], ...]) -> None:
         self._shoot, self._period_s, self._errors = shoot, 1.0 / fps, errors
         self._fresh = threading.Condition()
-        self._jpeg, self._said, self._number = b"", {"text": "waiting for the cameras", "troubles": []}, 0
+        self._jpeg, self._status, self._number = b"", {"text": "waiting for the cameras", "troubles": []}, 0
         self._ending = threading.Event()
         preview = self
 
@@ -72,9 +72,9 @@ class Preview:
             threading.Thread(target=self._server.shutdown, daemon=True).start()
             self._server.server_close()
 
-    def said(self) -> dict[str, Any]:
+    def status(self) -> dict[str, Any]:
         """What there is to say of the newest picture, or of why there is none."""
-        return self._said
+        return self._status
 
     def after(self, number: int, timeout_s: float = 5.0) -> tuple[int, bytes] | None:
         """The newest picture once there is a newer one than `number`; None when it ends or none comes."""
@@ -86,13 +86,13 @@ class Preview:
         while not self._ending.is_set():
             started_s = time.monotonic()
             try:
-                jpeg, said = self._shoot()
+                jpeg, status = self._shoot()
             except self._errors as error:
-                self._said = {"text": str(error), "troubles": [str(error)]}
+                self._status = {"text": str(error), "troubles": [str(error)]}
                 self._ending.wait(1.0)
                 continue
             with self._fresh:
-                self._jpeg, self._said, self._number = jpeg, said, self._number + 1
+                self._jpeg, self._status, self._number = jpeg, status, self._number + 1
                 self._fresh.notify_all()
             self._ending.wait(max(0.0, self._period_s - (time.monotonic() - started_s)))
 
@@ -110,7 +110,7 @@ class _Handler(http.server.BaseHTTPRequestHandler):
         elif self.path == "/":
             self._answer("text/html; charset=utf-8", PAGE.encode())
         elif self.path == "/status.json":
-            self._answer("application/json", json.dumps(self.source.said()).encode())
+            self._answer("application/json", json.dumps(self.source.status()).encode())
         elif self.path == "/picture.jpg":
             shot = self.source.after(0)
             if shot:

@@ -10,11 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+from msgspec import Meta
 from numpy.typing import NDArray
 
 from daemon import frames
+from daemon.quantities import Few, Length, Sigma, Turn
 
 Array = NDArray[np.float64]
 
@@ -27,11 +30,11 @@ class Doubt:
     """One-sigma doubts about the cell. hand_eye: of tool_from_cyclopean, per axis; arm: repeatability of a pose, per
     axis; pixels: how far the calibrated centre and disparity may be off, px."""
 
-    hand_eye_mm: float = 0.3
-    hand_eye_deg: float = 0.05
-    arm_mm: float = 0.1
-    arm_deg: float = 0.02
-    pixels: float = 0.3
+    hand_eye_mm: Sigma = 0.3
+    hand_eye_deg: Sigma = 0.05
+    arm_mm: Sigma = 0.1
+    arm_deg: Sigma = 0.02
+    pixels: Sigma = 0.3
 
     def arm(self) -> Array:
         """Covariance (6, 6) of a pose the arm is at."""
@@ -48,11 +51,11 @@ class Stops:
     """Stand-offs of the cyclopean centre from the part, mm, far to near; the predicted error at the grasp (rms, mm and
     degrees) that is good enough; how many looks at least and at most."""
 
-    stand_offs_mm: tuple[float, ...] = (450.0, 300.0, 200.0)
-    enough_mm: float = 1.0
-    enough_deg: float = 1.0
-    least_looks: int = 1
-    most_looks: int = 5
+    stand_offs_mm: Annotated[tuple[Length, ...], Meta(min_length=1)] = (450.0, 300.0, 200.0)
+    enough_mm: Length = 1.0
+    enough_deg: Turn = 1.0
+    least_looks: Few = 1
+    most_looks: Few = 5
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,11 +9,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations, product
+from typing import Annotated
 
 import numpy as np
+from msgspec import Meta
 from numpy.typing import NDArray
 
 from daemon import frames
+from daemon.quantities import Lean, Length, Room
 from daemon.vision.geometry.polyhedron import Polyhedron, exact
 
 Array = NDArray[np.float64]
@@ -37,16 +40,16 @@ class Gripper:
     the line between the contacts; tip_clearance: least height of the tips over the table. tilts_deg: how far from
     straight down the approach may lean."""
 
-    opening_mm: float = 90.0
-    finger_width_mm: float = 15.0
-    pad_back_mm: float = 50.0
-    tip_mm: float = 10.0
-    finger_thick_mm: float = 8.0
-    friction: float = 0.6
-    side_clearance_mm: float = 6.0
-    swing_mm: float = 20.0
-    tip_clearance_mm: float = 4.0
-    tilts_deg: tuple[float, ...] = (10.0, 20.0, 30.0, 40.0)
+    opening_mm: Length = 90.0
+    finger_width_mm: Length = 15.0
+    pad_back_mm: Room = 50.0
+    tip_mm: Room = 10.0
+    finger_thick_mm: Length = 8.0
+    friction: Annotated[float, Meta(gt=0, le=5)] = 0.6
+    side_clearance_mm: Room = 6.0
+    swing_mm: Room = 20.0
+    tip_clearance_mm: Room = 4.0
+    tilts_deg: tuple[Lean, ...] = (10.0, 20.0, 30.0, 40.0)
 
 
 @dataclass(frozen=True, eq=False)

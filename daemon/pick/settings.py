@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
+from msgspec import Meta
 from numpy.typing import NDArray
 
 from daemon import frames
@@ -15,6 +16,7 @@ from daemon.arm.settling import Settling
 from daemon.pick import viewpoints
 from daemon.pick.fusion import Doubt, Stops
 from daemon.pick.grasp import Gripper, tool_rotation
+from daemon.quantities import Direction, Few, Lean, Length, Percent, Pixels
 
 Array = NDArray[np.float64]
 
@@ -25,9 +27,9 @@ class View:
     (heading: the horizontal direction it leans to, degrees from world x; tilt from straight down)."""
 
     centre_mm: Point = (520.0, 0.0, -280.0)
-    distance_mm: float = 480.0
-    heading_deg: float = 0.0
-    tilt_deg: float = 45.0
+    distance_mm: Length = 480.0
+    heading_deg: Direction = 0.0
+    tilt_deg: Lean = 45.0
 
     def pose(self, tool_from_cyclopean: Array) -> Array:
         """world_from_tool (4, 4)."""
@@ -40,8 +42,8 @@ class Place:
     """A taught place of the tool centre point, mm, leaning as a View does."""
 
     point_mm: Point
-    heading_deg: float = 0.0
-    tilt_deg: float = 0.0
+    heading_deg: Direction = 0.0
+    tilt_deg: Lean = 0.0
 
     def pose(self) -> Array:
         """world_from_tool (4, 4)."""
@@ -57,21 +59,25 @@ class Settings:
     afterwards; gone_mm: a part this near to where it lay still lies there; hand_s: what fingers need;
     epipolar_limit_px: beyond it a camera was knocked."""
 
-    surveys: tuple[View, ...] = (View(heading_deg=50.0), View(heading_deg=-50.0), View(heading_deg=90.0))
+    surveys: Annotated[tuple[View, ...], Meta(min_length=1)] = (
+        View(heading_deg=50.0),
+        View(heading_deg=-50.0),
+        View(heading_deg=90.0),
+    )
     last_surveys: tuple[View, ...] = (View(heading_deg=-90.0, tilt_deg=35.0), View(heading_deg=0.0, tilt_deg=20.0))
     home: Place = Place((420.0, 0.0, 60.0), tilt_deg=20.0)
     bin: Place = Place((250.0, 410.0, -150.0), heading_deg=58.0, tilt_deg=10.0)
     order: Literal["nearest", "surest"] = "surest"
-    tries: int = 2
-    views_of_doubtful: int = 4
-    travel_pct: float = 100.0
-    near_pct: float = 30.0
-    pregrasp_mm: float = 50.0
-    lift_mm: float = 60.0
-    verify_mm: float = 300.0
-    gone_mm: float = 30.0
-    epipolar_limit_px: float = 1.0
-    hand_s: float = 0.0
+    tries: Few = 2
+    views_of_doubtful: Annotated[int, Meta(ge=0, le=100)] = 4
+    travel_pct: Percent = 100.0
+    near_pct: Percent = 30.0
+    pregrasp_mm: Length = 50.0
+    lift_mm: Length = 60.0
+    verify_mm: Length = 300.0
+    gone_mm: Length = 30.0
+    epipolar_limit_px: Pixels = 1.0
+    hand_s: Annotated[float, Meta(ge=0, le=60)] = 0.0
     limits: Limits = field(default_factory=Limits)
     arrival: Arrival = field(default_factory=Arrival)
     stops: Stops = field(default_factory=Stops)

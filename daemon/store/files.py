@@ -105,8 +105,11 @@ class Syncer:
                     self._clean.set()
 
 
-def write_atomically(path: Path, content: bytes) -> None:
-    """Replace a file so that a power cut leaves the old or the new one, never a half: temporary, fsync, rename."""
+def write_atomically(path: Path, content: bytes, synced: bool = True) -> None:
+    """Replace a file so that a power cut leaves the old or the new one, never a half: temporary, fsync, rename.
+
+    Not synced it costs no wait: a reader still meets the whole file or none, but a power cut may leave it empty.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
     mode = path.stat().st_mode & 0o777 if path.exists() else 0o644
     handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
@@ -115,11 +118,14 @@ def write_atomically(path: Path, content: bytes) -> None:
             file.write(content)
             file.flush()
             os.fchmod(file.fileno(), mode)
-            os.fsync(file.fileno())
+            if synced:
+                os.fsync(file.fileno())
         os.replace(temporary, path)
     except BaseException:
         Path(temporary).unlink(missing_ok=True)
         raise
+    if not synced:
+        return
     folder = os.open(path.parent, os.O_RDONLY)
     try:
         os.fsync(folder)
@@ -147,13 +153,6 @@ def hold(folder: Path) -> int:
     os.ftruncate(handle, 0)
     os.pwrite(handle, f"{os.getpid()}\n".encode(), 0)
     return handle
-
-
-def write_whole(path: Path, content: bytes) -> None:
-    """Write beside and rename, so that a reader meets the whole file or none."""
-    temporary = path.with_name(f".{path.name}.part")
-    temporary.write_bytes(content)
-    temporary.replace(path)
 
 
 def plain(error: BaseException) -> str:

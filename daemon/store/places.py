@@ -14,9 +14,9 @@ SOCKET_NAME = "facetd.sock"
 
 def config_file() -> Path:
     """$FACETD_CONFIG, else the installed one where there is one, else the checkout's own."""
-    said = os.environ.get("FACETD_CONFIG")
-    if said:
-        return Path(said)
+    named = os.environ.get("FACETD_CONFIG")
+    if named:
+        return Path(named)
     return INSTALLED_CONFIG if INSTALLED_CONFIG.exists() else HOUSE / "etc" / "facetd.yaml"
 
 
@@ -27,9 +27,9 @@ def own_folder() -> Path:
 
 def state_folder(simulated: bool = False) -> Path:
     """Runs, models and taught views: what systemd says, else the installed place, else var/ of the checkout."""
-    said = os.environ.get("STATE_DIRECTORY")
-    if said:
-        return Path(said.split(":")[0])
+    named = os.environ.get("STATE_DIRECTORY")
+    if named:
+        return Path(named.split(":")[0])
     if not INSTALLED_STATE.is_dir():
         return HOUSE / "var"
     return own_folder() if simulated else INSTALLED_STATE
@@ -37,9 +37,9 @@ def state_folder(simulated: bool = False) -> Path:
 
 def runtime_folder(simulated: bool = False) -> Path:
     """Where the daemon puts its socket."""
-    said = os.environ.get("RUNTIME_DIRECTORY")
-    if said:
-        return Path(said.split(":")[0])
+    named = os.environ.get("RUNTIME_DIRECTORY")
+    if named:
+        return Path(named.split(":")[0])
     if simulated and INSTALLED_STATE.is_dir():
         return own_folder()
     return INSTALLED_RUNTIME if INSTALLED_RUNTIME.is_dir() else HOUSE / "var"
@@ -47,14 +47,14 @@ def runtime_folder(simulated: bool = False) -> Path:
 
 def socket_candidates() -> list[Path]:
     """Where the operator's tool looks for the daemon, first to last."""
-    said = os.environ.get("FACETD_SOCKET")
-    if said:
-        return [Path(said)]
+    named = os.environ.get("FACETD_SOCKET")
+    if named:
+        return [Path(named)]
     other = own_folder() if INSTALLED_STATE.is_dir() else HOUSE / "var"
     return [INSTALLED_RUNTIME / SOCKET_NAME, other / SOCKET_NAME]
 
 
 def runs_folder(simulated: bool = False) -> Path:
     """Run folders: $FACETD_RUNS, else runs/ of the state folder."""
-    said = os.environ.get("FACETD_RUNS")
-    return Path(said) if said else state_folder(simulated) / "runs"
+    named = os.environ.get("FACETD_RUNS")
+    return Path(named) if named else state_folder(simulated) / "runs"

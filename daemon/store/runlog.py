@@ -15,8 +15,8 @@ import queue
 import threading
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +25,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.store.files import LineFile, Syncer, write_whole
+from daemon.store.files import LineFile, Syncer, write_atomically
 
 VERSION = 1
 PATIENCE_S = 0.1
@@ -84,15 +84,8 @@ class RunLog:
         self._lost = 0
         self._behind = False
         self._closed = False
-        self._lines: queue.SimpleQueue[_Line | _Run | threading.Event | None] = queue.SimpleQueue()
-        self._pictures: queue.SimpleQueue[_Picture | threading.Event | None] = queue.SimpleQueue()
+        self._lines, self._pictures = _Worker("runlog-lines"), _Worker("runlog-pictures")
         self._syncer = Syncer(fsync_every_s)
-        self._threads = [
-            threading.Thread(target=self._write_lines, name="runlog-lines", daemon=True),
-            threading.Thread(target=self._write_pictures, name="runlog-pictures", daemon=True),
-        ]
-        for thread in self._threads:
-            thread.start()
 
     @property
     def folder(self) -> Path:
@@ -109,9 +102,9 @@ class RunLog:
             run, seq = self._run, self._run.take_number()
             pictures = {name: f"images/{seq:06d}-{name}.png" for name in fields.get("images") or {}}
             for name, file in pictures.items():
-                self._put_picture(_Picture(run.folder / file, fields["images"][name]))
+                self._put_picture(run.folder / file, fields["images"][name])
             line = {**self._head(seq, kind), **fields, **({"images": pictures} if pictures else {})}
-            self._put(_Line(run.lines, encode(line), written))
+            self._put(run.lines, encode(line), written)
         if self.trouble is None and not self._behind:
             self._behind = not written.wait(self._patience_s)
         if kind in URGENT:
@@ -122,7 +115,7 @@ class RunLog:
         with self._lock:
             content = encode({**entry, "chain": self._run.chain})
             self._run.chain = hashlib.sha256(content).hexdigest()
-            self._put(_Line(self._run.wire, content, threading.Event()))
+            self._put(self._run.wire, content, threading.Event())
 
     def keep(self, path: Path) -> str:
         """Copy a file into kept/ under the hash of its content; returns kept/<sha256><suffix>. Raises OSError."""
@@ -130,7 +123,7 @@ class RunLog:
         name = f"kept/{hashlib.sha256(content).hexdigest()}{path.suffix}"
         target = self.folder / name
         if not target.exists():
-            write_whole(target, content)
+            write_atomically(target, content, synced=False)
         return name
 
     def roll(self, folder: Path) -> None:
@@ -139,13 +132,13 @@ class RunLog:
         self.record("run_end", why=f"continues in {folder.name}")
         with self._lock:
             before, self._run = self._run, fresh
-            self._lines.put(before)
+            self._lines.do(before.close)
 
     def settle(self, timeout_s: float = 5.0) -> bool:
         """Wait until all recorded so far, pictures too, is on the disk; False when that took longer."""
         through = (threading.Event(), threading.Event())
-        self._lines.put(through[0])
-        self._pictures.put(through[1])
+        self._lines.do(through[0].set)
+        self._pictures.do(through[1].set)
         deadline = time.monotonic() + timeout_s
         done = all(event.wait(max(0.0, deadline - time.monotonic())) for event in through)
         self._syncer.hurry()
@@ -157,50 +150,40 @@ class RunLog:
             return
         self.record("run_end", why=why, **fields)
         self._closed = True
-        self._lines.put(None)
-        self._pictures.put(None)
-        for thread in self._threads:
-            thread.join(timeout=1.5)
+        ended = [worker.end(1.5) for worker in (self._lines, self._pictures)]
         self._syncer.stop()
-        if not any(thread.is_alive() for thread in self._threads):
+        if all(ended):
             self._run.close()
 
     def _head(self, seq: int, kind: str) -> dict[str, Any]:
         now = self._wall().strftime("%Y-%m-%dT%H:%M:%S.%f")[:-3] + "Z"
         return {"v": VERSION, "seq": seq, "t": now, "mono_s": round(self._clock(), 6), "kind": kind}
 
-    def _put(self, line: _Line) -> None:
-        if self._closed or self._lines.qsize() > LINES_WAITING:
+    def _put(self, file: LineFile, content: bytes, written: threading.Event) -> None:
+        if self._closed or self._lines.waiting > LINES_WAITING:
             self._lost += 1
-            line.written.set()
+            written.set()
         else:
-            self._lines.put(line)
+            self._lines.do(partial(self._write_line, file, content, written))
 
-    def _put_picture(self, picture: _Picture) -> None:
-        if self._pictures.qsize() > PICTURES_WAITING:
+    def _put_picture(self, path: Path, pixels: NDArray[np.uint8]) -> None:
+        if self._pictures.waiting > PICTURES_WAITING:
             self._lost += 1
         else:
-            self._pictures.put(picture)
+            self._pictures.do(partial(self._write_picture, path, pixels))
 
-    def _write_lines(self) -> None:
-        while (line := self._lines.get()) is not None:
-            if isinstance(line, _Run):
-                line.close()
-                continue
-            if isinstance(line, threading.Event):
-                line.set()
-                continue
-            try:
-                if self._lost:
-                    self._write_gap()
-                line.file.append(line.content)
-                self._tell(None)
-            except OSError as error:
-                self._lost += 1
-                self._tell(f"{line.file.path}: {error.strerror}")
-            line.written.set()
-            self._behind = self._behind and not self._lines.empty()
-            self._syncer.take(line.file)
+    def _write_line(self, file: LineFile, content: bytes, written: threading.Event) -> None:
+        try:
+            if self._lost:
+                self._write_gap()
+            file.append(content)
+            self._tell(None)
+        except OSError as error:
+            self._lost += 1
+            self._tell(f"{file.path}: {error.strerror}")
+        written.set()
+        self._behind = self._behind and self._lines.waiting > 0
+        self._syncer.take(file)
 
     def _write_gap(self) -> None:
         with self._lock:
@@ -214,17 +197,13 @@ class RunLog:
         with self._lock:
             self._lost -= lost
 
-    def _write_pictures(self) -> None:
-        while (picture := self._pictures.get()) is not None:
-            if isinstance(picture, threading.Event):
-                picture.set()
-                continue
-            try:
-                _, png = cv2.imencode(".png", picture.pixels, [cv2.IMWRITE_PNG_COMPRESSION, 1])
-                write_whole(picture.path, png.tobytes())
-            except OSError as error:
-                self._lost += 1
-                self._tell(f"{picture.path}: {error.strerror}")
+    def _write_picture(self, path: Path, pixels: NDArray[np.uint8]) -> None:
+        try:
+            _, png = cv2.imencode(".png", pixels, [cv2.IMWRITE_PNG_COMPRESSION, 1])
+            write_atomically(path, png.tobytes(), synced=False)
+        except OSError as error:
+            self._lost += 1
+            self._tell(f"{path}: {error.strerror}")
 
     def _tell(self, trouble: str | None) -> None:
         if trouble != self.trouble:
@@ -232,17 +211,32 @@ class RunLog:
             self._on_trouble(trouble)
 
 
-@dataclass(frozen=True)
-class _Line:
-    file: LineFile
-    content: bytes
-    written: threading.Event
+class _Worker:
+    """A thread that does what it is given, one after the other."""
 
+    def __init__(self, name: str) -> None:
+        self._jobs: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
+        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
+        self._thread.start()
 
-@dataclass(frozen=True, eq=False)
-class _Picture:
-    path: Path
-    pixels: NDArray[np.uint8]
+    @property
+    def waiting(self) -> int:
+        """How many jobs are not begun yet."""
+        return self._jobs.qsize()
+
+    def do(self, job: Callable[[], None]) -> None:
+        """Do it once all before it is done."""
+        self._jobs.put(job)
+
+    def end(self, timeout_s: float) -> bool:
+        """Do what was given and end; False when that takes longer."""
+        self._jobs.put(None)
+        self._thread.join(timeout_s)
+        return not self._thread.is_alive()
+
+    def _run(self) -> None:
+        while (job := self._jobs.get()) is not None:
+            job()
 
 
 class _Run:

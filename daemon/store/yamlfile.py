@@ -10,10 +10,10 @@ import difflib
 import re
 import types
 import typing
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar
 
 import msgspec
 import yaml
@@ -22,6 +22,9 @@ from daemon.errors import FacetdError
 
 T = TypeVar("T")
 Key = str | int
+UNIONS = (typing.Union, types.UnionType)
+ODD_NUMBER = re.compile(r"[-+]?(0[0-7_]+|[0-9_.]+(:[0-9_.]+)+)")
+"""What YAML 1.1 takes for octal or for minutes and seconds, where a person means a number with zeros, or a time."""
 
 
 class ConfigError(FacetdError):
@@ -43,58 +46,58 @@ class Document:
         where = f" {dotted(keys)}:" if keys else ""
         return ConfigError(f"{self.path}{line}:{where} {problem}")
 
-    def convert(self, kind: type[T]) -> T:
+    def convert(self, kind: type[T], at: tuple[Key, ...] = ()) -> T:
         """The document as `kind`: a struct, a dataclass, or lists and mappings of them. Unknown keys are refused.
 
-        Raises ConfigError.
+        at: only the section there; an absent one is an empty one. Raises ConfigError.
         """
-        if self.data is None:
+        data = _value(self.data, at) or {} if at else self.data
+        if data is None:
             raise ConfigError(f"{self.path}: expected {_plain_name(kind)}, found an empty file")
+        for keys, known in _unknown_keys(data, kind, ()):
+            raise self.error((*at, *keys), f"unknown key{_suggestion(str(keys[-1]), known)}")
         try:
-            value: T = msgspec.convert(_without_empty_sections(self.data, kind), kind)
+            return msgspec.convert(_without_empty_sections(data, kind), kind)
         except msgspec.ValidationError as error:
-            raise self._explain(error, kind) from None
-        for keys, known in _unknown_keys(self.data, kind, ()):
-            raise self.error(keys, f"unknown key{_suggestion(str(keys[-1]), known)}")
-        return value
+            raise self._explain(error, kind, data, at) from None
 
-    def section(self, keys: tuple[Key, ...], kind: type[T]) -> T:
-        """The part of the document below `keys` as `kind`; an absent part is an empty one. Raises ConfigError."""
-        data: Any = _value(self.data, keys) or {}
-        for key in reversed(keys):
-            data = {key: data}
-        whole = Document(self.path, data, self.root)
-        nested: Any = kind
-        for key in reversed(keys):
-            nested = msgspec.defstruct(str(key), [(str(key), nested)])
-        value: Any = whole.convert(nested)
-        for key in keys:
-            value = getattr(value, str(key))
-        section: T = value
-        return section
+    def without(self, gone: Mapping[str, str]) -> tuple[Document, list[str]]:
+        """The document without keys that are no longer any, and a line for each that was there.
 
-    def _explain(self, error: msgspec.ValidationError, kind: type[Any]) -> ConfigError:
+        gone: dotted key -> what replaced it, or why there is no such key any more.
+        """
+        data, notes = self.data, []
+        for name, why in gone.items():
+            keys: tuple[Key, ...] = tuple(name.split("."))
+            section = _value(data, keys[:-1])
+            if isinstance(section, dict) and keys[-1] in section:
+                data = _put(data, keys[:-1], {key: section[key] for key in section if key != keys[-1]})
+                notes.append(str(self.error(keys, f"no longer a key, and not looked at: {why}")))
+        return dataclasses.replace(self, data=data), notes
+
+    def _explain(self, error: msgspec.ValidationError, kind: type[Any], data: Any, at: tuple[Key, ...]) -> ConfigError:
+        """msgspec's complaint of the data at a place, for the person who wrote the file."""
         problem, keys = _split(str(error))
-        keys = _settle_wildcards(keys, self.data, problem, lambda data: msgspec.convert(data, kind))
-        unknown = re.match(r"Object contains unknown field `(.*)`", problem)
-        if unknown:
-            known = next((k for where, k in _unknown_keys(self.data, kind, ()) if where == (*keys, unknown[1])), [])
-            return self.error((*keys, unknown[1]), f"unknown key{_suggestion(unknown[1], known)}")
+        keys = _settle_wildcards(keys, data, problem, lambda changed: msgspec.convert(changed, kind))
+        where, found, expected_kind = (*at, *keys), _short(_value(data, keys)), _kind_at(kind, keys)
         missing = re.match(r"Object missing required field `(.*)`", problem)
         if missing:
-            return self.error(keys, f"the key `{missing[1]}` is missing")
+            return self.error(where, f"the key `{missing[1]}` is missing")
         if not problem.startswith(("Expected", "Invalid")):
-            return self.error(keys, problem)
-        found = _value(self.data, keys)
+            return self.error(where, problem)
+        bounds = _bounds(expected_kind)
+        if bounds and re.match(r"Expected `(int|float)` [<>]", problem):
+            return self.error(where, f"expected {bounds}, found {found}")
         if "Invalid enum value" in problem:
-            choices = ", ".join(str(choice) for choice in typing.get_args(_kind_at(kind, keys)))
-            return self.error(keys, f"expected one of {choices}, found {_short(found)}")
+            choices = ", ".join(str(choice) for choice in typing.get_args(_bare(expected_kind)))
+            return self.error(where, f"expected one of {choices}, found {found}")
         expected = re.sub(r", got .*", "", problem).replace("`", "").replace("object", "keys and values")
-        return self.error(keys, f"{expected[:1].lower()}{expected[1:]}, found {_short(found)}")
+        return self.error(where, f"{expected[:1].lower()}{expected[1:]}, found {found}")
 
 
 def read(path: Path) -> Document:
-    """Parse one file. Raises ConfigError where it cannot be read, is not YAML, or says a key twice."""
+    """Parse one file. Raises ConfigError where it cannot be read, is not YAML, says a key twice, or has a number that
+    YAML reads otherwise than people do."""
     try:
         text = path.read_text(encoding="utf-8")
     except OSError as error:
@@ -103,7 +106,7 @@ def read(path: Path) -> Document:
         raise ConfigError(f"{path}: not a text file (UTF-8 expected)") from None
     try:
         root = yaml.compose(text, Loader=yaml.SafeLoader)
-        _refuse_doubles(path, root)
+        _refuse_pitfalls(path, root, ())
         return Document(path, yaml.safe_load(text), root)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
@@ -123,15 +126,11 @@ def dotted(keys: tuple[Key, ...]) -> str:
     return "".join(f"[{k}]" if isinstance(k, int) else f".{k}" for k in keys).lstrip(".")
 
 
-def _is_struct(kind: Any) -> bool:
-    return isinstance(kind, type) and issubclass(kind, msgspec.Struct)
-
-
 def _field_types(kind: Any) -> dict[str, Any]:
     """Field -> type of a struct or dataclass; empty for anything else."""
-    if _is_struct(kind):
+    if isinstance(kind, type) and issubclass(kind, msgspec.Struct):
         return {f.encode_name: f.type for f in msgspec.structs.fields(kind)}
-    return typing.get_type_hints(kind) if dataclasses.is_dataclass(kind) else {}
+    return typing.get_type_hints(kind, include_extras=True) if dataclasses.is_dataclass(kind) else {}
 
 
 def _without_empty_sections(data: Any, kind: Any) -> Any:
@@ -145,18 +144,37 @@ def _without_empty_sections(data: Any, kind: Any) -> Any:
 
 
 def _kind_at(kind: Any, keys: tuple[Key, ...]) -> Any:
-    """The type that holds at a key path, with `| None` taken off."""
-    options = [o for o in typing.get_args(kind) if o is not type(None)]
-    if typing.get_origin(kind) in (typing.Union, types.UnionType) and len(options) == 1:
-        return _kind_at(options[0], keys)
+    """The type that holds at a key path, bounds and all."""
     if not keys:
         return kind
+    kind = _bare(kind)
+    options = [o for o in typing.get_args(kind) if o is not ...]
     fields = _field_types(kind)
     return _kind_at(fields[str(keys[0])] if fields else options[-1] if options else None, keys[1:])
 
 
+def _bare(kind: Any) -> Any:
+    """A type without its bounds and without `| None`."""
+    if typing.get_origin(kind) is Annotated:
+        return _bare(typing.get_args(kind)[0])
+    options = [o for o in typing.get_args(kind) if o is not type(None)]
+    return _bare(options[0]) if typing.get_origin(kind) in UNIONS and len(options) == 1 else kind
+
+
+def _bounds(kind: Any) -> str | None:
+    """`from 0.1 to 100` for a number with two ends, `int from ...` for a whole one; None for any other type."""
+    if typing.get_origin(kind) in UNIONS:
+        return next(filter(None, map(_bounds, typing.get_args(kind))), None)
+    for meta in getattr(kind, "__metadata__", ()):
+        low = f"above {meta.gt:.10g}" if meta.gt is not None else f"from {meta.ge:.10g}" if meta.ge is not None else ""
+        if low and meta.le is not None:
+            return f"{'int ' if _bare(kind) is int else ''}{low} to {meta.le:.10g}"
+    return None
+
+
 def _unknown_keys(data: Any, kind: Any, keys: tuple[Key, ...]) -> Iterator[tuple[tuple[Key, ...], list[str]]]:
     """Keys that no field takes (msgspec passes over them in dataclasses), each with the keys known at its place."""
+    kind = _bare(kind)
     options = [o for o in typing.get_args(kind) or (kind,) if o is not type(None)]
     if isinstance(data, dict):
         free = typing.get_origin(kind) is dict
@@ -198,22 +216,23 @@ def _settle_wildcards(
     if "*" not in keys:
         return keys
     place = keys.index("*")
-    for key in _value(data, keys[:place]) or {}:
+    mapping = _value(data, keys[:place]) or {}
+    for key in mapping:
         try:
-            convert(_only(data, keys[:place], key))
+            convert(_put(data, keys[:place], {key: mapping[key]}))
         except msgspec.ValidationError as error:
             if _split(str(error))[0] == problem:
                 return _settle_wildcards((*keys[:place], key, *keys[place + 1 :]), data, problem, convert)
     return keys
 
 
-def _only(data: Any, keys: tuple[Key, ...], key: Key) -> Any:
-    """A copy of data in which the mapping at `keys` holds `key` alone."""
+def _put(data: Any, keys: tuple[Key, ...], value: Any) -> Any:
+    """A copy of data in which this value is at `keys`."""
     if not keys:
-        return {key: data[key]}
+        return value
     if isinstance(data, list):
-        return [_only(v, keys[1:], key) if i == keys[0] else v for i, v in enumerate(data)]
-    return {**data, keys[0]: _only(data[keys[0]], keys[1:], key)}
+        return [_put(v, keys[1:], value) if i == keys[0] else v for i, v in enumerate(data)]
+    return {**data, keys[0]: _put(data[keys[0]], keys[1:], value)}
 
 
 def _value(data: Any, keys: tuple[Key, ...]) -> Any:
@@ -246,14 +265,23 @@ def _find(node: yaml.Node | None, keys: tuple[Key, ...]) -> yaml.Node | None:
     return place
 
 
-def _refuse_doubles(path: Path, node: yaml.Node | None, above: tuple[yaml.Node, ...] = ()) -> None:
-    """Raise ConfigError for a key said twice, a key that is not a word, or a file that contains itself."""
-    if node is None or isinstance(node, yaml.ScalarNode):
+def _refuse_pitfalls(
+    path: Path, node: yaml.Node | None, keys: tuple[Key, ...], above: tuple[yaml.Node, ...] = ()
+) -> None:
+    """Raise ConfigError for a key said twice, a key that is not a word, a file that contains itself, and numbers that
+    old YAML reads in another base."""
+    if node is None:
+        return
+    if isinstance(node, yaml.ScalarNode):
+        if node.style is None and node.tag.endswith((":int", ":float")) and ODD_NUMBER.fullmatch(node.value):
+            read_as = f"{node.value} is read as {yaml.safe_load(node.value):g} (base {60 if ':' in node.value else 8})"
+            where = f"{path}:{node.start_mark.line + 1}: {dotted(keys)}"
+            raise ConfigError(f"{where}: {read_as}; write the number in plain digits, or in quotes if it is none")
         return
     if node in above:
         raise ConfigError(f"{path}:{node.start_mark.line + 1}: an anchor that contains itself")
     seen: set[str] = set()
-    for item in node.value:
+    for place, item in enumerate(node.value):
         key, value = item if isinstance(node, yaml.MappingNode) else (None, item)
         if key is not None:
             where = f"{path}:{key.start_mark.line + 1}"
@@ -262,4 +290,4 @@ def _refuse_doubles(path: Path, node: yaml.Node | None, above: tuple[yaml.Node, 
             if key.value in seen:
                 raise ConfigError(f"{where}: {key.value}: said twice")
             seen.add(key.value)
-        _refuse_doubles(path, value, (*above, node))
+        _refuse_pitfalls(path, value, (*keys, place if key is None else key.value), (*above, node))

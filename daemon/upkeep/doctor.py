@@ -74,6 +74,8 @@ def _configuration(config: Config, _: bool) -> Iterator[Finding]:
     load_facets(config.file(config.values.files.facets))
     load_parts(config.file(config.values.files.parts))
     yield Finding("good", "configuration", f"{config.path} ({config.kind} cell)")
+    for note in config.notes:
+        yield Finding("note", "configuration", note)
 
 
 def _calibration(config: Config, _: bool) -> Iterator[Finding]:

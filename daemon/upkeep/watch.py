@@ -31,7 +31,7 @@ class Watch:
         self._fed_s = 0.0
         self._quota_s = time.monotonic() + 5.0
         self._checks: dict[str, asyncio.Task[None]] = {}
-        self._begun_s: dict[str, float] = {}
+        self._begun_s = {"cameras": time.monotonic(), "controller": time.monotonic()}  # opened, and so asked, just now
         self._ended_s = {"cameras": time.monotonic(), "controller": time.monotonic()}
 
     async def run(self) -> None:

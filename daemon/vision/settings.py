@@ -6,9 +6,15 @@ Thresholds are in units of the measured noise, of pixels, or of predicted errors
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Annotated, Literal
+
+from msgspec import Meta
+
+from daemon.quantities import Few, Pixels, Share
 
 CornerDetector = Literal["line_fit", "mic", "median"]
+Sigmas = Annotated[float, Meta(gt=0, le=1000)]
+Depth = Annotated[float, Meta(gt=0, le=100_000)]
 StereoFormula = Literal["exact", "thesis", "thesis_compensated"]
 
 
@@ -31,22 +37,22 @@ class VisionSettings:
 
     corner_detector: CornerDetector = "line_fit"
     stereo_formula: StereoFormula = "exact"
-    shrinks: tuple[int, ...] = (1, 2, 4)
-    levels: tuple[float, ...] = (4.5, 6.0, 8.0, 12.0, 18.0)
-    faintest: float = 5.0
-    min_area_px: float = 40.0
-    max_area_fraction: float = 0.3
-    max_corners: int = 14
-    max_regions: int = 40
-    alike: int = 3
-    min_side_px: float = 5.0
-    min_evidence: float = 4.0
-    min_support: float = 0.75
-    min_seen: float = 0.6
-    search_epipolar_px: float = 6.0
-    max_epipolar_px: float = 2.5
-    depth_range_mm: tuple[float, float] = (80.0, 2500.0)
-    planarity_sigmas: float = 6.0
+    shrinks: Annotated[tuple[Annotated[int, Meta(ge=1, le=16)], ...], Meta(min_length=1)] = (1, 2, 4)
+    levels: Annotated[tuple[Sigmas, ...], Meta(min_length=1)] = (4.5, 6.0, 8.0, 12.0, 18.0)
+    faintest: Sigmas = 5.0
+    min_area_px: Annotated[float, Meta(gt=0, le=1e6)] = 40.0
+    max_area_fraction: Share = 0.3
+    max_corners: Annotated[int, Meta(ge=3, le=100)] = 14
+    max_regions: Annotated[int, Meta(ge=1, le=1000)] = 40
+    alike: Few = 3
+    min_side_px: Pixels = 5.0
+    min_evidence: Sigmas = 4.0
+    min_support: Share = 0.75
+    min_seen: Share = 0.6
+    search_epipolar_px: Pixels = 6.0
+    max_epipolar_px: Pixels = 2.5
+    depth_range_mm: tuple[Depth, Depth] = (80.0, 2500.0)
+    planarity_sigmas: Sigmas = 6.0
 
     def brief(self) -> VisionSettings:
         """The same for a first attempt that costs little: half-size pixels, few levels, the largest regions only."""

@@ -4,10 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Annotated
+
+from msgspec import Meta
 
 from drivers.camera.pixels import FORMATS
 
-Wish = float | str
+Device = Annotated[str, Meta(min_length=1, max_length=4096)]
+Side = Annotated[int, Meta(ge=16, le=20_000)]
+Wish = Annotated[float, Meta(ge=-1e10, le=1e10)] | str
 """A number, or `auto`: the camera's own automatism runs between looks and is held still during one."""
 
 
@@ -21,13 +26,13 @@ class CameraSettings:
     named is left as found. max_skew_ms: how far apart in time two frames of one moment may be.
     """
 
-    left: str
-    right: str
-    width: int = 640
-    height: int = 480
-    fps: float = 15.0
+    left: Device
+    right: Device
+    width: Side = 640
+    height: Side = 480
+    fps: Annotated[float, Meta(gt=0, le=1000)] = 15.0
     formats: tuple[str, ...] = tuple(FORMATS)
-    max_skew_ms: float = 20.0
+    max_skew_ms: Annotated[float, Meta(gt=0, le=1000)] = 20.0
     controls: Mapping[str, Wish] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

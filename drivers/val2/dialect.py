@@ -3,8 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Annotated, Literal
 
+from msgspec import Meta
+
+Seconds = Annotated[float, Meta(gt=0, le=3600)]
+Pause = Annotated[float, Meta(ge=0, le=10)]
+Near = Annotated[float, Meta(gt=0, le=10)]
+Sign = Annotated[float, Meta(ge=-1, le=1)]
+Angle = Annotated[float, Meta(ge=-360, le=360)]
+Word = Annotated[str, Meta(min_length=1, max_length=40)]
 SHORTEST_SILENCE_S, SHORTEST_SETTLE_S = 0.006, 0.002
 
 
@@ -12,22 +20,22 @@ SHORTEST_SILENCE_S, SHORTEST_SETTLE_S = 0.006, 0.002
 class Dialect:
     """One controller's manners on the line. Times in seconds of real time."""
 
-    baud: int = 9600
+    baud: Annotated[int, Meta(ge=50, le=4_000_000)] = 9600
     software_flow_control: bool = False
     hardware_flow_control: bool = False
     echo: bool = True
     """Whether the controller echoes what is typed; without it a garbled command cannot be caught before it runs."""
-    line_end: bytes = b"\r"
-    cancel_line: bytes = b"\x15"
+    line_end: Annotated[bytes, Meta(min_length=1, max_length=4)] = b"\r"
+    cancel_line: Annotated[bytes, Meta(max_length=4)] = b"\x15"
     """Makes the controller forget the half-typed line (control-U on terminals of the time)."""
-    joint_signs: tuple[float, float, float, float, float, float] = (1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
-    joint_zeros_deg: tuple[float, float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    joint_signs: tuple[Sign, Sign, Sign, Sign, Sign, Sign] = (1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
+    joint_zeros_deg: tuple[Angle, Angle, Angle, Angle, Angle, Angle] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     """How this system counts its joints: the angle of our kinematics is sign times the printed one, plus zero."""
-    character_pause_s: float = 0.0
+    character_pause_s: Pause = 0.0
     """Pause between typed characters, for controllers that lose some when typed at full speed."""
-    echo_settle_s: float = 0.006
+    echo_settle_s: Pause = 0.006
     """How long after a whole echo a further (doubled) character may still arrive before the line end is sent."""
-    prompt_silence_s: float = 0.02
+    prompt_silence_s: Seconds = 0.02
     """A dot at the start of a line is a prompt once nothing followed it for this long."""
     prompt_after_move: Literal["start", "end", "either"] = "either"
     """When DO MOVE gives the prompt back; "either" waits as long as "end" does before it calls the answer lost."""
@@ -35,27 +43,27 @@ class Dialect:
     """Ask DO BREAK before polling WHERE."""
     straight_through_variable: bool = True
     """DO SET and DO MOVES of a variable; otherwise DO MOVES TRANS(...) in one line."""
-    variable: str = "GOAL"
-    calibrate_word: str = "CAL"
-    abort_word: str = "ABORT"
-    line_limit: int = 79
-    typing_s: float = 2.0
+    variable: Word = "GOAL"
+    calibrate_word: Word = "CAL"
+    abort_word: Word = "ABORT"
+    line_limit: Annotated[int, Meta(ge=20, le=1000)] = 79
+    typing_s: Seconds = 2.0
     """Longest wait for an echo."""
-    answer_s: float = 5.0
-    motion_s: float = 60.0
-    calibrate_s: float = 180.0
-    resync_s: float = 1.0
-    typing_attempts: int = 3
+    answer_s: Seconds = 5.0
+    motion_s: Seconds = 60.0
+    calibrate_s: Seconds = 180.0
+    resync_s: Seconds = 1.0
+    typing_attempts: Annotated[int, Meta(ge=1, le=100)] = 3
     """How often a line whose echo was garbled (and which was therefore never ended) is typed again."""
-    poll_s: float = 0.02
+    poll_s: Seconds = 0.02
     """Pause between two WHERE readings while waiting for rest."""
-    same_place_mm: float = 0.03
-    same_place_deg: float = 0.01
+    same_place_mm: Near = 0.03
+    same_place_deg: Near = 0.01
     """Two readings closer than this show an arm at rest (WHERE prints 0.01 mm and 0.001 degrees)."""
-    arrived_mm: float = 0.2
-    arrived_deg: float = 0.1
+    arrived_mm: Near = 0.2
+    arrived_deg: Near = 0.1
     """How near the target the rest must be."""
-    stall_s: float = 1.5
+    stall_s: Seconds = 1.5
     """An arm at rest elsewhere for this long will not arrive."""
 
     def on_a_faster_line(self, times: float) -> Dialect:

@@ -58,7 +58,7 @@ def test_sections_with_every_key_commented_out_mean_their_defaults(path: Path) -
         ("- 1\n", ":1: expected keys and values, found [1]"),
         ("version: 1\nlog: {quota: 3}\n", ":2: log.quota: unknown key; did you mean `quota_mb`?"),
         ("version: 1\nlog:\n  quota_mb: many\n", ":3: log.quota_mb: expected int, found 'many'"),
-        ("version: 1\nlog:\n  quota_mb: 0\n", ":3: log.quota_mb: expected int >= 1, found 0"),
+        ("version: 1\nlog:\n  quota_mb: 0\n", ":3: log.quota_mb: expected int from 1 to 100000000, found 0"),
         ("version: 1\ncell: reel\n", ":2: cell: expected one of real, recorded, simulated, found 'reel'"),
         ("version: 2\n", ":1: version: expected one of 1, found 2"),
         ("cell: real\n", ":1: the key `version` is missing"),
@@ -69,7 +69,7 @@ def test_sections_with_every_key_commented_out_mean_their_defaults(path: Path) -
         ("version: 1\npick: {limits: {table: 3}}\n", ":2: pick.limits.table: unknown key; did you mean `table_z_mm`?"),
         ("version: 1\npick: {home: {point_mm: [1, 2]}}\n", ":2: pick.home.point_mm: expected array of length 3"),
         ("version: 1\nfiles:\n  calibration: none.yaml\n", ":3: files.calibration: expected a file, found none at"),
-        ("version: 1\nmetrics: {port: 80}\n", ":2: metrics.port: expected int >= 1024, found 80"),
+        ("version: 1\nmetrics: {port: 80}\n", ":2: metrics.port: expected int from 1024 to 65535, found 80"),
         ("version: 1\ncameras: {left: a}\n", ":2: cameras: the key `right` is missing"),
         ("version: 1\ncameras: {left: a, right: b, fsp: 15}\n", ":2: cameras.fsp: unknown key; did you mean `fps`?"),
         (
@@ -79,6 +79,12 @@ def test_sections_with_every_key_commented_out_mean_their_defaults(path: Path) -
         ("version: 1\narm:\n  dialect: {boud: 9600}\n", ":3: arm.dialect.boud: unknown key; did you mean `baud`?"),
         ("version: 1\narm: {flange_from_tool: [[1]]}\n", ":2: arm.flange_from_tool: expected array of length 4"),
         ("version: 1\nversion: 1\n", ":2: version: said twice"),
+        (
+            "version: 1\npick:\n  limits: {table_z_mm: -0300}\n",
+            ":3: pick.limits.table_z_mm: -0300 is read as -192 (base 8); write the number in plain digits",
+        ),
+        ("version: 1\nsimulated:\n  time_scale: 1:30\n", ":3: simulated.time_scale: 1:30 is read as 90 (base 60)"),
+        ("version: 1\npick: {home: {point_mm: [0100, 0, 0]}}\n", ":2: pick.home.point_mm[0]: 0100 is read as 64"),
         ("version: 1\nlog: [\n", ":3: not valid YAML"),
         ("version: 1\nlog: &a {b: *a}\n", ":2: an anchor that contains itself"),
         ("? [1]\n: 2\n", ":1: expected a word as key"),
@@ -87,6 +93,12 @@ def test_sections_with_every_key_commented_out_mean_their_defaults(path: Path) -
 )
 def test_each_fault_names_line_key_found_and_expected(path: Path, text: str, want: str) -> None:
     assert want in refusal(path, text)
+
+
+def test_numbers_with_zeros_that_mean_what_they_say_are_taken(path: Path) -> None:
+    path.write_text("version: 1\nlog: {quota_mb: 1_000, sync_s: 0.50}\nfiles: {parts: 'parts.yaml'}\n")
+    log = load_config(path).values.log
+    assert (log.quota_mb, log.sync_s) == (1000, 0.5)
 
 
 def test_a_file_that_is_no_text_is_refused_in_one_line(path: Path) -> None:
@@ -119,3 +131,12 @@ def test_check_says_what_is_wrong_in_one_line_and_ends_with_78(
     (tmp_path / "state" / "models" / "state.json").write_text('{"current": 1}')
     assert main(["--config", str(path), "--check"]) == 78
     assert "0001.npz" in capsys.readouterr().err
+
+
+def test_check_tells_of_keys_that_are_gone_and_is_content(path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path.write_text("version: 1\ncameras: {left: a, right: b}\nvision:\n  min_seen: 0.5\n")
+    assert main(["--config", str(path), "--check"]) == 0
+    told = capsys.readouterr().err
+    assert told == f"facetd: {path}:4: vision.min_seen: no longer a key, and not looked at: it is fixed now; " + (
+        "delete the line\n"
+    )

@@ -160,6 +160,24 @@ def test_a_camera_lost_while_the_arm_may_not_move_is_told_and_no_fault(tmp_path:
     assert watching(tmp_path, play).failed == []
 
 
+def test_devices_that_were_opened_just_now_are_asked_only_once_they_have_been_silent(tmp_path: Path) -> None:
+    asked: list[float] = []
+
+    async def play(watched: WatchedCell, _: Watch) -> None:
+        watched.context.config.values.health.camera_silence_s = 1.6
+        began = time.monotonic()
+
+        async def grab(*_: float) -> None:
+            asked.append(time.monotonic() - began)
+
+        watched.grab = grab  # type: ignore[method-assign]
+        await asyncio.sleep(1.3)
+
+    watching(tmp_path, play)
+    assert asked
+    assert min(asked) > 0.7
+
+
 def test_the_watchdog_is_fed_while_devices_answer_and_starves_when_one_hangs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
