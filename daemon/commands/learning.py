@@ -9,9 +9,8 @@ import re
 from collections import Counter
 from typing import Any
 
-from daemon.commands import standing_in
+from daemon.commands import simulated_hand
 from daemon.commands.looking import describe_facet, describe_scene, one_part
-from daemon.commands.words import is_yes, plural
 from daemon.console.context import CommandContext
 from daemon.console.interpreter import (
     NOT_DONE,
@@ -24,6 +23,7 @@ from daemon.console.interpreter import (
     number,
     one_of,
 )
+from daemon.console.phrases import is_yes, plural
 from daemon.pick.looking import Look
 from daemon.teaching.mesh import UNITS_MM, MeshError
 from daemon.teaching.sufficiency import VIEWPOINTS, Sufficiency
@@ -42,7 +42,7 @@ async def teach(context: CommandContext, words: list[str], door: Door) -> Answer
     hand = context.hardware.hand
     if hand is None:
         return await _teach_what_is_shown(context, label, door)
-    await door.say(standing_in.show(context, label))
+    await door.say(simulated_hand.show(context, label))
     try:
         return await _teach_what_is_shown(context, label, door)
     finally:

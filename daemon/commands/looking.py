@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from daemon.commands.words import cut_off, duration, millimetres, plural
+from daemon.commands.sketch import sketch
 from daemon.console.context import CommandContext
 from daemon.console.interpreter import Answer, Command, CommandError, Door, no_more
-from daemon.doors.sketch import sketch
+from daemon.console.phrases import cut_off, duration, millimetres, plural
 from daemon.pick.looking import Look
 from daemon.vision.health.examine import findings_json, troubles
 from daemon.vision.report import scene_json

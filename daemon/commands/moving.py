@@ -6,7 +6,6 @@ import asyncio
 from collections.abc import Awaitable
 from typing import Any, TypeVar
 
-from daemon.commands.words import cut_off, is_no, is_yes, plural
 from daemon.console.context import CommandContext
 from daemon.console.interpreter import (
     DONE,
@@ -20,6 +19,7 @@ from daemon.console.interpreter import (
     number,
     one_of,
 )
+from daemon.console.phrases import cut_off, is_no, is_yes, plural
 from daemon.pick.cycle import CycleEnd
 
 T = TypeVar("T")
@@ -194,22 +194,28 @@ async def dry(context: CommandContext, words: list[str], _: Door) -> Answer:
 async def with_questions(context: CommandContext, work: Awaitable[T], door: Door) -> T:
     """Wait for a motion's end; in step mode show each move at this door and ask."""
     task = asyncio.ensure_future(work)
-    shown: Any = None
     told: Any = None
-    while not task.done():
-        await asyncio.wait([task], timeout=POLL_S)
-        state = context.cycle.status()
-        if state["predicted_mm"] is not None and (state["cycle"], state["stop"]) != told:
-            told = state["cycle"], state["stop"]
-            await door.say(_progress(state))
-        pending = state["pending"]
-        if pending is not None and pending != shown and door.asks:
-            answer = await door.ask(f"{pending}. Send it? [y/n]")
-            if context.cycle.status()["pending"] == pending:
-                _decide(context, is_yes(answer))
-            pending = None
-        shown = pending
-    return await task
+    with context.notices.answered(door):
+        while not task.done():
+            await asyncio.wait([task], timeout=POLL_S)
+            state = context.cycle.status()
+            if state["predicted_mm"] is not None and (state["cycle"], state["stop"]) != told:
+                told = state["cycle"], state["stop"]
+                await door.say(_progress(state))
+            if state["pending"] is not None and door.asks:
+                await _ask_to_send(context, str(state["pending"]), task, door)
+        return await task
+
+
+async def _ask_to_send(context: CommandContext, pending: str, work: asyncio.Future[Any], door: Door) -> None:
+    """Ask whether to send the move that waits, for as long as it waits: others may decide, or stop the arm."""
+    asking = asyncio.ensure_future(door.ask(f"{pending}. Send it? [y/n]"))
+    while not (asking.done() or work.done()) and context.cycle.status()["pending"] == pending:
+        await asyncio.wait([asking, work], timeout=POLL_S, return_when=asyncio.FIRST_COMPLETED)
+    if asking.done() and context.cycle.status()["pending"] == pending:
+        _decide(context, is_yes(asking.result()))
+    asking.cancel()
+    await asyncio.wait([asking])
 
 
 def _progress(state: dict[str, Any]) -> str:
@@ -224,6 +230,13 @@ def describe_end(end: CycleEnd) -> str:
     if end.predicted_mm is not None and end.predicted_deg is not None:
         text += f", predicted error {end.predicted_mm:.2f} mm {end.predicted_deg:.2f} degrees"
     return text + (f" ({end.why})" if end.outcome != "picked" and end.why else "")
+
+
+def tell_end(context: CommandContext) -> None:
+    """Tell the last pick's end to whoever is not waiting for it. An empty table is no news, a fault was told."""
+    end = context.cycle.ends[-1]
+    if end.outcome not in ("empty", "fault"):
+        context.notices.tell(describe_end(end), outcome=True)
 
 
 def end_json(end: CycleEnd) -> dict[str, Any]:

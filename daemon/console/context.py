@@ -19,6 +19,8 @@ from daemon.arm.supervisor import OperatorRefusedError
 from daemon.calibration.file import Calibration
 from daemon.cell.build import EXPECTED_ERRORS, Hardware
 from daemon.config import Config, ConfigError
+from daemon.console.notices import Notices
+from daemon.console.phrases import plural
 from daemon.pick.cycle import Cycle, CycleEnd, RefusedError
 from daemon.pick.looking import Look, NotSettledError
 from daemon.pick.picking import SuspectError
@@ -90,6 +92,7 @@ class CommandContext:
     log: LogSink
     troubles: Troubles
     reload: Callable[[], Awaitable[str]]
+    notices: Notices = field(default_factory=Notices)
     started_s: float = field(default_factory=time.monotonic)
     expected_errors: tuple[type[Exception], ...] = ANSWERABLE
     roll_due: bool = False
@@ -111,11 +114,16 @@ class CommandContext:
     async def begin_auto(self, count: int | None, every_s: float | None = None) -> None:
         """Pick in the background. Raises RefusedError where that may not begin."""
         self._auto = asyncio.create_task(self.cycle.auto(count, every_s), name="auto")
-        self._auto.add_done_callback(lambda task: task.cancelled() or task.exception())
+        self._auto.add_done_callback(self._auto_ended)
         await asyncio.sleep(0)
         if self._auto.done():
             refused, self._auto = self._auto, None
             refused.result()
+
+    def _auto_ended(self, auto: asyncio.Task[list[CycleEnd]]) -> None:
+        if not auto.cancelled() and auto.exception() is None:
+            picked = sum(end.outcome == "picked" for end in auto.result())
+            self.notices.tell(f"Auto has ended: {plural(picked, 'part')} picked.", outcome=True)
 
     async def auto_ends(self) -> list[CycleEnd]:
         """Wait for the last auto to end; what became of each part. Empty where there was none."""

@@ -18,7 +18,6 @@ from daemon.upkeep import journal
 
 Grade = Literal["look", "move", "change"]
 DONE, NOT_DONE, NOT_UNDERSTOOD = 0, 1, 2
-LINE_WIDTH = 78
 
 
 class CommandError(Exception):
@@ -62,6 +61,9 @@ class Door(Protocol):
 
     def show(self, data: bytes) -> None:
         """Bytes onto the operator's terminal, as they are; only in terminal mode."""
+
+    def notice(self, text: str) -> None:
+        """Lines that nobody there asked for; returns at once."""
 
 
 Handler = Callable[[CommandContext, list[str], Door], Awaitable[Answer]]
@@ -120,10 +122,15 @@ class Console:
     def at_once(self, text: str) -> bool:
         """Whether a line is for now, even while the last command is still being done."""
         words = text.split()
-        command = self.commands.get(words[0].lower()) if words else None
+        command = self._meant(words)
         if command is None or isinstance(command.at_once, bool):
             return command is not None and command.at_once is True
         return len(words) > 1 and words[1] in command.at_once
+
+    def is_stop(self, text: str) -> bool:
+        """Whether a line, whatever it is typed for, is to stop the arm."""
+        command = self._meant(text.split())
+        return command is not None and command.name == "stop"
 
     def complete(self, typed: str) -> list[str]:
         """Every line that the one typed so far may become."""
@@ -134,6 +141,17 @@ class Console:
             choices = self.commands[words[0]].choices(self.context)
             return [f"{words[0]} {choice}" for choice in sorted(choices) if choice.startswith(words[1])]
         return []
+
+    def moves(self, text: str) -> bool:
+        """Whether a line is about moving the arm."""
+        command = self._meant(text.split())
+        return command is not None and command.grade == "move"
+
+    def _meant(self, words: list[str]) -> Command | None:
+        try:
+            return self._find(words[0]) if words else None
+        except CommandError:
+            return None
 
     def _find(self, word: str) -> Command:
         """The command of that name, or the only one that begins so (stop is never guessed away)."""

@@ -10,6 +10,7 @@ from types import SimpleNamespace
 from typing import Any
 
 from daemon.console.context import ANSWERABLE, Troubles
+from daemon.console.notices import Notices
 from daemon.pick.cycle import RefusedError
 from daemon.pick.order import PickOrder
 
@@ -106,7 +107,7 @@ class FakeDoor:
         return self.answers.pop(0)
 
 
-def fake_desk(folder: Path, reload: Callable[[], Any] | None = None) -> Any:
+def fake_context(folder: Path, reload: Callable[[], Any] | None = None) -> Any:
     """A CommandContext as far as commands look at it."""
     trainer = SimpleNamespace(
         parts={"cube": None, "pyramid": None},
@@ -118,6 +119,7 @@ def fake_desk(folder: Path, reload: Callable[[], Any] | None = None) -> Any:
         log=FakeLog(),
         trainer=trainer,
         troubles=Troubles(),
+        notices=Notices(),
         hardware=SimpleNamespace(kind="real", seed=None, hand=None),
         run_log=SimpleNamespace(folder=folder),
         calibration=SimpleNamespace(tool_from_cyclopean=1),

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from service_fakes import fake_desk
+from service_fakes import fake_context
 
 from daemon.console.interpreter import Answer, Command, Console, Door
 from daemon.doors.client import DaemonLink
@@ -25,7 +25,7 @@ async def digest(_: Any, words: list[str], door: Door) -> Answer:
     return Answer(hashlib.sha256(content).hexdigest(), {"bytes": len(content)})
 
 
-async def no_interrupt(_: str) -> str:
+async def no_interrupt(_: str, __: bool) -> str:
     return ""
 
 
@@ -33,7 +33,7 @@ def said(folder: Path, use: Callable[[Path], Any]) -> Any:
     """What `use` gives, with a daemon that knows the command `digest` at folder/s."""
 
     async def serve() -> Any:
-        console = Console(fake_desk(folder), [Command("digest", "digest FILE", "", digest)])
+        console = Console(fake_context(folder), [Command("digest", "digest FILE", "", digest)])
         server = SocketServer(folder / "s", None, console, no_interrupt)
         await server.open()
         try:

@@ -257,7 +257,7 @@ def test_a_drawing_that_cannot_be_taught_is_an_answer_and_nothing_is_kept(
 ) -> None:
     import service_fakes
 
-    context = service_fakes.fake_desk(trainer.model_store.folder)
+    context = service_fakes.fake_context(trainer.model_store.folder)
     context.trainer = trainer
     door = Reader(cube_stl=drawn.binary_stl(*CUBE), bad_obj=GAP)
     with pytest.raises(CommandError) as told:
