@@ -16,9 +16,10 @@ from daemon import frames
 from daemon.arm import paths
 from daemon.arm.guard import ArmState, Command, Limits, Refusal, refuse
 from daemon.arm.workcell import Array, Reading, Workcell
+from daemon.errors import FacetdError
 
 
-class MoveRefusedError(Exception):
+class MoveRefusedError(FacetdError):
     """The guard refused; nothing was sent."""
 
     def __init__(self, refusal: Refusal) -> None:
@@ -26,7 +27,7 @@ class MoveRefusedError(Exception):
         self.refusal = refusal
 
 
-class NotThereError(Exception):
+class NotThereError(FacetdError):
     """The controller says that the arm is at rest elsewhere than it was sent."""
 
 
@@ -63,7 +64,7 @@ PATH_MM = 40.0
 """How densely a straight way is checked."""
 
 
-class OutOfReachError(Exception):
+class OutOfReachError(FacetdError):
     """The arm, as it is configured, has no way there; nothing was sent."""
 
 

@@ -15,17 +15,18 @@ import numpy as np
 from daemon.arm.guard import Command, Limits
 from daemon.arm.mover import Arrival, Mover, MoveRefusedError, OutOfReachError
 from daemon.arm.workcell import Workcell
+from daemon.errors import FacetdError
 
 T = TypeVar("T")
 ABORT_S = 7.0
 """How long an answer to ABORT may take before the operator is sent to the emergency stop (the link gives up sooner)."""
 
 
-class RefusedError(Exception):
+class RefusedError(FacetdError):
     """Not done now; the message says why and what to do."""
 
 
-class OperatorRefusedError(Exception):
+class OperatorRefusedError(FacetdError):
     """In step mode the operator said no to a move."""
 
 

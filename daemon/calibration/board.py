@@ -13,6 +13,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from daemon.errors import FacetdError
+
 Array = NDArray[np.float64]
 Grey = NDArray[np.uint8]
 
@@ -20,7 +22,7 @@ SHARP_ENOUGH_PX = 2.5
 """Widest blur (sigma of the black-white edge) of which corners are still trusted."""
 
 
-class BoardError(Exception):
+class BoardError(FacetdError):
     """The board is not usable in this image; the message says why, and what to do."""
 
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from daemon import frames
 from daemon.calibration.least_squares import Problem, UndeterminedError, chain, solve
+from daemon.errors import FacetdError
 from daemon.vision.geometry.rig import Camera, StereoRig
 
 Array = NDArray[np.float64]
@@ -28,7 +29,7 @@ LEAST_TURN_DEG = 12.0
 """Two rotations about axes that differ must be at least this large, as root mean squares, for translation to show."""
 
 
-class HandEyeError(Exception):
+class HandEyeError(FacetdError):
     """These poses fix no hand-eye; the message says what is missing."""
 
 

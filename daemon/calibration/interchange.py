@@ -19,6 +19,7 @@ from daemon import frames
 from daemon.calibration.file import Calibration, Quality, load_calibration, save_calibration
 from daemon.calibration.recorded import keep_old
 from daemon.calibration.stereo import cyclopean_frame
+from daemon.errors import FacetdError
 from daemon.store.files import write_atomically
 from daemon.store.yamlfile import ConfigError, read
 from daemon.vision.geometry.rig import Camera, StereoRig
@@ -27,7 +28,7 @@ Array = NDArray[np.float64]
 MM_PER_M = 1000.0
 
 
-class InterchangeError(Exception):
+class InterchangeError(FacetdError):
     """A foreign file that cannot be used: which, and what it lacks."""
 
 

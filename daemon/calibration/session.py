@@ -31,6 +31,7 @@ from daemon.calibration.stereo import (
     matched,
 )
 from daemon.calibration.tour import in_order, looks_at, spread_out
+from daemon.errors import FacetdError
 from daemon.pick.cycle import Cycle
 from daemon.pick.looking import NotSettledError, settled_pair
 from daemon.vision.geometry.rig import StereoRig
@@ -39,7 +40,7 @@ Array = NDArray[np.float64]
 Say = Callable[[str], Awaitable[None]]
 
 
-class SessionError(Exception):
+class SessionError(FacetdError):
     """The session cannot go on; the message says why, and what to do."""
 
 

@@ -24,6 +24,7 @@ from daemon.calibration.least_squares import (
     solve,
     stereo_problem,
 )
+from daemon.errors import FacetdError
 from daemon.vision.geometry.rig import Camera, StereoRig
 
 Array = NDArray[np.float64]
@@ -35,7 +36,7 @@ K3 = (8, INTRINSICS + 8)
 NAMES = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
 
 
-class StereoError(Exception):
+class StereoError(FacetdError):
     """These pairs make no calibration; the message says why, and what to do."""
 
 

@@ -12,11 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon.arm.workcell import Reading
+from daemon.errors import FacetdError
 
 Array = NDArray[np.float64]
 
 
-class CellError(Exception):
+class CellError(FacetdError):
     """The cell cannot be had as configured: what, where, what to do."""
 
 

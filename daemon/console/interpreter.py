@@ -14,13 +14,14 @@ from dataclasses import dataclass, field
 from typing import Any, Literal, Protocol
 
 from daemon.console.context import CommandContext
+from daemon.errors import FacetdError
 from daemon.upkeep import journal
 
 Grade = Literal["look", "move", "change"]
 DONE, NOT_DONE, NOT_UNDERSTOOD = 0, 1, 2
 
 
-class CommandError(Exception):
+class CommandError(FacetdError):
     """A command that cannot be done: one line for the operator; status 1 (not now) or 2 (not understood)."""
 
     def __init__(self, text: str, status: int = NOT_DONE) -> None:

@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from daemon.errors import FacetdError
 from daemon.store.places import socket_candidates
 
 if TYPE_CHECKING:
@@ -23,7 +24,7 @@ PIECE = 32 * 1024
 """Bytes of a file in one message."""
 
 
-class NotThereError(Exception):
+class NotThereError(FacetdError):
     """No daemon answers: where it was sought, and what to do."""
 
 

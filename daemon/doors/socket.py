@@ -28,6 +28,7 @@ from typing import Any, Literal
 
 from daemon.console.interpreter import NOT_UNDERSTOOD, Answer, CommandError, Console
 from daemon.doors.turns import Interrupt, Turns
+from daemon.errors import FacetdError
 
 LONGEST_MESSAGE = 64 * 1024
 LONGEST_FILE = 8_000_000
@@ -35,7 +36,7 @@ MOST_UNREAD = 256 * 1024
 """Bytes on their way to an operator beyond which notices are dropped: somebody there reads nothing."""
 
 
-class DoorError(Exception):
+class DoorError(FacetdError):
     """A door cannot be opened: which, why, what to do."""
 
 

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
+from daemon.errors import FacetdError
 from daemon.store.yamlfile import ConfigError, read
 
 if TYPE_CHECKING:
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
 DONE, UNUSABLE = 0, 2
 
 
-class OfflineError(Exception):
+class OfflineError(FacetdError):
     """An argument or a file cannot be used: one line, where and what."""
 
 

@@ -13,6 +13,7 @@ from daemon.arm import guard, paths
 from daemon.arm.guard import ArmState, Command
 from daemon.arm.mover import Mover, MoveRefusedError, OutOfReachError
 from daemon.arm.workcell import Array, Workcell
+from daemon.errors import FacetdError
 from daemon.pick import fusion, viewpoints
 from daemon.pick.following import Target, beside, eyes_of, far
 from daemon.pick.looking import Expect, Look, Recogniser, log_look, take_look
@@ -39,7 +40,7 @@ BY_EDGES = 0.9
 STANDING_RULES = ("fault_stands", "not_enabled", "arm_lost")
 
 
-class SuspectError(Exception):
+class SuspectError(FacetdError):
     """Looks disagree in a way that says the cell's geometry is not what the calibration says."""
 
 

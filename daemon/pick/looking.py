@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from daemon.arm.workcell import Array, Pictures, Reading, Workcell
 from daemon.calibration.clues import clue_of
 from daemon.calibration.drift_watch import health_fields
+from daemon.errors import FacetdError
 from daemon.vision.facets.table import Table
 from daemon.vision.geometry.polyhedron import Polyhedron
 from daemon.vision.health.examine import Finding, drift, examine, misleading, sharpness
@@ -27,7 +28,7 @@ BLOCK_PX = 8
 """Side of the blocks whose means are compared: noise averages out in one, an edge still shows."""
 
 
-class NotSettledError(Exception):
+class NotSettledError(FacetdError):
     """The images still differ when the time is up: the arm shakes, a part moves, or the light flickers."""
 
 

@@ -17,13 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon import frames
+from daemon.errors import FacetdError
 from daemon.review.digest import Digest
 from daemon.review.tables import CYCLE_COLUMNS, LOOK_COLUMNS, Row, cycle_rows, look_rows
 
 Array = NDArray[np.float64]
 
 
-class ExportError(Exception):
+class ExportError(FacetdError):
     """The export cannot be written; the message says what is missing."""
 
 

@@ -13,6 +13,8 @@ import tempfile
 import threading
 from pathlib import Path
 
+from daemon.errors import FacetdError
+
 
 class LineFile:
     """An append-only file that never keeps half a line: a short write is cut off again."""
@@ -125,7 +127,7 @@ def write_atomically(path: Path, content: bytes) -> None:
         os.close(folder)
 
 
-class InUseError(Exception):
+class InUseError(FacetdError):
     """A folder belongs to another process at present: which folder, which process."""
 
 

@@ -16,6 +16,7 @@ import msgspec
 import numpy as np
 
 from daemon.art import ArtError, FuzzyARTMAP
+from daemon.errors import FacetdError
 from daemon.store.files import write_atomically
 from daemon.store.library import library_digest, library_plain
 from daemon.store.npz import ArchiveError, Arrays, one_line, pack, unpack
@@ -28,7 +29,7 @@ FORMAT = "facetd-model"
 VERSION = 1
 
 
-class ModelError(Exception):
+class ModelError(FacetdError):
     """A model file cannot be used, or not be written: the message is one line, path first, then what is wrong."""
 
 

@@ -22,6 +22,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from daemon.errors import FacetdError
 from daemon.store import model as model_file
 from daemon.store.files import write_atomically
 from daemon.store.pictures import PictureError, read_grey
@@ -30,7 +31,7 @@ from daemon.vision.model.model import Model
 Image = NDArray[np.uint8]
 
 
-class ModelStoreError(Exception):
+class ModelStoreError(FacetdError):
     """Something taught cannot be read or written: which file, why, what to do."""
 
 

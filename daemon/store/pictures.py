@@ -11,12 +11,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from daemon.errors import FacetdError
+
 PNG = b"\x89PNG\r\n\x1a\n"
 _AROUND = 12
 """Bytes of a PNG chunk that are not its data: length, type and checksum, four each."""
 
 
-class PictureError(ValueError):
+class PictureError(FacetdError, ValueError):
     """A file could be read, but is no picture, or not a whole one: which file."""
 
 

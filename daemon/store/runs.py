@@ -14,12 +14,14 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+from daemon.errors import FacetdError
+
 Record = dict[str, Any]
 FAILURE_MARKS = (b'"kind":"fault"', b'"kind":"refusal"', b'"outcome":"missed"', b'"outcome":"failed"')
 PICKED_MARK = b'"outcome":"picked"'
 
 
-class RunError(Exception):
+class RunError(FacetdError):
     """A run folder that cannot be read: the message says which and why."""
 
 

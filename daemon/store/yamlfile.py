@@ -18,11 +18,13 @@ from typing import Any, TypeVar
 import msgspec
 import yaml
 
+from daemon.errors import FacetdError
+
 T = TypeVar("T")
 Key = str | int
 
 
-class ConfigError(Exception):
+class ConfigError(FacetdError):
     """A file that people write cannot be used. The message is one line: file:line: key: expected, found."""
 
 

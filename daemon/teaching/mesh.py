@@ -11,6 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from daemon.errors import FacetdError
+
 Array = NDArray[np.float64]
 UNITS_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "inch": 25.4}
 """Neither format says what its numbers are; millimetres unless told."""
@@ -19,7 +21,7 @@ SMALLEST_MM, LARGEST_MM = 5.0, 1000.0
 STL_HEADER, STL_TRIANGLE = 84, 50
 
 
-class MeshError(Exception):
+class MeshError(FacetdError):
     """A mesh that cannot be used: one line, what is wrong and where."""
 
 

@@ -9,6 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from daemon.errors import FacetdError
+
 Grey = NDArray[np.uint8]
 Array = NDArray[np.float64]
 
@@ -21,7 +23,7 @@ _EVERY = 4
 _SECOND = np.array([1.0, -2.0, 1.0])
 
 
-class VisionError(ValueError):
+class VisionError(FacetdError, ValueError):
     """An image, or a pair, cannot be used: the message says what is wrong with it and what was expected."""
 
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from daemon.art import FuzzyARTMAP
 from daemon.art.rotation.layer import RotationLayer
+from daemon.errors import FacetdError
 from daemon.vision.geometry.polyhedron import Polyhedron
 from daemon.vision.model.facet_types import FacetLibrary
 from daemon.vision.model.merge import MetricModel, merge_views
@@ -24,7 +25,7 @@ from daemon.vision.values import Group
 Array = NDArray[np.float64]
 
 
-class TeachError(ValueError):
+class TeachError(FacetdError, ValueError):
     """A view cannot be learnt, or a label not be forgotten: the message says why."""
 
 
