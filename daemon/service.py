@@ -26,7 +26,7 @@ from daemon.cell.no_arm import CellError
 from daemon.commands import every_command
 from daemon.commands.moving import tell_end
 from daemon.config import Config, load_config
-from daemon.console.context import CommandContext, Troubles
+from daemon.console.context import CommandContext
 from daemon.console.interpreter import Console
 from daemon.console.phrases import cut_off
 from daemon.doors.socket import DoorError, SocketServer
@@ -45,6 +45,7 @@ from daemon.teaching.trainer import Trainer
 from daemon.upkeep import journal
 from daemon.upkeep.metrics import MetricsServer
 from daemon.upkeep.watch import Watch
+from daemon.upkeep.watched import Troubles
 
 STOPPED, BROKEN, NO_DEVICE, BAD_CONFIGURATION = 0, 1, 2, 78
 AT_WORK = "at work: the controller was still carrying out what it was told before this start; it was stopped (ABORT)"
@@ -259,7 +260,7 @@ class Service:
         """What is to be done between two picks."""
         self._note_truth()
         if self.context is not None:
-            tell_end(self.context)
+            tell_end(self.context, self.context.cycle.ends[-1])
             self.context.roll_if_due()
 
     def _note_truth(self) -> None:

@@ -232,9 +232,8 @@ def describe_end(end: CycleEnd) -> str:
     return text + (f" ({end.why})" if end.outcome != "picked" and end.why else "")
 
 
-def tell_end(context: CommandContext) -> None:
-    """Tell the last pick's end to whoever is not waiting for it. An empty table is no news, a fault was told."""
-    end = context.cycle.ends[-1]
+def tell_end(context: CommandContext, end: CycleEnd) -> None:
+    """Tell a pick's end to whoever is not waiting for it. An empty table is no news, a fault was told."""
     if end.outcome not in ("empty", "fault"):
         context.notices.tell(describe_end(end), outcome=True)
 

@@ -12,71 +12,24 @@ from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Protocol
 
-from daemon.arm.mover import MoveRefusedError, NotThereError, OutOfReachError
-from daemon.arm.supervisor import OperatorRefusedError
+from daemon.arm.workcell import Log
 from daemon.calibration.file import Calibration
 from daemon.cell.build import EXPECTED_ERRORS, Hardware
-from daemon.config import Config, ConfigError
+from daemon.config import Config
 from daemon.console.notices import Notices
 from daemon.console.phrases import plural
-from daemon.pick.cycle import Cycle, CycleEnd, RefusedError
-from daemon.pick.looking import Look, NotSettledError
-from daemon.pick.picking import SuspectError
-from daemon.store.model import ModelError
-from daemon.store.model_store import ModelStoreError
+from daemon.errors import FacetdError
+from daemon.pick.cycle import Cycle, CycleEnd
+from daemon.pick.looking import Look
 from daemon.store.runlog import RunLog
-from daemon.store.runs import RunError, new_folder
-from daemon.teaching.mesh import MeshError
+from daemon.store.runs import new_folder
 from daemon.teaching.trainer import Trainer
+from daemon.upkeep.watched import Troubles
 from daemon.vision.facets.table import Table
-from daemon.vision.image.grey import VisionError
-from daemon.vision.model.model import TeachError
 
-ANSWERABLE: tuple[type[Exception], ...] = (
-    *EXPECTED_ERRORS,
-    ConfigError,
-    MeshError,
-    ModelError,
-    MoveRefusedError,
-    NotSettledError,
-    NotThereError,
-    OperatorRefusedError,
-    OutOfReachError,
-    RefusedError,
-    RunError,
-    ModelStoreError,
-    SuspectError,
-    TeachError,
-    VisionError,
-)
-"""What the world can do to a command: an answer, not a crash."""
-
-
-class LogSink(Protocol):
-    """Where records go: the run log, and the journal for what matters to whoever watches the machine."""
-
-    def record(self, kind: str, /, **fields: object) -> None:
-        """Write one record."""
-
-
-@dataclass
-class Troubles:
-    """What is wrong now, by source, in one line each; on_change(source, text or None) is told of every change."""
-
-    on_change: Callable[[str, str | None], None] = lambda _, __: None
-    standing: dict[str, str] = field(default_factory=dict)
-
-    def tell(self, source: str, text: str | None) -> None:
-        """Say that something is wrong, or (None) that it no longer is."""
-        if self.standing.get(source) == text:
-            return
-        if text is None:
-            self.standing.pop(source, None)
-        else:
-            self.standing[source] = text
-        self.on_change(source, text)
+ANSWERABLE: tuple[type[Exception], ...] = (FacetdError, *EXPECTED_ERRORS)
+"""What the world can do to a command: an answer, not a crash. Drivers have error roots of their own."""
 
 
 @dataclass
@@ -89,12 +42,11 @@ class CommandContext:
     cycle: Cycle
     trainer: Trainer
     run_log: RunLog
-    log: LogSink
+    log: Log
     troubles: Troubles
     reload: Callable[[], Awaitable[str]]
     notices: Notices = field(default_factory=Notices)
     started_s: float = field(default_factory=time.monotonic)
-    expected_errors: tuple[type[Exception], ...] = ANSWERABLE
     roll_due: bool = False
     """The run's folder is large: the log goes on in a new one as soon as no pick is under way."""
     _auto: asyncio.Task[list[CycleEnd]] | None = None

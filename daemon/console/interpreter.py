@@ -13,7 +13,7 @@ from collections.abc import Awaitable, Callable, Iterable
 from dataclasses import dataclass, field
 from typing import Any, Literal, Protocol
 
-from daemon.console.context import CommandContext
+from daemon.console.context import ANSWERABLE, CommandContext
 from daemon.errors import FacetdError
 from daemon.upkeep import journal
 
@@ -113,7 +113,7 @@ class Console:
             return await command.run(self.context, words[1:], door)
         except CommandError as problem:
             return _trouble(problem)
-        except self.context.expected_errors as error:
+        except ANSWERABLE as error:
             return Answer(_one_line(error), {"error": _one_line(error), "why": type(error).__name__}, NOT_DONE)
         except Exception as error:
             journal.tell("trouble", traceback.format_exc(), journal.ERROR)

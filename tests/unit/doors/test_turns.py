@@ -39,7 +39,7 @@ class Operator:
             Command("status", "status", "", now, at_once=True), Command("stop", "stop", "", now, "move", at_once=True),
             Command("resume", "resume", "", ask, at_once=True),
         ]  # fmt: skip
-        context: Any = SimpleNamespace(log=SimpleNamespace(record=lambda *_, **__: None), expected_errors=())
+        context: Any = SimpleNamespace(log=SimpleNamespace(record=lambda *_, **__: None))
         self.turns = Turns(Console(context, commands), self, self.interrupt, self.shown.append)  # type: ignore[arg-type]
 
     async def interrupt(self, who: str, about_to_move: bool) -> str:

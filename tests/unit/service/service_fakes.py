@@ -9,10 +9,10 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-from daemon.console.context import ANSWERABLE, Troubles
 from daemon.console.notices import Notices
 from daemon.pick.cycle import RefusedError
 from daemon.pick.order import PickOrder
+from daemon.upkeep.watched import Troubles
 
 
 @dataclass
@@ -126,6 +126,5 @@ def fake_context(folder: Path, reload: Callable[[], Any] | None = None) -> Any:
         config=SimpleNamespace(calibration=folder / "calibration.yaml"),
         parts=["cube", "pyramid"],
         started_s=0.0,
-        expected_errors=ANSWERABLE,
         reload=reload,
     )
