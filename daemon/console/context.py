@@ -115,7 +115,7 @@ class CommandContext:
 
     def use_model(self, action: str, version: int | None) -> None:
         """Put the trainer's model in front of the cycle from the next pick on, and into the log."""
-        sight = self.trainer.in_use
-        self.cycle.use(sight)
+        recogniser = self.trainer.in_use
+        self.cycle.use(recogniser)
         kept = None if version is None else self.run_log.keep(self.trainer.model_store.path(version))
-        self.log.record("model", action=action, version=version, labels=list(sight.labels), file=kept)
+        self.log.record("model", action=action, version=version, labels=list(recogniser.labels), file=kept)

@@ -7,7 +7,9 @@ into one line. What each command does is in daemon/commands/; how text travels i
 from __future__ import annotations
 
 import difflib
+import inspect
 import shlex
+import textwrap
 import traceback
 from collections.abc import Awaitable, Callable, Iterable
 from dataclasses import dataclass, field
@@ -68,6 +70,12 @@ class Door(Protocol):
 
 
 Handler = Callable[[CommandContext, list[str], Door], Awaitable[Answer]]
+Choices = Callable[[CommandContext], Iterable[str]]
+
+
+def no_choices(_: CommandContext) -> Iterable[str]:
+    """Nothing to complete with."""
+    return ()
 
 
 @dataclass(frozen=True)
@@ -82,8 +90,30 @@ class Command:
     details: str = ""
     at_once: bool | frozenset[str] = False
     """Heard also while the same operator's last command is still being done; or only with one of these words."""
-    choices: Callable[[CommandContext], Iterable[str]] = lambda _: ()
+    choices: Choices = no_choices
     """What the first argument can be, for completion and for suggestions."""
+    most: int | None = None
+    """How many words may follow at most; None: the handler looks itself."""
+
+
+def command(
+    usage: str,
+    grade: Grade = "look",
+    most: int | None = 0,
+    at_once: bool | frozenset[str] = False,
+    choices: Choices = no_choices,
+) -> Callable[[Handler], Command]:
+    """Make a handler the command that its usage begins with. `help` shows the handler's docstring: its first line in
+    the list, the rest where help of that command is asked for.
+    """
+
+    def made(run: Handler) -> Command:
+        first, _, rest = (inspect.getdoc(run) or "").partition("\n")
+        summary = first[:1].lower() + first[1:].removesuffix(".")
+        details = textwrap.indent(rest.strip("\n"), "  ")
+        return Command(usage.split()[0], usage, summary, run, grade, details, at_once, choices, most)
+
+    return made
 
 
 class Console:
@@ -110,6 +140,8 @@ class Console:
             self._check_door(command, door)
             if command.grade != "look":
                 self.context.log.record("command", who=door.who, door=door.name, text=text.strip())
+            if command.most is not None:
+                no_more(words[1:], command.most, command.usage)
             return await command.run(self.context, words[1:], door)
         except CommandError as problem:
             return _trouble(problem)

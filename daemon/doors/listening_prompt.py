@@ -47,8 +47,8 @@ class ListeningPrompt:
         self._writer: asyncio.StreamWriter | None = None
         self._why_gone = "no daemon answers"
         self._numbers = count(1)
-        self._said: dict[int, str] = {}
-        """What was said and is not answered yet, by its number."""
+        self._unanswered: dict[int, str] = {}
+        """Commands that are not answered yet, by its number."""
         self._asked: tuple[int, str] | None = None
         """The question that stands: its number and its words."""
         self._kept = ""
@@ -110,7 +110,7 @@ class ListeningPrompt:
     def _prompt(self) -> str:
         if self._asked is not None:
             return f"{self._asked[1]} "
-        return f"({next(iter(self._said.values()))}) {PROMPT}" if self._said else PROMPT
+        return f"({next(iter(self._unanswered.values()))}) {PROMPT}" if self._unanswered else PROMPT
 
     def _keys(self) -> KeyBindings:
         keys = KeyBindings()
@@ -139,7 +139,7 @@ class ListeningPrompt:
             number = next(self._numbers)
             message = {"do": line, "door": "console", "asks": True, "waits": True, "id": number}
             if self._send(message):
-                self._said[number] = line.strip()
+                self._unanswered[number] = line.strip()
             else:
                 await self._show(f"{self._why_gone}; not said: {line.strip()}")
 
@@ -188,7 +188,7 @@ class ListeningPrompt:
             if key in message:
                 await self._show(str(message[key]))
         if "done" in message:
-            self._said.pop(message.get("id", 0), None)
+            self._unanswered.pop(message.get("id", 0), None)
             self._status = int(message["done"]["status"])
             await self._show(message["done"]["text"])
         elif "ask" in message:
@@ -198,7 +198,7 @@ class ListeningPrompt:
         elif "options" in message and self._options:
             self._offer([str(option) for option in message["options"]])
         elif "fetch" in message:
-            for piece in file_in_pieces(str(message["fetch"]), self._said.values()):
+            for piece in file_in_pieces(str(message["fetch"]), self._unanswered.values()):
                 self._send(piece)
         elif message.get("terminal") is True:
             await self._begin_controller()
@@ -239,10 +239,10 @@ class ListeningPrompt:
 
     async def _gone(self) -> None:
         """The daemon went away: nothing that was said is said again by itself."""
-        unanswered = bool(self._said)
+        amid = bool(self._unanswered)
         self._hung_up()
         await self._end_controller()
-        await self._show("the daemon ended before it answered" if unanswered else "the daemon has ended")
+        await self._show("the daemon ended before it answered" if amid else "the daemon has ended")
         try:
             self._link.connect_again()
         except NotThereError as gone:
@@ -256,7 +256,7 @@ class ListeningPrompt:
         if self._writer is not None:
             self._writer.close()
         self._writer = None
-        self._said.clear()
+        self._unanswered.clear()
         while self._options:
             self._offer([])
         if self._asked is not None:

@@ -199,8 +199,8 @@ def _follow(path: Path, once: bool) -> Iterator[Record]:
 
 def told(record: Record) -> str | None:
     """One line of a step for people, or None for what would only fill the screen."""
-    said = _words(record)
-    return None if said is None else f"{str(record.get('t'))[11:19]}  {record['kind']:<11} {said}"
+    text = _words(record)
+    return None if text is None else f"{str(record.get('t'))[11:19]}  {record['kind']:<11} {text}"
 
 
 def _words(record: Record) -> str | None:

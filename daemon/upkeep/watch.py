@@ -121,22 +121,22 @@ class Watch:
             await context.cycle.fail(what, text)
 
     async def _keep_quota(self) -> None:
-        context, said = self._context, self._context.config.values.log
+        context, limits = self._context, self._context.config.values.log
         runs, current = context.config.runs, context.run_log.folder
         removed = await asyncio.to_thread(
-            enforce_quota, runs, said.quota_mb * 1_000_000, current, said.keep_free_mb * 1_000_000
+            enforce_quota, runs, limits.quota_mb * 1_000_000, current, limits.keep_free_mb * 1_000_000
         )
         if removed:
             journal.tell("trouble", f"quota: removed {', '.join(folder.name for folder in removed)}", journal.NOTICE)
         free = shutil.disk_usage(runs).free
         low = (
             f"disk: {free / 1e6:.0f} MB free below {runs}; looks may soon not be kept"
-            if free < said.keep_free_mb * 1e6
+            if free < limits.keep_free_mb * 1e6
             else None
         )
         context.troubles.tell("disk", low)
         size = await asyncio.to_thread(folder_bytes, current)
-        if size > said.roll_mb * 1_000_000:
+        if size > limits.roll_mb * 1_000_000:
             context.roll_due = True
             if context.cycle.status()["doing"] is None:
                 context.roll_if_due()
