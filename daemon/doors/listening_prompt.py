@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from prompt_toolkit import PromptSession
-from prompt_toolkit.application import in_terminal, run_in_terminal
+from prompt_toolkit.application import in_terminal
 from prompt_toolkit.buffer import Buffer
 from prompt_toolkit.completion import CompleteEvent, Completer, Completion
 from prompt_toolkit.document import Document
@@ -93,7 +93,7 @@ class ListeningPrompt:
                     line = await self._session.prompt_async(default=self._take_kept(), handle_sigint=False)
                     if line.strip() in ("quit", "exit") and self._answering is None:
                         return self._status
-                    await self._typed(line)
+                    self._typed(line)
         except EOFError:
             return self._status
         finally:
@@ -126,9 +126,9 @@ class ListeningPrompt:
         self._kept = ""
         self._session.default_buffer.reset()
         if not self._send({"interrupt": True}):
-            print(self._why_gone, flush=True)
+            self._show(self._why_gone)
 
-    async def _typed(self, line: str) -> None:
+    def _typed(self, line: str) -> None:
         """A line to the daemon: the answer to its question, or a command."""
         if self._answering is not None:
             number, _ = self._answering
@@ -141,7 +141,7 @@ class ListeningPrompt:
             if self._send(message):
                 self._unanswered[number] = line.strip()
             else:
-                await self._show(f"{self._why_gone}; not said: {line.strip()}")
+                self._show(f"{self._why_gone}; not said: {line.strip()}")
 
     async def _complete(self, typed: str) -> list[str]:
         """Every line that the typed one may become."""
@@ -169,7 +169,7 @@ class ListeningPrompt:
                 self._why_gone = str(gone)
             else:
                 await self._connect()
-                await self._show(AGAIN)
+                self._show(AGAIN)
 
     async def _connect(self) -> None:
         self._reader, self._writer = await asyncio.open_unix_connection(sock=self._link.socket, limit=LONGEST_MESSAGE)
@@ -186,11 +186,11 @@ class ListeningPrompt:
     async def _heard(self, message: dict[str, Any]) -> None:
         for key in ("say", "notice", "stopped"):
             if key in message:
-                await self._show(str(message[key]))
+                self._show(str(message[key]))
         if "done" in message:
             self._unanswered.pop(message.get("id", 0), None)
             self._status = int(message["done"]["status"])
-            await self._show(message["done"]["text"])
+            self._show(message["done"]["text"])
         elif "ask" in message:
             self._ask(int(message["id"]), str(message["ask"]))
         elif "unasked" in message and self._asked is not None and self._asked[0] == message["unasked"]:
@@ -227,30 +227,34 @@ class ListeningPrompt:
         text, self._kept = self._kept, ""
         return text
 
-    async def _show(self, text: str) -> None:
-        """Lines above the one being typed."""
-        if not text:
-            return
-        if self._keyboard is not None:
-            print(text, flush=True)
-        else:
+    def _show(self, text: str) -> None:
+        """Lines above the one being typed, which is drawn again. Keys go on being taken one by one meanwhile."""
+        app, renderer = self._session.app, self._session.app.renderer
+        above = app.is_running and self._keyboard is None
+        if above:
+            renderer.erase()
+        if text:
             columns = max(self._session.output.get_size().columns, NARROWEST)
-            await run_in_terminal(lambda: print("\n".join(fold(text, columns)), flush=True))
+            print("\n".join(fold(text, columns)), flush=True)
+        if above:
+            renderer.reset()
+            renderer.request_absolute_cursor_position()
+            app.invalidate()
 
     async def _gone(self) -> None:
         """The daemon went away: nothing that was said is said again by itself."""
         amid = bool(self._unanswered)
         self._hung_up()
         await self._end_controller()
-        await self._show("the daemon ended before it answered" if amid else "the daemon has ended")
+        self._show("the daemon ended before it answered" if amid else "the daemon has ended")
         try:
             self._link.connect_again()
         except NotThereError as gone:
             self._why_gone = str(gone)
-            await self._show(self._why_gone)
+            self._show(self._why_gone)
         else:
             await self._connect()
-            await self._show(AGAIN)
+            self._show(AGAIN)
 
     def _hung_up(self) -> None:
         if self._writer is not None:
