@@ -23,10 +23,11 @@ from daemon.cell import sections
 from daemon.cell.no_arm import CellError
 from daemon.cell.pick_cell import pick_cell
 from daemon.commands import every_command
-from daemon.commands.words import cut_off
+from daemon.commands.moving import tell_end
 from daemon.config import Config, load_config
-from daemon.console.context import CommandContext, Troubles
+from daemon.console.context import CommandContext
 from daemon.console.interpreter import Console
+from daemon.console.phrases import cut_off
 from daemon.doors.socket import DoorError, SocketServer
 from daemon.doors.terminal import SerialConsole
 from daemon.pick.cycle import Cycle
@@ -45,6 +46,7 @@ from daemon.teaching.trainer import Trainer
 from daemon.upkeep import journal
 from daemon.upkeep.metrics import MetricsServer
 from daemon.upkeep.watch import Watch
+from daemon.upkeep.watched import Troubles
 
 STOPPED, BROKEN, NO_DEVICE, BAD_CONFIGURATION = 0, 1, 2, 78
 AT_WORK = "at work: the controller was still carrying out what it was told before this start; it was stopped (ABORT)"
@@ -208,11 +210,11 @@ class Service:
         with contextlib.suppress(ConfigError):
             await self.reload()
 
-    async def _interrupt(self, who: str) -> str:
+    async def _interrupt(self, who: str, about_to_move: bool) -> str:
         """Control-C at any door."""
         assert self.context is not None
         cycle = self.context.cycle
-        if cycle.status()["doing"] is None:
+        if cycle.status()["doing"] is None and not about_to_move:
             return "Nothing moves."
         self.context.log.record("command", who=who, door="control-C", text="stop")
         await cycle.supervisor.stop(f"by control-C of {who}")
@@ -242,6 +244,7 @@ class Service:
         """What is to be done between two picks."""
         if self.context is not None:
             self._note_truth(self.context, end)
+            tell_end(self.context, end)
             self.context.roll_if_due()
 
     def _note_truth(self, context: CommandContext, end: CycleEnd) -> None:
@@ -256,9 +259,9 @@ class Service:
             context.run_log.record("truth", cycle=end.cycle, error_mm=error_mm, error_deg=error_deg, held=held)
 
     def _notice(self, text: str) -> None:
-        """Show something at the serial console that nobody there asked for."""
-        if self._terminal is not None:
-            self._terminal.notice(text)
+        """Show something at every door that nobody there asked for."""
+        if self.context is not None:
+            self.context.notices.tell(text)
 
     async def _guarded(self, work: Coroutine[Any, Any, None]) -> None:
         """A part of the daemon that must not end: where it does, the daemon stops the arm and ends."""

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from daemon.commands import calibrating, keeping, learning, looking, moving, standing_in
+from daemon.commands import calibrating, keeping, learning, looking, moving, simulated_hand
 from daemon.console.interpreter import Command
 
 
 def every_command(kind: str = "real") -> list[Command]:
     """All commands in the order `help` shows them; those of the hand in a simulated or recorded cell only there."""
-    hand = {"simulated": standing_in.COMMANDS, "recorded": standing_in.RECORDED_COMMANDS}
+    hand = {"simulated": simulated_hand.COMMANDS, "recorded": simulated_hand.RECORDED_COMMANDS}
     return [
         *looking.COMMANDS,
         *moving.COMMANDS,

@@ -28,7 +28,7 @@ from daemon.calibration.session import (
 )
 from daemon.calibration.stereo import StereoError, StereoResult
 from daemon.console.context import CommandContext
-from daemon.console.interpreter import NOT_DONE, NOT_UNDERSTOOD, Answer, Command, CommandError, Door, one_of
+from daemon.console.interpreter import NOT_DONE, NOT_UNDERSTOOD, Answer, CommandError, Door, command, one_of
 
 KINDS = ("stereo", "by-hand", "hand-eye", "verify", "touch")
 USAGE = "calibrate stereo|by-hand|hand-eye|verify|touch [CxR SQUARE_MM [charuco]]"
@@ -38,8 +38,18 @@ SPEED_PCT = 60.0
 TOUCH_ABOVE_MM = 2.0
 
 
+@command(USAGE, "move", most=None, choices=lambda _: KINDS)
 async def calibrate(context: CommandContext, words: list[str], door: Door) -> Answer:
-    """See USAGE and DETAILS."""
+    """Find out how the cameras see and where they sit.
+
+    stereo    both eyes and hand-eye, from one tour of some 28 poses (about ten minutes on a real arm)
+    by-hand   both eyes, from a board that you hold; nothing moves, you are told which view is missing
+    hand-eye  where the cameras sit on the hand; the eyes stay as they are
+    verify    8 new poses: errors in mm and px, passed or failed
+    touch     the gripper goes over a corner of the board, you say how far off it is
+    Lay the board flat where all of it is in view, `enable` the arm. Inner corners and square: 9x6 16 unless said.
+    With `step on`, each pose waits for `confirm`.
+    """
     kind = one_of(words, 0, KINDS, "kind of calibration", USAGE)
     board = _board(words[1:])
     hand = context.hardware.hand
@@ -163,11 +173,9 @@ async def _touch(context: CommandContext, view: View, board: Board, door: Door) 
         down = frames.rigid(np.diag([-1.0, 1.0, -1.0]), corner + np.array([0.0, 0.0, tip_mm + above_mm]))
         await context.cycle.move_to(down, f"touch test, {above_mm:g} mm above the corner")
     await door.say(f"The finger tips should be {TOUCH_ABOVE_MM:g} mm above the first inner corner of the board.")
-    said = (
-        (await door.ask("How far off are they, along world x and y, in mm? (e.g. 0.5 -0.3) ")).replace(",", " ").split()
-    )
+    answer = await door.ask("How far off are they, along world x and y, in mm? (e.g. 0.5 -0.3) ")
     try:
-        off = np.array([float(word) for word in said[:2]])
+        off = np.array([float(word) for word in answer.replace(",", " ").split()[:2]])
         if len(off) != 2:
             raise ValueError
     except ValueError:
@@ -186,9 +194,4 @@ DETAILS = """  stereo    both eyes and hand-eye, from one tour of some 28 poses 
   Lay the board flat where all of it is in view, `enable` the arm. Inner corners and square: 9x6 16 unless said.
   With `step on`, each pose waits for `confirm`."""
 
-COMMANDS = (
-    Command(
-        "calibrate", USAGE, "find out how the cameras see and where they sit", calibrate, "move", DETAILS,
-        choices=lambda _: KINDS,
-    ),
-)  # fmt: skip
+COMMANDS = (calibrate,)

@@ -6,7 +6,7 @@ import asyncio
 
 from daemon.commands.monitoring import may_not_move, monitor
 from daemon.console.context import CommandContext
-from daemon.console.interpreter import NOT_DONE, Answer, Command, CommandError, Door, no_more, one_of
+from daemon.console.interpreter import NOT_DONE, Answer, CommandError, Door, command, no_more, one_of
 from daemon.upkeep import bundle as bundles
 from daemon.upkeep import doctor as doctors
 
@@ -14,47 +14,52 @@ ROBOT = ("power-up", "cal", "monitor")
 ROBOT_USAGE = "robot power-up [Y N ...] | robot cal | robot monitor [TEXT]"
 
 
+@command(ROBOT_USAGE, "move", most=None, choices=lambda _: ROBOT)
 async def robot(context: CommandContext, words: list[str], door: Door) -> Answer:
-    """Speak with the controller as its own terminal would."""
+    """Speak with the arm's controller as its own terminal would.
+
+    power-up answers what the controller asks after it was switched on (Y Y unless you say otherwise);
+    cal lets the arm find its zero; monitor TEXT types one line and shows the answer. monitor alone is the
+    controller's own terminal, every line logged: control-] comes back, control-C stops the arm.
+    """
     what = one_of(words, 0, ROBOT, "word", ROBOT_USAGE)
     arm = context.hardware.robot
     if what == "power-up":
         question = arm.question
         if question is None:
             raise CommandError("the controller asks nothing: it is past its power-up questions")
-        said = await arm.power_up(words[1:] or ["Y", "Y"])
-        return _said([question, *said])
+        return _replies([question, *await arm.power_up(words[1:] or ["Y", "Y"])])
     if what == "cal":
         no_more(words, 1, "robot cal")
         _not_while_busy(context)
-        return _said(await arm.calibrate(context.config.values.arm.calibrate_answer))
+        return _replies(await arm.calibrate(context.config.values.arm.calibrate_answer))
     text = " ".join(words[1:])
     _not_while_busy(context)
     if not text:
         return await monitor(context, door)
     if may_not_move(context, text):
         raise CommandError(f"{text}: may move the arm, and the arm may not move now (`enable`, `resume`)")
-    return _said(await arm.monitor(text))
+    return _replies(await arm.monitor(text))
 
 
+@command("doctor")
 async def doctor(context: CommandContext, words: list[str], _: Door) -> Answer:
-    """Check everything an installation needs and say how to mend each."""
-    no_more(words, 0, "doctor")
+    """Check everything the cell needs; says how to mend it."""
     findings = await asyncio.to_thread(doctors.examine, context.config, True)
     findings += doctors.from_service(context.hardware, context.troubles.standing)
     return doctor_answer(findings)
 
 
+@command("bundle")
 async def bundle(context: CommandContext, words: list[str], _: Door) -> Answer:
-    """Pack what a maintainer would ask for into one file."""
-    no_more(words, 0, "bundle")
+    """Pack logs and settings into one file for a maintainer."""
     path = await asyncio.to_thread(bundles.pack, context.config, context.config.state / "bundles")
     return Answer(f"{path} ({path.stat().st_size / 1e6:.1f} MB): send this file.", {"file": str(path)})
 
 
+@command("reload", "change")
 async def reload(context: CommandContext, words: list[str], _: Door) -> Answer:
-    """Read the configuration again; a bad one is refused and the old one kept."""
-    no_more(words, 0, "reload")
+    """Read the configuration again."""
     return Answer(await context.reload())
 
 
@@ -73,17 +78,8 @@ def _not_while_busy(context: CommandContext) -> None:
         raise CommandError(f"busy: {doing}")
 
 
-def _said(lines: list[str]) -> Answer:
+def _replies(lines: list[str]) -> Answer:
     return Answer("\n".join(lines) or "(no words)", {"lines": lines})
 
 
-COMMANDS = (
-    Command("robot", ROBOT_USAGE, "speak with the arm's controller as its own terminal would", robot, "move",
-            "  power-up answers what the controller asks after it was switched on (Y Y unless you say otherwise);\n"
-            "  cal lets the arm find its zero; monitor TEXT types one line and shows the answer. monitor alone is the\n"
-            "  controller's own terminal, every line logged: control-] comes back, control-C stops the arm.",
-            choices=lambda _: ROBOT),
-    Command("doctor", "doctor", "check everything the cell needs; says how to mend it", doctor),
-    Command("bundle", "bundle", "pack logs and settings into one file for a maintainer", bundle),
-    Command("reload", "reload", "read the configuration again", reload, "change"),
-)  # fmt: skip
+COMMANDS = (robot, doctor, bundle, reload)

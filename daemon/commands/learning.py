@@ -9,21 +9,21 @@ import re
 from collections import Counter
 from typing import Any
 
-from daemon.commands import standing_in
+from daemon.commands import simulated_hand
 from daemon.commands.looking import describe_facet, describe_scene, one_part
-from daemon.commands.words import is_yes, plural
 from daemon.console.context import CommandContext
 from daemon.console.interpreter import (
     NOT_DONE,
     NOT_UNDERSTOOD,
     Answer,
-    Command,
     CommandError,
     Door,
+    command,
     no_more,
     number,
     one_of,
 )
+from daemon.console.phrases import is_yes, plural
 from daemon.pick.looking import Look
 from daemon.teaching.mesh import UNITS_MM, MeshError
 from daemon.teaching.sufficiency import VIEWPOINTS, Sufficiency
@@ -34,15 +34,27 @@ LABEL = re.compile(r"[a-z][a-z0-9_]{0,39}")
 MESH_USAGE = "teach LABEL --mesh FILE.stl|FILE.obj [mm|cm|m|inch]"
 
 
+def with_views(context: CommandContext) -> list[str]:
+    """Labels that were shown or drawn."""
+    return context.trainer.model_store.labels()
+
+
+@command("teach LABEL [--mesh FILE]", "change", most=None, choices=lambda context: context.parts)
 async def teach(context: CommandContext, words: list[str], door: Door) -> Answer:
-    """Look, show what was seen, ask whether it is right, keep the view, say what is still missing."""
+    """Look at a part and keep the view as that part.
+
+    Show the part alone. What is seen is drawn and you are asked whether it is right.
+    Then you are told which sides are still unseen and what it could be taken for.
+    With --mesh FILE.stl or FILE.obj [mm|cm|m|inch] the part is learnt from its drawing, without being
+    shown: every characteristic view of it, and its exact shape. The file is read where you sit.
+    """
     if "--mesh" in words:
         return await _teach_drawing(context, words, door)
     label = await _label(context, words, door)
     hand = context.hardware.hand
     if hand is None:
         return await _teach_what_is_shown(context, label, door)
-    await door.say(standing_in.show(context, label))
+    await door.say(simulated_hand.show(context, label))
     try:
         return await _teach_what_is_shown(context, label, door)
     finally:
@@ -95,9 +107,9 @@ async def _teach_drawing(context: CommandContext, words: list[str], door: Door) 
     return Answer(f"{text}\n`train` makes a candidate with it.", {"kept": True, "view": view.name, **data})
 
 
+@command("untaught")
 async def untaught(context: CommandContext, words: list[str], _: Door) -> Answer:
-    """What is named but not taught, and views no model was trained on yet."""
-    no_more(words, 0, "untaught")
+    """Parts not taught yet, views not trained yet."""
     missing, waiting = context.trainer.untaught(), context.trainer.waiting()
     lines = [f"Not taught: {', '.join(missing)}." if missing else "Every part of parts.yaml is taught."]
     if waiting:
@@ -105,10 +117,10 @@ async def untaught(context: CommandContext, words: list[str], _: Door) -> Answer
     return Answer("\n".join(lines), {"untaught": missing, "waiting": [view.name for view in waiting]})
 
 
+@command("views [LABEL]", most=1, choices=with_views)
 async def views(context: CommandContext, words: list[str], _: Door) -> Answer:
-    """The stored views of one part, or of all."""
-    no_more(words, 1, "views [LABEL]")
-    label = one_of(words, 0, context.trainer.model_store.labels(), "label with views", "views LABEL") if words else None
+    """The views that were taught."""
+    label = one_of(words, 0, context.trainer.model_store.labels(), "label with views", views.usage) if words else None
     found = context.trainer.model_store.views(label)
     rows = [
         f"{view.name:<24} {view.note.get('taught', '?'):<26} {_what_of(view.note)}, by {view.note.get('who', '?')}"
@@ -118,11 +130,10 @@ async def views(context: CommandContext, words: list[str], _: Door) -> Answer:
     return Answer("\n".join(rows) or "No view is stored: `teach LABEL`.", {"views": data})
 
 
+@command("forget LABEL [NUMBER]", "change", most=2, choices=with_views)
 async def forget(context: CommandContext, words: list[str], door: Door) -> Answer:
-    """Remove stored views; the model in use stays until a new one is trained and accepted."""
-    usage = "forget LABEL [NUMBER]"
-    label = one_of(words, 0, context.trainer.model_store.labels(), "label with views", usage)
-    no_more(words, 2, usage)
+    """Remove taught views."""
+    label = one_of(words, 0, context.trainer.model_store.labels(), "label with views", forget.usage)
     which = number(words[1], "NUMBER", 1, 9999) if len(words) > 1 else None
     what = f"view {label}/{which}" if which else f"all views of {label}"
     if door.asks and not is_yes(await door.ask(f"Remove {what} for good? [y/n]")):
@@ -134,9 +145,12 @@ async def forget(context: CommandContext, words: list[str], door: Door) -> Answe
     return Answer(text, {"removed": removed})
 
 
+@command("train", "change")
 async def train(context: CommandContext, words: list[str], door: Door) -> Answer:
-    """Make a candidate of all stored views and try it on them; the model in use goes on working meanwhile."""
-    no_more(words, 0, "train")
+    """Make a candidate model of all views.
+
+    The model in use is not touched, unless there was none.
+    """
     trained = await asyncio.to_thread(context.trainer.train)
     wrong = [v for v in trained.verdicts if not v.right]
     right = len(trained.verdicts) - len(wrong)
@@ -161,9 +175,9 @@ async def train(context: CommandContext, words: list[str], door: Door) -> Answer
     return Answer("\n".join(lines), data, NOT_DONE if wrong else 0)
 
 
+@command("accept", "change")
 async def accept(context: CommandContext, words: list[str], _: Door) -> Answer:
-    """Put the candidate into use."""
-    no_more(words, 0, "accept")
+    """Put the candidate model into use."""
     model_store = context.trainer.model_store
     if model_store.candidate is None and model_store.current is not None:
         raise CommandError(f"version {model_store.current} is in use and no other waits; `train` makes a candidate")
@@ -172,9 +186,9 @@ async def accept(context: CommandContext, words: list[str], _: Door) -> Answer:
     return Answer(f"Version {version} is in use; `rollback` goes back.", {"version": version})
 
 
+@command("rollback", "change")
 async def rollback(context: CommandContext, words: list[str], _: Door) -> Answer:
-    """Back to the model used before."""
-    no_more(words, 0, "rollback")
+    """Go back to the model used before."""
     version = await asyncio.to_thread(context.trainer.rollback)
     context.use_model("rollback", version)
     return Answer(f"Version {version} is in use again; the other one is the candidate.", {"version": version})
@@ -264,22 +278,4 @@ def _digest(context: CommandContext) -> str:
     return hashlib.sha256(context.config.calibration.read_bytes()).hexdigest()
 
 
-def _with_views(context: CommandContext) -> list[str]:
-    return context.trainer.model_store.labels()
-
-
-COMMANDS = (
-    Command("teach", "teach LABEL [--mesh FILE]", "look at a part and keep the view as that part", teach, "change",
-            "  Show the part alone. What is seen is drawn and you are asked whether it is right.\n"
-            "  Then you are told which sides are still unseen and what it could be taken for.\n"
-            "  With --mesh FILE.stl or FILE.obj [mm|cm|m|inch] the part is learnt from its drawing, without being\n"
-            "  shown: every characteristic view of it, and its exact shape. The file is read where you sit.",
-            choices=lambda context: context.parts),
-    Command("untaught", "untaught", "parts not taught yet, views not trained yet", untaught),
-    Command("views", "views [LABEL]", "the views that were taught", views, choices=_with_views),
-    Command("forget", "forget LABEL [NUMBER]", "remove taught views", forget, "change", choices=_with_views),
-    Command("train", "train", "make a candidate model of all views", train, "change",
-            "  The model in use is not touched, unless there was none."),
-    Command("accept", "accept", "put the candidate model into use", accept, "change"),
-    Command("rollback", "rollback", "go back to the model used before", rollback, "change"),
-)  # fmt: skip
+COMMANDS = (teach, untaught, views, forget, train, accept, rollback)

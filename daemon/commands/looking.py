@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from daemon.commands.words import cut_off, duration, millimetres, plural
+from daemon.commands.sketch import sketch
 from daemon.console.context import CommandContext
-from daemon.console.interpreter import Answer, Command, CommandError, Door, no_more
-from daemon.doors.sketch import sketch
+from daemon.console.interpreter import Answer, CommandError, Door, command
+from daemon.console.phrases import cut_off, duration, millimetres, plural
 from daemon.pick.looking import Look
 from daemon.vision.health.examine import findings_json, troubles
 from daemon.vision.report import scene_json
@@ -20,9 +20,9 @@ from daemon.vision.values import Facet, Part, Scene
 MARKS = "abcdefghijklmnopqrstuvwxyz"
 
 
+@command("status", at_once=True)
 async def status(context: CommandContext, words: list[str], _: Door) -> Answer:
-    """How things stand, in at most ten lines."""
-    no_more(words, 0, "status")
+    """How things stand, what is being done, what is wrong."""
     state = context.cycle.status()
     model = context.trainer.model
     model_store = context.trainer.model_store
@@ -74,37 +74,37 @@ def _doing(context: CommandContext, state: dict[str, Any]) -> str:
     return text
 
 
+@command("look")
 async def look(context: CommandContext, words: list[str], _: Door) -> Answer:
-    """One look from where the arm stands."""
-    no_more(words, 0, "look")
+    """One look from where the arm stands; nothing moves."""
     seen = await context.cycle.look("look")
     lines = [describe_scene(seen.scene), _timing(seen), *troubles(seen.health)]
     return Answer("\n".join(lines), look_json(seen))
 
 
+@command("try")
 async def try_now(context: CommandContext, words: list[str], _: Door) -> Answer:
-    """Recognise now, with the candidate where there is one, and say why."""
-    no_more(words, 0, "try")
+    """Recognise now, with the candidate model if there is one, with reasons."""
     candidate = context.trainer.candidate()
-    sight = candidate or context.trainer.in_use
+    recogniser = candidate or context.trainer.in_use
     seen = await context.cycle.look("try")
-    pictures = seen.pictures
-    scene = await asyncio.to_thread(sight.see, pictures.left.pixels, pictures.right.pixels, context.table_in(seen))
+    left, right = seen.pictures.left.pixels, seen.pictures.right.pixels
+    scene = await asyncio.to_thread(recogniser.see, left, right, context.table_in(seen))
     which = f"candidate {context.trainer.model_store.candidate}" if candidate else "the model in use"
     lines = [f"With {which}:"]
     for mark, part in zip(MARKS, scene.parts, strict=False):
-        said = part.recognition
+        found = part.recognition
         lines.append(f"{mark} {describe_part(part)}")
-        lines.append(f"    because: {said.reason}")
-        lines.append(f"    runner-up {said.runner_up or 'none'}, activation {said.activation:.3f}")
+        lines.append(f"    because: {found.reason}")
+        lines.append(f"    runner-up {found.runner_up or 'none'}, activation {found.activation:.3f}")
     if not scene.parts:
         lines.append("no part is seen" + "".join(f"; {note}" for note in scene.notes))
     return Answer("\n".join(lines), {"with": which, **scene_json(scene)}, 0 if scene.parts else 1)
 
 
+@command("where")
 async def where(context: CommandContext, words: list[str], _: Door) -> Answer:
-    """Ask the controller."""
-    no_more(words, 0, "where")
+    """Ask the controller where the arm is."""
     reading = await context.cycle.where()
     x, y, z = reading.world_from_tool[:3, 3]
     a = reading.world_from_tool[:3, 2]
@@ -119,9 +119,9 @@ async def where(context: CommandContext, words: list[str], _: Door) -> Answer:
     )
 
 
+@command("parts")
 async def parts(context: CommandContext, words: list[str], _: Door) -> Answer:
-    """Every part that means something here, and how well it is known."""
-    no_more(words, 0, "parts")
+    """The parts that have a name here, and how well each is known."""
     views = context.trainer.model_store.views()
     rows, data = [], {}
     for label in context.parts:
@@ -140,20 +140,20 @@ def describe_scene(scene: Scene) -> str:
     outlines = [(facet.left_px, mark) for mark, part in zip(MARKS, scene.parts, strict=False) for facet in part.facets]
     lines = [sketch(outlines)] if outlines else ["No part is seen."]
     lines += [f"{mark} {describe_part(part)}" for mark, part in zip(MARKS, scene.parts, strict=False)]
-    said = {part.recognition.reason for part in scene.parts}
-    lines += [f"  note: {note}" for note in scene.notes if not any(reason in note for reason in said)]
+    reasons = {part.recognition.reason for part in scene.parts}
+    lines += [f"  note: {note}" for note in scene.notes if not any(reason in note for reason in reasons)]
     return "\n".join(lines)
 
 
 def describe_part(part: Part) -> str:
     """One part in words: name, sureness, where, its facets."""
-    said = part.recognition
+    found = part.recognition
     x, y, z = part.cyclopean_from_part[:3, 3]
     beside, above = "right" if x > 0 else "left", "below" if y > 0 else "above"
     at = f"at {z:.0f} mm, {abs(x):.0f} mm {beside}, {abs(y):.0f} mm {above}"
-    name = f"{said.label} ({100 * said.confidence:.1f} %)"
-    if said.label == "unknown":
-        name = "unknown" + (f", perhaps {' or '.join(said.candidates)}" if said.candidates else "")
+    name = f"{found.label} ({100 * found.confidence:.1f} %)"
+    if found.label == "unknown":
+        name = "unknown" + (f", perhaps {' or '.join(found.candidates)}" if found.candidates else "")
     return f"{name} {at}: {', '.join(describe_facet(facet) for facet in part.facets)}"
 
 
@@ -191,10 +191,4 @@ def _timing(seen: Look) -> str:
     )
 
 
-COMMANDS = (
-    Command("status", "status", "how things stand, what is being done, what is wrong", status, at_once=True),
-    Command("look", "look", "one look from where the arm stands; nothing moves", look),
-    Command("try", "try", "recognise now, with the candidate model if there is one, with reasons", try_now),
-    Command("where", "where", "ask the controller where the arm is", where),
-    Command("parts", "parts", "the parts that have a name here, and how well each is known", parts),
-)
+COMMANDS = (status, look, try_now, where, parts)

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from daemon.cell.arm_on_link import moves_the_arm
-from daemon.console.context import CommandContext
+from daemon.console.context import ANSWERABLE, CommandContext
 from daemon.console.interpreter import Answer, CommandError, Door
 
 ENDS, RUBOUTS, CANCEL = b"\r\n", b"\x08\x7f", b"\x15"
@@ -25,7 +25,7 @@ async def monitor(context: CommandContext, door: Door) -> Answer:
     await door.say(GREETING)
     try:
         return await context.cycle.supervisor.run("monitor", _monitored(context, door), moves=False)
-    except context.expected_errors as error:
+    except ANSWERABLE as error:
         fault = context.cycle.status()["fault"]
         raise CommandError(f"the controller's terminal has ended: {fault or error}") from error
 
@@ -42,7 +42,7 @@ class Typist:
     """Follows what is typed, line by line: records each line, and keeps back the end of one that may not be sent."""
 
     def __init__(self, context: CommandContext, door: Door) -> None:
-        self._desk, self._door = context, door
+        self._context, self._door = context, door
         self._line = bytearray()
         self.lines = 0
 
@@ -65,7 +65,7 @@ class Typist:
     def _end_line(self, send: Callable[[bytes], None]) -> None:
         text = self._line.decode("latin-1").strip()
         self._line.clear()
-        if text and may_not_move(self._desk, text):
+        if text and may_not_move(self._context, text):
             send(SPOIL)
             self._door.show(b"\r\nfacetd: the arm may not move now (`enable`, `resume` first); not sent\r\n")
             self._record(f"not sent: {text}")
@@ -74,11 +74,11 @@ class Typist:
             self.lines += 1
             self._record(text)
         if any(word in text.upper() for word in HAND_WORDS):
-            self._desk.cycle.hand_full = None
+            self._context.cycle.hand_full = None
         send(b"\r")
 
     def _record(self, text: str) -> None:
-        self._desk.log.record("command", who=self._door.who, door=f"{self._door.name}, monitor", text=text)
+        self._context.log.record("command", who=self._door.who, door=f"{self._door.name}, monitor", text=text)
 
 
 def may_not_move(context: CommandContext, text: str) -> bool:

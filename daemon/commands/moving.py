@@ -6,20 +6,20 @@ import asyncio
 from collections.abc import Awaitable
 from typing import Any, TypeVar
 
-from daemon.commands.words import cut_off, is_no, is_yes, plural
 from daemon.console.context import CommandContext
 from daemon.console.interpreter import (
     DONE,
     NOT_DONE,
     NOT_UNDERSTOOD,
     Answer,
-    Command,
     CommandError,
     Door,
+    command,
     no_more,
     number,
     one_of,
 )
+from daemon.console.phrases import cut_off, is_no, is_yes, plural
 from daemon.pick.outcome import CycleEnd
 
 T = TypeVar("T")
@@ -29,9 +29,9 @@ AUTO_WORDS = ("on", "off", "wait", "resume")
 AUTO_USAGE = "auto on [N] [every S] | auto resume | auto off | auto wait"
 
 
+@command("enable", "move")
 async def enable(context: CommandContext, words: list[str], _: Door) -> Answer:
-    """Let the arm move from now on."""
-    no_more(words, 0, "enable")
+    """Let the arm move."""
     if context.hardware.kind == "recorded":
         raise CommandError("this cell is recorded: there is no arm to move")
     if context.calibration.tool_from_cyclopean is None:
@@ -41,22 +41,27 @@ async def enable(context: CommandContext, words: list[str], _: Door) -> Answer:
     return Answer("The arm may move." + (f" First the fault must go: {fault}; say `resume`." if fault else ""))
 
 
+@command("disable", "move", at_once=True)
 async def disable(context: CommandContext, words: list[str], _: Door) -> Answer:
     """Do not let the arm move; stop it where it does."""
-    no_more(words, 0, "disable")
     await context.cycle.supervisor.disable()
     return Answer("The arm does not move until `enable`.")
 
 
+@command("stop", "move", most=None, at_once=True)
 async def stop(context: CommandContext, _: list[str], door: Door) -> Answer:
-    """Stop the arm. Whatever else is on the line does not matter."""
+    """Stop the arm now; nothing moves until `resume`."""
     await context.cycle.supervisor.stop(f"by {door.who}")
     return Answer("Stopped. Nothing moves until `resume`.")
 
 
+@command("resume", "move", at_once=True)
 async def resume(context: CommandContext, words: list[str], door: Door) -> Answer:
-    """Go on after a pause; clear a fault. Where it is not known what is in the gripper, it is asked."""
-    no_more(words, 0, "resume")
+    """Go on after `pause`; clear a fault.
+
+    After a fault nothing goes on by itself: say `pick`, `auto on` or `auto resume`. Where an auto was cut
+    off, and at a door that can ask, it is asked whether to take it up now.
+    """
     before = context.cycle.status()
     context.cycle.supervisor.resume()
     if before["fault"] is None:
@@ -89,30 +94,36 @@ async def _agreed(door: Door, question: str) -> bool:
     return door.asks and is_yes(await door.ask(f"{question} [y/n]"))
 
 
+@command("pause", "move", at_once=True)
 async def pause(context: CommandContext, words: list[str], _: Door) -> Answer:
     """Hold before the next move."""
-    no_more(words, 0, "pause")
     context.cycle.supervisor.pause()
     return Answer("Holding before the next move; `resume` goes on.")
 
 
+@command("abort", "move", at_once=True)
 async def abort(context: CommandContext, words: list[str], _: Door) -> Answer:
-    """Stop the arm and give up the part; no fault is left."""
-    no_more(words, 0, "abort")
+    """Stop the arm, give the part up; leaves no fault."""
     await context.cycle.supervisor.abort()
     return Answer("Stopped; the part is given up.")
 
 
+@command("pick [LABEL]", "move", most=1, choices=lambda context: context.trainer.model.labels)
 async def pick(context: CommandContext, words: list[str], door: Door) -> Answer:
-    """Pick one part, the named one or the one that is surest."""
-    no_more(words, 1, "pick [LABEL]")
-    label = one_of(words, 0, context.trainer.model.labels, "taught part", "pick LABEL") if words else None
+    """Take one part and put it into the bin."""
+    label = one_of(words, 0, context.trainer.model.labels, "taught part", pick.usage) if words else None
     end = await with_questions(context, context.cycle.pick(label), door)
     return Answer(describe_end(end), end_json(end), DONE if end.outcome in ("picked", "dry", "placed") else NOT_DONE)
 
 
+@command(AUTO_USAGE, "move", most=None, at_once=frozenset({"off"}), choices=lambda _: AUTO_WORDS)
 async def auto(context: CommandContext, words: list[str], door: Door) -> Answer:
-    """A mode: pick one after the other until the table is empty or N are picked. Goes on when the operator leaves."""
+    """Pick until the table is empty, or N parts.
+
+    auto on returns at once; auto wait waits for its end and tells what was picked.
+    With `every S` an empty table is looked at again after S seconds instead of ending.
+    auto resume picks what is left of an auto that a stop, a fault or a restart cut off.
+    """
     word = one_of(words, 0, AUTO_WORDS, "word", AUTO_USAGE)
     if word in ("on", "resume"):
         count, every_s = _auto_words(words[1:]) if word == "on" else _cut_off(context, words)
@@ -134,27 +145,27 @@ async def auto(context: CommandContext, words: list[str], door: Door) -> Answer:
     return Answer("\n".join(lines), {"picked": picked, "ends": [end_json(e) for e in ends]}, DONE if done else NOT_DONE)
 
 
+@command("go PLACE", "move", most=1, choices=lambda context: context.cycle.places())
 async def go(context: CommandContext, words: list[str], door: Door) -> Answer:
-    """To a named place."""
-    place = one_of(words, 0, context.cycle.places(), "place", "go PLACE")
-    no_more(words, 1, "go PLACE")
+    """Move to home, bin or a survey place."""
+    place = one_of(words, 0, context.cycle.places(), "place", go.usage)
     await with_questions(context, context.cycle.go(place), door)
     dry = context.cycle.status()["dry"]
     return Answer(f"Planned to {place}, and not sent: `dry` is on." if dry else f"At {place}.")
 
 
+@command("hand open|close", "move", most=1, choices=lambda _: ("open", "close"))
 async def hand(context: CommandContext, words: list[str], _: Door) -> Answer:
     """Open or close the gripper."""
-    word = one_of(words, 0, ("open", "close"), "word", "hand open|close")
-    no_more(words, 1, "hand open|close")
+    word = one_of(words, 0, ("open", "close"), "word", hand.usage)
     await context.cycle.hand(word == "close")
     return Answer("The gripper is open." if word == "open" else "The gripper is closed.")
 
 
+@command("holding yes|no", "move", most=1, choices=lambda _: ("yes", "no"))
 async def holding(context: CommandContext, words: list[str], _: Door) -> Answer:
-    """The operator's word for what is in the gripper."""
-    word = one_of(words, 0, ("yes", "no"), "word", "holding yes|no")
-    no_more(words, 1, "holding yes|no")
+    """Say whether a part is in the gripper."""
+    word = one_of(words, 0, ("yes", "no"), "word", holding.usage)
     return Answer(_take_word(context, word == "yes"))
 
 
@@ -165,28 +176,30 @@ def _take_word(context: CommandContext, held: bool) -> str:
     return "The next pick first puts it into the bin." if held else "The gripper is taken as empty."
 
 
+@command("step on|off", "move", most=1, at_once=True, choices=lambda _: ("on", "off"))
 async def step(context: CommandContext, words: list[str], _: Door) -> Answer:
-    """One confirmed move at a time, or not."""
-    on = _on_or_off(words, "step on|off")
+    """Show each move and wait for a yes before it is sent."""
+    on = _on_or_off(words, step.usage)
     context.cycle.supervisor.step(on)
     return Answer("Every move is shown and waits for `confirm` or `refuse`." if on else "Moves no longer wait.")
 
 
+@command("confirm", "move", at_once=True)
 async def confirm(context: CommandContext, words: list[str], _: Door) -> Answer:
     """Yes to the move that waits."""
-    no_more(words, 0, "confirm")
     return _decide(context, True)
 
 
+@command("refuse", "move", at_once=True)
 async def refuse(context: CommandContext, words: list[str], _: Door) -> Answer:
     """No to the move that waits."""
-    no_more(words, 0, "refuse")
     return _decide(context, False)
 
 
+@command("dry on|off", "move", most=1, choices=lambda _: ("on", "off"))
 async def dry(context: CommandContext, words: list[str], _: Door) -> Answer:
-    """Everything but the bytes, or not."""
-    on = _on_or_off(words, "dry on|off")
+    """Plan, guard and log moves, but do not send them."""
+    on = _on_or_off(words, dry.usage)
     context.cycle.supervisor.dry(on)
     return Answer("Moves are planned, guarded and logged, but not sent." if on else "Moves are sent again.")
 
@@ -194,22 +207,28 @@ async def dry(context: CommandContext, words: list[str], _: Door) -> Answer:
 async def with_questions(context: CommandContext, work: Awaitable[T], door: Door) -> T:
     """Wait for a motion's end; in step mode show each move at this door and ask."""
     task = asyncio.ensure_future(work)
-    shown: Any = None
     told: Any = None
-    while not task.done():
-        await asyncio.wait([task], timeout=POLL_S)
-        state = context.cycle.status()
-        if state["predicted_mm"] is not None and (state["cycle"], state["stop"]) != told:
-            told = state["cycle"], state["stop"]
-            await door.say(_progress(state))
-        pending = state["pending"]
-        if pending is not None and pending != shown and door.asks:
-            answer = await door.ask(f"{pending}. Send it? [y/n]")
-            if context.cycle.status()["pending"] == pending:
-                _decide(context, is_yes(answer))
-            pending = None
-        shown = pending
-    return await task
+    with context.notices.answered(door):
+        while not task.done():
+            await asyncio.wait([task], timeout=POLL_S)
+            state = context.cycle.status()
+            if state["predicted_mm"] is not None and (state["cycle"], state["stop"]) != told:
+                told = state["cycle"], state["stop"]
+                await door.say(_progress(state))
+            if state["pending"] is not None and door.asks:
+                await _ask_to_send(context, str(state["pending"]), task, door)
+        return await task
+
+
+async def _ask_to_send(context: CommandContext, pending: str, work: asyncio.Future[Any], door: Door) -> None:
+    """Ask whether to send the move that waits, for as long as it waits: others may decide, or stop the arm."""
+    asking = asyncio.ensure_future(door.ask(f"{pending}. Send it? [y/n]"))
+    while not (asking.done() or work.done()) and context.cycle.status()["pending"] == pending:
+        await asyncio.wait([asking, work], timeout=POLL_S, return_when=asyncio.FIRST_COMPLETED)
+    if asking.done() and context.cycle.status()["pending"] == pending:
+        _decide(context, is_yes(asking.result()))
+    asking.cancel()
+    await asyncio.wait([asking])
 
 
 def _progress(state: dict[str, Any]) -> str:
@@ -224,6 +243,12 @@ def describe_end(end: CycleEnd) -> str:
     if end.predicted_mm is not None and end.predicted_deg is not None:
         text += f", predicted error {end.predicted_mm:.2f} mm {end.predicted_deg:.2f} degrees"
     return text + (f" ({end.why})" if end.outcome != "picked" and end.why else "")
+
+
+def tell_end(context: CommandContext, end: CycleEnd) -> None:
+    """Tell a pick's end to whoever is not waiting for it. An empty table is no news, a fault was told."""
+    if end.outcome not in ("empty", "fault"):
+        context.notices.tell(describe_end(end), outcome=True)
 
 
 def end_json(end: CycleEnd) -> dict[str, Any]:
@@ -275,39 +300,9 @@ def _decide(context: CommandContext, yes: bool) -> Answer:
 
 
 def _on_or_off(words: list[str], usage: str) -> bool:
-    no_more(words, 1, usage)
     if words and words[0] not in ("on", "off"):
         raise CommandError(f"{words[0]}: expected on or off; usage: {usage}", NOT_UNDERSTOOD)
     return not words or words[0] == "on"
 
 
-def _labels(context: CommandContext) -> tuple[str, ...]:
-    return context.trainer.model.labels
-
-
-COMMANDS = (
-    Command("enable", "enable", "let the arm move", enable, "move"),
-    Command("disable", "disable", "do not let it; stops it where it moves", disable, "move", at_once=True),
-    Command("pick", "pick [LABEL]", "take one part and put it into the bin", pick, "move", choices=_labels),
-    Command("auto", AUTO_USAGE, "pick until the table is empty, or N parts", auto, "move",
-            "  auto on returns at once; auto wait waits for its end and tells what was picked.\n"
-            "  With `every S` an empty table is looked at again after S seconds instead of ending.\n"
-            "  auto resume picks what is left of an auto that a stop, a fault or a restart cut off.",
-            at_once=frozenset({"off"}), choices=lambda _: AUTO_WORDS),
-    Command("stop", "stop", "stop the arm now; nothing moves until `resume`", stop, "move", at_once=True),
-    Command("pause", "pause", "hold before the next move", pause, "move", at_once=True),
-    Command("resume", "resume", "go on after `pause`; clear a fault", resume, "move",
-            "  After a fault nothing goes on by itself: say `pick`, `auto on` or `auto resume`. Where an auto was cut\n"
-            "  off, and at a door that can ask, it is asked whether to take it up now.", at_once=True),
-    Command("abort", "abort", "stop the arm, give the part up; leaves no fault", abort, "move", at_once=True),
-    Command("step", "step on|off", "show each move and wait for a yes before it is sent", step, "move", at_once=True,
-            choices=lambda _: ("on", "off")),
-    Command("confirm", "confirm", "yes to the move that waits", confirm, "move", at_once=True),
-    Command("refuse", "refuse", "no to the move that waits", refuse, "move", at_once=True),
-    Command("dry", "dry on|off", "plan, guard and log moves, but do not send them", dry, "move",
-            choices=lambda _: ("on", "off")),
-    Command("go", "go PLACE", "move to home, bin or a survey place", go, "move", choices=lambda d: d.cycle.places()),
-    Command("hand", "hand open|close", "open or close the gripper", hand, "move", choices=lambda _: ("open", "close")),
-    Command("holding", "holding yes|no", "say whether a part is in the gripper", holding, "move",
-            choices=lambda _: ("yes", "no")),
-)  # fmt: skip
+COMMANDS = (enable, disable, pick, auto, stop, pause, resume, abort, step, confirm, refuse, dry, go, hand, holding)

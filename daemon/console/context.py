@@ -12,71 +12,25 @@ from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Protocol
 
-from daemon.arm.mover import MoveRefusedError, NotThereError, OutOfReachError
-from daemon.arm.settling import NotSettledError
-from daemon.arm.supervisor import OperatorRefusedError, RefusedError
+from daemon.arm.workcell import Log
 from daemon.calibration.file import Calibration
 from daemon.cell.build import EXPECTED_ERRORS, Hardware
-from daemon.config import Config, ConfigError
+from daemon.config import Config
+from daemon.console.notices import Notices
+from daemon.console.phrases import plural
+from daemon.errors import FacetdError
 from daemon.pick.cycle import Cycle
 from daemon.pick.looking import Look
 from daemon.pick.outcome import CycleEnd
-from daemon.pick.world import SuspectError
-from daemon.store.model import ModelError
-from daemon.store.model_store import ModelStoreError
 from daemon.store.runlog import RunLog
-from daemon.store.runs import RunError, new_folder
-from daemon.teaching.mesh import MeshError
+from daemon.store.runs import new_folder
 from daemon.teaching.trainer import Trainer
+from daemon.upkeep.watched import Troubles
 from daemon.vision.facets.table import Table
-from daemon.vision.image.grey import VisionError
-from daemon.vision.model.model import TeachError
 
-ANSWERABLE: tuple[type[Exception], ...] = (
-    *EXPECTED_ERRORS,
-    ConfigError,
-    MeshError,
-    ModelError,
-    MoveRefusedError,
-    NotSettledError,
-    NotThereError,
-    OperatorRefusedError,
-    OutOfReachError,
-    RefusedError,
-    RunError,
-    ModelStoreError,
-    SuspectError,
-    TeachError,
-    VisionError,
-)
-"""What the world can do to a command: an answer, not a crash."""
-
-
-class LogSink(Protocol):
-    """Where records go: the run log, and the journal for what matters to whoever watches the machine."""
-
-    def record(self, kind: str, /, **fields: object) -> None:
-        """Write one record."""
-
-
-@dataclass
-class Troubles:
-    """What is wrong now, by source, in one line each; on_change(source, text or None) is told of every change."""
-
-    on_change: Callable[[str, str | None], None] = lambda _, __: None
-    standing: dict[str, str] = field(default_factory=dict)
-
-    def tell(self, source: str, text: str | None) -> None:
-        """Say that something is wrong, or (None) that it no longer is."""
-        if self.standing.get(source) == text:
-            return
-        if text is None:
-            self.standing.pop(source, None)
-        else:
-            self.standing[source] = text
-        self.on_change(source, text)
+ANSWERABLE: tuple[type[Exception], ...] = (FacetdError, *EXPECTED_ERRORS)
+"""What the world can do to a command: an answer, not a crash. Drivers have error roots of their own."""
 
 
 @dataclass
@@ -89,11 +43,11 @@ class CommandContext:
     cycle: Cycle
     trainer: Trainer
     run_log: RunLog
-    log: LogSink
+    log: Log
     troubles: Troubles
     reload: Callable[[], Awaitable[str]]
+    notices: Notices = field(default_factory=Notices)
     started_s: float = field(default_factory=time.monotonic)
-    expected_errors: tuple[type[Exception], ...] = ANSWERABLE
     roll_due: bool = False
     """The run's folder is large: the log goes on in a new one as soon as no pick is under way."""
     _auto: asyncio.Task[list[CycleEnd]] | None = None
@@ -113,11 +67,16 @@ class CommandContext:
     async def begin_auto(self, count: int | None, every_s: float | None = None) -> None:
         """Pick in the background. Raises RefusedError where that may not begin."""
         self._auto = asyncio.create_task(self.cycle.auto(count, every_s), name="auto")
-        self._auto.add_done_callback(lambda task: task.cancelled() or task.exception())
+        self._auto.add_done_callback(self._auto_ended)
         await asyncio.sleep(0)
         if self._auto.done():
             refused, self._auto = self._auto, None
             refused.result()
+
+    def _auto_ended(self, auto: asyncio.Task[list[CycleEnd]]) -> None:
+        if not auto.cancelled() and auto.exception() is None:
+            picked = sum(end.outcome == "picked" for end in auto.result())
+            self.notices.tell(f"Auto has ended: {plural(picked, 'part')} picked.", outcome=True)
 
     async def auto_ends(self) -> list[CycleEnd]:
         """Wait for the last auto to end; what became of each part. Empty where there was none."""

@@ -7,19 +7,20 @@ into one line. What each command does is in daemon/commands/; how text travels i
 from __future__ import annotations
 
 import difflib
+import inspect
 import shlex
+import textwrap
 import traceback
 from collections.abc import Awaitable, Callable, Iterable
 from dataclasses import dataclass, field
 from typing import Any, Literal, Protocol
 
-from daemon.console.context import CommandContext
+from daemon.console.context import ANSWERABLE, CommandContext
 from daemon.errors import FacetdError
 from daemon.upkeep import journal
 
 Grade = Literal["look", "move", "change"]
 DONE, NOT_DONE, NOT_UNDERSTOOD = 0, 1, 2
-LINE_WIDTH = 78
 
 
 class CommandError(FacetdError):
@@ -64,8 +65,17 @@ class Door(Protocol):
     def show(self, data: bytes) -> None:
         """Bytes onto the operator's terminal, as they are; only in terminal mode."""
 
+    def notice(self, text: str) -> None:
+        """Lines that nobody there asked for; returns at once."""
+
 
 Handler = Callable[[CommandContext, list[str], Door], Awaitable[Answer]]
+Choices = Callable[[CommandContext], Iterable[str]]
+
+
+def no_choices(_: CommandContext) -> Iterable[str]:
+    """Nothing to complete with."""
+    return ()
 
 
 @dataclass(frozen=True)
@@ -80,8 +90,30 @@ class Command:
     details: str = ""
     at_once: bool | frozenset[str] = False
     """Heard also while the same operator's last command is still being done; or only with one of these words."""
-    choices: Callable[[CommandContext], Iterable[str]] = lambda _: ()
+    choices: Choices = no_choices
     """What the first argument can be, for completion and for suggestions."""
+    most: int | None = None
+    """How many words may follow at most; None: the handler looks itself."""
+
+
+def command(
+    usage: str,
+    grade: Grade = "look",
+    most: int | None = 0,
+    at_once: bool | frozenset[str] = False,
+    choices: Choices = no_choices,
+) -> Callable[[Handler], Command]:
+    """Make a handler the command that its usage begins with. `help` shows the handler's docstring: its first line in
+    the list, the rest where help of that command is asked for.
+    """
+
+    def made(run: Handler) -> Command:
+        first, _, rest = (inspect.getdoc(run) or "").partition("\n")
+        summary = first[:1].lower() + first[1:].removesuffix(".")
+        details = textwrap.indent(rest.strip("\n"), "  ")
+        return Command(usage.split()[0], usage, summary, run, grade, details, at_once, choices, most)
+
+    return made
 
 
 class Console:
@@ -108,10 +140,12 @@ class Console:
             self._check_door(command, door)
             if command.grade != "look":
                 self.context.log.record("command", who=door.who, door=door.name, text=text.strip())
+            if command.most is not None:
+                no_more(words[1:], command.most, command.usage)
             return await command.run(self.context, words[1:], door)
         except CommandError as problem:
             return _trouble(problem)
-        except self.context.expected_errors as error:
+        except ANSWERABLE as error:
             return Answer(_one_line(error), {"error": _one_line(error), "why": type(error).__name__}, NOT_DONE)
         except Exception as error:
             journal.tell("trouble", traceback.format_exc(), journal.ERROR)
@@ -121,10 +155,15 @@ class Console:
     def at_once(self, text: str) -> bool:
         """Whether a line is for now, even while the last command is still being done."""
         words = text.split()
-        command = self.commands.get(words[0].lower()) if words else None
+        command = self._meant(words)
         if command is None or isinstance(command.at_once, bool):
             return command is not None and command.at_once is True
         return len(words) > 1 and words[1] in command.at_once
+
+    def is_stop(self, text: str) -> bool:
+        """Whether a line, whatever it is typed for, is to stop the arm."""
+        command = self._meant(text.split())
+        return command is not None and command.name == "stop"
 
     def complete(self, typed: str) -> list[str]:
         """Every line that the one typed so far may become."""
@@ -135,6 +174,17 @@ class Console:
             choices = self.commands[words[0]].choices(self.context)
             return [f"{words[0]} {choice}" for choice in sorted(choices) if choice.startswith(words[1])]
         return []
+
+    def moves(self, text: str) -> bool:
+        """Whether a line is about moving the arm."""
+        command = self._meant(text.split())
+        return command is not None and command.grade == "move"
+
+    def _meant(self, words: list[str]) -> Command | None:
+        try:
+            return self._find(words[0]) if words else None
+        except CommandError:
+            return None
 
     def _find(self, word: str) -> Command:
         """The command of that name, or the only one that begins so (stop is never guessed away)."""

@@ -10,7 +10,7 @@ import contextlib
 import json
 import shlex
 import socket
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -34,8 +34,8 @@ class DaemonLink:
     def __init__(self, path: Path | None = None) -> None:
         """Connect to the socket at path, or to the first of the usual ones. Raises NotThereError."""
         self._paths = [path] if path is not None else socket_candidates()
-        self._socket = _connect(self._paths)
-        self._file = self._socket.makefile("rwb")
+        self.socket = _connect(self._paths)
+        self._file = self.socket.makefile("rwb")
         self._keyboard: Keyboard | None = None
         self._stops = 0
         """Control-C that the daemon has not yet answered."""
@@ -44,13 +44,13 @@ class DaemonLink:
         """Hang up."""
         with contextlib.suppress(OSError):
             self._file.close()
-        self._socket.close()
+        self.socket.close()
 
     def connect_again(self) -> None:
         """To the daemon that runs now, after the one before went away. Raises NotThereError."""
         self.close()
-        self._socket = _connect(self._paths)
-        self._file = self._socket.makefile("rwb")
+        self.socket = _connect(self._paths)
+        self._file = self.socket.makefile("rwb")
         self._stops = 0
 
     def __enter__(self) -> DaemonLink:
@@ -88,21 +88,14 @@ class DaemonLink:
                 self._stops = max(0, self._stops - ("stopped" in message))
                 self._at_terminal(message)
                 if "ask" in message and ask is not None:
-                    self._send({"answer": ask(message["ask"])})
+                    self._send({"answer": ask(message["ask"]), "id": message.get("id")})
                 if "fetch" in message:
-                    self._send_file(str(message["fetch"]), text)
+                    for piece in file_in_pieces(str(message["fetch"]), [text]):
+                        self._send(piece)
             except KeyboardInterrupt:
                 self._stop()
                 messages = self._messages()
         return done
-
-    def complete(self, typed: str) -> list[str]:
-        """Every line that the typed one may become."""
-        self._send({"complete": typed})
-        for message in self._messages():
-            if "options" in message:
-                return [str(option) for option in message["options"]]
-        return []
 
     def interrupt(self) -> str:
         """What control-C does: stop the arm; gives what the daemon says."""
@@ -129,19 +122,6 @@ class DaemonLink:
             self._keyboard.close()
         self._keyboard = None
 
-    def _send_file(self, path: str, asked: str) -> None:
-        """Send a file that the command itself names, and no other."""
-        try:
-            if path not in shlex.split(asked, comments=True):
-                raise OSError(0, "not sent: the command does not name it")
-            content = Path(path).expanduser().read_bytes()
-        except OSError as error:
-            self._send({"no_file": f"{path}: {error.strerror}"})
-            return
-        for start in range(0, max(len(content), 1), PIECE):
-            piece = base64.b64encode(content[start : start + PIECE]).decode()
-            self._send({"file": piece, "more": start + PIECE < len(content)})
-
     def _send(self, message: dict[str, Any]) -> None:
         try:
             self._file.write(json.dumps(message).encode() + b"\n")
@@ -158,6 +138,27 @@ class DaemonLink:
             if not line:
                 return
             yield json.loads(line)
+
+
+def file_in_pieces(path: str, commands: Iterable[str]) -> Iterator[dict[str, Any]]:
+    """The answer to a fetch: a file that one of these commands itself names, and no other."""
+    try:
+        if not any(path in _words(text) for text in commands):
+            raise OSError(0, "not sent: the command does not name it")
+        content = Path(path).expanduser().read_bytes()
+    except OSError as error:
+        yield {"no_file": f"{path}: {error.strerror}"}
+        return
+    for start in range(0, max(len(content), 1), PIECE):
+        piece = base64.b64encode(content[start : start + PIECE]).decode()
+        yield {"file": piece, "more": start + PIECE < len(content)}
+
+
+def _words(text: str) -> list[str]:
+    try:
+        return shlex.split(text, comments=True)
+    except ValueError:
+        return []
 
 
 def _connect(paths: list[Path]) -> socket.socket:

@@ -1,8 +1,11 @@
 """The operators' socket: JSON objects, one a line, both ways. What the words mean is the console's business.
 
-Operator to daemon: {"do": TEXT, "door": NAME, "asks": BOOL} {"answer": TEXT} {"interrupt": true} {"complete": TEXT}
-{"file": BASE64, "more": BOOL} or {"no_file": WHY}, the answer to a fetch; {"keys": TEXT} {"leave": true} at a terminal.
-Daemon to operator: {"say": TEXT} {"ask": QUESTION} {"fetch": PATH} {"done": {text, data, status}}
+Operator to daemon: {"do": TEXT, "door": NAME, "asks": BOOL, "id": ID, "waits": BOOL}: a command; where another is still
+being done it is refused, unless it waits. {"answer": TEXT, "id": ID} {"interrupt": true} {"complete": TEXT}
+{"notices": true}: tell me also what I do not ask for. {"file": BASE64, "more": BOOL} or {"no_file": WHY}, the answer to
+a fetch; {"keys": TEXT} {"leave": true} at a terminal.
+Daemon to operator: {"say": TEXT} {"ask": QUESTION, "id": ID} {"unasked": ID}: no answer is waited for any more.
+{"fetch": PATH} {"done": {text, data, status}, "id": ID} {"notice": TEXT}
 {"terminal": BOOL}, its beginning and end, {"show": TEXT} in between (one character a byte); {"options": [LINE, ...]};
 {"stopped": TEXT}, the answer to an interrupt.
 Who is speaking is what the kernel says of the other end, not what it says of itself.
@@ -19,17 +22,18 @@ import os
 import pwd
 import socket
 import struct
-from collections.abc import Awaitable, Callable
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Literal
 
 from daemon.console.interpreter import NOT_UNDERSTOOD, Answer, CommandError, Console
+from daemon.doors.turns import Interrupt, Turns
 from daemon.errors import FacetdError
 
 LONGEST_MESSAGE = 64 * 1024
 LONGEST_FILE = 8_000_000
-Interrupt = Callable[[str], Awaitable[str]]
-"""Called when somebody presses control-C, with who it was; stops the arm and says what happened."""
+MOST_UNREAD = 256 * 1024
+"""Bytes on their way to an operator beyond which notices are dropped: somebody there reads nothing."""
 
 
 class DoorError(FacetdError):
@@ -112,16 +116,13 @@ class _Operator:
     def __init__(
         self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, console: Console, interrupt: Interrupt
     ) -> None:
-        self._reader, self._writer, self._console, self._interrupt = reader, writer, console, interrupt
+        self._reader, self._writer, self._console = reader, writer, console
         self.name, self.asks, self.who = "socket", False, _who(writer.get_extra_info("socket"))
-        self._question: asyncio.Future[str] | None = None
+        self._turns = Turns(console, self, interrupt, self._show_question)
         self._file: asyncio.Future[bytes] | None = None
         self._pieces: list[bytes] = []
         self._typed: Callable[[bytes], None] | None = None
         self._left = asyncio.Event()
-        self._doing: asyncio.Task[None] | None = None
-        self._beside: set[asyncio.Task[None]] = set()
-        self._gone = False
 
     async def listen(self) -> None:
         """Serve the operator until they hang up."""
@@ -130,19 +131,17 @@ class _Operator:
                 message = json.loads(line)
                 if not isinstance(message, dict):
                     raise ValueError("not an object")
-                await self._hear(message)
+                self._hear(message)
             except ValueError as error:
                 await self._send({"done": _plain(Answer(f"not a message: {error}", {}, 2))})
-        if self._doing is not None:
-            self.leave()
-            await asyncio.wait([self._doing])
+        self.leave()
+        await self._turns.end()
 
     def leave(self) -> None:
         """The operator is gone: what they asked for goes on, questions to them are answered by nothing."""
-        self._gone = True
+        self._console.context.notices.leave(self)
+        self._turns.leave()
         self._left.set()
-        if self._question is not None and not self._question.done():
-            self._question.set_result("")
         if self._file is not None and not self._file.done():
             self._file.set_exception(CommandError("the operator went away"))
 
@@ -150,17 +149,18 @@ class _Operator:
         """Show some lines now."""
         await self._send({"say": text})
 
+    def notice(self, text: str) -> None:
+        """Show what nobody there asked for."""
+        if self._writer.transport.get_write_buffer_size() < MOST_UNREAD:
+            self._write({"notice": text})
+
     async def ask(self, question: str) -> str:
         """Put a question and wait for the answer."""
-        if self._gone:
-            return ""
-        self._question = asyncio.get_running_loop().create_future()
-        await self._send({"ask": question})
-        return await self._question
+        return await self._turns.ask(question)
 
     async def fetch(self, path: str) -> bytes:
         """A file at the operator's end. Raises CommandError."""
-        if self._gone:
+        if self._turns.gone:
             raise CommandError("the operator went away")
         self._file, self._pieces = asyncio.get_running_loop().create_future(), []
         await self._send({"fetch": path})
@@ -181,8 +181,7 @@ class _Operator:
 
     def show(self, data: bytes) -> None:
         """Bytes onto the operator's terminal."""
-        if not self._gone:
-            self._writer.write(json.dumps({"show": data.decode("latin-1")}).encode() + b"\n")
+        self._write({"show": data.decode("latin-1")})
 
     async def _next_line(self) -> bytes:
         try:
@@ -191,23 +190,14 @@ class _Operator:
             await self._send({"done": _plain(Answer("the message is too long", {}, 2))})
             return b""
 
-    async def _hear(self, message: dict[str, Any]) -> None:
+    def _hear(self, message: dict[str, Any]) -> None:
         if "do" in message:
-            text = str(message["do"])
-            busy = self._doing is not None and not self._doing.done()
-            if busy and not self._console.at_once(text):
-                raise ValueError("the last command is still being done")
-            self.name = str(message.get("door", "socket"))[:20]
-            self.asks = bool(message.get("asks", False))
-            task = asyncio.create_task(self._do(text))
-            if busy:
-                self._beside.add(task)
-                task.add_done_callback(self._beside.discard)
-            else:
-                self._doing = task
+            self._take(str(message["do"]), message)
         elif "answer" in message:
-            if self._question is not None and not self._question.done():
-                self._question.set_result(str(message["answer"]))
+            if message.get("id") in (None, self._turns.question):
+                text = str(message["answer"])
+                if not self._turns.answer(text) and self._console.is_stop(text):
+                    self._take(text, message)
         elif "file" in message or "no_file" in message:
             self._take_file(message)
         elif "keys" in message:
@@ -216,11 +206,25 @@ class _Operator:
         elif "leave" in message:
             self._left.set()
         elif "interrupt" in message:
-            await self._send({"stopped": await self._interrupt(f"{self.who}, {self.name}")})
+            self._turns.beside(self._stop())
         elif "complete" in message:
-            await self._send({"options": self._console.complete(str(message["complete"]))})
+            self._write({"options": self._console.complete(str(message["complete"]))})
+        elif "notices" in message:
+            self._console.context.notices.listen(self)
         else:
-            raise ValueError("it holds neither do, answer, file, keys, leave, interrupt nor complete")
+            raise ValueError("it holds neither do, answer, file, keys, leave, interrupt, complete nor notices")
+
+    def _take(self, text: str, message: dict[str, Any]) -> None:
+        if self._turns.busy and not message.get("waits") and not self._console.at_once(text):
+            raise ValueError("the last command is still being done")
+        self.name = str(message.get("door", self.name))[:20]
+        self.asks = bool(message.get("asks", self.asks))
+        number = {"id": message["id"]} if "id" in message else {}
+
+        async def answered(answer: Answer) -> None:
+            await self._send({"done": _plain(answer), **number})
+
+        self._turns.take(text, answered)
 
     def _take_file(self, message: dict[str, Any]) -> None:
         """One piece of a file that was asked for, or why there is none."""
@@ -235,15 +239,20 @@ class _Operator:
         elif not message.get("more"):
             self._file.set_result(b"".join(self._pieces))
 
-    async def _do(self, text: str) -> None:
-        answer = await self._console.interpret(text, self)
-        await self._send({"done": _plain(answer)})
+    async def _stop(self) -> None:
+        await self._send({"stopped": await self._turns.stop(f"{self.who}, {self.name}")})
+
+    def _show_question(self, question: str | None) -> None:
+        number = self._turns.question
+        self._write({"unasked": number} if question is None else {"ask": question, "id": number})
+
+    def _write(self, message: dict[str, Any]) -> None:
+        if not self._turns.gone:
+            self._writer.write(json.dumps(message, default=str).encode() + b"\n")
 
     async def _send(self, message: dict[str, Any]) -> None:
-        if self._gone:
-            return
         with contextlib.suppress(ConnectionError):
-            self._writer.write(json.dumps(message, default=str).encode() + b"\n")
+            self._write(message)
             await self._writer.drain()
 
 

@@ -9,23 +9,24 @@ import asyncio
 import contextlib
 import os
 from collections import deque
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import serial
 
 from daemon.config import Terminal
-from daemon.console.interpreter import NOT_UNDERSTOOD, CommandError, Console
+from daemon.console.interpreter import NOT_UNDERSTOOD, Answer, CommandError, Console
 from daemon.doors.lineedit import Key, LineEditor, to_terminal
-from daemon.doors.socket import Interrupt
+from daemon.doors.turns import Interrupt, Turns
 
-PROMPT = "facetd> "
+PROMPT, ASKED = "facetd> ", "? "
 BUSY = ""
 """No prompt while a command is being done; what is typed ahead is shown."""
 GREETING = "facetd console. `help` lists the commands; control-C stops the arm."
 LEAVE, STOP = b"\x1d", b"\x03"
 """Control-] and control-C: what terminal mode does not pass on."""
+KILL_LINE = b"\x15"
 RETRY_S = 5.0
 QUEUE_LIMIT = 256 * 1024
 
@@ -42,17 +43,14 @@ class SerialConsole:
         """trouble: told in one line when the port cannot be had, None when it can."""
         self.who = f"operator at {settings.device}"
         self.may: Literal["look", "all"] = settings.may
-        self._settings, self._console, self._interrupt, self._trouble = settings, console, interrupt, trouble
+        self._settings, self._trouble, self._notices = settings, trouble, console.context.notices
+        self._turns = Turns(console, self, interrupt, self._show_question)
         self._editor = LineEditor(PROMPT, console.complete)
         self._port: serial.Serial | None = None
         self._out: deque[bytes] = deque()
-        self._lines: asyncio.Queue[str] = asyncio.Queue()
         self._lost = asyncio.Event()
-        self._question: asyncio.Future[str] | None = None
         self._keys: Callable[[bytes], None] | None = None
         self._left = asyncio.Event()
-        self._busy = False
-        self._tasks: set[asyncio.Task[None]] = set()
 
     async def run(self) -> None:
         """Serve the terminal until cancelled."""
@@ -61,7 +59,8 @@ class SerialConsole:
                 if self._open():
                     self._trouble(None)
                     self._write(to_terminal(GREETING) + self._editor.show_prompt())
-                    await self._serve()
+                    self._notices.listen(self)
+                    await self._lost.wait()
                 await asyncio.sleep(RETRY_S)
         finally:
             self._close()
@@ -72,14 +71,7 @@ class SerialConsole:
 
     async def ask(self, question: str) -> str:
         """Put a question and wait for the line that answers it; empty after control-C or when the port is gone."""
-        self._question = asyncio.get_running_loop().create_future()
-        self._editor.prompt, self._editor.remember = "? ", False
-        self.notice(question)
-        try:
-            return await self._question
-        finally:
-            self._question = None
-            self._editor.prompt, self._editor.remember = BUSY, True
+        return await self._turns.ask(question)
 
     async def fetch(self, path: str) -> bytes:
         """A file on this machine: behind a serial terminal there is no other."""
@@ -115,6 +107,7 @@ class SerialConsole:
             return False
         os.set_blocking(self._port.fileno(), False)
         self._lost.clear()
+        self._turns.gone = False
         asyncio.get_running_loop().add_reader(self._port.fileno(), self._readable)
         return True
 
@@ -127,31 +120,10 @@ class SerialConsole:
                 self._port.close()
         self._port = None
         self._out.clear()
+        self._notices.leave(self)
+        self._turns.leave()
         self._lost.set()
         self._left.set()
-        if self._question is not None and not self._question.done():
-            self._question.set_result("")
-
-    async def _serve(self) -> None:
-        gone = asyncio.create_task(self._lost.wait())
-        try:
-            while not self._lost.is_set():
-                line = asyncio.create_task(self._lines.get())
-                await asyncio.wait([line, gone], return_when=asyncio.FIRST_COMPLETED)
-                if line.done():
-                    await self._do(line.result())
-                else:
-                    line.cancel()
-        finally:
-            gone.cancel()
-
-    async def _do(self, text: str) -> None:
-        self._busy, self._editor.prompt = True, BUSY
-        try:
-            answer = await self._console.interpret(text, self)
-        finally:
-            self._busy, self._editor.prompt = False, PROMPT
-        self.notice(answer.text)
 
     def _readable(self) -> None:
         assert self._port is not None
@@ -177,7 +149,7 @@ class SerialConsole:
         """Keys in terminal mode: only control-] and control-C are ours."""
         keys, leave, _ = data.partition(LEAVE)
         if STOP in keys:
-            self._beside(self._stop())
+            self._turns.beside(self._stop())
         elif self._keys is not None and keys:
             self._keys(keys)
         if leave:
@@ -185,32 +157,28 @@ class SerialConsole:
 
     def _hear(self, event: str | Key) -> None:
         if event is Key.INTERRUPT:
-            self._beside(self._stop())
-        elif isinstance(event, str):
-            if self._question is not None and not self._question.done():
-                self._question.set_result(event)
-            elif self._busy and self._console.at_once(event):
-                self._beside(self._do_beside(event))
-            else:
-                self._lines.put_nowait(event)
+            self._turns.beside(self._stop())
+        elif isinstance(event, str) and not self._turns.answer(event):
+            self._turns.take(event, self._answered)
+            self._set_prompt()
 
-    def _beside(self, work: Coroutine[Any, Any, None]) -> None:
-        """Do something now, while a command may still be under way."""
-        task = asyncio.create_task(work)
-        self._tasks.add(task)
-        task.add_done_callback(self._tasks.discard)
-
-    async def _do_beside(self, text: str) -> None:
-        answer = await self._console.interpret(text, self)
+    async def _answered(self, answer: Answer) -> None:
+        self._set_prompt()
         self.notice(answer.text)
 
     async def _stop(self) -> None:
-        while not self._lines.empty():
-            self._lines.get_nowait()
-        text = await self._interrupt(f"{self.who}")
-        if self._question is not None and not self._question.done():
-            self._question.set_result("")
-        self.notice(text)
+        self.notice(await self._turns.stop(self.who))
+
+    def _show_question(self, question: str | None) -> None:
+        self._set_prompt()
+        if question is not None:
+            self._editor.feed(KILL_LINE)  # what was typed for something else is no answer
+            self.notice(question)
+
+    def _set_prompt(self) -> None:
+        asked = self._turns.asking
+        self._editor.prompt = ASKED if asked else BUSY if self._turns.busy else PROMPT
+        self._editor.remember = not asked
 
     def _write(self, data: bytes) -> None:
         if self._port is None or not data or sum(map(len, self._out)) > QUEUE_LIMIT:

@@ -177,8 +177,8 @@ def _tail(args: argparse.Namespace) -> int:
 
 def told(record: Record) -> str | None:
     """One line of a step for people, or None for what would only fill the screen."""
-    said = _words(record)
-    return None if said is None else f"{str(record.get('t'))[11:19]}  {record['kind']:<11} {said}"
+    text = _words(record)
+    return None if text is None else f"{str(record.get('t'))[11:19]}  {record['kind']:<11} {text}"
 
 
 def _words(record: Record) -> str | None:

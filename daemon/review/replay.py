@@ -176,8 +176,8 @@ def _moved(then: Json, now: Json) -> str | None:
 
 
 def _table(record: Record) -> Table | None:
-    said = record.get("table")
-    return None if not said else Table(np.array(said["up"], float), float(said["level_mm"]))
+    table = record.get("table")
+    return None if not table else Table(np.array(table["up"], float), float(table["level_mm"]))
 
 
 def _pictures(folder: Path, record: Record) -> tuple[NDArray[Any], NDArray[Any]] | None:

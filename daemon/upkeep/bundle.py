@@ -62,10 +62,10 @@ def _texts(config: Config) -> Iterator[tuple[str, bytes]]:
     yield "versions.json", json.dumps(about, indent=1).encode()
     for name, command in COMMANDS.items():
         if shutil.which(command[0]) is not None:
-            yield name, _said(command)
+            yield name, _output(command)
 
 
-def _said(command: list[str]) -> bytes:
+def _output(command: list[str]) -> bytes:
     try:
         done = subprocess.run(command, capture_output=True, timeout=10, check=False)
     except (OSError, subprocess.TimeoutExpired) as error:

@@ -195,13 +195,13 @@ def _unit(_: Config, __: bool) -> Iterator[Finding]:
         ["systemctl", "show", "facetd.service", "-p", "LoadState,ActiveState,UnitFileState,NRestarts"],
         capture_output=True, text=True, timeout=5, check=False,
     )  # fmt: skip
-    said = dict(line.split("=", 1) for line in asked.stdout.splitlines() if "=" in line)
-    if said.get("LoadState") != "loaded":
+    unit = dict(line.split("=", 1) for line in asked.stdout.splitlines() if "=" in line)
+    if unit.get("LoadState") != "loaded":
         yield Finding("note", "unit", "facetd.service is not installed", "deploy/install.sh install")
     else:
-        restarts = said.get("NRestarts", "0")
-        level: Level = "bad" if said.get("ActiveState") == "failed" or restarts not in ("", "0") else "good"
-        found = f"{said.get('ActiveState')}, {said.get('UnitFileState')}, restarted {restarts} times"
+        restarts = unit.get("NRestarts", "0")
+        level: Level = "bad" if unit.get("ActiveState") == "failed" or restarts not in ("", "0") else "good"
+        found = f"{unit.get('ActiveState')}, {unit.get('UnitFileState')}, restarted {restarts} times"
         yield Finding(level, "unit", found, "" if level == "good" else "journalctl -u facetd -b")
 
 

@@ -109,9 +109,9 @@ def notify(state: str) -> None:
 
 def watchdog_s() -> float | None:
     """How often WATCHDOG=1 is wanted (half of systemd's limit), or None where nobody watches."""
-    said = os.environ.get("WATCHDOG_USEC", "")
+    limit_us = os.environ.get("WATCHDOG_USEC", "")
     theirs = os.environ.get("WATCHDOG_PID", str(os.getpid()))
-    return int(said) / 2e6 if said.isdecimal() and theirs == str(os.getpid()) else None
+    return int(limit_us) / 2e6 if limit_us.isdecimal() and theirs == str(os.getpid()) else None
 
 
 class JournalledLog:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from daemon.config import ConfigError
-from daemon.console.context import CommandContext
+from daemon.upkeep.watched import Watched
 
 LOOPBACK = "127.0.0.1"
 
@@ -15,8 +15,8 @@ LOOPBACK = "127.0.0.1"
 class MetricsServer:
     """Answers scrapes on one port, in a thread of its own; reads values only."""
 
-    def __init__(self, context: CommandContext, port: int) -> None:
-        self._desk, self._port = context, port
+    def __init__(self, context: Watched, port: int) -> None:
+        self._context, self._port = context, port
         self._server: Any = None
 
     def open(self) -> None:
@@ -24,10 +24,10 @@ class MetricsServer:
         try:
             from prometheus_client import CollectorRegistry, start_http_server
         except ImportError:
-            where = self._desk.config.document
+            where = self._context.config.document
             raise where.error(("metrics", "port"), "needs the extra `metrics`: pip install 'facetd[metrics]'") from None
         registry = CollectorRegistry()
-        registry.register(_Collector(self._desk))
+        registry.register(_Collector(self._context))
         try:
             self._server, _ = start_http_server(self._port, LOOPBACK, registry)
         except OSError as error:
@@ -42,14 +42,14 @@ class MetricsServer:
 
 
 class _Collector:
-    def __init__(self, context: CommandContext) -> None:
-        self._desk = context
+    def __init__(self, context: Watched) -> None:
+        self._context = context
 
     def collect(self) -> Iterator[Any]:
         """Every metric as it is now."""
         from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
 
-        context = self._desk
+        context = self._context
         state = context.cycle.status()
         now = context.hardware.clock()
         for name, key, text in (("picked", "picked", "parts picked"), ("failed", "failed", "picks that failed")):

@@ -11,9 +11,9 @@ import shutil
 import time
 
 from daemon.cell.build import EXPECTED_ERRORS
-from daemon.console.context import CommandContext
 from daemon.store.runs import enforce_quota, folder_bytes
 from daemon.upkeep import journal
+from daemon.upkeep.watched import Watched
 
 TICK_S = 0.5
 REOPEN_S = 5.0
@@ -25,8 +25,8 @@ CHECK_LIMIT_S = 20.0
 class Watch:
     """Runs beside everything else. Never moves the arm, except to stop it."""
 
-    def __init__(self, context: CommandContext) -> None:
-        self._desk = context
+    def __init__(self, context: Watched) -> None:
+        self._context = context
         self._offset_s = time.time() - time.monotonic()
         self._fed_s = 0.0
         self._quota_s = time.monotonic() + 5.0
@@ -46,15 +46,15 @@ class Watch:
 
     def status_line(self) -> str:
         """One line for `systemctl status`."""
-        state = self._desk.cycle.status()
-        troubles = "; ".join(self._desk.troubles.standing.values())
+        state = self._context.cycle.status()
+        troubles = "; ".join(self._context.troubles.standing.values())
         doing = f"FAULT {state['fault']}" if state["fault"] else f"{state['doing'] or 'idle'} ({state['state']})"
         return f"{doing}; {state['picked']} picked, {state['failed']} failed" + (f"; {troubles}" if troubles else "")
 
     def _tick(self) -> None:
         now = time.monotonic()
-        health = self._desk.config.values.health
-        busy = self._desk.cycle.status()["doing"] is not None
+        health = self._context.config.values.health
+        busy = self._context.cycle.status()["doing"] is not None
         if self._may_ask("cameras", busy, health.camera_silence_s):
             self._start("cameras", self._check_cameras, now, health.camera_silence_s / 2)
         if self._may_ask("controller", busy, health.arm_check_s):
@@ -62,8 +62,8 @@ class Watch:
         if now >= self._quota_s:
             self._quota_s = now + QUOTA_S
             self._start("quota", self._keep_quota, now, 0.0)
-        if self._desk.cycle.status()["fault"] is None:
-            self._desk.troubles.tell("restart", None)
+        if self._context.cycle.status()["fault"] is None:
+            self._context.troubles.tell("restart", None)
         self._check_clock()
         self._check_memory_of_motion(busy)
         self._feed(now, busy)
@@ -71,7 +71,7 @@ class Watch:
     def _may_ask(self, device: str, busy: bool, quiet_s: float) -> bool:
         """Whether a device is to be asked: always when idle; while the cycle works only when it has not for so long
         (it waits for an operator's yes, for the end of a pause, for parts)."""
-        hardware = self._desk.hardware
+        hardware = self._context.hardware
         heard_s = (hardware.eyes if device == "cameras" else hardware.robot).heard_s
         return not busy or (heard_s is not None and hardware.clock() - heard_s > quiet_s)
 
@@ -83,7 +83,7 @@ class Watch:
         self._checks[name] = asyncio.create_task(check(), name=f"check {name}")  # type: ignore[operator]
 
     async def _check_cameras(self) -> None:
-        context = self._desk
+        context = self._context
         eyes, limit_s = context.hardware.eyes, context.config.values.health.camera_silence_s
         try:
             await eyes.grab(context.hardware.clock() - limit_s, limit_s / 2)
@@ -93,7 +93,7 @@ class Watch:
         self._ended_s["cameras"] = time.monotonic()
 
     async def _check_controller(self) -> None:
-        context, robot = self._desk, self._desk.hardware.robot
+        context, robot = self._context, self._context.hardware.robot
         try:
             if robot.aside:
                 self._ended_s["controller"] = time.monotonic()
@@ -113,7 +113,7 @@ class Watch:
 
     async def _lost(self, what: str, text: str) -> None:
         """Tell of a lost device once; an arm that may move is stopped and stays so until somebody says resume."""
-        context = self._desk
+        context = self._context
         new = what not in context.troubles.standing
         context.troubles.tell(what, f"{what}: {text}")
         state = context.cycle.status()
@@ -121,22 +121,22 @@ class Watch:
             await context.cycle.supervisor.fail(what, text)
 
     async def _keep_quota(self) -> None:
-        context, said = self._desk, self._desk.config.values.log
+        context, limits = self._context, self._context.config.values.log
         runs, current = context.config.runs, context.run_log.folder
         removed = await asyncio.to_thread(
-            enforce_quota, runs, said.quota_mb * 1_000_000, current, said.keep_free_mb * 1_000_000
+            enforce_quota, runs, limits.quota_mb * 1_000_000, current, limits.keep_free_mb * 1_000_000
         )
         if removed:
             journal.tell("trouble", f"quota: removed {', '.join(folder.name for folder in removed)}", journal.NOTICE)
         free = shutil.disk_usage(runs).free
         low = (
             f"disk: {free / 1e6:.0f} MB free below {runs}; looks may soon not be kept"
-            if free < said.keep_free_mb * 1e6
+            if free < limits.keep_free_mb * 1e6
             else None
         )
         context.troubles.tell("disk", low)
         size = await asyncio.to_thread(folder_bytes, current)
-        if size > said.roll_mb * 1_000_000:
+        if size > limits.roll_mb * 1_000_000:
             context.roll_due = True
             if context.cycle.status()["doing"] is None:
                 context.roll_if_due()
@@ -146,13 +146,13 @@ class Watch:
         jump_s, self._offset_s = offset_s - self._offset_s, offset_s
         if abs(jump_s) > CLOCK_JUMP_S:
             journal.tell("trouble", f"the clock was set by {jump_s:+.1f} s", journal.NOTICE)
-            self._desk.run_log.record("clock", jump_s=round(jump_s, 3))
+            self._context.run_log.record("clock", jump_s=round(jump_s, 3))
 
     def _check_memory_of_motion(self, busy: bool) -> None:
         """While the cycle works, it is the cycle that talks to the devices: what it hears counts as their life."""
         if not busy:
             return
-        hardware, now = self._desk.hardware, self._desk.hardware.clock()
+        hardware, now = self._context.hardware, self._context.hardware.clock()
         for name, heard_s in (("cameras", hardware.eyes.heard_s), ("controller", hardware.robot.heard_s)):
             if heard_s is not None and now - heard_s < CHECK_LIMIT_S:
                 self._ended_s[name] = time.monotonic()
@@ -164,7 +164,7 @@ class Watch:
             return
         self._fed_s = now
         limit_s = CHECK_LIMIT_S + max(
-            self._desk.config.values.health.arm_check_s, self._desk.config.values.health.camera_silence_s
+            self._context.config.values.health.arm_check_s, self._context.config.values.health.camera_silence_s
         )
         silent = [name for name, ended_s in self._ended_s.items() if now - ended_s > limit_s]
         if silent:

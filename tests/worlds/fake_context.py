@@ -10,8 +10,9 @@ from types import SimpleNamespace
 from typing import Any
 
 from daemon.arm.supervisor import RefusedError
-from daemon.console.context import ANSWERABLE, Troubles
+from daemon.console.notices import Notices
 from daemon.pick.order import PickOrder
+from daemon.upkeep.watched import Troubles
 
 
 @dataclass
@@ -111,7 +112,7 @@ class FakeDoor:
         return self.answers.pop(0)
 
 
-def fake_desk(folder: Path, reload: Callable[[], Any] | None = None) -> Any:
+def fake_context(folder: Path, reload: Callable[[], Any] | None = None) -> Any:
     """A CommandContext as far as commands look at it."""
     trainer = SimpleNamespace(
         parts={"cube": None, "pyramid": None},
@@ -123,12 +124,12 @@ def fake_desk(folder: Path, reload: Callable[[], Any] | None = None) -> Any:
         log=FakeLog(),
         trainer=trainer,
         troubles=Troubles(),
+        notices=Notices(),
         hardware=SimpleNamespace(kind="real", seed=None, hand=None),
         run_log=SimpleNamespace(folder=folder),
         calibration=SimpleNamespace(tool_from_cyclopean=1),
         config=SimpleNamespace(calibration=folder / "calibration.yaml"),
         parts=["cube", "pyramid"],
         started_s=0.0,
-        expected_errors=ANSWERABLE,
         reload=reload,
     )

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from daemon.commands import every_command
 from daemon.console.interpreter import Answer, Console
 from daemon.pick.order import PickOrder
-from tests.worlds.fake_context import FakeDoor, fake_desk
+from tests.worlds.fake_context import FakeDoor, fake_context
 
 
 def say(context: object, text: str, door: FakeDoor | None = None) -> Answer:
@@ -24,7 +24,7 @@ def say(context: object, text: str, door: FakeDoor | None = None) -> Answer:
 
 @pytest.fixture
 def context(tmp_path: Path) -> object:
-    return fake_desk(tmp_path)
+    return fake_context(tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -199,7 +199,7 @@ def test_completion_offers_commands_and_then_what_they_can_be_given(context: obj
 
 @given(text=st.text(max_size=60))
 def test_no_line_whatever_it_holds_ends_in_an_exception(text: str) -> None:
-    context = fake_desk(Path("/nonexistent"))
+    context = fake_context(Path("/nonexistent"))
     answer = say(context, f"help {text}")
     assert answer.status in (0, 1, 2)
     assert say(context, f"q{text}").status in (0, 1, 2)

@@ -14,8 +14,11 @@ from types import SimpleNamespace
 
 import pytest
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[3]))
+
 from daemon.doors import prompt
 from daemon.doors.client import DaemonLink, NotThereError
+from tests.worlds.person import Person
 
 
 class Played:
@@ -33,10 +36,12 @@ class Played:
         def serve() -> None:
             with listening, listening.accept()[0] as line, line.makefile("rwb") as file:
                 self.place.unlink()
-                for k, said in zip(range(lines), iter(file.readline, b""), strict=False):
-                    self.heard.append(json.loads(said)["do"])
+                spoken = (json.loads(said) for said in iter(file.readline, b""))
+                for k, said in zip(range(lines), (said for said in spoken if "do" in said), strict=False):
+                    self.heard.append(said["do"])
                     if k < lines - 1:
-                        file.write(json.dumps({"done": {"text": "well", "data": {}, "status": 0}}).encode() + b"\n")
+                        done = {"done": {"text": "well", "data": {}, "status": 0}, "id": said.get("id")}
+                        file.write(json.dumps(done).encode() + b"\n")
                         file.flush()
 
         thread = threading.Thread(target=serve, daemon=True)
@@ -47,48 +52,38 @@ class Played:
 @pytest.fixture
 def place() -> Iterator[Path]:
     folder = Path(tempfile.mkdtemp(prefix="facetd-prompt-"))
-    yield folder / "sock"
+    yield folder / "facetd.sock"
     shutil.rmtree(folder)
 
 
 def test_a_daemon_killed_amid_a_command_is_told_and_the_next_one_found_without_saying_anything_twice(
-    place: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    place: Path,
 ) -> None:
     played = Played(place)
     first = played.live(2)
-    lives = [first]
-
-    def typed(_: str) -> str:
-        step = next(steps)
-        if step == "look" and len(lives) == 1:
-            lives.append(played.live(3))
-        return step
-
-    def script() -> Iterator[str]:
-        yield "status"
-        yield "pick"
-        first.join(5)
-        yield "go home"
-        yield "look"
-        yield "status"
-        yield "quit"
-
-    steps = script()
-    monkeypatch.setattr("builtins.input", typed)
-    monkeypatch.setattr(sys, "stdin", SimpleNamespace(isatty=lambda: True))
-    monkeypatch.setattr(prompt, "_prepare", lambda _: None)
-    link = DaemonLink(place)
-    assert prompt.converse(link) == 0
-    link.close()
-    told = capsys.readouterr().out
+    person = Person(place.parent, "console")
+    person.sees("facetd>")
+    person.types("status\r")
+    person.sees("well")
+    person.types("pick\r")
+    first.join(5)
+    person.sees("ended before it answered")
+    person.sees("no daemon answers")
+    person.types("go home\r")
+    person.sees("not said: go home")
+    played.live(3)
+    person.sees("answers again")
+    person.types("status\r")
+    person.sees("well")
+    person.types("quit\r")
+    assert person.leaves() == 0
     assert played.heard == ["status", "pick", "status"]
-    assert told.index("ended before it answered") < told.index("no daemon answers") < told.index("answers again")
 
 
 def test_a_script_ends_where_its_daemon_does(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     played = Played(place)
     played.live(1)
-    monkeypatch.setattr("builtins.input", lambda _: "pick")
+    monkeypatch.setattr("builtins.input", lambda: "pick")
     monkeypatch.setattr(sys, "stdin", SimpleNamespace(isatty=lambda: False))
     link = DaemonLink(place)
     with pytest.raises(NotThereError):

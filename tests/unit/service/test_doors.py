@@ -22,12 +22,12 @@ from daemon.console.interpreter import Console
 from daemon.doors.client import DaemonLink, NotThereError
 from daemon.doors.socket import DoorError, SocketServer
 from daemon.doors.terminal import SerialConsole
-from tests.worlds.fake_context import fake_desk
+from tests.worlds.fake_context import fake_context
 
 
-def interrupter(context: Any) -> Callable[[str], Awaitable[str]]:
-    async def interrupt(who: str) -> str:
-        if context.cycle.doing is None:
+def interrupter(context: Any) -> Callable[[str, bool], Awaitable[str]]:
+    async def interrupt(who: str, about_to_move: bool) -> str:
+        if context.cycle.doing is None and not about_to_move:
             return "Nothing moves."
         await context.cycle.supervisor.stop(f"by control-C of {who}")
         return "Stopped."
@@ -37,7 +37,7 @@ def interrupter(context: Any) -> Callable[[str], Awaitable[str]]:
 
 def with_socket(path: Path, use: Callable[[Path], Any]) -> tuple[Any, Any]:
     """Serve a socket while `use(path)` runs in a thread; its result and the context."""
-    context = fake_desk(path.parent)
+    context = fake_context(path.parent)
 
     async def serve() -> Any:
         server = SocketServer(path, None, Console(context, every_command()), interrupter(context))
@@ -54,7 +54,8 @@ def test_a_command_over_the_socket_is_answered_and_the_kernel_says_who_it_was(tm
     def use(path: Path) -> Any:
         assert stat.S_IMODE(path.stat().st_mode) == 0o660
         with DaemonLink(path) as link:
-            return link.do("enable", "one-shot", print), link.complete("sta"), link.do("flurb", "one-shot", print)
+            enabled, unknown = link.do("enable", "one-shot", print), link.do("flurb", "one-shot", print)
+        return enabled, speak(path, b'{"complete": "sta"}\n')[0]["options"], unknown
 
     (enabled, options, unknown), context = with_socket(tmp_path / "s", use)
     assert enabled["status"] == 0
@@ -130,7 +131,7 @@ def test_stop_is_heard_while_another_command_is_being_done_and_a_second_move_is_
                 answers.append(json.loads(file.readline())["done"])
             return answers
 
-    context = fake_desk(tmp_path)
+    context = fake_context(tmp_path)
     context.cycle.slow = True
 
     async def serve() -> Any:
@@ -154,7 +155,7 @@ def test_a_daemon_that_lives_keeps_its_socket_and_a_dead_ones_is_taken_over(tmp_
         dead.bind(str(path))
 
     async def two() -> None:
-        context = fake_desk(tmp_path)
+        context = fake_context(tmp_path)
         first, second = (SocketServer(path, None, Console(context, []), interrupter(context)) for _ in range(2))
         await first.open()
         with pytest.raises(DoorError, match="another facetd answers there"):
@@ -168,7 +169,7 @@ def test_a_daemon_that_lives_keeps_its_socket_and_a_dead_ones_is_taken_over(tmp_
 
 def test_a_socket_that_cannot_be_is_one_line(tmp_path: Path) -> None:
     async def open_at(path: Path, group: str | None = None) -> None:
-        await SocketServer(path, group, Console(fake_desk(tmp_path), []), interrupter(None)).open()
+        await SocketServer(path, group, Console(fake_context(tmp_path), []), interrupter(None)).open()
 
     with pytest.raises(DoorError, match="too long for a socket's path"):
         asyncio.run(open_at(tmp_path / ("x" * 120)))
@@ -223,7 +224,7 @@ def at_a_terminal(
     slow: bool = False,
 ) -> Any:
     """Let a person play at a serial console; gives the context."""
-    context = fake_desk(Path("/nonexistent"))
+    context = fake_context(Path("/nonexistent"))
     context.cycle.slow = slow
     terminal = Terminals(settings)
     context.heard = []
@@ -323,7 +324,7 @@ def test_a_port_that_is_not_there_is_told_and_tried_again(tmp_path: Path) -> Non
 
     async def run() -> None:
         settings = Terminal(device=str(tmp_path / "none"))
-        context = fake_desk(tmp_path)
+        context = fake_context(tmp_path)
         console = SerialConsole(settings, Console(context, []), interrupter(context), heard.append)
         task = asyncio.create_task(console.run())
         await asyncio.sleep(0.05)

@@ -16,7 +16,7 @@ import pytest
 from daemon.console.interpreter import Answer, Command, Console, Door
 from daemon.doors.client import DaemonLink
 from daemon.doors.socket import LONGEST_FILE, SocketServer
-from tests.worlds.fake_context import fake_desk
+from tests.worlds.fake_context import fake_context
 
 
 async def digest(_: Any, words: list[str], door: Door) -> Answer:
@@ -25,7 +25,7 @@ async def digest(_: Any, words: list[str], door: Door) -> Answer:
     return Answer(hashlib.sha256(content).hexdigest(), {"bytes": len(content)})
 
 
-async def no_interrupt(_: str) -> str:
+async def no_interrupt(_: str, __: bool) -> str:
     return ""
 
 
@@ -33,7 +33,7 @@ def said(folder: Path, use: Callable[[Path], Any]) -> Any:
     """What `use` gives, with a daemon that knows the command `digest` at folder/s."""
 
     async def serve() -> Any:
-        console = Console(fake_desk(folder), [Command("digest", "digest FILE", "", digest)])
+        console = Console(fake_context(folder), [Command("digest", "digest FILE", "", digest)])
         server = SocketServer(folder / "s", None, console, no_interrupt)
         await server.open()
         try:

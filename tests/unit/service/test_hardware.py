@@ -17,11 +17,12 @@ import pytest
 
 from daemon.cell import build as cell
 from daemon.config import load_config
-from daemon.console.context import CommandContext, Troubles
+from daemon.console.context import CommandContext
 from daemon.store.runlog import RunLog
 from daemon.store.runs import list_runs, read_run
 from daemon.upkeep import journal
 from daemon.upkeep.watch import Watch
+from daemon.upkeep.watched import Troubles
 
 ETC = Path(__file__).resolve().parents[3] / "etc"
 FILES = "files: {{calibration: {0}/calibration.yaml, facets: {0}/facets.yaml, parts: {0}/parts.yaml}}\n"

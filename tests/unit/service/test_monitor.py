@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import os
-import pty
-import select
 import shutil
-import sys
 import tempfile
 import time
 from collections.abc import Iterator
@@ -25,6 +21,7 @@ from drivers.simcell.arm import Arm
 from drivers.simcell.controller import Controller
 from tests.bench.running import Running
 from tests.worlds.fake_context import FakeDoor, FakeLog
+from tests.worlds.person import Person
 
 
 def standing(fault: str | None = None, enabled: bool = True) -> Any:
@@ -110,39 +107,8 @@ def daemon() -> Iterator[Running]:
     shutil.rmtree(folder, ignore_errors=True)
 
 
-class Person:
-    """Somebody at a terminal on which a program runs."""
-
-    def __init__(self, daemon: Running, *words: str) -> None:
-        self.seen = ""
-        self._pid, self._handle = pty.fork()
-        if self._pid == 0:
-            os.environ.update(FACETD_SOCKET=str(daemon.folder / "facetd.sock"), HOME=str(daemon.folder))
-            os.execv(sys.executable, [sys.executable, "-m", "daemon.ctl", *words])
-
-    def types(self, keys: str) -> None:
-        os.write(self._handle, keys.encode("latin-1"))
-
-    def sees(self, text: str, within_s: float = 20.0) -> None:
-        """Wait for a text beyond what was seen before."""
-        deadline = time.monotonic() + within_s
-        while text not in self.seen:
-            assert time.monotonic() < deadline, f"{text!r} did not come; what came: {self.seen!r}"
-            if select.select([self._handle], [], [], 0.1)[0]:
-                try:
-                    self.seen += os.read(self._handle, 4096).decode("latin-1")
-                except OSError:
-                    assert text in self.seen, self.seen
-        self.seen = self.seen.partition(text)[2]
-
-    def leaves(self) -> int:
-        _, status = os.waitpid(self._pid, 0)
-        os.close(self._handle)
-        return os.waitstatus_to_exitcode(status)
-
-
 def test_a_person_talks_to_the_controller_and_comes_back(daemon: Running) -> None:
-    person = Person(daemon, "robot", "monitor")
+    person = Person(daemon.folder, "robot", "monitor")
     person.sees("control-C stops the arm.")
     person.sees(".")
     assert daemon.do("go home")["status"] == 1, "the daemon stands aside"
@@ -166,7 +132,7 @@ def test_a_person_talks_to_the_controller_and_comes_back(daemon: Running) -> Non
 
 def test_control_c_at_the_controllers_terminal_stops_the_arm_and_a_fault_stands(daemon: Running) -> None:
     daemon.do("enable")
-    person = Person(daemon, "console")
+    person = Person(daemon.folder, "console")
     person.sees("control-D leaves")
     person.types("robot monitor\r")
     person.sees("stops the arm.")
@@ -179,7 +145,7 @@ def test_control_c_at_the_controllers_terminal_stops_the_arm_and_a_fault_stands(
     before = daemon.do("where")["data"]["joints_deg"]
     assert "stopped by control-C" in daemon.do("status")["data"]["fault"]
     assert daemon.do("where")["data"]["joints_deg"] == before
-    person.sees("facetd> ")
+    person.sees("facetd>")
     person.types("quit\r")
     assert person.leaves() == 1
 

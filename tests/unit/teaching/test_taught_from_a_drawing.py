@@ -105,11 +105,11 @@ def test_a_drawing_that_cannot_be_taught_is_an_answer_and_nothing_is_kept(
 ) -> None:
     from tests.worlds import fake_context
 
-    context = fake_context.fake_desk(trainer.model_store.folder)
+    context = fake_context.fake_context(trainer.model_store.folder)
     context.trainer = trainer
     door = Reader(cube_stl=drawn.binary_stl(*CUBE), bad_obj=GAP)
     with pytest.raises(CommandError) as told:
-        asyncio.run(teach(context, text.split(), door))  # type: ignore[arg-type]
+        asyncio.run(teach.run(context, text.split(), door))  # type: ignore[arg-type]
     assert want in str(told.value)
     assert told.value.status == NOT_UNDERSTOOD
     assert trainer.model_store.views() == []

@@ -1,0 +1,360 @@
+"""A prompt that listens while it waits: what the daemon says appears above the line being typed, whoever caused it.
+
+Commands are said as soon as they are typed; the daemon does them in their order, and `stop` at once. Built on
+prompt_toolkit; only for a person at a terminal.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import signal
+from collections import deque
+from collections.abc import AsyncGenerator, Awaitable, Callable, Iterable
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+from prompt_toolkit import PromptSession
+from prompt_toolkit.application import in_terminal
+from prompt_toolkit.buffer import Buffer
+from prompt_toolkit.completion import CompleteEvent, Completer, Completion
+from prompt_toolkit.document import Document
+from prompt_toolkit.history import History
+from prompt_toolkit.key_binding import KeyBindings
+
+from daemon.doors.client import DaemonLink, NotThereError, file_in_pieces
+from daemon.doors.keyboard import Keyboard
+from daemon.doors.lineedit import fold
+from daemon.store.files import write_atomically
+
+PROMPT = "facetd> "
+GREETING = "`help` lists the commands; control-C stops the arm; control-D leaves."
+AGAIN = "A daemon answers again: see its `status`, then say anew what is still wanted."
+SEEK_S = 1.0
+"""How often a daemon that went away is sought again."""
+LONGEST_MESSAGE = 16_000_000
+NARROWEST = 20
+HISTORY_LINES = 1000
+
+
+class ListeningPrompt:
+    """One operator at a terminal, from the first prompt to control-D or `quit`."""
+
+    def __init__(self, link: DaemonLink) -> None:
+        self._link = link
+        self._writer: asyncio.StreamWriter | None = None
+        self._why_gone = "no daemon answers"
+        self._numbers = count(1)
+        self._unanswered: dict[int, str] = {}
+        """Commands that are not answered yet, by its number."""
+        self._asked: tuple[int, str] | None = None
+        """The question that stands: its number and its words."""
+        self._kept = ""
+        """What was being typed when the question came."""
+        self._options: deque[asyncio.Future[list[str]]] = deque()
+        self._status = 0
+        self._keyboard: Keyboard | None = None
+        self._at_controller: asyncio.Task[None] | None = None
+        self._left_controller = asyncio.Event()
+        self._history = PlainHistory(_state_folder() / "facetctl-history")
+        self._session: PromptSession[str] = PromptSession(
+            self._prompt,
+            history=self._history,
+            completer=DaemonCompleter(self._complete),
+            complete_while_typing=False,
+            enable_suspend=True,
+            reserve_space_for_menu=4,
+            key_bindings=self._keys(),
+        )
+        self._answering: tuple[int, str] | None = None
+        """The question that stood when the line was ended: one that came a moment later is not answered by it."""
+        buffer = self._session.default_buffer
+        accept = buffer.accept_handler
+        assert accept is not None
+
+        def ended(of: Buffer) -> bool:
+            self._answering = self._asked
+            return accept(of)
+
+        buffer.accept_handler = ended
+
+    async def run(self) -> int:
+        """Prompt until the operator leaves; gives the status of what was answered last."""
+        asyncio.get_running_loop().add_signal_handler(signal.SIGINT, self._stop)
+        print(GREETING, flush=True)
+        await self._connect()
+        hearing = asyncio.create_task(self._hear_always())
+        hearing.add_done_callback(self._deaf)
+        try:
+            with self._session.input.raw_mode():  # from one line to the next, too: no key is taken for something else
+                while True:
+                    line = await self._session.prompt_async(default=self._take_kept(), handle_sigint=False)
+                    if line.strip() in ("quit", "exit") and self._answering is None:
+                        return self._status
+                    self._typed(line)
+        except EOFError:
+            return self._status
+        finally:
+            hearing.cancel()
+            self._hung_up()
+
+    def _deaf(self, hearing: asyncio.Task[None]) -> None:
+        """A prompt that no longer hears must not go on as if it did."""
+        if not hearing.cancelled() and (error := hearing.exception()) is not None:
+            self._session.app.exit(exception=error)
+
+    # What is typed
+
+    def _prompt(self) -> str:
+        if self._asked is not None:
+            return f"{self._asked[1]} "
+        return f"({next(iter(self._unanswered.values()))}) {PROMPT}" if self._unanswered else PROMPT
+
+    def _keys(self) -> KeyBindings:
+        keys = KeyBindings()
+
+        @keys.add("c-c")
+        def _(_: object) -> None:
+            self._stop()
+
+        return keys
+
+    def _stop(self) -> None:
+        """Control-C, at any moment."""
+        self._kept = ""
+        self._session.default_buffer.reset()
+        if not self._send({"interrupt": True}):
+            self._show(self._why_gone)
+
+    def _typed(self, line: str) -> None:
+        """A line to the daemon: the answer to its question, or a command."""
+        if self._answering is not None:
+            number, _ = self._answering
+            if self._asked == self._answering:
+                self._unask()
+            self._send({"answer": line, "id": number})
+        elif line.strip():
+            number = next(self._numbers)
+            message = {"do": line, "door": "console", "asks": True, "waits": True, "id": number}
+            if self._send(message):
+                self._unanswered[number] = line.strip()
+            else:
+                self._show(f"{self._why_gone}; not said: {line.strip()}")
+
+    async def _complete(self, typed: str) -> list[str]:
+        """Every line that the typed one may become."""
+        if self._asked is not None or not self._send({"complete": typed}):
+            return []
+        self._options.append(asyncio.get_running_loop().create_future())
+        return await self._options[-1]
+
+    def _offer(self, options: list[str]) -> None:
+        asked = self._options.popleft()
+        if not asked.done():  # somebody who types on no longer wants to know
+            asked.set_result(options)
+
+    # What is heard
+
+    async def _hear_always(self) -> None:
+        while True:
+            if self._writer is not None:
+                await self._hear()
+                await self._gone()
+            await asyncio.sleep(SEEK_S)
+            try:
+                self._link.connect_again()
+            except NotThereError as gone:
+                self._why_gone = str(gone)
+            else:
+                await self._connect()
+                self._show(AGAIN)
+
+    async def _connect(self) -> None:
+        self._reader, self._writer = await asyncio.open_unix_connection(sock=self._link.socket, limit=LONGEST_MESSAGE)
+        self._send({"notices": True})
+
+    async def _hear(self) -> None:
+        """Everything that this daemon says, until it goes away."""
+        try:
+            while line := await self._reader.readline():
+                await self._heard(json.loads(line))
+        except (ConnectionError, ValueError):
+            return
+
+    async def _heard(self, message: dict[str, Any]) -> None:
+        for key in ("say", "notice", "stopped"):
+            if key in message:
+                self._show(str(message[key]))
+        if "done" in message:
+            self._unanswered.pop(message.get("id", 0), None)
+            self._status = int(message["done"]["status"])
+            self._show(message["done"]["text"])
+        elif "ask" in message:
+            self._ask(int(message["id"]), str(message["ask"]))
+        elif "unasked" in message and self._asked is not None and self._asked[0] == message["unasked"]:
+            self._unask()
+        elif "options" in message and self._options:
+            self._offer([str(option) for option in message["options"]])
+        elif "fetch" in message:
+            for piece in file_in_pieces(str(message["fetch"]), self._unanswered.values()):
+                self._send(piece)
+        elif message.get("terminal") is True:
+            await self._begin_controller()
+        elif message.get("terminal") is False:
+            await self._end_controller()
+        elif "show" in message and self._keyboard is not None:
+            self._keyboard.show(str(message["show"]))
+        self._session.app.invalidate()
+
+    def _ask(self, number: int, question: str) -> None:
+        """Put a question in place of the prompt; what was being typed comes back after it."""
+        self._asked, self._history.remember = (number, question), False
+        if self._session.app.is_running and not self._session.app.is_done:
+            self._kept = self._session.default_buffer.text
+            self._session.default_buffer.reset()
+
+    def _unask(self) -> None:
+        """It is answered, or no longer asked: it was to stop, or somebody else decided."""
+        self._asked, self._history.remember = None, True
+        if self._session.app.is_running and not self._session.app.is_done:
+            self._session.default_buffer.reset(Document(self._take_kept()))
+
+    def _take_kept(self) -> str:
+        if self._asked is not None:
+            return ""
+        text, self._kept = self._kept, ""
+        return text
+
+    def _show(self, text: str) -> None:
+        """Lines above the one being typed, which is drawn again. Keys go on being taken one by one meanwhile."""
+        app, renderer = self._session.app, self._session.app.renderer
+        above = app.is_running and self._keyboard is None
+        if above:
+            renderer.erase()
+        if text:
+            columns = max(self._session.output.get_size().columns, NARROWEST)
+            print("\n".join(fold(text, columns)), flush=True)
+        if above:
+            renderer.reset()
+            renderer.request_absolute_cursor_position()
+            app.invalidate()
+
+    async def _gone(self) -> None:
+        """The daemon went away: nothing that was said is said again by itself."""
+        amid = bool(self._unanswered)
+        self._hung_up()
+        await self._end_controller()
+        self._show("the daemon ended before it answered" if amid else "the daemon has ended")
+        try:
+            self._link.connect_again()
+        except NotThereError as gone:
+            self._why_gone = str(gone)
+            self._show(self._why_gone)
+        else:
+            await self._connect()
+            self._show(AGAIN)
+
+    def _hung_up(self) -> None:
+        if self._writer is not None:
+            self._writer.close()
+        self._writer = None
+        self._unanswered.clear()
+        while self._options:
+            self._offer([])
+        if self._asked is not None:
+            self._unask()
+
+    def _send(self, message: dict[str, Any]) -> bool:
+        if self._writer is None or self._writer.is_closing():
+            return False
+        self._writer.write(json.dumps(message).encode() + b"\n")
+        return True
+
+    # The controller's own terminal, for a while
+
+    async def _begin_controller(self) -> None:
+        shown = asyncio.Event()
+        self._left_controller.clear()
+        self._at_controller = asyncio.create_task(self._be_at_controller(shown))
+        await shown.wait()
+
+    async def _be_at_controller(self, shown: asyncio.Event) -> None:
+        loop = asyncio.get_running_loop()
+
+        def send(message: dict[str, Any]) -> None:
+            loop.call_soon_threadsafe(self._send, message)
+
+        def stop() -> None:
+            loop.call_soon_threadsafe(self._stop)
+
+        async with in_terminal():
+            self._keyboard = Keyboard(send, stop)
+            shown.set()
+            await self._left_controller.wait()
+            self._keyboard.close()
+            self._keyboard = None
+
+    async def _end_controller(self) -> None:
+        self._left_controller.set()
+        if self._at_controller is not None:
+            await self._at_controller
+        self._at_controller = None
+
+
+class DaemonCompleter(Completer):
+    """Tab asks the daemon what the line may become."""
+
+    def __init__(self, ask: Callable[[str], Awaitable[list[str]]]) -> None:
+        self._ask = ask
+
+    def get_completions(self, document: Document, complete_event: CompleteEvent) -> Iterable[Completion]:
+        """None without waiting: the daemon must be asked."""
+        return ()
+
+    async def get_completions_async(
+        self, document: Document, complete_event: CompleteEvent
+    ) -> AsyncGenerator[Completion, None]:
+        """The last word of each line that the daemon offers."""
+        typed = document.text_before_cursor
+        start = typed.rfind(" ") + 1
+        for option in await self._ask(typed):
+            yield Completion(f"{option[start:]} ", start - len(typed), display=option[start:])
+
+
+class PlainHistory(History):
+    """Commands of earlier sessions, one a line, as a shell keeps them; answers to questions are none."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self._path = path
+        self.remember = True
+
+    def load_history_strings(self) -> Iterable[str]:
+        """Newest first; the file is cut where it has become long."""
+        try:
+            lines = self._path.read_text(encoding="utf-8", errors="replace").splitlines()
+            if len(lines) > 2 * HISTORY_LINES:
+                write_atomically(self._path, "\n".join([*lines[-HISTORY_LINES:], ""]).encode())
+        except OSError:
+            return []
+        return lines[: -HISTORY_LINES - 1 : -1]
+
+    def append_string(self, string: str) -> None:
+        """Keep a command, unless it is the answer to a question."""
+        if self.remember and string.strip():
+            super().append_string(string.strip())
+
+    def store_string(self, string: str) -> None:
+        """Write it behind the others; where that cannot be, this session remembers it all the same."""
+        try:
+            self._path.parent.mkdir(parents=True, exist_ok=True)
+            with self._path.open("a", encoding="utf-8") as file:
+                file.write(f"{string}\n")
+        except OSError:
+            return
+
+
+def _state_folder() -> Path:
+    return Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state")

@@ -1,0 +1,131 @@
+"""One operator's turns, the same at every door: commands one by one in their order, what is for now beside them, one
+question after the other, and a stop that waits for nothing.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections import deque
+from collections.abc import Awaitable, Callable, Coroutine
+from typing import Any, TypeVar
+
+from daemon.console.interpreter import NOT_DONE, Answer, Console, Door
+
+T = TypeVar("T")
+Interrupt = Callable[[str, bool], Awaitable[str]]
+"""Called when somebody presses control-C, with who it was, and whether what they asked for may be about to move the arm
+where it does not move yet; stops it and says what happened."""
+Answered = Callable[[Answer], Awaitable[None]]
+"""Called with the answer to one command."""
+
+
+class Turns:
+    """What one operator asked for, and what they are asked."""
+
+    def __init__(
+        self, console: Console, door: Door, interrupt: Interrupt, show_question: Callable[[str | None], None]
+    ) -> None:
+        """show_question: puts a question before the operator; None takes it away again."""
+        self._console, self._door, self._interrupt, self._show_question = console, door, interrupt, show_question
+        self.busy = False
+        """A command is being done that others wait for."""
+        self.question = 0
+        """The number of the question that was put last."""
+        self.gone = False
+        self._doing = ""
+        self._ahead: deque[tuple[str, Answered]] = deque()
+        self._asked: asyncio.Future[str] | None = None
+        self._one_question = asyncio.Lock()
+        self._tasks: set[asyncio.Task[None]] = set()
+
+    def take(self, text: str, answered: Answered) -> None:
+        """Do a command: a stop, or what is for now, at once; others when those before them are done."""
+        if self._console.is_stop(text):
+            self.beside(self._do(self._stopping(self._console.interpret(text, self._door)), answered))
+        elif not self.busy:
+            self._begin(text, answered)
+        elif self._console.at_once(text):
+            self.beside(self._do(self._console.interpret(text, self._door), answered))
+        else:
+            self._ahead.append((text, answered))
+
+    async def stop(self, who: str) -> str:
+        """Control-C; gives what the daemon says."""
+        return await self._stopping(self._interrupt(who, self.busy and self._console.moves(self._doing)))
+
+    @property
+    def asking(self) -> bool:
+        """Whether a question stands."""
+        return self._asked is not None and not self._asked.done()
+
+    async def ask(self, question: str) -> str:
+        """Put a question and wait for the answer; empty when it was to stop, or nobody is there."""
+        async with self._one_question:
+            if self.gone:
+                return ""
+            self.question += 1
+            self._asked = asyncio.get_running_loop().create_future()
+            self._show_question(question)
+            try:
+                return await self._asked
+            finally:
+                self._asked = None
+                self._show_question(None)
+
+    def answer(self, text: str) -> bool:
+        """Take a line as the answer to what is asked. False where nothing is asked, and for `stop`: it is no answer."""
+        if self._asked is None or self._asked.done() or self._console.is_stop(text):
+            return False
+        self._asked.set_result(text)
+        return True
+
+    def leave(self) -> None:
+        """The operator is gone: what is being done goes on, what was typed ahead is dropped, nobody answers."""
+        self.gone = True
+        self._ahead.clear()
+        self._unasked()
+
+    def beside(self, work: Coroutine[Any, Any, None]) -> None:
+        """Do something now, whatever else is under way."""
+        task = asyncio.create_task(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    async def end(self) -> None:
+        """Wait for all that is being done."""
+        while self._tasks:
+            await asyncio.wait(self._tasks)
+
+    def _begin(self, text: str, answered: Answered) -> None:
+        self.busy, self._doing = True, text
+        self.beside(self._in_turn(text, answered))
+
+    async def _in_turn(self, text: str, answered: Answered) -> None:
+        answer = await self._console.interpret(text, self._door)
+        self.busy = False
+        if self._ahead:
+            self._begin(*self._ahead.popleft())
+        await answered(answer)
+
+    async def _do(self, work: Awaitable[Answer], answered: Answered) -> None:
+        await answered(await work)
+
+    async def _stopping(self, work: Awaitable[T]) -> T:
+        """The arm first; then what was asked is no longer asked, and what was typed ahead is dropped, and told so."""
+        dropped = list(self._ahead)
+        self._ahead.clear()
+        try:
+            return await work
+        finally:
+            self._unasked()
+            self.beside(_tell_dropped(dropped))
+
+    def _unasked(self) -> None:
+        if self._asked is not None and not self._asked.done():
+            self._asked.set_result("")
+
+
+async def _tell_dropped(dropped: list[tuple[str, Answered]]) -> None:
+    for text, answered in dropped:
+        told = f"{text}: not done; it was to stop"
+        await answered(Answer(told, {"error": told}, NOT_DONE))

@@ -1,0 +1,113 @@
+"""What operators hear unasked reaches every open door once, but not as news to whoever waits for it as an answer."""
+
+from __future__ import annotations
+
+import asyncio
+from types import SimpleNamespace
+from typing import Any
+
+from daemon.commands.moving import tell_end, with_questions
+from daemon.console.context import CommandContext
+from daemon.console.notices import Notices
+
+
+class Door:
+    """Keeps what it is told; answers nothing."""
+
+    asks = True
+
+    def __init__(self) -> None:
+        self.heard: list[str] = []
+        self.asked: list[str] = []
+        self.withdrawn = 0
+
+    def notice(self, text: str) -> None:
+        self.heard.append(text)
+
+    async def ask(self, question: str) -> str:
+        self.asked.append(question)
+        try:
+            await asyncio.Event().wait()
+        finally:
+            self.withdrawn += 1
+        return ""
+
+
+def test_every_open_door_is_told_and_a_closed_one_no_longer() -> None:
+    notices, doors = Notices(), [Door(), Door()]
+    for door in doors:
+        notices.listen(door)
+    notices.tell("FAULT one")
+    notices.leave(doors[0])
+    notices.leave(doors[0])
+    notices.tell("FAULT two")
+    assert [door.heard for door in doors] == [["FAULT one"], ["FAULT one", "FAULT two"]]
+
+
+def test_who_waits_for_an_outcome_hears_faults_but_not_the_outcome() -> None:
+    notices, asked, other = Notices(), Door(), Door()
+    notices.listen(asked)
+    notices.listen(other)
+    with notices.answered(asked):
+        notices.tell("picked: cube", outcome=True)
+        notices.tell("FAULT stopped by ann")
+    notices.tell("picked: pyramid", outcome=True)
+    assert asked.heard == ["FAULT stopped by ann", "picked: pyramid"]
+    assert other.heard == ["picked: cube", "FAULT stopped by ann", "picked: pyramid"]
+
+
+def end(outcome: str) -> Any:
+    return SimpleNamespace(
+        outcome=outcome, label="cube", stops=3, seconds=12.0, predicted_mm=None, predicted_deg=None, why="because"
+    )
+
+
+def test_an_empty_table_is_no_news_and_a_fault_is_told_once() -> None:
+    context: Any = SimpleNamespace(notices=Notices())
+    door = Door()
+    context.notices.listen(door)
+    for outcome in ("empty", "fault", "picked", "missed"):
+        tell_end(context, end(outcome))
+    assert door.heard == ["picked: cube, 3 looks, 12.0 s", "missed: cube, 3 looks, 12.0 s (because)"]
+
+
+def test_the_end_of_an_auto_is_told_with_what_it_brought() -> None:
+    async def auto(*_: Any) -> list[Any]:
+        await asyncio.sleep(0)
+        return [end("picked"), end("missed"), end("picked"), end("empty")]
+
+    async def run() -> list[str]:
+        context: Any = SimpleNamespace(cycle=SimpleNamespace(auto=auto), notices=Notices(), _auto=None)
+        context._auto_ended = lambda task: CommandContext._auto_ended(context, task)
+        door = Door()
+        context.notices.listen(door)
+        await CommandContext.begin_auto(context, None)
+        await context._auto
+        await asyncio.sleep(0)
+        return door.heard
+
+    assert asyncio.run(run()) == ["Auto has ended: 2 parts picked."]
+
+
+def test_a_question_is_taken_back_where_somebody_else_decides() -> None:
+    state: dict[str, Any] = {"pending": "home: joints", "predicted_mm": None}
+    decided = asyncio.Event()
+    context: Any = SimpleNamespace(cycle=SimpleNamespace(status=lambda: dict(state)), notices=Notices())
+    door = Door()
+
+    async def move() -> str:
+        await decided.wait()
+        return "moved"
+
+    async def run() -> str:
+        waiting = asyncio.create_task(with_questions(context, move(), door))  # type: ignore[arg-type]
+        while not door.asked:
+            await asyncio.sleep(0.01)
+        state["pending"] = None
+        while not door.withdrawn:
+            await asyncio.sleep(0.01)
+        decided.set()
+        return await waiting
+
+    assert asyncio.run(asyncio.wait_for(run(), 5)) == "moved"
+    assert door.asked == ["home: joints. Send it? [y/n]"]

@@ -1,0 +1,140 @@
+"""One operator's turns: order, what is for now, questions one after the other, and a stop that waits for nothing."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from types import SimpleNamespace
+from typing import Any
+
+from daemon.console.interpreter import Answer, Command, Console
+from daemon.doors.turns import Turns
+
+
+class Operator:
+    """Somebody at a door: what they are shown and answered, and commands that end when they are let."""
+
+    name, who, may, asks = "test", "ann", "all", True
+
+    def __init__(self) -> None:
+        self.shown: list[str | None] = []
+        self.answers: list[str] = []
+        self.done: list[str] = []
+        self.interrupts: list[tuple[str, bool]] = []
+        self.may_end = asyncio.Event()
+
+        async def slow(_: Any, words: list[str], __: Any) -> Answer:
+            await self.may_end.wait()
+            self.done.append(" ".join(words))
+            return Answer(f"done {' '.join(words)}")
+
+        async def ask(_: Any, words: list[str], __: Any) -> Answer:
+            return Answer(f"{words[0]}: {await self.turns.ask(words[0])!r}")
+
+        async def now(_: Any, __: list[str], ___: Any) -> Answer:
+            return Answer("now")
+
+        commands = [
+            Command("go", "go", "", slow, "move"), Command("read", "read", "", slow), Command("ask", "ask", "", ask),
+            Command("status", "status", "", now, at_once=True), Command("stop", "stop", "", now, "move", at_once=True),
+            Command("resume", "resume", "", ask, at_once=True),
+        ]  # fmt: skip
+        context: Any = SimpleNamespace(log=SimpleNamespace(record=lambda *_, **__: None))
+        self.turns = Turns(Console(context, commands), self, self.interrupt, self.shown.append)  # type: ignore[arg-type]
+
+    async def interrupt(self, who: str, about_to_move: bool) -> str:
+        self.interrupts.append((who, about_to_move))
+        return "stopped"
+
+    async def answered(self, answer: Answer) -> None:
+        self.answers.append(answer.text)
+
+    def types(self, *lines: str) -> None:
+        for line in lines:
+            if not self.turns.answer(line):
+                self.turns.take(line, self.answered)
+
+
+def play(script: Callable[[Operator], Awaitable[None]]) -> Operator:
+    async def run() -> Operator:
+        operator = Operator()
+        await asyncio.wait_for(script(operator), 5)
+        operator.may_end.set()
+        operator.turns.leave()
+        await asyncio.wait_for(operator.turns.end(), 5)
+        return operator
+
+    return asyncio.run(run())
+
+
+async def a_moment() -> None:
+    for _ in range(20):
+        await asyncio.sleep(0)
+
+
+def test_commands_are_done_in_the_order_typed_and_what_is_for_now_beside_them() -> None:
+    async def script(operator: Operator) -> None:
+        operator.types("go 1", "go 2", "read 3", "status")
+        await a_moment()
+        assert operator.answers == ["now"]
+        operator.may_end.set()
+        await a_moment()
+
+    assert play(script).answers == ["now", "done 1", "done 2", "done 3"]
+
+
+def test_a_stop_waits_for_nothing_drops_what_was_typed_ahead_and_answers_the_question_by_nothing() -> None:
+    async def script(operator: Operator) -> None:
+        operator.types("ask sure?")
+        await a_moment()
+        assert operator.shown == ["sure?"]
+        operator.turns.take("go 2", operator.answered)
+        operator.types("stop")
+        await a_moment()
+
+    operator = play(script)
+    assert operator.answers == ["now", "sure?: ''", "go 2: not done; it was to stop"]
+    assert operator.shown == ["sure?", None]
+    assert operator.done == []
+
+
+def test_control_c_says_whether_something_may_be_about_to_move() -> None:
+    async def script(operator: Operator) -> None:
+        await operator.turns.stop("ann")
+        operator.types("read 1")
+        await operator.turns.stop("ann")
+        operator.may_end.set()
+        await a_moment()
+        operator.may_end.clear()
+        operator.types("go 2")
+        await operator.turns.stop("ann")
+
+    assert play(script).interrupts == [("ann", False), ("ann", False), ("ann", True)]
+
+
+def test_two_questions_are_put_one_after_the_other_and_each_gets_its_own_answer() -> None:
+    async def script(operator: Operator) -> None:
+        operator.types("ask first?")
+        await a_moment()
+        operator.turns.take("resume second?", operator.answered)
+        await a_moment()
+        assert operator.shown == ["first?"]
+        operator.types("y")
+        await a_moment()
+        assert operator.shown == ["first?", None, "second?"]
+        operator.types("n")
+        await a_moment()
+
+    assert play(script).answers == ["first?: 'y'", "second?: 'n'"]
+
+
+def test_who_has_left_is_asked_nothing_and_what_they_typed_ahead_is_not_done() -> None:
+    async def script(operator: Operator) -> None:
+        operator.types("go 1", "go 2")
+        await a_moment()
+        operator.turns.leave()
+        assert await operator.turns.ask("still there?") == ""
+
+    operator = play(script)
+    assert operator.done == ["1"]
+    assert operator.shown == []

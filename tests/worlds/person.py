@@ -1,0 +1,70 @@
+"""Somebody at a terminal on which `facetctl` runs: types, sees, leaves."""
+
+from __future__ import annotations
+
+import os
+import pty
+import re
+import select
+import sys
+import time
+from pathlib import Path
+
+SEQUENCE = re.compile(rb"\x1b(\[[0-9;?]*[ -/]*[@-~]|[^\[])")
+BEGUN = re.compile(rb"(.*?)((?:\x1b(?:\[[0-9;?]*)?)?)\Z", re.DOTALL)
+"""What a terminal does not show: where the cursor goes, colours; and the beginning of such a sequence at the end."""
+
+
+class Person:
+    """One `facetctl` with these words on a pty of its own, beside the daemon whose socket lies in `folder`."""
+
+    def __init__(self, folder: Path, *words: str) -> None:
+        self.seen, self._raw = "", b""
+        self._pid, self._handle = pty.fork()
+        if self._pid == 0:
+            os.environ.update(FACETD_SOCKET=str(folder / "facetd.sock"), HOME=str(folder), TERM="xterm")
+            os.environ.pop("XDG_STATE_HOME", None)
+            os.environ["PROMPT_TOOLKIT_NO_CPR"] = "1"  # nobody answers where the cursor is
+            os.execv(sys.executable, [sys.executable, "-m", "daemon.ctl", *words])
+
+    def types(self, keys: str) -> None:
+        """Press keys."""
+        os.write(self._handle, keys.encode("latin-1"))
+
+    def sees(self, text: str, within_s: float = 20.0) -> str:
+        """Wait for a text beyond what was seen before; gives what came before it."""
+        deadline = time.monotonic() + within_s
+        while text not in self.seen:
+            assert time.monotonic() < deadline, f"{text!r} did not come; what came: {self.seen!r}"
+            self._read(0.1)
+        before, _, self.seen = self.seen.partition(text)
+        return before
+
+    def sees_for(self, seconds: float) -> str:
+        """All that appears in so many seconds, beyond what was seen before."""
+        deadline = time.monotonic() + seconds
+        while (left_s := deadline - time.monotonic()) > 0 and self._read(left_s):
+            continue
+        text, self.seen = self.seen, ""
+        return text
+
+    def leaves(self) -> int:
+        """Wait for the end of facetctl; its status."""
+        deadline = time.monotonic() + 10.0
+        while self._read(0.1):
+            assert time.monotonic() < deadline, f"still there; what came: {self.seen!r}"
+        _, status = os.waitpid(self._pid, 0)
+        os.close(self._handle)
+        return os.waitstatus_to_exitcode(status)
+
+    def _read(self, within_s: float) -> bool:
+        """Take in what appears next. False where facetctl has ended."""
+        if not select.select([self._handle], [], [], within_s)[0]:
+            return True
+        try:
+            self._raw += os.read(self._handle, 4096)
+        except OSError:
+            return False
+        whole, begun = BEGUN.match(self._raw).groups()  # type: ignore[union-attr]
+        self.seen, self._raw = self.seen + SEQUENCE.sub(b"", whole).decode("utf-8", "replace"), begun
+        return True
