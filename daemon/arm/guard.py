@@ -1,6 +1,6 @@
 """What the arm may never be told. Pure: a command and how things stand in, the broken rule out.
 
-Every motion of the arm passes `refuse` immediately before its bytes leave (pick/motion.py); nothing here remembers
+Every motion of the arm passes `refuse` immediately before its bytes leave (mover.py); nothing here remembers
 anything, so that each rule can be read, and tested, on its own.
 """
 

@@ -1,1 +1,4 @@
-"""The pick, room of the cycle: its states, plans, looks, moves, and the part followed from look to look."""
+"""The pick: its states, what it knows of the table, how it plans, looks, follows and grasps.
+
+Parts are named in daemon/vision/, the arm is moved through daemon/arm/; here it is decided what to do next.
+"""

@@ -1,6 +1,6 @@
 """How to take hold of a part: antipodal grasps from its corners, its pose and the table. Pure.
 
-A grasp is where the tool must be, world frame; whether the arm gets there and what the cameras see is approach.py's.
+A grasp is where the tool must be, world frame; whether the arm gets there and what the cameras see is plan.py's.
 The solid is the convex hull of the taught corners: what a gripper with two flat fingers feels of it.
 """
 

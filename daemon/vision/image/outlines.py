@@ -1,7 +1,7 @@
 """Outlines: polygons still being worked on. From the borders of closed regions to sides that lie on the gradient.
 
 Several outlines of one region may live side by side (with and without a doubtful corner); which of them is true is
-decided when both eyes are compared. Final corners come from fit.py.
+decided when both eyes are compared. Final corners come from polygon_fit.py.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """What the two faces beside an edge look like by themselves: grey levels across many sides, row by row.
 
-In: samples across sides (strips.py). Out: the levels of either face carried on under the edge. Where the edge is, is
-for sides.py.
+In: samples across sides (profiles.py). Out: the levels of either face carried on under the edge. Where the edge is, is
+for edge_lines.py.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """D'Souza's corner detectors: minimum intensity change (section 4.5.1) and median difference (section 4.2.2).
 
 Both look for a corner near where one is expected, and give it to a pixel or, by averaging, to a fraction of one. The
-lines of sides.py are the better way; these are kept so that the two can be compared.
+lines of edge_lines.py are the better way; these are kept so that the two can be compared.
 """
 
 from __future__ import annotations
