@@ -14,6 +14,8 @@ import pytest
 from drivers.simcell.parts import part_shape
 from tests.bench.running import Running
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def daemon() -> Iterator[Running]:

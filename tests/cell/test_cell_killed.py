@@ -12,6 +12,9 @@ import pytest
 
 from tests.bench.kill import Sentry, harm
 
+pytestmark = pytest.mark.slow
+
+
 KILLS = int(os.environ.get("FACETD_KILLS", "4"))
 
 

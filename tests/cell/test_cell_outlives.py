@@ -12,6 +12,8 @@ import pytest
 from drivers.simcell.world import Where
 from tests.bench.outlive import ACTS, Beside, Ways, harm
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.mark.parametrize("name", ["moving, prompt at the end", "typing, lines not cancelled"])
 def test_it_comes_back_to_a_controller_that_went_on_and_knows_where_the_arm_is(name: str) -> None:
