@@ -56,11 +56,11 @@ bench: $(VENV)/.dev
 	$(BIN)/python -m tests.bench
 
 bench-faults: $(VENV)/.dev
-	$(BIN)/python -m tests.bench.faults
-	$(BIN)/python -m tests.bench.kill
+	$(BIN)/python -m tests.bench.long.faults
+	$(BIN)/python -m tests.bench.long.kill
 
 bench-soak: $(VENV)/.dev
-	$(BIN)/python -m tests.bench.soak
+	$(BIN)/python -m tests.bench.long.soak
 
 clean:
 	rm -rf $(VENV) build *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis

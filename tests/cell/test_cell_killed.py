@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.bench.kill import Sentry, harm
+from tests.bench.long.kill import Sentry, harm
 
 pytestmark = pytest.mark.slow
 
