@@ -44,8 +44,10 @@ check: $(VENV)/.dev
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-cache
 
+# What is slow runs by itself, so that the others have answered before; 5 says that a choice of TESTS has none of a kind.
 test: check
-	$(BIN)/pytest -n 3 --dist worksteal $(TESTS)
+	$(BIN)/pytest -n 3 --dist worksteal -m "not slow" $(TESTS) || [ $$? = 5 ]
+	$(BIN)/pytest -n 3 --dist worksteal -m slow $(TESTS) || [ $$? = 5 ]
 
 rig: $(VENV)/.dev
 	$(BIN)/python tests/rig/run.py $(JOBS)
@@ -54,11 +56,11 @@ bench: $(VENV)/.dev
 	$(BIN)/python -m tests.bench
 
 bench-faults: $(VENV)/.dev
-	$(BIN)/python -m tests.bench.faults
-	$(BIN)/python -m tests.bench.kill
+	$(BIN)/python -m tests.bench.long.faults
+	$(BIN)/python -m tests.bench.long.kill
 
 bench-soak: $(VENV)/.dev
-	$(BIN)/python -m tests.bench.soak
+	$(BIN)/python -m tests.bench.long.soak
 
 clean:
 	rm -rf $(VENV) build *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis

@@ -1,1 +1,1 @@
-"""Hardware, real and simulated. Nothing here knows the daemon; `daemon/cell/build.py` alone names what is here."""
+"""Hardware, real and simulated. Nothing here knows the daemon; `daemon/cell/` alone names what is here."""

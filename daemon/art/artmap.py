@@ -9,13 +9,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from daemon.art.arrays import Array
 from daemon.art.errors import InputError
 from daemon.art.fuzzy_art import FuzzyART
 from daemon.art.fuzzy_artmap import FuzzyARTMAP
-
-Array = NDArray[np.float64]
 
 
 class ARTMAP:

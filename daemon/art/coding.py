@@ -13,9 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from daemon.art.arrays import Array
 from daemon.art.errors import InputError
-
-Array = NDArray[np.float64]
 
 FINEST_GRID_BITS = 44
 

@@ -9,12 +9,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
+from daemon.art.arrays import Array, Index
 from daemon.art.levels import MOST_LEVELS, LevelTerms, Samples
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 # Intermediate (samples, nodes) tables are worked through in pieces of about this many elements, to stay in cache.
 PIECE = 16384

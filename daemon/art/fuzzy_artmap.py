@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from daemon.art.arrays import Array, Index
 from daemon.art.coding import as_unit_samples, code, grid_step
 from daemon.art.errors import NotTrainedError, ParameterError
 from daemon.art.labels import Labels
@@ -20,9 +21,6 @@ from daemon.art.presenting import present
 from daemon.art.search import Contradiction, MatchTracking, SearchRule, Uncommitted, iterations, within
 from daemon.art.winners import Answers, answers
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
-
 
 class FuzzyARTMAP:
     """Fuzzy ARTMAP with plain labels in the place of ART-b (for coded ART-b inputs see daemon.art.ARTMAP).
@@ -30,9 +28,9 @@ class FuzzyARTMAP:
     rho: baseline vigilance of ART-a in [0, 1]; alpha: choice parameter >= 0; beta: learning rate in (0, 1], 1 being
     fast learning (new nodes always commit fast); complement: code samples as (a, 1 - a), off only to reproduce the
     thesis's raw activations; map_vigilance rho_ab: 1 (default) makes every node stand for one label, less lets a node
-    keep several (one-to-many), 0 switches match tracking off; match_tracking, epsilon, uncommitted, contradiction: see
-    SearchRule; max_iter: epochs of `fit`, fewer once an epoch changes nothing; rho_predict: vigilance when predicting,
-    None for the baseline. Where no node meets it, the prediction abstains.
+    keep several (one-to-many), 0 switches match tracking off; match_tracking, epsilon, uncommitted, contradiction,
+    capacity: see SearchRule; max_iter: epochs of `fit`, fewer once an epoch changes nothing; rho_predict: vigilance
+    when predicting, None for the baseline. Where no node meets it, the prediction abstains.
 
     Samples are (N, M) in [0, 1], labels any hashable values. Raises InputError, ParameterError, NotTrainedError.
     """
@@ -49,10 +47,11 @@ class FuzzyARTMAP:
         epsilon: float = 1e-10,
         uncommitted: Uncommitted = "last",
         contradiction: Contradiction = "new_node",
+        capacity: int | None = None,
         max_iter: int = 1,
         rho_predict: float | None = None,
     ) -> None:
-        self.rule = SearchRule(rho, alpha, map_vigilance, match_tracking, epsilon, uncommitted, contradiction)
+        self.rule = SearchRule(rho, alpha, map_vigilance, match_tracking, epsilon, uncommitted, contradiction, capacity)
         within("beta", beta, np.nextafter(0.0, 1.0), 1.0)
         within("rho_predict", rho if rho_predict is None else rho_predict, 0.0, 1.0)
         self.beta, self.complement, self.max_iter = float(beta), bool(complement), iterations(max_iter)
@@ -98,9 +97,8 @@ class FuzzyARTMAP:
 
     def learn(self, X: Any, y: Any) -> Index:
         """As partial_fit; returns the node each sample ended on, (N,), -2 where a contradiction was skipped."""
-        samples = as_unit_samples(X, self._features())
-        numbers = self._labels.numbers(y, len(samples))
-        coded = Samples.of(code(samples, self.complement), self.complement)
+        coded = self._coded(X)
+        numbers = self._labels.numbers(y, len(coded))
         if self._nodes is None:
             self._nodes = Nodes(coded.coded.shape[1])
         self._nodes.room_for_labels(len(self._labels))
@@ -109,8 +107,7 @@ class FuzzyARTMAP:
     def recall(self, X: Any) -> Answers:
         """The node each sample calls up at vigilance rho_predict, with activation and match."""
         nodes = self._trained()
-        coded = Samples.of(code(as_unit_samples(X, self._features()), self.complement), self.complement)
-        return answers(coded, nodes, self.rule.alpha, self.rho_predict)
+        return answers(self._coded(X), nodes, self.rule.alpha, self.rho_predict)
 
     def predict(self, X: Any) -> NDArray[Any]:
         """The label of each sample, (N,). With rho_predict 0 there is always one, and the array has the labels' own
@@ -174,12 +171,12 @@ class FuzzyARTMAP:
         number = np.where(recalled.node >= 0, self._trained().winners()[recalled.node], -1)
         return np.asarray(table[number])
 
-    def _features(self) -> int | None:
-        if self._nodes is None:
-            return None
-        return self._nodes.features // 2 if self.complement else self._nodes.features
+    def _coded(self, X: Any) -> Samples:
+        """Samples (N, M) checked, and coded as the nodes are."""
+        known = None if self._nodes is None else self._nodes.features // (2 if self.complement else 1)
+        return Samples.of(code(as_unit_samples(X, known), self.complement), self.complement)
 
     def _trained(self) -> Nodes:
         if self._nodes is None or not len(self._nodes):
-            raise NotTrainedError("this FuzzyARTMAP has not learnt a single sample yet")
+            raise NotTrainedError("this network has not learnt a single sample yet")
         return self._nodes

@@ -14,11 +14,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from daemon.art.arrays import Array, Index
 from daemon.art.errors import ParameterError
 from daemon.art.search import UNCOMMITTED, MatchTracking, one_of, within
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 MatchBy = Literal["density", "unit_height"]
 Variance = Literal["exact", "new_mean", "old_mean"]

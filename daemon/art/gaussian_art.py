@@ -12,71 +12,19 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from daemon.art.arrays import Array, Index
 from daemon.art.coding import as_samples, refuse_first
 from daemon.art.errors import NotTrainedError, ParameterError
 from daemon.art.gaussian import Categories, GaussianRule, resonating
+from daemon.art.grouping import ANY, Grouping
 from daemon.art.labels import Labels
 from daemon.art.search import UNCOMMITTED, iterations, one_of
+from daemon.art.winners import Answers
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 Prediction = Literal["sum", "winner"]
 
 # Beyond this, squares of distances in standard deviations leave the range of float64.
 FARTHEST = 1e100
-
-
-class GaussianART:
-    """Groups samples (N, M) into Gaussians. rule: see GaussianRule; max_iter: epochs of `fit`."""
-
-    def __init__(self, rule: GaussianRule | None = None, *, max_iter: int = 1) -> None:
-        self.rule, self.max_iter = rule or GaussianRule(), iterations(max_iter)
-        self._categories: Categories | None = None
-
-    @property
-    def n_categories(self) -> int:
-        return 0 if self._categories is None else len(self._categories)
-
-    def fit(self, X: Any, y: object = None) -> GaussianART:
-        """Forget everything and learn X (N, M) in its order, max_iter times over; y is ignored."""
-        self._categories = None
-        for _ in range(self.max_iter):
-            self.learn(X)
-        return self
-
-    def partial_fit(self, X: Any, y: object = None) -> GaussianART:
-        """Learn X (N, M) on top of what is known."""
-        self.learn(X)
-        return self
-
-    def learn(self, X: Any) -> Index:
-        """As partial_fit; returns the category each sample resonated with while it was learnt, (N,)."""
-        samples = _finite_samples(X, self._categories)
-        if self._categories is None:
-            self._categories = Categories.none(samples.shape[1])
-        categories, rule = self._categories, self.rule
-        chosen = np.empty(len(samples), dtype=np.int64)
-        for number, sample in enumerate(samples):
-            node = resonating(categories, sample, rule, lambda _: True)
-            chosen[number] = _learnt(categories, node, sample, rule)
-        return chosen
-
-    def predict(self, X: Any) -> Index:
-        """The most probable category of each sample among those that match, (N,); -1 where none does."""
-        categories = _trained(self._categories)
-        score, _ = _scores(categories, _finite_samples(X, categories), self.rule)
-        node = np.asarray(score.argmax(axis=1), dtype=np.int64)
-        node[score.max(axis=1) == -np.inf] = -1
-        return node
-
-    def state(self) -> dict[str, NDArray[Any]]:
-        """What was learnt: mean, variance (J, M), samples (J,)."""
-        return _state(_trained(self._categories))
-
-    def restore(self, state: Mapping[str, NDArray[Any]]) -> GaussianART:
-        """Take up what `state` of an estimator with the same parameters gave."""
-        self._categories = _restored(state)
-        return self
 
 
 class GaussianARTMAP:
@@ -112,19 +60,31 @@ class GaussianARTMAP:
 
     def partial_fit(self, X: Any, y: Any) -> GaussianARTMAP:
         """Learn X (N, M) with labels y (N,) on top of what is known."""
+        self.learn(X, y)
+        return self
+
+    def learn(self, X: Any, y: Any) -> Index:
+        """As partial_fit; returns the category each sample ended on, (N,)."""
         samples = _finite_samples(X, self._categories)
         labels = self._labels.numbers(y, len(samples))
         if self._categories is None:
             self._categories = Categories.none(samples.shape[1])
-        for sample, label in zip(samples, labels.tolist(), strict=True):
-            self._present(self._categories, sample, label)
-        return self
+        ended = [self._present(self._categories, s, label) for s, label in zip(samples, labels.tolist(), strict=True)]
+        return np.array(ended, dtype=np.int64)
 
-    def _present(self, categories: Categories, sample: Array, label: int) -> None:
+    def _present(self, categories: Categories, sample: Array, label: int) -> int:
         node = resonating(categories, sample, self.rule, lambda node: self._stands_for.item(node) == label)
         if node == UNCOMMITTED:
             self._stands_for = np.append(self._stands_for, label)
-        _learnt(categories, node, sample, self.rule)
+            return categories.commit(sample, self.rule)
+        categories.learn(node, sample, self.rule)
+        return node
+
+    def recall(self, X: Any) -> Answers:
+        """The most probable category of each sample among those that match, its log probability and match."""
+        score, match = self._scores(X)
+        node, greatest = score.argmax(axis=1), score.max(axis=1)
+        return Answers(np.where(greatest > -np.inf, node, -1), greatest, match[np.arange(len(node)), node])
 
     def predict(self, X: Any) -> NDArray[Any]:
         """The label of each sample, (N,): of the labels' own type where the rule has no vigilance, else objects with
@@ -133,8 +93,7 @@ class GaussianARTMAP:
 
     def predict_with_match(self, X: Any) -> tuple[NDArray[Any], Array]:
         """As predict, and the best match, as the rule has it, of the categories of that label, (N,); -inf for none."""
-        categories = _trained(self._categories)
-        score, match = _scores(categories, _finite_samples(X, categories), self.rule)
+        score, match = self._scores(X)
         number = self._label_of(score)
         table = self._labels.table() if self.rule.rho is None else self._labels.object_table()
         own = np.where(self._stands_for == number[:, None], match, -np.inf)
@@ -142,9 +101,7 @@ class GaussianARTMAP:
 
     def predict_proba(self, X: Any) -> Array:
         """P(label | sample), (N, L), columns as in `classes`; 0 where no category reaches the vigilance."""
-        categories = _trained(self._categories)
-        score, _ = _scores(categories, _finite_samples(X, categories), self.rule)
-        summed = self._summed(score)
+        summed = self._summed(self._scores(X)[0])
         total = summed.sum(axis=1, keepdims=True)
         return np.asarray(np.divide(summed, total, out=np.zeros_like(summed), where=total > 0.0))
 
@@ -154,14 +111,21 @@ class GaussianARTMAP:
         if number is None:
             raise ParameterError(f"forget: no such label as {label!r}; known: {list(self.classes)}")
         kept = self._stands_for != number
-        self._categories = _trained(self._categories).at(kept)
+        self._categories = self._trained().at(kept)
         self._labels = Labels(known for known in self._labels.all() if known != self._labels[number])
         self._stands_for = self._stands_for[kept] - (self._stands_for[kept] > number)
         return self
 
     def state(self) -> dict[str, NDArray[Any]]:
         """What was learnt: mean, variance (J, M), samples (J,), stands_for (J,), the index of a label in `classes`."""
-        return {**_state(_trained(self._categories)), "stands_for": self._stands_for.copy()}
+        known = self._trained()
+        named = {
+            "mean": known.mean,
+            "variance": known.variance,
+            "samples": known.samples,
+            "stands_for": self._stands_for,
+        }
+        return {name: array.copy() for name, array in named.items()}
 
     def restore(self, state: Mapping[str, NDArray[Any]], classes: Iterable[Hashable]) -> GaussianARTMAP:
         """Take up what `state` and `classes` of an estimator with the same parameters gave."""
@@ -171,6 +135,18 @@ class GaussianARTMAP:
             raise ParameterError(f"state: stands_for {stands_for.shape} does not fit {len(labels)} labels")
         self._labels, self._stands_for, self._categories = labels, stands_for, categories
         return self
+
+    def _trained(self) -> Categories:
+        if self._categories is None or not len(self._categories):
+            raise NotTrainedError("this Gaussian network has not learnt a single sample yet")
+        return self._categories
+
+    def _scores(self, X: Any) -> tuple[Array, Array]:
+        """g, (1.29), of samples at categories, (N, J), -inf where the match is under the vigilance; and the match."""
+        categories = self._trained()
+        density = categories.log_densities(_finite_samples(X, categories))
+        match = self.rule.match(density, categories.log_peak)
+        return np.where(match >= self.rule.baseline, density + categories.log_prior(), -np.inf), match
 
     def _label_of(self, score: Array) -> Index:
         """The label number of each row of log probabilities (N, J), -1 where all are -inf."""
@@ -188,38 +164,10 @@ class GaussianARTMAP:
         return np.asarray(relative @ (self._stands_for[:, None] == np.arange(len(self._labels))).astype(np.float64))
 
 
-def _scores(categories: Categories, samples: Array, rule: GaussianRule) -> tuple[Array, Array]:
-    """g, (1.29), of each sample at each category, (N, J), -inf where the match is under the vigilance; the match."""
-    density = categories.log_densities(samples)
-    match = rule.match(density, categories.log_peak)
-    return np.where(match >= rule.baseline, density + categories.log_prior(), -np.inf), match
-
-
-def _learnt(categories: Categories, node: int, sample: Array, rule: GaussianRule) -> int:
-    if node == UNCOMMITTED:
-        return categories.commit(sample, rule)
-    categories.learn(node, sample, rule)
-    return node
-
-
 def _finite_samples(X: Any, categories: Categories | None) -> Array:
     samples = as_samples(X, None if categories is None else categories.features)
     refuse_first(~(np.abs(samples) <= FARTHEST), samples, f"a number of at most {FARTHEST:g}")
     return samples
-
-
-def _trained(categories: Categories | None) -> Categories:
-    if categories is None or not len(categories):
-        raise NotTrainedError("this Gaussian network has not learnt a single sample yet")
-    return categories
-
-
-def _state(categories: Categories) -> dict[str, NDArray[Any]]:
-    return {
-        "mean": categories.mean.copy(),
-        "variance": categories.variance.copy(),
-        "samples": categories.samples.copy(),
-    }
 
 
 def _restored(state: Mapping[str, NDArray[Any]]) -> Categories:
@@ -230,3 +178,19 @@ def _restored(state: Mapping[str, NDArray[Any]]) -> Categories:
     if not (np.isfinite(mean).all() and np.isfinite(variance).all() and (variance > 0).all() and (samples > 0).all()):
         raise ParameterError("state: a mean or variance is not finite, or a variance or count not positive")
     return Categories(mean, variance, samples)
+
+
+class GaussianART(Grouping[GaussianARTMAP]):
+    """Groups samples (N, M) into Gaussians. rule: see GaussianRule; max_iter: epochs of `fit`."""
+
+    def __init__(self, rule: GaussianRule | None = None, *, max_iter: int = 1) -> None:
+        self._map = GaussianARTMAP(rule, max_iter=max_iter)
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        """What was learnt: mean, variance (J, M), samples (J,)."""
+        return {name: array for name, array in self._map.state().items() if name != "stands_for"}
+
+    def restore(self, state: Mapping[str, NDArray[Any]]) -> GaussianART:
+        """Take up what `state` of an estimator with the same parameters gave."""
+        self._map.restore({**state, "stands_for": np.zeros(len(state["mean"]))}, [ANY])
+        return self

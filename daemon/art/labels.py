@@ -22,8 +22,8 @@ class Labels:
     def __init__(self, labels: Iterable[Hashable] = ()) -> None:
         self._labels: list[Hashable] = []
         self._number: dict[Hashable, int] = {}
-        for label in labels:
-            self.number(label)
+        listed = list(labels)
+        self.numbers(listed, len(listed))
 
     def __len__(self) -> int:
         return len(self._labels)
@@ -36,31 +36,23 @@ class Labels:
         return self._number.get(_plain(label))
 
     def number(self, label: Hashable) -> int:
-        """The number of a label, a new one where it was never seen. InputError for an unhashable label."""
+        """The number of a label, a new one where it was never seen."""
         label = _plain(label)
-        try:
-            known = self._number.get(label)
-        except TypeError as error:
-            raise InputError(f"labels: expected something hashable, found {type(label).__name__}") from error
-        if known is None:
-            known = self._number[label] = len(self._labels)
+        if label not in self._number:
+            self._number[label] = len(self._labels)
             self._labels.append(label)
-        return known
+        return self._number[label]
 
     def numbers(self, labels: Any, expected: int) -> Index:
-        """One number a label, or InputError where there are not as many labels as samples."""
+        """One number a label, or InputError where one is unhashable or there are not as many labels as samples."""
         listed = labels.tolist() if isinstance(labels, np.ndarray) else list(labels)
         if len(listed) != expected:
             raise InputError(f"labels: expected one a sample ({expected}), found {len(listed)}")
-        number = {label: self.number(label) for label in self._distinct(listed)}
-        return np.array([number[label] for label in listed], dtype=np.int64)
-
-    @staticmethod
-    def _distinct(labels: list[Any]) -> Iterable[Hashable]:
         try:
-            return dict.fromkeys(labels)
+            number = {label: self.number(label) for label in dict.fromkeys(listed)}
         except TypeError as error:
             raise InputError(f"labels: expected something hashable ({error})") from error
+        return np.array([number[label] for label in listed], dtype=np.int64)
 
     def all(self) -> tuple[Hashable, ...]:
         return tuple(self._labels)

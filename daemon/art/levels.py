@@ -10,10 +10,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
+from daemon.art.arrays import Array, Index
 
 # A feature of more distinct values than this is not worth a table of them.
 MOST_LEVELS = 32

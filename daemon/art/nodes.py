@@ -12,8 +12,8 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
+from daemon.art.arrays import Array, Index
+
 Scalar = TypeVar("Scalar", np.float64, np.int64)
 
 

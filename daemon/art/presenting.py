@@ -9,15 +9,12 @@ the last bit, whatever the block length.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from daemon.art.arrays import Index
 from daemon.art.fuzzy import LEAST, choice, learnt, matches, overlap_with_one, overlaps, sums
 from daemon.art.levels import LevelTerms, Samples
 from daemon.art.nodes import Nodes
 from daemon.art.search import SKIPPED, UNCOMMITTED, SearchRule, find_node
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 BLOCK = 128
 # From this many uneventful samples in a row on, looking at a stretch together beats looking at each.

@@ -10,12 +10,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from daemon.art.arrays import Array
 from daemon.art.errors import ParameterError
 from daemon.art.nodes import Nodes
-
-Array = NDArray[np.float64]
 
 UNCOMMITTED = -1
 SKIPPED = -2
@@ -54,6 +52,8 @@ class SearchRule:
         within("alpha", self.alpha, 0.0, float("inf"))
         within("map_vigilance", self.map_vigilance, 0.0, 1.0)
         within("epsilon", self.epsilon, 0.0, 1.0)
+        if self.capacity is not None and self.capacity < 1:
+            raise ParameterError(f"capacity: expected at least 1 node, found {self.capacity!r}")
         one_of("match_tracking", self.match_tracking, ("MT+", "MT-"))
         one_of("uncommitted", self.uncommitted, ("last", "competes"))
         one_of("contradiction", self.contradiction, ("new_node", "skip"))

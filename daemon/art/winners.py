@@ -12,12 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from daemon.art.arrays import Array, Index
 from daemon.art.fuzzy import choice, matches, overlaps, sums
 from daemon.art.levels import Samples
 from daemon.art.nodes import Nodes
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 Single = NDArray[np.float32]
 
 # Samples looked at together, and (samples, nodes) elements looked at together in single precision.

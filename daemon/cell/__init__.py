@@ -1,4 +1,4 @@
 """Configuration -> cameras and arm: real, recorded or simulated. The only room that names drivers.
 
-build.py makes the Hardware, workcell.py what a pick works with; when to look or move is decided elsewhere.
+build.py makes the Hardware, pick_cell.py what a pick works with; when to look or move is decided elsewhere.
 """

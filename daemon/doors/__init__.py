@@ -1,1 +1,4 @@
-"""Where operators come in: the serial terminal, the socket and its client. What their words mean is console.py's."""
+"""Where operators come in: the serial terminal, the socket and its client.
+
+What their words mean is daemon/console/'s.
+"""

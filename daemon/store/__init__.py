@@ -1,1 +1,4 @@
-"""What is on disk and how it is read and written: configuration files, models, taught views, runs."""
+"""What is on disk, read and written so that a crash loses nothing: models, taught views, runs, the run log.
+
+What the values mean is known to the rooms they come from.
+"""

@@ -1,34 +1,21 @@
 """`make bench`: run every measuring module of this folder, or those named, and print their tables.
 
-A module here has a `main()` that measures and prints; nothing in this folder passes or fails.
+A module here has a `main()` that measures and prints; nothing in this folder passes or fails. Those in long/ take many
+minutes and run when named (`long.picks`), or by a target of their own.
 usage: python -m tests.bench [MODULE...]
 """
 
 from __future__ import annotations
 
 import importlib
-import pkgutil
 import sys
 from pathlib import Path
 
-NOT_IN_THE_ROUND = {
-    "__main__",
-    "faults",
-    "kill",
-    "lent_eyes",
-    "outlive",
-    "picks",
-    "running",
-    "sentry",
-    "soak",
-}  # minutes long: named, or by their own target; or what those share
-
 
 def main(names: list[str]) -> int:
-    here = Path(__file__).parent
-    found = sorted(m.name for m in pkgutil.iter_modules([str(here)]) if m.name not in NOT_IN_THE_ROUND)
+    round_of_all = sorted(f.stem for f in Path(__file__).parent.glob("[!_]*.py"))
     sys.argv = sys.argv[:1]
-    for name in names or found:
+    for name in names or round_of_all:
         print(f"\n=== {name}", flush=True)
         importlib.import_module(f"tests.bench.{name}").main()
     return 0

@@ -11,6 +11,9 @@ from daemon.jobs.demo import PARTS
 from tests.worlds import simulated_cell
 from tests.worlds.simulated_cell import rig
 
+pytestmark = pytest.mark.slow
+
+
 BOARD = Board(9, 6, 16.0)
 
 

@@ -12,7 +12,9 @@ import numpy as np
 import pytest
 
 from drivers.simcell.parts import part_shape
-from tests.bench.running import Running
+from tests.worlds.running import Running
+
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture

@@ -10,7 +10,10 @@ from pathlib import Path
 
 import pytest
 
-from tests.bench.kill import Sentry, harm
+from tests.bench.long.kill import Sentry, harm
+
+pytestmark = pytest.mark.slow
+
 
 KILLS = int(os.environ.get("FACETD_KILLS", "4"))
 

@@ -10,7 +10,9 @@ from pathlib import Path
 import pytest
 
 from drivers.simcell.world import Where
-from tests.bench.outlive import ACTS, Beside, Ways, harm
+from tests.worlds.outlive import ACTS, Beside, Ways, harm
+
+pytestmark = pytest.mark.slow
 
 
 @pytest.mark.parametrize("name", ["moving, prompt at the end", "typing, lines not cancelled"])

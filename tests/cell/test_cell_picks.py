@@ -11,6 +11,8 @@ from drivers.simcell.controller import LineFault, Mishap
 from tests.worlds import simulated_cell
 from tests.worlds.simulated_cell import rig
 
+pytestmark = pytest.mark.slow
+
 
 def run(story):
     return asyncio.run(story)

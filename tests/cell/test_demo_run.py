@@ -12,6 +12,9 @@ import pytest
 
 from daemon.ctl import main as facetctl
 
+pytestmark = pytest.mark.slow
+
+
 SEED = 106
 """Any will do; this one is known to pick every part."""
 

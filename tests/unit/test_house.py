@@ -1,6 +1,78 @@
-"""The house itself: whose names its packages are, and what a newcomer's first commands rest on."""
+"""The house itself: whose names its packages are, its rooms' doors, and prose that names only what is there."""
 
+import ast
+import io
+import re
+import subprocess
+import tokenize
 from importlib.metadata import entry_points, packages_distributions
+from pathlib import Path
+
+import pytest
+
+from daemon.store.places import HOUSE
+
+NAMED = re.compile(
+    r"(?<![\w./*<{-])(?:[\w-]+/)*[\w-]+\.(?:py|sh)\b|(?<![\w./])(?:daemon|drivers|tests|etc)/[\w/]*\w(?!\w|\.\w)"
+)
+"""A file, with or without its folders; or a folder of ours with its whole path."""
+ROOM = re.compile(r"`([\w-]+/)`")
+"""A room in a table of rooms."""
+ARRANGEMENTS = re.compile(r"/wo(?:rk)/|\b(?:HOUSE|DESIGN|STYLE)(?:\.md)|\b[Ii]ssue(?: |-| #)\d")
+"""How and by whom work is parted is no business of who reads the code."""
+
+
+def tracked() -> list[Path]:
+    listed = subprocess.run(
+        ["git", "ls-files", "--cached", "--others", "--exclude-standard"], cwd=HOUSE, capture_output=True, text=True
+    )
+    if listed.returncode:
+        pytest.skip("not a git checkout")
+    return [HOUSE / name for name in listed.stdout.splitlines() if (HOUSE / name).is_file()]
+
+
+def prose(file: Path) -> str:
+    """A page's text; of a program its comments and docstrings."""
+    text = file.read_text()
+    if file.suffix == ".md":
+        return text
+    tokens = tokenize.generate_tokens(io.StringIO(text).readline)
+    return "\n".join(
+        t.string
+        for t in tokens
+        if t.type == tokenize.COMMENT or (t.type == tokenize.STRING and t.string.lstrip("rf").startswith('"""'))
+    )
+
+
+def test_a_file_or_room_named_in_prose_exists() -> None:
+    files = tracked()
+    there = {"/" + str(p.relative_to(HOUSE)) for f in files for p in (f, *f.parents) if p.is_relative_to(HOUSE)}
+    gone = []
+    for file in (f for f in files if f.suffix in (".py", ".md")):
+        names = NAMED.findall(prose(file)) + (ROOM.findall(prose(file)) if file.name == "README.md" else [])
+        gone += [
+            (str(file.relative_to(HOUSE)), n) for n in names if not any(h.endswith("/" + n.rstrip("/")) for h in there)
+        ]
+    assert gone == []
+
+
+def test_every_room_says_at_its_door_what_belongs_in_it() -> None:
+    rooms = {
+        f.parent for f in tracked() if f.suffix == ".py" and f.relative_to(HOUSE).parts[0] in ("daemon", "drivers")
+    }
+    for room in sorted(rooms):
+        door = room / "__init__.py"
+        assert door.is_file(), f"{room} has no door"
+        said = ast.get_docstring(ast.parse(door.read_text()))
+        assert said, f"{door} says nothing"
+        assert 1 <= len(re.findall(r"\.(?:\s|$)", said)) <= 3, f"{door}: one to three sentences"
+
+
+def test_no_file_tells_of_working_arrangements() -> None:
+    told = []
+    for file in (f for f in tracked() if f.suffix not in (".png", ".jpg", ".npz")):
+        told += [(str(file.relative_to(HOUSE)), m[0]) for m in ARRANGEMENTS.finditer(file.read_text())]
+    assert told == []
 
 
 def test_the_packages_daemon_and_drivers_are_facetd_s_alone() -> None:

@@ -12,8 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
+from daemon.art.arrays import Array, Index
 
 # Partial numberings extended together.
 TOGETHER = 64

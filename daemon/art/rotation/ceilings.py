@@ -7,14 +7,15 @@ are in falling order; and off-diagonal elements stay off the diagonal under any 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
+from operator import itemgetter
 
 import numpy as np
 from numpy.typing import NDArray
 
+from daemon.art.arrays import Array
 from daemon.art.rotation.gains import element_gain
-from daemon.art.rotation.matrices import TaughtMatrices
-
-Array = NDArray[np.float64]
+from daemon.art.rotation.matrices import Ends, TaughtMatrices, both
 
 # Nodes whose bound is worked out together, to stay in cache.
 PIECE = 2048
@@ -22,43 +23,32 @@ PIECE = 2048
 
 @dataclass(frozen=True, eq=False)
 class Ceilings:
-    """Each node's elements in falling order: lower, upper (m * m - m, J) off the diagonal, own_lower, own_upper (m, J)
-    on it; upper is lower where nodes have learnt one view each. base (J,): the overlap of an empty view."""
+    """Each node's elements in falling order: off (m * m - m, J) each end off the diagonal, own (m, J) on it. base (J,):
+    the overlap of an empty view."""
 
-    lower: Array
-    upper: Array
-    own_lower: Array
-    own_upper: Array
+    off: Ends
+    own: Ends
     base: Array
     complement: bool
 
     @classmethod
     def of(cls, taught: TaughtMatrices, base: Array) -> Ceilings:
-        lower, own_lower = _sorted_elements(taught.lower)
-        upper, own_upper = (lower, own_lower)
-        if taught.upper is not taught.lower:
-            upper, own_upper = _sorted_elements(taught.upper)
-        return cls(lower, upper, own_lower, own_upper, base, taught.complement)
+        diagonal = np.eye(taught.slots, dtype=bool)
+        off, own = (both(taught.ends, partial(_falling, where=where)) for where in (~diagonal, diagonal))
+        return cls(off, own, base, taught.complement)
 
     def overlap(self, view: Array) -> Array:
         """An upper bound on |I ^ w| of the stripped view (k, k) with each node, (J,)."""
-        off = np.sort(view[~np.eye(len(view), dtype=bool)])[::-1]
-        off, own = off[off > 0.0], np.sort(view.diagonal()[view.diagonal() > 0.0])[::-1]
-        bound = self.base.copy()
-        for start in range(0, len(bound), PIECE):
-            piece = slice(start, start + PIECE)
-            bound[piece] += self._gain(off, self.lower[: len(off), piece], self.upper[: len(off), piece])
-            if len(own):
-                bound[piece] += self._gain(own, self.own_lower[: len(own), piece], self.own_upper[: len(own), piece])
+        diagonal, bound = np.eye(len(view), dtype=bool), self.base.copy()
+        for ends, elements in ((self.off, view[~diagonal]), (self.own, view[diagonal])):
+            seen = np.sort(elements[elements > 0.0])[::-1, None]
+            for start in range(0, len(bound) if len(seen) else 0, PIECE):
+                piece = slice(start, start + PIECE)
+                best = both(ends, itemgetter((slice(len(seen)), piece)))
+                bound[piece] += element_gain(seen, best, self.complement).sum(axis=0)
         return bound
 
-    def _gain(self, elements: Array, lower: Array, upper: Array) -> Array:
-        same = lower if self.upper is self.lower else upper
-        return np.asarray(element_gain(elements[:, None], lower, same, self.complement).sum(axis=0))
 
-
-def _sorted_elements(matrices: Array) -> tuple[Array, Array]:
-    """(J, m, m) -> off-diagonal (m * m - m, J) and diagonal (m, J), each in falling order."""
-    diagonal = np.eye(matrices.shape[1], dtype=bool)
-    off, own = np.sort(matrices[:, ~diagonal], axis=1), np.sort(matrices[:, diagonal], axis=1)
-    return np.ascontiguousarray(off[:, ::-1].T), np.ascontiguousarray(own[:, ::-1].T)
+def _falling(matrices: Array, where: NDArray[np.bool_]) -> Array:
+    """(J, m, m) -> the elements of each matrix at `where`, in falling order, (count, J)."""
+    return np.ascontiguousarray(np.sort(matrices[:, where], axis=1)[:, ::-1].T)

@@ -10,13 +10,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from daemon.art.rotation.matrices import TaughtMatrices
+from daemon.art.arrays import Array, Index
+from daemon.art.rotation.matrices import Ends, TaughtMatrices, both
 from daemon.art.rotation.numberings import Numberings
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 
 def empty_overlap(taught: TaughtMatrices) -> Array:
@@ -26,8 +23,9 @@ def empty_overlap(taught: TaughtMatrices) -> Array:
     return np.asarray((1.0 - taught.upper).sum(axis=(1, 2)))
 
 
-def element_gain(element: Array, lower: Array, upper: Array, complement: bool) -> Array:
+def element_gain(element: Array, ends: Ends, complement: bool) -> Array:
     """The gain of elements over empty ones; shapes broadcast. For a node of one view (lower is upper) in one step."""
+    lower, upper = ends
     gain = np.minimum(element, lower)
     if not complement:
         return gain
@@ -59,18 +57,13 @@ def gains(view: Array, taught: TaughtMatrices, nodes: Index, base: Array, number
     m = taught.slots
     there, back = view[numberings.first, numberings.second], view[numberings.second, numberings.first]
     pairs = np.flatnonzero((there > 0.0) | (back > 0.0))
-    all_lower, all_upper = taught.by_element
-    lower = np.take(all_lower, nodes, axis=1)
-    upper = lower if all_upper is all_lower else np.take(all_upper, nodes, axis=1)
-    pair = element_gain(there[pairs, None, None], lower, upper, taught.complement)
-    pair += element_gain(back[pairs, None, None], lower, upper, taught.complement)[:, numberings.swapped]
+    ends = both(taught.by_element, lambda end: np.take(end, nodes, axis=1))
+    pair = element_gain(there[pairs, None, None], ends, taught.complement)
+    pair += element_gain(back[pairs, None, None], ends, taught.complement)[:, numberings.swapped]
     single = None
     if view.diagonal().any():
-        own = np.arange(m) * (m + 1)
-        lower_own, upper_own = lower[own], upper[own] if upper is not lower else None
-        single = element_gain(
-            view.diagonal()[:, None, None], lower_own, lower_own if upper_own is None else upper_own, taught.complement
-        )
+        own = both(ends, lambda end: end[:: m + 1])
+        single = element_gain(view.diagonal()[:, None, None], own, taught.complement)
     return Gains(pairs, pair, single, base[nodes])
 
 
@@ -79,14 +72,11 @@ def all_gains(view: Array, taught: TaughtMatrices, node: int) -> tuple[Array, Ar
 
     pair[p, q, a, b] is the gain of p in slot a with q in slot b, both ways; 0 where p is q.
     """
-    lower = taught.lower[node]
-    upper = lower if taught.upper is taught.lower else taught.upper[node]
-    one_way = element_gain(view[:, :, None, None], lower, upper, taught.complement)
+    ends = both(taught.ends, lambda end: end[node])
+    one_way = element_gain(view[:, :, None, None], ends, taught.complement)
     pair = one_way + one_way.transpose(1, 0, 3, 2)
     pair[np.arange(len(view)), np.arange(len(view))] = 0.0
-    own_lower = lower.diagonal()
-    own_upper = own_lower if upper is lower else upper.diagonal()
-    return pair, element_gain(view.diagonal()[:, None], own_lower, own_upper, taught.complement)
+    return pair, element_gain(view.diagonal()[:, None], both(ends, np.diagonal), taught.complement)
 
 
 def best_of_table(gain: Gains, numberings: Numberings) -> tuple[Array, Index]:

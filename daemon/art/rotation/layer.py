@@ -14,6 +14,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from daemon.art.arrays import Array, Index
 from daemon.art.fuzzy import choice
 from daemon.art.rotation.branch import best_by_branching
 from daemon.art.rotation.ceilings import Ceilings
@@ -23,8 +24,6 @@ from daemon.art.rotation.matrices import TaughtMatrices, as_relation, as_taught,
 from daemon.art.rotation.numberings import has_table, table, twins
 from daemon.art.search import one_of, within
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 Scope = Literal["all", "occupied"]
 
 # Numberings times nodes looked at together.

@@ -10,12 +10,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from daemon.art.rotation.matrices import TaughtMatrices, as_relation, as_taught, occupied
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
+from daemon.art.arrays import Array, Index
+from daemon.art.rotation.matrices import TaughtMatrices, as_relation, as_taught, both, occupied
 
 
 @dataclass(frozen=True)
@@ -50,8 +47,8 @@ def matches_at(
     seen = view[filled][:, filled]
     slots = numbering[:, filled]
     place = (nodes[:, None, None], slots[:, :, None], slots[:, None, :])
-    lower = taught.lower[place]
-    fits = lower == seen if taught.upper is taught.lower else (lower <= seen) & (seen <= taught.upper[place])
+    lower, upper = both(taught.ends, lambda end: end[place])
+    fits = lower == seen if upper is lower else (lower <= seen) & (seen <= upper)
     elements = taught.slots * taught.slots
     difference = (elements - (~fits).sum(axis=(1, 2))) / elements
     most = np.maximum(np.maximum(taught.facets[nodes], len(filled)), 1)

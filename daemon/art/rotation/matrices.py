@@ -6,18 +6,25 @@ r where r and c touch, else 0. Any numbers in [0, 1] are served. Numberings are 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from daemon.art.arrays import Array, Index
 from daemon.art.coding import grid_step, on_grid
 from daemon.art.errors import InputError
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
+Ends = tuple[Array, Array]
+"""The lower and the upper ends of what nodes were taught; one and the same array where each has learnt one view."""
+
+
+def both(ends: Ends, pick: Callable[[Array], Array]) -> Ends:
+    """The same of both ends; where they are one array, so are the results."""
+    lower = pick(ends[0])
+    return lower, lower if ends[1] is ends[0] else pick(ends[1])
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,13 +48,15 @@ class TaughtMatrices:
         size = self.lower.sum(axis=(1, 2))
         return np.asarray(size + (1.0 - self.upper).sum(axis=(1, 2)) if self.complement else size)
 
+    @property
+    def ends(self) -> Ends:
+        """lower and upper."""
+        return self.lower, self.upper
+
     @cached_property
-    def by_element(self) -> tuple[Array, Array]:
-        """lower and upper laid out element by element, (m * m, J) each; one and the same where those are."""
-        lower = np.ascontiguousarray(self.lower.reshape(len(self.lower), -1).T)
-        if self.upper is self.lower:
-            return lower, lower
-        return lower, np.ascontiguousarray(self.upper.reshape(len(self.upper), -1).T)
+    def by_element(self) -> Ends:
+        """lower and upper laid out element by element, (m * m, J) each."""
+        return both(self.ends, lambda end: np.ascontiguousarray(end.reshape(len(end), -1).T))
 
     @cached_property
     def facets(self) -> Index:

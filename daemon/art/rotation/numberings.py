@@ -11,10 +11,8 @@ from itertools import permutations
 from math import perm
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
+from daemon.art.arrays import Array, Index
 
 # Longest table kept; beyond it numberings are searched by branch and bound.
 LONGEST_TABLE = 5040

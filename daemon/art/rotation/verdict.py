@@ -1,4 +1,4 @@
-"""From one view's recall to one answer: which node, for what, and who came second. The search is in rotation.py."""
+"""From one view's recall to one answer: which node, for what, and who came second. The search is in layer.py."""
 
 from __future__ import annotations
 

@@ -1,0 +1,1 @@
+"""Two sets of outlines -> facets in space, grouped, corners welded once. Nothing is named."""

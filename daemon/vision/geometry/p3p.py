@@ -1,4 +1,4 @@
-"""Poses from three corners in one image, for thousands of guesses at once. Plain geometry; oneeye.py guesses."""
+"""Poses from three corners in one image, for thousands of guesses at once. Plain geometry; pose_guesses.py guesses."""
 
 from __future__ import annotations
 

@@ -1,0 +1,1 @@
+"""What was taught: facet types, relation matrix, views, the part merged from them. Values; no image."""

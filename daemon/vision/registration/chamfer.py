@@ -1,7 +1,7 @@
 """Many poses tried at once, roughly: how far a part's edges would lie from the nearest edges of both images.
 
 In: poses of one metric model, a map of distances to edges an eye. Out: a cost for each. What is worth laying onto the
-images exactly (align.py) is chosen by it; nothing is decided here.
+images exactly (edge_pose.py) is chosen by it; nothing is decided here.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """What a single outline in a single eye could be: taught facets in the poses that would look like it.
 
-In: corners in one image, taught metric models. Out: suspicions, to be tried on both images (align.py). A suspicion is
-no recognition: four corners fit many things.
+In: corners in one image, taught metric models. Out: suspicions, to be tried on both images (edge_pose.py). A suspicion
+is no recognition: four corners fit many things.
 """
 
 from __future__ import annotations

@@ -162,6 +162,7 @@ def test_a_part_out_of_reach_is_skipped_and_named_and_the_others_are_picked():
     assert any(s.label == "cube" and s.outcome == "unreachable" for e in ends for s in e.skipped)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lasts", [False, True])
 def test_a_lone_facet_that_bars_the_way_must_show_again(lasts):
     world = World(np.random.default_rng(0))

@@ -19,9 +19,9 @@ from daemon.commands.monitoring import Typist
 from daemon.store.runs import check_wire, list_runs, read_run
 from drivers.simcell.arm import Arm
 from drivers.simcell.controller import Controller
-from tests.bench.running import Running
 from tests.worlds.fake_context import FakeDoor, FakeLog
 from tests.worlds.person import Person
+from tests.worlds.running import Running
 
 
 def standing(fault: str | None = None, enabled: bool = True) -> Any:

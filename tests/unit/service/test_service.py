@@ -163,6 +163,7 @@ def test_reload_takes_a_good_configuration_over_and_refuses_a_bad_one(daemon: Da
     assert daemon.do("status")["status"] == 0
 
 
+@pytest.mark.slow
 def test_taught_and_trained_by_command_it_names_the_part_and_keeps_it_over_a_restart(
     daemon: Daemon, folder: Path, daemons: list[Daemon]
 ) -> None:
@@ -188,6 +189,7 @@ def test_taught_and_trained_by_command_it_names_the_part_and_keeps_it_over_a_res
     assert (model["version"], model["labels"], model["candidate"]) == (1, ["triangular_prism"], 2)
 
 
+@pytest.mark.slow
 def test_killed_in_mid_cycle_it_comes_back_with_nothing_moving_and_asks(
     daemon: Daemon, folder: Path, daemons: list[Daemon]
 ) -> None:

@@ -101,6 +101,7 @@ for n in itertools.count():
 """
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(300)
 def test_kill_minus_nine_at_any_moment_loses_at_most_the_last_line(tmp_path: Path) -> None:
     chance = random.Random(5)

@@ -39,6 +39,7 @@ def names(body, seed):
     return [None if one is None else one.label for one in found]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("label", KNOWN)
 @pytest.mark.parametrize("greys", [painted.GREYS, ALIKE], ids=["told apart", "sides alike"])
 def test_a_lone_facet_and_the_outline_around_it_name_a_part(monkeypatch, label, greys):

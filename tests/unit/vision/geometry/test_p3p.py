@@ -67,6 +67,17 @@ def test_every_solution_is_a_rigid_motion_that_shows_the_corners_where_they_were
         assert np.abs(shown - seen[k % 20]).max() < 2e-2 * np.ptp(seen[k % 20], axis=0).max()
 
 
+def test_guesses_that_do_not_show_what_was_seen_are_called_no_solutions() -> None:
+    rng = np.random.default_rng(6)
+    points, seen = np.stack([three_corners(rng) for _ in range(500)]), rng.uniform(-0.3, 0.3, (500, 3, 2))
+    found, solved = poses_of_three(points, seen)
+    assert not solved.all()
+    shown = np.stack([seen_at(pose, points[k % 500]) for k, pose in enumerate(found)])
+    off = np.abs(shown - np.concatenate([seen, seen])).max((1, 2))
+    assert off[solved].max() < 0.05
+    assert off[~solved].max() > 0.15
+
+
 def test_what_no_three_corners_can_show_is_called_no_solution() -> None:
     flat = np.array([[0.0, 0, 0], [1e-9, 0, 0], [0, 1e-9, 0]])
     found, solved = poses_of_three(flat[None], np.array([[[0.0, 0], [0.1, 0], [0, 0.1]]]))

@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from daemon import frames
+from daemon.vision.geometry import rigid_fit
 from daemon.vision.geometry.rigid_fit import Fits, fit_poses, rough_rms
 
 CUBE = np.array([[x, y, z] for x in (-25.0, 25) for y in (-25.0, 25) for z in (-25.0, 25)])
@@ -62,6 +63,16 @@ def test_under_noise_the_pose_errs_as_its_covariance_says_and_chi_square_is_its_
         chi2.append(found.chi2[0])
     assert np.mean(errors) == pytest.approx(6.0, rel=0.1)
     assert np.mean(chi2) == pytest.approx(3 * len(SEEN) - 6, rel=0.1)
+
+
+def test_another_step_would_move_no_corner_by_a_micrometre(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen = []
+    pose = frames.rigid(frames.rotation_from_vector(np.array([2.1, 0.4, -0.8])), np.array([12.0, -8.0, 340.0]))
+    for more in (0, 3):
+        monkeypatch.setattr(rigid_fit, "STEPS", rigid_fit.STEPS + more)
+        rng = np.random.default_rng(4)
+        seen.append([frames.apply(fit(*noisy(pose, rng)).poses[0], SEEN) for _ in range(40)])
+    assert np.abs(np.array(seen[0]) - np.array(seen[1])).max() < 1e-3
 
 
 def test_a_corner_that_is_not_used_may_lie_anywhere() -> None:

@@ -1,6 +1,6 @@
 """Many picks from random poses with realistic calibration error, against a single look from the same poses.
 
-usage: python -m tests.bench.picks [--picks N] [--calibrations N] [--own N] [--single-every N] [--jobs N]
+usage: python -m tests.bench.long.picks [--picks N] [--calibrations N] [--own N] [--single-every N] [--jobs N]
 
 Under each of some calibrations the six views are taught anew; then single parts in random resting poses are picked with
 as many looks as the approach wants, and every so many of the same poses with one look from the first stand-off. The

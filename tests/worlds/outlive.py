@@ -1,7 +1,7 @@
 """A cell that outlives the daemon, as a real one does: when facetd is killed, the controller and the arm go on.
 
 The simulated cell runs in this process and knows what the controller was told and where the arm truly is; facetd runs
-in another, configured as for a real cell, on the cell's serial line. usage: python -m tests.bench.kill (its last rows).
+in another, configured as for a real cell, on the cell's serial line. tests/bench/long/kill.py measures with it.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from drivers.simcell.cell import SimulatedCell
 from drivers.simcell.controller import Manners, Mishap
 from drivers.val2.commands import moves_the_arm
 from drivers.val2.dialect import Dialect
-from tests.bench.lent_eyes import PLACE, lend
-from tests.bench.running import ETC, SHOWN
-from tests.bench.sentry import CONFIG, Act, Found, Sentry, come_back, go_on, killed, look_over, sent
+from tests.worlds.lent_eyes import PLACE, lend
+from tests.worlds.running import ETC, SHOWN
+from tests.worlds.sentry import CONFIG, Act, Found, Sentry, come_back, go_on, killed, look_over, sent
 
 POISONED = ("!!", "\x15")
 """What makes a line an error at any controller: left by who cancelled it."""
@@ -68,7 +68,7 @@ class Beside(Sentry):
         config = (f"cell: real\ncameras: {{left: a, right: b}}\narm: {{port: {self.cell.port}, dialect: {dialect}}}\n"
                   f"pick: {{travel_pct: {ways.travel_pct}}}\n")  # fmt: skip
         super().__init__(folder, CONFIG + config, seed, ways.time_scale)
-        self.program = "tests.bench.lent_eyes"
+        self.program = "tests.worlds.lent_eyes"
         self.environment = {PLACE: str(folder / "eyes")}
 
     def start(self, arguments: Any = (), timeout_s: float = 60.0) -> None:

@@ -1,6 +1,6 @@
 """kill -9 at random moments: the whole daemon is killed while it does what a day asks of it, and looked over.
 
-usage: python -m tests.bench.kill [--kills N] [--beside N] [--seed N] [--time-scale X]
+usage: python -m tests.bench.long.kill [--kills N] [--beside N] [--seed N] [--time-scale X]
 
 After each kill: is any log line lost but the last, is any file corrupt, is what an operator was answered in the log;
 and once it has come back: does it ask, does anything move before `resume`, and can it move afterwards? First a daemon
@@ -19,8 +19,8 @@ from pathlib import Path
 
 import numpy as np
 
-from tests.bench import outlive
-from tests.bench.sentry import CONFIG, Act, Found, Sentry, come_back, go_on, killed, look_over
+from tests.worlds import outlive
+from tests.worlds.sentry import CONFIG, Act, Found, Sentry, come_back, go_on, killed, look_over
 
 
 def _picking(daemon: Sentry) -> None:

@@ -20,7 +20,7 @@ from daemon.doors.client import NotThereError
 from daemon.store.model import ModelError
 from daemon.store.model_store import ModelStore, ModelStoreError
 from daemon.store.runs import check_wire, interrupted, list_runs, read_run
-from tests.bench.running import Running
+from tests.worlds.running import Running
 
 CONFIG = "log: {keep_free_mb: 0, quota_mb: 100, roll_mb: 25}\n"
 MOTIONS = ("DO MOVE", "DO READY", "EXECUTE", "CALIBRATE", "CAL\r", "DO OPENI", "DO CLOSEI")

@@ -1,6 +1,6 @@
 """`make bench-faults`: faults injected at every moment of a pick on the simulated cell; what happened, as one table.
 
-usage: python -m tests.bench.faults [--each N] [--only WORD] [--jobs N]   N picks for each fault and moment (2)
+usage: python -m tests.bench.long.faults [--each N] [--only WORD] [--jobs N]   N picks for each fault and moment (2)
 
 Each run lays one part, starts a pick and harms it once when the cycle enters the moment's state. Then it is judged
 by the cell's witness and the wire ledger: was the arm at rest after the fault, did any motion leave afterwards, is what

@@ -1,7 +1,7 @@
 """facetd whose two cameras are another process's: a launcher for benches on a machine without video devices.
 
 All the rest is the daemon as on a real cell. Whoever owns the cameras serves them with `lend`; the daemon is started as
-`python -m tests.bench.lent_eyes`, the place of the socket in FACETD_LENT_EYES.
+`python -m tests.worlds.lent_eyes`, the place of the socket in FACETD_LENT_EYES.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """A soak: the whole daemon picks for thousands of accelerated cycles; is what it holds of memory and handles flat?
 
-usage: python -m tests.bench.soak [--cycles N] [--every N] [--time-scale X] [--seed N]
+usage: python -m tests.bench.long.soak [--cycles N] [--every N] [--time-scale X] [--seed N]
 
 Parts are strewn, cleared by `auto on`, strewn again; runs are rolled and old ones removed on the way, as over years.
 Prints a row every N cycles and at the end the slope of the resident memory over the second half.
@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tests.bench.running import Footprint, Running
+from tests.worlds.running import Footprint, Running
 
 CONFIG = "log: {quota_mb: 300, keep_free_mb: 0, roll_mb: 40}\n"
 STALLED_S = 600.0

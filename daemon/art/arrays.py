@@ -1,0 +1,7 @@
+"""The arrays of this room by name, so that each file need not say what they are made of."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
