@@ -8,6 +8,8 @@ import msgspec
 import numpy as np
 import pytest
 
+from drivers.simcell.arm import Arm
+from drivers.simcell.controller import Machine
 from drivers.simcell.gripper import Grip, close_on
 from drivers.simcell.parts import STRANGERS, TAUGHT, part_shape
 from drivers.simcell.rigid import Array, apply, inverse, rigid, turn
@@ -210,7 +212,7 @@ def test_a_part_let_go_beyond_the_table_is_on_the_floor() -> None:
 def test_the_witness_tells_a_claimed_pose_from_the_true_one() -> None:
     world = World(TRUTH)
     part = world.stand("pentagonal_prism", 1, 520.0, 0.0, 0.4)
-    witness = Witness(TRUTH, world, lambda: np.eye(4))
+    witness = Witness(TRUTH, world, Machine(Arm()), lambda: np.eye(4))
     truth = witness.corners(part.name)
     middle = truth.mean(axis=0)
     off = rigid(turn([1, 2, 3], np.radians(1.5)), [0.0, 0.0, 0.0])
