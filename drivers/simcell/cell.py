@@ -15,12 +15,13 @@ from drivers.puma560 import Puma560
 from drivers.simcell.arm import Arm
 from drivers.simcell.boards import BoardPrint, board_thing
 from drivers.simcell.camera import Recogniser, SimulatedPair
-from drivers.simcell.controller import Controller, Faults, Manners, PtyServer
+from drivers.simcell.controller import Controller, Faults, Manners, MemoryLine, PtyServer
 from drivers.simcell.gripper import fingers
 from drivers.simcell.history import Drop
 from drivers.simcell.judge import Body, Judge, Violation
 from drivers.simcell.render import Thing
 from drivers.simcell.rigid import Array, rigid
+from drivers.simcell.simulated_time import SimulatedLoop
 from drivers.simcell.stand import characteristic_pose
 from drivers.simcell.truth import load_truth, rigid_matrix
 from drivers.simcell.witness import Witness
@@ -48,9 +49,11 @@ class SimulatedCell:
         manners: Manners | None = None,
         faults: Faults | None = None,
         cold: bool = False,
+        loop: SimulatedLoop | None = None,
     ) -> None:
+        """loop: whose time the whole cell lives in, without a pty or a thread (None: real time)."""
         self._settings = load_truth(truth_path)
-        self._time_scale = time_scale
+        self._time_scale, self._clock = time_scale, time.monotonic if loop is None else loop.time
         noise, strewing, settling = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(3))
         self._strewing = strewing
         settings = self._settings.arm
@@ -68,9 +71,15 @@ class SimulatedCell:
         safety, table = self._settings.safety, self._settings.table
         body = Body(safety.body, self.arm.true_geometry, self.arm.joint_offsets_rad)
         self.judge = Judge(self._machine.history, body, safety, table)
-        self.server = PtyServer(self.controller, time_scale=time_scale)
+        self.server: PtyServer | MemoryLine
+        if loop is None:
+            self.server = PtyServer(self.controller, time_scale=time_scale)
+        else:
+            self.server = MemoryLine(self.controller, loop)
         self.port = self.server.port
-        self.camera = SimulatedPair(self._settings, self._sight, noise, time_scale)
+        self.camera = SimulatedPair(
+            self._settings, self._sight, noise, time_scale, self._clock, time.sleep if loop is None else loop.sleep
+        )
         self.truth = Witness(self._settings, self.world, self._machine, self.world_from_tool)
 
     def stop(self) -> None:
@@ -85,8 +94,8 @@ class SimulatedCell:
         self.stop()
 
     def world_from_tool(self, real_s: float | None = None) -> Array:
-        """Where the gripper truly is (4, 4), now or at a moment of time.monotonic, whatever TOOL says it is."""
-        since = 0.0 if real_s is None else real_s - time.monotonic()
+        """Where the gripper truly is (4, 4), now or at a moment of the cameras' clock, whatever TOOL says it is."""
+        since = 0.0 if real_s is None else real_s - self._clock()
         return self.arm.pose_at(self.server.now_s() + since * self._time_scale)
 
     def world_from_cyclopean(self, real_s: float | None = None) -> Array:
