@@ -21,8 +21,8 @@ from drivers.simcell.rigid import Array, inverse
 from drivers.simcell.truth import Box, Rod, Safety, Table
 
 APART_MM = 5.0
-"""No ball of the body moves farther than this between two samples."""
-SAMPLE_S, SHORTEST_S = 0.02, 1e-4
+"""No ball of the body moves farther than this between two samples, unless all it could strike is twice as far away."""
+SAMPLE_S, SHORTEST_S = 0.05, 1e-4
 BALLS_APART_MM = 10.0
 HAIR_MM = 0.5
 """A length beyond its limit by less is the arm's repeatability."""
@@ -78,15 +78,16 @@ class Body:
         self._on_tool = np.array([rod.frame == "tool" for rod in rods for _ in _cut(rod)], bool)
         self._centres = np.array([ball for rod in rods for ball in _cut(rod)]).reshape(-1, 3)
 
-    def at(self, motion: Motion, moment_s: float) -> tuple[Array, Array]:
-        """((K, 3) centres, (3,) tool centre point), mm in the world."""
-        joints = motion.joints_at(moment_s) + self._offsets
-        tool = forward(joints, self._arm)
-        wrist = (tool @ self._tool_from_flange)[:3, 3]
-        up = elbow_mm(joints, self._arm) - wrist
-        on_forearm = wrist + self._centres[:, 2:] * (up / np.linalg.norm(up))
-        on_tool = self._centres @ tool[:3, :3].T + tool[:3, 3]
-        return np.where(self._on_tool[:, None], on_tool, on_forearm), tool[:3, 3]
+    def at(self, motion: Motion, times_s: Array) -> tuple[Array, Array]:
+        """((N, K, 3) centres, (N, 3) tool centre points), mm in the world."""
+        joints = [motion.joints_at(moment_s) + self._offsets for moment_s in times_s]
+        tools = np.array([forward(q, self._arm) for q in joints])
+        wrists = (tools @ self._tool_from_flange)[:, :3, 3]
+        ups = np.array([elbow_mm(q, self._arm) for q in joints]) - wrists
+        ups /= np.linalg.norm(ups, axis=1)[:, None]
+        on_forearm = wrists[:, None] + self._centres[:, 2:] * ups[:, None]
+        on_tool = self._centres @ tools[:, :3, :3].transpose(0, 2, 1) + tools[:, None, :3, 3]
+        return np.where(self._on_tool[:, None], on_tool, on_forearm), tools[:, :3, 3]
 
 
 def _cut(rod: Rod) -> list[Array]:
@@ -176,7 +177,7 @@ class Judge:
             text = f"at a monitor speed of {leg.speed_percent:g} %, allowed are {allowed:g}"
             yield Violation("too fast", leg.began_s, leg.by, text)
         whole = leg.motion.uncut()
-        start, end = (self._body.at(whole, moment_s)[1] for moment_s in (whole.started_s, whole.ends_s))
+        start, end = self._body.at(whole, np.array([whole.started_s, whole.ends_s]))[1]
         step = float(np.linalg.norm(end - start))
         if step > self._safety.longest_step_mm + HAIR_MM:
             text = f"a step of {step:.1f} mm, {self._safety.longest_step_mm:g} is the most"
@@ -185,38 +186,43 @@ class Judge:
     def _struck(self, leg: Leg) -> Iterator[Violation]:
         """The body where it must not be, or the tool too fast, anywhere on the way."""
         times, balls, tools = self._way(leg.motion)
-        if len(times) > 1:
-            speeds = np.linalg.norm(np.diff(tools, axis=0), axis=1) / np.diff(times)
-            k = int(np.argmax(speeds))
-            if speeds[k] > self._safety.fastest_mm_s:
-                text = f"the tool at {speeds[k]:.0f} mm/s, allowed are {self._safety.fastest_mm_s:g}"
-                yield Violation("too fast", times[k], leg.by, text)
+        speeds = np.linalg.norm(np.diff(tools, axis=0), axis=1) / np.diff(times)
+        k = int(np.argmax(speeds))
+        if speeds[k] > self._safety.fastest_mm_s:
+            text = f"the tool at {speeds[k]:.0f} mm/s, allowed are {self._safety.fastest_mm_s:g}"
+            yield Violation("too fast", times[k], leg.by, text)
+        for rule, deep in self._depths(balls).items():
+            if deep.max(initial=0.0) > HAIR_MM:
+                moment, ball = np.unravel_index(int(np.argmax(deep)), deep.shape)
+                text = f"{self._body.names[ball]} {deep.max():.1f} mm {rule}"
+                yield Violation(rule, times[moment], leg.by, text)
+
+    def _depths(self, balls: Array) -> dict[str, Array]:
+        """(N, K, 3) -> by rule, (N, K) mm: how deep each ball is where it must not be; negative: how far from there."""
         room, radii = self._safety.room, self._body.radii_mm
         low, high = balls - radii[:, None], balls + radii[:, None]
         depths = {"below the table": self._table.height_mm - low[..., 2]}
         depths["outside the room"] = np.max(np.maximum(room.low_mm - low, high - room.high_mm), axis=2)
         for number, box in enumerate(self._safety.keep_out):
             depths[f"in keep-out box {number + 1}"] = radii - _distance(balls, box)
-        for rule, deep in depths.items():
-            if deep.size and deep.max() > HAIR_MM:
-                moment, ball = np.unravel_index(int(np.argmax(deep)), deep.shape)
-                text = f"{self._body.names[ball]} {deep.max():.1f} mm {rule}"
-                yield Violation(rule, times[moment], leg.by, text)
+        return depths
 
     def _way(self, motion: Motion) -> tuple[Array, Array, Array]:
-        """Times (N,), balls (N, K, 3), tool (N, 3), so dense that nothing moves farther than APART_MM in between."""
+        """Times (N,), balls (N, K, 3), tool (N, 3); N >= 2, as dense as APART_MM says."""
         count = max(2, ceil((motion.ends_s - motion.started_s) / SAMPLE_S) + 1)
-        times = list(np.linspace(motion.started_s, motion.ends_s, count))
-        places = [self._body.at(motion, moment_s) for moment_s in times]
-        k = 0
-        while k + 1 < len(times):
-            moved = places[k + 1][0] - places[k][0] if len(places[k][0]) else np.zeros((1, 3))
-            if np.max(np.sum(moved**2, axis=1)) > APART_MM**2 and times[k + 1] - times[k] > SHORTEST_S:
-                times.insert(k + 1, (times[k] + times[k + 1]) / 2)
-                places.insert(k + 1, self._body.at(motion, times[k + 1]))
-            else:
-                k += 1
-        return np.array(times), np.array([balls for balls, _ in places]), np.array([tool for _, tool in places])
+        times = np.linspace(motion.started_s, max(motion.ends_s, motion.started_s + SHORTEST_S), count)
+        balls, tools = self._body.at(motion, times)
+        while True:
+            moved = np.linalg.norm(np.diff(balls, axis=0), axis=2).max(axis=1, initial=0.0)
+            away = -np.max([deep.max(axis=1, initial=-np.inf) for deep in self._depths(balls).values()], axis=0)
+            wide = (moved > APART_MM) & (np.minimum(away[:-1], away[1:]) < 2 * moved) & (np.diff(times) > SHORTEST_S)
+            if not wide.any():
+                return times, balls, tools
+            between = (times[:-1] + times[1:])[wide] / 2
+            where = np.flatnonzero(wide) + 1
+            more_balls, more_tools = self._body.at(motion, between)
+            times = np.insert(times, where, between)
+            balls, tools = np.insert(balls, where, more_balls, axis=0), np.insert(tools, where, more_tools, axis=0)
 
     def _dropped(self, drop: Drop) -> Iterator[Violation]:
         told = drop.over_bin or self._drop_told.at(drop.began_s)

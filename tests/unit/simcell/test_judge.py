@@ -158,8 +158,10 @@ def test_a_tool_faster_than_allowed_is_found_whatever_the_percent_say() -> None:
 def test_a_step_is_measured_as_it_was_commanded_even_if_it_was_cut_short() -> None:
     cell = Cell()
     cell.judge._safety = msgspec.structs.replace(cell.judge._safety, longest_step_mm=450.0)
-    cell.types(ABOVE_TABLE, 0.3)
+    cell.types(ABOVE_TABLE, 0.1)
+    start = cell.controller.arm.reported_pose_at(0.0)
     cell.types("ABORT")
+    assert np.linalg.norm(cell.controller.machine.pose()[:3, 3] - start[:3, 3]) < 300.0
     assert cell.found() == ["step too long"]
 
 
@@ -228,10 +230,33 @@ def test_the_forearm_ends_at_the_elbow_and_at_the_wrist() -> None:
         assert elbow_mm(turned) == pytest.approx(elbow), "the elbow does not move when the forearm turns about it"
 
 
-def test_no_ball_of_the_body_moves_farther_than_promised_between_two_samples() -> None:
-    cell = Cell()
-    cell.types("DO DRIVE 1,150,100")
+def test_the_true_arm_is_judged_and_not_the_one_the_controller_believes_in() -> None:
+    geometry = Puma560(flange_from_tool=rigid_matrix(TRUTH.arm.flange_from_tool))
+    arm = Arm(geometry, READY_RAD, joint_offsets_rad=np.radians([0.0, 0.5, -0.3, 0.2, 0.1, 0.4]))
+    body = Body(TRUTH.safety.body, arm.true_geometry, arm.joint_offsets_rad)
+    assert body.at(arm.motion, np.array([1.0]))[1][0] == pytest.approx(arm.pose_at(1.0)[:3, 3])
+    assert np.linalg.norm(arm.pose_at(1.0)[:3, 3] - arm.reported_pose_at(1.0)[:3, 3]) > 1.0
+
+
+def test_no_ball_of_the_body_moves_farther_than_promised_between_two_samples_near_what_it_could_strike() -> None:
+    cell = Cell(keep_out=[Box([700.0, 500.0, 0.0], [750.0, 600.0, 50.0])])
+    cell.types("DO MOVE TRANS(500,-450,-285,0,90,0)")
+    cell.types("DO MOVE TRANS(500,450,-285,0,90,0)")
     times, balls, _ = cell.judge._way(cell.controller.arm.motion)
-    assert np.linalg.norm(np.diff(balls, axis=0), axis=2).max() <= APART_MM
+    moved = np.linalg.norm(np.diff(balls, axis=0), axis=2).max(axis=1)
+    away = -np.max([deep.max(axis=1) for deep in cell.judge._depths(balls).values()], axis=0)
+    assert np.all((moved <= APART_MM) | (away[1:] >= 2 * moved))
+    assert np.count_nonzero(moved < APART_MM) > 50
     assert times[0] == cell.controller.arm.motion.started_s
     assert times[-1] == cell.controller.arm.rests_s
+
+
+def test_what_was_judged_once_is_not_judged_again() -> None:
+    cell = Cell()
+    cell.types("DO DRIVE 2,-20,50")
+    asked = []
+    cell.judge._body.at = lambda motion, times, at=cell.judge._body.at: asked.append(1) or at(motion, times)  # type: ignore
+    assert cell.found() == []
+    once = len(asked)
+    assert cell.found() == []
+    assert len(asked) == once > 0
