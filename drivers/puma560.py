@@ -83,6 +83,13 @@ def forward(joints_rad: Array, arm: Puma560 = PUMA560) -> Array:
     return pose
 
 
+def elbow_mm(joints_rad: Array, arm: Puma560 = PUMA560) -> Array:
+    """(3,) mm in the world: where the forearm turns about axis 3; it runs from here to the wrist centre."""
+    c1, s1, outward = cos(joints_rad[0]), sin(joints_rad[0]), A2_MM * cos(joints_rad[1])
+    elbow = np.array([c1 * outward + s1 * D3_MM, s1 * outward - c1 * D3_MM, A2_MM * sin(joints_rad[1]), 1.0])
+    return np.asarray((arm.world_from_base @ elbow)[:3])
+
+
 def inverse(
     world_from_tool: Array, configuration: Configuration, arm: Puma560 = PUMA560, near_rad: Array | None = None
 ) -> Array:

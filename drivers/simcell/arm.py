@@ -111,6 +111,14 @@ class Motion:
         """When the arm is at rest."""
         return self.started_s + self.profile.duration_s
 
+    def cut(self, now_s: float, braking: float = 1.0) -> Motion:
+        """The same motion, braked from a moment on."""
+        return replace(self, profile=self.profile.cut(now_s - self.started_s, braking))
+
+    def uncut(self) -> Motion:
+        """The whole of it, as it was meant."""
+        return replace(self, profile=replace(self.profile, cut_s=None))
+
     def joints_at(self, now_s: float) -> Array:
         """Joint angles (6,) rad."""
         return self.path(self.profile.way(now_s - self.started_s))
@@ -140,11 +148,14 @@ class Arm:
 
         The geometry given is also the true one.
         """
-        self.geometry = self._true_geometry = geometry or Puma560()
-        self._offsets = np.zeros(6) if joint_offsets_rad is None else np.asarray(joint_offsets_rad, dtype=float)
+        self.geometry = self.true_geometry = geometry or Puma560()
+        self.joint_offsets_rad = (
+            np.zeros(6) if joint_offsets_rad is None else np.asarray(joint_offsets_rad, dtype=float)
+        )
         self._repeatability_mm = repeatability_mm
         self._rng = rng or np.random.default_rng(0)
-        self._motion = _standing(np.array(joints_rad, dtype=float))
+        self.motion = standing(np.array(joints_rad, dtype=float))
+        """The motion under way or, at rest, the last one."""
 
     @property
     def tool(self) -> Array:
@@ -157,7 +168,7 @@ class Arm:
 
     def joints_at(self, now_s: float) -> Array:
         """The believed joint angles (6,) rad."""
-        return self._motion.joints_at(now_s)
+        return self.motion.joints_at(now_s)
 
     def reported_pose_at(self, now_s: float) -> Array:
         """world_from_tool (4, 4) as the controller believes it."""
@@ -165,8 +176,8 @@ class Arm:
 
     def pose_at(self, now_s: float) -> Array:
         """world_from_tool (4, 4) as it truly is: joint offsets and the stop's scatter included."""
-        motion = self._motion
-        pose = forward(motion.joints_at(now_s) + self._offsets, self._true_geometry)
+        motion = self.motion
+        pose = forward(motion.joints_at(now_s) + self.joint_offsets_rad, self.true_geometry)
         pose[:3, 3] += motion.scatter_at(now_s)
         return pose
 
@@ -177,7 +188,7 @@ class Arm:
     @property
     def rests_s(self) -> float:
         """When the motion under way ends (in the past when none is)."""
-        return self._motion.ends_s
+        return self.motion.ends_s
 
     def move_joints(self, target_rad: Array, speed: float, now_s: float) -> None:
         """Start a joint-interpolated motion to (6,) rad; all joints start and end together.
@@ -200,11 +211,11 @@ class Arm:
 
     def halt(self, now_s: float, braking: float = 1.0) -> None:
         """Come to rest along the path; braking: times the usual deceleration."""
-        self._motion = replace(self._motion, profile=self._motion.profile.cut(now_s - self._motion.started_s, braking))
+        self.motion = self.motion.cut(now_s, braking)
 
     def _start(self, path: Callable[[float], Array], profile: Trapezoid, now_s: float) -> None:
-        scatter_mm = np.stack([self._motion.scatter_at(now_s), self._rng.normal(0.0, 1.0, 3) * self._repeatability_mm])
-        self._motion = Motion(path, profile, now_s, scatter_mm)
+        scatter_mm = np.stack([self.motion.scatter_at(now_s), self._rng.normal(0.0, 1.0, 3) * self._repeatability_mm])
+        self.motion = Motion(path, profile, now_s, scatter_mm)
 
 
 def plan_joints(
@@ -263,8 +274,10 @@ def plan_straight(
     return path, profile
 
 
-def _standing(joints_rad: Array) -> Motion:
-    return Motion(lambda way: joints_rad.copy(), Trapezoid(1e9, 1e12), float("-inf"), np.zeros((2, 3)))
+def standing(joints_rad: Array, since_s: float = float("-inf"), seconds: float = 0.0) -> Motion:
+    """A motion that goes nowhere: over at once, or taking its time."""
+    profile = Trapezoid(1 / max(seconds, 1e-9), 1e12)
+    return Motion(lambda way: joints_rad.copy(), profile, since_s, np.zeros((2, 3)))
 
 
 def _axis_and_angle(rotation: Array) -> tuple[Array, float]:

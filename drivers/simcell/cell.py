@@ -15,10 +15,13 @@ from drivers.puma560 import Puma560
 from drivers.simcell.arm import Arm
 from drivers.simcell.boards import BoardPrint, board_thing
 from drivers.simcell.camera import Recogniser, SimulatedPair
-from drivers.simcell.controller import Controller, Faults, Manners, PtyServer
+from drivers.simcell.controller import Controller, Faults, Manners, MemoryLine, PtyServer
 from drivers.simcell.gripper import fingers
+from drivers.simcell.history import Drop
+from drivers.simcell.judge import Body, Judge, Violation
 from drivers.simcell.render import Thing
 from drivers.simcell.rigid import Array, rigid
+from drivers.simcell.simulated_time import SimulatedLoop
 from drivers.simcell.stand import characteristic_pose
 from drivers.simcell.truth import load_truth, rigid_matrix
 from drivers.simcell.witness import Witness
@@ -46,9 +49,11 @@ class SimulatedCell:
         manners: Manners | None = None,
         faults: Faults | None = None,
         cold: bool = False,
+        loop: SimulatedLoop | None = None,
     ) -> None:
+        """loop: whose time the whole cell lives in, without a pty or a thread (None: real time)."""
         self._settings = load_truth(truth_path)
-        self._time_scale = time_scale
+        self._time_scale, self._clock = time_scale, time.monotonic if loop is None else loop.time
         noise, strewing, settling = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(3))
         self._strewing = strewing
         settings = self._settings.arm
@@ -62,10 +67,20 @@ class SimulatedCell:
         self._tool_from_cyclopean = rigid_matrix(self._settings.tool_from_cyclopean)
         self._board: tuple[Thing, ...] = ()
         self.controller = Controller(self.arm, manners, self._hand, faults, cold)
-        self.server = PtyServer(self.controller, time_scale=time_scale)
+        self._machine = self.controller.machine
+        safety, table = self._settings.safety, self._settings.table
+        body = Body(safety.body, self.arm.true_geometry, self.arm.joint_offsets_rad)
+        self.judge = Judge(self._machine.history, body, safety, table)
+        self.server: PtyServer | MemoryLine
+        if loop is None:
+            self.server = PtyServer(self.controller, time_scale=time_scale)
+        else:
+            self.server = MemoryLine(self.controller, loop)
         self.port = self.server.port
-        self.camera = SimulatedPair(self._settings, self._sight, noise, time_scale)
-        self.truth = Witness(self._settings, self.world, self.world_from_tool)
+        self.camera = SimulatedPair(
+            self._settings, self._sight, noise, time_scale, self._clock, time.sleep if loop is None else loop.sleep
+        )
+        self.truth = Witness(self._settings, self.world, self._machine, self.world_from_tool)
 
     def stop(self) -> None:
         """End the controller's thread and close the camera; safe to call twice."""
@@ -79,13 +94,18 @@ class SimulatedCell:
         self.stop()
 
     def world_from_tool(self, real_s: float | None = None) -> Array:
-        """Where the gripper truly is (4, 4), now or at a moment of time.monotonic, whatever TOOL says it is."""
-        since = 0.0 if real_s is None else real_s - time.monotonic()
+        """Where the gripper truly is (4, 4), now or at a moment of the cameras' clock, whatever TOOL says it is."""
+        since = 0.0 if real_s is None else real_s - self._clock()
         return self.arm.pose_at(self.server.now_s() + since * self._time_scale)
 
     def world_from_cyclopean(self, real_s: float | None = None) -> Array:
         """Where the cameras truly are (4, 4)."""
         return self.world_from_tool(real_s) @ self._tool_from_cyclopean
+
+    def violations(self) -> tuple[Violation, ...]:
+        """What the arm did, up to now, that it must never do."""
+        with self.server.controller() as controller:
+            return self.judge.violations(controller.now_s)
 
     def scatter(self, labels: Sequence[str], rng: np.random.Generator | None = None) -> None:
         """Clear the table and strew parts over it at random, each on a stable face."""
@@ -129,12 +149,13 @@ class SimulatedCell:
         return world_from_board
 
     def _hand(self, closed: bool) -> None:
-        now_s = self.controller.now_s
+        now_s = self._machine.now_s
         tool = self.arm.pose_at(now_s)
         if closed:
             self.world.close_hand(tool, [self.arm.pose_at(now_s - back_s) for back_s in LOOKED_BACK_S])
-        else:
-            self.world.open_hand(tool)
+        elif (fallen := self.world.open_hand(tool)) is not None:
+            label, fell_mm, where = fallen
+            self._machine.history.append(Drop(now_s, self._machine.by, label, fell_mm, where is Where.BIN))
 
     def _sight(self, real_s: float) -> Recogniser:
         tool = self.world_from_tool(real_s)

@@ -6,7 +6,7 @@ Values and their bounds only; what they do is in render.py (light), world.py (pa
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import msgspec
 import numpy as np
@@ -127,6 +127,44 @@ class Gripper(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     bite_mm: Positive
 
 
+class Rod(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A round bar of the arm's body: from one end to the other, mm, in the frame it is fixed to.
+
+    frame: tool, or forearm (origin at the wrist centre, z from there towards the elbow).
+    """
+
+    name: str
+    frame: Literal["tool", "forearm"]
+    from_mm: Vector3
+    to_mm: Vector3
+    radius_mm: Positive
+
+
+class Box(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """An upright box in the world, mm."""
+
+    low_mm: Vector3
+    high_mm: Vector3
+
+
+class Safety(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What nobody may make the arm do, whatever was typed (judge.py).
+
+    body: what must stay above the table, inside the room and out of the keep_out boxes. fastest_percent, fastest_mm_s:
+    monitor speed, and what the tool centre point then makes; longest_step_mm: of one motion, as commanded;
+    rest_within_s of a stop; drop_mm: how far a part may fall that is let go beside the bin.
+    """
+
+    room: Box = Box([-2000.0, -2000.0, -2000.0], [2000.0, 2000.0, 2000.0])
+    keep_out: list[Box] = []
+    body: list[Rod] = []
+    fastest_percent: Positive = 100.0
+    fastest_mm_s: Positive = 3000.0
+    longest_step_mm: Positive = 450.0
+    rest_within_s: Positive = 0.5
+    drop_mm: NotNegative = 5.0
+
+
 class Truth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The whole file."""
 
@@ -141,6 +179,7 @@ class Truth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     table: Table
     bin: Bin
     gripper: Gripper
+    safety: Safety = Safety()
 
 
 def rigid_matrix(rows: Matrix4) -> Array:

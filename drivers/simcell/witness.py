@@ -6,63 +6,39 @@ Compares what someone expected with what was so; how it came about is in world.p
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
+from drivers.simcell.controller import Machine
+from drivers.simcell.history import Leg
 from drivers.simcell.rigid import Array, angle_of, apply, rigid
 from drivers.simcell.truth import Truth
-from drivers.simcell.world import Closing, PlacedPart, World
+from drivers.simcell.world import Closing, World
 
 MATCHING_ROUNDS = 10
 
 
-@dataclass(frozen=True)
-class GraspTruth:
-    """One closing of the jaws: on what (None: nothing there), whether it held, why; what the jaws did to the part.
-
-    error_mm, error_deg: how far they pushed it along, and turned it into, the ideal grasp line, which is how far the
-    tool was off that line; nan where nothing was held. width_mm: between the jaws.
-    """
-
-    label: str | None
-    held: bool
-    why: str
-    error_mm: float
-    error_deg: float
-    width_mm: float
-
-
 class Witness:
-    """Asks the world. All of it is the truth: kinematic errors, hand-eye error and all."""
+    """All of it is the truth: kinematic errors, hand-eye error and all."""
 
-    def __init__(self, truth: Truth, world: World, world_from_tool: Callable[[], Array]) -> None:
-        self.settings = truth
+    def __init__(self, truth: Truth, world: World, machine: Machine, world_from_tool: Callable[[], Array]) -> None:
+        """machine: what the controller has in force now (speed_percent, arm.tool, hand_closed, arm_power)."""
+        self.settings, self.machine = truth, machine
         self._world, self._world_from_tool = world, world_from_tool
 
     @property
-    def parts(self) -> tuple[PlacedPart, ...]:
-        """Every part and where it is."""
-        return self._world.parts
+    def motions(self) -> tuple[Leg, ...]:
+        """Every motion of the arm, oldest first: what was typed, speed, TOOL and hand at its start, the way itself."""
+        return tuple(event for event in self.machine.history if isinstance(event, Leg))
 
     @property
-    def held(self) -> str | None:
-        """Label of the part in the hand."""
-        return self._world.held.label if self._world.held else None
-
-    @property
-    def strikes(self) -> tuple[str, ...]:
-        """Each time a finger or the palm ran into a part or the table."""
-        return tuple(self._world.strikes)
-
-    @property
-    def grasps(self) -> tuple[GraspTruth, ...]:
+    def grasps(self) -> tuple[Closing, ...]:
         """Every closing of the jaws, oldest first."""
-        return tuple(_told(closing) for closing in self._world.closings)
+        return tuple(self._world.closings)
 
     def corners(self, name: str) -> Array:
         """(V, 3) world mm: where the corners of the part of that name (not label) are."""
-        part = next(part for part in self.parts if part.name == name)
+        part = next(part for part in self._world.parts if part.name == name)
         return apply(part.world_from_part(self._world_from_tool()), part.shape.hull.vertices)
 
     def grasp_pose_error(self, expected_corners_tool_mm: Array) -> tuple[float, float]:
@@ -79,16 +55,6 @@ class Witness:
     def pose_error(self, name: str, claimed_corners_world_mm: Array) -> tuple[float, float]:
         """(mm, degrees) of a claimed pose, told by the part's corners (N, 3) in the world."""
         return pose_error(claimed_corners_world_mm, self.corners(name))
-
-
-def _told(closing: Closing) -> GraspTruth:
-    nothing = float("nan")
-    if closing.part is None or closing.grip is None:
-        return GraspTruth(None, False, "nothing between the jaws", nothing, nothing, 0.0)
-    grip = closing.grip
-    if not grip.held:
-        return GraspTruth(closing.part.label, False, grip.why, nothing, nothing, 0.0)
-    return GraspTruth(closing.part.label, True, grip.why, abs(grip.shift_mm), abs(grip.turn_deg), grip.width_mm)
 
 
 def pose_error(claimed_mm: Array, true_mm: Array) -> tuple[float, float]:

@@ -53,6 +53,11 @@ class Closing:
     part: PlacedPart | None
     grip: Grip | None
 
+    @property
+    def held(self) -> bool:
+        """Whether the part is in the hand now."""
+        return self.grip is not None and self.grip.held
+
 
 class World:
     """The parts and what becomes of them. Every call may come from any thread."""
@@ -147,12 +152,11 @@ class World:
             self.closings.append(closing)
             self.gap_mm = closing.grip.width_mm if closing.grip else 0.0
 
-    def open_hand(self, world_from_tool: Array) -> None:
-        """Open the jaws: what they held falls to whatever is below."""
+    def open_hand(self, world_from_tool: Array) -> tuple[str, float, Where] | None:
+        """Open the jaws: what they held falls. Gives its label, how high above the table it hung, what caught it."""
         with self._lock:
             self.gap_mm = self._truth.gripper.opening_mm
-            if self.held:
-                self._drop(self.held, world_from_tool)
+            return self._drop(self.held, world_from_tool) if self.held else None
 
     def _set(self, part: PlacedPart) -> None:
         self._parts[part.name] = part
@@ -171,7 +175,7 @@ class World:
             self.nudge(part.name, push[0], push[1])
         return grip
 
-    def _drop(self, part: PlacedPart, world_from_tool: Array) -> None:
+    def _drop(self, part: PlacedPart, world_from_tool: Array) -> tuple[str, float, Where]:
         pose = world_from_tool @ part.pose
         x, y, _ = apply(pose, part.shape.centre_of_mass)
         table, bin_ = self._truth.table, self._truth.bin
@@ -187,6 +191,7 @@ class World:
         self._set(replace(part, where=where, pose=landed))
         if where is Where.TABLE:
             self._push_clear(part.name)
+        return part.label, float(apply(pose, part.shape.hull.vertices)[:, 2].min()) - table.height_mm, where
 
     def _push_clear(self, name: str) -> None:
         """Slide a part that fell on others off them, away from the nearest, until it stands free."""

@@ -20,6 +20,7 @@ from drivers.val2.dialect import Dialect
 from drivers.val2.errors import Busy, ControllerError, Elsewhere, Garbled, LinkError, NoAnswer, PortError, Preempted
 from drivers.val2.ledger import Ledger
 from drivers.val2.location import Location, apart
+from drivers.val2.port import OpenPort, SerialPort
 from drivers.val2.session import Session
 from drivers.val2.wire import Error, Prompt, Where
 
@@ -52,6 +53,7 @@ class Link:
         clock: Callable[[], float] = time.monotonic,
         on_wire: Callable[[dict[str, Any]], None] | None = None,
         belongs_together: Callable[[Where], bool] | None = None,
+        open_port: OpenPort = SerialPort,
     ) -> None:
         """on_wire: called with every record of the wire ledger.
 
@@ -61,6 +63,7 @@ class Link:
         self.port, self.dialect, self.clock = port, dialect or Dialect(), clock
         self._ledger = Ledger(on_wire)
         self._belongs_together = belongs_together or (lambda where: True)
+        self._open_port = open_port
         self._session: Session | None = None
         self._aborting: asyncio.Task[Where] | None = None
         self.stopped_on_opening = False
@@ -74,7 +77,7 @@ class Link:
         An arm that is still at work on what somebody before us told it (a program that was killed) is stopped.
         """
         self._let_go()
-        self._session = Session(self.port, self.dialect, self.clock, self._ledger)
+        self._session = Session(self.port, self.dialect, self.clock, self._ledger, self._open_port)
         self.stopped_on_opening = False
         try:
             await self._come_to_a_still_arm(self._session)

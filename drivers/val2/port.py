@@ -5,11 +5,26 @@ from __future__ import annotations
 import asyncio
 import os
 from collections.abc import Callable
+from typing import Protocol
 
 import serial
 
 from drivers.val2.dialect import Dialect
 from drivers.val2.errors import PortError
+
+
+class Port(Protocol):
+    """An open port, as the session sees it."""
+
+    def write(self, data: bytes) -> None:
+        """Send all of data. Raises PortError."""
+
+    def close(self) -> None:
+        """Let go of the port; safe to call twice."""
+
+
+OpenPort = Callable[[str, Dialect, Callable[[bytes], None], Callable[[PortError], None]], Port]
+"""path, dialect, on_bytes, on_lost -> an open port. Raises PortError."""
 
 
 class SerialPort:

@@ -10,14 +10,16 @@ from drivers.val2.conversation import Conversation
 from drivers.val2.dialect import Dialect
 from drivers.val2.errors import ControllerError, LinkError, PortError, Preempted
 from drivers.val2.ledger import Ledger
-from drivers.val2.port import SerialPort
+from drivers.val2.port import OpenPort
 from drivers.val2.wire import Error, Event, Question, Reader
 
 
 class Session:
     """Bytes become events and reach whoever has the turn; what is sent and heard goes to the ledger."""
 
-    def __init__(self, path: str, dialect: Dialect, clock: Callable[[], float], ledger: Ledger) -> None:
+    def __init__(
+        self, path: str, dialect: Dialect, clock: Callable[[], float], ledger: Ledger, open_port: OpenPort
+    ) -> None:
         """Claim the port. Raises PortError. Needs a running event loop."""
         self.path, self.dialect, self.clock = path, dialect, clock
         self.question: str | None = None
@@ -33,7 +35,7 @@ class Session:
         self._may_go_on.set()
         self._silence: asyncio.TimerHandle | None = None
         self._listener: Callable[[bytes], None] | None = None
-        self._port = SerialPort(path, dialect, self._hear, self._lost)
+        self._port = open_port(path, dialect, self._hear, self._lost)
 
     def close(self) -> None:
         """Let go of the port; whoever waits gets PortError."""

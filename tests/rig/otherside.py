@@ -96,11 +96,11 @@ class Surroundings:
 
     def do_tell(self) -> dict[str, Any]:
         """What is held, what the arm struck, which parts lie where, where the gripper is and whether it moves."""
-        truth, now = self.cell.truth, time.monotonic()
+        world, now = self.cell.world, time.monotonic()
         here, soon = self.cell.world_from_tool(now), self.cell.world_from_tool(now + 0.05)
         return {
-            "held": truth.held, "strikes": list(truth.strikes),
-            "parts": {part.name: part.where.name for part in truth.parts},
+            "held": world.held and world.held.label, "strikes": world.strikes,
+            "parts": {part.name: part.where.name for part in world.parts},
             "gripper_mm": here[:3, 3].tolist(), "moves": bool(abs(soon - here).max() > 0.05),
         }  # fmt: skip
 

@@ -6,7 +6,7 @@ Nothing here decides or judges; it builds, teaches, and tells what truly happene
 from __future__ import annotations
 
 import contextlib
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -39,10 +39,12 @@ class ListLog:
 
     records: list[dict[str, Any]] = field(default_factory=list)
     wire: list[dict[str, Any]] = field(default_factory=list)
+    heard: Callable[[str, dict[str, Any]], None] = lambda kind, fields: None
 
     def record(self, kind: str, /, **fields: Any) -> None:
         """Keep one record."""
         fields.pop("images", None)
+        self.heard(kind, fields)
         self.records.append({"kind": kind, **fields})
 
     def said(self, kind: str) -> list[dict[str, Any]]:
@@ -93,7 +95,10 @@ async def rig(
     believed: Calibration | None = None,
     truth: Path | None = None,
 ) -> AsyncIterator[Rig]:
-    """Build, open, enable; close at the end. believed: the daemon's calibration (None: its file)."""
+    """Build, open, enable; close at the end, where the judge must have found nothing.
+
+    believed: the daemon's calibration (None: its file).
+    """
     config = load_config(CONFIG, simulated=True)
     simulated = replace(config.values.simulated, seed=seed, time_scale=time_scale)
     if truth is not None:
@@ -108,13 +113,36 @@ async def rig(
         cell, usual = pick_cell(config, believed, hardware, log)
         start = model or empty_model(load_facets(config.file(config.values.files.facets)))
         cycle = Cycle(cell, settings or usual, Recogniser(start, believed.rig, config.values.vision))
+        tell_the_judge(hardware.hand.cell, cycle, log)
         cycle.supervisor.enable()
         try:
             yield Rig(hardware.hand.cell, cycle, log, hardware.robot)
         finally:
             await cycle.supervisor.close()
+        assert not hardware.hand.cell.violations()
     finally:
         await hardware.close()
+
+
+def tell_the_judge(cell: SimulatedCell, cycle: Cycle, log: ListLog) -> None:
+    """When the arm may move, and how fast, as it is said: by whoever enables and resumes, and by the log."""
+
+    def leave(act: Callable[[], None]) -> Callable[[], None]:
+        def given() -> None:
+            cell.judge.may_move(cell.server.now_s(), True)
+            act()
+
+        return given
+
+    def heard(kind: str, fields: dict[str, Any]) -> None:
+        if kind == "fault":
+            cell.judge.may_move(cell.server.now_s(), False)
+        if kind == "move":
+            cell.judge.no_faster_than(cell.server.now_s(), fields["speed_pct"])
+
+    supervisor = cycle.supervisor
+    supervisor.enable, supervisor.resume = leave(supervisor.enable), leave(supervisor.resume)  # type: ignore[method-assign]
+    log.heard = heard
 
 
 async def taught(here: Rig) -> Model:

@@ -125,9 +125,9 @@ class Controller:
 
     # What may happen to it
 
-    def abort(self) -> None:
+    def abort(self, by: str = "control-C") -> None:
         """Brake, forget what runs and what was typed ahead; the prompt comes when the arm is at rest."""
-        self.machine.halt()
+        self.machine.stop(by)
         self._drop()
         self._start(come_to_rest(self.machine))
 
@@ -156,11 +156,15 @@ class Controller:
         if isinstance(self._waits_for, Ask):
             self._step(text)
         elif self._running is None:
-            self._start(monitor.run(self.machine, text))
+            self._carry_out(text)
         elif monitor.is_abort(text):
-            self.abort()
+            self.abort(text.strip())
         else:
             self._ahead.append(text)
+
+    def _carry_out(self, text: str) -> None:
+        self.machine.by = text.strip()
+        self._start(monitor.run(self.machine, text))
 
     def _start(self, command: Command) -> None:
         self._running, self._waits_for = command, None
@@ -188,7 +192,7 @@ class Controller:
     def _finish(self) -> None:
         self._running = self._waits_for = None
         if self._ahead:
-            self._start(monitor.run(self.machine, self._ahead.popleft()))
+            self._carry_out(self._ahead.popleft())
         else:
             self._print_prompt()
 

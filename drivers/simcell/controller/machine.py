@@ -8,14 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 
 import numpy as np
 
 from drivers.puma560 import Configuration, UnreachableError
-from drivers.simcell.arm import EMERGENCY_BRAKING, Arm, SingularWristError
+from drivers.simcell.arm import EMERGENCY_BRAKING, Arm, Motion, SingularWristError, standing
 from drivers.simcell.controller.expressions import Memory, MonitorError, location
 from drivers.simcell.controller.faults import Faults, Mishap
 from drivers.simcell.controller.manners import Manners
+from drivers.simcell.history import Event, HandAct, Leg, Stop
 from drivers.simcell.rigid import Array
 
 FULL_PERCENT = 100.0
@@ -38,6 +40,9 @@ class Machine:
         self.alive = True
         self.arm_power = self.calibrated = not cold
         self.hand_closed = False
+        self.by = ""
+        """What was typed last to be carried out; what happens from now on comes of it."""
+        self.history: list[Event] = []
         self._on_hand = on_hand or (lambda closed: None)
         self._mishap: tuple[float, Mishap] | None = None
         self._power_comes_s: float | None = None
@@ -105,31 +110,52 @@ class Machine:
 
     def move_joints(self, joints_rad: Array, percent: float | None = None) -> None:
         """Set out for (6,) joint angles; percent: of full speed (None: the monitor speed). Raises MonitorError."""
-        share = (self.speed_percent if percent is None else percent) / FULL_PERCENT
+        percent = self.speed_percent if percent is None else percent
         with _unreachable_told():
-            self.arm.move_joints(joints_rad, share, self.now_s)
-        self._set_out()
+            self.arm.move_joints(joints_rad, percent / FULL_PERCENT, self.now_s)
+        self._set_out(percent)
 
     def move_straight(self, world_from_tool: Array) -> None:
         """Set out on a straight line for a pose (4, 4). Raises MonitorError."""
         with _unreachable_told():
             self.arm.move_straight(world_from_tool, self.speed_percent / FULL_PERCENT, self.now_s)
-        self._set_out()
+        self._set_out(self.speed_percent)
+
+    def calibrate(self) -> float:
+        """Begin to find the joints' zeros; gives when that is over. (In truth each joint turns a little.)"""
+        motion = standing(self.joints(), self.now_s, self.manners.calibration_s)
+        self._note(motion, self.speed_percent)
+        return motion.ends_s
 
     def halt(self, braking: float = 1.0) -> None:
         """Come to rest along the path; braking: times the usual deceleration."""
         self.arm.halt(self.now_s, braking)
+        last = next((k for k in range(len(self.history) - 1, -1, -1) if isinstance(self.history[k], Leg)), None)
+        if last is not None:
+            leg = self.history[last]
+            assert isinstance(leg, Leg)
+            self.history[last] = replace(leg, motion=leg.motion.cut(self.now_s, braking))
+
+    def stop(self, by: str) -> None:
+        """Somebody wants the arm at rest now, and said so by this."""
+        self.history.append(Stop(self.now_s, by))
+        self.halt()
 
     def hand(self, closed: bool) -> None:
         """Close or open the hand."""
         self.hand_closed = closed
+        self.history.append(HandAct(self.now_s, self.by, closed))
         self._on_hand(closed)
 
-    def _set_out(self) -> None:
+    def _set_out(self, percent: float) -> None:
         """A mishap that waits for a move gets its moment."""
+        self._note(self.arm.motion, percent)
         if self.faults.in_move:
             share, what = self.faults.in_move.pop(0)
             self._mishap = self.now_s + share * (self.arm.rests_s - self.now_s), what
+
+    def _note(self, motion: Motion, percent: float) -> None:
+        self.history.append(Leg(motion, self.by, percent, self.arm.tool, self.hand_closed))
 
     # What may befall it
 

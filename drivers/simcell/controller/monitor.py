@@ -85,12 +85,12 @@ def _calibrate(machine: Machine) -> Command:
         machine.miss_arm_power()
         raise MonitorError("*Arm power off*")
     yield Wait(machine.now_s + machine.faults.pendant_s)
-    yield Wait(machine.now_s + machine.manners.calibration_s)
+    yield Wait(machine.calibrate())
     machine.calibrated = True
 
 
 def _abort(machine: Machine) -> Command:
-    machine.halt()
+    machine.stop(machine.by)
     return come_to_rest(machine)
 
 

@@ -19,8 +19,8 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[3]))
 
-from tests.bench.running import Running
 from tests.worlds.person import Person
+from tests.worlds.running import Running
 
 
 @pytest.fixture(scope="module")

@@ -65,24 +65,25 @@ def test_a_part_closed_on_goes_with_the_hand_and_lands_in_the_bin_where_it_is_le
     part = cell.world.stand("cube", 0, 520.0, 20.0, 0.03)
     grasp = above(520.0, 21.0, -280.0)
     drive(cell, above(520.0, 21.0, -150.0), grasp, "close", above(520.0, 21.0, -150.0))
-    told = cell.truth.grasps[-1]
+    told = cell.truth.grasps[-1].grip
+    assert told is not None
     assert told.held, told.why
-    assert cell.truth.held == "cube"
+    assert cell.world.held is not None
     assert told.width_mm == pytest.approx(50.0, abs=0.05)
-    assert told.error_mm < 0.5, "tool y lies along world x, where the aim was right"
-    assert told.error_deg == pytest.approx(np.degrees(0.03), abs=0.1)
+    assert abs(told.shift_mm) < 0.5, "tool y lies along world x, where the aim was right"
+    assert abs(told.turn_deg) == pytest.approx(np.degrees(0.03), abs=0.1)
     bin_at = cell.truth.settings.bin.centre_mm
     drive(cell, above(*bin_at, -150.0), "open")
-    assert cell.truth.held is None
-    assert {p.name: p.where for p in cell.truth.parts} == {part.name: Where.BIN}
-    assert cell.truth.strikes == ()
+    assert cell.world.held is None
+    assert {p.name: p.where for p in cell.world.parts} == {part.name: Where.BIN}
+    assert cell.world.strikes == []
 
 
 def test_a_hand_that_is_beside_the_part_takes_nothing(cell: SimulatedCell) -> None:
     cell.world.stand("cube", 0, 520.0, 0.0, 0.0)
     drive(cell, above(520.0, 60.0, -280.0), "close")
     assert not cell.truth.grasps[-1].held
-    assert cell.truth.held is None
+    assert cell.world.held is None
 
 
 def test_the_camera_shows_the_part_where_the_cameras_true_pose_says(cell: SimulatedCell) -> None:
@@ -129,3 +130,22 @@ def test_the_cameras_see_the_fingers_at_the_upper_rim_and_nowhere_else(cell: Sim
     drive(cell, above(520.0, 0.0, 0.0))
     seen = cell.camera.grab(time.monotonic(), 2.0).left.pixels.astype(int)
     assert seen[:25].max() > seen[60:].max() + 15
+
+
+def test_what_is_typed_beside_the_daemon_is_known_to_the_truth(cell: SimulatedCell) -> None:
+    drive(cell, above(520.0, 0.0, -100.0))
+    with cell.server.controller() as controller:
+        for line in (b"SPEED 35\r", b"TOOL TRANS(0,0,60,0,0,0)\r", b"DO DRIVE 1,2,50\r", b"DO DRIVE 6,2,50\r"):
+            controller.receive(line, controller.now_s)
+    drive(cell, "close")
+    with cell.server.controller() as controller:
+        controller.receive(b"DO DEPART 20\r", controller.now_s)
+    typed = {motion.by: motion for motion in cell.truth.motions}
+    move = next(motion for by, motion in typed.items() if by.startswith("DO MOVE"))
+    assert (move.speed_percent, move.hand_closed) == (100.0, False)
+    assert typed["DO DRIVE 1,2,50"].speed_percent == 50.0, "DRIVE names its own"
+    last = typed["DO DEPART 20"]
+    assert (last.speed_percent, last.hand_closed, last.flange_from_tool[2, 3]) == (35.0, True, 60.0)
+    machine = cell.truth.machine
+    assert (machine.speed_percent, machine.hand_closed, machine.arm_power) == (35.0, True, True)
+    assert machine.arm.tool[2, 3] == 60.0

@@ -1,0 +1,238 @@
+"""Judges what the arm did, whoever made it: the invariants of a cell that people stand beside, over its truth.
+
+Reads the machine's history and a few facts that come from beside the daemon (when it said that the arm may move). No
+byte of the line and nothing the daemon believes comes in here. Violations are told in words, the worst of each kind a
+motion. Times are the controller's seconds, lengths mm.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from math import ceil
+
+import numpy as np
+
+from drivers.puma560 import Puma560, elbow_mm, forward
+from drivers.simcell.arm import Motion
+from drivers.simcell.history import Drop, Event, HandAct, Leg, Stop
+from drivers.simcell.rigid import Array, inverse
+from drivers.simcell.truth import Box, Rod, Safety, Table
+
+APART_MM = 5.0
+"""No ball of the body moves farther than this between two samples, unless all it could strike is twice as far away."""
+SAMPLE_S, SHORTEST_S = 0.05, 1e-4
+BALLS_APART_MM = 10.0
+HAIR_MM = 0.5
+"""A length beyond its limit by less is the arm's repeatability."""
+
+
+@dataclass(frozen=True)
+class Violation:
+    """Which rule, when, what was typed that led to it, and what was so."""
+
+    rule: str
+    at_s: float
+    by: str
+    text: str
+
+    def __str__(self) -> str:
+        return f"{self.rule} at {self.at_s:.3f} s, `{self.by}`: {self.text}"
+
+
+class _Facts:
+    """What was so from when on."""
+
+    def __init__(self, first: float) -> None:
+        self._times, self._values = [float("-inf")], [first]
+
+    def add(self, at_s: float, value: float) -> None:
+        """From at_s on; facts may come late, not out of order with each other."""
+        self._times.append(max(at_s, self._times[-1]))
+        self._values.append(value)
+
+    def at(self, moment_s: float) -> float:
+        """The value in force."""
+        return self._values[bisect_right(self._times, moment_s) - 1]
+
+    def said_before(self, moment_s: float, value: float) -> float:
+        """When a value was said last."""
+        here = bisect_right(self._times, moment_s)
+        return next((self._times[k] for k in range(here - 1, -1, -1) if self._values[k] == value), float("-inf"))
+
+    def said_within(self, start_s: float, end_s: float, value: float) -> float | None:
+        """When a value was said first after start_s, up to end_s."""
+        within = range(bisect_right(self._times, start_s), bisect_right(self._times, end_s))
+        return next((self._times[k] for k in within if self._values[k] == value), None)
+
+
+class Body:
+    """The arm as balls in the world: rods cut into balls no farther apart than BALLS_APART_MM."""
+
+    def __init__(self, rods: Sequence[Rod], arm: Puma560, joint_offsets_rad: Array) -> None:
+        """arm, joint_offsets_rad (6,): the true ones."""
+        self._arm, self._offsets, self._tool_from_flange = arm, joint_offsets_rad, inverse(arm.flange_from_tool)
+        self.names = [rod.name for rod in rods for _ in _cut(rod)]
+        self.radii_mm = np.array([rod.radius_mm for rod in rods for _ in _cut(rod)])
+        self._on_tool = np.array([rod.frame == "tool" for rod in rods for _ in _cut(rod)], bool)
+        self._centres = np.array([ball for rod in rods for ball in _cut(rod)]).reshape(-1, 3)
+
+    def at(self, motion: Motion, times_s: Array) -> tuple[Array, Array]:
+        """((N, K, 3) centres, (N, 3) tool centre points), mm in the world."""
+        joints = [motion.joints_at(moment_s) + self._offsets for moment_s in times_s]
+        tools = np.array([forward(q, self._arm) for q in joints])
+        wrists = (tools @ self._tool_from_flange)[:, :3, 3]
+        ups = np.array([elbow_mm(q, self._arm) for q in joints]) - wrists
+        ups /= np.linalg.norm(ups, axis=1)[:, None]
+        on_forearm = wrists[:, None] + self._centres[:, 2:] * ups[:, None]
+        on_tool = self._centres @ tools[:, :3, :3].transpose(0, 2, 1) + tools[:, None, :3, 3]
+        return np.where(self._on_tool[:, None], on_tool, on_forearm), tools[:, :3, 3]
+
+
+def _cut(rod: Rod) -> list[Array]:
+    start, end = np.array(rod.from_mm), np.array(rod.to_mm)
+    count = ceil(float(np.linalg.norm(end - start)) / BALLS_APART_MM) + 1
+    return [start + share * (end - start) for share in np.linspace(0.0, 1.0, max(count, 2))]
+
+
+class Judge:
+    """Told the facts as they come; `violations` looks at what happened since it was last asked."""
+
+    def __init__(self, history: Sequence[Event], body: Body, safety: Safety, table: Table) -> None:
+        """history grows; a leg in it may still be cut short. Nothing may move before `may_move` says so."""
+        self._history, self._body, self._safety, self._table = history, body, safety, table
+        self._may, self._drop_told = _Facts(False), _Facts(False)
+        self._fastest = _Facts(safety.fastest_percent)
+        self._stops: list[tuple[float, str]] = []
+        self._read = 0
+        self._found: list[Violation] = []
+
+    def may_move(self, at_s: float, allowed: bool) -> None:
+        """Whether the cell says enabled, and no fault stands, from a moment on."""
+        self._may.add(at_s, allowed)
+
+    def stop_received(self, at_s: float, by: str = "a stop") -> None:
+        """A stop that the controller was given otherwise than by a line it knows."""
+        self._stops.append((at_s, by))
+
+    def no_faster_than(self, at_s: float, percent: float) -> None:
+        """The highest monitor speed allowed from a moment on."""
+        self._fastest.add(at_s, min(percent, self._safety.fastest_percent))
+
+    def may_drop(self, at_s: float, allowed: bool = True) -> None:
+        """Whether somebody said that what is held be let go wherever it is, from a moment on."""
+        self._drop_told.add(at_s, allowed)
+
+    def violations(self, until_s: float) -> tuple[Violation, ...]:
+        """Everything found up to a moment, oldest first; a motion is judged once it is over."""
+        while self._read < len(self._history):
+            event = self._history[self._read]
+            if (event.motion.ends_s if isinstance(event, Leg) else event.began_s) > until_s:
+                break
+            self._read += 1
+            self._found += self._judged(event)
+        return tuple(self._found)
+
+    def _judged(self, event: Event) -> Iterator[Violation]:
+        if isinstance(event, Stop):
+            self.stop_received(event.began_s, event.by)
+        elif isinstance(event, Drop):
+            yield from self._dropped(event)
+        else:
+            yield from self._unallowed(event)
+        if isinstance(event, Leg):
+            yield from self._too_late(event)
+            yield from self._too_much(event)
+            yield from self._struck(event)
+
+    def _unallowed(self, event: Leg | HandAct) -> Iterator[Violation]:
+        """Begun while nothing may move, or after a stop that nobody has lifted."""
+        what = "the arm set out" if isinstance(event, Leg) else "the hand was driven"
+        if not self._may.at(event.began_s):
+            yield Violation("not allowed", event.began_s, event.by, f"{what} while nothing may move")
+        lifted_s = self._may.said_before(event.began_s, True)
+        self._stops = [stop for stop in self._stops if stop[0] >= lifted_s]
+        before = [stop for stop in self._stops if stop[0] < event.began_s]
+        if before:
+            at_s, by = max(before)
+            text = f"{what} {event.began_s - at_s:.3f} s after the stop `{by}`"
+            yield Violation("after a stop", event.began_s, event.by, text)
+
+    def _too_late(self, leg: Leg) -> Iterator[Violation]:
+        """Still on the way too long after a stop, or after the leave to move was withdrawn."""
+        ends_s = leg.motion.ends_s
+        told = [(at_s, f"the stop `{by}`") for at_s, by in self._stops if leg.began_s < at_s < ends_s]
+        told += [(e.began_s, f"the stop `{e.by}`") for e in self._history[self._read :] if isinstance(e, Stop)]
+        withdrawn_s = self._may.said_within(leg.began_s, ends_s, False)
+        told += [] if withdrawn_s is None else [(withdrawn_s, "it might not move any more")]
+        at_s, why = min(told, default=(ends_s, ""))
+        if ends_s - at_s > self._safety.rest_within_s:
+            yield Violation("not at rest", ends_s, leg.by, f"still moving {ends_s - at_s:.3f} s after {why}")
+
+    def _too_much(self, leg: Leg) -> Iterator[Violation]:
+        """A speed or a step over its limit, as commanded."""
+        allowed = self._fastest.at(leg.began_s)
+        if leg.speed_percent > allowed + 1e-9:
+            text = f"at a monitor speed of {leg.speed_percent:g} %, allowed are {allowed:g}"
+            yield Violation("too fast", leg.began_s, leg.by, text)
+        whole = leg.motion.uncut()
+        start, end = self._body.at(whole, np.array([whole.started_s, whole.ends_s]))[1]
+        step = float(np.linalg.norm(end - start))
+        if step > self._safety.longest_step_mm + HAIR_MM:
+            text = f"a step of {step:.1f} mm, {self._safety.longest_step_mm:g} is the most"
+            yield Violation("step too long", leg.began_s, leg.by, text)
+
+    def _struck(self, leg: Leg) -> Iterator[Violation]:
+        """The body where it must not be, or the tool too fast, anywhere on the way."""
+        times, balls, tools = self._way(leg.motion)
+        speeds = np.linalg.norm(np.diff(tools, axis=0), axis=1) / np.diff(times)
+        k = int(np.argmax(speeds))
+        if speeds[k] > self._safety.fastest_mm_s:
+            text = f"the tool at {speeds[k]:.0f} mm/s, allowed are {self._safety.fastest_mm_s:g}"
+            yield Violation("too fast", times[k], leg.by, text)
+        for rule, deep in self._depths(balls).items():
+            if deep.max(initial=0.0) > HAIR_MM:
+                moment, ball = np.unravel_index(int(np.argmax(deep)), deep.shape)
+                text = f"{self._body.names[ball]} {deep.max():.1f} mm {rule}"
+                yield Violation(rule, times[moment], leg.by, text)
+
+    def _depths(self, balls: Array) -> dict[str, Array]:
+        """(N, K, 3) -> by rule, (N, K) mm: how deep each ball is where it must not be; negative: how far from there."""
+        room, radii = self._safety.room, self._body.radii_mm
+        low, high = balls - radii[:, None], balls + radii[:, None]
+        depths = {"below the table": self._table.height_mm - low[..., 2]}
+        depths["outside the room"] = np.max(np.maximum(room.low_mm - low, high - room.high_mm), axis=2)
+        for number, box in enumerate(self._safety.keep_out):
+            depths[f"in keep-out box {number + 1}"] = radii - _distance(balls, box)
+        return depths
+
+    def _way(self, motion: Motion) -> tuple[Array, Array, Array]:
+        """Times (N,), balls (N, K, 3), tool (N, 3); N >= 2, as dense as APART_MM says."""
+        count = max(2, ceil((motion.ends_s - motion.started_s) / SAMPLE_S) + 1)
+        times = np.linspace(motion.started_s, max(motion.ends_s, motion.started_s + SHORTEST_S), count)
+        balls, tools = self._body.at(motion, times)
+        while True:
+            moved = np.linalg.norm(np.diff(balls, axis=0), axis=2).max(axis=1, initial=0.0)
+            away = -np.max([deep.max(axis=1, initial=-np.inf) for deep in self._depths(balls).values()], axis=0)
+            wide = (moved > APART_MM) & (np.minimum(away[:-1], away[1:]) < 2 * moved) & (np.diff(times) > SHORTEST_S)
+            if not wide.any():
+                return times, balls, tools
+            between = (times[:-1] + times[1:])[wide] / 2
+            where = np.flatnonzero(wide) + 1
+            more_balls, more_tools = self._body.at(motion, between)
+            times = np.insert(times, where, between)
+            balls, tools = np.insert(balls, where, more_balls, axis=0), np.insert(tools, where, more_tools, axis=0)
+
+    def _dropped(self, drop: Drop) -> Iterator[Violation]:
+        told = drop.over_bin or self._drop_told.at(drop.began_s)
+        if not told and drop.fell_mm > self._safety.drop_mm:
+            yield Violation(
+                "dropped", drop.began_s, drop.by, f"{drop.label} let go {drop.fell_mm:.1f} mm above the table"
+            )
+
+
+def _distance(points: Array, box: Box) -> Array:
+    """(..., 3) mm -> (...) mm from the box, 0 inside."""
+    beside = np.maximum(np.maximum(np.array(box.low_mm) - points, points - np.array(box.high_mm)), 0.0)
+    return np.asarray(np.linalg.norm(beside, axis=-1))

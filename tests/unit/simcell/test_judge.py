@@ -1,0 +1,262 @@
+"""The judge against planted violations, one of each kind, and against runs in which there is nothing to find."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+
+from drivers.puma560 import READY_RAD, Puma560, elbow_mm, forward
+from drivers.simcell.arm import Arm
+from drivers.simcell.cell import SimulatedCell
+from drivers.simcell.controller import Controller, Manners
+from drivers.simcell.history import Drop, Leg
+from drivers.simcell.judge import APART_MM, Body, Judge
+from drivers.simcell.rigid import rigid, turn
+from drivers.simcell.truth import Box, load_truth, rigid_matrix
+
+TRUTH = load_truth(Path(__file__).parents[3] / "etc" / "simcell.yaml")
+ABOVE_TABLE = "DO MOVE TRANS(520,0,-100,0,90,0)"
+
+
+class Cell:
+    """A controller, somebody who types at it, and the judge. The arm may move; TOOL is set."""
+
+    def __init__(self, manners: Manners | None = None, **safety: object) -> None:
+        geometry = Puma560(flange_from_tool=rigid_matrix(TRUTH.arm.flange_from_tool))
+        arm = Arm(geometry, READY_RAD)
+        self.controller, self.now_s = Controller(arm, manners), 0.0
+        rules = msgspec.structs.replace(TRUTH.safety, longest_step_mm=2000.0, **safety)  # type: ignore[arg-type]
+        body = Body(rules.body, geometry, np.zeros(6))
+        self.judge = Judge(self.controller.machine.history, body, rules, TRUTH.table)
+        self.judge.may_move(0.0, True)
+        self.types("DO NOFLIP", 0.1)
+
+    def types(self, line: str, wait_s: float = 30.0) -> None:
+        """A line, and time for it."""
+        self.controller.receive(line.encode() + b"\r", self.now_s)
+        self.now_s += wait_s
+        self.controller.tick(self.now_s)
+
+    def found(self) -> list[str]:
+        """The rules broken so far."""
+        return [violation.rule for violation in self.judge.violations(self.now_s)]
+
+
+def test_a_day_s_work_breaks_no_rule() -> None:
+    cell = Cell()
+    for line in (
+        ABOVE_TABLE,
+        "SPEED 30",
+        "DO MOVES TRANS(540,20,-200,0,90,0)",
+        "DO CLOSEI",
+        "DO DEPARTS 80",
+        "DO OPENI",
+    ):
+        cell.types(line)
+    assert len([event for event in cell.controller.machine.history if isinstance(event, Leg)]) == 3
+    assert cell.judge.violations(cell.now_s) == ()
+
+
+@pytest.mark.parametrize("line", ["DO READY", ABOVE_TABLE, "DO DRIVE 1,5,50", "DO OPENI", "DO CLOSEI"])
+def test_what_moves_while_nothing_may_is_found_with_the_line_it_came_of(line: str) -> None:
+    cell = Cell()
+    cell.types("DO DRIVE 2,-20,50")
+    cell.judge.may_move(cell.now_s, False)
+    cell.types(line)
+    assert cell.found() == ["not allowed"]
+    assert f"`{line}`" in str(cell.judge.violations(cell.now_s)[0])
+
+
+def test_calibrating_counts_as_moving() -> None:
+    cell = Cell()
+    cell.judge.may_move(0.05, False)
+    cell.types("CAL", 1.0)
+    cell.types("Y")
+    assert cell.found() == ["not allowed"]
+
+
+def test_what_was_typed_while_nothing_might_move_and_moves_nothing_is_no_matter() -> None:
+    cell = Cell()
+    cell.judge.may_move(0.05, False)
+    for line in (
+        "WHERE",
+        "STATUS",
+        "DO BREAK",
+        "DO SET P = HERE",
+        "SPEED 10",
+        "ABORT",
+        "DO MOVE TRANS(9999,0,0,0,0,0)",
+    ):
+        cell.types(line)
+    assert cell.found() == []
+
+
+@pytest.mark.parametrize("stop", ["ABORT", "abo", "\x03"])
+@pytest.mark.parametrize("manners", [Manners(), Manners(prompt_after_move="end")])
+def test_a_motion_after_a_stop_is_found_unless_somebody_said_that_it_may_move_again(
+    stop: str, manners: Manners
+) -> None:
+    cell = Cell(manners)
+    cell.types("DO DRIVE 2,-40,20", 0.5)
+    cell.types(stop)
+    assert cell.found() == []
+    cell.types("DO DRIVE 2,-5,20")
+    assert cell.found() == ["after a stop"]
+    cell.judge.may_move(cell.now_s, True)
+    cell.types("DO DRIVE 2,-5,20")
+    assert cell.found() == ["after a stop"]
+
+
+def test_a_stop_the_controller_does_not_know_counts_when_the_test_says_so() -> None:
+    cell = Cell()
+    cell.types("DO DRIVE 2,-40,5", 0.5)
+    cell.types("HALT!!", 0.1)
+    cell.judge.stop_received(cell.now_s - 0.1, "HALT!!")
+    cell.types("DO BREAK")
+    assert cell.found() == ["not at rest"]
+    cell.types("DO DRIVE 1,5,50")
+    assert cell.found() == ["not at rest", "after a stop"]
+
+
+def test_an_arm_that_brakes_too_long_after_a_stop_is_found() -> None:
+    cell = Cell(rest_within_s=0.05)
+    cell.types("DO DRIVE 2,-80,100", 0.5)
+    cell.types("ABORT")
+    assert cell.found() == ["not at rest"]
+
+
+def test_an_arm_that_goes_on_when_it_might_not_move_any_more_is_found() -> None:
+    cell = Cell()
+    cell.types("DO DRIVE 2,-80,10", 0.5)
+    cell.judge.may_move(0.5, False)
+    cell.types("DO BREAK")
+    assert cell.found() == ["not at rest"]
+
+
+def test_a_speed_typed_by_somebody_else_is_found_at_the_next_move() -> None:
+    cell = Cell()
+    cell.judge.no_faster_than(cell.now_s, 20.0)
+    cell.types("SPEED 20")
+    cell.types("DO DRIVE 2,-20,20")
+    assert cell.found() == []
+    cell.types("SPEED 100")
+    cell.types(ABOVE_TABLE)
+    assert cell.found() == ["too fast"]
+
+
+def test_a_tool_faster_than_allowed_is_found_whatever_the_percent_say() -> None:
+    cell = Cell(fastest_mm_s=250.0)
+    cell.types("DO DRIVE 2,-40,10")
+    assert cell.found() == []
+    cell.types("DO DRIVE 2,40,50")
+    assert cell.found() == ["too fast"]
+
+
+def test_a_step_is_measured_as_it_was_commanded_even_if_it_was_cut_short() -> None:
+    cell = Cell()
+    cell.judge._safety = msgspec.structs.replace(cell.judge._safety, longest_step_mm=450.0)
+    cell.types(ABOVE_TABLE, 0.1)
+    start = cell.controller.arm.reported_pose_at(0.0)
+    cell.types("ABORT")
+    assert np.linalg.norm(cell.controller.machine.pose()[:3, 3] - start[:3, 3]) < 300.0
+    assert cell.found() == ["step too long"]
+
+
+@pytest.mark.parametrize(
+    ("line", "rule", "part"),
+    [
+        ("DO MOVE TRANS(520,0,-295,0,90,0)", "below the table", "finger"),
+        ("DO MOVES TRANS(520,0,-295,0,90,0)", "below the table", "finger"),
+        ("DO MOVE TRANS(520,0,-220,90,0,180)", "below the table", "camera bar"),
+        ("DO MOVE TRANS(700,0,-270,90,0,0)", "below the table", "forearm"),
+        ("DO DRIVE 1,-90,100", "outside the room", ""),
+    ],
+)
+def test_a_body_where_it_must_not_be_is_found_by_name(line: str, rule: str, part: str) -> None:
+    cell = Cell(room=Box([-400.0, -400.0, -1000.0], [1000.0, 800.0, 1250.0]))
+    cell.types(ABOVE_TABLE)
+    cell.types(line)
+    found = cell.judge.violations(cell.now_s)
+    assert rule in [violation.rule for violation in found], found
+    assert any(part in violation.text for violation in found)
+
+
+def test_the_way_is_judged_and_not_only_its_ends() -> None:
+    """Half round the column between two poses that are both well above the table, past a post that stands between."""
+    post = Box([600.0, -60.0, -300.0], [680.0, 60.0, 300.0])
+    cell = Cell(keep_out=[post], room=Box([-2000.0] * 3, [2000.0] * 3))
+    cell.types("DO MOVE TRANS(400,-450,0,0,90,0)")
+    assert cell.found() == []
+    cell.types("DO MOVE TRANS(400,450,0,0,90,0)")
+    assert cell.found() == ["in keep-out box 1"]
+
+
+def test_what_is_let_go_high_is_found_unless_over_the_bin_or_told() -> None:
+    cell = Cell()
+    history, judge = cell.controller.machine.history, cell.judge
+    history.append(Drop(1.0, "DO OPENI", "cube", 2.0, False))
+    history.append(Drop(2.0, "DO OPENI", "cube", 90.0, True))
+    cell.now_s = 9.0
+    assert cell.found() == []
+    history.append(Drop(3.0, "DO OPENI", "cube", 90.0, False))
+    assert cell.found() == ["dropped"]
+    judge.may_drop(4.0)
+    history.append(Drop(5.0, "DO OPENI", "cube", 90.0, False))
+    assert cell.found() == ["dropped"]
+
+
+def test_a_part_let_go_in_the_cell_is_on_record_with_its_height() -> None:
+    with SimulatedCell(Path(__file__).parents[3] / "etc" / "simcell.yaml", seed=1) as cell:
+        tool = cell.world_from_tool()
+        cell.world.put("cube", tool @ rigid(turn([1, 0, 0], np.pi), [0.0, 0.0, 0.0]))
+        cell.world.close_hand(tool)
+        assert cell.world.held is not None
+        cell.judge.may_move(0.0, True)
+        with cell.server.controller() as controller:
+            controller.machine.by = "DO OPENI"
+            controller.machine.hand(closed=False)
+        assert [violation.rule for violation in cell.violations()] == ["dropped"]
+
+
+def test_the_forearm_ends_at_the_elbow_and_at_the_wrist() -> None:
+    rng = np.random.default_rng(0)
+    for joints in rng.uniform(-2, 2, (20, 6)):
+        wrist, elbow = forward(joints)[:3, 3], elbow_mm(joints)
+        assert np.linalg.norm(wrist - elbow) == pytest.approx(np.hypot(431.8, 20.3), abs=1e-6)
+        turned = joints + np.array([0.0, 0.0, 0.7, 0.0, 0.0, 0.0])
+        assert elbow_mm(turned) == pytest.approx(elbow), "the elbow does not move when the forearm turns about it"
+
+
+def test_the_true_arm_is_judged_and_not_the_one_the_controller_believes_in() -> None:
+    geometry = Puma560(flange_from_tool=rigid_matrix(TRUTH.arm.flange_from_tool))
+    arm = Arm(geometry, READY_RAD, joint_offsets_rad=np.radians([0.0, 0.5, -0.3, 0.2, 0.1, 0.4]))
+    body = Body(TRUTH.safety.body, arm.true_geometry, arm.joint_offsets_rad)
+    assert body.at(arm.motion, np.array([1.0]))[1][0] == pytest.approx(arm.pose_at(1.0)[:3, 3])
+    assert np.linalg.norm(arm.pose_at(1.0)[:3, 3] - arm.reported_pose_at(1.0)[:3, 3]) > 1.0
+
+
+def test_no_ball_of_the_body_moves_farther_than_promised_between_two_samples_near_what_it_could_strike() -> None:
+    cell = Cell(keep_out=[Box([700.0, 500.0, 0.0], [750.0, 600.0, 50.0])])
+    cell.types("DO MOVE TRANS(500,-450,-285,0,90,0)")
+    cell.types("DO MOVE TRANS(500,450,-285,0,90,0)")
+    times, balls, _ = cell.judge._way(cell.controller.arm.motion)
+    moved = np.linalg.norm(np.diff(balls, axis=0), axis=2).max(axis=1)
+    away = -np.max([deep.max(axis=1) for deep in cell.judge._depths(balls).values()], axis=0)
+    assert np.all((moved <= APART_MM) | (away[1:] >= 2 * moved))
+    assert np.count_nonzero(moved < APART_MM) > 50
+    assert times[0] == cell.controller.arm.motion.started_s
+    assert times[-1] == cell.controller.arm.rests_s
+
+
+def test_what_was_judged_once_is_not_judged_again() -> None:
+    cell = Cell()
+    cell.types("DO DRIVE 2,-20,50")
+    asked = []
+    cell.judge._body.at = lambda motion, times, at=cell.judge._body.at: asked.append(1) or at(motion, times)  # type: ignore
+    assert cell.found() == []
+    once = len(asked)
+    assert cell.found() == []
+    assert len(asked) == once > 0
