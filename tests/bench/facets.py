@@ -20,10 +20,10 @@ from daemon.vision.facets.candidates import choose, find_candidates
 from daemon.vision.facets.reconstruct import find_facets
 from daemon.vision.geometry.rig import StereoRig
 from daemon.vision.image.both_eyes import open_eyes
-from daemon.vision.limit import limit
 from daemon.vision.settings import CornerDetector, StereoFormula, VisionSettings
 from daemon.vision.values import Facet, FacetView
 from tests.worlds import rendered
+from tests.worlds.limit import limit
 
 Array = NDArray[np.float64]
 NEAR_PX = 3.0

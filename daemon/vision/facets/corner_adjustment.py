@@ -5,7 +5,7 @@ A corner shared by facets is one point; a facet's corners lie on its plane. Noth
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,20 +23,19 @@ _ROUNDS = 6
 
 
 @dataclass(frozen=True, eq=False)
-class Pull:
-    """Sides of one eye as observations of corners: from_, to (S,) corner numbers; line (S, 3) in ideal coordinates,
-    unit normal; whiten (S, 2, 2) turns px offsets of the two corners into sigmas; weight (S,) 1, or 1/2 where two
-    facets share it.
+class EdgeObservations:
+    """Sides of one eye, or of both, as observations of corners: ends (S, 2) corner numbers; line (S, 3) in ideal
+    coordinates, unit normal; whiten (S, 2, 2) turns px offsets of the two corners into sigmas; weight (S,) 1, or 1/2
+    where two facets share it.
     """
 
-    from_: Index
-    to: Index
+    ends: Index
     line: Array
     whiten: Array
     weight: Array
 
 
-def pulls(sides: list[Sides], corners: list[Index], eye: Eye, shared: set[tuple[int, int]]) -> Pull:
+def pulls(sides: list[Sides], corners: list[Index], eye: Eye, shared: set[tuple[int, int]]) -> EdgeObservations:
     """All facets' sides in one eye; corners[k][i] is the number of facet k's corner i; shared holds edges of
     two facets.
     """
@@ -47,10 +46,9 @@ def pulls(sides: list[Sides], corners: list[Index], eye: Eye, shared: set[tuple[
     line = np.concatenate([normal, -np.sum(normal * start, 1)[:, None]], 1)
     covariance = np.concatenate([s.covariance for s in sides]) + _MODEL_PX**2 * np.eye(2)
     whiten = np.linalg.inv(np.linalg.cholesky(covariance))
-    from_ = np.concatenate(corners)
-    to = np.concatenate([np.roll(c, -1) for c in corners])
-    weight = np.array([0.5 if (min(a, b), max(a, b)) in shared else 1.0 for a, b in zip(from_, to, strict=True)])
-    return Pull(from_, to, line, whiten * eye.focal_px, weight)
+    ends = np.concatenate([np.stack([c, np.roll(c, -1)], 1) for c in corners])
+    weight = np.array([0.5 if (min(a, b), max(a, b)) in shared else 1.0 for a, b in ends.tolist()])
+    return EdgeObservations(ends, line, whiten * eye.focal_px, weight)
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,29 +62,31 @@ class AdjustedCorners:
     misfit: float
 
 
-def settle(start_mm: Array, left: Pull, right: Pull, planes: list[Index], eyes: Baseline) -> AdjustedCorners:
+def settle(
+    start_mm: Array, left: EdgeObservations, right: EdgeObservations, planes: list[Index], geometry: Baseline
+) -> AdjustedCorners:
     """Least-squares corners (V, 3) mm, from a start near the answer. planes: corner numbers of each facet of four or
     more.
 
     Gauss-Newton on offsets from the sides in px sigmas; a side that stays off by several sigmas loses its say
     (Geman-McClure).
     """
-    turn, middle = eyes.cyclopean_from_baseline, eyes.middle_mm
+    turn, middle = geometry.cyclopean_from_baseline, geometry.middle_mm
     points = (start_mm - middle) @ turn
     count = 3 * len(points)
-    half = eyes.length_mm / 2
-    trust = [p.weight.copy() for p in (left, right)]
+    half = geometry.length_mm / 2
+    both = EdgeObservations(*(np.concatenate([getattr(e, f.name) for e in (left, right)]) for f in fields(left)))
+    shift_mm = np.repeat([half, -half], [len(left.ends), len(right.ends)])
+    trust = both.weight
     for turn_number in range(_ROUNDS):
-        hessian, gradient = np.eye(count) * 1e-9, np.zeros(count)
-        squares, say = 0.0, 0.0
-        for k, (pull, shift) in enumerate(((left, half), (right, -half))):
-            residual, jacobian = _offsets(points, pull, shift)
-            size = np.sum(residual**2, 1)
-            squares += float(np.sum(trust[k] * size))
-            say += float(2 * np.sum(trust[k]))
-            _gather(hessian, gradient, pull, residual, jacobian, trust[k])
-            if turn_number >= 1:
-                trust[k] = pull.weight / (1 + size / _OUTLIER**2 / max(1.0, squares / max(say, 1.0))) ** 2
+        residual, jacobian = _offsets(points, both, shift_mm)
+        size = np.sum(residual**2, 1)
+        squares, say = float(trust @ size), 2 * float(trust.sum())
+        weighted = (jacobian * trust[:, None, None]).reshape(-1, count)
+        hessian = weighted.T @ jacobian.reshape(-1, count) + 1e-9 * np.eye(count)
+        gradient = weighted.T @ residual.ravel()
+        if turn_number >= 1:
+            trust = both.weight / (1 + size / _OUTLIER**2 / max(1.0, squares / max(say, 1.0))) ** 2
         for plane in planes:
             _flatten(hessian, gradient, points, plane)
         step = np.linalg.solve(hessian, gradient)
@@ -101,29 +101,20 @@ def settle(start_mm: Array, left: Pull, right: Pull, planes: list[Index], eyes: 
     return AdjustedCorners(points @ turn.T + middle, turn @ blocks @ turn.T, misfit)
 
 
-def _offsets(points: Array, pull: Pull, shift: float) -> tuple[Array, Array]:
-    """Whitened offsets (S, 2) of both corners of each side from its line, and their derivatives (S, 2, 2
-    corners, 3).
+def _offsets(points: Array, seen: EdgeObservations, shift_mm: Array) -> tuple[Array, Array]:
+    """Whitened offsets (S, 2) of both corners of each side from its line, and their derivatives (S, 2, 3 V) by all
+    corners. shift_mm (S,): from the eye that saw each to the middle of the baseline.
     """
-    inverse_z = 1 / points[:, 2]
-    u, v = (points[:, 0] + shift) * inverse_z, points[:, 1] * inverse_z
-    ends = np.stack([pull.from_, pull.to], 1)
-    a, b, c = pull.line[:, 0, None], pull.line[:, 1, None], pull.line[:, 2, None]
-    raw = a * u[ends] + b * v[ends] + c
-    w = inverse_z[ends]
-    slope = np.stack([a * w, b * w, -(a * u[ends] + b * v[ends]) * w], 2)
-    return np.einsum("sij,sj->si", pull.whiten, raw), pull.whiten[:, :, :, None] * slope[:, None, :, :]
-
-
-def _gather(hessian: Array, gradient: Array, pull: Pull, residual: Array, jacobian: Array, trust: Array) -> None:
-    """Add the sides' normal equations in place."""
-    j = jacobian.reshape(len(residual), 2, 6)
-    weighted = j * trust[:, None, None]
-    blocks = np.swapaxes(weighted, 1, 2) @ j
-    slopes = np.einsum("sri,sr->si", weighted, residual)
-    columns = np.concatenate([pull.from_[:, None] * 3 + np.arange(3), pull.to[:, None] * 3 + np.arange(3)], 1)
-    np.add.at(hessian, (columns[:, :, None], columns[:, None, :]), blocks)
-    np.add.at(gradient, columns, slopes)
+    x, y, z = points[seen.ends].transpose(2, 0, 1)
+    w = 1 / z
+    u, v = (x + shift_mm[:, None]) * w, y * w
+    a, b, c = seen.line.T[:, :, None]
+    toward = a * u + b * v
+    slope = np.stack([a * w, b * w, -toward * w], 2)
+    rows, n = np.arange(len(w))[:, None], len(points)
+    jacobian = np.zeros((len(w), n, 2, 3))
+    jacobian[rows, seen.ends] = np.swapaxes(seen.whiten, 1, 2)[..., None] * slope[:, :, None]
+    return np.einsum("sij,sj->si", seen.whiten, toward + c), jacobian.transpose(0, 2, 1, 3).reshape(len(w), 2, 3 * n)
 
 
 def _flatten(hessian: Array, gradient: Array, points: Array, plane: Index) -> None:

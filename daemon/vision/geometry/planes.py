@@ -5,8 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.vision.values import Facet
-
 Array = NDArray[np.float64]
 
 
@@ -40,9 +38,3 @@ def planarity(points: Array) -> float:
     """Rms distance, mm, of the corners from their best plane."""
     normal, d = fit_plane(points)
     return float(np.sqrt(np.mean((points @ normal - d) ** 2)))
-
-
-def height_sigmas(facet: Facet, normal: Array, d: float) -> Array:
-    """Signed heights (N,) of a facet's corners over the plane n . p = d, in their own sigmas."""
-    sigma = np.sqrt(np.maximum(np.einsum("i,nij,j->n", normal, facet.covariance_mm2, normal), 1e-8))
-    return np.asarray((facet.corners_mm @ normal - d) / sigma)

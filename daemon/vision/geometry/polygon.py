@@ -56,18 +56,6 @@ class Shape:
         return self.common(other) / max(min(self.area, other.area), 1e-9)
 
 
-def corners_of(start: Array, end: Array) -> Array:
-    """Meeting points (N, 2) of each side's line with the one before it; sides (N, 2) start -> end in order."""
-    line = np.cross(_homogeneous(start), _homogeneous(end))
-    meet = np.cross(np.roll(line, 1, 0), line)
-    scale = np.where(np.abs(meet[:, 2:]) < 1e-9, 1e-9, meet[:, 2:])
-    return np.asarray(meet[:, :2] / scale)
-
-
-def _homogeneous(p: Array) -> Array:
-    return np.concatenate([p, np.ones((len(p), 1))], 1)
-
-
 Point = tuple[float, float]
 
 

@@ -20,7 +20,8 @@ _BIN = 8
 _SIZES = 256
 _FEWEST = 40
 _EVERY = 4
-_SECOND = np.array([1.0, -2.0, 1.0])
+_USED = np.array([[k & 1, k & 2, k & 4] for k in range(1, 8)], bool)
+"""Which of the three coefficients of the noise are not zero: every choice."""
 
 
 class VisionError(FacetdError, ValueError):
@@ -98,8 +99,14 @@ def measure_noise(image: Grey) -> Noise:
 
 def _residuals(image: Grey) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Sizes of the product of second differences (6 sigma for noise sigma), and grey levels, at every few pixels."""
-    size = np.abs(cv2.sepFilter2D(image, cv2.CV_16S, _SECOND, _SECOND)[1:-1:_EVERY, 1:-1:_EVERY])
-    level = cv2.blur(image, (3, 3))[1:-1:_EVERY, 1:-1:_EVERY]
+    rows = (image.shape[0] - 2 - 1) // _EVERY * _EVERY + 1  # so that each row of blocks has its three
+    columns = (image.shape[1] - 2 - 1) // _EVERY * _EVERY + 1
+    above, here, below = (image[k : rows + k : _EVERY].astype(np.int16) for k in range(3))
+    before, middle, after = ((above - 2 * here + below)[:, k : columns + k : _EVERY] for k in range(3))
+    size = np.abs(before - 2 * middle + after)
+    total = above + here + below
+    before, middle, after = (total[:, k : columns + k : _EVERY] for k in range(3))
+    level = (before + middle + after + 4) // 9
     return np.minimum(size, _SIZES - 1).astype(np.intp).ravel(), level.astype(np.intp).ravel()
 
 
@@ -112,11 +119,11 @@ def _variance_curve(rows: Array) -> Array:
     weight = rows[:, 2] / variance**2
     design = x[:, None] ** np.arange(3)
     normal, right = (design.T * weight) @ design, (design.T * weight) @ variance
-    best, found = np.inf, np.full(256, float(np.median(variance)))
-    for powers in ([0], [1], [2], [0, 1], [0, 2], [1, 2], [0, 1, 2]):
-        own = normal[np.ix_(powers, powers)]
-        c = np.linalg.solve(own + 1e-9 * np.diag(own.diagonal()), right[powers])
-        error = float(c @ own @ c - 2 * c @ right[powers])
-        if np.all(c >= 0) and error < best - 1e-9 * abs(best if np.isfinite(best) else 0.0):
-            best, found = error, levels[:, None] ** powers @ c
-    return np.asarray(found)
+    own = np.where(_USED[:, :, None] & _USED[:, None], normal, np.eye(3))  # each with the rest of its unknowns zero
+    wanted = np.where(_USED, right, 0.0)
+    factors = np.linalg.solve(own + 1e-9 * own * np.eye(3), wanted[:, :, None])[..., 0]
+    error = np.einsum("ki,kij,kj->k", factors, own, factors) - 2 * np.einsum("ki,ki->k", factors, wanted)
+    error[(factors < 0).any(1)] = np.inf
+    if not np.isfinite(error.min()):
+        return np.full(256, float(np.median(variance)))
+    return np.asarray(levels[:, None] ** np.arange(3) @ factors[np.argmin(error)])

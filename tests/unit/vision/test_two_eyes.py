@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from daemon import frames
 from daemon.vision.facets.candidates import choose, find_candidates
 from daemon.vision.facets.completion import complete
-from daemon.vision.facets.corner_adjustment import Pull, settle
+from daemon.vision.facets.corner_adjustment import EdgeObservations, settle
 from daemon.vision.facets.grouping import lying_under
 from daemon.vision.facets.matching import Match, match_polygons
 from daemon.vision.facets.reconstruct import find_facets
@@ -23,9 +23,9 @@ from daemon.vision.geometry.rig import Camera, StereoRig
 from daemon.vision.image.both_eyes import open_eyes
 from daemon.vision.image.one_eye import OneEye
 from daemon.vision.image.outlines import Search
-from daemon.vision.limit import limit
 from daemon.vision.settings import VisionSettings
 from daemon.vision.values import Facet, FacetView
+from tests.worlds.limit import limit
 from tests.worlds.painted import paint_pair
 from tests.worlds.rigs import rig
 from tests.worlds.solids import CUBE, KNOWN, pose, seen_facets
@@ -83,7 +83,7 @@ def test_polygons_match_whatever_corner_and_order_they_come_in() -> None:
         assert again == pytest.approx(eyes.right.project(facets[k]), abs=1e-9)
 
 
-def pulls_of(points: Array, ring: NDArray[np.intp], shift: float) -> Pull:
+def pulls_of(points: Array, ring: NDArray[np.intp], shift: float) -> EdgeObservations:
     """Exact side lines of one facet in one eye of a rig in its own baseline frame."""
     ideal = np.stack([(points[:, 0] + shift) / points[:, 2], points[:, 1] / points[:, 2]], 1)
     start, end = ideal[ring], ideal[np.roll(ring, -1)]
@@ -91,7 +91,8 @@ def pulls_of(points: Array, ring: NDArray[np.intp], shift: float) -> Pull:
     normal = np.stack([-chord[:, 1], chord[:, 0]], 1) / np.linalg.norm(chord, axis=1)[:, None]
     line = np.concatenate([normal, -np.sum(normal * start, 1)[:, None]], 1)
     n = len(ring)
-    return Pull(ring, np.roll(ring, -1), line, np.repeat(700 / 0.05 * np.eye(2)[None], n, 0), np.ones(n))
+    ends, whiten = np.stack([ring, np.roll(ring, -1)], 1), np.repeat(700 / 0.05 * np.eye(2)[None], n, 0)
+    return EdgeObservations(ends, line, whiten, np.ones(n))
 
 
 @given(st.integers(0, 10_000))
