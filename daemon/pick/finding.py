@@ -6,15 +6,14 @@ follows on the choice is daemon/pick/picking.py's.
 
 from __future__ import annotations
 
-import asyncio
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from daemon.arm import guard, paths
 from daemon.arm.guard import ArmState, Command
 from daemon.arm.mover import Mover, MoveRefusedError, OutOfReachError
 from daemon.arm.workcell import Array, Workcell
 from daemon.pick import fusion, viewpoints
-from daemon.pick.following import Target, beside, eyes_of, far
+from daemon.pick.following import Target, beside, far
 from daemon.pick.looking import Expect, Look, Recogniser, log_look, take_look
 from daemon.pick.plan import other_view, plan_part
 from daemon.pick.seen import (
@@ -30,12 +29,9 @@ from daemon.pick.seen import (
 )
 from daemon.pick.settings import Settings
 from daemon.vision.look import outlines
-from daemon.vision.registration.proving import Proved, proved
 
 MOST_STALE = 3
 """How often a table is looked at again because looks got old; after that the guard has its say."""
-BY_EDGES = 0.9
-"""Confidence in a name that edges proved: below what recognition is sure of, which is then picked first."""
 STANDING_RULES = ("fault_stands", "not_enabled", "arm_lost")
 
 
@@ -163,7 +159,7 @@ class Finding:
                 break
             await self.travel(view.pose(self.cell.tool_from_cyclopean), f"survey {number}")
             look = await self.look(f"survey {number}")
-            self.found = merged(self.found, await self.named(look))
+            self.found = merged(self.found, seen_parts(look))
             self.riddles += all(outlines(look.scene.view))
             self.settle_question()
             if any(p.named for p in self.left()):
@@ -171,28 +167,6 @@ class Finding:
         if not self.found and self.riddles and self.outcome == "empty":
             self.outcome, self.why = "unknown", "outlines in both images, but no facet: light, focus, a knocked camera?"
         return "seen" if self.left() else "nothing"
-
-    async def named(self, look: Look) -> list[Seen]:
-        """The parts of a look; those that recognition could not name are named by their edges, where these prove it."""
-        seen = seen_parts(look)
-        if all(part.named for part in seen):
-            return seen
-        shapes = {n: shape for n in self.sight.labels if (shape := self.sight.shape(n)) is not None}
-
-        def prove() -> list[Proved | None]:
-            eyes = eyes_of(look, self.cell)
-            return [None if part.named else proved(part.facets, shapes, eyes) for part in seen]
-
-        found = await asyncio.to_thread(prove)
-        return [part if proof is None else self.by_edges(part, proof) for part, proof in zip(seen, found, strict=True)]
-
-    def by_edges(self, part: Seen, proof: Proved) -> Seen:
-        """The part with the name that its edges prove."""
-        why = f"{100 * proof.share:.0f} % of its outline lies where its facets say"
-        self.decide(f"name {proof.label} by its edges", why)
-        pose = part.look.world_from_cyclopean @ proof.cyclopean_from_part
-        named = replace(part, label=proof.label, confidence=BY_EDGES, ambiguous=False, candidates=(proof.label,))
-        return replace(named, reason=why, world_from_part=pose)
 
     def left(self) -> list[Seen]:
         """What was found, is wanted and was not skipped, in order."""
@@ -268,7 +242,7 @@ class Finding:
         if part.named:
             gone = unconfirmed(self.found, look, part.centre, self.cell.rig)
             self.found = [p for p in self.found if p not in gone]
-        self.found = merged(self.found, await self.named(look))
+        self.found = merged(self.found, seen_parts(look))
         return "seen"
 
     def moved(self, before: list[Seen], now: list[Seen]) -> list[float]:

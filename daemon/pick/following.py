@@ -21,8 +21,9 @@ from daemon.pick.plan import Plan
 from daemon.pick.seen import SAME_PLACE_MM, Seen, seen_parts
 from daemon.vision.geometry.polyhedron import Polyhedron
 from daemon.vision.geometry.rig import StereoRig
+from daemon.vision.image.both_eyes import Eyes, open_eyes
 from daemon.vision.registration.corner_pose import Fit, refit
-from daemon.vision.registration.edge_pose import Eyes, fit_edges, open_eyes, shown
+from daemon.vision.registration.edge_pose import fit_edges, shown
 from daemon.vision.values import Facet, FacetView, Part, Recognition, Scene
 
 NEAR_MM = 60.0
