@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 from daemon.vision.geometry.polyhedron import Polyhedron, united
 
 Array = NDArray[np.float64]
+UNKNOWN = "unknown"
+"""The label of a part that nothing trained fits."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,6 +137,11 @@ class Part:
     residual_mm: float
     fitted_mm: tuple[Array, ...] = ()
     equivalents: Array = field(default_factory=lambda: np.zeros((0, 4, 4)))
+
+    @property
+    def named(self) -> bool:
+        """Whether it was taken for a taught part."""
+        return self.recognition.label != UNKNOWN
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.vision.geometry.facet_measures import newell_normal
+from daemon.vision.geometry.facet_measures import area_vector
 
 Array = NDArray[np.float64]
 SURE_MM2 = 1e-9  # keeps the weight of a corner known exactly finite
@@ -55,14 +55,43 @@ class Polyhedron:
         return touching
 
     @cached_property
+    def lines(self) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
+        """Every edge once, by its two corners (E, 2), and which facets it bounds (F, E)."""
+        number = {pair: k for k, pair in enumerate(dict.fromkeys((min(e), max(e)) for e in self.edges))}
+        bounds = np.zeros((len(self.facets), len(number)), bool)
+        for (a, b), (facet, _) in self.edges.items():
+            bounds[facet, number[min(a, b), max(a, b)]] = True
+        return np.array(list(number), np.intp).reshape(-1, 2), bounds
+
+    @cached_property
+    def steps(self) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
+        """Facet after facet, its corners (N,) and the next of each (N,); and where each facet begins (F,)."""
+        following = [np.roll(ring, -1) for ring in self.rings]
+        first = np.cumsum([0, *(len(ring) for ring in self.rings)])[:-1]
+        return np.concatenate(self.rings), np.concatenate(following), first
+
+    @cached_property
+    def areas_mm2(self) -> Array:
+        """(F, 3) outward area vectors of the facets."""
+        return np.array([area_vector(self.corners_mm[ring]) for ring in self.rings]).reshape(-1, 3)
+
+    @cached_property
     def normals(self) -> Array:
         """(F, 3) outward unit normals of the facets."""
-        return np.array([newell_normal(self.corners_mm[ring]) for ring in self.rings]).reshape(-1, 3)
+        return np.asarray(self.areas_mm2 / np.maximum(np.linalg.norm(self.areas_mm2, axis=1, keepdims=True), 1e-12))
 
     @cached_property
     def centres_mm(self) -> Array:
         """(F, 3) means of the facets' corners."""
         return np.array([self.corners_mm[ring].mean(axis=0) for ring in self.rings]).reshape(-1, 3)
+
+    def facing(self, poses: Array, eye: Array | tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Array:
+        """(..., F) cosines between each facet's outward normal and the way from its middle to an eye (3,), which sees
+        its front where they are above 0; poses (..., 4, 4) take the corners to the eye's frame.
+        """
+        turned = np.swapaxes(poses[..., :3, :3], -1, -2)
+        rays = np.asarray(eye) - (self.centres_mm @ turned + poses[..., None, :3, 3])
+        return np.asarray(np.sum(self.normals @ turned * rays, -1) / np.linalg.norm(rays, axis=-1))
 
 
 def exact(corners_mm: Array, facets: Iterable[Iterable[int]]) -> Polyhedron:

@@ -17,7 +17,7 @@ from daemon.art.rotation.layer import RotationLayer
 from daemon.errors import FacetdError
 from daemon.vision.geometry.polyhedron import Polyhedron
 from daemon.vision.model.facet_types import FacetLibrary
-from daemon.vision.model.merge import MetricModel, merge_views
+from daemon.vision.model.merge import TOLERANCE_MM, MetricModel, merge_views
 from daemon.vision.model.patterns import recall, typed
 from daemon.vision.model.relation_matrix import MATRIX_SIZE, relation_matrix
 from daemon.vision.values import Group
@@ -42,7 +42,7 @@ class Parameters:
     beta: float = 1.0
     complement: bool = True
     vigilance: float = 1.0
-    tolerance_mm: float = 0.25
+    tolerance_mm: float = TOLERANCE_MM
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +139,7 @@ def _with_view(model: Model, view: TaughtView) -> Model:
     node = int(artmap.learn(matrix.reshape(1, -1), [view.label])[0])
     views = (*model.views, replace(view, node=node))
     solids = tuple(v.solid for v in views if v.label == view.label)
-    metric = {**model.metric, view.label: merge_views(solids, model.library)}
+    metric = {**model.metric, view.label: merge_views(solids, model.library, model.parameters.tolerance_mm)}
     return replace(model, views=views, artmap=artmap, metric=metric)
 
 

@@ -1,12 +1,13 @@
 """Groups of facets -> named parts with poses. Right, or silent with the reason.
 
 Pattern first (which taught parts have these facets so joined), then metric: lengths and dihedral angles by rigid fit.
-In: a FacetView and a Model. Out: Parts. Seeing facets, learning and files are elsewhere.
+In: groups and a Model. Out: each group with its Part. Seeing facets, learning and files are elsewhere.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -14,7 +15,6 @@ from numpy.typing import NDArray
 
 from daemon.vision.facets.weld import weld
 from daemon.vision.geometry.facet_measures import newell_normal
-from daemon.vision.geometry.polyhedron import Polyhedron
 from daemon.vision.model.facet_types import LARGEST_NUMBER, FacetLibrary, type_number
 from daemon.vision.model.model import Model
 from daemon.vision.model.patterns import Answer, by_label, recall, typed
@@ -22,7 +22,7 @@ from daemon.vision.model.regularise import regularise
 from daemon.vision.recognition.confidence import probability
 from daemon.vision.recognition.hypotheses import Hypothesis, equivalents, hypotheses, without_one_corner
 from daemon.vision.recognition.posterior import most_likely_corners
-from daemon.vision.values import Facet, FacetView, Group, Part, Recognition
+from daemon.vision.values import UNKNOWN, Facet, Group, Part, Recognition
 
 Array = NDArray[np.float64]
 LEAST_TAIL = 1e-4  # a right hypothesis may fit so badly only this rarely
@@ -32,52 +32,68 @@ LEAST_TAIL_ASTRAY = 1e-2  # the same where one corner was left out: what remains
 LEAST_PROBABILITY = 0.9  # below it a part is not named
 EPIPOLAR_PX = 0.25  # a corner farther off its epipolar line than this is less sure than predicted
 HOLLOW_MM = 2.0  # how far in front of a neighbour's plane a facet's middle lies that meets it in a hollow edge
-UNKNOWN = "unknown"
 
 
-def recognise(view: FacetView, model: Model) -> tuple[Part, ...]:
+@dataclass(frozen=True, eq=False)
+class Recognised:
+    """A group as it was measured, and what it was taken for."""
+
+    group: Group
+    part: Part
+
+    @property
+    def label(self) -> str:
+        """The part's name, or `unknown`."""
+        return self.part.recognition.label
+
+    @property
+    def named(self) -> bool:
+        """Whether it was taken for a taught part."""
+        return self.part.named
+
+
+def recognise(groups: Iterable[Group], model: Model) -> tuple[Recognised, ...]:
     """Name and locate every group of facets, nearest first. Groups that fit nothing taught come back as `unknown`."""
-    found = [(group, _parts_of(group, model)) for group in view.groups if group.facets]
+    return joined([found for group in groups if group.facets for found in _parts_of(group, model)], model)
+
+
+def joined(found: Sequence[Recognised], model: Model) -> tuple[Recognised, ...]:
+    """What was found, nearest first, with those made one that share an edge after all and have a name together."""
+    parts = list(found)
     for one, other in combinations(found, 2):
-        whole = _as_one(one, other, model) if all(any(f is known for known in found) for f in (one, other)) else None
-        if whole is not None:
-            found = [f for f in found if f is not one and f is not other] + [whole]
-    parts = [part for _, own in found for part in own]
-    return tuple(sorted(parts, key=lambda p: float(np.linalg.norm(p.cyclopean_from_part[:3, 3]))))
+        if one in parts and other in parts and one.label == other.label:
+            whole = _as_one(one.group, other.group, model)
+            if whole is not None:
+                parts = [p for p in parts if p not in (one, other)] + [whole]
+    return tuple(sorted(parts, key=lambda r: float(np.linalg.norm(r.part.cyclopean_from_part[:3, 3]))))
 
 
-Named = tuple[Group, tuple[Part, ...]]
-
-
-def _as_one(one: Named, other: Named, model: Model) -> Named | None:
-    """Two groups without a name, or with the same one, that share an edge after all and have a name together; None
-    where they do not."""
-    names = [{p.recognition.label for p in parts} for _, parts in (one, other)]
-    if names[0] != names[1] or len(names[0]) > 1:
-        return None
-    whole = weld(one[0].facets + other[0].facets)
-    if not whole.touching[: len(one[0].facets), len(one[0].facets) :].any():
+def _as_one(one: Group, other: Group, model: Model) -> Recognised | None:
+    """Two groups as one, where they share an edge and that has a name; else None."""
+    whole = weld(one.facets + other.facets)
+    if not whole.touching[: len(one.facets), len(one.facets) :].any():
         return None
     part = recognise_group(whole, model)
-    return (whole, (part,)) if part.recognition.label != UNKNOWN else None
+    return Recognised(whole, part) if part.named else None
 
 
-def _parts_of(group: Group, model: Model) -> tuple[Part, ...]:
+def _parts_of(group: Group, model: Model) -> tuple[Recognised, ...]:
     """The group as one part; where that has no name but all its facets except a doubtful one have, those two apart.
 
     A shadow or a neighbour's corner seen as a facet must not hide the part it lies beside. Doubtful is a facet that is
     irregular, or that meets its neighbours in a hollow edge, as the table does.
     """
-    whole = recognise_group(group, model)
-    if whole.recognition.label != UNKNOWN or len(group.facets) < 3:
+    whole = Recognised(group, recognise_group(group, model))
+    if whole.named or len(group.facets) < 3:
         return (whole,)
-    for index, facet in enumerate(whole.facets):
-        if facet.type_number <= LARGEST_NUMBER and not _hollow(whole.facets, group.touching[index], facet):
+    for index, facet in enumerate(whole.part.facets):
+        if facet.type_number <= LARGEST_NUMBER and not _hollow(whole.part.facets, group.touching[index], facet):
             continue
-        rest = [k for k in range(len(group.facets)) if k != index]
-        part = recognise_group(group.only(rest), model)
-        if part.recognition.label != UNKNOWN:
-            return part, recognise_group(group.only([index]), model)
+        rest = group.only([k for k in range(len(group.facets)) if k != index])
+        part = recognise_group(rest, model)
+        if part.named:
+            alone = group.only([index])
+            return Recognised(rest, part), Recognised(alone, recognise_group(alone, model))
     return (whole,)
 
 
@@ -88,7 +104,7 @@ def _hollow(facets: tuple[Facet, ...], touching: NDArray[np.bool_], facet: Facet
     return all(float(newell_normal(g.corners_mm) @ (middle - g.corners_mm.mean(0))) > HOLLOW_MM for g in beside)
 
 
-def suspicions(facet: Facet, model: Model) -> tuple[Hypothesis, ...]:
+def facet_hypotheses(facet: Facet, model: Model) -> tuple[Hypothesis, ...]:
     """Every taught part and pose that a facet may belong to, measured well or not; the nearest first."""
     seen = _typed(weld([facet]), model)
     found = hypotheses(seen.polyhedron, model.metric, model.parameters.tolerance_mm)
@@ -106,7 +122,7 @@ def recognise_group(group: Group, model: Model) -> Part:
         return _unknown_part(seen, model, verdict)
     winner = next(h for h in best if h.label == verdict.label)
     taught = model.metric[winner.label].solid
-    facets = _as_taught(seen, winner, taught, model.library)
+    facets = typed_as(seen.facets, (taught.types[g] for g in winner.facets), model.library)
     if any(f.type != g.type for f, g in zip(facets, seen.facets, strict=True)):
         verdict = _with_pattern(verdict, facets, seen.touching, model)
     fitted = most_likely_corners(seen.polyhedron, taught, winner, model.parameters.tolerance_mm)
@@ -214,11 +230,11 @@ def _why_not(seen: Group, best: tuple[Hypothesis, ...]) -> str:
     return f"{shapes}: {near.label} is off by {near.rms_mm:.1f} mm rms, chi-square {near.chi2:.0f} of {near.dof}"
 
 
-def _as_taught(seen: Group, winner: Hypothesis, taught: Polyhedron, library: FacetLibrary) -> tuple[Facet, ...]:
+def typed_as(facets: Iterable[Facet], kinds: Iterable[str], library: FacetLibrary) -> tuple[Facet, ...]:
     """The facets with the taught types: which of the types a facet may have it is, lengths and angles have settled."""
     return tuple(
-        replace(facet, type=taught.types[g], type_number=type_number(taught.types[g], library))
-        for facet, g in zip(seen.facets, winner.facets, strict=True)
+        replace(facet, type=kind, type_number=type_number(kind, library))
+        for facet, kind in zip(facets, kinds, strict=True)
     )
 
 

@@ -5,7 +5,8 @@ import pytest
 
 from daemon import frames
 from daemon.vision.geometry.polyhedron import exact
-from daemon.vision.registration.edge_pose import fit_edges, open_eyes
+from daemon.vision.image.both_eyes import open_eyes
+from daemon.vision.registration.edge_pose import fit_edges
 from tests.worlds import painted
 from tests.worlds.painted import paint_pair
 from tests.worlds.rigs import rig

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from daemon import frames
 from daemon.store.library import load_facets
 from daemon.vision.facets.weld import weld
+from daemon.vision.image.both_eyes import open_eyes
 from daemon.vision.model.model import Model, empty_model, learn_view
 from daemon.vision.recognition.recognise import recognise
-from daemon.vision.registration.verify import look_closer, open_eyes
+from daemon.vision.registration.verify import verify
 from daemon.vision.values import Facet, FacetView, Group, Rejected
 from tests.worlds.painted import paint_pair
 from tests.worlds.rigs import rig
@@ -67,7 +68,8 @@ def names(body: Body | None, view: FacetView) -> list[str]:
     """What the view is taken for after a closer look at a painting of the body."""
     bodies = [(body, WHERE)] if body else []
     eyes = open_eyes(*paint_pair(bodies, np.random.default_rng(4)), rig())
-    return [p.recognition.label for p in recognise(look_closer(view, model(), eyes), model())]
+    found, _ = verify(recognise(view.groups, model()), view, model(), eyes)
+    return [r.label for r in found]
 
 
 @pytest.mark.parametrize("label", sorted(KNOWN))
@@ -75,7 +77,7 @@ def test_a_lone_facet_is_completed_where_both_images_show_the_rest(label: str) -
     body = KNOWN[label]
     for index in seen_facets(body, WHERE, 0.35):
         view = seen((weld([facet_of(body, index)]),))
-        assert {p.recognition.label for p in recognise(view, model())} == {"unknown"}
+        assert {r.label for r in recognise(view.groups, model())} == {"unknown"}
         assert names(body, view) == [label]
 
 

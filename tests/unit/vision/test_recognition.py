@@ -15,7 +15,7 @@ from daemon.store.library import load_facets
 from daemon.vision.facets.weld import weld
 from daemon.vision.model.model import Model, empty_model, forget, learn_view
 from daemon.vision.recognition.recognise import recognise, recognise_group
-from daemon.vision.values import Facet, FacetView, Part
+from daemon.vision.values import Facet, Part
 from tests.worlds.solids import CUBE, KNOWN, PENTAGONAL, PYRAMID, STRANGERS, TRIANGULAR, Body, measured, pose, view_of
 
 TAUGHT = (
@@ -119,8 +119,8 @@ def test_a_part_that_fell_into_two_groups_with_one_name_is_one_part() -> None:
         halves = [weld(tuple(whole.facets[k] for k in half)) for half in (one, set(range(4)) - set(one))]
         if all(recognise_group(half, taught()).recognition.label == "pentagonal_prism" for half in halves):
             cuts += 1
-            (part,) = recognise(FacetView(tuple(halves), (), (), (), 1.0), taught())
-            assert (part.recognition.label, len(part.facets)) == ("pentagonal_prism", 4)
+            (found,) = recognise(halves, taught())
+            assert (found.label, len(found.part.facets)) == ("pentagonal_prism", 4)
     assert cuts >= 2
 
 
@@ -128,8 +128,7 @@ def test_two_like_parts_that_lie_edge_to_edge_stay_two() -> None:
     at = pose(np.array([0.5, 0.4, 1.0]), 0.2)
     beside = at @ frames.rigid(np.eye(3), np.array([0.0, 50.0, 0.0]))
     groups = tuple(view_of(CUBE, place, np.random.default_rng(k)) for k, place in enumerate((at, beside)))
-    parts = recognise(FacetView(groups, (), (), (), 1.0), taught())
-    assert [p.recognition.label for p in parts] == ["cube", "cube"]
+    assert [r.label for r in recognise(groups, taught())] == ["cube", "cube"]
 
 
 def test_a_lone_square_is_said_to_fit_cube_and_pyramid() -> None:
@@ -218,8 +217,7 @@ def test_two_facets_of_one_part_in_two_groups_are_put_together() -> None:
     rng = np.random.default_rng(2)
     group = view_of(TRIANGULAR, pose(np.array([1.0, 0.0, 0.0]), 0.4), rng)
     apart = tuple(weld([f]) for f in group.facets)
-    parts = recognise(FacetView(apart, (), (), (), 2.0), taught())
-    assert [p.recognition.label for p in parts] == ["triangular_prism"]
+    assert [r.label for r in recognise(apart, taught())] == ["triangular_prism"]
 
 
 def test_a_shadow_beside_a_part_does_not_hide_it() -> None:
@@ -230,5 +228,4 @@ def test_a_shadow_beside_a_part_does_not_hide_it() -> None:
     shadow = measured(np.stack([high, low, low + aside, high + 0.6 * aside]), None)
     whole = weld((*group.facets, shadow))
     assert whole.touching[0, -1]
-    view = FacetView((whole,), (), (), (), 2.0)
-    assert "cube" in [p.recognition.label for p in recognise(view, taught())]
+    assert "cube" in [r.label for r in recognise([whole], taught())]
