@@ -52,8 +52,10 @@ def test_a_look_on_an_old_estimate_is_not_driven_on_blindly():
     context, world = begun(fake)
     brought_to(State.FINAL, context, world)
     fake.now_s += context.settings.limits.max_look_age_s + 1
+    sent = len(fake.wire)
     assert step(context, world, State.FINAL) is Event.UNREACHABLE
     assert "stale_look" in world.why
+    assert len(fake.wire) == sent
 
 
 @pytest.mark.parametrize("empty", [True, False])
