@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,20 +42,28 @@ class Plan:
     worth: float
 
 
+class LastStretch(NamedTuple):
+    """The poses of a grasp that are gone through without a look, in order; world_from_tool. back: from where its place
+    is looked at afterwards."""
+
+    before: Array
+    at: Array
+    lifted: Array
+    back: Array
+
+
+def last_stretch(grasp: Grasp, centre: Array, settings: Settings, tool_from_cyclopean: Array) -> LastStretch:
+    """From before the grasp to the look after it; centre: the part's (3,)."""
+    at = grasp.world_from_tool
+    back = viewpoints.look_pose(at[:3, :3], centre, settings.verify_mm, tool_from_cyclopean)
+    return LastStretch(paths.backed_off(at, settings.pregrasp_mm), at, paths.lifted(at, settings.lift_mm), back)
+
+
 def approach_poses(grasp: Grasp, centre: Array, settings: Settings, tool_from_cyclopean: Array) -> list[Array]:
     """Every pose of the approach and the retreat, in order; world_from_tool."""
-    at = grasp.world_from_tool
-    looks = [
-        viewpoints.look_pose(at[:3, :3], centre, d, tool_from_cyclopean)
-        for d in (*settings.stops.stand_offs_mm, settings.verify_mm)
-    ]
-    return [
-        *looks[:-1],
-        paths.backed_off(at, settings.pregrasp_mm),
-        at,
-        paths.lifted(at, settings.lift_mm),
-        looks[-1],
-    ]
+    rotation, distances = grasp.world_from_tool[:3, :3], settings.stops.stand_offs_mm
+    looks = [viewpoints.look_pose(rotation, centre, d, tool_from_cyclopean) for d in distances]
+    return [*looks, *last_stretch(grasp, centre, settings, tool_from_cyclopean)]
 
 
 def plan_part(

@@ -6,11 +6,11 @@ from __future__ import annotations
 import asyncio
 from typing import Literal
 
-from daemon.arm import paths
 from daemon.pick import viewpoints
 from daemon.pick.following import Target, came_back_empty, eyes_of, still_there
 from daemon.pick.looking import Look
 from daemon.pick.outcome import Outcome
+from daemon.pick.plan import last_stretch
 from daemon.pick.seen import Seen, same_place, seen_parts
 from daemon.pick.transitions import Event
 from daemon.pick.world import MOVE_ERRORS, PickContext, WorldModel, look, skip, skip_unreachable, travel
@@ -24,15 +24,15 @@ SEEN_OFF_MM = 20.0
 async def final(context: PickContext, world: WorldModel) -> Literal[Event.THERE, Event.DRY, Event.UNREACHABLE]:
     """The blind stretch: to before the part, then around it, both straight."""
     target, settings = world.the_target(), context.settings
-    grasp, tool_from_cyclopean = target.plan.grasp.world_from_tool, context.cell.tool_from_cyclopean
+    stretch = last_stretch(target.plan.grasp, target.centre, settings, context.cell.tool_from_cyclopean)
     try:
         if target.side_view is not None:
             far_mm = settings.stops.stand_offs_mm[0]
-            round_it = viewpoints.look_pose(grasp[:3, :3], target.centre, far_mm, tool_from_cyclopean)
+            rotation = stretch.at[:3, :3]
+            round_it = viewpoints.look_pose(rotation, target.centre, far_mm, context.cell.tool_from_cyclopean)
             await travel(context, world, round_it, "round to the approach", target.look)
-        before = paths.backed_off(grasp, settings.pregrasp_mm)
-        await travel(context, world, before, "before the grasp", target.look, straight=True)
-        await travel(context, world, grasp, "grasp", target.look, straight=True)
+        await travel(context, world, stretch.before, "before the grasp", target.look, straight=True)
+        await travel(context, world, stretch.at, "grasp", target.look, straight=True)
     except MOVE_ERRORS as error:
         skip_unreachable(context, world, error)
         return Event.UNREACHABLE
@@ -51,13 +51,12 @@ async def closing(context: PickContext, world: WorldModel) -> Literal[Event.CLOS
 
 async def retreat(context: PickContext, world: WorldModel) -> Literal[Event.THERE]:
     """Straight up and back as planned, then to where the place was seen from."""
-    target, tool_from_cyclopean = world.the_target(), context.cell.tool_from_cyclopean
-    grasp, verify_mm = target.plan.grasp.world_from_tool, context.settings.verify_mm
-    await travel(context, world, paths.lifted(grasp, context.settings.lift_mm), "lift", straight=True)
-    back = viewpoints.look_pose(grasp[:3, :3], target.centre, verify_mm, tool_from_cyclopean)
-    await travel(context, world, back, "back off", straight=True)
+    target, settings, tool_from_cyclopean = world.the_target(), context.settings, context.cell.tool_from_cyclopean
+    stretch = last_stretch(target.plan.grasp, target.centre, settings, tool_from_cyclopean)
+    await travel(context, world, stretch.lifted, "lift", straight=True)
+    await travel(context, world, stretch.back, "back off", straight=True)
     if target.side_view is not None:
-        seen_from = viewpoints.look_pose(target.side_view, target.centre, verify_mm, tool_from_cyclopean)
+        seen_from = viewpoints.look_pose(target.side_view, target.centre, settings.verify_mm, tool_from_cyclopean)
         await travel(context, world, seen_from, "where it was seen from")
     return Event.THERE
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from daemon import frames
-from daemon.pick.plan import plan_part, regrasp
+from daemon.pick.plan import last_stretch, plan_part, regrasp
 from daemon.pick.settings import Settings
 from drivers.simcell.parts import part_shape
 from tests.worlds.fake_cell import TOOL_FROM_CYCLOPEAN, shape_of
@@ -33,3 +33,19 @@ def test_the_same_grasp_is_found_again_on_a_better_estimate_and_not_on_another_p
     gap = again.grasp.world_from_tool[:3, 3] - plan.grasp.world_from_tool[:3, 3]
     assert np.allclose(gap[:2], [2.0, -1.0], atol=0.5)
     assert regrasp(shape, lying("cube", 0, 0.3, 560.0), plan, Settings()) is None
+
+
+def test_what_is_gone_through_without_a_look_is_what_was_checked():
+    shape, pose, settings = shape_of("cube"), lying("cube", 0), Settings()
+    asked = []
+    plan = plan_part(shape, pose, [], settings, TOOL_FROM_CYCLOPEAN, lambda p: asked.append(p) or True)
+    centre = frames.apply(pose, shape.corners_mm).mean(axis=0)
+    stretch = last_stretch(plan.grasp, centre, settings, TOOL_FROM_CYCLOPEAN)
+    for driven in stretch:
+        assert any(np.allclose(driven, checked) for checked in asked)
+    back = frames.apply(frames.inverse(stretch.at), stretch.before[:3, 3])
+    np.testing.assert_allclose(back, [0, 0, -settings.pregrasp_mm], atol=1e-9)
+    np.testing.assert_allclose(stretch.lifted[:3, 3] - stretch.at[:3, 3], [0, 0, settings.lift_mm])
+    np.testing.assert_allclose(
+        frames.apply(frames.inverse(stretch.back @ TOOL_FROM_CYCLOPEAN), centre), [0, 0, settings.verify_mm], atol=1e-9
+    )

@@ -1,0 +1,146 @@
+"""The approach, state by state: what is skipped, what is planned again, what closes all motion, who is blamed."""
+
+import numpy as np
+import pytest
+
+from daemon import frames
+from daemon.arm.mover import MoveRefusedError
+from daemon.pick import approach
+from daemon.pick.transitions import Event, State
+from daemon.pick.world import SuspectError
+from tests.worlds.fake_cell import one_part
+from tests.worlds.pick_steps import begun, brought_to, step
+
+
+def shifted(fake, label, *by_mm):
+    fake.lying[label] = frames.perturb(fake.lying[label], np.array([*by_mm, 0, 0, 0], float))
+
+
+def test_a_part_whose_stop_turns_out_of_reach_is_skipped():
+    fake = one_part()
+    context, world = begun(fake)
+    brought_to(State.STOP_N, context, world)
+    fake.reach_mm = 100.0
+    assert step(context, world, State.STOP_N) is Event.UNREACHABLE
+    (skipped,) = world.skipped
+    assert (skipped.label, skipped.outcome) == ("cube", "unreachable")
+    assert "cannot reach" in skipped.why
+    assert world.outcome == "unreachable"
+
+
+@pytest.mark.parametrize("known", [None, True, False])
+def test_fingers_that_are_not_known_to_be_open_are_opened_before_the_first_stop(known):
+    fake = one_part()
+    context, world = begun(fake)
+    brought_to(State.STOP_N, context, world)
+    context.mover.closed = known
+    sent = len(fake.wire)
+    assert step(context, world, State.STOP_N) is Event.THERE
+    names = [name for name, _ in fake.wire[sent:]]
+    assert names.count("hand") == (known is not False)
+    assert names[0] == ("move" if known is False else "hand")
+    assert names[-1] == "move"
+    assert not fake.closed
+
+
+def test_once_seen_a_part_is_come_nearer_to_on_a_straight_line():
+    fake = one_part()
+    context, world = begun(fake)
+    brought_to(State.FINAL, context, world)
+    stops = [r["how"] for r in fake.said("move") if r["purpose"].startswith("stand-off")]
+    assert set(stops) == {"joint", "straight"}
+    assert stops == sorted(stops)
+
+
+@pytest.mark.parametrize("state", [State.STOP_N, State.FINAL])
+def test_where_all_motion_is_closed_no_part_is_blamed(state):
+    context, world = begun(one_part())
+    brought_to(state, context, world)
+    context.mover.enabled = False
+    with pytest.raises(MoveRefusedError, match="not_enabled"):
+        step(context, world, state)
+    assert not world.skipped
+
+
+def test_a_part_that_was_turned_over_near_its_place_is_planned_again_but_not_for_ever():
+    fake = one_part()
+    context, world = begun(fake)
+    for _ in range(context.settings.tries):
+        brought_to(State.LOOKING, context, world)
+        shifted(fake, "cube", 28, 0, 0)
+        assert step(context, world, State.LOOKING) is Event.ELSEWHERE
+        assert [part.label for part in world.found] == ["cube"]
+        assert not world.skipped
+    brought_to(State.LOOKING, context, world)
+    shifted(fake, "cube", -28, 0, 0)
+    assert step(context, world, State.LOOKING) is Event.LOST
+    assert [s.outcome for s in world.skipped] == ["lost"]
+
+
+def test_a_part_not_seen_from_one_side_is_approached_from_another_and_lost_after_the_last():
+    fake = one_part()
+    context, world = begun(fake)
+    brought_to(State.LOOKING, context, world)
+    fake.lying.clear()
+    for _ in range(context.settings.views_of_doubtful):
+        assert step(context, world, State.LOOKING) is Event.ELSEWHERE
+    assert len(world.sides_unseen(world.the_target().centre)) == context.settings.views_of_doubtful
+    assert step(context, world, State.LOOKING) is Event.LOST
+    assert "not seen where it was" in world.why
+
+
+def test_an_estimate_that_the_planned_grasp_does_not_hold_leads_to_another_plan(monkeypatch):
+    context, world = begun(one_part())
+    brought_to(State.ESTIMATING, context, world)
+    monkeypatch.setattr(approach, "regrasp", lambda *_: None)
+    assert step(context, world, State.ESTIMATING) is Event.ELSEWHERE
+    assert world.replans == 1
+
+
+def twice_looked(fake, moved):
+    """Two looks at the cube between which `moved` acted on the world."""
+    context, world = begun(fake)
+    brought_to(State.LOOKING, context, world)
+    assert step(context, world, State.LOOKING) is Event.LOOKED
+    step(context, world, State.ESTIMATING)
+    step(context, world, State.STOP_N)
+    moved()
+    assert step(context, world, State.LOOKING) is Event.LOOKED
+    assert len(world.the_target().sightings) == 2
+    return context, world
+
+
+def test_where_only_the_part_moved_the_newest_look_alone_counts_and_the_approach_goes_on():
+    fake = one_part()
+    fake.put("pyramid", 560, -70, 0.4)
+    context, world = twice_looked(fake, lambda: shifted(fake, "cube", 5, 0, 0))
+    event = step(context, world, State.ESTIMATING)
+    assert event in (Event.UNSURE, Event.SURE)
+    assert len(world.the_target().sightings) == 1
+    assert [r["text"] for r in fake.said("decision")][-1] == "suspect: part"
+
+
+def test_where_nothing_else_is_in_view_the_table_is_looked_at_again_and_the_doubt_is_kept():
+    fake = one_part()
+    fake.put("pyramid", 430, -200, 0.4)
+    context, world = twice_looked(fake, lambda: shifted(fake, "cube", 5, 0, 0))
+    assert step(context, world, State.ESTIMATING) is Event.DOUBT
+    assert world.questioned is not None
+    assert "cube" not in [part.label for part in world.questioned]
+
+
+def test_a_knocked_camera_and_a_second_disagreement_are_the_cells_fault():
+    fake = one_part()
+
+    def knocked():
+        fake.epipolar = 3.0
+        shifted(fake, "cube", 5, 0, 0)
+
+    context, world = twice_looked(fake, knocked)
+    with pytest.raises(SuspectError, match="suspect: camera"):
+        step(context, world, State.ESTIMATING)
+    fake = one_part()
+    context, world = twice_looked(fake, lambda: shifted(fake, "cube", 5, 0, 0))
+    world.the_target().restarts = 1
+    with pytest.raises(SuspectError, match="disagree"):
+        step(context, world, State.ESTIMATING)

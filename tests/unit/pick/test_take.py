@@ -1,0 +1,70 @@
+"""The taking, state by state: round to a side approach, what a look afterwards says against success."""
+
+import pytest
+
+from daemon.pick import take
+from daemon.pick.transitions import Event, State
+from tests.worlds.fake_cell import one_part
+from tests.worlds.pick_steps import begun, brought_to, step
+
+
+def purposes(fake):
+    return [r["purpose"] for r in fake.said("move")]
+
+
+def test_the_blind_stretch_is_two_straight_moves_slower_the_nearer():
+    fake = one_part()
+    context, world = begun(fake)
+    brought_to(State.FINAL, context, world)
+    before = len(fake.said("move"))
+    assert step(context, world, State.FINAL) is Event.THERE
+    moves = fake.said("move")[before:]
+    assert {r["purpose"] for r in moves} == {"before the grasp", "grasp"}
+    assert {r["how"] for r in moves} == {"straight"}
+    assert moves[-1]["speed_pct"] == context.settings.near_pct
+
+
+def test_a_part_looked_at_from_the_side_is_gone_round_to_before_and_after():
+    fake = one_part()
+    context, world = begun(fake)
+    brought_to(State.FINAL, context, world)
+    target = world.the_target()
+    target.side_view = target.look_rotation
+    step(context, world, State.FINAL)
+    assert "round to the approach" in purposes(fake)
+    step(context, world, State.CLOSING)
+    step(context, world, State.RETREAT)
+    assert purposes(fake)[-1] == "where it was seen from"
+
+
+def test_a_grasp_that_turns_out_of_reach_skips_the_part_with_the_hand_open():
+    fake = one_part()
+    context, world = begun(fake)
+    brought_to(State.FINAL, context, world)
+    fake.unreached = world.the_target().plan.grasp.world_from_tool[:3, 3]
+    assert step(context, world, State.FINAL) is Event.UNREACHABLE
+    assert [s.outcome for s in world.skipped] == ["unreachable"]
+    assert not fake.closed
+
+
+def test_a_look_on_an_old_estimate_is_not_driven_on_blindly():
+    fake = one_part()
+    context, world = begun(fake)
+    brought_to(State.FINAL, context, world)
+    fake.now_s += context.settings.limits.max_look_age_s + 1
+    sent = len(fake.wire)
+    assert step(context, world, State.FINAL) is Event.UNREACHABLE
+    assert "stale_look" in world.why
+    assert len(fake.wire) == sent
+
+
+@pytest.mark.parametrize("empty", [True, False])
+def test_a_hand_seen_empty_is_a_miss_though_the_part_is_gone(monkeypatch, empty):
+    fake = one_part()
+    context, world = begun(fake)
+    brought_to(State.VERIFY, context, world)
+    monkeypatch.setattr(take, "came_back_empty", lambda *_: empty)
+    event = step(context, world, State.VERIFY)
+    assert event is (Event.MISSED if empty else Event.GONE)
+    assert world.outcome == ("missed" if empty else "picked")
+    assert fake.closed is not empty, "a hand that missed is opened"
