@@ -87,7 +87,7 @@ def with_its_cell(kills: int, seed: int, time_scale: float) -> dict[str, Found]:
     daemon = Sentry(folder, CONFIG, seed, time_scale)
     try:
         daemon.start()
-        daemon.teaching.trainer()
+        daemon.teach()
         daemon.do("enable")
         return harm(daemon, kills, seed)
     finally:

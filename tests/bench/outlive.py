@@ -193,7 +193,7 @@ def harm(kills: int, seed: int, names: Sequence[str] = tuple(ACTS)) -> dict[str,
             daemon.start()
             daemon.do("enable")
             if act is _picking:
-                daemon.teaching.trainer()
+                daemon.teach()
             for k in range(row, kills, len(names)):
                 strike(daemon, act, float(rng.uniform(0.02, within_s)), found, f"{name}, kill {k + 1}")
         finally:

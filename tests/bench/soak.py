@@ -65,7 +65,7 @@ def main() -> None:
     daemon = Running(folder, CONFIG, args.seed, args.time_scale)
     daemon.start()
     try:
-        daemon.teaching.trainer()
+        daemon.teach()
         daemon.do("enable")
         _soak(daemon, args.cycles, args.every)
         print(f"ended with {daemon.end()}", flush=True)

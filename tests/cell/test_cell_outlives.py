@@ -35,7 +35,7 @@ def daemon() -> Iterator[Beside]:
 
 def test_an_auto_of_two_killed_with_the_first_part_in_the_gripper_brings_two(daemon: Beside) -> None:
     daemon.start()
-    daemon.teaching.trainer([("cube", 3)])
+    daemon.teach([("cube", 3)])
     daemon.cell.scatter(["cube"] * 3)
     daemon.do("auto on 2")
     daemon.await_moment()
