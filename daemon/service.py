@@ -49,6 +49,8 @@ from daemon.upkeep.watch import Watch
 from daemon.upkeep.watched import Troubles
 
 STOPPED, BROKEN, NO_DEVICE, BAD_CONFIGURATION = 0, 1, 2, 78
+AT_START = ("cell", "cameras", "arm", "folders", "console", "files", "simulated", "recorded", "metrics")
+"""Sections of the configuration that only a start looks at."""
 AT_WORK = "at work: the controller was still carrying out what it was told before this start; it was stopped (ABORT)"
 HALT_S = 1.0
 """What the arm's stop may take of the two seconds that systemd and people wait for a clean end."""
@@ -109,7 +111,7 @@ class Service:
             if context.cycle.status()["doing"]:
                 raise ConfigError(f"{config.path}: not taken over while busy; say `reload` when nothing is being done")
             context.config, context.calibration = config, calibration
-            context.trainer.rig = calibration.rig
+            context.trainer.rig, context.trainer.settings = calibration.rig, config.values.vision
             context.cycle.refit(*pick_cell(config, calibration, context.hardware, context.log))
             context.cycle.use(context.trainer.in_use)
             self._drift = DriftWatch()
@@ -119,8 +121,7 @@ class Service:
             raise
         finally:
             journal.notify("READY=1")
-        late = [name for name in ("cell", "cameras", "arm", "folders", "console", "files", "simulated", "metrics")
-                if getattr(config.values, name) != getattr(old.values, name)]  # fmt: skip
+        late = [name for name in AT_START if getattr(config.values, name) != getattr(old.values, name)]
         text = "The configuration is taken over."
         if late:
             text += f" Only after a restart: {', '.join(late)}."

@@ -74,7 +74,7 @@ def run(args: argparse.Namespace) -> int:
             say(f"facetctl demo: {again}, cell time x{args.time_scale:g}, run {written}")
             _teach(link)
             rows = _clear(link, follow(written / "run.jsonl", lambda: process.poll() is None))
-    except (ConfigError, DemoError, NotThereError, OSError) as error:
+    except (ConfigError, DemoError, OSError) as error:
         print(f"facetctl demo: {plain(error)}", file=sys.stderr)
         return 2
     picked = _table(rows, time.monotonic() - began)
@@ -120,11 +120,18 @@ def _daemon(folder: Path, configuration: dict[str, Any]) -> Iterator[tuple[subpr
         deadline = time.monotonic() + READY_S
         while not (folder / places.SOCKET_NAME).exists():
             if process.poll() is not None or time.monotonic() > deadline:
-                told = (folder / "stderr").read_text(errors="replace").strip().splitlines()
-                raise DemoError(told[-1].removeprefix("facetd: ") if told else "the daemon does not start")
+                raise NotThereError
             time.sleep(0.05)
         with DaemonLink(folder / places.SOCKET_NAME) as link:
             yield process, link
+    except (NotThereError, DemoError) as error:
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            if process.wait(2.5) == 0:  # control-C at a terminal ends the daemon, too
+                raise KeyboardInterrupt from None
+        if isinstance(error, DemoError):
+            raise
+        told = (folder / "stderr").read_text(errors="replace").strip().splitlines()
+        raise DemoError(told[-1].removeprefix("facetd: ") if told else "the daemon does not start") from None
     finally:
         process.terminate()
         process.wait(10.0)

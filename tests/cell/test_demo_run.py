@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -44,6 +46,29 @@ def test_it_picks_every_part_and_says_how_sure_it_was_and_how_far_off(demo: tupl
     truths = [r for r in records if r["kind"] == "truth" and r["held"]]
     assert len(truths) == 4
     assert all(r["error_mm"] < 3.0 for r in truths)
+
+
+def test_what_its_daemon_refuses_is_one_line_and_status_two(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert facetctl(["demo", "--seed", "-3", "--runs", str(tmp_path)]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert "simulated.seed: expected int from 0" in error
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_control_c_ends_it_with_its_daemon_and_leaves_a_whole_run(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "daemon.ctl", "demo", "--seed", "3", "--runs", str(tmp_path)]
+    process = subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    assert process.stdout is not None
+    while "teaching" not in process.stdout.readline():
+        assert process.poll() is None
+    os.killpg(process.pid, signal.SIGINT)
+    _, error = process.communicate(timeout=30)
+    assert (process.returncode, error) == (1, "")
+    (run,) = tmp_path.iterdir()
+    assert json.loads((run / "run.jsonl").read_text().splitlines()[-1])["kind"] == "run_end"
 
 
 def test_replayed_through_the_same_code_nothing_changes(

@@ -160,6 +160,11 @@ def test_reload_takes_a_good_configuration_over_and_refuses_a_bad_one(daemon: Da
     daemon.hears("READY=1")
     daemon.config.write_text(good + "arm: {port: /dev/other}\n")
     assert "Only after a restart: arm" in daemon.do("reload")["text"]
+    seen = daemon.do("look")["data"]["parts"]
+    daemon.config.write_text(good + "vision: {depth_range_mm: [1500, 2500]}\n")
+    assert daemon.do("reload")["text"] == "The configuration is taken over. Only after a restart: arm."
+    assert seen
+    assert daemon.do("look")["data"]["parts"] == []
     assert daemon.do("status")["status"] == 0
 
 
