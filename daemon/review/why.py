@@ -53,11 +53,10 @@ def _refusals(cycle: Cycle) -> Iterator[Cause]:
 def _disagreement(cycle: Cycle) -> Iterator[Cause]:
     worst = max((s.estimate for s in cycle.stops if s.estimate), key=_chi2, default=None)
     if worst is not None and (chi2 := _chi2(worst)) > CHI_SQUARE_6:
-        told = (
-            f"look {worst.get('stop')} disagrees with those before (chi-square {chi2:.0f}, at most {CHI_SQUARE_6:.0f})"
-        )
+        by = f"chi-square {chi2:.0f}, at most {CHI_SQUARE_6:.0f}"
+        evidence = f"look {worst.get('stop')} disagrees with those before ({by})"
         remedy = "the part moved, or hand-eye or a camera did: `facetctl calibrate verify`"
-        yield Cause("estimate", min(0.5 + chi2 / 400, 0.95), told, remedy)
+        yield Cause("estimate", min(0.5 + chi2 / 400, 0.95), evidence, remedy)
 
 
 def _chi2(estimate: Record) -> float:
@@ -87,8 +86,10 @@ def _recognition(cycle: Cycle) -> Iterator[Cause]:
     if any(not s.parts for s in approach):
         remedy = "light and focus; see the refused outlines"
         found.append(Cause("segmentation", 0.45, "a look found no part at all", remedy))
-    first = {(cause.stage, cause.evidence): cause for cause in reversed(found)}
-    yield from [cause for cause in found if first[cause.stage, cause.evidence] is cause][:4]
+    first: dict[tuple[str, str], Cause] = {}
+    for cause in found:
+        first.setdefault((cause.stage, cause.evidence), cause)
+    yield from list(first.values())[:4]
 
 
 def _unnamed(part: dict[str, Any]) -> Iterator[Cause]:
@@ -114,10 +115,8 @@ def _text(finding: Any) -> str:
 def _unfinished(cycle: Cycle) -> Iterator[Cause]:
     if cycle.end is None:
         evidence = f"the run ends in the middle of the cycle, after `{cycle.records[-1]['kind']}`"
-        remedy = (
-            "power cut, kill or crash: the journal of that minute; the part in the gripper was asked about at restart"
-        )
-        yield Cause("daemon", 0.8, evidence, remedy)
+        remedy = "power cut, kill or crash: the journal of that minute"
+        yield Cause("daemon", 0.8, evidence, f"{remedy}; the part in the gripper was asked about at restart")
 
 
 def _ended(cycle: Cycle) -> Iterator[Cause]:
