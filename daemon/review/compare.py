@@ -6,14 +6,11 @@ from difflib import unified_diff
 from pathlib import Path
 from typing import Any
 
-from daemon.review.digest import Digest, digest, short_hash
-from daemon.store.runs import read_run
+from daemon.review.digest import Digest, short_hash
 
 
-def kept_differences(before_folder: Path, before: Digest, after_folder: Path) -> list[dict[str, Any]]:
+def kept_differences(before_folder: Path, before: Digest, after_folder: Path, after: Digest) -> list[dict[str, Any]]:
     """An entry for each of config, calibration and model: both hashes, and the differing lines of the text files."""
-    found = read_run(after_folder)
-    after = digest(after_folder.name, found.records)
     entries = []
     for name in ("config", "calibration"):
         files = [(d.start or {}).get(name) for d in (before, after)]

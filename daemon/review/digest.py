@@ -5,6 +5,7 @@ Reads every version of the format since 1; a field that a run does not have is N
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -27,8 +28,7 @@ class Stop:
     @property
     def parts(self) -> list[dict[str, Any]]:
         """What was recognised, as the look has it."""
-        found: list[dict[str, Any]] = (self.look.get("scene") or {}).get("parts") or []
-        return found
+        return parts_of(self.look)
 
 
 @dataclass(frozen=True)
@@ -53,6 +53,36 @@ class Cycle:
             return str(self.end["label"])
         estimates = [s.estimate for s in self.stops if s.estimate]
         return str(estimates[-1]["label"]) if estimates else None
+
+    @property
+    def why(self) -> str | None:
+        """Why it ended so."""
+        return (self.end or {}).get("why")
+
+    @property
+    def predicted_mm(self) -> float | None:
+        """The error that was expected at the grasp."""
+        return _of(self.end, "predicted", "mm")
+
+    @property
+    def predicted_deg(self) -> float | None:
+        """The same in angle."""
+        return _of(self.end, "predicted", "deg")
+
+    @property
+    def true_mm(self) -> float | None:
+        """The error that the simulated cell's witness saw."""
+        return _of(self.truth, "error_mm")
+
+    @property
+    def true_deg(self) -> float | None:
+        """The same in angle."""
+        return _of(self.truth, "error_deg")
+
+    @property
+    def started(self) -> str:
+        """When it began."""
+        return str(self.records[0].get("t") or "")
 
     @property
     def seconds(self) -> float:
@@ -95,31 +125,37 @@ class Digest:
         first = [self.start["model"]] if self.start and self.start.get("model") else []
         return first + [r["file"] for r in self.of("model") if r.get("file")]
 
+    @property
+    def model(self) -> str | None:
+        """The last model in use, by the first digits of its hash."""
+        return short_hash(self.models()[-1]) if self.models() else None
+
+    def kept(self, name: str) -> str | None:
+        """A file the run began with (config, calibration, model), by the first digits of its hash."""
+        return short_hash((self.start or {}).get(name))
+
     def statistics(self) -> dict[str, Any]:
         """What a table of runs shows: counts, means over picked cycles (None where there are none)."""
-        by_outcome: dict[str, int] = {}
-        for cycle in self.cycles:
-            by_outcome[cycle.outcome] = by_outcome.get(cycle.outcome, 0) + 1
+        by_outcome = Counter(cycle.outcome for cycle in self.cycles)
         picked = [c for c in self.cycles if c.outcome == "picked"]
-        predicted = [c.end["predicted"] for c in picked if c.end and c.end.get("predicted")]
         return {
             "run": self.name,
             "started": self.records[0].get("t") if self.records else None,
             "seconds": round(duration_s(self.records), 1),
             "cycles": len(self.cycles),
             "picked": len(picked),
-            "missed": by_outcome.get("missed", 0),
-            "outcomes": by_outcome,
+            "missed": by_outcome["missed"],
+            "outcomes": dict(by_outcome),
             "looks": len(self.of("look")),
             "refusals": len(self.of("refusal")),
             "faults": len(self.of("fault")),
             "mean_looks": _mean(c.looks for c in picked),
             "mean_cycle_s": _mean(c.seconds for c in picked),
-            "predicted_mm": _mean(p.get("mm") for p in predicted),
-            "true_mm": _mean(c.truth.get("error_mm") for c in picked if c.truth),
-            "model": short_hash(self.models()[-1]) if self.models() else None,
-            "calibration": short_hash((self.start or {}).get("calibration")),
-            "config": short_hash((self.start or {}).get("config")),
+            "predicted_mm": _mean(c.predicted_mm for c in picked),
+            "true_mm": _mean(c.true_mm for c in picked),
+            "model": self.model,
+            "calibration": self.kept("calibration"),
+            "config": self.kept("config"),
             "ended": self.end is not None,
         }
 
@@ -179,6 +215,24 @@ def duration_s(records: Sequence[Record]) -> float:
 def short_hash(kept: str | None) -> str | None:
     """`kept/<sha256>.yaml` -> its first 8 digits."""
     return None if not kept else kept.rsplit("/", 1)[-1].split(".")[0][:8]
+
+
+def parts_of(look: Record) -> list[dict[str, Any]]:
+    """What was recognised, as the look's record has it."""
+    found: list[dict[str, Any]] = (look.get("scene") or {}).get("parts") or []
+    return found
+
+
+def residual_mm(parts: Iterable[dict[str, Any]]) -> float | None:
+    """The worst distance of corners to the taught part; None where none was named."""
+    return max((p["residual_mm"] for p in parts if p.get("residual_mm") is not None), default=None)
+
+
+def _of(record: Any, *keys: str) -> float | None:
+    for key in keys:
+        record = (record or {}).get(key)
+    number: float | None = record
+    return number
 
 
 def _mean(values: Iterable[float | None]) -> float | None:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from daemon import frames
 from daemon.errors import FacetdError
 from daemon.review.digest import Digest
-from daemon.review.tables import CYCLE_COLUMNS, LOOK_COLUMNS, Row, cycle_rows, look_rows
+from daemon.review.tables import Row, tables
 
 Array = NDArray[np.float64]
 
@@ -32,15 +32,12 @@ def to_csv(run: Digest, out: Path, cell: str) -> list[Path]:
     """Write cycles.csv and looks.csv into the folder `out`. Raises OSError."""
     out.mkdir(parents=True, exist_ok=True)
     written = []
-    for name, columns, rows in (
-        ("cycles.csv", CYCLE_COLUMNS, cycle_rows(run, cell)),
-        ("looks.csv", LOOK_COLUMNS, look_rows(run, cell)),
-    ):
-        with (out / name).open("w", newline="") as file:
+    for name, (columns, rows) in tables(run, cell).items():
+        written.append(out / f"{name}.csv")
+        with written[-1].open("w", newline="") as file:
             writer = csv.DictWriter(file, list(columns))
             writer.writeheader()
             writer.writerows(rows)
-        written.append(out / name)
     return written
 
 
@@ -56,10 +53,7 @@ def to_parquet(run: Digest, out: Path, cell: str) -> list[Path]:
         raise ExportError("Parquet needs pyarrow: pip install 'facetd[export]'") from None
     kinds = {"string": pa.string(), "int64": pa.int64(), "float64": pa.float64()}
     written = []
-    for name, columns, rows in (
-        ("cycles", CYCLE_COLUMNS, cycle_rows(run, cell)),
-        ("looks", LOOK_COLUMNS, look_rows(run, cell)),
-    ):
+    for name, (columns, rows) in tables(run, cell).items():
         schema = pa.schema([(c, kinds[k]) for c, k in columns.items() if c not in ("cell", "day")])
         for day in sorted({r["day"] for r in rows}):
             folder = out / name / f"cell={cell}" / f"day={day}"

@@ -14,6 +14,7 @@ from typing import Any
 
 import cv2
 
+from daemon.review.compare import kept_differences
 from daemon.review.digest import Digest, digest
 from daemon.review.pagedata import page_data
 from daemon.store.files import write_atomically
@@ -34,7 +35,9 @@ def write_page(folder: Path, out: Path, against: Path | None = None) -> Path:
     data = page_data(run)
     data["skipped"] += check_wire(folder)
     if against is not None:
-        data["against"] = _comparison(read_digest(against), against, folder)
+        other = read_digest(against)
+        differences = kept_differences(against, other, folder, run)
+        data["against"] = {"stats": other.statistics(), "differences": differences}
     pictures, left_out = _pictures(folder, run)
     data["pictures_left_out"] = left_out
     write_atomically(out, render(data, pictures).encode())
@@ -102,10 +105,3 @@ def _by_interest(run: Digest) -> Iterable[dict[str, Any]]:
     for cycle in [*failed, *rest]:
         yield from (s.look for s in cycle.stops)
     yield from (r for r in run.outside if r["kind"] == "look")
-
-
-def _comparison(other: Digest, other_folder: Path, folder: Path) -> dict[str, Any]:
-    """The other run's statistics, and what differs in configuration and calibration, line by line."""
-    from daemon.review.compare import kept_differences
-
-    return {"stats": other.statistics(), "differences": kept_differences(other_folder, other, folder)}

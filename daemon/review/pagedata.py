@@ -8,7 +8,7 @@ from __future__ import annotations
 from itertools import pairwise
 from typing import Any
 
-from daemon.review.digest import Cycle, Digest, Stop, short_hash
+from daemon.review.digest import Cycle, Digest, Stop, parts_of, residual_mm, stops_of
 from daemon.review.why import causes
 
 Json = dict[str, Any]
@@ -19,10 +19,10 @@ def page_data(digest: Digest) -> Json:
     return {
         "stats": digest.statistics(),
         "skipped": list(digest.skipped),
-        "kept": {k: short_hash((digest.start or {}).get(k)) for k in ("config", "calibration", "model")},
+        "kept": {name: digest.kept(name) for name in ("config", "calibration", "model")},
         "timeline": timeline(digest),
         "cycles": [cycle_json(c) for c in digest.cycles],
-        "outside": [stop_json(s) for s in _outside_stops(digest)],
+        "outside": [stop_json(s) for s in stops_of([r for r in digest.outside if r["kind"] == "look"])],
         "events": events(digest),
         "looks": looks(digest),
         "end": (digest.end or {}).get("why"),
@@ -31,8 +31,6 @@ def page_data(digest: Digest) -> Json:
 
 def cycle_json(cycle: Cycle) -> Json:
     """One row of the table, and what opens below it."""
-    end, truth = cycle.end or {}, cycle.truth or {}
-    predicted = end.get("predicted") or {}
     return {
         "n": cycle.number,
         "t": cycle.records[0].get("t"),
@@ -40,11 +38,11 @@ def cycle_json(cycle: Cycle) -> Json:
         "outcome": cycle.outcome,
         "looks": cycle.looks,
         "s": round(cycle.seconds, 2),
-        "mm": _short(predicted.get("mm")),
-        "deg": _short(predicted.get("deg")),
-        "true_mm": _short(truth.get("error_mm")),
-        "true_deg": _short(truth.get("error_deg")),
-        "why": end.get("why"),
+        "mm": _short(cycle.predicted_mm),
+        "deg": _short(cycle.predicted_deg),
+        "true_mm": _short(cycle.true_mm),
+        "true_deg": _short(cycle.true_deg),
+        "why": cycle.why,
         "causes": [{"stage": c.stage, "w": round(c.weight, 2), "e": c.evidence, "r": c.remedy} for c in causes(cycle)],
         "decisions": [{"text": r.get("text"), "why": r.get("why")} for r in cycle.of("decision")],
         "states": state_seconds(cycle),
@@ -169,35 +167,25 @@ def events(digest: Digest) -> list[Json]:
 def _event_text(record: Json) -> str:
     kind = record["kind"]
     parts = [record.get(k) for k in ("code", "rule", "action", "purpose", "text", "why", "while", "to")]
-    said = ": ".join(str(p) for p in parts if p is not None)
+    text = ": ".join(str(p) for p in parts if p is not None)
     if kind == "clock":
-        said = f"the machine's clock jumped by {record.get('jump_s')} s"
-    return f"{kind} {said}".strip()
+        text = f"the machine's clock jumped by {record.get('jump_s')} s"
+    return f"{kind} {text}".strip()
 
 
 def looks(digest: Digest) -> Json:
     """Columns over all looks, for plots: when, how long, corner residuals, camera health."""
     rows = digest.of("look")
     zero = float(digest.records[0]["mono_s"]) if digest.records else 0.0
-    scenes = [r.get("scene") or {} for r in rows]
     health = [r.get("health") or {} for r in rows]
     names = sorted({k for h in health for k, v in h.items() if isinstance(v, (int, float))})
     return {
         "s": [round(float(r["mono_s"]) - zero, 2) for r in rows],
         "cycle": [r.get("cycle") for r in rows],
-        "ms": [s.get("ms") for s in scenes],
-        "residual_mm": [
-            max((p["residual_mm"] for p in s.get("parts") or [] if p.get("residual_mm") is not None), default=None)
-            for s in scenes
-        ],
+        "ms": [(r.get("scene") or {}).get("ms") for r in rows],
+        "residual_mm": [residual_mm(parts_of(r)) for r in rows],
         "health": {name: [_short(h.get(name), 3) for h in health] for name in names},
     }
-
-
-def _outside_stops(digest: Digest) -> list[Stop]:
-    from daemon.review.digest import stops_of
-
-    return stops_of([r for r in digest.outside if r["kind"] == "look"])
 
 
 def _points(points: Any) -> list[list[float]]:

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from daemon.review.digest import Cycle, Digest, short_hash
+from daemon.review.digest import Digest, parts_of, residual_mm
+from daemon.store.runs import Record
 
 Row = dict[str, Any]
 
@@ -24,65 +25,44 @@ LOOK_COLUMNS: dict[str, str] = {
 }  # fmt: skip
 
 
+def tables(run: Digest, cell: str) -> dict[str, tuple[dict[str, str], list[Row]]]:
+    """Each table's name -> its columns and its rows."""
+    return {"cycles": (CYCLE_COLUMNS, cycle_rows(run, cell)), "looks": (LOOK_COLUMNS, look_rows(run, cell))}
+
+
 def cycle_rows(run: Digest, cell: str) -> list[Row]:
     """One row a cycle, with CYCLE_COLUMNS."""
-    return [_cycle_row(run, c, cell) for c in run.cycles]
-
-
-def _cycle_row(run: Digest, cycle: Cycle, cell: str) -> Row:
-    end, truth = cycle.end or {}, cycle.truth or {}
-    predicted = end.get("predicted") or {}
-    started = str(cycle.records[0].get("t") or "")
-    return {
-        "cell": cell,
-        "day": started[:10],
-        "run": run.name,
-        "cycle": cycle.number,
-        "started": started,
-        "seconds": round(cycle.seconds, 3),
-        "label": cycle.label,
-        "outcome": cycle.outcome,
-        "looks": cycle.looks,
-        "predicted_mm": predicted.get("mm"),
-        "predicted_deg": predicted.get("deg"),
-        "true_mm": truth.get("error_mm"),
-        "true_deg": truth.get("error_deg"),
-        "why": end.get("why"),
-        "model": short_hash(run.models()[-1]) if run.models() else None,
-        "calibration": short_hash((run.start or {}).get("calibration")),
-    }
+    same = {"cell": cell, "run": run.name, "model": run.model, "calibration": run.kept("calibration")}
+    plain = ("started", "label", "outcome", "looks", "predicted_mm", "predicted_deg", "true_mm", "true_deg", "why")
+    return [
+        same
+        | {name: getattr(cycle, name) for name in plain}
+        | {"day": cycle.started[:10], "cycle": cycle.number, "seconds": round(cycle.seconds, 3)}
+        for cycle in run.cycles
+    ]
 
 
 def look_rows(run: Digest, cell: str) -> list[Row]:
     """One row a look, with LOOK_COLUMNS."""
     estimates = {id(s.look): s.estimate or {} for s in run.stops}
-    rows = []
-    for record in run.of("look"):
-        scene, health = record.get("scene") or {}, record.get("health") or {}
-        parts = scene.get("parts") or []
-        named = [p for p in parts if p["label"] != "unknown"]
-        taken = str(record.get("t") or "")
-        estimate = estimates.get(id(record), {})
-        rows.append(
-            {
-                "cell": cell,
-                "day": taken[:10],
-                "run": run.name,
-                "seq": record.get("seq"),
-                "cycle": record.get("cycle"),
-                "stop": record.get("stop"),
-                "purpose": record.get("purpose"),
-                "taken": taken,
-                "ms": scene.get("ms"),
-                "parts": len(parts),
-                "named": len(named),
-                "labels": " ".join(sorted(p["label"] for p in named)),
-                "best_confidence": max((p["confidence"] for p in named), default=None),
-                "residual_mm": max((p["residual_mm"] for p in named if p.get("residual_mm") is not None), default=None),
-                "epipolar_px": health.get("epipolar_px"),
-                "noise": health.get("noise"),
-                "predicted_mm": estimate.get("predicted_mm"),
-                "chi2": estimate.get("chi2"),
-            }
-        )
-    return rows
+    return [_look_row(look, estimates.get(id(look), {}), cell, run.name) for look in run.of("look")]
+
+
+def _look_row(look: Record, estimate: Record, cell: str, run: str) -> Row:
+    health, parts, taken = look.get("health") or {}, parts_of(look), str(look.get("t") or "")
+    named = [part for part in parts if part["label"] != "unknown"]
+    return {
+        **{name: look.get(name) for name in ("seq", "cycle", "stop", "purpose")},
+        **{name: health.get(name) for name in ("epipolar_px", "noise")},
+        **{name: estimate.get(name) for name in ("predicted_mm", "chi2")},
+        "cell": cell,
+        "day": taken[:10],
+        "run": run,
+        "taken": taken,
+        "ms": (look.get("scene") or {}).get("ms"),
+        "parts": len(parts),
+        "named": len(named),
+        "labels": " ".join(sorted(part["label"] for part in named)),
+        "best_confidence": max((part["confidence"] for part in named), default=None),
+        "residual_mm": residual_mm(named),
+    }
