@@ -33,20 +33,14 @@ class Samples:
     def of(cls, coded: Array, complement: bool) -> Samples:
         """Look for few values in each feature."""
         features = coded[:, : coded.shape[1] // 2] if complement else coded
-        if len(coded) < 4 * MOST_LEVELS or _most_levels(features[: 4 * MOST_LEVELS]) > MOST_LEVELS:
-            return cls.plain(coded)
-        found = [np.unique(feature) for feature in features.T]
-        longest = max(len(levels) for levels in found)
+        perhaps = len(coded) >= 4 * MOST_LEVELS and _most_levels(features[: 4 * MOST_LEVELS]) <= MOST_LEVELS
+        found = [np.unique(feature) for feature in features.T] if perhaps else []
+        longest = max(map(len, found), default=MOST_LEVELS + 1)
         if longest > MOST_LEVELS:
-            return cls.plain(coded)
+            return cls(coded, None, np.empty((0, len(coded)), dtype=np.int64))
         levels = np.stack([np.pad(row, (0, longest - len(row)), mode="edge") for row in found])
         place = np.stack([np.searchsorted(row, feature) for row, feature in zip(found, features.T, strict=True)])
         return cls(coded, levels, place.astype(np.int64))
-
-    @classmethod
-    def plain(cls, coded: Array) -> Samples:
-        """Without looking for levels."""
-        return cls(coded, None, np.empty((0, len(coded)), dtype=np.int64))
 
     def __len__(self) -> int:
         return len(self.coded)

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import contextlib
 import mmap
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 
 from drivers.camera import controls, find, v4l2
@@ -82,8 +83,8 @@ class Eye:
     def _agree_on_format(self, settings: CameraSettings) -> Layout:
         """The first format in order of preference that the driver grants at the wished size."""
         offered = {v4l2.code_of(f.pixelformat): f.pixelformat for f in v4l2.enumerate_formats(self.node)}
-        for code in (c for c in settings.formats if FORMATS[c] in offered):
-            number = offered[FORMATS[code]]
+        for code in (c for c in settings.formats if FORMATS[c].code in offered):
+            number = offered[FORMATS[code].code]
             granted = v4l2.set_format(self.node, number, settings.width, settings.height)
             if (granted.pixelformat, granted.width, granted.height) == (number, settings.width, settings.height):
                 return Layout(code, granted.width, granted.height, stride(code, granted.width, granted.bytesperline))
@@ -176,21 +177,15 @@ class Eye:
             v4l2.request_buffers(self.node, 0)
         self.node.close()
 
-    @contextlib.contextmanager
-    def _words_for_trouble(self) -> Iterator[None]:
-        try:
-            yield
-        except OSError as error:
-            raise find.trouble(error, self.name, self.path, self._system) from error
+    def _words_for_trouble(self) -> AbstractContextManager[None]:
+        return find.words_for_trouble(self.name, self.path, self._system)
 
 
 def start(name: str, device: str, settings: CameraSettings, system: System, clock: Callable[[], float]) -> Eye:
     """Find, open and start one camera. Raises CameraError; nothing stays open then."""
     path = find.find(device, name, system)
-    try:
+    with find.words_for_trouble(name, path, system):
         node = system.open(path)
-    except OSError as error:
-        raise find.trouble(error, name, path, system) from error
     eye = Eye(name, path, node, system, clock)
     try:
         eye.begin(settings)

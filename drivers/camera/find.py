@@ -6,8 +6,9 @@ A number is only good until the next boot; by-id and by-path links and card name
 from __future__ import annotations
 
 import errno
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 
 from drivers.camera import v4l2
 from drivers.camera.controls import Control, list_controls
@@ -59,6 +60,15 @@ def trouble(error: OSError, eye: str, path: str, system: System) -> CameraError:
     return CameraError(f"{where}: {error.strerror or error}")
 
 
+@contextmanager
+def words_for_trouble(eye: str, path: str, system: System) -> Iterator[None]:
+    """What the kernel says in here is said as a CameraError."""
+    try:
+        yield
+    except OSError as error:
+        raise trouble(error, eye, path, system) from error
+
+
 def _rates(node: OpenNode, code: int, width: int, height: int) -> str:
     intervals = [
         i.values[0] for i in v4l2.enumerate_intervals(node, code, width, height) if i.type == v4l2.SIZE_DISCRETE
@@ -93,13 +103,10 @@ def examine(path: str, system: System, whole: bool = True) -> Device | None:
         capability = v4l2.query_capability(node)
         if not v4l2.can_capture(capability):
             return None
-        card, driver, bus = (
-            getattr(capability, key).decode("utf-8", "replace") for key in ("card", "driver", "bus_info")
-        )
-        links = tuple(system.links(path))
-        if not whole:
-            return Device(path, card, driver, bus, links)
-        return Device(path, card, driver, bus, links, offers(node), tuple(list_controls(node)))
+        named = (capability.card, capability.driver, capability.bus_info)
+        card, driver, bus = (name.decode("utf-8", "replace") for name in named)
+        found = Device(path, card, driver, bus, tuple(system.links(path)))
+        return replace(found, formats=offers(node), controls=tuple(list_controls(node))) if whole else found
     finally:
         node.close()
 

@@ -1,11 +1,10 @@
-"""Bytes of a V4L2 buffer -> grey image. Pure; one small reader a pixel format, and what a whole frame must measure.
+"""Bytes of a V4L2 buffer -> grey image. Pure; one table of pixel formats, and what a whole frame must measure.
 
 Belongs here: layouts. Not here: where the bytes come from, or what to do when they are short.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import cv2
@@ -29,23 +28,23 @@ class Layout:
     stride: int
 
 
-def _rows(data: bytes, layout: Layout) -> Image:
-    """The first plane, (height, stride) bytes."""
-    return np.frombuffer(data, np.uint8, layout.stride * layout.height).reshape(layout.height, layout.stride)
+@dataclass(frozen=True)
+class Format:
+    """A pixel format: V4L2's code; bytes per pixel of its first plane (0: compressed); which of these is the luma."""
+
+    code: str
+    bytes_per_pixel: int
+    luma: int = 0
 
 
-def _grey(data: bytes, layout: Layout) -> Image:
-    return _rows(data, layout)[:, : layout.width].copy()
-
-
-def _y16(data: bytes, layout: Layout) -> Image:
-    """Little-endian 16 bit, the upper eight kept."""
-    return _rows(data, layout)[:, 1 : 2 * layout.width : 2].copy()
-
-
-def _yuyv(data: bytes, layout: Layout) -> Image:
-    """Y0 U Y1 V: every other byte. The luma scale (16..235 or 0..255) stays the camera's."""
-    return _rows(data, layout)[:, : 2 * layout.width : 2].copy()
+FORMATS = {
+    "GREY": Format("GREY", 1),
+    "Y16": Format("Y16", 2, luma=1),  # little-endian 16 bit, the upper eight kept
+    "YUYV": Format("YUYV", 2),  # Y0 U Y1 V; the luma scale (16..235 or 0..255) stays the camera's
+    "NV12": Format("NV12", 1),
+    "MJPEG": Format("MJPG", 0),
+}
+"""By our names, best first: plain grey, then what carries colour nobody looks at, then compressed."""
 
 
 def _mjpeg(data: bytes, layout: Layout) -> Image:
@@ -62,17 +61,10 @@ def _mjpeg(data: bytes, layout: Layout) -> Image:
     return np.asarray(image, np.uint8)
 
 
-_READERS: dict[str, Callable[[bytes, Layout], Image]] = {
-    "GREY": _grey, "Y16": _y16, "YUYV": _yuyv, "NV12": _grey, "MJPEG": _mjpeg,
-}  # fmt: skip
-_BYTES_PER_PIXEL = {"GREY": 1, "Y16": 2, "YUYV": 2, "NV12": 1}
-FORMATS = {"GREY": "GREY", "Y16": "Y16", "YUYV": "YUYV", "NV12": "NV12", "MJPEG": "MJPG"}
-"""Our names and V4L2's codes, best first: plain grey, then what carries colour nobody looks at, then compressed."""
-
-
 def stride(code: str, width: int, granted: int) -> int:
     """Bytes from row to row: what the driver granted, at least a row's own; 0 for MJPEG, which has no rows."""
-    return max(granted, _BYTES_PER_PIXEL[code] * width) if code in _BYTES_PER_PIXEL else 0
+    row = FORMATS[code].bytes_per_pixel * width
+    return max(granted, row) if row else 0
 
 
 def whole_frame_bytes(layout: Layout) -> int:
@@ -86,4 +78,8 @@ def read_grey(data: bytes, layout: Layout) -> Image:
     expected = whole_frame_bytes(layout)
     if len(data) < expected:
         raise DamagedFrameError(f"{len(data)} of {expected} bytes")
-    return _READERS[layout.code](data, layout)
+    step, luma = FORMATS[layout.code].bytes_per_pixel, FORMATS[layout.code].luma
+    if not step:
+        return _mjpeg(data, layout)
+    rows = np.frombuffer(data, np.uint8, layout.stride * layout.height).reshape(layout.height, layout.stride)
+    return rows[:, luma : step * layout.width : step].copy()

@@ -10,17 +10,17 @@ import ctypes
 from collections.abc import Callable, Iterator
 from ctypes import c_char, c_int32, c_int64, c_long, c_uint8, c_uint32, c_ulong
 from errno import EINVAL
+from itertools import count
 from typing import Protocol, TypeVar
 
 CAPTURE = 1  # V4L2_BUF_TYPE_VIDEO_CAPTURE
 OUTPUT = 2  # V4L2_BUF_TYPE_VIDEO_OUTPUT
 MMAP = 1  # V4L2_MEMORY_MMAP
-ANY_FIELD, NO_FIELD = 0, 1
+NO_FIELD = 1
 
 CAP_CAPTURE = 0x00000001
 CAP_STREAMING = 0x04000000
 CAP_DEVICE_CAPS = 0x80000000
-CAP_TIMEPERFRAME = 0x1000
 
 BUFFER_ERROR = 0x0040
 BUFFER_CLOCK_MASK, BUFFER_CLOCK_UNKNOWN, BUFFER_CLOCK_MONOTONIC = 0xE000, 0x0000, 0x2000
@@ -28,7 +28,7 @@ BUFFER_STAMP_MASK, BUFFER_STAMP_START_OF_EXPOSURE = 0x70000, 0x10000
 
 SIZE_DISCRETE = 1
 NEXT_CONTROL = 0x80000000
-CONTROL_DISABLED, CONTROL_READ_ONLY, CONTROL_INACTIVE, CONTROL_WRITE_ONLY = 0x1, 0x4, 0x10, 0x40
+CONTROL_DISABLED, CONTROL_READ_ONLY, CONTROL_WRITE_ONLY = 0x1, 0x4, 0x40
 INTEGER, BOOLEAN, MENU, BUTTON, INTEGER64, CLASS, STRING, BITMASK, INTEGER_MENU = range(1, 10)
 
 
@@ -178,20 +178,25 @@ class Node(Protocol):
 Described = TypeVar("Described", FormatDescription, FrameSize, FrameInterval)
 
 
+def _is_there(node: Node, request: int, entry: ctypes.Structure) -> bool:
+    """Have the driver fill in an entry; False where it says there is none."""
+    try:
+        node.ioctl(request, entry)
+    except OSError as error:
+        if error.errno == EINVAL:
+            return False
+        raise
+    return True
+
+
 def _enumerate(node: Node, request: int, make: Callable[[], Described]) -> Iterator[Described]:
     """Ask for entry 0, 1, 2, ... until the driver says there are no more."""
-    index = 0
-    while True:
+    for index in count():
         entry = make()
         entry.index = index
-        try:
-            node.ioctl(request, entry)
-        except OSError as error:
-            if error.errno == EINVAL:
-                return
-            raise
+        if not _is_there(node, request, entry):
+            return
         yield entry
-        index += 1
 
 
 def query_capability(node: Node) -> Capability:
@@ -280,14 +285,7 @@ def stream_off(node: Node) -> None:
 def enumerate_controls(node: Node) -> Iterator[QueryControl]:
     """Every control of every class, section titles and disabled ones left out."""
     last = 0
-    while True:
-        entry = QueryControl(id=last | NEXT_CONTROL)
-        try:
-            node.ioctl(QUERYCTRL, entry)
-        except OSError as error:
-            if error.errno == EINVAL:
-                return
-            raise
+    while _is_there(node, QUERYCTRL, entry := QueryControl(id=last | NEXT_CONTROL)):
         last = entry.id
         if entry.type != CLASS and not entry.flags & CONTROL_DISABLED:
             yield entry

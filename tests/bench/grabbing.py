@@ -86,7 +86,7 @@ class LiveCamera:
         elif request == v4l2.QUERYCAP:
             a.card, a.capabilities, a.device_caps = self.card.encode(), CAPABLE, CAPABLE
         elif request == v4l2.ENUM_FMT and a.index == 0:
-            a.pixelformat = v4l2.fourcc(FORMATS[self.code])
+            a.pixelformat = v4l2.fourcc(FORMATS[self.code].code)
         elif request == v4l2.QUERYBUF:
             a.length, a.m.offset = 1 << 20, a.index << 20
         elif request not in (v4l2.S_FMT, v4l2.REQBUFS, v4l2.STREAMON, v4l2.STREAMOFF):

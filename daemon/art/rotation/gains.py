@@ -7,8 +7,6 @@ coding loses max(0, x - v) of what the empty slot had.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from daemon.art.arrays import Array, Index
@@ -37,34 +35,28 @@ def element_gain(element: Array, ends: Ends, complement: bool) -> Array:
     return gain
 
 
-@dataclass(frozen=True, eq=False)
-class Gains:
-    """Gains of a view's k facets at C nodes.
-
-    pairs (E,): which of the pairs of Numberings touch; pair (E, m * m, C): the first of the pair in slot a and the
-    second in slot b at a * m + b; single (k, m, C), or None where no facet touches itself; base (C,): the overlap with
-    nothing anywhere.
-    """
-
-    pairs: Index
-    pair: Array
-    single: Array | None
-    base: Array
-
-
-def gains(view: Array, taught: TaughtMatrices, nodes: Index, base: Array, numberings: Numberings) -> Gains:
-    """Gains of the stripped view (k, k) at the given nodes, (C,) indices; base as empty_overlap gives it, (J,)."""
+def best_by_table(
+    view: Array, taught: TaughtMatrices, nodes: Index, base: Array, numberings: Numberings
+) -> tuple[Array, Index]:
+    """|I ^ w| of the stripped view (k, k) at the best numbering for each of the given nodes, (C,) indices, and which it
+    was, (C,), the first on a tie; base as empty_overlap gives it, (J,)."""
     m = taught.slots
     there, back = view[numberings.first, numberings.second], view[numberings.second, numberings.first]
     pairs = np.flatnonzero((there > 0.0) | (back > 0.0))
     ends = both(taught.by_element, lambda end: np.take(end, nodes, axis=1))
-    pair = element_gain(there[pairs, None, None], ends, taught.complement)
-    pair += element_gain(back[pairs, None, None], ends, taught.complement)[:, numberings.swapped]
-    single = None
+    # (pairs, m * m, C): the first of the pair in slot a and the second in slot b at a * m + b
+    gains = element_gain(there[pairs, None, None], ends, taught.complement)
+    gains += element_gain(back[pairs, None, None], ends, taught.complement)[:, numberings.swapped]
+    total, term = (np.zeros((len(numberings.slots), len(nodes))) for _ in range(2))
+    for number, gain in zip(pairs, gains, strict=True):
+        total += np.take(gain, numberings.place[number], axis=0, out=term, mode="clip")
     if view.diagonal().any():
         own = both(ends, lambda end: end[:: m + 1])
-        single = element_gain(view.diagonal()[:, None, None], own, taught.complement)
-    return Gains(pairs, pair, single, base[nodes])
+        for facet, gain in enumerate(element_gain(view.diagonal()[:, None, None], own, taught.complement)):
+            total += gain[numberings.slots[:, facet]]
+    by_node = np.ascontiguousarray(total.T)
+    best = np.asarray(by_node.argmax(axis=1), dtype=np.int64)
+    return base[nodes] + by_node[np.arange(len(nodes)), best], best
 
 
 def all_gains(view: Array, taught: TaughtMatrices, node: int) -> tuple[Array, Array]:
@@ -77,17 +69,3 @@ def all_gains(view: Array, taught: TaughtMatrices, node: int) -> tuple[Array, Ar
     pair = one_way + one_way.transpose(1, 0, 3, 2)
     pair[np.arange(len(view)), np.arange(len(view))] = 0.0
     return pair, element_gain(view.diagonal()[:, None], both(ends, np.diagonal), taught.complement)
-
-
-def best_of_table(gain: Gains, numberings: Numberings) -> tuple[Array, Index]:
-    """|I ^ w| at the best numbering, (C,), and which it was, (C,); the first on a tie."""
-    count = len(gain.base)
-    total, term = (np.zeros((len(numberings.slots), count)) for _ in range(2))
-    for number, pair in zip(gain.pairs, gain.pair, strict=True):
-        total += np.take(pair, numberings.place[number], axis=0, out=term, mode="clip")
-    if gain.single is not None:
-        for facet, own in enumerate(gain.single):
-            total += own[numberings.slots[:, facet]]
-    by_node = np.ascontiguousarray(total.T)
-    best = np.asarray(by_node.argmax(axis=1), dtype=np.int64)
-    return gain.base + by_node[np.arange(count), best], best

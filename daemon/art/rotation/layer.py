@@ -18,7 +18,7 @@ from daemon.art.arrays import Array, Index
 from daemon.art.fuzzy import choice
 from daemon.art.rotation.branch import best_by_branching
 from daemon.art.rotation.ceilings import Ceilings
-from daemon.art.rotation.gains import all_gains, best_of_table, empty_overlap, gains
+from daemon.art.rotation.gains import all_gains, best_by_table, empty_overlap
 from daemon.art.rotation.match import matches_at
 from daemon.art.rotation.matrices import TaughtMatrices, as_relation, as_taught, occupied
 from daemon.art.rotation.numberings import has_table, table, twins
@@ -130,7 +130,7 @@ class _Search:
         step = max(1, PIECE // len(numberings.slots))
         for start in range(0, len(nodes), step):
             some = nodes[start : start + step]
-            overlap, best = best_of_table(gains(self.stripped, taught, some, empty, numberings), numberings)
+            overlap, best = best_by_table(self.stripped, taught, some, empty, numberings)
             self.activation[some] = choice(overlap, self.layer._size[some], self.layer.alpha)
             self.slots[some] = numberings.slots[best]
 
@@ -164,8 +164,6 @@ class _Search:
         layer, known = self.layer, np.flatnonzero(self.exact)
         placed = _with_idle_facets(self.slots[known], self.filled, len(view), layer.taught.slots)
         match, ratio = matches_at(view, self.filled, layer.taught, known, placed)
-        if len(known) == len(self.exact):
-            return Recall(self.activation, placed, match, ratio, self.exact)
         numbering = np.full((len(self.exact), len(view)), -1, dtype=np.int64)
         all_match, all_ratio = np.zeros((2, len(self.exact)))
         numbering[known], all_match[known], all_ratio[known] = placed, match, ratio

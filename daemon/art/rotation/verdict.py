@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 
+from daemon.art.arrays import Array
 from daemon.art.rotation.layer import Recall
 
 
@@ -35,13 +36,10 @@ def choose(recall: Recall, labels: Sequence[Hashable], rho: float = 0.9) -> Verd
     order = recall.ranking().tolist()
     node = next((j for j in order if recall.match[j] >= rho), None)
     other = next((j for j in order if node is None or labels[j] != labels[node]), None)
-    return Verdict(
-        node,
-        None if node is None else labels[node],
-        0.0 if node is None else float(recall.activation[node]),
-        0.0 if node is None else float(recall.match[node]),
-        0.0 if node is None else float(recall.match_ratio[node]),
-        other,
-        None if other is None else labels[other],
-        0.0 if other is None else float(recall.activation[other]),
-    )
+    label, runner_up = (None if j is None else labels[j] for j in (node, other))
+
+    def told(values: Array, j: int | None) -> float:
+        return 0.0 if j is None else float(values[j])
+
+    activation, match, ratio = (told(values, node) for values in (recall.activation, recall.match, recall.match_ratio))
+    return Verdict(node, label, activation, match, ratio, other, runner_up, told(recall.activation, other))
