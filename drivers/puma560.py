@@ -56,12 +56,6 @@ class Configuration:
     above: bool = True
     flip: bool = False
 
-    def words(self) -> str:
-        """As VAL II says it, for people."""
-        return " ".join(
-            ("LEFTY" if self.lefty else "RIGHTY", "ABOVE" if self.above else "BELOW", "FLIP" if self.flip else "NOFLIP")
-        )
-
 
 CONFIGURATIONS = tuple(Configuration(*way) for way in product((False, True), (True, False), (False, True)))
 

@@ -9,10 +9,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from math import atan2, sqrt
+from math import sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
 from drivers.puma560 import (
     NEST_RAD,
@@ -25,8 +24,7 @@ from drivers.puma560 import (
     joint_out_of_limits,
     wrist_is_singular,
 )
-
-Array = NDArray[np.float64]
+from drivers.simcell.rigid import Array, axis_and_angle, rigid, turn
 
 JOINT_SPEED_RAD_S = np.radians([82.0, 74.0, 122.0, 228.0, 241.0, 228.0])
 JOINT_ACCELERATION_RAD_S2 = JOINT_SPEED_RAD_S / 0.25
@@ -244,14 +242,11 @@ def plan_straight(
     """
     start = forward(start_rad, geometry)
     configuration = configuration_of(start_rad)
-    axis, angle = _axis_and_angle(start[:3, :3].T @ world_from_tool[:3, :3])
+    axis, angle = axis_and_angle(start[:3, :3].T @ world_from_tool[:3, :3])
     shift = world_from_tool[:3, 3] - start[:3, 3]
 
     def pose(way: float) -> Array:
-        between = start.copy()
-        between[:3, :3] = start[:3, :3] @ _turn(axis, angle * way)
-        between[:3, 3] = start[:3, 3] + shift * way
-        return between
+        return rigid(start[:3, :3] @ turn(axis, angle * way), start[:3, 3] + shift * way)
 
     knots = [start_rad]
     for k in range(1, checks + 1):
@@ -265,11 +260,11 @@ def plan_straight(
         return inverse(pose(way), configuration, geometry, knots[round(way * checks)])
 
     distance = max(float(np.linalg.norm(shift)), 1e-9)
-    turn = max(angle, 1e-9)
+    turned = max(angle, 1e-9)
     step = max(float(np.max(np.abs(np.diff(knots, axis=0)) / JOINT_SPEED_RAD_S)) * checks, 1e-9)
     profile = Trapezoid(
-        speed=speed * min(LINE_SPEED_MM_S / distance, TURN_SPEED_RAD_S / turn, 1.0 / step),
-        acceleration=speed * min(LINE_ACCELERATION_MM_S2 / distance, TURN_ACCELERATION_RAD_S2 / turn, 4.0 / step),
+        speed=speed * min(LINE_SPEED_MM_S / distance, TURN_SPEED_RAD_S / turned, 1.0 / step),
+        acceleration=speed * min(LINE_ACCELERATION_MM_S2 / distance, TURN_ACCELERATION_RAD_S2 / turned, 4.0 / step),
     )
     return path, profile
 
@@ -278,23 +273,3 @@ def standing(joints_rad: Array, since_s: float = float("-inf"), seconds: float =
     """A motion that goes nowhere: over at once, or taking its time."""
     profile = Trapezoid(1 / max(seconds, 1e-9), 1e12)
     return Motion(lambda way: joints_rad.copy(), profile, since_s, np.zeros((2, 3)))
-
-
-def _axis_and_angle(rotation: Array) -> tuple[Array, float]:
-    """(3, 3) -> unit axis (3,), angle in [0, pi]."""
-    skew = np.array([rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1]])
-    sine = float(np.linalg.norm(skew)) / 2
-    angle = atan2(sine, (float(np.trace(rotation)) - 1) / 2)
-    if sine > 1e-9:
-        return skew / (2 * sine), angle
-    outer = (rotation + np.eye(3)) / 2
-    k = int(np.argmax(np.diag(outer)))
-    return outer[:, k] / max(sqrt(abs(outer[k, k])), 1e-12), angle
-
-
-def _turn(axis: Array, angle: float) -> Array:
-    """(3, 3) rotation about a unit axis."""
-    x, y, z = axis
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    rotation: Array = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * (cross @ cross)
-    return rotation

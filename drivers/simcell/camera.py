@@ -1,6 +1,6 @@
 """The simulated stereo camera: when frames are exposed, what the sensor makes of the light, and what can go wrong.
 
-What is to be seen at a moment comes from the cell (`sight`); how light falls from render.py.
+What is to be seen at a moment comes from the cell (`scene_at`); how light falls from render.py.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ BLUR_STEPS = 6
 
 
 @dataclass(frozen=True, eq=False)
-class Recogniser:
+class Scene:
     """What there is to see at a moment: where the cameras are, the things, and a mark that changes when those move.
 
     hand: what hangs from the arm beside the cameras; it is seen, but casts no shadow.
@@ -50,13 +50,13 @@ class SimulatedPair:
     def __init__(
         self,
         truth: Truth,
-        sight: Callable[[float], Recogniser],
+        scene_at: Callable[[float], Scene],
         rng: np.random.Generator,
         time_scale: float = 1.0,
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
-        self._truth, self._sight, self._rng = truth, sight, rng
+        self._truth, self._scene_at, self._rng = truth, scene_at, rng
         self._clock, self._sleep = clock, sleep
         self._period_s = 1.0 / (truth.sensor.frame_rate_hz * time_scale)
         self._exposure_s = min(truth.sensor.exposure_s / time_scale, 0.9 * self._period_s)
@@ -137,26 +137,26 @@ class SimulatedPair:
     def _light(self, eye: str, middle_s: float) -> Array32:
         """The mean light over the exposure; one picture where the arm stands still."""
         half = self._exposure_s / 2
-        sights = [self._sight(middle_s - half), self._sight(middle_s + half)]
-        if _moves(sights):
+        scenes = [self._scene_at(middle_s - half), self._scene_at(middle_s + half)]
+        if _moves(scenes):
             steps = np.linspace(-half, half, BLUR_STEPS)
-            seen = [self._see(eye, self._sight(middle_s + step)) for step in steps]
+            seen = [self._see(eye, self._scene_at(middle_s + step)) for step in steps]
             return np.asarray(np.mean(seen, axis=0), np.float32)
-        return self._see(eye, sights[0])
+        return self._see(eye, scenes[0])
 
-    def _see(self, eye: str, sight: Recogniser) -> Array32:
+    def _see(self, eye: str, scene: Scene) -> Array32:
         """The light that reaches an eye; worked out anew only where something moved since that eye saw last."""
-        mark = _mark(sight)
+        mark = _mark(scene)
         seen = self._seen.get(eye)
         if seen is not None and seen[0] == mark:
             return seen[1]
         if eye not in self._retinas:
             self._retinas[eye] = Retina(self._eyes[eye], *self._truth.image_size)
-        if sight.state != self._lit_for:
-            self._light_of_cell.cast([apply(thing.world_from_solid, thing.solid.vertices) for thing in sight.things])
-            self._lit_for = sight.state
-        things = (*sight.things, *sight.hand)
-        light = radiance(self._retinas[eye], sight.world_from_cyclopean, things, self._light_of_cell)
+        if scene.state != self._lit_for:
+            self._light_of_cell.cast([apply(thing.world_from_solid, thing.solid.vertices) for thing in scene.things])
+            self._lit_for = scene.state
+        things = (*scene.things, *scene.hand)
+        light = radiance(self._retinas[eye], scene.world_from_cyclopean, things, self._light_of_cell)
         self._seen[eye] = mark, light
         return light
 
@@ -169,16 +169,16 @@ class SimulatedPair:
         return np.asarray(np.clip(np.round(noisy), 0, 255), np.uint8)
 
 
-def _moves(sights: Sequence[Recogniser]) -> bool:
-    first, last = (sight.world_from_cyclopean for sight in sights)
+def _moves(scenes: Sequence[Scene]) -> bool:
+    first, last = (scene.world_from_cyclopean for scene in scenes)
     shift = float(np.linalg.norm(first[:3, 3] - last[:3, 3]))
     return shift > STILL_MM or angle_of(first[:3, :3].T @ last[:3, :3]) > STILL_RAD
 
 
-def _mark(sight: Recogniser) -> object:
-    """Equal for two sights that look the same to the last bit."""
-    hand = [part.tobytes() for thing in sight.hand for part in (thing.world_from_solid, thing.solid.vertices)]
-    return sight.world_from_cyclopean.tobytes(), sight.state, hand
+def _mark(scene: Scene) -> object:
+    """Equal for two scenes that look the same to the last bit."""
+    hand = [part.tobytes() for thing in scene.hand for part in (thing.world_from_solid, thing.solid.vertices)]
+    return scene.world_from_cyclopean.tobytes(), scene.state, hand
 
 
 def _vignette(truth: Truth) -> Array32:

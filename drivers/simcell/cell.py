@@ -14,7 +14,7 @@ import numpy as np
 from drivers.puma560 import Puma560
 from drivers.simcell.arm import Arm
 from drivers.simcell.boards import BoardPrint, board_thing
-from drivers.simcell.camera import Recogniser, SimulatedPair
+from drivers.simcell.camera import Scene, SimulatedPair
 from drivers.simcell.controller import Controller, Faults, Manners, MemoryLine, PtyServer
 from drivers.simcell.gripper import fingers
 from drivers.simcell.history import Drop
@@ -78,7 +78,7 @@ class SimulatedCell:
             self.server = MemoryLine(self.controller, loop)
         self.port = self.server.port
         self.camera = SimulatedPair(
-            self._settings, self._sight, noise, time_scale, self._clock, time.sleep if loop is None else loop.sleep
+            self._settings, self._scene_at, noise, time_scale, self._clock, time.sleep if loop is None else loop.sleep
         )
         self.truth = Witness(self._settings, self.world, self._machine, self.world_from_tool)
 
@@ -157,7 +157,7 @@ class SimulatedCell:
             label, fell_mm, where = fallen
             self._machine.history.append(Drop(now_s, self._machine.by, label, fell_mm, where is Where.BIN))
 
-    def _sight(self, real_s: float) -> Recogniser:
+    def _scene_at(self, real_s: float) -> Scene:
         tool = self.world_from_tool(real_s)
         albedo = self._settings.lighting.facet_albedo
         parts = [part for part in self.world.parts if part.where in (Where.TABLE, Where.STAND, Where.HAND)]
@@ -166,6 +166,4 @@ class SimulatedCell:
         hand = tuple(
             Thing(finger, tool, FINGER_ALBEDO) for finger in fingers(self._settings.gripper, self.world.gap_mm)
         )
-        return Recogniser(
-            tool @ self._tool_from_cyclopean, (*things, *self._board), (self.world.changes, carried), hand
-        )
+        return Scene(tool @ self._tool_from_cyclopean, (*things, *self._board), (self.world.changes, carried), hand)

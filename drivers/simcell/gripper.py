@@ -48,15 +48,10 @@ class _Bite:
     normals: tuple[Array, ...]
 
 
-@lru_cache(maxsize=16)
 def fingers(gripper: Gripper, gap_mm: float) -> tuple[Polyhedron, Polyhedron]:
     """Both fingers as boxes in the tool frame, gap_mm between their pads."""
-    half, back = gripper.finger_width_mm / 2, gripper.tip_mm - gripper.finger_length_mm
     near, far = gap_mm / 2, gap_mm / 2 + gripper.finger_thickness_mm
-    return (
-        hull(box((-half, near, back), (half, far, gripper.tip_mm))),
-        hull(box((-half, -far, back), (half, -near, gripper.tip_mm))),
-    )
+    return _strip(gripper, near, far), _strip(gripper, -far, -near)
 
 
 def reaches(shape: Shape, tool_from_part: Array, gripper: Gripper) -> bool:
@@ -93,35 +88,37 @@ def close_on(shape: Shape, tool_from_part: Array, up: Array, gripper: Gripper) -
     return Grip(True, "held", tool_from_part, after, float(shift), float(np.degrees(angle)), float(high - low))
 
 
-def _strip(gripper: Gripper, low_y: float, high_y: float) -> tuple[Array, Array]:
-    """The room between (or behind) the fingers as half-spaces: normals (6, 3), offsets (6,)."""
-    half = gripper.finger_width_mm / 2
-    normals = np.vstack([np.eye(3), -np.eye(3)])
-    back = gripper.finger_length_mm - gripper.tip_mm
-    return normals, np.array([half, high_y, gripper.tip_mm, half, -low_y, back])
+@lru_cache(maxsize=16)
+def _strip(gripper: Gripper, low_y: float, high_y: float) -> Polyhedron:
+    """The room between (or behind) the fingers, or that one of them takes up."""
+    half, back = gripper.finger_width_mm / 2, gripper.tip_mm - gripper.finger_length_mm
+    return hull(box((-half, low_y, back), (half, high_y, gripper.tip_mm)))
+
+
+@lru_cache(maxsize=4)
+def _palm(gripper: Gripper) -> Polyhedron:
+    half, outer = PALM_MM / 2, gripper.opening_mm / 2 + gripper.finger_thickness_mm
+    back = gripper.tip_mm - gripper.finger_length_mm
+    return hull(box((-half, -outer, back - PALM_MM), (half, outer, back)))
 
 
 def strikes(shape: Shape, tool_from_part: Array, gripper: Gripper) -> bool:
     """Whether an open finger or the palm is where the part is."""
-    inner, outer = gripper.opening_mm / 2, gripper.opening_mm / 2 + gripper.finger_thickness_mm
-    fingers = [_strip(gripper, inner, outer), _strip(gripper, -outer, -inner)]
-    palm_z = gripper.finger_length_mm - gripper.tip_mm
-    normals = np.vstack([np.eye(3), -np.eye(3)])
-    palm = normals, np.array([PALM_MM / 2, outer, -palm_z, PALM_MM / 2, outer, palm_z + PALM_MM])
-    return any(len(_within(shape, tool_from_part, room).corners) for room in (*fingers, palm))
+    rooms = (*fingers(gripper, gripper.opening_mm), _palm(gripper))
+    return any(len(_within(shape, tool_from_part, room).corners) for room in rooms)
 
 
-def _within(shape: Shape, tool_from_part: Array, room: tuple[Array, Array]) -> _Bite:
+def _within(shape: Shape, tool_from_part: Array, room: Polyhedron) -> _Bite:
     """The corners of what of the shape lies in a convex room, in tool coordinates, with the part's normals there."""
     bites = [_clip(piece, tool_from_part, room) for piece in shape.pieces]
     return _Bite(np.vstack([b.corners for b in bites]), tuple(n for b in bites for n in b.normals))
 
 
-def _clip(solid: Polyhedron, tool_from_part: Array, room: tuple[Array, Array]) -> _Bite:
+def _clip(solid: Polyhedron, tool_from_part: Array, room: Polyhedron) -> _Bite:
     """Every corner of solid and room together: where three of their planes meet and none is passed."""
     part_normals = solid.normals @ tool_from_part[:3, :3].T
-    normals = np.vstack([part_normals, room[0]])
-    offsets = np.concatenate([solid.offsets + part_normals @ tool_from_part[:3, 3], room[1]])
+    normals = np.vstack([part_normals, room.normals])
+    offsets = np.concatenate([solid.offsets + part_normals @ tool_from_part[:3, 3], room.offsets])
     triples = np.array(list(combinations(range(len(normals)), 3)))
     systems = normals[triples]
     meeting = np.abs(np.linalg.det(systems)) > 1e-9

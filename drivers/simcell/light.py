@@ -55,23 +55,43 @@ def _unit(vectors: Array32) -> tuple[Array32, Array32]:
 
 
 class CellLight:
-    """The light on the table and on what stands there. `cast` renews the shadows when something has moved."""
+    """The light on the table, as a map of grey levels, and on what stands there. The bare map is worked out once."""
 
     def __init__(self, table: Table, lighting: Lighting) -> None:
-        self.lighting = lighting
-        self._table = _TableTop(table, lighting)
-        self._bodies: Sequence[Array] = ()
+        self.lighting, self._table = lighting, table
+        low = np.array(table.centre_mm) - table.half_size_mm
+        size = round(2 * table.half_size_mm / TEXEL_MM) + 1
+        self._top = Patch(rigid(np.eye(3), [0.0, 0.0, -table.height_mm]), low, size, size)
+        self._bare = [self._lamp_on_table(lamp) for lamp in lighting.lamps]
         self._facets: dict[tuple[int, tuple[int, ...]], tuple[Patch, list[Array32 | None]]] = {}
+        self.cast(())
 
     def cast(self, bodies: Sequence[Array]) -> None:
-        """Renew the shadows: bodies are the (V, 3) world corners of each convex solid."""
+        """Renew the shadows when something has moved: bodies are the (V, 3) world corners of each convex solid."""
         self._bodies = bodies
         self._facets.clear()
-        self._table.cast(bodies)
+        level = self.lighting.ambient * (1.0 - self._crowding(bodies))
+        for lamp, bare in zip(self.lighting.lamps, self._bare, strict=True):
+            share = lit_share(self._top, lamp, bodies)
+            level += bare if share is None else bare * share
+        self._map = self._outward_in(self.lighting.table_albedo * level, bodies)
 
     def table_levels(self, rays: Array32, world_from_camera: Array) -> Array32:
         """(H, W, 2) camera rays x / z, y / z -> (H, W) grey levels of the table they end on."""
-        return self._table.seen_by(rays, world_from_camera)
+        turn, eye = world_from_camera[:3, :3], world_from_camera[:3, 3]
+        fall = self._table.height_mm - eye[2]
+        # The table point over each ray is a homography of it: eye + fall * direction / direction_z.
+        x, y = rays[..., 0], rays[..., 1]
+        down = _linear(turn[2], x, y)
+        reach = np.float32(fall) / np.where(down * fall > 0, down, np.float32(np.nan))
+        column = (_linear(turn[0], x, y) * reach + np.float32(eye[0] - self._top.low_mm[0])) / np.float32(TEXEL_MM)
+        row = (_linear(turn[1], x, y) * reach + np.float32(eye[1] - self._top.low_mm[1])) / np.float32(TEXEL_MM)
+        far = np.float32(4 * self._top.rows)
+        where = [np.asarray(np.clip(np.where(np.isnan(c), far, c), -far, far), np.float32) for c in (column, row)]
+        seen = cv2.remap(
+            self._map, where[0], where[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=FLOOR_LEVEL
+        )
+        return np.asarray(seen, np.float32)
 
     def facet_levels(
         self, body: int, loop: tuple[int, ...], points: Array32, normal: Array, albedo: Array32, eye_mm: Array
@@ -94,6 +114,37 @@ class CellLight:
         places = patch.texels(apply(patch.plane_from_world, points.astype(float))[:, :2]).astype(np.float32)
         return [None if share is None else _read(share, places) for share in shares]
 
+    def _lamp_on_table(self, lamp: Lamp) -> Array32:
+        steps = np.arange(self._top.rows) * TEXEL_MM
+        dx = lamp.position_mm[0] - (self._top.low_mm[0] + steps)[None, :]
+        dy = lamp.position_mm[1] - (self._top.low_mm[1] + steps)[:, None]
+        dz = lamp.position_mm[2] - self._table.height_mm
+        squared = dx**2 + dy**2 + dz**2
+        return np.asarray(lamp.level * dz * LAMP_REFERENCE_MM**2 / squared**1.5, np.float32)
+
+    def _crowding(self, bodies: Sequence[Array]) -> Array32:
+        """(rows, columns) share of the ambient light kept off the table by bodies close over it."""
+        covered = np.zeros((self._top.rows, self._top.columns), np.uint8)
+        for corners in bodies:
+            gap_mm = corners[:, 2].min() - self._table.height_mm
+            near = np.clip(1.0 - gap_mm / CROWDING_HEIGHT_MM, 0.0, 1.0)
+            self._top.fill(covered, corners[:, :2], int(255 * CROWDING * near))
+        return np.asarray(cv2.GaussianBlur(covered, (0, 0), CROWDING_MM / TEXEL_MM) / np.float32(255.0), np.float32)
+
+    def _outward_in(self, levels: Array32, bodies: Sequence[Array]) -> Array32:
+        """Give the hidden table under each body the levels just outside it, so that no texel straddles its foot."""
+        hidden = np.zeros(levels.shape, np.uint8)
+        for corners in bodies:
+            foot = corners[corners[:, 2] < self._table.height_mm + 1.0]
+            if len(foot) >= 3:
+                self._top.fill(hidden, foot[:, :2], 1)
+        if not hidden.any():
+            return levels
+        open_to_light = 1.0 - hidden.astype(np.float32)
+        share = cv2.GaussianBlur(open_to_light, (0, 0), 1.5)
+        outside = cv2.GaussianBlur(levels * open_to_light, (0, 0), 1.5) / np.maximum(share, np.float32(1e-6))
+        return np.asarray(np.where((hidden > 0) & (share > 1e-4), outside, levels), np.float32)
+
 
 def _read(texels: Array32, places: Array32) -> Array32:
     """The map's values at (N, 2) column, row, linear between texels."""
@@ -104,74 +155,6 @@ def _read(texels: Array32, places: Array32) -> Array32:
     lower = texels[row + 1, column] * (1 - right) + texels[row + 1, column + 1] * right
     read: Array32 = upper * (1 - down) + lower * down
     return read
-
-
-class _TableTop:
-    """The table top as a map of grey levels. Its bare light is worked out once."""
-
-    def __init__(self, table: Table, lighting: Lighting) -> None:
-        self._table, self._lighting = table, lighting
-        low = np.array(table.centre_mm) - table.half_size_mm
-        size = round(2 * table.half_size_mm / TEXEL_MM) + 1
-        self._patch = Patch(rigid(np.eye(3), [0.0, 0.0, -table.height_mm]), low, size, size)
-        self._bare = [self._lamp_on_table(lamp) for lamp in lighting.lamps]
-        self.cast(())
-
-    def cast(self, bodies: Sequence[Array]) -> None:
-        """Renew the shadows."""
-        level = self._lighting.ambient * (1.0 - self._crowding(bodies))
-        for lamp, bare in zip(self._lighting.lamps, self._bare, strict=True):
-            share = lit_share(self._patch, lamp, bodies)
-            level += bare if share is None else bare * share
-        self._map = self._outward_in(self._lighting.table_albedo * level, bodies)
-
-    def seen_by(self, rays: Array32, world_from_camera: Array) -> Array32:
-        """(H, W, 2) camera rays x / z, y / z -> (H, W) grey levels of the table they end on."""
-        turn, eye = world_from_camera[:3, :3], world_from_camera[:3, 3]
-        fall = self._table.height_mm - eye[2]
-        # The table point over each ray is a homography of it: eye + fall * direction / direction_z.
-        x, y = rays[..., 0], rays[..., 1]
-        down = _linear(turn[2], x, y)
-        reach = np.float32(fall) / np.where(down * fall > 0, down, np.float32(np.nan))
-        column = (_linear(turn[0], x, y) * reach + np.float32(eye[0] - self._patch.low_mm[0])) / np.float32(TEXEL_MM)
-        row = (_linear(turn[1], x, y) * reach + np.float32(eye[1] - self._patch.low_mm[1])) / np.float32(TEXEL_MM)
-        far = np.float32(4 * self._patch.rows)
-        where = [np.asarray(np.clip(np.where(np.isnan(c), far, c), -far, far), np.float32) for c in (column, row)]
-        seen = cv2.remap(
-            self._map, where[0], where[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=FLOOR_LEVEL
-        )
-        return np.asarray(seen, np.float32)
-
-    def _lamp_on_table(self, lamp: Lamp) -> Array32:
-        steps = np.arange(self._patch.rows) * TEXEL_MM
-        dx = lamp.position_mm[0] - (self._patch.low_mm[0] + steps)[None, :]
-        dy = lamp.position_mm[1] - (self._patch.low_mm[1] + steps)[:, None]
-        dz = lamp.position_mm[2] - self._table.height_mm
-        squared = dx**2 + dy**2 + dz**2
-        return np.asarray(lamp.level * dz * LAMP_REFERENCE_MM**2 / squared**1.5, np.float32)
-
-    def _crowding(self, bodies: Sequence[Array]) -> Array32:
-        """(rows, columns) share of the ambient light kept off the table by bodies close over it."""
-        covered = np.zeros((self._patch.rows, self._patch.columns), np.uint8)
-        for corners in bodies:
-            gap_mm = corners[:, 2].min() - self._table.height_mm
-            near = np.clip(1.0 - gap_mm / CROWDING_HEIGHT_MM, 0.0, 1.0)
-            self._patch.fill(covered, corners[:, :2], int(255 * CROWDING * near))
-        return np.asarray(cv2.GaussianBlur(covered, (0, 0), CROWDING_MM / TEXEL_MM) / np.float32(255.0), np.float32)
-
-    def _outward_in(self, levels: Array32, bodies: Sequence[Array]) -> Array32:
-        """Give the hidden table under each body the levels just outside it, so that no texel straddles its foot."""
-        hidden = np.zeros(levels.shape, np.uint8)
-        for corners in bodies:
-            foot = corners[corners[:, 2] < self._table.height_mm + 1.0]
-            if len(foot) >= 3:
-                self._patch.fill(hidden, foot[:, :2], 1)
-        if not hidden.any():
-            return levels
-        open_to_light = 1.0 - hidden.astype(np.float32)
-        share = cv2.GaussianBlur(open_to_light, (0, 0), 1.5)
-        outside = cv2.GaussianBlur(levels * open_to_light, (0, 0), 1.5) / np.maximum(share, np.float32(1e-6))
-        return np.asarray(np.where((hidden > 0) & (share > 1e-4), outside, levels), np.float32)
 
 
 def _linear(row: Array, x: Array32, y: Array32) -> Array32:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from itertools import combinations
 
 import numpy as np
@@ -156,13 +157,11 @@ _MAKERS: dict[str, Callable[[], Shape]] = {
 }
 TAUGHT = ("cube", "pyramid", "triangular_prism", "pentagonal_prism")
 STRANGERS = ("hexagonal_prism", "l_block", "tetrahedron")
-_made: dict[str, Shape] = {}
 
 
+@cache
 def part_shape(label: str) -> Shape:
     """The shape of that name. Raises KeyError with the names there are."""
     if label not in _MAKERS:
         raise KeyError(f"no part named {label!r}; there are {', '.join(_MAKERS)}")
-    if label not in _made:
-        _made[label] = _MAKERS[label]()
-    return _made[label]
+    return _MAKERS[label]()

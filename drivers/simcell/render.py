@@ -6,8 +6,9 @@ Where things are comes from the caller; when, and what the sensor makes of it, i
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -143,13 +144,22 @@ def radiance(retina: Retina, world_from_cyclopean: Array, things: Sequence[Thing
     faces = [face for k, thing in enumerate(things) for face in _facing(thing, k, retina, world_from_camera)]
     if not faces:
         return image
-    whole, crossed = _sort_pixels(_nearest_at_corners(faces, retina), faces, retina.corners)
+    at_corners = _nearest(faces, retina.corners, lambda face: tuple(slice(s.start, s.stop + 1) for s in face.window))
+    whole, crossed = _sort_pixels(at_corners, faces, retina.corners)
     paint = _Painter(faces, world_from_camera, light)
     paint.fill(image, whole, retina.centres)
     rows, columns = np.nonzero(crossed)
     rays = retina.samples(rows, columns)
-    image[rows, columns] = paint.mix(image[rows, columns], _nearest_in_pixels(faces, rays, rows, columns), rays)
+    in_pixels = _nearest(faces, rays, lambda face: _inside(face.window, rows, columns))
+    image[rows, columns] = paint.mix(image[rows, columns], in_pixels, rays)
     return image
+
+
+def _inside(window: tuple[slice, slice], rows: NDArray[np.intp], columns: NDArray[np.intp]) -> NDArray[np.intp]:
+    down, across = window
+    return np.flatnonzero(
+        (rows >= down.start) & (rows < down.stop) & (columns >= across.start) & (columns < across.stop)
+    )
 
 
 def _facing(thing: Thing, body: int, retina: Retina, world_from_camera: Array) -> list[_Face]:
@@ -190,40 +200,20 @@ def _print_from_camera(thing: Thing, index: int, camera_from_solid: Array) -> Ar
     return inverse(camera_from_solid @ thing.pattern.solid_from_print).astype(np.float32)
 
 
-def _nearest_at_corners(faces: Sequence[_Face], retina: Retina) -> NDArray[np.int16]:
-    """(H + 1, W + 1) number of the face seen at each corner between pixels, NOTHING where only the table is."""
-    which = np.full(retina.corners.shape[:2], NOTHING, np.int16)
+def _nearest(faces: Sequence[_Face], rays: Array32, touched: Callable[[_Face], Any]) -> NDArray[np.int16]:
+    """(..., 2) rays -> (...) number of the face that each meets first, NOTHING where only the table is.
+
+    touched: gives the index of the rays that may meet a face.
+    """
+    which = np.full(rays.shape[:-1], NOTHING, np.int16)
     nearest = np.full(which.shape, np.inf, np.float32)
     for number, face in enumerate(faces):
-        rows, columns = face.window
-        here = slice(rows.start, rows.stop + 1), slice(columns.start, columns.stop + 1)
-        _put(number, face, retina.corners[here], which[here], nearest[here])
+        here = touched(face)
+        depth = face.depth(rays[here])
+        closer = face.covers(rays[here]) & (depth < nearest[here])
+        which[here] = np.where(closer, np.int16(number), which[here])
+        nearest[here] = np.where(closer, depth, nearest[here])
     return which
-
-
-def _nearest_in_pixels(
-    faces: Sequence[_Face], rays: Array32, rows: NDArray[np.intp], columns: NDArray[np.intp]
-) -> NDArray[np.int16]:
-    """(N, SAMPLES) number of the face that each sample ray of N pixels meets first, or NOTHING."""
-    which = np.full(rays.shape[:2], NOTHING, np.int16)
-    nearest = np.full(which.shape, np.inf, np.float32)
-    for number, face in enumerate(faces):
-        down, across = face.window
-        touched = np.flatnonzero(
-            (rows >= down.start) & (rows < down.stop) & (columns >= across.start) & (columns < across.stop)
-        )
-        found, depth = which[touched], nearest[touched]
-        _put(number, face, rays[touched], found, depth)
-        which[touched], nearest[touched] = found, depth
-    return which
-
-
-def _put(number: int, face: _Face, rays: Array32, which: NDArray[np.int16], nearest: Array32) -> None:
-    """Write the face's number where it covers a ray and is nearer than what stands there."""
-    depth = face.depth(rays)
-    closer = face.covers(rays) & (depth < nearest)
-    which[closer] = number
-    nearest[closer] = depth[closer]
 
 
 def _sort_pixels(

@@ -49,8 +49,19 @@ def turn_between(start: Array, end: Array) -> Array:
     return turn(axis, float(np.arctan2(sine, cosine)))
 
 
+def axis_and_angle(rotation: Array) -> tuple[Array, float]:
+    """(3, 3) -> unit axis (3,), angle in rad, 0 to pi."""
+    r = rotation
+    skew = np.array([r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]])
+    sine = float(np.linalg.norm(skew)) / 2
+    angle = float(np.arctan2(sine, (np.trace(r) - 1.0) / 2.0))
+    if sine > 1e-9:
+        return skew / (2 * sine), angle
+    outer = (r + np.eye(3)) / 2
+    k = int(np.argmax(np.diag(outer)))
+    return outer[:, k] / np.linalg.norm(outer[:, k]), angle
+
+
 def angle_of(rotation: Array) -> float:
     """Angle in rad, 0 to pi, of a (3, 3) or (4, 4) rotation."""
-    r = rotation[:3, :3]
-    sine = 0.5 * np.linalg.norm([r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]])
-    return float(np.arctan2(sine, (np.trace(r) - 1.0) / 2.0))
+    return axis_and_angle(rotation[:3, :3])[1]

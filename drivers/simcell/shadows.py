@@ -63,28 +63,28 @@ def lit_share(patch: Patch, lamp: Lamp, bodies: Sequence[Array]) -> Array32 | No
     spots = apply(patch.plane_from_world, _disc(lamp))
     above = [_above(apply(patch.plane_from_world, corners)) for corners in bodies]
     casting = [corners for corners in above if len(corners) and corners[:, 2].max() < spots[:, 2].min()]
-    casting = [corners for corners in casting if _may_reach(patch, corners, spots)]
-    if not casting:
+    thrown = [shadow for shadow in (_thrown(corners, spots) for corners in casting) if _may_reach(patch, shadow)]
+    if not thrown:
         return None
     dark, shaded = np.zeros((2, patch.rows, patch.columns), np.uint8)
-    for spot in spots:
+    for number in range(len(spots)):
         shaded[:] = 0
-        for corners in casting:
-            patch.fill(shaded, _thrown(corners, spot), 1)
+        for shadow in thrown:
+            patch.fill(shaded, shadow[number], 1)
         cv2.add(dark, shaded, dst=dark)
     return np.asarray(1.0 - dark / np.float32(SHADOW_RAYS), np.float32)
 
 
-def _thrown(corners: Array, spot: Array) -> Array:
-    """(V, 3) corners thrown from the (3,) spot onto the plane z = 0: (V, 2)."""
-    thrown: Array = spot[:2] + (corners[:, :2] - spot[:2]) * (spot[2] / (spot[2] - corners[:, 2:]))
+def _thrown(corners: Array, spots: Array) -> Array:
+    """(V, 3) corners thrown from (S, 3) spots onto the plane z = 0: (S, V, 2)."""
+    level, up = spots[:, None, :2], spots[:, None, 2:]
+    thrown: Array = level + (corners[:, :2] - level) * (up / (up - corners[:, 2:]))
     return thrown
 
 
-def _may_reach(patch: Patch, corners: Array, spots: Array) -> bool:
-    thrown = np.vstack([patch.texels(_thrown(corners, spot)) for spot in spots])
-    low, high = thrown.min(axis=0), thrown.max(axis=0)
-    return bool(np.all(high > 0) and np.all(low < [patch.columns, patch.rows]))
+def _may_reach(patch: Patch, thrown: Array) -> bool:
+    places = patch.texels(thrown)
+    return bool(np.all(places.max(axis=(0, 1)) > 0) and np.all(places.min(axis=(0, 1)) < [patch.columns, patch.rows]))
 
 
 def _above(corners: Array) -> Array:

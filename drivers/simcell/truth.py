@@ -31,6 +31,17 @@ class TruthError(Exception):
     """etc/simcell.yaml cannot be used: which file, which value, what was expected."""
 
 
+def rigid_matrix(rows: Matrix4) -> Array:
+    """Rows of a 4x4 -> array. Raises ValueError where it is no rigid transform to 1e-6."""
+    matrix = np.array(rows)
+    rotation = matrix[:3, :3]
+    if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-6 or np.linalg.det(rotation) < 0:
+        raise ValueError("the upper left 3x3 is no rotation")
+    if not np.array_equal(matrix[3], [0.0, 0.0, 0.0, 1.0]):
+        raise ValueError("the last row must be 0 0 0 1")
+    return matrix
+
+
 class EyeTruth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """One camera: as in calibration.yaml."""
 
@@ -38,8 +49,11 @@ class EyeTruth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     distortion: Distortion
     cyclopean_from_camera: Matrix4
 
+    def __post_init__(self) -> None:
+        rigid_matrix(self.cyclopean_from_camera)
+
     def eye(self) -> Eye:
-        """The camera as geometry. Raises ValueError where the pose is not rigid."""
+        """The camera as geometry."""
         return Eye(np.array(self.camera_matrix), np.array(self.distortion), rigid_matrix(self.cyclopean_from_camera))
 
 
@@ -53,6 +67,9 @@ class ArmTruth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     flange_from_tool: Matrix4
     joint_offset_deg: Six
     repeatability_mm: NotNegative
+
+    def __post_init__(self) -> None:
+        rigid_matrix(self.flange_from_tool)
 
 
 class Sensor(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -181,16 +198,8 @@ class Truth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     gripper: Gripper
     safety: Safety = Safety()
 
-
-def rigid_matrix(rows: Matrix4) -> Array:
-    """Rows of a 4x4 -> array. Raises ValueError where it is no rigid transform to 1e-6."""
-    matrix = np.array(rows)
-    rotation = matrix[:3, :3]
-    if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-6 or np.linalg.det(rotation) < 0:
-        raise ValueError("the upper left 3x3 is no rotation")
-    if not np.array_equal(matrix[3], [0.0, 0.0, 0.0, 1.0]):
-        raise ValueError("the last row must be 0 0 0 1")
-    return matrix
+    def __post_init__(self) -> None:
+        rigid_matrix(self.tool_from_cyclopean)
 
 
 def load_truth(path: Path | str) -> Truth:
@@ -203,15 +212,4 @@ def load_truth(path: Path | str) -> Truth:
         raise TruthError(f"{path}: {error}") from error
     if truth.version != 1:
         raise TruthError(f"{path}: version: expected 1, found {truth.version}")
-    transforms = {
-        "left.cyclopean_from_camera": truth.left.cyclopean_from_camera,
-        "right.cyclopean_from_camera": truth.right.cyclopean_from_camera,
-        "tool_from_cyclopean": truth.tool_from_cyclopean,
-        "arm.flange_from_tool": truth.arm.flange_from_tool,
-    }
-    for name, rows in transforms.items():
-        try:
-            rigid_matrix(rows)
-        except ValueError as error:
-            raise TruthError(f"{path}: {name}: {error}") from error
     return truth

@@ -52,10 +52,6 @@ class Witness:
         found = apply(closing.grip.tool_from_part_before, closing.part.shape.hull.vertices)
         return pose_error(expected_corners_tool_mm, found)
 
-    def pose_error(self, name: str, claimed_corners_world_mm: Array) -> tuple[float, float]:
-        """(mm, degrees) of a claimed pose, told by the part's corners (N, 3) in the world."""
-        return pose_error(claimed_corners_world_mm, self.corners(name))
-
 
 def pose_error(claimed_mm: Array, true_mm: Array) -> tuple[float, float]:
     """How far claimed corners (N, 3) are from the true (V, 3) ones they must mean: (mm at their middle, degrees).

@@ -99,7 +99,8 @@ class World:
 
     def stand(self, label: str, rest: int, x_mm: float, y_mm: float, turn_rad: float) -> PlacedPart:
         """Put a new part on the table on its rest-th stable face, turned about the vertical."""
-        return self.put(label, self._standing(part_shape(label).rests[rest], x_mm, y_mm, turn_rad))
+        foot = rigid(turn([0, 0, 1], turn_rad), [x_mm, y_mm, self._truth.table.height_mm])
+        return self.put(label, foot @ part_shape(label).rests[rest])
 
     def scatter(self, labels: Sequence[str], rng: np.random.Generator, gap_mm: float = 30.0) -> None:
         """Strew new parts over the table: any stable face, any turn, no two closer than gap_mm or as wide as fits."""
@@ -142,9 +143,8 @@ class World:
             tool_from_world = inverse(world_from_tool)
             near = [
                 part
-                for part in self._parts.values()
-                if part.where in (Where.TABLE, Where.STAND)
-                and reaches(part.shape, tool_from_world @ part.pose, self._truth.gripper)
+                for part in self._standing()
+                if reaches(part.shape, tool_from_world @ part.pose, self._truth.gripper)
             ]
             if self.held:
                 return
@@ -157,6 +157,10 @@ class World:
         with self._lock:
             self.gap_mm = self._truth.gripper.opening_mm
             return self._drop(self.held, world_from_tool) if self.held else None
+
+    def _standing(self) -> list[PlacedPart]:
+        """What the hand may meet: not what it holds, nor what is gone."""
+        return [part for part in self.parts if part.where in (Where.TABLE, Where.STAND)]
 
     def _set(self, part: PlacedPart) -> None:
         self._parts[part.name] = part
@@ -214,8 +218,8 @@ class World:
         tips = np.array([[0.0, side * outer, gripper.tip_mm] for side in (-1, 1)])
         if min(apply(pose, tips)[:, 2].min() for pose in way) < self._truth.table.height_mm:
             self.strikes.append("the fingers run into the table")
-        for part in self._parts.values():
-            if part.where in (Where.TABLE, Where.STAND) and any(self._strikes(part, pose) for pose in way):
+        for part in self._standing():
+            if any(self._strikes(part, pose) for pose in way):
                 self.strikes.append(f"{part.name}: a finger or the palm runs into it")
 
     def _strikes(self, part: PlacedPart, world_from_tool: Array) -> bool:
@@ -223,13 +227,8 @@ class World:
         near = np.linalg.norm(tool_from_part[:3, 3]) < HAND_REACH_MM + _reach_mm(part.shape)
         return bool(near) and strikes(part.shape, tool_from_part, self._truth.gripper)
 
-    def _standing(self, rest: Array, x_mm: float, y_mm: float, turn_rad: float) -> Array:
-        return rigid(turn([0, 0, 1], turn_rad), [x_mm, y_mm, self._truth.table.height_mm]) @ rest
-
     def _free_spots(self, reaches_mm: Sequence[float], rng: np.random.Generator, gap_mm: float) -> list[Array] | None:
-        taken = [
-            (part.pose[:2, 3], _reach_mm(part.shape)) for part in self.parts if part.where in (Where.TABLE, Where.STAND)
-        ]
+        taken = [(part.pose[:2, 3], _reach_mm(part.shape)) for part in self._standing()]
         spots: list[Array] = []
         table = self._truth.table
         for reach in reaches_mm:

@@ -25,7 +25,7 @@ from drivers.simcell.controller.expressions import MonitorError
 from drivers.simcell.controller.faults import Faults, Mishap
 from drivers.simcell.controller.machine import Machine
 from drivers.simcell.controller.manners import Manners
-from drivers.simcell.controller.terminal import Cancelled, Interrupt, Line, Terminal
+from drivers.simcell.controller.terminal import Key, Line, Terminal
 
 TYPE_AHEAD_LINES = 16
 KEPT_LINES = 1000
@@ -82,9 +82,9 @@ class Controller:
                 self._emit(echo)
             if isinstance(completed, Line):
                 self._take_line(completed.text)
-            elif isinstance(completed, Cancelled):
+            elif completed is Key.CANCEL:
                 self._again()
-            elif isinstance(completed, Interrupt):
+            elif completed is Key.INTERRUPT:
                 self.abort()
 
     def output(self, now_s: float) -> bytes:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import Enum, auto
 
 CANCEL_LINE, INTERRUPT = 0x15, 0x03
 RUBOUTS = (0x08, 0x7F)
@@ -18,14 +19,11 @@ class Line:
     text: str
 
 
-@dataclass(frozen=True)
-class Cancelled:
-    """The line was taken back."""
+class Key(Enum):
+    """CANCEL: the line was taken back. INTERRUPT: control-C, whatever is running shall stop."""
 
-
-@dataclass(frozen=True)
-class Interrupt:
-    """Control-C: whatever is running shall stop."""
+    CANCEL = auto()
+    INTERRUPT = auto()
 
 
 class Terminal:
@@ -42,7 +40,7 @@ class Terminal:
         """The line so far."""
         return self._typed.decode("ascii", "replace")
 
-    def take(self, byte: int) -> tuple[bytes, Line | Cancelled | Interrupt | None]:
+    def take(self, byte: int) -> tuple[bytes, Line | Key | None]:
         """One byte typed: what to echo, and what it completes."""
         if byte == CARRIAGE_RETURN:
             text = "?" if self._too_long else self.typed
@@ -52,10 +50,10 @@ class Terminal:
             return self._add(byte), None
         if byte == CANCEL_LINE:
             self.clear()
-            return b"^U\r\n", Cancelled()
+            return b"^U\r\n", Key.CANCEL
         if byte == INTERRUPT:
             self.clear()
-            return b"^C\r\n", Interrupt()
+            return b"^C\r\n", Key.INTERRUPT
         if byte in RUBOUTS:
             return self._rub_out(), None
         if not 0x20 <= byte <= 0x7E:

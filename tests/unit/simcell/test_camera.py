@@ -10,7 +10,7 @@ import pytest
 from daemon.store import places
 from drivers.camera.pair import CameraError
 from drivers.puma560 import READY_RAD, configuration_of
-from drivers.simcell.camera import Recogniser, SimulatedPair
+from drivers.simcell.camera import Scene, SimulatedPair
 from drivers.simcell.cell import SimulatedCell
 from drivers.simcell.parts import part_shape
 from drivers.simcell.render import Thing
@@ -40,10 +40,10 @@ def pair_of(speed_mm_s: float = 0.0, time_scale: float = 1.0) -> tuple[Simulated
     clock = Clock()
     cube = Thing(part_shape("cube").hull, rigid(np.eye(3), [520.0, 0.0, -275.0]), 0.85)
 
-    def sight(now_s: float) -> Recogniser:
+    def sight(now_s: float) -> Scene:
         pose: Array = OVERHEAD.copy()
         pose[0, 3] += speed_mm_s * (now_s - 100.0)
-        return Recogniser(pose, (cube,), 0)
+        return Scene(pose, (cube,), 0)
 
     pair = SimulatedPair(TRUTH, sight, np.random.default_rng(0), time_scale, clock, clock.sleep)
     pair.open()

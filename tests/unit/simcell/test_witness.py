@@ -24,7 +24,7 @@ def test_the_witness_tells_a_claimed_pose_from_the_true_one() -> None:
     middle = truth.mean(axis=0)
     off = rigid(turn([1, 2, 3], np.radians(1.5)), [0.0, 0.0, 0.0])
     claimed = apply(off, truth[:7] - middle) + middle + np.array([0.6, -0.8, 0.0])
-    mm, deg = witness.pose_error(part.name, claimed)
+    mm, deg = pose_error(claimed, witness.corners(part.name))
     assert deg == pytest.approx(1.5, abs=1e-6)
     assert mm == pytest.approx(1.0, abs=0.5)
     assert pose_error(truth, truth) == pytest.approx((0.0, 0.0), abs=1e-6)
