@@ -26,9 +26,10 @@ from daemon.vision.values import Polygon
 
 Array = NDArray[np.float64]
 
-_TURNS = np.linspace(-0.8, 0.8, 97)
-_MOST_TRIED = 8
-_EDGE_PX = 4.0
+# Set by eye on the rendered scenes.
+_TURNS = np.linspace(-0.8, 0.8, 97)  # disparity by distance from the hinge
+_MOST_TRIED = 8  # outlines of an eye
+_EDGE_PX = 4.0  # ends of a side and of a known facet's are one: D'Souza's tolerance (section 5.1)
 _REACH_PX, _SIGMA_PX = 2.0, 1.5
 
 

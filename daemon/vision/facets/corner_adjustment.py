@@ -16,9 +16,9 @@ from daemon.vision.image.edge_lines import Sides
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
-PLANE_MM = 0.02
-_MODEL_PX = 0.02
-_OUTLIER = 3.0
+PLANE_MM = 0.02  # how flat a real facet is
+_MODEL_PX = 0.02  # how far a real side is from a straight line; both set by eye
+_OUTLIER = 3.0  # sigmas at which a side counts a quarter
 _ROUNDS = 6
 
 

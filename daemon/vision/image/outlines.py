@@ -20,12 +20,19 @@ from daemon.vision.settings import VisionSettings
 
 Array = NDArray[np.float64]
 
+# All set by eye on the rendered scenes; tests/bench/facets.py shows what each does to facets found and missed.
 _FIRST_REACH_PX, _SECOND_REACH_PX = 4.0, 1.5
-_INSIDE_PX, _UNSURE_PX = 1.2, 1.2  # per px of the scale: how far inside its edges a region ends
+"""How far from a rough side, and from a side once moved, the gradient is looked for."""
+_INSIDE_PX, _UNSURE_PX = 1.2, 1.2
+"""How far inside its edges a region ends, and how sure that is: per px of the scale."""
 _DOUBTFUL_SIDE, _DOUBTFUL_PX = 0.6, 12.0
+"""A side shorter than this share of the median side, or than this, may be none."""
 _SAME_PX, _SAME_SIDE_PX = 2.0, 0.6
-_PER_SHRINK = 0.03  # of its area that a region may be eaten into before the next coarser scale is taken for cleaner
-_ALIKE_APART, _ALIKE_RATIO = 0.2, (0.55, 1.8)  # of their size, and of their areas: readings of one region
+"""Corners, and ends of sides, this near are one."""
+_PER_SHRINK = 0.03
+"""Share of its area that a region may be eaten into before the next coarser scale is taken for cleaner."""
+_ALIKE_APART, _ALIKE_RATIO = 0.2, (0.55, 1.8)
+"""Readings of one region: middles this near, in roots of their area, and areas in this ratio."""
 
 
 @dataclass(frozen=True, eq=False)
