@@ -85,7 +85,7 @@ def _best_few(matches: list[Match], left: Sequence[Outline], right: Sequence[Out
     kept: list[Match] = []
     shapes: list[tuple[Shape, Shape]] = []
     for m in sorted(matches, key=rank):
-        both = Shape.of(left[m.left].corners), Shape.of(right[m.right].corners)
+        both = left[m.left].shape, right[m.right].shape
         alike = sum(both[0].union(s[0]) > _SAME_UNION or both[1].union(s[1]) > _SAME_UNION for s in shapes)
         if alike < _FEW:
             kept.append(m)

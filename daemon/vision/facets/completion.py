@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from daemon.vision.facets.candidates import Candidate, candidate, flatness_sigmas
 from daemon.vision.facets.grouping import same_edges
-from daemon.vision.geometry.polygon import Shape
 from daemon.vision.geometry.polygon_batch import areas, rings
 from daemon.vision.geometry.rectified import Baseline
 from daemon.vision.image.both_eyes import Eyes
@@ -61,11 +60,10 @@ def complete(chosen: list[Candidate], eyes: Eyes, settings: VisionSettings) -> l
 
 def _hinge(outline: Outline, known: list[Candidate], is_left: bool) -> _Hinge | None:
     """A side shared with a known facet, unless the outline covers one."""
-    shape = Shape.of(outline.corners)
     found = None
     for c in known:
         own, far = (c.left.polygon, c.right.polygon) if is_left else (c.right.polygon, c.left.polygon)
-        if shape.covers(c.left_shape if is_left else c.right_shape) > 0.25:
+        if outline.shape.covers(c.left_shape if is_left else c.right_shape) > 0.25:
             return None
         found = found or _common_side(outline.corners, own, far)
     return found

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.vision.geometry.polygon import Point, drop_side, is_simple, tidy
+from daemon.vision.geometry.polygon import Point, Shape, drop_side, is_simple, tidy
 from daemon.vision.geometry.polygon_batch import Rings, areas, convex, different, met, rings
 from daemon.vision.image.edge_lines import find_sides, probe_sides
 from daemon.vision.image.regions import Border, Image32, Region, RoughPolygon
@@ -47,6 +48,11 @@ class Outline:
     strength: Array
     seen: Array
     support: float
+
+    @cached_property
+    def shape(self) -> Shape:
+        """Its corners made ready for many comparisons."""
+        return Shape.of(self.corners)
 
 
 @dataclass(frozen=True, eq=False)
