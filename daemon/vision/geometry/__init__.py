@@ -1,0 +1,1 @@
+"""Cameras, rays, planes, polygons, rigid fits, as arrays. No pixel is read, nothing has a name."""
