@@ -20,11 +20,14 @@ from daemon.vision.values import Facet, Polygon
 
 Array = NDArray[np.float64]
 
-_FEW = 2
-_COVERED = 0.25
+# Set by eye on the rendered scenes, like the shares in choose() and what it calls.
+_FEW = 2  # pairs of much the same region that are fitted
+_COVERED = 0.25  # of the smaller: more than that, and the two cannot both be there
 _MODEL_RAD = 2e-3  # a corner may be this much of its distance off, where another edge runs close by
-_PER_CORNER = 0.05
+_PER_CORNER = 0.05  # of worth, that each corner must bring
 _BENT = float(np.radians(10))
+_SAME_UNION = 0.7  # of two outlines' union that both cover: much the same region
+_PER_PX = 0.1  # of worth, that a px of mismatch between the eyes takes
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +60,7 @@ def find_candidates(eyes: Eyes, settings: VisionSettings) -> list[Candidate]:
     for m, a, b in zip(matches, *fits, strict=True):
         if a is not None and b is not None:
             support = min(left[m.left].support, right[m.right].support)
-            made = candidate(a, b.rolled(m.shift), support - 0.1 * m.cost, eyes.geometry)
+            made = candidate(a, b.rolled(m.shift), support - _PER_PX * m.cost, eyes.geometry)
             if made.facet.epipolar_px.max() < settings.max_epipolar_px:
                 candidates.append(made)
     return candidates
@@ -77,13 +80,13 @@ def _best_few(matches: list[Match], left: Sequence[Outline], right: Sequence[Out
 
     def rank(m: Match) -> float:
         support = min(left[m.left].support, right[m.right].support)
-        return m.cost * 0.1 + _PER_CORNER * len(left[m.left].corners) - support
+        return m.cost * _PER_PX + _PER_CORNER * len(left[m.left].corners) - support
 
     kept: list[Match] = []
     shapes: list[tuple[Shape, Shape]] = []
     for m in sorted(matches, key=rank):
-        both = Shape.of(left[m.left].corners), Shape.of(right[m.right].corners)
-        alike = sum(both[0].union(s[0]) > 0.7 or both[1].union(s[1]) > 0.7 for s in shapes)
+        both = left[m.left].shape, right[m.right].shape
+        alike = sum(both[0].union(s[0]) > _SAME_UNION or both[1].union(s[1]) > _SAME_UNION for s in shapes)
         if alike < _FEW:
             kept.append(m)
             shapes.append(both)

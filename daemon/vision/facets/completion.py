@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from daemon.vision.facets.candidates import Candidate, candidate, flatness_sigmas
 from daemon.vision.facets.grouping import same_edges
-from daemon.vision.geometry.polygon import Shape
 from daemon.vision.geometry.polygon_batch import areas, rings
 from daemon.vision.geometry.rectified import Baseline
 from daemon.vision.image.both_eyes import Eyes
@@ -26,9 +25,10 @@ from daemon.vision.values import Polygon
 
 Array = NDArray[np.float64]
 
-_TURNS = np.linspace(-0.8, 0.8, 97)
-_MOST_TRIED = 8
-_EDGE_PX = 4.0
+# Set by eye on the rendered scenes.
+_TURNS = np.linspace(-0.8, 0.8, 97)  # disparity by distance from the hinge
+_MOST_TRIED = 8  # outlines of an eye
+_EDGE_PX = 4.0  # ends of a side and of a known facet's are one: D'Souza's tolerance (section 5.1)
 _REACH_PX, _SIGMA_PX = 2.0, 1.5
 
 
@@ -60,11 +60,10 @@ def complete(chosen: list[Candidate], eyes: Eyes, settings: VisionSettings) -> l
 
 def _hinge(outline: Outline, known: list[Candidate], is_left: bool) -> _Hinge | None:
     """A side shared with a known facet, unless the outline covers one."""
-    shape = Shape.of(outline.corners)
     found = None
     for c in known:
         own, far = (c.left.polygon, c.right.polygon) if is_left else (c.right.polygon, c.left.polygon)
-        if shape.covers(c.left_shape if is_left else c.right_shape) > 0.25:
+        if outline.shape.covers(c.left_shape if is_left else c.right_shape) > 0.25:
             return None
         found = found or _common_side(outline.corners, own, far)
     return found

@@ -16,9 +16,9 @@ from daemon.vision.image.edge_lines import Sides
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
-PLANE_MM = 0.02
-_MODEL_PX = 0.02
-_OUTLIER = 3.0
+PLANE_MM = 0.02  # how flat a real facet is
+_MODEL_PX = 0.02  # how far a real side is from a straight line; both set by eye
+_OUTLIER = 3.0  # sigmas at which a side counts a quarter
 _ROUNDS = 6
 
 
@@ -77,6 +77,7 @@ def settle(
     half = geometry.length_mm / 2
     both = EdgeObservations(*(np.concatenate([getattr(e, f.name) for e in (left, right)]) for f in fields(left)))
     shift_mm = np.repeat([half, -half], [len(left.ends), len(right.ends)])
+    by_size = [np.stack([p for p in planes if len(p) == k]) for k in sorted({len(p) for p in planes})]
     trust = both.weight
     for turn_number in range(_ROUNDS):
         residual, jacobian = _offsets(points, both, shift_mm)
@@ -87,8 +88,8 @@ def settle(
         gradient = weighted.T @ residual.ravel()
         if turn_number >= 1:
             trust = both.weight / (1 + size / _OUTLIER**2 / max(1.0, squares / max(say, 1.0))) ** 2
-        for plane in planes:
-            _flatten(hessian, gradient, points, plane)
+        for alike in by_size:
+            _flatten(hessian, gradient, points, alike)
         step = np.linalg.solve(hessian, gradient)
         points = points - step.reshape(-1, 3)
         if turn_number >= 3 and np.abs(step).max() < 1e-4:
@@ -117,14 +118,16 @@ def _offsets(points: Array, seen: EdgeObservations, shift_mm: Array) -> tuple[Ar
     return np.einsum("sij,sj->si", seen.whiten, toward + c), jacobian.transpose(0, 2, 1, 3).reshape(len(w), 2, 3 * n)
 
 
-def _flatten(hessian: Array, gradient: Array, points: Array, plane: Index) -> None:
-    """Add the condition that these corners lie on some plane, free to move and tilt, in place."""
-    p = points[plane]
-    centred = p - p.mean(0)
+def _flatten(hessian: Array, gradient: Array, points: Array, planes: Index) -> None:
+    """Add the condition that the corners of each plane (P, K) lie on some plane, free to move and tilt, in place."""
+    p = points[planes]
+    count, k = planes.shape
+    centred = p - p.mean(1, keepdims=True)
     own, _, axes = np.linalg.svd(centred, full_matrices=False)
-    out_of_plane = np.eye(len(p)) - 1 / len(p) - own[:, :2] @ own[:, :2].T
-    j = (out_of_plane[:, :, None] * axes[2]).reshape(len(p), -1) / PLANE_MM
-    residual = out_of_plane @ (centred @ axes[2]) / PLANE_MM
-    columns = (plane[:, None] * 3 + np.arange(3)).ravel()
-    hessian[np.ix_(columns, columns)] += j.T @ j
-    gradient[columns] += j.T @ residual
+    out_of_plane = np.eye(k) - 1 / k - own[:, :, :2] @ np.swapaxes(own[:, :, :2], 1, 2)
+    normal = axes[:, 2]
+    j = (out_of_plane[..., None] * normal[:, None, None]).reshape(count, k, -1) / PLANE_MM
+    residual = out_of_plane @ (centred @ normal[..., None]) / PLANE_MM
+    columns = (planes[:, :, None] * 3 + np.arange(3)).reshape(count, -1)
+    np.add.at(hessian, (columns[:, :, None], columns[:, None]), np.swapaxes(j, 1, 2) @ j)
+    np.add.at(gradient, columns, (np.swapaxes(j, 1, 2) @ residual)[..., 0])

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.vision.geometry.rectified import Baseline
+from daemon.vision.geometry.rectified import Baseline, Eye
 from daemon.vision.settings import VisionSettings
 
 Array = NDArray[np.float64]
@@ -30,29 +30,28 @@ class Match:
     cost: float
 
 
-def match_polygons(left: list[Array], right: list[Array], rig: Baseline, settings: VisionSettings) -> list[Match]:
+def match_polygons(left: list[Array], right: list[Array], geometry: Baseline, settings: VisionSettings) -> list[Match]:
     """Every match that epipolar lines, depth range and planarity allow, cheapest first.
 
     left, right: corners (N, 2) px of each polygon, anticlockwise as seen.
     """
     if not left or not right:
         return []
-    ideal_left, ideal_right = _ideal(left, rig.left.ideal), _ideal(right, rig.right.ideal)
+    ideal_left, ideal_right = _ideal(left, geometry.left), _ideal(right, geometry.right)
     one, other = _summary(ideal_left), _summary(ideal_right)
-    band = settings.search_epipolar_px / rig.left.focal_px
+    band = settings.search_epipolar_px / geometry.left.focal_px
     gap = np.abs(one[:, None, 1:] - other[None, :, 1:]).max(2)
     same = one[:, None, 0] == other[None, :, 0]
     found = []
     for i, j in np.argwhere(same & (gap < band)):
-        best = _best_shift(ideal_left[i], ideal_right[j], rig, settings)
+        best = _best_shift(ideal_left[i], ideal_right[j], geometry, settings)
         if best is not None:
             found.append(Match(int(i), int(j), *best))
     return sorted(found, key=lambda m: m.cost)
 
 
-def _ideal(polygons: list[Array], convert: object) -> list[Array]:
-    assert callable(convert)
-    every = convert(np.concatenate(polygons))
+def _ideal(polygons: list[Array], eye: Eye) -> list[Array]:
+    every = eye.ideal(np.concatenate(polygons))
     return list(np.split(every, np.cumsum([len(p) for p in polygons])[:-1]))
 
 
@@ -61,20 +60,20 @@ def _summary(polygons: list[Array]) -> Array:
     return np.array([(len(p), p[:, 1].min(), p[:, 1].max()) for p in polygons])
 
 
-def _best_shift(a: Array, b: Array, rig: Baseline, settings: VisionSettings) -> tuple[int, float] | None:
+def _best_shift(a: Array, b: Array, geometry: Baseline, settings: VisionSettings) -> tuple[int, float] | None:
     nearest, farthest = settings.depth_range_mm
     n = len(a)
     order = (np.arange(n)[:, None] + np.arange(n)) % n
-    off = (a[None, :, 1] - b[order, 1]) * rig.left.focal_px
+    off = (a[None, :, 1] - b[order, 1]) * geometry.left.focal_px
     disparity = a[None, :, 0] - b[order, 0]
     possible = (
         (np.abs(off).max(1) < settings.search_epipolar_px)
-        & (disparity.min(1) > rig.length_mm / farthest)
-        & (disparity.max(1) < rig.length_mm / nearest)
+        & (disparity.min(1) > geometry.length_mm / farthest)
+        & (disparity.max(1) < geometry.length_mm / nearest)
     )
     best: tuple[int, float] | None = None
     for shift in np.flatnonzero(possible):
-        warp = _plane_residual(a, disparity[shift]) * rig.left.focal_px
+        warp = _plane_residual(a, disparity[shift]) * geometry.left.focal_px
         cost = float(np.sqrt(np.mean(off[shift] ** 2) + np.mean(warp**2)))
         if warp.max() < settings.search_epipolar_px and (best is None or cost < best[1]):
             best = int(shift), cost

@@ -45,17 +45,19 @@ def converging(rig: StereoRig) -> Converging:
     return Converging(rig.baseline_mm, focal, fixation, seen[order], (seen - truth)[order])
 
 
-def by_formula(left_px: Array, right_px: Array, rig: StereoRig, eyes: Converging, compensated: bool = False) -> Array:
+def by_formula(
+    left_px: Array, right_px: Array, rig: StereoRig, constants: Converging, compensated: bool = False
+) -> Array:
     """Points (N, 3) mm, cyclopean, from matched distorted px (N, 2) by equation (2.3).
 
     compensated: depth less the error interpolated, piecewise linearly, between the readings (section 4.2.4).
     """
-    left, right = rig.left.normalised(left_px) * eyes.focal_px, rig.right.normalised(right_px) * eyes.focal_px
-    p = left[:, 0] - right[:, 0] + eyes.focal_px * eyes.baseline_mm / eyes.fixation_mm
+    left, right = rig.left.normalised(left_px) * constants.focal_px, rig.right.normalised(right_px) * constants.focal_px
+    p = left[:, 0] - right[:, 0] + constants.focal_px * constants.baseline_mm / constants.fixation_mm
     p = np.where(np.abs(p) < 1e-6, 1e-6, p)
-    z = eyes.baseline_mm * eyes.focal_px / p
+    z = constants.baseline_mm * constants.focal_px / p
     if compensated:
-        z = z - np.interp(z, eyes.at_mm, eyes.error_mm)
-    x = z * (left[:, 0] + right[:, 0]) / (2 * eyes.focal_px)
-    y = z * (left[:, 1] + right[:, 1]) / (2 * eyes.focal_px)
+        z = z - np.interp(z, constants.at_mm, constants.error_mm)
+    x = z * (left[:, 0] + right[:, 0]) / (2 * constants.focal_px)
+    y = z * (left[:, 1] + right[:, 1]) / (2 * constants.focal_px)
     return np.stack([x, y, z], 1)

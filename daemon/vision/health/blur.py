@@ -14,12 +14,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from daemon.vision.image.grey import BLOCK_PX, block_means
+
 A_PX, B_PX = 1.0, 2.0
 SOBEL_VAR, PIXEL_VAR = 0.5, 1.0 / 12.0
 """Blur (px^2) that a 3x3 Sobel mask adds along the gradient, and that a square pixel has anyway."""
 DIRECTIONS = 6
 LEAST_EDGES = 40
-BLOCK_PX, LEAST_CHANGE = 8, 1.2
+LEAST_CHANGE = 1.2
 """Where means of such blocks differ from their neighbours' by fewer grey levels a block, there is no clear edge."""
 MOST_PX = 12.0
 """Blur beyond which the two slopes are too alike to tell more."""
@@ -51,8 +53,8 @@ def _slopes(image: NDArray[np.float32], sigma: float) -> tuple[NDArray[np.float3
 
 def _busy(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """The part of an image in which grey levels change at all, with room for the blurs; all of it where none does."""
-    blocks = cv2.resize(image, None, fx=1 / BLOCK_PX, fy=1 / BLOCK_PX, interpolation=cv2.INTER_AREA).astype(np.float32)
-    across, down = (np.abs(cv2.Sobel(blocks, cv2.CV_32F, dx, 1 - dx, ksize=3, scale=0.125)) for dx in (1, 0))
+    blocks = block_means(image)
+    across, down = (np.abs(cv2.Sobel(blocks, cv2.CV_64F, dx, 1 - dx, ksize=3, scale=0.125)) for dx in (1, 0))
     rows, columns = (np.flatnonzero((np.maximum(across, down) > LEAST_CHANGE).any(axis)) for axis in (1, 0))
     if not len(rows):
         return image

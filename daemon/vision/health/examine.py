@@ -10,17 +10,16 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from daemon.vision.geometry.rig import StereoRig
 from daemon.vision.health.blur import measure_blur
 from daemon.vision.health.camera_order import Assignment, assignment
+from daemon.vision.image.grey import SATURATED, block_means
 from daemon.vision.values import Scene
 
 Image = NDArray[np.uint8]
-BLOCK_PX = 8
 Pair = tuple[Image, Image]
 
 
@@ -120,10 +119,7 @@ def examine(
 
 def _contrast(image: Image) -> float:
     """Grey levels between the darkest and the brightest parts of an image, noise averaged out."""
-    rows, columns = (n // BLOCK_PX for n in image.shape)
-    cut = image[: rows * BLOCK_PX, : columns * BLOCK_PX]
-    blocks = cv2.resize(cut, (columns, rows), interpolation=cv2.INTER_AREA)
-    return float(np.ptp(np.percentile(blocks, [2, 98])))
+    return float(np.ptp(np.percentile(block_means(image), [2, 98])))
 
 
 def _image(eye: str, image: Image, contrast: float, other_contrast: float) -> Iterator[Finding]:
@@ -139,7 +135,7 @@ def _image(eye: str, image: Image, contrast: float, other_contrast: float) -> It
     yield Finding("covered", eye, contrast, not covered)
     if plain:
         return
-    yield _finding("saturation", eye, 100.0 * float(np.mean(image >= 250)))
+    yield _finding("saturation", eye, 100.0 * float(np.mean(image >= SATURATED)))
     yield _finding("darkness", eye, bright)
     yield _finding("torn", eye, _tear(image))
 

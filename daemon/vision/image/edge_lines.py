@@ -31,9 +31,12 @@ Image32 = NDArray[np.float32]
 
 # Set by eye on rendered sides, like the other numbers here that name no source.
 _TRIM_PX = 4.0
+"""Left out at either end of a side, where its neighbour is in view."""
 _FIRST_SPACING_PX = 3.0
 _FAINT_BLOCK = 0.4
+"""A stretch of a side that shows less than this share of the side's mean slope shows no edge."""
 _BESIDE_PX = 8.5
+"""How far to either hand shading and grain are compared."""
 _ROW_PX = float(np.sqrt(4 * np.pi) * SMOOTHING_PX)
 """How far apart rows of a smoothed image are whose noise is as good as independent."""
 _SLOPE_NOISE = float(np.sqrt(2 * (1 - np.exp(-0.25 / SMOOTHING_PX**2)) / (4 * np.pi)) / SMOOTHING_PX)

@@ -16,6 +16,7 @@ Array = NDArray[np.float64]
 
 SMALLEST_PX = 32
 SATURATED = 250
+BLOCK_PX = 8
 _BIN = 8
 _SIZES = 256
 _FEWEST = 40
@@ -58,6 +59,13 @@ def check_size(image: Grey, expected: tuple[int, int], name: str = "image") -> N
 
 def _size(image: NDArray[Any]) -> str:
     return f"{image.shape[1]}x{image.shape[0]} px"
+
+
+def block_means(image: Grey) -> Array:
+    """(H, W) grey -> (H // 8, W // 8) means of 8x8 px blocks: noise averages out in one, an edge still shows."""
+    rows, columns = (n // BLOCK_PX for n in image.shape)
+    cut = image[: rows * BLOCK_PX, : columns * BLOCK_PX].astype(np.float32)
+    return np.asarray(cv2.resize(cut, (columns, rows), interpolation=cv2.INTER_AREA), float)
 
 
 @dataclass(frozen=True, eq=False)

@@ -29,8 +29,9 @@ from daemon.vision.settings import VisionSettings
 
 @dataclass(frozen=True, eq=False)
 class OneEye:
-    """One eye's camera and its checked image (H, W); scales by their shrink, closed regions by scale
-    and level, searches for outlines by their effort, and what was fitted to outlines."""
+    """One eye's camera and its checked image (H, W); scales by their shrink, closed regions by scale and
+    level, searches for outlines by their effort, and what was fitted to outlines.
+    """
 
     eye: Eye
     grey: Grey
@@ -74,7 +75,9 @@ class OneEye:
         """Outlines of what the image shows, best supported first. A further effort goes on from the one before."""
         if settings not in self.searches:
             before = next(reversed(self.searches.values()), Search())
-            self.searches[settings] = find_outlines(self.smooth, self.grain, self._regions(settings), before, settings)
+            regions = self._regions(settings)
+            search = find_outlines(self.smooth, self.grain, regions, before, settings) if regions else before
+            self.searches[settings] = search
         return self.searches[settings].outlines
 
     def _regions(self, settings: VisionSettings) -> list[Region]:

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.vision.geometry.polygon import Point, drop_side, is_simple, tidy
+from daemon.vision.geometry.polygon import Point, Shape, drop_side, is_simple, tidy
 from daemon.vision.geometry.polygon_batch import Rings, areas, convex, different, met, rings
 from daemon.vision.image.edge_lines import find_sides, probe_sides
 from daemon.vision.image.regions import Border, Image32, Region, RoughPolygon
@@ -20,12 +21,19 @@ from daemon.vision.settings import VisionSettings
 
 Array = NDArray[np.float64]
 
+# All set by eye on the rendered scenes; tests/bench/facets.py shows what each does to facets found and missed.
 _FIRST_REACH_PX, _SECOND_REACH_PX = 4.0, 1.5
-_INSIDE_PX, _UNSURE_PX = 1.2, 1.2  # per px of the scale: how far inside its edges a region ends
+"""How far from a rough side, and from a side once moved, the gradient is looked for."""
+_INSIDE_PX, _UNSURE_PX = 1.2, 1.2
+"""How far inside its edges a region ends, and how sure that is: per px of the scale."""
 _DOUBTFUL_SIDE, _DOUBTFUL_PX = 0.6, 12.0
+"""A side shorter than this share of the median side, or than this, may be none."""
 _SAME_PX, _SAME_SIDE_PX = 2.0, 0.6
-_PER_SHRINK = 0.03  # of its area that a region may be eaten into before the next coarser scale is taken for cleaner
-_ALIKE_APART, _ALIKE_RATIO = 0.2, (0.55, 1.8)  # of their size, and of their areas: readings of one region
+"""Corners, and ends of sides, this near are one."""
+_PER_SHRINK = 0.03
+"""Share of its area that a region may be eaten into before the next coarser scale is taken for cleaner."""
+_ALIKE_APART, _ALIKE_RATIO = 0.2, (0.55, 1.8)
+"""Readings of one region: middles this near, in roots of their area, and areas in this ratio."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +48,11 @@ class Outline:
     strength: Array
     seen: Array
     support: float
+
+    @cached_property
+    def shape(self) -> Shape:
+        """Its corners made ready for many comparisons."""
+        return Shape.of(self.corners)
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,9 +18,10 @@ from daemon.vision.values import Polygon
 
 Array = NDArray[np.float64]
 
-_FARTHEST_PX = 6.0
+# Set by eye on the rendered scenes.
+_FARTHEST_PX = 6.0  # from its outline a fitted corner may be
 _SHORTEST_PX = 4.0
-_SAME_PX = 1.0
+_SAME_PX = 1.0  # sides whose ends are this near are fitted once
 MODEL_PX = 0.04  # how far a real side is from a blurred step between even faces
 
 

@@ -23,15 +23,22 @@ Image32 = NDArray[np.float32]
 Border = NDArray[np.int32]
 
 SMOOTHING_PX = 1.0
-_LEAST_SOLIDITY, _CONVEX_SOLIDITY = 0.55, 0.88
 _KERNEL = (7, 7)
+# Set by eye on the rendered scenes, where no source is named.
+_LEAST_SOLIDITY, _CONVEX_SOLIDITY = 0.55, 0.88
+"""Share of its hull that a region must fill, and that one fills whose border is convex but for noise."""
 _LEAST_AREA, _LEAST_BORDER = 12.0, 10
-_SPECKLED = 0.3  # of the pixels: what is more than a part's edges
-_MOST_HOLES = 100
-_LEAST_EXTENT = 12
-_WINDOW_RIM_PX = 12
+"""Pixels of its scale in a region, and in its border."""
+_SPECKLED = 0.3
+"""Share of pixels on edges that is more than parts have: grain, print, a rough table."""
+_MOST_HOLES = 60
+"""Regions followed among specks: half as many again as one level of a scale may give."""
+_LEAST_EXTENT, _WINDOW_RIM_PX = 12, 12
+"""Width and height together of edges that are more than noise; room left about them, px."""
 _TILES, _QUIET = 8, 20
+"""The noise is read off the tiles, so many each way, whose gradient is in the lowest so many hundredths."""
 _RAYLEIGH_MEDIAN, _MOST_GRAIN = 1.177, 1.7
+"""Median size of a gradient whose components are unit noise; more grain than this is texture."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,6 +198,5 @@ def _holes_among_specks(edges: NDArray[np.uint8], least: float) -> list[Border]:
         x, y, width, height = stats[k, :4].tolist()
         outside = (labels[y - 1 : y + height + 1, x - 1 : x + width + 1] != k).astype(np.uint8)
         borders, tree = cv2.findContours(outside, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE, offset=(x - 2, y - 2))
-        inner = [borders[i] for i in np.flatnonzero(np.asarray(tree)[0, :, 3] >= 0).tolist()]
-        found.append(np.asarray(max(inner, key=cv2.contourArea), np.int32))
+        found.append(np.asarray(borders[int(np.argmax(np.asarray(tree)[0, :, 3] >= 0))], np.int32))
     return found

@@ -25,7 +25,9 @@ _MIDDLE = _SHARE @ OFFSETS
 _LEVER = _FAR * (OFFSETS - _MIDDLE[:, None])
 _LEVER2 = np.sum(_LEVER**2, 1)
 _SLOPE_SIGMAS = 2.0
+"""A slope across a face counts the less the nearer it is to so many of its own sigmas; set by eye."""
 _CLIPPED = 247.0
+"""Mean grey level of a face whose brightest pixels are cut off."""
 _HEIGHTS = np.geomspace(1.0, 2.5, 14)
 _SHIFTS_PX = np.linspace(-0.75, 0.75, 31)
 

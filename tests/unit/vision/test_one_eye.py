@@ -1,0 +1,46 @@
+"""An eye is prepared once: whatever was made for one effort is there for the next."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from painted import paint_pair, rig
+from solids import CUBE, pose
+
+from daemon.vision.image.both_eyes import open_eyes
+from daemon.vision.image.grey import VisionError
+from daemon.vision.image.one_eye import OneEye
+from daemon.vision.settings import VisionSettings
+
+
+def cube_seen() -> OneEye:
+    direction = np.array([0.45, 0.6, -0.66])
+    return open_eyes(*paint_pair([(CUBE, pose(direction, 0.4))], np.random.default_rng(11)), rig()).left
+
+
+def test_the_full_effort_keeps_what_the_brief_one_found() -> None:
+    view, full = cube_seen(), VisionSettings()
+    brief = view.outlines(full.brief())
+    fits = view.fits(brief)
+    assert len(brief) >= 3
+    assert set(brief) <= set(view.outlines(full))
+    assert all(a is b for a, b in zip(view.fits(brief), fits, strict=True))
+
+
+def test_nothing_is_measured_before_it_is_asked_for_and_nothing_twice() -> None:
+    view = cube_seen()
+    assert not {"noise", "unit", "smooth", "image"} & set(vars(view))
+    assert view.smooth is view.smooth
+    assert view.scale(2) is view.scale(2)
+
+
+def test_an_eye_that_sees_nothing_is_not_smoothed() -> None:
+    grey = np.random.default_rng(2).normal(120, 2, (480, 640)).round().astype(np.uint8)
+    view = OneEye(cube_seen().eye, grey)
+    assert view.outlines(VisionSettings()) == ()
+    assert "smooth" not in vars(view)
+
+
+def test_a_pair_of_another_size_than_calibrated_is_refused() -> None:
+    with pytest.raises(VisionError, match="right image: expected 640x480"):
+        open_eyes(np.zeros((480, 640), np.uint8), np.zeros((300, 640), np.uint8), rig())

@@ -1,0 +1,34 @@
+"""Closed regions among edges and specks."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from daemon.vision.image.regions import Scale, _holes, _holes_among_specks, closed_regions
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_regions_among_specks_have_the_borders_that_following_every_border_gives(seed: int) -> None:
+    grain = cv2.GaussianBlur(np.random.default_rng(seed).random((90, 120)), (5, 5), 1.0)
+    edges = (grain > 0.48).astype(np.uint8)
+    edges[30:60, 40:80] = 0
+    edges[28:62, 38:40] = edges[28:62, 80:82] = edges[28:30, 38:82] = edges[60:62, 38:82] = 1
+
+    def large(borders: list[np.ndarray]) -> set[bytes]:
+        return {np.asarray(b, np.int32).tobytes() for b in borders if cv2.contourArea(b) >= 30}
+
+    every = large(_holes(edges))
+    assert len(every) > 1
+    assert large(_holes_among_specks(edges, 12.0)) == every
+
+
+def test_a_region_open_to_the_rim_is_none() -> None:
+    strength = np.zeros((60, 80), np.float32)
+    strength[20:40, 30] = strength[20, 30:79] = strength[39, 30:79] = 9.0
+    assert closed_regions(Scale(1, np.zeros(2), strength, 1.0), 5.0, 40.0, 1e9) == []
+    strength[20:40, 78] = 9.0
+    found = closed_regions(Scale(1, np.zeros(2), strength, 1.0), 5.0, 40.0, 1e9)
+    assert len(found) == 1
+    assert found[0].area_px == pytest.approx(19 * 48, rel=0.02)
