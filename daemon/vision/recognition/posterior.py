@@ -1,6 +1,6 @@
 """Where a recognised part's corners most likely are: what was measured and what was taught, weighed by their errors.
 
-In: seen corners, a taught solid and a fitted pose. Out: corners in the cyclopean frame. Fitting is metric.py's.
+In: seen corners, a taught solid and a fitted pose. Out: corners in the cyclopean frame. Fitting is rigid_fit.py's.
 """
 
 from __future__ import annotations
