@@ -1,6 +1,6 @@
 """A part taught from its drawing: the views its solid shows from all round, learnt as if they had been shown. Pure.
 
-Files are mesh.py, the solid is polyhedron.py; what cameras would measure is sufficiency.py.
+Files are mesh.py's, the solid is solid_from_mesh.py's; what cameras would measure is sufficiency.py.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.teaching.sufficiency import facet_areas, imagined_group, spread, visible_facets
+from daemon.teaching.sufficiency import imagined_group, spread, visible_facets
 from daemon.vision.geometry.polyhedron import Polyhedron
 from daemon.vision.geometry.rig import StereoRig
 from daemon.vision.model.merge import MetricModel, merge_views
@@ -31,10 +31,10 @@ def aspects(solid: Polyhedron, rig: StereoRig) -> tuple[Group, ...]:
     Of facets in view those count that hang together with the one turned most to the cameras, and of these at most as
     many as the relation matrix has rows. Views of a single facet prove nothing and are none.
     """
-    areas, touching = facet_areas(solid), solid.touching
+    touching = solid.touching
     found: dict[Pattern, tuple[float, tuple[int, ...], Array]] = {}
     for towards in spread(DIRECTIONS):
-        facing = areas @ towards / np.linalg.norm(areas, axis=1)
+        facing = solid.normals @ towards
         shown = _together(visible_facets(solid, towards, OBLIQUE), facing, touching)
         if len(shown) < 2:
             continue

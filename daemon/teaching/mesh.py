@@ -1,6 +1,6 @@
 """STL (ASCII or binary) and OBJ files -> corners and polygons in mm. Bytes in, arrays out, or one line that says why.
 
-What a polyhedron is made of them is polyhedron.py's. Colours, textures, normals and names in the files are not
+How a polyhedron is made of them is solid_from_mesh.py's. Colours, textures, normals and names in the files are not
 looked at.
 """
 
@@ -111,12 +111,12 @@ def _obj(content: bytes) -> Mesh:
 
 def _polygon(words: list[str], corners: int, line: int) -> tuple[int, ...]:
     try:
-        said = [int(word.split("/")[0]) for word in words]
+        numbers = [int(word.split("/")[0]) for word in words]
     except ValueError:
         raise MeshError(f":{line}: expected numbers of corners, found {' '.join(words)[:40]!r}") from None
-    found = tuple(k - 1 if k > 0 else corners + k for k in said)
-    if len(found) < 3 or any(k == 0 for k in said) or any(not 0 <= k < corners for k in found):
-        raise MeshError(f":{line}: a facet of {len(found)} corners, numbered {said}; {corners} are known here")
+    found = tuple(k - 1 if k > 0 else corners + k for k in numbers)
+    if len(found) < 3 or any(k == 0 for k in numbers) or any(not 0 <= k < corners for k in found):
+        raise MeshError(f":{line}: a facet of {len(found)} corners, numbered {numbers}; {corners} are known here")
     return found
 
 

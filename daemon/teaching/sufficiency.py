@@ -62,12 +62,11 @@ class Sufficiency:
 def judge(model: Model, label: str, rig: StereoRig) -> Sufficiency:
     """Try a taught part from all round. Raises KeyError for a label that was not taught."""
     solid = model.metric[label].solid
-    areas = facet_areas(solid)
     unseen, named, mistakes = 0, 0, Counter[tuple[tuple[str, ...], tuple[str, ...]]]()
     best: tuple[float, Array | None] = (0.0, None)
     directions = spread(VIEWPOINTS)
     for towards in directions:
-        facing = areas @ towards
+        facing = solid.areas_mm2 @ towards
         front, back = float(facing.clip(0).sum()), float((-facing).clip(0).sum())
         if front < HIDDEN_SHARE * back:
             unseen += 1
@@ -89,7 +88,7 @@ def judge(model: Model, label: str, rig: StereoRig) -> Sufficiency:
         unseen=unseen / len(directions),
         named=named / len(directions),
         mistakes=tuple(Mistake(taken, facets, n) for (taken, facets), n in mistakes.most_common()),
-        turn_away=None if best[1] is None else _opposite(solid, areas, best[1]),
+        turn_away=None if best[1] is None else _opposite(solid, best[1]),
     )
 
 
@@ -105,10 +104,8 @@ def visible_facets(solid: Polyhedron, towards: Array, least_facing: float = FACI
 
     least_facing: cosine below which a facet is too oblique to be seen.
     """
-    areas = facet_areas(solid)
-    cosine = (areas @ towards) / np.linalg.norm(areas, axis=1)
-    facing = (k for k in range(len(solid.facets)) if cosine[k] > least_facing)
-    return tuple(k for k in facing if not _covered(solid, k, areas[k], towards))
+    facing = np.flatnonzero(solid.normals @ towards > least_facing).tolist()
+    return tuple(k for k in facing if not _covered(solid, k, towards))
 
 
 def imagined_group(solid: Polyhedron, shown: Sequence[int], towards: Array, rig: StereoRig) -> Group:
@@ -119,10 +116,10 @@ def imagined_group(solid: Polyhedron, shown: Sequence[int], towards: Array, rig:
     return Group(facets, tuple(solid.facets[k] for k in shown))
 
 
-def _covered(solid: Polyhedron, facet: int, area: Array, towards: Array) -> bool:
+def _covered(solid: Polyhedron, facet: int, towards: Array) -> bool:
     """Whether another facet lies before one, seen from `towards`: in front of its corners, drawn in a little."""
     corners = solid.corners_mm[list(solid.facets[facet])]
-    beyond = (solid.corners_mm - corners[0]) @ area > BEFORE_MM * np.linalg.norm(area)
+    beyond = (solid.corners_mm - corners[0]) @ solid.normals[facet] > BEFORE_MM
     others = [solid.corners_mm[list(ring)] for ring in solid.facets if beyond[list(ring)].any()]
     if not others:
         return False
@@ -160,15 +157,6 @@ def open_edges(solid: Polyhedron) -> int:
     return sum((b, a) not in edges for a, b in edges)
 
 
-def facet_areas(solid: Polyhedron) -> Array:
-    """(F, 3) outward area vectors, mm^2."""
-    rows = []
-    for ring in solid.facets:
-        corners = solid.corners_mm[list(ring)]
-        rows.append(np.cross(corners, np.roll(corners, -1, axis=0)).sum(axis=0) / 2)
-    return np.array(rows)
-
-
 def spread(count: int) -> Array:
     """(count, 3) unit vectors spread evenly over the sphere (Fibonacci's spiral)."""
     k = np.arange(count) + 0.5
@@ -198,7 +186,7 @@ def _facet(corners_mm: Array, kind: str, covariance: Array, rig: StereoRig) -> F
     return Facet(corners_mm, np.repeat(covariance[None], count, axis=0), left, right, np.zeros(count), 0.0, kind)
 
 
-def _opposite(solid: Polyhedron, areas: Array, towards: Array) -> tuple[int, str]:
+def _opposite(solid: Polyhedron, towards: Array) -> tuple[int, str]:
     """The facet that points most away from a direction."""
-    k = int(np.argmin((areas @ towards) / np.linalg.norm(areas, axis=1)))
+    k = int(np.argmin(solid.normals @ towards))
     return k, solid.types[k]

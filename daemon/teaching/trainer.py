@@ -29,7 +29,7 @@ from daemon.vision.model.model import Model, TeachError, empty_model, learn_view
 from daemon.vision.recognition.recognise import recognise_group
 from daemon.vision.report import scene_json
 from daemon.vision.settings import VisionSettings
-from daemon.vision.values import Group, Scene
+from daemon.vision.values import UNKNOWN, Group, Scene
 
 Image = NDArray[np.uint8]
 
@@ -192,9 +192,9 @@ class Trainer:
                 "there are no views to train on: `teach LABEL` first" + "".join(f"; {x}" for x in left_out)
             )
         version = self.model_store.put_candidate(model)
-        trial = Recogniser(model, self.rig, self.settings)
+        tried = Recogniser(model, self.rig, self.settings)
         unlearnt = {line.split(":")[0] for line in left_out}
-        verdicts = [self._verdict(trial, view) for view in self.model_store.views() if view.name not in unlearnt]
+        verdicts = [self._verdict(tried, view) for view in self.model_store.views() if view.name not in unlearnt]
         return Trained(version, tuple(verdicts), tuple(left_out), perf_counter() - began)
 
     def accept(self) -> int:
@@ -219,21 +219,21 @@ class Trainer:
         """What is still missing of a part, and what it could be taken for."""
         return judge(model, label, self.rig)
 
-    def _verdict(self, trial: Recogniser, view: StoredView) -> ViewVerdict:
+    def _verdict(self, tried: Recogniser, view: StoredView) -> ViewVerdict:
         if view.mesh is not None:
-            return self._drawing_verdict(trial, view)
-        parts = trial.see(*view.images(), _table_of(view.note)).parts
+            return self._drawing_verdict(tried, view)
+        parts = tried.see(*view.images(), _table_of(view.note)).parts
         if not parts:
             return ViewVerdict(view.name, view.label, "nothing", 0.0, None, "no part was seen in it")
-        said = max(parts, key=lambda p: len(p.facets)).recognition
-        return ViewVerdict(view.name, view.label, said.label, said.confidence, said.runner_up, said.reason)
+        best = max(parts, key=lambda p: len(p.facets)).recognition
+        return ViewVerdict(view.name, view.label, best.label, best.confidence, best.runner_up, best.reason)
 
-    def _drawing_verdict(self, trial: Recogniser, view: StoredView) -> ViewVerdict:
+    def _drawing_verdict(self, tried: Recogniser, view: StoredView) -> ViewVerdict:
         """From the directions in which the drawing shows its characteristic views; the worst of them counts."""
-        said = [recognise_group(group, trial.model).recognition for group in aspects(self._solid(view), self.rig)]
-        named = [one for one in said if one.label == view.label]
-        others = [one for one in said if one.label not in (view.label, "unknown")]
-        worst = (others or sorted(named, key=lambda one: one.confidence) or said)[0]
+        answers = [recognise_group(group, tried.model).recognition for group in aspects(self._solid(view), self.rig)]
+        named = [one for one in answers if one.label == view.label]
+        others = [one for one in answers if one.label not in (view.label, UNKNOWN)]
+        worst = (others or sorted(named, key=lambda one: one.confidence) or answers)[0]
         return ViewVerdict(view.name, view.label, worst.label, worst.confidence, worst.runner_up, worst.reason)
 
 
@@ -248,5 +248,5 @@ def teaching_note(who: str, calibration: str, table: Table | None, scene: Scene)
 
 
 def _table_of(note: Mapping[str, Any]) -> Table | None:
-    said = note.get("table") or None
-    return None if said is None else Table(np.array(said["up"], float), float(said["level_mm"]))
+    table = note.get("table") or None
+    return None if table is None else Table(np.array(table["up"], float), float(table["level_mm"]))

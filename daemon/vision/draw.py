@@ -22,7 +22,7 @@ SCALE = 2  # drawn this much larger than seen, so that lines do not hide what th
 FONT = cv2.FONT_HERSHEY_SIMPLEX
 OUTLINE: Colour = (150, 150, 60)
 REFUSED: Colour = (60, 60, 220)
-UNKNOWN: Colour = (0, 165, 255)
+UNNAMED: Colour = (0, 165, 255)
 NAMED: tuple[Colour, ...] = ((80, 220, 80), (240, 200, 60), (220, 110, 240), (90, 220, 240))
 MARGIN = 26
 MOST_NUMBERS = 12
@@ -45,7 +45,7 @@ def draw_scene(left: NDArray[Any], right: NDArray[Any], scene: Scene) -> Picture
 
 
 def _colour(part: Part, index: int) -> Colour:
-    return UNKNOWN if part.recognition.label == "unknown" else NAMED[index % len(NAMED)]
+    return NAMED[index % len(NAMED)] if part.named else UNNAMED
 
 
 def _part(eyes: list[Picture], part: Part, colour: Colour) -> None:
@@ -70,13 +70,13 @@ def _facet(picture: Picture, facet: Facet, corners: Array, colour: Colour) -> No
 
 
 def _name(picture: Picture, part: Part, points: Array, colour: Colour) -> None:
-    said = part.recognition
+    named = part.recognition
     place = np.array([points[:, 0].mean(), points[:, 1].min() - 14])
-    _text(picture, f"{said.label} {said.confidence:.2f}", place, colour, 0.6)
-    if said.label == "unknown":
-        under = "could be " + " or ".join(said.candidates) if said.candidates else ""
+    _text(picture, f"{named.label} {named.confidence:.2f}", place, colour, 0.6)
+    if not part.named:
+        under = "could be " + " or ".join(named.candidates) if named.candidates else ""
     else:
-        under = f"ratio {said.match_ratio:.2f}, activation {said.activation:.3f}, {part.residual_mm:.2f} mm rms"
+        under = f"ratio {named.match_ratio:.2f}, activation {named.activation:.3f}, {part.residual_mm:.2f} mm rms"
     if under:
         _text(picture, under, place + np.array([0, 8]), colour, 0.42)
 

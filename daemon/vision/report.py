@@ -29,17 +29,17 @@ def scene_json(scene: Scene) -> dict[str, Any]:
 
 def part_json(part: Part) -> dict[str, Any]:
     """One part; corners_mm are the most likely ones, measured_mm what was triangulated."""
-    said = part.recognition
+    named = part.recognition
     fitted = part.fitted_mm or tuple(f.corners_mm for f in part.facets)
     return {
-        "label": said.label,
-        "confidence": _number(said.confidence, 5),
-        "match_ratio": _number(said.match_ratio, 4),
-        "activation": _number(said.activation, 5),
-        "runner_up": said.runner_up,
-        "ambiguous": said.ambiguous,
-        "candidates": list(said.candidates),
-        "reason": said.reason,
+        "label": named.label,
+        "confidence": _number(named.confidence, 5),
+        "match_ratio": _number(named.match_ratio, 4),
+        "activation": _number(named.activation, 5),
+        "runner_up": named.runner_up,
+        "ambiguous": named.ambiguous,
+        "candidates": list(named.candidates),
+        "reason": named.reason,
         "cyclopean_from_part": _numbers(part.cyclopean_from_part, 6),
         "covariance": [[float(f"{v:.6g}") for v in row] for row in part.covariance],
         "equivalents": [_numbers(e, 6) for e in part.equivalents],

@@ -30,7 +30,7 @@ def chi_square_limit(dof: int, probability: float) -> float:
     """The value a chi-square variable of `dof` exceeds with this small probability; 0 for dof 0. By bisection."""
     if dof <= 0:
         return 0.0
-    low, high = 0.0, 20.0 * dof + 60.0
+    low, high = 0.0, 20.0 * dof + 60.0  # beyond any tail that is told from 0
     for _ in range(60):
         middle = (low + high) / 2
         if chi_square_tail(middle, dof) > probability:

@@ -15,6 +15,8 @@ from daemon.vision.geometry.facet_measures import newell_normal
 
 Array = NDArray[np.float64]
 FEWEST_CORNERS = 7  # fewer than this on a circle is a regular polygon as well as an arc
+ROUND_MM, ROUND_SIGMAS = 0.2, 2.0  # how far a corner may lie off the circle, and in predicted errors on top
+LONGEST_RAD, UNEVEN = np.pi / 2, 4.0  # a longer turn is a straight side, and so is one of so many usual ones
 NAME_STEP_DEG = 15  # sector angles are named to this step
 
 
@@ -34,12 +36,12 @@ def find_arc(corners_mm: Array, covariance_mm2: Array) -> Arc | None:
     if n < FEWEST_CORNERS:
         return None
     flat = _in_plane(corners_mm)
-    sigma = 0.2 + 2.0 * float(np.sqrt(np.trace(covariance_mm2, axis1=1, axis2=2).mean() / 3))
+    most_mm = ROUND_MM + ROUND_SIGMAS * float(np.sqrt(np.trace(covariance_mm2, axis1=1, axis2=2).mean() / 3))
     for count in range(n, FEWEST_CORNERS - 1, -1):
         for first in range(n if count < n else 1):
             points = flat[(first + np.arange(count)) % n]
             centre, radius, worst = _circle(points)
-            if worst < sigma and _turns_evenly(points, centre):
+            if worst < most_mm and _turns_evenly(points, centre):
                 sector = 2 * np.pi if count == n else _sector(points, centre)
                 return Arc(first, count, sector, radius)
     return None
@@ -75,7 +77,7 @@ def _circle(points: Array) -> tuple[Array, float, float]:
 def _turns_evenly(points: Array, centre: Array) -> bool:
     """Whether the steps round the circle all go one way and none is longer than a straight side would be."""
     steps = _steps(points, centre)
-    return bool((steps > 0).all() and steps.max() < np.pi / 2 and steps.max() < 4 * np.median(steps))
+    return bool((steps > 0).all() and steps.max() < LONGEST_RAD and steps.max() < UNEVEN * np.median(steps))
 
 
 def _sector(points: Array, centre: Array) -> float:

@@ -20,6 +20,8 @@ from daemon.vision.model.arcs import arc_name
 Array = NDArray[np.float64]
 Value = float | str
 LARGEST_NUMBER = 0.85  # of a library type; above lie the numbers of facets the library lacks
+ARC_NUMBERS = 0.005  # the numbers of arcs lie within so much above that
+LEVEL_SIGMAS = 6.0  # an angle off by more fails level two, whatever the rest says
 FALSE_ALARM = 1e-4  # how rarely a true square may fail to be called one
 SIGMA_SCALE = 1.5  # how far predicted corner errors may be too small before typing suffers
 
@@ -130,7 +132,7 @@ def type_number(name: str, library: FacetLibrary) -> float:
 def _other_number(name: str) -> float:
     digits = int("".join(c for c in name if c.isdigit()) or "0")
     if name.startswith("arc"):
-        return LARGEST_NUMBER + 0.005 * digits / 360
+        return LARGEST_NUMBER + ARC_NUMBERS * digits / 360
     return 1.0 - 1.0 / (digits + 4.0)
 
 
@@ -143,7 +145,7 @@ def _test(kind: FacetType, measures: Measures, covariance: Array) -> Typing | No
             return Typing(kind.name, kind.number, 0.0, 0)
         off = a @ values - b
         spread = a @ covariance @ a.T
-        if angles and np.abs(off[:angles]).max() > 6 * np.sqrt(spread.diagonal()[:angles].max()):
+        if angles and np.abs(off[:angles]).max() > LEVEL_SIGMAS * np.sqrt(spread.diagonal()[:angles].max()):
             continue
         chi2 = float(off @ np.linalg.solve(spread, off))
         if chi2 < _LIMITS[len(b)] and (best is None or chi2 < best.chi2):

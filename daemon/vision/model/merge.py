@@ -23,6 +23,11 @@ Array = NDArray[np.float64]
 TOLERANCE_MM = 0.25
 """How far a real part may deviate from the taught one, a standard deviation per axis; what a model says goes before."""
 
+ALWAYS_MM, NEVER_MM, SIGMAS = 3.0, 8.0, 4.0
+"""Corners this near are one, farther apart never; in between, those within so many predicted errors."""
+ALIKE_MM, ALIKE_SHARE = 2.0, 0.02
+"""How much two shapes' distances between corners may differ, in mm and as a share of the largest."""
+
 
 @dataclass(frozen=True, eq=False)
 class MetricModel:
@@ -135,9 +140,9 @@ def _owners(whole: Polyhedron, moved: Array, spread: Array, way: Correspondence)
 
 
 def _coincide(apart: Array, covariance: Array) -> bool:
-    """Whether two corners are one: within 3 mm, or within four predicted errors where those are larger; never 8 mm."""
+    """Whether two corners are one."""
     distance = float(np.linalg.norm(apart))
-    return distance < min(8.0, max(3.0, 4.0 * float(np.sqrt(np.trace(covariance)))))
+    return distance < min(NEVER_MM, max(ALWAYS_MM, SIGMAS * float(np.sqrt(np.trace(covariance)))))
 
 
 def _shape(solid: Polyhedron) -> Array:
@@ -148,7 +153,7 @@ def _shape(solid: Polyhedron) -> Array:
 
 
 def _same_shape(one: Array, other: Array) -> bool:
-    return one.shape == other.shape and bool(np.abs(one - other).max() < 2.0 + 0.02 * one.max())
+    return one.shape == other.shape and bool(np.abs(one - other).max() < ALIKE_MM + ALIKE_SHARE * one.max())
 
 
 def _in_part_frame(solid: Polyhedron) -> Polyhedron:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from daemon.teaching.sufficiency import facet_areas, imagined_view, judge, open_edges, spread
+from daemon.teaching.sufficiency import imagined_view, judge, open_edges, spread
 from daemon.teaching.trainer import Trainer
 from daemon.vision.geometry.polyhedron import Polyhedron
 from tests.worlds import drawn
@@ -18,7 +18,7 @@ def box(a: float, b: float, c: float, faces: int = 6) -> Polyhedron:
 
 
 def test_areas_of_a_closed_solid_cancel_and_open_edges_are_counted() -> None:
-    assert np.allclose(facet_areas(box(50, 60, 70)).sum(axis=0), 0)
+    assert np.allclose(box(50, 60, 70).areas_mm2.sum(axis=0), 0)
     assert open_edges(box(50, 60, 70)) == 0
     assert open_edges(box(50, 60, 70, faces=5)) == 4
 
