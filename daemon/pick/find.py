@@ -8,10 +8,9 @@ from daemon.arm.workcell import Array
 from daemon.pick import fusion, viewpoints
 from daemon.pick.following import Target, beside
 from daemon.pick.looking import Look
-from daemon.pick.naming import named_parts
 from daemon.pick.outcome import Outcome
 from daemon.pick.plan import Plan, other_view, plan_part
-from daemon.pick.seen import NEIGHBOUR_MM, Seen, facings, is_own, merged, same_place, unconfirmed
+from daemon.pick.seen import NEIGHBOUR_MM, Seen, facings, is_own, merged, same_place, seen_parts, unconfirmed
 from daemon.pick.transitions import Event
 from daemon.pick.world import PickContext, SuspectError, WorldModel, look, skip, travel
 from daemon.vision.geometry.polyhedron import Polyhedron
@@ -31,7 +30,7 @@ async def survey(context: PickContext, world: WorldModel) -> Literal[Event.SEEN,
             break
         await travel(context, world, view.pose(context.cell.tool_from_cyclopean), f"survey {number}")
         seen = await look(context, world, f"survey {number}")
-        world.found = merged(world.found, await named_parts(context, seen))
+        world.found = merged(world.found, seen_parts(seen))
         world.unmatched += all(outlines(seen.scene.view))
         _settle_question(context, world)
         if any(part.named for part in world.left(context)):
@@ -149,5 +148,5 @@ async def second_view(context: PickContext, world: WorldModel) -> Literal[Event.
     if part.named:
         gone = unconfirmed(world.found, seen, part.centre, context.cell.rig)
         world.found = [p for p in world.found if p not in gone]
-    world.found = merged(world.found, await named_parts(context, seen))
+    world.found = merged(world.found, seen_parts(seen))
     return Event.SEEN

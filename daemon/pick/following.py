@@ -20,8 +20,9 @@ from daemon.pick.looking import Expected, Look
 from daemon.pick.plan import Plan
 from daemon.pick.seen import SAME_PLACE_MM, Seen, same_place, seen_parts
 from daemon.vision.geometry.polyhedron import Polyhedron
+from daemon.vision.image.both_eyes import Eyes, open_eyes
 from daemon.vision.registration.corner_pose import Fit, refit
-from daemon.vision.registration.edge_pose import Eyes, fit_edges, open_eyes, shown
+from daemon.vision.registration.edge_pose import fit_edges, shown
 
 NEAR_MM = 60.0
 """Facets farther than this from where the part's middle should be are not its own."""

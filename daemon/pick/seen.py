@@ -15,8 +15,7 @@ from daemon import frames
 from daemon.pick.looking import Look
 from daemon.vision.geometry.facet_measures import newell_normal
 from daemon.vision.geometry.rig import StereoRig
-from daemon.vision.recognition.recognise import UNKNOWN
-from daemon.vision.values import Facet
+from daemon.vision.values import UNKNOWN, Facet
 
 Array = NDArray[np.float64]
 

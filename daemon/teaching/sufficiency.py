@@ -116,7 +116,7 @@ def imagined_group(solid: Polyhedron, shown: Sequence[int], towards: Array, rig:
     corners = (solid.corners_mm - solid.corners_mm.mean(axis=0)) @ _turned_to(towards).T + [0.0, 0.0, DISTANCE_MM]
     spread_mm2 = _corner_covariance(rig)
     facets = tuple(_facet(corners[list(solid.facets[k])], solid.types[k], spread_mm2, rig) for k in shown)
-    return Group(facets, solid.touching[np.ix_(shown, shown)])
+    return Group(facets, tuple(solid.facets[k] for k in shown))
 
 
 def _covered(solid: Polyhedron, facet: int, area: Array, towards: Array) -> bool:

@@ -11,13 +11,14 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from daemon.vision.facets.reconstruct import find_facets
+from daemon.vision.facets.reconstruct import facets_seen
 from daemon.vision.facets.table import Table, without_table
 from daemon.vision.geometry.rig import StereoRig
+from daemon.vision.image.both_eyes import open_eyes
 from daemon.vision.model.facet_types import FacetLibrary
 from daemon.vision.model.model import Model, empty_model
-from daemon.vision.recognition.recognise import UNKNOWN, recognise
-from daemon.vision.registration.verify import look_closer, open_eyes
+from daemon.vision.recognition.recognise import Recognised, recognise
+from daemon.vision.registration.verify import verify
 from daemon.vision.settings import VisionSettings
 from daemon.vision.values import FacetView, Part, Scene
 
@@ -42,29 +43,30 @@ def look(
     now = clock or _no_clock
     known = model or empty_model(FacetLibrary(()))
     full = settings or VisionSettings()
+    eyes = open_eyes(left, right, rig)
     seconds = {"facets": 0.0, "recognise": 0.0}
     for effort in (full.brief(), full) if known.labels else (full,):
         start = now()
-        view = find_facets(left, right, rig, effort)
+        view = facets_seen(eyes, effort)
         if table is not None:
             view = without_table(view, table)
         seen = now()
-        parts = recognise(view, known)
+        found = recognise(view.groups, known)
         seconds["facets"] += seen - start
         seconds["recognise"] += now() - seen
-        if _all_named(parts):
+        if _all_named(found):
             break
-    if known.labels and not _all_named(parts) and (view.groups or view.rejected):
+    if known.labels and not _all_named(found) and (view.groups or view.rejected):
         start = now()
-        view = look_closer(view, known, open_eyes(left, right, rig))
-        parts = recognise(view, known)
+        found, view = verify(found, view, known, eyes)
         seconds["closer"] = now() - start
+    parts = tuple(r.part for r in found)
     notes = (*view.notes, *_notes(view, parts, model))
     return Scene(parts, view.rejected, view, notes, seconds if clock else {})
 
 
-def _all_named(parts: tuple[Part, ...]) -> bool:
-    return bool(parts) and all(p.recognition.label != UNKNOWN for p in parts)
+def _all_named(found: tuple[Recognised, ...]) -> bool:
+    return bool(found) and all(r.named for r in found)
 
 
 def _no_clock() -> float:
@@ -75,7 +77,7 @@ def _notes(view: FacetView, parts: tuple[Part, ...], model: Model | None) -> tup
     """What a person should know besides the parts: why something is not named, or why nothing is seen."""
     if model is None or not model.labels:
         return ("nothing was taught yet: every part is unknown",) if parts else ()
-    silent = tuple(f"{p.recognition.label}: {p.recognition.reason}" for p in parts if p.recognition.label == UNKNOWN)
+    silent = tuple(f"{p.recognition.label}: {p.recognition.reason}" for p in parts if not p.named)
     left, right = outlines(view)
     if not parts and (left or right):
         return (f"no facet was found in both images ({left} and {right} outlines)",)

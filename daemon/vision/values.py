@@ -1,4 +1,4 @@
-"""What flows through recognition: polygons, facets, groups, recognitions, parts. Values only; no behaviour.
+"""What flows through recognition: polygons, facets, groups, recognitions, parts. Values only; nothing is decided here.
 
 All corners run anticlockwise as seen from the camera (so that a facet's outward normal, by the right-hand rule, looks
 towards the cameras). Frames: px in the distorted image; mm in the cyclopean frame.
@@ -6,12 +6,18 @@ towards the cameras). Frames: px in the distorted image; mm in the cyclopean fra
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from daemon.vision.geometry.polyhedron import Polyhedron, united
+
 Array = NDArray[np.float64]
+UNKNOWN = "unknown"
+"""The label of a part that nothing trained fits."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,10 +65,27 @@ class Rejected:
 
 @dataclass(frozen=True, eq=False)
 class Group:
-    """Facets that share edges, taken as one part: the facets, which pairs touch, (n, n) bool."""
+    """Facets that share edges, taken as one part. rings: for each facet the numbers of its corners, one number where
+    facets share a corner.
+    """
 
     facets: tuple[Facet, ...]
-    touching: NDArray[np.bool_]
+    rings: tuple[tuple[int, ...], ...]
+
+    @cached_property
+    def polyhedron(self) -> Polyhedron:
+        """The facets with the corners they share united, cyclopean, of the facets' types."""
+        corners, covariance = ([getattr(f, name) for f in self.facets] for name in ("corners_mm", "covariance_mm2"))
+        return united(self.rings, np.concatenate(corners), np.concatenate(covariance), [f.type for f in self.facets])
+
+    @property
+    def touching(self) -> NDArray[np.bool_]:
+        """(n, n) which facets share an edge."""
+        return self.polyhedron.touching
+
+    def only(self, members: Sequence[int]) -> Group:
+        """Some of the facets, in this order."""
+        return Group(tuple(self.facets[k] for k in members), tuple(self.rings[k] for k in members))
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,6 +137,11 @@ class Part:
     residual_mm: float
     fitted_mm: tuple[Array, ...] = ()
     equivalents: Array = field(default_factory=lambda: np.zeros((0, 4, 4)))
+
+    @property
+    def named(self) -> bool:
+        """Whether it was taken for a taught part."""
+        return self.recognition.label != UNKNOWN
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,9 +18,8 @@ from numpy.typing import NDArray
 
 from daemon.vision.facets.candidates import choose, find_candidates
 from daemon.vision.facets.reconstruct import find_facets
-from daemon.vision.geometry.rectified import baseline
 from daemon.vision.geometry.rig import StereoRig
-from daemon.vision.image.one_eye import look_with
+from daemon.vision.image.both_eyes import open_eyes
 from daemon.vision.limit import limit
 from daemon.vision.settings import CornerDetector, StereoFormula, VisionSettings
 from daemon.vision.values import Facet, FacetView
@@ -164,13 +163,14 @@ def print_stages() -> None:
     spent: dict[str, list[float]] = collections.defaultdict(list)
     ratios = []
     rig, settings = rendered.rig(rendered.ALL, "B"), VisionSettings()
-    eyes = baseline(rig)
     for scene in sorted(rendered.ALL.glob("clean-B-*")):
         pair = rendered.pair(scene)
         t = [time.process_time()]
-        sights = [look_with(eye, image, settings) for eye, image in zip((eyes.left, eyes.right), pair, strict=True)]
+        eyes = open_eyes(*pair, rig)
+        for view in eyes.views:
+            view.outlines(settings)
         t.append(time.process_time())
-        candidates = find_candidates(sights[0], sights[1], eyes, settings)
+        candidates = find_candidates(eyes, settings)
         t.append(time.process_time())
         choose(candidates, settings)
         t.append(time.process_time())

@@ -11,8 +11,9 @@ from daemon.vision.facets.matching import Match, match_polygons
 from daemon.vision.geometry.planes import fit_plane, planarity, weighted_plane
 from daemon.vision.geometry.polygon import Shape
 from daemon.vision.geometry.rectified import Baseline, disparity
-from daemon.vision.image.one_eye import Sight
-from daemon.vision.image.polygon_fit import Fitted, fit_polygons
+from daemon.vision.image.both_eyes import Eyes
+from daemon.vision.image.outlines import Outline
+from daemon.vision.image.polygon_fit import Fitted
 from daemon.vision.settings import VisionSettings
 from daemon.vision.values import Facet, Polygon
 
@@ -43,54 +44,49 @@ class Candidate:
         return max(self.left_shape.covers(other.left_shape), self.right_shape.covers(other.right_shape))
 
 
-def find_candidates(left: Sight, right: Sight, eyes: Baseline, settings: VisionSettings) -> list[Candidate]:
+def find_candidates(eyes: Eyes, settings: VisionSettings) -> list[Candidate]:
     """Pairs of outlines that fit along the epipolar lines, fitted and triangulated; of similar pairs only the
     best few.
     """
-    matches = match_polygons([o.corners for o in left.outlines], [o.corners for o in right.outlines], eyes, settings)
+    left, right = (view.outlines(settings) for view in eyes.views)
+    matches = match_polygons([o.corners for o in left], [o.corners for o in right], eyes.geometry, settings)
     matches = _best_few(matches, left, right)
-    fits = [_fit_used(left, {m.left for m in matches}), _fit_used(right, {m.right for m in matches})]
+    fits = [eyes.left.fits([left[m.left] for m in matches]), eyes.right.fits([right[m.right] for m in matches])]
     candidates = []
-    for m in matches:
-        a, b = fits[0][m.left], fits[1][m.right]
+    for m, a, b in zip(matches, *fits, strict=True):
         if a is not None and b is not None:
-            support = min(left.outlines[m.left].support, right.outlines[m.right].support)
-            made = candidate(a, b.rolled(m.shift), support - 0.1 * m.cost, eyes)
+            support = min(left[m.left].support, right[m.right].support)
+            made = candidate(a, b.rolled(m.shift), support - 0.1 * m.cost, eyes.geometry)
             if made.facet.epipolar_px.max() < settings.max_epipolar_px:
                 candidates.append(made)
     return candidates
 
 
-def candidate(left: Fitted, right: Fitted, support: float, eyes: Baseline) -> Candidate:
+def candidate(left: Fitted, right: Fitted, support: float, geometry: Baseline) -> Candidate:
     """A candidate of polygons whose corners correspond; support: how far its outlines are seen, less what
     speaks against.
     """
-    facet = triangulate(left.polygon, right.polygon, eyes)
+    facet = triangulate(left.polygon, right.polygon, geometry)
     worth = support + _agreement(left, right) - _PER_CORNER * len(facet.left_px)
     return Candidate(facet, left, right, worth, Shape.of(facet.left_px), Shape.of(facet.right_px))
 
 
-def _best_few(matches: list[Match], left: Sight, right: Sight) -> list[Match]:
+def _best_few(matches: list[Match], left: list[Outline], right: list[Outline]) -> list[Match]:
     """Of matches of much the same region the best two, by how far the outlines are seen and how well they match."""
 
     def rank(m: Match) -> float:
-        support = min(left.outlines[m.left].support, right.outlines[m.right].support)
-        return m.cost * 0.1 + _PER_CORNER * len(left.outlines[m.left].corners) - support
+        support = min(left[m.left].support, right[m.right].support)
+        return m.cost * 0.1 + _PER_CORNER * len(left[m.left].corners) - support
 
     kept: list[Match] = []
     shapes: list[tuple[Shape, Shape]] = []
     for m in sorted(matches, key=rank):
-        both = Shape.of(left.outlines[m.left].corners), Shape.of(right.outlines[m.right].corners)
+        both = Shape.of(left[m.left].corners), Shape.of(right[m.right].corners)
         alike = sum(both[0].union(s[0]) > 0.7 or both[1].union(s[1]) > 0.7 for s in shapes)
         if alike < _FEW:
             kept.append(m)
             shapes.append(both)
     return kept
-
-
-def _fit_used(sight: Sight, used: set[int]) -> dict[int, Fitted | None]:
-    order = sorted(used)
-    return dict(zip(order, fit_polygons(sight, [sight.outlines[k] for k in order]), strict=True))
 
 
 def _agreement(a: Fitted, b: Fitted) -> float:
@@ -154,26 +150,26 @@ def _angle_between(a: Facet, b: Facet) -> float:
     return float(np.arccos(np.clip(one @ other, -1, 1)))
 
 
-def triangulate(a: Polygon, b: Polygon, eyes: Baseline) -> Facet:
+def triangulate(a: Polygon, b: Polygon, geometry: Baseline) -> Facet:
     """The facet whose corners are a's in the left and b's in the right eye, in the same order."""
-    left, right = eyes.left.ideal(a.corners_px), eyes.right.ideal(b.corners_px)
-    corners = eyes.points(left, right)
-    covariance = corner_covariance(eyes, left, right, a.covariance_px2, b.covariance_px2)
-    off = np.abs(left[:, 1] - right[:, 1]) * eyes.left.focal_px
+    left, right = geometry.left.ideal(a.corners_px), geometry.right.ideal(b.corners_px)
+    corners = geometry.points(left, right)
+    covariance = corner_covariance(geometry, left, right, a.covariance_px2, b.covariance_px2)
+    off = np.abs(left[:, 1] - right[:, 1]) * geometry.left.focal_px
     return Facet(corners, covariance, a.corners_px, b.corners_px, off, planarity(corners))
 
 
-def corner_covariance(eyes: Baseline, left: Array, right: Array, left_px2: Array, right_px2: Array) -> Array:
+def corner_covariance(geometry: Baseline, left: Array, right: Array, left_px2: Array, right_px2: Array) -> Array:
     """(N, 3, 3) mm^2 of triangulated corners, to first order. left, right: ideal coordinates (N, 2)."""
     d = disparity(left, right)
-    z = eyes.length_mm / d
+    z = geometry.length_mm / d
     fall = z / d
     u, v = (left + right).T / 2
     jacobian = np.zeros((len(left), 3, 4))
     jacobian[:, :, 0] = np.stack([z / 2 - u * fall, -v * fall, -fall], 1)
     jacobian[:, :, 2] = np.stack([z / 2 + u * fall, v * fall, fall], 1)
     jacobian[:, 1, 1] = jacobian[:, 1, 3] = z / 2
-    jacobian = eyes.cyclopean_from_baseline @ jacobian
+    jacobian = geometry.cyclopean_from_baseline @ jacobian
     noise = np.zeros((len(left), 4, 4))
-    noise[:, :2, :2], noise[:, 2:, 2:] = left_px2 / eyes.left.focal_px**2, right_px2 / eyes.right.focal_px**2
+    noise[:, :2, :2], noise[:, 2:, 2:] = left_px2 / geometry.left.focal_px**2, right_px2 / geometry.right.focal_px**2
     return np.asarray(jacobian @ noise @ np.swapaxes(jacobian, 1, 2))

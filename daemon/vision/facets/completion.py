@@ -17,10 +17,10 @@ from daemon.vision.facets.grouping import same_edges
 from daemon.vision.geometry.polygon import Shape
 from daemon.vision.geometry.polygon_batch import areas, rings
 from daemon.vision.geometry.rectified import Baseline
+from daemon.vision.image.both_eyes import Eyes
 from daemon.vision.image.edge_lines import probe_sides
-from daemon.vision.image.one_eye import Sight
+from daemon.vision.image.one_eye import OneEye
 from daemon.vision.image.outlines import Outline, probe, snap_near
-from daemon.vision.image.polygon_fit import fit_polygons
 from daemon.vision.settings import VisionSettings
 from daemon.vision.values import Polygon
 
@@ -40,23 +40,19 @@ class _Hinge:
     other_px: Array
 
 
-def complete(
-    chosen: list[Candidate], left: Sight, right: Sight, eyes: Baseline, settings: VisionSettings
-) -> list[Candidate]:
+def complete(chosen: list[Candidate], eyes: Eyes, settings: VisionSettings) -> list[Candidate]:
     """Further facets, none of which covers a chosen one or another."""
     added: list[Candidate] = []
-    for seen, other, is_left in ((left, right, True), (right, left, False)):
-        if other.fine is None:
-            continue
+    for seen, other, is_left in ((*eyes.views, True), (*eyes.views[::-1], False)):
         tried = 0
-        for outline in seen.outlines:
+        for outline in seen.outlines(settings):
             if tried >= _MOST_TRIED:
                 break
             hinge = _hinge(outline, chosen + added, is_left)
             if hinge is None:
                 continue
             tried += 1
-            found = _swing(outline, hinge, seen, other, is_left, eyes, settings)
+            found = _swing(outline, hinge, seen, other, is_left, eyes.geometry, settings)
             if found is not None and not any(found.covers(k) > 0.25 for k in chosen + added):
                 added.append(found)
     return added
@@ -83,36 +79,40 @@ def _common_side(corners: Array, own: Polygon, far: Polygon) -> _Hinge | None:
 
 
 def _swing(
-    outline: Outline, hinge: _Hinge, seen: Sight, other: Sight, is_left: bool, eyes: Baseline, settings: VisionSettings
+    outline: Outline,
+    hinge: _Hinge,
+    seen: OneEye,
+    other: OneEye,
+    is_left: bool,
+    geometry: Baseline,
+    settings: VisionSettings,
 ) -> Candidate | None:
     """The outline's facet, turned about its hinge to where the other eye shows it; None where it does not."""
-    fine = other.fine
-    if fine is None:
-        return None
     polygons = _turned(outline, hinge, seen, other)
     shape = rings(list(polygons))
-    start = shape.corners - fine.origin_px
-    strength = probe_sides(fine.smoothed, start, start[shape.next])[0].reshape(len(polygons), -1)
+    strength = probe_sides(other.smooth, shape.corners, shape.corners[shape.next], other.grain)[0].reshape(
+        len(polygons), -1
+    )
     agree = np.minimum(strength * np.sign(outline.strength), np.abs(outline.strength))
     agree = np.delete(agree, hinge.side, axis=1)
     agree[areas(shape) > -settings.min_area_px] = -np.inf
     best = int(np.argmax(agree.sum(1)))
     if not np.all(np.isfinite(agree[best])):
         return None
-    there = snap_near(fine, rings([polygons[best]]), _REACH_PX, _SIGMA_PX)
-    outlines = probe(fine, there, [outline.border], settings)
+    there = snap_near(other.smooth, rings([polygons[best]]), _REACH_PX, _SIGMA_PX)
+    outlines = probe(other.smooth, other.grain, there, [outline.border], settings)
     if not outlines:
         return None
-    here, far = fit_polygons(seen, [outline])[0], fit_polygons(other, outlines)[0]
+    here, far = seen.fits([outline])[0], other.fits(outlines)[0]
     if here is None or far is None:
         return None
     worth = min(outline.support, outlines[0].support)
-    made = candidate(here, far, worth, eyes) if is_left else candidate(far, here, worth, eyes)
+    made = candidate(here, far, worth, geometry) if is_left else candidate(far, here, worth, geometry)
     off = made.facet.epipolar_px.max() > settings.max_epipolar_px
     return None if off or flatness_sigmas(made.facet) > settings.planarity_sigmas else made
 
 
-def _turned(outline: Outline, hinge: _Hinge, seen: Sight, other: Sight) -> Array:
+def _turned(outline: Outline, hinge: _Hinge, seen: OneEye, other: OneEye) -> Array:
     """The outline in the other eye for every turn about the hinge, (T, N, 2) px."""
     here = seen.eye.ideal(outline.corners)
     n = len(here)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from functools import cache
 
 import numpy as np
@@ -16,16 +17,6 @@ _APART_MM = 6.0
 _FLUSH_MM, _RISE_MM = 2.0, 6.0
 
 
-def shared_edge(a: Facet, b: Facet, tolerance_px: float) -> tuple[int, int] | None:
-    """(i, j) when side i -> i+1 of a is side j+1 <- j of b, run the other way, in both eyes; else None."""
-    left = same_edges(a.left_px, b.left_px, tolerance_px)
-    if not left.any():
-        return None
-    both = left & same_edges(a.right_px, b.right_px, tolerance_px)
-    found = int(np.argmax(both))
-    return divmod(found, both.shape[1]) if both.any() else None
-
-
 def same_edges(a: Array, b: Array, tolerance_px: float) -> NDArray[np.bool_]:
     """(N, M) whether side i of corners a (N, 2) px is side j of b (M, 2), run the other way."""
     near: NDArray[np.bool_] = np.abs(a[:, None] - b).max(2) < tolerance_px
@@ -38,16 +29,6 @@ def same_edges(a: Array, b: Array, tolerance_px: float) -> NDArray[np.bool_]:
 def _turned(count: int) -> NDArray[np.intp]:
     """Each corner's next."""
     return (np.arange(count) + 1) % count
-
-
-def touching_table(facets: tuple[Facet, ...], tolerance_px: float = 4.0) -> NDArray[np.bool_]:
-    """(n, n) which facets share an edge. D'Souza's tolerance is 4 px (section 5.1)."""
-    n = len(facets)
-    touch = np.zeros((n, n), bool)
-    for i in range(n):
-        for j in range(i + 1, n):
-            touch[i, j] = touch[j, i] = shared_edge(facets[i], facets[j], tolerance_px) is not None
-    return touch
 
 
 def connected(touch: NDArray[np.bool_]) -> list[list[int]]:
@@ -66,13 +47,12 @@ def connected(touch: NDArray[np.bool_]) -> list[list[int]]:
     return sets
 
 
-def split_groups(facets: tuple[Facet, ...], touch: NDArray[np.bool_]) -> tuple[Group, ...]:
-    """Connected sets of touching facets as groups, nearest first."""
-    groups = [Group(tuple(facets[k] for k in m), touch[np.ix_(m, m)]) for m in connected(touch)]
+def nearest_first(groups: Iterable[Group]) -> tuple[Group, ...]:
+    """Groups by the mean depth of their facets."""
     return tuple(sorted(groups, key=lambda g: float(np.mean([f.corners_mm[:, 2].mean() for f in g.facets]))))
 
 
-def lying_under(facets: list[Facet]) -> int | None:
+def lying_under(facets: Sequence[Facet]) -> int | None:
     """The facet of a group that the part stands on: a shadow (or mark) on the table that meets the part's lower edge.
 
     All else of the part rises from its plane towards the cameras. Of a solid's own faces that is true only for two that
@@ -83,7 +63,7 @@ def lying_under(facets: list[Facet]) -> int | None:
     for k, facet in enumerate(facets):
         normal, d = fit_plane(facet.corners_mm)
         rise, doubt = [], []
-        for other in facets[:k] + facets[k + 1 :]:
+        for other in (f for f in facets if f is not facet):
             apart = np.linalg.norm(other.corners_mm[:, None] - facet.corners_mm[None], axis=2).min(1) > _APART_MM
             rise.append((other.corners_mm @ normal - d)[apart])
             doubt.append(np.sqrt(np.einsum("i,nij,j->n", normal, other.covariance_mm2, normal))[apart])

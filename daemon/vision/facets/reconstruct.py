@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
@@ -10,13 +11,14 @@ from numpy.typing import NDArray
 
 from daemon.vision.facets.candidates import Candidate, choose, find_candidates, triangulate
 from daemon.vision.facets.completion import complete
-from daemon.vision.facets.grouping import connected, lying_under, touching_table
-from daemon.vision.facets.joining import join
+from daemon.vision.facets.grouping import connected, lying_under, nearest_first
+from daemon.vision.facets.joining import settled
+from daemon.vision.facets.weld import weld
 from daemon.vision.geometry.converging import by_formula, converging
-from daemon.vision.geometry.rectified import Baseline, baseline
+from daemon.vision.geometry.rectified import Baseline
 from daemon.vision.geometry.rig import StereoRig
-from daemon.vision.image.grey import as_grey, check_size
-from daemon.vision.image.one_eye import Sight, look_with
+from daemon.vision.image.both_eyes import Eyes, open_eyes
+from daemon.vision.image.outlines import Outline
 from daemon.vision.image.thesis_corners import find_corners
 from daemon.vision.settings import VisionSettings
 from daemon.vision.values import Facet, FacetView, Group, Polygon, Rejected
@@ -32,89 +34,85 @@ def find_facets(
     left, right: (H, W) uint8, or what `as_grey` takes. Facets come untyped, corners anticlockwise as seen.
     Raises VisionError where an image cannot be used; an image with nothing in it gives an empty view.
     """
-    settings = settings or VisionSettings()
-    eyes = baseline(rig)
-    sights = []
-    for image, eye, name in ((left, eyes.left, "left image"), (right, eyes.right, "right image")):
-        grey = as_grey(image, name)
-        check_size(grey, rig.image_size, name)
-        sights.append(look_with(eye, grey, settings))
-    chosen, refused = choose(find_candidates(sights[0], sights[1], eyes, settings), settings)
-    chosen += complete(chosen, sights[0], sights[1], eyes, settings)
+    return facets_seen(open_eyes(left, right, rig), settings or VisionSettings())
+
+
+def facets_seen(eyes: Eyes, settings: VisionSettings) -> FacetView:
+    """The same of images already opened; what they were asked for before is not made again."""
+    chosen, refused = choose(find_candidates(eyes, settings), settings)
+    chosen += complete(chosen, eyes, settings)
     if settings.corner_detector != "line_fit":
-        chosen = [_with_detected_corners(c, sights, eyes, settings) for c in chosen]
-    groups = []
-    for group in _touching(chosen):
-        facets = _settled(group, eyes, settings)
-        under = lying_under(facets)
-        if under is not None:
-            refused.append((group[under], "the part stands on it: a shadow, or a mark on the table"))
-            group = [c for c in group if c is not group[under]]
-            for rest in _touching(group):
-                groups.append(_as_group(_settled(rest, eyes, settings), rig, settings))
+        chosen = [_with_detected_corners(c, eyes, settings) for c in chosen]
+    groups = list[Group]()
+    for members, group in _welded(chosen):
+        whole = _settled(members, group, eyes.geometry, settings)
+        under = lying_under(whole.facets)
+        if under is None:
+            groups.append(whole)
             continue
-        groups.append(_as_group(facets, rig, settings))
-    groups.sort(key=lambda g: float(np.mean([f.corners_mm[:, 2].mean() for f in g.facets])))
-    polygons = tuple(c.left.polygon for c in chosen), tuple(c.right.polygon for c in chosen)
-    rejected = _unmatched(sights[0], polygons[0], "left") + _unmatched(sights[1], polygons[1], "right")
-    rejected += tuple(Rejected(c.facet.left_px, "left", why) for c, why in refused)
-    sigma, blur = _noise_at_parts(sights, chosen)
-    return FacetView(tuple(groups), rejected, *polygons, sigma, blur_px=blur)
-
-
-def _touching(candidates: list[Candidate]) -> list[list[Candidate]]:
-    """Sets of candidates that hang together by shared edges."""
-    return [[candidates[k] for k in m] for m in connected(touching_table(tuple(c.facet for c in candidates)))]
-
-
-def _settled(group: list[Candidate], eyes: Baseline, settings: VisionSettings) -> list[Facet]:
-    """The group's facets, corners estimated together unless they are to stay where a detector put them."""
-    return join(group, eyes)[0] if settings.corner_detector == "line_fit" else [c.facet for c in group]
-
-
-def _as_group(facets: list[Facet], rig: StereoRig, settings: VisionSettings) -> Group:
+        refused.append((members[under], "the part stands on it: a shadow, or a mark on the table"))
+        for rest, own in _welded([c for c in members if c is not members[under]]):
+            groups.append(_settled(rest, own, eyes.geometry, settings))
     if settings.stereo_formula != "exact":
-        facets = _by_formula(facets, rig, settings)
-    return Group(tuple(facets), touching_table(tuple(facets)))
+        groups = [replace(g, facets=tuple(_by_formula(g.facets, eyes.rig, settings))) for g in groups]
+    polygons = tuple(c.left.polygon for c in chosen), tuple(c.right.polygon for c in chosen)
+    rejected = _unmatched(eyes.left.outlines(settings), polygons[0], "left")
+    rejected += _unmatched(eyes.right.outlines(settings), polygons[1], "right")
+    rejected += tuple(Rejected(c.facet.left_px, "left", why) for c, why in refused)
+    sigma, blur = _noise_at_parts(eyes, chosen)
+    return FacetView(nearest_first(groups), rejected, *polygons, sigma, blur_px=blur)
 
 
-def _noise_at_parts(sights: list[Sight], chosen: list[Candidate]) -> tuple[float, float]:
+def _welded(candidates: list[Candidate]) -> list[tuple[list[Candidate], Group]]:
+    """Sets of candidates that hang together by shared edges, each with its facets as a group."""
+    if not candidates:
+        return []
+    whole = weld([c.facet for c in candidates])
+    return [([candidates[k] for k in members], whole.only(members)) for members in connected(whole.touching)]
+
+
+def _settled(members: list[Candidate], group: Group, geometry: Baseline, settings: VisionSettings) -> Group:
+    """The group, its corners estimated together unless they are to stay where a detector put them."""
+    return settled(members, group, geometry) if settings.corner_detector == "line_fit" else group
+
+
+def _noise_at_parts(eyes: Eyes, chosen: list[Candidate]) -> tuple[float, float]:
     """Noise sigma at the grey level of the facets (mid grey without any), grey levels; and the edges' blur, px."""
     if not chosen:
-        return float(np.mean([s.noise.sigma[128] for s in sights])), 0.0
+        return float(np.mean([view.noise.sigma[128] for view in eyes.views])), 0.0
     sigma = []
     for c in chosen:
-        for sight, corners in ((sights[0], c.facet.left_px), (sights[1], c.facet.right_px)):
-            column, row = np.clip(corners.mean(0), 0, np.array(sight.image.shape[::-1]) - 1).astype(int)
-            sigma.append(float(sight.noise.at(np.array(sight.image[row, column]))))
+        for view, corners in zip(eyes.views, (c.facet.left_px, c.facet.right_px), strict=True):
+            column, row = np.clip(corners.mean(0), 0, np.array(view.grey.shape[::-1]) - 1).astype(int)
+            sigma.append(float(view.noise.at(np.array(view.grey[row, column]))))
     return float(np.median(sigma)), float(np.median([c.left.sides.blur[0] for c in chosen]))
 
 
-def _with_detected_corners(c: Candidate, sights: list[Sight], eyes: Baseline, settings: VisionSettings) -> Candidate:
+def _with_detected_corners(c: Candidate, eyes: Eyes, settings: VisionSettings) -> Candidate:
     """The candidate with its corners from one of D'Souza's detectors; where that finds none, the met lines stay."""
     polygons = []
-    for sight, fitted in zip(sights, (c.left, c.right), strict=True):
+    for view, fitted in zip(eyes.views, (c.left, c.right), strict=True):
         p = fitted.polygon
-        sigma = float(sight.noise.sigma[128])
-        found = find_corners(sight.image, p.corners_px, settings.corner_detector, sigma)
+        sigma = float(view.noise.sigma[128])
+        found = find_corners(view.image, p.corners_px, settings.corner_detector, sigma)
         corners = np.where(np.isnan(found), p.corners_px, found)
         covariance = np.repeat(_DETECTED_PX**2 * np.eye(2)[None], len(corners), 0)
         polygons.append(replace(p, corners_px=corners, covariance_px2=covariance))
     left, right = replace(c.left, polygon=polygons[0]), replace(c.right, polygon=polygons[1])
-    return replace(c, facet=triangulate(polygons[0], polygons[1], eyes), left=left, right=right)
+    return replace(c, facet=triangulate(polygons[0], polygons[1], eyes.geometry), left=left, right=right)
 
 
-def _by_formula(facets: list[Facet], rig: StereoRig, settings: VisionSettings) -> list[Facet]:
+def _by_formula(facets: Iterable[Facet], rig: StereoRig, settings: VisionSettings) -> list[Facet]:
     constants = converging(rig)
     compensated = settings.stereo_formula == "thesis_compensated"
     return [replace(f, corners_mm=by_formula(f.left_px, f.right_px, rig, constants, compensated)) for f in facets]
 
 
-def _unmatched(sight: Sight, used: tuple[Polygon, ...], eye: str) -> tuple[Rejected, ...]:
+def _unmatched(outlines: list[Outline], used: tuple[Polygon, ...], eye: str) -> tuple[Rejected, ...]:
     """Outlines well away from every polygon that was used."""
     taken = [(*p.corners_px.min(0), *p.corners_px.max(0)) for p in used]
     alone = []
-    for o in sight.outlines:
+    for o in outlines:
         x, y = o.corners.mean(0)
         if not any(left < x < right and top < y < bottom for left, top, right, bottom in taken):
             alone.append(Rejected(o.corners, eye, "no polygon of the other eye fits along its epipolar lines"))

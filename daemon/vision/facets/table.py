@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.vision.facets.grouping import split_groups
+from daemon.vision.facets.grouping import connected, nearest_first
 from daemon.vision.values import Facet, FacetView, Rejected
 
 Array = NDArray[np.float64]
@@ -45,6 +45,6 @@ def without_table(view: FacetView, table: Table) -> FacetView:
             for f, flat in zip(group.facets, lying, strict=True)
             if flat
         ]
-        kept = np.flatnonzero(~lying)
-        groups += split_groups(tuple(group.facets[k] for k in kept), group.touching[np.ix_(kept, kept)])
-    return replace(view, groups=tuple(groups), rejected=(*view.rejected, *dropped))
+        rest = group.only(np.flatnonzero(~lying).tolist())
+        groups += [rest.only(members) for members in connected(rest.touching)] if rest.facets else []
+    return replace(view, groups=nearest_first(groups), rejected=(*view.rejected, *dropped))

@@ -38,9 +38,16 @@ class Measures:
         return np.asarray(np.tensordot(weighted, blocks.transpose(1, 0, 2), axes=((0, 2), (0, 2))))
 
 
+def area_vector(corners: Array) -> Array:
+    """(3,) mm^2: the area of a nearly plane polygon (N, 3), along its normal by the right-hand rule of its order."""
+    spokes = corners[1:] - corners[0]
+    area: Array = _cross(spokes[:-1], spokes[1:]).sum(0) / 2
+    return area
+
+
 def newell_normal(corners: Array) -> Array:
     """Unit normal (3,) of a nearly plane polygon (N, 3), by the right-hand rule of its order; zero when degenerate."""
-    normal = _fan(corners)
+    normal = area_vector(corners)
     length = float(np.sqrt(normal @ normal))
     return normal / length if length > 0 else normal
 
@@ -69,13 +76,6 @@ def measure(corners: Array) -> Measures:
     jacobian[n + here, after] = along
     jacobian[n + here, here] = -along
     return Measures(angles, sides, jacobian.reshape(2 * n, 3 * n))
-
-
-def _fan(corners: Array) -> Array:
-    """Twice the area vector (3,) of a polygon (N, 3)."""
-    spokes = corners[1:] - corners[0]
-    fan: Array = _cross(spokes[:-1], spokes[1:]).sum(0)
-    return fan
 
 
 def _cross(a: Array, b: Array) -> Array:

@@ -1,4 +1,5 @@
-"""Poses from three corners in one image, for thousands of guesses at once. Plain geometry; oneeye.py guesses."""
+"""Perspective-three-point: poses from three corners in one image, thousands at once. Which corners those may be is
+registration/pose_guesses.py's."""
 
 from __future__ import annotations
 
@@ -12,7 +13,7 @@ NEAR = 1e-2  # of a squared distance, by which a solution may miss it
 PAIRS = ((0, 1), (0, 2), (1, 2))
 
 
-def poses_of_three(points_mm: Array, seen: Array) -> tuple[Array, NDArray[np.bool_]]:
+def p3p_poses(points_mm: Array, seen: Array) -> tuple[Array, NDArray[np.bool_]]:
     """Where three points (T, 3, 3) mm would have to be to be seen at ideal coordinates (T, 3, 2): two guesses each.
 
     Returns poses (2 T, 4, 4) eye_from_part, the first guesses first, and which of them are solutions (2 T,). Source:

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.vision.geometry.facet_measures import newell_normal
+from daemon.vision.geometry.facet_measures import area_vector
 
 Array = NDArray[np.float64]
+SURE_MM2 = 1e-9  # keeps the weight of a corner known exactly finite
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,17 +55,70 @@ class Polyhedron:
         return touching
 
     @cached_property
+    def lines(self) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
+        """Every edge once, by its two corners (E, 2), and which facets it bounds (F, E)."""
+        number = {pair: k for k, pair in enumerate(dict.fromkeys((min(e), max(e)) for e in self.edges))}
+        bounds = np.zeros((len(self.facets), len(number)), bool)
+        for (a, b), (facet, _) in self.edges.items():
+            bounds[facet, number[min(a, b), max(a, b)]] = True
+        return np.array(list(number), np.intp).reshape(-1, 2), bounds
+
+    @cached_property
+    def steps(self) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
+        """Facet after facet, its corners (N,) and the next of each (N,); and where each facet begins (F,)."""
+        following = [np.roll(ring, -1) for ring in self.rings]
+        first = np.cumsum([0, *(len(ring) for ring in self.rings)])[:-1]
+        return np.concatenate(self.rings), np.concatenate(following), first
+
+    @cached_property
+    def areas_mm2(self) -> Array:
+        """(F, 3) outward area vectors of the facets."""
+        return np.array([area_vector(self.corners_mm[ring]) for ring in self.rings]).reshape(-1, 3)
+
+    @cached_property
     def normals(self) -> Array:
         """(F, 3) outward unit normals of the facets."""
-        return np.array([newell_normal(self.corners_mm[ring]) for ring in self.rings]).reshape(-1, 3)
+        return np.asarray(self.areas_mm2 / np.maximum(np.linalg.norm(self.areas_mm2, axis=1, keepdims=True), 1e-12))
 
     @cached_property
     def centres_mm(self) -> Array:
         """(F, 3) means of the facets' corners."""
         return np.array([self.corners_mm[ring].mean(axis=0) for ring in self.rings]).reshape(-1, 3)
 
+    def facing(self, poses: Array, eye: Array | tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Array:
+        """(..., F) cosines between each facet's outward normal and the way from its middle to an eye (3,), which sees
+        its front where they are above 0; poses (..., 4, 4) take the corners to the eye's frame.
+        """
+        turned = np.swapaxes(poses[..., :3, :3], -1, -2)
+        rays = np.asarray(eye) - (self.centres_mm @ turned + poses[..., None, :3, 3])
+        return np.asarray(np.sum(self.normals @ turned * rays, -1) / np.linalg.norm(rays, axis=-1))
+
 
 def exact(corners_mm: Array, facets: Iterable[Iterable[int]]) -> Polyhedron:
     """A polyhedron whose corners (K, 3) are known without error, its facets not typed."""
     rings = tuple(tuple(int(k) for k in ring) for ring in facets)
     return Polyhedron(corners_mm, rings, np.zeros((len(corners_mm), 3, 3)))
+
+
+def united(rings: Sequence[Sequence[int]], points_mm: Array, covariance_mm2: Array, types: Iterable[str]) -> Polyhedron:
+    """Facets as they were measured one by one, made one polyhedron: points_mm (N, 3), ring after ring, with covariance
+    (N, 3, 3); points with one number in the rings are one corner.
+
+    A corner is the weighted mean of its points; its covariance stays that of one facet, because neighbours measure the
+    same edges in the same pixels, and grows by how far the points lie apart.
+    """
+    order = {number: k for k, number in enumerate(dict.fromkeys(n for ring in rings for n in ring))}
+    owner = np.array([order[number] for ring in rings for number in ring])
+    count = len(order)
+    information = np.linalg.inv(covariance_mm2 + SURE_MM2 * np.eye(3))
+    total, weighted, shares = np.zeros((count, 3, 3)), np.zeros((count, 3)), np.bincount(owner).astype(float)
+    np.add.at(total, owner, information)
+    np.add.at(weighted, owner, (information @ points_mm[..., None])[..., 0])
+    spread = np.linalg.inv(total)
+    corners = (spread @ weighted[..., None])[..., 0]
+    off = points_mm - corners[owner]
+    scatter = np.zeros((count, 3, 3))
+    np.add.at(scatter, owner, off[:, :, None] * off[:, None, :])
+    facets = tuple(tuple(order[number] for number in ring) for ring in rings)
+    covariance = spread * shares[:, None, None] + scatter / shares[:, None, None]
+    return Polyhedron(corners, facets, covariance, tuple(types))

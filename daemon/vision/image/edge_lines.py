@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from daemon.vision.geometry.rectified import Eye
 from daemon.vision.image.grey import SATURATED, Noise
 from daemon.vision.image.profiles import Rulers, lay_rulers, lens_bow, sample, sample_evenly
+from daemon.vision.image.regions import SMOOTHING_PX
 from daemon.vision.image.step_model import FAR, OFFSETS, REACH_PX, normal_cdf, shaded_levels, unclipped
 
 Array = NDArray[np.float64]
@@ -25,6 +26,10 @@ _FIRST_SPACING_PX = 3.0
 _BLOCKS, _IN_BLOCK = 6, 6  # stretches of a side, rows in each
 _FAINT_BLOCK = 0.4
 _BESIDE_PX = 8.5
+_ROW_PX = float(np.sqrt(4 * np.pi) * SMOOTHING_PX)
+"""How far apart rows of a smoothed image are whose noise is as good as independent."""
+_SLOPE_NOISE = float(np.sqrt(2 * (1 - np.exp(-0.25 / SMOOTHING_PX**2)) / (4 * np.pi)) / SMOOTHING_PX)
+"""Standard deviation of the difference of two points a pixel apart in white unit noise after a Gaussian."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,18 +65,18 @@ class Sides:
 
 
 def find_sides(
-    smoothed: Image32, start: Array, end: Array, reach_px: float, expected_px: Array, sigma_px: Array
+    smooth: Image32, start: Array, end: Array, reach_px: float, expected_px: Array, sigma_px: Array
 ) -> tuple[Array, Array]:
     """Move rough sides (S, 2), (S, 2) px onto the strongest straight gradient near them, seen over their whole length.
 
-    smoothed: unit-noise image. Looks up to reach_px either way of expected_px (S,) outwards, and at tilts that move
-    either end by a few pixels; gradients count by how near they are to what is expected, with sigma_px (S,). Returns
-    moved ends.
+    smooth: unit-noise image after a Gaussian of SMOOTHING_PX. Looks up to reach_px either way of expected_px (S,)
+    outwards, and at tilts that move either end by a few pixels; gradients count by how near they are
+    to what is expected, with sigma_px (S,). Returns moved ends.
     """
     length, at = _places(start, end, _TRIM_PX, _BLOCKS * _IN_BLOCK)
     pitch = 1.0 if reach_px > 2 else 0.5
     offsets = np.arange(-reach_px - pitch, reach_px + 1.5 * pitch, pitch)
-    values = sample_evenly(smoothed, start, end, at, offsets, expected_px)
+    values = sample_evenly(smooth, start, end, at, offsets, expected_px)
     blocks = _block_means(values[:, :, 2:] - values[:, :, :-2])
     at = _block_means(at[:, :, None])[:, :, 0]
     tilts = np.linspace(-1, 1, 7) * np.clip(0.06 * length, 0.4, 3.5)[:, None]
@@ -89,17 +94,18 @@ def find_sides(
     return start + (offset - slope)[:, None] * normal, end + (offset + slope)[:, None] * normal
 
 
-def probe_sides(smoothed: Image32, start: Array, end: Array, sigma_px: float = 1.0) -> tuple[Array, Array]:
+def probe_sides(smooth: Image32, start: Array, end: Array, grain: float = 1.0) -> tuple[Array, Array]:
     """How strong the gradient across each side is: its mean in sigmas (S,), and the fraction of the side that shows
     it (S,).
 
-    smoothed: unit-noise image after a Gaussian of sigma_px, whose noise is therefore known along and across the side.
+    smooth: unit-noise image after a Gaussian of SMOOTHING_PX, whose noise is therefore known along and across the
+    side; grain: that noise over what white noise would leave.
     """
     length, at = _places(start, end, 1.0, _BLOCKS * _IN_BLOCK)
-    values = sample_evenly(smoothed, start, end, at, np.array([-0.5, 0.5]), np.zeros(len(start)))
+    values = sample_evenly(smooth, start, end, at, np.array([-0.5, 0.5]), np.zeros(len(start)))
     blocks = _block_means(values[:, :, 1:] - values[:, :, :1])[:, :, 0]
-    one = _slope_noise(sigma_px)
-    rows = np.clip(length / (np.sqrt(4 * np.pi) * sigma_px), 1.0, _BLOCKS * _IN_BLOCK)
+    one = grain * _SLOPE_NOISE
+    rows = np.clip(length / _ROW_PX, 1.0, _BLOCKS * _IN_BLOCK)
     mean = np.mean(blocks, 1)
     sigma = one / np.sqrt(np.maximum(rows / _BLOCKS, 1.0))
     block_z = blocks * np.sign(mean)[:, None] / sigma[:, None]
@@ -107,16 +113,16 @@ def probe_sides(smoothed: Image32, start: Array, end: Array, sigma_px: float = 1
     return mean / (one / np.sqrt(rows)), seen
 
 
-def edge_sigmas(smoothed: Image32, start: Array, end: Array, sigma_px: float = 1.0) -> Array:
+def edge_sigmas(smooth: Image32, start: Array, end: Array) -> Array:
     """How surely an edge lies along each line (S,): the slope across it, over its whole length, in sigmas.
 
-    smoothed: as for probe_sides. The slope is the median over stretches of the line, so that an edge that only crosses
+    smooth: as for probe_sides. The slope is the median over stretches of the line, so that an edge that only crosses
     it does not count; it is taken against what lines beside this one show, shading and grain alike, on the quieter
     hand: on the other the next edge may be near.
     """
     length, at = _places(start, end, _TRIM_PX, _BLOCKS * _IN_BLOCK)
     offsets = np.arange(-_BESIDE_PX, _BESIDE_PX + 0.1, 0.5)
-    values = sample_evenly(smoothed, start, end, at, offsets, np.zeros(len(start)))
+    values = sample_evenly(smooth, start, end, at, offsets, np.zeros(len(start)))
     slope = np.median(_block_means(values[:, :, 2:] - values[:, :, :-2]), 1)
     place = offsets[1:-1]
     shading, grain = np.zeros(len(start)), np.full(len(start), np.inf)
@@ -124,15 +130,10 @@ def edge_sigmas(smoothed: Image32, start: Array, end: Array, sigma_px: float = 1
         level = np.median(slope[:, side], 1)
         spread = 1.4826 * np.median(np.abs(slope[:, side] - level[:, None]), 1)
         shading, grain = np.where(spread < grain, level, shading), np.minimum(spread, grain)
-    rows = np.clip(length / (np.sqrt(4 * np.pi) * sigma_px), 1.0, _BLOCKS * _IN_BLOCK)
-    noise = 1.25 * _slope_noise(sigma_px) / np.sqrt(rows)
+    rows = np.clip(length / _ROW_PX, 1.0, _BLOCKS * _IN_BLOCK)
+    noise = 1.25 * _SLOPE_NOISE / np.sqrt(rows)
     edge = np.abs(slope[:, np.abs(place) < 0.9] - shading[:, None]).max(1)
     return np.asarray(edge / np.hypot(noise, grain))
-
-
-def _slope_noise(sigma_px: float) -> float:
-    """Standard deviation of the difference of two points a pixel apart in white unit noise after a Gaussian."""
-    return float(np.sqrt(2 * (1 - np.exp(-0.25 / sigma_px**2)) / (4 * np.pi)) / sigma_px)
 
 
 def _places(start: Array, end: Array, trim_px: float, count: int) -> tuple[Array, Array]:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from daemon.vision.geometry.polygon import Point, drop_side, is_simple, tidy
 from daemon.vision.geometry.polygon_batch import Rings, areas, convex, different, met, rings
 from daemon.vision.image.edge_lines import find_sides, probe_sides
-from daemon.vision.image.regions import Border, Fine, Region, Scale, closed_regions, rough_polygons
+from daemon.vision.image.regions import Border, Image32, Region, Scale, closed_regions, rough_polygons
 from daemon.vision.settings import VisionSettings
 
 Array = NDArray[np.float64]
@@ -40,11 +40,12 @@ class Outline:
     support: float
 
 
-def find_outlines(
-    fine: Fine, scales: tuple[Scale, ...], image_area_px: float, settings: VisionSettings
-) -> list[Outline]:
-    """Outlines of the closed regions at every scale and level, without repeats, best supported first."""
-    largest = settings.max_area_fraction * image_area_px
+def find_outlines(smooth: Image32, grain: float, scales: list[Scale], settings: VisionSettings) -> list[Outline]:
+    """Outlines of the closed regions at every scale and level, without repeats, best supported first.
+
+    smooth: unit-noise image after a Gaussian; grain: its noise over that of white noise.
+    """
+    largest = settings.max_area_fraction * smooth.size
     rough = [
         (corners, region)
         for scale in scales
@@ -57,43 +58,43 @@ def find_outlines(
         return []
     start = rings([c for c, _ in rough])
     shrink = np.repeat([float(r.shrink) for _, r in rough], start.count)
-    first = snap(fine, start, _FIRST_REACH_PX, _INSIDE_PX * shrink, _UNSURE_PX * shrink)
+    first = snap(smooth, start, _FIRST_REACH_PX, _INSIDE_PX * shrink, _UNSURE_PX * shrink)
     variants = [
         (v, r) for corners, (_, r) in zip(first.split(), rough, strict=True) for v in _variants(corners, settings)
     ]
     variants = _distinct(variants, _SAME_PX)
     if not variants:
         return []
-    shape = snap_near(fine, rings([c for c, _ in variants]), _SECOND_REACH_PX, 1.0)
-    return probe(fine, shape, [r.border for _, r in variants], settings)
+    shape = snap_near(smooth, rings([c for c, _ in variants]), _SECOND_REACH_PX, 1.0)
+    return probe(smooth, grain, shape, [r.border for _, r in variants], settings)
 
 
-def snap(fine: Fine, shape: Rings, reach_px: float, expected_px: Array, sigma_px: Array) -> Rings:
+def snap(smooth: Image32, shape: Rings, reach_px: float, expected_px: Array, sigma_px: Array) -> Rings:
     """Polygons with their sides moved onto the gradient, expected so far outwards (M,), and met again in corners."""
-    start = shape.corners - fine.origin_px
-    start, end = find_sides(fine.smoothed, start, start[shape.next], reach_px, expected_px, sigma_px)
-    return shape.moved(met(shape, start, end) + fine.origin_px)
+    start, end = find_sides(smooth, shape.corners, shape.corners[shape.next], reach_px, expected_px, sigma_px)
+    return shape.moved(met(shape, start, end))
 
 
-def snap_near(fine: Fine, shape: Rings, reach_px: float, sigma_px: float) -> Rings:
+def snap_near(smooth: Image32, shape: Rings, reach_px: float, sigma_px: float) -> Rings:
     """The same where the gradient is expected to be where the sides are; each different side is moved once."""
-    start = shape.corners - fine.origin_px
-    end = start[shape.next]
+    start, end = shape.corners, shape.corners[shape.next]
     kept, which, turned = different(start, end, _SAME_SIDE_PX)
     near = np.zeros(len(kept))
-    one, other = find_sides(fine.smoothed, start[kept], end[kept], reach_px, near, near + sigma_px)
+    one, other = find_sides(smooth, start[kept], end[kept], reach_px, near, near + sigma_px)
     one, other, back = one[which], other[which], turned[:, None]
     start, end = np.where(back, other, one), np.where(back, one, other)
-    return shape.moved(met(shape, start, end) + fine.origin_px)
+    return shape.moved(met(shape, start, end))
 
 
-def probe(fine: Fine, shape: Rings, borders: list[Border], settings: VisionSettings) -> list[Outline]:
+def probe(
+    smooth: Image32, grain: float, shape: Rings, borders: list[Border], settings: VisionSettings
+) -> list[Outline]:
     """The polygons whose every side shows in the gradient, best supported first, without repeats."""
-    start = shape.corners - fine.origin_px
-    kept, which, turned = different(start, start[shape.next], _SAME_SIDE_PX / 2)
-    strength, seen = (v[which] for v in probe_sides(fine.smoothed, start[kept], start[shape.next][kept]))
+    start, end = shape.corners, shape.corners[shape.next]
+    kept, which, turned = different(start, end, _SAME_SIDE_PX / 2)
+    strength, seen = (v[which] for v in probe_sides(smooth, start[kept], end[kept], grain))
     strength = np.where(turned, -strength, strength)
-    chord = shape.corners[shape.next] - shape.corners
+    chord = end - start
     length = np.hypot(chord[:, 0], chord[:, 1])
     support = shape.sums(length * seen) / shape.sums(length)
     good = (

@@ -9,9 +9,11 @@ from numpy.typing import NDArray
 
 from daemon.vision.geometry.polygon import is_simple
 from daemon.vision.geometry.polygon_batch import Rings, convex, different, met, rings
+from daemon.vision.geometry.rectified import Eye
 from daemon.vision.image.edge_lines import Sides, fit_sides
-from daemon.vision.image.one_eye import Sight
+from daemon.vision.image.grey import Noise
 from daemon.vision.image.outlines import Outline
+from daemon.vision.image.regions import Image32
 from daemon.vision.values import Polygon
 
 Array = NDArray[np.float64]
@@ -37,14 +39,14 @@ class Fitted:
         return Fitted(polygon, self.sides.chosen(order))
 
 
-def fit_polygons(sight: Sight, outlines: list[Outline]) -> list[Fitted | None]:
+def fit_polygons(image: Image32, noise: Noise, eye: Eye, outlines: list[Outline]) -> list[Fitted | None]:
     """Fit every side of every outline to the grey levels; None where the fit strays from the outline."""
     if not outlines:
         return []
     shape = rings([o.corners for o in outlines])
     start, end = shape.corners, shape.corners[shape.next]
     kept, which, turned = different(start, end, _SAME_PX)
-    every = fit_sides(sight.image, sight.noise, start[kept], end[kept], sight.eye).chosen(which, turned)
+    every = fit_sides(image, noise, start[kept], end[kept], eye).chosen(which, turned)
     shape = shape.moved(met(shape, every.start, every.end))
     covariance = met_covariance(shape, every)
     sound = convex(shape)

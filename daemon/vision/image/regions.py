@@ -28,16 +28,9 @@ _LEAST_SOLIDITY, _CONVEX_SOLIDITY = 0.55, 0.88
 _KERNEL = (7, 7)
 _LEAST_AREA = 12.0
 _LEAST_EXTENT = 12
+_WINDOW_RIM_PX = 12
 _TILES, _QUIET = 8, 20
 _RAYLEIGH_MEDIAN, _MOST_GRAIN = 1.177, 1.7
-
-
-@dataclass(frozen=True, eq=False)
-class Fine:
-    """The part of an image that shows edges: full size, of unit noise, smoothed. origin_px (2,): its first pixel."""
-
-    origin_px: Array
-    smoothed: Image32
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,35 +55,27 @@ class Region:
     shrink: int
 
 
-def scale_space(image: Grey, noise: Noise, settings: VisionSettings) -> tuple[Fine | None, tuple[Scale, ...]]:
-    """The image stretched to unit noise, and its scales, finest first; the finest only cover where coarser ones show
-    edges.
+def unit_noise(image: Grey, noise: Noise) -> Image32:
+    """The image stretched to a noise of sigma 1 at every grey level."""
+    return np.asarray(cv2.LUT(image, noise.stretch), np.float32)
 
-    None and nothing where no scale shows any edge.
-    """
-    whole = np.asarray(cv2.LUT(image, noise.stretch), np.float32)
-    coarse: list[Scale] = []
-    for shrink in settings.shrinks:
-        if shrink > 1:
-            small = cv2.resize(whole, None, fx=1 / shrink, fy=1 / shrink, interpolation=cv2.INTER_AREA)
-            coarse.append(_scale(np.asarray(small, np.float32), shrink))
-    window = _window(coarse, image.shape, settings.faintest)
-    if window is None:
-        return None, ()
+
+def smoothed(unit: Image32) -> Image32:
+    """After a Gaussian of SMOOTHING_PX."""
+    return np.asarray(cv2.GaussianBlur(unit, _KERNEL, SMOOTHING_PX), np.float32)
+
+
+def shrunk(unit: Image32, shrink: int) -> Scale:
+    """The gradient of all of an image of unit noise, at pixels of shrink x shrink."""
+    small = cv2.resize(unit, None, fx=1 / shrink, fy=1 / shrink, interpolation=cv2.INTER_AREA)
+    strength = _gradient(smoothed(np.asarray(small, np.float32)), shrink)
+    return Scale(shrink, np.full(2, (shrink - 1) / 2), strength, _grain(strength))
+
+
+def full_size(smooth: Image32, window: tuple[Array, Array], grain: float) -> Scale:
+    """The gradient of a part of a smoothed image, full size; grain: its noise over that of white noise."""
     (left, top), (right, bottom) = window
-    smoothed = cv2.GaussianBlur(whole[top:bottom, left:right], _KERNEL, SMOOTHING_PX) * np.float32(1 / coarse[0].sigma)
-    fine = Fine(np.array([left, top], float), np.asarray(smoothed, np.float32))
-    if 1 not in settings.shrinks:
-        return fine, tuple(coarse)
-    return fine, (Scale(1, fine.origin_px, _gradient(fine.smoothed), 1.0), *coarse)
-
-
-def whole(image: Grey, noise: Noise) -> tuple[Fine, Scale]:
-    """All of an image as scale_space has the part that shows edges, its noise taken for white; and its half scale."""
-    unit = np.asarray(cv2.LUT(image, noise.stretch), np.float32)
-    small = cv2.resize(unit, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
-    fine = Fine(np.zeros(2), np.asarray(cv2.GaussianBlur(unit, _KERNEL, SMOOTHING_PX), np.float32))
-    return fine, _scale(np.asarray(small, np.float32), 2)
+    return Scale(1, np.array([left, top], float), _gradient(smooth[top:bottom, left:right]), grain)
 
 
 def _grain(strength: Image32) -> float:
@@ -106,12 +91,6 @@ def _grain(strength: Image32) -> float:
     return min(max(excess, 1.0), _MOST_GRAIN)
 
 
-def _scale(unit_noise: Image32, shrink: int) -> Scale:
-    smoothed = np.asarray(cv2.GaussianBlur(unit_noise, _KERNEL, SMOOTHING_PX), np.float32)
-    strength = _gradient(smoothed, shrink)
-    return Scale(shrink, np.full(2, (shrink - 1) / 2), strength, _grain(strength))
-
-
 def _gradient(smoothed: Image32, shrink: int = 1) -> Image32:
     """Its size in sigmas of white noise, of an image in which one pixel is the mean of shrink x shrink."""
     scale = 0.125 * shrink / gradient_noise(SMOOTHING_PX)
@@ -119,21 +98,17 @@ def _gradient(smoothed: Image32, shrink: int = 1) -> Image32:
     return np.asarray(cv2.magnitude(gx, gy), np.float32)
 
 
-def _window(scales: list[Scale], shape: tuple[int, ...], level: float) -> tuple[Array, Array] | None:
-    """Corners (left, top), (right, bottom) px of the part of the image in which the scales show edges, or None."""
-    low, high = np.array([np.inf, np.inf]), np.array([-np.inf, -np.inf])
-    for scale in scales:
-        edges = (scale.strength >= level * scale.sigma).astype(np.uint8)
-        for border in cv2.findContours(edges, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)[0]:
-            x, y, width, height = cv2.boundingRect(border)
-            if width + height >= _LEAST_EXTENT:
-                low = np.minimum(low, np.array([x, y]) * scale.shrink)
-                high = np.maximum(high, np.array([x + width, y + height]) * scale.shrink)
-    if not np.all(np.isfinite(low)):
+def edge_window(scale: Scale, level: float, shape: tuple[int, ...]) -> tuple[Array, Array] | None:
+    """Corners (left, top), (right, bottom) px of the part of an image (H, W) in which a scale shows edges, or None."""
+    edges = (scale.strength >= level * scale.sigma).astype(np.uint8)
+    borders = cv2.findContours(edges, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)[0]
+    boxes = np.array([cv2.boundingRect(b) for b in borders], np.intp).reshape(-1, 4)
+    boxes = boxes[boxes[:, 2] + boxes[:, 3] >= _LEAST_EXTENT] * scale.shrink
+    if not len(boxes):
         return None
     size = np.array([shape[1], shape[0]])
-    margin = 12
-    return np.maximum(low - margin, 0).astype(np.intp), np.minimum(high + margin, size).astype(np.intp)
+    low, high = boxes[:, :2].min(0), (boxes[:, :2] + boxes[:, 2:]).max(0)
+    return np.maximum(low - _WINDOW_RIM_PX, 0), np.minimum(high + _WINDOW_RIM_PX, size)
 
 
 @cache

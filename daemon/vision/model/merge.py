@@ -20,7 +20,8 @@ from daemon.vision.model.facet_types import FALSE_ALARM, SIGMA_SCALE, FacetLibra
 from daemon.vision.model.regularise import regularise
 
 Array = NDArray[np.float64]
-JOIN_TOLERANCE_MM = 0.3
+TOLERANCE_MM = 0.25
+"""How far a real part may deviate from the taught one, a standard deviation per axis; what a model says goes before."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +38,9 @@ class MetricModel:
         return float(np.sqrt(((corners[:, None] - corners[None]) ** 2).sum(2).max()))
 
 
-def merge_views(views: tuple[Polyhedron, ...], library: FacetLibrary) -> MetricModel:
+def merge_views(
+    views: tuple[Polyhedron, ...], library: FacetLibrary, tolerance_mm: float = TOLERANCE_MM
+) -> MetricModel:
     """Join the views of one part, the first one first; a view that shares no facet with the rest stays out.
 
     A join that could be made in several ways is made only where all of them lead to the same shape (a symmetric part).
@@ -45,7 +48,7 @@ def merge_views(views: tuple[Polyhedron, ...], library: FacetLibrary) -> MetricM
     whole, joined, waiting = views[0], [0], list(range(1, len(views)))
     while waiting:
         for index in waiting:
-            grown = _join(whole, views[index])
+            grown = _join(whole, views[index], tolerance_mm)
             if grown is not None:
                 whole = grown
                 joined.append(index)
@@ -56,14 +59,14 @@ def merge_views(views: tuple[Polyhedron, ...], library: FacetLibrary) -> MetricM
     return MetricModel(_in_part_frame(regularise(whole, library)), tuple(sorted(joined)))
 
 
-def _join(whole: Polyhedron, view: Polyhedron) -> Polyhedron | None:
+def _join(whole: Polyhedron, view: Polyhedron, tolerance_mm: float) -> Polyhedron | None:
     """`whole` with the view's facets in it, or None where they do not fit together in one definite way."""
     ways = [c for c in correspondences(view, whole, may_add=True) if (c.corners >= 0).sum() >= 3]
     ranked = sorted(ways, key=lambda c: -c.explained)
     for explained in sorted({c.explained for c in ranked}, reverse=True):
         fitting = [
             (float(fit.chi2[0]), _united(whole, view, way, fit))
-            for way, fit in ((w, _fit(whole, view, w)) for w in ranked if w.explained == explained)
+            for way, fit in ((w, _fit(whole, view, w, tolerance_mm)) for w in ranked if w.explained == explained)
             if fit.chi2[0] < chi_square_limit(int(fit.dof[0]), FALSE_ALARM) * SIGMA_SCALE**2
         ]
         if fitting:
@@ -74,7 +77,7 @@ def _join(whole: Polyhedron, view: Polyhedron) -> Polyhedron | None:
     return None
 
 
-def _fit(whole: Polyhedron, view: Polyhedron, way: Correspondence) -> Fits:
+def _fit(whole: Polyhedron, view: Polyhedron, way: Correspondence, tolerance_mm: float) -> Fits:
     """whole_from_view by the corners both have."""
     shared = np.nonzero(way.corners >= 0)[0]
     there = way.corners[shared]
@@ -84,7 +87,7 @@ def _fit(whole: Polyhedron, view: Polyhedron, way: Correspondence) -> Fits:
         view.corners_mm[shared][None],
         view.covariance_mm2[shared][None],
         np.ones((1, len(shared)), dtype=bool),
-        JOIN_TOLERANCE_MM,
+        tolerance_mm,
     )
 
 

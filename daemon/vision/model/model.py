@@ -17,9 +17,9 @@ from daemon.art.rotation.layer import RotationLayer
 from daemon.errors import FacetdError
 from daemon.vision.geometry.polyhedron import Polyhedron
 from daemon.vision.model.facet_types import FacetLibrary
-from daemon.vision.model.merge import MetricModel, merge_views
-from daemon.vision.model.patterns import recall, touching_of, typed
-from daemon.vision.model.relation_matrix import MATRIX_SIZE, relation_matrix, weld
+from daemon.vision.model.merge import TOLERANCE_MM, MetricModel, merge_views
+from daemon.vision.model.patterns import recall, typed
+from daemon.vision.model.relation_matrix import MATRIX_SIZE, relation_matrix
 from daemon.vision.values import Group
 
 Array = NDArray[np.float64]
@@ -42,7 +42,7 @@ class Parameters:
     beta: float = 1.0
     complement: bool = True
     vigilance: float = 1.0
-    tolerance_mm: float = 0.25
+    tolerance_mm: float = TOLERANCE_MM
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,14 +105,13 @@ def learn_view(model: Model, group: Group, label: str, source: str = "") -> Mode
     if not label or label == "unknown":
         raise TeachError(f"a part cannot be called {label!r}: choose another name")
     facets = tuple(typed(f, model.library) for f in group.facets)
-    solid = weld(facets)
-    touching = touching_of(group, solid)
+    solid = replace(group, facets=facets).polyhedron
     if len(facets) < 2:
         raise TeachError(f"{label}: {len(facets)} facet in view; show at least two that share an edge")
-    if not _connected(touching):
+    if not _connected(solid.touching):
         raise TeachError(f"{label}: the {len(facets)} facets in view do not hang together; show the part alone")
     numbers = np.array([f.type_number for f in facets])
-    view = TaughtView(label, solid, numbers, touching, -1, source)
+    view = TaughtView(label, solid, numbers, solid.touching, -1, source)
     if len(facets) > model.matrix_size:
         return _retaught(replace(model, matrix_size=len(facets)), (*model.views, view))
     return _with_view(model, view)
@@ -140,7 +139,7 @@ def _with_view(model: Model, view: TaughtView) -> Model:
     node = int(artmap.learn(matrix.reshape(1, -1), [view.label])[0])
     views = (*model.views, replace(view, node=node))
     solids = tuple(v.solid for v in views if v.label == view.label)
-    metric = {**model.metric, view.label: merge_views(solids, model.library)}
+    metric = {**model.metric, view.label: merge_views(solids, model.library, model.parameters.tolerance_mm)}
     return replace(model, views=views, artmap=artmap, metric=metric)
 
 

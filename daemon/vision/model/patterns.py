@@ -12,9 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon.art.rotation.layer import Recall, RotationLayer
-from daemon.vision.geometry.polyhedron import Polyhedron
 from daemon.vision.model.facet_types import FacetLibrary, type_facet
-from daemon.vision.values import Facet, Group
+from daemon.vision.values import Facet
 
 Array = NDArray[np.float64]
 
@@ -34,12 +33,6 @@ def typed(facet: Facet, library: FacetLibrary) -> Facet:
     """The facet with its most particular type."""
     kind = type_facet(facet.corners_mm, facet.covariance_mm2, library)[0]
     return replace(facet, type=kind.name, type_number=kind.number)
-
-
-def touching_of(group: Group, solid: Polyhedron) -> NDArray[np.bool_]:
-    """(n, n) facets that touch: as the images showed it, or because their corners in space coincide along an edge."""
-    touching = np.asarray(group.touching, dtype=bool) | solid.touching
-    return touching & ~np.eye(len(touching), dtype=bool)
 
 
 def recall(layer: RotationLayer, numbers: Array, touching: NDArray[np.bool_]) -> Recall:

@@ -1,28 +1,28 @@
 """Groups of facets -> named parts with poses. Right, or silent with the reason.
 
 Pattern first (which taught parts have these facets so joined), then metric: lengths and dihedral angles by rigid fit.
-In: a FacetView and a Model. Out: Parts. Seeing facets, learning and files are elsewhere.
+In: groups and a Model. Out: each group with its Part. Seeing facets, learning and files are elsewhere.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
+from daemon.vision.facets.weld import weld
 from daemon.vision.geometry.facet_measures import newell_normal
-from daemon.vision.geometry.polyhedron import Polyhedron
 from daemon.vision.model.facet_types import LARGEST_NUMBER, FacetLibrary, type_number
 from daemon.vision.model.model import Model
-from daemon.vision.model.patterns import Answer, by_label, recall, touching_of, typed
+from daemon.vision.model.patterns import Answer, by_label, recall, typed
 from daemon.vision.model.regularise import regularise
-from daemon.vision.model.relation_matrix import weld
 from daemon.vision.recognition.confidence import probability
 from daemon.vision.recognition.hypotheses import Hypothesis, equivalents, hypotheses, without_one_corner
 from daemon.vision.recognition.posterior import most_likely_corners
-from daemon.vision.values import Facet, FacetView, Group, Part, Recognition
+from daemon.vision.values import UNKNOWN, Facet, Group, Part, Recognition
 
 Array = NDArray[np.float64]
 LEAST_TAIL = 1e-4  # a right hypothesis may fit so badly only this rarely
@@ -32,63 +32,68 @@ LEAST_TAIL_ASTRAY = 1e-2  # the same where one corner was left out: what remains
 LEAST_PROBABILITY = 0.9  # below it a part is not named
 EPIPOLAR_PX = 0.25  # a corner farther off its epipolar line than this is less sure than predicted
 HOLLOW_MM = 2.0  # how far in front of a neighbour's plane a facet's middle lies that meets it in a hollow edge
-UNKNOWN = "unknown"
 
 
 @dataclass(frozen=True, eq=False)
-class _Seen:
-    """One group, looked at: typed facets, the welded solid, who touches whom."""
+class Recognised:
+    """A group as it was measured, and what it was taken for."""
 
-    facets: tuple[Facet, ...]
-    solid: Polyhedron
-    touching: NDArray[np.bool_]
+    group: Group
+    part: Part
+
+    @property
+    def label(self) -> str:
+        """The part's name, or `unknown`."""
+        return self.part.recognition.label
+
+    @property
+    def named(self) -> bool:
+        """Whether it was taken for a taught part."""
+        return self.part.named
 
 
-def recognise(view: FacetView, model: Model) -> tuple[Part, ...]:
+def recognise(groups: Iterable[Group], model: Model) -> tuple[Recognised, ...]:
     """Name and locate every group of facets, nearest first. Groups that fit nothing taught come back as `unknown`."""
-    found = [(group, _parts_of(group, model)) for group in view.groups if group.facets]
+    return joined([found for group in groups if group.facets for found in _parts_of(group, model)], model)
+
+
+def joined(found: Sequence[Recognised], model: Model) -> tuple[Recognised, ...]:
+    """What was found, nearest first, with those made one that share an edge after all and have a name together."""
+    parts = list(found)
     for one, other in combinations(found, 2):
-        whole = _as_one(one, other, model) if all(any(f is known for known in found) for f in (one, other)) else None
-        if whole is not None:
-            found = [f for f in found if f is not one and f is not other] + [whole]
-    parts = [part for _, own in found for part in own]
-    return tuple(sorted(parts, key=lambda p: float(np.linalg.norm(p.cyclopean_from_part[:3, 3]))))
+        if one in parts and other in parts and one.label == other.label:
+            whole = _as_one(one.group, other.group, model)
+            if whole is not None:
+                parts = [p for p in parts if p not in (one, other)] + [whole]
+    return tuple(sorted(parts, key=lambda r: float(np.linalg.norm(r.part.cyclopean_from_part[:3, 3]))))
 
 
-Named = tuple[Group, tuple[Part, ...]]
-
-
-def _as_one(one: Named, other: Named, model: Model) -> Named | None:
-    """Two groups without a name, or with the same one, that share an edge after all and have a name together; None
-    where they do not."""
-    names = [{p.recognition.label for p in parts} for _, parts in (one, other)]
-    if names[0] != names[1] or len(names[0]) > 1:
+def _as_one(one: Group, other: Group, model: Model) -> Recognised | None:
+    """Two groups as one, where they share an edge and that has a name; else None."""
+    whole = weld(one.facets + other.facets)
+    if not whole.touching[: len(one.facets), len(one.facets) :].any():
         return None
-    facets = one[0].facets + other[0].facets
-    touching = weld(facets).touching
-    if not touching[: len(one[0].facets), len(one[0].facets) :].any():
-        return None
-    whole = Group(facets, touching)
     part = recognise_group(whole, model)
-    return (whole, (part,)) if part.recognition.label != UNKNOWN else None
+    return Recognised(whole, part) if part.named else None
 
 
-def _parts_of(group: Group, model: Model) -> tuple[Part, ...]:
+def _parts_of(group: Group, model: Model) -> tuple[Recognised, ...]:
     """The group as one part; where that has no name but all its facets except a doubtful one have, those two apart.
 
     A shadow or a neighbour's corner seen as a facet must not hide the part it lies beside. Doubtful is a facet that is
     irregular, or that meets its neighbours in a hollow edge, as the table does.
     """
-    whole = recognise_group(group, model)
-    if whole.recognition.label != UNKNOWN or len(group.facets) < 3:
+    whole = Recognised(group, recognise_group(group, model))
+    if whole.named or len(group.facets) < 3:
         return (whole,)
-    for index, facet in enumerate(whole.facets):
-        if facet.type_number <= LARGEST_NUMBER and not _hollow(whole.facets, group.touching[index], facet):
+    for index, facet in enumerate(whole.part.facets):
+        if facet.type_number <= LARGEST_NUMBER and not _hollow(whole.part.facets, group.touching[index], facet):
             continue
-        rest = [k for k in range(len(group.facets)) if k != index]
-        part = recognise_group(_subgroup(group, rest), model)
-        if part.recognition.label != UNKNOWN:
-            return part, recognise_group(_subgroup(group, [index]), model)
+        rest = group.only([k for k in range(len(group.facets)) if k != index])
+        part = recognise_group(rest, model)
+        if part.named:
+            alone = group.only([index])
+            return Recognised(rest, part), Recognised(alone, recognise_group(alone, model))
     return (whole,)
 
 
@@ -99,20 +104,16 @@ def _hollow(facets: tuple[Facet, ...], touching: NDArray[np.bool_], facet: Facet
     return all(float(newell_normal(g.corners_mm) @ (middle - g.corners_mm.mean(0))) > HOLLOW_MM for g in beside)
 
 
-def suspicions(facet: Facet, model: Model) -> tuple[Hypothesis, ...]:
+def facet_hypotheses(facet: Facet, model: Model) -> tuple[Hypothesis, ...]:
     """Every taught part and pose that a facet may belong to, measured well or not; the nearest first."""
-    seen = _look_at(Group((facet,), np.zeros((1, 1), bool)), model)
-    found = hypotheses(seen.solid, model.metric, model.parameters.tolerance_mm)
+    seen = _typed(weld([facet]), model)
+    found = hypotheses(seen.polyhedron, model.metric, model.parameters.tolerance_mm)
     return tuple(sorted((h for h in found if h.rms_mm < SUSPECT_MM), key=lambda h: h.rms_mm))
-
-
-def _subgroup(group: Group, members: list[int]) -> Group:
-    return Group(tuple(group.facets[k] for k in members), group.touching[np.ix_(members, members)])
 
 
 def recognise_group(group: Group, model: Model) -> Part:
     """Name and locate one group of facets."""
-    seen = _look_at(group, model)
+    seen = _typed(group, model)
     answers = _answers(seen, model)
     fits = _fits(seen, model, answers)
     best = _best_by_label(fits)
@@ -121,25 +122,24 @@ def recognise_group(group: Group, model: Model) -> Part:
         return _unknown_part(seen, model, verdict)
     winner = next(h for h in best if h.label == verdict.label)
     taught = model.metric[winner.label].solid
-    facets = _as_taught(seen, winner, taught, model.library)
+    facets = typed_as(seen.facets, (taught.types[g] for g in winner.facets), model.library)
     if any(f.type != g.type for f, g in zip(facets, seen.facets, strict=True)):
         verdict = _with_pattern(verdict, facets, seen.touching, model)
-    fitted = most_likely_corners(seen.solid, taught, winner, model.parameters.tolerance_mm)
+    fitted = most_likely_corners(seen.polyhedron, taught, winner, model.parameters.tolerance_mm)
     return Part(
         verdict,
         facets,
         winner.pose,
         winner.covariance,
         winner.rms_mm,
-        tuple(fitted[list(ring)] for ring in seen.solid.facets),
+        tuple(fitted[list(ring)] for ring in seen.polyhedron.facets),
         equivalents(winner, fits),
     )
 
 
-def _look_at(group: Group, model: Model) -> _Seen:
-    facets = tuple(typed(_doubted(f), model.library) for f in group.facets)
-    solid = weld(facets)
-    return _Seen(facets, solid, touching_of(group, solid))
+def _typed(group: Group, model: Model) -> Group:
+    """The group with its facets typed, their corners as sure as their epipolar lines allow."""
+    return replace(group, facets=tuple(typed(_doubted(f), model.library) for f in group.facets))
 
 
 def _doubted(facet: Facet) -> Facet:
@@ -148,7 +148,7 @@ def _doubted(facet: Facet) -> Facet:
     return replace(facet, covariance_mm2=facet.covariance_mm2 * excess[:, None, None])
 
 
-def _answers(seen: _Seen, model: Model) -> tuple[Answer, ...]:
+def _answers(seen: Group, model: Model) -> tuple[Answer, ...]:
     """What the ARTMAP nodes say, best label first; nothing for a lone facet, which has no relations."""
     if model.rotation is None or not seen.touching.any():
         return ()
@@ -156,23 +156,23 @@ def _answers(seen: _Seen, model: Model) -> tuple[Answer, ...]:
     return by_label(recall(model.rotation, numbers, seen.touching), model.node_labels)
 
 
-def _fits(seen: _Seen, model: Model, answers: tuple[Answer, ...]) -> tuple[Hypothesis, ...]:
+def _fits(seen: Group, model: Model, answers: tuple[Answer, ...]) -> tuple[Hypothesis, ...]:
     """Metric hypotheses of the labels whose pattern answers; of all labels where none of those fits."""
     tolerance = model.parameters.tolerance_mm
     named = [a.label for a in answers if a.modified >= model.parameters.vigilance]
-    first = hypotheses(seen.solid, {n: model.metric[n] for n in named}, tolerance)
+    first = hypotheses(seen.polyhedron, {n: model.metric[n] for n in named}, tolerance)
     if any(_stands(h, seen) for h in first):
         return first
-    rest = hypotheses(seen.solid, {n: m for n, m in model.metric.items() if n not in named}, tolerance)
+    rest = hypotheses(seen.polyhedron, {n: m for n, m in model.metric.items() if n not in named}, tolerance)
     found = tuple(sorted(first + rest, key=lambda h: (-h.explained, h.chi2)))
     whole = tuple(h for h in found if h.explained == len(seen.facets))
     if len(seen.facets) < 2 or any(_stands(h, seen) for h in whole):
         return found
-    again = without_one_corner(seen.solid, model.metric, whole, tolerance)
+    again = without_one_corner(seen.polyhedron, model.metric, whole, tolerance)
     return (*(h for h in again if h.tail > LEAST_TAIL_ASTRAY and _stands(h, seen)), *found)
 
 
-def _stands(hypothesis: Hypothesis, seen: _Seen) -> bool:
+def _stands(hypothesis: Hypothesis, seen: Group) -> bool:
     """Whether a hypothesis explains every facet, as well as a right one would, and closely enough to mean anything."""
     whole = hypothesis.explained == len(seen.facets)
     return whole and hypothesis.tail > LEAST_TAIL and hypothesis.rms_mm < FARTHEST_MM
@@ -185,7 +185,7 @@ def _best_by_label(fits: tuple[Hypothesis, ...]) -> tuple[Hypothesis, ...]:
     return tuple(best.values())
 
 
-def _verdict(seen: _Seen, best: tuple[Hypothesis, ...], answers: tuple[Answer, ...]) -> Recognition:
+def _verdict(seen: Group, best: tuple[Hypothesis, ...], answers: tuple[Answer, ...]) -> Recognition:
     """Name, or say why not."""
     standing = tuple(sorted((h for h in best if _stands(h, seen)), key=lambda h: -h.tail))
     ranking = list(dict.fromkeys([h.label for h in standing] + [a.label for a in answers] + [h.label for h in best]))
@@ -194,7 +194,7 @@ def _verdict(seen: _Seen, best: tuple[Hypothesis, ...], answers: tuple[Answer, .
         return _silent(ranking, 1.0 if not best else 1.0 - max(h.tail for h in best), False, _why_not(seen, best))
     labels = tuple(h.label for h in standing)
     first = standing[0]
-    chance = probability(seen.solid, standing, first.label)
+    chance = probability(seen.polyhedron, standing, first.label)
     if len(seen.facets) == 1:
         why = f"a single {seen.facets[0].type} is no proof: it fits {' and '.join(labels)}"
         return replace(_silent(ranking, 1 - chance, True, why), candidates=labels)
@@ -220,7 +220,7 @@ def _silent(ranking: list[str], confidence: float, ambiguous: bool, why: str) ->
     return Recognition(UNKNOWN, confidence, 0.0, 0.0, ranking[0] if ranking else None, ambiguous, why)
 
 
-def _why_not(seen: _Seen, best: tuple[Hypothesis, ...]) -> str:
+def _why_not(seen: Group, best: tuple[Hypothesis, ...]) -> str:
     shapes = ", ".join(sorted(f.type for f in seen.facets))
     if not best:
         return f"nothing taught has facets like these ({shapes})"
@@ -230,11 +230,11 @@ def _why_not(seen: _Seen, best: tuple[Hypothesis, ...]) -> str:
     return f"{shapes}: {near.label} is off by {near.rms_mm:.1f} mm rms, chi-square {near.chi2:.0f} of {near.dof}"
 
 
-def _as_taught(seen: _Seen, winner: Hypothesis, taught: Polyhedron, library: FacetLibrary) -> tuple[Facet, ...]:
+def typed_as(facets: Iterable[Facet], kinds: Iterable[str], library: FacetLibrary) -> tuple[Facet, ...]:
     """The facets with the taught types: which of the types a facet may have it is, lengths and angles have settled."""
     return tuple(
-        replace(facet, type=taught.types[g], type_number=type_number(taught.types[g], library))
-        for facet, g in zip(seen.facets, winner.facets, strict=True)
+        replace(facet, type=kind, type_number=type_number(kind, library))
+        for facet, kind in zip(facets, kinds, strict=True)
     )
 
 
@@ -249,12 +249,12 @@ def _with_pattern(
     return replace(verdict, match_ratio=own.match_ratio, activation=own.activation)
 
 
-def _unknown_part(seen: _Seen, model: Model, verdict: Recognition) -> Part:
+def _unknown_part(seen: Group, model: Model, verdict: Recognition) -> Part:
     """An unnamed part sits at its corners' centroid, with the camera's axes; its corners as regular as their types."""
-    corners = regularise(seen.solid, model.library).corners_mm
+    corners = regularise(seen.polyhedron, model.library).corners_mm
     pose = np.eye(4)
     pose[:3, 3] = corners.mean(0)
     covariance = np.diag([0.0, 0.0, 0.0, np.pi**2, np.pi**2, np.pi**2])
-    covariance[:3, :3] = seen.solid.covariance_mm2.sum(0) / len(corners) ** 2
-    fitted = tuple(corners[list(ring)] for ring in seen.solid.facets)
+    covariance[:3, :3] = seen.polyhedron.covariance_mm2.sum(0) / len(corners) ** 2
+    fitted = tuple(corners[list(ring)] for ring in seen.polyhedron.facets)
     return Part(verdict, seen.facets, pose, covariance, float("nan"), fitted, pose[None])

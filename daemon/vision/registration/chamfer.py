@@ -1,7 +1,7 @@
-"""Many poses tried at once, roughly: how far a part's edges would lie from the nearest edges of both images.
+"""Chamfer distances of many poses at once: how far a part's edges would lie from the nearest edges of both images.
 
-In: poses of one metric model, a map of distances to edges an eye. Out: a cost for each. What is worth laying onto the
-images exactly (align.py) is chosen by it; nothing is decided here.
+In: poses of one metric model, a map of distances to edges an eye. Out: a distance for each. What is worth laying onto
+the images exactly (edge_pose.py) is chosen by it; nothing is decided here. Source: Barrow's chamfer matching.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.vision.geometry.facet_measures import newell_normal
 from daemon.vision.geometry.polyhedron import Polyhedron
 from daemon.vision.geometry.rectified import Baseline
 from daemon.vision.image.regions import Scale
@@ -39,18 +38,15 @@ def edge_map(scale: Scale, level: float) -> EdgeMap:
     return EdgeMap(np.asarray(away * scale.shrink, np.float32), scale.shrink)
 
 
-def facing(solid: Polyhedron, poses: Array) -> NDArray[np.bool_]:
-    """(P, F) which facets of a solid are turned to the cameras in each pose (P, 4, 4) cyclopean_from_part."""
-    rings = [solid.corners_mm[list(ring)] for ring in solid.facets]
-    normals = np.stack([newell_normal(r) for r in rings]) @ poses[:, :3, :3].transpose(0, 2, 1)
-    middles = np.stack([r.mean(0) for r in rings]) @ poses[:, :3, :3].transpose(0, 2, 1) + poses[:, None, :3, 3]
-    return np.asarray(-np.sum(normals * middles, 2) > LEAST_FACING * np.linalg.norm(middles, axis=2))
+def in_view(solid: Polyhedron, poses: Array) -> NDArray[np.bool_]:
+    """(P, F) which facets are turned to the cameras in each pose (P, 4, 4) cyclopean_from_part."""
+    return np.asarray(solid.facing(poses) > LEAST_FACING)
 
 
-def trial_costs(solid: Polyhedron, poses: Array, geometry: Baseline, maps: tuple[EdgeMap, EdgeMap]) -> Array:
+def chamfer_px(solid: Polyhedron, poses: Array, geometry: Baseline, maps: tuple[EdgeMap, EdgeMap]) -> Array:
     """(P,) mean px between the edges that a part in each pose would show and the nearest that are seen."""
-    pairs, owners = _edges(solid)
-    shown = (facing(solid, poses) @ owners) > 0
+    pairs, bounds = solid.lines
+    shown = in_view(solid, poses) @ bounds
     corners = solid.corners_mm @ poses[:, :3, :3].transpose(0, 2, 1) + poses[:, None, :3, 3]
     cost, weight = np.zeros(len(poses)), np.full(len(poses), 1e-9)
     along = ((np.arange(PLACES) + 0.5) / PLACES)[:, None]
@@ -72,14 +68,3 @@ def trial_costs(solid: Polyhedron, poses: Array, geometry: Baseline, maps: tuple
         cost += np.sum(length * away.reshape(len(poses), -1, PLACES).mean(2), 1)
         weight += length.sum(1)
     return np.asarray(cost / weight)
-
-
-def _edges(solid: Polyhedron) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
-    """Every edge (E, 2) once, and (F, E) which facets it bounds."""
-    edges: dict[frozenset[int], set[int]] = {}
-    for (a, b), (facet, _) in solid.edges.items():
-        edges.setdefault(frozenset((a, b)), set()).add(facet)
-    owners = np.zeros((len(solid.facets), len(edges)))
-    for k, facets in enumerate(edges.values()):
-        owners[list(facets), k] = 1.0
-    return np.array([sorted(edge) for edge in edges], dtype=np.intp), owners

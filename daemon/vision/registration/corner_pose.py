@@ -14,12 +14,11 @@ from numpy.typing import NDArray
 
 from daemon import frames
 from daemon.vision.geometry.polyhedron import Polyhedron
+from daemon.vision.model.merge import TOLERANCE_MM
 from daemon.vision.values import Facet
 
 Array = NDArray[np.float64]
 
-SHAPE_SIGMA_MM = 0.2
-"""How well a taught corner is known, per axis."""
 VAGUE_MM = 8.0
 """A facet with a corner known no better than this says nothing."""
 
@@ -35,26 +34,26 @@ class Fit:
     matched: int
 
 
-def _stacked(facets: Sequence[Facet]) -> tuple[Array, Array]:
-    corners = np.concatenate([f.corners_mm for f in facets])
-    covariances = np.concatenate([f.covariance_mm2 for f in facets]) + SHAPE_SIGMA_MM**2 * np.eye(3)
-    return corners, covariances
-
-
 def refit(
-    shape: Polyhedron, facets: Sequence[Facet], near: Array, gate_mm: float = 12.0, most_residual_mm: float = 2.5
+    shape: Polyhedron,
+    facets: Sequence[Facet],
+    near: Array,
+    gate_mm: float = 12.0,
+    most_residual_mm: float = 2.5,
+    tolerance_mm: float = TOLERANCE_MM,
 ) -> Fit | None:
     """The pose nearest to `near` (cyclopean_from_part) that fits the seen facets to the shape, or None.
 
     Corners farther than gate_mm from every corner of the shape are left out (a facet not taught, a neighbour's), and so
     are facets of which a corner is hardly known; where the rest does not fit, the vaguest facet goes, and so on. None
     where fewer than three different corners in general position are met, or they fit worse than most_residual_mm rms.
+    tolerance_mm: how well the shape's corners are known, a standard deviation per axis.
     Source: weighted Gauss-Newton on point matches, nearest first (ICP on corners). Where the corners fit worse than
     their own covariance says, the pose's covariance grows by the same factor.
     """
     known = [f for f in facets if _vague_mm(f) < VAGUE_MM]
     while known:
-        fit = _refit(shape, known, near, gate_mm, most_residual_mm)
+        fit = _refit(shape, known, near, gate_mm, most_residual_mm, tolerance_mm)
         if fit is not None:
             return fit
         known.remove(max(known, key=_vague_mm))
@@ -67,10 +66,15 @@ def _vague_mm(facet: Facet) -> float:
 
 
 def _refit(
-    shape: Polyhedron, facets: Sequence[Facet], near: Array, gate_mm: float, most_residual_mm: float
+    shape: Polyhedron,
+    facets: Sequence[Facet],
+    near: Array,
+    gate_mm: float,
+    most_residual_mm: float,
+    tolerance_mm: float,
 ) -> Fit | None:
-    corners, covariances = _stacked(facets)
-    weights = np.linalg.inv(covariances)
+    corners = np.concatenate([f.corners_mm for f in facets])
+    weights = np.linalg.inv(np.concatenate([f.covariance_mm2 for f in facets]) + tolerance_mm**2 * np.eye(3))
     pose = near
     for _ in range(6):
         placed = frames.apply(pose, shape.corners_mm)
@@ -107,7 +111,7 @@ def _judged(shape: Polyhedron, pose: Array, corners: Array, met: Array, weights:
     return Fit(pose, covariance * max(excess, 1.0), residual_mm, len(np.unique(met)))
 
 
-def align(points: Array, onto: Array) -> Array:
+def _onto(points: Array, onto: Array) -> Array:
     """The rigid onto_from_points (4, 4) with the least squared distance between (N, 3) and (N, 3) (Kabsch)."""
     here, there = points.mean(axis=0), onto.mean(axis=0)
     u, _, vt = np.linalg.svd((points - here).T @ (onto - there))
@@ -124,7 +128,7 @@ def poses_that_fit(shape: Polyhedron, facets: Sequence[Facet], most_residual_mm:
             if len(indices) != len(facet.corners_mm):
                 continue
             for turn in range(len(indices)):
-                near = align(np.roll(shape.corners_mm[indices], turn, axis=0), facet.corners_mm)
+                near = _onto(np.roll(shape.corners_mm[indices], turn, axis=0), facet.corners_mm)
                 fit = refit(shape, facets, near, most_residual_mm=most_residual_mm)
                 if fit is not None and not any(_same(fit, other) for other in found):
                     found.append(fit)

@@ -1,243 +1,334 @@
-"""A known part's edges laid onto both images: its pose from grey levels, where facets alone are not told apart.
+"""A known part's edges laid onto both images: its pose from grey levels, and which of its facets they bear out.
 
 Two faces in the same light melt into one outline, and no facet is found; whoever knows the part and about where it
-lies knows which edges each eye should see, and measures those. Pure: images, a shape and a near pose in, a pose out.
-Naming is not done here, and what to make of a part that is not there is the cycle's business.
+lies knows which edges each eye should see, and measures those. Pure: eyes, a shape and a near pose in, a pose out.
+Whether that is enough for a name is verify.py's; what to make of a part that is not there is the cycle's business.
 """
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from daemon import frames
 from daemon.vision.geometry.polyhedron import Polyhedron
-from daemon.vision.geometry.rectified import Eye, baseline
-from daemon.vision.geometry.rig import StereoRig
-from daemon.vision.image.edge_lines import find_sides, fit_sides, probe_sides
-from daemon.vision.image.grey import Noise, measure_noise
+from daemon.vision.image.both_eyes import Eyes
+from daemon.vision.image.edge_lines import Sides, edge_sigmas, find_sides, fit_sides, probe_sides
+from daemon.vision.image.one_eye import OneEye
+from daemon.vision.model.merge import TOLERANCE_MM
 from daemon.vision.registration.corner_pose import Fit
 from daemon.vision.registration.pose_step import Solved, across, corners_in, off_places, solve
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+Outline = tuple[Array, Array]
+"""A facet's corners (N, 2) px in one eye, and their covariance (N, 2, 2)."""
 
-SHAPE_MM = 0.25
-"""How well a taught edge is known, at its ends and across it."""
 THIN_PX = (-3.0, 6.0)
 """A facet this thin in the image (negative: just turned away) has edges that may be taken for one another."""
 ROOM_PX, LEAST_LENGTH_PX = 6.0, 12.0
-SMOOTHING_PX = 1.0
+"""How far inside the image an edge must be, and how much of it, to be measured."""
 ROUGHLY = (1.0, 0.4)
 """Shares of the reach within which edges are searched for, round by round."""
+FEWEST_PX, MOST_PX = 2.0, 24.0
+"""What a reach is at least and at most in the image."""
+HOPELESS = 0.4
+"""Of the length of all edges, what a search must have found, and a second measurement on its place, to go on."""
 MOST_ROUNDS, SMALL_MM = 5, 0.3
 """How often edges are measured anew, and a motion after which that would change nothing more."""
 SEARCH_DEG = 3.0
 LEAST_EVIDENCE, LEAST_SUPPORT = 6.0, 0.5
+"""What an edge must show to be there: step over its noise, and share of its length."""
 TUKEY, PASSES = 5.6, 5
-LEAST_SHARE = 0.75
+LEAST_OUTLINE = 0.75
 """Of the length of the outline that an eye should see, what it must show on its place."""
-ON_PLACE = 2.0
-"""An edge is on its place within so many times what the shape leaves open."""
+ON_PLACE, LEAST_DOUBT_PX = 2.3, 0.3
+"""An edge is on its place within so many times what the shape leaves open, which is this at least."""
+LEAST_SIGMAS = 4.0
+"""Of the slope across an edge against what lies beside it, where the edge is to prove a facet."""
+FOUND_PX = 0.1
+"""How sure a side that was found is, at best."""
 SAFE_CONDITION = 1e7
 SCALE = np.array([1.0, 1.0, 1.0, 0.03, 0.03, 0.03])
 """Turns are weighed at a lever of some 30 mm, so that mm and rad compare."""
 
 
 @dataclass(frozen=True, eq=False)
-class Eyed:
-    """One eye's image made ready: grey levels as they are, and smoothed with a noise of one everywhere."""
+class ExpectedEdges:
+    """Edges one eye should see with the part at a pose: ends (E, 2), their corners' numbers; start, end (E, 2) px;
+    jacobian (E, 2, 6), how far each end moves across its edge with the pose; outline (E,): which belong to one facing
+    facet only, and show in any light; sharp (E,): which cannot be taken for another; corners_px (K, 2), all corners;
+    px_per_mm; doubt_px: what the shape leaves open.
+    """
 
-    eye: Eye
-    grey: NDArray[np.float32]
-    smooth: NDArray[np.float32]
-    noise: Noise
-
-
-Eyes = tuple[Eyed, Eyed]
-"""Both eyes of one look, left and right."""
-
-
-@dataclass(frozen=True, eq=False)
-class _Edges:
-    """Edges one eye should see with the part at a pose: start, end (E, 2) px; jacobian (E, 2, 6), how far each end
-    moves across its edge with the pose; outline (E,): which belong to one facing facet only, and show in any light;
-    doubt_px: what the shape leaves open there."""
-
+    ends: NDArray[np.intp]
     start: Array
     end: Array
     jacobian: Array
     outline: Flags
+    sharp: Flags
+    corners_px: Array
+    px_per_mm: float
     doubt_px: float
 
-    def off(self, start: Array, end: Array) -> Array:
-        """(E, 2) px how far ends found (E, 2) are from their places, across their edges."""
-        return off_places(self.start, self.end, start, end)
+    @property
+    def lengths_px(self) -> Array:
+        """(E,) px."""
+        return np.asarray(np.linalg.norm(self.end - self.start, axis=1))
 
 
 @dataclass(frozen=True, eq=False)
-class _Reading:
-    """Edges as found: off (E, 2) px from their places, weight (E, 2, 2), and which of them (E,) are there at all."""
+class EdgeObservation:
+    """Edges of one eye as found: off (E, 2) px from their places, across them; weight (E, 2, 2), the inverse of off's
+    covariance; there (E,): which show at all; sides: as measured, None where they were only searched for.
+    """
 
-    edges: _Edges
+    edges: ExpectedEdges
     off: Array
     weight: Array
     there: Flags
+    sides: Sides | None = None
+
+    @property
+    def on_place(self) -> Flags:
+        """(E,) which edges show where they should."""
+        near = np.abs(self.off).max(axis=1, initial=0.0) < ON_PLACE * max(self.edges.doubt_px, LEAST_DOUBT_PX)
+        return np.asarray(self.there & near)
 
 
-def open_eyes(left: NDArray[np.uint8], right: NDArray[np.uint8], rig: StereoRig) -> Eyes:
-    """Make a stereo pair, (H, W) each, ready."""
-    geometry = baseline(rig)
-    return _eyed(geometry.left, left), _eyed(geometry.right, right)
+@dataclass(frozen=True, eq=False)
+class Located:
+    """pose (4, 4) cyclopean_from_part at which edges were last measured; observed: in the left and right eye; solved:
+    what would move the pose yet.
+    """
+
+    pose: Array
+    observed: tuple[EdgeObservation, EdgeObservation]
+    solved: Solved
 
 
-def _eyed(eye: Eye, image: NDArray[np.uint8]) -> Eyed:
-    noise = measure_noise(image)
-    smooth = np.asarray(cv2.GaussianBlur(cv2.LUT(image, noise.stretch), (0, 0), SMOOTHING_PX), np.float32)
-    return Eyed(eye, image.astype(np.float32), smooth, noise)
+@dataclass(frozen=True, eq=False)
+class ConfirmedFacet:
+    """A facet of a shape of which both images show the sides: its index, and its corners in either eye."""
+
+    index: int
+    left: Outline
+    right: Outline
 
 
-def fit_edges(shape: Polyhedron, eyes: Eyes, near: Array, reach_mm: float = 5.0) -> Fit | None:
-    """The pose (cyclopean_from_part) within some reach_mm of `near` at which the part's edges lie on the images' edges.
+def locate(
+    shape: Polyhedron, eyes: Eyes, near: Array, reach_mm: float, tolerance_mm: float = TOLERANCE_MM
+) -> Located | None:
+    """Where within some reach_mm of `near` (cyclopean_from_part) the part's edges lie on the images' edges.
 
-    None where an eye shows too few of the edges it should see, or they leave the pose open. Fit.matched counts edges.
+    None where too few edges show for that. tolerance_mm: how well the shape's corners are known, a standard deviation.
     Source: edges searched for across their expected places, the pose by Gauss-Newton on their ends with Tukey's weights
     (as Harris's RAPiD does point by point), then on sub-pixel lines until it moves no more.
     """
-    pose = near
+    pose, rough = near, list[EdgeObservation]()
     for share in ROUGHLY:
-        rough = [_searched(_edges(shape, one, pose), one, reach_mm * share) for one in eyes]
+        rough = [_searched(expected(shape, view, pose, tolerance_mm), view, reach_mm * share) for view in eyes.views]
         pose = frames.perturb(pose, _solved(rough, reach_mm).motion)
-    for _ in range(MOST_ROUNDS):
-        fine = [_measured(_edges(shape, one, pose), one) for one in eyes]
-        motion = _solved(fine, reach_mm).motion
-        if float(np.linalg.norm(motion / SCALE)) < SMALL_MM:
-            return _judged(pose, fine, reach_mm)
-        pose = frames.perturb(pose, motion)
-    return _judged(pose, [_measured(_edges(shape, one, pose), one) for one in eyes], reach_mm)
+    if _share(rough, [seen.there for seen in rough]) < HOPELESS:
+        return None
+    for turn in range(MOST_ROUNDS):
+        left, right = (_measured(expected(shape, view, pose, tolerance_mm), view) for view in eyes.views)
+        found = Located(pose, (left, right), _solved((left, right), reach_mm))
+        if float(np.linalg.norm(found.solved.motion / SCALE)) < SMALL_MM:
+            break
+        if turn and _share((left, right), [left.on_place, right.on_place]) < HOPELESS:
+            return None
+        pose = frames.perturb(pose, found.solved.motion)
+    return found
+
+
+def fit_edges(
+    shape: Polyhedron, eyes: Eyes, near: Array, reach_mm: float = 5.0, tolerance_mm: float = TOLERANCE_MM
+) -> Fit | None:
+    """The pose at which `locate` finds the part, with its covariance.
+
+    None where an eye shows too few of the edges it should see, or they leave the pose open. Fit.matched counts edges.
+    """
+    found = locate(shape, eyes, near, reach_mm, tolerance_mm)
+    return None if found is None else fit_of(found)
+
+
+def fit_of(found: Located) -> Fit | None:
+    """The located pose moved a last time, with its covariance, if the images bear it out in both eyes."""
+    on_place = [seen.on_place & seen.edges.sharp for seen in found.observed]
+    shares = map(_outline_share, (seen.edges for seen in found.observed), on_place)
+    if min(shares) < LEAST_OUTLINE:
+        return None
+    solved = found.solved
+    if np.linalg.cond(solved.information * np.outer(SCALE, SCALE)) > SAFE_CONDITION:
+        return None
+    off_px = np.concatenate([seen.off[good] for seen, good in zip(found.observed, on_place, strict=True)])
+    residual_mm = float(np.sqrt((off_px**2).mean())) / found.observed[0].edges.px_per_mm
+    covariance = np.asarray(np.linalg.inv(solved.information), float) * solved.excess
+    return Fit(frames.perturb(found.pose, solved.motion), covariance, residual_mm, len(off_px))
 
 
 def shown(shape: Polyhedron, eyes: Eyes, pose: Array, reach_mm: float) -> float:
     """Share of the outline of a part at cyclopean_from_part (4, 4) near which both eyes have edges, within reach_mm;
     0 where an eye does not have it in view. Cheaper than a fit, and for what is only partly in view."""
-    shares = []
-    for one in eyes:
-        edges = _edges(shape, one, pose)
-        length = np.linalg.norm(edges.end - edges.start, axis=1) * edges.outline
-        there = _searched(edges, one, reach_mm).there
-        shares.append(float(length[there].sum()) / float(length.sum()) if length.sum() > 0 else 0.0)
-    return min(shares)
+    expectations = [(expected(shape, view, pose, TOLERANCE_MM), view) for view in eyes.views]
+    return min(_outline_share(edges, _searched(edges, view, reach_mm).there) for edges, view in expectations)
 
 
-def facing(shape: Polyhedron, eyes: Eyes, pose: Array) -> int:
+def facets_in_view(shape: Polyhedron, eyes: Eyes, pose: Array) -> int:
     """How many facets of a part at cyclopean_from_part (4, 4) both eyes see, none of them edge-on."""
     points = frames.apply(pose, shape.corners_mm)
-    px = [one.eye.camera.project(points) for one in eyes]
-    return sum(all(_thickness(seen[ring]) >= THIN_PX[1] for seen in px) for ring in shape.rings)
+    px = [view.eye.camera.project(points) for view in eyes.views]
+    return int(np.all([thickness(shape, seen) >= THIN_PX[1] for seen in px], axis=0).sum())
 
 
-def _searched(edges: _Edges, one: Eyed, reach_mm: float) -> _Reading:
-    """The strongest straight gradient within the reach of each edge."""
-    count = len(edges.start)
-    if not count:
-        return _nothing(edges)
-    reach_px = float(np.clip(reach_mm * edges.doubt_px / SHAPE_MM, 2.0, 24.0))
-    ends = find_sides(one.smooth, edges.start, edges.end, reach_px, np.zeros(count), np.full(count, reach_px / 2))
-    strength, seen = probe_sides(one.smooth, *ends, SMOOTHING_PX)
-    there = (np.abs(strength) > LEAST_EVIDENCE) & (seen > LEAST_SUPPORT)
-    weight = np.eye(2) / max(1.0, reach_px / 6) ** 2
-    return _Reading(edges, edges.off(*ends), np.tile(weight, (count, 1, 1)), there)
+def confirmed_facets(shape: Polyhedron, found: Located, eyes: Eyes) -> tuple[list[ConfirmedFacet], float]:
+    """The facets of which every side is on its place in one eye at least, and all but one in each; and what is on its
+    place of the length of all edges, in both eyes.
+
+    Sides must stand out from the shading and the grain beside them. Sides along the baseline look right at any depth:
+    one eye alone must not place a facet.
+    """
+    good = [_clear(seen, view) for seen, view in zip(found.observed, eyes.views, strict=True)]
+    confirmed = []
+    for index in np.flatnonzero(shape.facing(found.pose) > 0).tolist():
+        ring = shape.facets[index]
+        own = [_sides_of(ring, seen.edges, flags) for seen, flags in zip(found.observed, good, strict=True)]
+        firm = np.stack([flags for _, _, flags in own])
+        if firm.any(0).all() and int(firm.sum(1).min()) >= len(ring) - 1:
+            outlines = (_outline(ring, seen, *sides) for seen, sides in zip(found.observed, own, strict=True))
+            confirmed.append(ConfirmedFacet(index, *outlines))
+    return confirmed, _share(found.observed, good)
 
 
-def _measured(edges: _Edges, one: Eyed) -> _Reading:
-    """Each edge's sub-pixel line."""
-    if not len(edges.start):
-        return _nothing(edges)
-    sides = fit_sides(one.grey, one.noise, edges.start, edges.end, one.eye)
-    weight = np.asarray(np.linalg.inv(sides.covariance + edges.doubt_px**2 * np.eye(2)))
-    there = (sides.evidence > LEAST_EVIDENCE) & (sides.support > LEAST_SUPPORT)
-    return _Reading(edges, edges.off(sides.start, sides.end), weight, there)
-
-
-def _nothing(edges: _Edges) -> _Reading:
-    return _Reading(edges, np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(0, bool))
-
-
-def _solved(readings: Sequence[_Reading], reach_mm: float) -> Solved:
-    """The motion that brings the pose onto the edges of both eyes, not much more than the reach."""
-    rows = zip(*((r.off, r.edges.jacobian, r.weight, r.there) for r in readings), strict=True)
-    off, jacobian, weight, there = (np.concatenate(each) for each in rows)
-    prior = np.diag(([reach_mm**-2] * 3) + [np.radians(SEARCH_DEG) ** -2] * 3)
-    return solve(off, jacobian, weight, there.astype(float), prior, TUKEY, PASSES)
-
-
-def _judged(pose: Array, readings: Sequence[_Reading], reach_mm: float) -> Fit | None:
-    """The pose moved a last time, with its covariance, if the images bear it out."""
-    on_place = []
-    for reading in readings:
-        edges = reading.edges
-        length = np.linalg.norm(edges.end - edges.start, axis=1) * edges.outline
-        near = np.abs(reading.off).max(axis=1, initial=0.0) < ON_PLACE * max(edges.doubt_px, 0.5)
-        on_place.append(reading.there & near)
-        if not length.size or float(length[on_place[-1]].sum()) < LEAST_SHARE * float(length.sum()):
-            return None
-    solved = _solved(readings, reach_mm)
-    if np.linalg.cond(solved.information * np.outer(SCALE, SCALE)) > SAFE_CONDITION:
-        return None
-    kept = np.concatenate(on_place)
-    off_px = np.concatenate([r.off for r in readings])[kept]
-    residual_mm = float(np.sqrt((off_px**2).mean())) / readings[0].edges.doubt_px * SHAPE_MM
-    covariance = np.asarray(np.linalg.inv(solved.information), float) * solved.excess
-    return Fit(frames.perturb(pose, solved.motion), covariance, residual_mm, int(kept.sum()))
-
-
-def _edges(shape: Polyhedron, one: Eyed, pose: Array) -> _Edges:
+def expected(shape: Polyhedron, view: OneEye, pose: Array, tolerance_mm: float) -> ExpectedEdges:
     """The edges of the facets that look at this eye, as far as they are inside its image."""
-    px, slope = corners_in(one.eye.camera, pose, shape.corners_mm)
-    a, b, outline = _sharp_edges(shape, px)
-    first, last = _inside(px[a], px[b], one.grey.shape)
+    px, slope = corners_in(view.eye.camera, pose, shape.corners_mm)
+    ends, outline, sharp = _facing_edges(shape, px)
+    a, b = ends.T
+    first, last = _inside(px[a], px[b], view.grey.shape)
     keep = (last - first) * np.linalg.norm(px[b] - px[a], axis=1) >= LEAST_LENGTH_PX
     a, b, first, last = a[keep], b[keep], first[keep, None], last[keep, None]
     start, way = px[a], px[b] - px[a]
     normal = across(px[a], px[b])[:, None]
     at_a, at_b = ((normal @ slope[k])[:, 0] for k in (a, b))
     jacobian = np.stack([at_a + share * (at_b - at_a) for share in (first, last)], 1)
-    doubt_px = SHAPE_MM * one.eye.focal_px / float(frames.apply(pose, shape.corners_mm)[:, 2].mean())
-    return _Edges(start + first * way, start + last * way, jacobian, outline[keep], doubt_px)
+    px_per_mm = view.eye.focal_px / float(frames.apply(pose, shape.corners_mm)[:, 2].mean())
+    return ExpectedEdges(
+        ends[keep], start + first * way, start + last * way, jacobian, outline[keep], sharp[keep],
+        px, px_per_mm, tolerance_mm * px_per_mm,
+    )  # fmt: skip
 
 
-def _sharp_edges(shape: Polyhedron, px: Array) -> tuple[NDArray[np.int64], NDArray[np.int64], Flags]:
-    """Indices (E,), (E,) of both ends of each edge of the facets that face an eye, once each, and which belong to one
-    of them only (E,); none of a facet that is seen edge-on. px (N, 2): where the eye sees the shape's corners."""
-    found: dict[frozenset[int], tuple[int, int]] = {}
-    facing: Counter[frozenset[int]] = Counter()
-    doubtful: set[frozenset[int]] = set()
-    for ring in shape.rings:
-        thick_px = _thickness(px[ring])
-        pairs = list(zip(ring.tolist(), np.roll(ring, -1).tolist(), strict=True))
-        edges = [frozenset(pair) for pair in pairs]
-        if THIN_PX[0] < thick_px < THIN_PX[1]:
-            doubtful.update(edges)
-        elif thick_px > 0:
-            facing.update(edges)
-            found.update(zip(edges, pairs, strict=True))
-    kept = [edge for edge in found if edge not in doubtful]
-    ends = np.array([found[edge] for edge in kept], np.int64).reshape(-1, 2)
-    return ends[:, 0], ends[:, 1], np.array([facing[edge] == 1 for edge in kept], bool)
+def _searched(edges: ExpectedEdges, view: OneEye, reach_mm: float) -> EdgeObservation:
+    """The strongest straight gradient within the reach of each edge."""
+    count = len(edges.start)
+    if not count:
+        return _nothing(edges)
+    reach_px = float(np.clip(reach_mm * edges.px_per_mm, FEWEST_PX, MOST_PX))
+    here, likely_px = np.zeros(count), np.full(count, reach_px / 2)
+    start, end = find_sides(view.smooth, edges.start, edges.end, reach_px, here, likely_px)
+    strength, seen = probe_sides(view.smooth, start, end)
+    there = (np.abs(strength) > LEAST_EVIDENCE) & (seen > LEAST_SUPPORT)
+    weight = np.eye(2) / max(1.0, reach_px / 6) ** 2
+    off = off_places(edges.start, edges.end, start, end)
+    return EdgeObservation(edges, off, np.tile(weight, (count, 1, 1)), there)
 
 
-def _thickness(ring_px: Array) -> float:
-    """Area by length of a ring (N, 2) px, both halved round: the width of a long one; negative where it is seen from
-    behind (it then runs clockwise)."""
-    x, y = ring_px.T
-    following = np.roll(ring_px, -1, axis=0)
-    twice_area = float(np.sum(x * following[:, 1] - y * following[:, 0]))
-    return -twice_area / float(np.linalg.norm(following - ring_px, axis=1).sum())
+def _measured(edges: ExpectedEdges, view: OneEye) -> EdgeObservation:
+    """Each edge's sub-pixel line."""
+    if not len(edges.start):
+        return _nothing(edges)
+    sides = fit_sides(view.image, view.noise, edges.start, edges.end, view.eye)
+    weight = np.asarray(np.linalg.inv(sides.covariance + edges.doubt_px**2 * np.eye(2)))
+    there = (sides.evidence > LEAST_EVIDENCE) & (sides.support > LEAST_SUPPORT)
+    return EdgeObservation(edges, off_places(edges.start, edges.end, sides.start, sides.end), weight, there, sides)
+
+
+def _nothing(edges: ExpectedEdges) -> EdgeObservation:
+    return EdgeObservation(edges, np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(0, bool))
+
+
+def _solved(observed: Sequence[EdgeObservation], reach_mm: float) -> Solved:
+    """The motion that brings the pose onto the edges of both eyes, not much more than the reach."""
+    rows = zip(*((o.off, o.edges.jacobian, o.weight, o.there & o.edges.sharp) for o in observed), strict=True)
+    off, jacobian, weight, usable = (np.concatenate(each) for each in rows)
+    prior = np.diag(([reach_mm**-2] * 3) + [np.radians(SEARCH_DEG) ** -2] * 3)
+    return solve(off, jacobian, weight, usable.astype(float), prior, TUKEY, PASSES)
+
+
+def _share(observed: Sequence[EdgeObservation], good: Sequence[Flags]) -> float:
+    """Of the length of all edges in both eyes, that of the good ones."""
+    lengths = np.concatenate([seen.edges.lengths_px for seen in observed])
+    return float(lengths[np.concatenate(good)].sum() / max(lengths.sum(), 1e-9))
+
+
+def _outline_share(edges: ExpectedEdges, good: Flags) -> float:
+    """Of the length of the outline in one eye, that of the good edges; 0 where none of it is in view."""
+    lengths = edges.lengths_px * edges.outline
+    return float(lengths[good].sum()) / float(lengths.sum()) if lengths.sum() > 0 else 0.0
+
+
+def _clear(seen: EdgeObservation, view: OneEye) -> Flags:
+    """(E,) which edges are on their place and stand out from the shading and the grain beside them."""
+    if seen.sides is None:
+        return np.zeros(len(seen.off), bool)
+    return np.asarray(seen.on_place & (edge_sigmas(view.smooth, seen.sides.start, seen.sides.end) > LEAST_SIGMAS))
+
+
+def _sides_of(ring: Sequence[int], edges: ExpectedEdges, good: Flags) -> tuple[NDArray[np.intp], Flags, Flags]:
+    """Which edge each side of a facet is (any, where the eye should not see it), whether it runs the other way there,
+    and whether it is good."""
+    at = {(int(a), int(b)): k for k, (a, b) in enumerate(edges.ends)}
+    pairs = list(zip(ring, (*ring[1:], *ring[:1]), strict=True))
+    which = np.array([at.get(p, at.get(p[::-1], -1)) for p in pairs], np.intp)
+    turned = np.array([p not in at and p[::-1] in at for p in pairs], bool)
+    return which, turned, (which >= 0) & np.append(good, False)[which]
+
+
+def _outline(
+    ring: Sequence[int], seen: EdgeObservation, which: NDArray[np.intp], turned: Flags, good: Flags
+) -> Outline:
+    """Most likely corners given the model and the sides that were found."""
+    assert seen.sides is not None
+    sides = seen.sides.chosen(which, turned)
+    doubt_px = seen.edges.doubt_px
+    normal = across(sides.start, sides.end)
+    place = np.sum(normal * sides.start, 1)
+    firm = good[:, None] / (sides.covariance[:, (0, 1), (0, 1)] + FOUND_PX**2)
+    information = np.eye(2) / doubt_px**2 + np.zeros((len(which), 1, 1))
+    pull = seen.edges.corners_px[list(ring)] / doubt_px**2
+    for weight, n, d in (
+        (firm[:, 0], normal, place),
+        (np.roll(firm[:, 1], 1), np.roll(normal, 1, 0), np.roll(place, 1)),
+    ):
+        information = information + weight[:, None, None] * n[:, :, None] * n[:, None, :]
+        pull = pull + (weight * d)[:, None] * n
+    covariance = np.asarray(np.linalg.inv(information), float)
+    return (covariance @ pull[..., None])[..., 0], covariance
+
+
+def _facing_edges(shape: Polyhedron, px: Array) -> tuple[NDArray[np.intp], Flags, Flags]:
+    """Corners (E, 2) of each edge of the facets that face an eye; which of the edges belong to one of them only (E,),
+    and which to none that is seen edge-on (E,). px (K, 2): where the eye sees the shape's corners."""
+    thick_px = thickness(shape, px)
+    ends, bounds = shape.lines
+    owners = bounds[thick_px >= THIN_PX[1]].sum(0)
+    sharp = bounds[(thick_px > THIN_PX[0]) & (thick_px < THIN_PX[1])].sum(0) == 0
+    facing = owners > 0
+    return ends[facing], (owners == 1)[facing] & sharp[facing], sharp[facing]
+
+
+def thickness(shape: Polyhedron, px: Array) -> Array:
+    """(F,) area of each facet by length of its border, both halved round, with the corners seen at px (K, 2): the width
+    of a long one; negative where it is seen from behind (it then runs clockwise)."""
+    here, after, first = shape.steps
+    (x, y), (u, v) = px[here].T, px[after].T
+    twice_area = np.add.reduceat(x * v - y * u, first)
+    return np.asarray(-twice_area / np.add.reduceat(np.hypot(u - x, v - y), first))
 
 
 def _inside(start: Array, end: Array, shape: tuple[int, ...]) -> tuple[Array, Array]:

@@ -1,7 +1,7 @@
 """What a single outline in a single eye could be: taught facets in the poses that would look like it.
 
-In: corners in one image, taught metric models. Out: suspicions, to be tried on both images (align.py). A suspicion is
-no recognition: four corners fit many things.
+In: corners in one image, taught metric models. Out: guesses, to be laid onto both images (edge_pose.py). A guess is no
+recognition: four corners fit many things.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from daemon import frames
 from daemon.vision.geometry.facet_measures import newell_normal
-from daemon.vision.geometry.p3p import poses_of_three
+from daemon.vision.geometry.p3p import p3p_poses
 from daemon.vision.geometry.rectified import Baseline
 from daemon.vision.model.model import Model
 
@@ -25,16 +25,15 @@ NEAREST_MM, FARTHEST_MM = 120.0, 1500.0
 
 
 @dataclass(frozen=True, eq=False)
-class Suspicion:
-    """A part and where it could be: label, cyclopean_from_part (4, 4) mm, and how well that fits (less is better)."""
+class PoseGuess:
+    """A part and where it could be: label, cyclopean_from_part (4, 4) mm."""
 
     label: str
     pose: Array
-    misfit: float
 
 
-def suspicions_in(corners_px: Array, eye: str, geometry: Baseline, model: Model) -> list[Suspicion]:
-    """Every taught facet with as many corners, in every turn, where it would look like this outline; best first.
+def guesses_from_outline(corners_px: Array, eye: str, geometry: Baseline, model: Model) -> list[PoseGuess]:
+    """Every taught facet with as many corners, in every turn, where it would look like this outline.
 
     corners_px (N, 2), anticlockwise as seen, in the eye called `left` or `right`. Source: perspective-n-point of a
     plane (Collins and Bartoli's two solutions; Grunert's up to four for a triangle).
@@ -49,43 +48,42 @@ def suspicions_in(corners_px: Array, eye: str, geometry: Baseline, model: Model)
             for turn in range(len(ring)):
                 corners = metric.solid.corners_mm[list(ring[turn:] + ring[:turn])]
                 for pose, error in _solutions(corners, ideal):
-                    misfit = error * one.focal_px
-                    if misfit < REPROJECTION_PX and NEAREST_MM < pose[2, 3] < FARTHEST_MM:
-                        found.append(Suspicion(label, _cyclopean(pose, eye, geometry), misfit))
-    return sorted(found, key=lambda s: s.misfit)
+                    if error * one.focal_px < REPROJECTION_PX and NEAREST_MM < pose[2, 3] < FARTHEST_MM:
+                        found.append(PoseGuess(label, _cyclopean(pose, eye, geometry)))
+    return found
 
 
-def suspicions_at(outlines: list[tuple[Array, str]], geometry: Baseline, model: Model) -> list[Suspicion]:
+def guesses_from_corners(outlines: list[tuple[Array, str]], geometry: Baseline, model: Model) -> list[PoseGuess]:
     """The same from any three neighbouring corners of outlines (corners (N, 2) px, eye) whose others may be wrong.
 
     Two faces in the same light have one outline, and a faint edge makes a wrong corner.
     """
     found = []
     for eye in ("left", "right"):
-        threes = [c[(k + np.arange(3)) % len(c)] for c, own in outlines if own == eye for k in range(len(c))]
-        if threes:
-            found += _from_threes(_different(np.array(threes)), eye, geometry, model)
+        triples = [c[(k + np.arange(3)) % len(c)] for c, own in outlines if own == eye for k in range(len(c))]
+        if triples:
+            found += _p3p(_different(np.array(triples)), eye, geometry, model)
     return found
 
 
-def _different(threes: Array) -> Array:
+def _different(triples: Array) -> Array:
     """Of corners (T, 3, 2) px, three at a time, those that do not repeat earlier ones."""
-    apart = np.abs(threes[:, None] - threes[None]).max((2, 3))
-    return np.asarray(threes[np.argmax(apart < SAME_PX, 1) == np.arange(len(threes))])
+    apart = np.abs(triples[:, None] - triples[None]).max((2, 3))
+    return np.asarray(triples[np.argmax(apart < SAME_PX, 1) == np.arange(len(triples))])
 
 
-def _from_threes(threes: Array, eye: str, geometry: Baseline, model: Model) -> list[Suspicion]:
+def _p3p(triples: Array, eye: str, geometry: Baseline, model: Model) -> list[PoseGuess]:
     """Poses of all taught facets of which any three neighbouring corners would look like any of these (T, 3, 2) px."""
     one = geometry.right if eye == "right" else geometry.left
-    ideal = one.ideal(threes.reshape(-1, 2)).reshape(-1, 3, 2)
+    ideal = one.ideal(triples.reshape(-1, 2)).reshape(-1, 3, 2)
     found = []
     for label, metric in model.metric.items():
         rings = [ring[k:] + ring[:k] for ring in metric.solid.facets for k in range(len(ring))]
         taught = metric.solid.corners_mm[np.array([ring[:3] for ring in rings])]
         points, seen = np.tile(taught, (len(ideal), 1, 1)), np.repeat(ideal, len(taught), axis=0)
-        poses, solved = poses_of_three(points, seen)
+        poses, solved = p3p_poses(points, seen)
         near = solved & (poses[:, 2, 3] > NEAREST_MM) & (poses[:, 2, 3] < FARTHEST_MM)
-        found += [Suspicion(label, pose, 0.0) for pose in _cyclopean(poses[near], eye, geometry)]
+        found += [PoseGuess(label, pose) for pose in _cyclopean(poses[near], eye, geometry)]
     return found
 
 

@@ -1,14 +1,14 @@
-"""Top-down: what a taught part would show beside the facets already found, looked for where it should be.
+"""What recognition left unnamed, looked for from what the taught parts would show, and proved on both images.
 
-A lone facet is no proof. The parts it could belong to say where their other facets must lie; where both images show
-every side of one there, it joins the group, measured like any other facet. Naming stays recognise.py's business.
+A lone facet is no proof. The parts it could belong to say where all their edges must lie. Where both images show every
+side of two facets there, these are measured like any others, and recognition names the part; where faces shade alike
+and only the outline shows, the whole of it must, and that of no other taught part.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import cv2
 import numpy as np
@@ -16,74 +16,84 @@ from numpy.typing import NDArray
 
 from daemon import frames
 from daemon.vision.facets.candidates import corner_covariance
+from daemon.vision.facets.weld import weld
 from daemon.vision.geometry.planes import planarity
 from daemon.vision.geometry.polygon import Shape
-from daemon.vision.geometry.rectified import Baseline, Eye, baseline
-from daemon.vision.geometry.rig import StereoRig
-from daemon.vision.image.grey import Grey, as_grey, measure_noise
-from daemon.vision.image.one_eye import Sight
-from daemon.vision.image.regions import whole
+from daemon.vision.geometry.polyhedron import Polyhedron
+from daemon.vision.geometry.rectified import Baseline
+from daemon.vision.image.both_eyes import Eyes
 from daemon.vision.model.model import Model
-from daemon.vision.model.relation_matrix import weld
-from daemon.vision.recognition.recognise import UNKNOWN, recognise_group, suspicions
-from daemon.vision.registration.chamfer import EdgeMap, edge_map, facing, trial_costs
-from daemon.vision.registration.edge_alignment import Aligned, Placement, align
-from daemon.vision.registration.pose_guesses import Suspicion, suspicions_at, suspicions_in
-from daemon.vision.values import Facet, FacetView, Group, Rejected
+from daemon.vision.recognition.recognise import Recognised, facet_hypotheses, joined, recognise_group, typed_as
+from daemon.vision.registration.chamfer import chamfer_px, edge_map, in_view
+from daemon.vision.registration.edge_pose import (
+    ConfirmedFacet,
+    Located,
+    confirmed_facets,
+    facets_in_view,
+    fit_of,
+    locate,
+    shown,
+)
+from daemon.vision.registration.pose_guesses import PoseGuess, guesses_from_corners, guesses_from_outline
+from daemon.vision.values import Facet, FacetView, Group, Part, Recognition, Rejected
 
 Array = NDArray[np.float64]
 ROOM_PX = 12
 COVERED = 0.2  # of the smaller facet's area; more than that, and the two cannot both be there
 CLOSE_MM = 2.5  # rms; how well a completed part must fit
 OUTLINES = 6  # single outlines followed up, the largest first
-LEAST_SHARE = 0.7  # of the edges a part should show, what both images must show on its place
-MOST_OFF_PX = 3.0  # mean distance of a suspected part's edges from edges in the images
-EDGE_SIGMAS = 4.0
+EDGE_SIGMAS, MOST_OFF_PX = 4.0, 3.0  # mean distance of a guessed part's edges from edges this clear in the images
+SAME_MM = 2.0  # poses that put every corner this near to the same place look the same
 MOST = 12  # poses laid onto the images
+REACH_MM = 1.5  # how far off the pose that a facet or an outline says may be
+LEAST_SHARE = 0.7  # of the edges a part should show, what both images must show on its place
+LEAST_OUTLINE = 0.7  # of a completed part's outline, what both images must show: two facets may be a larger part's
+BY_EDGES = 0.9  # confidence in a name that the outline proves: below what recognition is sure of
+PROVED, DISPROVED = 0.9, 0.6  # shares of the outline: what a name needs, and what every other must stay below
+UNFITTED = 0.8  # what the outline counts of a part whose edges do not hold its pose
+OUTLINE_MM = 0.8  # how far off its place an edge of the outline may be
+EXPLAINED_MM = 4.0  # rms; how far off the part that the outline proves a facet of it may have been measured
 
 
 @dataclass(frozen=True, eq=False)
-class Eyes:
-    """Both images made ready for looking closer: rig geometry, each eye's grey levels and
-    noise, and how far its pixels are from edges."""
+class Laid:
+    """A taught part laid onto both images: guessed, where it was thought to be, cyclopean_from_part (4, 4); located:
+    where its edges lie, None where they do not show.
+    """
 
-    geometry: Baseline
-    left: Sight
-    right: Sight
-    edges: tuple[EdgeMap, EdgeMap]
-    size: tuple[int, int]
-
-
-def open_eyes(left: NDArray[Any], right: NDArray[Any], rig: StereoRig) -> Eyes:
-    """Prepare a stereo pair, (H, W) uint8 or what as_grey takes. Raises VisionError."""
-    geometry = baseline(rig)
-    one, one_edges = _sight(geometry.left, as_grey(left, "left image"))
-    other, other_edges = _sight(geometry.right, as_grey(right, "right image"))
-    return Eyes(geometry, one, other, (one_edges, other_edges), rig.image_size)
+    label: str
+    solid: Polyhedron
+    guessed: Array
+    located: Located | None
 
 
-def look_closer(view: FacetView, model: Model, eyes: Eyes) -> FacetView:
-    """The view with unnamed facets completed to parts where both images show the rest; as it was where they do not.
+def verify(
+    found: Sequence[Recognised], view: FacetView, model: Model, eyes: Eyes
+) -> tuple[tuple[Recognised, ...], FacetView]:
+    """What was found, its unnamed facets completed to named parts where both images prove them; and the view with the
+    groups and refused outlines that are left.
 
     Every facet of an unnamed group and every outline of one eye says which parts could be there, and where; should
     none of those be seen, any three corners of theirs do.
     """
-    unnamed = [g for g in view.groups if recognise_group(g, model).recognition.label == UNKNOWN]
-    named = [g for g in view.groups if not any(g is u for u in unnamed)]
-    facets = [f for g in unnamed for f in g.facets]
-    single = [o for o in _largest(view.rejected) if not any(_lies_on(o, g) for g in named)]
+    named, unnamed = [r for r in found if r.named], [r for r in found if not r.named]
+    facets = [f for r in unnamed for f in r.group.facets]
+    single = [o for o in _largest(view.rejected) if not any(_lies_on(o, r.group) for r in named)]
     outlines = [(o.corners_px, o.eye) for o in single[:OUTLINES]]
     outlines += [(f.left_px, "left") for f in facets] + [(f.right_px, "right") for f in facets]
-    suspected = [Suspicion(h.label, h.pose, h.rms_mm) for f in facets for h in suspicions(f, model)]
-    suspected += [s for o in outlines for s in suspicions_in(*o, eyes.geometry, model)]
-    found = _proved(expected_groups(suspected, model, eyes), named, model)
-    if not found:
-        suspected = suspicions_at(outlines, eyes.geometry, model)
-        found = _proved(expected_groups(suspected, model, eyes), named, model)
-    outlined = [_silhouette(g, model, eyes) for g in found]
-    rest = [part for g in unnamed for part in _left_over(g, found, outlined)]
-    kept = tuple(o for o in view.rejected if not any(_lies_on(o, g) for g in found))
-    return replace(view, groups=(*named, *found, *rest), rejected=kept)
+    guesses = [PoseGuess(h.label, h.pose) for f in facets for h in facet_hypotheses(f, model)]
+    guesses += [g for o in outlines for g in guesses_from_outline(*o, eyes.geometry, model)]
+    laid = _laid(guesses, model, eyes)
+    complete = _completed(laid, named, model, eyes)
+    if not complete:
+        more = _laid(guesses_from_corners(outlines, eyes.geometry, model), model, eyes)
+        complete, laid = _completed(more, named, model, eyes), laid + more
+    silhouettes = [_silhouette(r.part, model, eyes) for r in complete]
+    rest = [r for one in unnamed for r in _left_over(one, complete, silhouettes, model)]
+    proved = [p for r in rest for p in _by_outline(r, laid, model, eyes)]
+    kept = tuple(o for o in view.rejected if not any(_lies_on(o, r.group) for r in complete))
+    known = joined((*named, *complete, *proved), model)
+    return known, replace(view, groups=tuple(r.group for r in known), rejected=kept)
 
 
 def _largest(outlines: Sequence[Rejected]) -> list[Rejected]:
@@ -97,83 +107,37 @@ def _lies_on(outline: Rejected, group: Group) -> bool:
     )
 
 
-def _proved(candidates: Sequence[Group], named: Sequence[Group], model: Model) -> list[Group]:
-    """Those of the groups that have a name, where none of the others has another name and nothing named lies there."""
-    parts = [(group, recognise_group(group, model)) for group in candidates]
-    good = [
-        (group, part.recognition.label)
-        for group, part in parts
-        if part.recognition.label != UNKNOWN and part.residual_mm < CLOSE_MM
-    ]
-    found: list[Group] = []
-    for group, label in good:
-        rivals = any(name != label and _collides(group, other) for other, name in good)
-        if not rivals and not any(_collides(group, g) for g in (*named, *found)):
-            found.append(group)
-    return found
-
-
-def _silhouette(group: Group, model: Model, eyes: Eyes) -> Shape:
-    """What the part that a group was named after covers in the left eye."""
-    part = recognise_group(group, model)
-    corners = frames.apply(part.cyclopean_from_part, model.metric[part.recognition.label].solid.corners_mm)
-    hull = cv2.convexHull(_pixels(corners, eyes.geometry)[0].astype(np.float32))
-    return Shape.of(hull[:, 0].astype(float))
-
-
-def _left_over(group: Group, found: Sequence[Group], outlined: Sequence[Shape]) -> list[Group]:
-    """What remains of an unnamed group: all of it, or its facets that lie on none of the parts found, each alone."""
-    shapes = [Shape.of(f.left_px) for f in group.facets]
-    on = [any(shape.common(s) > COVERED * shape.area for s in outlined) for shape in shapes]
-    on = [o or any(_collides(whole, _alone(f)) for whole in found) for o, f in zip(on, group.facets, strict=True)]
-    return [_alone(f) for o, f in zip(on, group.facets, strict=True) if not o] if any(on) else [group]
-
-
-def _alone(facet: Facet) -> Group:
-    return Group((facet,), np.zeros((1, 1), bool))
-
-
-def _collides(one: Group, other: Group) -> bool:
-    """Whether two groups cover each other in an image."""
-    pairs = [(Shape.of(f.left_px), Shape.of(g.left_px)) for f in one.facets for g in other.facets]
-    return any(a.covers(b) > COVERED for a, b in pairs)
-
-
-def expected_groups(suspected: Sequence[Suspicion], model: Model, eyes: Eyes) -> list[Group]:
-    """For the likeliest of the parts and poses that are suspected, the facets that the images confirm there, two or
-    more.
+def _laid(guesses: Sequence[PoseGuess], model: Model, eyes: Eyes) -> list[Laid]:
+    """The likeliest guesses laid onto both images: two facets in view at least, edges near, and of poses that would
+    look the same only one.
     """
-    laid = [align(p, eyes.geometry, (eyes.left, eyes.right)) for p in _placements(suspected, model, eyes)]
-    return [_group(a, eyes.geometry) for a in laid if len(a.facets) > 1 and a.share > LEAST_SHARE]
-
-
-def _placements(suspected: Sequence[Suspicion], model: Model, eyes: Eyes) -> list[Placement]:
-    """Where to try: two facets in view at least, edges near, and of poses that would look the same only one."""
-    ranked = list[tuple[float, Placement]]()
+    maps = edge_map(eyes.left.scale(2), EDGE_SIGMAS), edge_map(eyes.right.scale(2), EDGE_SIGMAS)
+    ranked = list[tuple[float, str, Array, Array]]()
     for label, metric in model.metric.items():
-        poses = np.array([s.pose for s in suspected if s.label == label]).reshape(-1, 4, 4)
+        poses = np.array([g.pose for g in guesses if g.label == label]).reshape(-1, 4, 4)
         if not len(poses):
             continue
-        costs = trial_costs(metric.solid, poses, eyes.geometry, eyes.edges)
-        shown = facing(metric.solid, poses)
-        for k in np.flatnonzero((costs < MOST_OFF_PX) & (shown.sum(1) > 1)):
-            place = Placement(metric.solid, tuple(np.flatnonzero(shown[k]).tolist()), poses[k])
-            ranked.append((float(costs[k]), place))
-    found, known = list[Placement](), list[Array]()
-    for _, place in sorted(ranked, key=lambda r: r[0]):
-        corners = frames.apply(place.pose, place.solid.corners_mm)
-        corners = corners[sorted({k for f in place.visible for k in place.solid.facets[f]})]
-        if not any(_same_place(corners, k) for k in known) and _inside(corners, eyes):
-            known.append(corners)
-            found.append(place)
-        if len(found) == MOST:
+        away_px = chamfer_px(metric.solid, poses, eyes.geometry, maps)
+        facing = in_view(metric.solid, poses)
+        for k in np.flatnonzero((away_px < MOST_OFF_PX) & (facing.sum(1) > 1)):
+            shown_corners = sorted({c for f in np.flatnonzero(facing[k]) for c in metric.solid.facets[f]})
+            corners_mm = frames.apply(poses[k], metric.solid.corners_mm[shown_corners])
+            ranked.append((float(away_px[k]), label, poses[k], corners_mm))
+    kept, known = list[Laid](), list[Array]()
+    for _, label, pose, corners_mm in sorted(ranked, key=lambda r: r[0]):
+        if not any(_same_place(corners_mm, other) for other in known) and _inside(corners_mm, eyes):
+            known.append(corners_mm)
+            solid = model.metric[label].solid
+            located = locate(solid, eyes, pose, REACH_MM, model.parameters.tolerance_mm)
+            kept.append(Laid(label, solid, pose, located))
+        if len(kept) == MOST:
             break
-    return found
+    return kept
 
 
 def _inside(points: Array, eyes: Eyes) -> bool:
     for px in _pixels(points, eyes.geometry):
-        if px.min() < ROOM_PX or (px > np.array(eyes.size) - 1 - ROOM_PX).any():
+        if px.min() < ROOM_PX or (px > np.array(eyes.rig.image_size) - 1 - ROOM_PX).any():
             return False
     return True
 
@@ -184,25 +148,131 @@ def _pixels(points: Array, geometry: Baseline) -> tuple[Array, Array]:
 
 
 def _same_place(one: Array, other: Array) -> bool:
-    """Whether two facets are expected at the same place: corner for corner within 2 mm."""
+    """Whether corners (N, 3) mm are where others (M, 3) are."""
     if one.shape != other.shape:
         return False
-    return bool(np.linalg.norm(one[:, None] - other[None], axis=2).min(1).max() < 2.0)
+    return bool(np.linalg.norm(one[:, None] - other[None], axis=2).min(1).max() < SAME_MM)
 
 
-def _group(laid: Aligned, geometry: Baseline) -> Group:
-    """The confirmed facets, triangulated from where the images show their sides to meet."""
-    facets = []
-    for left, left_doubt, right, right_doubt in laid.outlines:
-        ideal = geometry.left.ideal(left), geometry.right.ideal(right)
-        covariance = corner_covariance(geometry, *ideal, left_doubt, right_doubt)
-        corners = geometry.points(*ideal)
-        off = np.abs(ideal[0][:, 1] - ideal[1][:, 1]) * geometry.left.focal_px
-        facets.append(Facet(corners, covariance, left, right, off, planarity(corners)))
-    return Group(tuple(facets), weld(tuple(facets)).touching)
+def _completed(laid: Sequence[Laid], named: Sequence[Recognised], model: Model, eyes: Eyes) -> list[Recognised]:
+    """Parts of which two facets or more were confirmed and have a name together, the outline showing, where none of the
+    others has another name and nothing named lies there.
+    """
+    good = []
+    for one in laid:
+        if one.located is None:
+            continue
+        confirmed, share = confirmed_facets(one.solid, one.located, eyes)
+        if len(confirmed) < 2 or share < LEAST_SHARE:
+            continue
+        if shown(one.solid, eyes, one.located.pose, OUTLINE_MM) > LEAST_OUTLINE:
+            group = weld([_facet(f, eyes.geometry) for f in confirmed])
+            part = recognise_group(group, model)
+            if part.named and part.residual_mm < CLOSE_MM:
+                good.append(Recognised(group, part))
+    found: list[Recognised] = []
+    for new in good:
+        rivals = any(new.label != other.label and _collides(new.group, other.group) for other in good)
+        if not rivals and not any(_collides(new.group, other.group) for other in (*named, *found)):
+            found.append(new)
+    return found
 
 
-def _sight(eye: Eye, image: Grey) -> tuple[Sight, EdgeMap]:
-    noise = measure_noise(image)
-    fine, half = whole(image, noise)
-    return Sight(eye, image.astype(np.float32), noise, fine, []), edge_map(half, EDGE_SIGMAS)
+def _facet(seen: ConfirmedFacet, geometry: Baseline) -> Facet:
+    """The facet triangulated from where the images show its sides to meet."""
+    (left, left_doubt), (right, right_doubt) = seen.left, seen.right
+    ideal = geometry.left.ideal(left), geometry.right.ideal(right)
+    corners = geometry.points(*ideal)
+    off = np.abs(ideal[0][:, 1] - ideal[1][:, 1]) * geometry.left.focal_px
+    covariance = corner_covariance(geometry, *ideal, left_doubt, right_doubt)
+    return Facet(corners, covariance, left, right, off, planarity(corners))
+
+
+def _silhouette(part: Part, model: Model, eyes: Eyes) -> Shape:
+    """What a named part covers in the left eye."""
+    corners = frames.apply(part.cyclopean_from_part, model.metric[part.recognition.label].solid.corners_mm)
+    hull = cv2.convexHull(_pixels(corners, eyes.geometry)[0].astype(np.float32))
+    return Shape.of(hull[:, 0].astype(float))
+
+
+def _left_over(
+    unnamed: Recognised, found: Sequence[Recognised], silhouettes: Sequence[Shape], model: Model
+) -> list[Recognised]:
+    """What remains of an unnamed group: all of it, or its facets that lie on none of the parts found, each alone."""
+    shapes = [Shape.of(f.left_px) for f in unnamed.group.facets]
+    on = [any(shape.common(s) > COVERED * shape.area for s in silhouettes) for shape in shapes]
+    alone = [unnamed.group.only([k]) for k in range(len(shapes))]
+    on = [o or any(_collides(r.group, one) for r in found) for o, one in zip(on, alone, strict=True)]
+    if not any(on):
+        return [unnamed]
+    return [Recognised(one, recognise_group(one, model)) for o, one in zip(on, alone, strict=True) if not o]
+
+
+def _collides(one: Group, other: Group) -> bool:
+    """Whether two groups cover each other in an image."""
+    pairs = [(Shape.of(f.left_px), Shape.of(g.left_px)) for f in one.facets for g in other.facets]
+    return any(a.covers(b) > COVERED for a, b in pairs)
+
+
+@dataclass(frozen=True, eq=False)
+class _Outlined:
+    """A laid part that explains facets of a group: which, with their corners (N, 3) mm on it; share: of its outline
+    that both eyes show.
+    """
+
+    laid: Laid
+    explained: dict[int, tuple[int, Array]]
+    share: float
+
+
+def _by_outline(unnamed: Recognised, laid: Sequence[Laid], model: Model, eyes: Eyes) -> list[Recognised]:
+    """An unnamed group as the only taught part whose whole outline lies where its facets say, and its other facets
+    each alone; as it was where no part's outline does, or several parts' do.
+    """
+    best: dict[str, _Outlined] = {}
+    for one in laid:
+        outlined = _outlined(unnamed.group, one, eyes)
+        if outlined is not None and outlined.share > (best[one.label].share if one.label in best else 0.0):
+            best[one.label] = outlined
+    ranking = sorted(best.values(), key=lambda o: -o.share)
+    if not ranking or ranking[0].share < PROVED or any(o.share >= DISPROVED for o in ranking[1:]):
+        return [unnamed]
+    first = ranking[0]
+    assert first.laid.located is not None
+    fit = fit_of(first.laid.located)
+    assert fit is not None
+    group = unnamed.group.only(sorted(first.explained))
+    why = f"{100 * first.share:.0f} % of its outline lies where its facets say"
+    runner_up = ranking[1].laid.label if len(ranking) > 1 else None
+    named = Recognition(first.laid.label, BY_EDGES, 0.0, 0.0, runner_up, False, why, (first.laid.label,))
+    rings = [first.explained[k] for k in sorted(first.explained)]
+    facets = typed_as(group.facets, (first.laid.solid.types[index] for index, _ in rings), model.library)
+    fitted = tuple(corners for _, corners in rings)
+    pose = fit.cyclopean_from_part
+    part = Part(named, facets, pose, fit.covariance, fit.residual_mm, fitted, pose[None])
+    proved = Recognised(group, part)
+    return [proved, *_left_over(unnamed, [proved], [_silhouette(part, model, eyes)], model)]
+
+
+def _outlined(group: Group, one: Laid, eyes: Eyes) -> _Outlined | None:
+    """How much of a laid part's outline shows; None where it explains no facet of the group, or one only shows."""
+    fit = None if one.located is None else fit_of(one.located)
+    pose = one.guessed if fit is None else fit.cyclopean_from_part
+    corners = frames.apply(pose, one.solid.corners_mm)
+    explained = dict[int, tuple[int, Array]]()
+    for k, facet in enumerate(group.facets):
+        for index in np.flatnonzero(one.solid.facing(pose) > 0).tolist():
+            ring = corners[one.solid.rings[index]]
+            if len(ring) == len(facet.corners_mm):
+                turns = [np.roll(ring, -turn, axis=0) for turn in range(len(ring))]
+                nearest = min(turns, key=lambda turned: _rms(turned, facet.corners_mm))
+                if _rms(nearest, facet.corners_mm) < EXPLAINED_MM:
+                    explained[k] = index, nearest
+    if not explained or facets_in_view(one.solid, eyes, pose) < 2:
+        return None
+    return _Outlined(one, explained, shown(one.solid, eyes, pose, OUTLINE_MM) * (UNFITTED if fit is None else 1.0))
+
+
+def _rms(one: Array, other: Array) -> float:
+    """Rms distance of points (N, 3) from others (N, 3)."""
+    return float(np.sqrt(((one - other) ** 2).sum(1).mean()))

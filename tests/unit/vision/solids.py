@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon import frames
-from daemon.vision.model.relation_matrix import weld
+from daemon.vision.facets.weld import weld
 from daemon.vision.values import Facet, Group
 
 Array = NDArray[np.float64]
@@ -111,14 +111,10 @@ def measured(corners_mm: Array, rng: np.random.Generator | None, noise: float = 
     return Facet(corners, covariance, px + shift / 2, px - shift / 2, np.zeros(len(corners)), 0.0)
 
 
-def group_of(facets: tuple[Facet, ...]) -> Group:
-    return Group(facets, weld(facets).touching)
-
-
 def view_of(
     body: Body, cyclopean_from_part: Array, rng: np.random.Generator | None = None, noise: float = 1.0
 ) -> Group:
     """What one look measures of a part: every facet turned to the camera."""
     corners = frames.apply(cyclopean_from_part, body.corners_mm)
     shown = seen_facets(body, cyclopean_from_part)
-    return group_of(tuple(measured(corners[list(body.facets[f])], rng, noise) for f in shown))
+    return weld(tuple(measured(corners[list(body.facets[f])], rng, noise) for f in shown))

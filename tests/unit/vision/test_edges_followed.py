@@ -8,7 +8,8 @@ from solids import KNOWN, pose
 
 from daemon import frames
 from daemon.vision.geometry.polyhedron import exact
-from daemon.vision.registration.edge_pose import fit_edges, open_eyes
+from daemon.vision.image.both_eyes import open_eyes
+from daemon.vision.registration.edge_pose import fit_edges
 
 VIEWS = ((0.75, 0.25, 0.6), (0.2, -0.5, 0.84), (-0.6, 0.55, 0.58))
 ALIKE = (95.0, 165.0, 165.0, 165.0, 165.0, 165.0, 165.0)

@@ -12,13 +12,13 @@ from painted import paint_pair, rig
 from solids import CUBE, PYRAMID, pose
 
 from daemon import frames
-from daemon.vision.geometry.p3p import poses_of_three
+from daemon.vision.geometry.p3p import p3p_poses
 from daemon.vision.geometry.polygon_batch import different
 from daemon.vision.geometry.polyhedron import exact
-from daemon.vision.geometry.rectified import baseline
+from daemon.vision.image.both_eyes import open_eyes
 from daemon.vision.image.edge_lines import edge_sigmas
-from daemon.vision.registration.chamfer import trial_costs
-from daemon.vision.registration.verify import open_eyes
+from daemon.vision.registration.chamfer import chamfer_px, edge_map
+from daemon.vision.registration.verify import EDGE_SIGMAS
 
 Array = NDArray[np.float64]
 LINE = np.array([[20.0, 60.0]]), np.array([[140.0, 60.0]])
@@ -71,7 +71,7 @@ def test_three_corners_look_from_the_poses_found_as_they_were_seen(seed: int) ->
     true = frames.rigid(frames.rotation_from_vector(tilt), np.array([*rng.uniform(-60, 60, 2), rng.uniform(250, 600)]))
     there = frames.apply(true, points)
     seen = there[:, :2] / there[:, 2:]
-    poses, solved = poses_of_three(points[None], seen[None])
+    poses, solved = p3p_poses(points[None], seen[None])
     assert poses.shape == (2, 4, 4)
     for found in poses[solved]:
         again = frames.apply(found, points)
@@ -85,7 +85,7 @@ def test_most_triples_of_corners_are_solved() -> None:
         points
         + np.stack([rng.uniform(-60, 60, 500), rng.uniform(-60, 60, 500), rng.uniform(250, 600, 500)], 1)[:, None]
     )
-    poses, solved = poses_of_three(points, there[:, :, :2] / there[:, :, 2:])
+    poses, solved = p3p_poses(points, there[:, :, :2] / there[:, :, 2:])
     moved = np.einsum("tij,tkj->tki", poses[:, :3, :3], np.tile(points, (2, 1, 1))) + poses[:, None, :3, 3]
     right = solved & (np.abs(moved - np.tile(there, (2, 1, 1))).max((1, 2)) < 0.1)
     assert np.mean(right[:500] | right[500:]) > 0.98
@@ -99,7 +99,8 @@ def test_the_true_pose_costs_less_than_poses_beside_it(body: object) -> None:
     beside = [
         frames.perturb(where, np.array(m)) for m in ([9.0, 0, 0, 0, 0, 0], [0, 9, 0, 0, 0, 0], [0, 0, 0, 0.2, 0, 0])
     ]
-    costs = trial_costs(solid, np.stack([where, *beside]), baseline(rig()), eyes.edges)
+    maps = edge_map(eyes.left.scale(2), EDGE_SIGMAS), edge_map(eyes.right.scale(2), EDGE_SIGMAS)
+    costs = chamfer_px(solid, np.stack([where, *beside]), eyes.geometry, maps)
     assert costs[0] < 1.0
     assert costs[0] < costs[1:].min() / 1.5
 

@@ -12,9 +12,11 @@ from solids import CUBE, KNOWN, PENTAGONAL, PYRAMID, STRANGERS, TRIANGULAR, Body
 
 from daemon import frames
 from daemon.store.library import load_facets
+from daemon.vision.facets.weld import weld
+from daemon.vision.image.both_eyes import open_eyes
 from daemon.vision.model.model import Model, empty_model, learn_view
 from daemon.vision.recognition.recognise import recognise
-from daemon.vision.registration.verify import look_closer, open_eyes
+from daemon.vision.registration.verify import verify
 from daemon.vision.values import Facet, FacetView, Group, Rejected
 
 Array = NDArray[np.float64]
@@ -49,23 +51,20 @@ def seen(groups: tuple[Group, ...] = (), rejected: tuple[Rejected, ...] = ()) ->
     return FacetView(groups, rejected, (), (), 2.0)
 
 
-def alone(facet: Facet) -> Group:
-    return Group((facet,), np.zeros((1, 1), bool))
-
-
 def names(body: Body | None, view: FacetView) -> list[str]:
     """What the view is taken for after a closer look at a painting of the body."""
     bodies = [(body, WHERE)] if body else []
     eyes = open_eyes(*paint_pair(bodies, np.random.default_rng(4)), rig())
-    return [p.recognition.label for p in recognise(look_closer(view, model(), eyes), model())]
+    found, _ = verify(recognise(view.groups, model()), view, model(), eyes)
+    return [r.label for r in found]
 
 
 @pytest.mark.parametrize("label", sorted(KNOWN))
 def test_a_lone_facet_is_completed_where_both_images_show_the_rest(label: str) -> None:
     body = KNOWN[label]
     for index in seen_facets(body, WHERE, 0.35):
-        view = seen((alone(facet_of(body, index)),))
-        assert {p.recognition.label for p in recognise(view, model())} == {"unknown"}
+        view = seen((weld([facet_of(body, index)]),))
+        assert {r.label for r in recognise(view.groups, model())} == {"unknown"}
         assert names(body, view) == [label]
 
 
@@ -73,11 +72,11 @@ def test_a_lone_facet_is_completed_where_both_images_show_the_rest(label: str) -
 def test_a_lone_facet_of_a_stranger_stays_alone(name: str) -> None:
     body = STRANGERS[name]
     for index in seen_facets(body, WHERE, 0.35):
-        assert names(body, seen((alone(facet_of(body, index)),))) == ["unknown"]
+        assert names(body, seen((weld([facet_of(body, index)]),))) == ["unknown"]
 
 
 def test_a_lone_facet_without_anything_in_the_images_stays_alone() -> None:
-    assert names(None, seen((alone(facet_of(CUBE, 1)),))) == ["unknown"]
+    assert names(None, seen((weld([facet_of(CUBE, 1)]),))) == ["unknown"]
 
 
 @pytest.mark.parametrize("eye", ["left", "right"])
@@ -99,5 +98,5 @@ def test_an_outline_of_a_stranger_in_one_eye_names_nothing(name: str) -> None:
 
 def test_two_facets_of_one_part_found_apart_become_one_part() -> None:
     shown = seen_facets(CUBE, WHERE, 0.35)
-    groups = tuple(alone(facet_of(CUBE, i)) for i in shown)
+    groups = tuple(weld([facet_of(CUBE, i)]) for i in shown)
     assert names(CUBE, seen(groups)) == ["cube"]

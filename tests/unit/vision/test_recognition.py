@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from solids import CUBE, KNOWN, PENTAGONAL, PYRAMID, STRANGERS, TRIANGULAR, Body, group_of, pose, view_of
+from solids import CUBE, KNOWN, PENTAGONAL, PYRAMID, STRANGERS, TRIANGULAR, Body, measured, pose, view_of
 
 from daemon import frames
 from daemon.store.library import load_facets
+from daemon.vision.facets.weld import weld
 from daemon.vision.model.model import Model, empty_model, forget, learn_view
 from daemon.vision.recognition.recognise import recognise, recognise_group
-from daemon.vision.values import Facet, FacetView, Group, Part
+from daemon.vision.values import Facet, Part
 
 TAUGHT = (
     ("cube", CUBE, (1.0, 0.1, 0.8)),
@@ -86,7 +87,7 @@ def test_the_order_of_facets_and_where_their_corners_start_change_nothing(
     group = view_of(KNOWN[label], pose(np.array(direction), 0.4), rng)
     order = rng.permutation(len(group.facets))
     turned = tuple(rolled(group.facets[k], int(rng.integers(5))) for k in order)
-    shuffled = Group(turned, group.touching[np.ix_(order, order)])
+    shuffled = weld(turned)
     one, other = recognise_group(group, taught()), recognise_group(shuffled, taught())
     assert one.recognition.label == other.recognition.label
     assert one.recognition.match_ratio == other.recognition.match_ratio
@@ -115,11 +116,11 @@ def test_a_part_that_fell_into_two_groups_with_one_name_is_one_part() -> None:
     assert sorted(len(f.corners_mm) for f in whole.facets) == [4, 4, 4, 5]
     cuts = 0
     for one in combinations(range(4), 2):
-        halves = [group_of(tuple(whole.facets[k] for k in half)) for half in (one, set(range(4)) - set(one))]
+        halves = [weld(tuple(whole.facets[k] for k in half)) for half in (one, set(range(4)) - set(one))]
         if all(recognise_group(half, taught()).recognition.label == "pentagonal_prism" for half in halves):
             cuts += 1
-            (part,) = recognise(FacetView(tuple(halves), (), (), (), 1.0), taught())
-            assert (part.recognition.label, len(part.facets)) == ("pentagonal_prism", 4)
+            (found,) = recognise(halves, taught())
+            assert (found.label, len(found.part.facets)) == ("pentagonal_prism", 4)
     assert cuts >= 2
 
 
@@ -127,8 +128,7 @@ def test_two_like_parts_that_lie_edge_to_edge_stay_two() -> None:
     at = pose(np.array([0.5, 0.4, 1.0]), 0.2)
     beside = at @ frames.rigid(np.eye(3), np.array([0.0, 50.0, 0.0]))
     groups = tuple(view_of(CUBE, place, np.random.default_rng(k)) for k, place in enumerate((at, beside)))
-    parts = recognise(FacetView(groups, (), (), (), 1.0), taught())
-    assert [p.recognition.label for p in parts] == ["cube", "cube"]
+    assert [r.label for r in recognise(groups, taught())] == ["cube", "cube"]
 
 
 def test_a_lone_square_is_said_to_fit_cube_and_pyramid() -> None:
@@ -216,9 +216,8 @@ def test_what_is_taught_later_leaves_earlier_parts_alone_and_can_be_forgotten() 
 def test_two_facets_of_one_part_in_two_groups_are_put_together() -> None:
     rng = np.random.default_rng(2)
     group = view_of(TRIANGULAR, pose(np.array([1.0, 0.0, 0.0]), 0.4), rng)
-    apart = tuple(Group((f,), np.zeros((1, 1), bool)) for f in group.facets)
-    parts = recognise(FacetView(apart, (), (), (), 2.0), taught())
-    assert [p.recognition.label for p in parts] == ["triangular_prism"]
+    apart = tuple(weld([f]) for f in group.facets)
+    assert [r.label for r in recognise(apart, taught())] == ["triangular_prism"]
 
 
 def test_a_shadow_beside_a_part_does_not_hide_it() -> None:
@@ -226,15 +225,7 @@ def test_a_shadow_beside_a_part_does_not_hide_it() -> None:
     group = view_of(CUBE, where, np.random.default_rng(6))
     low, high = group.facets[0].corners_mm[0], group.facets[0].corners_mm[1]
     aside = np.array([0.0, 0.0, -1.0]) * 30 + np.cross(high - low, [0.0, 0.0, 1.0]) * 0.3
-    shadow = Facet(
-        np.stack([high, low, low + aside, high + 0.6 * aside]),
-        group.facets[0].covariance_mm2,
-        *(np.zeros((4, 2)) for _ in range(2)),
-        np.zeros(4),
-        0.0,
-    )
-    n = len(group.facets)
-    touching = np.pad(group.touching, (0, 1))
-    touching[0, n] = touching[n, 0] = True
-    view = FacetView((Group((*group.facets, shadow), touching),), (), (), (), 2.0)
-    assert "cube" in [p.recognition.label for p in recognise(view, taught())]
+    shadow = measured(np.stack([high, low, low + aside, high + 0.6 * aside]), None)
+    whole = weld((*group.facets, shadow))
+    assert whole.touching[0, -1]
+    assert "cube" in [r.label for r in recognise([whole], taught())]

@@ -22,7 +22,8 @@ from daemon.vision.facets.reconstruct import find_facets
 from daemon.vision.geometry.converging import by_formula, converging
 from daemon.vision.geometry.rectified import baseline
 from daemon.vision.geometry.rig import Camera, StereoRig
-from daemon.vision.image.one_eye import look_with
+from daemon.vision.image.both_eyes import open_eyes
+from daemon.vision.image.one_eye import OneEye
 from daemon.vision.limit import limit
 from daemon.vision.settings import VisionSettings
 from daemon.vision.values import Facet, FacetView
@@ -223,13 +224,12 @@ def test_a_shadow_that_the_part_stands_on_is_told_from_its_faces() -> None:
 
 
 def test_a_facet_outlined_by_one_eye_only_is_found_in_the_other() -> None:
-    eyes, settings_ = baseline(rig()), VisionSettings()
-    pair = paint_pair([(CUBE, pose(DIRECTION, 0.4))], np.random.default_rng(11))
-    left, right = (look_with(e, image, settings_) for e, image in zip((eyes.left, eyes.right), pair, strict=True))
-    chosen, _ = choose(find_candidates(left, right, eyes, settings_), settings_)
+    settings_ = VisionSettings()
+    eyes = open_eyes(*paint_pair([(CUBE, pose(DIRECTION, 0.4))], np.random.default_rng(11)), rig())
+    chosen, _ = choose(find_candidates(eyes, settings_), settings_)
     assert len(chosen) == 3
-    blind = replace(right, outlines=[])
-    found = complete(chosen[:2], left, blind, eyes, settings_)
+    blind = OneEye(eyes.right.eye, eyes.right.grey, found={settings_: []})
+    found = complete(chosen[:2], replace(eyes, right=blind), settings_)
     assert len(found) == 1
     middle = found[0].facet.corners_mm.mean(0)
     assert middle == pytest.approx(chosen[2].facet.corners_mm.mean(0), abs=1.0)
