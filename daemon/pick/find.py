@@ -69,9 +69,10 @@ async def choose(
             if _may_look_again(context, world, part):
                 world.doubtful = part
                 return Event.DOUBTFUL
-            taken_for = " or ".join(part.candidates) or "nothing that was taught"
-            outcome = Outcome.AMBIGUOUS if part.candidates else Outcome.UNKNOWN
-            skip(context, world, outcome, part, f"fits {taken_for}: {part.reason}")
+            candidates = part.taken_for.candidates
+            outcome = Outcome.AMBIGUOUS if candidates else Outcome.UNKNOWN
+            fits = " or ".join(candidates) or "nothing that was taught"
+            skip(context, world, outcome, part, f"fits {fits}: {part.taken_for.reason}")
             continue
         side_view = _side_view(context, world, part)
         plan = _planned(context, world, part, shape, side_view)
@@ -82,12 +83,13 @@ async def choose(
                 return Event.DOUBTFUL
             skip(context, world, Outcome.UNREACHABLE, part, plan)
             continue
+        sure = part.taken_for.confidence
         world.target = world.last_target = Target(
-            part.label, shape, part.world_from_part, plan, part.look, side_view=side_view, confidence=part.confidence
+            part.label, shape, part.world_from_part, plan, part.look, side_view=side_view, confidence=sure
         )
         context.decide(
             f"pick {part.label}",
-            f"{context.settings.order}: confidence {part.confidence:.2f}; grasp {plan.grasp.width_mm:.0f} mm wide, "
+            f"{context.settings.order}: confidence {sure:.2f}; grasp {plan.grasp.width_mm:.0f} mm wide, "
             f"tilted {plan.grasp.tilt_deg:g} degrees, contacts {plan.grasp.slip_deg:.0f} degrees off square",
         )
         return Event.CHOSEN

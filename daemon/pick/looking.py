@@ -15,7 +15,6 @@ from daemon.arm.settling import SettledPair, Settling, settled_pair
 from daemon.arm.workcell import Array, Pictures, Reading, Workcell
 from daemon.calibration.clues import clue_of, health_fields
 from daemon.calibration.drift import Clue
-from daemon.pick.viewpoints import facing
 from daemon.vision.facets.table import Table
 from daemon.vision.geometry.polyhedron import Polyhedron
 from daemon.vision.geometry.rig import StereoRig
@@ -199,8 +198,8 @@ def log_look(
 def tracked_json(expected: Expected, fit: Fit, rig: StereoRig) -> dict[str, object]:
     """A part that was found again by its edges as report.part_json has one, for whoever draws it: the facets of its
     shape that face the cameras, as they must lie."""
-    corners, here = frames.apply(fit.cyclopean_from_part, expected.shape.corners_mm), np.zeros(3)
-    towards = facing(expected.shape, fit.cyclopean_from_part, here) > 0.0
+    corners = frames.apply(fit.cyclopean_from_part, expected.shape.corners_mm)
+    towards = expected.shape.facing(fit.cyclopean_from_part) > 0.0
     return {
         "label": expected.label,
         "confidence": expected.confidence,

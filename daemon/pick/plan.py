@@ -128,7 +128,7 @@ def other_view(
     if not poses:
         return None, "no other view of it is in reach"
     candidates = []
-    for label in part.candidates:
+    for label in part.taken_for.candidates:
         shape = shape_of(label)
         fits = poses_that_fit(shape, part.facets) if shape is not None else []
         if shape is not None and fits:
@@ -136,11 +136,12 @@ def other_view(
     before = [*eyes_before, part.look.world_from_cyclopean[:3, 3]]
     fresh = [min(viewpoints.angle_at(part.centre, eye, old) for old in before) for eye in eyes]
     if not candidates:
-        return poses[int(np.argmax(fresh))], f"from another side: {part.reason}"
+        return poses[int(np.argmax(fresh))], f"from another side: {part.taken_for.reason}"
     unlike = [viewpoints.unlikeness(candidates, eye) for eye in eyes]
     worth = [min(viewpoints.view_worth(shape, pose, eye) for shape, pose in candidates) for eye in eyes]
+    told = f"to tell whether it is {' or '.join(part.taken_for.candidates)}: {part.taken_for.reason}"
     scores = [w + u / 2 + min(f, 0.6) for w, u, f in zip(worth, unlike, fresh, strict=True)]
-    return poses[int(np.argmax(scores))], f"to tell whether it is {' or '.join(part.candidates)}: {part.reason}"
+    return poses[int(np.argmax(scores))], told
 
 
 def regrasp(shape: Polyhedron, world_from_part: Array, before: Plan, settings: Settings) -> Plan | None:

@@ -15,7 +15,7 @@ from daemon import frames
 from daemon.pick.looking import Look
 from daemon.vision.geometry.facet_measures import newell_normal
 from daemon.vision.geometry.rig import StereoRig
-from daemon.vision.values import UNKNOWN, Facet
+from daemon.vision.values import Facet, Part, Recognition
 
 Array = NDArray[np.float64]
 
@@ -37,21 +37,35 @@ def same_place(a: Array, b: Array, within_mm: float = SAME_PLACE_MM) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """A part as one look saw it, in the world: what for, how sure, where, and its facets (in that look's frame)."""
+    """A part as one look saw it, and where that is in the world."""
 
-    label: str
-    confidence: float
-    ambiguous: bool
-    candidates: tuple[str, ...]
-    reason: str
-    world_from_part: Array
-    facets: tuple[Facet, ...]
+    part: Part
     look: Look
+
+    @property
+    def taken_for(self) -> Recognition:
+        """What it was taken for, how surely and why."""
+        return self.part.recognition
+
+    @property
+    def label(self) -> str:
+        """The name it was given."""
+        return self.taken_for.label
 
     @property
     def named(self) -> bool:
         """Whether it was recognised as one taught part."""
-        return not self.ambiguous and self.label != UNKNOWN
+        return self.part.named and not self.taken_for.ambiguous
+
+    @property
+    def world_from_part(self) -> Array:
+        """(4, 4) mm."""
+        return self.look.world_from_cyclopean @ self.part.cyclopean_from_part
+
+    @property
+    def facets(self) -> tuple[Facet, ...]:
+        """As measured, in the look's cyclopean frame."""
+        return self.part.facets
 
     @property
     def lone(self) -> bool:
@@ -105,20 +119,7 @@ def seen_again(seen: Sequence[Facing], eye: Array, least_cosine: float = 0.3) ->
 
 def seen_parts(look: Look) -> list[Seen]:
     """The look's parts in the world."""
-    return [
-        Seen(
-            label=part.recognition.label,
-            confidence=part.recognition.confidence,
-            ambiguous=part.recognition.ambiguous,
-            candidates=part.recognition.candidates,
-            reason=part.recognition.reason,
-            world_from_part=look.world_from_cyclopean @ part.cyclopean_from_part,
-            facets=part.facets,
-            look=look,
-        )
-        for part in look.scene.parts
-        if part.facets
-    ]
+    return [Seen(part, look) for part in look.scene.parts if part.facets]
 
 
 def merged(before: Sequence[Seen], now: Sequence[Seen]) -> list[Seen]:
@@ -150,6 +151,6 @@ def ordered(parts: Sequence[Seen], order: str) -> list[Seen]:
 
     def rank(part: Seen) -> tuple[bool, float]:
         away = apart_mm(part.centre, part.look.world_from_cyclopean[:3, 3])
-        return not part.named, away if order == "nearest" else -part.confidence
+        return not part.named, away if order == "nearest" else -part.taken_for.confidence
 
     return sorted(parts, key=rank)

@@ -22,20 +22,12 @@ def look_pose(rotation: Array, centre: Array, stand_off_mm: float, tool_from_cyc
     return world_from_cyclopean @ frames.inverse(tool_from_cyclopean)
 
 
-def facing(shape: Polyhedron, world_from_part: Array, eye: Array) -> Array:
-    """(F,) cosine between each facet's outward normal and the direction to the eye (3,), world."""
-    normals = shape.normals @ world_from_part[:3, :3].T
-    rays = eye - frames.apply(world_from_part, shape.centres_mm)
-    cosines: Array = np.einsum("fi,fi->f", normals, rays / np.linalg.norm(rays, axis=1, keepdims=True))
-    return cosines
-
-
 def view_worth(shape: Polyhedron, world_from_part: Array, eye: Array, least_cosine: float = 0.3) -> float:
     """How well a look from the eye shows the part: facets well seen, the second one counting most (0 to 1).
 
     One facet alone fits too many parts; two that meet fix the part and its pose; a third adds little.
     """
-    seen = np.sort(np.clip((facing(shape, world_from_part, eye) - least_cosine) / (1 - least_cosine), 0, 1))[::-1]
+    seen = np.sort(np.clip((shape.facing(world_from_part, eye) - least_cosine) / (1 - least_cosine), 0, 1))[::-1]
     weights = np.array([0.3, 1.0, 0.3])[: len(seen)]
     return float(weights @ np.sqrt(seen[:3])) / 1.6
 
@@ -58,6 +50,6 @@ def unlikeness(candidates: Sequence[tuple[Polyhedron, Array]], eye: Array, least
 def _seen_facets(shape: Polyhedron, world_from_part: Array, eye: Array, least_cosine: float) -> Array:
     """(8,) by number of sides, how much facet the eye would see (each facet 0 to 1, soft at the rim)."""
     counts = np.zeros(9)
-    for facet, cosine in zip(shape.facets, facing(shape, world_from_part, eye), strict=True):
+    for facet, cosine in zip(shape.facets, shape.facing(world_from_part, eye), strict=True):
         counts[min(len(facet), 8)] += float(np.clip((cosine - least_cosine) / 0.3, 0.0, 1.0))
     return counts

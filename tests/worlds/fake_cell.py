@@ -43,6 +43,10 @@ def shape_of(label: str) -> Polyhedron:
     return exact(hull.vertices, hull.faces)
 
 
+NOISE = [np.random.default_rng(k).normal(100.0, 2.0, (480, 640)).astype(np.uint8) for k in range(5)]
+"""Grey levels of an image in which there is nothing; an odd number, so that no eye sees one twice running."""
+
+
 @dataclass(frozen=True, eq=False)
 class FakePicture:
     pixels: np.ndarray
@@ -157,20 +161,22 @@ class FakeRobot:
 
 
 class FakeEyes:
-    """Pairs of the same grey noise: always settled."""
+    """Pairs of the same grey ground, each with another noise: always settled, and without an edge."""
 
     def __init__(self, world: World) -> None:
         self.world = world
-        self.shaking = 0
+        self.shaking = self.grabs = 0
 
     async def grab(self, not_before_s: float, timeout_s: float) -> FakePair:
         self.world.before("grab")
         self.world.now_s = max(self.world.now_s, not_before_s) + 0.03
-        base = np.full((48, 64), 100.0)
+        self.grabs += 1
+        images = [NOISE[(2 * self.grabs + eye) % len(NOISE)] for eye in (0, 1)]
         if self.shaking > 0:
             self.shaking -= 1
-            base[:, 20 + self.shaking % 30 :] = 200.0
-        images = [(base + self.world.rng.normal(0, 2, base.shape)).astype(np.uint8) for _ in range(2)]
+            images = [image.copy() for image in images]
+            for image in images:
+                image[:, 200 + 10 * (self.shaking % 30) :] += 100
         return FakePair(*(FakePicture(i, self.world.now_s) for i in images))
 
 
