@@ -40,7 +40,7 @@ from daemon.store.model import ModelError
 from daemon.store.model import load as load_model
 from daemon.store.model_store import ModelStore, ModelStoreError
 from daemon.store.runlog import RunLog
-from daemon.store.runs import Interrupted, RunError, drop_unstarted, left_behind, new_folder
+from daemon.store.runs import Interrupted, drop_unstarted, left_behind, new_folder
 from daemon.store.yamlfile import ConfigError
 from daemon.teaching.trainer import Trainer
 from daemon.upkeep import journal
@@ -136,8 +136,14 @@ class Service:
         _tell_notes(config)
         self._lock = hold(config.state)
         troubles = Troubles(self._on_trouble)
-        left = _left_behind(config.runs)
-        run_log = self._run_log = self._open_log(config, troubles)
+        drop_unstarted(config.runs)
+        left = left_behind(config.runs)
+        loop = asyncio.get_running_loop()
+        run_log = self._run_log = RunLog(
+            new_folder(config.runs, datetime.now(UTC)),
+            fsync_every_s=config.values.log.sync_s,
+            on_trouble=lambda text: loop.call_soon_threadsafe(troubles.tell, "log", text),
+        )
         if left is not None:
             run_log.record("left", run=left.run, cycle=left.cycle, state=left.state, hand_closed=left.hand_closed,
                            label=left.label, auto=left.auto)  # fmt: skip
@@ -160,15 +166,6 @@ class Service:
         self._ready = True
         journal.notify(f"READY=1\nSTATUS={watch.status_line()}")
         journal.tell("run_start", f"ready: {config.kind} cell, socket {config.socket}, run {run_log.folder}")
-
-    def _open_log(self, config: Config, troubles: Troubles) -> RunLog:
-        loop = asyncio.get_running_loop()
-
-        def on_trouble(text: str | None) -> None:
-            loop.call_soon_threadsafe(troubles.tell, "log", text)
-
-        folder = new_folder(config.runs, datetime.now(UTC))
-        return RunLog(folder, fsync_every_s=config.values.log.sync_s, on_trouble=on_trouble)
 
     def _furnish(
         self, config: Config, calibration: Calibration, trainer: Trainer, troubles: Troubles, run_log: RunLog
@@ -328,15 +325,6 @@ def read_files(config_path: Path, simulated: bool) -> tuple[Config, Calibration,
 def _tell_notes(config: Config) -> None:
     for note in config.notes:
         journal.tell("trouble", note, journal.NOTICE)
-
-
-def _left_behind(runs: Path) -> Interrupted | None:
-    """What the daemon before left in doubt; runs of starts that came to nothing go."""
-    drop_unstarted(runs)
-    try:
-        return left_behind(runs)
-    except RunError:
-        return None
 
 
 def _told(left: Interrupted) -> str:

@@ -74,7 +74,7 @@ class RunLog:
         wall: Callable[[], datetime] = lambda: datetime.now(UTC),
         fsync_every_s: float = 1.0,
         patience_s: float = PATIENCE_S,
-        on_trouble: Callable[[str | None], None] = lambda _: None,
+        on_trouble: Callable[[str | None], object] = lambda _: None,
     ) -> None:
         """Start a run in `folder` (made if need be). Raises OSError; FileExistsError where a run is in it already."""
         self.trouble: str | None = None
