@@ -1,1 +1,1 @@
-"""Where operators come in: the serial terminal, the socket and its client. What their words mean is console.py's."""
+"""Where operators come in: the serial terminal, the socket, its client and the prompt. What words mean is console's."""
