@@ -11,7 +11,6 @@ import json
 import os
 import signal
 from collections import deque
-from collections.abc import AsyncGenerator, Awaitable, Callable, Iterable
 from itertools import count
 from pathlib import Path
 from typing import Any
@@ -19,24 +18,22 @@ from typing import Any
 from prompt_toolkit import PromptSession
 from prompt_toolkit.application import in_terminal
 from prompt_toolkit.buffer import Buffer
-from prompt_toolkit.completion import CompleteEvent, Completer, Completion
 from prompt_toolkit.document import Document
-from prompt_toolkit.history import History
 from prompt_toolkit.key_binding import KeyBindings
 
 from daemon.doors.client import DaemonLink, NotThereError, file_in_pieces
 from daemon.doors.keyboard import Keyboard
 from daemon.doors.lineedit import fold
-from daemon.store.files import write_atomically
+from daemon.doors.recall import DaemonCompleter, PlainHistory
 
 PROMPT = "facetd> "
 GREETING = "`help` lists the commands; control-C stops the arm; control-D leaves."
+NOT_THERE = "no daemon answers at present"
 AGAIN = "A daemon answers again: see its `status`, then say anew what is still wanted."
-SEEK_S = 1.0
+SEEK_S = 0.5
 """How often a daemon that went away is sought again."""
 LONGEST_MESSAGE = 16_000_000
 NARROWEST = 20
-HISTORY_LINES = 1000
 
 
 class ListeningPrompt:
@@ -45,10 +42,10 @@ class ListeningPrompt:
     def __init__(self, link: DaemonLink) -> None:
         self._link = link
         self._writer: asyncio.StreamWriter | None = None
-        self._why_gone = "no daemon answers"
+        self._why_gone = ""
         self._numbers = count(1)
         self._unanswered: dict[int, str] = {}
-        """Commands that are not answered yet, by its number."""
+        """Commands that are not answered yet, by their numbers."""
         self._asked: tuple[int, str] | None = None
         """The question that stands: its number and its words."""
         self._kept = ""
@@ -126,7 +123,7 @@ class ListeningPrompt:
         self._kept = ""
         self._session.default_buffer.reset()
         if not self._send({"interrupt": True}):
-            self._show(self._why_gone)
+            self._show(self._why_gone or NOT_THERE)
 
     def _typed(self, line: str) -> None:
         """A line to the daemon: the answer to its question, or a command."""
@@ -141,7 +138,7 @@ class ListeningPrompt:
             if self._send(message):
                 self._unanswered[number] = line.strip()
             else:
-                self._show(f"{self._why_gone}; not said: {line.strip()}")
+                self._show(f"{self._why_gone or NOT_THERE}; not said: {line.strip()}")
 
     async def _complete(self, typed: str) -> list[str]:
         """Every line that the typed one may become."""
@@ -159,17 +156,27 @@ class ListeningPrompt:
 
     async def _hear_always(self) -> None:
         while True:
-            if self._writer is not None:
-                await self._hear()
-                await self._gone()
+            await self._hear()
+            amid = bool(self._unanswered)
+            self._hung_up()
+            await self._end_controller()
+            self._show("the daemon ended before it answered" if amid else "the daemon has ended")
+            await self._seek()
+
+    async def _seek(self) -> None:
+        """Find the daemon that runs next. Nothing that was said to the one before is said again by itself."""
+        self._why_gone = ""
+        while True:
             await asyncio.sleep(SEEK_S)
             try:
                 self._link.connect_again()
+                break
             except NotThereError as gone:
+                if not self._why_gone:
+                    self._show(str(gone))
                 self._why_gone = str(gone)
-            else:
-                await self._connect()
-                self._show(AGAIN)
+        await self._connect()
+        self._show(AGAIN)
 
     async def _connect(self) -> None:
         self._reader, self._writer = await asyncio.open_unix_connection(sock=self._link.socket, limit=LONGEST_MESSAGE)
@@ -241,21 +248,6 @@ class ListeningPrompt:
             renderer.request_absolute_cursor_position()
             app.invalidate()
 
-    async def _gone(self) -> None:
-        """The daemon went away: nothing that was said is said again by itself."""
-        amid = bool(self._unanswered)
-        self._hung_up()
-        await self._end_controller()
-        self._show("the daemon ended before it answered" if amid else "the daemon has ended")
-        try:
-            self._link.connect_again()
-        except NotThereError as gone:
-            self._why_gone = str(gone)
-            self._show(self._why_gone)
-        else:
-            await self._connect()
-            self._show(AGAIN)
-
     def _hung_up(self) -> None:
         if self._writer is not None:
             self._writer.close()
@@ -301,59 +293,6 @@ class ListeningPrompt:
         if self._at_controller is not None:
             await self._at_controller
         self._at_controller = None
-
-
-class DaemonCompleter(Completer):
-    """Tab asks the daemon what the line may become."""
-
-    def __init__(self, ask: Callable[[str], Awaitable[list[str]]]) -> None:
-        self._ask = ask
-
-    def get_completions(self, document: Document, complete_event: CompleteEvent) -> Iterable[Completion]:
-        """None without waiting: the daemon must be asked."""
-        return ()
-
-    async def get_completions_async(
-        self, document: Document, complete_event: CompleteEvent
-    ) -> AsyncGenerator[Completion, None]:
-        """The last word of each line that the daemon offers."""
-        typed = document.text_before_cursor
-        start = typed.rfind(" ") + 1
-        for option in await self._ask(typed):
-            yield Completion(f"{option[start:]} ", start - len(typed), display=option[start:])
-
-
-class PlainHistory(History):
-    """Commands of earlier sessions, one a line, as a shell keeps them; answers to questions are none."""
-
-    def __init__(self, path: Path) -> None:
-        super().__init__()
-        self._path = path
-        self.remember = True
-
-    def load_history_strings(self) -> Iterable[str]:
-        """Newest first; the file is cut where it has become long."""
-        try:
-            lines = self._path.read_text(encoding="utf-8", errors="replace").splitlines()
-            if len(lines) > 2 * HISTORY_LINES:
-                write_atomically(self._path, "\n".join([*lines[-HISTORY_LINES:], ""]).encode())
-        except OSError:
-            return []
-        return lines[: -HISTORY_LINES - 1 : -1]
-
-    def append_string(self, string: str) -> None:
-        """Keep a command, unless it is the answer to a question."""
-        if self.remember and string.strip():
-            super().append_string(string.strip())
-
-    def store_string(self, string: str) -> None:
-        """Write it behind the others; where that cannot be, this session remembers it all the same."""
-        try:
-            self._path.parent.mkdir(parents=True, exist_ok=True)
-            with self._path.open("a", encoding="utf-8") as file:
-                file.write(f"{string}\n")
-        except OSError:
-            return
 
 
 def _state_folder() -> Path:

@@ -11,8 +11,9 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from daemon.errors import FacetdError
 from daemon.store import places
-from daemon.store.runs import Record, RunError, find_run, follow, list_runs
+from daemon.store.runs import Record, find_run, follow, list_runs
 
 DONE, REGRESSED, UNUSABLE = 0, 1, 2
 
@@ -50,13 +51,9 @@ def _command(
     text: str,
 ) -> argparse.ArgumentParser:
     def run(args: argparse.Namespace) -> int:
-        from daemon.review.export import ExportError
-        from daemon.store.model import ModelError
-        from daemon.store.yamlfile import ConfigError
-
         try:
             return job(args)
-        except (RunError, ConfigError, ModelError, ExportError, OSError) as error:
+        except (FacetdError, OSError) as error:
             print(f"facetctl {name}: {error}", file=sys.stderr)
             return UNUSABLE
 

@@ -20,11 +20,10 @@ from daemon.calibration.file import Calibration, load_calibration
 from daemon.cell import sections
 from daemon.cell.build import Hardware
 from daemon.config import Config
+from daemon.errors import FacetdError
 from daemon.store.library import load_facets, load_parts
-from daemon.store.model import ModelError
-from daemon.store.model_store import ModelStore, ModelStoreError
+from daemon.store.model_store import ModelStore
 from daemon.store.runs import list_runs
-from daemon.store.yamlfile import ConfigError
 
 Level = Literal["good", "note", "bad"]
 GOOD_REPROJECTION_PX = 0.5
@@ -53,7 +52,7 @@ def examine(config: Config, running: bool) -> list[Finding]:
     for check in CHECKS:
         try:
             findings += check(config, running)
-        except (ConfigError, ModelError, ModelStoreError, OSError) as error:
+        except (FacetdError, OSError) as error:
             findings.append(Finding("bad", check.__name__.removeprefix("_").replace("_", " "), str(error)))
     return findings
 
