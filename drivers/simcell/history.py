@@ -15,8 +15,8 @@ from drivers.simcell.rigid import Array
 class Leg:
     """One motion of the arm, as it was begun or, after a halt, as it was cut short.
 
-    by: the typed line it came of. speed_percent, flange_from_tool (4, 4) mm, hand_closed: what was in force at its
-    start.
+    by: the typed line it came of. speed_percent (of CAL: 0), flange_from_tool (4, 4) mm, hand_closed: what was in force
+    at its start.
     """
 
     motion: Motion

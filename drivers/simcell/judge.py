@@ -125,11 +125,11 @@ class Judge:
         self._drop_told.add(at_s, allowed)
 
     def violations(self, until_s: float) -> tuple[Violation, ...]:
-        """Everything found up to a moment, oldest first; a motion is judged once it is over."""
+        """Everything found up to a moment, oldest first; the way of a motion is judged once it is over."""
         while self._read < len(self._history):
             event = self._history[self._read]
-            if (event.motion.ends_s if isinstance(event, Leg) else event.began_s) > until_s:
-                break
+            if isinstance(event, Leg) and event.motion.ends_s > until_s:
+                return (*self._found, *self._unallowed(event), *self._too_much(event))
             self._read += 1
             self._found += self._judged(event)
         return tuple(self._found)

@@ -122,9 +122,9 @@ class Machine:
         self._set_out(self.speed_percent)
 
     def calibrate(self) -> float:
-        """Begin to find the joints' zeros; gives when that is over. (In truth each joint turns a little.)"""
+        """Begin to find the joints' zeros, each turning a little at a pace of its own; gives when that is over."""
         motion = standing(self.joints(), self.now_s, self.manners.calibration_s)
-        self._note(motion, self.speed_percent)
+        self._note(motion, 0.0)
         return motion.ends_s
 
     def halt(self, braking: float = 1.0) -> None:

@@ -70,6 +70,15 @@ def test_what_moves_while_nothing_may_is_found_with_the_line_it_came_of(line: st
     assert f"`{line}`" in str(cell.judge.violations(cell.now_s)[0])
 
 
+def test_what_was_begun_and_is_not_over_is_found_already_and_once() -> None:
+    cell = Cell()
+    cell.judge.may_move(0.05, False)
+    cell.types("DO DRIVE 2,-80,1", 0.2)
+    assert cell.found() == ["not allowed"]
+    cell.types("ABORT")
+    assert cell.found() == ["not allowed"]
+
+
 def test_calibrating_counts_as_moving() -> None:
     cell = Cell()
     cell.judge.may_move(0.05, False)
@@ -218,6 +227,7 @@ def test_a_part_let_go_in_the_cell_is_on_record_with_its_height() -> None:
         with cell.server.controller() as controller:
             controller.machine.by = "DO OPENI"
             controller.machine.hand(closed=False)
+    for _ in ("the cell may be gone by then", "and asked again"):
         assert [violation.rule for violation in cell.violations()] == ["dropped"]
 
 
