@@ -1,4 +1,3 @@
-"""The simulated cell: a PUMA 560 behind a VAL II controller, rendered cameras, parts that rest, fall and are gripped.
-
-Its truth is its own: the daemon sees pictures and hears the line, as in a real cell.
+"""A cell that is not there: arm, VAL II controller, hand, light and cameras, parts; what truly happened in it (witness)
+and what must never happen (judge). What it is like stands in etc/simcell.yaml. Nothing here knows of the daemon.
 """

@@ -155,7 +155,7 @@ class SimulatedCell:
             self.world.close_hand(tool, [self.arm.pose_at(now_s - back_s) for back_s in LOOKED_BACK_S])
         elif (fallen := self.world.open_hand(tool)) is not None:
             label, fell_mm, where = fallen
-            self._machine.history.append(Drop(now_s, self._machine.by, label, fell_mm, where is Where.BIN))
+            self._machine.history.add(Drop(now_s, self._machine.by, label, fell_mm, where is Where.BIN))
 
     def _scene_at(self, real_s: float) -> Scene:
         tool = self.world_from_tool(real_s)

@@ -5,7 +5,11 @@ Values only, in the controller's seconds. Nobody who talks to the controller can
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import islice
+from threading import Lock
 
 from drivers.simcell.arm import Motion
 from drivers.simcell.rigid import Array
@@ -15,8 +19,8 @@ from drivers.simcell.rigid import Array
 class Leg:
     """One motion of the arm, as it was begun or, after a halt, as it was cut short.
 
-    by: the typed line it came of. speed_percent, flange_from_tool (4, 4) mm, hand_closed: what was in force at its
-    start.
+    by: the typed line it came of. speed_percent (of CAL: 0), flange_from_tool (4, 4) mm, hand_closed: what was in force
+    at its start.
     """
 
     motion: Motion
@@ -60,3 +64,39 @@ class Drop:
 
 
 Event = Leg | Stop | HandAct | Drop
+
+KEPT = 4000
+"""Events; a straight motion takes some 7 kB, and a cell may run for weeks."""
+
+
+class History:
+    """The newest events, oldest first; every event has a number, from 0 on, that stays its own. From any thread."""
+
+    def __init__(self) -> None:
+        self._events: deque[Event] = deque(maxlen=KEPT)
+        self._count = 0
+        self._lock = Lock()
+
+    def __iter__(self) -> Iterator[Event]:
+        return iter(self.since(0)[1])
+
+    def add(self, event: Event) -> None:
+        """It happened now."""
+        with self._lock:
+            self._events.append(event)
+            self._count += 1
+
+    def since(self, number: int) -> tuple[int, tuple[Event, ...]]:
+        """What is kept of the events from a number on, and the number of the first of these."""
+        with self._lock:
+            first = max(number, self._count - len(self._events))
+            return first, tuple(islice(self._events, len(self._events) - (self._count - first), None))
+
+    def cut(self, now_s: float, braking: float) -> None:
+        """The motion under way, if any, is braked from now on."""
+        with self._lock:
+            for back in range(1, len(self._events) + 1):
+                event = self._events[-back]
+                if isinstance(event, Leg):
+                    self._events[-back] = replace(event, motion=event.motion.cut(now_s, braking))
+                    return

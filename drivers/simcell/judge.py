@@ -16,7 +16,7 @@ import numpy as np
 
 from drivers.puma560 import Puma560, elbow_mm, forward
 from drivers.simcell.arm import Motion
-from drivers.simcell.history import Drop, Event, HandAct, Leg, Stop
+from drivers.simcell.history import Drop, Event, HandAct, History, Leg, Stop
 from drivers.simcell.rigid import Array, inverse
 from drivers.simcell.truth import Box, Rod, Safety, Table
 
@@ -99,7 +99,7 @@ def _cut(rod: Rod) -> list[Array]:
 class Judge:
     """Told the facts as they come; `violations` looks at what happened since it was last asked."""
 
-    def __init__(self, history: Sequence[Event], body: Body, safety: Safety, table: Table) -> None:
+    def __init__(self, history: History, body: Body, safety: Safety, table: Table) -> None:
         """history grows; a leg in it may still be cut short. Nothing may move before `may_move` says so."""
         self._history, self._body, self._safety, self._table = history, body, safety, table
         self._may, self._drop_told = _Facts(False), _Facts(False)
@@ -125,11 +125,14 @@ class Judge:
         self._drop_told.add(at_s, allowed)
 
     def violations(self, until_s: float) -> tuple[Violation, ...]:
-        """Everything found up to a moment, oldest first; a motion is judged once it is over."""
-        while self._read < len(self._history):
-            event = self._history[self._read]
-            if (event.motion.ends_s if isinstance(event, Leg) else event.began_s) > until_s:
-                break
+        """Everything found up to a moment, oldest first; the way of a motion is judged once it is over."""
+        first, events = self._history.since(self._read)
+        if first > self._read:
+            self._found.append(Violation("not judged", until_s, "", "more happened than is kept: ask more often"))
+            self._read = first
+        for event in events:
+            if isinstance(event, Leg) and event.motion.ends_s > until_s:
+                return (*self._found, *self._unallowed(event), *self._too_much(event))
             self._read += 1
             self._found += self._judged(event)
         return tuple(self._found)
@@ -163,7 +166,7 @@ class Judge:
         """Still on the way too long after a stop, or after the leave to move was withdrawn."""
         ends_s = leg.motion.ends_s
         told = [(at_s, f"the stop `{by}`") for at_s, by in self._stops if leg.began_s < at_s < ends_s]
-        told += [(e.began_s, f"the stop `{e.by}`") for e in self._history[self._read :] if isinstance(e, Stop)]
+        told += [(e.began_s, f"the stop `{e.by}`") for e in self._history.since(self._read)[1] if isinstance(e, Stop)]
         withdrawn_s = self._may.said_within(leg.began_s, ends_s, False)
         told += [] if withdrawn_s is None else [(withdrawn_s, "it might not move any more")]
         at_s, why = min(told, default=(ends_s, ""))

@@ -31,14 +31,14 @@ class TruthError(Exception):
     """etc/simcell.yaml cannot be used: which file, which value, what was expected."""
 
 
-def rigid_matrix(rows: Matrix4) -> Array:
+def rigid_matrix(rows: Matrix4, name: str = "transform") -> Array:
     """Rows of a 4x4 -> array. Raises ValueError where it is no rigid transform to 1e-6."""
     matrix = np.array(rows)
     rotation = matrix[:3, :3]
     if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-6 or np.linalg.det(rotation) < 0:
-        raise ValueError("the upper left 3x3 is no rotation")
+        raise ValueError(f"{name}: the upper left 3x3 is no rotation")
     if not np.array_equal(matrix[3], [0.0, 0.0, 0.0, 1.0]):
-        raise ValueError("the last row must be 0 0 0 1")
+        raise ValueError(f"{name}: the last row must be 0 0 0 1")
     return matrix
 
 
@@ -50,7 +50,7 @@ class EyeTruth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     cyclopean_from_camera: Matrix4
 
     def __post_init__(self) -> None:
-        rigid_matrix(self.cyclopean_from_camera)
+        rigid_matrix(self.cyclopean_from_camera, "cyclopean_from_camera")
 
     def eye(self) -> Eye:
         """The camera as geometry."""
@@ -69,7 +69,7 @@ class ArmTruth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     repeatability_mm: NotNegative
 
     def __post_init__(self) -> None:
-        rigid_matrix(self.flange_from_tool)
+        rigid_matrix(self.flange_from_tool, "flange_from_tool")
 
 
 class Sensor(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -199,7 +199,7 @@ class Truth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     safety: Safety = Safety()
 
     def __post_init__(self) -> None:
-        rigid_matrix(self.tool_from_cyclopean)
+        rigid_matrix(self.tool_from_cyclopean, "tool_from_cyclopean")
 
 
 def load_truth(path: Path | str) -> Truth:

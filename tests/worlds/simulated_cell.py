@@ -119,7 +119,8 @@ async def rig(
             yield Rig(hardware.hand.cell, cycle, log, hardware.robot)
         finally:
             await cycle.supervisor.close()
-        assert not hardware.hand.cell.violations()
+        found = hardware.hand.cell.violations()
+        assert not found, "\n".join(map(str, found))
     finally:
         await hardware.close()
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 
 import numpy as np
 
@@ -17,7 +16,7 @@ from drivers.simcell.arm import EMERGENCY_BRAKING, Arm, Motion, SingularWristErr
 from drivers.simcell.controller.expressions import Memory, MonitorError, location
 from drivers.simcell.controller.faults import Faults, Mishap
 from drivers.simcell.controller.manners import Manners
-from drivers.simcell.history import Event, HandAct, Leg, Stop
+from drivers.simcell.history import HandAct, History, Leg, Stop
 from drivers.simcell.rigid import Array
 
 FULL_PERCENT = 100.0
@@ -42,7 +41,7 @@ class Machine:
         self.hand_closed = False
         self.by = ""
         """What was typed last to be carried out; what happens from now on comes of it."""
-        self.history: list[Event] = []
+        self.history = History()
         self._on_hand = on_hand or (lambda closed: None)
         self._mishap: tuple[float, Mishap] | None = None
         self._power_comes_s: float | None = None
@@ -122,29 +121,25 @@ class Machine:
         self._set_out(self.speed_percent)
 
     def calibrate(self) -> float:
-        """Begin to find the joints' zeros; gives when that is over. (In truth each joint turns a little.)"""
+        """Begin to find the joints' zeros, each turning a little at a pace of its own; gives when that is over."""
         motion = standing(self.joints(), self.now_s, self.manners.calibration_s)
-        self._note(motion, self.speed_percent)
+        self._note(motion, 0.0)
         return motion.ends_s
 
     def halt(self, braking: float = 1.0) -> None:
         """Come to rest along the path; braking: times the usual deceleration."""
         self.arm.halt(self.now_s, braking)
-        last = next((k for k in range(len(self.history) - 1, -1, -1) if isinstance(self.history[k], Leg)), None)
-        if last is not None:
-            leg = self.history[last]
-            assert isinstance(leg, Leg)
-            self.history[last] = replace(leg, motion=leg.motion.cut(self.now_s, braking))
+        self.history.cut(self.now_s, braking)
 
     def stop(self, by: str) -> None:
         """Somebody wants the arm at rest now, and said so by this."""
-        self.history.append(Stop(self.now_s, by))
+        self.history.add(Stop(self.now_s, by))
         self.halt()
 
     def hand(self, closed: bool) -> None:
         """Close or open the hand."""
         self.hand_closed = closed
-        self.history.append(HandAct(self.now_s, self.by, closed))
+        self.history.add(HandAct(self.now_s, self.by, closed))
         self._on_hand(closed)
 
     def _set_out(self, percent: float) -> None:
@@ -155,7 +150,7 @@ class Machine:
             self._mishap = self.now_s + share * (self.arm.rests_s - self.now_s), what
 
     def _note(self, motion: Motion, percent: float) -> None:
-        self.history.append(Leg(motion, self.by, percent, self.arm.tool, self.hand_closed))
+        self.history.add(Leg(motion, self.by, percent, self.arm.tool, self.hand_closed))
 
     # What may befall it
 

@@ -50,7 +50,8 @@ class PtyServer:
         with self._lock:
             self._controller.tick(self.now_s())
             yield self._controller
-        os.write(self._wake_write, b"!")
+        if not self._stopping:
+            os.write(self._wake_write, b"!")
 
     def stop(self) -> None:
         """End the thread and close the terminal; safe to call twice."""

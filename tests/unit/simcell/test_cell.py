@@ -14,7 +14,7 @@ import yaml
 from daemon.store import places
 from drivers.simcell.cell import SimulatedCell
 from drivers.simcell.rigid import Array, apply, inverse, rigid
-from drivers.simcell.truth import TruthError
+from drivers.simcell.truth import TruthError, load_truth
 from drivers.simcell.world import Where
 from drivers.val2.link import Link
 from drivers.val2.location import Location, location_from_matrix
@@ -117,6 +117,21 @@ def test_a_truth_file_with_a_wrong_value_is_refused_by_name(tmp_path: Path) -> N
     broken.write_text(TRUTH.read_text().replace("blur_px: 0.6", "blur_px: -1"))
     with pytest.raises(TruthError, match=r"simcell.yaml: .*blur_px"):
         SimulatedCell(broken)
+
+
+@pytest.mark.parametrize("name", ["cyclopean_from_camera", "flange_from_tool", "tool_from_cyclopean"])
+def test_a_transform_that_is_none_is_refused_by_name(tmp_path: Path, name: str) -> None:
+    data = yaml.safe_load(TRUTH.read_text())
+    holder = {"cyclopean_from_camera": data["right"], "flange_from_tool": data["arm"]}.get(name, data)
+    holder[name][0][0] += 0.1
+    (tmp_path / "simcell.yaml").write_text(yaml.safe_dump(data))
+    with pytest.raises(TruthError, match=rf"simcell.yaml: {name}: .*no rotation"):
+        load_truth(tmp_path / "simcell.yaml")
+
+
+def test_a_file_from_before_there_was_a_judge_still_loads(tmp_path: Path) -> None:
+    (tmp_path / "simcell.yaml").write_text(TRUTH.read_text().split("safety:")[0])
+    assert load_truth(tmp_path / "simcell.yaml").safety.body == []
 
 
 def test_a_wrongly_set_tool_moves_the_arm_elsewhere_but_not_the_gripper_on_its_flange(cell: SimulatedCell) -> None:

@@ -12,7 +12,7 @@ from drivers.puma560 import READY_RAD, Puma560, elbow_mm, forward
 from drivers.simcell.arm import Arm
 from drivers.simcell.cell import SimulatedCell
 from drivers.simcell.controller import Controller, Manners
-from drivers.simcell.history import Drop, Leg
+from drivers.simcell.history import KEPT, Drop, Leg, Stop
 from drivers.simcell.judge import APART_MM, Body, Judge
 from drivers.simcell.rigid import rigid, turn
 from drivers.simcell.truth import Box, load_truth, rigid_matrix
@@ -68,6 +68,15 @@ def test_what_moves_while_nothing_may_is_found_with_the_line_it_came_of(line: st
     cell.types(line)
     assert cell.found() == ["not allowed"]
     assert f"`{line}`" in str(cell.judge.violations(cell.now_s)[0])
+
+
+def test_what_was_begun_and_is_not_over_is_found_already_and_once() -> None:
+    cell = Cell()
+    cell.judge.may_move(0.05, False)
+    cell.types("DO DRIVE 2,-80,1", 0.2)
+    assert cell.found() == ["not allowed"]
+    cell.types("ABORT")
+    assert cell.found() == ["not allowed"]
 
 
 def test_calibrating_counts_as_moving() -> None:
@@ -197,14 +206,14 @@ def test_the_way_is_judged_and_not_only_its_ends() -> None:
 def test_what_is_let_go_high_is_found_unless_over_the_bin_or_told() -> None:
     cell = Cell()
     history, judge = cell.controller.machine.history, cell.judge
-    history.append(Drop(1.0, "DO OPENI", "cube", 2.0, False))
-    history.append(Drop(2.0, "DO OPENI", "cube", 90.0, True))
+    history.add(Drop(1.0, "DO OPENI", "cube", 2.0, False))
+    history.add(Drop(2.0, "DO OPENI", "cube", 90.0, True))
     cell.now_s = 9.0
     assert cell.found() == []
-    history.append(Drop(3.0, "DO OPENI", "cube", 90.0, False))
+    history.add(Drop(3.0, "DO OPENI", "cube", 90.0, False))
     assert cell.found() == ["dropped"]
     judge.may_drop(4.0)
-    history.append(Drop(5.0, "DO OPENI", "cube", 90.0, False))
+    history.add(Drop(5.0, "DO OPENI", "cube", 90.0, False))
     assert cell.found() == ["dropped"]
 
 
@@ -218,6 +227,7 @@ def test_a_part_let_go_in_the_cell_is_on_record_with_its_height() -> None:
         with cell.server.controller() as controller:
             controller.machine.by = "DO OPENI"
             controller.machine.hand(closed=False)
+    for _ in ("the cell may be gone by then", "and asked again"):
         assert [violation.rule for violation in cell.violations()] == ["dropped"]
 
 
@@ -249,6 +259,15 @@ def test_no_ball_of_the_body_moves_farther_than_promised_between_two_samples_nea
     assert np.count_nonzero(moved < APART_MM) > 50
     assert times[0] == cell.controller.arm.motion.started_s
     assert times[-1] == cell.controller.arm.rests_s
+
+
+def test_more_than_is_kept_between_two_questions_is_no_clean_run() -> None:
+    cell = Cell()
+    for k in range(KEPT + 1):
+        cell.controller.machine.history.add(Stop(float(k), "ABORT"))
+    cell.now_s = 1e6
+    assert cell.found() == ["not judged"]
+    assert cell.found() == ["not judged"]
 
 
 def test_what_was_judged_once_is_not_judged_again() -> None:

@@ -1,5 +1,6 @@
 """The device behind the controller's line, without a line: a command is a call, and a minute passes in one more."""
 
+import grimp
 import numpy as np
 import pytest
 
@@ -54,3 +55,12 @@ def test_what_is_out_of_reach_is_refused_and_nothing_moves() -> None:
         machine.move_joints(READY_RAD + np.radians([0, 120, 0, 0, 0, 0]))
     machine.advance(60.0)
     np.testing.assert_array_equal(machine.joints(), NEST_RAD)
+
+
+def test_the_device_knows_nothing_of_its_line_and_no_file_imports_itself_by_a_detour() -> None:
+    graph = grimp.build_graph("drivers")
+    beneath = graph.find_upstream_modules("drivers.simcell.controller.machine")
+    line = {"core", "terminal", "monitor", "instructions", "commands", "server", "memory_line"}
+    assert not beneath & {f"drivers.simcell.controller.{name}" for name in line}
+    for module in graph.modules:
+        assert not any(graph.chain_exists(needed, module) for needed in graph.find_modules_directly_imported_by(module))
