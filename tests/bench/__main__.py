@@ -21,6 +21,7 @@ NOT_IN_THE_ROUND = {
     "running",
     "sentry",
     "soak",
+    "travels",
 }  # minutes long: named, or by their own target; or what those share
 
 
