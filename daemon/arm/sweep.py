@@ -11,6 +11,7 @@ its gap may nowhere be less than it was before on the same way, until it is clea
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -26,21 +27,23 @@ Array = NDArray[np.float64]
 
 SLACK_MM = 0.5
 """How far between places a gap may be below its limit; half the clearance where that is less."""
-FIRST_MM, DENSE_MM = 25.0, 5.0
-"""The longest stretch to begin with; that by which a way that strikes is looked along for its worst place."""
+FIRST_JOINTS_MM, FIRST_STRAIGHT_MM = 25.0, 6.0
+"""How far the hand goes, at most, in a stretch to begin with."""
 NEAR_MM = 60.0
 """What comes nearer than this to its limit in a keep-out box is measured exactly."""
 FINEST_MM = 0.2
 """A stretch this short that is not proven clear is not clear."""
-MOST_AT_FIRST, MOST_PARTS, MOST_PLACES = 60, 12, 5000
+MOST_AT_FIRST, MOST_PARTS, MOST_PLACES, AT_WORST = 120, 12, 5000, 200
+"""Stretches to begin with; parts of one at a time; places before it is given up; stretches in which the worst place of
+a way that strikes is looked for."""
 TCP, FLANGE, WRIST_JOINTS = -1, 6, 3
 
 
 class Way(Protocol):
-    """One move from its start (share 0) to its end (share 1); longest_mm: no part of the hand goes farther."""
+    """One move from its start (share 0) to its end (share 1)."""
 
-    @property
-    def longest_mm(self) -> float: ...
+    def stretches(self) -> int:
+        """In how many stretches it is looked at to begin with."""
 
     def links(self, shares: Array) -> Array:
         """(N, 8, 4, 4): the Robot's frames at rising (N,) shares; nan where the arm does not get there."""
@@ -58,10 +61,9 @@ class JointWay:
     change_rad: Array
     speed_mm: Array
 
-    @property
-    def longest_mm(self) -> float:
+    def stretches(self) -> int:
         """See Way."""
-        return float(self.speed_mm.max())
+        return _stretches(float(self.speed_mm.max()), FIRST_JOINTS_MM)
 
     def links(self, shares: Array) -> Array:
         """See Way."""
@@ -87,10 +89,9 @@ class StraightWay:
     wrist_mm: float
     bend_mm: float
 
-    @property
-    def longest_mm(self) -> float:
-        """See Way."""
-        return float(self.speed_mm[~self.arm].max())
+    def stretches(self) -> int:
+        """See Way. Shorter ones, so that a wrist that comes near to straight on the way is seen."""
+        return _stretches(float(self.speed_mm[~self.arm].max()), FIRST_STRAIGHT_MM)
 
     def links(self, shares: Array) -> Array:
         """See Way."""
@@ -119,6 +120,10 @@ class StraightWay:
         turned = _turned(least[:-1], half_mm, self.bend_mm) + _turned(least[1:], half_mm, self.bend_mm)
         travel[:, self.arm] = turned[:, None] * np.linalg.norm(self.reaches_mm[:, self.arm], axis=0)
         return travel
+
+
+def _stretches(longest_mm: float, each_mm: float) -> int:
+    return int(np.clip(np.ceil(longest_mm / each_mm), 2, MOST_AT_FIRST))
 
 
 def _turned(least_mm: Array, way_mm: Array, bend_mm: float) -> Array:
@@ -213,7 +218,7 @@ def gaps_of(links: Array, body: Body, limits: Limits) -> Gaps:
 def strikes(way: Way, body: Body, limits: Limits) -> tuple[Strike, ...]:
     """What the way would break, the worst place of each rule; none where it is proven clear."""
     slack = min(SLACK_MM, limits.clearance_mm / 2)
-    shares = np.linspace(0.0, 1.0, int(np.clip(np.ceil(way.longest_mm / FIRST_MM), 2, MOST_AT_FIRST)) + 1)
+    shares = np.linspace(0.0, 1.0, way.stretches() + 1)
     new, values = np.ones(len(shares), bool), np.empty((0, 0))
     while True:
         links = way.links(shares)
@@ -225,7 +230,7 @@ def strikes(way: Way, body: Body, limits: Limits) -> tuple[Strike, ...]:
         values = _merged(values, gaps.values_mm, new)
         allowed = np.minimum(np.maximum.accumulate(values, axis=0)[:-1], 0.0) - slack
         if (values[1:] < allowed).any():
-            return _worst(way, body, limits, slack, shares)
+            return _worst(way, body, limits, slack, shares) or _no_way("the way strikes")
         travel = way.travel_mm(shares, links)[:, gaps.capsule]
         need = (travel / np.maximum(values[:-1] + values[1:] - 2 * allowed, 1e-9)).max(axis=1)
         unproven = need > 1.0
@@ -267,14 +272,19 @@ def _merged(old: Array, found: Array, new: NDArray[np.bool_]) -> Array:
 
 
 def _worst(way: Way, body: Body, limits: Limits, slack: float, places: Array) -> tuple[Strike, ...]:
-    """The worst place of each rule, looked for every few millimetres and at the places given."""
-    count = int(np.clip(way.longest_mm / DENSE_MM, 100, 400))
-    shares = np.union1d(np.linspace(0.0, 1.0, count + 1), places)
+    """The worst place of each rule, looked for in AT_WORST stretches and at the places given."""
+    shares = np.union1d(np.linspace(0.0, 1.0, AT_WORST + 1), places)
     links = way.links(shares)
     known = np.isfinite(links).all(axis=(1, 2, 3))
     shares, links = shares[known], links[known]
     gaps = gaps_of(links, body, limits)
     lacking = np.minimum(np.maximum.accumulate(gaps.values_mm, axis=0)[:-1], 0.0) - gaps.values_mm[1:]
+    how = [f"on the way ({100 * share:.0f} %)" for share in shares[1:]]
+    return _told(gaps, lacking, body.placed(links[1:]), how, slack)
+
+
+def _told(gaps: Gaps, lacking: Array, ends: Array, where: Sequence[str], slack: float) -> tuple[Strike, ...]:
+    """For each rule the place and part (N, P) that lacks most, where that is more than slack."""
     found = []
     for rule in dict.fromkeys(what[0] for what in gaps.what):
         columns = np.array([k for k, what in enumerate(gaps.what) if what[0] == rule])
@@ -282,17 +292,22 @@ def _worst(way: Way, body: Body, limits: Limits, slack: float, places: Array) ->
         by_mm, pair = float(lacking[place, columns[column]]), columns[column]
         if by_mm > slack:
             _, part, thing = gaps.what[pair]
-            ends = body.placed(links[place + 1][None])[0, gaps.capsule[pair]]
-            found.append(Strike(rule, _told(part, thing, by_mm, ends, shares[place + 1], gaps.values_mm[0, pair] < 0)))
+            axis = ends[place, gaps.capsule[pair]]
+            x, y, z = axis[axis[:, 2].argmin()]
+            text = (
+                f"{where[place]} the {part}, at {x:.0f} {y:.0f} {z:.0f}, comes {by_mm:.1f} mm too far towards {thing}"
+            )
+            found.append(Strike(rule, text))
     return tuple(found)
 
 
-def _told(part: str, thing: str, by_mm: float, ends: Array, share: float, leaving: bool) -> str:
-    x, y, z = ends[ends[:, 2].argmin()]
-    how = "deeper into" if leaving else "too far towards"
-    return (
-        f"on the way ({100 * share:.0f} %) the {part}, at {x:.0f} {y:.0f} {z:.0f}, comes {by_mm:.1f} mm {how} {thing}"
-    )
+def place_clear(command: Command, there: Reading, robot: Robot, limits: Limits) -> Refusal | None:
+    """The first rule of place that the command's target would break with all of the arm; there: the arm at it."""
+    body = body_of(limits.capsules, limits.body_mm)
+    links = robot.frames(there.joints_rad[None])
+    gaps = gaps_of(links, body, limits)
+    met = _told(gaps, -gaps.values_mm, body.placed(links), ["there"], 0.0)
+    return refuse(command, ArmState(True, None, there.world_from_tool, 0.0, met), limits)
 
 
 def way_clear(
