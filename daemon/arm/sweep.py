@@ -293,10 +293,8 @@ def _told(gaps: Gaps, lacking: Array, ends: Array, where: Sequence[str], slack: 
         if by_mm > slack:
             _, part, thing = gaps.what[pair]
             axis = ends[place, gaps.capsule[pair]]
-            x, y, z = axis[axis[:, 2].argmin()]
-            text = (
-                f"{where[place]} the {part}, at {x:.0f} {y:.0f} {z:.0f}, comes {by_mm:.1f} mm too far towards {thing}"
-            )
+            at = "{:.0f} {:.0f} {:.0f}".format(*axis[axis[:, 2].argmin()])
+            text = f"{where[int(place)]} the {part}, at {at}, comes {by_mm:.1f} mm too far towards {thing}"
             found.append(Strike(rule, text))
     return tuple(found)
 
