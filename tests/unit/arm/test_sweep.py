@@ -199,6 +199,31 @@ def test_what_stands_in_a_keep_out_may_leave_it_and_go_no_deeper(to, told):
     assert rule(travel(hand(520, 0, 0), to, True, FINGER)) == told
 
 
+class OutAndBack:
+    """The tool's x over the shares: ten inside INSIDE, fifty before it, and `back` inside."""
+
+    def __init__(self, back):
+        self.back = back
+
+    def stretches(self):
+        return 4
+
+    def links(self, shares):
+        found = np.tile(np.eye(4), (len(shares), 8, 1, 1))
+        found[:, 7, 0, 3] = 500.0 + np.interp(shares, [0.0, 0.5, 1.0], [10.0, -50.0, self.back])
+        return found
+
+    def travel_mm(self, shares, links):
+        return np.diff(shares)[:, None] * 140.0
+
+
+@pytest.mark.parametrize(("back", "rules"), [(5.0, ["kept_out"]), (-20.0, [])])
+def test_what_has_left_a_keep_out_may_not_come_back_even_less_deep(back, rules):
+    bare = replace(FINGER, capsules=())
+    body = body_of(bare.capsules, bare.body_mm)
+    assert [strike.rule for strike in sweep.strikes(OutAndBack(back), body, bare)] == rules
+
+
 def test_who_left_a_keep_out_may_not_come_back_on_the_same_way():
     limits = replace(FINGER, keep_out=(KeepOut("edge", (500.0, -30.0, -100.0), (700.0, 30.0, 1000.0)),))
     assert rule(travel(hand(500, 32, 0), hand(600, 150, 0), True, limits)) is None
