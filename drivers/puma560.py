@@ -18,6 +18,8 @@ Array = NDArray[np.float64]
 
 A2_MM, A3_MM, D3_MM, D4_MM = 431.8, 20.3, 150.05, 431.8
 TWISTS_RAD = (pi / 2, 0.0, -pi / 2, pi / 2, -pi / 2, 0.0)
+LENGTHS_MM = np.array([0.0, A2_MM, A3_MM, 0.0, 0.0, 0.0])
+OFFSETS_MM = np.array([0.0, 0.0, D3_MM, D4_MM, 0.0, 0.0])
 SINGULAR_SIN_Q5 = 1e-6
 LIMIT_SLACK_RAD = 1e-9
 
@@ -82,6 +84,57 @@ def elbow_mm(joints_rad: Array, arm: Puma560 = PUMA560) -> Array:
     c1, s1, outward = cos(joints_rad[0]), sin(joints_rad[0]), A2_MM * cos(joints_rad[1])
     elbow = np.array([c1 * outward + s1 * D3_MM, s1 * outward - c1 * D3_MM, A2_MM * sin(joints_rad[1]), 1.0])
     return np.asarray((arm.world_from_base @ elbow)[:3])
+
+
+def link_frames(joints_rad: Array, arm: Puma560 = PUMA560) -> Array:
+    """(N, 8, 4, 4) mm at (N, 6) joint angles: world from the base, from links 1 to 6 and from the tool.
+
+    Standard Denavit-Hartenberg: z of frame k - 1 is the axis of joint k, which passes its origin; frame k goes with
+    joint k. Frames 4 to 6 have their origin in the wrist centre; frame 3's is beside the elbow, its z the forearm.
+    """
+    count = len(joints_rad)
+    c, s = np.cos(joints_rad), np.sin(joints_rad)
+    ct, st = np.round(np.cos(TWISTS_RAD), 12), np.round(np.sin(TWISTS_RAD), 12)
+    step = np.zeros((count, 6, 4, 4))
+    step[..., 0, 0], step[..., 0, 1], step[..., 0, 2], step[..., 0, 3] = c, -s * ct, s * st, c * LENGTHS_MM
+    step[..., 1, 0], step[..., 1, 1], step[..., 1, 2], step[..., 1, 3] = s, c * ct, -c * st, s * LENGTHS_MM
+    step[..., 2, 1], step[..., 2, 2], step[..., 2, 3], step[..., 3, 3] = st, ct, OFFSETS_MM, 1.0
+    found = np.empty((count, 8, 4, 4))
+    found[:, 0] = arm.world_from_base
+    for joint in range(6):
+        found[:, joint + 1] = found[:, joint] @ step[:, joint]
+    found[:, 7] = found[:, 6] @ arm.flange_from_tool
+    return found
+
+
+def inverse_along(world_from_tool: Array, start_rad: Array, arm: Puma560 = PUMA560) -> Array:
+    """(N, 6) joint angles along a way of (N, 4, 4) poses, in the configuration of start_rad (6,), where the way begins.
+
+    Each angle follows the row before (the first one start_rad) by the shorter turn, as the arm does that goes the way;
+    a row that is out of reach or past a joint's limit is nan. At a straight wrist joint 4 is not to be relied on.
+    """
+    configuration = configuration_of(start_rad)
+    base_from_flange = _undo(arm.world_from_base) @ world_from_tool @ _undo(arm.flange_from_tool)
+    with np.errstate(invalid="ignore"):
+        arm_rad = _arm_angles_of(base_from_flange[:, :3, 3], configuration)
+        turned = arm_rad.copy()
+        turned[:, 2] += turned[:, 1]
+        c1, s1, c23, s23 = np.cos(turned[:, 0]), np.sin(turned[:, 0]), np.cos(turned[:, 2]), np.sin(turned[:, 2])
+        zero = np.zeros_like(c1)
+        forearm = np.array([[c1 * c23, -s1, -c1 * s23], [s1 * c23, c1, -s1 * s23], [s23, zero, c23]])
+        r = np.einsum("ijn,nik->njk", forearm, base_from_flange[:, :3, :3])
+        sign = 1.0 if configuration.flip else -1.0
+        wrist = [
+            np.arctan2(-sign * r[:, 1, 2], -sign * r[:, 0, 2]),
+            np.arctan2(sign * np.hypot(r[:, 0, 2], r[:, 1, 2]), r[:, 2, 2]),
+            np.arctan2(-sign * r[:, 2, 1], sign * r[:, 2, 0]),
+        ]
+        joints = np.column_stack([arm_rad, *wrist])
+        known = np.isfinite(joints).all(axis=1)
+        joints[known] = np.unwrap(np.vstack([start_rad, joints[known]]), axis=0)[1:]
+        low, high = arm.limits_rad[:, 0] - LIMIT_SLACK_RAD, arm.limits_rad[:, 1] + LIMIT_SLACK_RAD
+        joints[~((joints >= low) & (joints <= high)).all(axis=1)] = np.nan
+    return joints
 
 
 def inverse(
@@ -171,6 +224,20 @@ def _arm_angles(wrist_mm: Array, configuration: Configuration) -> tuple[float, f
     q3 = (bend if configuration.above == configuration.lefty else -bend) - atan2(D4_MM, A3_MM)
     along, across = A2_MM + A3_MM * cos(q3) - D4_MM * sin(q3), A3_MM * sin(q3) + D4_MM * cos(q3)
     return q1, atan2(z, outward) - atan2(across, along), q3
+
+
+def _arm_angles_of(wrist_mm: Array, configuration: Configuration) -> Array:
+    """_arm_angles of (N, 3) places at once: (N, 3), nan where there are none."""
+    x, y, z = wrist_mm.T
+    outward = np.sqrt(x * x + y * y - D3_MM * D3_MM) * (-1.0 if configuration.lefty else 1.0)
+    forearm = hypot(A3_MM, D4_MM)
+    stretch = (outward**2 + z * z - A2_MM**2 - forearm**2) / (2 * A2_MM * forearm)
+    bend = np.arccos(np.where(np.abs(stretch) < 1 + 1e-12, np.clip(stretch, -1.0, 1.0), np.nan))
+    q3 = (bend if configuration.above == configuration.lefty else -bend) - atan2(D4_MM, A3_MM)
+    along = A2_MM + A3_MM * np.cos(q3) - D4_MM * np.sin(q3)
+    across = A3_MM * np.sin(q3) + D4_MM * np.cos(q3)
+    q1 = np.arctan2(y, x) - np.arctan2(-D3_MM, outward)
+    return np.column_stack([q1, np.arctan2(z, outward) - np.arctan2(across, along), q3])
 
 
 def _wrist_angles(forearm_from_flange: Array, flip: bool, near: Array) -> tuple[float, float, float]:

@@ -1,7 +1,7 @@
 """What the arm may never be told. Pure: a command and how things stand in, the broken rule out.
 
-Every motion of the arm passes `refuse` immediately before its bytes leave (mover.py); nothing here remembers
-anything, so that each rule can be read, and tested, on its own.
+Every motion of the arm passes `refuse` immediately before its bytes leave (mover.py), its whole way looked along
+before (sweep.py); nothing here remembers anything, so that each rule can be read, and tested, on its own.
 """
 
 from __future__ import annotations
@@ -13,10 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon import frames
+from daemon.arm.body import ARM, Capsule, KeepOut, above_mm, body_of
+from daemon.arm.body import Point as Point
 from daemon.quantities import Coordinate, Length, Percent, Seconds, Turn
 
 Array = NDArray[np.float64]
-Point = tuple[Coordinate, Coordinate, Coordinate]
 
 # The gripper and the cameras on it, as points in the tool frame (mm): finger tips, and the corners of the camera bar.
 BODY_MM: tuple[Point, ...] = (
@@ -33,8 +34,9 @@ BODY_MM: tuple[Point, ...] = (
 
 @dataclass(frozen=True)
 class Limits:
-    """The rules' numbers. Box: where the tool centre point may be, world, mm. body_mm: points of the tool that stay
-    `clearance_mm` above the table. max_look_age_s: how old the look behind a computed location may be."""
+    """The rules' numbers. Box: where the tool centre point may be, world, mm. capsules: what of hand and arm may
+    strike; body_mm: points of the tool that may as well; both stay `clearance_mm` from the table and from each box of
+    keep_out. max_look_age_s: how old the look behind a computed location may be."""
 
     box_low_mm: Point = (0.0, -650.0, -300.0)
     box_high_mm: Point = (900.0, 650.0, 1100.0)
@@ -45,6 +47,8 @@ class Limits:
     max_speed_pct: Percent = 100.0
     max_look_age_s: Seconds = 20.0
     body_mm: tuple[Point, ...] = BODY_MM
+    capsules: tuple[Capsule, ...] = ARM
+    keep_out: tuple[KeepOut, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,15 +63,25 @@ class Command:
     look_taken_s: float | None = None
 
 
+@dataclass(frozen=True)
+class Strike:
+    """What the whole way of a command would break: the rule's name and a line for people."""
+
+    rule: str
+    text: str
+
+
 @dataclass(frozen=True, eq=False)
 class ArmState:
     """How things stand at this moment: enabled by an operator, the fault that stands (None), where the arm is by its
-    own last word (None when it has none), and the time on the clock that stamps looks."""
+    own last word (None when it has none), the time on the clock that stamps looks, and what the way from there to the
+    command's target meets (sweep.py)."""
 
     enabled: bool
     fault: str | None
     at: Array | None
     now_s: float
+    strikes: tuple[Strike, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -104,20 +118,33 @@ def _arm_lost(_: Command, standing: ArmState, __: Limits) -> str | None:
     return "it is not known where the arm is: ask `where` first" if standing.at is None else None
 
 
-def _outside_workspace(command: Command, _: ArmState, limits: Limits) -> str | None:
+def _on_the_way(rule: str, standing: ArmState) -> str | None:
+    return next((strike.text for strike in standing.strikes if strike.rule == rule), None)
+
+
+def _no_way(_: Command, standing: ArmState, __: Limits) -> str | None:
+    return _on_the_way("no_way", standing)
+
+
+def _outside_workspace(command: Command, standing: ArmState, limits: Limits) -> str | None:
     point = command.world_from_tool[:3, 3]
     for axis, value, low, high in zip("xyz", point, limits.box_low_mm, limits.box_high_mm, strict=True):
         if not low <= value <= high:
             return f"{axis} = {value:.1f} mm is outside {low:g} to {high:g}"
-    return None
+    return _on_the_way("outside_workspace", standing)
 
 
-def _below_table(command: Command, _: ArmState, limits: Limits) -> str | None:
-    body = np.asarray((*limits.body_mm, (0.0, 0.0, 0.0)))
-    lowest = float(frames.apply(command.world_from_tool, body)[:, 2].min()) - limits.table_z_mm
+def _below_table(command: Command, standing: ArmState, limits: Limits) -> str | None:
+    body = body_of(tuple(c for c in limits.capsules if c.link == "tool"), limits.body_mm)
+    ends = frames.apply(command.world_from_tool, body.ends_mm)
+    lowest = float(above_mm(ends, body.radius_mm, limits.table_z_mm).min())
     if lowest < limits.clearance_mm:
         return f"the tool would be {lowest:.1f} mm above the table, {limits.clearance_mm:g} is the least"
-    return None
+    return _on_the_way("below_table", standing)
+
+
+def _kept_out(_: Command, standing: ArmState, __: Limits) -> str | None:
+    return _on_the_way("kept_out", standing)
 
 
 def _step_too_long(command: Command, standing: ArmState, limits: Limits) -> str | None:
@@ -155,6 +182,8 @@ RULES: tuple[tuple[str, Rule], ...] = (
     ("arm_lost", _arm_lost),
     ("outside_workspace", _outside_workspace),
     ("below_table", _below_table),
+    ("kept_out", _kept_out),
+    ("no_way", _no_way),
     ("step_too_long", _step_too_long),
     ("turn_too_far", _turn_too_far),
     ("too_fast", _too_fast),

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 
 from daemon import frames
-from daemon.arm import paths
-from daemon.arm.guard import ArmState, Command, Limits, Refusal, refuse
+from daemon.arm.guard import ArmState, Command, Limits, Refusal
+from daemon.arm.route import PATH_MM as PATH_MM
+from daemon.arm.route import Leg, planned_way
+from daemon.arm.sweep import place_clear, way_clear
 from daemon.arm.workcell import Array, Reading, Workcell
 from daemon.errors import FacetdError
 from daemon.quantities import Length, Seconds, Turn
@@ -69,10 +70,6 @@ async def _open_gate(_: Command) -> None:
     return None
 
 
-PATH_MM = 40.0
-"""How densely a straight way is checked."""
-
-
 class Mover:
     """Sends guarded moves. enabled, fault and at are how things stand; gate may hold a move back (pause, step);
     dry: all but the bytes; closed is the last word the hand was given, None when nobody knows."""
@@ -106,18 +103,20 @@ class Mover:
         return self.at
 
     def check(self, command: Command) -> None:
-        """Raise MoveRefusedError, and log it, where the command breaks a rule now."""
-        refusal = refuse(command, self.standing(), self.limits)
+        """Raise MoveRefusedError, and log it, where the command breaks a rule now, on its whole way from here."""
+        refusal = way_clear(command, self.standing(), self.here, self.cell.robot, self.limits)
         if refusal is not None:
             raise self._refused(refusal)
 
     def allows(self, world_from_tool: Array) -> bool:
         """Whether the arm can be there: reached in its present configuration, and no rule of place broken."""
         assert self.here is not None
-        command = Command(world_from_tool, straight=True, speed_pct=self.limits.max_speed_pct, purpose="plan")
-        if refuse(command, ArmState(True, None, world_from_tool, 0.0), self.limits) is not None:
+        joints = self.cell.robot.reachable(world_from_tool, self.here.joints_rad)
+        if joints is None:
             return False
-        return self.cell.robot.reachable(world_from_tool, self.here.joints_rad) is not None
+        command = Command(world_from_tool, straight=True, speed_pct=self.limits.max_speed_pct, purpose="plan")
+        there = Reading(world_from_tool, joints)
+        return place_clear(command, there, self.cell.robot, self.limits) is None
 
     async def go(self, command: Command) -> Reading:
         """One move, to rest. Raises MoveRefusedError before, NotThereError after, or what the robot raises."""
@@ -151,34 +150,23 @@ class Mover:
         straight: bool = False,
         look_taken_s: float | None = None,
     ) -> None:
-        """Go there in as many moves as the step limits ask for, on the line or the joints' own way.
+        """Go there in as many moves as the step limits ask for, on the line or the joints' own way (or over what is
+        in that).
 
         speed_pct(world_from_tool of a step) is cut to the limit. Raises OutOfReachError before anything is sent, and
         what `go` raises.
         """
-        for pose in self._steps(target, straight):
-            speed = round(min(speed_pct(pose), self.limits.max_speed_pct), 1)
-            await self.go(Command(pose, straight, speed, purpose, look_taken_s))
+        for leg in self._way(Command(target, straight, self.limits.max_speed_pct, purpose, look_taken_s)):
+            speed = round(min(speed_pct(leg.world_from_tool), self.limits.max_speed_pct), 1)
+            await self.go(Command(leg.world_from_tool, leg.straight, speed, purpose, look_taken_s))
 
-    def _steps(self, target: Array, straight: bool) -> list[Array]:
-        limits, here = self.limits, self.here
-        if here is None:
-            return [target]
-        robot = self.cell.robot
-        if straight:
-            for pose in paths.steps(here.world_from_tool, target, PATH_MM, 90.0):
-                if robot.reachable(pose, here.joints_rad) is None:
-                    raise _out_of_reach(pose)
-            return paths.steps(here.world_from_tool, target, limits.max_step_mm, limits.max_turn_deg)
-        joints = robot.reachable(target, here.joints_rad)
-        if joints is None:
-            raise _out_of_reach(target)
-        for count in range(1, 40):
-            way = [robot.between(here.joints_rad, joints, k / count) for k in range(count)]
-            way = [here.world_from_tool, *way[1:], target]
-            if all(paths.within(a, b, limits.max_step_mm, limits.max_turn_deg) for a, b in pairwise(way)):
-                return way[1:]
-        return [target]
+    def _way(self, command: Command) -> tuple[Leg, ...]:
+        if self.here is None:
+            return (Leg(command.world_from_tool, command.straight),)
+        way = planned_way(command, self.standing(), self.here, self.cell.robot, self.limits)
+        if not isinstance(way, Refusal):
+            return way
+        raise OutOfReachError(way.text) if way.rule == "out_of_reach" else self._refused(way)
 
     async def hand(self, closed: bool) -> None:
         """Open or close the gripper, under the same enable and fault rules as a move."""
@@ -222,8 +210,3 @@ class Mover:
         )
         if off_mm > self.arrival.within_mm or off_deg > self.arrival.within_deg:
             raise NotThereError(f"{command.purpose}: sent, but WHERE is {off_mm:.2f} mm and {off_deg:.2f} degrees off")
-
-
-def _out_of_reach(pose: Array) -> OutOfReachError:
-    x, y, z = pose[:3, 3]
-    return OutOfReachError(f"the arm as it is configured cannot reach {x:.0f}, {y:.0f}, {z:.0f} mm at that angle")

@@ -51,6 +51,16 @@ class Robot(Protocol):
     def between(self, joints_rad: Array, to_rad: Array, share: float) -> Array:
         """world_from_tool (4, 4) a share (0 to 1) of the way of a joint-interpolated move. No I/O."""
 
+    def frames(self, joints_rad: Array) -> Array:
+        """(N, 8, 4, 4) world from the arm's base, its links 1 to 6 and the tool at (N, 6) joint angles. No I/O.
+
+        z of frame k - 1 is the axis of joint k and passes its origin; links 4 to 6 have theirs in the wrist centre.
+        """
+
+    def along(self, world_from_tool: Array, joints_rad: Array) -> Array:
+        """(N, 6) joints along a straight way of (N, 4, 4) poses that begins at joints_rad (6,), in its configuration;
+        nan where the arm does not get there, as in `reachable`. No I/O."""
+
 
 class Picture(Protocol):
     """One image: pixels (H, W) uint8, taken_s on the cell's clock (mid-exposure)."""

@@ -22,6 +22,9 @@ from drivers.val2.wire import Where
 Array = NDArray[np.float64]
 WireListener = Callable[[dict[str, Any]], None]
 
+NEAR_SINGULAR_RAD = float(np.radians(3.0))
+"""A wrist this near to straight is kept out of: joints 4 and 6 would turn far for little."""
+
 
 class ArmOnLink:
     """daemon/arm/workcell.py's Robot over VAL II, and what only an operator does: power-up, CAL, the monitor."""
@@ -91,11 +94,21 @@ class ArmOnLink:
             joints = puma560.inverse(world_from_tool, configuration, self._arm, joints_rad)
         except puma560.UnreachableError:
             return None
-        return None if puma560.wrist_is_singular(joints, within_rad=np.radians(3.0)) else joints
+        return None if puma560.wrist_is_singular(joints, within_rad=NEAR_SINGULAR_RAD) else joints
 
     def between(self, joints_rad: Array, to_rad: Array, share: float) -> Array:
         """Where the tool is a share of the way of a joint-interpolated move."""
         return puma560.forward(joints_rad + share * (to_rad - joints_rad), self._arm)
+
+    def frames(self, joints_rad: Array) -> Array:
+        """Where base, links and tool are, (N, 8, 4, 4)."""
+        return puma560.link_frames(joints_rad, self._arm)
+
+    def along(self, world_from_tool: Array, joints_rad: Array) -> Array:
+        """Joints (N, 6) along a straight way, nan where it leaves reach or comes near a singular wrist."""
+        joints = puma560.inverse_along(world_from_tool, joints_rad, self._arm)
+        joints[np.abs(np.sin(joints[:, 4])) < np.sin(NEAR_SINGULAR_RAD)] = np.nan
+        return joints
 
     @property
     def stopped_on_opening(self) -> bool:

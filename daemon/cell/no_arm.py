@@ -53,5 +53,13 @@ class NoArm:
         """Where it stands."""
         return np.eye(4)
 
+    def frames(self, joints_rad: Array) -> Array:
+        """No links: all of it is where it stands."""
+        return np.tile(np.eye(4), (len(joints_rad), 8, 1, 1))
+
+    def along(self, world_from_tool: Array, joints_rad: Array) -> Array:
+        """No way."""
+        return np.full((len(world_from_tool), 6), np.nan)
+
 
 NONE = "this cell is recorded: there is no arm to move, no gripper and no controller"

@@ -20,6 +20,7 @@ from daemon.pick.settings import Settings
 from daemon.vision.geometry.polyhedron import Polyhedron, exact
 from daemon.vision.geometry.rig import Camera, StereoRig
 from daemon.vision.values import Facet, FacetView, Part, Recognition, Scene
+from drivers import puma560
 from drivers.simcell import parts
 
 PITCH = np.arcsin(75 / 350)
@@ -100,9 +101,15 @@ class World:
         return [r for r in self.records if r["kind"] == kind]
 
 
+ARM = puma560.Puma560(flange_from_tool=frames.rigid(np.eye(3), np.array([0.0, 0.0, 130.0])))
+
+
 def joints(world_from_tool: np.ndarray) -> np.ndarray:
-    """A fake arm's six joints: the pose itself, as a motion."""
-    return frames.difference(world_from_tool, np.eye(4))
+    """The six joints of a righty arm with its elbow above; nan where it does not get there."""
+    try:
+        return puma560.inverse(world_from_tool, puma560.Configuration(), ARM)
+    except puma560.UnreachableError:
+        return np.full(6, np.nan)
 
 
 class FakeRobot:
@@ -154,10 +161,21 @@ class FakeRobot:
         forbidden = self.world.unreached
         if forbidden is not None and np.linalg.norm(world_from_tool[:3, 3] - forbidden) < 40.0:
             return None
-        return joints(world_from_tool) if np.linalg.norm(world_from_tool[:3, 3]) < self.world.reach_mm else None
+        if np.linalg.norm(world_from_tool[:3, 3]) > self.world.reach_mm:
+            return None
+        try:
+            return puma560.inverse(world_from_tool, puma560.configuration_of(joints_rad), ARM, joints_rad)
+        except puma560.UnreachableError:
+            return None
 
     def between(self, joints_rad, to_rad, share):
-        return frames.perturb(np.eye(4), joints_rad + share * (to_rad - joints_rad))
+        return puma560.forward(joints_rad + share * (to_rad - joints_rad), ARM)
+
+    def frames(self, joints_rad):
+        return puma560.link_frames(joints_rad, ARM)
+
+    def along(self, world_from_tool, joints_rad):
+        return puma560.inverse_along(world_from_tool, joints_rad, ARM)
 
 
 class FakeEyes:

@@ -11,12 +11,15 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, ru
 from daemon import frames
 from daemon.arm import guard
 from daemon.arm import mover as motion
-from daemon.arm.guard import ArmState, Command, Limits, refuse
+from daemon.arm.body import LINK_FRAME, KeepOut
+from daemon.arm.guard import ArmState, Command, Limits, Strike, refuse
 from daemon.arm.mover import Arrival, Mover, MoveRefusedError
 from daemon.pick.grasp import tool_rotation
-from tests.worlds.fake_cell import HEAD_DOWN, World, build
+from drivers import puma560
+from tests.worlds.fake_cell import ARM, HEAD_DOWN, World, build
 
-LIMITS = Limits()
+POST = KeepOut("post", (560.0, 120.0, -300.0), (620.0, 180.0, 300.0))
+LIMITS = Limits(keep_out=(POST,))
 AT = HEAD_DOWN
 STANDING = ArmState(enabled=True, fault=None, at=AT, now_s=100.0)
 
@@ -29,6 +32,10 @@ def command(pose=None, speed=50.0, look=99.0):
     return Command(moved(10.0) if pose is None else pose, True, speed, "test", look)
 
 
+def met(rule):
+    return ArmState(True, None, AT, 100.0, (Strike(rule, "on the way"),))
+
+
 BROKEN = [
     ("fault_stands", command(), ArmState(True, "stopped", AT, 100.0)),
     ("not_enabled", command(), ArmState(False, None, AT, 100.0)),
@@ -39,6 +46,10 @@ BROKEN = [
     ("outside_workspace", command(moved(x=600.0)), STANDING),
     ("outside_workspace", command(moved(z=-400.0)), STANDING),
     ("below_table", command(moved(z=-352.0)), STANDING),
+    ("outside_workspace", command(), met("outside_workspace")),
+    ("below_table", command(), met("below_table")),
+    ("kept_out", command(), met("kept_out")),
+    ("no_way", command(), met("no_way")),
     ("step_too_long", command(moved(x=380.0, y=380.0)), STANDING),
     ("turn_too_far", command(moved(turn=2.0)), STANDING),
     ("too_fast", command(speed=100.1), STANDING),
@@ -138,6 +149,7 @@ class GuardedMotion(RuleBasedStateMachine):
         except MoveRefusedError:
             return
         self.wrong += oracle(told, before, state)
+        self.wrong += [] if before is None else oracle_of_the_way(told, before)
 
     @rule(height=st.floats(0.5, 40.0))
     def dip(self, height):
@@ -202,6 +214,30 @@ def oracle(told, before, state):
     if told.look_taken_s is not None and now_s - told.look_taken_s > 20.01:
         wrong.append("an old look")
     return wrong
+
+
+def oracle_of_the_way(told, before):
+    """What was wrong with the way of a straight command, looked along in 30 places with the arm's scalar kinematics."""
+    motion = frames.difference(told.world_from_tool, before.world_from_tool)
+    configuration = puma560.configuration_of(before.joints_rad)
+    gaps = []
+    for share in np.linspace(0, 1, 31):
+        pose = frames.perturb(before.world_from_tool, share * motion)
+        try:
+            joints = puma560.inverse(pose, configuration, ARM, before.joints_rad)
+        except puma560.UnreachableError:
+            return ["to where the arm cannot follow"]
+        gaps.append(min(far_from_post(puma560.link_frames(joints[None], ARM)[0])))
+    return ["into the post"] if min(gaps) < min(0.0, gaps[0]) - 1.0 else []
+
+
+def far_from_post(links):
+    for capsule in LIMITS.capsules:
+        axis = np.linspace(capsule.from_mm, capsule.to_mm, 15)
+        points = frames.apply(links[LINK_FRAME[capsule.link]], axis)
+        beyond = np.maximum(np.array(POST.low_mm) - points, points - np.array(POST.high_mm))
+        outside = np.linalg.norm(np.maximum(beyond, 0.0), axis=1) + np.minimum(beyond.max(axis=1), 0.0)
+        yield float(outside.min()) - capsule.radius_mm
 
 
 STATEFUL = settings(max_examples=80, stateful_step_count=30, deadline=None, suppress_health_check=list(HealthCheck))

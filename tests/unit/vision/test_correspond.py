@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from solids import CUBE, KNOWN, L_BASE, PENTAGONAL, PYRAMID, TETRAHEDRON, TRIANGULAR, Body, prism
 
 from daemon.vision.geometry.polyhedron import Polyhedron, exact
 from daemon.vision.model.correspond import Correspondence, correspondences
+from tests.worlds.solids import CUBE, KNOWN, L_BASE, PENTAGONAL, PYRAMID, TETRAHEDRON, TRIANGULAR, Body, prism
 
 BODIES = {**KNOWN, "tetrahedron": TETRAHEDRON, "l_block": prism(L_BASE, 40.0)}
 # A triangle, a square and a pentagon round one corner: seen in a mirror they come in the other order.

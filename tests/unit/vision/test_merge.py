@@ -8,12 +8,12 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from solids import KNOWN, Body, pose, prism, view_of
 
 from daemon.store.library import load_facets
 from daemon.vision.geometry.polyhedron import Polyhedron
 from daemon.vision.model.merge import MetricModel, merge_views
 from daemon.vision.model.patterns import typed
+from tests.worlds.solids import KNOWN, Body, pose, prism, view_of
 
 Array = NDArray[np.float64]
 LIBRARY = load_facets()

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from painted import paint_pair, rig
-from solids import CUBE, pose
 
 from daemon.vision.image.both_eyes import open_eyes
 from daemon.vision.image.grey import VisionError
 from daemon.vision.image.one_eye import OneEye
 from daemon.vision.settings import VisionSettings
+from tests.worlds.painted import paint_pair
+from tests.worlds.rigs import rig
+from tests.worlds.solids import CUBE, pose
 
 
 def cube_seen() -> OneEye:

@@ -1,0 +1,139 @@
+"""What of the arm may strike something, as capsules in link frames, and how far each is from what it must not touch.
+
+Pure: frames of the links in, distances out. A capsule is all that is within radius_mm of the line between two points
+fixed to a link; a point is a capsule without length or radius. When a way is clear of things is sweep.py's.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import chain
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daemon.quantities import Coordinate, Length
+
+Array = NDArray[np.float64]
+Point = tuple[Coordinate, Coordinate, Coordinate]
+Link = Literal["upper_arm", "forearm", "wrist", "tool"]
+
+LINK_FRAME: dict[Link, int] = {"upper_arm": 2, "forearm": 3, "wrist": 6, "tool": 7}
+"""Which of the Robot's frames a link goes with (daemon/arm/workcell.py). The wrist's is the flange's, its origin the
+wrist centre, so that wrist and tool move as one."""
+NARROWINGS, PLACES = 5, 9
+"""How often, and by how many places, the nearest of a capsule's axis is looked for: to a two thousandth of it."""
+
+
+@dataclass(frozen=True)
+class Capsule:
+    """name for people; from_mm, to_mm: the ends of its axis in the frame of its link."""
+
+    name: str
+    link: Link
+    from_mm: Point
+    to_mm: Point
+    radius_mm: Length
+
+
+@dataclass(frozen=True)
+class KeepOut:
+    """A box of the world, mm, that nothing of the arm enters: a post, a light, a neighbour."""
+
+    name: str
+    low_mm: Point
+    high_mm: Point
+
+
+ARM: tuple[Capsule, ...] = (
+    Capsule("elbow", "forearm", (0.0, 0.0, -149.0), (0.0, 0.0, 150.0), 88.0),
+    Capsule("forearm", "forearm", (0.0, 0.0, 150.0), (0.0, 0.0, 431.8), 72.0),
+    Capsule("wrist", "wrist", (0.0, 0.0, 0.0), (0.0, 0.0, 56.0), 45.0),
+    Capsule("palm", "tool", (0.0, -25.0, -85.0), (0.0, 25.0, -85.0), 36.0),
+    Capsule("left finger", "tool", (0.0, 49.0, -50.0), (0.0, 49.0, 2.5), 7.5),
+    Capsule("right finger", "tool", (0.0, -49.0, -50.0), (0.0, -49.0, 2.5), 7.5),
+    Capsule("camera arm", "tool", (0.0, 0.0, -95.0), (-92.5, 0.0, -95.0), 15.0),
+    Capsule("camera bar", "tool", (-92.5, -50.0, -95.0), (-92.5, 50.0, -95.0), 17.0),
+)
+"""A PUMA 560 with the gripper and cameras of etc/. The arm's own: bounds of the robotics toolbox's meshes of it
+(UNIMATE/puma560: link 3 from 149 behind the elbow, 150 x 92 mm, tapering to 90 x 92; links 4 to 6 within 45 mm of the
+wrist's axis; the flange 56 mm out). Palm and fingers: those the simulated cell has; the bar: the points of body_mm."""
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """C capsules as arrays: names, frame (C,) index of the Robot's frames, ends_mm (C, 2, 3), radius_mm (C,).
+
+    The last one is the tool centre point.
+    """
+
+    names: tuple[str, ...]
+    frame: NDArray[np.intp]
+    ends_mm: Array
+    radius_mm: Array
+
+    def placed(self, frames: Array) -> Array:
+        """(N, C, 2, 3) world: the ends where the links are at (N, 8, 4, 4)."""
+        links = frames[:, self.frame]
+        return self.ends_mm @ links[..., :3, :3].swapaxes(-1, -2) + links[..., None, :3, 3]
+
+
+@lru_cache(maxsize=16)
+def body_of(capsules: tuple[Capsule, ...], points_mm: tuple[Point, ...]) -> Body:
+    """Capsules, the tool's points and its centre point."""
+    points = (Capsule("tool", "tool", p, p, 0.0) for p in (*points_mm, (0.0, 0.0, 0.0)))
+    every = tuple(chain(capsules, points))
+    return Body(
+        tuple(c.name for c in every),
+        np.array([LINK_FRAME[c.link] for c in every]),
+        np.array([(c.from_mm, c.to_mm) for c in every], float),
+        np.array([c.radius_mm for c in every], float),
+    )
+
+
+def above_mm(ends: Array, radius_mm: Array, height_mm: float) -> Array:
+    """(N, C): how far above a horizontal plane each capsule is (negative: it dips below)."""
+    heights: Array = ends[..., 2].min(axis=-1) - radius_mm - height_mm
+    return heights
+
+
+def within_mm(points: Array, low_mm: Point, high_mm: Point) -> Array:
+    """(N, 6): how far (N, 3) points are inside each side of a box: x, y, z above low, then below high."""
+    return np.concatenate([points - np.array(low_mm), np.array(high_mm) - points], axis=-1)
+
+
+def away_mm(ends: Array, radius_mm: Array, box: KeepOut, near_mm: float) -> Array:
+    """(N, C): how far each capsule (N, C, 2, 3) is from a box, never more than it truly is; exact to a two
+    thousandth of a capsule's length where that is under near_mm. Negative: how deep inside, to the nearest side."""
+    low, high = np.array(box.low_mm), np.array(box.high_mm)
+    half_mm = np.linalg.norm(ends[..., 1, :] - ends[..., 0, :], axis=-1) / 2
+    gaps = _signed(ends.mean(axis=-2), low, high) - half_mm
+    near = (gaps - radius_mm < near_mm) & (half_mm > 0.0)
+    if near.any():
+        gaps[near] = _axis_away(ends[near], half_mm[near], low, high)
+    distances: Array = gaps - radius_mm
+    return distances
+
+
+def _axis_away(ends: Array, half_mm: Array, low: Array, high: Array) -> Array:
+    """(M,) of (M, 2, 3) axes. The distance to a box is convex along a line: nine places, narrowed about the least.
+
+    What is left between the last places is taken off, so that the answer is never too large.
+    """
+    start, way = ends[:, 0], ends[:, 1] - ends[:, 0]
+    middle, reach = np.full(len(ends), 0.5), 0.5
+    for _ in range(NARROWINGS):
+        shares = np.clip(middle[:, None] + reach * np.linspace(-1.0, 1.0, PLACES), 0.0, 1.0)
+        distances = _signed(start[:, None] + shares[..., None] * way[:, None], low, high)
+        best = distances.argmin(axis=1)
+        middle, reach = shares[np.arange(len(ends)), best], 2 * reach / (PLACES - 1)
+    return np.asarray(distances.min(axis=1) - half_mm * 2 * reach)
+
+
+def _signed(points: Array, low: Array, high: Array) -> Array:
+    """(...,) of (..., 3) points: the distance to a box, negative inside (to the nearest side)."""
+    beyond = np.maximum(low - points, points - high)
+    outside = np.maximum(beyond, 0.0)
+    return np.asarray(np.sqrt(np.einsum("...i,...i", outside, outside)) + np.minimum(beyond.max(axis=-1), 0.0))

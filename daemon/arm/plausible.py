@@ -1,0 +1,157 @@
+"""Can this geometry be meant? Units, handedness and what must fit together, before anything is told to move. Pure.
+
+In: values of the configuration and the calibration. Out: what is implausible, each as the keys where it stands and one
+line that says what was expected, what was found and what to do. Whoever read the file adds its name and line.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daemon.arm.body import Capsule
+from daemon.arm.guard import Limits
+
+Array = NDArray[np.float64]
+Keys = tuple[str | int, ...]
+
+ORTHONORMAL = 1e-4
+METRES_MM = 2.0
+"""What is shorter than this altogether was written in metres: the shortest length that is meant is some 50 mm."""
+LONGEST_HAND_MM = 500.0
+"""Neither tool nor cameras are farther than this from the wrist of an arm that carries a few kilograms."""
+SMALLEST_BOX_MM = 50.0
+FROM_TABLE_MM = 250.0
+"""How far the workspace box may begin above the table, or below it, and still be meant."""
+LOOKS_ALONG = 0.2
+"""Least cosine between the cameras' axis and the way the gripper approaches."""
+THICKEST_MM = 400.0
+LIMITS: Keys = ("pick", "limits")
+AS_METRES = "metres? write them times 1000"
+AS_DEFAULT = "nothing of it would be guarded; leave the key out for the default"
+
+
+@dataclass(frozen=True)
+class Implausible:
+    """keys: where it stands; problem: one line for the one who wrote it."""
+
+    keys: Keys
+    problem: str
+
+
+def _found(keys: Keys, expected: str, found: str, remedy: str) -> Implausible:
+    return Implausible(keys, f"expected {expected}, found {found}: {remedy}")
+
+
+def rigid(matrix: Array, keys: Keys) -> Implausible | None:
+    """What is wrong with a (4, 4) that should be a rotation, and a translation in mm between things on the hand."""
+    if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
+        return _found(keys, "4x4 finite numbers", "others", "write four rows of four")
+    rotation, away_mm = matrix[:3, :3], float(np.linalg.norm(matrix[:3, 3]))
+    off = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
+    if off > ORTHONORMAL:
+        return _found(keys, "a rotation in the 3x3 block", f"one off by {off:.2g}", "write all of its digits")
+    if np.linalg.det(rotation) < 0:
+        return _found(keys, "a right-handed rotation", "a mirrored one", "turn the sign of one axis, a column")
+    if not np.array_equal(matrix[3], [0.0, 0.0, 0.0, 1.0]):
+        return _found(keys, "a last row [0, 0, 0, 1]", f"{matrix[3].tolist()}", "write the translation as last column")
+    if 0.0 < away_mm < METRES_MM:
+        return _found(keys, "millimetres", f"a translation of {away_mm:g} altogether", AS_METRES)
+    if away_mm > LONGEST_HAND_MM:
+        return _found(
+            keys, f"at most {LONGEST_HAND_MM:g} mm on a hand", f"{away_mm:.0f} mm", "measure or calibrate again"
+        )
+    return None
+
+
+def tool(flange_from_tool: Array) -> Iterator[Implausible]:
+    """arm.flange_from_tool (4, 4): the tool centre point from the wrist centre."""
+    keys: Keys = ("arm", "flange_from_tool")
+    wrong = rigid(flange_from_tool, keys)
+    if wrong is not None:
+        yield wrong
+    elif flange_from_tool[2, 3] < 0:
+        yield _found(keys, "the tool before the wrist (z > 0)", f"z = {flange_from_tool[2, 3]:g}", "invert the matrix?")
+
+
+def hand_eye(
+    tool_from_cyclopean: Array, reach_mm: float, keys: Keys = ("hand_eye", "tool_from_cyclopean")
+) -> Iterator[Implausible]:
+    """hand_eye.tool_from_cyclopean (4, 4) of cameras on the hand of an arm that reaches reach_mm."""
+    wrong = rigid(tool_from_cyclopean, keys)
+    away_mm, before_mm = float(np.linalg.norm(tool_from_cyclopean[:3, 3])), float(tool_from_cyclopean[2, 3])
+    if wrong is not None:
+        yield wrong
+    elif away_mm > reach_mm / 2:
+        found = f"them {away_mm:.0f} mm off, the arm's reach is {reach_mm:.0f}"
+        yield _found(keys, "cameras on the hand", found, "calibrate hand-eye again")
+    elif tool_from_cyclopean[2, 2] < LOOKS_ALONG:
+        yield _found(keys, "cameras that look where the gripper goes", "another way", "swapped axes? calibrate again")
+    elif before_mm > 0:
+        found = f"them {before_mm:.0f} mm before"
+        yield _found(keys, "cameras behind the tool centre point (z < 0)", found, "invert the matrix?")
+
+
+def limits(guard: Limits, reach_mm: float) -> Iterator[Implausible]:
+    """pick.limits for an arm that reaches reach_mm from the world's origin."""
+    low, high = np.array(guard.box_low_mm), np.array(guard.box_high_mm)
+    smallest, nearest = float((high - low).min()), float(np.linalg.norm(np.clip(0.0, low, high)))
+    if smallest < SMALLEST_BOX_MM:
+        side = "xyz"[int((high - low).argmin())]
+        yield _found((*LIMITS, "box_high_mm"), "a workspace", f"one {smallest:g} mm long in {side}", AS_METRES)
+    elif nearest > reach_mm:
+        found = f"its nearest place {nearest:.0f} mm off, the arm's reach is {reach_mm:.0f}"
+        yield _found((*LIMITS, "box_low_mm"), "a box the arm gets into", found, "check units and signs")
+    yield from _table(guard)
+    yield from _body(guard)
+    yield from _keep_outs(guard)
+
+
+def _table(guard: Limits) -> Iterator[Implausible]:
+    keys, above_mm = (*LIMITS, "table_z_mm"), guard.box_low_mm[2] - guard.table_z_mm
+    expected = f"the table within {FROM_TABLE_MM:g} mm of the box's least z = {guard.box_low_mm[2]:g}"
+    if above_mm > FROM_TABLE_MM:
+        yield _found(keys, expected, f"it {above_mm:.0f} mm below", "measure the table's height: no rule would keep it")
+    elif above_mm < -FROM_TABLE_MM:
+        yield _found(keys, expected, f"it {-above_mm:.0f} mm above", "check units and sign")
+
+
+def _body(guard: Limits) -> Iterator[Implausible]:
+    links = {capsule.link for capsule in guard.capsules}
+    if not guard.body_mm and "tool" not in links:
+        yield _found((*LIMITS, "body_mm"), "points or capsules of the gripper", "none", AS_DEFAULT)
+    for link in ("forearm", "wrist"):
+        if link not in links:
+            yield _found((*LIMITS, "capsules"), f"a capsule of the {link}", "none", AS_DEFAULT)
+    farthest = max((float(np.linalg.norm(point)) for point in guard.body_mm), default=np.inf)
+    if farthest < METRES_MM:
+        yield _found((*LIMITS, "body_mm"), "millimetres", f"no point farther than {farthest:g}", AS_METRES)
+    for number, capsule in enumerate(guard.capsules):
+        yield from _capsule(capsule, (*LIMITS, "capsules", number))
+
+
+def _capsule(capsule: Capsule, keys: Keys) -> Iterator[Implausible]:
+    size = max(float(np.linalg.norm(end)) for end in (capsule.from_mm, capsule.to_mm)) + capsule.radius_mm
+    if not 0.0 <= capsule.radius_mm <= THICKEST_MM:
+        expected = f"a radius from 0 to {THICKEST_MM:g} mm"
+        yield _found((*keys, "radius_mm"), expected, f"{capsule.radius_mm:g}", "write half its thickness")
+    elif size < METRES_MM:
+        yield _found(keys, "millimetres", f"{capsule.name!r} within {size:g} of its link", AS_METRES)
+
+
+def _keep_outs(guard: Limits) -> Iterator[Implausible]:
+    names = [box.name for box in guard.keep_out]
+    for number, box in enumerate(guard.keep_out):
+        keys: Keys = (*LIMITS, "keep_out", number)
+        sizes = np.array(box.high_mm) - np.array(box.low_mm)
+        side = "xyz"[int(sizes.argmin())]
+        if not box.name.strip() or names.count(box.name) > 1:
+            yield _found((*keys, "name"), "a name of its own", repr(box.name), "a refusal tells it")
+        if sizes.min() <= 0:
+            found = f"it {-sizes.min():g} mm above"
+            yield _found((*keys, "low_mm"), f"{side} below high_mm's", found, "swap the two")
+        elif sizes.max() < METRES_MM:
+            yield _found(keys, "millimetres", f"a box of {sizes.max():g}", AS_METRES)

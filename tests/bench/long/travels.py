@@ -1,0 +1,99 @@
+"""Random travels past the guard against a look at every half millimetre of each: does it let one through that strikes,
+does it refuse one that does not, and what does asking it cost.
+
+usage: python -m tests.bench.long.travels [COUNT [SEED [WORKERS [SECONDS]]]]   (`python -m tests.bench travels`: 2,000)
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections import Counter
+from functools import partial
+from multiprocessing import Pool
+
+import numpy as np
+
+from daemon.arm.guard import refuse
+from daemon.arm.sweep import SLACK_MM, way_clear
+from tests.worlds.swept import ROBOT, Travel, Truth, random_travel, truth_of
+
+CHUNK = 100
+SCENES = (0, 0, 1, 3)
+"""How many keep-out boxes stand about, each scene as often as the others."""
+
+
+def kind_of(travel: Travel, truth: Truth) -> str:
+    """strikes: touches the table or a box, or its centre point leaves the workspace; close: within the clearance;
+    no way: the arm cannot follow; harmless: none of it."""
+    if not truth.reached:
+        return "no way"
+    if truth.touch_mm < 0 or truth.box_mm < -SLACK_MM:
+        return "strikes"
+    return "close" if truth.touch_mm < travel.limits.clearance_mm or truth.box_mm < 0 else "harmless"
+
+
+Judged = tuple[bool, str, str, float, float]
+
+
+def judged(seed: int, chunk: int) -> list[Judged]:
+    """(straight, kind, rule or "allowed", processor ms of the check, least gap mm) of a chunk's travels."""
+    rng = np.random.default_rng([seed, chunk])
+    found = []
+    for number in range(CHUNK):
+        travel = random_travel(rng, SCENES[number % len(SCENES)])
+        began = time.process_time()
+        refusal = way_clear(travel.command, travel.standing, travel.start, ROBOT, travel.limits)
+        ms = 1000.0 * (time.process_time() - began)
+        assert refuse(travel.command, travel.standing, travel.limits) is None, "its end alone is allowed"
+        truth = truth_of(travel)
+        told = "allowed" if refusal is None else refusal.rule
+        found.append((travel.command.straight, kind_of(travel, truth), told, ms, truth.touch_mm))
+        if refusal is None and found[-1][1] in ("strikes", "no way"):
+            print(f"WRONG: chunk {chunk} travel {number}: {truth}", flush=True)
+    return found
+
+
+def report(every: list[Judged], seconds: float) -> None:
+    """Print the table."""
+    print(f"{len(every)} travels, {seconds:.0f} s (drawing, checking, and looking along each by brute force)")
+    for straight in (False, True):
+        rows = [row for row in every if row[0] is straight]
+        print("straight" if straight else "joints")
+        for kind in ("strikes", "no way", "close", "harmless"):
+            told = Counter(row[2] for row in rows if row[1] == kind)
+            print(f"  {kind:9} {sum(told.values()):6}: {', '.join(f'{n} {rule}' for rule, n in told.most_common())}")
+        for name, some in (("allowed", True), ("refused", False)):
+            ms = [row[3] for row in rows if (row[2] == "allowed") is some] or [np.nan]
+            median, most = np.percentile(ms, [50, 95])
+            print(f"  a check, {name}: median {median:.2f} ms, 95 % {most:.2f} ms, worst {max(ms):.1f} ms")
+    strike = [row for row in every if row[1] == "strikes"]
+    harmless = [row for row in every if row[1] == "harmless"]
+    wrong = sum(row[2] == "allowed" for row in every if row[1] == "strikes")
+    lost = sum(row[2] == "allowed" for row in every if row[1] == "no way")
+    wasted = sum(row[2] != "allowed" for row in harmless)
+    print(f"their ends are all allowed; {len(strike)} strike on the way")
+    print(f"allowed, and strike: {wrong} of {len(strike)}")
+    print(f"allowed, and the wrist comes nearer to straight between two places than it may: {lost}")
+    print(f"refused, and harmless: {wasted} of {len(harmless)} ({100 * wasted / max(len(harmless), 1):.2f} %)")
+    least = min((row[4] for row in every if row[2] == "allowed"), default=np.nan)
+    print(f"nearest that an allowed one came to anything: {least:.2f} mm")
+
+
+def main(count: int = 2000, seed: int = 14, workers: int = 1, most_s: int = 100_000) -> None:
+    """Run and print; after most_s with what there is."""
+    began = time.perf_counter()
+    chunks = range((count + CHUNK - 1) // CHUNK)
+    every: list[Judged] = []
+    with Pool(workers) as pool:
+        for some in pool.imap_unordered(partial(judged, seed), chunks):
+            every += some
+            if len(every) % (20 * CHUNK) == 0:
+                print(f"  {len(every)} looked along", file=sys.stderr, flush=True)
+            if time.perf_counter() - began > most_s:
+                break
+    report(every, time.perf_counter() - began)
+
+
+if __name__ == "__main__":
+    main(*(int(word) for word in sys.argv[1:]))

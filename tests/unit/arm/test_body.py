@@ -1,0 +1,87 @@
+"""What of the arm may strike: capsules where the links are, and their distances, against balls in a row."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from daemon.arm.body import ARM, Capsule, KeepOut, above_mm, away_mm, body_of, within_mm
+from daemon.arm.guard import BODY_MM
+from drivers import puma560
+
+BOX = KeepOut("box", (-50.0, -80.0, 0.0), (50.0, 120.0, 300.0))
+NEAR_MM = 60.0
+places = st.tuples(*[st.floats(-400, 400)] * 3)
+
+
+def ends(*capsules):
+    """(1, C, 2, 3) and radii."""
+    return np.array([[(a, b) for a, b, _ in capsules]], float), np.array([r for *_, r in capsules], float)
+
+
+def by_balls(a, b, radius):
+    """The least of many balls along the axis."""
+    points = np.linspace(a, b, 4001)
+    beyond = np.maximum(np.array(BOX.low_mm) - points, points - np.array(BOX.high_mm))
+    outside = np.linalg.norm(np.maximum(beyond, 0.0), axis=1) + np.minimum(beyond.max(axis=1), 0.0)
+    return float(outside.min()) - radius
+
+
+@settings(max_examples=300, deadline=None)
+@given(a=places, b=places, radius=st.floats(0, 90))
+def test_a_capsule_is_never_told_farther_from_a_box_than_it_is_and_near_it_exactly(a, b, radius):
+    told = float(away_mm(*ends((a, b, radius)), BOX, NEAR_MM)[0, 0])
+    true = by_balls(a, b, radius)
+    assert told <= true + 1e-9
+    length = float(np.linalg.norm(np.subtract(a, b)))
+    if told < NEAR_MM:
+        assert told >= true - length / 1500 - 1e-9
+
+
+@pytest.mark.parametrize(
+    ("a", "b", "radius", "mm"),
+    [
+        ((150, 0, 100), (150, 0, 200), 20, 80.0),  # beside a side
+        ((53, 124, 100), (53, 124, 100), 0, 5.0),  # a point off an edge: 3-4-5
+        ((-200, 0, 310), (200, 0, 310), 4, 6.0),  # a long one over the top
+        ((-200, 20, 150), (200, 20, 150), 10, -60.0),  # straight through, fifty from the nearest side, and thick
+        ((0, 0, 5), (0, 0, 5), 0, -5.0),  # five above the floor of the box
+    ],
+)
+def test_distances_known_by_hand(a, b, radius, mm):
+    assert away_mm(*ends((a, b, radius)), BOX, 1e3)[0, 0] == pytest.approx(mm, abs=0.3)
+
+
+def test_height_over_the_table_is_that_of_the_lower_end_less_the_radius():
+    told = above_mm(*ends(((0, 0, -200), (0, 0, -100), 30), ((0, 0, 50), (9, 9, -290), 12)), -300.0)
+    assert told.tolist() == [[70.0, -2.0]]
+
+
+def test_the_sides_of_the_workspace_box_are_told_each():
+    told = within_mm(np.array([[10.0, -5.0, 290.0]]), BOX.low_mm, BOX.high_mm)
+    assert told.tolist() == [[60.0, 75.0, 290.0, 40.0, 125.0, 10.0]]
+
+
+def test_the_body_is_every_capsule_every_point_and_the_tool_centre_point():
+    body = body_of(ARM, BODY_MM)
+    assert body.names == (*(c.name for c in ARM), *["tool"] * (len(BODY_MM) + 1))
+    assert body.ends_mm[-1].tolist() == [[0.0, 0.0, 0.0]] * 2
+    assert [tuple(p) for p in body.ends_mm[len(ARM) : -1, 0].tolist()] == list(BODY_MM)
+
+
+def test_each_capsule_goes_with_its_link():
+    joints = np.radians([[20.0, 40.0, -120.0, 30.0, -50.0, 10.0]])
+    links = puma560.link_frames(joints)
+    capsules = tuple(Capsule(link, link, (1.0, 2.0, 3.0), (4.0, 5.0, 6.0), 7.0) for link in ("upper_arm", "forearm"))
+    placed = body_of(capsules, ()).placed(links)[0]
+    for row, frame in zip(placed[:2], (2, 3), strict=True):
+        assert row[0] == pytest.approx((links[0, frame] @ [1.0, 2.0, 3.0, 1.0])[:3])
+        assert row[1] == pytest.approx((links[0, frame] @ [4.0, 5.0, 6.0, 1.0])[:3])
+
+
+def test_the_forearm_leads_from_the_elbow_to_the_wrist_centre():
+    links = puma560.link_frames(np.radians([[20.0, 40.0, -120.0, 30.0, -50.0, 10.0]]))
+    forearm = ARM[1]
+    assert forearm.link == "forearm"
+    placed = body_of((forearm,), ()).placed(links)[0, 0]
+    assert placed[1] == pytest.approx(links[0, 6, :3, 3], abs=0.1)

@@ -1,0 +1,119 @@
+"""Geometry that cannot be meant is refused in one line: what, where, what to do."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from daemon.arm import plausible
+from daemon.arm.body import ARM, Capsule, KeepOut
+from daemon.arm.guard import Limits
+from daemon.calibration.file import load_calibration
+from daemon.config import load_config
+
+ETC = Path(__file__).resolve().parents[3] / "etc"
+REACH_MM = 995.0
+TOOL = np.array([[1.0, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 130], [0, 0, 0, 1]])
+EYES = load_calibration(ETC / "calibration.yaml").tool_from_cyclopean
+
+
+def moved(matrix, x, y, z):
+    found = matrix.copy()
+    found[:3, 3] = x, y, z
+    return found
+
+
+def mirrored(matrix):
+    return matrix @ np.diag([1.0, -1.0, 1.0, 1.0])
+
+
+def test_what_is_delivered_is_plausible():
+    assert list(plausible.limits(load_config(ETC / "facetd.yaml").values.pick.limits, REACH_MM)) == []
+    assert list(plausible.limits(Limits(), REACH_MM)) == []
+    assert list(plausible.tool(TOOL)) == []
+    assert list(plausible.hand_eye(EYES, REACH_MM)) == []
+
+
+def test_a_tool_at_the_wrist_itself_is_plausible():
+    assert list(plausible.tool(np.eye(4))) == []
+
+
+@pytest.mark.parametrize(
+    ("matrix", "told"),
+    [
+        (mirrored(TOOL), "mirrored"),
+        (moved(TOOL, 0, 0, 0.13), "metres?"),
+        (moved(TOOL, 0, 0, 1300), "at most 500 mm"),
+        (moved(TOOL, 0, 0, -130), "invert the matrix?"),
+        (TOOL * 1.01, "a rotation"),
+        (TOOL.T, "a last row"),
+        (np.eye(3), "4x4"),
+        (np.full((4, 4), np.nan), "4x4"),
+    ],
+)
+def test_a_tool_that_cannot_be_meant_is_told(matrix, told):
+    (found,) = plausible.tool(matrix)
+    assert found.keys == ("arm", "flange_from_tool")
+    assert told in found.problem
+    assert "\n" not in found.problem
+
+
+@pytest.mark.parametrize(
+    ("matrix", "told"),
+    [
+        (mirrored(EYES), "mirrored"),
+        (moved(EYES, -0.075, 0, -0.11), "metres?"),
+        (moved(EYES, -7500, 0, -110), "at most 500 mm"),
+        (moved(EYES, -75, 0, 110), "behind the tool centre point"),
+        (np.linalg.inv(EYES), "behind the tool centre point"),
+        (EYES @ np.diag([1.0, -1.0, -1.0, 1.0]), "look where the gripper goes"),
+    ],
+)
+def test_a_hand_eye_that_cannot_be_meant_is_told(matrix, told):
+    (found,) = plausible.hand_eye(matrix, REACH_MM)
+    assert found.keys == ("hand_eye", "tool_from_cyclopean")
+    assert told in found.problem
+
+
+def test_cameras_farther_off_than_half_of_what_the_arm_reaches_are_not_on_its_hand():
+    (found,) = plausible.hand_eye(moved(EYES, -300, 0, -110), 600.0)
+    assert "the arm's reach is 600" in found.problem
+
+
+def box(low=(0.0, 0.0, 0.0), high=(10.0, 10.0, 10.0), name="post"):
+    return KeepOut(name, low, high)
+
+
+LIMITS = Limits()
+
+
+@pytest.mark.parametrize(
+    ("limits", "keys", "told"),
+    [
+        (replace(LIMITS, table_z_mm=-30000.0), ("table_z_mm",), "29700 mm below"),
+        (replace(LIMITS, table_z_mm=-0.3), ("table_z_mm",), "300 mm above"),
+        (replace(LIMITS, table_z_mm=300.0), ("table_z_mm",), "600 mm above"),
+        (replace(LIMITS, box_low_mm=(0, -0.65, -0.3), box_high_mm=(0.9, 0.65, 1.1)), ("box_high_mm",), "metres?"),
+        (replace(LIMITS, box_low_mm=(5000, -650, -300), box_high_mm=(5900, 650, 1100)), ("box_low_mm",), "gets into"),
+        (replace(LIMITS, body_mm=(), capsules=ARM[:3]), ("body_mm",), "found none"),
+        (replace(LIMITS, capsules=ARM[2:]), ("capsules",), "a capsule of the forearm"),
+        (replace(LIMITS, capsules=ARM[:2]), ("capsules",), "a capsule of the wrist"),
+        (replace(LIMITS, body_mm=((0.0, 0.05, 0.01),)), ("body_mm",), "metres?"),
+        (
+            replace(LIMITS, capsules=(*ARM, Capsule("x", "tool", (0, 0, 0.1), (0, 0, 0.2), 0.05))),
+            ("capsules", 8),
+            "metre",
+        ),
+        (replace(LIMITS, capsules=(*ARM, Capsule("x", "tool", (0, 0, 9), (0, 0, 9), -5))), ("capsules", 8), "radius"),
+        (replace(LIMITS, keep_out=(box(high=(10, -10, 10)),)), ("keep_out", 0, "low_mm"), "swap the two"),
+        (replace(LIMITS, keep_out=(box(high=(0.1, 0.2, 0.3)),)), ("keep_out", 0), "metres?"),
+        (replace(LIMITS, keep_out=(box(name=" "),)), ("keep_out", 0, "name"), "a name of its own"),
+        (replace(LIMITS, keep_out=(box(), box())), ("keep_out", 0, "name"), "a name of its own"),
+    ],
+)
+def test_limits_that_cannot_be_meant_are_told(limits, keys, told):
+    found = list(plausible.limits(limits, REACH_MM))
+    assert found, told
+    assert found[0].keys[: 2 + len(keys)] == ("pick", "limits", *keys)
+    assert told in found[0].problem

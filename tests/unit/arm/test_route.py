@@ -1,0 +1,156 @@
+"""Ways round: over what is in the way, every leg swept; or the reason why there is none."""
+
+import asyncio
+import itertools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from daemon import frames
+from daemon.arm.body import KeepOut
+from daemon.arm.guard import ArmState, Command, Limits, Refusal
+from daemon.arm.mover import Arrival, Mover, MoveRefusedError, OutOfReachError
+from daemon.arm.route import planned_way
+from daemon.arm.workcell import Reading, Workcell
+from daemon.pick.grasp import tool_rotation
+from drivers import puma560
+from tests.worlds.swept import ARM, ROBOT, Travel, truth_of
+
+POST = KeepOut("post", (540.0, -30.0, -300.0), (580.0, 30.0, -120.0))
+LIMITS = Limits(keep_out=(POST,))
+
+
+def hand(x, y, z):
+    return frames.rigid(tool_rotation(np.array([1.0, 0.0, 0.0]), 0.0), np.array([x, y, z], float))
+
+
+def reading(pose):
+    return Reading(pose, puma560.inverse(pose, puma560.Configuration(), ARM))
+
+
+LEFT, RIGHT = hand(560, -200, -180), hand(560, 200, -180)
+
+
+def planned(start, target, straight=False, limits=LIMITS):
+    standing = ArmState(True, None, start, 0.0)
+    return planned_way(Command(target, straight, 50.0, "test"), standing, reading(start), ROBOT, limits)
+
+
+def test_a_free_way_is_gone_directly():
+    (leg,) = planned(hand(560, -200, 100), hand(560, 200, 100))
+    assert not leg.straight
+    assert np.array_equal(leg.world_from_tool, hand(560, 200, 100))
+
+
+def test_a_way_through_a_post_is_planned_over_it_up_across_down_and_each_leg_is_clear():
+    legs = planned(LEFT, RIGHT)
+    assert not isinstance(legs, Refusal)
+    assert [leg.straight for leg in legs] == [True, False, True]
+    assert np.array_equal(legs[-1].world_from_tool, RIGHT)
+    assert legs[0].world_from_tool[:2, 3] == pytest.approx(LEFT[:2, 3])
+    assert legs[0].world_from_tool[2, 3] == pytest.approx(legs[1].world_from_tool[2, 3])
+    at = reading(LEFT)
+    for leg in legs:
+        truth = truth_of(Travel(at, Command(leg.world_from_tool, leg.straight, 50.0, ""), LIMITS))
+        assert truth.reached
+        assert truth.touch_mm >= LIMITS.clearance_mm - 0.5
+        at = Reading(leg.world_from_tool, ROBOT.reachable(leg.world_from_tool, at.joints_rad))
+
+
+def test_the_way_over_is_no_higher_than_it_must_be():
+    low = replace(LIMITS, keep_out=(replace(POST, high_mm=(580.0, 30.0, -170.0)),))
+    tops = [max(leg.world_from_tool[2, 3] for leg in planned(LEFT, RIGHT, limits=some)) for some in (low, LIMITS)]
+    assert tops[0] < tops[1]
+
+
+def test_a_straight_way_is_refused_where_it_strikes_and_says_what():
+    refusal = planned(LEFT, RIGHT, straight=True)
+    assert isinstance(refusal, Refusal)
+    assert (refusal.rule, "post" in refusal.text) == ("kept_out", True)
+
+
+def test_where_nothing_leads_over_it_the_reason_is_that_of_the_direct_way():
+    wall = replace(LIMITS, keep_out=(KeepOut("wall", (-900.0, -20.0, -300.0), (1500.0, 20.0, 1500.0)),))
+    refusal = planned(LEFT, RIGHT, limits=wall)
+    assert isinstance(refusal, Refusal)
+    assert refusal.rule == "kept_out"
+    assert "wall" in refusal.text
+    assert refusal.text.endswith("nor is a way over it clear")
+
+
+def test_long_ways_are_parted_in_steps_within_the_limits():
+    short = Limits(max_step_mm=150.0)
+    legs = planned(hand(560, -200, 100), hand(560, 200, 100), limits=short)
+    places = [hand(560, -200, 100), *(leg.world_from_tool for leg in legs)]
+    assert len(legs) >= 3
+    assert max(np.linalg.norm(b[:3, 3] - a[:3, 3]) for a, b in itertools.pairwise(places)) <= 150.0
+
+
+class Log:
+    def __init__(self):
+        self.said = []
+
+    def record(self, kind, /, **fields):
+        self.said.append((kind, fields))
+
+
+class Jumping:
+    """The PUMA's geometry; goes at once to where it is sent."""
+
+    def __init__(self, at):
+        self.at, self.sent = at, []
+        for name in ("reachable", "along", "frames", "between"):
+            setattr(self, name, getattr(ROBOT, name))
+
+    async def where(self):
+        return self.at
+
+    async def move(self, world_from_tool, *, straight, speed_pct, timeout_s):
+        self.sent.append((straight, world_from_tool))
+        self.at = Reading(world_from_tool, ROBOT.reachable(world_from_tool, self.at.joints_rad))
+        return self.at
+
+
+def mover_at(pose, limits=LIMITS):
+    robot = Jumping(reading(pose))
+    mover = Mover(Workcell(robot, None, Log(), lambda: 0.0, None, np.eye(4)), limits, Arrival())
+    mover.enabled, mover.at = True, robot.at
+    return mover, robot
+
+
+def test_the_mover_travels_over_a_post():
+    mover, robot = mover_at(LEFT)
+    asyncio.run(mover.travel(RIGHT, "test", lambda _: 50.0))
+    assert [straight for straight, _ in robot.sent] == [True, False, True]
+    assert np.array_equal(robot.at.world_from_tool, RIGHT)
+
+
+def test_the_mover_sends_nothing_where_there_is_no_way():
+    mover, robot = mover_at(LEFT)
+    with pytest.raises(MoveRefusedError, match="kept_out"):
+        asyncio.run(mover.travel(RIGHT, "test", lambda _: 50.0, straight=True))
+    with pytest.raises(OutOfReachError):
+        asyncio.run(mover.travel(hand(899, 640, 1000), "test", lambda _: 50.0))
+    assert robot.sent == []
+    assert [kind for kind, _ in mover.cell.log.said] == ["refusal"]
+
+
+@pytest.mark.parametrize("straight", [True, False])
+def test_one_move_through_a_post_is_not_sent_even_when_it_was_not_planned(straight):
+    mover, robot = mover_at(LEFT)
+    with pytest.raises(MoveRefusedError, match="kept_out"):
+        asyncio.run(mover.go(Command(RIGHT, straight, 50.0, "test")))
+    assert robot.sent == []
+
+
+def test_the_whole_way_is_asked_about_again_after_the_gate_and_from_where_the_arm_is_then():
+    mover, robot = mover_at(hand(560, 100, -180))
+
+    async def moved_meanwhile(_):
+        mover.at = reading(LEFT)
+
+    mover.gate = moved_meanwhile
+    with pytest.raises(MoveRefusedError, match="kept_out"):
+        asyncio.run(mover.go(Command(RIGHT, True, 50.0, "test")))
+    assert robot.sent == []

@@ -1,0 +1,283 @@
+"""The whole way of a move: proven clear or refused, against a look at every half millimetre (tests/swept.py)."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from daemon import frames
+from daemon.arm import sweep
+from daemon.arm.body import Capsule, KeepOut, body_of
+from daemon.arm.guard import ArmState, Command, Limits, refuse
+from daemon.arm.sweep import SLACK_MM, reaches_mm, way_clear, way_of
+from daemon.arm.workcell import Reading
+from daemon.pick.grasp import tool_rotation
+from drivers import puma560
+from tests.worlds.swept import ARM, ROBOT, Travel, random_travel, truth_of
+
+SEEDS = st.integers(0, 2**32 - 1)
+LIMITS = Limits()
+LEVEL_MM = 100.0
+OVER_TABLE = replace(LIMITS, box_low_mm=(0.0, -650.0, -400.0))
+"""The table alone limits how low the hand may be."""
+
+
+def hand(x, y, z, tilt_deg=0.0, heading_deg=0.0):
+    heading = np.radians(heading_deg)
+    rotation = tool_rotation(np.array([np.cos(heading), np.sin(heading), 0.0]), np.radians(tilt_deg))
+    return frames.rigid(rotation, np.array([x, y, z], float))
+
+
+def reading(pose):
+    return Reading(pose, puma560.inverse(pose, puma560.Configuration(), ARM))
+
+
+def travel(start, target, straight=True, limits=LIMITS):
+    return Travel(reading(start), Command(target, straight, 50.0, "test"), limits)
+
+
+def asked(some):
+    return way_clear(some.command, some.standing, some.start, ROBOT, some.limits)
+
+
+def rule(some):
+    refusal = asked(some)
+    return None if refusal is None else refusal.rule
+
+
+@settings(max_examples=200, deadline=None)
+@given(seed=SEEDS, things=st.sampled_from([0, 1, 3]))
+def test_what_is_allowed_keeps_clear_all_the_way_and_what_is_refused_does_not(seed, things):
+    some = random_travel(np.random.default_rng(seed), things)
+    truth, refusal = truth_of(some), asked(some)
+    if refusal is None:
+        assert not truth.reached or truth.touch_mm >= some.limits.clearance_mm - SLACK_MM
+        assert not truth.reached or truth.box_mm >= -SLACK_MM
+    elif refusal.rule != "no_way":
+        assert truth.touch_mm < some.limits.clearance_mm or truth.box_mm < 0
+        assert "on the way" in refusal.text
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=SEEDS, straight=st.booleans())
+def test_no_point_of_the_body_goes_farther_between_two_places_than_is_bounded(seed, straight):
+    some = random_travel(np.random.default_rng(seed), 0, straight)
+    body = body_of(some.limits.capsules, some.limits.body_mm)
+    joints = ROBOT.reachable(some.command.world_from_tool, some.start.joints_rad)
+    way = way_of(some.start, some.command, joints, ROBOT, body)
+    shares, fine = np.linspace(0, 1, 41), np.linspace(0, 1, 401)
+    links = way.links(fine)
+    if not np.isfinite(links).all():
+        return
+    gone = np.linalg.norm(np.diff(body.placed(links), axis=0), axis=-1).max(axis=-1)
+    gone = gone.reshape(40, 10, -1).sum(axis=1)
+    assert (gone <= way.travel_mm(shares, links[::10]) + 1e-6).all()
+
+
+@settings(max_examples=100, deadline=None)
+@given(seed=SEEDS)
+def test_nothing_of_the_body_is_ever_farther_from_a_joint_than_its_reach(seed):
+    rng = np.random.default_rng(seed)
+    body = body_of(LIMITS.capsules, LIMITS.body_mm)
+    low, high = ARM.limits_rad.T
+    reach = reaches_mm(puma560.link_frames(rng.uniform(low, high, (1, 6)), ARM)[0], body)
+    links = puma560.link_frames(rng.uniform(low, high, (50, 6)), ARM)
+    ends = body.placed(links)
+    for joint in range(6):
+        axis, origin = links[:, joint, :3, 2], links[:, joint, :3, 3]
+        off = np.linalg.norm(np.cross(axis[:, None, None], ends - origin[:, None, None]), axis=-1).max(axis=(0, 2))
+        moved = body.frame > joint
+        assert (off + body.radius_mm <= reach[joint] + 1e-6)[moved].all()
+        assert (reach[joint][~moved] == 0.0).all()
+
+
+def low_travels(count):
+    """Joint-interpolated ones near the table, their ends allowed."""
+    rng = np.random.default_rng(4)
+    found = []
+    while len(found) < count:
+        ends = [
+            hand(*rng.uniform([200, -500, -296], [800, 500, -230]), rng.uniform(0, 30), rng.uniform(-180, 180))
+            for _ in range(2)
+        ]
+        try:
+            some = travel(*ends, straight=False)
+        except puma560.UnreachableError:
+            continue
+        if ROBOT.reachable(ends[1], some.start.joints_rad) is None:
+            continue
+        there = Command(ends[0], False, 50.0, "test")
+        if all(refuse(told, some.standing, LIMITS) is None for told in (some.command, there)):
+            found.append(replace(some, limits=OVER_TABLE))
+    return found
+
+
+def test_of_travels_between_allowed_places_those_that_sweep_the_table_are_refused():
+    swept_mm = []
+    body = body_of((), LIMITS.body_mm)
+    for some in low_travels(300):
+        end = ROBOT.reachable(some.command.world_from_tool, some.start.joints_rad)
+        shares = np.linspace(0, 1, 300)[:, None]
+        links = ROBOT.frames(some.start.joints_rad + shares * (end - some.start.joints_rad))
+        above_mm = float(body.placed(links)[..., 2].min()) - LIMITS.table_z_mm
+        if above_mm < 0:
+            swept_mm.append(above_mm)
+            assert refuse(some.command, some.standing, LIMITS) is None, "the place alone is allowed"
+            assert rule(some) == "below_table"
+    assert len(swept_mm) >= 8
+    assert min(swept_mm) < -15.0
+
+
+def test_a_refusal_says_which_part_where_into_what_and_by_how_much():
+    post = KeepOut("the post", (540.0, -40.0, -300.0), (580.0, 40.0, 200.0))
+    refusal = asked(travel(hand(560, -200, 0), hand(560, 200, 0), limits=replace(LIMITS, keep_out=(post,))))
+    assert refusal.rule == "kept_out"
+    assert refusal.text.startswith("on the way (")
+    assert "the post" in refusal.text
+    assert " mm too far towards" in refusal.text
+
+
+def test_a_post_between_two_places_is_not_swept_through_and_one_beside_the_way_is_no_matter():
+    way = hand(560, -200, 0), hand(560, 200, 0)
+    for straight in (True, False):
+        assert rule(travel(*way, straight)) is None
+        across = replace(LIMITS, keep_out=(KeepOut("post", (545.0, -15.0, -300.0), (575.0, 15.0, 100.0)),))
+        assert rule(travel(*way, straight, across)) == "kept_out"
+        beside = replace(LIMITS, keep_out=(KeepOut("post", (780.0, -15.0, -300.0), (800.0, 15.0, 100.0)),))
+        assert rule(travel(*way, straight, beside)) is None
+
+
+@pytest.mark.parametrize(
+    ("part", "box"),
+    [
+        ("forearm", ((430.0, -20.0, 280.0), (480.0, 20.0, 330.0))),
+        ("wrist", ((540.0, -60.0, 165.0), (580.0, -50.0, 175.0))),
+        ("camera", ((650.0, -5.0, 90.0), (655.0, 5.0, 100.0))),
+    ],
+)
+def test_arm_wrist_and_cameras_are_guarded_as_the_fingers_are(part, box):
+    way = hand(560, -200, 0), hand(560, 200, 0)
+    only = tuple(c for c in LIMITS.capsules if part in c.name)
+    assert only
+    limits = Limits(body_mm=(), capsules=only, keep_out=(KeepOut("light", *box),))
+    struck = [rule(travel(*way, straight, limits)) for straight in (True, False)]
+    truths = [truth_of(travel(*way, straight, limits)).touch_mm for straight in (True, False)]
+    assert struck == ["kept_out" if mm < 2.0 else None for mm in truths]
+    assert "kept_out" in struck
+
+
+def test_the_tool_centre_point_itself_stays_above_the_table_and_in_the_box():
+    bare = Limits(body_mm=(), capsules=())
+    low = [replace(some, limits=replace(bare, box_low_mm=OVER_TABLE.box_low_mm)) for some in low_travels(300)]
+    dips = [some for some in low if truth_of(some).touch_mm < 0]
+    assert dips
+    assert {rule(some) for some in dips} == {"below_table"}
+    high = replace(bare, box_high_mm=(530.0, 650.0, 1100.0))
+    bulging = travel(hand(500, -220, 0), hand(500, 220, 0), False, high)
+    assert truth_of(bulging).box_mm < -SLACK_MM
+    assert rule(bulging) == "outside_workspace"
+
+
+INSIDE = KeepOut("neighbour", (500.0, -100.0, -100.0), (700.0, 100.0, 1000.0))
+"""Around a hand at 520, 0, 0: some twenty millimetres behind its least x."""
+FINGER = Limits(body_mm=(), capsules=(Capsule("finger", "tool", (0, 0, -10), (0, 0, 0), 5.0),), keep_out=(INSIDE,))
+
+
+@pytest.mark.parametrize(
+    ("to", "told"),
+    [
+        (hand(440, 0, 0), None),  # out by the nearest side
+        (hand(500, 0, 0), None),  # nearer to that side, not yet out
+        (hand(560, 0, 0), "kept_out"),  # deeper
+        (hand(600, 250, 0), "kept_out"),  # out, but through the thick of it
+        (hand(520, 3, 0), None),  # along the side
+    ],
+)
+def test_what_stands_in_a_keep_out_may_leave_it_and_go_no_deeper(to, told):
+    assert rule(travel(hand(520, 0, 0), to, True, FINGER)) == told
+
+
+class OutAndBack:
+    """The tool's x over the shares: ten inside INSIDE, fifty before it, and `back` inside."""
+
+    def __init__(self, back):
+        self.back = back
+
+    def stretches(self):
+        return 4
+
+    def links(self, shares):
+        found = np.tile(np.eye(4), (len(shares), 8, 1, 1))
+        found[:, 7, 0, 3] = 500.0 + np.interp(shares, [0.0, 0.5, 1.0], [10.0, -50.0, self.back])
+        return found
+
+    def travel_mm(self, shares, links):
+        return np.diff(shares)[:, None] * 140.0
+
+
+@pytest.mark.parametrize(("back", "rules"), [(5.0, ["kept_out"]), (-20.0, [])])
+def test_what_has_left_a_keep_out_may_not_come_back_even_less_deep(back, rules):
+    bare = replace(FINGER, capsules=())
+    body = body_of(bare.capsules, bare.body_mm)
+    assert [strike.rule for strike in sweep.strikes(OutAndBack(back), body, bare)] == rules
+
+
+def test_who_left_a_keep_out_may_not_come_back_on_the_same_way():
+    limits = replace(FINGER, keep_out=(KeepOut("edge", (500.0, -30.0, -100.0), (700.0, 30.0, 1000.0)),))
+    assert rule(travel(hand(500, 32, 0), hand(600, 150, 0), True, limits)) is None
+    assert rule(travel(hand(600, 150, 0), hand(600, -150, 0), True, limits)) == "kept_out"
+
+
+def test_a_straight_way_the_arm_cannot_follow_is_refused():
+    behind = travel(hand(250, -300, 0), hand(60, 0, 0))
+    assert rule(behind) == "no_way"
+
+
+def test_a_joint_way_to_a_place_out_of_reach_is_refused():
+    start = hand(650, 0, 200)
+    far = hand(899, 300, 1099)
+    assert ROBOT.reachable(far, reading(start).joints_rad) is None
+    wide = replace(LIMITS, max_step_mm=5000.0)
+    assert rule(travel(start, far, False, wide)) == "no_way"
+
+
+def test_a_place_is_judged_with_all_of_the_arm_and_by_no_leave_to_get_out():
+    lamp = KeepOut("lamp", (430.0, -20.0, 280.0), (480.0, 20.0, 330.0))
+    there = reading(hand(560, 0, 0))
+    told = Command(there.world_from_tool, True, 50.0, "test")
+    assert sweep.place_clear(told, there, ROBOT, LIMITS) is None
+    refusal = sweep.place_clear(told, there, ROBOT, replace(LIMITS, keep_out=(lamp,)))
+    assert refusal.rule == "kept_out"
+    assert "lamp" in refusal.text
+
+
+def test_the_rules_of_the_moment_go_before_the_way():
+    some = travel(hand(560, -200, 0), hand(560, 200, 0))
+    fault = ArmState(True, "stopped", some.start.world_from_tool, 0.0)
+    assert way_clear(some.command, fault, some.start, ROBOT, LIMITS).rule == "fault_stands"
+    lost = ArmState(True, None, None, 0.0)
+    assert way_clear(some.command, lost, None, ROBOT, LIMITS).rule == "arm_lost"
+
+
+def test_a_way_in_the_free_is_looked_at_in_few_places(monkeypatch):
+    places = []
+    asked_of = ROBOT.frames
+    monkeypatch.setattr(ROBOT, "frames", lambda joints: places.append(len(joints)) or asked_of(joints))
+    for straight in (True, False):
+        places.clear()
+        assert rule(travel(hand(500, -200, LEVEL_MM), hand(500, 200, LEVEL_MM), straight)) is None
+        assert sum(places) < 250
+
+
+def test_the_bound_is_what_keeps_it_true(monkeypatch):
+    """Were the travel between two places taken for nothing, a post between them would be passed through."""
+    post = KeepOut("post", (550.0, -104.0, -300.0), (570.0, -96.0, 10.0))
+    through = travel(hand(560, -200, 0), hand(560, 200, 0), False, replace(LIMITS, keep_out=(post,)))
+    assert rule(through) == "kept_out"
+    monkeypatch.setattr(sweep, "FIRST_JOINTS_MM", 1000.0)
+    assert rule(through) == "kept_out"
+    honest = sweep.JointWay.travel_mm
+    monkeypatch.setattr(sweep.JointWay, "travel_mm", lambda way, *at: 0.0 * honest(way, *at))
+    assert rule(through) is None
