@@ -31,8 +31,8 @@ _LEAST_AREA, _LEAST_BORDER = 12.0, 10
 """Pixels of its scale in a region, and in its border."""
 _SPECKLED = 0.3
 """Share of pixels on edges that is more than parts have: grain, print, a rough table."""
-_MOST_HOLES = 60
-"""Regions followed among specks: half as many again as one level of a scale may give."""
+_MOST_HOLES = 40
+"""Regions followed among specks: as many as one level of a scale may give in full (settings.max_regions)."""
 _LEAST_EXTENT, _WINDOW_RIM_PX = 12, 12
 """Width and height together of edges that are more than noise; room left about them, px."""
 _TILES, _QUIET = 8, 20
