@@ -47,7 +47,6 @@ SAME_MM = 2.0  # poses that put every corner this near to the same place look th
 MOST = 12  # poses laid onto the images
 REACH_MM = 1.5  # how far off the pose that a facet or an outline says may be
 LEAST_SHARE = 0.7  # of the edges a part should show, what both images must show on its place
-LEAST_OUTLINE = 0.7  # of a completed part's outline, what both images must show: two facets may be a larger part's
 BY_EDGES = 0.9  # confidence in a name that the outline proves: below what recognition is sure of
 PROVED, DISPROVED = 0.9, 0.6  # shares of the outline: what a name needs, and what every other must stay below
 UNFITTED = 0.8  # what the outline counts of a part whose edges do not hold its pose
@@ -155,17 +154,15 @@ def _same_place(one: Array, other: Array) -> bool:
 
 
 def _completed(laid: Sequence[Laid], named: Sequence[Recognised], model: Model, eyes: Eyes) -> list[Recognised]:
-    """Parts of which two facets or more were confirmed and have a name together, the outline showing, where none of the
-    others has another name and nothing named lies there.
+    """Parts of which two facets or more were confirmed and have a name together, where none of the others has another
+    name and nothing named lies there.
     """
     good = []
     for one in laid:
         if one.located is None:
             continue
         confirmed, share = confirmed_facets(one.solid, one.located, eyes)
-        if len(confirmed) < 2 or share < LEAST_SHARE:
-            continue
-        if shown(one.solid, eyes, one.located.pose, OUTLINE_MM) > LEAST_OUTLINE:
+        if len(confirmed) > 1 and share > LEAST_SHARE:
             group = weld([_facet(f, eyes.geometry) for f in confirmed])
             part = recognise_group(group, model)
             if part.named and part.residual_mm < CLOSE_MM:

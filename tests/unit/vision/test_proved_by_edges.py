@@ -41,6 +41,12 @@ def model():
     return taught
 
 
+@pytest.fixture(autouse=True)
+def by_the_outline_alone(monkeypatch):
+    """No facet is confirmed beside the lone one: its outline must name it; test_look_closer.py has the rest."""
+    monkeypatch.setattr(verification, "confirmed_facets", lambda *_: ([], 0.0))
+
+
 def lone_facets(body, where, rng):
     """Each facet that is well in view, alone, as a stereo pair would measure it."""
     for ring in body.facets:
@@ -77,7 +83,6 @@ def names(body, seed):
 @pytest.mark.parametrize("greys", [painted.GREYS, ALIKE], ids=["told apart", "sides alike"])
 def test_a_lone_facet_and_the_outline_around_it_name_a_part(monkeypatch, label, greys):
     monkeypatch.setattr(painted, "GREYS", greys)
-    monkeypatch.setattr(verification, "confirmed_facets", lambda *_: ([], 0.0))
     given = names(KNOWN[label], seed=1)
     assert set(given) <= {label, None}
     assert given.count(label) > 0.6 * len(given)
@@ -95,9 +100,7 @@ def test_what_the_outline_proves_says_so_with_its_pose():
     body = KNOWN["pentagonal_prism"]
     eyes = open_eyes(*paint_pair([(body, where)], np.random.default_rng(3)), rig())
     facet = next(lone_facets(body, where, np.random.default_rng(4)))
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(verification, "confirmed_facets", lambda *_: ([], 0.0))
-        (one,) = found_from(facet, eyes)
+    (one,) = found_from(facet, eyes)
     told = one.part.recognition
     assert (told.label, told.confidence, told.candidates) == ("pentagonal_prism", 0.9, ("pentagonal_prism",))
     assert told.reason.endswith("% of its outline lies where its facets say")
