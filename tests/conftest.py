@@ -1,4 +1,4 @@
-"""What tests of more than one room share: a browser to open our pages in."""
+"""What tests of more than one room share: a browser to open our pages in; properties without a deadline."""
 
 from __future__ import annotations
 
@@ -6,8 +6,13 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
+from hypothesis import settings
 
 from tests.chromium import chromium
+
+# A deadline in wall time fails on a busy machine and says nothing of the product; pytest's own timeout ends what hangs.
+settings.register_profile("house", deadline=None)
+settings.load_profile("house")
 
 
 @pytest.fixture(scope="module")

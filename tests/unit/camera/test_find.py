@@ -6,13 +6,12 @@ import errno
 
 import pytest
 
+from drivers.camera import v4l2
 from drivers.camera.find import find, list_devices
 from drivers.camera.pair import CameraError
 from tests.worlds.pretend_video import PretendControl, PretendDevice, PretendSystem
 
-EXPOSURE, EXPOSURE_AUTO, GAIN, FOCUS, FOCUS_AUTO = 0x009A0902, 0x009A0901, 0x00980913, 0x009A090A, 0x009A090C
-
-
+GAIN = 0x00980913
 LEFT, RIGHT = (
     "/dev/v4l/by-path/pci-0000:00:14.0-usb-0:1:1.0-video-index0",
     "/dev/v4l/by-id/usb-Maker_Cam_0042-video-index0",
@@ -61,6 +60,15 @@ def test_a_name_that_is_not_there_is_refused_with_what_is() -> None:
         find("C920", "left", system)
     with pytest.raises(CameraError, match="no video device at all"):
         find("C920", "left", PretendSystem({}))
+
+
+def test_a_device_that_fails_while_it_is_listed_is_noted_and_not_taken_for_one_that_offers_nothing() -> None:
+    system = two_cameras()
+    system.devices["/dev/video0"].fails[v4l2.ENUM_FMT] = errno.EIO
+    system.devices["/dev/video2"].fails[v4l2.QUERYCTRL] = errno.ENODEV
+    devices, notes = list_devices(system)
+    assert devices == []
+    assert notes == ["/dev/video0: Input/output error", "/dev/video2: No such device"]
 
 
 def test_the_listing_has_every_capture_node_with_formats_and_controls_and_no_other() -> None:
