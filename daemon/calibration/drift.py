@@ -7,29 +7,14 @@ sudden: an exponentially weighted mean is held against the spread of the looks j
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon import frames
-from daemon.vision.geometry.rig import StereoRig
+from daemon.vision.health.clues import AXES, Clue
 
 Array = NDArray[np.float64]
-
-AXES = ("pitched", "rolled", "turned in")
-"""About the right eye's x, z and y axes: what `turn` counts, in this order."""
-
-
-FEWEST_VOTES = 6
-VOTE_SIGMA_PX = 0.25
-CLEAR_LEAD = 1.5
-"""How many pairs must agree on an offset, how closely, and how far ahead of the next offset they must be."""
-DEPTHS_MM = (120.0, 1500.0)
-CORNER_SIGMA_PX = 0.1
-LENGTH_SIGMA = 0.004
-"""What a corner, and an edge length as a share of itself, are taken to be worth; how far that is wrong is learnt."""
 
 
 @dataclass(frozen=True)
@@ -46,15 +31,6 @@ class Watching:
     wild: float = 6.0
     least_deg: float = 0.03
     stop_deg: float = 0.1
-
-
-@dataclass(frozen=True, eq=False)
-class Clue:
-    """What one look says: turn (3,) rad as in AXES and its sigma (3,) rad, infinite where it says nothing; at: when."""
-
-    turn: Array
-    sigma: Array
-    at: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,86 +66,6 @@ def fresh() -> Watch:
     """A watch that has seen nothing: to be used after each calibration."""
     zero = np.zeros(3)
     return Watch(zero, np.zeros(3, np.int64), zero, zero, zero, zero, zero, zero)
-
-
-def clue(rig: StereoRig, left_px: Array, right_px: Array, edges: Sequence[tuple[float, float, float]], at: str) -> Clue:
-    """What one look says of the right eye's pose.
-
-    left_px, right_px: (N, 2) matched corners, px. edges: (length found, length known, depth) of each known edge, mm.
-    Pitch and roll need 4 corners spread over the image, turning in needs an edge.
-    """
-    turn, sigma = np.zeros(3), np.full(3, np.inf)
-    if len(left_px) >= 4:
-        turn[:2], sigma[:2] = _pitch_and_roll(rig, left_px, right_px)
-    if edges:
-        found, known, depth = np.array(edges, float).T
-        # Lengths scale with depth, and depth with disparity: dZ / Z = Z / B * angle.
-        angles = (found / known - 1.0) * rig.baseline_mm / depth
-        turn[2] = float(np.median(angles))
-        sigma[2] = LENGTH_SIGMA * float(np.median(rig.baseline_mm / depth)) / np.sqrt(len(edges))
-    return Clue(turn, sigma, at)
-
-
-def same_height(rig: StereoRig, left_px: Array, right_px: Array, reach_px: float = 8.0) -> tuple[Array, Array]:
-    """Corners of both eyes that agree on one offset from their epipolar lines: (N, 2) left and right px, empty where no
-    offset stands out.
-
-    left_px (P, 2), right_px (Q, 2): all corners found, in any order. A recogniser pairs corners by their epipolar
-    lines, so that after a knock it pairs none, or the wrong ones; here every pair at a possible depth votes for its
-    offset, and the true ones vote alike.
-    """
-    if min(len(left_px), len(right_px)) < FEWEST_VOTES:
-        return np.zeros((0, 2)), np.zeros((0, 2))
-    i, j = (k.ravel() for k in np.indices((len(left_px), len(right_px))))
-    lines, rays = _lines_and_rays(rig, left_px, right_px)
-    gaps = np.einsum("ni,ni->n", lines[i], rays[j]) * rig.right.matrix[0, 0]
-    nearness = rig.baseline_mm / np.maximum(_disparity(rig, left_px, right_px, i, j), 1e-9)
-    likely = (np.abs(gaps) < reach_px) & (nearness > DEPTHS_MM[0]) & (nearness < DEPTHS_MM[1])
-    i, j, gaps = i[likely], j[likely], gaps[likely]
-    if len(gaps) < FEWEST_VOTES:
-        return np.zeros((0, 2)), np.zeros((0, 2))
-    offsets = np.arange(-reach_px, reach_px, 0.1)
-    votes = np.exp(-0.5 * ((offsets[:, None] - gaps[None]) / VOTE_SIGMA_PX) ** 2).sum(axis=1)
-    best = offsets[int(np.argmax(votes))]
-    rival = float(votes[np.abs(offsets - best) > 4 * VOTE_SIGMA_PX].max())
-    near = np.abs(gaps - best) < 3 * VOTE_SIGMA_PX
-    if near.sum() < FEWEST_VOTES or float(votes.max()) < CLEAR_LEAD * rival:
-        return np.zeros((0, 2)), np.zeros((0, 2))
-    return left_px[i[near]], right_px[j[near]]
-
-
-def _disparity(rig: StereoRig, left_px: Array, right_px: Array, i: NDArray[np.intp], j: NDArray[np.intp]) -> Array:
-    """Baseline over depth of each pair, from the angles of both rays in the plane of the baseline and the view."""
-    slopes = []
-    for eye, px in ((rig.left, left_px), (rig.right, right_px)):
-        rays = np.column_stack([eye.normalised(px), np.ones(len(px))]) @ eye.cyclopean_from_camera[:3, :3].T
-        slopes.append(rays[:, 0] / rays[:, 2])
-    difference: Array = slopes[0][i] - slopes[1][j]
-    return difference
-
-
-def _lines_and_rays(rig: StereoRig, left_px: Array, right_px: Array) -> tuple[Array, Array]:
-    """(P, 3) epipolar lines of the left points in the right eye's plane z = 1, unit normals; (Q, 3) the right rays."""
-    right_from_left = frames.inverse(rig.right.cyclopean_from_camera) @ rig.left.cyclopean_from_camera
-    x, y, z = right_from_left[:3, 3]
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    lines = np.column_stack([rig.left.normalised(left_px), np.ones(len(left_px))]) @ (cross @ right_from_left[:3, :3]).T
-    lines /= np.linalg.norm(lines[:, :2], axis=1, keepdims=True)
-    # The normal's own sense is free: with its y made positive, an offset means the same for every line.
-    lines *= np.where(lines[:, 1:2] < 0, -1.0, 1.0)
-    return lines, np.column_stack([rig.right.normalised(right_px), np.ones(len(right_px))])
-
-
-def _pitch_and_roll(rig: StereoRig, left_px: Array, right_px: Array) -> tuple[Array, Array]:
-    """The right eye's turn (2,) rad about its x and z, by least squares on epipolar distances, and its sigma."""
-    lines, rays = _lines_and_rays(rig, left_px, right_px)
-    gaps = np.einsum("ni,ni->n", lines, rays)
-    # A camera that turns by w moves a ray to ray - w x ray; along the line's normal that shows as -(w x ray) . line.
-    turned = np.cross(rays[:, None, :], np.array([[1.0, 0, 0], [0, 0, 1.0]])[None])
-    slopes = np.einsum("nki,ni->nk", turned - turned[..., 2:] * rays[:, None, :], lines)
-    covariance = np.linalg.pinv(slopes.T @ slopes, rcond=1e-9)
-    sigma = np.sqrt(np.diag(covariance)) * CORNER_SIGMA_PX * np.sqrt(2) / rig.right.matrix[0, 0]
-    return covariance @ slopes.T @ gaps, np.where(sigma > 0, sigma, np.inf)
 
 
 def observe(watch: Watch, seen: Clue, settings: Watching) -> tuple[Watch, Drift | None]:

@@ -1,13 +1,14 @@
 """The watch over the calibration in use: what each look hints at, added up; what an operator hears of it.
 
-What a look offers is clues.py's, what the sum of it means is drift.py's.
+What a look offers is daemon/vision/health/clues.py's, what the sum of it means is drift.py's.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
 
-from daemon.calibration.drift import Clue, Drift, Watch, Watching, fresh, observe
+from daemon.calibration.drift import Drift, Watch, Watching, fresh, observe
+from daemon.vision.health.clues import Clue
 
 
 class DriftWatch:

@@ -13,11 +13,10 @@ from numpy.typing import NDArray
 from daemon import frames
 from daemon.arm.settling import SettledPair, Settling, settled_pair
 from daemon.arm.workcell import Array, Pictures, Reading, Workcell
-from daemon.calibration.clues import clue_of, health_fields
-from daemon.calibration.drift import Clue
 from daemon.vision.facets.table import Table
 from daemon.vision.geometry.polyhedron import Polyhedron
 from daemon.vision.geometry.rig import StereoRig
+from daemon.vision.health.clues import Clue, clue_of, health_fields
 from daemon.vision.health.examine import Finding, drift, examine, misleading, sharpness
 from daemon.vision.image.grey import VisionError
 from daemon.vision.registration.corner_pose import Fit

@@ -5,6 +5,7 @@ import io
 import re
 import subprocess
 import tokenize
+import tomllib
 from importlib.metadata import entry_points, packages_distributions
 from pathlib import Path
 
@@ -66,6 +67,22 @@ def test_every_room_says_at_its_door_what_belongs_in_it() -> None:
         said = ast.get_docstring(ast.parse(door.read_text()))
         assert said, f"{door} says nothing"
         assert 1 <= len(re.findall(r"\.(?:\s|$)", said)) <= 3, f"{door}: one to three sentences"
+
+
+def test_the_drawing_of_the_floors_is_the_contract_that_imports_are_held_to() -> None:
+    drawing = (HOUSE / "docs" / "ARCHITECTURE.md").read_text().split("```")[1].strip().splitlines()
+    drawn = {"daemon": [], "daemon.vision": []}
+    for line in drawing[: drawing.index(next(x for x in drawing if x.startswith("frames"))) + 1]:
+        container = "daemon.vision" if line.startswith(" ") else "daemon"
+        drawn[container] += re.match(r" *((?:\w+  ?)+)", line)[1].split()  # type: ignore[index]
+    contracts = tomllib.loads((HOUSE / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
+    floors = {
+        c["containers"][0]: " ".join(c["layers"]).replace("|", " ").split() for c in contracts if c["type"] == "layers"
+    }
+    assert drawn == floors
+    for container, rooms in floors.items():
+        folder = HOUSE / container.replace(".", "/")
+        assert all((folder / room).is_dir() or (folder / f"{room}.py").is_file() for room in rooms)
 
 
 def test_no_file_tells_of_working_arrangements() -> None:

@@ -1,4 +1,4 @@
-"""What is wrong with the images themselves: light, lens, cable, mounting. Never about parts.
+"""What is wrong with the images themselves (light, lens, cable, mounting), and what they hint at of the calibration.
 
-examine.py: examine, drift, misleading, troubles. blur.py and camera_order.py measure for it.
+Nothing here says anything of parts.
 """

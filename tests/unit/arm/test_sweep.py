@@ -1,4 +1,4 @@
-"""The whole way of a move: proven clear or refused, against a look at every half millimetre (tests/swept.py)."""
+"""The whole way of a move: proven clear or refused, against a look at every half millimetre (tests/worlds/swept.py)."""
 
 from dataclasses import replace
 

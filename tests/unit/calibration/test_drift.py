@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from daemon import frames
-from daemon.calibration.drift import Clue, Drift, Watching, clue, fresh, observe
+from daemon.calibration.drift import Drift, Watching, fresh, observe
 from daemon.vision.geometry.rig import StereoRig
+from daemon.vision.health.clues import Clue, clue
 from tests.worlds.rigs import unlike_rig
 
 Array = frames.Array

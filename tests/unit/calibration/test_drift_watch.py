@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from daemon.calibration.clues import health_fields
-from daemon.calibration.drift import Clue
 from daemon.calibration.drift_watch import DriftWatch
+from daemon.vision.health.clues import Clue, health_fields
 
 
 def clue(pitch_deg: float, rng: np.random.Generator) -> Clue:

@@ -13,7 +13,7 @@ from daemon.main import main
 from daemon.store import places
 from daemon.store.yamlfile import ConfigError
 
-ETC = Path(__file__).resolve().parents[3] / "etc"
+ETC = Path(__file__).resolve().parents[2] / "etc"
 
 
 @pytest.fixture

@@ -43,7 +43,7 @@ def model():
 
 @pytest.fixture(autouse=True)
 def by_the_outline_alone(monkeypatch):
-    """No facet is confirmed beside the lone one: its outline must name it; test_look_closer.py has the rest."""
+    """No facet is confirmed beside the lone one: its outline must name it; test_verify.py has the rest."""
     monkeypatch.setattr(verification, "confirmed_facets", lambda *_: ([], 0.0))
 
 

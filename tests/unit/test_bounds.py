@@ -22,7 +22,7 @@ from daemon.store.yamlfile import UNIONS, Key, dotted
 from drivers.camera.settings import CameraSettings
 from drivers.val2.dialect import Dialect
 
-ETC = Path(__file__).resolve().parents[3] / "etc"
+ETC = Path(__file__).resolve().parents[2] / "etc"
 Keys = tuple[Key, ...]
 TYPED_BY_DRIVERS: dict[Keys, type] = {("cameras",): CameraSettings, ("arm", "dialect"): Dialect}
 
