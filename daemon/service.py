@@ -316,6 +316,7 @@ def read_files(config_path: Path, simulated: bool) -> tuple[Config, Calibration,
     sections.check(config)
     files = config.values.files
     calibration = load_calibration(config.calibration)
+    sections.check_hand_eye(config, calibration)
     library, parts = load_facets(config.file(files.facets)), load_parts(config.file(files.parts))
     first = None if files.model is None else load_model(config.file(files.model))
     trainer = Trainer(ModelStore(config.state), calibration.rig, library, parts, config.values.vision, first)

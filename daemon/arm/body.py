@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.quantities import Coordinate, Length
+from daemon.quantities import Coordinate, Name, Room
 
 Array = NDArray[np.float64]
 Point = tuple[Coordinate, Coordinate, Coordinate]
@@ -31,18 +31,18 @@ NARROWINGS, PLACES = 5, 9
 class Capsule:
     """name for people; from_mm, to_mm: the ends of its axis in the frame of its link."""
 
-    name: str
+    name: Name
     link: Link
     from_mm: Point
     to_mm: Point
-    radius_mm: Length
+    radius_mm: Room
 
 
 @dataclass(frozen=True)
 class KeepOut:
     """A box of the world, mm, that nothing of the arm enters: a post, a light, a neighbour."""
 
-    name: str
+    name: Name
     low_mm: Point
     high_mm: Point
 

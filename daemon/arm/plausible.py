@@ -28,7 +28,6 @@ FROM_TABLE_MM = 250.0
 """How far the workspace box may begin above the table, or below it, and still be meant."""
 LOOKS_ALONG = 0.2
 """Least cosine between the cameras' axis and the way the gripper approaches."""
-THICKEST_MM = 400.0
 LIMITS: Keys = ("pick", "limits")
 AS_METRES = "metres? write them times 1000"
 AS_DEFAULT = "nothing of it would be guarded; leave the key out for the default"
@@ -135,10 +134,7 @@ def _body(guard: Limits) -> Iterator[Implausible]:
 
 def _capsule(capsule: Capsule, keys: Keys) -> Iterator[Implausible]:
     size = max(float(np.linalg.norm(end)) for end in (capsule.from_mm, capsule.to_mm)) + capsule.radius_mm
-    if not 0.0 <= capsule.radius_mm <= THICKEST_MM:
-        expected = f"a radius from 0 to {THICKEST_MM:g} mm"
-        yield _found((*keys, "radius_mm"), expected, f"{capsule.radius_mm:g}", "write half its thickness")
-    elif size < METRES_MM:
+    if size < METRES_MM:
         yield _found(keys, "millimetres", f"{capsule.name!r} within {size:g} of its link", AS_METRES)
 
 

@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from daemon.doors.client import DaemonLink, NotThereError
+from daemon.errors import FacetdError
 from daemon.store import places
 from daemon.store.runs import Record, follow
 
@@ -42,7 +43,7 @@ READY_S = 60.0
 """How long the daemon may take to start."""
 
 
-class DemoError(Exception):
+class DemoError(FacetdError):
     """The demo cannot go on; the message says why."""
 
 

@@ -105,7 +105,6 @@ LIMITS = Limits()
             ("capsules", 8),
             "metre",
         ),
-        (replace(LIMITS, capsules=(*ARM, Capsule("x", "tool", (0, 0, 9), (0, 0, 9), -5))), ("capsules", 8), "radius"),
         (replace(LIMITS, keep_out=(box(high=(10, -10, 10)),)), ("keep_out", 0, "low_mm"), "swap the two"),
         (replace(LIMITS, keep_out=(box(high=(0.1, 0.2, 0.3)),)), ("keep_out", 0), "metres?"),
         (replace(LIMITS, keep_out=(box(name=" "),)), ("keep_out", 0, "name"), "a name of its own"),

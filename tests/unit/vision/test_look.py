@@ -103,11 +103,11 @@ def test_swapped_and_mirrored_images_of_a_mirrored_rig_give_the_same_names(model
     one = look(left, right, straight, model)
     other = look(np.fliplr(right).copy(), np.fliplr(left).copy(), mirrored, model)
     assert [p.recognition.label for p in other.parts] == [p.recognition.label for p in one.parts]
-    centres = [
-        np.vstack([c @ flip for c in scene.parts[0].fitted_mm]).mean(0)
-        for scene, flip in ((one, np.eye(3)), (other, mirror[:3, :3]))
-    ]
-    np.testing.assert_allclose(centres[0], centres[1], atol=0.5)
+    fewer, more = sorted(
+        (np.vstack(one.parts[0].fitted_mm), np.vstack(other.parts[0].fitted_mm) @ mirror[:3, :3]), key=len
+    )
+    apart_mm = np.linalg.norm(fewer[:, None] - more[None], axis=2).min(axis=1)
+    assert apart_mm.max() < 0.5, "a facet seen edge-on may show in one of the two only; what both show lies in one place"
 
 
 def test_the_drawing_shows_both_eyes_and_says_what_was_seen(model: Model) -> None:

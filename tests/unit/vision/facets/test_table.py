@@ -36,9 +36,10 @@ def test_a_facet_that_only_touches_the_table_with_an_edge_does_not_lie_in_it() -
 
 def test_a_group_held_together_by_its_shadow_falls_apart_and_the_shadow_is_told() -> None:
     left, shadow, right = square_at(-60.0, 30.0), square_at(0.0, 0.0), square_at(60.0, 40.0)
-    touching = np.array([[0, 1, 0], [1, 0, 1], [0, 1, 0]], bool)
-    alone = Group((square_at(0.0, 50.0),), np.zeros((1, 1), bool))
-    view = FacetView((Group((left, shadow, right), touching), alone), (), (), (), 2.0)
+    held = Group((left, shadow, right), ((0, 1, 2, 3), (4, 2, 1, 5), (6, 4, 5, 7)))
+    assert held.touching.tolist() == [[False, True, False], [True, False, True], [False, True, False]]
+    alone = Group((square_at(0.0, 50.0),), ((0, 1, 2, 3),))
+    view = FacetView((held, alone), (), (), (), 2.0)
     found = without_table(view, TABLE)
     assert {len(g.facets) for g in found.groups} == {1}
     assert {id(f) for g in found.groups for f in g.facets} == {id(left), id(right), id(alone.facets[0])}

@@ -8,7 +8,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from daemon import frames
-from daemon.vision.geometry.p3p import poses_of_three
+from daemon.vision.geometry.p3p import p3p_poses
 
 seeds = st.integers(0, 2**31)
 
@@ -45,7 +45,7 @@ def test_the_true_pose_is_among_the_solutions(seed: int) -> None:
     rng = np.random.default_rng(seed)
     points, pose = three_corners(rng), a_pose(rng)
     assume(facing(pose, points) < 0.75)  # seen squarely, two solutions meet, and rounding decides which is found
-    found, solved = poses_of_three(points[None], seen_at(pose, points)[None])
+    found, solved = p3p_poses(points[None], seen_at(pose, points)[None])
     assert found.shape == (2, 4, 4)
     off = [np.abs(frames.apply(p, points) - frames.apply(pose, points)).max() for p in found[solved]]
     assert min(off) < 0.01
@@ -57,7 +57,7 @@ def test_every_solution_is_a_rigid_motion_that_shows_the_corners_where_they_were
     rng = np.random.default_rng(seed)
     many = [(three_corners(rng), a_pose(rng)) for _ in range(20)]
     points, seen = np.stack([p for p, _ in many]), np.stack([seen_at(pose, p) for p, pose in many])
-    found, solved = poses_of_three(points, seen)
+    found, solved = p3p_poses(points, seen)
     assert solved.any()
     for k in np.flatnonzero(solved):
         turn = found[k, :3, :3]
@@ -70,7 +70,7 @@ def test_every_solution_is_a_rigid_motion_that_shows_the_corners_where_they_were
 def test_guesses_that_do_not_show_what_was_seen_are_called_no_solutions() -> None:
     rng = np.random.default_rng(6)
     points, seen = np.stack([three_corners(rng) for _ in range(500)]), rng.uniform(-0.3, 0.3, (500, 3, 2))
-    found, solved = poses_of_three(points, seen)
+    found, solved = p3p_poses(points, seen)
     assert not solved.all()
     shown = np.stack([seen_at(pose, points[k % 500]) for k, pose in enumerate(found)])
     off = np.abs(shown - np.concatenate([seen, seen])).max((1, 2))
@@ -80,6 +80,6 @@ def test_guesses_that_do_not_show_what_was_seen_are_called_no_solutions() -> Non
 
 def test_what_no_three_corners_can_show_is_called_no_solution() -> None:
     flat = np.array([[0.0, 0, 0], [1e-9, 0, 0], [0, 1e-9, 0]])
-    found, solved = poses_of_three(flat[None], np.array([[[0.0, 0], [0.1, 0], [0, 0.1]]]))
+    found, solved = p3p_poses(flat[None], np.array([[[0.0, 0], [0.1, 0], [0, 0.1]]]))
     assert not solved.any()
     assert np.isfinite(found).all()

@@ -8,13 +8,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from tests.bench.limit import side_bound
 
 from daemon.vision.geometry.polygon import Shape, is_simple, tidy
 from daemon.vision.geometry.polygon_batch import areas, convex, met, rings
 from daemon.vision.image.edge_lines import fit_sides
 from daemon.vision.image.grey import measure_noise
 from daemon.vision.image.thesis_corners import find_corners, mic_response
+from tests.worlds.limit import side_bound
 
 Array = NDArray[np.float64]
 FINER = 8
