@@ -79,6 +79,7 @@ def _configuration(config: Config, _: bool) -> Iterator[Finding]:
 
 def _calibration(config: Config, _: bool) -> Iterator[Finding]:
     calibration = load_calibration(config.calibration)
+    sections.check_hand_eye(config, calibration)
     quality = calibration.quality
     yield _calibration_age(config, calibration)
     for name, value, good in (

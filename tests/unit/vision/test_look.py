@@ -107,7 +107,7 @@ def test_swapped_and_mirrored_images_of_a_mirrored_rig_give_the_same_names(model
         (np.vstack(one.parts[0].fitted_mm), np.vstack(other.parts[0].fitted_mm) @ mirror[:3, :3]), key=len
     )
     apart_mm = np.linalg.norm(fewer[:, None] - more[None], axis=2).min(axis=1)
-    assert apart_mm.max() < 0.5, "a facet seen edge-on may show in one of the two only; what both show lies in one place"
+    assert apart_mm.max() < 0.5, "a facet seen edge-on may show in one only; what both show lies in one place"
 
 
 def test_the_drawing_shows_both_eyes_and_says_what_was_seen(model: Model) -> None:
