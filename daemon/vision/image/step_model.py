@@ -68,12 +68,12 @@ def _in_the_clear(values: Image32, noise: Noise, calipers: Calipers) -> Flags:
     return clear
 
 
-def unclipped(mean: Array, calipers: Calipers, planes: Array, blur_px: float) -> Array:
+def unclipped(mean: Array, calipers: Calipers, planes: Array, blur_px: Array) -> Array:
     """The planes with those of saturated faces replaced: how bright such a face is shows in how steeply its edge
     sets in.
 
     Per side the mean profile (C, S) below saturation is fitted by steps of several heights, each free to shift; the
-    best is taken.
+    best is taken. blur_px (S,).
     """
     bright = _SHARE @ mean > _CLIPPED
     sides = np.flatnonzero(bright[0] != bright[1])
@@ -83,7 +83,7 @@ def unclipped(mean: Array, calipers: Calipers, planes: Array, blur_px: float) ->
     dark = np.where(inside, calipers.means(planes[2:])[:, sides], calipers.means(planes[:2])[:, sides])
     use = (mean[:, sides].T < _CLIPPED) & (np.abs(OFFSETS) < CLEAR)
     above = (mean[:, sides] - dark[0] - dark[1] * OFFSETS[:, None]).T * use
-    falling = 1 - normal_cdf((OFFSETS - _SHIFTS_PX[:, None]) / blur_px)
+    falling = 1 - normal_cdf((OFFSETS - _SHIFTS_PX[:, None]) / blur_px[sides, None, None])
     shapes = np.where(inside[:, None, None], falling, 1 - falling)  # (sides, shifts, C)
     height = (255.0 - dark[0])[:, None] * _HEIGHTS
     along, own = (shapes @ above[:, :, None])[..., 0], (shapes**2 @ use[:, :, None])[..., 0]
