@@ -87,6 +87,8 @@ def _swing(
     settings: VisionSettings,
 ) -> Candidate | None:
     """The outline's facet, turned about its hinge to where the other eye shows it; None where it does not."""
+    if outline in seen.fitted and seen.fitted[outline] is None:
+        return None
     polygons = _turned(outline, hinge, seen, other)
     shape = rings(list(polygons))
     strength = probe_sides(other.smooth, shape.corners, shape.corners[shape.next], other.grain)[0].reshape(
@@ -102,7 +104,8 @@ def _swing(
     outlines = probe(other.smooth, other.grain, there, [outline.border], settings)
     if not outlines:
         return None
-    here, far = seen.fits([outline])[0], other.fits(outlines)[0]
+    here = seen.fits([outline])[0]
+    far = None if here is None else other.fits(outlines[:1])[0]
     if here is None or far is None:
         return None
     worth = min(outline.support, outlines[0].support)

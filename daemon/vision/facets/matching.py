@@ -71,18 +71,19 @@ def _best_shift(a: Array, b: Array, geometry: Baseline, settings: VisionSettings
         & (disparity.min(1) > geometry.length_mm / farthest)
         & (disparity.max(1) < geometry.length_mm / nearest)
     )
-    best: tuple[int, float] | None = None
-    for shift in np.flatnonzero(possible):
-        warp = _plane_residual(a, disparity[shift]) * geometry.left.focal_px
-        cost = float(np.sqrt(np.mean(off[shift] ** 2) + np.mean(warp**2)))
-        if warp.max() < settings.search_epipolar_px and (best is None or cost < best[1]):
-            best = int(shift), cost
-    return best
+    shifts = np.flatnonzero(possible)
+    warp = _plane_residuals(a, disparity[shifts]) * geometry.left.focal_px
+    cost = np.sqrt((off[shifts] ** 2).mean(1) + (warp**2).mean(1))
+    cost[warp.max(1) >= settings.search_epipolar_px] = np.inf
+    best = int(np.argmin(cost)) if len(cost) else 0
+    return (int(shifts[best]), float(cost[best])) if len(cost) and np.isfinite(cost[best]) else None
 
 
-def _plane_residual(points: Array, disparity: Array) -> Array:
-    """How far each disparity is off the best plane: over a plane in space disparity is affine in the image."""
-    if len(points) < 4:
-        return np.zeros(len(points))
+def _plane_residuals(points: Array, disparities: Array) -> Array:
+    """How far each of the disparities (K, N) of points (N, 2) is off the best plane: over a plane in space disparity is
+    affine in the image."""
+    if len(points) < 4 or not len(disparities):
+        return np.zeros(disparities.shape)
     design = np.concatenate([points, np.ones((len(points), 1))], 1)
-    return np.asarray(np.abs(design @ np.linalg.lstsq(design, disparity, rcond=None)[0] - disparity))
+    plane = np.linalg.qr(design)[0]
+    return np.asarray(np.abs(disparities @ plane @ plane.T - disparities))
