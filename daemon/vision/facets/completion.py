@@ -18,7 +18,7 @@ from daemon.vision.geometry.polygon_batch import areas, rings
 from daemon.vision.geometry.rectified import Baseline
 from daemon.vision.image.both_eyes import Eyes
 from daemon.vision.image.edge_lines import probe_sides
-from daemon.vision.image.one_eye import OneEye
+from daemon.vision.image.one_eye import OneEye, fits
 from daemon.vision.image.outlines import Outline, probe, snap_near
 from daemon.vision.settings import VisionSettings
 from daemon.vision.values import Polygon
@@ -104,8 +104,7 @@ def _swing(
     outlines = probe(other.smooth, other.grain, there, [outline.border], settings)
     if not outlines:
         return None
-    here = seen.fits([outline])[0]
-    far = None if here is None else other.fits(outlines[:1])[0]
+    (here,), (far,) = fits(((seen, [outline]), (other, outlines[:1])))
     if here is None or far is None:
         return None
     worth = min(outline.support, outlines[0].support)

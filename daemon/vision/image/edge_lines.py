@@ -5,6 +5,7 @@ In: image, rough end points. Out: corrected end points, how sure, how strong. Wh
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,7 +23,7 @@ from daemon.vision.image.calipers import (
     stretch_profiles,
     stretches,
 )
-from daemon.vision.image.grey import SATURATED, Noise
+from daemon.vision.image.grey import SATURATED, Noise, noise_of_many
 from daemon.vision.image.regions import SMOOTHING_PX
 from daemon.vision.image.step_model import CLEAR, OFFSETS, REACH_PX, face_planes, normal_cdf, unclipped
 
@@ -33,7 +34,7 @@ Image32 = NDArray[np.float32]
 # Set by eye on rendered sides, like the other numbers here that name no source.
 _TRIM_PX = 4.0
 """Left out at either end of a side, where its neighbour is in view."""
-_FIRST_SPACING_PX = 3.0
+_FIRST_SPACING_PX, _FIRST_BLUR_PX = 3.0, 0.7
 _FAINT_BLOCK = 0.4
 """A stretch of a side that shows less than this share of the side's mean slope shows no edge."""
 _BESIDE_PX = 8.5
@@ -152,29 +153,32 @@ def edge_sigmas(smooth: Image32, start: Array, end: Array) -> Array:
     return np.asarray(edge / np.hypot(noise, grain))
 
 
-def fit_sides(
-    image: Image32,
-    noise: Noise,
-    start: Array,
-    end: Array,
-    eye: Eye | None,
-    blur_px: float = 0.7,
-    sets: Index | None = None,
-) -> Sides:
+@dataclass(frozen=True, eq=False)
+class Exposure:
+    """What sides are fitted to: float32 grey levels (H, W), their noise, and the eye whose lens bends lines, if any."""
+
+    image: Image32
+    noise: Noise
+    eye: Eye | None
+
+
+def fit_sides(exposures: Sequence[tuple[Exposure, int]], start: Array, end: Array, sets: Index | None = None) -> Sides:
     """Least-squares lines of blurred steps near the sides start -> end, (S, 2) px each, already within about 1 px.
 
-    image: float32 grey levels. Each profile gives where the step crosses it, by least squares against the step's own
-    slope, with the grey levels on both sides free to drift along the side; a robust line goes through these places.
-    blur_px is only where the search for the one blur of all sides starts; sets: how many sides, one after the other,
-    have a blur of their own together, where not all of them need be edges. Columns are weighed alike on both sides, so
-    that a wrong blur cannot shift the line.
+    exposures: with how many of the sides, one after the other, lie in each. Each profile gives where the step crosses
+    it, by least squares against the step's own slope, with the grey levels on both sides free to drift along the side;
+    a robust line goes through these places.
+    Each image has one blur; sets: how many sides, one after the other, have one of their own, where not all of them
+    need be edges. Columns are weighed alike on both sides, so that a wrong blur cannot shift the line.
     """
-    bow = lens_bow(start, end, eye)
-    sides_of = np.array([len(start)]) if sets is None else sets
-    first, blurs = np.cumsum(sides_of) - sides_of, np.full(len(sides_of), blur_px)
+    counts = np.array([count for _, count in exposures])
+    in_image = np.cumsum(counts) - counts
+    bow = _bows([e for e, _ in exposures], np.split(start, in_image[1:]), np.split(end, in_image[1:]))
+    sides_of = counts if sets is None else sets
+    first, blurs = np.cumsum(sides_of) - sides_of, np.full(len(sides_of), _FIRST_BLUR_PX)
     for spacing_px, rounds in ((_FIRST_SPACING_PX, 2), (1.0, 4)):
         calipers = lay_calipers(start, end, bow, _TRIM_PX, spacing_px)
-        steps = _steps(image, noise, calipers, blurs, first)
+        steps = _steps([e for e, _ in exposures], in_image, calipers, blurs, first)
         offset, slope, covariance, support = _robust_line(calipers, steps.position, 1 / steps.sigma, rounds)
         start = start + (offset - slope)[:, None] * calipers.normal
         end = end + (offset + slope)[:, None] * calipers.normal
@@ -182,6 +186,12 @@ def fit_sides(
     ends = np.array([[1.0, -1.0], [1.0, 1.0]])
     evidence = np.abs(steps.height) / steps.height_sigma
     return Sides(start, end, ends @ covariance @ ends.T, steps.height, evidence, support, blurs.repeat(sides_of))
+
+
+def _bows(exposures: Sequence[Exposure], starts: Sequence[Array], ends: Sequence[Array]) -> Array:
+    """lens_bow of the sides in each image, (S, 2) px."""
+    bows = [lens_bow(start, end, e.eye) for e, start, end in zip(exposures, starts, ends, strict=True)]
+    return np.concatenate([np.zeros_like(s) if b is None else b for b, s in zip(bows, starts, strict=True)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,10 +208,12 @@ class _Steps:
     blur_error_px: Array
 
 
-def _steps(image: Image32, noise: Noise, calipers: Calipers, blurs: Array, first: Index) -> _Steps:
+def _steps(exposures: Sequence[Exposure], in_image: Index, calipers: Calipers, blurs: Array, first: Index) -> _Steps:
     """Where the blurred step crosses each caliper: its residual against the model, over the model's slope. blurs (B,)
-    px: the first of them that of the sides from first[0] on, and so on."""
-    values = profiles(image, calipers, OFFSETS)
+    px: the first of them that of the sides from first[0] on, and so on; likewise the exposures from in_image[0] on."""
+    cuts = [*calipers.first[in_image].tolist(), len(calipers.side)]
+    values = profiles([e.image for e in exposures], cuts, calipers, OFFSETS)
+    noise = noise_of_many([e.noise for e in exposures], np.diff(cuts))
     mean = calipers.means(values)
     x = OFFSETS / blurs[:, None]
     rise, slope = normal_cdf(x), np.exp(-0.5 * x**2) / (blurs[:, None] * np.sqrt(2 * np.pi))

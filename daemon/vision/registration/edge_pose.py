@@ -331,7 +331,7 @@ def _measured(edges: ExpectedEdges, view: OneEye) -> EdgeObservation:
     if not len(edges.start):
         return _nothing(edges)
     own = np.unique(edges.owner, return_counts=True)[1]
-    sides = fit_sides(view.image, view.noise, edges.start, edges.end, view.eye, sets=own)
+    sides = fit_sides([(view.exposure, len(edges.start))], edges.start, edges.end, own)
     weight = np.asarray(np.linalg.inv(sides.covariance + edges.doubt_px[:, None, None] ** 2 * np.eye(2)))
     there = (sides.evidence > LEAST_EVIDENCE) & (sides.support > LEAST_SUPPORT)
     return EdgeObservation(edges, off_places(edges.start, edges.end, sides.start, sides.end), weight, there, sides)
