@@ -210,7 +210,7 @@ def locate(
     for turn in range(MOST_ROUNDS):
         if not open_.any():
             break
-        left, right = (_measured(expected(laid, view, poses, open_, tolerance_mm), view) for view in eyes.views)
+        left, right = _measured([expected(laid, view, poses, open_, tolerance_mm) for view in eyes.views], eyes)
         solved = _solved((left, right), reach_mm, len(shapes))
         still = np.linalg.norm(solved.motion / SCALE, axis=1) < SMALL_MM
         lost = (_shares((left, right), (left.on_place, right.on_place), len(shapes)) < HOPELESS) & ~still & (turn > 0)
@@ -326,15 +326,23 @@ def _searched(edges: ExpectedEdges, view: OneEye, reach_mm: float) -> EdgeObserv
     return EdgeObservation(edges, off_places(edges.start, edges.end, start, end), weight, there)
 
 
-def _measured(edges: ExpectedEdges, view: OneEye) -> EdgeObservation:
-    """Each edge's sub-pixel line."""
-    if not len(edges.start):
-        return _nothing(edges)
-    own = np.unique(edges.owner, return_counts=True)[1]
-    sides = fit_sides([(view.exposure, len(edges.start))], edges.start, edges.end, own)
-    weight = np.asarray(np.linalg.inv(sides.covariance + edges.doubt_px[:, None, None] ** 2 * np.eye(2)))
-    there = (sides.evidence > LEAST_EVIDENCE) & (sides.support > LEAST_SUPPORT)
-    return EdgeObservation(edges, off_places(edges.start, edges.end, sides.start, sides.end), weight, there, sides)
+def _measured(both: Sequence[ExpectedEdges], eyes: Eyes) -> list[EdgeObservation]:
+    """Each edge's sub-pixel line, in both eyes."""
+    counts = [len(edges.start) for edges in both]
+    if not any(counts):
+        return [_nothing(edges) for edges in both]
+    start, end = (np.concatenate([getattr(edges, name) for edges in both]) for name in ("start", "end"))
+    exposures = [(view.exposure, count) for view, count in zip(eyes.views, counts, strict=True) if count]
+    own = np.concatenate([np.unique(edges.owner, return_counts=True)[1] for edges in both])
+    sides = fit_sides(exposures, start, end, own)
+    found = []
+    for edges, which in zip(both, np.split(np.arange(len(start)), counts[:1]), strict=True):
+        seen = sides.chosen(which)
+        weight = np.asarray(np.linalg.inv(seen.covariance + edges.doubt_px[:, None, None] ** 2 * np.eye(2)))
+        there = (seen.evidence > LEAST_EVIDENCE) & (seen.support > LEAST_SUPPORT)
+        off = off_places(edges.start, edges.end, seen.start, seen.end)
+        found.append(EdgeObservation(edges, off, weight, there, seen))
+    return found
 
 
 def _nothing(edges: ExpectedEdges) -> EdgeObservation:
