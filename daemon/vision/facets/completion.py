@@ -90,13 +90,13 @@ def _swing(
     if outline in seen.fitted and seen.fitted[outline] is None:
         return None
     polygons = _turned(outline, hinge, seen, other)
-    shape = rings(list(polygons))
-    strength = probe_sides(other.smooth, shape.corners, shape.corners[shape.next], other.grain)[0].reshape(
-        len(polygons), -1
-    )
-    agree = np.minimum(strength * np.sign(outline.strength), np.abs(outline.strength))
-    agree = np.delete(agree, hinge.side, axis=1)
-    agree[areas(shape) > -settings.min_area_px] = -np.inf
+    polygons = polygons[areas(rings(list(polygons))) < -settings.min_area_px]
+    if not len(polygons):
+        return None
+    start, end = (np.delete(p, hinge.side, axis=1).reshape(-1, 2) for p in (polygons, np.roll(polygons, -1, axis=1)))
+    strength = probe_sides(other.smooth, start, end, other.grain)[0].reshape(len(polygons), -1)
+    own = np.delete(outline.strength, hinge.side)
+    agree = np.minimum(strength * np.sign(own), np.abs(own))
     best = int(np.argmax(agree.sum(1)))
     if not np.all(np.isfinite(agree[best])):
         return None
