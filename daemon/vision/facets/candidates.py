@@ -13,6 +13,7 @@ from daemon.vision.geometry.planes import fit_plane, planarity, weighted_plane
 from daemon.vision.geometry.polygon import Shape
 from daemon.vision.geometry.rectified import Baseline, disparity
 from daemon.vision.image.both_eyes import Eyes
+from daemon.vision.image.one_eye import fits
 from daemon.vision.image.outlines import Outline
 from daemon.vision.image.polygon_fit import Fitted
 from daemon.vision.settings import VisionSettings
@@ -55,9 +56,9 @@ def find_candidates(eyes: Eyes, settings: VisionSettings) -> list[Candidate]:
     left, right = (view.outlines(settings) for view in eyes.views)
     matches = match_polygons([o.corners for o in left], [o.corners for o in right], eyes.geometry, settings)
     matches = _best_few(matches, left, right)
-    fits = [eyes.left.fits([left[m.left] for m in matches]), eyes.right.fits([right[m.right] for m in matches])]
+    asked = (eyes.left, [left[m.left] for m in matches]), (eyes.right, [right[m.right] for m in matches])
     candidates = []
-    for m, a, b in zip(matches, *fits, strict=True):
+    for m, a, b in zip(matches, *fits(asked), strict=True):
         if a is not None and b is not None:
             support = min(left[m.left].support, right[m.right].support)
             made = candidate(a, b.rolled(m.shift), support - _PER_PX * m.cost, eyes.geometry)

@@ -18,7 +18,7 @@ from daemon.vision.geometry.polygon_batch import areas, rings
 from daemon.vision.geometry.rectified import Baseline
 from daemon.vision.image.both_eyes import Eyes
 from daemon.vision.image.edge_lines import probe_sides
-from daemon.vision.image.one_eye import OneEye
+from daemon.vision.image.one_eye import OneEye, fits
 from daemon.vision.image.outlines import Outline, probe, snap_near
 from daemon.vision.settings import VisionSettings
 from daemon.vision.values import Polygon
@@ -87,14 +87,16 @@ def _swing(
     settings: VisionSettings,
 ) -> Candidate | None:
     """The outline's facet, turned about its hinge to where the other eye shows it; None where it does not."""
+    if outline in seen.fitted and seen.fitted[outline] is None:
+        return None
     polygons = _turned(outline, hinge, seen, other)
-    shape = rings(list(polygons))
-    strength = probe_sides(other.smooth, shape.corners, shape.corners[shape.next], other.grain)[0].reshape(
-        len(polygons), -1
-    )
-    agree = np.minimum(strength * np.sign(outline.strength), np.abs(outline.strength))
-    agree = np.delete(agree, hinge.side, axis=1)
-    agree[areas(shape) > -settings.min_area_px] = -np.inf
+    polygons = polygons[areas(rings(list(polygons))) < -settings.min_area_px]
+    if not len(polygons):
+        return None
+    start, end = (np.delete(p, hinge.side, axis=1).reshape(-1, 2) for p in (polygons, np.roll(polygons, -1, axis=1)))
+    strength = probe_sides(other.smooth, start, end, other.grain)[0].reshape(len(polygons), -1)
+    own = np.delete(outline.strength, hinge.side)
+    agree = np.minimum(strength * np.sign(own), np.abs(own))
     best = int(np.argmax(agree.sum(1)))
     if not np.all(np.isfinite(agree[best])):
         return None
@@ -102,7 +104,7 @@ def _swing(
     outlines = probe(other.smooth, other.grain, there, [outline.border], settings)
     if not outlines:
         return None
-    here, far = seen.fits([outline])[0], other.fits(outlines)[0]
+    (here,), (far,) = fits(((seen, [outline]), (other, outlines[:1])))
     if here is None or far is None:
         return None
     worth = min(outline.support, outlines[0].support)

@@ -15,6 +15,7 @@ from daemon.vision.geometry.rectified import Baseline, Eye
 from daemon.vision.settings import VisionSettings
 
 Array = NDArray[np.float64]
+Index = NDArray[np.intp]
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,12 +43,16 @@ def match_polygons(left: list[Array], right: list[Array], geometry: Baseline, se
     band = settings.search_epipolar_px / geometry.left.focal_px
     gap = np.abs(one[:, None, 1:] - other[None, :, 1:]).max(2)
     same = one[:, None, 0] == other[None, :, 0]
-    found = []
-    for i, j in np.argwhere(same & (gap < band)):
-        best = _best_shift(ideal_left[i], ideal_right[j], geometry, settings)
-        if best is not None:
-            found.append(Match(int(i), int(j), *best))
-    return sorted(found, key=lambda m: m.cost)
+    pairs = np.argwhere(same & (gap < band))
+    corners = one[pairs[:, 0], 0]
+    found = list[Match]()
+    for count in np.unique(corners):
+        i, j = pairs[corners == count].T
+        a, b = (np.stack([polygons[k] for k in own]) for polygons, own in ((ideal_left, i), (ideal_right, j)))
+        shift, cost = _best_shifts(a, b, geometry, settings)
+        good = np.isfinite(cost)
+        found += map(Match, *(column[good].tolist() for column in (i, j, shift, cost)))
+    return sorted(found, key=lambda m: (m.cost, m.left, m.right))
 
 
 def _ideal(polygons: list[Array], eye: Eye) -> list[Array]:
@@ -60,29 +65,31 @@ def _summary(polygons: list[Array]) -> Array:
     return np.array([(len(p), p[:, 1].min(), p[:, 1].max()) for p in polygons])
 
 
-def _best_shift(a: Array, b: Array, geometry: Baseline, settings: VisionSettings) -> tuple[int, float] | None:
+def _best_shifts(a: Array, b: Array, geometry: Baseline, settings: VisionSettings) -> tuple[Index, Array]:
+    """For P pairs of polygons with as many corners, ideal coordinates (P, N, 2) in the left and the right eye: the
+    shift of the cheapest match (P,) and its cost in px (P,), infinite where none is possible."""
     nearest, farthest = settings.depth_range_mm
-    n = len(a)
+    pairs, n = a.shape[:2]
     order = (np.arange(n)[:, None] + np.arange(n)) % n
-    off = (a[None, :, 1] - b[order, 1]) * geometry.left.focal_px
-    disparity = a[None, :, 0] - b[order, 0]
+    off = (a[:, None, :, 1] - b[:, order, 1]) * geometry.left.focal_px
+    disparity = a[:, None, :, 0] - b[:, order, 0]
+    warp = _plane_residuals(a, disparity) * geometry.left.focal_px
     possible = (
-        (np.abs(off).max(1) < settings.search_epipolar_px)
-        & (disparity.min(1) > geometry.length_mm / farthest)
-        & (disparity.max(1) < geometry.length_mm / nearest)
+        (np.abs(off).max(2) < settings.search_epipolar_px)
+        & (disparity.min(2) > geometry.length_mm / farthest)
+        & (disparity.max(2) < geometry.length_mm / nearest)
+        & (warp.max(2) < settings.search_epipolar_px)
     )
-    best: tuple[int, float] | None = None
-    for shift in np.flatnonzero(possible):
-        warp = _plane_residual(a, disparity[shift]) * geometry.left.focal_px
-        cost = float(np.sqrt(np.mean(off[shift] ** 2) + np.mean(warp**2)))
-        if warp.max() < settings.search_epipolar_px and (best is None or cost < best[1]):
-            best = int(shift), cost
-    return best
+    cost = np.where(possible, np.sqrt((off**2).mean(2) + (warp**2).mean(2)), np.inf)
+    best = np.argmin(cost, 1)
+    return best, cost[np.arange(pairs), best]
 
 
-def _plane_residual(points: Array, disparity: Array) -> Array:
-    """How far each disparity is off the best plane: over a plane in space disparity is affine in the image."""
-    if len(points) < 4:
-        return np.zeros(len(points))
-    design = np.concatenate([points, np.ones((len(points), 1))], 1)
-    return np.asarray(np.abs(design @ np.linalg.lstsq(design, disparity, rcond=None)[0] - disparity))
+def _plane_residuals(points: Array, disparities: Array) -> Array:
+    """How far each of the disparities (P, K, N) of points (P, N, 2) is off the best plane: over a plane in space
+    disparity is affine in the image."""
+    pairs, n = points.shape[:2]
+    if n < 4:
+        return np.zeros(disparities.shape)
+    plane = np.linalg.qr(np.concatenate([points, np.ones((pairs, n, 1))], 2))[0]
+    return np.asarray(np.abs(disparities @ plane @ np.swapaxes(plane, 1, 2) - disparities))

@@ -64,6 +64,13 @@ class Polyhedron:
         return np.array(list(number), np.intp).reshape(-1, 2), bounds
 
     @cached_property
+    def beside(self) -> NDArray[np.intp]:
+        """(E, 2) the facets that each of the lines bounds; -1 where it bounds one only."""
+        bounds = self.lines[1]
+        facets = np.argsort(~bounds, axis=0, kind="stable")[:2].T
+        return np.where(np.arange(2) < bounds.sum(0)[:, None], facets, -1)
+
+    @cached_property
     def steps(self) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
         """Facet after facet, its corners (N,) and the next of each (N,); and where each facet begins (F,)."""
         following = [np.roll(ring, -1) for ring in self.rings]
@@ -84,6 +91,18 @@ class Polyhedron:
     def centres_mm(self) -> Array:
         """(F, 3) means of the facets' corners."""
         return np.array([self.corners_mm[ring].mean(axis=0) for ring in self.rings]).reshape(-1, 3)
+
+    @cached_property
+    def laid_flat(self) -> Array:
+        """(F, 4, 4) the motions that lay each facet into z = 0, its middle at the origin, its first side along x."""
+        sides = np.array([self.corners_mm[ring[1]] - self.corners_mm[ring[0]] for ring in self.rings]).reshape(-1, 3)
+        x = sides - self.normals * np.sum(sides * self.normals, 1, keepdims=True)
+        x = x / np.linalg.norm(x, axis=1, keepdims=True)
+        motions = np.zeros((len(x), 4, 4))
+        motions[:, :3, :3] = turns = np.stack([x, np.cross(self.normals, x), self.normals], 1)
+        motions[:, :3, 3] = -(turns @ self.centres_mm[..., None])[..., 0]
+        motions[:, 3, 3] = 1.0
+        return motions
 
     def facing(self, poses: Array, eye: Array | tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Array:
         """(..., F) cosines between each facet's outward normal and the way from its middle to an eye (3,), which sees

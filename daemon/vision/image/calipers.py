@@ -6,7 +6,9 @@ profiles are (C, R), offset by offset, so that what is done to each is done alon
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import cv2
@@ -103,11 +105,15 @@ def lens_bow(start_px: Array, end_px: Array, eye: Eye | None) -> Array | None:
     return np.asarray(off - along[:, None] * chord)
 
 
-def profiles(image: Image32, calipers: Calipers, offsets: Array) -> Image32:
-    """Image values (C, R), bilinear, at C offsets px outwards of each caliper's base; outside the image its rim."""
+def profiles(images: Sequence[Image32], cuts: Sequence[int], calipers: Calipers, offsets: Array) -> Image32:
+    """Image values (C, R), bilinear, at C offsets px outwards of each caliper's base; outside the image its rim. The
+    calipers from cuts[k] to cuts[k + 1] lie across the image k."""
     base, across = calipers.base.astype(np.float32), calipers.across.astype(np.float32)
     x, y = (base[k] + offsets.astype(np.float32)[:, None] * across[k] for k in (0, 1))
-    return bilinear(image, x, y)
+    return np.concatenate(
+        [bilinear(image, x[:, a:b], y[:, a:b]) for image, (a, b) in zip(images, pairwise(cuts), strict=True) if b > a],
+        axis=1,
+    )
 
 
 def stretch_profiles(image: Image32, start: Array, end: Array, trim_px: float, offsets: Array, bias_px: Array) -> Array:

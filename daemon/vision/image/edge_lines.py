@@ -5,7 +5,9 @@ In: image, rough end points. Out: corrected end points, how sure, how strong. Wh
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +23,7 @@ from daemon.vision.image.calipers import (
     stretch_profiles,
     stretches,
 )
-from daemon.vision.image.grey import SATURATED, Noise
+from daemon.vision.image.grey import SATURATED, Noise, noise_of_many
 from daemon.vision.image.regions import SMOOTHING_PX
 from daemon.vision.image.step_model import CLEAR, OFFSETS, REACH_PX, face_planes, normal_cdf, unclipped
 
@@ -32,7 +34,7 @@ Image32 = NDArray[np.float32]
 # Set by eye on rendered sides, like the other numbers here that name no source.
 _TRIM_PX = 4.0
 """Left out at either end of a side, where its neighbour is in view."""
-_FIRST_SPACING_PX = 3.0
+_FIRST_SPACING_PX, _FIRST_BLUR_PX = 3.0, 0.7
 _FAINT_BLOCK = 0.4
 """A stretch of a side that shows less than this share of the side's mean slope shows no edge."""
 _BESIDE_PX = 8.5
@@ -76,28 +78,33 @@ class Sides:
 
 
 def find_sides(
-    smooth: Image32, start: Array, end: Array, reach_px: float, expected_px: Array, sigma_px: Array
+    smooth: Image32, start: Array, end: Array, reach_px: Array | float, expected_px: Array, sigma_px: Array
 ) -> tuple[Array, Array]:
     """Move rough sides (S, 2), (S, 2) px onto the strongest straight gradient near them, seen over their whole length.
 
-    smooth: unit-noise image after a Gaussian of SMOOTHING_PX. Looks up to reach_px either way of expected_px (S,)
-    outwards, and at tilts that move either end by a few pixels; gradients count by how near they are to what is
-    expected, with sigma_px (S,). Returns moved ends.
+    smooth: unit-noise image after a Gaussian of SMOOTHING_PX. Looks up to reach_px, (S,) or one for all, either way of
+    expected_px (S,) outwards, and at tilts that move either end by a few pixels; gradients count by how near they are
+    to what is expected, with sigma_px (S,). Returns moved ends.
     """
     length, at = stretches(start, end, _TRIM_PX)
-    pitch = 1.0 if reach_px > 2 else 0.5
-    offsets = np.arange(-reach_px - pitch, reach_px + 1.5 * pitch, pitch)
-    values = stretch_profiles(smooth, start, end, _TRIM_PX, offsets, expected_px)
+    farthest = float(np.max(reach_px))
+    pitch = 1.0 if farthest > 2 else 0.5
+    offsets = np.arange(-farthest - pitch, farthest + 1.5 * pitch, pitch)
+    late = np.broadcast_to(farthest - reach_px, len(start))  # each side's offsets begin at its own reach
+    values = stretch_profiles(smooth, start, end, _TRIM_PX, offsets, expected_px + late)
+    places = offsets[1:-1] + late[:, None]
+    within = places < farthest - late[:, None] + 0.5 * pitch
+    last = within.sum(1, dtype=np.int32)[:, None, None, None] - 1
     slopes = values[:, :, 2:] - values[:, :, :-2]
     tilts = np.linspace(-1, 1, 7) * np.clip(0.06 * length, 0.4, 3.5)[:, None]
     width = slopes.shape[2]
     shifted = np.rint(at[:, :, None] * (tilts / pitch)[:, None, :]).astype(np.int32)[:, :, :, None]
-    shifted = np.minimum(np.maximum(shifted + np.arange(width, dtype=np.int32), 0), width - 1)
+    shifted = np.minimum(np.maximum(shifted + np.arange(width, dtype=np.int32), 0), last)
     shifted += (np.arange(len(start) * BLOCKS, dtype=np.int32) * width).reshape(len(start), -1, 1, 1)
     lines = np.abs(slopes.ravel().take(shifted).sum(1))
-    lines *= np.exp(-0.5 * (offsets[1:-1] / sigma_px[:, None, None]) ** 2)
-    best = np.argmax(lines.reshape(len(start), -1), 1)
-    tilt, offset = tilts[np.arange(len(start)), best // width], offsets[1:-1][best % width] + expected_px
+    lines *= (np.exp(-0.5 * (places / sigma_px[:, None]) ** 2) * within)[:, None]
+    best, each = np.argmax(lines.reshape(len(start), -1), 1), np.arange(len(start))
+    tilt, offset = tilts[each, best // width], places[each, best % width] + expected_px
     chord = end - start
     normal = np.stack([-chord[:, 1], chord[:, 0]], 1) / length[:, None]
     slope = tilt / np.maximum(1 - 2 * _TRIM_PX / length, 0.5)
@@ -146,68 +153,82 @@ def edge_sigmas(smooth: Image32, start: Array, end: Array) -> Array:
     return np.asarray(edge / np.hypot(noise, grain))
 
 
-def fit_sides(
-    image: Image32,
-    noise: Noise,
-    start: Array,
-    end: Array,
-    eye: Eye | None,
-    blur_px: float = 0.7,
-    *,
-    roughly: bool = False,
-) -> Sides:
+@dataclass(frozen=True, eq=False)
+class Exposure:
+    """What sides are fitted to: float32 grey levels (H, W), their noise, and the eye whose lens bends lines, if any."""
+
+    image: Image32
+    noise: Noise
+    eye: Eye | None
+
+
+def fit_sides(exposures: Sequence[tuple[Exposure, int]], start: Array, end: Array, sets: Index | None = None) -> Sides:
     """Least-squares lines of blurred steps near the sides start -> end, (S, 2) px each, already within about 1 px.
 
-    image: float32 grey levels. Each profile gives where the step crosses it, by least squares against the step's own
-    slope, with the grey levels on both sides free to drift along the side; a robust line goes through these places.
-    blur_px is only where the search for the image's one blur starts. Columns are weighed alike on both sides, so
-    that a wrong blur cannot shift the line. roughly: one step only, from fewer profiles.
+    exposures: with how many of the sides, one after the other, lie in each. Each profile gives where the step crosses
+    it, by least squares against the step's own slope, with the grey levels on both sides free to drift along the side;
+    a robust line goes through these places.
+    Each image has one blur; sets: how many sides, one after the other, have one of their own, where not all of them
+    need be edges. Columns are weighed alike on both sides, so that a wrong blur cannot shift the line.
     """
-    bow = lens_bow(start, end, eye)
-    passes = ((_FIRST_SPACING_PX, 2), (1.0, 4))
-    for spacing_px, rounds in passes[:1] if roughly else passes:
+    counts = np.array([count for _, count in exposures])
+    in_image = np.cumsum(counts) - counts
+    bow = _bows([e for e, _ in exposures], np.split(start, in_image[1:]), np.split(end, in_image[1:]))
+    sides_of = counts if sets is None else sets
+    first, blurs = np.cumsum(sides_of) - sides_of, np.full(len(sides_of), _FIRST_BLUR_PX)
+    for spacing_px, rounds in ((_FIRST_SPACING_PX, 2), (1.0, 4)):
         calipers = lay_calipers(start, end, bow, _TRIM_PX, spacing_px)
-        steps = _steps(image, noise, calipers, blur_px)
+        steps = _steps([e for e, _ in exposures], in_image, calipers, blurs, first)
         offset, slope, covariance, support = _robust_line(calipers, steps.position, 1 / steps.sigma, rounds)
         start = start + (offset - slope)[:, None] * calipers.normal
         end = end + (offset + slope)[:, None] * calipers.normal
-        blur_px = float(np.clip(blur_px + steps.blur_error_px, 0.4, 2.5))
+        blurs = np.clip(blurs + steps.blur_error_px, 0.4, 2.5)
     ends = np.array([[1.0, -1.0], [1.0, 1.0]])
     evidence = np.abs(steps.height) / steps.height_sigma
-    return Sides(start, end, ends @ covariance @ ends.T, steps.height, evidence, support, np.full(len(start), blur_px))
+    return Sides(start, end, ends @ covariance @ ends.T, steps.height, evidence, support, blurs.repeat(sides_of))
+
+
+def _bows(exposures: Sequence[Exposure], starts: Sequence[Array], ends: Sequence[Array]) -> Array:
+    """lens_bow of the sides in each image, (S, 2) px."""
+    bows = [lens_bow(start, end, e.eye) for e, start, end in zip(exposures, starts, ends, strict=True)]
+    return np.concatenate([np.zeros_like(s) if b is None else b for b, s in zip(bows, starts, strict=True)])
 
 
 @dataclass(frozen=True, eq=False)
 class _Steps:
     """Per caliper: where the step is, px from the base (R,); its sigma (R,). Per side: mean height (S,); its sigma.
 
-    blur_error_px: how much wider all the steps together are than was assumed.
+    blur_error_px (B,): how much wider all the steps of one blur together are than was assumed.
     """
 
     position: Array
     sigma: Array
     height: Array
     height_sigma: Array
-    blur_error_px: float
+    blur_error_px: Array
 
 
-def _steps(image: Image32, noise: Noise, calipers: Calipers, blur_px: float) -> _Steps:
-    """Where the blurred step crosses each caliper: its residual against the model, over the model's slope."""
-    values = profiles(image, calipers, OFFSETS)
+def _steps(exposures: Sequence[Exposure], in_image: Index, calipers: Calipers, blurs: Array, first: Index) -> _Steps:
+    """Where the blurred step crosses each caliper: its residual against the model, over the model's slope. blurs (B,)
+    px: the first of them that of the sides from first[0] on, and so on; likewise the exposures from in_image[0] on."""
+    cuts = [*calipers.first[in_image].tolist(), len(calipers.side)]
+    values = profiles([e.image for e in exposures], cuts, calipers, OFFSETS)
+    noise = noise_of_many([e.noise for e in exposures], np.diff(cuts))
     mean = calipers.means(values)
-    x = OFFSETS / blur_px
-    rise, slope = normal_cdf(x), np.exp(-0.5 * x**2) / (blur_px * np.sqrt(2 * np.pi))
+    x = OFFSETS / blurs[:, None]
+    rise, slope = normal_cdf(x), np.exp(-0.5 * x**2) / (blurs[:, None] * np.sqrt(2 * np.pi))
     planes, clear = face_planes(values, mean, noise, calipers)
-    planes = unclipped(mean, calipers, planes, blur_px)
-    faces = np.stack([1 - rise, OFFSETS * (1 - rise), rise, OFFSETS * rise], 1)
-    model = faces.astype(np.float32) @ planes.astype(np.float32)
+    planes = unclipped(mean, calipers, planes, np.repeat(blurs, np.diff(first, append=len(calipers.first))))
+    begins = calipers.first[first]
+    faces = np.stack([1 - rise, OFFSETS * (1 - rise), rise, OFFSETS * rise], 2)
+    model = _by_blur(faces, planes, begins)
     usable = (clear & (np.maximum(model, values - 4) < SATURATED)).astype(np.float32)
     residual = (values - model) * usable
     # The step's derivatives by place and by blur, height apart; sums over the usable columns of each caliper.
     widening = -slope * x
-    by_place, by_blur = np.stack([slope, widening]).astype(np.float32) @ residual
-    pairs = np.stack([slope**2, slope * widening, widening**2, np.ones_like(slope)]).astype(np.float32)
-    place2, mixed, blur2, columns = pairs @ usable
+    by_place, by_blur = _by_blur(np.stack([slope, widening], 1), residual, begins)
+    pairs = np.stack([slope**2, slope * widening, widening**2, np.ones_like(slope)], 1)
+    place2, mixed, blur2, columns = _by_blur(pairs, usable, begins)
     step = planes[2] - planes[0]
     height = calipers.means(step)
     here = height.take(calipers.side)
@@ -216,16 +237,27 @@ def _steps(image: Image32, noise: Noise, calipers: Calipers, blur_px: float) -> 
     sigma_grey = noise.at(np.stack([planes[0] - REACH_PX * planes[1], planes[2] + REACH_PX * planes[3]])).mean(0)
     wide = step * (columns > len(OFFSETS) - 0.5)
     shift = -here * (wide * mixed * here) / power  # what of the widening a shift explains
-    blur_error = (wide * by_blur + shift * by_place).sum()
-    blur_power = (wide**2 * blur2 + 2 * wide * shift * mixed + shift**2 * place2).sum()
+    widened = np.stack(
+        [wide * by_blur + shift * by_place, wide**2 * blur2 + 2 * wide * shift * mixed + shift**2 * place2]
+    )
+    blur_error, blur_power = np.add.reduceat(widened, begins, axis=1)
     height_sigma = np.sqrt(2) * calipers.means(sigma_grey) / np.sqrt(CLEAR * calipers.count)
     return _Steps(
         np.clip(position, -3.0, 3.0),
         sigma_grey / np.sqrt(power),
         height,
         height_sigma,
-        float(blur_error / max(blur_power, 1e-9)),
+        blur_error / np.maximum(blur_power, 1e-9),
     )
+
+
+def _by_blur(factors: Array, values: NDArray[np.floating[Any]], begins: Index) -> Image32:
+    """Each blur's factors (B, K, C) times the values (C, R) of its own calipers, which begin at begins (B,): (K, R)."""
+    factors, values = factors.astype(np.float32), values.astype(np.float32)
+    if len(factors) == 1:
+        return np.asarray(factors[0] @ values)
+    own = zip(factors, np.split(values, begins[1:], axis=1), strict=True)
+    return np.concatenate([factor @ value for factor, value in own], axis=1)
 
 
 def _robust_line(calipers: Calipers, position: Array, weight: Array, rounds: int) -> tuple[Array, Array, Array, Array]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -81,6 +82,23 @@ class Noise:
     def at(self, level: Array) -> Array:
         """Sigma in grey levels at these grey levels (any shape)."""
         return np.asarray(self.sigma.take(level.astype(np.intp), mode="clip"))
+
+
+@dataclass(frozen=True, eq=False)
+class NoiseOfMany:
+    """The noise of several images, at places (R,) of which each is in one: sigma (images, 256), image (R,)."""
+
+    sigma: Array
+    image: NDArray[np.intp]
+
+    def at(self, level: Array) -> Array:
+        """Sigma in grey levels at these grey levels (..., R)."""
+        return np.asarray(self.sigma.take(np.clip(level.astype(np.intp), 0, 255) + 256 * self.image))
+
+
+def noise_of_many(noises: Sequence[Noise], counts: NDArray[np.intp]) -> NoiseOfMany:
+    """The noise at so many places in each image, one image after the other."""
+    return NoiseOfMany(np.stack([n.sigma for n in noises]), np.repeat(np.arange(len(noises)), counts))
 
 
 def measure_noise(image: Grey) -> Noise:

@@ -10,6 +10,7 @@ from itertools import product
 import numpy as np
 
 from daemon.vision.geometry.rectified import Eye
+from daemon.vision.image.edge_lines import Exposure
 from daemon.vision.image.grey import Grey, Noise, measure_noise
 from daemon.vision.image.outlines import Outline, Search, find_outlines
 from daemon.vision.image.polygon_fit import Fitted, fit_polygons
@@ -97,8 +98,16 @@ class OneEye:
             found += self.regions[shrink, level][: settings.max_regions]
         return found
 
-    def fits(self, outlines: Sequence[Outline]) -> list[Fitted | None]:
-        """Each outline fitted to the grey levels, or None where the fit strays from it."""
-        new = [o for o in dict.fromkeys(outlines) if o not in self.fitted]
-        self.fitted.update(zip(new, fit_polygons(self.image, self.noise, self.eye, new), strict=True))
-        return [self.fitted[o] for o in outlines]
+    @cached_property
+    def exposure(self) -> Exposure:
+        """What sides are fitted to."""
+        return Exposure(self.image, self.noise, self.eye)
+
+
+def fits(asked: Sequence[tuple[OneEye, Sequence[Outline]]]) -> list[list[Fitted | None]]:
+    """Each eye's outlines fitted to its grey levels, or None where the fit strays from it; all eyes' side by side."""
+    new = [[o for o in dict.fromkeys(outlines) if o not in view.fitted] for view, outlines in asked]
+    found = iter(fit_polygons([(view.exposure, own) for (view, _), own in zip(asked, new, strict=True)]))
+    for (view, _), own in zip(asked, new, strict=True):
+        view.fitted.update((o, next(found)) for o in own)
+    return [[view.fitted[o] for o in outlines] for view, outlines in asked]

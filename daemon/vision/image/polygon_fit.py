@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,14 +10,12 @@ from numpy.typing import NDArray
 
 from daemon.vision.geometry.polygon import is_simple
 from daemon.vision.geometry.polygon_batch import Rings, convex, different, met, rings
-from daemon.vision.geometry.rectified import Eye
-from daemon.vision.image.edge_lines import Sides, fit_sides
-from daemon.vision.image.grey import Noise
+from daemon.vision.image.edge_lines import Exposure, Sides, fit_sides
 from daemon.vision.image.outlines import Outline
-from daemon.vision.image.regions import Image32
 from daemon.vision.values import Polygon
 
 Array = NDArray[np.float64]
+Index = NDArray[np.intp]
 
 # Set by eye on the rendered scenes.
 _FARTHEST_PX = 6.0  # from its outline a fitted corner may be
@@ -40,14 +39,28 @@ class Fitted:
         return Fitted(polygon, self.sides.chosen(order))
 
 
-def fit_polygons(image: Image32, noise: Noise, eye: Eye, outlines: list[Outline]) -> list[Fitted | None]:
-    """Fit every side of every outline to the grey levels; None where the fit strays from the outline."""
+def fit_polygons(of_images: Sequence[tuple[Exposure, Sequence[Outline]]]) -> list[Fitted | None]:
+    """Fit every side of every outline, image after image, to the grey levels; None where the fit strays from the
+    outline. The images are fitted side by side and have nothing to do with each other."""
+    outlines = [o for _, own in of_images for o in own]
     if not outlines:
         return []
     shape = rings([o.corners for o in outlines])
-    start, end = shape.corners, shape.corners[shape.next]
-    kept, which, turned = different(start, end, _SAME_PX)
-    every = fit_sides(image, noise, start[kept], end[kept], eye).chosen(which, turned)
+    starts, ends, chosen, turns = list[Array](), list[Array](), list[Index](), list[NDArray[np.bool_]]()
+    counts, first = list[tuple[Exposure, int]](), 0
+    for exposure, own in of_images:
+        here = slice(first, first + sum(len(o.corners) for o in own))
+        if here.start < here.stop:
+            start, end = shape.corners[here], shape.corners[shape.next[here]]
+            kept, which, turned = different(start, end, _SAME_PX)
+            chosen.append(which + sum(count for _, count in counts))
+            starts.append(start[kept])
+            ends.append(end[kept])
+            turns.append(turned)
+            counts.append((exposure, len(kept)))
+        first = here.stop
+    sides = fit_sides(counts, np.concatenate(starts), np.concatenate(ends))
+    every = sides.chosen(np.concatenate(chosen), np.concatenate(turns))
     shape = shape.moved(met(shape, every.start, every.end))
     covariance = met_covariance(shape, every)
     sound = convex(shape)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon.vision.image.calipers import Calipers, Image32
-from daemon.vision.image.grey import Noise
+from daemon.vision.image.grey import NoiseOfMany
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -32,7 +32,7 @@ _HEIGHTS = np.geomspace(1.0, 2.5, 14)
 _SHIFTS_PX = np.linspace(-0.75, 0.75, 31)
 
 
-def face_planes(values: Image32, mean: Array, noise: Noise, calipers: Calipers) -> tuple[Array, Flags]:
+def face_planes(values: Image32, mean: Array, noise: NoiseOfMany, calipers: Calipers) -> tuple[Array, Flags]:
     """What each face of the step would show if the other were not there, as planes: inside's level on the side and
     slope across it, outside's level and slope, (4, R) grey levels and grey levels a px.
 
@@ -54,7 +54,7 @@ def face_planes(values: Image32, mean: Array, noise: Noise, calipers: Calipers) 
     return np.stack([level[0], tilt[0], level[1], tilt[1]]), clear
 
 
-def _in_the_clear(values: Image32, noise: Noise, calipers: Calipers) -> Flags:
+def _in_the_clear(values: Image32, noise: NoiseOfMany, calipers: Calipers) -> Flags:
     """(C, R): False from where, going away from the side, the grey level leaves what it was two pixels off the side."""
     clear = np.ones(values.shape, bool)
     sides = np.concatenate([values[:CLEAR][::-1], values[-CLEAR:]])  # each hand from two pixels off outwards
@@ -68,12 +68,12 @@ def _in_the_clear(values: Image32, noise: Noise, calipers: Calipers) -> Flags:
     return clear
 
 
-def unclipped(mean: Array, calipers: Calipers, planes: Array, blur_px: float) -> Array:
+def unclipped(mean: Array, calipers: Calipers, planes: Array, blur_px: Array) -> Array:
     """The planes with those of saturated faces replaced: how bright such a face is shows in how steeply its edge
     sets in.
 
     Per side the mean profile (C, S) below saturation is fitted by steps of several heights, each free to shift; the
-    best is taken.
+    best is taken. blur_px (S,).
     """
     bright = _SHARE @ mean > _CLIPPED
     sides = np.flatnonzero(bright[0] != bright[1])
@@ -83,7 +83,7 @@ def unclipped(mean: Array, calipers: Calipers, planes: Array, blur_px: float) ->
     dark = np.where(inside, calipers.means(planes[2:])[:, sides], calipers.means(planes[:2])[:, sides])
     use = (mean[:, sides].T < _CLIPPED) & (np.abs(OFFSETS) < CLEAR)
     above = (mean[:, sides] - dark[0] - dark[1] * OFFSETS[:, None]).T * use
-    falling = 1 - normal_cdf((OFFSETS - _SHIFTS_PX[:, None]) / blur_px)
+    falling = 1 - normal_cdf((OFFSETS - _SHIFTS_PX[:, None]) / blur_px[sides, None, None])
     shapes = np.where(inside[:, None, None], falling, 1 - falling)  # (sides, shifts, C)
     height = (255.0 - dark[0])[:, None] * _HEIGHTS
     along, own = (shapes @ above[:, :, None])[..., 0], (shapes**2 @ use[:, :, None])[..., 0]

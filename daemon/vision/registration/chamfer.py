@@ -46,25 +46,38 @@ def in_view(solid: Polyhedron, poses: Array) -> NDArray[np.bool_]:
 def chamfer_px(solid: Polyhedron, poses: Array, geometry: Baseline, maps: tuple[EdgeMap, EdgeMap]) -> Array:
     """(P,) mean px between the edges that a part in each pose would show and the nearest that are seen."""
     pairs, bounds = solid.lines
-    shown = in_view(solid, poses) @ bounds
+    pose, edge = np.nonzero(in_view(solid, poses) @ bounds)
     corners = solid.corners_mm @ poses[:, :3, :3].transpose(0, 2, 1) + poses[:, None, :3, 3]
     cost, weight = np.zeros(len(poses)), np.full(len(poses), 1e-9)
-    along = ((np.arange(PLACES) + 0.5) / PLACES)[:, None]
+    if not len(pose):
+        return cost
+    along = (np.arange(PLACES, dtype=np.float32) + 0.5) / PLACES
     projected = geometry.project(corners.reshape(-1, 3))
     for eye, ideal, seen in zip((geometry.left, geometry.right), projected, maps, strict=True):
-        ends = eye.pixels(ideal).reshape(*corners.shape[:2], 2)[:, pairs]
-        start, chord = ends[:, :, 0], ends[:, :, 1] - ends[:, :, 0]
-        places = ((start[:, :, None] + along * chord[:, :, None] + 0.5) / seen.shrink - 0.5).astype(np.float32)
-        flat = places.reshape(len(poses), -1, 2)
-        away = cv2.remap(
-            seen.away,
-            np.ascontiguousarray(flat[:, :, 0]),
-            np.ascontiguousarray(flat[:, :, 1]),
+        px = eye.pixels(ideal).reshape(corners.shape[0], -1, 2)
+        start, chord = px[pose, pairs[edge, 0]], px[pose, pairs[edge, 1]] - px[pose, pairs[edge, 0]]
+        first = ((start + 0.5) / seen.shrink - 0.5).astype(np.float32)
+        way = (chord / seen.shrink).astype(np.float32)
+        x, y = (first[:, None, k] + along * way[:, None, k] for k in (0, 1))
+        away = _nearest(seen.away, x, y)
+        length = np.hypot(chord[:, 0], chord[:, 1])
+        cost += np.bincount(pose, length * away.mean(1), len(poses))
+        weight += np.bincount(pose, length, len(poses))
+    return np.asarray(cost / weight)
+
+
+def _nearest(away: NDArray[np.float32], x: NDArray[np.float32], y: NDArray[np.float32]) -> NDArray[np.float32]:
+    """The distances at places (N, M), to the nearest pixel; the farthest outside the image."""
+    step = 32000  # cv2.remap takes maps of fewer than 32768 rows
+    parts = [
+        cv2.remap(
+            away,
+            x[k : k + step],
+            y[k : k + step],
             cv2.INTER_NEAREST,
             borderMode=cv2.BORDER_CONSTANT,
             borderValue=FARTHEST_PX,
         )
-        length = np.hypot(chord[:, :, 0], chord[:, :, 1]) * shown
-        cost += np.sum(length * away.reshape(len(poses), -1, PLACES).mean(2), 1)
-        weight += length.sum(1)
-    return np.asarray(cost / weight)
+        for k in range(0, len(x), step)
+    ]
+    return np.asarray(np.concatenate(parts), np.float32)

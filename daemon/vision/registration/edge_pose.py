@@ -24,6 +24,7 @@ from daemon.vision.registration.pose_step import Solved, across, corners_in, off
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+Index = NDArray[np.intp]
 Outline = tuple[Array, Array]
 """A facet's corners (N, 2) px in one eye, and their covariance (N, 2, 2)."""
 
@@ -57,27 +58,85 @@ SCALE = np.array([1.0, 1.0, 1.0, 0.03, 0.03, 0.03])
 
 
 @dataclass(frozen=True, eq=False)
-class ExpectedEdges:
-    """Edges one eye should see with the part at a pose: ends (E, 2), their corners' numbers; start, end (E, 2) px;
-    jacobian (E, 2, 6), how far each end moves across its edge with the pose; outline (E,): which belong to one facing
-    facet only, and show in any light; sharp (E,): which cannot be taken for another; corners_px (K, 2), all corners;
-    px_per_mm; doubt_px: what the shape leaves open.
+class Placements:
+    """P shapes, each to be laid at a pose of its own, side by side in one list of corners, facets and edges.
+
+    shapes, P of them; corners_mm (K, 3) with the placement of each (K,), and where each placement's begin (P + 1,);
+    here, after (N,) and first (F,): the facets' borders, as Polyhedron.steps has them; ends (E, 2): the corners of each
+    edge; beside (E, 2): the facets on either hand, F where there is none; owner (E,): its placement.
     """
 
-    ends: NDArray[np.intp]
+    shapes: tuple[Polyhedron, ...]
+    corners_mm: Array
+    of_corner: Index
+    begins: Index
+    here: Index
+    after: Index
+    first: Index
+    ends: Index
+    beside: Index
+    owner: Index
+
+    @classmethod
+    def of(cls, shapes: Sequence[Polyhedron]) -> Placements:
+        """Shapes side by side."""
+        corners = [len(s.corners_mm) for s in shapes]
+        begins = np.cumsum([0, *corners])
+        borders, facets = (np.cumsum([0, *(len(s.steps[k]) for s in shapes)]) for k in (0, 2))
+        every = list(zip(shapes, begins, borders, facets, strict=False))
+        beside = [np.where(s.beside < 0, facets[-1], s.beside + facet) for s, _, _, facet in every]
+        return cls(
+            tuple(shapes),
+            np.concatenate([s.corners_mm for s in shapes]),
+            np.repeat(np.arange(len(shapes)), corners),
+            begins,
+            np.concatenate([s.steps[0] + corner for s, corner, _, _ in every]),
+            np.concatenate([s.steps[1] + corner for s, corner, _, _ in every]),
+            np.concatenate([s.steps[2] + border for s, _, border, _ in every]),
+            np.concatenate([s.lines[0] + corner for s, corner, _, _ in every]),
+            np.concatenate(beside),
+            np.repeat(np.arange(len(shapes)), [len(s.beside) for s in shapes]),
+        )
+
+    def thickness(self, px: Array) -> Array:
+        """(F,) area of each facet by length of its border, both halved round, with the corners seen at px (K, 2): the
+        width of a long one; negative where it is seen from behind (it then runs clockwise)."""
+        (x, y), (u, v) = px[self.here].T, px[self.after].T
+        twice_area = np.add.reduceat(x * v - y * u, self.first)
+        return np.asarray(-twice_area / np.add.reduceat(np.hypot(u - x, v - y), self.first))
+
+
+@dataclass(frozen=True, eq=False)
+class ExpectedEdges:
+    """Edges one eye should see with parts at their poses, placement after placement: owner (E,), the placement of each;
+    ends (E, 2), its corners' numbers; start, end (E, 2) px; jacobian (E, 2, 6), how far each end moves across its edge
+    with the pose; outline (E,): which belong to one facing facet only, and show in any light; sharp (E,): which cannot
+    be taken for another; px_per_mm (E,); doubt_px (E,): what the shape leaves open; corners_px (K, 2), all corners.
+    """
+
+    owner: Index
+    ends: Index
     start: Array
     end: Array
     jacobian: Array
     outline: Flags
     sharp: Flags
+    px_per_mm: Array
+    doubt_px: Array
     corners_px: Array
-    px_per_mm: float
-    doubt_px: float
 
     @property
     def lengths_px(self) -> Array:
         """(E,) px."""
         return np.asarray(np.linalg.norm(self.end - self.start, axis=1))
+
+    def only(self, own: Index, corners: slice) -> ExpectedEdges:
+        """The edges of one placement, its corners counted from its first."""
+        return ExpectedEdges(
+            np.zeros(len(own), np.intp), self.ends[own] - corners.start, self.start[own], self.end[own],
+            self.jacobian[own], self.outline[own], self.sharp[own], self.px_per_mm[own], self.doubt_px[own],
+            self.corners_px[corners],
+        )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,8 +154,15 @@ class EdgeObservation:
     @property
     def on_place(self) -> Flags:
         """(E,) which edges show where they should."""
-        near = np.abs(self.off).max(axis=1, initial=0.0) < ON_PLACE * max(self.edges.doubt_px, LEAST_DOUBT_PX)
+        near = np.abs(self.off).max(axis=1, initial=0.0) < ON_PLACE * np.maximum(self.edges.doubt_px, LEAST_DOUBT_PX)
         return np.asarray(self.there & near)
+
+    def only(self, placement: int, laid: Placements) -> EdgeObservation:
+        """What was found of one placement's edges."""
+        own = np.flatnonzero(self.edges.owner == placement)
+        edges = self.edges.only(own, slice(*laid.begins[placement : placement + 2].tolist()))
+        sides = None if self.sides is None else self.sides.chosen(own)
+        return EdgeObservation(edges, self.off[own], self.weight[own], self.there[own], sides)
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,29 +186,45 @@ class ConfirmedFacet:
 
 
 def locate(
-    shape: Polyhedron, eyes: Eyes, near: Array, reach_mm: float, tolerance_mm: float = TOLERANCE_MM
-) -> Located | None:
-    """Where within some reach_mm of `near` (cyclopean_from_part) the part's edges lie on the images' edges.
+    shapes: Sequence[Polyhedron], eyes: Eyes, near: Array, reach_mm: float, tolerance_mm: float = TOLERANCE_MM
+) -> list[Located | None]:
+    """Where within some reach_mm of `near` (P, 4, 4) cyclopean_from_part the edges of each of the P shapes lie on the
+    images' edges.
 
-    None where too few edges show for that. tolerance_mm: how well the shape's corners are known, a standard deviation.
+    None where too few edges show for that. tolerance_mm: how well the shapes' corners are known, a standard deviation.
+    All are laid side by side, and each leaves as soon as its place is certain or hopeless.
     Source: edges searched for across their expected places, the pose by Gauss-Newton on their ends with Tukey's weights
     (as Harris's RAPiD does point by point), then on sub-pixel lines until it moves no more.
     """
-    pose, rough = near, list[EdgeObservation]()
+    found: list[Located | None] = [None] * len(shapes)
+    if not shapes:
+        return found
+    laid, poses, open_ = Placements.of(shapes), near, np.ones(len(shapes), bool)
     for share in ROUGHLY:
-        rough = [_searched(expected(shape, view, pose, tolerance_mm), view, reach_mm * share) for view in eyes.views]
-        pose = frames.perturb(pose, _solved(rough, reach_mm).motion)
-    if _share(rough, [seen.there for seen in rough]) < HOPELESS:
-        return None
+        rough = [
+            _searched(expected(laid, view, poses, open_, tolerance_mm), view, reach_mm * share) for view in eyes.views
+        ]
+        shares = _shares(rough, [seen.there for seen in rough], len(shapes))
+        poses = _moved(poses, _solved(rough, reach_mm, len(shapes)).motion)
+    open_ = shares >= HOPELESS
     for turn in range(MOST_ROUNDS):
-        left, right = (_measured(expected(shape, view, pose, tolerance_mm), view) for view in eyes.views)
-        found = Located(pose, (left, right), _solved((left, right), reach_mm))
-        if float(np.linalg.norm(found.solved.motion / SCALE)) < SMALL_MM:
+        if not open_.any():
             break
-        if turn and _share((left, right), [left.on_place, right.on_place]) < HOPELESS:
-            return None
-        pose = frames.perturb(pose, found.solved.motion)
+        left, right = _measured([expected(laid, view, poses, open_, tolerance_mm) for view in eyes.views], eyes)
+        solved = _solved((left, right), reach_mm, len(shapes))
+        still = np.linalg.norm(solved.motion / SCALE, axis=1) < SMALL_MM
+        lost = (_shares((left, right), (left.on_place, right.on_place), len(shapes)) < HOPELESS) & ~still & (turn > 0)
+        for k in np.flatnonzero(open_ & (still | (turn == MOST_ROUNDS - 1)) & ~lost).tolist():
+            step = Solved(solved.motion[k], solved.information[k], solved.excess[k])
+            found[k] = Located(poses[k], (left.only(k, laid), right.only(k, laid)), step)
+        open_ = open_ & ~still & ~lost
+        poses = _moved(poses, solved.motion)
     return found
+
+
+def _moved(poses: Array, motions: Array) -> Array:
+    """Poses (P, 4, 4), each by its motion (P, 6)."""
+    return np.stack([frames.perturb(pose, motion) for pose, motion in zip(poses, motions, strict=True)])
 
 
 def fit_edges(
@@ -152,7 +234,7 @@ def fit_edges(
 
     None where an eye shows too few of the edges it should see, or they leave the pose open. Fit.matched counts edges.
     """
-    found = locate(shape, eyes, near, reach_mm, tolerance_mm)
+    found = locate([shape], eyes, near[None], reach_mm, tolerance_mm)[0]
     return None if found is None else fit_of(found)
 
 
@@ -166,7 +248,7 @@ def fit_of(found: Located) -> Fit | None:
     if np.linalg.cond(solved.information * np.outer(SCALE, SCALE)) > SAFE_CONDITION:
         return None
     off_px = np.concatenate([seen.off[good] for seen, good in zip(found.observed, on_place, strict=True)])
-    residual_mm = float(np.sqrt((off_px**2).mean())) / found.observed[0].edges.px_per_mm
+    residual_mm = float(np.sqrt((off_px**2).mean()) / found.observed[0].edges.px_per_mm[0])
     covariance = np.asarray(np.linalg.inv(solved.information), float) * solved.excess
     return Fit(frames.perturb(found.pose, solved.motion), covariance, residual_mm, len(off_px))
 
@@ -174,7 +256,8 @@ def fit_of(found: Located) -> Fit | None:
 def shown(shape: Polyhedron, eyes: Eyes, pose: Array, reach_mm: float) -> float:
     """Share of the outline of a part at cyclopean_from_part (4, 4) near which both eyes have edges, within reach_mm;
     0 where an eye does not have it in view. Cheaper than a fit, and for what is only partly in view."""
-    expectations = [(expected(shape, view, pose, TOLERANCE_MM), view) for view in eyes.views]
+    laid, once = Placements.of([shape]), np.ones(1, bool)
+    expectations = [(expected(laid, view, pose[None], once, TOLERANCE_MM), view) for view in eyes.views]
     return min(_outline_share(edges, _searched(edges, view, reach_mm).there) for edges, view in expectations)
 
 
@@ -182,7 +265,8 @@ def facets_in_view(shape: Polyhedron, eyes: Eyes, pose: Array) -> int:
     """How many facets of a part at cyclopean_from_part (4, 4) both eyes see, none of them edge-on."""
     points = frames.apply(pose, shape.corners_mm)
     px = [view.eye.camera.project(points) for view in eyes.views]
-    return int(np.all([thickness(shape, seen) >= THIN_PX[1] for seen in px], axis=0).sum())
+    laid = Placements.of([shape])
+    return int(np.all([laid.thickness(seen) >= THIN_PX[1] for seen in px], axis=0).sum())
 
 
 def confirmed_facets(shape: Polyhedron, found: Located, eyes: Eyes) -> tuple[list[ConfirmedFacet], float]:
@@ -201,25 +285,31 @@ def confirmed_facets(shape: Polyhedron, found: Located, eyes: Eyes) -> tuple[lis
         if firm.any(0).all() and int(firm.sum(1).min()) >= len(ring) - 1:
             outlines = (_outline(ring, seen, *sides) for seen, sides in zip(found.observed, own, strict=True))
             confirmed.append(ConfirmedFacet(index, *outlines))
-    return confirmed, _share(found.observed, good)
+    return confirmed, float(_shares(found.observed, good, 1)[0])
 
 
-def expected(shape: Polyhedron, view: OneEye, pose: Array, tolerance_mm: float) -> ExpectedEdges:
-    """The edges of the facets that look at this eye, as far as they are inside its image."""
-    px, slope = corners_in(view.eye.camera, pose, shape.corners_mm)
-    ends, outline, sharp = _facing_edges(shape, px)
-    a, b = ends.T
+def expected(laid: Placements, view: OneEye, poses: Array, wanted: Flags, tolerance_mm: float) -> ExpectedEdges:
+    """The edges of the facets that look at this eye, as far as they are inside its image, of the wanted (P,) of the
+    placements at poses (P, 4, 4)."""
+    px, slope = corners_in(view.eye.camera, poses[laid.of_corner], laid.corners_mm)
+    thick_px = np.append(laid.thickness(px), -np.inf)[laid.beside]
+    facing = (thick_px >= THIN_PX[1]).sum(1)
+    clear = np.logical_not(np.any((thick_px > THIN_PX[0]) & (thick_px < THIN_PX[1]), axis=1))
+    which = np.flatnonzero((facing > 0) & wanted[laid.owner])
+    a, b = laid.ends[which].T
     first, last = _inside(px[a], px[b], view.grey.shape)
     keep = (last - first) * np.linalg.norm(px[b] - px[a], axis=1) >= LEAST_LENGTH_PX
-    a, b, first, last = a[keep], b[keep], first[keep, None], last[keep, None]
+    which, a, b, first, last = which[keep], a[keep], b[keep], first[keep, None], last[keep, None]
     start, way = px[a], px[b] - px[a]
     normal = across(px[a], px[b])[:, None]
     at_a, at_b = ((normal @ slope[k])[:, 0] for k in (a, b))
     jacobian = np.stack([at_a + share * (at_b - at_a) for share in (first, last)], 1)
-    px_per_mm = view.eye.focal_px / float(frames.apply(pose, shape.corners_mm)[:, 2].mean())
+    owner, sharp = laid.owner[which], clear[which]
+    depth_mm = np.array([frames.apply(p, s.corners_mm)[:, 2].mean() for p, s in zip(poses, laid.shapes, strict=True)])
+    px_per_mm = view.eye.focal_px / depth_mm[owner]
     return ExpectedEdges(
-        ends[keep], start + first * way, start + last * way, jacobian, outline[keep], sharp[keep],
-        px, px_per_mm, tolerance_mm * px_per_mm,
+        owner, laid.ends[which], start + first * way, start + last * way, jacobian, (facing[which] == 1) & sharp, sharp,
+        px_per_mm, tolerance_mm * px_per_mm, px,
     )  # fmt: skip
 
 
@@ -228,42 +318,65 @@ def _searched(edges: ExpectedEdges, view: OneEye, reach_mm: float) -> EdgeObserv
     count = len(edges.start)
     if not count:
         return _nothing(edges)
-    reach_px = float(np.clip(reach_mm * edges.px_per_mm, FEWEST_PX, MOST_PX))
-    here, likely_px = np.zeros(count), np.full(count, reach_px / 2)
-    start, end = find_sides(view.smooth, edges.start, edges.end, reach_px, here, likely_px)
+    reach_px = np.clip(reach_mm * edges.px_per_mm, FEWEST_PX, MOST_PX)
+    start, end = find_sides(view.smooth, edges.start, edges.end, reach_px, np.zeros(count), reach_px / 2)
     strength, seen = probe_sides(view.smooth, start, end)
     there = (np.abs(strength) > LEAST_EVIDENCE) & (seen > LEAST_SUPPORT)
-    weight = np.eye(2) / max(1.0, reach_px / 6) ** 2
-    off = off_places(edges.start, edges.end, start, end)
-    return EdgeObservation(edges, off, np.tile(weight, (count, 1, 1)), there)
+    weight = np.eye(2) / (np.maximum(1.0, reach_px / 6) ** 2)[:, None, None]
+    return EdgeObservation(edges, off_places(edges.start, edges.end, start, end), weight, there)
 
 
-def _measured(edges: ExpectedEdges, view: OneEye) -> EdgeObservation:
-    """Each edge's sub-pixel line."""
-    if not len(edges.start):
-        return _nothing(edges)
-    sides = fit_sides(view.image, view.noise, edges.start, edges.end, view.eye)
-    weight = np.asarray(np.linalg.inv(sides.covariance + edges.doubt_px**2 * np.eye(2)))
-    there = (sides.evidence > LEAST_EVIDENCE) & (sides.support > LEAST_SUPPORT)
-    return EdgeObservation(edges, off_places(edges.start, edges.end, sides.start, sides.end), weight, there, sides)
+def _measured(both: Sequence[ExpectedEdges], eyes: Eyes) -> list[EdgeObservation]:
+    """Each edge's sub-pixel line, in both eyes."""
+    counts = [len(edges.start) for edges in both]
+    if not any(counts):
+        return [_nothing(edges) for edges in both]
+    start, end = (np.concatenate([getattr(edges, name) for edges in both]) for name in ("start", "end"))
+    exposures = [(view.exposure, count) for view, count in zip(eyes.views, counts, strict=True) if count]
+    own = np.concatenate([np.unique(edges.owner, return_counts=True)[1] for edges in both])
+    sides = fit_sides(exposures, start, end, own)
+    found = []
+    for edges, which in zip(both, np.split(np.arange(len(start)), counts[:1]), strict=True):
+        seen = sides.chosen(which)
+        weight = np.asarray(np.linalg.inv(seen.covariance + edges.doubt_px[:, None, None] ** 2 * np.eye(2)))
+        there = (seen.evidence > LEAST_EVIDENCE) & (seen.support > LEAST_SUPPORT)
+        off = off_places(edges.start, edges.end, seen.start, seen.end)
+        found.append(EdgeObservation(edges, off, weight, there, seen))
+    return found
 
 
 def _nothing(edges: ExpectedEdges) -> EdgeObservation:
     return EdgeObservation(edges, np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(0, bool))
 
 
-def _solved(observed: Sequence[EdgeObservation], reach_mm: float) -> Solved:
-    """The motion that brings the pose onto the edges of both eyes, not much more than the reach."""
-    rows = zip(*((o.off, o.edges.jacobian, o.weight, o.there & o.edges.sharp) for o in observed), strict=True)
-    off, jacobian, weight, usable = (np.concatenate(each) for each in rows)
+def _solved(observed: Sequence[EdgeObservation], reach_mm: float, count: int) -> Solved:
+    """The motions (P, 6) that bring the poses of so many placements onto the edges of both eyes, not much more than the
+    reach."""
+    owner = np.concatenate([seen.edges.owner for seen in observed])
+    order = np.argsort(owner, kind="stable")
+    edges = np.bincount(owner, minlength=count)
+    place = np.arange(len(owner)) - (np.cumsum(edges) - edges)[owner[order]]
+
+    def padded(each: Sequence[Array]) -> Array:
+        """(P, most edges of any, ...) from (E, ...) of each eye; zero where a placement has fewer."""
+        values = np.concatenate(each)
+        wide = np.zeros((count, edges.max(initial=1), *values.shape[1:]))
+        wide[owner[order], place] = values[order]
+        return wide
+
+    off, jacobian = padded([o.off for o in observed]), padded([o.edges.jacobian for o in observed])
+    weight = padded([o.weight for o in observed])
+    usable = padded([(o.there & o.edges.sharp).astype(float) for o in observed])
     prior = np.diag(([reach_mm**-2] * 3) + [np.radians(SEARCH_DEG) ** -2] * 3)
-    return solve(off, jacobian, weight, usable.astype(float), prior, TUKEY, PASSES)
+    return solve(off, jacobian, weight, usable, prior, TUKEY, PASSES)
 
 
-def _share(observed: Sequence[EdgeObservation], good: Sequence[Flags]) -> float:
-    """Of the length of all edges in both eyes, that of the good ones."""
+def _shares(observed: Sequence[EdgeObservation], good: Sequence[Flags], count: int) -> Array:
+    """(P,) of the length of all edges of each of so many placements in both eyes, that of the good ones."""
     lengths = np.concatenate([seen.edges.lengths_px for seen in observed])
-    return float(lengths[np.concatenate(good)].sum() / max(lengths.sum(), 1e-9))
+    owner = np.concatenate([seen.edges.owner for seen in observed])
+    total, part = (np.bincount(owner, each, count) for each in (lengths, lengths * np.concatenate(good)))
+    return np.asarray(part / np.maximum(total, 1e-9))
 
 
 def _outline_share(edges: ExpectedEdges, good: Flags) -> float:
@@ -274,12 +387,12 @@ def _outline_share(edges: ExpectedEdges, good: Flags) -> float:
 
 def _clear(seen: EdgeObservation, view: OneEye) -> Flags:
     """(E,) which edges are on their place and stand out from the shading and the grain beside them."""
-    if seen.sides is None:
+    if seen.sides is None or not len(seen.off):
         return np.zeros(len(seen.off), bool)
     return np.asarray(seen.on_place & (edge_sigmas(view.smooth, seen.sides.start, seen.sides.end) > LEAST_SIGMAS))
 
 
-def _sides_of(ring: Sequence[int], edges: ExpectedEdges, good: Flags) -> tuple[NDArray[np.intp], Flags, Flags]:
+def _sides_of(ring: Sequence[int], edges: ExpectedEdges, good: Flags) -> tuple[Index, Flags, Flags]:
     """Which edge each side of a facet is (any, where the eye should not see it), whether it runs the other way there,
     and whether it is good."""
     at = {(int(a), int(b)): k for k, (a, b) in enumerate(edges.ends)}
@@ -289,13 +402,11 @@ def _sides_of(ring: Sequence[int], edges: ExpectedEdges, good: Flags) -> tuple[N
     return which, turned, (which >= 0) & np.append(good, False)[which]
 
 
-def _outline(
-    ring: Sequence[int], seen: EdgeObservation, which: NDArray[np.intp], turned: Flags, good: Flags
-) -> Outline:
+def _outline(ring: Sequence[int], seen: EdgeObservation, which: Index, turned: Flags, good: Flags) -> Outline:
     """Most likely corners given the model and the sides that were found."""
     assert seen.sides is not None
     sides = seen.sides.chosen(which, turned)
-    doubt_px = seen.edges.doubt_px
+    doubt_px = float(seen.edges.doubt_px[0])
     normal = across(sides.start, sides.end)
     place = np.sum(normal * sides.start, 1)
     firm = good[:, None] / (sides.covariance[:, (0, 1), (0, 1)] + FOUND_PX**2)
@@ -309,26 +420,6 @@ def _outline(
         pull = pull + (weight * d)[:, None] * n
     covariance = np.asarray(np.linalg.inv(information), float)
     return (covariance @ pull[..., None])[..., 0], covariance
-
-
-def _facing_edges(shape: Polyhedron, px: Array) -> tuple[NDArray[np.intp], Flags, Flags]:
-    """Corners (E, 2) of each edge of the facets that face an eye; which of the edges belong to one of them only (E,),
-    and which to none that is seen edge-on (E,). px (K, 2): where the eye sees the shape's corners."""
-    thick_px = thickness(shape, px)
-    ends, bounds = shape.lines
-    owners = bounds[thick_px >= THIN_PX[1]].sum(0)
-    sharp = bounds[(thick_px > THIN_PX[0]) & (thick_px < THIN_PX[1])].sum(0) == 0
-    facing = owners > 0
-    return ends[facing], (owners == 1)[facing] & sharp[facing], sharp[facing]
-
-
-def thickness(shape: Polyhedron, px: Array) -> Array:
-    """(F,) area of each facet by length of its border, both halved round, with the corners seen at px (K, 2): the width
-    of a long one; negative where it is seen from behind (it then runs clockwise)."""
-    here, after, first = shape.steps
-    (x, y), (u, v) = px[here].T, px[after].T
-    twice_area = np.add.reduceat(x * v - y * u, first)
-    return np.asarray(-twice_area / np.add.reduceat(np.hypot(u - x, v - y), first))
 
 
 def _inside(start: Array, end: Array, shape: tuple[int, ...]) -> tuple[Array, Array]:

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon import frames
-from daemon.vision.geometry.facet_measures import newell_normal
 from daemon.vision.geometry.p3p import p3p_poses
 from daemon.vision.geometry.rectified import Baseline
 from daemon.vision.model.model import Model
@@ -26,10 +25,10 @@ NEAREST_MM, FARTHEST_MM = 120.0, 1500.0
 
 @dataclass(frozen=True, eq=False)
 class PoseGuess:
-    """A part and where it could be: label, cyclopean_from_part (4, 4) mm."""
+    """A part and where it could be: label, cyclopean_from_part (G, 4, 4) mm."""
 
     label: str
-    pose: Array
+    poses: Array
 
 
 def guesses_from_outline(corners_px: Array, eye: str, geometry: Baseline, model: Model) -> list[PoseGuess]:
@@ -39,17 +38,19 @@ def guesses_from_outline(corners_px: Array, eye: str, geometry: Baseline, model:
     plane (Collins and Bartoli's two solutions; Grunert's up to four for a triangle).
     """
     one = geometry.right if eye == "right" else geometry.left
-    ideal = one.ideal(corners_px)
+    ideal, count = one.ideal(corners_px), len(corners_px)
     found = []
     for label, metric in model.metric.items():
-        for ring in metric.solid.facets:
-            if len(ring) != len(corners_px):
-                continue
-            for turn in range(len(ring)):
-                corners = metric.solid.corners_mm[list(ring[turn:] + ring[:turn])]
-                for pose, error in _solutions(corners, ideal):
-                    if error * one.focal_px < REPROJECTION_PX and NEAREST_MM < pose[2, 3] < FARTHEST_MM:
-                        found.append(PoseGuess(label, _cyclopean(pose, eye, geometry)))
+        solid, poses = metric.solid, list[Array]()
+        for ring, flat_from_part in zip(solid.rings, solid.laid_flat, strict=True):
+            if len(ring) == count:
+                corners = solid.corners_mm[ring]
+                for turn in range(count):
+                    poses += _solutions(
+                        np.roll(corners, -turn, 0), ideal, flat_from_part, REPROJECTION_PX / one.focal_px
+                    )
+        if poses:
+            found.append(PoseGuess(label, _cyclopean(np.array(poses), eye, geometry)))
     return found
 
 
@@ -83,40 +84,31 @@ def _p3p(triples: Array, eye: str, geometry: Baseline, model: Model) -> list[Pos
         points, seen = np.tile(taught, (len(ideal), 1, 1)), np.repeat(ideal, len(taught), axis=0)
         poses, solved = p3p_poses(points, seen)
         near = solved & (poses[:, 2, 3] > NEAREST_MM) & (poses[:, 2, 3] < FARTHEST_MM)
-        found += [PoseGuess(label, pose) for pose in _cyclopean(poses[near], eye, geometry)]
+        found.append(PoseGuess(label, _cyclopean(poses[near], eye, geometry)))
     return found
 
 
-def _solutions(corners_mm: Array, ideal: Array) -> list[tuple[Array, float]]:
-    """Poses (4, 4) eye_from_part that project the corners onto the ideal coordinates, with their rms error there."""
-    flat_from_part = _laid_flat(corners_mm)
+def _solutions(corners_mm: Array, ideal: Array, flat_from_part: Array, most: float) -> list[Array]:
+    """Poses (4, 4) eye_from_part, as far off as parts may be, that project the corners of a facet onto the ideal
+    coordinates, to within so much rms there."""
     points = frames.apply(flat_from_part, corners_mm) * [1.0, 1.0, 0.0]
     seen = np.ascontiguousarray(ideal[:, None, :])
     try:
         if len(corners_mm) == 3:
             _, turns, shifts = cv2.solveP3P(points, seen, np.eye(3), np.zeros(4), cv2.SOLVEPNP_P3P)
+            errors = [0.0] * len(turns)
         else:
-            _, turns, shifts, _ = cv2.solvePnPGeneric(points, seen, np.eye(3), np.zeros(4), flags=cv2.SOLVEPNP_IPPE)
+            _, turns, shifts, off = cv2.solvePnPGeneric(points, seen, np.eye(3), np.zeros(4), flags=cv2.SOLVEPNP_IPPE)
+            errors = (np.sqrt(2) * np.ravel(off)).tolist()  # the solver's are those of a coordinate
     except cv2.error:
         return []
     found = []
-    for turn, shift in zip(turns, shifts, strict=True):
-        pose = frames.rigid(frames.rotation_from_vector(np.ravel(turn)), np.ravel(shift)) @ flat_from_part
-        there = frames.apply(pose, corners_mm)
-        if (there[:, 2] > 1.0).all():
-            off = there[:, :2] / there[:, 2:] - ideal
-            found.append((pose, float(np.sqrt((off**2).sum(1).mean()))))
+    for turn, shift, error in zip(turns, shifts, errors, strict=True):
+        if error < most:
+            pose = frames.rigid(frames.rotation_from_vector(np.ravel(turn)), np.ravel(shift)) @ flat_from_part
+            if NEAREST_MM < pose[2, 3] < FARTHEST_MM and (frames.apply(pose, corners_mm)[:, 2] > 1.0).all():
+                found.append(pose)
     return found
-
-
-def _laid_flat(corners_mm: Array) -> Array:
-    """(4, 4) the motion that lays a plane facet (N, 3) into z = 0."""
-    z = newell_normal(corners_mm)
-    x = corners_mm[1] - corners_mm[0]
-    x = x - z * (x @ z)
-    x = x / np.linalg.norm(x)
-    turn = np.stack([x, np.cross(z, x), z])
-    return frames.rigid(turn, -turn @ corners_mm.mean(0))
 
 
 def _cyclopean(eye_from_part: Array, eye: str, geometry: Baseline) -> Array:

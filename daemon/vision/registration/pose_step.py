@@ -19,18 +19,19 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Solved:
-    """motion (6,) as daemon/frames.py has it; information (6, 6) of the edges that agree; excess: how much worse these
-    fit than they should (chi-square a degree of freedom, 1 at least)."""
+    """motion (..., 6) as daemon/frames.py has it; information (..., 6, 6) of the edges that agree; excess (...): how
+    much worse these fit than they should (chi-square a degree of freedom, 1 at least)."""
 
     motion: Array
     information: Array
-    excess: float
+    excess: Array
 
 
 def corners_in(camera: Camera, cyclopean_from_part: Array, corners_mm: Array) -> tuple[Array, Array]:
-    """Where an eye sees a part's corners (K, 3): (K, 2) px, and their derivative (K, 2, 6) by a motion of the pose."""
-    levers = corners_mm @ cyclopean_from_part[:3, :3].T
-    px, slope = camera.project_with_slope(levers + cyclopean_from_part[:3, 3])
+    """Where an eye sees corners (K, 3) of a part, at one pose (4, 4) or each at its own (K, 4, 4): (K, 2) px, and their
+    derivative (K, 2, 6) by a motion of the pose."""
+    levers = (cyclopean_from_part[..., :3, :3] @ corners_mm[..., None])[..., 0]
+    px, slope = camera.project_with_slope(levers + cyclopean_from_part[..., :3, 3])
     return px, slope @ frames.point_motion(levers)
 
 
@@ -47,25 +48,26 @@ def off_places(start: Array, end: Array, found_start: Array, found_end: Array) -
     return np.stack([((found_start - start) * normal).sum(1), ((found_end - end) * normal).sum(1)], 1)
 
 
-def solve(
-    off: Array, jacobian: Array, weight: Array, usable: Array, prior: Array, tukey: float, passes: int, floor: float = 0
-) -> Solved:
-    """The motion that takes the edges' ends off (E, 2) px away, robustly, and not much farther than the prior (6, 6).
+def solve(off: Array, jacobian: Array, weight: Array, usable: Array, prior: Array, tukey: float, passes: int) -> Solved:
+    """The motion that takes the edges' ends off (..., E, 2) px away, robustly, and not much farther than the prior
+    (6, 6); one for each of the leading axes, on which poses are solved for side by side.
 
-    jacobian (E, 2, 6) of the ends by the motion; weight (E, 2, 2), the inverse of their covariance; usable (E,), 0 or
-    1; tukey: so many sigmas off, an edge counts no more than floor.
+    jacobian (..., E, 2, 6) of the ends by the motion; weight (..., E, 2, 2), the inverse of their covariance; usable
+    (..., E), 0 or 1; tukey: so many sigmas off, an edge counts no more.
     Source: Gauss-Newton with Tukey's weights, as Harris's RAPiD does point by point.
     """
-    pull = weight @ jacobian
-    rows, wanted = jacobian.reshape(-1, 6), (weight @ off[..., None])[..., 0]
+    by_row = (*off.shape[:-2], -1)
+    pull = np.swapaxes((weight @ jacobian).reshape(*by_row, 6), -1, -2)
+    rows, wanted = jacobian.reshape(*by_row, 6), (weight @ off[..., None]).reshape(by_row)
     trust: NDArray[Any] = usable
-    motion, information, chi2 = np.zeros(6), np.zeros((6, 6)), 0.0
+    motion, information, chi2 = np.zeros(6), np.zeros((6, 6)), np.zeros(())
     for _ in range(passes):
-        each = np.repeat(trust, 2)
-        information = (pull.reshape(-1, 6) * each[:, None]).T @ rows
-        motion = np.linalg.solve(information + prior, rows.T @ (wanted.reshape(-1) * each))
-        left = off - jacobian @ motion
-        miss = ((weight @ left[..., None])[..., 0] * left).sum(1)
-        chi2 = float(miss @ trust) / max(2.0 * float(trust.sum()) - 6.0, 1.0)
-        trust = usable * np.maximum(1 - miss / tukey**2, 0.0) ** 2 + floor
-    return Solved(motion, information, max(chi2, 1.0))
+        each = np.repeat(trust, 2, -1)
+        information = (pull * each[..., None, :]) @ rows
+        towards = np.swapaxes(rows, -1, -2) @ (wanted * each)[..., None]
+        motion = np.linalg.solve(information + prior, towards)[..., 0]
+        left = off - (rows @ motion[..., None]).reshape(off.shape)
+        miss = ((weight @ left[..., None])[..., 0] * left).sum(-1)
+        chi2 = (miss * trust).sum(-1) / np.maximum(2.0 * trust.sum(-1) - 6.0, 1.0)
+        trust = usable * np.maximum(1 - miss / tukey**2, 0.0) ** 2
+    return Solved(motion, information, np.maximum(chi2, 1.0))

@@ -38,6 +38,7 @@ from daemon.vision.registration.pose_guesses import PoseGuess, guesses_from_corn
 from daemon.vision.values import Facet, FacetView, Group, Part, Recognition, Rejected
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 ROOM_PX = 12
 COVERED = 0.2  # of the smaller facet's area; more than that, and the two cannot both be there
 CLOSE_MM = 2.5  # rms; how well a completed part must fit
@@ -80,7 +81,7 @@ def verify(
     single = [o for o in _largest(view.rejected) if not any(_lies_on(o, r.group) for r in named)]
     outlines = [(o.corners_px, o.eye) for o in single[:OUTLINES]]
     outlines += [(f.left_px, "left") for f in facets] + [(f.right_px, "right") for f in facets]
-    guesses = [PoseGuess(h.label, h.pose) for f in facets for h in facet_hypotheses(f, model)]
+    guesses = [PoseGuess(h.label, h.pose[None]) for f in facets for h in facet_hypotheses(f, model)]
     guesses += [g for o in outlines for g in guesses_from_outline(*o, eyes.geometry, model)]
     laid = _laid(guesses, model, eyes)
     complete = _completed(laid, named, model, eyes)
@@ -111,26 +112,55 @@ def _laid(guesses: Sequence[PoseGuess], model: Model, eyes: Eyes) -> list[Laid]:
     look the same only one.
     """
     maps = edge_map(eyes.left.scale(2), EDGE_SIGMAS), edge_map(eyes.right.scale(2), EDGE_SIGMAS)
-    ranked = list[tuple[float, str, Array, Array]]()
+    likely = list[_Alike]()
     for label, metric in model.metric.items():
-        poses = np.array([g.pose for g in guesses if g.label == label]).reshape(-1, 4, 4)
-        if not len(poses):
-            continue
+        poses = np.concatenate([np.zeros((0, 4, 4)), *(g.poses for g in guesses if g.label == label)])
         away_px = chamfer_px(metric.solid, poses, eyes.geometry, maps)
         facing = in_view(metric.solid, poses)
-        for k in np.flatnonzero((away_px < MOST_OFF_PX) & (facing.sum(1) > 1)):
-            shown_corners = sorted({c for f in np.flatnonzero(facing[k]) for c in metric.solid.facets[f]})
-            corners_mm = frames.apply(poses[k], metric.solid.corners_mm[shown_corners])
-            ranked.append((float(away_px[k]), label, poses[k], corners_mm))
-    kept, known = list[Laid](), list[Array]()
-    for _, label, pose, corners_mm in sorted(ranked, key=lambda r: r[0]):
-        if not any(_same_place(corners_mm, other) for other in known) and _inside(corners_mm, eyes):
-            known.append(corners_mm)
-            solid = model.metric[label].solid
-            located = locate(solid, eyes, pose, REACH_MM, model.parameters.tolerance_mm)
-            kept.append(Laid(label, solid, pose, located))
-        if len(kept) == MOST:
-            break
+        near = (away_px < MOST_OFF_PX) & (facing.sum(1) > 1)
+        likely += _alike(label, metric.solid, poses[near], away_px[near], facing[near])
+    kept = _different(likely, eyes)
+    solids, poses = [model.metric[label].solid for label, _ in kept], np.array([pose for _, pose in kept])
+    located = locate(solids, eyes, poses, REACH_MM, model.parameters.tolerance_mm)
+    return [Laid(label, solid, pose, at) for (label, pose), solid, at in zip(kept, solids, located, strict=True)]
+
+
+@dataclass(frozen=True, eq=False)
+class _Alike:
+    """Poses (G, 4, 4) of a part in which the same of its corners show, corners_mm (G, N, 3), and how far off the
+    nearest edges its own would lie (G,)."""
+
+    label: str
+    poses: Array
+    corners_mm: Array
+    away_px: Array
+
+
+def _alike(label: str, solid: Polyhedron, poses: Array, away_px: Array, facing: Flags) -> list[_Alike]:
+    """Poses sorted by which facets show, facing (G, F)."""
+    found = []
+    seen, which = np.unique(facing, axis=0, return_inverse=True)
+    for k, shown_facets in enumerate(seen):
+        own = np.flatnonzero(which.ravel() == k)
+        corners = sorted({c for f in np.flatnonzero(shown_facets).tolist() for c in solid.facets[f]})
+        corners_mm = solid.corners_mm[corners] @ poses[own, :3, :3].transpose(0, 2, 1) + poses[own, None, :3, 3]
+        found.append(_Alike(label, poses[own], corners_mm, away_px[own]))
+    return found
+
+
+def _different(likely: Sequence[_Alike], eyes: Eyes) -> list[tuple[str, Array]]:
+    """Labels and poses of those inside both images, the likeliest first, none of which looks like an earlier one."""
+    kept = list[tuple[str, Array]]()
+    open_px = [a.away_px.copy() for a in likely]  # infinite once looked at, or like one that is kept
+    while len(kept) < MOST and any(np.isfinite(px).any() for px in open_px):
+        k = int(np.argmin([px.min(initial=np.inf) for px in open_px]))
+        best = int(np.argmin(open_px[k]))
+        open_px[k][best] = np.inf
+        corners_mm = likely[k].corners_mm[best]
+        if _inside(corners_mm, eyes):
+            kept.append((likely[k].label, likely[k].poses[best]))
+            for other, px in zip(likely, open_px, strict=True):
+                px[_same_place(other.corners_mm, corners_mm)] = np.inf
     return kept
 
 
@@ -146,11 +176,14 @@ def _pixels(points: Array, geometry: Baseline) -> tuple[Array, Array]:
     return geometry.left.pixels(left), geometry.right.pixels(right)
 
 
-def _same_place(one: Array, other: Array) -> bool:
-    """Whether corners (N, 3) mm are where others (M, 3) are."""
-    if one.shape != other.shape:
-        return False
-    return bool(np.linalg.norm(one[:, None] - other[None], axis=2).min(1).max() < SAME_MM)
+def _same_place(many: Array, one: Array) -> Flags:
+    """(G,) which sets of corners (G, N, 3) mm are where others (M, 3) are."""
+    same = np.zeros(len(many), bool)
+    if many.shape[1:] == one.shape:
+        first = ((many[:, 0, None] - one) ** 2).sum(2).min(1) < SAME_MM**2  # most are elsewhere by one corner already
+        apart2 = ((many[first][:, :, None] - one) ** 2).sum(3)
+        same[first] = apart2.min(2).max(1) < SAME_MM**2
+    return same
 
 
 def _completed(laid: Sequence[Laid], named: Sequence[Recognised], model: Model, eyes: Eyes) -> list[Recognised]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from daemon.vision.geometry.polygon import Shape, is_simple, tidy
 from daemon.vision.geometry.polygon_batch import areas, convex, met, rings
-from daemon.vision.image.edge_lines import fit_sides
+from daemon.vision.image.edge_lines import Exposure, fit_sides
 from daemon.vision.image.grey import measure_noise
 from daemon.vision.image.thesis_corners import find_corners, mic_response
 from tests.worlds.limit import side_bound
@@ -36,6 +36,11 @@ def painted_polygon(
     return np.asarray(np.clip(np.rint(small), 0, 255), np.uint8)
 
 
+def exposed(image: NDArray[np.uint8]) -> Exposure:
+    """An image of an eye without a lens."""
+    return Exposure(image.astype(np.float32), measure_noise(image), None)
+
+
 def turned_square(angle: float, half: float = 45.0, centre: float = 80.3) -> Array:
     """Corners anticlockwise as seen (v down)."""
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
@@ -48,7 +53,7 @@ def test_a_side_is_found_to_a_few_hundredths_of_a_pixel(angle: float, inside: fl
     truth = turned_square(angle)
     image = painted_polygon(truth, inside, outside, 2.0)
     start = truth + np.random.default_rng(3).uniform(-0.6, 0.6, truth.shape)
-    sides = fit_sides(image.astype(np.float32), measure_noise(image), start, np.roll(start, -1, 0), None)
+    sides = fit_sides([(exposed(image), len(start))], start, np.roll(start, -1, 0))
     shape = rings([truth])
     corners = met(shape, sides.start, sides.end)
     limit = 0.08 if abs(inside - outside) > 100 else 0.25
@@ -60,7 +65,7 @@ def test_the_predicted_error_of_a_side_is_the_one_that_occurs() -> None:
     truth, found, predicted = turned_square(0.4), [], []
     for seed in range(25):
         image = painted_polygon(truth, 90.0, 130.0, 3.0, seed)
-        sides = fit_sides(image.astype(np.float32), measure_noise(image), truth, np.roll(truth, -1, 0), None)
+        sides = fit_sides([(exposed(image), len(truth))], truth, np.roll(truth, -1, 0))
         chord = np.roll(truth, -1, 0) - truth
         normal = np.stack([-chord[:, 1], chord[:, 0]], 1) / np.linalg.norm(chord, axis=1)[:, None]
         found.append(np.sum((sides.start + sides.end - truth - np.roll(truth, -1, 0)) / 2 * normal, 1))
@@ -74,7 +79,7 @@ def test_the_predicted_error_of_a_side_is_the_one_that_occurs() -> None:
 def test_a_saturated_face_does_not_push_its_edges_outwards() -> None:
     truth = turned_square(0.3)
     image = painted_polygon(truth, 300.0, 120.0, 2.0)
-    sides = fit_sides(image.astype(np.float32), measure_noise(image), truth, np.roll(truth, -1, 0), None)
+    sides = fit_sides([(exposed(image), len(truth))], truth, np.roll(truth, -1, 0))
     area = abs(areas(rings([met(rings([truth]), sides.start, sides.end)]))[0])
     outward = (np.sqrt(area) - 90.0) / 2
     assert abs(outward) < 0.22  # half the height, as clipped, would put it 0.24 px out
