@@ -1,6 +1,7 @@
 """The controller's own terminal for an operator while the daemon stands aside: every line is logged, none surprises.
 
-What an operator types goes to the controller as it is, but for a line that would move an arm that may not move.
+What an operator types goes to the controller as it is, but while the arm may not move: then only words known to be
+harmless do (drivers/val2/commands.py).
 """
 
 from __future__ import annotations
@@ -84,9 +85,4 @@ class Typist:
 def may_not_move(context: CommandContext, text: str) -> bool:
     """Whether a line may set the arm in motion while it may not move."""
     state = context.cycle.status()
-    held = state["fault"] is not None or not state["enabled"]
-    return held and (moves_the_arm(text) or text.split()[0].upper() in PROGRAM_WORDS)
-
-
-PROGRAM_WORDS = frozenset({"DO", "PROCEED", "RETRY", "NEXT", "STEP", "XSTEP", "COMMANDS"})
-"""What starts or goes on with a program, or may begin a motion in a spelling that is not known here."""
+    return (state["fault"] is not None or not state["enabled"]) and moves_the_arm(text)

@@ -55,7 +55,20 @@ def test_every_line_goes_out_as_it_was_typed_and_into_the_log() -> None:
 
 
 @pytest.mark.parametrize("context", [standing("stopped by an operator"), standing(enabled=False)])
-@pytest.mark.parametrize("line", [b"DO MOVE P1", b"do  ready", b" EX PROG", b"CAL", b"PROCEED", b"XX\x7f\x08DO NEST"])
+@pytest.mark.parametrize(
+    "line",
+    [
+        b"DO MOVE P1",
+        b"do  ready",
+        b" EX PROG",
+        b"CAL",
+        b"PROCEED",
+        b"XX\x7f\x08DO NEST",
+        b"D MOVE P1",
+        b"EXEC PROG",
+        b"CALI",
+    ],
+)
 def test_a_line_that_would_move_an_arm_that_may_not_is_taken_back_and_told(context: Any, line: bytes) -> None:
     context.log.records.clear()
     sent, door = typed(context, line + b"\r")
@@ -71,7 +84,8 @@ def test_a_hand_that_was_worked_here_is_asked_about_later() -> None:
 
 
 WORDS = [b"DO MOVE TRANS(400,0,0,0,90,0)", b"DO READY", b"EXECUTE", b"CAL", b"Y", b"WHERE", b"SPEED 50", b"DO ",
-         b"READY", b"\r", b"\n", b"\x15", b"\x7f", b"\x08", b"\x1b[A", b"\x00", b"\x11", b"P", b"!!", b" "]  # fmt: skip
+         b"READY", b"\r", b"\n", b"\x15", b"\x7f", b"\x08", b"\x1b[A", b"\x00", b"\x11", b"P", b"!!", b" ",
+         b"D READY", b"CALI"]  # fmt: skip
 
 
 @settings(max_examples=300)
