@@ -7,7 +7,7 @@ only then is anything reported.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Coroutine
+from collections.abc import Awaitable, Callable, Coroutine
 from enum import StrEnum
 from typing import Any, TypeVar
 
@@ -149,6 +149,22 @@ class Supervisor:
                 raise RefusedError(f"{doing}: {self._why}") from None
             raise
 
+    async def by_hand(self, doing: str, work: Callable[[], Awaitable[T]]) -> T:
+        """Run as a job what an operator tells the controller himself, where it may set arm or hand in motion.
+
+        The guard does not see where that goes; enable, fault, pause, step and every stop hold as for any move.
+        """
+
+        async def held() -> T:
+            await self._hold(doing)
+            self.may_move()
+            return await work()
+
+        self.may_move()
+        if self.mover.dry:
+            raise RefusedError(f"{doing}: not sent while `dry` is on")
+        return await self.run(doing, held())
+
     async def stop(self, why: str = "by the operator") -> None:
         """Stop the arm, then report; the fault stands until resume."""
         await self._halt(Interruption.STOP, why, fault=f"stopped {why}")
@@ -220,15 +236,18 @@ class Supervisor:
     # Before a move.
 
     async def _gate(self, command: Command) -> None:
-        """Wait out a pause, ask in step mode."""
+        """Hold a move back."""
+        x, y, z = np.round(command.world_from_tool[:3, 3], 1)
+        how = "straight" if command.straight else "joints"
+        await self._hold(f"{command.purpose}: {how} to {x:g} {y:g} {z:g} at {command.speed_pct:g} %")
+
+    async def _hold(self, text: str) -> None:
+        """Wait out a pause, ask in step mode. text: what is to be done."""
         if not self._going.is_set():
             self._interrupted(Interruption.PAUSE)
             await self._going.wait()
             self._interrupted(Interruption.RESUME)
         if self._step:
-            x, y, z = np.round(command.world_from_tool[:3, 3], 1)
-            how = "straight" if command.straight else "joints"
-            text = f"{command.purpose}: {how} to {x:g} {y:g} {z:g} at {command.speed_pct:g} %"
             self._pending = (text, asyncio.get_running_loop().create_future())
             try:
                 if not await self._pending[1]:

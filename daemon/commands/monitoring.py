@@ -25,7 +25,7 @@ async def monitor(context: CommandContext, door: Door) -> Answer:
         raise CommandError("only at a terminal; from here one line at a time: robot monitor TEXT", 2)
     await door.say(GREETING)
     try:
-        return await context.cycle.supervisor.run("monitor", _monitored(context, door), moves=False)
+        return await context.cycle.supervisor.run("monitor", _monitored(context, door))
     except ANSWERABLE as error:
         fault = context.cycle.status()["fault"]
         raise CommandError(f"the controller's terminal has ended: {fault or error}") from error

@@ -219,3 +219,72 @@ def test_a_no_to_a_pending_move_leaves_it_unsent_and_no_fault():
 
     asyncio.run(story())
     assert (world.wire, supervisor.mover.fault) == ([], None)
+
+
+async def endless(world: World) -> None:
+    """A foreign motion: CAL, or a line typed at the monitor."""
+    world.wire.append(("foreign", None))
+    await asyncio.sleep(60.0)
+
+
+@pytest.mark.parametrize("way", ["not enabled", "fault", "dry"])
+def test_what_an_operator_tells_the_controller_himself_is_refused_where_the_arm_may_not_move(way):
+    world, supervisor, _ = supervised(enabled=way != "not enabled")
+    if way == "fault":
+        supervisor.latch("stopped")
+    supervisor.dry(way == "dry")
+    supervisor.step(True)
+    with pytest.raises(RefusedError):
+        asyncio.run(asyncio.wait_for(supervisor.by_hand("CAL", lambda: endless(world)), 1.0))
+    assert world.wire == []
+
+
+@pytest.mark.parametrize(("act", "fault", "what"), STOPS)
+def test_every_stop_ends_what_an_operator_told_the_controller_and_status_shows_it_until_then(act, fault, what):
+    world, supervisor, _ = supervised()
+
+    async def story() -> None:
+        task = asyncio.create_task(supervisor.by_hand("CAL", lambda: endless(world)))
+        while not world.wire:
+            await asyncio.sleep(0)
+        assert supervisor.status()["doing"] == "CAL"
+        await act(supervisor)
+        with pytest.raises(RefusedError):
+            await task
+
+    asyncio.run(story())
+    assert [name for name, _ in world.wire] == ["foreign", "abort"]
+    assert supervisor.mover.fault == fault
+
+
+def test_what_an_operator_tells_the_controller_is_held_and_confirmed_like_a_move_and_asked_for_again_after():
+    world, supervisor, _ = supervised()
+
+    async def story() -> None:
+        supervisor.pause()
+        supervisor.step(True)
+        task = asyncio.create_task(supervisor.by_hand("CAL", lambda: endless(world)))
+        await asyncio.sleep(0.01)
+        supervisor.resume()
+        while supervisor.status()["pending"] is None:
+            await asyncio.sleep(0)
+        assert supervisor.status()["pending"] == "CAL"
+        supervisor.mover.enabled = False
+        supervisor.confirm()
+        with pytest.raises(RefusedError, match="not enabled"):
+            await task
+
+    asyncio.run(story())
+    assert world.wire == []
+
+
+def test_an_error_in_what_an_operator_told_the_controller_stops_the_arm():
+    world, supervisor, _ = supervised()
+
+    async def broken() -> None:
+        raise OSError("*Envelope error*")
+
+    with pytest.raises(OSError, match="Envelope"):
+        asyncio.run(supervisor.by_hand("CAL", broken))
+    assert [name for name, _ in world.wire] == ["abort"]
+    assert "Envelope" in str(supervisor.mover.fault)

@@ -228,6 +228,30 @@ def test_the_watchdog_is_fed_while_a_pick_waits_for_an_operator_or_somebody_talk
     watching(tmp_path, play)
 
 
+def test_the_watchdog_is_fed_while_a_check_waits_for_whoever_has_the_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A check that began just before CAL took the line waits for minutes: that is no hanging driver."""
+    notes: list[str] = []
+    monkeypatch.setattr(journal, "notify", notes.append)
+    monkeypatch.setenv("WATCHDOG_USEC", "1000000")
+    monkeypatch.setattr("daemon.upkeep.watch.CHECK_LIMIT_S", 1.0)
+
+    async def wait_for_the_line() -> None:
+        await asyncio.sleep(60)
+
+    async def play(watched: WatchedCell, _: Watch) -> None:
+        monkeypatch.setattr(watched, "check", wait_for_the_line)
+        await asyncio.sleep(0.7)
+        watched.doing, watched.aside = "CAL", True
+        await asyncio.sleep(2.5)
+        notes.clear()
+        await asyncio.sleep(1.2)
+        assert any("WATCHDOG=1" in note for note in notes), notes
+
+    watching(tmp_path, play)
+
+
 def test_a_run_that_grew_large_while_auto_never_rests_goes_on_in_a_new_folder_between_two_picks(
     tmp_path: Path,
 ) -> None:

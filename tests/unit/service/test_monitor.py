@@ -168,3 +168,24 @@ def test_without_a_terminal_one_line_at_a_time_is_offered(daemon: Running) -> No
     refused = daemon.do("robot monitor")
     assert (refused["status"], "robot monitor TEXT" in refused["text"]) == (2, True)
     assert "Arm power on" in daemon.do("robot monitor STATUS")["text"]
+
+
+def test_cal_needs_an_arm_that_may_move_is_shown_while_it_runs_and_is_stopped_like_a_move(daemon: Running) -> None:
+    refused = daemon.do("robot cal")
+    assert (refused["status"], "not enabled" in refused["text"]) == (1, True)
+    assert daemon.do("robot monitor DO READY")["status"] == 1
+    assert "\rCAL" not in (list_runs(daemon.runs)[0] / "wire.jsonl").read_text()
+    daemon.do("enable")
+    daemon.do("robot monitor SPEED 1")
+    person = Person(daemon.folder, "robot", "monitor", "DO", "READY")
+    while daemon.do("status")["data"]["doing"] != "DO READY":
+        time.sleep(0.02)
+    stopped = daemon.do("stop")
+    assert "Stopped" in stopped["text"]
+    assert person.leaves() == 1
+    before = daemon.do("where")["data"]["joints_deg"]
+    time.sleep(0.3)
+    assert daemon.do("where")["data"]["joints_deg"] == before
+    assert daemon.do("robot cal")["status"] == 1, "a fault stands"
+    daemon.do("resume")
+    assert daemon.do("robot cal")["status"] == 0
