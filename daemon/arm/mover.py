@@ -96,6 +96,10 @@ class Mover:
         at = None if self.here is None else self.here.world_from_tool
         return ArmState(self.enabled, self.fault, at, self.cell.clock())
 
+    def forget(self) -> None:
+        """Somebody else may have moved arm or hand, or stopped them on the way: nobody knows how they stand."""
+        self.at = self._imagined = self.closed = None
+
     async def where(self) -> Reading:
         """Ask the controller where the arm is, and remember it."""
         self.at = self._imagined = None

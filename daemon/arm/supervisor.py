@@ -97,7 +97,7 @@ class Supervisor:
             if self._task is not None:
                 raise RefusedError("the arm is still being stopped; say `resume` once more")
             self.mover.fault = None
-            self.mover.at = None
+            self.mover.forget()
             self._interrupted(Interruption.RESUME)
         self._going.set()
 
@@ -163,7 +163,18 @@ class Supervisor:
         self.may_move()
         if self.mover.dry:
             raise RefusedError(f"{doing}: not sent while `dry` is on")
-        return await self.run(doing, held())
+        return await self.converse(doing, held, moves=True)
+
+    async def converse(self, doing: str, work: Callable[[], Awaitable[T]], moves: bool) -> T:
+        """Run as a job what others than us say to the controller; afterwards nothing is known of arm and hand."""
+
+        async def conversation() -> T:
+            try:
+                return await work()
+            finally:
+                self.mover.forget()
+
+        return await self.run(doing, conversation(), moves)
 
     async def stop(self, why: str = "by the operator") -> None:
         """Stop the arm, then report; the fault stands until resume."""
@@ -191,7 +202,7 @@ class Supervisor:
         if fault is not None:
             self.latch(fault)
         self._why = why
-        self.mover.at = None
+        self.mover.forget()
         try:
             await asyncio.wait_for(self.mover.cell.robot.abort(), ABORT_S)
         except Exception as error:

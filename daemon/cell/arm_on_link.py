@@ -42,6 +42,7 @@ class ArmOnLink:
 
     async def open(self) -> None:
         """Claim the port and find the controller's prompt. Raises LinkError."""
+        self._forget()
         await self.link.open()
         await self._introduce_tool()
         self._heard()
@@ -56,7 +57,8 @@ class ArmOnLink:
         await self.link.close()
 
     async def where(self) -> Reading:
-        """Ask the controller where the arm is; after a stop, remind it of our tool first (it may have been off)."""
+        """Ask the controller where the arm is; where its tool may not be ours (after a stop, a reopened line, words of
+        others), tell it of ours first."""
         if not self._introduced:
             await self._introduce_tool()
         return self._reading(await self.link.where())
@@ -89,7 +91,7 @@ class ArmOnLink:
 
     async def abort(self) -> None:
         """Stop the arm now. Raises LinkError when the controller does not confirm it."""
-        self._speed_pct, self._introduced = None, False
+        self._forget()
         await self.link.abort()
         self._heard()
 
@@ -128,22 +130,21 @@ class ArmOnLink:
 
     async def power_up(self, replies: Sequence[str]) -> list[str]:
         """Answer what the controller asks after it was switched on; gives what it said."""
-        with self._line_taken():
+        with self._words_of_others():
             answer = await self.link.power_up(tuple(replies))
-        self._speed_pct, self._introduced = None, False
         await self._introduce_tool()
         return list(answer.lines)
 
     async def calibrate(self, reply: str) -> list[str]:
         """CAL: the arm finds its zero (it moves a little); over when it is at rest."""
-        with self._line_taken():
+        with self._words_of_others():
             answer = await self.link.calibrate(reply)
             await self._rest()
         return list(answer.lines)
 
     async def monitor(self, text: str) -> list[str]:
         """Any command, as typed at the controller's own terminal; gives what it said, once the arm is at rest."""
-        with self._line_taken():
+        with self._words_of_others():
             answer = await self.link.command(text)
             if moves_the_arm(text):
                 await self._rest()
@@ -156,13 +157,12 @@ class ArmOnLink:
         Over when the arm is at rest; its TOOL and SPEED are ours again, whatever was typed. abort() still works, and
         ends it.
         """
-        with self._line_taken():
+        with self._words_of_others():
             async with self.link.terminal(show) as send:
                 yield send
-            self._speed_pct = None
-            await self._introduce_tool()
             if self.link.question is None:
                 await self._rest()
+        await self._introduce_tool()
 
     @contextlib.contextmanager
     def _line_taken(self) -> Iterator[None]:
@@ -172,6 +172,19 @@ class ArmOnLink:
             yield
         finally:
             self.aside = False
+
+    @contextlib.contextmanager
+    def _words_of_others(self) -> Iterator[None]:
+        """Stand aside; afterwards SPEED and TOOL may be theirs."""
+        with self._line_taken():
+            try:
+                yield
+            finally:
+                self._forget()
+
+    def _forget(self) -> None:
+        """SPEED and TOOL are to be told again."""
+        self._speed_pct, self._introduced = None, False
 
     async def _rest(self) -> None:
         """Wait until two readings agree, wherever that is and whatever TOOL is. Raises NoAnswer."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 
 from daemon.cell.arm_on_link import moves_the_arm
-from daemon.commands.monitoring import monitor
+from daemon.commands.monitoring import monitor, note_hand
 from daemon.commands.moving import with_questions
 from daemon.console.context import CommandContext
 from daemon.console.interpreter import NOT_DONE, Answer, CommandError, Door, command, no_more, one_of
@@ -35,7 +35,7 @@ async def robot(context: CommandContext, words: list[str], door: Door) -> Answer
         if arm.asks_whether_to_move:
             said = await with_questions(context, supervisor.by_hand("power-up", lambda: arm.power_up(replies)), door)
         else:
-            said = await supervisor.run("power-up", arm.power_up(replies), moves=False)
+            said = await supervisor.converse("power-up", lambda: arm.power_up(replies), moves=False)
         return _replies([question, *said])
     if what == "cal":
         no_more(words, 1, "robot cal")
@@ -43,9 +43,14 @@ async def robot(context: CommandContext, words: list[str], door: Door) -> Answer
         return _replies(await with_questions(context, supervisor.by_hand("CAL", lambda: arm.calibrate(reply)), door))
     if not text:
         return await monitor(context, door)
+
+    async def typed() -> list[str]:
+        note_hand(context, text)
+        return await arm.monitor(text)
+
     if moves_the_arm(text):
-        return _replies(await with_questions(context, supervisor.by_hand(text, lambda: arm.monitor(text)), door))
-    return _replies(await supervisor.run(text, arm.monitor(text), moves=False))
+        return _replies(await with_questions(context, supervisor.by_hand(text, typed), door))
+    return _replies(await supervisor.converse(text, typed, moves=False))
 
 
 @command("doctor")

@@ -16,7 +16,7 @@ ENDS, RUBOUTS, CANCEL = b"\r\n", b"\x08\x7f", b"\x15"
 SPOIL = CANCEL + b"!!\r"
 """Takes a typed line back; makes it an error where the controller knows no such key."""
 GREETING = "The controller's own terminal; the daemon stands aside. Control-] comes back, control-C stops the arm."
-HAND_WORDS = ("OPEN", "CLOSE", "GRASP", "RELAX")
+HAND_WORDS = ("OPEN", "CLOSE", "GRASP", "RELAX", "MOVET", "MOVEST")
 
 
 async def monitor(context: CommandContext, door: Door) -> Answer:
@@ -25,7 +25,7 @@ async def monitor(context: CommandContext, door: Door) -> Answer:
         raise CommandError("only at a terminal; from here one line at a time: robot monitor TEXT", 2)
     await door.say(GREETING)
     try:
-        return await context.cycle.supervisor.run("monitor", _monitored(context, door))
+        return await context.cycle.supervisor.converse("monitor", lambda: _monitored(context, door), moves=True)
     except ANSWERABLE as error:
         fault = context.cycle.status()["fault"]
         raise CommandError(f"the controller's terminal has ended: {fault or error}") from error
@@ -74,12 +74,18 @@ class Typist:
         if text:
             self.lines += 1
             self._record(text)
-        if any(word in text.upper() for word in HAND_WORDS):
-            self._context.cycle.hand_full = None
+        note_hand(self._context, text)
         send(b"\r")
 
     def _record(self, text: str) -> None:
         self._context.log.record("command", who=self._door.who, door=f"{self._door.name}, monitor", text=text)
+
+
+def note_hand(context: CommandContext, text: str) -> None:
+    """Where a line may work the hand, by a word or by a program it starts, nobody knows whether a part is in it."""
+    program = moves_the_arm(text) and text.split()[0].upper() != "DO"
+    if program or any(word in text.upper() for word in HAND_WORDS):
+        context.cycle.hand_full = None
 
 
 def may_not_move(context: CommandContext, text: str) -> bool:

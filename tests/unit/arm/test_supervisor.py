@@ -288,3 +288,23 @@ def test_an_error_in_what_an_operator_told_the_controller_stops_the_arm():
         asyncio.run(supervisor.by_hand("CAL", broken))
     assert [name for name, _ in world.wire] == ["abort"]
     assert "Envelope" in str(supervisor.mover.fault)
+
+
+@pytest.mark.parametrize("way", ["stop", "conversation", "motion"])
+def test_after_a_stop_and_after_words_of_others_nobody_knows_where_the_arm_is_and_how_the_hand_stands(way):
+    _, supervisor, _ = supervised()
+    mover = supervisor.mover
+
+    async def story() -> None:
+        await mover.where()
+        await mover.hand(closed=False)
+        assert (mover.at is None, mover.closed) == (False, False)
+        if way == "stop":
+            await supervisor.stop()
+        elif way == "conversation":
+            await supervisor.converse("monitor", lambda: asyncio.sleep(0), moves=False)
+        else:
+            await supervisor.by_hand("DO READY", lambda: asyncio.sleep(0))
+
+    asyncio.run(story())
+    assert (mover.at, mover.here, mover.closed) == (None, None, None)

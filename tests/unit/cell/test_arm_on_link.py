@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager
+from typing import Any
 
 import numpy as np
 import pytest
@@ -65,6 +66,60 @@ def test_a_controllers_terminal_that_is_left_while_the_arm_moves_is_over_when_it
             assert not moving(line)
 
     asyncio.run(story())
+
+
+async def typed_in_a_line(arm: ArmOnLink, line: ArmLine) -> None:
+    await arm.monitor("SPEED 100")
+    await arm.monitor("TOOL TRANS(0,0,50,0,0,0)")
+
+
+async def typed_at_the_terminal(arm: ArmOnLink, line: ArmLine) -> None:
+    async with arm.terminal(lambda _: None) as send:
+        send(b"SPEED 100\rTOOL TRANS(0,0,50,0,0,0)\r")
+        await asyncio.sleep(0.3)
+
+
+async def line_reopened(arm: ArmOnLink, line: ArmLine) -> None:
+    await arm.close()
+    switched_on_again(line)
+    await arm.open()
+
+
+async def calibrated(arm: ArmOnLink, line: ArmLine) -> None:
+    await arm.calibrate("Y")
+    switched_on_again(line)
+
+
+async def stopped(arm: ArmOnLink, line: ArmLine) -> None:
+    await arm.abort()
+    switched_on_again(line)
+
+
+def switched_on_again(line: ArmLine) -> None:
+    """Full speed, and the bare wrist."""
+    with line.server.controller() as controller:
+        controller.machine.speed_percent = 100.0
+        controller.arm.tool = np.eye(4)
+
+
+@pytest.mark.parametrize("meanwhile", [typed_in_a_line, typed_at_the_terminal, line_reopened, calibrated, stopped])
+def test_speed_and_tool_are_told_again_after_whatever_may_have_changed_them(line: ArmLine, meanwhile: Any) -> None:
+    tool = np.eye(4)
+    tool[2, 3] = 130.0
+
+    async def story() -> None:
+        async with line.link() as link:
+            arm = ArmOnLink(link, Puma560(flange_from_tool=tool))
+            here = (await arm.where()).world_from_tool
+            await arm.move(here, straight=False, speed_pct=20.0, timeout_s=20.0)
+            await meanwhile(arm, line)
+            await arm.where()
+            await arm.move(here, straight=False, speed_pct=20.0, timeout_s=20.0)
+
+    asyncio.run(story())
+    with line.server.controller() as controller:
+        assert controller.machine.speed_percent == 20.0
+        np.testing.assert_allclose(controller.arm.tool, tool, atol=1e-6)
 
 
 def test_nobody_else_asks_the_controller_anything_during_a_cal(line: ArmLine) -> None:

@@ -10,6 +10,7 @@ from collections.abc import Awaitable, Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import AsyncMock, Mock
 
 import cv2
 import numpy as np
@@ -89,6 +90,7 @@ class WatchedCell:
 
     def __init__(self, folder: Path) -> None:
         self.failed: list[str] = []
+        self.mover = Mock()
         self.camera_fails = False
         self.enabled = True
         self.notes: list[str] = []
@@ -159,6 +161,16 @@ def test_a_camera_lost_while_the_arm_may_not_move_is_told_and_no_fault(tmp_path:
         assert "cameras" in watched.context.troubles.standing
 
     assert watching(tmp_path, play).failed == []
+
+
+def test_after_a_lost_line_was_opened_again_nobody_knows_how_arm_and_hand_stand(tmp_path: Path) -> None:
+    async def play(watched: WatchedCell, _: Watch) -> None:
+        watched.close, watched.open = AsyncMock(), AsyncMock()  # type: ignore[attr-defined]
+        watched.context.troubles.tell("controller", "controller: no answer")
+        await asyncio.sleep(0.7)
+        watched.open.assert_called()  # type: ignore[attr-defined]
+
+    watching(tmp_path, play).mover.forget.assert_called()
 
 
 def test_devices_that_were_opened_just_now_are_asked_only_once_they_have_been_silent(tmp_path: Path) -> None:
