@@ -63,11 +63,12 @@ class Arrival:
         return min(self.timeout_s, self.slack_s + way_s / max(command.speed_pct / 100.0, 0.01))
 
 
-Gate = Callable[[Command], Awaitable[None]]
+Gate = Callable[[Command], Awaitable[bool]]
+"""May hold a move back; says whether it did."""
 
 
-async def _open_gate(_: Command) -> None:
-    return None
+async def _open_gate(_: Command) -> bool:
+    return False
 
 
 class Mover:
@@ -125,7 +126,8 @@ class Mover:
     async def go(self, command: Command) -> Reading:
         """One move, to rest. Raises MoveRefusedError before, NotThereError after, or what the robot raises."""
         self.check(command)
-        await self.gate(command)
+        if await self.gate(command) and not self.dry:
+            await self.where()  # whoever had time may have moved the arm by its pendant
         self.check(command)
         assert self.here is not None
         self._log_move(command)

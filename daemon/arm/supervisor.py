@@ -246,14 +246,15 @@ class Supervisor:
 
     # Before a move.
 
-    async def _gate(self, command: Command) -> None:
-        """Hold a move back."""
+    async def _gate(self, command: Command) -> bool:
+        """Hold a move back; whether it was."""
         x, y, z = np.round(command.world_from_tool[:3, 3], 1)
         how = "straight" if command.straight else "joints"
-        await self._hold(f"{command.purpose}: {how} to {x:g} {y:g} {z:g} at {command.speed_pct:g} %")
+        return await self._hold(f"{command.purpose}: {how} to {x:g} {y:g} {z:g} at {command.speed_pct:g} %")
 
-    async def _hold(self, text: str) -> None:
-        """Wait out a pause, ask in step mode. text: what is to be done."""
+    async def _hold(self, text: str) -> bool:
+        """Wait out a pause, ask in step mode; whether there was any waiting. text: what is to be done."""
+        held = self._step or not self._going.is_set()
         if not self._going.is_set():
             self._interrupted(Interruption.PAUSE)
             await self._going.wait()
@@ -265,6 +266,7 @@ class Supervisor:
                     raise OperatorRefusedError(f"the operator refused: {text}")
             finally:
                 self._pending = None
+        return held
 
     def _answer(self, yes: bool) -> None:
         if self._pending is None or self._pending[1].done():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from daemon import frames
-from daemon.arm.guard import Limits
+from daemon.arm.guard import Command, Limits
 from daemon.arm.mover import Arrival, MoveRefusedError
 from daemon.arm.supervisor import Interruption, OperatorRefusedError, RefusedError, Supervisor
 from tests.worlds.fake_cell import HEAD_DOWN, World, build
@@ -308,3 +308,53 @@ def test_after_a_stop_and_after_words_of_others_nobody_knows_where_the_arm_is_an
 
     asyncio.run(story())
     assert (mover.at, mover.here, mover.closed) == (None, None, None)
+
+
+@pytest.mark.parametrize("way", ["pause", "step"])
+def test_a_move_that_was_held_starts_from_where_the_arm_is_by_then(way):
+    """While it waits, somebody drives the arm elsewhere by its pendant: what was one step is now farther than one."""
+    world, supervisor, heard = supervised()
+    mover = supervisor.mover
+
+    async def story() -> None:
+        await mover.where()
+        supervisor.step(way == "step")
+        if way == "pause":
+            supervisor.pause()
+        task = asyncio.create_task(supervisor.run("go", mover.go(Command(NEAR, False, 50.0, "a test"))))
+        while not heard and supervisor.status()["pending"] is None:
+            await asyncio.sleep(0)
+        world.at = frames.perturb(HEAD_DOWN, np.array([-430.0, 0, 0, 0, 0, 0]))
+        supervisor.resume()
+        if way == "step":
+            supervisor.confirm()
+        with pytest.raises(MoveRefusedError):
+            await task
+
+    asyncio.run(story())
+    assert world.wire == []
+    np.testing.assert_array_equal(mover.at.world_from_tool, world.at)
+
+
+def test_in_a_dry_run_a_move_that_was_held_goes_on_from_where_the_arm_would_be():
+    world, supervisor, _ = supervised()
+    supervisor.dry(True)
+    asked = []
+    world.before = asked.append
+
+    async def story() -> None:
+        supervisor.step(True)
+        task = asyncio.create_task(supervisor.run("travel", travelling(supervisor)))
+        for _ in range(3):
+            while supervisor.status()["pending"] is None:
+                await asyncio.sleep(0)
+            supervisor.confirm()
+            await asyncio.sleep(0)
+        assert asked == ["where"], "before the first, and never again"
+        await supervisor.abort()
+        with pytest.raises(RefusedError):
+            await task
+
+    asyncio.run(story())
+    assert world.said("move")
+    assert not world.said("refusal")

@@ -43,9 +43,10 @@ def moving(line: ArmLine) -> bool:
 def test_a_motion_typed_at_the_monitor_is_over_when_the_arm_rests_and_nobody_else_asks_meanwhile(line: ArmLine) -> None:
     async def story() -> None:
         async with arm_on(line) as arm:
-            await arm.monitor("SPEED 20")
+            await arm.monitor("SPEED 4")
             task = asyncio.create_task(arm.monitor("DO READY"))
-            await asyncio.sleep(0.05)
+            while not moving(line):
+                await asyncio.sleep(0.01)
             assert arm.aside
             await task
             assert not moving(line)
@@ -58,11 +59,11 @@ def test_a_motion_typed_at_the_monitor_is_over_when_the_arm_rests_and_nobody_els
 def test_a_controllers_terminal_that_is_left_while_the_arm_moves_is_over_when_it_rests(line: ArmLine) -> None:
     async def story() -> None:
         async with arm_on(line) as arm:
-            await arm.monitor("SPEED 20")
+            await arm.monitor("SPEED 4")
             async with arm.terminal(lambda _: None) as send:
                 send(b"DO READY\r")
-                await asyncio.sleep(0.1)
-                assert moving(line)
+                while not moving(line):
+                    await asyncio.sleep(0.01)
             assert not moving(line)
 
     asyncio.run(story())
