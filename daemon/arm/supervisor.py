@@ -53,6 +53,9 @@ class Supervisor:
         self._interrupted = interrupted
         self._task: asyncio.Task[Any] | None = None
         self._doing = self._why = ""
+        self._stopping = 0
+        self.stops = 0
+        """How often the arm was told to stop: who was asked about a fault compares."""
         self._going = asyncio.Event()
         self._going.set()
         self._step = False
@@ -78,7 +81,8 @@ class Supervisor:
     # What may be.
 
     def enable(self) -> None:
-        """Let the arm move."""
+        """Let the arm move. Raises RefusedError while it is being stopped (or disabled)."""
+        self._not_while_stopping("enable")
         self.mover.enabled = True
 
     async def disable(self) -> None:
@@ -91,11 +95,13 @@ class Supervisor:
         """Hold before the next move."""
         self._going.clear()
 
-    def resume(self) -> None:
-        """Go on after pause; clear a fault (what was going on does not go on)."""
+    def resume(self, stops: int | None = None) -> None:
+        """Go on after pause; clear a fault (what was going on does not go on). stops: as many as there had been when
+        it was decided; a later one stands. Raises RefusedError."""
         if self.mover.fault is not None:
-            if self._task is not None:
-                raise RefusedError("the arm is still being stopped; say `resume` once more")
+            self._not_while_stopping("resume", busy=self._task is not None)
+            if stops is not None and stops != self.stops:
+                raise RefusedError(f"meanwhile it was stopped again: {self.mover.fault}; say `resume` once more")
             self.mover.fault = None
             self.mover.forget()
             self._interrupted(Interruption.RESUME)
@@ -203,12 +209,16 @@ class Supervisor:
             self.latch(fault)
         self._why = why
         self.mover.forget()
+        self.stops += 1
+        self._stopping += 1
         try:
             await asyncio.wait_for(self.mover.cell.robot.abort(), ABORT_S)
         except Exception as error:
             fault = f"{fault or why}; and ABORT went unanswered ({type(error).__name__}: {error}): press emergency stop"
             self.latch(fault)
             event = Interruption.ERROR
+        finally:
+            self._stopping -= 1
         if fault is not None:
             code = fault.partition(":")[0]
             log, cycle = self.mover.cell.log, self.mover.cycle
@@ -218,11 +228,15 @@ class Supervisor:
     async def _halt(self, event: Interruption, why: str, fault: str | None) -> None:
         """End the job: the fault is set in the same breath as its task is cancelled, before anything can run."""
         task = self._task
-        if task is not None:
-            task.cancel()
-        await self.stop_arm(event, why, fault)
-        if task is not None:
-            await asyncio.wait({task})
+        self._stopping += 1
+        try:
+            if task is not None:
+                task.cancel()
+            await self.stop_arm(event, why, fault)
+            if task is not None:
+                await asyncio.wait({task})
+        finally:
+            self._stopping -= 1
 
     async def _watched(self, work: Coroutine[Any, Any, T], moves: bool) -> T:
         try:
@@ -239,6 +253,10 @@ class Supervisor:
         self._task, self._doing, self._pending = None, "", None
         if not task.cancelled():
             task.exception()  # whoever awaits the job hears of it; nobody has to
+
+    def _not_while_stopping(self, word: str, busy: bool = False) -> None:
+        if self._stopping or busy:
+            raise RefusedError(f"the arm is still being stopped; say `{word}` once more")
 
     def _between_jobs(self, what: str) -> None:
         if self._task is not None:

@@ -358,3 +358,70 @@ def test_in_a_dry_run_a_move_that_was_held_goes_on_from_where_the_arm_would_be()
     asyncio.run(story())
     assert world.said("move")
     assert not world.said("refusal")
+
+
+@pytest.mark.parametrize("busy", [True, False])
+def test_neither_resume_nor_enable_is_heard_while_the_answer_to_a_stop_is_awaited(busy):
+    world, supervisor, _ = supervised()
+    answered = asyncio.Event()
+
+    async def slow_abort() -> None:
+        world.wire.append(("abort", None))
+        await answered.wait()
+
+    supervisor.mover.cell.robot.abort = slow_abort
+
+    async def story() -> None:
+        job = asyncio.create_task(supervisor.by_hand("CAL", lambda: endless(world))) if busy else None
+        await asyncio.sleep(0.01)
+        stopping = asyncio.create_task(supervisor.stop("by ann"))
+        await asyncio.sleep(0.01)
+        for word in (supervisor.resume, supervisor.enable):
+            with pytest.raises(RefusedError, match="still being stopped"):
+                word()
+        assert supervisor.mover.fault == "stopped by ann"
+        assert not stopping.done()
+        answered.set()
+        await stopping
+        if job is not None:
+            await asyncio.wait({job})
+            assert isinstance(job.exception(), RefusedError)
+
+    asyncio.run(story())
+    assert supervisor.mover.fault == "stopped by ann"
+    supervisor.resume()
+
+
+def test_an_enable_that_races_a_disable_ends_disabled():
+    world, supervisor, _ = supervised()
+    refused = []
+
+    async def race() -> None:
+        disabling = asyncio.create_task(supervisor.disable())
+        while not disabling.done():
+            await asyncio.sleep(0)
+            if not disabling.done():
+                try:
+                    supervisor.enable()
+                except RefusedError as error:
+                    refused.append(error)
+        await disabling
+
+    async def slow_abort() -> None:
+        world.wire.append(("abort", None))
+        await asyncio.sleep(0.01)
+
+    supervisor.mover.cell.robot.abort = slow_abort
+    asyncio.run(interrupted(world, supervisor, race))
+    assert refused
+    assert not supervisor.mover.enabled
+
+
+def test_a_stop_that_came_while_somebody_was_asked_about_an_older_fault_stands():
+    _, supervisor, _ = supervised()
+    asyncio.run(supervisor.stop("by ann"))
+    seen = supervisor.stops
+    asyncio.run(supervisor.stop("by ann"))
+    with pytest.raises(RefusedError, match="stopped again"):
+        supervisor.resume(seen)
+    assert supervisor.mover.fault == "stopped by ann"
