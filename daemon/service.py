@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from daemon.calibration.drift_watch import DriftWatch
-from daemon.calibration.file import Calibration, load_calibration
+from daemon.calibration.file import Calibration, load_calibration, same_geometry
 from daemon.cell import build as cell
 from daemon.cell import sections
 from daemon.cell.no_arm import CellError
@@ -51,6 +51,8 @@ from daemon.upkeep.watched import Troubles
 STOPPED, BROKEN, NO_DEVICE, BAD_CONFIGURATION = 0, 1, 2, 78
 AT_START = ("cell", "cameras", "arm", "folders", "console", "files", "simulated", "recorded", "metrics")
 """Sections of the configuration that only a start looks at."""
+GUARDING = ("limits", "gripper")
+"""Keys of `pick` that say how hand and cell stand to each other."""
 AT_WORK = "at work: the controller was still carrying out what it was told before this start; it was stopped (ABORT)"
 HALT_S = 1.0
 """What the arm's stop may take of the two seconds that systemd and people wait for a clean end."""
@@ -99,7 +101,11 @@ class Service:
         self._ending.set()
 
     async def reload(self) -> str:
-        """Read configuration and calibration again; a bad one is refused, all stays as it was. Raises ConfigError."""
+        """Read configuration and calibration again; a bad one is refused, all stays as it was. Raises ConfigError.
+
+        Whoever enabled the arm did so knowing how it stands in its cell: where that is another, it is disabled first,
+        and `enable` judges the new one.
+        """
         assert self.context is not None
         context, old = self.context, self.context.config
         journal.notify(f"RELOADING=1\nMONOTONIC_USEC={time.monotonic_ns() // 1000}")
@@ -110,6 +116,11 @@ class Service:
             calibration = load_calibration(config.calibration)
             if context.cycle.status()["doing"]:
                 raise ConfigError(f"{config.path}: not taken over while busy; say `reload` when nothing is being done")
+            moved = _moved((old, context.calibration), (config, calibration))
+            if not context.cycle.status()["enabled"]:
+                moved = []
+            if moved:
+                await context.cycle.supervisor.disable()
             context.config, context.calibration = config, calibration
             context.trainer.rig, context.trainer.settings = calibration.rig, config.values.vision
             context.cycle.refit(*pick_cell(config, calibration, context.hardware, context.log))
@@ -123,6 +134,10 @@ class Service:
             journal.notify("READY=1")
         late = [name for name in AT_START if getattr(config.values, name) != getattr(old.values, name)]
         text = "The configuration is taken over."
+        if moved:
+            disabled = f"The arm is no longer enabled: {', '.join(moved)} changed."
+            text += f" {disabled}"
+            self._notice(disabled)
         if late:
             text += f" Only after a restart: {', '.join(late)}."
         context.record_start(reloaded=True)
@@ -321,6 +336,14 @@ def read_files(config_path: Path, simulated: bool) -> tuple[Config, Calibration,
     first = None if files.model is None else load_model(config.file(files.model))
     trainer = Trainer(ModelStore(config.state), calibration.rig, library, parts, config.values.vision, first)
     return config, calibration, trainer
+
+
+def _moved(before: tuple[Config, Calibration], after: tuple[Config, Calibration]) -> list[str]:
+    """What of the cell's geometry, by which moves are computed and guarded, is another in the one than in the other."""
+    (config, calibration), (new_config, new_calibration) = before, after
+    found = [] if same_geometry(calibration, new_calibration) else ["calibration"]
+    pick, new_pick = config.values.pick, new_config.values.pick
+    return found + [f"pick.{name}" for name in GUARDING if getattr(pick, name) != getattr(new_pick, name)]
 
 
 def _tell_notes(config: Config) -> None:

@@ -63,11 +63,12 @@ class Arrival:
         return min(self.timeout_s, self.slack_s + way_s / max(command.speed_pct / 100.0, 0.01))
 
 
-Gate = Callable[[Command], Awaitable[None]]
+Gate = Callable[[Command], Awaitable[bool]]
+"""May hold a move back; says whether it did."""
 
 
-async def _open_gate(_: Command) -> None:
-    return None
+async def _open_gate(_: Command) -> bool:
+    return False
 
 
 class Mover:
@@ -96,6 +97,10 @@ class Mover:
         at = None if self.here is None else self.here.world_from_tool
         return ArmState(self.enabled, self.fault, at, self.cell.clock())
 
+    def forget(self) -> None:
+        """Somebody else may have moved arm or hand, or stopped them on the way: nobody knows how they stand."""
+        self.at = self._imagined = self.closed = None
+
     async def where(self) -> Reading:
         """Ask the controller where the arm is, and remember it."""
         self.at = self._imagined = None
@@ -121,7 +126,8 @@ class Mover:
     async def go(self, command: Command) -> Reading:
         """One move, to rest. Raises MoveRefusedError before, NotThereError after, or what the robot raises."""
         self.check(command)
-        await self.gate(command)
+        if await self.gate(command) and not self.dry:
+            await self.where()  # whoever had time may have moved the arm by its pendant
         self.check(command)
         assert self.here is not None
         self._log_move(command)

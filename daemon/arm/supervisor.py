@@ -7,7 +7,7 @@ only then is anything reported.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Coroutine
+from collections.abc import Awaitable, Callable, Coroutine
 from enum import StrEnum
 from typing import Any, TypeVar
 
@@ -53,6 +53,9 @@ class Supervisor:
         self._interrupted = interrupted
         self._task: asyncio.Task[Any] | None = None
         self._doing = self._why = ""
+        self._stopping = 0
+        self.stops = 0
+        """How often the arm was told to stop: who was asked about a fault compares."""
         self._going = asyncio.Event()
         self._going.set()
         self._step = False
@@ -78,7 +81,8 @@ class Supervisor:
     # What may be.
 
     def enable(self) -> None:
-        """Let the arm move."""
+        """Let the arm move. Raises RefusedError while it is being stopped (or disabled)."""
+        self._not_while_stopping("enable")
         self.mover.enabled = True
 
     async def disable(self) -> None:
@@ -91,13 +95,15 @@ class Supervisor:
         """Hold before the next move."""
         self._going.clear()
 
-    def resume(self) -> None:
-        """Go on after pause; clear a fault (what was going on does not go on)."""
+    def resume(self, stops: int | None = None) -> None:
+        """Go on after pause; clear a fault (what was going on does not go on). stops: as many as there had been when
+        it was decided; a later one stands. Raises RefusedError."""
         if self.mover.fault is not None:
-            if self._task is not None:
-                raise RefusedError("the arm is still being stopped; say `resume` once more")
+            self._not_while_stopping("resume", busy=self._task is not None)
+            if stops is not None and stops != self.stops:
+                raise RefusedError(f"meanwhile it was stopped again: {self.mover.fault}; say `resume` once more")
             self.mover.fault = None
-            self.mover.at = None
+            self.mover.forget()
             self._interrupted(Interruption.RESUME)
         self._going.set()
 
@@ -149,6 +155,33 @@ class Supervisor:
                 raise RefusedError(f"{doing}: {self._why}") from None
             raise
 
+    async def by_hand(self, doing: str, work: Callable[[], Awaitable[T]]) -> T:
+        """Run as a job what an operator tells the controller himself, where it may set arm or hand in motion.
+
+        The guard does not see where that goes; enable, fault, pause, step and every stop hold as for any move.
+        """
+
+        async def held() -> T:
+            await self._hold(doing)
+            self.may_move()
+            return await work()
+
+        self.may_move()
+        if self.mover.dry:
+            raise RefusedError(f"{doing}: not sent while `dry` is on")
+        return await self.converse(doing, held, moves=True)
+
+    async def converse(self, doing: str, work: Callable[[], Awaitable[T]], moves: bool) -> T:
+        """Run as a job what others than us say to the controller; afterwards nothing is known of arm and hand."""
+
+        async def conversation() -> T:
+            try:
+                return await work()
+            finally:
+                self.mover.forget()
+
+        return await self.run(doing, conversation(), moves)
+
     async def stop(self, why: str = "by the operator") -> None:
         """Stop the arm, then report; the fault stands until resume."""
         await self._halt(Interruption.STOP, why, fault=f"stopped {why}")
@@ -175,13 +208,17 @@ class Supervisor:
         if fault is not None:
             self.latch(fault)
         self._why = why
-        self.mover.at = None
+        self.mover.forget()
+        self.stops += 1
+        self._stopping += 1
         try:
             await asyncio.wait_for(self.mover.cell.robot.abort(), ABORT_S)
         except Exception as error:
             fault = f"{fault or why}; and ABORT went unanswered ({type(error).__name__}: {error}): press emergency stop"
             self.latch(fault)
             event = Interruption.ERROR
+        finally:
+            self._stopping -= 1
         if fault is not None:
             code = fault.partition(":")[0]
             log, cycle = self.mover.cell.log, self.mover.cycle
@@ -191,11 +228,15 @@ class Supervisor:
     async def _halt(self, event: Interruption, why: str, fault: str | None) -> None:
         """End the job: the fault is set in the same breath as its task is cancelled, before anything can run."""
         task = self._task
-        if task is not None:
-            task.cancel()
-        await self.stop_arm(event, why, fault)
-        if task is not None:
-            await asyncio.wait({task})
+        self._stopping += 1
+        try:
+            if task is not None:
+                task.cancel()
+            await self.stop_arm(event, why, fault)
+            if task is not None:
+                await asyncio.wait({task})
+        finally:
+            self._stopping -= 1
 
     async def _watched(self, work: Coroutine[Any, Any, T], moves: bool) -> T:
         try:
@@ -213,28 +254,37 @@ class Supervisor:
         if not task.cancelled():
             task.exception()  # whoever awaits the job hears of it; nobody has to
 
+    def _not_while_stopping(self, word: str, busy: bool = False) -> None:
+        if self._stopping or busy:
+            raise RefusedError(f"the arm is still being stopped; say `{word}` once more")
+
     def _between_jobs(self, what: str) -> None:
         if self._task is not None:
             raise RefusedError(f"busy: {self._doing}; {what} in between")
 
     # Before a move.
 
-    async def _gate(self, command: Command) -> None:
-        """Wait out a pause, ask in step mode."""
+    async def _gate(self, command: Command) -> bool:
+        """Hold a move back; whether it was."""
+        x, y, z = np.round(command.world_from_tool[:3, 3], 1)
+        how = "straight" if command.straight else "joints"
+        return await self._hold(f"{command.purpose}: {how} to {x:g} {y:g} {z:g} at {command.speed_pct:g} %")
+
+    async def _hold(self, text: str) -> bool:
+        """Wait out a pause, ask in step mode; whether there was any waiting. text: what is to be done."""
+        held = self._step or not self._going.is_set()
         if not self._going.is_set():
             self._interrupted(Interruption.PAUSE)
             await self._going.wait()
             self._interrupted(Interruption.RESUME)
         if self._step:
-            x, y, z = np.round(command.world_from_tool[:3, 3], 1)
-            how = "straight" if command.straight else "joints"
-            text = f"{command.purpose}: {how} to {x:g} {y:g} {z:g} at {command.speed_pct:g} %"
             self._pending = (text, asyncio.get_running_loop().create_future())
             try:
                 if not await self._pending[1]:
                     raise OperatorRefusedError(f"the operator refused: {text}")
             finally:
                 self._pending = None
+        return held
 
     def _answer(self, yes: bool) -> None:
         if self._pending is None or self._pending[1].done():

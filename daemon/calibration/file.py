@@ -45,6 +45,21 @@ class Calibration:
     quality: Quality = field(default_factory=Quality)
 
 
+def same_geometry(a: Calibration, b: Calibration) -> bool:
+    """Whether eyes and hand-eye are the same, to the last digit."""
+
+    def numbers(calibration: Calibration) -> list[Array]:
+        eyes = (calibration.rig.left, calibration.rig.right)
+        hand_eye = calibration.tool_from_cyclopean
+        return [
+            np.array(calibration.rig.image_size),
+            *(array for eye in eyes for array in (eye.matrix, eye.distortion, eye.cyclopean_from_camera)),
+            np.zeros(0) if hand_eye is None else hand_eye,
+        ]
+
+    return all(map(np.array_equal, numbers(a), numbers(b)))
+
+
 class _Eye(msgspec.Struct, forbid_unknown_fields=True):
     camera_matrix: list[list[float]]
     distortion: list[float]

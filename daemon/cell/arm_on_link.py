@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import AsyncIterator, Callable, Sequence
+from collections.abc import AsyncIterator, Callable, Iterator, Sequence
 from functools import partial
 from typing import Any
 
@@ -15,7 +15,7 @@ from drivers import puma560
 from drivers.val2.commands import moves_the_arm as moves_the_arm
 from drivers.val2.dialect import Dialect
 from drivers.val2.errors import Elsewhere, Preempted
-from drivers.val2.link import Link
+from drivers.val2.link import CONFIRMS, Link
 from drivers.val2.location import apart, location_from_matrix, matrix_from_location
 from drivers.val2.wire import Where
 
@@ -34,7 +34,7 @@ class ArmOnLink:
         self.heard_s: float | None = None
         """When the controller last answered, on the cell's clock."""
         self.aside = False
-        """Somebody talks to the controller; nobody else is to ask it anything."""
+        """Somebody talks to the controller, or waits for the end of a motion; nobody else is to ask it anything."""
         self._arm = arm
         self._speed_pct: float | None = None
         self._introduced = False
@@ -42,16 +42,23 @@ class ArmOnLink:
 
     async def open(self) -> None:
         """Claim the port and find the controller's prompt. Raises LinkError."""
+        self._forget()
         await self.link.open()
         await self._introduce_tool()
         self._heard()
+
+    @property
+    def asks_whether_to_move(self) -> bool:
+        """Whether a yes to what the controller asks would begin a motion (CAL's `Are you sure`)."""
+        return CONFIRMS in (self.link.question or "").lower()
 
     async def close(self) -> None:
         """Let go of the port; does not stop the arm."""
         await self.link.close()
 
     async def where(self) -> Reading:
-        """Ask the controller where the arm is; after a stop, remind it of our tool first (it may have been off)."""
+        """Ask the controller where the arm is; where its tool may not be ours (after a stop, a reopened line, words of
+        others), tell it of ours first."""
         if not self._introduced:
             await self._introduce_tool()
         return self._reading(await self.link.where())
@@ -68,13 +75,14 @@ class ArmOnLink:
             self._speed_pct = None
             await self.link.speed(speed_pct)
             self._speed_pct = speed_pct
-        await (self.link.move_straight if straight else self.link.move)(location, timeout_s)
-        try:
-            return self._reading(await self.link.rest(location, timeout_s))
-        except Elsewhere as elsewhere:
-            if elsewhere.where is None:
-                raise
-            return self._reading(elsewhere.where)
+        with self._line_taken():
+            await (self.link.move_straight if straight else self.link.move)(location, timeout_s)
+            try:
+                return self._reading(await self.link.rest(location, timeout_s))
+            except Elsewhere as elsewhere:
+                if elsewhere.where is None:
+                    raise
+                return self._reading(elsewhere.where)
 
     async def hand(self, closed: bool) -> None:
         """CLOSEI or OPENI."""
@@ -83,7 +91,7 @@ class ArmOnLink:
 
     async def abort(self) -> None:
         """Stop the arm now. Raises LinkError when the controller does not confirm it."""
-        self._speed_pct, self._introduced = None, False
+        self._forget()
         await self.link.abort()
         self._heard()
 
@@ -122,33 +130,66 @@ class ArmOnLink:
 
     async def power_up(self, replies: Sequence[str]) -> list[str]:
         """Answer what the controller asks after it was switched on; gives what it said."""
-        answer = await self.link.power_up(tuple(replies))
-        self._speed_pct, self._introduced = None, False
+        with self._words_of_others():
+            answer = await self.link.power_up(tuple(replies))
         await self._introduce_tool()
         return list(answer.lines)
 
     async def calibrate(self, reply: str) -> list[str]:
-        """CAL: the arm finds its zero (it moves a little)."""
-        return list((await self.link.calibrate(reply)).lines)
+        """CAL: the arm finds its zero (it moves a little); over when it is at rest."""
+        with self._words_of_others():
+            answer = await self.link.calibrate(reply)
+            await self._rest()
+        return list(answer.lines)
 
     async def monitor(self, text: str) -> list[str]:
-        """Any command, as typed at the controller's own terminal; gives what it said."""
-        return list((await self.link.command(text)).lines)
+        """Any command, as typed at the controller's own terminal; gives what it said, once the arm is at rest."""
+        with self._words_of_others():
+            answer = await self.link.command(text)
+            if moves_the_arm(text):
+                await self._rest()
+        return list(answer.lines)
 
     @contextlib.asynccontextmanager
     async def terminal(self, show: Callable[[bytes], None]) -> AsyncIterator[Callable[[bytes], None]]:
         """The controller's own terminal for a person: what it says goes to show, what they type to the function given.
 
-        Afterwards its TOOL and SPEED are ours again, whatever was typed. abort() still works, and ends it.
+        Over when the arm is at rest; its TOOL and SPEED are ours again, whatever was typed. abort() still works, and
+        ends it.
         """
-        self.aside = True
-        try:
+        with self._words_of_others():
             async with self.link.terminal(show) as send:
                 yield send
-            self._speed_pct = None
-            await self._introduce_tool()
+            if self.link.question is None:
+                await self._rest()
+        await self._introduce_tool()
+
+    @contextlib.contextmanager
+    def _line_taken(self) -> Iterator[None]:
+        """Stand aside: whoever has the line knows how long to wait for what."""
+        self.aside = True
+        try:
+            yield
         finally:
             self.aside = False
+
+    @contextlib.contextmanager
+    def _words_of_others(self) -> Iterator[None]:
+        """Stand aside; afterwards SPEED and TOOL may be theirs."""
+        with self._line_taken():
+            try:
+                yield
+            finally:
+                self._forget()
+
+    def _forget(self) -> None:
+        """SPEED and TOOL are to be told again."""
+        self._speed_pct, self._introduced = None, False
+
+    async def _rest(self) -> None:
+        """Wait until two readings agree, wherever that is and whatever TOOL is. Raises NoAnswer."""
+        await self.link.still(self.link.dialect.motion_s, any_place=True)
+        self._heard()
 
     async def _introduce_tool(self) -> None:
         """Tell the controller of our tool: switched on, it knows none, and would bring the bare wrist to each place."""

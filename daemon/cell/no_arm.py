@@ -25,7 +25,7 @@ class NoArm:
 
     heard_s: float | None = None
     question: str | None = None
-    aside = stopped_on_opening = False
+    aside = stopped_on_opening = asks_whether_to_move = False
 
     async def _nothing(self) -> None:
         """Nothing is there to open, close or check, and nothing moves."""

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import asyncio
 
-from daemon.commands.monitoring import may_not_move, monitor
+from daemon.cell.arm_on_link import moves_the_arm
+from daemon.commands.monitoring import monitor, note_hand
+from daemon.commands.moving import with_questions
 from daemon.console.context import CommandContext
 from daemon.console.interpreter import NOT_DONE, Answer, CommandError, Door, command, no_more, one_of
 from daemon.upkeep import bundle as bundles
@@ -19,27 +21,36 @@ async def robot(context: CommandContext, words: list[str], door: Door) -> Answer
     """Speak with the arm's controller as its own terminal would.
 
     power-up answers what the controller asks after it was switched on (Y Y unless you say otherwise);
-    cal lets the arm find its zero; monitor TEXT types one line and shows the answer. monitor alone is the
-    controller's own terminal, every line logged: control-] comes back, control-C stops the arm.
+    cal lets the arm find its zero (`enable` first); monitor TEXT types one line and shows the answer. monitor
+    alone is the controller's own terminal, every line logged: control-] comes back, control-C stops the arm.
     """
     what = one_of(words, 0, ROBOT, "word", ROBOT_USAGE)
-    arm = context.hardware.robot
+    arm, supervisor = context.hardware.robot, context.cycle.supervisor
+    text = " ".join(words[1:])
     if what == "power-up":
         question = arm.question
         if question is None:
             raise CommandError("the controller asks nothing: it is past its power-up questions")
-        return _replies([question, *await arm.power_up(words[1:] or ["Y", "Y"])])
+        replies = words[1:] or ["Y", "Y"]
+        if arm.asks_whether_to_move:
+            said = await with_questions(context, supervisor.by_hand("power-up", lambda: arm.power_up(replies)), door)
+        else:
+            said = await supervisor.converse("power-up", lambda: arm.power_up(replies), moves=False)
+        return _replies([question, *said])
     if what == "cal":
         no_more(words, 1, "robot cal")
-        _not_while_busy(context)
-        return _replies(await arm.calibrate(context.config.values.arm.calibrate_answer))
-    text = " ".join(words[1:])
-    _not_while_busy(context)
+        reply = context.config.values.arm.calibrate_answer
+        return _replies(await with_questions(context, supervisor.by_hand("CAL", lambda: arm.calibrate(reply)), door))
     if not text:
         return await monitor(context, door)
-    if may_not_move(context, text):
-        raise CommandError(f"{text}: may move the arm, and the arm may not move now (`enable`, `resume`)")
-    return _replies(await arm.monitor(text))
+
+    async def typed() -> list[str]:
+        note_hand(context, text)
+        return await arm.monitor(text)
+
+    if moves_the_arm(text):
+        return _replies(await with_questions(context, supervisor.by_hand(text, typed), door))
+    return _replies(await supervisor.converse(text, typed, moves=False))
 
 
 @command("doctor")
@@ -70,12 +81,6 @@ def doctor_answer(findings: list[doctors.Finding]) -> Answer:
     lines.append("All is well." if not bad else f"{len(bad)} to mend.")
     data = {"findings": [{"level": f.level, "what": f.what, "found": f.found, "mend": f.mend} for f in findings]}
     return Answer("\n".join(lines), data, NOT_DONE if bad else 0)
-
-
-def _not_while_busy(context: CommandContext) -> None:
-    doing = context.cycle.status()["doing"]
-    if doing:
-        raise CommandError(f"busy: {doing}")
 
 
 def _replies(lines: list[str]) -> Answer:

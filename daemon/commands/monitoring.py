@@ -1,6 +1,7 @@
 """The controller's own terminal for an operator while the daemon stands aside: every line is logged, none surprises.
 
-What an operator types goes to the controller as it is, but for a line that would move an arm that may not move.
+What an operator types goes to the controller as it is, but while the arm may not move: then only words known to be
+harmless do (drivers/val2/commands.py).
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ ENDS, RUBOUTS, CANCEL = b"\r\n", b"\x08\x7f", b"\x15"
 SPOIL = CANCEL + b"!!\r"
 """Takes a typed line back; makes it an error where the controller knows no such key."""
 GREETING = "The controller's own terminal; the daemon stands aside. Control-] comes back, control-C stops the arm."
-HAND_WORDS = ("OPEN", "CLOSE", "GRASP", "RELAX")
+HAND_WORDS = ("OPEN", "CLOSE", "GRASP", "RELAX", "MOVET", "MOVEST")
 
 
 async def monitor(context: CommandContext, door: Door) -> Answer:
@@ -24,7 +25,7 @@ async def monitor(context: CommandContext, door: Door) -> Answer:
         raise CommandError("only at a terminal; from here one line at a time: robot monitor TEXT", 2)
     await door.say(GREETING)
     try:
-        return await context.cycle.supervisor.run("monitor", _monitored(context, door), moves=False)
+        return await context.cycle.supervisor.converse("monitor", lambda: _monitored(context, door), moves=True)
     except ANSWERABLE as error:
         fault = context.cycle.status()["fault"]
         raise CommandError(f"the controller's terminal has ended: {fault or error}") from error
@@ -73,20 +74,21 @@ class Typist:
         if text:
             self.lines += 1
             self._record(text)
-        if any(word in text.upper() for word in HAND_WORDS):
-            self._context.cycle.hand_full = None
+        note_hand(self._context, text)
         send(b"\r")
 
     def _record(self, text: str) -> None:
         self._context.log.record("command", who=self._door.who, door=f"{self._door.name}, monitor", text=text)
 
 
+def note_hand(context: CommandContext, text: str) -> None:
+    """Where a line may work the hand, by a word or by a program it starts, nobody knows whether a part is in it."""
+    program = moves_the_arm(text) and text.split()[0].upper() != "DO"
+    if program or any(word in text.upper() for word in HAND_WORDS):
+        context.cycle.hand_full = None
+
+
 def may_not_move(context: CommandContext, text: str) -> bool:
     """Whether a line may set the arm in motion while it may not move."""
     state = context.cycle.status()
-    held = state["fault"] is not None or not state["enabled"]
-    return held and (moves_the_arm(text) or text.split()[0].upper() in PROGRAM_WORDS)
-
-
-PROGRAM_WORDS = frozenset({"DO", "PROCEED", "RETRY", "NEXT", "STEP", "XSTEP", "COMMANDS"})
-"""What starts or goes on with a program, or may begin a motion in a spelling that is not known here."""
+    return (state["fault"] is not None or not state["enabled"]) and moves_the_arm(text)

@@ -60,11 +60,12 @@ async def resume(context: CommandContext, words: list[str], door: Door) -> Answe
     """Go on after `pause`; clear a fault.
 
     After a fault nothing goes on by itself: say `pick`, `auto on` or `auto resume`. Where an auto was cut
-    off, and at a door that can ask, it is asked whether to take it up now.
+    off, and at a door that can ask, it is asked whether to take it up now; answered no, the fault stands.
     """
-    before = context.cycle.status()
-    context.cycle.supervisor.resume()
+    supervisor = context.cycle.supervisor
+    before, stops = context.cycle.status(), supervisor.stops
     if before["fault"] is None:
+        supervisor.resume()
         return Answer("Going on." if before["paused"] else "Nothing was held.")
     lines = [f"The fault is cleared: {before['fault']}."]
     if before["holding"] is None and door.asks:
@@ -72,14 +73,17 @@ async def resume(context: CommandContext, words: list[str], door: Door) -> Answe
         if is_yes(answer) or is_no(answer):
             lines.append(_take_word(context, is_yes(answer)))
     known, pick_order = context.cycle.status()["holding"] is not None, context.cycle.pick_order
-    if (
-        known
-        and pick_order is not None
-        and await _agreed(door, f"{cut_off(pick_order.count)}. Let the arm move and go on?")
-    ):
-        context.cycle.supervisor.enable()
+    if known and pick_order is not None and door.asks:
+        left = cut_off(pick_order.count)
+        if not is_yes(await door.ask(f"{left}. Let the arm move and go on? [y/n]")):
+            lines[0] = f"The fault stands: {before['fault']}. `resume` asks again."
+            lines.append(f"{left}: `auto resume` takes it up after that, `auto off` gives it up.")
+            return Answer("\n".join(lines), status=NOT_DONE)
+        supervisor.resume(stops)
+        supervisor.enable()
         await context.begin_auto(pick_order.count, pick_order.every_s)
         return Answer("\n".join([*lines, "Going on; `auto off` ends it after a part."]))
+    supervisor.resume(stops)
     if not known:
         lines.append("Is a part in the gripper? Say `holding yes` or `holding no` before the next pick.")
     if not context.cycle.status()["enabled"]:
@@ -87,11 +91,6 @@ async def resume(context: CommandContext, words: list[str], door: Door) -> Answe
     if pick_order is not None:
         lines.append(f"{cut_off(pick_order.count)}: `auto resume` takes it up, `auto off` gives it up.")
     return Answer("\n".join(lines))
-
-
-async def _agreed(door: Door, question: str) -> bool:
-    """Whether somebody was there to be asked, and said yes."""
-    return door.asks and is_yes(await door.ask(f"{question} [y/n]"))
 
 
 @command("pause", "move", at_once=True)

@@ -101,6 +101,7 @@ class Watch:
             if "controller" in context.troubles.standing:
                 await robot.close()
                 await robot.open()
+                context.cycle.supervisor.mover.forget()
             if robot.question is not None:
                 context.troubles.tell("controller", f"the controller asks `{robot.question}`: say `robot power-up`")
             else:
@@ -149,7 +150,10 @@ class Watch:
             self._context.run_log.record("clock", jump_s=round(jump_s, 3))
 
     def _check_memory_of_motion(self, busy: bool) -> None:
-        """While the cycle works, it is the cycle that talks to the devices: what it hears counts as their life."""
+        """While the cycle works, it is the cycle that talks to the devices: what it hears counts as their life. So does
+        a line that is taken (CAL is silent for minutes): whoever has it knows how long to wait."""
+        if self._context.hardware.robot.aside:
+            self._ended_s["controller"] = time.monotonic()
         if not busy:
             return
         hardware, now = self._context.hardware, self._context.hardware.clock()

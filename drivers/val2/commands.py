@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-import re
 from math import isfinite
 
 from drivers.val2.location import Location
 
-MOVES_THE_ARM = re.compile(
-    r"DO\s+(MOVES?T?|READY|NEST|DRIVE|DEPARTS?|APPROS?|OPENI?|CLOSEI?)\b|EX(ECUTE)?\b|CAL(IBRATE)?\b",
-    re.IGNORECASE,
-)
+LISTINGS = frozenset({"STATUS", "LISTF", "LISTL", "LISTP", "LISTR", "LISTS", "DIRECTORY", "FREE"})
+HARMLESS = LISTINGS | {"WHERE", "HERE", "ABORT", "SPEED", "TOOL", "BASE", "Y", "N", "YES", "NO"}
+"""Monitor words, and answers to the controller's questions, that set nothing in motion by themselves. A question whose
+yes begins a motion is only open where a word that is not among these was typed before."""
+HARMLESS_DO = frozenset({"BREAK", "SET"})
+"""Program instructions of which the same is true, spelled out."""
+SHORTEST = 3
+"""Letters that a beginning of a harmless word has at least: with fewer it may be another word's on some system."""
 
 
 def trans(location: Location) -> str:
@@ -43,8 +46,18 @@ def speed(percent: float) -> str:
 
 
 def moves_the_arm(command: str) -> bool:
-    """Whether a typed command may set anything in motion (the hand included)."""
-    return MOVES_THE_ARM.match(command.strip()) is not None
+    """Whether a typed command may set anything in motion (the hand included): whatever is not known to be harmless.
+
+    VAL II takes any unambiguous beginning of a word, so those of the harmless words are harmless too.
+    """
+    words = command.upper().split()
+    if not words:
+        return False
+    if words[0] == "DO":  # alone it does again what was done last
+        return len(words) < 2 or words[1] not in HARMLESS_DO
+    return words[0] not in HARMLESS and not any(
+        len(words[0]) >= SHORTEST and known.startswith(words[0]) for known in HARMLESS
+    )
 
 
 def tool(flange_from_tool: Location) -> str:

@@ -182,10 +182,12 @@ class Link:
             if now_s - elsewhere_since_s >= self.dialect.stall_s or now_s >= deadline_s:
                 raise Elsewhere(f"at rest {off_mm:.2f} mm and {off_deg:.2f} degrees from where it was sent", where)
 
-    async def still(self, timeout_s: float) -> Where:
-        """Wait until two WHERE readings agree. Raises NoAnswer when they do not in time."""
+    async def still(self, timeout_s: float, any_place: bool = False) -> Where:
+        """Wait until two WHERE readings agree. Raises NoAnswer when they do not in time.
+
+        any_place: also where place and joints do not belong together (a TOOL or BASE other than ours)."""
         async with self._open_session.turn() as talk:
-            return await self._still(talk, timeout_s)
+            return await self._still(talk, timeout_s, any_place)
 
     async def abort(self) -> Where:
         """Stop the arm now, whoever is using the link (they get Preempted), and give where it came to rest.

@@ -27,6 +27,7 @@ class FakeCycle:
     slow: bool = False
     pick_order: PickOrder | None = None
     held: bool | None = False
+    stops: int = 0
 
     @property
     def supervisor(self) -> FakeCycle:
@@ -47,7 +48,9 @@ class FakeCycle:
     def enable(self) -> None:
         self.told.append("enable")
 
-    def resume(self) -> None:
+    def resume(self, stops: int | None = None) -> None:
+        if stops not in (None, self.stops):
+            raise RefusedError("stopped again")
         self.told.append("resume")
         self.fault = None
 
@@ -60,6 +63,7 @@ class FakeCycle:
     async def stop(self, why: str) -> None:
         self.told.append(f"stop {why}")
         self.fault, self.doing = f"stopped {why}", None
+        self.stops += 1
 
     async def go(self, place: str) -> None:
         if self.refuse_with:

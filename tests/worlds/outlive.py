@@ -117,7 +117,8 @@ class Beside(Sentry):
         if asks:
             self.do("robot power-up")
         if not calibrated:
-            self.do("robot cal")
+            for text in ("resume", "enable", "robot cal"):
+                self.do(text)
 
     def close(self) -> None:
         """End both."""
@@ -159,7 +160,7 @@ def _switching_on(daemon: Sentry) -> None:
         with daemon.cell.server.controller() as controller:
             controller.mishap(Mishap.POWER_CYCLED)
             controller.machine.switch_arm_power_on()
-        for text in ("status", "robot power-up", "robot cal", "resume", "enable", "go home"):
+        for text in ("status", "robot power-up", "resume", "enable", "robot cal", "go home"):
             daemon.do(text)
 
 

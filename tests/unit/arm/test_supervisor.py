@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from daemon import frames
-from daemon.arm.guard import Limits
+from daemon.arm.guard import Command, Limits
 from daemon.arm.mover import Arrival, MoveRefusedError
 from daemon.arm.supervisor import Interruption, OperatorRefusedError, RefusedError, Supervisor
 from tests.worlds.fake_cell import HEAD_DOWN, World, build
@@ -219,3 +219,209 @@ def test_a_no_to_a_pending_move_leaves_it_unsent_and_no_fault():
 
     asyncio.run(story())
     assert (world.wire, supervisor.mover.fault) == ([], None)
+
+
+async def endless(world: World) -> None:
+    """A foreign motion: CAL, or a line typed at the monitor."""
+    world.wire.append(("foreign", None))
+    await asyncio.sleep(60.0)
+
+
+@pytest.mark.parametrize("way", ["not enabled", "fault", "dry"])
+def test_what_an_operator_tells_the_controller_himself_is_refused_where_the_arm_may_not_move(way):
+    world, supervisor, _ = supervised(enabled=way != "not enabled")
+    if way == "fault":
+        supervisor.latch("stopped")
+    supervisor.dry(way == "dry")
+    supervisor.step(True)
+    with pytest.raises(RefusedError):
+        asyncio.run(asyncio.wait_for(supervisor.by_hand("CAL", lambda: endless(world)), 1.0))
+    assert world.wire == []
+
+
+@pytest.mark.parametrize(("act", "fault", "what"), STOPS)
+def test_every_stop_ends_what_an_operator_told_the_controller_and_status_shows_it_until_then(act, fault, what):
+    world, supervisor, _ = supervised()
+
+    async def story() -> None:
+        task = asyncio.create_task(supervisor.by_hand("CAL", lambda: endless(world)))
+        while not world.wire:
+            await asyncio.sleep(0)
+        assert supervisor.status()["doing"] == "CAL"
+        await act(supervisor)
+        with pytest.raises(RefusedError):
+            await task
+
+    asyncio.run(story())
+    assert [name for name, _ in world.wire] == ["foreign", "abort"]
+    assert supervisor.mover.fault == fault
+
+
+def test_what_an_operator_tells_the_controller_is_held_and_confirmed_like_a_move_and_asked_for_again_after():
+    world, supervisor, _ = supervised()
+
+    async def story() -> None:
+        supervisor.pause()
+        supervisor.step(True)
+        task = asyncio.create_task(supervisor.by_hand("CAL", lambda: endless(world)))
+        await asyncio.sleep(0.01)
+        supervisor.resume()
+        while supervisor.status()["pending"] is None:
+            await asyncio.sleep(0)
+        assert supervisor.status()["pending"] == "CAL"
+        supervisor.mover.enabled = False
+        supervisor.confirm()
+        with pytest.raises(RefusedError, match="not enabled"):
+            await task
+
+    asyncio.run(story())
+    assert world.wire == []
+
+
+def test_an_error_in_what_an_operator_told_the_controller_stops_the_arm():
+    world, supervisor, _ = supervised()
+
+    async def broken() -> None:
+        raise OSError("*Envelope error*")
+
+    with pytest.raises(OSError, match="Envelope"):
+        asyncio.run(supervisor.by_hand("CAL", broken))
+    assert [name for name, _ in world.wire] == ["abort"]
+    assert "Envelope" in str(supervisor.mover.fault)
+
+
+@pytest.mark.parametrize("way", ["stop", "conversation", "motion"])
+def test_after_a_stop_and_after_words_of_others_nobody_knows_where_the_arm_is_and_how_the_hand_stands(way):
+    _, supervisor, _ = supervised()
+    mover = supervisor.mover
+
+    async def story() -> None:
+        await mover.where()
+        await mover.hand(closed=False)
+        assert (mover.at is None, mover.closed) == (False, False)
+        if way == "stop":
+            await supervisor.stop()
+        elif way == "conversation":
+            await supervisor.converse("monitor", lambda: asyncio.sleep(0), moves=False)
+        else:
+            await supervisor.by_hand("DO READY", lambda: asyncio.sleep(0))
+
+    asyncio.run(story())
+    assert (mover.at, mover.here, mover.closed) == (None, None, None)
+
+
+@pytest.mark.parametrize("way", ["pause", "step"])
+def test_a_move_that_was_held_starts_from_where_the_arm_is_by_then(way):
+    """While it waits, somebody drives the arm elsewhere by its pendant: what was one step is now farther than one."""
+    world, supervisor, heard = supervised()
+    mover = supervisor.mover
+
+    async def story() -> None:
+        await mover.where()
+        supervisor.step(way == "step")
+        if way == "pause":
+            supervisor.pause()
+        task = asyncio.create_task(supervisor.run("go", mover.go(Command(NEAR, False, 50.0, "a test"))))
+        while not heard and supervisor.status()["pending"] is None:
+            await asyncio.sleep(0)
+        world.at = frames.perturb(HEAD_DOWN, np.array([-430.0, 0, 0, 0, 0, 0]))
+        supervisor.resume()
+        if way == "step":
+            supervisor.confirm()
+        with pytest.raises(MoveRefusedError):
+            await task
+
+    asyncio.run(story())
+    assert world.wire == []
+    np.testing.assert_array_equal(mover.at.world_from_tool, world.at)
+
+
+def test_in_a_dry_run_a_move_that_was_held_goes_on_from_where_the_arm_would_be():
+    world, supervisor, _ = supervised()
+    supervisor.dry(True)
+    asked = []
+    world.before = asked.append
+
+    async def story() -> None:
+        supervisor.step(True)
+        task = asyncio.create_task(supervisor.run("travel", travelling(supervisor)))
+        for _ in range(3):
+            while supervisor.status()["pending"] is None:
+                await asyncio.sleep(0)
+            supervisor.confirm()
+            await asyncio.sleep(0)
+        assert asked == ["where"], "before the first, and never again"
+        await supervisor.abort()
+        with pytest.raises(RefusedError):
+            await task
+
+    asyncio.run(story())
+    assert world.said("move")
+    assert not world.said("refusal")
+
+
+@pytest.mark.parametrize("busy", [True, False])
+def test_neither_resume_nor_enable_is_heard_while_the_answer_to_a_stop_is_awaited(busy):
+    world, supervisor, _ = supervised()
+    answered = asyncio.Event()
+
+    async def slow_abort() -> None:
+        world.wire.append(("abort", None))
+        await answered.wait()
+
+    supervisor.mover.cell.robot.abort = slow_abort
+
+    async def story() -> None:
+        job = asyncio.create_task(supervisor.by_hand("CAL", lambda: endless(world))) if busy else None
+        await asyncio.sleep(0.01)
+        stopping = asyncio.create_task(supervisor.stop("by ann"))
+        await asyncio.sleep(0.01)
+        for word in (supervisor.resume, supervisor.enable):
+            with pytest.raises(RefusedError, match="still being stopped"):
+                word()
+        assert supervisor.mover.fault == "stopped by ann"
+        assert not stopping.done()
+        answered.set()
+        await stopping
+        if job is not None:
+            await asyncio.wait({job})
+            assert isinstance(job.exception(), RefusedError)
+
+    asyncio.run(story())
+    assert supervisor.mover.fault == "stopped by ann"
+    supervisor.resume()
+
+
+def test_an_enable_that_races_a_disable_ends_disabled():
+    world, supervisor, _ = supervised()
+    refused = []
+
+    async def race() -> None:
+        disabling = asyncio.create_task(supervisor.disable())
+        while not disabling.done():
+            await asyncio.sleep(0)
+            if not disabling.done():
+                try:
+                    supervisor.enable()
+                except RefusedError as error:
+                    refused.append(error)
+        await disabling
+
+    async def slow_abort() -> None:
+        world.wire.append(("abort", None))
+        await asyncio.sleep(0.01)
+
+    supervisor.mover.cell.robot.abort = slow_abort
+    asyncio.run(interrupted(world, supervisor, race))
+    assert refused
+    assert not supervisor.mover.enabled
+
+
+def test_a_stop_that_came_while_somebody_was_asked_about_an_older_fault_stands():
+    _, supervisor, _ = supervised()
+    asyncio.run(supervisor.stop("by ann"))
+    seen = supervisor.stops
+    asyncio.run(supervisor.stop("by ann"))
+    with pytest.raises(RefusedError, match="stopped again"):
+        supervisor.resume(seen)
+    assert supervisor.mover.fault == "stopped by ann"

@@ -55,7 +55,20 @@ def test_every_line_goes_out_as_it_was_typed_and_into_the_log() -> None:
 
 
 @pytest.mark.parametrize("context", [standing("stopped by an operator"), standing(enabled=False)])
-@pytest.mark.parametrize("line", [b"DO MOVE P1", b"do  ready", b" EX PROG", b"CAL", b"PROCEED", b"XX\x7f\x08DO NEST"])
+@pytest.mark.parametrize(
+    "line",
+    [
+        b"DO MOVE P1",
+        b"do  ready",
+        b" EX PROG",
+        b"CAL",
+        b"PROCEED",
+        b"XX\x7f\x08DO NEST",
+        b"D MOVE P1",
+        b"EXEC PROG",
+        b"CALI",
+    ],
+)
 def test_a_line_that_would_move_an_arm_that_may_not_is_taken_back_and_told(context: Any, line: bytes) -> None:
     context.log.records.clear()
     sent, door = typed(context, line + b"\r")
@@ -64,14 +77,18 @@ def test_a_line_that_would_move_an_arm_that_may_not_is_taken_back_and_told(conte
     assert context.log.records[0][1]["text"].startswith("not sent: ")
 
 
-def test_a_hand_that_was_worked_here_is_asked_about_later() -> None:
+@pytest.mark.parametrize("line", [b"DO CLOSEI", b"D CLOSEI", b"DO MOVET P1,0", b"EXEC PROG", b"PROCEED"])
+def test_a_hand_that_was_worked_here_is_asked_about_later(line: bytes) -> None:
     context = standing()
-    typed(context, b"DO CLOSEI\r")
+    typed(context, b"WHERE\rDO MOVE P1\r")
+    assert context.cycle.hand_full is False
+    typed(context, line + b"\r")
     assert context.cycle.hand_full is None
 
 
 WORDS = [b"DO MOVE TRANS(400,0,0,0,90,0)", b"DO READY", b"EXECUTE", b"CAL", b"Y", b"WHERE", b"SPEED 50", b"DO ",
-         b"READY", b"\r", b"\n", b"\x15", b"\x7f", b"\x08", b"\x1b[A", b"\x00", b"\x11", b"P", b"!!", b" "]  # fmt: skip
+         b"READY", b"\r", b"\n", b"\x15", b"\x7f", b"\x08", b"\x1b[A", b"\x00", b"\x11", b"P", b"!!", b" ",
+         b"D READY", b"CALI"]  # fmt: skip
 
 
 @settings(max_examples=300)
@@ -154,3 +171,24 @@ def test_without_a_terminal_one_line_at_a_time_is_offered(daemon: Running) -> No
     refused = daemon.do("robot monitor")
     assert (refused["status"], "robot monitor TEXT" in refused["text"]) == (2, True)
     assert "Arm power on" in daemon.do("robot monitor STATUS")["text"]
+
+
+def test_cal_needs_an_arm_that_may_move_is_shown_while_it_runs_and_is_stopped_like_a_move(daemon: Running) -> None:
+    refused = daemon.do("robot cal")
+    assert (refused["status"], "not enabled" in refused["text"]) == (1, True)
+    assert daemon.do("robot monitor DO READY")["status"] == 1
+    assert "\rCAL" not in (list_runs(daemon.runs)[0] / "wire.jsonl").read_text()
+    daemon.do("enable")
+    daemon.do("robot monitor SPEED 1")
+    person = Person(daemon.folder, "robot", "monitor", "DO", "READY")
+    while daemon.do("status")["data"]["doing"] != "DO READY":
+        time.sleep(0.02)
+    stopped = daemon.do("stop")
+    assert "Stopped" in stopped["text"]
+    assert person.leaves() == 1
+    before = daemon.do("where")["data"]["joints_deg"]
+    time.sleep(0.3)
+    assert daemon.do("where")["data"]["joints_deg"] == before
+    assert daemon.do("robot cal")["status"] == 1, "a fault stands"
+    daemon.do("resume")
+    assert daemon.do("robot cal")["status"] == 0

@@ -94,8 +94,21 @@ def test_resume_goes_on_with_an_auto_that_was_cut_off_only_after_a_plain_yes(
     text = say(context, "resume", door).text
     assert begun == ([(13, None)] if goes_on else [])
     assert ("enable" in context.cycle.told) is goes_on
+    assert ("resume" in context.cycle.told) is (goes_on or answers == ["what?"]), "answered no, the fault stands"
     assert ("`auto resume` takes it up" in text) is not goes_on
     assert len(door.asked) == len(answers)
+
+
+def test_a_stop_while_resume_waits_for_its_answer_is_not_cleared_by_it(context: Any) -> None:
+    context.cycle.fault, context.cycle.held = "stopped by ann", None
+
+    class Stopping(FakeDoor):
+        async def ask(self, question: str) -> str:
+            await context.cycle.stop("by bob")
+            return await super().ask(question)
+
+    assert say(context, "resume", Stopping(answers=["n"])).status == 1
+    assert context.cycle.fault == "stopped by bob"
 
 
 def test_resume_at_a_door_that_cannot_ask_moves_nothing(context: Any) -> None:

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 
 from daemon.doors.client import DaemonLink, NotThereError
 from daemon.store.runs import check_wire, list_runs, read_run
@@ -166,6 +167,27 @@ def test_reload_takes_a_good_configuration_over_and_refuses_a_bad_one(daemon: Da
     assert seen
     assert daemon.do("look")["data"]["parts"] == []
     assert daemon.do("status")["status"] == 0
+
+
+@pytest.mark.parametrize("what", ["nothing", "hand_eye gone", "hand_eye moved", "limits"])
+def test_a_reload_that_changes_the_cells_geometry_disables_the_arm_first_and_says_so(daemon: Daemon, what: str) -> None:
+    daemon.do("enable")
+    calibration, moved = daemon.folder / "calibration.yaml", what != "nothing"
+    content = yaml.safe_load(calibration.read_text())
+    if what == "hand_eye gone":
+        del content["hand_eye"]
+    elif what == "hand_eye moved":
+        content["hand_eye"]["tool_from_cyclopean"][0][3] += 1.0
+    elif what == "limits":
+        daemon.config.write_text(daemon.config.read_text() + "pick: {limits: {table_z_mm: -290.0}}\n")
+    calibration.write_text(yaml.safe_dump(content))
+    reloaded = daemon.do("reload")
+    assert reloaded["status"] == 0, reloaded["text"]
+    assert ("The arm is no longer enabled: " in reloaded["text"]) is moved
+    assert daemon.do("status")["data"]["enabled"] is not moved
+    if moved:
+        assert "not_enabled" in daemon.do("go home")["text"]
+        assert daemon.do("enable")["status"] == (what == "hand_eye gone")
 
 
 @pytest.mark.slow

@@ -10,6 +10,7 @@ from collections.abc import Awaitable, Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import AsyncMock, Mock
 
 import cv2
 import numpy as np
@@ -89,6 +90,7 @@ class WatchedCell:
 
     def __init__(self, folder: Path) -> None:
         self.failed: list[str] = []
+        self.mover = Mock()
         self.camera_fails = False
         self.enabled = True
         self.notes: list[str] = []
@@ -161,6 +163,16 @@ def test_a_camera_lost_while_the_arm_may_not_move_is_told_and_no_fault(tmp_path:
     assert watching(tmp_path, play).failed == []
 
 
+def test_after_a_lost_line_was_opened_again_nobody_knows_how_arm_and_hand_stand(tmp_path: Path) -> None:
+    async def play(watched: WatchedCell, _: Watch) -> None:
+        watched.close, watched.open = AsyncMock(), AsyncMock()  # type: ignore[attr-defined]
+        watched.context.troubles.tell("controller", "controller: no answer")
+        await asyncio.sleep(0.7)
+        watched.open.assert_called()  # type: ignore[attr-defined]
+
+    watching(tmp_path, play).mover.forget.assert_called()
+
+
 def test_devices_that_were_opened_just_now_are_asked_only_once_they_have_been_silent(tmp_path: Path) -> None:
     asked: list[float] = []
 
@@ -220,6 +232,30 @@ def test_the_watchdog_is_fed_while_a_pick_waits_for_an_operator_or_somebody_talk
         watched.doing, watched.aside = "pick", aside
         if aside:
             monkeypatch.setattr(watched, "check", refuse)
+        await asyncio.sleep(2.5)
+        notes.clear()
+        await asyncio.sleep(1.2)
+        assert any("WATCHDOG=1" in note for note in notes), notes
+
+    watching(tmp_path, play)
+
+
+def test_the_watchdog_is_fed_while_a_check_waits_for_whoever_has_the_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A check that began just before CAL took the line waits for minutes: that is no hanging driver."""
+    notes: list[str] = []
+    monkeypatch.setattr(journal, "notify", notes.append)
+    monkeypatch.setenv("WATCHDOG_USEC", "1000000")
+    monkeypatch.setattr("daemon.upkeep.watch.CHECK_LIMIT_S", 1.0)
+
+    async def wait_for_the_line() -> None:
+        await asyncio.sleep(60)
+
+    async def play(watched: WatchedCell, _: Watch) -> None:
+        monkeypatch.setattr(watched, "check", wait_for_the_line)
+        await asyncio.sleep(0.7)
+        watched.doing, watched.aside = "CAL", True
         await asyncio.sleep(2.5)
         notes.clear()
         await asyncio.sleep(1.2)

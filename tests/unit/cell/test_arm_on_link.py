@@ -1,0 +1,138 @@
+"""The arm over VAL II: when somebody else's words are over, and what is asked and told again after them."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager
+from typing import Any
+
+import numpy as np
+import pytest
+
+from daemon.cell.arm_on_link import ArmOnLink
+from drivers.puma560 import READY_RAD, Puma560
+from drivers.simcell.arm import Arm
+from drivers.simcell.controller import Controller, Faults, Manners, PtyServer
+from tests.worlds.arm_line import ArmLine
+
+BENT = READY_RAD + np.radians([20.0, 0.0, 0.0, 0.0, 30.0, 0.0])
+
+
+@pytest.fixture
+def line() -> Iterator[ArmLine]:
+    hand: list[bool] = []
+    faults = Faults()
+    manners = Manners(calibration_s=20.0)
+    server = PtyServer(Controller(Arm(joints_rad=BENT), manners, hand.append, faults), time_scale=10.0)
+    yield ArmLine(server, faults, hand)
+    server.stop()
+
+
+@asynccontextmanager
+async def arm_on(line: ArmLine) -> AsyncIterator[ArmOnLink]:
+    async with line.link() as link:
+        yield ArmOnLink(link, Puma560())
+
+
+def moving(line: ArmLine) -> bool:
+    with line.server.controller() as controller:
+        return not controller.arm.at_rest(controller.now_s)
+
+
+def test_a_motion_typed_at_the_monitor_is_over_when_the_arm_rests_and_nobody_else_asks_meanwhile(line: ArmLine) -> None:
+    async def story() -> None:
+        async with arm_on(line) as arm:
+            await arm.monitor("SPEED 4")
+            task = asyncio.create_task(arm.monitor("DO READY"))
+            while not moving(line):
+                await asyncio.sleep(0.01)
+            assert arm.aside
+            await task
+            assert not moving(line)
+            assert not arm.aside
+
+    asyncio.run(story())
+    np.testing.assert_allclose(line.joints(), READY_RAD, atol=1e-6)
+
+
+def test_a_controllers_terminal_that_is_left_while_the_arm_moves_is_over_when_it_rests(line: ArmLine) -> None:
+    async def story() -> None:
+        async with arm_on(line) as arm:
+            await arm.monitor("SPEED 4")
+            async with arm.terminal(lambda _: None) as send:
+                send(b"DO READY\r")
+                while not moving(line):
+                    await asyncio.sleep(0.01)
+            assert not moving(line)
+
+    asyncio.run(story())
+
+
+async def typed_in_a_line(arm: ArmOnLink, line: ArmLine) -> None:
+    await arm.monitor("SPEED 100")
+    await arm.monitor("TOOL TRANS(0,0,50,0,0,0)")
+
+
+async def typed_at_the_terminal(arm: ArmOnLink, line: ArmLine) -> None:
+    async with arm.terminal(lambda _: None) as send:
+        send(b"SPEED 100\rTOOL TRANS(0,0,50,0,0,0)\r")
+        await asyncio.sleep(0.3)
+
+
+async def line_reopened(arm: ArmOnLink, line: ArmLine) -> None:
+    await arm.close()
+    switched_on_again(line)
+    await arm.open()
+
+
+async def calibrated(arm: ArmOnLink, line: ArmLine) -> None:
+    await arm.calibrate("Y")
+    switched_on_again(line)
+
+
+async def stopped(arm: ArmOnLink, line: ArmLine) -> None:
+    await arm.abort()
+    switched_on_again(line)
+
+
+def switched_on_again(line: ArmLine) -> None:
+    """Full speed, and the bare wrist."""
+    with line.server.controller() as controller:
+        controller.machine.speed_percent = 100.0
+        controller.arm.tool = np.eye(4)
+
+
+@pytest.mark.parametrize("meanwhile", [typed_in_a_line, typed_at_the_terminal, line_reopened, calibrated, stopped])
+def test_speed_and_tool_are_told_again_after_whatever_may_have_changed_them(line: ArmLine, meanwhile: Any) -> None:
+    tool = np.eye(4)
+    tool[2, 3] = 130.0
+
+    async def story() -> None:
+        async with line.link() as link:
+            arm = ArmOnLink(link, Puma560(flange_from_tool=tool))
+            here = (await arm.where()).world_from_tool
+            await arm.move(here, straight=False, speed_pct=20.0, timeout_s=20.0)
+            await meanwhile(arm, line)
+            await arm.where()
+            await arm.move(here, straight=False, speed_pct=20.0, timeout_s=20.0)
+
+    asyncio.run(story())
+    with line.server.controller() as controller:
+        assert controller.machine.speed_percent == 20.0
+        np.testing.assert_allclose(controller.arm.tool, tool, atol=1e-6)
+
+
+def test_nobody_else_asks_the_controller_anything_during_a_cal(line: ArmLine) -> None:
+    async def story() -> None:
+        async with arm_on(line) as arm:
+            task = asyncio.create_task(arm.calibrate("Y"))
+            await asyncio.sleep(0.5)
+            assert arm.aside
+            assert not task.done()
+            await arm.abort()
+            with pytest.raises(Exception, match="aborted"):
+                await task
+            assert not arm.aside
+
+    asyncio.run(story())
