@@ -56,4 +56,4 @@ class VisionSettings:
 
     def brief(self) -> VisionSettings:
         """The same for a first attempt that costs little: half-size pixels, few levels, the largest regions only."""
-        return replace(self, shrinks=(2,), levels=(4.5, 8.0, 12.0), max_regions=12, alike=2)
+        return replace(self, shrinks=(2,), levels=(4.5, 8.0, 18.0), max_regions=12, alike=2)
