@@ -16,6 +16,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from daemon.arm.supervisor import ABORT_S
 from daemon.calibration.drift_watch import DriftWatch
 from daemon.calibration.file import Calibration, load_calibration, same_geometry
 from daemon.cell import build as cell
@@ -54,8 +55,9 @@ AT_START = ("cell", "cameras", "arm", "folders", "console", "files", "simulated"
 GUARDING = ("limits", "gripper")
 """Keys of `pick` that say how hand and cell stand to each other."""
 AT_WORK = "at work: the controller was still carrying out what it was told before this start; it was stopped (ABORT)"
-HALT_S = 1.0
-"""What the arm's stop may take of the two seconds that systemd and people wait for a clean end."""
+HALT_S = ABORT_S + 0.5
+"""What the arm's stop may take of the time that systemd gives the end (TimeoutStopSec): all attempts at ABORT, and the
+word to the operator where none is confirmed. What comes after it takes at most 1.5 s."""
 
 
 class Service:

@@ -101,10 +101,10 @@ class Mover:
         """Somebody else may have moved arm or hand, or stopped them on the way: nobody knows how they stand."""
         self.at = self._imagined = self.closed = None
 
-    async def where(self) -> Reading:
-        """Ask the controller where the arm is, and remember it."""
+    async def rest(self) -> Reading:
+        """Ask the controller where the arm is at rest, and remember it. Raises where it moves on."""
         self.at = self._imagined = None
-        self.at = await self.cell.robot.where()
+        self.at = await self.cell.robot.rest()
         return self.at
 
     def check(self, command: Command) -> None:
@@ -127,7 +127,7 @@ class Mover:
         """One move, to rest. Raises MoveRefusedError before, NotThereError after, or what the robot raises."""
         self.check(command)
         if await self.gate(command) and not self.dry:
-            await self.where()  # whoever had time may have moved the arm by its pendant
+            await self.rest()  # whoever had time may have moved the arm by its pendant
         self.check(command)
         assert self.here is not None
         self._log_move(command)

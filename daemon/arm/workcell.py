@@ -30,7 +30,10 @@ class Robot(Protocol):
     """The arm, in matrices. Every method may raise; a method that raised has not promised that the arm stands still."""
 
     async def where(self) -> Reading:
-        """Ask the controller where the arm is."""
+        """Ask the controller where the arm is; one that moves is a place on the way."""
+
+    async def rest(self) -> Reading:
+        """Where the arm is at rest (two WHERE that agree); waits a little for it, raises where it goes on moving."""
 
     async def move(self, world_from_tool: Array, *, straight: bool, speed_pct: float, timeout_s: float) -> Reading:
         """Send one move and return when the arm is at rest (two WHERE that agree), with the last WHERE.

@@ -76,7 +76,7 @@ async def _tour(session: Session, count: int, say: Say, speed_pct: float) -> lis
     session.supervisor.may_move()
     if session.calibration.tool_from_cyclopean is None:
         raise SessionError("no hand_eye in calibration.yaml to begin with: a rough one, by ruler, is enough")
-    reading = await mover.where()
+    reading = await mover.rest()
     try:
         first = await _see(session, reading, "pose 0")
     except BoardError as error:

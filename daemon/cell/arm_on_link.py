@@ -22,6 +22,8 @@ from drivers.val2.wire import Where
 Array = NDArray[np.float64]
 WireListener = Callable[[dict[str, Any]], None]
 
+REST_S = 5.0
+"""How long an arm that was told nothing by us may go on moving before what was asked of it is refused."""
 NEAR_SINGULAR_RAD = float(np.radians(3.0))
 """A wrist this near to straight is kept out of: joints 4 and 6 would turn far for little."""
 
@@ -62,6 +64,12 @@ class ArmOnLink:
         if not self._introduced:
             await self._introduce_tool()
         return self._reading(await self.link.where())
+
+    async def rest(self) -> Reading:
+        """Where the arm is at rest, its tool ours. Raises LinkError, NoAnswer where it still moves after a while."""
+        if not self._introduced:
+            await self._introduce_tool()
+        return self._reading(await self.link.still(REST_S))
 
     async def check(self) -> None:
         """Does the controller answer? Raises LinkError where it does not; being stopped meanwhile is an answer."""

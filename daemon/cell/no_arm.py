@@ -36,6 +36,8 @@ class NoArm:
         """The origin."""
         return Reading(np.eye(4), np.zeros(6))
 
+    rest = where
+
     async def _refuse(self, *_: object, **__: object) -> NoReturn:
         raise CellError(NONE)
 

@@ -125,8 +125,8 @@ class Cycle:
         return await self.supervisor.run("look", self._look(purpose), moves=False)
 
     async def where(self) -> Reading:
-        """Ask the controller where the arm is."""
-        return await self.supervisor.run("where", self.supervisor.mover.where(), moves=False)
+        """Ask the controller where the arm is, for people: of one that moves, a place on the way."""
+        return await self.supervisor.run("where", self.cell.robot.where(), moves=False)
 
     async def go(self, place: str) -> None:
         """Move to a named place."""
@@ -198,10 +198,10 @@ class Cycle:
     async def _look(self, purpose: str) -> Look:
         if self.recogniser is None:
             raise RefusedError("there is no recogniser to look with")
-        return await self._context(self.recogniser).look(await self.supervisor.mover.where(), purpose)
+        return await self._context(self.recogniser).look(await self.supervisor.mover.rest(), purpose)
 
     async def _travel(self, target: Array, purpose: str) -> None:
-        await self.supervisor.mover.where()
+        await self.supervisor.mover.rest()
         await self.supervisor.mover.travel(target, purpose, lambda _: self.settings.travel_pct)
 
     def _order(self, pick_order: PickOrder | None) -> None:
@@ -266,7 +266,7 @@ class Cycle:
         return end
 
     async def _through(self, context: PickContext, world: WorldModel) -> None:
-        await context.mover.where()
+        await context.mover.rest()
         if self.hand_full:
             world.outcome, world.why = Outcome.PLACED, "put down what was in the hand"
         self._enter(Event.FULL_HAND if self.hand_full else Event.BEGIN)

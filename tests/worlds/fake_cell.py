@@ -122,6 +122,9 @@ class FakeRobot:
         self.world.before("where")
         return Reading(self.world.at.copy(), joints(self.world.at))
 
+    async def rest(self) -> Reading:
+        return await FakeRobot.where(self)
+
     async def move(self, world_from_tool, *, straight, speed_pct, timeout_s):
         self.world.before("move")
         self.world.wire.append(("move", world_from_tool.copy()))

@@ -96,7 +96,7 @@ class GuardedMotion(RuleBasedStateMachine):
         self.judged = 0
         self.wrong: list[str] = []
         self.mover.enabled = True
-        self.loop.run_until_complete(self.mover.where())
+        self.loop.run_until_complete(self.mover.rest())
 
     @rule(on=st.sampled_from([True, True, True, False]))
     def enable(self, on):
@@ -120,7 +120,7 @@ class GuardedMotion(RuleBasedStateMachine):
 
     @rule()
     def ask_where(self):
-        self.loop.run_until_complete(self.mover.where())
+        self.loop.run_until_complete(self.mover.rest())
 
     @rule(
         xyz=st.tuples(st.floats(-300, 1200), st.floats(-900, 900), st.floats(-420, 1400)),

@@ -52,7 +52,7 @@ NEAR = frames.perturb(HEAD_DOWN, np.array([30.0, 0, 0, 0, 0, 0]))
 def mover_in(world: World, gate=None, **limits) -> Mover:
     mover = Mover(build(world), Limits(**limits), Arrival(), *([gate] if gate else []))
     mover.enabled = True
-    asyncio.run(mover.where())
+    asyncio.run(mover.rest())
     return mover
 
 

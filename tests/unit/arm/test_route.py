@@ -103,7 +103,7 @@ class Jumping:
         for name in ("reachable", "along", "frames", "between"):
             setattr(self, name, getattr(ROBOT, name))
 
-    async def where(self):
+    async def rest(self):
         return self.at
 
     async def move(self, world_from_tool, *, straight, speed_pct, timeout_s):

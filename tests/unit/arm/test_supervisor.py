@@ -28,7 +28,7 @@ def supervised(enabled: bool = True) -> tuple[World, Supervisor, Heard]:
 
 async def travelling(supervisor: Supervisor) -> None:
     """Back and forth until somebody stops it."""
-    await supervisor.mover.where()
+    await supervisor.mover.rest()
     for _ in range(100):
         for pose in (NEAR, HEAD_DOWN):
             await supervisor.mover.travel(pose, "to and fro", lambda _: 50.0)
@@ -78,7 +78,7 @@ def test_every_stop_ends_the_job_with_an_abort_as_the_last_word_and_then_says_wh
 def test_the_fault_stands_and_the_place_is_forgotten_before_the_arm_is_told_to_stop(act, fault, what):
     world, supervisor, _ = supervised()
     standing = []
-    asyncio.run(supervisor.mover.where())
+    asyncio.run(supervisor.mover.rest())
 
     def hook(name: str) -> None:
         if name == "abort":
@@ -296,7 +296,7 @@ def test_after_a_stop_and_after_words_of_others_nobody_knows_where_the_arm_is_an
     mover = supervisor.mover
 
     async def story() -> None:
-        await mover.where()
+        await mover.rest()
         await mover.hand(closed=False)
         assert (mover.at is None, mover.closed) == (False, False)
         if way == "stop":
@@ -317,7 +317,7 @@ def test_a_move_that_was_held_starts_from_where_the_arm_is_by_then(way):
     mover = supervisor.mover
 
     async def story() -> None:
-        await mover.where()
+        await mover.rest()
         supervisor.step(way == "step")
         if way == "pause":
             supervisor.pause()

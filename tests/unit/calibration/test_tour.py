@@ -2,11 +2,22 @@
 
 from __future__ import annotations
 
+import asyncio
+from types import SimpleNamespace
+from typing import Any
+from unittest.mock import AsyncMock
+
 import numpy as np
+import pytest
 
 from daemon import frames
+from daemon.arm.guard import Limits
+from daemon.arm.mover import Arrival
+from daemon.arm.supervisor import Supervisor
 from daemon.calibration.hand_eye import LEAST_TURN_DEG, diversity_deg
+from daemon.calibration.session import view_tour
 from daemon.calibration.tour import in_order, looks_at, spread_out
+from tests.worlds.fake_cell import World, build
 
 
 def test_a_tour_turns_the_hand_about_two_axes_and_keeps_the_board_in_view() -> None:
@@ -32,3 +43,18 @@ def test_poses_that_are_not_allowed_are_left_out_and_the_others_are_chosen_once(
     assert all(pose[0, 3] > 0 for pose in chosen)
     ordered = in_order(chosen, looks[0])
     assert {id(p) for p in ordered} == {id(p) for p in chosen}
+
+
+def test_a_tour_that_begins_on_a_moving_arm_takes_no_view() -> None:
+    world = World(np.random.default_rng(0))
+    supervisor = Supervisor(build(world), Limits(), Arrival(), lambda _: None)
+    supervisor.enable()
+
+    async def moving() -> None:
+        raise OSError("not at rest within 5 s")
+
+    supervisor.mover.cell.robot.rest = moving  # type: ignore[assignment]
+    session: Any = SimpleNamespace(supervisor=supervisor, calibration=SimpleNamespace(tool_from_cyclopean=np.eye(4)))
+    with pytest.raises(OSError, match="not at rest"):
+        asyncio.run(view_tour(session, 0, AsyncMock(), 60.0))
+    assert not world.said("look")

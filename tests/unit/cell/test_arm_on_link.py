@@ -14,6 +14,7 @@ from daemon.cell.arm_on_link import ArmOnLink
 from drivers.puma560 import READY_RAD, Puma560
 from drivers.simcell.arm import Arm
 from drivers.simcell.controller import Controller, Faults, Manners, PtyServer
+from drivers.val2.errors import LinkError
 from tests.worlds.arm_line import ArmLine
 
 BENT = READY_RAD + np.radians([20.0, 0.0, 0.0, 0.0, 30.0, 0.0])
@@ -134,5 +135,34 @@ def test_nobody_else_asks_the_controller_anything_during_a_cal(line: ArmLine) ->
             with pytest.raises(Exception, match="aborted"):
                 await task
             assert not arm.aside
+
+    asyncio.run(story())
+
+
+def test_a_place_to_reckon_from_is_where_the_arm_came_to_rest_not_one_on_its_way(line: ArmLine) -> None:
+    async def story() -> None:
+        async with arm_on(line) as arm:
+            await arm.monitor("SPEED 10")
+            await arm.link.command("DO READY")
+            reading = await arm.rest()
+            assert not moving(line)
+            np.testing.assert_allclose(reading.joints_rad, READY_RAD, atol=1e-4)
+
+    asyncio.run(story())
+
+
+def test_an_arm_that_goes_on_moving_gives_no_place_to_reckon_from(
+    line: ArmLine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("daemon.cell.arm_on_link.REST_S", 0.2)
+
+    async def story() -> None:
+        async with arm_on(line) as arm:
+            await arm.monitor("SPEED 1")
+            await arm.where()
+            await arm.link.command("DO READY")
+            with pytest.raises(LinkError, match="not at rest within"):
+                await arm.rest()
+            await arm.abort()
 
     asyncio.run(story())

@@ -353,3 +353,29 @@ def test_a_look_needs_no_enable_and_moves_nothing():
     cycle.supervisor.mover.enabled = False
     assert [p.recognition.label for p in asyncio.run(cycle.look()).scene.parts] == ["cube"]
     assert not world.wire
+
+
+@pytest.mark.parametrize("job", ["look", "go", "pick"])
+def test_nothing_is_reckoned_from_a_single_where(job):
+    world = one_part()
+    cycle = cycle_of(world)
+
+    async def one_where():
+        raise AssertionError("of a moving arm it would be a place on the way")
+
+    cycle.cell.robot.where = one_where
+    asyncio.run({"look": cycle.look, "go": lambda: cycle.go("home"), "pick": cycle.pick}[job]())
+    assert cycle.status()["fault"] is None
+
+
+def test_a_look_at_an_arm_that_goes_on_moving_is_refused():
+    world = one_part()
+    cycle = cycle_of(world)
+
+    async def moving():
+        raise OSError("not at rest within 5 s")
+
+    cycle.cell.robot.rest = moving
+    with pytest.raises(OSError, match="not at rest"):
+        asyncio.run(cycle.look())
+    assert not world.said("look")

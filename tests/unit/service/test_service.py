@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import os
 import pty
@@ -13,13 +14,17 @@ import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 import yaml
 
+from daemon.arm.supervisor import ABORT_S
 from daemon.doors.client import DaemonLink, NotThereError
+from daemon.service import HALT_S, Service
 from daemon.store.runs import check_wire, list_runs, read_run
+from drivers.val2.dialect import Dialect
 
 ETC = Path(__file__).resolve().parents[3] / "etc"
 SIMULATED = "simulated: {truth: simcell.yaml, time_scale: 20.0, seed: 7}\n"
@@ -128,6 +133,23 @@ def test_a_signal_while_the_arm_moves_stops_the_arm_first(daemon: Daemon) -> Non
     assert read_run(run).records[-1]["kind"] == "run_end"
     sent = (run / "wire.jsonl").read_text().upper()
     assert "ABORT" in sent
+
+
+def test_the_end_has_the_units_whole_time_for_a_stop_that_is_not_heard_at_once(folder: Path) -> None:
+    """ABORT's first attempt may be lost in noise; the second comes after the time in which the line is found again."""
+    confirmed: list[bool] = []
+
+    async def close() -> None:
+        await asyncio.sleep(2.5 * Dialect().resync_s)
+        confirmed.append(True)
+
+    service = Service(folder / "facetd.yaml")
+    service.context = SimpleNamespace(cycle=SimpleNamespace(supervisor=SimpleNamespace(close=close)))  # type: ignore[assignment]
+    asyncio.run(service._end())
+    assert confirmed
+    unit = (ETC.parent / "deploy" / "facetd.service").read_text()
+    given_s = float(unit.partition("TimeoutStopSec=")[2].split()[0])
+    assert ABORT_S < HALT_S < given_s - 1.5
 
 
 def test_a_second_daemon_on_the_same_state_is_refused_and_the_first_goes_on(
