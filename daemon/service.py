@@ -116,6 +116,7 @@ class Service:
             sections.check(config)
             _tell_notes(config)
             calibration = load_calibration(config.calibration)
+            sections.check_hand_eye(config, calibration)
             if context.cycle.status()["doing"]:
                 raise ConfigError(f"{config.path}: not taken over while busy; say `reload` when nothing is being done")
             moved = _moved((old, context.calibration), (config, calibration))
