@@ -9,9 +9,8 @@ written in the *target* frame b: b_from_a_true = exp([t, r]) @ b_from_a, with th
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from daemon.arrays import Array
 
 
 def rigid(rotation: Array, translation_mm: Array) -> Array:

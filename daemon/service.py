@@ -16,7 +16,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from daemon.arm.supervisor import ABORT_S
+from daemon.arm import ABORT_S
 from daemon.calibration.drift_watch import DriftWatch
 from daemon.calibration.file import Calibration, load_calibration, same_geometry
 from daemon.cell import build as cell

@@ -12,9 +12,8 @@ from itertools import product
 from math import acos, atan2, cos, hypot, pi, sin, sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from drivers.arrays import Array
 
 A2_MM, A3_MM, D3_MM, D4_MM = 431.8, 20.3, 150.05, 431.8
 TWISTS_RAD = (pi / 2, 0.0, -pi / 2, pi / 2, -pi / 2, 0.0)

@@ -2,3 +2,32 @@
 
 Nothing here knows what a pick is; whoever wants the arm moved comes through this door.
 """
+
+from daemon.arm.guard import Limits, Point
+from daemon.arm.mover import PATH_MM, Arrival, Mover, MoveRefusedError, OutOfReachError
+from daemon.arm.settling import NotSettledError, SettledPair, Settling, settled_pair
+from daemon.arm.supervisor import ABORT_S, Interruption, OperatorRefusedError, RefusedError, Supervisor
+from daemon.arm.workcell import Log, Pictures, Reading, Workcell
+
+__all__ = [
+    "ABORT_S",
+    "PATH_MM",
+    "Arrival",
+    "Interruption",
+    "Limits",
+    "Log",
+    "MoveRefusedError",
+    "Mover",
+    "NotSettledError",
+    "OperatorRefusedError",
+    "OutOfReachError",
+    "Pictures",
+    "Point",
+    "Reading",
+    "RefusedError",
+    "SettledPair",
+    "Settling",
+    "Supervisor",
+    "Workcell",
+    "settled_pair",
+]

@@ -14,9 +14,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from daemon.arrays import Array
 from daemon.quantities import Coordinate, Name, Room
 
-Array = NDArray[np.float64]
 Point = tuple[Coordinate, Coordinate, Coordinate]
 Link = Literal["upper_arm", "forearm", "wrist", "tool"]
 

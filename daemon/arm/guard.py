@@ -10,14 +10,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from daemon import frames
 from daemon.arm.body import ARM, Capsule, KeepOut, above_mm, body_of
 from daemon.arm.body import Point as Point
+from daemon.arrays import Array
 from daemon.quantities import Coordinate, Length, Percent, Seconds, Turn
-
-Array = NDArray[np.float64]
 
 # The gripper and the cameras on it, as points in the tool frame (mm): finger tips, and the corners of the camera bar.
 BODY_MM: tuple[Point, ...] = (

@@ -16,7 +16,8 @@ from daemon.arm.guard import ArmState, Command, Limits, Refusal
 from daemon.arm.route import PATH_MM as PATH_MM
 from daemon.arm.route import Leg, planned_way
 from daemon.arm.sweep import place_clear, way_clear
-from daemon.arm.workcell import Array, Reading, Workcell
+from daemon.arm.workcell import Reading, Workcell
+from daemon.arrays import Array
 from daemon.errors import FacetdError
 from daemon.quantities import Length, Seconds, Turn
 

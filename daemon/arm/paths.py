@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from daemon import frames
-
-Array = NDArray[np.float64]
+from daemon.arrays import Array
 
 
 def backed_off(world_from_tool: Array, distance_mm: float) -> Array:

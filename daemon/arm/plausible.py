@@ -10,12 +10,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from daemon.arm.body import Capsule
 from daemon.arm.guard import Limits
+from daemon.arrays import Array
 
-Array = NDArray[np.float64]
 Keys = tuple[str | int, ...]
 
 ORTHONORMAL = 1e-4

@@ -9,15 +9,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
-import numpy as np
-from numpy.typing import NDArray
-
 from daemon.arm import paths
 from daemon.arm.guard import ArmState, Command, Limits, Refusal, refuse
 from daemon.arm.sweep import way_clear
 from daemon.arm.workcell import Reading, Robot
+from daemon.arrays import Array
 
-Array = NDArray[np.float64]
 PATH_MM = 40.0
 """How densely a straight way is checked for reach before it is parted in steps."""
 HIGHER_MM = (60.0, 120.0, 240.0, 400.0)

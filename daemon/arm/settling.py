@@ -10,7 +10,8 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
-from daemon.arm.workcell import Array, Pictures, Workcell
+from daemon.arm.workcell import Pictures, Workcell
+from daemon.arrays import Array
 from daemon.errors import FacetdError
 from daemon.quantities import Seconds
 

@@ -22,8 +22,7 @@ from daemon import frames
 from daemon.arm.body import Body, above_mm, away_mm, body_of, within_mm
 from daemon.arm.guard import ArmState, Command, Limits, Refusal, Strike, refuse
 from daemon.arm.workcell import Reading, Robot
-
-Array = NDArray[np.float64]
+from daemon.arrays import Array
 
 SLACK_MM = 0.5
 """How far between places a gap may be below its limit; half the clearance where that is less."""

@@ -13,9 +13,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.vision.geometry.rig import StereoRig
-
-Array = NDArray[np.float64]
+from daemon.arrays import Array
+from daemon.vision.geometry import StereoRig
 
 
 @dataclass(frozen=True, eq=False)

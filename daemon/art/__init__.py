@@ -7,10 +7,17 @@ from daemon.art.fuzzy_art import FuzzyART
 from daemon.art.fuzzy_artmap import FuzzyARTMAP
 from daemon.art.gaussian import GaussianRule
 from daemon.art.gaussian_art import GaussianART, GaussianARTMAP
-from daemon.art.rotation.layer import Recall, RotationLayer, best_numbering
-from daemon.art.rotation.match import Match, modified_match
-from daemon.art.rotation.matrices import padded, padded_weights
-from daemon.art.rotation.verdict import Verdict, choose
+from daemon.art.rotation import (
+    Match,
+    Recall,
+    RotationLayer,
+    Verdict,
+    best_numbering,
+    choose,
+    modified_match,
+    padded,
+    padded_weights,
+)
 from daemon.art.voting import Voting
 from daemon.art.winners import Answers
 

@@ -13,9 +13,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from daemon.arrays import Array
 from daemon.errors import FacetdError
 
-Array = NDArray[np.float64]
 Grey = NDArray[np.uint8]
 
 SHARP_ENOUGH_PX = 2.5

@@ -12,9 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.vision.health.clues import AXES, Clue
-
-Array = NDArray[np.float64]
+from daemon.arrays import Array
+from daemon.vision.health import AXES, Clue
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from daemon.calibration.drift import Drift, Watch, Watching, fresh, observe
-from daemon.vision.health.clues import Clue
+from daemon.vision.health import Clue
 
 
 class DriftWatch:

@@ -13,13 +13,12 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 
+from daemon.arrays import Array
 from daemon.store.files import write_atomically
 from daemon.store.yamlfile import Document, Key, read
-from daemon.vision.geometry.rig import Camera, StereoRig
+from daemon.vision.geometry import Camera, StereoRig
 
-Array = NDArray[np.float64]
 Rows = Sequence[Sequence[float]]
 ORTHONORMAL_TOLERANCE = 1e-4
 

@@ -6,11 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from daemon import frames
-
-Array = NDArray[np.float64]
+from daemon.arrays import Array
 
 TILT_DEG = 15.0
 RIM = 0.22

@@ -13,14 +13,13 @@ from itertools import combinations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from daemon import frames
+from daemon.arrays import Array
 from daemon.calibration.least_squares import Problem, UndeterminedError, chain, solve
 from daemon.errors import FacetdError
-from daemon.vision.geometry.rig import Camera, StereoRig
+from daemon.vision.geometry import Camera, StereoRig
 
-Array = NDArray[np.float64]
 FEWEST_POSES = 5
 BLOCKS = 6
 PIXEL_SIGMA = 0.1

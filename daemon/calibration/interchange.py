@@ -13,18 +13,17 @@ import cv2
 import msgspec
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 
 from daemon import frames
+from daemon.arrays import Array
 from daemon.calibration.file import Calibration, Quality, load_calibration, save_calibration
 from daemon.calibration.recorded import keep_old
 from daemon.calibration.stereo import cyclopean_frame
 from daemon.errors import FacetdError
 from daemon.store.files import write_atomically
 from daemon.store.yamlfile import ConfigError, read
-from daemon.vision.geometry.rig import Camera, StereoRig
+from daemon.vision.geometry import Camera, StereoRig
 
-Array = NDArray[np.float64]
 MM_PER_M = 1000.0
 
 

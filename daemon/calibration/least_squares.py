@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from daemon.arrays import Array
+
 Problem = Callable[[Array], tuple[Array, Array]]
 
 INTRINSICS = 9

@@ -16,17 +16,15 @@ from typing import Annotated
 import msgspec
 import numpy as np
 from msgspec import Meta
-from numpy.typing import NDArray
 
 from daemon import frames
+from daemon.arrays import Array
 from daemon.calibration.file import Calibration, Quality, save_calibration
 from daemon.calibration.recorded import keep_old
 from daemon.calibration.session import meet
 from daemon.store.yamlfile import ConfigError, read
-from daemon.vision.geometry.converging import Converging, by_formula
-from daemon.vision.geometry.rig import Camera, StereoRig
+from daemon.vision.geometry import Camera, Converging, StereoRig, by_formula
 
-Array = NDArray[np.float64]
 Length = Annotated[float, Meta(gt=0)]
 Pixel = tuple[float, float]
 

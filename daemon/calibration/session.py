@@ -12,13 +12,10 @@ from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 
 import numpy as np
-from numpy.typing import NDArray
 
 from daemon import frames
-from daemon.arm.mover import MoveRefusedError, OutOfReachError
-from daemon.arm.settling import NotSettledError, Settling, settled_pair
-from daemon.arm.supervisor import Supervisor
-from daemon.arm.workcell import Reading
+from daemon.arm import MoveRefusedError, NotSettledError, OutOfReachError, Reading, Settling, Supervisor, settled_pair
+from daemon.arrays import Array
 from daemon.calibration.board import Board, BoardError, find_board
 from daemon.calibration.file import Calibration, Quality
 from daemon.calibration.guide import Shown, is_new, missing
@@ -34,9 +31,8 @@ from daemon.calibration.stereo import (
 )
 from daemon.calibration.tour import in_order, looks_at, spread_out
 from daemon.errors import FacetdError
-from daemon.vision.geometry.rig import StereoRig
+from daemon.vision.geometry import StereoRig
 
-Array = NDArray[np.float64]
 Say = Callable[[str], Awaitable[None]]
 
 

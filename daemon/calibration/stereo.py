@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from daemon import frames
+from daemon.arrays import Array
 from daemon.calibration.board import Board, SeenBoard
 from daemon.calibration.least_squares import (
     INTRINSICS,
@@ -25,9 +25,8 @@ from daemon.calibration.least_squares import (
     stereo_problem,
 )
 from daemon.errors import FacetdError
-from daemon.vision.geometry.rig import Camera, StereoRig
+from daemon.vision.geometry import Camera, StereoRig
 
-Array = NDArray[np.float64]
 FEWEST_PAIRS = 6
 WORST_SHARE = 0.02
 """A focal length or baseline known no better than this share of itself was not measured."""

@@ -10,11 +10,9 @@ from collections.abc import Callable, Sequence
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
 from daemon import frames
-
-Array = NDArray[np.float64]
+from daemon.arrays import Array
 
 TILTS_DEG = (8.0, 20.0, 32.0)
 HEADINGS = 8

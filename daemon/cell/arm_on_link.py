@@ -8,9 +8,9 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from daemon.arm.workcell import Reading
+from daemon.arm import Reading
+from daemon.arrays import Array
 from drivers import puma560
 from drivers.val2.commands import moves_the_arm as moves_the_arm
 from drivers.val2.dialect import Dialect
@@ -19,7 +19,6 @@ from drivers.val2.link import CONFIRMS, Link
 from drivers.val2.location import apart, location_from_matrix, matrix_from_location
 from drivers.val2.wire import Where
 
-Array = NDArray[np.float64]
 WireListener = Callable[[dict[str, Any]], None]
 
 REST_S = 5.0

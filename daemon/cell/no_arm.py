@@ -8,12 +8,10 @@ from __future__ import annotations
 from typing import NoReturn
 
 import numpy as np
-from numpy.typing import NDArray
 
-from daemon.arm.workcell import Reading
+from daemon.arm import Reading
+from daemon.arrays import Array
 from daemon.errors import FacetdError
-
-Array = NDArray[np.float64]
 
 
 class CellError(FacetdError):

@@ -8,7 +8,7 @@ from statistics import median
 
 import numpy as np
 
-from daemon.arm.workcell import Log, Workcell
+from daemon.arm import Log, Workcell
 from daemon.calibration.file import Calibration, Quality
 from daemon.calibration.session import EPIPOLAR_LIMIT_PX, SPREAD_LIMIT_MM
 from daemon.calibration.tour import DISTANCES_MM

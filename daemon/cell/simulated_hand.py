@@ -8,17 +8,14 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import NDArray
-
 from daemon import frames
+from daemon.arrays import Array
 
 if TYPE_CHECKING:
     from drivers.simcell.boards import BoardPrint
     from drivers.simcell.cell import SimulatedCell
     from drivers.simcell.world import PlacedPart
 
-Array = NDArray[np.float64]
 USUAL = ("cube", "pyramid", "triangular_prism", "pentagonal_prism")
 """What lies on the table unless somebody says otherwise."""
 

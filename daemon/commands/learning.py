@@ -28,7 +28,7 @@ from daemon.pick.looking import Look
 from daemon.teaching.mesh import UNITS_MM, MeshError
 from daemon.teaching.sufficiency import VIEWPOINTS, Sufficiency
 from daemon.teaching.trainer import ViewVerdict, teaching_note
-from daemon.vision.model.model import TeachError
+from daemon.vision.model import TeachError
 
 LABEL = re.compile(r"[a-z][a-z0-9_]{0,39}")
 MESH_USAGE = "teach LABEL --mesh FILE.stl|FILE.obj [mm|cm|m|inch]"

@@ -13,7 +13,7 @@ from daemon.console.context import CommandContext
 from daemon.console.interpreter import Answer, CommandError, Door, command
 from daemon.console.phrases import cut_off, duration, millimetres, plural
 from daemon.pick.looking import Look
-from daemon.vision.health.examine import findings_json, troubles
+from daemon.vision.health import findings_json, troubles
 from daemon.vision.report import scene_json
 from daemon.vision.values import Facet, Part, Scene
 

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from daemon.arrays import Array
+
 CELL_ASPECT = 2.0  # a character cell is about twice as high as wide
 
 

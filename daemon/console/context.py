@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 
-from daemon.arm.workcell import Log
+from daemon.arm import Log
 from daemon.calibration.file import Calibration
 from daemon.cell.build import EXPECTED_ERRORS, Hardware
 from daemon.config import Config
@@ -27,7 +27,7 @@ from daemon.store.runlog import RunLog
 from daemon.store.runs import new_folder
 from daemon.teaching.trainer import Trainer
 from daemon.upkeep.watched import Troubles
-from daemon.vision.facets.table import Table
+from daemon.vision.facets import Table
 
 ANSWERABLE: tuple[type[Exception], ...] = (FacetdError, *EXPECTED_ERRORS)
 """What the world can do to a command: an answer, not a crash. Drivers have error roots of their own."""

@@ -190,7 +190,7 @@ def _save(camera: StereoCamera, folder: Path, rig: Any) -> dict[str, Any]:
     """One pair into a folder: left.png, right.png, and snap.json with times, skew and the images' health."""
     import cv2
 
-    from daemon.vision.health.examine import examine, findings_json, troubles
+    from daemon.vision.health import examine, findings_json, troubles
 
     pair = camera.grab(time.monotonic(), GRAB_S)
     findings = examine((pair.left.pixels, pair.right.pixels), None, rig)
@@ -231,8 +231,8 @@ def _shooter(camera: StereoCamera, config: Config, plain: bool) -> Callable[[], 
 
     from daemon.store.model_store import ModelStore
     from daemon.vision.draw import draw_scene
-    from daemon.vision.health.examine import drift, examine, troubles
-    from daemon.vision.image.grey import VisionError
+    from daemon.vision.health import drift, examine, troubles
+    from daemon.vision.image import VisionError
     from daemon.vision.look import look
 
     rig = None if plain else _rig(config)

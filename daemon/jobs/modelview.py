@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from daemon.store.model import ModelFile
-from daemon.vision.geometry.polyhedron import Polyhedron
-from daemon.vision.model.model import Model
-from daemon.vision.recognition.hypotheses import hypotheses
+from daemon.vision.geometry import Polyhedron
+from daemon.vision.model import Model
+from daemon.vision.recognition import hypotheses
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from daemon.store.yamlfile import ConfigError, read
 
 if TYPE_CHECKING:
     from daemon.calibration.file import Calibration
-    from daemon.vision.model.model import Model
+    from daemon.vision.model import Model
     from daemon.vision.values import Scene
 
 DONE, UNUSABLE = 0, 2
@@ -74,8 +74,8 @@ def _guarded(run: Callable[[argparse.Namespace], int]) -> Callable[[argparse.Nam
 
     def guarded(args: argparse.Namespace) -> int:
         from daemon.store.model import ModelError
-        from daemon.vision.image.grey import VisionError
-        from daemon.vision.model.model import TeachError
+        from daemon.vision.image import VisionError
+        from daemon.vision.model import TeachError
 
         try:
             return run(args)
@@ -92,7 +92,7 @@ def _recognise(args: argparse.Namespace) -> int:
 
     from daemon.calibration.file import load_calibration
     from daemon.store.model import load
-    from daemon.vision.image.grey import VisionError
+    from daemon.vision.image import VisionError
     from daemon.vision.look import look
     from daemon.vision.report import scene_json
 
@@ -148,8 +148,8 @@ def _train(args: argparse.Namespace) -> int:
     from daemon.calibration.file import load_calibration
     from daemon.store.library import FACETS, PARTS, load_facets, load_parts
     from daemon.store.model import save
-    from daemon.vision.image.grey import VisionError
-    from daemon.vision.model.model import TeachError, empty_model
+    from daemon.vision.image import VisionError
+    from daemon.vision.model import TeachError, empty_model
 
     calibration = load_calibration(args.calibration)
     model = empty_model(load_facets(args.facets or FACETS))
@@ -170,8 +170,8 @@ def _train(args: argparse.Namespace) -> int:
 
 
 def _taught(model: Model, view: _View, base: Path, calibration: Calibration) -> Model:
-    from daemon.vision.facets.reconstruct import find_facets
-    from daemon.vision.model.model import TeachError, learn_view
+    from daemon.vision.facets import find_facets
+    from daemon.vision.model import TeachError, learn_view
 
     left, right = (_found(base, name) for name in (view.left, view.right))
     seen = find_facets(_image(left), _image(right), calibration.rig)

@@ -12,8 +12,8 @@ from collections import Counter, deque
 from dataclasses import replace
 
 from daemon import frames
-from daemon.arm.supervisor import Interruption, OperatorRefusedError, RefusedError, Supervisor
-from daemon.arm.workcell import Array, Reading, Workcell
+from daemon.arm import Interruption, OperatorRefusedError, Reading, RefusedError, Supervisor, Workcell
+from daemon.arrays import Array
 from daemon.pick import approach, find, take
 from daemon.pick.looking import Look, Recogniser
 from daemon.pick.order import PickOrder

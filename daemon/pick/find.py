@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from daemon.arm.workcell import Array
+from daemon.arrays import Array
 from daemon.pick import fusion, viewpoints
 from daemon.pick.following import Target, beside
 from daemon.pick.looking import Look
@@ -13,7 +13,7 @@ from daemon.pick.plan import Plan, other_view, plan_part
 from daemon.pick.seen import NEIGHBOUR_MM, Seen, facings, is_own, merged, same_place, seen_parts, unconfirmed
 from daemon.pick.transitions import Event
 from daemon.pick.world import PickContext, SuspectError, WorldModel, look, skip, travel
-from daemon.vision.geometry.polyhedron import Polyhedron
+from daemon.vision.geometry import Polyhedron
 from daemon.vision.look import outlines
 
 MOST_OLD = 3

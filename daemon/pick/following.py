@@ -12,17 +12,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon import frames
-from daemon.arm.workcell import Array, Workcell
+from daemon.arm import Workcell
+from daemon.arrays import Array
 from daemon.pick import fusion
 from daemon.pick.fusion import Doubt, Estimate, Sighting
 from daemon.pick.grasp import Gripper, closed_fingers
 from daemon.pick.looking import Expected, Look
 from daemon.pick.plan import Plan
 from daemon.pick.seen import SAME_PLACE_MM, Seen, same_place, seen_parts
-from daemon.vision.geometry.polyhedron import Polyhedron
-from daemon.vision.image.both_eyes import Eyes, open_eyes
-from daemon.vision.registration.corner_pose import Fit, refit
-from daemon.vision.registration.edge_pose import fit_edges, shown
+from daemon.vision.geometry import Polyhedron
+from daemon.vision.image import Eyes, open_eyes
+from daemon.vision.registration import Fit, fit_edges, refit, shown
 
 NEAR_MM = 60.0
 """Facets farther than this from where the part's middle should be are not its own."""

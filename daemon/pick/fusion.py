@@ -14,12 +14,10 @@ from typing import Annotated
 
 import numpy as np
 from msgspec import Meta
-from numpy.typing import NDArray
 
 from daemon import frames
+from daemon.arrays import Array
 from daemon.quantities import Few, Length, Sigma, Turn
-
-Array = NDArray[np.float64]
 
 CHI_SQUARE_6 = 22.46
 """What a chi-square with 6 degrees of freedom passes once in a thousand times."""

@@ -13,13 +13,12 @@ from typing import Annotated
 
 import numpy as np
 from msgspec import Meta
-from numpy.typing import NDArray
 
 from daemon import frames
+from daemon.arrays import Array
 from daemon.quantities import Lean, Length, Room
-from daemon.vision.geometry.polyhedron import Polyhedron, exact
+from daemon.vision.geometry import Polyhedron, exact
 
-Array = NDArray[np.float64]
 UP = np.array([0.0, 0.0, 1.0])
 TOUCHING_MM = 0.6
 """Soft pads and taught corners: what is this near to the finger touches it."""

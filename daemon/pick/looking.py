@@ -11,15 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon import frames
-from daemon.arm.settling import SettledPair, Settling, settled_pair
-from daemon.arm.workcell import Array, Pictures, Reading, Workcell
-from daemon.vision.facets.table import Table
-from daemon.vision.geometry.polyhedron import Polyhedron
-from daemon.vision.geometry.rig import StereoRig
-from daemon.vision.health.clues import Clue, clue_of, health_fields
-from daemon.vision.health.examine import Finding, drift, examine, misleading, sharpness
-from daemon.vision.image.grey import VisionError
-from daemon.vision.registration.corner_pose import Fit
+from daemon.arm import Pictures, Reading, SettledPair, Settling, Workcell, settled_pair
+from daemon.arrays import Array
+from daemon.vision.facets import Table
+from daemon.vision.geometry import Polyhedron, StereoRig
+from daemon.vision.health import Clue, Finding, clue_of, drift, examine, health_fields, misleading, sharpness
+from daemon.vision.image import VisionError
+from daemon.vision.registration import Fit
 from daemon.vision.values import FacetView, Scene
 
 

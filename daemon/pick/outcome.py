@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Protocol
 
-from daemon.arm.workcell import Array
+from daemon.arrays import Array
 from daemon.pick.looking import Look
 
 

@@ -11,20 +11,17 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from daemon import frames
-from daemon.arm import paths
-from daemon.arm.mover import PATH_MM
+from daemon.arm import PATH_MM, paths
+from daemon.arrays import Array
 from daemon.pick import viewpoints
 from daemon.pick.grasp import Grasp, grasps
 from daemon.pick.seen import Facing, Seen, apart_mm, seen_again
 from daemon.pick.settings import Settings, View
 from daemon.pick.viewpoints import Reachable
-from daemon.vision.geometry.polyhedron import Polyhedron
-from daemon.vision.registration.corner_pose import poses_that_fit
-
-Array = NDArray[np.float64]
+from daemon.vision.geometry import Polyhedron
+from daemon.vision.registration import poses_that_fit
 
 CLOSE_MM = 340.0
 """From how far a part that could not be named is looked at again."""

@@ -9,15 +9,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from daemon import frames
+from daemon.arrays import Array
 from daemon.pick.looking import Look
-from daemon.vision.geometry.facet_measures import newell_normal
-from daemon.vision.geometry.rig import StereoRig
+from daemon.vision.geometry import StereoRig, newell_normal
 from daemon.vision.values import Facet, Part, Recognition
-
-Array = NDArray[np.float64]
 
 SAME_PLACE_MM = 30.0
 """What is seen nearer than this to where something lay is that."""

@@ -7,18 +7,14 @@ from typing import Annotated, Literal
 
 import numpy as np
 from msgspec import Meta
-from numpy.typing import NDArray
 
 from daemon import frames
-from daemon.arm.guard import Limits, Point
-from daemon.arm.mover import Arrival
-from daemon.arm.settling import Settling
+from daemon.arm import Arrival, Limits, Point, Settling
+from daemon.arrays import Array
 from daemon.pick import viewpoints
 from daemon.pick.fusion import Doubt, Stops
 from daemon.pick.grasp import Gripper, tool_rotation
 from daemon.quantities import Direction, Few, Lean, Length, Percent, Pixels
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from daemon import frames
-from daemon.vision.geometry.polyhedron import Polyhedron
+from daemon.arrays import Array
+from daemon.vision.geometry import Polyhedron
 
-Array = NDArray[np.float64]
 Reachable = Callable[[Array], bool]
 
 

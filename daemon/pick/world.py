@@ -10,9 +10,8 @@ from __future__ import annotations
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
 
-from daemon.arm import paths
-from daemon.arm.mover import Mover, MoveRefusedError, OutOfReachError
-from daemon.arm.workcell import Array, Reading, Workcell
+from daemon.arm import Mover, MoveRefusedError, OutOfReachError, Reading, Workcell, paths
+from daemon.arrays import Array
 from daemon.errors import FacetdError
 from daemon.pick.following import Target
 from daemon.pick.looking import Expected, Look, Recogniser, log_look, take_look

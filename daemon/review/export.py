@@ -14,14 +14,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from daemon import frames
+from daemon.arrays import Array
 from daemon.errors import FacetdError
 from daemon.review.digest import Digest
 from daemon.review.tables import Row, tables
-
-Array = NDArray[np.float64]
 
 
 class ExportError(FacetdError):

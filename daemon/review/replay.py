@@ -17,19 +17,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon import frames
+from daemon.arrays import Array
 from daemon.calibration.file import load_calibration
 from daemon.review.digest import Digest
 from daemon.store.model import load
 from daemon.store.pictures import read_as_stored
 from daemon.store.runs import Record, RunError
-from daemon.vision.facets.table import Table
+from daemon.vision.facets import Table
 from daemon.vision.look import look
-from daemon.vision.model.facet_types import FacetLibrary
-from daemon.vision.model.model import Model, empty_model
+from daemon.vision.model import FacetLibrary, Model, empty_model
 from daemon.vision.report import scene_json
 from daemon.vision.settings import VisionSettings
 
-Array = NDArray[np.float64]
 Json = dict[str, Any]
 
 NEAR_MM = 25.0

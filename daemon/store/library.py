@@ -16,7 +16,7 @@ from msgspec import Meta
 
 from daemon.quantities import Length
 from daemon.store.yamlfile import Document, read
-from daemon.vision.model.facet_types import LARGEST_NUMBER, FacetLibrary, FacetType, Value
+from daemon.vision.model import LARGEST_NUMBER, FacetLibrary, FacetType, Value
 
 HOME = Path(__file__).resolve().parents[2] / "etc"
 FACETS = HOME / "facets.yaml"

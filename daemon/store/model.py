@@ -20,10 +20,8 @@ from daemon.errors import FacetdError
 from daemon.store.files import write_atomically
 from daemon.store.library import library_digest, library_plain
 from daemon.store.npz import ArchiveError, Arrays, one_line, pack, unpack
-from daemon.vision.geometry.polyhedron import Polyhedron
-from daemon.vision.model.facet_types import FacetLibrary, FacetType
-from daemon.vision.model.merge import MetricModel
-from daemon.vision.model.model import Model, Parameters, TaughtView
+from daemon.vision.geometry import Polyhedron
+from daemon.vision.model import FacetLibrary, FacetType, MetricModel, Model, Parameters, TaughtView
 
 FORMAT = "facetd-model"
 VERSION = 1

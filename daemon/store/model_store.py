@@ -26,7 +26,7 @@ from daemon.errors import FacetdError
 from daemon.store import model as model_file
 from daemon.store.files import write_atomically
 from daemon.store.pictures import PictureError, read_grey
-from daemon.vision.model.model import Model
+from daemon.vision.model import Model
 
 Image = NDArray[np.uint8]
 

@@ -11,15 +11,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from daemon.arrays import Array
 from daemon.teaching.sufficiency import imagined_group, spread, visible_facets
-from daemon.vision.geometry.polyhedron import Polyhedron
-from daemon.vision.geometry.rig import StereoRig
-from daemon.vision.model.merge import MetricModel, merge_views
-from daemon.vision.model.model import Model, TeachError, learn_view
-from daemon.vision.model.relation_matrix import MATRIX_SIZE
+from daemon.vision.geometry import Polyhedron, StereoRig
+from daemon.vision.model import MATRIX_SIZE, MetricModel, Model, TeachError, learn_view, merge_views
 from daemon.vision.values import Group
 
-Array = NDArray[np.float64]
 Pattern = tuple[tuple[str, tuple[str, ...]], ...]
 DIRECTIONS = 400
 OBLIQUE = 0.15  # cosine below which a facet is not seen: less than what a look can be trusted with, as parts turn

@@ -9,11 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from daemon.arrays import Array
 from daemon.errors import FacetdError
 
-Array = NDArray[np.float64]
 UNITS_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "inch": 25.4}
 """Neither format says what its numbers are; millimetres unless told."""
 LARGEST_BYTES = 4_000_000

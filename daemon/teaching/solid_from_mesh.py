@@ -10,13 +10,12 @@ from collections import deque
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from daemon.arrays import Array
 from daemon.teaching.mesh import Mesh, MeshError
-from daemon.vision.geometry.polyhedron import Polyhedron
-from daemon.vision.model.facet_types import FacetLibrary, type_facet
+from daemon.vision.geometry import Polyhedron
+from daemon.vision.model import FacetLibrary, type_facet
 
-Array = NDArray[np.float64]
 Triangle = tuple[int, int, int]
 Edge = tuple[int, int]
 SAME_CORNER_MM = 0.01

@@ -11,15 +11,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from daemon.vision.geometry.polyhedron import Polyhedron
-from daemon.vision.geometry.rig import StereoRig
-from daemon.vision.model.model import Model
-from daemon.vision.recognition.recognise import recognise_group
+from daemon.arrays import Array
+from daemon.vision.geometry import Polyhedron, StereoRig
+from daemon.vision.model import Model
+from daemon.vision.recognition import recognise_group
 from daemon.vision.values import Facet, Group
 
-Array = NDArray[np.float64]
 VIEWPOINTS = 60
 DISTANCE_MM = 400.0
 CORNER_PX = 0.15

@@ -19,14 +19,12 @@ from daemon.teaching.aspects import aspects, learn_solid
 from daemon.teaching.mesh import MeshError, read_mesh
 from daemon.teaching.solid_from_mesh import solid_of
 from daemon.teaching.sufficiency import Sufficiency, judge
-from daemon.vision.facets.table import Table
-from daemon.vision.geometry.polyhedron import Polyhedron
-from daemon.vision.geometry.rig import StereoRig
-from daemon.vision.image.grey import VisionError
+from daemon.vision.facets import Table
+from daemon.vision.geometry import Polyhedron, StereoRig
+from daemon.vision.image import VisionError
 from daemon.vision.look import look
-from daemon.vision.model.facet_types import FacetLibrary
-from daemon.vision.model.model import Model, TeachError, empty_model, learn_view
-from daemon.vision.recognition.recognise import recognise_group
+from daemon.vision.model import FacetLibrary, Model, TeachError, empty_model, learn_view
+from daemon.vision.recognition import recognise_group
 from daemon.vision.report import scene_json
 from daemon.vision.settings import VisionSettings
 from daemon.vision.values import UNKNOWN, Group, Scene

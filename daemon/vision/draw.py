@@ -11,11 +11,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.vision.image.grey import as_grey
+from daemon.arrays import Array
+from daemon.vision.image import as_grey
 from daemon.vision.values import Facet, Part, Scene
 
 Picture = NDArray[np.uint8]
-Array = NDArray[np.float64]
 Colour = tuple[int, int, int]
 
 SCALE = 2  # drawn this much larger than seen, so that lines do not hide what they mark

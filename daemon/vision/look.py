@@ -11,14 +11,12 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from daemon.vision.facets.reconstruct import facets_seen
-from daemon.vision.facets.table import Table, without_table
-from daemon.vision.geometry.rig import StereoRig
-from daemon.vision.image.both_eyes import open_eyes
-from daemon.vision.model.facet_types import FacetLibrary
-from daemon.vision.model.model import Model, empty_model
-from daemon.vision.recognition.recognise import Recognised, recognise
-from daemon.vision.registration.verify import verify
+from daemon.vision.facets import Table, facets_seen, without_table
+from daemon.vision.geometry import StereoRig
+from daemon.vision.image import open_eyes
+from daemon.vision.model import FacetLibrary, Model, empty_model
+from daemon.vision.recognition import Recognised, recognise
+from daemon.vision.registration import verify
 from daemon.vision.settings import VisionSettings
 from daemon.vision.values import FacetView, Part, Scene
 

@@ -8,11 +8,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from daemon.arrays import Array
 from daemon.vision.values import Facet, Part, Rejected, Scene
-
-Array = NDArray[np.float64]
 
 
 def scene_json(scene: Scene) -> dict[str, Any]:

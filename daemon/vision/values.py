@@ -13,9 +13,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.vision.geometry.polyhedron import Polyhedron, united
+from daemon.arrays import Array
+from daemon.vision.geometry import Polyhedron, united
 
-Array = NDArray[np.float64]
 UNKNOWN = "unknown"
 """The label of a part that nothing trained fits."""
 

@@ -10,10 +10,11 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from drivers.arrays import Array
 from drivers.simcell.optics import Array32
 from drivers.simcell.parts import box, hull
 from drivers.simcell.render import Pattern, Thing
-from drivers.simcell.rigid import Array, rigid
+from drivers.simcell.rigid import rigid
 
 WHITE, BLACK = 0.85, 0.06
 PLATE_MM = 4.0

@@ -15,11 +15,12 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from drivers.arrays import Array
 from drivers.camera.pair import CameraError, Frame, StereoPair
 from drivers.simcell.light import CellLight
 from drivers.simcell.optics import Array32, turned
 from drivers.simcell.render import Retina, Thing, radiance
-from drivers.simcell.rigid import Array, angle_of, apply
+from drivers.simcell.rigid import angle_of, apply
 from drivers.simcell.truth import Truth
 
 EYES = ("left", "right")

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from drivers.arrays import Array
 from drivers.puma560 import Puma560
 from drivers.simcell.arm import Arm
 from drivers.simcell.boards import BoardPrint, board_thing
@@ -20,7 +21,7 @@ from drivers.simcell.gripper import fingers
 from drivers.simcell.history import Drop
 from drivers.simcell.judge import Body, Judge, Violation
 from drivers.simcell.render import Thing
-from drivers.simcell.rigid import Array, rigid
+from drivers.simcell.rigid import rigid
 from drivers.simcell.simulated_time import SimulatedLoop
 from drivers.simcell.stand import characteristic_pose
 from drivers.simcell.truth import load_truth, rigid_matrix

@@ -12,8 +12,9 @@ from itertools import combinations
 
 import numpy as np
 
+from drivers.arrays import Array
 from drivers.simcell.parts import Polyhedron, Shape, box, hull
-from drivers.simcell.rigid import Array, apply, rigid, turn
+from drivers.simcell.rigid import apply, rigid, turn
 from drivers.simcell.truth import Gripper
 
 TOUCH_MM = 0.3

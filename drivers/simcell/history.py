@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 from itertools import islice
 from threading import Lock
 
+from drivers.arrays import Array
 from drivers.simcell.arm import Motion
-from drivers.simcell.rigid import Array
 
 
 @dataclass(frozen=True, eq=False)

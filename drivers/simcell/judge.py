@@ -14,10 +14,11 @@ from math import ceil
 
 import numpy as np
 
+from drivers.arrays import Array
 from drivers.puma560 import Puma560, elbow_mm, forward
 from drivers.simcell.arm import Motion
 from drivers.simcell.history import Drop, Event, HandAct, History, Leg, Stop
-from drivers.simcell.rigid import Array, inverse
+from drivers.simcell.rigid import inverse
 from drivers.simcell.truth import Box, Rod, Safety, Table
 
 APART_MM = 5.0

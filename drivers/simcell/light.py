@@ -10,8 +10,9 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
+from drivers.arrays import Array
 from drivers.simcell.optics import Array32
-from drivers.simcell.rigid import Array, apply, rigid
+from drivers.simcell.rigid import apply, rigid
 from drivers.simcell.shadows import TEXEL_MM, Patch, lit_share, patch_under
 from drivers.simcell.truth import Lamp, Lighting, Table
 

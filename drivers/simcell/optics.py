@@ -8,7 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from drivers.simcell.rigid import Array, apply, inverse
+from drivers.arrays import Array
+from drivers.simcell.rigid import apply, inverse
 
 Array32 = NDArray[np.float32]
 

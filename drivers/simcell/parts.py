@@ -13,7 +13,8 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.simcell.rigid import Array, rigid, turn, turn_between
+from drivers.arrays import Array
+from drivers.simcell.rigid import rigid, turn, turn_between
 
 FLAT_MM = 1e-6
 

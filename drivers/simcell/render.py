@@ -13,10 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.arrays import Array
 from drivers.simcell.light import CellLight
 from drivers.simcell.optics import Array32, Eye
 from drivers.simcell.parts import Polyhedron
-from drivers.simcell.rigid import Array, apply, inverse
+from drivers.simcell.rigid import apply, inverse
 
 NOTHING = -1
 SAMPLES, STRIDE = 34, 21

@@ -6,9 +6,9 @@ The daemon has its own (drivers never import the daemon).
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from drivers.arrays import Array
 
 
 def rigid(rotation: ArrayLike, translation_mm: ArrayLike) -> Array:

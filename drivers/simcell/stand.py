@@ -11,9 +11,10 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.arrays import Array
 from drivers.simcell.light import facet_levels
 from drivers.simcell.parts import Polyhedron, Shape, part_shape
-from drivers.simcell.rigid import Array, apply, rigid, turn, turn_between
+from drivers.simcell.rigid import apply, rigid, turn, turn_between
 from drivers.simcell.truth import Lighting
 
 VIEWS: dict[str, tuple[tuple[int, ...], ...]] = {

@@ -12,8 +12,8 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
+from drivers.arrays import Array
 from drivers.simcell.optics import Eye
-from drivers.simcell.rigid import Array
 
 Positive = Annotated[float, Meta(gt=0)]
 NotNegative = Annotated[float, Meta(ge=0)]

@@ -9,9 +9,10 @@ from collections.abc import Callable
 
 import numpy as np
 
+from drivers.arrays import Array
 from drivers.simcell.controller import Machine
 from drivers.simcell.history import Leg
-from drivers.simcell.rigid import Array, angle_of, apply, rigid
+from drivers.simcell.rigid import angle_of, apply, rigid
 from drivers.simcell.truth import Truth
 from drivers.simcell.world import Closing, World
 

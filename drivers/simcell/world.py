@@ -12,9 +12,10 @@ from threading import RLock
 
 import numpy as np
 
+from drivers.arrays import Array
 from drivers.simcell.gripper import Grip, close_on, reaches, strikes
 from drivers.simcell.parts import Shape, part_shape
-from drivers.simcell.rigid import Array, apply, inverse, rigid, turn
+from drivers.simcell.rigid import apply, inverse, rigid, turn
 from drivers.simcell.truth import Truth
 
 FLOOR_BELOW_TABLE_MM = 700.0

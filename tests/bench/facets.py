@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from daemon.arrays import Array
 from daemon.vision.facets.candidates import choose, find_candidates
 from daemon.vision.facets.reconstruct import find_facets
 from daemon.vision.geometry.rig import StereoRig
@@ -25,7 +26,6 @@ from daemon.vision.values import Facet, FacetView
 from tests.worlds import rendered
 from tests.worlds.limit import limit
 
-Array = NDArray[np.float64]
 NEAR_PX = 3.0
 
 

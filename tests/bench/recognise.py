@@ -15,8 +15,8 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from daemon.arrays import Array
 from daemon.store.library import load_facets
 from daemon.vision.facets.reconstruct import find_facets
 from daemon.vision.geometry.rig import StereoRig
@@ -26,7 +26,6 @@ from daemon.vision.settings import VisionSettings
 from daemon.vision.values import Part, Scene
 from tests.worlds import rendered
 
-Array = NDArray[np.float64]
 NEAR_MM = 25.0  # a part found belongs to a true one when their corners' centroids are this close
 BINS = (0.0, 0.5, 0.9, 0.99, 0.999, 1.0 + 1e-9)
 

@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from daemon.arrays import Array
 from daemon.calibration.file import load_calibration
 from daemon.vision.facets.reconstruct import find_facets
 from daemon.vision.geometry.rig import Camera, StereoRig
@@ -25,7 +25,6 @@ from drivers.simcell.rigid import apply, inverse, rigid, turn
 from drivers.simcell.truth import Truth, load_truth
 from drivers.simcell.world import World
 
-Array = NDArray[np.float64]
 ETC = Path(__file__).parents[2] / "etc"
 STAND_OFFS_MM = (450.0, 300.0, 200.0)
 LOOKS, SEED = 48, 11

@@ -72,7 +72,7 @@ def test_every_room_says_at_its_door_what_belongs_in_it() -> None:
 def test_the_drawing_of_the_floors_is_the_contract_that_imports_are_held_to() -> None:
     drawing = (HOUSE / "docs" / "ARCHITECTURE.md").read_text().split("```")[1].strip().splitlines()
     drawn = {"daemon": [], "daemon.vision": []}
-    for line in drawing[: drawing.index(next(x for x in drawing if x.startswith("frames"))) + 1]:
+    for line in drawing[: drawing.index(next(x for x in drawing if x.startswith("arrays"))) + 1]:
         container = "daemon.vision" if line.startswith(" ") else "daemon"
         drawn[container] += re.match(r" *((?:\w+  ?)+)", line)[1].split()  # type: ignore[index]
     contracts = tomllib.loads((HOUSE / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
@@ -83,6 +83,23 @@ def test_the_drawing_of_the_floors_is_the_contract_that_imports_are_held_to() ->
     for container, rooms in floors.items():
         folder = HOUSE / container.replace(".", "/")
         assert all((folder / room).is_dir() or (folder / f"{room}.py").is_file() for room in rooms)
+
+
+def test_a_room_with_public_names_at_its_door_is_entered_by_it() -> None:
+    doors = {
+        str(f.parent.relative_to(HOUSE)).replace("/", ".")
+        for f in (HOUSE / "daemon").rglob("__init__.py")
+        if "__all__" in f.read_text()
+    }
+    assert {"daemon.vision.geometry", "daemon.arm", "daemon.art"} <= doors
+    past = []
+    for file in (HOUSE / "daemon").rglob("*.py"):
+        own = str(file.parent.relative_to(HOUSE)).replace("/", ".") + "."
+        for node in ast.walk(ast.parse(file.read_text())):
+            if isinstance(node, ast.ImportFrom) and node.module:
+                inside = [d for d in doors if node.module.startswith(d + ".") and not own.startswith(d + ".")]
+                past += [(str(file.relative_to(HOUSE)), node.module) for d in inside if node.module not in doors]
+    assert past == []
 
 
 def test_no_file_tells_of_working_arrangements() -> None:

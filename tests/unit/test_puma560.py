@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from daemon.arrays import Array
 from drivers.puma560 import (
     CONFIGURATIONS,
     NEST_RAD,
@@ -27,7 +27,6 @@ from drivers.puma560 import (
     wrist_is_singular,
 )
 
-Array = NDArray[np.float64]
 UNLIMITED = Puma560(limits_rad=np.radians([[-360.0, 360.0]] * 6))
 LOW, HIGH = PUMA560.limits_rad.T
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from daemon.arrays import Array
 from daemon.store import places
-from drivers.simcell.rigid import Array, rigid, turn
+from drivers.simcell.rigid import rigid, turn
 from drivers.simcell.truth import load_truth
 
 TRUTH = load_truth(places.HOUSE / "etc" / "simcell.yaml")

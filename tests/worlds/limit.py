@@ -8,11 +8,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from daemon.arrays import Array
 from daemon.vision.values import FacetView, Polygon
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

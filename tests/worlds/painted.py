@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon import frames
+from daemon.arrays import Array
 from daemon.vision.geometry.rig import Camera, StereoRig
 from tests.worlds.rigs import rig
 from tests.worlds.solids import Body
 
-Array = NDArray[np.float64]
 FINER = 4
 GREYS = (95.0, 165.0, 110.0, 185.0, 140.0, 205.0, 125.0)  # one a facet, in turn, so that neighbours differ
 

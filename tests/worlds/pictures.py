@@ -5,11 +5,12 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from daemon.arrays import Array
 from daemon.store import places
 from drivers.simcell.light import CellLight
 from drivers.simcell.optics import Array32, Eye
 from drivers.simcell.render import Retina, Thing, radiance
-from drivers.simcell.rigid import Array, apply, inverse, rigid, turn
+from drivers.simcell.rigid import apply, inverse, rigid, turn
 from drivers.simcell.truth import Lamp, Lighting, Table, load_truth
 
 TRUTH = load_truth(places.HOUSE / "etc" / "simcell.yaml")

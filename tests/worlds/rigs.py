@@ -6,12 +6,10 @@ Rigs of the rendered scenes are read from their files (rendered.py), the simulat
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from daemon import frames
 from daemon.vision.geometry.rig import Camera, StereoRig
 
-Array = NDArray[np.float64]
 BARREL = (-0.08, 0.03, 0.0004, -0.0003, 0.0)
 STRAIGHT = (0.0,) * 5
 Two = tuple[float, float]

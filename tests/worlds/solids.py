@@ -8,13 +8,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from daemon import frames
+from daemon.arrays import Array
 from daemon.vision.facets.weld import weld
 from daemon.vision.values import Facet, Group
 
-Array = NDArray[np.float64]
 LATERAL_MM, DEPTH_MM = 0.08, 0.4  # at 350 mm, 700 px focal length, 60 mm base, 0.1 px
 
 

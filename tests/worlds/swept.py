@@ -12,15 +12,14 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from daemon import frames
 from daemon.arm.body import KeepOut
 from daemon.arm.guard import ArmState, Command, Limits, refuse
 from daemon.arm.workcell import Reading
+from daemon.arrays import Array
 from drivers import puma560
 
-Array = NDArray[np.float64]
 FINE_MM, COARSE_MM, BALLS_MM = 0.5, 4.0, 3.0
 CLOSE_MM = 10.0
 """A stretch of COARSE_MM that comes no nearer than this to anything holds nothing to look at in fine."""

@@ -2,3 +2,20 @@
 
 Matrices in, numberings and activations out; what the numbers mean, and who is believed, is said elsewhere.
 """
+
+from daemon.art.rotation.layer import Recall, RotationLayer, best_numbering
+from daemon.art.rotation.match import Match, modified_match
+from daemon.art.rotation.matrices import padded, padded_weights
+from daemon.art.rotation.verdict import Verdict, choose
+
+__all__ = [
+    "Match",
+    "Recall",
+    "RotationLayer",
+    "Verdict",
+    "best_numbering",
+    "choose",
+    "modified_match",
+    "padded",
+    "padded_weights",
+]

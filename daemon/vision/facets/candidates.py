@@ -6,20 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from daemon.arrays import Array
 from daemon.vision.facets.matching import Match, match_polygons
-from daemon.vision.geometry.planes import fit_plane, planarity, weighted_plane
-from daemon.vision.geometry.polygon import Shape
-from daemon.vision.geometry.rectified import Baseline, disparity
-from daemon.vision.image.both_eyes import Eyes
-from daemon.vision.image.one_eye import fits
-from daemon.vision.image.outlines import Outline
-from daemon.vision.image.polygon_fit import Fitted
+from daemon.vision.geometry import Baseline, Shape, disparity, fit_plane, planarity, weighted_plane
+from daemon.vision.image import Eyes, Fitted, Outline, fits
 from daemon.vision.settings import VisionSettings
 from daemon.vision.values import Facet, Polygon
-
-Array = NDArray[np.float64]
 
 # Set by eye on the rendered scenes, like the shares in choose() and what it calls.
 _FEW = 2  # pairs of much the same region that are fitted

@@ -10,20 +10,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from daemon.arrays import Array
 from daemon.vision.facets.candidates import Candidate, candidate, flatness_sigmas
 from daemon.vision.facets.grouping import same_edges
-from daemon.vision.geometry.polygon_batch import areas, rings
-from daemon.vision.geometry.rectified import Baseline
-from daemon.vision.image.both_eyes import Eyes
-from daemon.vision.image.edge_lines import probe_sides
-from daemon.vision.image.one_eye import OneEye, fits
-from daemon.vision.image.outlines import Outline, probe, snap_near
+from daemon.vision.geometry import Baseline, areas, rings
+from daemon.vision.image import Eyes, OneEye, Outline, fits, probe, probe_sides, snap_near
 from daemon.vision.settings import VisionSettings
 from daemon.vision.values import Polygon
-
-Array = NDArray[np.float64]
 
 # Set by eye on the rendered scenes.
 _TURNS = np.linspace(-0.8, 0.8, 97)  # disparity by distance from the hinge

@@ -10,10 +10,10 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.vision.geometry.rectified import Baseline, Eye
-from daemon.vision.image.edge_lines import Sides
+from daemon.arrays import Array
+from daemon.vision.geometry import Baseline, Eye
+from daemon.vision.image import Sides
 
-Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 PLANE_MM = 0.02  # how flat a real facet is

@@ -8,10 +8,9 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.vision.geometry.planes import fit_plane
+from daemon.arrays import Array
+from daemon.vision.geometry import fit_plane
 from daemon.vision.values import Facet, Group
-
-Array = NDArray[np.float64]
 
 _APART_MM = 6.0
 _FLUSH_MM, _RISE_MM = 2.0, 6.0

@@ -7,8 +7,7 @@ from numpy.typing import NDArray
 
 from daemon.vision.facets.candidates import Candidate
 from daemon.vision.facets.corner_adjustment import AdjustedCorners, pulls, settle
-from daemon.vision.geometry.planes import planarity
-from daemon.vision.geometry.rectified import Baseline
+from daemon.vision.geometry import Baseline, planarity
 from daemon.vision.values import Facet, Group
 
 Index = NDArray[np.intp]

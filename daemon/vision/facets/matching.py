@@ -11,10 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.vision.geometry.rectified import Baseline, Eye
+from daemon.arrays import Array
+from daemon.vision.geometry import Baseline, Eye
 from daemon.vision.settings import VisionSettings
 
-Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 

@@ -14,12 +14,8 @@ from daemon.vision.facets.completion import complete
 from daemon.vision.facets.grouping import connected, lying_under, nearest_first
 from daemon.vision.facets.joining import settled
 from daemon.vision.facets.weld import weld
-from daemon.vision.geometry.converging import by_formula, converging
-from daemon.vision.geometry.rectified import Baseline
-from daemon.vision.geometry.rig import StereoRig
-from daemon.vision.image.both_eyes import Eyes, open_eyes
-from daemon.vision.image.outlines import Outline
-from daemon.vision.image.thesis_corners import find_corners
+from daemon.vision.geometry import Baseline, StereoRig, by_formula, converging
+from daemon.vision.image import Eyes, Outline, find_corners, open_eyes
 from daemon.vision.settings import VisionSettings
 from daemon.vision.values import Facet, FacetView, Group, Polygon, Rejected
 

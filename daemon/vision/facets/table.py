@@ -8,12 +8,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from daemon.arrays import Array
 from daemon.vision.facets.grouping import connected, nearest_first
 from daemon.vision.values import Facet, FacetView, Rejected
 
-Array = NDArray[np.float64]
 FLAT_MM = 3.0
 SIGMAS = 4.0
 

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from daemon.vision.values import Facet, Group
 
-Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 WELD_PX = 6.0  # how far the two sightings of one corner may lie apart in an image; D'Souza has 4 px (section 5.1)
 OF_SHORTEST = 1 / 3  # the same as a share of the shortest side: a narrow facet's own edges must stay two

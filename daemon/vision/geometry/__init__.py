@@ -1,1 +1,51 @@
 """Cameras, rays, planes, polygons, rigid fits, as arrays. No pixel is read, nothing has a name."""
+
+from daemon.vision.geometry.chisquare import chi_square_limit, chi_square_tail
+from daemon.vision.geometry.converging import Converging, by_formula, converging
+from daemon.vision.geometry.facet_measures import Measures, measure, newell_normal
+from daemon.vision.geometry.p3p import p3p_poses
+from daemon.vision.geometry.planes import fit_plane, planarity, weighted_plane
+from daemon.vision.geometry.polygon import Point, Shape, drop_side, is_simple, tidy
+from daemon.vision.geometry.polygon_batch import Rings, areas, convex, different, met, rings
+from daemon.vision.geometry.polyhedron import Polyhedron, exact, united
+from daemon.vision.geometry.rectified import Baseline, Eye, baseline, disparity
+from daemon.vision.geometry.rig import Camera, StereoRig
+from daemon.vision.geometry.rigid_fit import Fits, fit_poses, rough_rms
+
+__all__ = [
+    "Baseline",
+    "Camera",
+    "Converging",
+    "Eye",
+    "Fits",
+    "Measures",
+    "Point",
+    "Polyhedron",
+    "Rings",
+    "Shape",
+    "StereoRig",
+    "areas",
+    "baseline",
+    "by_formula",
+    "chi_square_limit",
+    "chi_square_tail",
+    "converging",
+    "convex",
+    "different",
+    "disparity",
+    "drop_side",
+    "exact",
+    "fit_plane",
+    "fit_poses",
+    "is_simple",
+    "measure",
+    "met",
+    "newell_normal",
+    "p3p_poses",
+    "planarity",
+    "rings",
+    "rough_rms",
+    "tidy",
+    "united",
+    "weighted_plane",
+]

@@ -8,11 +8,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from daemon.arrays import Array
 from daemon.vision.geometry.rig import StereoRig
-
-Array = NDArray[np.float64]
 
 _READINGS = np.linspace(0.5, 2.0, 9)
 

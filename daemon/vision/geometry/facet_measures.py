@@ -8,9 +8,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from daemon.arrays import Array
+
 _NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
 
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from daemon.arrays import Array
 
 STEPS = 4
 NEAR = 1e-2  # of a squared distance, by which a solution may miss it

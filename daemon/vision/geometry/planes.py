@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from daemon.arrays import Array
 
 
 def fit_plane(points: Array) -> tuple[Array, float]:

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from daemon.arrays import Array
 
 _STRAIGHT = math.radians(9.0)
 _FAR_PX = 2000.0

@@ -9,9 +9,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from daemon.arrays import Array
 from daemon.vision.geometry.facet_measures import area_vector
 
-Array = NDArray[np.float64]
 SURE_MM2 = 1e-9  # keeps the weight of a corner known exactly finite
 
 

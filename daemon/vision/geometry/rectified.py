@@ -10,11 +10,9 @@ from functools import lru_cache
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from daemon.arrays import Array
 from daemon.vision.geometry.rig import Camera, StereoRig
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

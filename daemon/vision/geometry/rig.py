@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from daemon.arrays import Array
 
 
 @dataclass(frozen=True, eq=False)

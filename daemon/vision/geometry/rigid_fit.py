@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from daemon.arrays import Array
+
 Index = NDArray[np.intp]
 STEPS = 3  # Gauss-Newton steps after the closed-form start; the third is below a micrometre
 

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.vision.image.grey import BLOCK_PX, block_means
+from daemon.vision.image import BLOCK_PX, block_means
 
 A_PX, B_PX = 1.0, 2.0
 SOBEL_VAR, PIXEL_VAR = 0.5, 1.0 / 12.0

@@ -15,9 +15,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.vision.geometry.rig import StereoRig
+from daemon.arrays import Array
+from daemon.vision.geometry import StereoRig
 
-Array = NDArray[np.float64]
 PATCH_PX, BAND_PX = 10, 16
 MOST_POINTS, LEAST_POINTS = 60, 5
 LEAST_ALIKE = 0.8

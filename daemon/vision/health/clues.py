@@ -13,11 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon import frames
-from daemon.vision.geometry.polyhedron import Polyhedron
-from daemon.vision.geometry.rig import StereoRig
+from daemon.arrays import Array
+from daemon.vision.geometry import Polyhedron, StereoRig
 from daemon.vision.values import FacetView, Part, Scene
 
-Array = NDArray[np.float64]
 AXES = ("pitched", "rolled", "turned in")
 """About the right eye's x, z and y axes: what `turn` counts, in this order."""
 FEWEST_VOTES = 6

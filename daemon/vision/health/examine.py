@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.vision.geometry.rig import StereoRig
+from daemon.vision.geometry import StereoRig
 from daemon.vision.health.blur import measure_blur
 from daemon.vision.health.camera_order import Assignment, assignment
-from daemon.vision.image.grey import SATURATED, block_means
+from daemon.vision.image import SATURATED, block_means
 from daemon.vision.values import Scene
 
 Image = NDArray[np.uint8]

@@ -2,3 +2,35 @@
 
 both_eyes.py only keeps the two together: what a look prepares once, and everything that runs over it takes.
 """
+
+from daemon.vision.image.both_eyes import Eyes, open_eyes
+from daemon.vision.image.edge_lines import Sides, edge_sigmas, find_sides, fit_sides, probe_sides
+from daemon.vision.image.grey import BLOCK_PX, SATURATED, VisionError, as_grey, block_means
+from daemon.vision.image.one_eye import OneEye, fits
+from daemon.vision.image.outlines import Outline, probe, snap_near
+from daemon.vision.image.polygon_fit import Fitted
+from daemon.vision.image.regions import Scale
+from daemon.vision.image.thesis_corners import find_corners
+
+__all__ = [
+    "BLOCK_PX",
+    "SATURATED",
+    "Eyes",
+    "Fitted",
+    "OneEye",
+    "Outline",
+    "Scale",
+    "Sides",
+    "VisionError",
+    "as_grey",
+    "block_means",
+    "edge_sigmas",
+    "find_corners",
+    "find_sides",
+    "fit_sides",
+    "fits",
+    "open_eyes",
+    "probe",
+    "probe_sides",
+    "snap_near",
+]

@@ -7,8 +7,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from daemon.vision.geometry.rectified import Baseline, baseline
-from daemon.vision.geometry.rig import StereoRig
+from daemon.vision.geometry import Baseline, StereoRig, baseline
 from daemon.vision.image.grey import as_grey, check_size
 from daemon.vision.image.one_eye import OneEye
 

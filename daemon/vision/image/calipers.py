@@ -15,9 +15,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.vision.geometry.rectified import Eye
+from daemon.arrays import Array
+from daemon.vision.geometry import Eye
 
-Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 Image32 = NDArray[np.float32]
 Real = NDArray[np.floating[Any]]

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.vision.geometry.rectified import Eye
+from daemon.arrays import Array
+from daemon.vision.geometry import Eye
 from daemon.vision.image.calipers import (
     BLOCKS,
     IN_BLOCK,
@@ -27,7 +28,6 @@ from daemon.vision.image.grey import SATURATED, Noise, noise_of_many
 from daemon.vision.image.regions import SMOOTHING_PX
 from daemon.vision.image.step_model import CLEAR, OFFSETS, REACH_PX, face_planes, normal_cdf, unclipped
 
-Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 Image32 = NDArray[np.float32]
 

@@ -10,10 +10,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from daemon.arrays import Array
 from daemon.errors import FacetdError
 
 Grey = NDArray[np.uint8]
-Array = NDArray[np.float64]
 
 SMALLEST_PX = 32
 SATURATED = 250

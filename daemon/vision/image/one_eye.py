@@ -9,7 +9,7 @@ from itertools import product
 
 import numpy as np
 
-from daemon.vision.geometry.rectified import Eye
+from daemon.vision.geometry import Eye
 from daemon.vision.image.edge_lines import Exposure
 from daemon.vision.image.grey import Grey, Noise, measure_noise
 from daemon.vision.image.outlines import Outline, Search, find_outlines

@@ -11,15 +11,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from daemon.vision.geometry.polygon import Point, Shape, drop_side, is_simple, tidy
-from daemon.vision.geometry.polygon_batch import Rings, areas, convex, different, met, rings
+from daemon.arrays import Array
+from daemon.vision.geometry import Point, Rings, Shape, areas, convex, different, drop_side, is_simple, met, rings, tidy
 from daemon.vision.image.edge_lines import find_sides, probe_sides
 from daemon.vision.image.regions import Border, Image32, Region, RoughPolygon
 from daemon.vision.settings import VisionSettings
-
-Array = NDArray[np.float64]
 
 # All set by eye on the rendered scenes; tests/bench/facets.py shows what each does to facets found and missed.
 _FIRST_REACH_PX, _SECOND_REACH_PX = 4.0, 1.5

@@ -8,13 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.vision.geometry.polygon import is_simple
-from daemon.vision.geometry.polygon_batch import Rings, convex, different, met, rings
+from daemon.arrays import Array
+from daemon.vision.geometry import Rings, convex, different, is_simple, met, rings
 from daemon.vision.image.edge_lines import Exposure, Sides, fit_sides
 from daemon.vision.image.outlines import Outline
 from daemon.vision.values import Polygon
 
-Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 # Set by eye on the rendered scenes.

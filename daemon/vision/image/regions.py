@@ -16,9 +16,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from daemon.arrays import Array
 from daemon.vision.image.grey import Grey, Noise
 
-Array = NDArray[np.float64]
 Image32 = NDArray[np.float32]
 Border = NDArray[np.int32]
 

@@ -9,10 +9,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from daemon.arrays import Array
 from daemon.vision.image.calipers import Calipers, Image32
 from daemon.vision.image.grey import NoiseOfMany
 
-Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 REACH_PX = 4

@@ -1,1 +1,35 @@
 """What was taught: facet types, relation matrix, views, the part merged from them. Values; no image."""
+
+from daemon.vision.model.correspond import Correspondence, correspondences
+from daemon.vision.model.facet_types import LARGEST_NUMBER, FacetLibrary, FacetType, Value, type_facet, type_number
+from daemon.vision.model.merge import TOLERANCE_MM, MetricModel, merge_views
+from daemon.vision.model.model import Model, Parameters, TaughtView, TeachError, empty_model, learn_view
+from daemon.vision.model.patterns import Answer, by_label, recall, typed
+from daemon.vision.model.regularise import regularise
+from daemon.vision.model.relation_matrix import MATRIX_SIZE
+
+__all__ = [
+    "LARGEST_NUMBER",
+    "MATRIX_SIZE",
+    "TOLERANCE_MM",
+    "Answer",
+    "Correspondence",
+    "FacetLibrary",
+    "FacetType",
+    "MetricModel",
+    "Model",
+    "Parameters",
+    "TaughtView",
+    "TeachError",
+    "Value",
+    "by_label",
+    "correspondences",
+    "empty_model",
+    "learn_view",
+    "merge_views",
+    "recall",
+    "regularise",
+    "type_facet",
+    "type_number",
+    "typed",
+]

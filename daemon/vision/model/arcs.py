@@ -9,11 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from daemon.vision.geometry.facet_measures import newell_normal
+from daemon.arrays import Array
+from daemon.vision.geometry import newell_normal
 
-Array = NDArray[np.float64]
 FEWEST_CORNERS = 7  # fewer than this on a circle is a regular polygon as well as an arc
 ROUND_MM, ROUND_SIGMAS = 0.2, 2.0  # how far a corner may lie off the circle, and in predicted errors on top
 LONGEST_RAD, UNEVEN = np.pi / 2, 4.0  # a longer turn is a straight side, and so is one of so many usual ones

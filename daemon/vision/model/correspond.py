@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.vision.geometry.polyhedron import Polyhedron
+from daemon.vision.geometry import Polyhedron
 
 Index = NDArray[np.intp]
 Place = tuple[int, int]  # (facet, turn) or (facet, edge)

@@ -11,13 +11,11 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from daemon.vision.geometry.chisquare import chi_square_limit
-from daemon.vision.geometry.facet_measures import Measures, measure
+from daemon.arrays import Array
+from daemon.vision.geometry import Measures, chi_square_limit, measure
 from daemon.vision.model.arcs import arc_name
 
-Array = NDArray[np.float64]
 Value = float | str
 LARGEST_NUMBER = 0.85  # of a library type; above lie the numbers of facets the library lacks
 ARC_NUMBERS = 0.005  # the numbers of arcs lie within so much above that

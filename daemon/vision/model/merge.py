@@ -11,15 +11,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.vision.geometry.chisquare import chi_square_limit
-from daemon.vision.geometry.facet_measures import newell_normal
-from daemon.vision.geometry.polyhedron import Polyhedron
-from daemon.vision.geometry.rigid_fit import Fits, fit_poses
+from daemon.arrays import Array
+from daemon.vision.geometry import Fits, Polyhedron, chi_square_limit, fit_poses, newell_normal
 from daemon.vision.model.correspond import Correspondence, correspondences
 from daemon.vision.model.facet_types import FALSE_ALARM, SIGMA_SCALE, FacetLibrary
 from daemon.vision.model.regularise import regularise
 
-Array = NDArray[np.float64]
 TOLERANCE_MM = 0.25
 """How far a real part may deviate from the taught one, a standard deviation per axis; what a model says goes before."""
 

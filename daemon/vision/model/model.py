@@ -12,17 +12,16 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from daemon.arrays import Array
 from daemon.art import FuzzyARTMAP
-from daemon.art.rotation.layer import RotationLayer
+from daemon.art.rotation import RotationLayer
 from daemon.errors import FacetdError
-from daemon.vision.geometry.polyhedron import Polyhedron
+from daemon.vision.geometry import Polyhedron
 from daemon.vision.model.facet_types import FacetLibrary
 from daemon.vision.model.merge import TOLERANCE_MM, MetricModel, merge_views
 from daemon.vision.model.patterns import recall, typed
 from daemon.vision.model.relation_matrix import MATRIX_SIZE, relation_matrix
 from daemon.vision.values import Group
-
-Array = NDArray[np.float64]
 
 
 class TeachError(FacetdError, ValueError):

@@ -11,11 +11,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.art.rotation.layer import Recall, RotationLayer
+from daemon.arrays import Array
+from daemon.art.rotation import Recall, RotationLayer
 from daemon.vision.model.facet_types import FacetLibrary, type_facet
 from daemon.vision.values import Facet
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -9,13 +9,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from daemon.vision.geometry.facet_measures import measure, newell_normal
-from daemon.vision.geometry.polyhedron import Polyhedron
+from daemon.arrays import Array
+from daemon.vision.geometry import Polyhedron, measure, newell_normal
 from daemon.vision.model.facet_types import FacetLibrary, conditions
 
-Array = NDArray[np.float64]
 FLAT_MM = 0.05  # how far a corner of a real facet lies off its plane
 STEPS = 4
 

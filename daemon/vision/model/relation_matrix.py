@@ -8,7 +8,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from daemon.arrays import Array
+
 MATRIX_SIZE = 6  # rows and columns, as in section 4.4.3; grows where a view shows more facets
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from daemon.vision.geometry.polyhedron import Polyhedron
+from daemon.vision.geometry import Polyhedron
 from daemon.vision.recognition.hypotheses import Hypothesis
 
 STRANGER = 0.25  # how often something never taught lies in view

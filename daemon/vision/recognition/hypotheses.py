@@ -11,13 +11,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.vision.geometry.chisquare import chi_square_tail
-from daemon.vision.geometry.polyhedron import Polyhedron
-from daemon.vision.geometry.rigid_fit import Fits, fit_poses, rough_rms
-from daemon.vision.model.correspond import Correspondence, correspondences
-from daemon.vision.model.merge import MetricModel
+from daemon.arrays import Array
+from daemon.vision.geometry import Fits, Polyhedron, chi_square_tail, fit_poses, rough_rms
+from daemon.vision.model import Correspondence, MetricModel, correspondences
 
-Array = NDArray[np.float64]
 Way = tuple[str, Correspondence]
 SIGMA_SCALE = 1.3  # how much larger than predicted the corner errors may be, taken together
 ROUGH_MM = 4.0  # an unweighted fit may be this bad where the weighted one is good: depth is what errs

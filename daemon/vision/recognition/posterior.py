@@ -6,12 +6,10 @@ In: seen corners, a taught solid and a fitted pose. Out: corners in the cyclopea
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from daemon.vision.geometry.polyhedron import Polyhedron
+from daemon.arrays import Array
+from daemon.vision.geometry import Polyhedron
 from daemon.vision.recognition.hypotheses import Hypothesis
-
-Array = NDArray[np.float64]
 
 
 def most_likely_corners(seen: Polyhedron, taught: Polyhedron, fit: Hypothesis, tolerance_mm: float) -> Array:

@@ -13,18 +13,24 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.vision.facets.weld import weld
-from daemon.vision.geometry.facet_measures import newell_normal
-from daemon.vision.model.facet_types import LARGEST_NUMBER, FacetLibrary, type_number
-from daemon.vision.model.model import Model
-from daemon.vision.model.patterns import Answer, by_label, recall, typed
-from daemon.vision.model.regularise import regularise
+from daemon.vision.facets import weld
+from daemon.vision.geometry import newell_normal
+from daemon.vision.model import (
+    LARGEST_NUMBER,
+    Answer,
+    FacetLibrary,
+    Model,
+    by_label,
+    recall,
+    regularise,
+    type_number,
+    typed,
+)
 from daemon.vision.recognition.confidence import probability
 from daemon.vision.recognition.hypotheses import Hypothesis, equivalents, hypotheses, without_one_corner
 from daemon.vision.recognition.posterior import most_likely_corners
 from daemon.vision.values import UNKNOWN, Facet, Group, Part, Recognition
 
-Array = NDArray[np.float64]
 LEAST_TAIL = 1e-4  # a right hypothesis may fit so badly only this rarely
 FARTHEST_MM = 2.5  # rms; a fit no closer than this proves nothing, however unsure the corners are
 SUSPECT_MM = 8.0  # rms; how badly a facet may have been measured of which a part is suspected

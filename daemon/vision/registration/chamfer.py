@@ -12,11 +12,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.vision.geometry.polyhedron import Polyhedron
-from daemon.vision.geometry.rectified import Baseline
-from daemon.vision.image.regions import Scale
-
-Array = NDArray[np.float64]
+from daemon.arrays import Array
+from daemon.vision.geometry import Baseline, Polyhedron
+from daemon.vision.image import Scale
 
 FARTHEST_PX = 6.0  # an edge farther off than this is as good as none
 PLACES = 10  # along each edge where the distance is read

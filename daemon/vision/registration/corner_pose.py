@@ -10,14 +10,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from daemon import frames
-from daemon.vision.geometry.polyhedron import Polyhedron
-from daemon.vision.model.merge import TOLERANCE_MM
+from daemon.arrays import Array
+from daemon.vision.geometry import Polyhedron
+from daemon.vision.model import TOLERANCE_MM
 from daemon.vision.values import Facet
-
-Array = NDArray[np.float64]
 
 VAGUE_MM = 8.0
 """A facet with a corner known no better than this says nothing."""

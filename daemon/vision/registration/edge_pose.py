@@ -14,15 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon import frames
-from daemon.vision.geometry.polyhedron import Polyhedron
-from daemon.vision.image.both_eyes import Eyes
-from daemon.vision.image.edge_lines import Sides, edge_sigmas, find_sides, fit_sides, probe_sides
-from daemon.vision.image.one_eye import OneEye
-from daemon.vision.model.merge import TOLERANCE_MM
+from daemon.arrays import Array
+from daemon.vision.geometry import Polyhedron
+from daemon.vision.image import Eyes, OneEye, Sides, edge_sigmas, find_sides, fit_sides, probe_sides
+from daemon.vision.model import TOLERANCE_MM
 from daemon.vision.registration.corner_pose import Fit
 from daemon.vision.registration.pose_step import Solved, across, corners_in, off_places, solve
 
-Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Index = NDArray[np.intp]
 Outline = tuple[Array, Array]

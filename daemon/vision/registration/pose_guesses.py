@@ -10,14 +10,12 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from daemon import frames
-from daemon.vision.geometry.p3p import p3p_poses
-from daemon.vision.geometry.rectified import Baseline
-from daemon.vision.model.model import Model
+from daemon.arrays import Array
+from daemon.vision.geometry import Baseline, p3p_poses
+from daemon.vision.model import Model
 
-Array = NDArray[np.float64]
 REPROJECTION_PX = 2.5  # rms; an outline that fits a facet no better is another facet
 SAME_PX = 3.0  # corners this close are the same
 NEAREST_MM, FARTHEST_MM = 120.0, 1500.0

@@ -12,9 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon import frames
-from daemon.vision.geometry.rig import Camera
-
-Array = NDArray[np.float64]
+from daemon.arrays import Array
+from daemon.vision.geometry import Camera
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,15 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon import frames
-from daemon.vision.facets.candidates import corner_covariance
-from daemon.vision.facets.weld import weld
-from daemon.vision.geometry.planes import planarity
-from daemon.vision.geometry.polygon import Shape
-from daemon.vision.geometry.polyhedron import Polyhedron
-from daemon.vision.geometry.rectified import Baseline
-from daemon.vision.image.both_eyes import Eyes
-from daemon.vision.model.model import Model
-from daemon.vision.recognition.recognise import Recognised, facet_hypotheses, joined, recognise_group, typed_as
+from daemon.arrays import Array
+from daemon.vision.facets import corner_covariance, weld
+from daemon.vision.geometry import Baseline, Polyhedron, Shape, planarity
+from daemon.vision.image import Eyes
+from daemon.vision.model import Model
+from daemon.vision.recognition import Recognised, facet_hypotheses, joined, recognise_group, typed_as
 from daemon.vision.registration.chamfer import chamfer_px, edge_map, in_view
 from daemon.vision.registration.edge_pose import (
     ConfirmedFacet,
@@ -37,7 +34,6 @@ from daemon.vision.registration.edge_pose import (
 from daemon.vision.registration.pose_guesses import PoseGuess, guesses_from_corners, guesses_from_outline
 from daemon.vision.values import Facet, FacetView, Group, Part, Recognition, Rejected
 
-Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 ROOM_PX = 12
 COVERED = 0.2  # of the smaller facet's area; more than that, and the two cannot both be there

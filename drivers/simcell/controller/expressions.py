@@ -9,7 +9,7 @@ from math import isfinite
 
 import numpy as np
 
-from drivers.simcell.rigid import Array
+from drivers.arrays import Array
 from drivers.val2.location import Location, matrix_from_location
 
 LARGEST_NUMBER = 1e6

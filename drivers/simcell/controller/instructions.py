@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from drivers.arrays import Array
 from drivers.puma560 import NEST_RAD, READY_RAD
 from drivers.simcell.controller.commands import (
     Command,
@@ -27,7 +28,6 @@ from drivers.simcell.controller.expressions import (
     split_arguments,
 )
 from drivers.simcell.controller.machine import Machine
-from drivers.simcell.rigid import Array
 
 Target = Callable[[Machine], Array]
 """Where a motion goes, asked when it starts: what HERE means depends on the motion before."""

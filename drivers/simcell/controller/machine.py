@@ -11,13 +11,13 @@ from contextlib import contextmanager
 
 import numpy as np
 
+from drivers.arrays import Array
 from drivers.puma560 import Configuration, UnreachableError
 from drivers.simcell.arm import EMERGENCY_BRAKING, Arm, Motion, SingularWristError, standing
 from drivers.simcell.controller.expressions import Memory, MonitorError, location
 from drivers.simcell.controller.faults import Faults, Mishap
 from drivers.simcell.controller.manners import Manners
 from drivers.simcell.history import HandAct, History, Leg, Stop
-from drivers.simcell.rigid import Array
 
 FULL_PERCENT = 100.0
 

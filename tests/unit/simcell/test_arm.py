@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from daemon.arrays import Array
 from drivers.puma560 import READY_RAD, Configuration, Puma560, UnreachableError, configuration_of, forward
 from drivers.simcell.arm import (
     JOINT_SPEED_RAD_S,
@@ -17,8 +17,6 @@ from drivers.simcell.arm import (
     Trapezoid,
 )
 from drivers.val2.location import Location, matrix_from_location
-
-Array = NDArray[np.float64]
 
 START = np.radians([16.8, 42.7, -195.3, 0.0, -27.4, 106.8])
 TARGET = np.radians([40.0, 60.0, -180.0, 20.0, -50.0, 60.0])

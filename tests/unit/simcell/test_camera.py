@@ -7,6 +7,7 @@ import time
 import numpy as np
 import pytest
 
+from daemon.arrays import Array
 from daemon.store import places
 from drivers.camera.pair import CameraError
 from drivers.puma560 import READY_RAD, configuration_of
@@ -14,7 +15,7 @@ from drivers.simcell.camera import Scene, SimulatedPair
 from drivers.simcell.cell import SimulatedCell
 from drivers.simcell.parts import part_shape
 from drivers.simcell.render import Thing
-from drivers.simcell.rigid import Array, rigid, turn
+from drivers.simcell.rigid import rigid, turn
 from drivers.simcell.truth import load_truth
 
 TRUTH = load_truth(places.HOUSE / "etc" / "simcell.yaml")

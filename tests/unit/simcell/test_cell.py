@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 import yaml
 
+from daemon.arrays import Array
 from daemon.store import places
 from drivers.simcell.cell import SimulatedCell
-from drivers.simcell.rigid import Array, apply, inverse, rigid
+from drivers.simcell.rigid import apply, inverse, rigid
 from drivers.simcell.truth import TruthError, load_truth
 from drivers.simcell.world import Where
 from drivers.val2.link import Link

@@ -6,9 +6,10 @@ import msgspec
 import numpy as np
 import pytest
 
+from daemon.arrays import Array
 from drivers.simcell.gripper import Grip, close_on
 from drivers.simcell.parts import part_shape
-from drivers.simcell.rigid import Array, apply, inverse, rigid, turn
+from drivers.simcell.rigid import apply, inverse, rigid, turn
 from tests.worlds.hands import TABLE_MM, TRUTH, tool
 
 

@@ -6,10 +6,11 @@ import cv2
 import numpy as np
 import pytest
 
+from daemon.arrays import Array
 from drivers.simcell.optics import Array32
 from drivers.simcell.parts import part_shape
 from drivers.simcell.render import Thing
-from drivers.simcell.rigid import Array, apply, rigid, turn
+from drivers.simcell.rigid import apply, rigid, turn
 from tests.worlds.pictures import STARK, TRUTH, looking, picture, projected
 
 

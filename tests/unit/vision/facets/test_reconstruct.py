@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from daemon import frames
+from daemon.arrays import Array
 from daemon.vision.facets.candidates import choose, find_candidates
 from daemon.vision.facets.completion import complete
 from daemon.vision.facets.corner_adjustment import EdgeObservations, settle
@@ -30,7 +31,6 @@ from tests.worlds.painted import paint_pair
 from tests.worlds.rigs import rig
 from tests.worlds.solids import CUBE, KNOWN, pose, seen_facets
 
-Array = NDArray[np.float64]
 DIRECTION = np.array([1.0, 0.45, 0.8])
 
 

@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from daemon.arrays import Array
 from daemon.vision.geometry.polygon import Shape, is_simple, tidy
 from daemon.vision.geometry.polygon_batch import areas, convex, met, rings
 from daemon.vision.image.edge_lines import Exposure, fit_sides
@@ -16,7 +17,6 @@ from daemon.vision.image.grey import measure_noise
 from daemon.vision.image.thesis_corners import find_corners, mic_response
 from tests.worlds.limit import side_bound
 
-Array = NDArray[np.float64]
 FINER = 8
 
 

@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from daemon import frames
+from daemon.arrays import Array
 from daemon.store.library import load_facets
 from daemon.vision.model.arcs import FEWEST_CORNERS, NAME_STEP_DEG, arc_name, find_arc
 from daemon.vision.model.facet_types import type_facet
 
-Array = NDArray[np.float64]
 motions = st.builds(
     lambda turn, place: frames.rigid(frames.rotation_from_vector(np.array(turn)), np.array(place)),
     st.tuples(*[st.floats(-3, 3)] * 3),

@@ -6,15 +6,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from daemon import frames
+from daemon.arrays import Array
 from daemon.store.library import load_facets
 from daemon.vision.geometry.facet_measures import measure
 from daemon.vision.model.facet_types import LARGEST_NUMBER, conditions, type_facet, type_number
 from tests.worlds.solids import regular
 
-Array = NDArray[np.float64]
 LIBRARY = load_facets()
 SURE = 0.01  # mm, of corners that are as drawn
 

@@ -7,15 +7,14 @@ from dataclasses import replace
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from daemon.arrays import Array
 from daemon.store.library import load_facets
 from daemon.vision.geometry.polyhedron import Polyhedron
 from daemon.vision.model.merge import MetricModel, merge_views
 from daemon.vision.model.patterns import typed
 from tests.worlds.solids import KNOWN, Body, pose, prism, view_of
 
-Array = NDArray[np.float64]
 LIBRARY = load_facets()
 NOISE = 0.5
 # No two of its edges at a corner are alike, so that two views fit together in one way only.

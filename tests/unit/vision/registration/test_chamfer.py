@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from daemon import frames
+from daemon.arrays import Array
 from daemon.vision.geometry.p3p import p3p_poses
 from daemon.vision.geometry.polygon_batch import different
 from daemon.vision.geometry.polyhedron import exact
@@ -21,7 +22,6 @@ from tests.worlds.painted import paint_pair
 from tests.worlds.rigs import rig
 from tests.worlds.solids import CUBE, PYRAMID, pose
 
-Array = NDArray[np.float64]
 LINE = np.array([[20.0, 60.0]]), np.array([[140.0, 60.0]])
 
 

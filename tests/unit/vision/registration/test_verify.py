@@ -6,9 +6,9 @@ from functools import cache
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from daemon import frames
+from daemon.arrays import Array
 from daemon.store.library import load_facets
 from daemon.vision.facets.weld import weld
 from daemon.vision.image.both_eyes import open_eyes
@@ -32,7 +32,6 @@ from tests.worlds.solids import (
     view_of,
 )
 
-Array = NDArray[np.float64]
 TAUGHT = (
     ("cube", CUBE, (1.0, 0.1, 0.8)),
     ("pyramid", PYRAMID, (0.05, 0.03, 1.0)),
