@@ -28,6 +28,7 @@ from daemon.vision.look import look
 from daemon.vision.model import FacetLibrary, Model, empty_model
 from daemon.vision.report import scene_json
 from daemon.vision.settings import VisionSettings
+from daemon.vision.values import UNKNOWN
 
 Json = dict[str, Any]
 
@@ -92,9 +93,8 @@ def replay(
             continue
         scene = look(*pair, rig, model or in_use or untaught, settings, perf_counter, _table(record))
         now, then = scene_json(scene), record.get("scene") or {}
-        found, whole = compare(then, now), record.get("whole", True)
-        if not whole:
-            found = [c for c in found if c[1] not in (NO_LONGER, NOT_BEFORE)]
+        whole = record.get("whole", True)
+        found = compare(then, now, whole)
         looks += 1
         identical += _same(then, now) if whole else not found
         changes += [Change(int(record["seq"]), record.get("cycle"), part, what, worse) for part, what, worse in found]
@@ -123,23 +123,28 @@ def looks_with_models(folder: Path, run: Digest) -> Iterator[tuple[Record, Model
             yield record, loaded.get(current) if current else None
 
 
-def compare(then: Json, now: Json) -> list[tuple[str, str, bool]]:
-    """(part, what changed, whether for the worse) between two looks as scene_json has them."""
+def compare(then: Json, now: Json, whole: bool = True) -> list[tuple[str, str, bool]]:
+    """(part, what changed, whether for the worse) between two looks as scene_json has them. whole: both looked for
+    everything in view; a look that only followed a part knew its name and measured it by its edges, where a replay has
+    nothing but its facets: it need not be named by those, and both measurements have an error of their own.
+    """
     found: list[tuple[str, str, bool]] = []
     left = list(now.get("parts") or [])
     for part in then.get("parts") or []:
         match = min(left, key=lambda p: _gap_mm(part, p), default=None)
-        named = part["label"] != "unknown"
+        named = part["label"] != UNKNOWN
         if match is None or _gap_mm(part, match) > NEAR_MM:
-            if named:
+            if named and whole:
                 found.append((part["label"], NO_LONGER, True))
             continue
         left.remove(match)
+        if not whole and match["label"] == UNKNOWN:
+            continue
         if match["label"] != part["label"]:
             found.append((part["label"], f"now {match['label']}: {match.get('reason')}", named))
-        elif named and (moved := _moved(part, match)) is not None:
+        elif named and (moved := _moved(part, match, whole)) is not None:
             found.append((part["label"], moved, True))
-    found += [(p["label"], NOT_BEFORE, False) for p in left if p["label"] != "unknown"]
+    found += [(p["label"], NOT_BEFORE, False) for p in left if whole and p["label"] != UNKNOWN]
     return found
 
 
@@ -160,10 +165,11 @@ def _gap_mm(a: Json, b: Json) -> float:
     return gap if np.isfinite(gap) else np.inf
 
 
-def _moved(then: Json, now: Json) -> str | None:
+def _moved(then: Json, now: Json, whole: bool) -> str | None:
     """In words, where the pose differs by more than SIGMAS of what was predicted, over all equal poses of the part."""
     reference = np.array(then["cyclopean_from_part"], float)
-    sigma = np.sqrt(np.maximum(np.diag(np.array(then["covariance"], float)), 1e-12))
+    spread = [np.diag(np.array(one["covariance"], float)) for one in ((then,) if whole else (then, now))]
+    sigma = np.sqrt(np.maximum(np.sum(spread, axis=0), 1e-12))
     poses = [now["cyclopean_from_part"], *(now.get("equivalents") or [])]
     motions = [frames.difference(np.array(p, float), reference) for p in poses]
     motion = min(motions, key=lambda m: float(np.max(np.abs(m) / sigma)))

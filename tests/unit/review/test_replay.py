@@ -27,3 +27,16 @@ def test_replay_takes_a_pose_within_three_sigma_for_the_same_and_one_beyond_for_
 
     assert compare(scene(part("cube")), scene(shifted(0.29))) == []
     assert compare(scene(part("cube")), scene(shifted(0.35)))[0][2]
+
+
+def test_a_look_that_only_followed_a_part_is_held_against_a_whole_one_as_two_measurements() -> None:
+    def shifted(mm: float) -> dict[str, object]:
+        pose = [[1.0, 0, 0, mm], [0, 1.0, 0, 0], [0, 0, 1.0, 0], [0, 0, 0, 1.0]]
+        return part("cube", cyclopean_from_part=pose)
+
+    then = scene(part("cube"))
+    assert compare(then, scene(shifted(0.41)), whole=False) == []
+    assert compare(then, scene(shifted(0.44)), whole=False)[0][2]
+    assert compare(then, scene(part("unknown", reason="one facet")), whole=False) == []
+    assert compare(then, scene(part("pyramid")), whole=False)[0][2]
+    assert compare(then, scene(), whole=False) == []
