@@ -97,6 +97,8 @@ def _solutions(corners_mm: Array, ideal: Array, flat_from_part: Array, most: flo
             errors = [0.0] * len(turns)
         else:
             _, turns, shifts, off = cv2.solvePnPGeneric(points, seen, np.eye(3), np.zeros(4), flags=cv2.SOLVEPNP_IPPE)
+            if off is None:  # corners that no pose projects so, as of an outline that crosses itself
+                return []
             errors = (np.sqrt(2) * np.ravel(off)).tolist()  # the solver's are those of a coordinate
     except cv2.error:
         return []
