@@ -83,11 +83,6 @@ def lever_covariance(b_from_a: Array, covariance_of_c_from_b: Array, c_from_b: A
     return jacobian @ covariance_of_c_from_b @ jacobian.T
 
 
-def compose_covariance(c_from_b: Array, covariance_c_b: Array, b_from_a: Array, covariance_b_a: Array) -> Array:
-    """Covariance (6, 6) of c_from_b @ b_from_a, both uncertain and independent, to first order."""
-    return transport_covariance(c_from_b, covariance_b_a) + lever_covariance(b_from_a, covariance_c_b, c_from_b)
-
-
 def point_motion(levers: Array) -> Array:
     """(N, 3) levers from a's origin, along b's axes -> (N, 3, 6) motion of each point with a pose's (6,) motion."""
     rows = np.zeros((len(levers), 3, 6))

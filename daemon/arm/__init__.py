@@ -4,7 +4,8 @@ Nothing here knows what a pick is; whoever wants the arm moved comes through thi
 """
 
 from daemon.arm.guard import Limits, Point
-from daemon.arm.mover import PATH_MM, Arrival, Mover, MoveRefusedError, OutOfReachError
+from daemon.arm.mover import Arrival, Mover, MoveRefusedError, OutOfReachError
+from daemon.arm.route import PATH_MM
 from daemon.arm.settling import NotSettledError, SettledPair, Settling, settled_pair
 from daemon.arm.supervisor import ABORT_S, Interruption, OperatorRefusedError, RefusedError, Supervisor
 from daemon.arm.workcell import Log, Pictures, Reading, Workcell

@@ -13,7 +13,6 @@ import numpy as np
 
 from daemon import frames
 from daemon.arm.guard import ArmState, Command, Limits, Refusal
-from daemon.arm.route import PATH_MM as PATH_MM
 from daemon.arm.route import Leg, planned_way
 from daemon.arm.sweep import place_clear, way_clear
 from daemon.arm.workcell import Reading, Workcell

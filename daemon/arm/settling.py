@@ -5,18 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated
 
-import cv2
 import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
 from daemon.arm.workcell import Pictures, Workcell
-from daemon.arrays import Array
 from daemon.errors import FacetdError
 from daemon.quantities import Seconds
-
-BLOCK_PX = 8
-"""Side of the blocks whose means are compared: noise averages out in one, an edge still shows."""
+from daemon.vision.image import block_means
 
 
 class NotSettledError(FacetdError):
@@ -41,13 +37,6 @@ class SettledPair:
     before: Pictures
     pictures: Pictures
     seconds: float
-
-
-def block_means(image: NDArray[np.uint8]) -> Array:
-    """(H, W) grey -> (H // 8, W // 8) means of 8x8 px blocks."""
-    rows, columns = (n // BLOCK_PX for n in image.shape)
-    cut = image[: rows * BLOCK_PX, : columns * BLOCK_PX].astype(np.float32)
-    return np.asarray(cv2.resize(cut, (columns, rows), interpolation=cv2.INTER_AREA), float)
 
 
 def change(before: NDArray[np.uint8], after: NDArray[np.uint8]) -> tuple[float, float]:

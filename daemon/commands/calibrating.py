@@ -186,12 +186,4 @@ async def _touch(context: CommandContext, view: View, board: Board, door: Door) 
     return Answer(f"{distance:.2f} mm off: {verdict}.", {"off_mm": off.tolist()}, 0 if distance <= 1.0 else NOT_DONE)
 
 
-DETAILS = """  stereo    both eyes and hand-eye, from one tour of some 28 poses (about ten minutes on a real arm)
-  by-hand   both eyes, from a board that you hold; nothing moves, you are told which view is missing
-  hand-eye  where the cameras sit on the hand; the eyes stay as they are
-  verify    8 new poses: errors in mm and px, passed or failed
-  touch     the gripper goes over a corner of the board, you say how far off it is
-  Lay the board flat where all of it is in view, `enable` the arm. Inner corners and square: 9x6 16 unless said.
-  With `step on`, each pose waits for `confirm`."""
-
 COMMANDS = (calibrate,)

@@ -59,7 +59,7 @@ def test_composed_covariance_is_what_sampling_shows() -> None:
             for _ in range(20000)
         ]
     )
-    predicted = frames.compose_covariance(a, cov_a, b, cov_b)
+    predicted = frames.transport_covariance(a, cov_b) + frames.lever_covariance(b, cov_a, a)
     scale = np.sqrt(np.outer(np.diag(predicted), np.diag(predicted)))
     np.testing.assert_allclose(np.cov(draws.T) / scale, predicted / scale, atol=0.04)
 
