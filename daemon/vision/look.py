@@ -16,7 +16,7 @@ from daemon.vision.geometry import StereoRig
 from daemon.vision.image import open_eyes
 from daemon.vision.model import FacetLibrary, Model, empty_model
 from daemon.vision.recognition import Recognised, recognise
-from daemon.vision.registration import verify
+from daemon.vision.registration import beside, named_by_segments, patterned, verify
 from daemon.vision.settings import VisionSettings
 from daemon.vision.values import FacetView, Part, Scene
 
@@ -43,7 +43,8 @@ def look(
     full = settings or VisionSettings()
     eyes = open_eyes(left, right, rig)
     seconds = {"facets": 0.0, "recognise": 0.0}
-    for effort in (full.brief(), full) if known.labels else (full,):
+
+    def attempt(effort: VisionSettings) -> tuple[tuple[Recognised, ...], FacetView]:
         start = now()
         view = facets_seen(eyes, effort)
         if table is not None:
@@ -52,12 +53,21 @@ def look(
         found = recognise(view.groups, known)
         seconds["facets"] += seen - start
         seconds["recognise"] += now() - seen
-        if _all_named(found):
-            break
-    if known.labels and not _all_named(found) and (view.groups or view.rejected):
+        return found, view
+
+    found, view = attempt(full.brief() if known.labels else full)
+    if known.labels and not _all_named(found):
         start = now()
-        found, view = verify(found, view, known, eyes)
-        seconds["closer"] = now() - start
+        straight = named_by_segments(eyes, known)
+        found, view = beside(found, view, straight, known, eyes)
+        seconds["edges"] = now() - start
+        if not _all_named(found) and not patterned(eyes):
+            found, view = attempt(full)
+            found, view = beside(found, view, straight, known, eyes)
+            if not _all_named(found) and (view.groups or view.rejected):
+                start = now()
+                found, view = verify(found, view, known, eyes)
+                seconds["closer"] = now() - start
     parts = tuple(r.part for r in found)
     notes = (*view.notes, *_notes(view, parts, model))
     return Scene(parts, view.rejected, view, notes, seconds if clock else {})

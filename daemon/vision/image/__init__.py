@@ -10,6 +10,7 @@ from daemon.vision.image.one_eye import OneEye, fits
 from daemon.vision.image.outlines import Outline, probe, snap_near
 from daemon.vision.image.polygon_fit import Fitted
 from daemon.vision.image.regions import Scale
+from daemon.vision.image.segments import SegmentCorners, Segments, find_segments, segment_corners
 from daemon.vision.image.thesis_corners import find_corners
 
 __all__ = [
@@ -20,17 +21,21 @@ __all__ = [
     "OneEye",
     "Outline",
     "Scale",
+    "SegmentCorners",
+    "Segments",
     "Sides",
     "VisionError",
     "as_grey",
     "block_means",
     "edge_sigmas",
     "find_corners",
+    "find_segments",
     "find_sides",
     "fit_sides",
     "fits",
     "open_eyes",
     "probe",
     "probe_sides",
+    "segment_corners",
     "snap_near",
 ]

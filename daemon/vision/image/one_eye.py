@@ -25,6 +25,7 @@ from daemon.vision.image.regions import (
     smoothed,
     unit_noise,
 )
+from daemon.vision.image.segments import Segments, find_segments
 from daemon.vision.settings import VisionSettings
 
 
@@ -97,6 +98,11 @@ class OneEye:
                 self.regions[shrink, level] = closed_regions(self.scale(shrink), level, settings.min_area_px, largest)
             found += self.regions[shrink, level][: settings.max_regions]
         return found
+
+    @cached_property
+    def segments(self) -> Segments:
+        """The straight segments of the image, the longest first."""
+        return find_segments(self.grey)
 
     @cached_property
     def exposure(self) -> Exposure:

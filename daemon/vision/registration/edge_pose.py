@@ -236,11 +236,12 @@ def fit_edges(
     return None if found is None else fit_of(found)
 
 
-def fit_of(found: Located) -> Fit | None:
-    """The located pose moved a last time, with its covariance, if the images bear it out in both eyes."""
+def fit_of(found: Located, least_outline: float = LEAST_OUTLINE) -> Fit | None:
+    """The located pose moved a last time, with its covariance, if so much of its outline is on its place in both
+    eyes."""
     on_place = [seen.on_place & seen.edges.sharp for seen in found.observed]
     shares = map(_outline_share, (seen.edges for seen in found.observed), on_place)
-    if min(shares) < LEAST_OUTLINE:
+    if min(shares) < least_outline:
         return None
     solved = found.solved
     if np.linalg.cond(solved.information * np.outer(SCALE, SCALE)) > SAFE_CONDITION:
@@ -284,6 +285,19 @@ def confirmed_facets(shape: Polyhedron, found: Located, eyes: Eyes) -> tuple[lis
             outlines = (_outline(ring, seen, *sides) for seen, sides in zip(found.observed, own, strict=True))
             confirmed.append(ConfirmedFacet(index, *outlines))
     return confirmed, float(_shares(found.observed, good, 1)[0])
+
+
+def facets_laid(shape: Polyhedron, found: Located, eyes: Eyes) -> list[ConfirmedFacet]:
+    """Every facet that both eyes see, none of them edge-on: its corners from the sides that show where they should, and
+    from the pose where they do not."""
+    laid = Placements.of([shape])
+    thick = [laid.thickness(seen.edges.corners_px) >= THIN_PX[1] for seen in found.observed]
+    found_facets = []
+    for index in np.flatnonzero(np.all(thick, axis=0)).tolist():
+        ring = shape.facets[index]
+        outlines = (_outline(ring, seen, *_sides_of(ring, seen.edges, seen.on_place)) for seen in found.observed)
+        found_facets.append(ConfirmedFacet(index, *outlines))
+    return found_facets
 
 
 def expected(laid: Placements, view: OneEye, poses: Array, wanted: Flags, tolerance_mm: float) -> ExpectedEdges:

@@ -22,6 +22,7 @@ from daemon.vision.image import Eyes
 from daemon.vision.model import Model
 from daemon.vision.recognition import Recognised, facet_hypotheses, joined, recognise_group, typed_as
 from daemon.vision.registration.chamfer import chamfer_px, edge_map, in_view
+from daemon.vision.registration.different import Guesses, different, pixels
 from daemon.vision.registration.edge_pose import (
     ConfirmedFacet,
     Located,
@@ -31,16 +32,15 @@ from daemon.vision.registration.edge_pose import (
     locate,
     shown,
 )
+from daemon.vision.registration.measured import measured_facet, silhouette
 from daemon.vision.registration.pose_guesses import PoseGuess, guesses_from_corners, guesses_from_outline
 from daemon.vision.values import Facet, FacetView, Group, Part, Recognition, Rejected
 
 Flags = NDArray[np.bool_]
-ROOM_PX = 12
 COVERED = 0.2  # of the smaller facet's area; more than that, and the two cannot both be there
 CLOSE_MM = 2.5  # rms; how well a completed part must fit
 OUTLINES = 6  # single outlines followed up, the largest first
 EDGE_SIGMAS, MOST_OFF_PX = 4.0, 3.0  # mean distance of a guessed part's edges from edges this clear in the images
-SAME_MM = 2.0  # poses that put every corner this near to the same place look the same
 MOST = 12  # poses laid onto the images
 REACH_MM = 1.5  # how far off the pose that a facet or an outline says may be
 LEAST_SHARE = 0.7  # of the edges a part should show, what both images must show on its place
@@ -61,6 +61,21 @@ class Laid:
     solid: Polyhedron
     guessed: Array
     located: Located | None
+
+
+def beside(
+    found: Sequence[Recognised], view: FacetView, more: Sequence[Recognised], model: Model, eyes: Eyes
+) -> tuple[tuple[Recognised, ...], FacetView]:
+    """What was found with more named parts, those left out that lie where one was named; and the view with the groups
+    and refused outlines that are left."""
+    named, unnamed = [r for r in found if r.named], [r for r in found if not r.named]
+    taken = [_covered(r, model, eyes) for r in named]
+    new = [r for r in more if not any(shape.covers(_covered(r, model, eyes)) > COVERED for shape in taken)]
+    covered = [_covered(r, model, eyes) for r in new]
+    rest = [r for one in unnamed for r in _left_over(one, new, covered, model)]
+    known = joined((*named, *new, *rest), model)
+    kept = tuple(o for o in view.rejected if not any(_lies_on(o, r.group) for r in new))
+    return known, replace(view, groups=tuple(r.group for r in known), rejected=kept)
 
 
 def verify(
@@ -84,7 +99,7 @@ def verify(
     if not complete:
         more = _laid(guesses_from_corners(outlines, eyes.geometry, model), model, eyes)
         complete, laid = _completed(more, named, model, eyes), laid + more
-    silhouettes = [_silhouette(r.part, model, eyes) for r in complete]
+    silhouettes = [_covered(r, model, eyes) for r in complete]
     rest = [r for one in unnamed for r in _left_over(one, complete, silhouettes, model)]
     proved = [p for r in rest for p in _by_outline(r, laid, model, eyes)]
     kept = tuple(o for o in view.rejected if not any(_lies_on(o, r.group) for r in complete))
@@ -108,78 +123,16 @@ def _laid(guesses: Sequence[PoseGuess], model: Model, eyes: Eyes) -> list[Laid]:
     look the same only one.
     """
     maps = edge_map(eyes.left.scale(2), EDGE_SIGMAS), edge_map(eyes.right.scale(2), EDGE_SIGMAS)
-    likely = list[_Alike]()
+    likely = list[Guesses]()
     for label, metric in model.metric.items():
         poses = np.concatenate([np.zeros((0, 4, 4)), *(g.poses for g in guesses if g.label == label)])
         away_px = chamfer_px(metric.solid, poses, eyes.geometry, maps)
-        facing = in_view(metric.solid, poses)
-        near = (away_px < MOST_OFF_PX) & (facing.sum(1) > 1)
-        likely += _alike(label, metric.solid, poses[near], away_px[near], facing[near])
-    kept = _different(likely, eyes)
+        near = (away_px < MOST_OFF_PX) & (in_view(metric.solid, poses).sum(1) > 1)
+        likely.append(Guesses(label, metric.solid, poses[near], away_px[near]))
+    kept = different(likely, eyes, MOST)
     solids, poses = [model.metric[label].solid for label, _ in kept], np.array([pose for _, pose in kept])
     located = locate(solids, eyes, poses, REACH_MM, model.parameters.tolerance_mm)
     return [Laid(label, solid, pose, at) for (label, pose), solid, at in zip(kept, solids, located, strict=True)]
-
-
-@dataclass(frozen=True, eq=False)
-class _Alike:
-    """Poses (G, 4, 4) of a part in which the same of its corners show, corners_mm (G, N, 3), and how far off the
-    nearest edges its own would lie (G,)."""
-
-    label: str
-    poses: Array
-    corners_mm: Array
-    away_px: Array
-
-
-def _alike(label: str, solid: Polyhedron, poses: Array, away_px: Array, facing: Flags) -> list[_Alike]:
-    """Poses sorted by which facets show, facing (G, F)."""
-    found = []
-    seen, which = np.unique(facing, axis=0, return_inverse=True)
-    for k, shown_facets in enumerate(seen):
-        own = np.flatnonzero(which.ravel() == k)
-        corners = sorted({c for f in np.flatnonzero(shown_facets).tolist() for c in solid.facets[f]})
-        corners_mm = solid.corners_mm[corners] @ poses[own, :3, :3].transpose(0, 2, 1) + poses[own, None, :3, 3]
-        found.append(_Alike(label, poses[own], corners_mm, away_px[own]))
-    return found
-
-
-def _different(likely: Sequence[_Alike], eyes: Eyes) -> list[tuple[str, Array]]:
-    """Labels and poses of those inside both images, the likeliest first, none of which looks like an earlier one."""
-    kept = list[tuple[str, Array]]()
-    open_px = [a.away_px.copy() for a in likely]  # infinite once looked at, or like one that is kept
-    while len(kept) < MOST and any(np.isfinite(px).any() for px in open_px):
-        k = int(np.argmin([px.min(initial=np.inf) for px in open_px]))
-        best = int(np.argmin(open_px[k]))
-        open_px[k][best] = np.inf
-        corners_mm = likely[k].corners_mm[best]
-        if _inside(corners_mm, eyes):
-            kept.append((likely[k].label, likely[k].poses[best]))
-            for other, px in zip(likely, open_px, strict=True):
-                px[_same_place(other.corners_mm, corners_mm)] = np.inf
-    return kept
-
-
-def _inside(points: Array, eyes: Eyes) -> bool:
-    for px in _pixels(points, eyes.geometry):
-        if px.min() < ROOM_PX or (px > np.array(eyes.rig.image_size) - 1 - ROOM_PX).any():
-            return False
-    return True
-
-
-def _pixels(points: Array, geometry: Baseline) -> tuple[Array, Array]:
-    left, right = geometry.project(points)
-    return geometry.left.pixels(left), geometry.right.pixels(right)
-
-
-def _same_place(many: Array, one: Array) -> Flags:
-    """(G,) which sets of corners (G, N, 3) mm are where others (M, 3) are."""
-    same = np.zeros(len(many), bool)
-    if many.shape[1:] == one.shape:
-        first = ((many[:, 0, None] - one) ** 2).sum(2).min(1) < SAME_MM**2  # most are elsewhere by one corner already
-        apart2 = ((many[first][:, :, None] - one) ** 2).sum(3)
-        same[first] = apart2.min(2).max(1) < SAME_MM**2
-    return same
 
 
 def _completed(laid: Sequence[Laid], named: Sequence[Recognised], model: Model, eyes: Eyes) -> list[Recognised]:
@@ -192,7 +145,7 @@ def _completed(laid: Sequence[Laid], named: Sequence[Recognised], model: Model, 
             continue
         confirmed, share = confirmed_facets(one.solid, one.located, eyes)
         if len(confirmed) > 1 and share > LEAST_SHARE:
-            group = weld([_facet(f, eyes.geometry) for f in confirmed])
+            group = weld([measured_facet(f, eyes.geometry) for f in confirmed])
             part = recognise_group(group, model)
             if part.named and part.residual_mm < CLOSE_MM:
                 good.append(Recognised(group, part))
@@ -204,21 +157,9 @@ def _completed(laid: Sequence[Laid], named: Sequence[Recognised], model: Model, 
     return found
 
 
-def _facet(seen: ConfirmedFacet, geometry: Baseline) -> Facet:
-    """The facet triangulated from where the images show its sides to meet."""
-    (left, left_doubt), (right, right_doubt) = seen.left, seen.right
-    ideal = geometry.left.ideal(left), geometry.right.ideal(right)
-    corners = geometry.points(*ideal)
-    off = np.abs(ideal[0][:, 1] - ideal[1][:, 1]) * geometry.left.focal_px
-    covariance = corner_covariance(geometry, *ideal, left_doubt, right_doubt)
-    return Facet(corners, covariance, left, right, off, planarity(corners))
-
-
-def _silhouette(part: Part, model: Model, eyes: Eyes) -> Shape:
+def _covered(one: Recognised, model: Model, eyes: Eyes) -> Shape:
     """What a named part covers in the left eye."""
-    corners = frames.apply(part.cyclopean_from_part, model.metric[part.recognition.label].solid.corners_mm)
-    hull = cv2.convexHull(_pixels(corners, eyes.geometry)[0].astype(np.float32))
-    return Shape.of(hull[:, 0].astype(float))
+    return silhouette(model.metric[one.label].solid, one.part.cyclopean_from_part, eyes)
 
 
 def _left_over(
@@ -277,7 +218,7 @@ def _by_outline(unnamed: Recognised, laid: Sequence[Laid], model: Model, eyes: E
     pose = fit.cyclopean_from_part
     part = Part(named, facets, pose, fit.covariance, fit.residual_mm, fitted, pose[None])
     proved = Recognised(group, part)
-    return [proved, *_left_over(unnamed, [proved], [_silhouette(part, model, eyes)], model)]
+    return [proved, *_left_over(unnamed, [proved], [silhouette(first.laid.solid, pose, eyes)], model)]
 
 
 def _outlined(group: Group, one: Laid, eyes: Eyes) -> _Outlined | None:
