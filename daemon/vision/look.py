@@ -16,7 +16,7 @@ from daemon.vision.geometry import StereoRig
 from daemon.vision.image import open_eyes
 from daemon.vision.model import FacetLibrary, Model, empty_model
 from daemon.vision.recognition import Recognised, recognise
-from daemon.vision.registration import beside, named_by_segments, patterned, verify
+from daemon.vision.registration import beside, named_by_segments, patterned
 from daemon.vision.settings import VisionSettings
 from daemon.vision.values import FacetView, Part, Scene
 
@@ -56,18 +56,13 @@ def look(
         return found, view
 
     found, view = attempt(full.brief() if known.labels else full)
-    if known.labels and not _all_named(found):
-        start = now()
-        straight = named_by_segments(eyes, known)
-        found, view = beside(found, view, straight, known, eyes)
-        seconds["edges"] = now() - start
-        if not _all_named(found) and not patterned(eyes):
-            found, view = attempt(full)
-            found, view = beside(found, view, straight, known, eyes)
-            if not _all_named(found) and (view.groups or view.rejected):
-                start = now()
-                found, view = verify(found, view, known, eyes)
-                seconds["closer"] = now() - start
+    start = now()
+    for faint in (False, True):
+        if not known.labels or _all_named(found) or (faint and patterned(eyes)):
+            break
+        unnamed = [r.group for r in found if not r.named]
+        found, view = beside(found, view, named_by_segments(eyes, known, unnamed, faint), known, eyes)
+    seconds["edges"] = now() - start
     parts = tuple(r.part for r in found)
     notes = (*view.notes, *_notes(view, parts, model))
     return Scene(parts, view.rejected, view, notes, seconds if clock else {})

@@ -1,9 +1,9 @@
 """A part that is known, or suspected, laid onto both images: its pose from edges; proof or refusal."""
 
+from daemon.vision.registration.beside import beside
 from daemon.vision.registration.by_segments import named_by_segments, patterned
 from daemon.vision.registration.corner_pose import Fit, poses_that_fit, refit
 from daemon.vision.registration.edge_pose import fit_edges, shown
-from daemon.vision.registration.verify import beside, verify
 
 __all__ = [
     "Fit",
@@ -14,5 +14,4 @@ __all__ = [
     "poses_that_fit",
     "refit",
     "shown",
-    "verify",
 ]

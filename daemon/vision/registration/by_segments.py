@@ -8,8 +8,9 @@ explains the same place nearly as well.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -18,7 +19,8 @@ from daemon.vision.facets import weld
 from daemon.vision.geometry import Polyhedron, Shape
 from daemon.vision.image import Eyes, segment_corners
 from daemon.vision.model import Model
-from daemon.vision.recognition import Recognised, typed_as
+from daemon.vision.recognition import Recognised, facet_hypotheses, typed_as
+from daemon.vision.registration.beside import COVERED
 from daemon.vision.registration.corner_pose import Fit
 from daemon.vision.registration.different import Guesses, different
 from daemon.vision.registration.directed import directed_map, evidence
@@ -33,10 +35,10 @@ from daemon.vision.registration.edge_pose import (
 )
 from daemon.vision.registration.faces import likeness
 from daemon.vision.registration.measured import measured_facet, silhouette
-from daemon.vision.registration.space_corners import guesses_from_space, meet
-from daemon.vision.values import Part, Recognition
+from daemon.vision.registration.space_corners import PoseGuess, guesses_from_space, meet
+from daemon.vision.values import Group, Part, Recognition
 
-MOST, REACH_MM = 10, 2.5
+MOST, REACH_MM = 16, 2.5
 """Poses laid onto the images, and how far off they may be."""
 LEAST_NATS = 180.0
 """Evidence against chance; e to the so many-th, with what neighbouring places along an edge have in common."""
@@ -44,17 +46,18 @@ LEAST_OUTLINE, LEAST_SHOWN, SHOWN_MM = 0.65, 0.78, 0.8
 PROVED, SHARE = 1.03, 0.5
 """What the share of edges that are clearly on their place and SHARE of the share of evidence come to at least: of 125
 rendered parts of all kinds 115 are above, of 149 strangers none that passes the other tests."""
-LEAST_LIKENESS = 0.6
+LEAST_LIKENESS = 0.5
 RIVAL = 0.9
 """Another part with so much of the evidence on the same place leaves the name open."""
-OVERLAP = 0.2
 PATTERNED = 100
+"""Segments in one eye."""
 BY_EDGES = 0.9
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
-    """A taught part where both images bear it out: nats of evidence, what it covers in the left eye."""
+class Laid:
+    """A taught part laid onto both images: nats of evidence and their share of what there could be; covers: what it
+    covers in the left eye."""
 
     label: str
     solid: Polyhedron
@@ -64,32 +67,44 @@ class Seen:
     share: float
     covers: Shape
 
+    def overlaps(self, other: Laid) -> bool:
+        """Whether both cannot be there."""
+        return self.covers.covers(other.covers) > COVERED
+
 
 def patterned(eyes: Eyes) -> bool:
     """Whether so many straight edges show that faint ones say nothing."""
     return max(len(view.segments.start) for view in eyes.views) > PATTERNED
 
 
-def named_by_segments(eyes: Eyes, model: Model) -> list[Recognised]:
-    """The taught parts that the straight edges of both images prove."""
-    found, covered = list[Recognised](), list[Shape]()
-    seen = sorted(seen_by_segments(eyes, model), key=lambda s: -s.nats)
-    for one in seen:
-        if any(_overlap(one.covers, shape) for shape in covered):
+def named_by_segments(eyes: Eyes, model: Model, unnamed: Sequence[Group], faint: bool) -> list[Recognised]:
+    """The taught parts that the straight edges of both images prove, faint ones among them or not; unnamed: groups of
+    facets that could be of some."""
+    laid = sorted(_laid(eyes, model, unnamed, faint), key=lambda one: -one.nats)
+    proves = cache(lambda k: _proved(laid[k], eyes))
+    taken, found = list[Laid](), list[Recognised]()
+    for k, one in enumerate(laid):
+        if any(one.overlaps(other) for other in taken) or not proves(k):
             continue
-        covered.append(one.covers)
-        rivals = [o for o in seen if o.label != one.label and _overlap(o.covers, one.covers)]
-        if all(o.nats < RIVAL * one.nats for o in rivals):
-            found.append(_recognised(one, rivals[0].label if rivals else None, eyes, model))
+        taken.append(one)
+        rivals = [
+            m for m, other in enumerate(laid)
+            if other.label != one.label and other.nats > RIVAL * one.nats and other.overlaps(one)
+        ]  # fmt: skip
+        if not any(proves(m) for m in rivals):
+            found.append(_recognised(one, laid[rivals[0]].label if rivals else None, eyes, model))
     return found
 
 
-def seen_by_segments(eyes: Eyes, model: Model) -> Iterator[Seen]:
-    """Every taught part, at each place that looks different, that the straight edges of both images prove."""
-    corners = meet(segment_corners(eyes.left.segments), segment_corners(eyes.right.segments), eyes.geometry)
-    maps = directed_map(eyes.left.segments, eyes.left.grey.shape), directed_map(eyes.right.segments, eyes.right.grey.shape)
+def _laid(eyes: Eyes, model: Model, unnamed: Sequence[Group], faint: bool) -> Iterator[Laid]:
+    """The likeliest parts and places, each where its edges lie."""
+    left, right = (view.faint_segments if faint else view.segments for view in eyes.views)
+    corners = meet(segment_corners(left), segment_corners(right), eyes.geometry)
+    maps = directed_map(left, eyes.left.grey.shape), directed_map(right, eyes.right.grey.shape)
+    guesses = guesses_from_space(corners, eyes.geometry, model)
+    guesses += [PoseGuess(h.label, h.pose[None]) for g in unnamed for f in g.facets for h in facet_hypotheses(f, model)]
     likely = []
-    for guess in guesses_from_space(corners, eyes.geometry, model):
+    for guess in guesses:
         solid = model.metric[guess.label].solid
         nats, _ = evidence(solid, guess.poses, eyes.geometry, maps)
         good = nats > LEAST_NATS / 3
@@ -99,24 +114,26 @@ def seen_by_segments(eyes: Eyes, model: Model) -> Iterator[Seen]:
     located = locate(solids, eyes, np.array([pose for _, pose in kept]), REACH_MM, model.parameters.tolerance_mm)
     for (label, _), solid, at in zip(kept, solids, located, strict=True):
         fit = None if at is None else fit_of(at, LEAST_OUTLINE)
-        if at is None or fit is None:
-            continue
-        pose = fit.cyclopean_from_part
-        nats, most = (float(each[0]) for each in evidence(solid, pose[None], eyes.geometry, maps))
-        if nats < LEAST_NATS or facets_in_view(solid, eyes, pose) < 2:
-            continue
-        if confirmed_facets(solid, at, eyes)[1] + SHARE * nats / most < PROVED:
-            continue
-        alike = likeness(solid, pose, eyes)
-        if (alike is None or alike >= LEAST_LIKENESS) and shown(solid, eyes, pose, SHOWN_MM) >= LEAST_SHOWN:
-            yield Seen(label, solid, at, fit, nats, nats / most, silhouette(solid, pose, eyes))
+        if at is not None and fit is not None:
+            pose = fit.cyclopean_from_part
+            nats, most = evidence(solid, pose[None], eyes.geometry, maps)
+            yield Laid(label, solid, at, fit, float(nats[0]), float(nats[0] / most[0]), silhouette(solid, pose, eyes))
 
 
-def _overlap(one: Shape, other: Shape) -> bool:
-    return one.covers(other) > OVERLAP
+def _proved(one: Laid, eyes: Eyes) -> bool:
+    """Whether both images bear a laid part out."""
+    pose = one.fit.cyclopean_from_part
+    if one.nats < LEAST_NATS or facets_in_view(one.solid, eyes, pose) < 2:
+        return False
+    if confirmed_facets(one.solid, one.located, eyes)[1] + SHARE * one.share < PROVED:
+        return False
+    if shown(one.solid, eyes, pose, SHOWN_MM) < LEAST_SHOWN:
+        return False
+    alike = likeness(one.solid, pose, eyes)
+    return alike is None or alike >= LEAST_LIKENESS
 
 
-def _recognised(seen: Seen, runner_up: str | None, eyes: Eyes, model: Model) -> Recognised:
+def _recognised(seen: Laid, runner_up: str | None, eyes: Eyes, model: Model) -> Recognised:
     """The part with the facets that both eyes have in view, measured where its sides show."""
     laid = facets_laid(seen.solid, seen.located, eyes)
     facets = typed_as(

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from daemon.arrays import Array
 from daemon.vision.geometry import Baseline, Polyhedron
 from daemon.vision.image import Eyes
-from daemon.vision.registration.chamfer import in_view
+from daemon.vision.registration.directed import in_view
 
 Flags = NDArray[np.bool_]
 ROOM_PX = 12

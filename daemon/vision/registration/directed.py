@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from daemon.arrays import Array
 from daemon.vision.geometry import Baseline, Polyhedron
 from daemon.vision.image import Segments
-from daemon.vision.registration.chamfer import in_view
 
 SHRINK = 2
 DIRECTIONS = 12
@@ -26,6 +25,10 @@ SPACING_PX = 5.0
 PLACES = 16
 SHOWS = 0.75
 LEAST_CHANCE = 0.02
+
+
+LEAST_FACING = 0.08
+"""Cosine below which a facet is too thin in the image to be looked for."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +57,11 @@ def directed_map(found: Segments, shape: tuple[int, ...]) -> DirectedMap:
     away = np.stack([cv2.distanceTransform(one, cv2.DIST_L2, 3) if one.min() == 0 else np.full((height, width), 99, np.float32) for one in none]) * SHRINK
     chance = (away < REACH_PX).mean((1, 2))
     return DirectedMap(np.asarray(away, np.float32), np.clip(chance, LEAST_CHANCE, 0.7))
+
+
+def in_view(solid: Polyhedron, poses: Array) -> NDArray[np.bool_]:
+    """(P, F) which facets are turned to the cameras in each pose (P, 4, 4) cyclopean_from_part."""
+    return np.asarray(solid.facing(poses) > LEAST_FACING)
 
 
 def evidence(solid: Polyhedron, poses: Array, geometry: Baseline, maps: tuple[DirectedMap, DirectedMap]) -> tuple[Array, Array]:

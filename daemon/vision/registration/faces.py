@@ -8,16 +8,19 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from daemon import frames
 from daemon.arrays import Array
 from daemon.vision.geometry import Polyhedron
-from daemon.vision.image import Eyes, OneEye
+from daemon.vision.image import Eyes
 from daemon.vision.registration.different import pixels
 
-SPACING_MM, INSET, LEAST_FACING = 1.0, 0.82, 0.3
+SPACING_MM, MARGIN_PX, LEAST_FACING = 1.0, 5.0, 0.3
 FEWEST = 24
-LEAST_PRINT = 20.0
+GRAIN_PX = 5
+"""Grey levels are means of so many pixels each way: finer than that there is more noise than print."""
+LEAST_PRINT = 25.0
 """Mean square of what is left of a face's grey levels without its shading, in sigmas of the noise: less is no print."""
 
 
@@ -25,39 +28,45 @@ def likeness(solid: Polyhedron, pose: Array, eyes: Eyes) -> float | None:
     """How alike the print is that both eyes show on the faces of a part at cyclopean_from_part (4, 4): 1 the same, 0
     nothing in common; None where there is no print to speak of."""
     corners = frames.apply(pose, solid.corners_mm)
+    means = [cv2.blur(view.smooth, (GRAIN_PX, GRAIN_PX)) for view in eyes.views]
     total = apart = count = 0.0
     for index in np.flatnonzero(solid.facing(pose) > LEAST_FACING).tolist():
-        places = _inside(corners[solid.rings[index]])
-        if len(places) < FEWEST:
+        ring = corners[solid.rings[index]]
+        places = _on_face(ring)
+        seen = pixels(places, eyes.geometry)
+        keep = np.all([_away(px, own) > MARGIN_PX for px, own in zip(seen, pixels(ring, eyes.geometry), strict=True)], axis=0)
+        if keep.sum() < FEWEST:
             continue
-        left, right = (_print(view, px) for view, px in zip(eyes.views, pixels(places, eyes.geometry), strict=True))
+        left, right = (_print(grey, px[keep]) for grey, px in zip(means, seen, strict=True))
         total += float(left @ left + right @ right) / 2
         apart += float((left - right) @ (left - right)) / 2
-        count += len(places)
+        count += len(left)
     return None if total <= LEAST_PRINT * count else 1.0 - apart / total
 
 
-def _inside(ring: Array) -> Array:
-    """(N, 3) places on a facet with corners (K, 3), not near its border."""
-    middle = ring.mean(0)
+def _on_face(ring: Array) -> Array:
+    """(N, 3) places about a facet with corners (K, 3), in its plane."""
     x = ring[1] - ring[0]
     x = x / np.linalg.norm(x)
     normal = np.cross(x, ring[2] - ring[1])
     y = np.cross(normal / np.linalg.norm(normal), x)
-    flat = INSET * (ring - middle) @ np.stack([x, y], 1)
-    low, high = flat.min(0), flat.max(0)
-    across = np.stack(np.meshgrid(*(np.arange(a, b, SPACING_MM) for a, b in zip(low, high, strict=True))), -1).reshape(-1, 2)
-    way = np.roll(flat, -1, 0) - flat
-    to = across[:, None] - flat
-    inside = (way[:, 0] * to[..., 1] - way[:, 1] * to[..., 0] > 0).all(1)
-    return np.asarray(middle + across[inside] @ np.stack([x, y]))
+    flat = (ring - ring[0]) @ np.stack([x, y], 1)
+    steps = (np.arange(low, high, SPACING_MM) for low, high in zip(flat.min(0), flat.max(0), strict=True))
+    return np.asarray(ring[0] + np.stack(np.meshgrid(*steps), -1).reshape(-1, 2) @ np.stack([x, y]))
 
 
-def _print(view: OneEye, px: Array) -> Array:
+def _away(px: Array, ring: Array) -> Array:
+    """(N,) px from places (N, 2) inside a convex border (K, 2), clockwise in the image, to the nearest of its sides."""
+    way = np.roll(ring, -1, 0) - ring
+    normal = np.stack([way[:, 1], -way[:, 0]], 1) / np.linalg.norm(way, axis=1)[:, None]
+    return np.asarray(((px[:, None] - ring) * normal).sum(2).min(1))
+
+
+def _print(grey: NDArray[np.float32], px: Array) -> Array:
     """Grey levels (N,) at places (N, 2) px, in sigmas of the noise, without what shading and highlights make: a
     parabola of the place."""
     x, y = px.T.astype(np.float32)
-    grey = cv2.remap(view.smooth, x[None], y[None], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)[0].astype(float)
+    found = cv2.remap(grey, x[None], y[None], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)[0].astype(float)
     u, v = ((c - c.mean()) / max(float(np.ptp(c)), 1.0) for c in px.T)
     terms = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], 1)
-    return np.asarray(grey - terms @ np.linalg.lstsq(terms, grey, rcond=None)[0])
+    return np.asarray(found - terms @ np.linalg.lstsq(terms, found, rcond=None)[0])

@@ -17,13 +17,21 @@ from daemon.arrays import Array
 from daemon.vision.geometry import Baseline, Polyhedron
 from daemon.vision.image import SegmentCorners
 from daemon.vision.model import Model
-from daemon.vision.registration.pose_guesses import FARTHEST_MM, NEAREST_MM, PoseGuess
 
+NEAREST_MM, FARTHEST_MM = 120.0, 1500.0  # where parts may be
 ROW_PX = 2.0  # how far apart the rows may be in which two eyes see a corner
 TURNED = np.radians(28.0)  # by how much a corner's arm may point elsewhere in the other eye
 OFF = np.radians(7.0)  # and by how much elsewhere than the taught angle says
 FIRM = np.sin(np.radians(1.2))  # of the angle between the planes of an edge; less, and its direction is anyone's
 ALIKE_MM = 1.5  # corners of a solid this near to others' places after a turn make the turn one of its symmetries
+
+
+@dataclass(frozen=True, eq=False)
+class PoseGuess:
+    """A part and where it could be: label, cyclopean_from_part (G, 4, 4) mm."""
+
+    label: str
+    poses: Array
 
 
 @dataclass(frozen=True, eq=False)
