@@ -15,6 +15,7 @@ from functools import cache
 import numpy as np
 
 from daemon import frames
+from daemon.arrays import Array
 from daemon.vision.facets import weld
 from daemon.vision.geometry import Polyhedron, Shape
 from daemon.vision.image import Eyes, segment_corners
@@ -22,7 +23,7 @@ from daemon.vision.model import Model
 from daemon.vision.recognition import Recognised, facet_hypotheses, typed_as
 from daemon.vision.registration.beside import COVERED
 from daemon.vision.registration.corner_pose import Fit
-from daemon.vision.registration.different import Guesses, different
+from daemon.vision.registration.different import Different, Guesses, different
 from daemon.vision.registration.directed import directed_map, evidence
 from daemon.vision.registration.edge_pose import (
     Located,
@@ -40,6 +41,8 @@ from daemon.vision.values import Group, Part, Recognition
 
 MOST, REACH_MM = 16, 2.5
 """Poses laid onto the images, and how far off they may be."""
+WORTH = 0.6
+"""Of the evidence for the best guess at a place, what another there must have to be laid as well."""
 LEAST_NATS = 180.0
 """Evidence against chance; e to the so many-th, with what neighbouring places along an edge have in common."""
 LEAST_OUTLINE, LEAST_SHOWN, SHOWN_MM = 0.65, 0.78, 0.8
@@ -47,6 +50,7 @@ PROVED, SHARE = 1.03, 0.5
 """What the share of edges that are clearly on their place and SHARE of the share of evidence come to at least: of 125
 rendered parts of all kinds 115 are above, of 149 strangers none that passes the other tests."""
 LEAST_LIKENESS = 0.5
+ON_FACE_MM = 4.0
 RIVAL = 0.9
 """Another part with so much of the evidence on the same place leaves the name open."""
 PATTERNED = 100
@@ -84,7 +88,7 @@ def named_by_segments(eyes: Eyes, model: Model, unnamed: Sequence[Group], faint:
     proves = cache(lambda k: _proved(laid[k], eyes))
     taken, found = list[Laid](), list[Recognised]()
     for k, one in enumerate(laid):
-        if any(one.overlaps(other) for other in taken) or not proves(k):
+        if any(one.overlaps(other) for other in taken) or any(_contradicts(g, one) for g in unnamed) or not proves(k):
             continue
         taken.append(one)
         rivals = [
@@ -109,15 +113,53 @@ def _laid(eyes: Eyes, model: Model, unnamed: Sequence[Group], faint: bool) -> It
         nats, _ = evidence(solid, guess.poses, eyes.geometry, maps)
         good = nats > LEAST_NATS / 3
         likely.append(Guesses(guess.label, solid, guess.poses[good], -nats[good]))
-    kept = different(likely, eyes, MOST)
-    solids = [model.metric[label].solid for label, _ in kept]
-    located = locate(solids, eyes, np.array([pose for _, pose in kept]), REACH_MM, model.parameters.tolerance_mm)
-    for (label, _), solid, at in zip(kept, solids, located, strict=True):
+    kept = _worth(different(likely, eyes, MOST), eyes, model)
+    solids = [model.metric[label].solid for label, _, _ in kept]
+    located = locate(solids, eyes, np.array([pose for _, pose, _ in kept]), REACH_MM, model.parameters.tolerance_mm)
+    for (label, _, _), solid, at in zip(kept, solids, located, strict=True):
         fit = None if at is None else fit_of(at, LEAST_OUTLINE)
         if at is not None and fit is not None:
             pose = fit.cyclopean_from_part
             nats, most = evidence(solid, pose[None], eyes.geometry, maps)
             yield Laid(label, solid, at, fit, float(nats[0]), float(nats[0] / most[0]), silhouette(solid, pose, eyes))
+
+
+def _contradicts(group: Group, one: Laid) -> bool:
+    """Whether a group of facets, measured together where the part is laid, has one that lies on none of its faces; a
+    lone facet may be a chance of two patterns."""
+    if len(group.facets) < 2:
+        return False
+    pose = one.fit.cyclopean_from_part
+    faces = np.flatnonzero(one.solid.facing(pose) > 0)
+    corners = frames.apply(pose, one.solid.corners_mm)
+    for facet in group.facets:
+        shape = Shape.of(facet.left_px)
+        if shape.common(one.covers) > 0.5 * shape.area and not any(
+            _lies_on(facet.corners_mm, corners[one.solid.rings[k]]) for k in faces
+        ):
+            return True
+    return False
+
+
+def _lies_on(points: Array, ring: Array) -> bool:
+    """Whether points (N, 3) lie on a convex face with corners (K, 3), to within ON_FACE_MM."""
+    way = np.roll(ring, -1, 0) - ring
+    normal = np.cross(way[0], way[1])
+    normal = normal / np.linalg.norm(normal)
+    outward = np.cross(way, normal)
+    outward = outward / np.linalg.norm(outward, axis=1, keepdims=True)
+    outside = ((points[:, None] - ring) * outward).sum(2)
+    return bool(np.abs((points - ring[0]) @ normal).max() < ON_FACE_MM and outside.max() < ON_FACE_MM)
+
+
+def _worth(kept: Sequence[Different], eyes: Eyes, model: Model) -> list[Different]:
+    """Those for which nearly as much speaks as for the best at the same place."""
+    shapes = [silhouette(model.metric[one.label].solid, one.pose, eyes) for one in kept]
+    best = list[int]()
+    for k, one in enumerate(kept):
+        if all(one.against < WORTH * kept[m].against for m in best if shapes[m].covers(shapes[k]) > COVERED):
+            best.append(k)
+    return [kept[k] for k in best]
 
 
 def _proved(one: Laid, eyes: Eyes) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,19 +39,28 @@ class _Alike:
     against: Array
 
 
-def different(guesses: Sequence[Guesses], eyes: Eyes, most: int) -> list[tuple[str, Array]]:
-    """Labels and poses (4, 4) of so many at most, inside both images, the likeliest first, none of which looks like an
+class Different(NamedTuple):
+    """A part, its pose (4, 4), and what speaks against it."""
+
+    label: str
+    pose: Array
+    against: float
+
+
+def different(guesses: Sequence[Guesses], eyes: Eyes, most: int) -> list[Different]:
+    """So many at most, inside both images, the likeliest first, none of which looks like an
     earlier one."""
     likely = [alike for one in guesses for alike in _alike(one)]
-    kept = list[tuple[str, Array]]()
+    kept = list[Different]()
     against = [a.against.copy() for a in likely]  # infinite once looked at, or like one that is kept
     while len(kept) < most and any(np.isfinite(each).any() for each in against):
         k = int(np.argmin([each.min(initial=np.inf) for each in against]))
         best = int(np.argmin(against[k]))
+        worst = float(against[k][best])
         against[k][best] = np.inf
         corners_mm = likely[k].corners_mm[best]
         if _inside(corners_mm, eyes):
-            kept.append((likely[k].label, likely[k].poses[best]))
+            kept.append(Different(likely[k].label, likely[k].poses[best], worst))
             for other, each in zip(likely, against, strict=True):
                 each[_same_place(other.corners_mm, corners_mm)] = np.inf
     return kept

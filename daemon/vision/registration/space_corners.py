@@ -22,6 +22,7 @@ NEAREST_MM, FARTHEST_MM = 120.0, 1500.0  # where parts may be
 ROW_PX = 2.0  # how far apart the rows may be in which two eyes see a corner
 TURNED = np.radians(28.0)  # by how much a corner's arm may point elsewhere in the other eye
 OFF = np.radians(7.0)  # and by how much elsewhere than the taught angle says
+MOST_COSINE = 1.03  # what a taught angle may ask of a direction in a plane, by a little that measuring leaves open
 FIRM = np.sin(np.radians(1.2))  # of the angle between the planes of an edge; less, and its direction is anyone's
 ALIKE_MM = 1.5  # corners of a solid this near to others' places after a turn make the turn one of its symmetries
 
@@ -97,15 +98,11 @@ def _planes(at: Array, arms: Array) -> Array:
     return np.asarray(normal / np.linalg.norm(normal, axis=2, keepdims=True))
 
 
+@lru_cache(maxsize=256)
 def taught_corners(solid: Polyhedron) -> tuple[Array, Array]:
     """Every two edges at every corner of a solid, in either order, those left out that a turn of the solid makes of
-    others: frames (K, 4, 4) part_from_corner, x along the first edge, the second in x y; cosines (K,) between them.
+    others: (K, 4, 4) corner_from_part, x along the first edge, the second in x y; cosines (K,) between them.
     """
-    return _taught_corners(solid)
-
-
-@lru_cache(maxsize=256)
-def _taught_corners(solid: Polyhedron) -> tuple[Array, Array]:
     pairs = solid.lines[0]
     found, cosines = list[Array](), list[float]()
     for corner in range(len(solid.corners_mm)):
@@ -120,7 +117,7 @@ def _taught_corners(solid: Polyhedron) -> tuple[Array, Array]:
                 if not any(_turned_onto(solid, known @ frames.inverse(frame)) for known in found):
                     found.append(frame)
                     cosines.append(float(x @ to))
-    return np.array(found).reshape(-1, 4, 4), np.array(cosines)
+    return np.array([frames.inverse(frame) for frame in found]).reshape(-1, 4, 4), np.array(cosines)
 
 
 def _turned_onto(solid: Polyhedron, motion: Array) -> bool:
@@ -140,36 +137,33 @@ def _basis(x: Array, to: Array) -> Array:
 
 def guesses_from_space(corners: SpaceCorners, geometry: Baseline, model: Model) -> list[PoseGuess]:
     """Every taught corner laid onto every corner in space whose arms could make its angle."""
-    found = []
     along = corners.firm - (corners.firm * corners.plane).sum(1, keepdims=True) * corners.plane
     size = np.maximum(np.linalg.norm(along, axis=1), 1e-9)
     along = along / size[:, None]
     beside = np.cross(corners.plane, along)
-    at_l = corners.at[:, :2] / corners.at[:, 2:]
-    at_r, arm_r = corners.right[:, :2], corners.right[:, 2:]
+    at_l, at_r, arm_r = corners.at[:, :2] / corners.at[:, 2:], corners.right[:, :2], corners.right[:, 2:]
     turn = frames.rigid(geometry.cyclopean_from_baseline, geometry.middle_mm)
-    half = np.array([geometry.length_mm / 2, 0.0, 0.0])
+    middle = corners.at - [geometry.length_mm / 2, 0.0, 0.0]
+    found = []
     for label, metric in model.metric.items():
-        places, cosines = taught_corners(metric.solid)
-        poses = []
-        for part_from_corner, cosine in zip(places, cosines, strict=True):
-            share = cosine / size
-            can = np.abs(share) < 1.03
-            bend = np.arccos(np.clip(share, -1, 1))
-            for sign in (1.0, -1.0):
-                other = np.cos(bend)[:, None] * along + sign * np.sin(bend)[:, None] * beside
-                left = other[:, :2] - at_l * other[:, 2:]
-                right = other[:, :2] - at_r * other[:, 2:]
-                off = _angle(right, arm_r)
-                good = np.flatnonzero(can & ((left * corners.left).sum(1) > 0) & (off < OFF))
-                rotation = _basis(corners.firm[good], other[good])
-                base = np.zeros((len(good), 4, 4))
-                base[:, :3, :3], base[:, :3, 3], base[:, 3, 3] = rotation, corners.at[good] - half, 1.0
-                poses.append(turn @ base @ frames.inverse(part_from_corner))
-        found.append(PoseGuess(label, np.concatenate([np.zeros((0, 4, 4)), *poses])))
+        from_part, cosines = taught_corners(metric.solid)
+        share = cosines[:, None] / size
+        bend = np.arccos(np.clip(share, -1.0, 1.0))
+        poses = [np.zeros((0, 4, 4))]
+        for sign in (1.0, -1.0):
+            other = np.cos(bend)[..., None] * along + sign * np.sin(bend)[..., None] * beside
+            ahead = ((other[..., :2] - at_l * other[..., 2:]) * corners.left).sum(-1) > 0
+            off = _angle(other[..., :2] - at_r * other[..., 2:], arm_r)
+            which, where = np.nonzero(ahead & (off < OFF) & (np.abs(share) < MOST_COSINE))
+            cyclopean_from_corner = np.zeros((len(where), 4, 4))
+            cyclopean_from_corner[:, :3, :3] = _basis(corners.firm[where], other[which, where])
+            cyclopean_from_corner[:, :3, 3], cyclopean_from_corner[:, 3, 3] = middle[where], 1.0
+            poses.append(turn @ cyclopean_from_corner @ from_part[which])
+        found.append(PoseGuess(label, np.concatenate(poses)))
     return found
 
 
 def _angle(one: Array, other: Array) -> Array:
-    cross = one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0]
-    return np.asarray(np.abs(np.arctan2(cross, (one * other).sum(1))))
+    """Angles (...) between directions (..., 2)."""
+    cross = one[..., 0] * other[..., 1] - one[..., 1] * other[..., 0]
+    return np.asarray(np.abs(np.arctan2(cross, (one * other).sum(-1))))
