@@ -16,7 +16,7 @@ from daemon.vision.geometry import StereoRig
 from daemon.vision.image import open_eyes
 from daemon.vision.model import FacetLibrary, Model, empty_model
 from daemon.vision.recognition import Recognised, recognise
-from daemon.vision.registration import verify
+from daemon.vision.registration import sharpened, verify
 from daemon.vision.settings import VisionSettings
 from daemon.vision.values import FacetView, Part, Scene
 
@@ -59,6 +59,10 @@ def look(
         found, view = verify(found, view, known, eyes)
         seconds["closer"] = now() - start
     parts = tuple(r.part for r in found)
+    if full.corner_detector == "line_fit" and full.stereo_formula == "exact":
+        start = now()
+        parts = sharpened(parts, known, eyes)
+        seconds["sharpen"] = now() - start
     notes = (*view.notes, *_notes(view, parts, model))
     return Scene(parts, view.rejected, view, notes, seconds if clock else {})
 

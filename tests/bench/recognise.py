@@ -77,9 +77,9 @@ def judge(scene: Scene, told: dict[str, Any], known: tuple[str, ...], tally: Tal
         part = _nearest(left, corners)
         if part is not None:
             left.remove(part)
-        said = part.recognition.label if part else "nothing"
-        silent = said in ("unknown", "nothing")
-        right = said == body["label"]
+        label = part.recognition.label if part else "nothing"
+        silent = label in ("unknown", "nothing")
+        right = label == body["label"]
         if body["label"] in known:
             tally.counts["right" if right else "silent" if silent else "wrong"] += 1
         else:
@@ -87,7 +87,7 @@ def judge(scene: Scene, told: dict[str, Any], known: tuple[str, ...], tally: Tal
         if part is not None and not silent:
             named.append((part.recognition.confidence, right))
         if part is not None and right:
-            _errors(part, corners, tally)
+            _errors(part, np.vstack([np.asarray(f["corners_mm"], float) for f in body["facets"]]), tally)
     ghosts = [p for p in left if p.recognition.label != "unknown"]
     tally.counts["ghost"] += len(ghosts)
     return named + [(p.recognition.confidence, False) for p in ghosts]
@@ -101,6 +101,7 @@ def _nearest(parts: list[Part], corners: Array) -> Part | None:
 
 
 def _errors(part: Part, corners: Array, tally: Tally) -> None:
+    """How far the part's corners are from the nearest of all the body's: a facet hardly in view may be found, too."""
     for found, kind in ((part.fitted_mm, tally.fitted_mm), ([f.corners_mm for f in part.facets], tally.measured_mm)):
         points = np.vstack(list(found))
         kind.extend(np.linalg.norm(points[:, None] - corners[None], axis=2).min(1).tolist())

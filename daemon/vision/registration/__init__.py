@@ -2,6 +2,7 @@
 
 from daemon.vision.registration.corner_pose import Fit, poses_that_fit, refit
 from daemon.vision.registration.edge_pose import fit_edges, shown
+from daemon.vision.registration.sharpen import sharpened
 from daemon.vision.registration.verify import verify
 
 __all__ = [
@@ -9,6 +10,7 @@ __all__ = [
     "fit_edges",
     "poses_that_fit",
     "refit",
+    "sharpened",
     "shown",
     "verify",
 ]
