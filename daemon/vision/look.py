@@ -16,7 +16,7 @@ from daemon.vision.geometry import StereoRig
 from daemon.vision.image import open_eyes
 from daemon.vision.model import FacetLibrary, Model, empty_model
 from daemon.vision.recognition import Recognised, recognise
-from daemon.vision.registration import beside, named_by_segments, patterned
+from daemon.vision.registration import beside, named_by_segments, patterned, sharpened
 from daemon.vision.settings import VisionSettings
 from daemon.vision.values import FacetView, Part, Scene
 
@@ -64,6 +64,10 @@ def look(
         found, view = beside(found, view, named_by_segments(eyes, known, unnamed, faint), known, eyes)
     seconds["edges"] = now() - start
     parts = tuple(r.part for r in found)
+    if full.corner_detector == "line_fit" and full.stereo_formula == "exact":
+        start = now()
+        parts = sharpened(parts, known, eyes)
+        seconds["sharpen"] = now() - start
     notes = (*view.notes, *_notes(view, parts, model))
     return Scene(parts, view.rejected, view, notes, seconds if clock else {})
 

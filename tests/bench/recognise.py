@@ -5,6 +5,8 @@ Scenes: the folder named by FACETD_SHARED (default ../shared), scenes/ in it. Tr
 
 from __future__ import annotations
 
+import cProfile
+import pstats
 import resource
 import time
 from collections import Counter, defaultdict
@@ -27,6 +29,16 @@ from daemon.vision.values import Part, Scene
 from tests.worlds import rendered
 
 NEAR_MM = 25.0  # a part found belongs to a true one when their corners' centroids are this close
+STAGES = {
+    **dict.fromkeys(("both_eyes.py", "one_eye.py", "grey.py", "regions.py"), "pixels and regions"),
+    **dict.fromkeys(("outlines.py", "polygon.py", "polygon_batch.py"), "outlines"),
+    **dict.fromkeys(("edge_lines.py", "calipers.py", "step_model.py", "polygon_fit.py"), "sides and corners"),
+    **dict.fromkeys(("matching.py", "candidates.py", "completion.py", "rectified.py", "rig.py"), "matching"),
+    **dict.fromkeys(("facets", "planes.py", "polyhedron.py"), "grouping and welding"),
+    **dict.fromkeys(("model", "recognition", "rigid_fit.py", "facet_measures.py", "chisquare.py"), "naming"),
+    "registration": "registration",
+    "look.py": "rest",
+}  # by file, or by its folder
 BINS = (0.0, 0.5, 0.9, 0.99, 0.999, 1.0 + 1e-9)
 
 
@@ -48,6 +60,7 @@ def main() -> None:
     _accuracy(rigs, model)
     _detectors(rigs, model)
     _time(rigs["B"], model)
+    _stages(rigs["B"], model)
     _memory()
 
 
@@ -77,9 +90,9 @@ def judge(scene: Scene, told: dict[str, Any], known: tuple[str, ...], tally: Tal
         part = _nearest(left, corners)
         if part is not None:
             left.remove(part)
-        said = part.recognition.label if part else "nothing"
-        silent = said in ("unknown", "nothing")
-        right = said == body["label"]
+        label = part.recognition.label if part else "nothing"
+        silent = label in ("unknown", "nothing")
+        right = label == body["label"]
         if body["label"] in known:
             tally.counts["right" if right else "silent" if silent else "wrong"] += 1
         else:
@@ -87,7 +100,7 @@ def judge(scene: Scene, told: dict[str, Any], known: tuple[str, ...], tally: Tal
         if part is not None and not silent:
             named.append((part.recognition.confidence, right))
         if part is not None and right:
-            _errors(part, corners, tally)
+            _errors(part, np.vstack([np.asarray(f["corners_mm"], float) for f in body["facets"]]), tally)
     ghosts = [p for p in left if p.recognition.label != "unknown"]
     tally.counts["ghost"] += len(ghosts)
     return named + [(p.recognition.confidence, False) for p in ghosts]
@@ -101,6 +114,7 @@ def _nearest(parts: list[Part], corners: Array) -> Part | None:
 
 
 def _errors(part: Part, corners: Array, tally: Tally) -> None:
+    """How far the part's corners are from the nearest of all the body's: a facet hardly in view may be found, too."""
     for found, kind in ((part.fitted_mm, tally.fitted_mm), ([f.corners_mm for f in part.facets], tally.measured_mm)):
         points = np.vstack(list(found))
         kind.extend(np.linalg.norm(points[:, None] - corners[None], axis=2).min(1).tolist())
@@ -177,6 +191,37 @@ def _time(rig: StereoRig, model: Model) -> None:
     for name, spent in stages.items():
         print(f"{name:<14}{1000 * np.median(spent):>10.2f}{1000 * np.percentile(spent, 95):>10.2f}")
     print(f"one look over StereoSGBM: {np.median(stages['one look']) / np.median(stages['StereoSGBM']):.3f}")
+
+
+def _stages(rig: StereoRig, model: Model) -> None:
+    """Calls and share of a look's time by stage on the clean scenes; what numpy does counts where it was asked for."""
+    pairs = [rendered.pair(folder) for folder in test_folders() if folder.name.startswith("clean-B")]
+    profile = cProfile.Profile()
+    for left, right in pairs:
+        profile.runcall(look, left, right, rig, model)
+    rows = pstats.Stats(profile).stats  # type: ignore[attr-defined]
+    calls, seconds = defaultdict[str, float](float), defaultdict[str, float](float)
+
+    def stage_of(function: tuple[str, int, str]) -> str | None:
+        parts = Path(function[0]).parts
+        return next((STAGES[p] for p in parts[::-1] if "vision" in parts and p in STAGES), None)
+
+    def add(function: tuple[str, int, str], to: dict[str, float], amount: float, depth: int = 0) -> None:
+        stage, callers = stage_of(function), rows[function][4]
+        total = sum(row[0] for row in callers.values())
+        if stage or depth > 8 or not total:
+            to[stage or "rest"] += amount
+        else:
+            for caller, row in callers.items():
+                add(caller, to, amount * row[0] / total, depth + 1)
+
+    for function, (_, count, own, _, _) in rows.items():
+        add(function, seconds, own)
+        add(function, calls, count if function[0] != "~" else 0.0)
+    print(f"\n{'stage':<24}{'share':>7}{'calls a look':>14}")
+    for stage in [*dict.fromkeys(STAGES.values())]:
+        print(f"{stage:<24}{seconds[stage] / sum(seconds.values()):>7.0%}{calls[stage] / len(pairs):>14.0f}")
+    print(f"{'all':<24}{'':>7}{sum(calls.values()) / len(pairs):>14.0f}")
 
 
 def _memory() -> None:

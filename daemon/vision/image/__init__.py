@@ -8,13 +8,14 @@ from daemon.vision.image.edge_lines import Sides, edge_sigmas, find_sides, fit_s
 from daemon.vision.image.grey import BLOCK_PX, SATURATED, VisionError, as_grey, block_means
 from daemon.vision.image.one_eye import OneEye, fits
 from daemon.vision.image.outlines import Outline, probe, snap_near
-from daemon.vision.image.polygon_fit import Fitted
+from daemon.vision.image.polygon_fit import MODEL_PX, Fitted
 from daemon.vision.image.regions import Scale
 from daemon.vision.image.segments import SegmentCorners, Segments, find_segments, segment_corners
 from daemon.vision.image.thesis_corners import find_corners
 
 __all__ = [
     "BLOCK_PX",
+    "MODEL_PX",
     "SATURATED",
     "Eyes",
     "Fitted",

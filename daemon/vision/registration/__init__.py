@@ -4,6 +4,7 @@ from daemon.vision.registration.beside import beside
 from daemon.vision.registration.by_segments import named_by_segments, patterned
 from daemon.vision.registration.corner_pose import Fit, poses_that_fit, refit
 from daemon.vision.registration.edge_pose import fit_edges, shown
+from daemon.vision.registration.sharpen import sharpened
 
 __all__ = [
     "Fit",
@@ -13,5 +14,6 @@ __all__ = [
     "patterned",
     "poses_that_fit",
     "refit",
+    "sharpened",
     "shown",
 ]

@@ -16,20 +16,18 @@ from numpy.typing import NDArray
 from daemon import frames
 from daemon.arrays import Array
 from daemon.vision.geometry import Polyhedron
-from daemon.vision.image import Eyes, OneEye, Sides, edge_sigmas, find_sides, fit_sides, probe_sides
+from daemon.vision.image import Eyes, OneEye, edge_sigmas, find_sides, fit_sides, probe_sides
 from daemon.vision.model import TOLERANCE_MM
 from daemon.vision.registration.corner_pose import Fit
-from daemon.vision.registration.pose_step import Solved, across, corners_in, off_places, solve
+from daemon.vision.registration.edge_adjustment import adjusted
+from daemon.vision.registration.expected_edges import THIN_PX, EdgeObservation, ExpectedEdges, Placements, expected
+from daemon.vision.registration.pose_step import Solved, across, off_places, solve
 
 Flags = NDArray[np.bool_]
 Index = NDArray[np.intp]
 Outline = tuple[Array, Array]
 """A facet's corners (N, 2) px in one eye, and their covariance (N, 2, 2)."""
 
-THIN_PX = (-3.0, 6.0)
-"""A facet this thin in the image (negative: just turned away) has edges that may be taken for one another."""
-ROOM_PX, LEAST_LENGTH_PX = 6.0, 12.0
-"""How far inside the image an edge must be, and how much of it, to be measured."""
 ROUGHLY = (1.0, 0.4)
 """Shares of the reach within which edges are searched for, round by round."""
 FEWEST_PX, MOST_PX = 2.0, 24.0
@@ -44,8 +42,6 @@ LEAST_EVIDENCE, LEAST_SUPPORT = 6.0, 0.5
 TUKEY, PASSES = 5.6, 5
 LEAST_OUTLINE = 0.75
 """Of the length of the outline that an eye should see, what it must show on its place."""
-ON_PLACE, LEAST_DOUBT_PX = 2.3, 0.3
-"""An edge is on its place within so many times what the shape leaves open, which is this at least."""
 LEAST_SIGMAS = 4.0
 """Of the slope across an edge against what lies beside it, where the edge is to prove a facet."""
 FOUND_PX = 0.1
@@ -56,121 +52,15 @@ SCALE = np.array([1.0, 1.0, 1.0, 0.03, 0.03, 0.03])
 
 
 @dataclass(frozen=True, eq=False)
-class Placements:
-    """P shapes, each to be laid at a pose of its own, side by side in one list of corners, facets and edges.
-
-    shapes, P of them; corners_mm (K, 3) with the placement of each (K,), and where each placement's begin (P + 1,);
-    here, after (N,) and first (F,): the facets' borders, as Polyhedron.steps has them; ends (E, 2): the corners of each
-    edge; beside (E, 2): the facets on either hand, F where there is none; owner (E,): its placement.
-    """
-
-    shapes: tuple[Polyhedron, ...]
-    corners_mm: Array
-    of_corner: Index
-    begins: Index
-    here: Index
-    after: Index
-    first: Index
-    ends: Index
-    beside: Index
-    owner: Index
-
-    @classmethod
-    def of(cls, shapes: Sequence[Polyhedron]) -> Placements:
-        """Shapes side by side."""
-        corners = [len(s.corners_mm) for s in shapes]
-        begins = np.cumsum([0, *corners])
-        borders, facets = (np.cumsum([0, *(len(s.steps[k]) for s in shapes)]) for k in (0, 2))
-        every = list(zip(shapes, begins, borders, facets, strict=False))
-        beside = [np.where(s.beside < 0, facets[-1], s.beside + facet) for s, _, _, facet in every]
-        return cls(
-            tuple(shapes),
-            np.concatenate([s.corners_mm for s in shapes]),
-            np.repeat(np.arange(len(shapes)), corners),
-            begins,
-            np.concatenate([s.steps[0] + corner for s, corner, _, _ in every]),
-            np.concatenate([s.steps[1] + corner for s, corner, _, _ in every]),
-            np.concatenate([s.steps[2] + border for s, _, border, _ in every]),
-            np.concatenate([s.lines[0] + corner for s, corner, _, _ in every]),
-            np.concatenate(beside),
-            np.repeat(np.arange(len(shapes)), [len(s.beside) for s in shapes]),
-        )
-
-    def thickness(self, px: Array) -> Array:
-        """(F,) area of each facet by length of its border, both halved round, with the corners seen at px (K, 2): the
-        width of a long one; negative where it is seen from behind (it then runs clockwise)."""
-        (x, y), (u, v) = px[self.here].T, px[self.after].T
-        twice_area = np.add.reduceat(x * v - y * u, self.first)
-        return np.asarray(-twice_area / np.add.reduceat(np.hypot(u - x, v - y), self.first))
-
-
-@dataclass(frozen=True, eq=False)
-class ExpectedEdges:
-    """Edges one eye should see with parts at their poses, placement after placement: owner (E,), the placement of each;
-    ends (E, 2), its corners' numbers; start, end (E, 2) px; jacobian (E, 2, 6), how far each end moves across its edge
-    with the pose; outline (E,): which belong to one facing facet only, and show in any light; sharp (E,): which cannot
-    be taken for another; px_per_mm (E,); doubt_px (E,): what the shape leaves open; corners_px (K, 2), all corners.
-    """
-
-    owner: Index
-    ends: Index
-    start: Array
-    end: Array
-    jacobian: Array
-    outline: Flags
-    sharp: Flags
-    px_per_mm: Array
-    doubt_px: Array
-    corners_px: Array
-
-    @property
-    def lengths_px(self) -> Array:
-        """(E,) px."""
-        return np.asarray(np.linalg.norm(self.end - self.start, axis=1))
-
-    def only(self, own: Index, corners: slice) -> ExpectedEdges:
-        """The edges of one placement, its corners counted from its first."""
-        return ExpectedEdges(
-            np.zeros(len(own), np.intp), self.ends[own] - corners.start, self.start[own], self.end[own],
-            self.jacobian[own], self.outline[own], self.sharp[own], self.px_per_mm[own], self.doubt_px[own],
-            self.corners_px[corners],
-        )  # fmt: skip
-
-
-@dataclass(frozen=True, eq=False)
-class EdgeObservation:
-    """Edges of one eye as found: off (E, 2) px from their places, across them; weight (E, 2, 2), the inverse of off's
-    covariance; there (E,): which show at all; sides: as measured, None where they were only searched for.
-    """
-
-    edges: ExpectedEdges
-    off: Array
-    weight: Array
-    there: Flags
-    sides: Sides | None = None
-
-    @property
-    def on_place(self) -> Flags:
-        """(E,) which edges show where they should."""
-        near = np.abs(self.off).max(axis=1, initial=0.0) < ON_PLACE * np.maximum(self.edges.doubt_px, LEAST_DOUBT_PX)
-        return np.asarray(self.there & near)
-
-    def only(self, placement: int, laid: Placements) -> EdgeObservation:
-        """What was found of one placement's edges."""
-        own = np.flatnonzero(self.edges.owner == placement)
-        edges = self.edges.only(own, slice(*laid.begins[placement : placement + 2].tolist()))
-        sides = None if self.sides is None else self.sides.chosen(own)
-        return EdgeObservation(edges, self.off[own], self.weight[own], self.there[own], sides)
-
-
-@dataclass(frozen=True, eq=False)
 class Located:
-    """pose (4, 4) cyclopean_from_part at which edges were last measured; observed: in the left and right eye; solved:
-    what would move the pose yet.
+    """pose (4, 4) cyclopean_from_part of a shape at which edges were last measured; observed: in the left and right
+    eye; tolerance_mm: how well the shape's corners are known; solved: what would move the pose yet.
     """
 
+    shape: Polyhedron
     pose: Array
     observed: tuple[EdgeObservation, EdgeObservation]
+    tolerance_mm: float
     solved: Solved
 
 
@@ -208,13 +98,13 @@ def locate(
     for turn in range(MOST_ROUNDS):
         if not open_.any():
             break
-        left, right = _measured([expected(laid, view, poses, open_, tolerance_mm) for view in eyes.views], eyes)
+        left, right = measured([expected(laid, view, poses, open_, tolerance_mm) for view in eyes.views], eyes)
         solved = _solved((left, right), reach_mm, len(shapes))
         still = np.linalg.norm(solved.motion / SCALE, axis=1) < SMALL_MM
         lost = (_shares((left, right), (left.on_place, right.on_place), len(shapes)) < HOPELESS) & ~still & (turn > 0)
         for k in np.flatnonzero(open_ & (still | (turn == MOST_ROUNDS - 1)) & ~lost).tolist():
             step = Solved(solved.motion[k], solved.information[k], solved.excess[k])
-            found[k] = Located(poses[k], (left.only(k, laid), right.only(k, laid)), step)
+            found[k] = Located(shapes[k], poses[k], (left.only(k, laid), right.only(k, laid)), tolerance_mm, step)
         open_ = open_ & ~still & ~lost
         poses = _moved(poses, solved.motion)
     return found
@@ -248,8 +138,8 @@ def fit_of(found: Located, least_outline: float = LEAST_OUTLINE) -> Fit | None:
         return None
     off_px = np.concatenate([seen.off[good] for seen, good in zip(found.observed, on_place, strict=True)])
     residual_mm = float(np.sqrt((off_px**2).mean()) / found.observed[0].edges.px_per_mm[0])
-    covariance = np.asarray(np.linalg.inv(solved.information), float) * solved.excess
-    return Fit(frames.perturb(found.pose, solved.motion), covariance, residual_mm, len(off_px))
+    final = adjusted(found.shape, found.pose, found.observed, found.tolerance_mm)
+    return Fit(final.pose, final.covariance, residual_mm, len(off_px))
 
 
 def shown(shape: Polyhedron, eyes: Eyes, pose: Array, reach_mm: float) -> float:
@@ -300,31 +190,6 @@ def facets_laid(shape: Polyhedron, found: Located, eyes: Eyes) -> list[Confirmed
     return found_facets
 
 
-def expected(laid: Placements, view: OneEye, poses: Array, wanted: Flags, tolerance_mm: float) -> ExpectedEdges:
-    """The edges of the facets that look at this eye, as far as they are inside its image, of the wanted (P,) of the
-    placements at poses (P, 4, 4)."""
-    px, slope = corners_in(view.eye.camera, poses[laid.of_corner], laid.corners_mm)
-    thick_px = np.append(laid.thickness(px), -np.inf)[laid.beside]
-    facing = (thick_px >= THIN_PX[1]).sum(1)
-    clear = np.logical_not(np.any((thick_px > THIN_PX[0]) & (thick_px < THIN_PX[1]), axis=1))
-    which = np.flatnonzero((facing > 0) & wanted[laid.owner])
-    a, b = laid.ends[which].T
-    first, last = _inside(px[a], px[b], view.grey.shape)
-    keep = (last - first) * np.linalg.norm(px[b] - px[a], axis=1) >= LEAST_LENGTH_PX
-    which, a, b, first, last = which[keep], a[keep], b[keep], first[keep, None], last[keep, None]
-    start, way = px[a], px[b] - px[a]
-    normal = across(px[a], px[b])[:, None]
-    at_a, at_b = ((normal @ slope[k])[:, 0] for k in (a, b))
-    jacobian = np.stack([at_a + share * (at_b - at_a) for share in (first, last)], 1)
-    owner, sharp = laid.owner[which], clear[which]
-    depth_mm = np.array([frames.apply(p, s.corners_mm)[:, 2].mean() for p, s in zip(poses, laid.shapes, strict=True)])
-    px_per_mm = view.eye.focal_px / depth_mm[owner]
-    return ExpectedEdges(
-        owner, laid.ends[which], start + first * way, start + last * way, jacobian, (facing[which] == 1) & sharp, sharp,
-        px_per_mm, tolerance_mm * px_per_mm, px,
-    )  # fmt: skip
-
-
 def _searched(edges: ExpectedEdges, view: OneEye, reach_mm: float) -> EdgeObservation:
     """The strongest straight gradient within the reach of each edge."""
     count = len(edges.start)
@@ -338,7 +203,7 @@ def _searched(edges: ExpectedEdges, view: OneEye, reach_mm: float) -> EdgeObserv
     return EdgeObservation(edges, off_places(edges.start, edges.end, start, end), weight, there)
 
 
-def _measured(both: Sequence[ExpectedEdges], eyes: Eyes) -> list[EdgeObservation]:
+def measured(both: Sequence[ExpectedEdges], eyes: Eyes) -> list[EdgeObservation]:
     """Each edge's sub-pixel line, in both eyes."""
     counts = [len(edges.start) for edges in both]
     if not any(counts):
@@ -432,19 +297,3 @@ def _outline(ring: Sequence[int], seen: EdgeObservation, which: Index, turned: F
         pull = pull + (weight * d)[:, None] * n
     covariance = np.asarray(np.linalg.inv(information), float)
     return (covariance @ pull[..., None])[..., 0], covariance
-
-
-def _inside(start: Array, end: Array, shape: tuple[int, ...]) -> tuple[Array, Array]:
-    """Shares (E,), (E,) of the way start -> end between which each edge is inside an image (Liang and Barsky); the
-    second is not above the first where none of it is."""
-    way = end - start
-    first, last = np.zeros(len(start)), np.ones(len(start))
-    for axis, length in enumerate(shape[::-1]):
-        for sign, limit in ((-1.0, -ROOM_PX), (1.0, length - 1 - ROOM_PX)):
-            speed, room = sign * way[:, axis], limit - sign * start[:, axis]
-            with np.errstate(divide="ignore", invalid="ignore"):
-                at = room / speed
-            first = np.where(speed < -1e-9, np.maximum(first, at), first)
-            last = np.where(speed > 1e-9, np.minimum(last, at), last)
-            last = np.where((np.abs(speed) <= 1e-9) & (room < 0), -1.0, last)
-    return first, last

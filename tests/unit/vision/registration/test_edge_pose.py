@@ -6,7 +6,8 @@ import pytest
 from daemon import frames
 from daemon.vision.geometry.polyhedron import exact
 from daemon.vision.image.both_eyes import open_eyes
-from daemon.vision.registration.edge_pose import Placements, fit_edges, locate
+from daemon.vision.registration.edge_pose import fit_edges, locate
+from daemon.vision.registration.expected_edges import Placements
 from tests.worlds import painted
 from tests.worlds.painted import paint_pair
 from tests.worlds.rigs import rig

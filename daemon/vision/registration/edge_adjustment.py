@@ -1,0 +1,87 @@
+"""Pose and corners of a known part estimated together from the edges of both eyes. Which edges those are, and whether
+they bear the part out, is edge_pose.py's.
+
+A real part is not quite the taught one. Where a corner is off, both eyes see it off in the same place, and so do both
+edges that meet there; a fit that takes each edge for its own error would read it as another distance. So each corner
+may leave its place on the part, once for all edges of both eyes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from daemon import frames
+from daemon.arrays import Array
+from daemon.vision.geometry import Polyhedron
+from daemon.vision.image import MODEL_PX
+from daemon.vision.registration.expected_edges import EdgeObservation
+
+# Set on the rendered scenes: tests/bench/recognise.py shows what they do to corners.
+OF_TOLERANCE = 0.5
+"""How far off its taught place a corner lies, as a share of what naming allows for it."""
+LINE_SIGMAS = 2.0
+"""How much farther off a line may be than its fit says: its profiles share their neighbours' shading."""
+TUKEY, PASSES = 5.6, 6
+"""So many sigmas off, an edge counts no more."""
+PRIOR = np.diag([5.0**-2] * 3 + [np.radians(3.0) ** -2] * 3)
+"""How near the part is to where it was measured: only what no edge says is left to this."""
+
+
+@dataclass(frozen=True, eq=False)
+class Adjusted:
+    """pose (4, 4) cyclopean_from_part with its covariance (6, 6) as daemon/frames.py has it; corners_mm (K, 3), all of
+    the part's where they most likely are, cyclopean; motion (6,) from the pose the edges were measured at.
+    """
+
+    pose: Array
+    covariance: Array
+    corners_mm: Array
+    motion: Array
+
+
+def adjusted(shape: Polyhedron, pose: Array, observed: Sequence[EdgeObservation], tolerance_mm: float) -> Adjusted:
+    """The pose and the corners that the edges measured in both eyes, at a pose (4, 4), say together.
+
+    Source: bundle adjustment of lines (least squares over pose and corners, the corners held by what was taught) with
+    Tukey's weights.
+    """
+    count, turn = len(shape.corners_mm), pose[:3, :3]
+    size = 6 + 3 * count
+    loose = (OF_TOLERANCE * tolerance_mm) ** 2 * np.eye(3)
+    held = np.zeros((size, size))
+    held[:6, :6] = PRIOR
+    corner = np.arange(count)
+    held[6:, 6:].reshape(count, 3, count, 3)[corner, :, corner] = np.linalg.inv(
+        turn @ shape.covariance_mm2 @ turn.T + loose
+    )
+    rows, off, usable = [], [], []
+    for seen in observed:
+        if seen.sides is None:
+            continue
+        edges = len(seen.off)
+        jacobian = np.zeros((edges, 2, size))
+        jacobian[:, :, :6] = seen.edges.jacobian
+        each = np.arange(edges)[:, None]
+        jacobian[:, :, 6:].reshape(edges, 2, count, 3)[each, :, seen.edges.ends] = seen.edges.by_corner.swapaxes(1, 2)
+        doubt = LINE_SIGMAS**2 * seen.sides.covariance + MODEL_PX**2 * np.eye(2)
+        whiten = np.linalg.inv(np.linalg.cholesky(doubt))
+        rows.append(whiten @ jacobian)
+        off.append(whiten @ seen.off[..., None])
+        usable.append(seen.there & seen.edges.sharp)
+    design, wanted = np.concatenate(rows), np.concatenate(off)[..., 0]
+    use = np.concatenate(usable).astype(float)
+    trust, flat, solution, excess, hessian = use, design.reshape(-1, size), np.zeros(size), 1.0, held
+    for _ in range(PASSES):
+        pull = (design * trust[:, None, None]).reshape(-1, size).T
+        hessian = held + pull @ flat
+        solution = np.linalg.solve(hessian, pull @ wanted.ravel())
+        miss = ((wanted - design @ solution) ** 2).sum(1)
+        excess = max(1.0, float(miss @ trust) / max(2 * float(trust.sum()) - 6, 1.0))
+        trust = use * np.maximum(1 - miss / excess / TUKEY**2, 0.0) ** 2
+    moved = frames.perturb(pose, solution[:6])
+    corners = frames.apply(moved, shape.corners_mm) + solution[6:].reshape(-1, 3)
+    covariance = np.asarray(np.linalg.inv(hessian)[:6, :6] * excess, float)
+    return Adjusted(moved, covariance, corners, solution[:6])

@@ -1,0 +1,87 @@
+"""Named parts laid onto both images a last time: every edge that shows says where the part and its corners are.
+
+Recognition has a part's pose from the corners of the facets it saw whole, each for itself, and what was taught moves
+them afterwards; here the edges are measured where the whole part has them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from daemon import frames
+from daemon.arrays import Array
+from daemon.vision.geometry import Polyhedron, chi_square_limit
+from daemon.vision.image import Eyes
+from daemon.vision.model import Model
+from daemon.vision.registration.edge_adjustment import Adjusted, adjusted
+from daemon.vision.registration.edge_pose import measured
+from daemon.vision.registration.expected_edges import Placements, expected
+from daemon.vision.values import Part
+
+ROUNDS, SMALL_MM = 2, 0.1
+"""How often edges are measured, and a motion of the part after which another time would change nothing."""
+FEWEST_EDGES = 6
+"""Edges in both eyes together that hold a pose."""
+LEVER_MM = 30.0
+MOST_APART = chi_square_limit(6, 1e-3)
+"""Chi-square of the way between the pose that corners and the pose that edges say."""
+
+
+def sharpened(parts: Sequence[Part], model: Model, eyes: Eyes) -> tuple[Part, ...]:
+    """The parts, the named ones where the edges in both images have them."""
+    named = [k for k, part in enumerate(parts) if part.named]
+    if not named:
+        return tuple(parts)
+    shapes = [model.metric[parts[k].recognition.label].solid for k in named]
+    poses = [parts[k].cyclopean_from_part for k in named]
+    found = _adjusted(shapes, np.stack(poses), eyes, model.parameters.tolerance_mm)
+    better = list(parts)
+    for k, shape, one in zip(named, shapes, found, strict=True):
+        if one is not None and _believed(one, parts[k]):
+            better[k] = _moved(parts[k], shape, one)
+    return tuple(better)
+
+
+def _adjusted(shapes: list[Polyhedron], poses: Array, eyes: Eyes, tolerance_mm: float) -> list[Adjusted | None]:
+    """Each shape where its edges are near its pose (P, 4, 4); None where too few of them show."""
+    laid, open_ = Placements.of(shapes), np.ones(len(shapes), bool)
+    found: list[Adjusted | None] = [None] * len(shapes)
+    for _ in range(ROUNDS):
+        both = measured([expected(laid, view, poses, open_, tolerance_mm) for view in eyes.views], eyes)
+        for k in np.flatnonzero(open_).tolist():
+            observed = [seen.only(k, laid) for seen in both]
+            open_[k] = sum(int((seen.there & seen.edges.sharp).sum()) for seen in observed) >= FEWEST_EDGES
+            if open_[k]:
+                found[k] = one = adjusted(shapes[k], poses[k], observed, tolerance_mm)
+                open_[k] = np.linalg.norm(one.motion * ([1.0] * 3 + [LEVER_MM] * 3)) > SMALL_MM
+                poses[k] = one.pose
+        if not open_.any():
+            break
+    return found
+
+
+def _believed(found: Adjusted, part: Part) -> bool:
+    """Whether the edges hold the part's place better than its corners did, and agree with them to what both leave open.
+
+    Where they hold it worse, they are edges of something else among its own.
+    """
+    off = frames.difference(found.pose, part.cyclopean_from_part)
+    apart = float(off @ np.linalg.solve(found.covariance + part.covariance, off))
+    return apart < MOST_APART and bool(np.trace(found.covariance[:3, :3]) < np.trace(part.covariance[:3, :3]))
+
+
+def _moved(part: Part, shape: Polyhedron, found: Adjusted) -> Part:
+    """The part at another pose, its fitted corners and the poses that fit as well with it."""
+    before = frames.apply(part.cyclopean_from_part, shape.corners_mm)
+    nearest = [np.linalg.norm(ring[:, None] - before, axis=2).argmin(1) for ring in part.fitted_mm]
+    turn = found.pose @ frames.inverse(part.cyclopean_from_part)
+    return replace(
+        part,
+        cyclopean_from_part=found.pose,
+        covariance=found.covariance,
+        fitted_mm=tuple(found.corners_mm[ring] for ring in nearest),
+        equivalents=turn @ part.equivalents,
+    )

@@ -1,0 +1,53 @@
+"""A part that is not quite as taught: its corners give way together in both eyes, its place stays where they meet."""
+
+import numpy as np
+import pytest
+
+from daemon import frames
+from daemon.vision.geometry.polyhedron import exact
+from daemon.vision.image.both_eyes import open_eyes
+from daemon.vision.registration.edge_adjustment import adjusted
+from daemon.vision.registration.edge_pose import locate
+from tests.worlds.painted import paint_pair
+from tests.worlds.rigs import rig
+from tests.worlds.solids import CUBE, Body, pose
+
+WHERE = pose(np.array([0.75, 0.25, 0.6]), 0.3, 300.0)
+TOLERANCE_MM = 0.25
+
+
+def fitted(corners_mm):
+    """A painted part with these corners, fitted as the taught cube."""
+    rng, shape = np.random.default_rng(4), exact(CUBE.corners_mm, CUBE.facets)
+    eyes = open_eyes(*paint_pair([(Body(corners_mm, CUBE.facets), WHERE)], rng), rig())
+    located = locate([shape], eyes, WHERE[None], 3.0, TOLERANCE_MM)[0]
+    assert located is not None
+    return shape, located, adjusted(shape, located.pose, located.observed, TOLERANCE_MM)
+
+
+@pytest.mark.parametrize("larger", [0.99, 1.01])
+def test_a_part_a_little_larger_or_smaller_than_taught_is_not_taken_for_a_nearer_or_farther_one(larger):
+    middle = CUBE.corners_mm.mean(axis=0)
+    _, located, found = fitted(middle + larger * (CUBE.corners_mm - middle))
+    there = frames.apply(WHERE, middle)
+    each_for_itself = frames.perturb(located.pose, located.solved.motion)
+    assert abs(frames.apply(found.pose, middle)[2] - there[2]) < 0.6
+    assert abs(frames.apply(each_for_itself, middle)[2] - there[2]) > 1.0
+
+
+def test_a_corner_off_its_taught_place_is_found_where_it_is():
+    near = int(np.argmin(frames.apply(WHERE, CUBE.corners_mm)[:, 2]))
+    corners = CUBE.corners_mm.copy()
+    corners[near] += WHERE[:3, :3].T @ [0.4, 0.0, 0.0]
+    shape, _, found = fitted(corners)
+    truth = frames.apply(WHERE, corners)[near]
+    as_taught = frames.apply(found.pose, shape.corners_mm)[near]
+    across = [np.linalg.norm((corner - truth)[:2]) for corner in (found.corners_mm[near], as_taught)]
+    assert across[0] < 0.05 < 0.15 < across[1]
+
+
+def test_the_pose_is_as_near_as_its_covariance_says():
+    _, _, found = fitted(CUBE.corners_mm)
+    off = frames.difference(found.pose, WHERE)
+    assert off @ np.linalg.solve(found.covariance, off) < 16.8  # six numbers, one time in a hundred
+    assert np.sqrt(np.trace(found.covariance[:3, :3])) < 0.5
