@@ -16,7 +16,7 @@ from daemon.vision.geometry import StereoRig
 from daemon.vision.image import open_eyes
 from daemon.vision.model import FacetLibrary, Model, empty_model
 from daemon.vision.recognition import Recognised, recognise
-from daemon.vision.registration import beside, named_by_segments, patterned, sharpened
+from daemon.vision.registration import beside, named_by_segments, sharpened
 from daemon.vision.settings import VisionSettings
 from daemon.vision.values import FacetView, Part, Scene
 
@@ -33,8 +33,8 @@ def look(
     """See, name and locate everything in one stereo pair.
 
     left, right: images as find_facets takes them, of the size the rig was calibrated for. Without a model every part is
-    `unknown`. With one, a brief attempt comes first; what it leaves unnamed is looked for with all that the settings
-    say, and then from what the taught parts would show. clock: seconds, for Scene.seconds by stage; without it the
+    `unknown`. With one, closed outlines come first, with a brief effort; what they leave unnamed is looked for by its straight
+    edges, as the taught parts would show them. clock: seconds, for Scene.seconds by stage; without it the
     stages are not timed. table: where it is, for whoever knows; what lies in it is no part.
     Raises VisionError where an image cannot be used.
     """
@@ -42,27 +42,18 @@ def look(
     known = model or empty_model(FacetLibrary(()))
     full = settings or VisionSettings()
     eyes = open_eyes(left, right, rig)
-    seconds = {"facets": 0.0, "recognise": 0.0}
-
-    def attempt(effort: VisionSettings) -> tuple[tuple[Recognised, ...], FacetView]:
-        start = now()
-        view = facets_seen(eyes, effort)
-        if table is not None:
-            view = without_table(view, table)
-        seen = now()
-        found = recognise(view.groups, known)
-        seconds["facets"] += seen - start
-        seconds["recognise"] += now() - seen
-        return found, view
-
-    found, view = attempt(full.brief() if known.labels else full)
     start = now()
-    for faint in (False, True):
-        if not known.labels or _all_named(found) or (faint and patterned(eyes)):
-            break
+    view = facets_seen(eyes, full.brief() if known.labels else full)
+    if table is not None:
+        view = without_table(view, table)
+    seen = now()
+    found = recognise(view.groups, known)
+    seconds = {"facets": seen - start, "recognise": now() - seen}
+    if known.labels and not _all_named(found):
+        start = now()
         unnamed = [r.group for r in found if not r.named]
-        found, view = beside(found, view, named_by_segments(eyes, known, unnamed, faint), known, eyes)
-    seconds["edges"] = now() - start
+        found, view = beside(found, view, named_by_segments(eyes, known, unnamed), known, eyes)
+        seconds["edges"] = now() - start
     parts = tuple(r.part for r in found)
     if full.corner_detector == "line_fit" and full.stereo_formula == "exact":
         start = now()

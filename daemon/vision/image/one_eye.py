@@ -25,7 +25,7 @@ from daemon.vision.image.regions import (
     smoothed,
     unit_noise,
 )
-from daemon.vision.image.segments import Segments, find_faint_segments, find_segments
+from daemon.vision.image.segments import Segments, find_segments
 from daemon.vision.settings import VisionSettings
 
 
@@ -103,11 +103,6 @@ class OneEye:
     def segments(self) -> Segments:
         """The straight segments of the image, the longest first."""
         return find_segments(self.grey)
-
-    @cached_property
-    def faint_segments(self) -> Segments:
-        """The same with faint ones."""
-        return find_faint_segments(self.grey, self.segments)
 
     @cached_property
     def exposure(self) -> Exposure:

@@ -17,6 +17,7 @@ from daemon.vision.image.grey import Grey
 SHARE = 0.5
 """Of the image's size, at which segments are looked for: half the pixels a side, a quarter of the time."""
 SHORTEST_PX = 11.0
+PATTERNED = 150
 FAINT_SMOOTHING_PX, FAINT_WINDOW_PX, FAINT_GAIN = 0.8, 61, 4.0
 MOST_SEGMENTS = 800
 NEAR_PX, NEAR_SHARE = 12.0, 0.3
@@ -50,29 +51,23 @@ class SegmentCorners:
 
 
 def find_segments(grey: Grey) -> Segments:
-    """The straight segments of an image (H, W)."""
-    return _longest(_lsd(grey))
-
-
-def find_faint_segments(grey: Grey, more: Segments) -> Segments:
-    """The same with those that show only where contrast is raised, beside what lies about."""
-    smooth = cv2.GaussianBlur(grey.astype(np.float32), (0, 0), FAINT_SMOOTHING_PX)
-    raised = 128 + FAINT_GAIN * (smooth - cv2.blur(smooth, (FAINT_WINDOW_PX, FAINT_WINDOW_PX)))
-    found = _lsd(np.clip(raised, 0, 255).astype(np.uint8))
-    return _longest(np.concatenate([np.hstack([more.start, more.end]), found]))
+    """The straight segments of an image (H, W); unless they abound, those too that show only where contrast is raised
+    beside what lies about."""
+    found = _lsd(grey)
+    if len(found) < PATTERNED:
+        smooth = cv2.GaussianBlur(grey.astype(np.float32), (0, 0), FAINT_SMOOTHING_PX)
+        raised = 128 + FAINT_GAIN * (smooth - cv2.blur(smooth, (FAINT_WINDOW_PX, FAINT_WINDOW_PX)))
+        found = np.concatenate([found, _lsd(np.clip(raised, 0, 255).astype(np.uint8))])
+    length = np.hypot(found[:, 2] - found[:, 0], found[:, 3] - found[:, 1])
+    order = np.argsort(-length)[:MOST_SEGMENTS]
+    ends = found[order[length[order] >= SHORTEST_PX]]
+    return Segments(ends[:, :2], ends[:, 2:])
 
 
 def _lsd(grey: Grey) -> Array:
     """(N, 4) px, both ends of each segment."""
     found = cv2.createLineSegmentDetector(cv2.LSD_REFINE_STD, scale=SHARE).detect(grey)[0]
     return np.zeros((0, 4)) if found is None else np.asarray(found, float).reshape(-1, 4)
-
-
-def _longest(ends: Array) -> Segments:
-    length = np.hypot(ends[:, 2] - ends[:, 0], ends[:, 3] - ends[:, 1])
-    order = np.argsort(-length)[:MOST_SEGMENTS]
-    ends = ends[order[length[order] >= SHORTEST_PX]]
-    return Segments(ends[:, :2], ends[:, 2:])
 
 
 def segment_corners(found: Segments) -> SegmentCorners:

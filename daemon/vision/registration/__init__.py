@@ -1,7 +1,7 @@
 """A part that is known, or suspected, laid onto both images: its pose from edges; proof or refusal."""
 
 from daemon.vision.registration.beside import beside
-from daemon.vision.registration.by_segments import named_by_segments, patterned
+from daemon.vision.registration.by_segments import named_by_segments
 from daemon.vision.registration.corner_pose import Fit, poses_that_fit, refit
 from daemon.vision.registration.edge_pose import fit_edges, shown
 from daemon.vision.registration.sharpen import sharpened
@@ -11,7 +11,6 @@ __all__ = [
     "beside",
     "fit_edges",
     "named_by_segments",
-    "patterned",
     "poses_that_fit",
     "refit",
     "sharpened",

@@ -53,9 +53,8 @@ LEAST_LIKENESS = 0.5
 ON_FACE_MM = 4.0
 RIVAL = 0.9
 """Another part with so much of the evidence on the same place leaves the name open."""
-PATTERNED = 100
-"""Segments in one eye."""
 BY_EDGES = 0.9
+"""Confidence in a name that edges prove: below what recognition is sure of."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,15 +75,9 @@ class Laid:
         return self.covers.covers(other.covers) > COVERED
 
 
-def patterned(eyes: Eyes) -> bool:
-    """Whether so many straight edges show that faint ones say nothing."""
-    return max(len(view.segments.start) for view in eyes.views) > PATTERNED
-
-
-def named_by_segments(eyes: Eyes, model: Model, unnamed: Sequence[Group], faint: bool) -> list[Recognised]:
-    """The taught parts that the straight edges of both images prove, faint ones among them or not; unnamed: groups of
-    facets that could be of some."""
-    laid = sorted(_laid(eyes, model, unnamed, faint), key=lambda one: -one.nats)
+def named_by_segments(eyes: Eyes, model: Model, unnamed: Sequence[Group]) -> list[Recognised]:
+    """The taught parts that the straight edges of both images prove; unnamed: groups of facets that could be of some."""
+    laid = sorted(_laid(eyes, model, unnamed), key=lambda one: -one.nats)
     proves = cache(lambda k: _proved(laid[k], eyes))
     taken, found = list[Laid](), list[Recognised]()
     for k, one in enumerate(laid):
@@ -100,11 +93,11 @@ def named_by_segments(eyes: Eyes, model: Model, unnamed: Sequence[Group], faint:
     return found
 
 
-def _laid(eyes: Eyes, model: Model, unnamed: Sequence[Group], faint: bool) -> Iterator[Laid]:
+def _laid(eyes: Eyes, model: Model, unnamed: Sequence[Group]) -> Iterator[Laid]:
     """The likeliest parts and places, each where its edges lie."""
-    left, right = (view.faint_segments if faint else view.segments for view in eyes.views)
-    corners = meet(segment_corners(left), segment_corners(right), eyes.geometry)
-    maps = directed_map(left, eyes.left.grey.shape), directed_map(right, eyes.right.grey.shape)
+    left, right = eyes.views
+    corners = meet(segment_corners(left.segments), segment_corners(right.segments), eyes.geometry)
+    maps = directed_map(left.segments, left.eye, left.grey.shape), directed_map(right.segments, right.eye, right.grey.shape)
     guesses = guesses_from_space(corners, eyes.geometry, model)
     guesses += [PoseGuess(h.label, h.pose[None]) for g in unnamed for f in g.facets for h in facet_hypotheses(f, model)]
     likely = []
