@@ -45,7 +45,7 @@ def look(
     seconds = {"facets": 0.0, "recognise": 0.0}
     for effort in (full.brief(), full) if known.labels else (full,):
         start = now()
-        view = facets_seen(eyes, effort)
+        view = facets_seen(eyes, effort, briefly=effort is not full)
         if table is not None:
             view = without_table(view, table)
         seen = now()
