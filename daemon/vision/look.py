@@ -43,7 +43,8 @@ def look(
     full = settings or VisionSettings()
     eyes = open_eyes(left, right, rig)
     start = now()
-    view = facets_seen(eyes, full.brief() if known.labels else full)
+    briefly = bool(known.labels)
+    view = facets_seen(eyes, full.brief() if briefly else full, briefly)
     if table is not None:
         view = without_table(view, table)
     seen = now()

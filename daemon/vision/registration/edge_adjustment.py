@@ -18,14 +18,16 @@ from daemon.arrays import Array
 from daemon.vision.geometry import Polyhedron
 from daemon.vision.image import MODEL_PX
 from daemon.vision.registration.expected_edges import EdgeObservation
+from daemon.vision.registration.pose_step import TUKEY
 
 # Set on the rendered scenes: tests/bench/recognise.py shows what they do to corners.
-OF_TOLERANCE = 0.5
+OF_TOLERANCE = 0.35
 """How far off its taught place a corner lies, as a share of what naming allows for it."""
 LINE_SIGMAS = 2.0
 """How much farther off a line may be than its fit says: its profiles share their neighbours' shading."""
-TUKEY, PASSES = 5.6, 6
-"""So many sigmas off, an edge counts no more."""
+SIGMA_SCALE = 1.2
+"""How much larger than the lines say a pose's errors are, broken and shaded edges among them."""
+PASSES = 6
 PRIOR = np.diag([5.0**-2] * 3 + [np.radians(3.0) ** -2] * 3)
 """How near the part is to where it was measured: only what no edge says is left to this."""
 
@@ -83,5 +85,5 @@ def adjusted(shape: Polyhedron, pose: Array, observed: Sequence[EdgeObservation]
         trust = use * np.maximum(1 - miss / excess / TUKEY**2, 0.0) ** 2
     moved = frames.perturb(pose, solution[:6])
     corners = frames.apply(moved, shape.corners_mm) + solution[6:].reshape(-1, 3)
-    covariance = np.asarray(np.linalg.inv(hessian)[:6, :6] * excess, float)
+    covariance = np.asarray(np.linalg.inv(hessian)[:6, :6] * excess * SIGMA_SCALE**2, float)
     return Adjusted(moved, covariance, corners, solution[:6])

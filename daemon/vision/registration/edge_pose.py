@@ -21,7 +21,7 @@ from daemon.vision.model import TOLERANCE_MM
 from daemon.vision.registration.corner_pose import Fit
 from daemon.vision.registration.edge_adjustment import adjusted
 from daemon.vision.registration.expected_edges import THIN_PX, EdgeObservation, ExpectedEdges, Placements, expected
-from daemon.vision.registration.pose_step import Solved, across, off_places, solve
+from daemon.vision.registration.pose_step import TUKEY, Solved, across, off_places, solve
 
 Flags = NDArray[np.bool_]
 Index = NDArray[np.intp]
@@ -39,7 +39,7 @@ MOST_ROUNDS, SMALL_MM = 5, 0.3
 SEARCH_DEG = 3.0
 LEAST_EVIDENCE, LEAST_SUPPORT = 6.0, 0.5
 """What an edge must show to be there: step over its noise, and share of its length."""
-TUKEY, PASSES = 5.6, 5
+PASSES = 5
 LEAST_OUTLINE = 0.75
 """Of the length of the outline that an eye should see, what it must show on its place."""
 LEAST_SIGMAS = 4.0

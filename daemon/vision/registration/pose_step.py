@@ -15,6 +15,9 @@ from daemon import frames
 from daemon.arrays import Array
 from daemon.vision.geometry import Camera
 
+TUKEY = 5.6
+"""So many sigmas off, an edge counts no more."""
+
 
 @dataclass(frozen=True, eq=False)
 class Solved:
