@@ -44,7 +44,7 @@ def look(
     eyes = open_eyes(left, right, rig)
     start = now()
     briefly = bool(known.labels)
-    view = facets_seen(eyes, full.brief() if briefly else full, briefly)
+    view = facets_seen(eyes, full.brief() if briefly else full, briefly=briefly)
     if table is not None:
         view = without_table(view, table)
     seen = now()

@@ -44,6 +44,8 @@ class Camera:
     def normalised(self, points_px: Array) -> Array:
         """(N, 2) px in the distorted image -> (N, 2) undistorted coordinates on the plane z = 1 of this camera."""
         points = np.ascontiguousarray(np.asarray(points_px, float).reshape(-1, 1, 2))
+        if not len(points):  # which OpenCV answers with nothing at all
+            return points[:, 0]
         return np.asarray(cv2.undistortPoints(points, self.matrix, self.distortion)[:, 0, :], float)
 
 

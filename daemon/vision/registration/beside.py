@@ -2,34 +2,67 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from daemon.vision.geometry import Shape
+import numpy as np
+
+from daemon import frames
+from daemon.arrays import Array
+from daemon.vision.geometry import Polyhedron, Shape
 from daemon.vision.image import Eyes
 from daemon.vision.model import Model
 from daemon.vision.recognition import Recognised, joined, recognise_group
 from daemon.vision.registration.measured import silhouette
-from daemon.vision.values import FacetView, Group, Rejected
+from daemon.vision.values import Facet, FacetView, Group, Rejected
 
 COVERED = 0.2  # of the smaller area; more than that, and the two cannot both be there
+ON_FACE_MM = 4.0  # how far off a face a facet may have been measured that lies on it
 
 
 def beside(
     found: Sequence[Recognised], view: FacetView, more: Sequence[Recognised], model: Model, eyes: Eyes
 ) -> tuple[tuple[Recognised, ...], FacetView]:
     """What was found with more named parts, those left out that lie where one was named; and the view with the groups
-    and refused outlines that are left."""
-    if not more:
-        return tuple(found), view
+    and refused outlines that are left.
+
+    What lies on the faces of a named part is that part's, and so is a lone facet in front of it: one that two patterns
+    make by chance is likelier than a part of which one facet shows.
+    """
     named, unnamed = [r for r in found if r.named], [r for r in found if not r.named]
     taken = [covered(r, model, eyes) for r in named]
     new = [(r, covered(r, model, eyes)) for r in more]
     new = [(r, shape) for r, shape in new if not any(shape.covers(other) > COVERED for other in taken)]
-    rest = [r for one in unnamed for r in _left_over(one, [shape for _, shape in new], model)]
+
+    def theirs(facet: Facet, alone: bool) -> bool:
+        shape = Shape.of(facet.left_px)
+        over = [*(own for _, own in new), *(taken if alone else ())]
+        return any(shape.common(own) > COVERED * shape.area for own in over) or any(
+            lies_on(facet, model.metric[r.label].solid, r.part.cyclopean_from_part) for r in named
+        )
+
+    rest = [r for one in unnamed for r in _left_over(one, theirs, model)]
     known = joined((*named, *(r for r, _ in new), *rest), model)
-    kept = tuple(o for o in view.rejected if not any(_lies_on(o, r.group) for r, _ in new))
+    kept = tuple(o for o in view.rejected if not any(_covers(r.group, o) for r, _ in new))
     return known, replace(view, groups=tuple(r.group for r in known), rejected=kept)
+
+
+def lies_on(facet: Facet, solid: Polyhedron, pose: Array) -> bool:
+    """Whether a facet lies on one of the faces that a part at cyclopean_from_part (4, 4) shows, or is print on it."""
+    corners = frames.apply(pose, solid.corners_mm)
+    return any(_on(facet.corners_mm, corners[solid.rings[k]]) for k in np.flatnonzero(solid.facing(pose) > 0))
+
+
+def _on(points: Array, ring: Array) -> bool:
+    """Whether points (N, 3) lie on a convex face with corners (K, 3), anticlockwise from outside, to within
+    ON_FACE_MM."""
+    way = np.roll(ring, -1, 0) - ring
+    normal = np.cross(way[0], way[1])
+    normal = normal / np.linalg.norm(normal)
+    outward = np.cross(way, normal)
+    outward = outward / np.linalg.norm(outward, axis=1, keepdims=True)
+    outside = ((points[:, None] - ring) * outward).sum(2)
+    return bool(np.abs((points - ring[0]) @ normal).max() < ON_FACE_MM and outside.max() < ON_FACE_MM)
 
 
 def covered(one: Recognised, model: Model, eyes: Eyes) -> Shape:
@@ -37,18 +70,17 @@ def covered(one: Recognised, model: Model, eyes: Eyes) -> Shape:
     return silhouette(model.metric[one.label].solid, one.part.cyclopean_from_part, eyes)
 
 
-def _lies_on(outline: Rejected, group: Group) -> bool:
+def _covers(group: Group, outline: Rejected) -> bool:
     shape = Shape.of(outline.corners_px)
     return any(
         shape.covers(Shape.of(f.right_px if outline.eye == "right" else f.left_px)) > COVERED for f in group.facets
     )
 
 
-def _left_over(unnamed: Recognised, silhouettes: Sequence[Shape], model: Model) -> list[Recognised]:
-    """What remains of an unnamed group: all of it, or its facets that lie on none of the parts, each alone."""
-    shapes = [Shape.of(f.left_px) for f in unnamed.group.facets]
-    off = [k for k, shape in enumerate(shapes) if not any(shape.common(s) > COVERED * shape.area for s in silhouettes)]
-    if len(off) == len(shapes):
+def _left_over(unnamed: Recognised, theirs: Callable[[Facet, bool], bool], model: Model) -> list[Recognised]:
+    """What remains of an unnamed group: all of it, or its facets that are nobody else's, each alone."""
+    alone = len(unnamed.group.facets) == 1
+    own = [k for k, facet in enumerate(unnamed.group.facets) if not theirs(facet, alone)]
+    if len(own) == len(unnamed.group.facets):
         return [unnamed]
-    alone = [unnamed.group.only([k]) for k in off]
-    return [Recognised(one, recognise_group(one, model)) for one in alone]
+    return [Recognised(one, recognise_group(one, model)) for one in (unnamed.group.only([k]) for k in own)]

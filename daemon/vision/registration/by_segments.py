@@ -15,13 +15,12 @@ from functools import cache
 import numpy as np
 
 from daemon import frames
-from daemon.arrays import Array
 from daemon.vision.facets import weld
 from daemon.vision.geometry import Polyhedron, Shape
 from daemon.vision.image import Eyes, segment_corners
 from daemon.vision.model import Model
 from daemon.vision.recognition import Recognised, facet_hypotheses, typed_as
-from daemon.vision.registration.beside import COVERED
+from daemon.vision.registration.beside import COVERED, lies_on
 from daemon.vision.registration.corner_pose import Fit
 from daemon.vision.registration.different import Different, Guesses, different
 from daemon.vision.registration.directed import directed_map, evidence
@@ -50,7 +49,6 @@ PROVED, SHARE = 1.03, 0.5
 """What the share of edges that are clearly on their place and SHARE of the share of evidence come to at least: of 125
 rendered parts of all kinds 115 are above, of 149 strangers none that passes the other tests."""
 LEAST_LIKENESS = 0.5
-ON_FACE_MM = 4.0
 RIVAL = 0.9
 """Another part with so much of the evidence on the same place leaves the name open."""
 BY_EDGES = 0.9
@@ -97,7 +95,7 @@ def _laid(eyes: Eyes, model: Model, unnamed: Sequence[Group]) -> Iterator[Laid]:
     """The likeliest parts and places, each where its edges lie."""
     left, right = eyes.views
     corners = meet(segment_corners(left.segments), segment_corners(right.segments), eyes.geometry)
-    maps = directed_map(left.segments, left.eye, left.grey.shape), directed_map(right.segments, right.eye, right.grey.shape)
+    maps = directed_map(left), directed_map(right)
     guesses = guesses_from_space(corners, eyes.geometry, model)
     guesses += [PoseGuess(h.label, h.pose[None]) for g in unnamed for f in g.facets for h in facet_hypotheses(f, model)]
     likely = []
@@ -120,29 +118,12 @@ def _laid(eyes: Eyes, model: Model, unnamed: Sequence[Group]) -> Iterator[Laid]:
 def _contradicts(group: Group, one: Laid) -> bool:
     """Whether a group of facets, measured together where the part is laid, has one that lies on none of its faces; a
     lone facet may be a chance of two patterns."""
-    if len(group.facets) < 2:
-        return False
     pose = one.fit.cyclopean_from_part
-    faces = np.flatnonzero(one.solid.facing(pose) > 0)
-    corners = frames.apply(pose, one.solid.corners_mm)
-    for facet in group.facets:
-        shape = Shape.of(facet.left_px)
-        if shape.common(one.covers) > 0.5 * shape.area and not any(
-            _lies_on(facet.corners_mm, corners[one.solid.rings[k]]) for k in faces
-        ):
-            return True
-    return False
-
-
-def _lies_on(points: Array, ring: Array) -> bool:
-    """Whether points (N, 3) lie on a convex face with corners (K, 3), to within ON_FACE_MM."""
-    way = np.roll(ring, -1, 0) - ring
-    normal = np.cross(way[0], way[1])
-    normal = normal / np.linalg.norm(normal)
-    outward = np.cross(way, normal)
-    outward = outward / np.linalg.norm(outward, axis=1, keepdims=True)
-    outside = ((points[:, None] - ring) * outward).sum(2)
-    return bool(np.abs((points - ring[0]) @ normal).max() < ON_FACE_MM and outside.max() < ON_FACE_MM)
+    shapes = [Shape.of(facet.left_px) for facet in group.facets]
+    inside = [shape.common(one.covers) > shape.area / 2 for shape in shapes]
+    return len(shapes) > 1 and any(
+        there and not lies_on(facet, one.solid, pose) for facet, there in zip(group.facets, inside, strict=True)
+    )
 
 
 def _worth(kept: Sequence[Different], eyes: Eyes, model: Model) -> list[Different]:

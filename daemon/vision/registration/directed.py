@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon.arrays import Array
-from daemon.vision.geometry import Baseline, Eye, Polyhedron
-from daemon.vision.image import Segments
+from daemon.vision.geometry import Baseline, Polyhedron
+from daemon.vision.image import OneEye
 
 SHRINK = 2
 """A pixel of a map is as wide as so many of the camera's."""
@@ -45,8 +45,9 @@ class DirectedMap:
     origin: Array
 
 
-def directed_map(found: Segments, eye: Eye, shape: tuple[int, ...]) -> DirectedMap:
-    """Maps of an eye's image of the shape (H, W)."""
+def directed_map(view: OneEye) -> DirectedMap:
+    """Maps of what an eye sees."""
+    found, eye, shape = view.segments, view.eye, view.grey.shape
     scale = eye.focal_px / SHRINK
     rim = eye.ideal(np.array([[x, y] for x in (0.0, shape[1] - 1.0) for y in (0.0, shape[0] - 1.0)]))
     origin = rim.min(0) - 1 / scale

@@ -28,13 +28,15 @@ def likeness(solid: Polyhedron, pose: Array, eyes: Eyes) -> float | None:
     """How alike the print is that both eyes show on the faces of a part at cyclopean_from_part (4, 4): 1 the same, 0
     nothing in common; None where there is no print to speak of."""
     corners = frames.apply(pose, solid.corners_mm)
-    means = [cv2.blur(view.smooth, (GRAIN_PX, GRAIN_PX)) for view in eyes.views]
+    means = [np.asarray(cv2.blur(view.smooth, (GRAIN_PX, GRAIN_PX)), np.float32) for view in eyes.views]
     total = apart = count = 0.0
     for index in np.flatnonzero(solid.facing(pose) > LEAST_FACING).tolist():
         ring = corners[solid.rings[index]]
         places = _on_face(ring)
         seen = pixels(places, eyes.geometry)
-        keep = np.all([_away(px, own) > MARGIN_PX for px, own in zip(seen, pixels(ring, eyes.geometry), strict=True)], axis=0)
+        keep = np.all(
+            [_away(px, own) > MARGIN_PX for px, own in zip(seen, pixels(ring, eyes.geometry), strict=True)], axis=0
+        )
         if keep.sum() < FEWEST:
             continue
         left, right = (_print(grey, px[keep]) for grey, px in zip(means, seen, strict=True))

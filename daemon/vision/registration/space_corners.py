@@ -11,10 +11,11 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from daemon import frames
 from daemon.arrays import Array
-from daemon.vision.geometry import Baseline, Polyhedron
+from daemon.vision.geometry import Baseline, Eye, Polyhedron
 from daemon.vision.image import SegmentCorners
 from daemon.vision.model import Model
 
@@ -37,65 +38,77 @@ class PoseGuess:
 
 @dataclass(frozen=True, eq=False)
 class SpaceCorners:
-    """at (C, 3) mm; firm (C, 3), the firmer arm's unit direction; plane (C, 3), the unit normal of the left eye's plane
-    through the other arm, both in the baseline's frame; left, right (C, 2) ideal directions of the other arm; swapped (C,): the firm arm is the second."""
+    """Corners that both eyes see: at (C, 3) mm from the left eye; firm (C, 3), the unit direction of the arm whose
+    planes meet at the larger angle; plane (C, 3), the unit normal of the left eye's plane through the other arm, all
+    along the axes of the baseline; other (2, C, 2), where that arm points in the left and the right eye; right (C, 2),
+    the corner there, both in ideal coordinates.
+    """
 
     at: Array
     firm: Array
     plane: Array
-    left: Array
+    other: Array
     right: Array
 
 
-def meet(left: SegmentCorners, right: SegmentCorners, geometry: Baseline) -> SpaceCorners:
-    """Corners that both eyes see, every pair that could be one."""
-    if not len(left.at) or not len(right.at):
-        none = np.zeros((0, 3))
-        return SpaceCorners(none, none, none, none[:, :2], np.zeros((0, 4)))
-    seen = []
-    for eye, found in ((geometry.left, left), (geometry.right, right)):
-        count = len(found.at)
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """Corners in one eye, in ideal coordinates: at (C, 2), arms (C, 2, 2) from it, sign (C, 2)."""
+
+    at: Array
+    arms: Array
+    sign: Array
+
+    @classmethod
+    def of(cls, found: SegmentCorners, eye: Eye) -> _Seen:
         ideal = eye.ideal(np.concatenate([found.at, found.arms.reshape(-1, 2)]))
-        at, arms = ideal[:count], ideal[count:].reshape(-1, 2, 2)
-        angle = np.arctan2(*np.moveaxis(arms - at[:, None], -1, 0)[::-1])
-        seen.append((at, arms, angle, found.sign))
-    (at_l, arms_l, angle_l, sign_l), (at_r, arms_r, angle_r, sign_r) = seen
-    row = ROW_PX / geometry.left.focal_px
-    apart = at_l[:, None, 0] - at_r[None, :, 0]
-    near = (np.abs(at_l[:, None, 1] - at_r[None, :, 1]) < row) & (apart * FARTHEST_MM > geometry.length_mm)
+        at, ends = np.split(ideal, [len(found.at)])
+        return cls(at, ends.reshape(-1, 2, 2) - at[:, None], found.sign)
+
+    def chosen(self, which: NDArray[np.intp], swapped: bool = False) -> _Seen:
+        """Some of them, their arms the other way round or not."""
+        order = [1, 0] if swapped else [0, 1]
+        return _Seen(self.at[which], self.arms[which][:, order], self.sign[which][:, order])
+
+    def planes(self) -> Array:
+        """(C, 2, 3) unit normals of the planes through the eye and each arm."""
+        ray = np.concatenate([self.at, np.ones((len(self.at), 1))], 1)
+        normal = np.cross(ray[:, None], np.concatenate([self.arms, np.zeros((*self.arms.shape[:2], 1))], 2))
+        return np.asarray(normal / np.linalg.norm(normal, axis=2, keepdims=True))
+
+
+def meet(left: SegmentCorners, right: SegmentCorners, geometry: Baseline) -> SpaceCorners:
+    """Every two corners, one in each eye, that could be one."""
+    in_left, in_right = _Seen.of(left, geometry.left), _Seen.of(right, geometry.right)
+    apart = in_left.at[:, None, 0] - in_right.at[None, :, 0]
+    off_row = np.abs(in_left.at[:, None, 1] - in_right.at[None, :, 1])
+    near = (off_row < ROW_PX / geometry.left.focal_px) & (apart * FARTHEST_MM > geometry.length_mm)
     i, j = np.nonzero(near & (apart * NEAREST_MM < geometry.length_mm))
-    found = []
-    for order in ((0, 1), (1, 0)):
-        turn = angle_l[i] - angle_r[j][:, order]
-        turn = np.abs(np.arctan2(np.sin(turn), np.cos(turn)))
-        good = (turn < TURNED).all(1) & (sign_l[i] == sign_r[j][:, order]).all(1)
-        k, m = i[good], j[good]
-        found.append((at_l[k], arms_l[k], at_r[m], arms_r[m][:, order]))
-    at_l, arms_l, at_r, arms_r = (np.concatenate(each) for each in zip(*found, strict=True))
-    depth = geometry.length_mm / (at_l[:, 0] - at_r[:, 0])
-    y = (at_l[:, 1] + at_r[:, 1]) / 2
-    place = depth[:, None] * np.stack([at_l[:, 0], y, np.ones_like(y)], 1)
-    planes_l, planes_r = (_planes(at, arms) for at, arms in ((at_l, arms_l), (at_r, arms_r)))
-    line = np.cross(planes_l, planes_r)
+    pairs = []
+    for swapped in (False, True):
+        one, other = in_left.chosen(i), in_right.chosen(j, swapped)
+        good = np.flatnonzero((_angle(one.arms, other.arms) < TURNED).all(1) & (one.sign == other.sign).all(1))
+        pairs.append((one.chosen(good), other.chosen(good)))
+    one, other = (_joined([pair[k] for pair in pairs]) for k in (0, 1))
+    planes = one.planes()
+    line = np.cross(planes, other.planes())
     sine = np.linalg.norm(line, axis=2)
-    firm = np.argmax(sine, 1)
-    rows = np.arange(len(firm))
-    ok = sine[rows, firm] > FIRM
-    rows, firm = rows[ok], firm[ok]
-    other = 1 - firm
-    direction = line[rows, firm] / sine[rows, firm, None]
-    shown = direction[:, :2] - at_l[rows] * direction[:, 2:]
-    towards = arms_l[rows, firm] - at_l[rows]
-    direction = direction * np.sign((shown * towards).sum(1))[:, None]
-    return SpaceCorners(place[rows], direction, planes_l[rows, other], arms_l[rows, other] - at_l[rows], np.concatenate([at_r[rows], arms_r[rows, other] - at_r[rows]], 1))
+    firm = sine.argmax(1)
+    every = np.flatnonzero(sine.max(1, initial=0.0) > FIRM)
+    firm = firm[every]
+    one, other = one.chosen(every), other.chosen(every)
+    each = np.arange(len(every))
+    direction = line[every, firm] / sine[every, firm, None]
+    shown = direction[:, :2] - one.at * direction[:, 2:]
+    direction = direction * np.sign((shown * one.arms[each, firm]).sum(1))[:, None]
+    depth = geometry.length_mm / (one.at[:, 0] - other.at[:, 0])
+    ray = np.stack([one.at[:, 0], (one.at[:, 1] + other.at[:, 1]) / 2, np.ones(len(every))], 1)
+    arms = np.stack([one.arms[each, 1 - firm], other.arms[each, 1 - firm]])
+    return SpaceCorners(depth[:, None] * ray, direction, planes[every, 1 - firm], arms, other.at)
 
 
-def _planes(at: Array, arms: Array) -> Array:
-    """(C, 2, 3) unit normals of the planes through an eye, a corner (C, 2) and each of its arms (C, 2, 2)."""
-    ray = np.concatenate([at, np.ones((len(at), 1))], 1)[:, None]
-    far = np.concatenate([arms, np.ones((*arms.shape[:2], 1))], 2)
-    normal = np.cross(np.broadcast_to(ray, far.shape), far)
-    return np.asarray(normal / np.linalg.norm(normal, axis=2, keepdims=True))
+def _joined(parts: list[_Seen]) -> _Seen:
+    return _Seen(*(np.concatenate([getattr(p, name) for p in parts]) for name in ("at", "arms", "sign")))
 
 
 @lru_cache(maxsize=256)
@@ -141,7 +154,7 @@ def guesses_from_space(corners: SpaceCorners, geometry: Baseline, model: Model) 
     size = np.maximum(np.linalg.norm(along, axis=1), 1e-9)
     along = along / size[:, None]
     beside = np.cross(corners.plane, along)
-    at_l, at_r, arm_r = corners.at[:, :2] / corners.at[:, 2:], corners.right[:, :2], corners.right[:, 2:]
+    at_l, at_r = corners.at[:, :2] / corners.at[:, 2:], corners.right
     turn = frames.rigid(geometry.cyclopean_from_baseline, geometry.middle_mm)
     middle = corners.at - [geometry.length_mm / 2, 0.0, 0.0]
     found = []
@@ -152,8 +165,8 @@ def guesses_from_space(corners: SpaceCorners, geometry: Baseline, model: Model) 
         poses = [np.zeros((0, 4, 4))]
         for sign in (1.0, -1.0):
             other = np.cos(bend)[..., None] * along + sign * np.sin(bend)[..., None] * beside
-            ahead = ((other[..., :2] - at_l * other[..., 2:]) * corners.left).sum(-1) > 0
-            off = _angle(other[..., :2] - at_r * other[..., 2:], arm_r)
+            ahead = ((other[..., :2] - at_l * other[..., 2:]) * corners.other[0]).sum(-1) > 0
+            off = _angle(other[..., :2] - at_r * other[..., 2:], corners.other[1])
             which, where = np.nonzero(ahead & (off < OFF) & (np.abs(share) < MOST_COSINE))
             cyclopean_from_corner = np.zeros((len(where), 4, 4))
             cyclopean_from_corner[:, :3, :3] = _basis(corners.firm[where], other[which, where])
