@@ -43,8 +43,7 @@ def look(
     full = settings or VisionSettings()
     eyes = open_eyes(left, right, rig)
     start = now()
-    briefly = bool(known.labels)
-    view = facets_seen(eyes, full.brief() if briefly else full, briefly=briefly)
+    view = facets_seen(eyes, full.brief() if known.labels else full)
     if table is not None:
         view = without_table(view, table)
     seen = now()
