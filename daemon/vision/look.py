@@ -33,8 +33,8 @@ def look(
     """See, name and locate everything in one stereo pair.
 
     left, right: images as find_facets takes them, of the size the rig was calibrated for. Without a model every part is
-    `unknown`. With one, closed outlines come first, with a brief effort; what they leave unnamed is looked for by its straight
-    edges, as the taught parts would show them. clock: seconds, for Scene.seconds by stage; without it the
+    `unknown`. With one, closed outlines come first, with a brief effort; what they leave unnamed is looked for by
+    straight edges, as the taught parts would show them. clock: seconds, for Scene.seconds by stage; without it the
     stages are not timed. table: where it is, for whoever knows; what lies in it is no part.
     Raises VisionError where an image cannot be used.
     """
@@ -51,8 +51,7 @@ def look(
     seconds = {"facets": seen - start, "recognise": now() - seen}
     if known.labels and not _all_named(found):
         start = now()
-        unnamed = [r.group for r in found if not r.named]
-        found, view = beside(found, view, named_by_segments(eyes, known, unnamed), known, eyes)
+        found, view = beside(found, view, named_by_segments(eyes, known, found), known, eyes)
         seconds["edges"] = now() - start
     parts = tuple(r.part for r in found)
     if full.corner_detector == "line_fit" and full.stereo_formula == "exact":

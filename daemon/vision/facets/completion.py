@@ -34,15 +34,15 @@ class _Hinge:
     other_px: Array
 
 
-def complete(chosen: list[Candidate], beside: list[Candidate], eyes: Eyes, settings: VisionSettings) -> list[Candidate]:
-    """Further facets next to some of the chosen ones, none of which covers a chosen one or another."""
+def complete(chosen: list[Candidate], eyes: Eyes, settings: VisionSettings) -> list[Candidate]:
+    """Further facets, none of which covers a chosen one or another."""
     added: list[Candidate] = []
     for seen, other, is_left in ((*eyes.views, True), (*eyes.views[::-1], False)):
         tried = 0
         for outline in seen.outlines(settings):
             if tried >= _MOST_TRIED:
                 break
-            hinge = _hinge(outline, chosen + added, beside + added, is_left)
+            hinge = _hinge(outline, chosen + added, is_left)
             if hinge is None:
                 continue
             tried += 1
@@ -52,13 +52,15 @@ def complete(chosen: list[Candidate], beside: list[Candidate], eyes: Eyes, setti
     return added
 
 
-def _hinge(outline: Outline, known: list[Candidate], beside: list[Candidate], is_left: bool) -> _Hinge | None:
-    """A side shared with one of some facets, unless the outline covers a known one."""
-    if any(outline.shape.covers(c.left_shape if is_left else c.right_shape) > 0.25 for c in known):
-        return None
-    pairs = ((c.left.polygon, c.right.polygon) if is_left else (c.right.polygon, c.left.polygon) for c in beside)
-    hinges = (_common_side(outline.corners, own, far) for own, far in pairs)
-    return next((h for h in hinges if h is not None), None)
+def _hinge(outline: Outline, known: list[Candidate], is_left: bool) -> _Hinge | None:
+    """A side shared with a known facet, unless the outline covers one."""
+    found = None
+    for c in known:
+        own, far = (c.left.polygon, c.right.polygon) if is_left else (c.right.polygon, c.left.polygon)
+        if outline.shape.covers(c.left_shape if is_left else c.right_shape) > 0.25:
+            return None
+        found = found or _common_side(outline.corners, own, far)
+    return found
 
 
 def _common_side(corners: Array, own: Polygon, far: Polygon) -> _Hinge | None:

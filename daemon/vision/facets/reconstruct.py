@@ -33,22 +33,14 @@ def find_facets(
     return facets_seen(open_eyes(left, right, rig), settings or VisionSettings())
 
 
-def facets_seen(eyes: Eyes, settings: VisionSettings, *, briefly: bool = False) -> FacetView:
-    """The same of images already opened; what they were asked for before is not made again. briefly: what only one eye
-    outlines is looked for in the other beside lone facets only, which have no name without it.
-    """
+def facets_seen(eyes: Eyes, settings: VisionSettings) -> FacetView:
+    """The same of images already opened; what they were asked for before is not made again."""
     chosen, refused = choose(find_candidates(eyes, settings), settings)
-    welded = _welded(chosen)
-    beside = [c for members, _ in welded for c in members if len(members) == 1 or not briefly]
-    added = complete(chosen, beside, eyes, settings) if beside else []
-    if added:
-        chosen += added
-        welded = _welded(chosen)
+    chosen += complete(chosen, eyes, settings)
     if settings.corner_detector != "line_fit":
         chosen = [_with_detected_corners(c, eyes, settings) for c in chosen]
-        welded = _welded(chosen)
     groups = list[Group]()
-    for members, group in welded:
+    for members, group in _welded(chosen):
         whole = _settled(members, group, eyes.geometry, settings)
         under = lying_under(whole.facets)
         if under is None:

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
+from itertools import islice
 
 import numpy as np
 
@@ -20,9 +21,9 @@ from daemon.vision.geometry import Polyhedron, Shape
 from daemon.vision.image import Eyes, segment_corners
 from daemon.vision.model import Model
 from daemon.vision.recognition import Recognised, facet_hypotheses, typed_as
-from daemon.vision.registration.beside import COVERED, lies_on
+from daemon.vision.registration.beside import COVERED, covered, lies_on
 from daemon.vision.registration.corner_pose import Fit
-from daemon.vision.registration.different import Different, Guesses, different
+from daemon.vision.registration.different import Different, Guesses, different, pixels
 from daemon.vision.registration.directed import directed_map, evidence
 from daemon.vision.registration.edge_pose import (
     Located,
@@ -38,13 +39,14 @@ from daemon.vision.registration.measured import measured_facet, silhouette
 from daemon.vision.registration.space_corners import PoseGuess, guesses_from_space, meet
 from daemon.vision.values import Group, Part, Recognition
 
-MOST, REACH_MM = 16, 2.5
-"""Poses laid onto the images, and how far off they may be."""
+LOOKED_AT, MOST, PER_PLACE, REACH_MM = 60, 14, 4, 2.5
+"""Guesses looked at in the order of what speaks for them; those of them laid onto the images, in all and at one place;
+and how far off these may be."""
 WORTH = 0.6
 """Of the evidence for the best guess at a place, what another there must have to be laid as well."""
 LEAST_NATS = 180.0
 """Evidence against chance; e to the so many-th, with what neighbouring places along an edge have in common."""
-LEAST_OUTLINE, LEAST_SHOWN, SHOWN_MM = 0.65, 0.78, 0.8
+LEAST_OUTLINE, LEAST_SHOWN, SHOWN_MM = 0.65, 0.72, 0.8
 PROVED, SHARE = 1.03, 0.5
 """What the share of edges that are clearly on their place and SHARE of the share of evidence come to at least: of 125
 rendered parts of all kinds 115 are above, of 149 strangers none that passes the other tests."""
@@ -73,9 +75,14 @@ class Laid:
         return self.covers.covers(other.covers) > COVERED
 
 
-def named_by_segments(eyes: Eyes, model: Model, unnamed: Sequence[Group]) -> list[Recognised]:
-    """The taught parts that the straight edges of both images prove; unnamed: groups of facets that could be of some."""
-    laid = sorted(_laid(eyes, model, unnamed), key=lambda one: -one.nats)
+def named_by_segments(eyes: Eyes, model: Model, known: Sequence[Recognised]) -> list[Recognised]:
+    """The taught parts that the straight edges of both images prove, beside those that are named already.
+
+    Unnamed groups of facets say what each could be, and rule out what does not have them.
+    """
+    unnamed = [one.group for one in known if not one.named]
+    named = [covered(one, model, eyes) for one in known if one.named]
+    laid = sorted(_laid(eyes, model, unnamed, named), key=lambda one: -one.nats)
     proves = cache(lambda k: _proved(laid[k], eyes))
     taken, found = list[Laid](), list[Recognised]()
     for k, one in enumerate(laid):
@@ -91,7 +98,7 @@ def named_by_segments(eyes: Eyes, model: Model, unnamed: Sequence[Group]) -> lis
     return found
 
 
-def _laid(eyes: Eyes, model: Model, unnamed: Sequence[Group]) -> Iterator[Laid]:
+def _laid(eyes: Eyes, model: Model, unnamed: Sequence[Group], named: Sequence[Shape]) -> Iterator[Laid]:
     """The likeliest parts and places, each where its edges lie."""
     left, right = eyes.views
     corners = meet(segment_corners(left.segments), segment_corners(right.segments), eyes.geometry)
@@ -103,8 +110,12 @@ def _laid(eyes: Eyes, model: Model, unnamed: Sequence[Group]) -> Iterator[Laid]:
         solid = model.metric[guess.label].solid
         nats, _ = evidence(solid, guess.poses, eyes.geometry, maps)
         good = nats > LEAST_NATS / 3
+        middle = guess.poses[:, :3, :3] @ solid.corners_mm.mean(0) + guess.poses[:, :3, 3]
+        middle_px = pixels(middle, eyes.geometry)[0]
+        for shape in named:
+            good &= ~shape.contains(middle_px)
         likely.append(Guesses(guess.label, solid, guess.poses[good], -nats[good]))
-    kept = _worth(different(likely, eyes, MOST), eyes, model)
+    kept = _worth(likely, eyes, model)
     solids = [model.metric[label].solid for label, _, _ in kept]
     located = locate(solids, eyes, np.array([pose for _, pose, _ in kept]), REACH_MM, model.parameters.tolerance_mm)
     for (label, _, _), solid, at in zip(kept, solids, located, strict=True):
@@ -126,14 +137,18 @@ def _contradicts(group: Group, one: Laid) -> bool:
     )
 
 
-def _worth(kept: Sequence[Different], eyes: Eyes, model: Model) -> list[Different]:
-    """Those for which nearly as much speaks as for the best at the same place."""
-    shapes = [silhouette(model.metric[one.label].solid, one.pose, eyes) for one in kept]
-    best = list[int]()
-    for k, one in enumerate(kept):
-        if all(one.against < WORTH * kept[m].against for m in best if shapes[m].covers(shapes[k]) > COVERED):
-            best.append(k)
-    return [kept[k] for k in best]
+def _worth(likely: Sequence[Guesses], eyes: Eyes, model: Model) -> list[Different]:
+    """The best guesses: a few at each place, for which nearly as much speaks as for the best there."""
+    kept, shapes = list[Different](), list[Shape]()
+    for one in islice(different(likely, eyes), LOOKED_AT):
+        shape = silhouette(model.metric[one.label].solid, one.pose, eyes)
+        there = [k for k, other in enumerate(shapes) if other.covers(shape) > COVERED]
+        if not there or (len(there) < PER_PLACE and one.against < WORTH * kept[there[0]].against):
+            kept.append(one)
+            shapes.append(shape)
+        if len(kept) == MOST:
+            break
+    return kept
 
 
 def _proved(one: Laid, eyes: Eyes) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -47,23 +47,20 @@ class Different(NamedTuple):
     against: float
 
 
-def different(guesses: Sequence[Guesses], eyes: Eyes, most: int) -> list[Different]:
-    """So many at most, inside both images, the likeliest first, none of which looks like an
-    earlier one."""
+def different(guesses: Sequence[Guesses], eyes: Eyes) -> Iterator[Different]:
+    """Those inside both images, the likeliest first, none of which looks like an earlier one."""
     likely = [alike for one in guesses for alike in _alike(one)]
-    kept = list[Different]()
-    against = [a.against.copy() for a in likely]  # infinite once looked at, or like one that is kept
-    while len(kept) < most and any(np.isfinite(each).any() for each in against):
+    against = [a.against.copy() for a in likely]  # infinite once looked at, or like one that was
+    while any(np.isfinite(each).any() for each in against):
         k = int(np.argmin([each.min(initial=np.inf) for each in against]))
         best = int(np.argmin(against[k]))
         worst = float(against[k][best])
         against[k][best] = np.inf
         corners_mm = likely[k].corners_mm[best]
         if _inside(corners_mm, eyes):
-            kept.append(Different(likely[k].label, likely[k].poses[best], worst))
+            yield Different(likely[k].label, likely[k].poses[best], worst)
             for other, each in zip(likely, against, strict=True):
                 each[_same_place(other.corners_mm, corners_mm)] = np.inf
-    return kept
 
 
 def _alike(one: Guesses) -> list[_Alike]:

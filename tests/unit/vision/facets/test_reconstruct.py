@@ -232,8 +232,7 @@ def test_a_facet_outlined_by_one_eye_only_is_found_in_the_other() -> None:
     chosen, _ = choose(find_candidates(eyes, settings_), settings_)
     assert len(chosen) == 3
     blind = OneEye(eyes.right.eye, eyes.right.grey, searches={settings_: Search()})
-    found = complete(chosen[:2], chosen[:2], replace(eyes, right=blind), settings_)
+    found = complete(chosen[:2], replace(eyes, right=blind), settings_)
     assert len(found) == 1
     middle = found[0].facet.corners_mm.mean(0)
     assert middle == pytest.approx(chosen[2].facet.corners_mm.mean(0), abs=1.0)
-    assert complete(chosen[:2], [], replace(eyes, right=blind), settings_) == []
