@@ -36,6 +36,8 @@ class Eye:
         """(N, 2) ideal coordinates -> (N, 2) distorted px."""
         r = self.baseline_from_camera
         rays = np.ascontiguousarray(points @ r[:2] + r[2])
+        if not len(rays):  # which OpenCV answers with nothing at all
+            return np.zeros((0, 2))
         px, _ = cv2.projectPoints(rays[:, None], np.zeros(3), np.zeros(3), self.camera.matrix, self.camera.distortion)
         return np.asarray(px[:, 0], float)
 

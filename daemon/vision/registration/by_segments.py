@@ -1,4 +1,4 @@
-"""Parts named by their straight edges, where no outline closes: printed faces, patterned tables, worn and shining edges.
+"""Parts named by straight edges, where no outline closes: printed faces, patterned tables, worn and shining edges.
 
 Corners in space say which taught parts could be there, and where; the segments of both images say how much speaks for
 each; the best are laid onto the grey levels. A name needs most of the edges that the part must show, in both eyes, far
