@@ -24,7 +24,7 @@ from daemon.vision.recognition import Recognised, facet_hypotheses, typed_as
 from daemon.vision.registration.beside import COVERED, covered, lies_on
 from daemon.vision.registration.corner_pose import Fit
 from daemon.vision.registration.different import Different, Guesses, different, pixels
-from daemon.vision.registration.directed import directed_map, evidence
+from daemon.vision.registration.directed import directed_map, evidence, nudged
 from daemon.vision.registration.edge_pose import (
     Located,
     confirmed_facets,
@@ -50,7 +50,7 @@ LEAST_OUTLINE, LEAST_SHOWN, SHOWN_MM = 0.65, 0.72, 0.8
 PROVED, SHARE = 1.03, 0.5
 """What the share of edges that are clearly on their place and SHARE of the share of evidence come to at least: of 125
 rendered parts of all kinds 115 are above, of 149 strangers none that passes the other tests."""
-LEAST_LIKENESS = 0.5
+LEAST_LIKENESS, SAME_PRINT, BY_PRINT = 0.5, 0.97, 0.12
 RIVAL = 0.9
 """Another part with so much of the evidence on the same place leaves the name open."""
 BY_EDGES = 0.9
@@ -117,7 +117,11 @@ def _laid(eyes: Eyes, model: Model, unnamed: Sequence[Group], named: Sequence[Sh
         likely.append(Guesses(guess.label, solid, guess.poses[good], -nats[good]))
     kept = _worth(likely, eyes, model)
     solids = [model.metric[label].solid for label, _, _ in kept]
-    located = locate(solids, eyes, np.array([pose for _, pose, _ in kept]), REACH_MM, model.parameters.tolerance_mm)
+    poses = np.array([pose for _, pose, _ in kept]).reshape(-1, 4, 4)
+    for label in {one.label for one in kept}:
+        own = [k for k, one in enumerate(kept) if one.label == label]
+        poses[own] = nudged(model.metric[label].solid, poses[own], eyes.geometry, maps)
+    located = locate(solids, eyes, poses, REACH_MM, model.parameters.tolerance_mm)
     for (label, _, _), solid, at in zip(kept, solids, located, strict=True):
         fit = None if at is None else fit_of(at, LEAST_OUTLINE)
         if at is not None and fit is not None:
@@ -156,12 +160,13 @@ def _proved(one: Laid, eyes: Eyes) -> bool:
     pose = one.fit.cyclopean_from_part
     if one.nats < LEAST_NATS or facets_in_view(one.solid, eyes, pose) < 2:
         return False
-    if confirmed_facets(one.solid, one.located, eyes)[1] + SHARE * one.share < PROVED:
-        return False
-    if shown(one.solid, eyes, pose, SHOWN_MM) < LEAST_SHOWN:
-        return False
     alike = likeness(one.solid, pose, eyes)
-    return alike is None or alike >= LEAST_LIKENESS
+    if alike is not None and alike < LEAST_LIKENESS:
+        return False
+    needed = PROVED - (BY_PRINT if alike is not None and alike > SAME_PRINT else 0.0)
+    if confirmed_facets(one.solid, one.located, eyes)[1] + SHARE * one.share < needed:
+        return False
+    return shown(one.solid, eyes, pose, SHOWN_MM) >= LEAST_SHOWN
 
 
 def _recognised(seen: Laid, runner_up: str | None, eyes: Eyes, model: Model) -> Recognised:
