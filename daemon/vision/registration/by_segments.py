@@ -115,14 +115,14 @@ def _laid(eyes: Eyes, model: Model, unnamed: Sequence[Group], named: Sequence[Sh
         for shape in named:
             good &= ~shape.contains(middle_px)
         likely.append(Guesses(guess.label, solid, guess.poses[good], -nats[good]))
-    kept = _worth(likely, eyes, model)
-    solids = [model.metric[label].solid for label, _, _ in kept]
-    poses = np.array([pose for _, pose, _ in kept]).reshape(-1, 4, 4)
-    for label in {one.label for one in kept}:
-        own = [k for k, one in enumerate(kept) if one.label == label]
-        poses[own] = nudged(model.metric[label].solid, poses[own], eyes.geometry, maps)
+    kept, first = _worth(likely, eyes, model)
+    for one in first:
+        better = nudged(model.metric[one.label].solid, one.pose, eyes.geometry, maps)
+        kept.append(Different(one.label, better, one.against))
+    solids = [model.metric[one.label].solid for one in kept]
+    poses = np.array([one.pose for one in kept]).reshape(-1, 4, 4)
     located = locate(solids, eyes, poses, REACH_MM, model.parameters.tolerance_mm)
-    for (label, _, _), solid, at in zip(kept, solids, located, strict=True):
+    for (label, *_), solid, at in zip(kept, solids, located, strict=True):
         fit = None if at is None else fit_of(at, LEAST_OUTLINE)
         if at is not None and fit is not None:
             pose = fit.cyclopean_from_part
@@ -141,18 +141,19 @@ def _contradicts(group: Group, one: Laid) -> bool:
     )
 
 
-def _worth(likely: Sequence[Guesses], eyes: Eyes, model: Model) -> list[Different]:
-    """The best guesses: a few at each place, for which nearly as much speaks as for the best there."""
-    kept, shapes = list[Different](), list[Shape]()
+def _worth(likely: Sequence[Guesses], eyes: Eyes, model: Model) -> tuple[list[Different], list[Different]]:
+    """The best guesses: a few at each place, for which nearly as much speaks as for the best there; and those best."""
+    kept, first, shapes = list[Different](), list[Different](), list[Shape]()
     for one in islice(different(likely, eyes), LOOKED_AT):
         shape = silhouette(model.metric[one.label].solid, one.pose, eyes)
         there = [k for k, other in enumerate(shapes) if other.covers(shape) > COVERED]
         if not there or (len(there) < PER_PLACE and one.against < WORTH * kept[there[0]].against):
             kept.append(one)
+            first += [] if there else [one]
             shapes.append(shape)
         if len(kept) == MOST:
             break
-    return kept
+    return kept, first
 
 
 def _proved(one: Laid, eyes: Eyes) -> bool:
