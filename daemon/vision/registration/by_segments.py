@@ -24,7 +24,7 @@ from daemon.vision.recognition import Recognised, facet_hypotheses, typed_as
 from daemon.vision.registration.beside import COVERED, covered, lies_on
 from daemon.vision.registration.corner_pose import Fit
 from daemon.vision.registration.different import Different, Guesses, different, pixels
-from daemon.vision.registration.directed import directed_map, evidence, nudged
+from daemon.vision.registration.directed import directed_map, evidence, nudged, other_sizes
 from daemon.vision.registration.edge_pose import (
     Located,
     confirmed_facets,
@@ -48,9 +48,11 @@ LEAST_NATS = 180.0
 """Evidence against chance; e to the so many-th, with what neighbouring places along an edge have in common."""
 LEAST_OUTLINE, LEAST_SHOWN, SHOWN_MM = 0.65, 0.72, 0.8
 PROVED, SHARE = 1.03, 0.5
-"""What the share of edges that are clearly on their place and SHARE of the share of evidence come to at least: of 125
-rendered parts of all kinds 115 are above, of 149 strangers none that passes the other tests."""
+"""What the share of edges that are clearly on their place and SHARE of the share of evidence come to at least."""
+SAME_SIZE, OTHER_SIZE, BY_SIZE = 1.05, 1.1, 1.2
+"""How much more may speak for the part in another size, what is more than chance, and how much more is needed then."""
 LEAST_LIKENESS, SAME_PRINT, BY_PRINT = 0.5, 0.97, 0.12
+"""Of print in both eyes: less, and it lies elsewhere; more, and so much less of the edges is needed."""
 RIVAL = 0.9
 """Another part with so much of the evidence on the same place leaves the name open."""
 BY_EDGES = 0.9
@@ -59,8 +61,8 @@ BY_EDGES = 0.9
 
 @dataclass(frozen=True, eq=False)
 class Laid:
-    """A taught part laid onto both images: nats of evidence and their share of what there could be; covers: what it
-    covers in the left eye."""
+    """A taught part laid onto both images: nats of evidence, their share of what there could be, and what there is for
+    the same part in another size; covers: what it covers in the left eye."""
 
     label: str
     solid: Polyhedron
@@ -68,6 +70,7 @@ class Laid:
     fit: Fit
     nats: float
     share: float
+    other_sizes: float
     covers: Shape
 
     def overlaps(self, other: Laid) -> bool:
@@ -127,7 +130,9 @@ def _laid(eyes: Eyes, model: Model, unnamed: Sequence[Group], named: Sequence[Sh
         if at is not None and fit is not None:
             pose = fit.cyclopean_from_part
             nats, most = evidence(solid, pose[None], eyes.geometry, maps)
-            yield Laid(label, solid, at, fit, float(nats[0]), float(nats[0] / most[0]), silhouette(solid, pose, eyes))
+            others = other_sizes(solid, pose, eyes.geometry, maps) if nats[0] >= LEAST_NATS else 0.0
+            covers = silhouette(solid, pose, eyes)
+            yield Laid(label, solid, at, fit, float(nats[0]), float(nats[0] / most[0]), others, covers)
 
 
 def _contradicts(group: Group, one: Laid) -> bool:
@@ -164,7 +169,10 @@ def _proved(one: Laid, eyes: Eyes) -> bool:
     alike = likeness(one.solid, pose, eyes)
     if alike is not None and alike < LEAST_LIKENESS:
         return False
-    needed = PROVED - (BY_PRINT if alike is not None and alike > SAME_PRINT else 0.0)
+    gain = one.other_sizes / one.nats
+    needed = PROVED + BY_SIZE * max(0.0, gain - SAME_SIZE)
+    if alike is not None and alike > SAME_PRINT and gain < OTHER_SIZE:
+        needed -= BY_PRINT
     if confirmed_facets(one.solid, one.located, eyes)[1] + SHARE * one.share < needed:
         return False
     return shown(one.solid, eyes, pose, SHOWN_MM) >= LEAST_SHOWN

@@ -10,6 +10,7 @@ Source: directional chamfer matching (Liu, Tuzel, Veeraraghavan and Chellappa 20
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -30,6 +31,7 @@ PLACES, SPACING_PX = 10, 5.0
 """Where along an edge is looked, and how far apart places are that say something of their own."""
 SHOWS, LEAST_CHANCE, MOST_CHANCE = 0.75, 0.02, 0.7
 """How much of an edge that is there shows as segments; limits of what a picture's own chance is taken for."""
+SIZES, PARALLEL = (0.75, 0.8, 0.85, 0.9, 1.1, 1.15, 1.2, 1.25), 0.98
 LEAST_FACING = 0.08
 """Cosine below which a facet is too thin in the image to be looked for."""
 
@@ -82,7 +84,8 @@ def evidence(
     solid: Polyhedron, poses: Array, geometry: Baseline, maps: tuple[DirectedMap, DirectedMap], *, sharp: bool = False
 ) -> tuple[Array, Array]:
     """(P,) log likelihood ratio of the part being there against chance, nats, and (P,) what it would be if every edge
-    were found; poses (P, 4, 4) cyclopean_from_part. sharp: an edge half on a segment counts half, to compare near poses.
+    were found; poses (P, 4, 4) cyclopean_from_part. sharp: an edge half on a segment counts half, to
+    tell near poses apart.
     """
     pairs, bounds = solid.lines
     total, most = np.zeros(len(poses)), np.full(len(poses), 1e-9)
@@ -118,6 +121,31 @@ def nudged(solid: Polyhedron, pose: Array, geometry: Baseline, maps: tuple[Direc
         tried = np.stack([frames.perturb(pose, motion) for motion in off])
         pose = tried[evidence(solid, tried, geometry, maps, sharp=True)[0].argmax()]
     return pose
+
+
+def other_sizes(solid: Polyhedron, pose: Array, geometry: Baseline, maps: tuple[DirectedMap, DirectedMap]) -> float:
+    """The most that speaks for a part of the same kind but another size at this pose (4, 4), nats: longer or shorter by
+    a tenth to a quarter along an edge or across a face, either end of it staying where it is."""
+    return float(evidence(solid, pose @ _stretches(solid), geometry, maps)[0].max())
+
+
+@lru_cache(maxsize=256)
+def _stretches(solid: Polyhedron) -> Array:
+    """(S, 4, 4) affine maps of a solid."""
+    pairs = solid.lines[0]
+    edges = solid.corners_mm[pairs[:, 1]] - solid.corners_mm[pairs[:, 0]]
+    ways = np.concatenate([solid.normals, edges / np.linalg.norm(edges, axis=1)[:, None]])
+    maps = list[Array]()
+    for k, way in enumerate(ways):
+        if (np.abs(ways[:k] @ way) < PARALLEL).all():
+            height = solid.corners_mm @ way
+            for end in (height.min(), height.max()):
+                for factor in SIZES:
+                    map_ = np.eye(4)
+                    map_[:3, :3] += (factor - 1) * np.outer(way, way)
+                    map_[:3, 3] = (1 - factor) * end * way
+                    maps.append(map_)
+    return np.array(maps)
 
 
 _NUDGES = np.concatenate([np.zeros((1, 6)), np.random.default_rng(1).normal(size=(59, 6))])

@@ -1,0 +1,120 @@
+"""Parts are named by straight edges where nothing closes; strangers, rivals and contradictions are not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from daemon import frames
+from daemon.store.library import load_facets
+from daemon.vision.facets.weld import weld
+from daemon.vision.image.both_eyes import Eyes, open_eyes
+from daemon.vision.model.model import Model, empty_model, learn_view
+from daemon.vision.recognition.recognise import Recognised, recognise_group
+from daemon.vision.registration import by_segments
+from daemon.vision.registration.by_segments import named_by_segments
+from daemon.vision.values import Group
+from tests.worlds.printed import print_pair, straight_rig
+from tests.worlds.solids import CUBE, KNOWN, PENTAGONAL, PYRAMID, STRANGERS, TRIANGULAR, measured, pose, view_of
+
+TAUGHT = (
+    ("cube", CUBE, (1.0, 0.1, 0.8)),
+    ("cube", CUBE, (-0.7, -0.9, -0.6)),
+    ("pyramid", PYRAMID, (0.05, 0.03, 1.0)),
+    ("pyramid", PYRAMID, (0.7, 0.55, -0.6)),
+    ("triangular_prism", TRIANGULAR, (0.7, 0.05, 0.5)),
+    ("pentagonal_prism", PENTAGONAL, (0.25, 0.76, 0.5)),
+)
+WHERE = pose(np.array([0.75, 0.35, 0.6]), 0.3, 330.0)
+
+
+@cache
+def model() -> Model:
+    rng = np.random.default_rng(3)
+    taught = empty_model(load_facets())
+    for label, body, direction in TAUGHT:
+        taught = learn_view(taught, view_of(body, pose(np.array(direction), 0.3), rng, 0.3), label)
+    return taught
+
+
+@cache
+def eyes_on(name: str | None, seed: int = 0) -> Eyes:
+    body = None if name is None else {**KNOWN, **STRANGERS}[name]
+    return open_eyes(*print_pair(body, WHERE, seed), straight_rig())
+
+
+def unnamed(group: Group) -> Recognised:
+    part = recognise_group(group, model())
+    return Recognised(group, replace(part, recognition=replace(part.recognition, label="unknown")))
+
+
+@pytest.mark.parametrize("label", sorted(KNOWN))
+def test_a_printed_part_on_a_patterned_table_is_named_and_placed(label: str) -> None:
+    (found,) = named_by_segments(eyes_on(label), model(), [])
+    assert found.label == label
+    corners = frames.apply(WHERE, KNOWN[label].corners_mm)
+    seen = np.concatenate(found.part.fitted_mm)
+    off = np.linalg.norm(seen[:, None] - corners, axis=2).min(1)
+    assert off.max() < 1.5
+    assert all(facet.type for facet in found.part.facets)
+    assert np.linalg.eigvalsh(found.part.covariance).min() > 0
+
+
+@pytest.mark.parametrize("name", sorted(STRANGERS))
+def test_a_printed_stranger_is_not_named(name: str) -> None:
+    assert named_by_segments(eyes_on(name), model(), []) == []
+
+
+def test_a_patterned_table_alone_is_nothing() -> None:
+    assert named_by_segments(eyes_on(None), model(), []) == []
+
+
+def test_where_a_part_was_named_nothing_is_looked_for() -> None:
+    known = named_by_segments(eyes_on("cube"), model(), [])
+    assert named_by_segments(eyes_on("cube"), model(), known) == []
+
+
+def test_facets_measured_together_that_lie_elsewhere_rule_a_part_out() -> None:
+    lifted = frames.rigid(np.eye(3), np.array([0.0, 0.0, -9.0])) @ WHERE
+    elsewhere = weld([_in_both(f) for f in view_of(CUBE, lifted).facets])
+    on_it = weld([_in_both(f) for f in view_of(CUBE, WHERE).facets])
+    assert named_by_segments(eyes_on("cube"), model(), [unnamed(on_it)])
+    assert not named_by_segments(eyes_on("cube"), model(), [unnamed(elsewhere)])
+    assert named_by_segments(eyes_on("cube"), model(), [unnamed(elsewhere.only([0]))])  # a lone one may be a chance
+
+
+def _in_both(facet):
+    px = [eye.project(facet.corners_mm) for eye in (straight_rig().left, straight_rig().right)]
+    return replace(measured(facet.corners_mm, None), left_px=px[0], right_px=px[1])
+
+
+def test_a_rival_that_explains_as_much_leaves_the_name_open(monkeypatch: pytest.MonkeyPatch) -> None:
+    laid = list(by_segments._laid(eyes_on("cube"), model(), [], []))
+    best = max(laid, key=lambda one: one.nats if one.label == "cube" else 0.0)
+    rival = replace(best, label="pyramid", nats=0.95 * best.nats)
+    for others, names in (
+        ([best], ["cube"]),
+        ([best, rival], []),
+        ([best, replace(rival, nats=0.5 * best.nats)], ["cube"]),
+    ):
+        monkeypatch.setattr(by_segments, "_laid", lambda *_, others=others: iter(others))
+        assert [one.label for one in named_by_segments(eyes_on("cube"), model(), [])] == names
+
+
+def test_too_little_evidence_refuses_a_name() -> None:
+    eyes = eyes_on("cube")
+    good = max(by_segments._laid(eyes, model(), [], []), key=lambda one: one.nats)
+    assert by_segments._proved(good, eyes)
+    assert not by_segments._proved(replace(good, nats=by_segments.LEAST_NATS - 1), eyes)
+    assert not by_segments._proved(replace(good, share=-0.5), eyes)
+    assert not by_segments._proved(replace(good, other_sizes=1.6 * good.nats), eyes)
+
+
+def test_print_that_does_not_lie_on_its_faces_refuses_a_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    eyes = eyes_on("cube")
+    good = max(by_segments._laid(eyes, model(), [], []), key=lambda o: o.nats)
+    monkeypatch.setattr(by_segments, "likeness", lambda *_: 0.2)
+    assert not by_segments._proved(good, eyes)
