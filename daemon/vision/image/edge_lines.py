@@ -34,7 +34,9 @@ Image32 = NDArray[np.float32]
 # Set by eye on rendered sides, like the other numbers here that name no source.
 _TRIM_PX = 4.0
 """Left out at either end of a side, where its neighbour is in view."""
-_FIRST_SPACING_PX, _FIRST_BLUR_PX = 3.0, 0.7
+_FITS = (3.0, 2), (1.0, 4)
+"""Px between calipers, and robust rounds, of the rough fit of a side and of the fine one."""
+_FIRST_BLUR_PX = 0.7
 _FAINT_BLOCK = 0.4
 """A stretch of a side that shows less than this share of the side's mean slope shows no edge."""
 _BESIDE_PX = 8.5
@@ -162,8 +164,15 @@ class Exposure:
     eye: Eye | None
 
 
-def fit_sides(exposures: Sequence[tuple[Exposure, int]], start: Array, end: Array, sets: Index | None = None) -> Sides:
-    """Least-squares lines of blurred steps near the sides start -> end, (S, 2) px each, already within about 1 px.
+def fit_sides(
+    exposures: Sequence[tuple[Exposure, int]],
+    start: Array,
+    end: Array,
+    sets: Index | None = None,
+    known_blurs: Array | None = None,
+) -> Sides:
+    """Least-squares lines of blurred steps near the sides start -> end, (S, 2) px each, already within about 1 px; half
+    of that where their blurs are known, which are then spared a first rough fit.
 
     exposures: with how many of the sides, one after the other, lie in each. Each profile gives where the step crosses
     it, by least squares against the step's own slope, with the grey levels on both sides free to drift along the side;
@@ -175,8 +184,9 @@ def fit_sides(exposures: Sequence[tuple[Exposure, int]], start: Array, end: Arra
     in_image = np.cumsum(counts) - counts
     bow = _bows([e for e, _ in exposures], np.split(start, in_image[1:]), np.split(end, in_image[1:]))
     sides_of = counts if sets is None else sets
-    first, blurs = np.cumsum(sides_of) - sides_of, np.full(len(sides_of), _FIRST_BLUR_PX)
-    for spacing_px, rounds in ((_FIRST_SPACING_PX, 2), (1.0, 4)):
+    first = np.cumsum(sides_of) - sides_of
+    blurs = np.full(len(sides_of), _FIRST_BLUR_PX) if known_blurs is None else known_blurs
+    for spacing_px, rounds in _FITS[0 if known_blurs is None else 1 :]:
         calipers = lay_calipers(start, end, bow, _TRIM_PX, spacing_px)
         steps = _steps([e for e, _ in exposures], in_image, calipers, blurs, first)
         offset, slope, covariance, support = _robust_line(calipers, steps.position, 1 / steps.sigma, rounds)

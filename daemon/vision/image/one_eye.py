@@ -103,6 +103,12 @@ class OneEye:
         """What sides are fitted to."""
         return Exposure(self.image, self.noise, self.eye)
 
+    @property
+    def blur_px(self) -> float | None:
+        """How wide the edges are that outlines were fitted to; None where none was."""
+        blurs = [f.sides.blur[0] for f in self.fitted.values() if f is not None]
+        return float(np.median(blurs)) if blurs else None
+
 
 def fits(asked: Sequence[tuple[OneEye, Sequence[Outline]]]) -> list[list[Fitted | None]]:
     """Each eye's outlines fitted to its grey levels, or None where the fit strays from it; all eyes' side by side."""

@@ -189,15 +189,17 @@ def _searched(edges: ExpectedEdges, view: OneEye, reach_mm: float) -> EdgeObserv
     return EdgeObservation(edges, off_places(edges.start, edges.end, start, end), weight, there)
 
 
-def measured(both: Sequence[ExpectedEdges], eyes: Eyes) -> list[EdgeObservation]:
-    """Each edge's sub-pixel line, in both eyes."""
+def measured(both: Sequence[ExpectedEdges], eyes: Eyes, *, on_place: bool = False) -> list[EdgeObservation]:
+    """Each edge's sub-pixel line, in both eyes. on_place: they are expected to half a px."""
     counts = [len(edges.start) for edges in both]
     if not any(counts):
         return [_nothing(edges) for edges in both]
     start, end = (np.concatenate([getattr(edges, name) for edges in both]) for name in ("start", "end"))
     exposures = [(view.exposure, count) for view, count in zip(eyes.views, counts, strict=True) if count]
-    own = np.concatenate([np.unique(edges.owner, return_counts=True)[1] for edges in both])
-    sides = fit_sides(exposures, start, end, own)
+    own = [np.unique(edges.owner, return_counts=True)[1] for edges in both]
+    blurs = [view.blur_px for view in eyes.views]
+    known = np.repeat([b for b in blurs if b], [len(o) for o in own]) if on_place and all(blurs) else None
+    sides = fit_sides(exposures, start, end, np.concatenate(own), known)
     found = []
     for edges, which in zip(both, np.split(np.arange(len(start)), counts[:1]), strict=True):
         seen = sides.chosen(which)
