@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from daemon.arrays import Array
-from daemon.vision.facets.candidates import Candidate, candidate, flatness_sigmas
+from daemon.vision.facets.candidates import Candidate, candidates, flatness_sigmas
 from daemon.vision.facets.grouping import same_edges
 from daemon.vision.geometry import Baseline, areas, rings
 from daemon.vision.image import Eyes, OneEye, Outline, fits, probe, probe_sides, snap_near
@@ -100,7 +100,7 @@ def _swing(
     if here is None or far is None:
         return None
     worth = min(outline.support, outlines[0].support)
-    made = candidate(here, far, worth, geometry) if is_left else candidate(far, here, worth, geometry)
+    (made,) = candidates([(here, far, worth) if is_left else (far, here, worth)], geometry)
     off = made.facet.epipolar_px.max() > settings.max_epipolar_px
     return None if off or flatness_sigmas(made.facet) > settings.planarity_sigmas else made
 

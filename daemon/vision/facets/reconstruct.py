@@ -103,7 +103,8 @@ def _with_detected_corners(c: Candidate, eyes: Eyes, settings: VisionSettings) -
         covariance = np.repeat(_DETECTED_PX**2 * np.eye(2)[None], len(corners), 0)
         polygons.append(replace(p, corners_px=corners, covariance_px2=covariance))
     left, right = replace(c.left, polygon=polygons[0]), replace(c.right, polygon=polygons[1])
-    return replace(c, facet=triangulate(polygons[0], polygons[1], eyes.geometry), left=left, right=right)
+    (facet,) = triangulate([(polygons[0], polygons[1])], eyes.geometry)
+    return replace(c, facet=facet, left=left, right=right)
 
 
 def _by_formula(facets: Iterable[Facet], rig: StereoRig, settings: VisionSettings) -> list[Facet]:

@@ -4,7 +4,7 @@ from daemon.vision.geometry.chisquare import chi_square_limit, chi_square_tail
 from daemon.vision.geometry.converging import Converging, by_formula, converging
 from daemon.vision.geometry.facet_measures import Measures, measure, newell_normal
 from daemon.vision.geometry.p3p import p3p_poses
-from daemon.vision.geometry.planes import fit_plane, planarity, weighted_plane
+from daemon.vision.geometry.planes import fit_plane, planarities, planarity, weighted_plane
 from daemon.vision.geometry.polygon import Point, Shape, drop_side, is_simple, tidy
 from daemon.vision.geometry.polygon_batch import Rings, areas, convex, different, met, rings
 from daemon.vision.geometry.polyhedron import Polyhedron, exact, united
@@ -42,6 +42,7 @@ __all__ = [
     "met",
     "newell_normal",
     "p3p_poses",
+    "planarities",
     "planarity",
     "rings",
     "rough_rms",

@@ -14,7 +14,9 @@ Index = NDArray[np.intp]
 
 @dataclass(frozen=True, eq=False)
 class Rings:
-    """Corners (M, 2) of P polygons one after the other; first, count (P,); next, before (M,) neighbours round each."""
+    """Corners (M, 2), or (M, 3) in space, of P polygons one after the other; first, count (P,); next, before (M,)
+    neighbours round each.
+    """
 
     corners: Array
     first: Index
