@@ -73,14 +73,14 @@ def find_outlines(
     if not new:
         return before
     start = rings([p.corners for p in new])
-    shrink = np.repeat([float(p.region.scale.shrink) for p in new], start.count)
+    shrink = np.repeat([float(p.shrink) for p in new], start.count)
     first = snap(smooth, start, _FIRST_REACH_PX, _INSIDE_PX * shrink, _UNSURE_PX * shrink)
-    variants = [(v, p.region) for c, p in zip(first.split(), new, strict=True) for v in _variants(c, settings)]
+    variants = [(v, p.border) for c, p in zip(first.split(), new, strict=True) for v in _variants(c, settings)]
     variants = [variants[k] for k in first_of_each([v for v, _ in variants], _SAME_PX)]
     found = list[Outline]()
     if variants:
         shape = snap_near(smooth, rings([c for c, _ in variants]), _SECOND_REACH_PX, 1.0)
-        found = probe(smooth, grain, shape, [r.border for _, r in variants], settings)
+        found = probe(smooth, grain, shape, [border for _, border in variants], settings)
     every = [*before.outlines, *found]
     every = [every[k] for k in first_of_each([o.corners for o in every], _SAME_PX)]
     return Search((*before.rough, *new), tuple(sorted(every, key=lambda o: -o.support)))
@@ -138,8 +138,8 @@ def _cleanest(rough: list[RoughPolygon], settings: VisionSettings) -> list[Rough
     shape = rings([p.corners for p in rough])
     size = -areas(shape)
     middle = shape.sums(shape.corners) / shape.count[:, None]
-    filled = np.array([p.region.area_px for p in rough]) / np.maximum(size, 1.0)
-    untidy = np.abs(np.minimum(filled, 1.0) - 1.0) + _PER_SHRINK * np.array([p.region.scale.shrink - 1 for p in rough])
+    filled = np.array([p.area_px for p in rough]) / np.maximum(size, 1.0)
+    untidy = np.abs(np.minimum(filled, 1.0) - 1.0) + _PER_SHRINK * np.array([p.shrink - 1 for p in rough])
     left = np.argsort(untidy, kind="stable")
     kept = list[int]()
     while len(left):

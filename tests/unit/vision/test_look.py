@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import json
 from pathlib import Path
 from typing import Any
@@ -46,6 +47,19 @@ def model() -> Model:
         groups = find_facets(*painted(body, direction), rig()).groups
         taught = learn_view(taught, max(groups, key=lambda g: len(g.facets)), label)
     return taught
+
+
+@pytest.mark.parametrize("body", [CUBE, STRANGERS["l_block"]], ids=["named", "looked at closer"])
+def test_what_a_look_made_goes_with_it_and_waits_for_no_collector(model: Model, body: Body) -> None:
+    pair = painted(body, (0.75, 0.25, 0.6))
+    look(*pair, rig(), model)
+    gc.collect()
+    gc.disable()
+    try:
+        look(*pair, rig(), model)
+        assert gc.collect() == 0
+    finally:
+        gc.enable()
 
 
 @pytest.fixture(scope="module")
