@@ -10,7 +10,7 @@ import numpy as np
 from daemon.arrays import Array
 from daemon.vision.facets.matching import Match, match_polygons
 from daemon.vision.geometry import Baseline, Shape, disparity, fit_plane, planarities, rings, weighted_plane
-from daemon.vision.image import Eyes, Fitted, Outline, fits
+from daemon.vision.image import Eyes, Fitted, Outline, find_outlines_in, fits
 from daemon.vision.settings import VisionSettings
 from daemon.vision.values import Facet, Polygon
 
@@ -46,7 +46,7 @@ def find_candidates(eyes: Eyes, settings: VisionSettings) -> list[Candidate]:
     """Pairs of outlines that fit along the epipolar lines, fitted and triangulated; of similar pairs only the
     best few.
     """
-    left, right = (view.outlines(settings) for view in eyes.views)
+    left, right = find_outlines_in(eyes.views, settings)
     matches = match_polygons([o.corners for o in left], [o.corners for o in right], eyes.geometry, settings)
     matches = _best_few(matches, left, right)
     asked = (eyes.left, [left[m.left] for m in matches]), (eyes.right, [right[m.right] for m in matches])

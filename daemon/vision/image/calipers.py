@@ -21,6 +21,8 @@ from daemon.vision.geometry import Eye
 Index = NDArray[np.intp]
 Image32 = NDArray[np.float32]
 Real = NDArray[np.floating[Any]]
+Images = Sequence[tuple[Image32, int]]
+"""Images, each with how many of the sides, one after the other, lie in it."""
 FEWEST, MOST = 3, 400
 """Calipers on one side."""
 BLOCKS, IN_BLOCK = 6, 6
@@ -116,7 +118,7 @@ def profiles(images: Sequence[Image32], cuts: Sequence[int], calipers: Calipers,
     )
 
 
-def stretch_profiles(image: Image32, start: Array, end: Array, trim_px: float, offsets: Array, bias_px: Array) -> Array:
+def stretch_profiles(images: Images, start: Array, end: Array, trim_px: float, offsets: Array, bias_px: Array) -> Array:
     """Mean profiles (S, BLOCKS, C) of equal stretches of straight sides (S, 2), (S, 2) px.
 
     offsets (C,) px, counted from each side's bias_px (S,), outwards; trim_px is left out at either end.
@@ -134,9 +136,14 @@ def stretch_profiles(image: Image32, start: Array, end: Array, trim_px: float, o
         + normal.astype(np.float32)[:, k, None, None] * offsets.astype(np.float32)
         for k in (0, 1)
     )
-    width = len(offsets)
-    values = bilinear(image, x.reshape(-1, width), y.reshape(-1, width))
-    return np.asarray(values.reshape(IN_BLOCK, -1, BLOCKS, width).mean(0), float)
+    width, first, means = len(offsets), 0, []
+    for image, count in images:
+        if count:
+            own = np.s_[:, first : first + count]
+            values = bilinear(image, x[own].reshape(-1, width), y[own].reshape(-1, width))
+            means.append(values.reshape(IN_BLOCK, count, BLOCKS, width).mean(0))
+            first += count
+    return np.concatenate(means).astype(float)
 
 
 def stretches(start: Array, end: Array, trim_px: float) -> tuple[Array, Array]:

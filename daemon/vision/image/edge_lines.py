@@ -18,6 +18,7 @@ from daemon.vision.image.calipers import (
     BLOCKS,
     IN_BLOCK,
     Calipers,
+    Images,
     lay_calipers,
     lens_bow,
     profiles,
@@ -80,11 +81,11 @@ class Sides:
 
 
 def find_sides(
-    smooth: Image32, start: Array, end: Array, reach_px: Array | float, expected_px: Array, sigma_px: Array
+    images: Images, start: Array, end: Array, reach_px: Array | float, expected_px: Array, sigma_px: Array
 ) -> tuple[Array, Array]:
     """Move rough sides (S, 2), (S, 2) px onto the strongest straight gradient near them, seen over their whole length.
 
-    smooth: unit-noise image after a Gaussian of SMOOTHING_PX. Looks up to reach_px, (S,) or one for all, either way of
+    images: of unit noise, after a Gaussian of SMOOTHING_PX. Looks up to reach_px, (S,) or one for all, either way of
     expected_px (S,) outwards, and at tilts that move either end by a few pixels; gradients count by how near they are
     to what is expected, with sigma_px (S,). Returns moved ends.
     """
@@ -93,7 +94,7 @@ def find_sides(
     pitch = 1.0 if farthest > 2 else 0.5
     offsets = np.arange(-farthest - pitch, farthest + 1.5 * pitch, pitch)
     late = np.broadcast_to(farthest - reach_px, len(start))  # each side's offsets begin at its own reach
-    values = stretch_profiles(smooth, start, end, _TRIM_PX, offsets, expected_px + late)
+    values = stretch_profiles(images, start, end, _TRIM_PX, offsets, expected_px + late)
     places = offsets[1:-1] + late[:, None]
     within = places < farthest - late[:, None] + 0.5 * pitch
     last = within.sum(1, dtype=np.int32)[:, None, None, None] - 1
@@ -113,15 +114,15 @@ def find_sides(
     return start + (offset - slope)[:, None] * normal, end + (offset + slope)[:, None] * normal
 
 
-def probe_sides(smooth: Image32, start: Array, end: Array, grain: float = 1.0) -> tuple[Array, Array]:
+def probe_sides(images: Images, start: Array, end: Array, grain: Array | float = 1.0) -> tuple[Array, Array]:
     """How strong the gradient across each side is: its mean in sigmas (S,), and the fraction of the side that shows
     it (S,).
 
-    smooth: unit-noise image after a Gaussian of SMOOTHING_PX, whose noise is therefore known along and across the
-    side; grain: that noise over what white noise would leave.
+    images: of unit noise, after a Gaussian of SMOOTHING_PX; their noise is therefore known along and across the side;
+    grain: that noise over what white noise would leave, (S,) or one for all.
     """
     length = np.maximum(np.hypot(*(end - start).T), 1e-6)
-    values = stretch_profiles(smooth, start, end, 1.0, np.array([-0.5, 0.5]), np.zeros(len(start)))
+    values = stretch_profiles(images, start, end, 1.0, np.array([-0.5, 0.5]), np.zeros(len(start)))
     slopes = values[:, :, 1] - values[:, :, 0]
     one = grain * _SLOPE_NOISE
     rows = np.clip(length / _ROW_PX, 1.0, BLOCKS * IN_BLOCK)
@@ -132,16 +133,16 @@ def probe_sides(smooth: Image32, start: Array, end: Array, grain: float = 1.0) -
     return mean / (one / np.sqrt(rows)), seen
 
 
-def edge_sigmas(smooth: Image32, start: Array, end: Array) -> Array:
+def edge_sigmas(images: Images, start: Array, end: Array) -> Array:
     """How surely an edge lies along each line (S,): the slope across it, over its whole length, in sigmas.
 
-    smooth: as for probe_sides. The slope is the median over stretches of the line, so that an edge that only crosses
+    images: as for probe_sides. The slope is the median over stretches of the line, so that an edge that only crosses
     it does not count; it is taken against what lines beside this one show, shading and grain alike, on the quieter
     hand: on the other the next edge may be near.
     """
     length = np.maximum(np.hypot(*(end - start).T), 1e-6)
     offsets = np.arange(-_BESIDE_PX, _BESIDE_PX + 0.1, 0.5)
-    values = stretch_profiles(smooth, start, end, _TRIM_PX, offsets, np.zeros(len(start)))
+    values = stretch_profiles(images, start, end, _TRIM_PX, offsets, np.zeros(len(start)))
     slope = np.median(values[:, :, 2:] - values[:, :, :-2], 1)
     place = offsets[1:-1]
     shading, grain = np.zeros(len(start)), np.full(len(start), np.inf)

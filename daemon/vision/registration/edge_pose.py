@@ -182,8 +182,9 @@ def _searched(edges: ExpectedEdges, view: OneEye, reach_mm: float) -> EdgeObserv
     if not count:
         return _nothing(edges)
     reach_px = np.clip(reach_mm * edges.px_per_mm, FEWEST_PX, MOST_PX)
-    start, end = find_sides(view.smooth, edges.start, edges.end, reach_px, np.zeros(count), reach_px / 2)
-    strength, seen = probe_sides(view.smooth, start, end)
+    image = [(view.smooth, count)]
+    start, end = find_sides(image, edges.start, edges.end, reach_px, np.zeros(count), reach_px / 2)
+    strength, seen = probe_sides(image, start, end)
     there = (np.abs(strength) > LEAST_EVIDENCE) & (seen > LEAST_SUPPORT)
     weight = np.eye(2) / (np.maximum(1.0, reach_px / 6) ** 2)[:, None, None]
     return EdgeObservation(edges, off_places(edges.start, edges.end, start, end), weight, there)
@@ -254,7 +255,8 @@ def _clear(seen: EdgeObservation, view: OneEye) -> Flags:
     """(E,) which edges are on their place and stand out from the shading and the grain beside them."""
     if seen.sides is None or not len(seen.off):
         return np.zeros(len(seen.off), bool)
-    return np.asarray(seen.on_place & (edge_sigmas(view.smooth, seen.sides.start, seen.sides.end) > LEAST_SIGMAS))
+    sigmas = edge_sigmas([(view.smooth, len(seen.off))], seen.sides.start, seen.sides.end)
+    return np.asarray(seen.on_place & (sigmas > LEAST_SIGMAS))
 
 
 def _sides_of(ring: Sequence[int], edges: ExpectedEdges, good: Flags) -> tuple[Index, Flags, Flags]:

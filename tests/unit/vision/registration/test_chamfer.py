@@ -38,7 +38,7 @@ def step(height: float) -> Array:
 
 
 def test_an_edge_of_one_and_a_half_sigmas_of_a_pixel_is_sure_over_its_length() -> None:
-    found = [edge_sigmas(smoothed(step(1.5), seed), *LINE)[0] for seed in range(30)]
+    found = [edge_sigmas([(smoothed(step(1.5), seed), 1)], *LINE)[0] for seed in range(30)]
     assert min(found) > 4.0
 
 
@@ -46,20 +46,22 @@ def test_noise_alone_hardly_ever_looks_like_an_edge() -> None:
     start = np.stack(np.meshgrid(np.arange(30.0, 130, 5), np.arange(15.0, 105, 5)), -1).reshape(-1, 2)
     turn = np.random.default_rng(1).uniform(0, np.pi, len(start))
     end = start + 60 * np.stack([np.cos(turn), np.sin(turn)], 1)
-    found = np.concatenate([edge_sigmas(smoothed(np.zeros((180, 220)), seed), start, end) for seed in range(6)])
+    found = np.concatenate(
+        [edge_sigmas([(smoothed(np.zeros((180, 220)), seed), len(start))], start, end) for seed in range(6)]
+    )
     assert np.mean(found > 4.0) < 0.01
 
 
 def test_an_edge_that_only_crosses_the_line_is_none_of_its_own() -> None:
     picture = np.zeros((120, 160))
     picture[:, 80:] = 20.0
-    assert edge_sigmas(smoothed(picture, 0), *LINE)[0] < 4.0
+    assert edge_sigmas([(smoothed(picture, 0), 1)], *LINE)[0] < 4.0
 
 
 def test_grain_beside_a_line_counts_against_it() -> None:
     rng = np.random.default_rng(2)
     grain = cv2.GaussianBlur(rng.normal(0, 1, (120, 160)), (0, 0), 2.5) * 40
-    bare, grainy = (edge_sigmas(smoothed(step(4.0) + g, 3), *LINE)[0] for g in (0.0, grain))
+    bare, grainy = (edge_sigmas([(smoothed(step(4.0) + g, 3), 1)], *LINE)[0] for g in (0.0, grain))
     assert grainy < bare / 3
 
 
