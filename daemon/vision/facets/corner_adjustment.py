@@ -43,7 +43,7 @@ def pulls(sides: list[Sides], corners: list[Index], eye: Eye, shared: set[tuple[
     end = eye.ideal(np.concatenate([s.end for s in sides]))
     chord = end - start
     normal = np.stack([-chord[:, 1], chord[:, 0]], 1) / np.linalg.norm(chord, axis=1)[:, None]
-    line = np.concatenate([normal, -np.sum(normal * start, 1)[:, None]], 1)
+    line = np.concatenate([normal, -(normal * start).sum(1)[:, None]], 1)
     covariance = np.concatenate([s.covariance for s in sides]) + _MODEL_PX**2 * np.eye(2)
     whiten = np.linalg.inv(np.linalg.cholesky(covariance))
     ends = np.concatenate([np.stack([c, np.roll(c, -1)], 1) for c in corners])
@@ -82,7 +82,7 @@ def settle(
     trust = both.weight
     for turn_number in range(_ROUNDS):
         residual, jacobian = _offsets(points, both, shift_mm)
-        size = np.sum(residual**2, 1)
+        size = (residual**2).sum(1)
         squares, say = float(trust @ size), 2 * float(trust.sum())
         weighted = (jacobian * trust[:, None, None]).reshape(-1, count)
         hessian = weighted.T @ jacobian.reshape(-1, count) + 1e-9 * np.eye(count)
@@ -91,7 +91,7 @@ def settle(
             # The left's sides by their own spread, the right's by that of both: on the rendered scenes the worst of the
             # corners (95 %) are 6 % farther off with all by that of both, 8 % with each eye's by its own.
             spreads = [_spread(size[:own], trust[:own]), _spread(size, trust)]
-            trust = both.weight / (1 + size / _OUTLIER**2 / np.repeat(spreads, [own, len(size) - own])) ** 2
+            trust = both.weight / (1 + size / _OUTLIER**2 / np.array(spreads).repeat([own, len(size) - own])) ** 2
         for alike in by_size:
             _flatten(hessian, gradient, points, alike)
         step = np.linalg.solve(hessian, gradient)
@@ -123,8 +123,8 @@ def _offsets(points: Array, seen: EdgeObservations, shift_mm: Array) -> tuple[Ar
     slope = np.stack([a * w, b * w, -toward * w], 2)
     rows, n = np.arange(len(w))[:, None], len(points)
     jacobian = np.zeros((len(w), n, 2, 3))
-    jacobian[rows, seen.ends] = np.swapaxes(seen.whiten, 1, 2)[..., None] * slope[:, :, None]
-    return np.einsum("sij,sj->si", seen.whiten, toward + c), jacobian.transpose(0, 2, 1, 3).reshape(len(w), 2, 3 * n)
+    jacobian[rows, seen.ends] = seen.whiten.swapaxes(1, 2)[..., None] * slope[:, :, None]
+    return (seen.whiten @ (toward + c)[..., None])[..., 0], jacobian.transpose(0, 2, 1, 3).reshape(len(w), 2, 3 * n)
 
 
 def _flatten(hessian: Array, gradient: Array, points: Array, planes: Index) -> None:
@@ -133,10 +133,11 @@ def _flatten(hessian: Array, gradient: Array, points: Array, planes: Index) -> N
     count, k = planes.shape
     centred = p - p.mean(1, keepdims=True)
     own, _, axes = np.linalg.svd(centred, full_matrices=False)
-    out_of_plane = np.eye(k) - 1 / k - own[:, :, :2] @ np.swapaxes(own[:, :, :2], 1, 2)
+    out_of_plane = np.eye(k) - 1 / k - own[:, :, :2] @ own[:, :, :2].swapaxes(1, 2)
     normal = axes[:, 2]
     j = (out_of_plane[..., None] * normal[:, None, None]).reshape(count, k, -1) / PLANE_MM
     residual = out_of_plane @ (centred @ normal[..., None]) / PLANE_MM
     columns = (planes[:, :, None] * 3 + np.arange(3)).reshape(count, -1)
-    np.add.at(hessian, (columns[:, :, None], columns[:, None]), np.swapaxes(j, 1, 2) @ j)
-    np.add.at(gradient, columns, (np.swapaxes(j, 1, 2) @ residual)[..., 0])
+    back = j.swapaxes(1, 2)
+    np.add.at(hessian, (columns[:, :, None], columns[:, None]), back @ j)
+    np.add.at(gradient, columns, (back @ residual)[..., 0])

@@ -72,7 +72,10 @@ def _welded(candidates: list[Candidate]) -> list[tuple[list[Candidate], Group]]:
     if not candidates:
         return []
     whole = weld([c.facet for c in candidates])
-    return [([candidates[k] for k in members], whole.only(members)) for members in connected(whole.touching)]
+    sets = connected(whole.touching)
+    if len(sets) == 1:
+        return [(candidates, whole)]
+    return [([candidates[k] for k in members], whole.only(members)) for members in sets]
 
 
 def _settled(members: list[Candidate], group: Group, geometry: Baseline, settings: VisionSettings) -> Group:

@@ -63,7 +63,7 @@ class Calipers:
         low = np.maximum(here - half, self.first.take(self.side))
         high = np.minimum(here + half + 1, end.take(self.side))
         total = np.zeros((len(values), len(here) + 1))
-        np.cumsum(values, 1, out=total[:, 1:])
+        values.cumsum(1, out=total[:, 1:])
         return np.asarray((total.take(high, 1) - total.take(low, 1)) / (high - low))
 
 
@@ -76,9 +76,9 @@ def lay_calipers(start_px: Array, end_px: Array, bow_px: Array | None, trim_px: 
     chord = end_px - start_px
     length = np.maximum(np.hypot(chord[:, 0], chord[:, 1]), 1e-6)
     trim = np.minimum(trim_px, 0.25 * length)
-    count = np.clip(np.ceil((length - 2 * trim) / spacing_px), FEWEST, MOST).astype(np.intp)
-    first = np.cumsum(count) - count
-    side = np.repeat(np.arange(len(count)), count)
+    count = np.minimum(np.maximum(np.ceil((length - 2 * trim) / spacing_px), FEWEST), MOST).astype(np.intp)
+    first = count.cumsum() - count
+    side = np.arange(len(count)).repeat(count)
     normal = np.stack([-chord[:, 1], chord[:, 0]], 1) / length[:, None]
     bow = np.zeros_like(chord) if bow_px is None else bow_px
     reach = 1 - 2 * trim / length
@@ -103,7 +103,7 @@ def lens_bow(start_px: Array, end_px: Array, eye: Eye | None) -> Array | None:
     middle = eye.pixels((ends[:n] + ends[n:]) / 2)
     chord = end_px - start_px
     off = middle - (start_px + end_px) / 2
-    along = np.sum(off * chord, 1) / np.maximum(np.sum(chord * chord, 1), 1e-9)
+    along = (off * chord).sum(1) / np.maximum((chord * chord).sum(1), 1e-9)
     return np.asarray(off - along[:, None] * chord)
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -66,7 +67,10 @@ class Sides:
     def chosen(self, which: Index, turned: NDArray[np.bool_] | None = None) -> Sides:
         """Some of the sides, in this order; those `turned` run the other way, with the polygon on their other hand."""
         if turned is None or not turned.any():
-            return Sides(*(getattr(self, name)[which] for name in Sides.__dataclass_fields__))
+            return Sides(
+                self.start[which], self.end[which], self.covariance[which], self.step[which], self.evidence[which],
+                self.support[which], self.blur[which],
+            )  # fmt: skip
         back = turned[:, None]
         start, end, covariance = self.start[which], self.end[which], self.covariance[which]
         return Sides(
@@ -106,7 +110,7 @@ def find_sides(
     shifted += (np.arange(len(start) * BLOCKS, dtype=np.int32) * width).reshape(len(start), -1, 1, 1)
     lines = np.abs(slopes.ravel().take(shifted).sum(1))
     lines *= (np.exp(-0.5 * (places / sigma_px[:, None]) ** 2) * within)[:, None]
-    best, each = np.argmax(lines.reshape(len(start), -1), 1), np.arange(len(start))
+    best, each = lines.reshape(len(start), -1).argmax(1), np.arange(len(start))
     tilt, offset = tilts[each, best // width], places[each, best % width] + expected_px
     chord = end - start
     normal = np.stack([-chord[:, 1], chord[:, 0]], 1) / length[:, None]
@@ -126,7 +130,7 @@ def probe_sides(images: Images, start: Array, end: Array, grain: Array | float =
     slopes = values[:, :, 1] - values[:, :, 0]
     one = grain * _SLOPE_NOISE
     rows = np.clip(length / _ROW_PX, 1.0, BLOCKS * IN_BLOCK)
-    mean = np.mean(slopes, 1)
+    mean = slopes.mean(1)
     sigma = one / np.sqrt(np.maximum(rows / BLOCKS, 1.0))
     slope_z = slopes * np.sign(mean)[:, None] / sigma[:, None]
     seen = np.mean(slope_z > np.clip(_FAINT_BLOCK * np.abs(mean) / sigma, 0.5, 2.5)[:, None], 1)
@@ -182,10 +186,10 @@ def fit_sides(
     need be edges. Columns are weighed alike on both sides, so that a wrong blur cannot shift the line.
     """
     counts = np.array([count for _, count in exposures])
-    in_image = np.cumsum(counts) - counts
+    in_image = counts.cumsum() - counts
     bow = _bows([e for e, _ in exposures], np.split(start, in_image[1:]), np.split(end, in_image[1:]))
     sides_of = counts if sets is None else sets
-    first = np.cumsum(sides_of) - sides_of
+    first = sides_of.cumsum() - sides_of
     blurs = np.full(len(sides_of), _FIRST_BLUR_PX) if known_blurs is None else known_blurs
     for spacing_px, rounds in _FITS[0 if known_blurs is None else 1 :]:
         calipers = lay_calipers(start, end, bow, _TRIM_PX, spacing_px)
@@ -193,7 +197,7 @@ def fit_sides(
         offset, slope, covariance, support = _robust_line(calipers, steps.position, 1 / steps.sigma, rounds)
         start = start + (offset - slope)[:, None] * calipers.normal
         end = end + (offset + slope)[:, None] * calipers.normal
-        blurs = np.clip(blurs + steps.blur_error_px, 0.4, 2.5)
+        blurs = np.minimum(np.maximum(blurs + steps.blur_error_px, 0.4), 2.5)
     ends = np.array([[1.0, -1.0], [1.0, 1.0]])
     evidence = np.abs(steps.height) / steps.height_sigma
     return Sides(start, end, ends @ covariance @ ends.T, steps.height, evidence, support, blurs.repeat(sides_of))
@@ -254,7 +258,7 @@ def _steps(exposures: Sequence[Exposure], in_image: Index, calipers: Calipers, b
     blur_error, blur_power = np.add.reduceat(widened, begins, axis=1)
     height_sigma = np.sqrt(2) * calipers.means(sigma_grey) / np.sqrt(CLEAR * calipers.count)
     return _Steps(
-        np.clip(position, -3.0, 3.0),
+        np.minimum(np.maximum(position, -3.0), 3.0),
         sigma_grey / np.sqrt(power),
         height,
         height_sigma,
@@ -265,10 +269,10 @@ def _steps(exposures: Sequence[Exposure], in_image: Index, calipers: Calipers, b
 def _by_blur(factors: Array, values: NDArray[np.floating[Any]], begins: Index) -> Image32:
     """Each blur's factors (B, K, C) times the values (C, R) of its own calipers, which begin at begins (B,): (K, R)."""
     factors, values = factors.astype(np.float32), values.astype(np.float32)
-    if len(factors) == 1:
-        return np.asarray(factors[0] @ values)
-    own = zip(factors, np.split(values, begins[1:], axis=1), strict=True)
-    return np.concatenate([factor @ value for factor, value in own], axis=1)
+    products = np.empty((factors.shape[1], values.shape[1]), np.float32)
+    for factor, (first, end) in zip(factors, pairwise([*begins.tolist(), values.shape[1]]), strict=True):
+        np.matmul(factor, values[:, first:end], out=products[:, first:end])
+    return products
 
 
 def _robust_line(calipers: Calipers, position: Array, weight: Array, rounds: int) -> tuple[Array, Array, Array, Array]:

@@ -93,7 +93,7 @@ class NoiseOfMany:
 
     def at(self, level: Array) -> Array:
         """Sigma in grey levels at these grey levels (..., R)."""
-        return np.asarray(self.sigma.take(np.clip(level.astype(np.intp), 0, 255) + 256 * self.image))
+        return np.asarray(self.sigma.take(np.minimum(np.maximum(level.astype(np.intp), 0), 255) + 256 * self.image))
 
 
 def noise_of_many(noises: Sequence[Noise], counts: NDArray[np.intp]) -> NoiseOfMany:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon.arrays import Array
-from daemon.vision.geometry import Rings, Shape, areas, convex, different, drop_side, is_simple, met, rings, tidy
+from daemon.vision.geometry import Point, Rings, Shape, areas, convex, different, drop_side, is_simple, met, rings, tidy
 from daemon.vision.image.calipers import Images
 from daemon.vision.image.edge_lines import find_sides, probe_sides
 from daemon.vision.image.regions import Border, Image32, Region, RoughPolygon
@@ -203,22 +203,35 @@ def _cleanest(rough: list[RoughPolygon], settings: VisionSettings) -> list[Rough
 
 def first_of_each(polygons: list[Array], tolerance_px: float) -> list[int]:
     """Indices of the polygons that do not repeat an earlier one corner by corner."""
-    alike = dict[int, list[int]]()
+    kept = list[int]()
+    known = dict[int, list[tuple[float, float, list[Point]]]]()
     for k, p in enumerate(polygons):
-        alike.setdefault(len(p), []).append(k)
-    repeats = set[int]()
-    for own in alike.values():
-        corners = np.stack([polygons[k] for k in own])
-        middle = corners.mean(1)
-        reach = np.minimum(tolerance_px, 0.1 * np.abs(corners - middle[:, None]).sum(2).max(1))
-        near = np.abs(middle[:, None] - middle).max(2) < reach[:, None]
-        later, earlier = np.nonzero(np.tril(near, -1))
-        apart = np.abs(corners[later][:, :, None] - corners[earlier][:, None]).max(3)
-        same = (apart < reach[later, None, None]).any(2).all(1)
-        for k, first in zip(later[same].tolist(), earlier[same].tolist(), strict=True):
-            if own[first] not in repeats:
-                repeats.add(own[k])
-    return [k for k in range(len(polygons)) if k not in repeats]
+        points: list[Point] = p.tolist()
+        x = y = size = 0.0
+        for u, v in points:
+            x, y = x + u / len(points), y + v / len(points)
+        for u, v in points:
+            size = max(size, abs(u - x) + abs(v - y))
+        reach = min(tolerance_px, 0.1 * size)
+        others = known.setdefault(len(points), [])
+        for u, v, q in others:
+            if abs(x - u) < reach and abs(y - v) < reach and _same(points, q, reach):
+                break
+        else:
+            others.append((x, y, points))
+            kept.append(k)
+    return kept
+
+
+def _same(a: list[Point], b: list[Point], tolerance_px: float) -> bool:
+    """Whether two polygons of as many corners agree corner by corner."""
+    for x, y in a:
+        for u, v in b:
+            if abs(x - u) < tolerance_px and abs(y - v) < tolerance_px:
+                break
+        else:
+            return False
+    return True
 
 
 def _variants(corners: Array, settings: VisionSettings) -> list[Array]:

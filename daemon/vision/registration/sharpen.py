@@ -21,7 +21,7 @@ from daemon.vision.registration.edge_pose import measured
 from daemon.vision.registration.expected_edges import Placements, expected
 from daemon.vision.values import Part
 
-ROUNDS, SMALL_MM = 3, 0.1
+ROUNDS, SMALL_MM = 3, 0.15
 """How often edges are measured, and a motion of the part after which another time would change nothing."""
 FEWEST_EDGES = 6
 """Edges in both eyes together that hold a pose."""
