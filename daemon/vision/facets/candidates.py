@@ -9,8 +9,8 @@ import numpy as np
 
 from daemon.arrays import Array
 from daemon.vision.facets.matching import Match, match_polygons
-from daemon.vision.geometry import Baseline, Shape, disparity, fit_plane, planarity, weighted_plane
-from daemon.vision.image import Eyes, Fitted, Outline, fits
+from daemon.vision.geometry import Baseline, Shape, disparity, fit_plane, planarities, rings, weighted_plane
+from daemon.vision.image import Eyes, Fitted, Outline, find_outlines_in, fits
 from daemon.vision.settings import VisionSettings
 from daemon.vision.values import Facet, Polygon
 
@@ -46,27 +46,28 @@ def find_candidates(eyes: Eyes, settings: VisionSettings) -> list[Candidate]:
     """Pairs of outlines that fit along the epipolar lines, fitted and triangulated; of similar pairs only the
     best few.
     """
-    left, right = (view.outlines(settings) for view in eyes.views)
+    left, right = find_outlines_in(eyes.views, settings)
     matches = match_polygons([o.corners for o in left], [o.corners for o in right], eyes.geometry, settings)
     matches = _best_few(matches, left, right)
     asked = (eyes.left, [left[m.left] for m in matches]), (eyes.right, [right[m.right] for m in matches])
-    candidates = []
-    for m, a, b in zip(matches, *fits(asked), strict=True):
-        if a is not None and b is not None:
-            support = min(left[m.left].support, right[m.right].support)
-            made = candidate(a, b.rolled(m.shift), support - _PER_PX * m.cost, eyes.geometry)
-            if made.facet.epipolar_px.max() < settings.max_epipolar_px:
-                candidates.append(made)
-    return candidates
+    fitted = [
+        (a, b.rolled(m.shift), min(left[m.left].support, right[m.right].support) - _PER_PX * m.cost)
+        for m, a, b in zip(matches, *fits(asked), strict=True)
+        if a is not None and b is not None
+    ]
+    return [c for c in candidates(fitted, eyes.geometry) if c.facet.epipolar_px.max() < settings.max_epipolar_px]
 
 
-def candidate(left: Fitted, right: Fitted, support: float, geometry: Baseline) -> Candidate:
-    """A candidate of polygons whose corners correspond; support: how far its outlines are seen, less what
-    speaks against.
+def candidates(fitted: Sequence[tuple[Fitted, Fitted, float]], geometry: Baseline) -> list[Candidate]:
+    """Candidates of polygons in the left and the right eye whose corners correspond, each with how far its outlines are
+    seen, less what speaks against it.
     """
-    facet = triangulate(left.polygon, right.polygon, geometry)
-    worth = support + _agreement(left, right) - _PER_CORNER * len(facet.left_px)
-    return Candidate(facet, left, right, worth, Shape.of(facet.left_px), Shape.of(facet.right_px))
+    facets = triangulate([(left.polygon, right.polygon) for left, right, _ in fitted], geometry)
+    found = []
+    for facet, (left, right, support) in zip(facets, fitted, strict=True):
+        worth = support + _agreement(left, right) - _PER_CORNER * len(facet.left_px)
+        found.append(Candidate(facet, left, right, worth, Shape.of(facet.left_px), Shape.of(facet.right_px)))
+    return found
 
 
 def _best_few(matches: list[Match], left: Sequence[Outline], right: Sequence[Outline]) -> list[Match]:
@@ -148,13 +149,19 @@ def _angle_between(a: Facet, b: Facet) -> float:
     return float(np.arccos(np.clip(one @ other, -1, 1)))
 
 
-def triangulate(a: Polygon, b: Polygon, geometry: Baseline) -> Facet:
-    """The facet whose corners are a's in the left and b's in the right eye, in the same order."""
-    left, right = geometry.left.ideal(a.corners_px), geometry.right.ideal(b.corners_px)
+def triangulate(pairs: Sequence[tuple[Polygon, Polygon]], geometry: Baseline) -> list[Facet]:
+    """Facets whose corners are these in the left and in the right eye, in the same order."""
+    if not pairs:
+        return []
+    shape, other = (rings([pair[eye].corners_px for pair in pairs]) for eye in (0, 1))
+    spread = (np.concatenate([pair[eye].covariance_px2 for pair in pairs]) for eye in (0, 1))
+    left, right = geometry.left.ideal(shape.corners), geometry.right.ideal(other.corners)
     corners = geometry.points(left, right)
-    covariance = corner_covariance(geometry, left, right, a.covariance_px2, b.covariance_px2)
+    covariance = corner_covariance(geometry, left, right, *spread)
     off = np.abs(left[:, 1] - right[:, 1]) * geometry.left.focal_px
-    return Facet(corners, covariance, a.corners_px, b.corners_px, off, planarity(corners))
+    flat = planarities(shape.moved(corners))
+    each = (shape.split(v) for v in (corners, covariance, shape.corners, other.corners, off))
+    return [Facet(*values) for values in zip(*each, flat, strict=True)]
 
 
 def corner_covariance(geometry: Baseline, left: Array, right: Array, left_px2: Array, right_px2: Array) -> Array:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from daemon.arrays import Array
-from daemon.vision.facets.candidates import Candidate, candidate, flatness_sigmas
+from daemon.vision.facets.candidates import Candidate, candidates, flatness_sigmas
 from daemon.vision.facets.grouping import same_edges
 from daemon.vision.geometry import Baseline, areas, rings
 from daemon.vision.image import Eyes, OneEye, Outline, fits, probe, probe_sides, snap_near
@@ -88,21 +88,22 @@ def _swing(
     if not len(polygons):
         return None
     start, end = (np.delete(p, hinge.side, axis=1).reshape(-1, 2) for p in (polygons, np.roll(polygons, -1, axis=1)))
-    strength = probe_sides(other.smooth, start, end, other.grain)[0].reshape(len(polygons), -1)
+    strength = probe_sides([(other.smooth, len(start))], start, end, other.grain)[0].reshape(len(polygons), -1)
     own = np.delete(outline.strength, hinge.side)
     agree = np.minimum(strength * np.sign(own), np.abs(own))
     best = int(np.argmax(agree.sum(1)))
     if not np.all(np.isfinite(agree[best])):
         return None
-    there = snap_near(other.smooth, rings([polygons[best]]), _REACH_PX, _SIGMA_PX)
-    outlines = probe(other.smooth, other.grain, there, [outline.border], settings)
-    if not outlines:
+    image = [(other.smooth, polygons.shape[1])]
+    there = snap_near(image, rings([polygons[best]]), _REACH_PX, _SIGMA_PX)
+    (found,) = probe(image, [other.grain], there, [outline.border], settings)
+    if found is None:
         return None
-    (here,), (far,) = fits(((seen, [outline]), (other, outlines[:1])))
+    (here,), (far,) = fits(((seen, [outline]), (other, [found])))
     if here is None or far is None:
         return None
-    worth = min(outline.support, outlines[0].support)
-    made = candidate(here, far, worth, geometry) if is_left else candidate(far, here, worth, geometry)
+    worth = min(outline.support, found.support)
+    (made,) = candidates([(here, far, worth) if is_left else (far, here, worth)], geometry)
     off = made.facet.epipolar_px.max() > settings.max_epipolar_px
     return None if off or flatness_sigmas(made.facet) > settings.planarity_sigmas else made
 

@@ -19,7 +19,8 @@ Index = NDArray[np.intp]
 PLANE_MM = 0.02  # how flat a real facet is
 _MODEL_PX = 0.02  # how far a real side is from a straight line; both set by eye
 _OUTLIER = 3.0  # sigmas at which a side counts a quarter
-_ROUNDS = 6
+_ROUNDS, _LINEARISED = 6, 2
+"""How often sides are weighed anew, and in how many rounds, the first, slopes and planes are taken anew as well."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +44,7 @@ def pulls(sides: list[Sides], corners: list[Index], eye: Eye, shared: set[tuple[
     end = eye.ideal(np.concatenate([s.end for s in sides]))
     chord = end - start
     normal = np.stack([-chord[:, 1], chord[:, 0]], 1) / np.linalg.norm(chord, axis=1)[:, None]
-    line = np.concatenate([normal, -np.sum(normal * start, 1)[:, None]], 1)
+    line = np.concatenate([normal, -(normal * start).sum(1)[:, None]], 1)
     covariance = np.concatenate([s.covariance for s in sides]) + _MODEL_PX**2 * np.eye(2)
     whiten = np.linalg.inv(np.linalg.cholesky(covariance))
     ends = np.concatenate([np.stack([c, np.roll(c, -1)], 1) for c in corners])
@@ -78,22 +79,25 @@ def settle(
     both = EdgeObservations(*(np.concatenate([getattr(e, f.name) for e in (left, right)]) for f in fields(left)))
     own = len(left.ends)
     shift_mm = np.repeat([half, -half], [own, len(right.ends)])
-    by_size = [np.stack([p for p in planes if len(p) == k]) for k in sorted({len(p) for p in planes})]
-    trust = both.weight
+    by_size = [np.array([p for p in planes if len(p) == k]) for k in sorted({len(p) for p in planes})]
+    trust, flat = both.weight, np.zeros((0, count))
+    slopes, held = np.zeros((len(trust), 2, count)), 1e-9 * np.eye(count)
     for turn_number in range(_ROUNDS):
-        residual, jacobian = _offsets(points, both, shift_mm)
-        size = np.sum(residual**2, 1)
+        residual = _offsets(points, both, shift_mm)
+        if turn_number < _LINEARISED:
+            slopes = _slopes(points, both, shift_mm)
+            flat = np.concatenate([np.zeros((0, count)), *(_flatness(points, alike) for alike in by_size)])
+            held = flat.T @ flat + 1e-9 * np.eye(count)
+        size = (residual**2).sum(1)
         squares, say = float(trust @ size), 2 * float(trust.sum())
-        weighted = (jacobian * trust[:, None, None]).reshape(-1, count)
-        hessian = weighted.T @ jacobian.reshape(-1, count) + 1e-9 * np.eye(count)
-        gradient = weighted.T @ residual.ravel()
+        weighted = (slopes * trust[:, None, None]).reshape(-1, count).T
+        hessian = weighted @ slopes.reshape(-1, count) + held
+        gradient = weighted @ residual.ravel() + flat.T @ (flat @ points.ravel())
         if turn_number >= 1:
             # The left's sides by their own spread, the right's by that of both: on the rendered scenes the worst of the
             # corners (95 %) are 6 % farther off with all by that of both, 8 % with each eye's by its own.
             spreads = [_spread(size[:own], trust[:own]), _spread(size, trust)]
-            trust = both.weight / (1 + size / _OUTLIER**2 / np.repeat(spreads, [own, len(size) - own])) ** 2
-        for alike in by_size:
-            _flatten(hessian, gradient, points, alike)
+            trust = both.weight / (1 + size / _OUTLIER**2 / np.array(spreads).repeat([own, len(size) - own])) ** 2
         step = np.linalg.solve(hessian, gradient)
         points = points - step.reshape(-1, 3)
         if turn_number >= 3 and np.abs(step).max() < 1e-4:
@@ -111,32 +115,35 @@ def _spread(size: Array, trust: Array) -> float:
     return max(1.0, float(trust @ size) / max(2 * float(trust.sum()), 1.0))
 
 
-def _offsets(points: Array, seen: EdgeObservations, shift_mm: Array) -> tuple[Array, Array]:
-    """Whitened offsets (S, 2) of both corners of each side from its line, and their derivatives (S, 2, 3 V) by all
-    corners. shift_mm (S,): from the eye that saw each to the middle of the baseline.
+def _offsets(points: Array, seen: EdgeObservations, shift_mm: Array) -> Array:
+    """Whitened offsets (S, 2) of both corners of each side from its line. shift_mm (S,): from the eye that saw each to
+    the middle of the baseline.
     """
     x, y, z = points[seen.ends].transpose(2, 0, 1)
-    w = 1 / z
-    u, v = (x + shift_mm[:, None]) * w, y * w
     a, b, c = seen.line.T[:, :, None]
-    toward = a * u + b * v
-    slope = np.stack([a * w, b * w, -toward * w], 2)
-    rows, n = np.arange(len(w))[:, None], len(points)
-    jacobian = np.zeros((len(w), n, 2, 3))
-    jacobian[rows, seen.ends] = np.swapaxes(seen.whiten, 1, 2)[..., None] * slope[:, :, None]
-    return np.einsum("sij,sj->si", seen.whiten, toward + c), jacobian.transpose(0, 2, 1, 3).reshape(len(w), 2, 3 * n)
+    off = (a * (x + shift_mm[:, None]) + b * y) / z + c
+    return np.asarray((seen.whiten @ off[..., None])[..., 0])
 
 
-def _flatten(hessian: Array, gradient: Array, points: Array, planes: Index) -> None:
-    """Add the condition that the corners of each plane (P, K) lie on some plane, free to move and tilt, in place."""
+def _slopes(points: Array, seen: EdgeObservations, shift_mm: Array) -> Array:
+    """The offsets' derivatives (S, 2, 3 V) by all corners."""
+    x, y, z = points[seen.ends].transpose(2, 0, 1)
+    a, b, _ = seen.line.T[:, :, None]
+    slope = np.stack([a / z, b / z, -(a * (x + shift_mm[:, None]) + b * y) / z**2], 2)
+    sides, n = len(z), len(points)
+    slopes = np.zeros((sides, n, 2, 3))
+    slopes[np.arange(sides)[:, None], seen.ends] = seen.whiten.swapaxes(1, 2)[..., None] * slope[:, :, None]
+    return slopes.transpose(0, 2, 1, 3).reshape(sides, 2, 3 * n)
+
+
+def _flatness(points: Array, planes: Index) -> Array:
+    """Rows (P K, 3 V) that take all corners' coordinates to how far those of each plane (P, K) are off it, in PLANE_MM;
+    the plane is free to move and tilt.
+    """
     p = points[planes]
     count, k = planes.shape
-    centred = p - p.mean(1, keepdims=True)
-    own, _, axes = np.linalg.svd(centred, full_matrices=False)
-    out_of_plane = np.eye(k) - 1 / k - own[:, :, :2] @ np.swapaxes(own[:, :, :2], 1, 2)
-    normal = axes[:, 2]
-    j = (out_of_plane[..., None] * normal[:, None, None]).reshape(count, k, -1) / PLANE_MM
-    residual = out_of_plane @ (centred @ normal[..., None]) / PLANE_MM
-    columns = (planes[:, :, None] * 3 + np.arange(3)).reshape(count, -1)
-    np.add.at(hessian, (columns[:, :, None], columns[:, None]), np.swapaxes(j, 1, 2) @ j)
-    np.add.at(gradient, columns, (np.swapaxes(j, 1, 2) @ residual)[..., 0])
+    own, _, axes = np.linalg.svd(p - p.mean(1, keepdims=True), full_matrices=False)
+    out_of_plane = np.eye(k) - 1 / k - own[:, :, :2] @ own[:, :, :2].swapaxes(1, 2)
+    rows = np.zeros((count, len(points), k, 3))
+    rows[np.arange(count)[:, None], planes] = out_of_plane[..., None] * axes[:, 2][:, None, None] / PLANE_MM
+    return rows.transpose(0, 2, 1, 3).reshape(count * k, -1)

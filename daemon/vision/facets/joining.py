@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from daemon.vision.facets.candidates import Candidate
 from daemon.vision.facets.corner_adjustment import AdjustedCorners, pulls, settle
-from daemon.vision.geometry import Baseline, planarity
+from daemon.vision.geometry import Baseline
 from daemon.vision.values import Facet, Group
 
 Index = NDArray[np.intp]
@@ -34,5 +34,5 @@ def _redrawn(facet: Facet, corners: Index, solid: AdjustedCorners, geometry: Bas
         geometry.left.pixels(left),
         geometry.right.pixels(right),
         facet.epipolar_px,
-        planarity(facet.corners_mm),
+        facet.planarity_mm,
     )

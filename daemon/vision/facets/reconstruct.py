@@ -64,7 +64,10 @@ def _welded(candidates: list[Candidate]) -> list[tuple[list[Candidate], Group]]:
     if not candidates:
         return []
     whole = weld([c.facet for c in candidates])
-    return [([candidates[k] for k in members], whole.only(members)) for members in connected(whole.touching)]
+    sets = connected(whole.touching)
+    if len(sets) == 1:
+        return [(candidates, whole)]
+    return [([candidates[k] for k in members], whole.only(members)) for members in sets]
 
 
 def _settled(members: list[Candidate], group: Group, geometry: Baseline, settings: VisionSettings) -> Group:
@@ -95,7 +98,8 @@ def _with_detected_corners(c: Candidate, eyes: Eyes, settings: VisionSettings) -
         covariance = np.repeat(_DETECTED_PX**2 * np.eye(2)[None], len(corners), 0)
         polygons.append(replace(p, corners_px=corners, covariance_px2=covariance))
     left, right = replace(c.left, polygon=polygons[0]), replace(c.right, polygon=polygons[1])
-    return replace(c, facet=triangulate(polygons[0], polygons[1], eyes.geometry), left=left, right=right)
+    (facet,) = triangulate([(polygons[0], polygons[1])], eyes.geometry)
+    return replace(c, facet=facet, left=left, right=right)
 
 
 def _by_formula(facets: Iterable[Facet], rig: StereoRig, settings: VisionSettings) -> list[Facet]:

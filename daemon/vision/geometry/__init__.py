@@ -3,7 +3,7 @@
 from daemon.vision.geometry.chisquare import chi_square_limit, chi_square_tail
 from daemon.vision.geometry.converging import Converging, by_formula, converging
 from daemon.vision.geometry.facet_measures import Measures, measure, newell_normal
-from daemon.vision.geometry.planes import fit_plane, planarity, weighted_plane
+from daemon.vision.geometry.planes import fit_plane, planarities, planarity, weighted_plane
 from daemon.vision.geometry.polygon import Point, Shape, drop_side, is_simple, tidy
 from daemon.vision.geometry.polygon_batch import Rings, areas, convex, different, met, rings
 from daemon.vision.geometry.polyhedron import Polyhedron, exact, united
@@ -40,6 +40,7 @@ __all__ = [
     "measure",
     "met",
     "newell_normal",
+    "planarities",
     "planarity",
     "rings",
     "rough_rms",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from daemon.arrays import Array
+from daemon.vision.geometry.polygon_batch import Rings, rings
 
 
 def fit_plane(points: Array) -> tuple[Array, float]:
@@ -34,6 +35,14 @@ def weighted_plane(points: Array, covariance: Array) -> tuple[Array, float, Arra
 
 
 def planarity(points: Array) -> float:
-    """Rms distance, mm, of the corners from their best plane."""
-    normal, d = fit_plane(points)
-    return float(np.sqrt(np.mean((points @ normal - d) ** 2)))
+    """Rms distance, mm, of the corners (N, 3) from their best plane."""
+    return planarities(rings([points]))[0]
+
+
+def planarities(shape: Rings) -> list[float]:
+    """The same of many polygons in space."""
+    count = shape.count[:, None]
+    centred = shape.corners - np.repeat(shape.sums(shape.corners) / count, shape.count, axis=0)
+    scatter = shape.sums(centred[:, :, None] * centred[:, None]) / count[:, None]
+    least: list[float] = np.sqrt(np.maximum(np.linalg.eigvalsh(scatter)[:, 0], 0.0)).tolist()
+    return least

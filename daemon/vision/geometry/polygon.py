@@ -94,7 +94,7 @@ def tidy(corners: list[Point], min_side_px: float) -> list[Point] | None:
 def drop_side(corners: list[Point], k: int) -> list[Point]:
     """Replace side k by the corner where its neighbours' lines meet, or by its middle where they meet far away."""
     n = len(corners)
-    a, b, c, d = (corners[(k + i) % n] for i in (-1, 0, 1, 2))
+    a, b, c, d = corners[k - 1], corners[k], corners[(k + 1) % n], corners[(k + 2) % n]
     middle = (b[0] + c[0]) / 2, (b[1] + c[1]) / 2
     meet = meeting(a, b, c, d) if n > 3 else None
     if meet is None or math.hypot(meet[0] - middle[0], meet[1] - middle[1]) > _MEET_PX:

@@ -14,7 +14,9 @@ Index = NDArray[np.intp]
 
 @dataclass(frozen=True, eq=False)
 class Rings:
-    """Corners (M, 2) of P polygons one after the other; first, count (P,); next, before (M,) neighbours round each."""
+    """Corners (M, 2), or (M, 3) in space, of P polygons one after the other; first, count (P,); next, before (M,)
+    neighbours round each.
+    """
 
     corners: Array
     first: Index
@@ -43,9 +45,9 @@ class Rings:
 def rings(polygons: list[Array]) -> Rings:
     """Put polygons, at least one, into one array."""
     count = np.array([len(p) for p in polygons], dtype=np.intp)
-    first = np.cumsum(count) - count
+    first = count.cumsum() - count
     index = np.arange(count.sum())
-    owner = np.repeat(np.arange(len(count)), count)
+    owner = np.arange(len(count)).repeat(count)
     last = (first + count - 1)[owner]
     following = np.where(index == last, first[owner], index + 1)
     before = np.where(index == first[owner], last, index - 1)
@@ -73,7 +75,7 @@ def convex(shape: Rings) -> NDArray[np.bool_]:
     """Whether each polygon is convex and runs once round, anticlockwise as seen (P,)."""
     chord = shape.corners[shape.next] - shape.corners
     old = chord[shape.before]
-    turn = np.arctan2(old[:, 0] * chord[:, 1] - old[:, 1] * chord[:, 0], np.sum(old * chord, 1))
+    turn = np.arctan2(old[:, 0] * chord[:, 1] - old[:, 1] * chord[:, 0], (old * chord).sum(1))
     return (shape.least(-turn) > 0) & (np.abs(shape.sums(turn) + 2 * np.pi) < 1e-3)
 
 
@@ -89,7 +91,7 @@ def different(start: Array, end: Array, tolerance_px: float) -> tuple[Index, Ind
     crossed = _near(one, other, tolerance_px)
     back = crossed & crossed.T
     here = np.arange(len(start))
-    first = np.argmax(same | back, 1)
+    first = (same | back).argmax(1)
     first = np.where(first[first] == first, first, here)
     kept, which = np.unique(first, return_inverse=True)
     return kept, which, ~same[here, first]

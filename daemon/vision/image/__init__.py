@@ -6,7 +6,7 @@ both_eyes.py only keeps the two together: what a look prepares once, and everyth
 from daemon.vision.image.both_eyes import Eyes, open_eyes
 from daemon.vision.image.edge_lines import Sides, edge_sigmas, find_sides, fit_sides, probe_sides
 from daemon.vision.image.grey import BLOCK_PX, SATURATED, VisionError, as_grey, block_means
-from daemon.vision.image.one_eye import OneEye, fits
+from daemon.vision.image.one_eye import OneEye, find_outlines_in, fits
 from daemon.vision.image.outlines import Outline, probe, snap_near
 from daemon.vision.image.polygon_fit import MODEL_PX, Fitted
 from daemon.vision.image.regions import Scale
@@ -30,6 +30,7 @@ __all__ = [
     "block_means",
     "edge_sigmas",
     "find_corners",
+    "find_outlines_in",
     "find_segments",
     "find_sides",
     "fit_sides",

@@ -21,6 +21,8 @@ from daemon.vision.geometry import Eye
 Index = NDArray[np.intp]
 Image32 = NDArray[np.float32]
 Real = NDArray[np.floating[Any]]
+Images = Sequence[tuple[Image32, int]]
+"""Images, each with how many of the sides, one after the other, lie in it."""
 FEWEST, MOST = 3, 400
 """Calipers on one side."""
 BLOCKS, IN_BLOCK = 6, 6
@@ -61,7 +63,7 @@ class Calipers:
         low = np.maximum(here - half, self.first.take(self.side))
         high = np.minimum(here + half + 1, end.take(self.side))
         total = np.zeros((len(values), len(here) + 1))
-        np.cumsum(values, 1, out=total[:, 1:])
+        values.cumsum(1, out=total[:, 1:])
         return np.asarray((total.take(high, 1) - total.take(low, 1)) / (high - low))
 
 
@@ -74,9 +76,9 @@ def lay_calipers(start_px: Array, end_px: Array, bow_px: Array | None, trim_px: 
     chord = end_px - start_px
     length = np.maximum(np.hypot(chord[:, 0], chord[:, 1]), 1e-6)
     trim = np.minimum(trim_px, 0.25 * length)
-    count = np.clip(np.ceil((length - 2 * trim) / spacing_px), FEWEST, MOST).astype(np.intp)
-    first = np.cumsum(count) - count
-    side = np.repeat(np.arange(len(count)), count)
+    count = np.minimum(np.maximum(np.ceil((length - 2 * trim) / spacing_px), FEWEST), MOST).astype(np.intp)
+    first = count.cumsum() - count
+    side = np.arange(len(count)).repeat(count)
     normal = np.stack([-chord[:, 1], chord[:, 0]], 1) / length[:, None]
     bow = np.zeros_like(chord) if bow_px is None else bow_px
     reach = 1 - 2 * trim / length
@@ -101,7 +103,7 @@ def lens_bow(start_px: Array, end_px: Array, eye: Eye | None) -> Array | None:
     middle = eye.pixels((ends[:n] + ends[n:]) / 2)
     chord = end_px - start_px
     off = middle - (start_px + end_px) / 2
-    along = np.sum(off * chord, 1) / np.maximum(np.sum(chord * chord, 1), 1e-9)
+    along = (off * chord).sum(1) / np.maximum((chord * chord).sum(1), 1e-9)
     return np.asarray(off - along[:, None] * chord)
 
 
@@ -116,7 +118,7 @@ def profiles(images: Sequence[Image32], cuts: Sequence[int], calipers: Calipers,
     )
 
 
-def stretch_profiles(image: Image32, start: Array, end: Array, trim_px: float, offsets: Array, bias_px: Array) -> Array:
+def stretch_profiles(images: Images, start: Array, end: Array, trim_px: float, offsets: Array, bias_px: Array) -> Array:
     """Mean profiles (S, BLOCKS, C) of equal stretches of straight sides (S, 2), (S, 2) px.
 
     offsets (C,) px, counted from each side's bias_px (S,), outwards; trim_px is left out at either end.
@@ -134,9 +136,14 @@ def stretch_profiles(image: Image32, start: Array, end: Array, trim_px: float, o
         + normal.astype(np.float32)[:, k, None, None] * offsets.astype(np.float32)
         for k in (0, 1)
     )
-    width = len(offsets)
-    values = bilinear(image, x.reshape(-1, width), y.reshape(-1, width))
-    return np.asarray(values.reshape(IN_BLOCK, -1, BLOCKS, width).mean(0), float)
+    width, first, means = len(offsets), 0, []
+    for image, count in images:
+        if count:
+            own = np.s_[:, first : first + count]
+            values = bilinear(image, x[own].reshape(-1, width), y[own].reshape(-1, width))
+            means.append(values.reshape(IN_BLOCK, count, BLOCKS, width).mean(0))
+            first += count
+    return np.concatenate(means).astype(float)
 
 
 def stretches(start: Array, end: Array, trim_px: float) -> tuple[Array, Array]:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from daemon.vision.image.calipers import (
     BLOCKS,
     IN_BLOCK,
     Calipers,
+    Images,
     lay_calipers,
     lens_bow,
     profiles,
@@ -34,7 +36,9 @@ Image32 = NDArray[np.float32]
 # Set by eye on rendered sides, like the other numbers here that name no source.
 _TRIM_PX = 4.0
 """Left out at either end of a side, where its neighbour is in view."""
-_FIRST_SPACING_PX, _FIRST_BLUR_PX = 3.0, 0.7
+_FITS = (3.0, 2), (1.0, 4)
+"""Px between calipers, and robust rounds, of the rough fit of a side and of the fine one."""
+_FIRST_BLUR_PX = 0.7
 _FAINT_BLOCK = 0.4
 """A stretch of a side that shows less than this share of the side's mean slope shows no edge."""
 _BESIDE_PX = 8.5
@@ -63,7 +67,10 @@ class Sides:
     def chosen(self, which: Index, turned: NDArray[np.bool_] | None = None) -> Sides:
         """Some of the sides, in this order; those `turned` run the other way, with the polygon on their other hand."""
         if turned is None or not turned.any():
-            return Sides(*(getattr(self, name)[which] for name in Sides.__dataclass_fields__))
+            return Sides(
+                self.start[which], self.end[which], self.covariance[which], self.step[which], self.evidence[which],
+                self.support[which], self.blur[which],
+            )  # fmt: skip
         back = turned[:, None]
         start, end, covariance = self.start[which], self.end[which], self.covariance[which]
         return Sides(
@@ -78,11 +85,11 @@ class Sides:
 
 
 def find_sides(
-    smooth: Image32, start: Array, end: Array, reach_px: Array | float, expected_px: Array, sigma_px: Array
+    images: Images, start: Array, end: Array, reach_px: Array | float, expected_px: Array, sigma_px: Array
 ) -> tuple[Array, Array]:
     """Move rough sides (S, 2), (S, 2) px onto the strongest straight gradient near them, seen over their whole length.
 
-    smooth: unit-noise image after a Gaussian of SMOOTHING_PX. Looks up to reach_px, (S,) or one for all, either way of
+    images: of unit noise, after a Gaussian of SMOOTHING_PX. Looks up to reach_px, (S,) or one for all, either way of
     expected_px (S,) outwards, and at tilts that move either end by a few pixels; gradients count by how near they are
     to what is expected, with sigma_px (S,). Returns moved ends.
     """
@@ -91,7 +98,7 @@ def find_sides(
     pitch = 1.0 if farthest > 2 else 0.5
     offsets = np.arange(-farthest - pitch, farthest + 1.5 * pitch, pitch)
     late = np.broadcast_to(farthest - reach_px, len(start))  # each side's offsets begin at its own reach
-    values = stretch_profiles(smooth, start, end, _TRIM_PX, offsets, expected_px + late)
+    values = stretch_profiles(images, start, end, _TRIM_PX, offsets, expected_px + late)
     places = offsets[1:-1] + late[:, None]
     within = places < farthest - late[:, None] + 0.5 * pitch
     last = within.sum(1, dtype=np.int32)[:, None, None, None] - 1
@@ -103,7 +110,7 @@ def find_sides(
     shifted += (np.arange(len(start) * BLOCKS, dtype=np.int32) * width).reshape(len(start), -1, 1, 1)
     lines = np.abs(slopes.ravel().take(shifted).sum(1))
     lines *= (np.exp(-0.5 * (places / sigma_px[:, None]) ** 2) * within)[:, None]
-    best, each = np.argmax(lines.reshape(len(start), -1), 1), np.arange(len(start))
+    best, each = lines.reshape(len(start), -1).argmax(1), np.arange(len(start))
     tilt, offset = tilts[each, best // width], places[each, best % width] + expected_px
     chord = end - start
     normal = np.stack([-chord[:, 1], chord[:, 0]], 1) / length[:, None]
@@ -111,35 +118,35 @@ def find_sides(
     return start + (offset - slope)[:, None] * normal, end + (offset + slope)[:, None] * normal
 
 
-def probe_sides(smooth: Image32, start: Array, end: Array, grain: float = 1.0) -> tuple[Array, Array]:
+def probe_sides(images: Images, start: Array, end: Array, grain: Array | float = 1.0) -> tuple[Array, Array]:
     """How strong the gradient across each side is: its mean in sigmas (S,), and the fraction of the side that shows
     it (S,).
 
-    smooth: unit-noise image after a Gaussian of SMOOTHING_PX, whose noise is therefore known along and across the
-    side; grain: that noise over what white noise would leave.
+    images: of unit noise, after a Gaussian of SMOOTHING_PX; their noise is therefore known along and across the side;
+    grain: that noise over what white noise would leave, (S,) or one for all.
     """
     length = np.maximum(np.hypot(*(end - start).T), 1e-6)
-    values = stretch_profiles(smooth, start, end, 1.0, np.array([-0.5, 0.5]), np.zeros(len(start)))
+    values = stretch_profiles(images, start, end, 1.0, np.array([-0.5, 0.5]), np.zeros(len(start)))
     slopes = values[:, :, 1] - values[:, :, 0]
     one = grain * _SLOPE_NOISE
     rows = np.clip(length / _ROW_PX, 1.0, BLOCKS * IN_BLOCK)
-    mean = np.mean(slopes, 1)
+    mean = slopes.mean(1)
     sigma = one / np.sqrt(np.maximum(rows / BLOCKS, 1.0))
     slope_z = slopes * np.sign(mean)[:, None] / sigma[:, None]
     seen = np.mean(slope_z > np.clip(_FAINT_BLOCK * np.abs(mean) / sigma, 0.5, 2.5)[:, None], 1)
     return mean / (one / np.sqrt(rows)), seen
 
 
-def edge_sigmas(smooth: Image32, start: Array, end: Array) -> Array:
+def edge_sigmas(images: Images, start: Array, end: Array) -> Array:
     """How surely an edge lies along each line (S,): the slope across it, over its whole length, in sigmas.
 
-    smooth: as for probe_sides. The slope is the median over stretches of the line, so that an edge that only crosses
+    images: as for probe_sides. The slope is the median over stretches of the line, so that an edge that only crosses
     it does not count; it is taken against what lines beside this one show, shading and grain alike, on the quieter
     hand: on the other the next edge may be near.
     """
     length = np.maximum(np.hypot(*(end - start).T), 1e-6)
     offsets = np.arange(-_BESIDE_PX, _BESIDE_PX + 0.1, 0.5)
-    values = stretch_profiles(smooth, start, end, _TRIM_PX, offsets, np.zeros(len(start)))
+    values = stretch_profiles(images, start, end, _TRIM_PX, offsets, np.zeros(len(start)))
     slope = np.median(values[:, :, 2:] - values[:, :, :-2], 1)
     place = offsets[1:-1]
     shading, grain = np.zeros(len(start)), np.full(len(start), np.inf)
@@ -162,8 +169,15 @@ class Exposure:
     eye: Eye | None
 
 
-def fit_sides(exposures: Sequence[tuple[Exposure, int]], start: Array, end: Array, sets: Index | None = None) -> Sides:
-    """Least-squares lines of blurred steps near the sides start -> end, (S, 2) px each, already within about 1 px.
+def fit_sides(
+    exposures: Sequence[tuple[Exposure, int]],
+    start: Array,
+    end: Array,
+    sets: Index | None = None,
+    known_blurs: Array | None = None,
+) -> Sides:
+    """Least-squares lines of blurred steps near the sides start -> end, (S, 2) px each, already within about 1 px; half
+    of that where their blurs are known, which are then spared a first rough fit.
 
     exposures: with how many of the sides, one after the other, lie in each. Each profile gives where the step crosses
     it, by least squares against the step's own slope, with the grey levels on both sides free to drift along the side;
@@ -172,17 +186,18 @@ def fit_sides(exposures: Sequence[tuple[Exposure, int]], start: Array, end: Arra
     need be edges. Columns are weighed alike on both sides, so that a wrong blur cannot shift the line.
     """
     counts = np.array([count for _, count in exposures])
-    in_image = np.cumsum(counts) - counts
+    in_image = counts.cumsum() - counts
     bow = _bows([e for e, _ in exposures], np.split(start, in_image[1:]), np.split(end, in_image[1:]))
     sides_of = counts if sets is None else sets
-    first, blurs = np.cumsum(sides_of) - sides_of, np.full(len(sides_of), _FIRST_BLUR_PX)
-    for spacing_px, rounds in ((_FIRST_SPACING_PX, 2), (1.0, 4)):
+    first = sides_of.cumsum() - sides_of
+    blurs = np.full(len(sides_of), _FIRST_BLUR_PX) if known_blurs is None else known_blurs
+    for spacing_px, rounds in _FITS[0 if known_blurs is None else 1 :]:
         calipers = lay_calipers(start, end, bow, _TRIM_PX, spacing_px)
         steps = _steps([e for e, _ in exposures], in_image, calipers, blurs, first)
         offset, slope, covariance, support = _robust_line(calipers, steps.position, 1 / steps.sigma, rounds)
         start = start + (offset - slope)[:, None] * calipers.normal
         end = end + (offset + slope)[:, None] * calipers.normal
-        blurs = np.clip(blurs + steps.blur_error_px, 0.4, 2.5)
+        blurs = np.minimum(np.maximum(blurs + steps.blur_error_px, 0.4), 2.5)
     ends = np.array([[1.0, -1.0], [1.0, 1.0]])
     evidence = np.abs(steps.height) / steps.height_sigma
     return Sides(start, end, ends @ covariance @ ends.T, steps.height, evidence, support, blurs.repeat(sides_of))
@@ -243,7 +258,7 @@ def _steps(exposures: Sequence[Exposure], in_image: Index, calipers: Calipers, b
     blur_error, blur_power = np.add.reduceat(widened, begins, axis=1)
     height_sigma = np.sqrt(2) * calipers.means(sigma_grey) / np.sqrt(CLEAR * calipers.count)
     return _Steps(
-        np.clip(position, -3.0, 3.0),
+        np.minimum(np.maximum(position, -3.0), 3.0),
         sigma_grey / np.sqrt(power),
         height,
         height_sigma,
@@ -254,10 +269,10 @@ def _steps(exposures: Sequence[Exposure], in_image: Index, calipers: Calipers, b
 def _by_blur(factors: Array, values: NDArray[np.floating[Any]], begins: Index) -> Image32:
     """Each blur's factors (B, K, C) times the values (C, R) of its own calipers, which begin at begins (B,): (K, R)."""
     factors, values = factors.astype(np.float32), values.astype(np.float32)
-    if len(factors) == 1:
-        return np.asarray(factors[0] @ values)
-    own = zip(factors, np.split(values, begins[1:], axis=1), strict=True)
-    return np.concatenate([factor @ value for factor, value in own], axis=1)
+    products = np.empty((factors.shape[1], values.shape[1]), np.float32)
+    for factor, (first, end) in zip(factors, pairwise([*begins.tolist(), values.shape[1]]), strict=True):
+        np.matmul(factor, values[:, first:end], out=products[:, first:end])
+    return products
 
 
 def _robust_line(calipers: Calipers, position: Array, weight: Array, rounds: int) -> tuple[Array, Array, Array, Array]:

@@ -93,7 +93,7 @@ class NoiseOfMany:
 
     def at(self, level: Array) -> Array:
         """Sigma in grey levels at these grey levels (..., R)."""
-        return np.asarray(self.sigma.take(np.clip(level.astype(np.intp), 0, 255) + 256 * self.image))
+        return np.asarray(self.sigma.take(np.minimum(np.maximum(level.astype(np.intp), 0), 255) + 256 * self.image))
 
 
 def noise_of_many(noises: Sequence[Noise], counts: NDArray[np.intp]) -> NoiseOfMany:
@@ -125,14 +125,14 @@ def measure_noise(image: Grey) -> Noise:
 
 def _residuals(image: Grey) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Sizes of the product of second differences (6 sigma for noise sigma), and grey levels, at every few pixels."""
-    rows = (image.shape[0] - 2 - 1) // _EVERY * _EVERY + 1  # so that each row of blocks has its three
-    columns = (image.shape[1] - 2 - 1) // _EVERY * _EVERY + 1
-    above, here, below = (image[k : rows + k : _EVERY].astype(np.int16) for k in range(3))
-    before, middle, after = ((above - 2 * here + below)[:, k : columns + k : _EVERY] for k in range(3))
+    rows, columns = ((n - 3) // _EVERY * _EVERY + 1 for n in image.shape)  # so that each has its eight neighbours
+    near = [
+        [image[r : rows + r : _EVERY, c : columns + c : _EVERY].astype(np.int16) for r in range(3)] for c in range(3)
+    ]
+    before, middle, after = (above - 2 * here + below for above, here, below in near)
     size = np.abs(before - 2 * middle + after)
-    total = above + here + below
-    before, middle, after = (total[:, k : columns + k : _EVERY] for k in range(3))
-    level = (before + middle + after + 4) // 9
+    left, centre, right = (above + here + below for above, here, below in near)
+    level = (left + centre + right + 4) // 9
     return np.minimum(size, _SIZES - 1).astype(np.intp).ravel(), level.astype(np.intp).ravel()
 
 

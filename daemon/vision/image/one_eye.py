@@ -12,7 +12,7 @@ import numpy as np
 from daemon.vision.geometry import Eye
 from daemon.vision.image.edge_lines import Exposure
 from daemon.vision.image.grey import Grey, Noise, measure_noise
-from daemon.vision.image.outlines import Outline, Search, find_outlines
+from daemon.vision.image.outlines import Outline, Search, Wanted, find_outlines
 from daemon.vision.image.polygon_fit import Fitted, fit_polygons
 from daemon.vision.image.regions import (
     Image32,
@@ -75,14 +75,9 @@ class OneEye:
 
     def outlines(self, settings: VisionSettings) -> tuple[Outline, ...]:
         """Outlines of what the image shows, best supported first. A further effort goes on from the one before."""
-        if settings not in self.searches:
-            before = next(reversed(self.searches.values()), Search())
-            regions = self._regions(settings)
-            search = find_outlines(self.smooth, self.grain, regions, before, settings) if regions else before
-            self.searches[settings] = search
-        return self.searches[settings].outlines
+        return find_outlines_in((self,), settings)[0]
 
-    def _regions(self, settings: VisionSettings) -> list[Region]:
+    def closed_regions(self, settings: VisionSettings) -> list[Region]:
         """Closed regions at every scale and level, the largest of each; at full size only where scale 2 shows edges,
         and none where it shows none.
         """
@@ -108,6 +103,28 @@ class OneEye:
     def exposure(self) -> Exposure:
         """What sides are fitted to."""
         return Exposure(self.image, self.noise, self.eye)
+
+    @property
+    def blur_px(self) -> float | None:
+        """How wide the edges are that outlines were fitted to; None where none was."""
+        blurs = [f.sides.blur[0] for f in self.fitted.values() if f is not None]
+        return float(np.median(blurs)) if blurs else None
+
+
+def find_outlines_in(views: Sequence[OneEye], settings: VisionSettings) -> list[tuple[Outline, ...]]:
+    """OneEye.outlines of each eye, all eyes' side by side."""
+    asked = list[tuple[OneEye, Wanted]]()
+    for view in views:
+        if settings not in view.searches:
+            before = next(reversed(view.searches.values()), Search())
+            regions = view.closed_regions(settings)
+            if regions:
+                asked.append((view, Wanted(view.smooth, view.grain, regions, before)))
+            else:
+                view.searches[settings] = before
+    for (view, _), search in zip(asked, find_outlines([w for _, w in asked], settings), strict=True):
+        view.searches[settings] = search
+    return [view.searches[settings].outlines for view in views]
 
 
 def fits(asked: Sequence[tuple[OneEye, Sequence[Outline]]]) -> list[list[Fitted | None]]:

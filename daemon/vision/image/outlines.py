@@ -7,16 +7,21 @@ decided when both eyes are compared. Final corners come from polygon_fit.py.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from daemon.arrays import Array
 from daemon.vision.geometry import Point, Rings, Shape, areas, convex, different, drop_side, is_simple, met, rings, tidy
+from daemon.vision.image.calipers import Images
 from daemon.vision.image.edge_lines import find_sides, probe_sides
 from daemon.vision.image.regions import Border, Image32, Region, RoughPolygon
 from daemon.vision.settings import VisionSettings
+
+Index = NDArray[np.intp]
 
 # All set by eye on the rendered scenes; tests/bench/facets.py shows what each does to facets found and missed.
 _FIRST_REACH_PX, _SECOND_REACH_PX = 4.0, 1.5
@@ -27,6 +32,8 @@ _DOUBTFUL_SIDE, _DOUBTFUL_PX = 0.6, 12.0
 """A side shorter than this share of the median side, or than this, may be none."""
 _SAME_PX, _SAME_SIDE_PX = 2.0, 0.6
 """Corners, and ends of sides, this near are one."""
+_ELSEWHERE_PX = 1e4
+"""Farther apart than any two sides in one image."""
 _PER_SHRINK = 0.03
 """Share of its area that a region may be eaten into before the next coarser scale is taken for cleaner."""
 _ALIKE_APART, _ALIKE_RATIO = 0.2, (0.55, 1.8)
@@ -60,58 +67,93 @@ class Search:
     outlines: tuple[Outline, ...] = ()
 
 
-def find_outlines(
-    smooth: Image32, grain: float, regions: list[Region], before: Search, settings: VisionSettings
-) -> Search:
-    """Outlines of closed regions, without repeats, best supported first; what was found before is kept as it is.
-
-    smooth: unit-noise image after a Gaussian; grain: its noise over that of white noise.
+@dataclass(frozen=True, eq=False)
+class Wanted:
+    """One image in which outlines of closed regions are wanted: smooth, of unit noise, after a Gaussian; grain: its
+    noise over that of white noise; and what was found in it before, which is kept as it is.
     """
-    rough = [p for r in regions for p in r.rough if len(p.corners) <= settings.max_corners]
-    rough = _cleanest(rough, settings)
-    new = [p for p in rough if p not in before.rough]
-    if not new:
-        return before
-    start = rings([p.corners for p in new])
-    shrink = np.repeat([float(p.region.scale.shrink) for p in new], start.count)
-    first = snap(smooth, start, _FIRST_REACH_PX, _INSIDE_PX * shrink, _UNSURE_PX * shrink)
-    variants = [(v, p.region) for c, p in zip(first.split(), new, strict=True) for v in _variants(c, settings)]
-    variants = [variants[k] for k in first_of_each([v for v, _ in variants], _SAME_PX)]
-    found = list[Outline]()
-    if variants:
-        shape = snap_near(smooth, rings([c for c, _ in variants]), _SECOND_REACH_PX, 1.0)
-        found = probe(smooth, grain, shape, [r.border for _, r in variants], settings)
-    every = [*before.outlines, *found]
-    every = [every[k] for k in first_of_each([o.corners for o in every], _SAME_PX)]
-    return Search((*before.rough, *new), tuple(sorted(every, key=lambda o: -o.support)))
+
+    smooth: Image32
+    grain: float
+    regions: list[Region]
+    before: Search
 
 
-def snap(smooth: Image32, shape: Rings, reach_px: float, expected_px: Array, sigma_px: Array) -> Rings:
+def find_outlines(wanted: Sequence[Wanted], settings: VisionSettings) -> list[Search]:
+    """Outlines of closed regions in each image, without repeats, best supported first; all images' side by side."""
+    rough = [_cleanest([p for r in w.regions for p in r.rough if len(p.corners) <= settings.max_corners], settings)
+             for w in wanted]  # fmt: skip
+    new = [[p for p in own if p not in w.before.rough] for own, w in zip(rough, wanted, strict=True)]
+    flat = [p for own in new for p in own]
+    if not flat:
+        return [w.before for w in wanted]
+    start = rings([p.corners for p in flat])
+    shrink = np.repeat([float(p.shrink) for p in flat], start.count)
+    sides = [sum(len(p.corners) for p in own) for own in new]
+    images = [(w.smooth, count) for w, count in zip(wanted, sides, strict=True)]
+    moved = iter(snap(images, start, _FIRST_REACH_PX, _INSIDE_PX * shrink, _UNSURE_PX * shrink).split())
+    variants = [[(v, p.border) for p in own for v in _variants(next(moved), settings)] for own in new]
+    variants = [[own[k] for k in first_of_each([v for v, _ in own], _SAME_PX)] for own in variants]
+    found = iter(_probed(wanted, variants, settings))
+    searches = []
+    for w, own, tried in zip(wanted, new, variants, strict=True):
+        mine = [o for o in (next(found) for _ in tried) if o is not None]
+        every = [*w.before.outlines, *sorted(mine, key=lambda o: -o.support)]
+        every = [every[k] for k in first_of_each([o.corners for o in every], _SAME_PX)]
+        every.sort(key=lambda o: -o.support)
+        searches.append(Search((*w.before.rough, *own), tuple(every)))
+    return searches
+
+
+def _probed(
+    wanted: Sequence[Wanted], variants: list[list[tuple[Array, Border]]], settings: VisionSettings
+) -> list[Outline | None]:
+    """All images' polygons brought onto the gradient, those as outlines that it shows."""
+    flat = [v for own in variants for v in own]
+    if not flat:
+        return []
+    images = [(w.smooth, sum(len(c) for c, _ in own)) for w, own in zip(wanted, variants, strict=True)]
+    shape = snap_near(images, rings([c for c, _ in flat]), _SECOND_REACH_PX, 1.0)
+    return probe(images, [w.grain for w in wanted], shape, [border for _, border in flat], settings)
+
+
+def snap(images: Images, shape: Rings, reach_px: float, expected_px: Array, sigma_px: Array) -> Rings:
     """Polygons with their sides moved onto the gradient, expected so far outwards (M,), and met again in corners."""
-    start, end = find_sides(smooth, shape.corners, shape.corners[shape.next], reach_px, expected_px, sigma_px)
+    start, end = find_sides(images, shape.corners, shape.corners[shape.next], reach_px, expected_px, sigma_px)
     return shape.moved(met(shape, start, end))
 
 
-def snap_near(smooth: Image32, shape: Rings, reach_px: float, sigma_px: float) -> Rings:
+def snap_near(images: Images, shape: Rings, reach_px: float, sigma_px: float) -> Rings:
     """The same where the gradient is expected to be where the sides are; each different side is moved once."""
-    start, end = shape.corners, shape.corners[shape.next]
-    kept, which, turned = different(start, end, _SAME_SIDE_PX)
-    near = np.zeros(len(kept))
-    one, other = find_sides(smooth, start[kept], end[kept], reach_px, near, near + sigma_px)
+    own, start, end, which, turned = _once(images, shape, _SAME_SIDE_PX)
+    near = np.zeros(len(start))
+    one, other = find_sides(own, start, end, reach_px, near, near + sigma_px)
     one, other, back = one[which], other[which], turned[:, None]
-    start, end = np.where(back, other, one), np.where(back, one, other)
-    return shape.moved(met(shape, start, end))
+    return shape.moved(met(shape, np.where(back, other, one), np.where(back, one, other)))
+
+
+def _once(images: Images, shape: Rings, tolerance_px: float) -> tuple[Images, Array, Array, Index, NDArray[np.bool_]]:
+    """The different sides of polygons in several images: how many are in each, their ends; for each side of the
+    polygons which of them it is, and whether it runs the other way.
+    """
+    start, end = shape.corners, shape.corners[shape.next]
+    of_image = np.repeat(np.arange(len(images)), [count for _, count in images])
+    apart = _ELSEWHERE_PX * of_image[:, None]
+    kept, which, turned = different(start + apart, end + apart, tolerance_px)
+    counts = np.bincount(of_image[kept], minlength=len(images)).tolist()
+    own = [(image, count) for (image, _), count in zip(images, counts, strict=True)]
+    return own, start[kept], end[kept], which, turned
 
 
 def probe(
-    smooth: Image32, grain: float, shape: Rings, borders: list[Border], settings: VisionSettings
-) -> list[Outline]:
-    """The polygons whose every side shows in the gradient, best supported first, without repeats."""
-    start, end = shape.corners, shape.corners[shape.next]
-    kept, which, turned = different(start, end, _SAME_SIDE_PX / 2)
-    strength, seen = (v[which] for v in probe_sides(smooth, start[kept], end[kept], grain))
+    images: Images, grains: Sequence[float], shape: Rings, borders: Sequence[Border], settings: VisionSettings
+) -> list[Outline | None]:
+    """The polygons as outlines; None for one of which a side does not show in the gradient."""
+    own, first, last, which, turned = _once(images, shape, _SAME_SIDE_PX / 2)
+    grain = np.repeat(grains, [count for _, count in own])
+    strength, seen = (v[which] for v in probe_sides(own, first, last, grain))
     strength = np.where(turned, -strength, strength)
-    chord = end - start
+    chord = shape.corners[shape.next] - shape.corners
     length = np.hypot(chord[:, 0], chord[:, 1])
     support = shape.sums(length * seen) / shape.sums(length)
     good = (
@@ -123,9 +165,12 @@ def probe(
     )
     sound = convex(shape)
     polygons, strengths, seens = shape.split(), shape.split(strength), shape.split(seen)
-    order = [k for k in np.argsort(-support, kind="stable") if good[k] and (sound[k] or is_simple(polygons[k]))]
-    order = [order[k] for k in first_of_each([polygons[k] for k in order], _SAME_PX)]
-    return [Outline(polygons[k], borders[k], strengths[k], seens[k], float(support[k])) for k in order]
+    return [
+        Outline(polygons[k], border, strengths[k], seens[k], float(support[k]))
+        if good[k] and (sound[k] or is_simple(polygons[k]))
+        else None
+        for k, border in enumerate(borders)
+    ]
 
 
 def _cleanest(rough: list[RoughPolygon], settings: VisionSettings) -> list[RoughPolygon]:
@@ -138,8 +183,8 @@ def _cleanest(rough: list[RoughPolygon], settings: VisionSettings) -> list[Rough
     shape = rings([p.corners for p in rough])
     size = -areas(shape)
     middle = shape.sums(shape.corners) / shape.count[:, None]
-    filled = np.array([p.region.area_px for p in rough]) / np.maximum(size, 1.0)
-    untidy = np.abs(np.minimum(filled, 1.0) - 1.0) + _PER_SHRINK * np.array([p.region.scale.shrink - 1 for p in rough])
+    filled = np.array([p.area_px for p in rough]) / np.maximum(size, 1.0)
+    untidy = np.abs(np.minimum(filled, 1.0) - 1.0) + _PER_SHRINK * np.array([p.shrink - 1 for p in rough])
     left = np.argsort(untidy, kind="stable")
     kept = list[int]()
     while len(left):
@@ -158,15 +203,21 @@ def _cleanest(rough: list[RoughPolygon], settings: VisionSettings) -> list[Rough
 
 def first_of_each(polygons: list[Array], tolerance_px: float) -> list[int]:
     """Indices of the polygons that do not repeat an earlier one corner by corner."""
-    kept: list[int] = []
-    known: dict[int, list[tuple[float, float, list[Point]]]] = {}
+    kept = list[int]()
+    known = dict[int, list[tuple[float, float, list[Point]]]]()
     for k, p in enumerate(polygons):
-        points = [(x, y) for x, y in p.tolist()]
-        n = len(points)
-        x, y = sum(q[0] for q in points) / n, sum(q[1] for q in points) / n
-        reach = min(tolerance_px, 0.1 * max(abs(q[0] - x) + abs(q[1] - y) for q in points))
-        others = known.setdefault(n, [])
-        if not any(abs(x - u) < reach and abs(y - v) < reach and _same(points, q, reach) for u, v, q in others):
+        points: list[Point] = p.tolist()
+        x = y = size = 0.0
+        for u, v in points:
+            x, y = x + u / len(points), y + v / len(points)
+        for u, v in points:
+            size = max(size, abs(u - x) + abs(v - y))
+        reach = min(tolerance_px, 0.1 * size)
+        others = known.setdefault(len(points), [])
+        for u, v, q in others:
+            if abs(x - u) < reach and abs(y - v) < reach and _same(points, q, reach):
+                break
+        else:
             others.append((x, y, points))
             kept.append(k)
     return kept
@@ -174,7 +225,13 @@ def first_of_each(polygons: list[Array], tolerance_px: float) -> list[int]:
 
 def _same(a: list[Point], b: list[Point], tolerance_px: float) -> bool:
     """Whether two polygons of as many corners agree corner by corner."""
-    return all(any(abs(p[0] - q[0]) < tolerance_px and abs(p[1] - q[1]) < tolerance_px for q in b) for p in a)
+    for x, y in a:
+        for u, v in b:
+            if abs(x - u) < tolerance_px and abs(y - v) < tolerance_px:
+                break
+        else:
+            return False
+    return True
 
 
 def _variants(corners: Array, settings: VisionSettings) -> list[Array]:

@@ -82,15 +82,20 @@ class Region:
         tolerance = 1.0 + 0.4 * self.scale.shrink + 0.01 * float(np.sqrt(full))
         polygons = [cv2.approxPolyDP(o, tolerance, True)[:, 0, :] for o in outlines]
         turned = [p if cv2.contourArea(p, True) < 0 else p[::-1] for p in polygons if len(p) > 2]
-        return [RoughPolygon(p.astype(float), self) for p in turned]
+        return [RoughPolygon(p.astype(float), self.border, self.area_px, self.scale.shrink) for p in turned]
 
 
 @dataclass(frozen=True, eq=False)
 class RoughPolygon:
-    """corners (N, 2) px, anticlockwise as seen, to a pixel or two of the scale of the region they were taken from."""
+    """corners (N, 2) px, anticlockwise as seen, to a pixel or two of the scale of the region they were taken from; that
+    region's border (K, 2) and area in full-size px, and its scale's shrink. Not the region, which keeps its polygons: a
+    circle would keep a look's images until the collector finds it.
+    """
 
     corners: Array
-    region: Region
+    border: Border
+    area_px: float
+    shrink: int
 
 
 def unit_noise(image: Grey, noise: Noise) -> Image32:

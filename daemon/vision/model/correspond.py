@@ -28,7 +28,7 @@ class Correspondence:
     @property
     def explained(self) -> int:
         """How many of the seen facets have a counterpart."""
-        return sum(g >= 0 for g in self.facets)
+        return len(self.facets) - self.facets.count(-1)
 
 
 def correspondences(seen: Polyhedron, taught: Polyhedron, *, may_add: bool = False) -> tuple[Correspondence, ...]:

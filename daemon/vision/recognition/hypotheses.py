@@ -45,7 +45,7 @@ class Hypothesis:
     @property
     def explained(self) -> int:
         """How many seen facets have a taught counterpart."""
-        return sum(g >= 0 for g in self.facets)
+        return len(self.facets) - self.facets.count(-1)
 
     @property
     def tail(self) -> float:

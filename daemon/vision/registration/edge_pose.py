@@ -196,22 +196,25 @@ def _searched(edges: ExpectedEdges, view: OneEye, reach_mm: float) -> EdgeObserv
     if not count:
         return _nothing(edges)
     reach_px = np.clip(reach_mm * edges.px_per_mm, FEWEST_PX, MOST_PX)
-    start, end = find_sides(view.smooth, edges.start, edges.end, reach_px, np.zeros(count), reach_px / 2)
-    strength, seen = probe_sides(view.smooth, start, end)
+    image = [(view.smooth, count)]
+    start, end = find_sides(image, edges.start, edges.end, reach_px, np.zeros(count), reach_px / 2)
+    strength, seen = probe_sides(image, start, end)
     there = (np.abs(strength) > LEAST_EVIDENCE) & (seen > LEAST_SUPPORT)
     weight = np.eye(2) / (np.maximum(1.0, reach_px / 6) ** 2)[:, None, None]
     return EdgeObservation(edges, off_places(edges.start, edges.end, start, end), weight, there)
 
 
-def measured(both: Sequence[ExpectedEdges], eyes: Eyes) -> list[EdgeObservation]:
-    """Each edge's sub-pixel line, in both eyes."""
+def measured(both: Sequence[ExpectedEdges], eyes: Eyes, *, on_place: bool = False) -> list[EdgeObservation]:
+    """Each edge's sub-pixel line, in both eyes. on_place: they are expected to half a px."""
     counts = [len(edges.start) for edges in both]
     if not any(counts):
         return [_nothing(edges) for edges in both]
     start, end = (np.concatenate([getattr(edges, name) for edges in both]) for name in ("start", "end"))
     exposures = [(view.exposure, count) for view, count in zip(eyes.views, counts, strict=True) if count]
-    own = np.concatenate([np.unique(edges.owner, return_counts=True)[1] for edges in both])
-    sides = fit_sides(exposures, start, end, own)
+    own = [np.unique(edges.owner, return_counts=True)[1] for edges in both]
+    blurs = [view.blur_px for view in eyes.views]
+    known = np.repeat([b for b in blurs if b], [len(o) for o in own]) if on_place and all(blurs) else None
+    sides = fit_sides(exposures, start, end, np.concatenate(own), known)
     found = []
     for edges, which in zip(both, np.split(np.arange(len(start)), counts[:1]), strict=True):
         seen = sides.chosen(which)
@@ -266,7 +269,8 @@ def _clear(seen: EdgeObservation, view: OneEye) -> Flags:
     """(E,) which edges are on their place and stand out from the shading and the grain beside them."""
     if seen.sides is None or not len(seen.off):
         return np.zeros(len(seen.off), bool)
-    return np.asarray(seen.on_place & (edge_sigmas(view.smooth, seen.sides.start, seen.sides.end) > LEAST_SIGMAS))
+    sigmas = edge_sigmas([(view.smooth, len(seen.off))], seen.sides.start, seen.sides.end)
+    return np.asarray(seen.on_place & (sigmas > LEAST_SIGMAS))
 
 
 def _sides_of(ring: Sequence[int], edges: ExpectedEdges, good: Flags) -> tuple[Index, Flags, Flags]:

@@ -21,7 +21,7 @@ from daemon.vision.registration.edge_pose import measured
 from daemon.vision.registration.expected_edges import Placements, expected
 from daemon.vision.values import Part
 
-ROUNDS, SMALL_MM = 3, 0.1
+ROUNDS, SMALL_MM = 3, 0.15
 """How often edges are measured, and a motion of the part after which another time would change nothing."""
 FEWEST_EDGES = 6
 """Edges in both eyes together that hold a pose."""
@@ -46,11 +46,15 @@ def sharpened(parts: Sequence[Part], model: Model, eyes: Eyes) -> tuple[Part, ..
 
 
 def _adjusted(shapes: list[Polyhedron], poses: Array, eyes: Eyes, tolerance_mm: float) -> list[Adjusted | None]:
-    """Each shape where its edges are near its pose (P, 4, 4); None where too few of them show."""
+    """Each shape where its edges are near its pose (P, 4, 4); None where too few of them show.
+
+    Most poses are good to a fraction of a px: the rough fit of a line is left to those that moved.
+    """
     laid, open_ = Placements.of(shapes), np.ones(len(shapes), bool)
     found: list[Adjusted | None] = [None] * len(shapes)
-    for _ in range(ROUNDS):
-        both = measured([expected(laid, view, poses, open_, tolerance_mm) for view in eyes.views], eyes)
+    for turn in range(ROUNDS):
+        seen_by = [expected(laid, view, poses, open_, tolerance_mm) for view in eyes.views]
+        both = measured(seen_by, eyes, on_place=turn == 0)
         for k in np.flatnonzero(open_).tolist():
             observed = [seen.only(k, laid) for seen in both]
             open_[k] = sum(int((seen.there & seen.edges.sharp).sum()) for seen in observed) >= FEWEST_EDGES
@@ -66,7 +70,7 @@ def _adjusted(shapes: list[Polyhedron], poses: Array, eyes: Eyes, tolerance_mm: 
 def _believed(found: Adjusted, part: Part) -> bool:
     """Whether the edges hold the part's place better than its corners did, and agree with them to what both leave open.
 
-    Where they hold it worse, they are edges of something else among its own.
+    Where they hold it worse, edges of something else are among its own.
     """
     off = frames.difference(found.pose, part.cyclopean_from_part)
     apart = float(off @ np.linalg.solve(found.covariance + part.covariance, off))

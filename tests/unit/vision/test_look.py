@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import gc
 import json
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -46,6 +48,40 @@ def model() -> Model:
         groups = find_facets(*painted(body, direction), rig()).groups
         taught = learn_view(taught, max(groups, key=lambda g: len(g.facets)), label)
     return taught
+
+
+MOST_CALLS = 5_800
+"""Of Python functions, in a look at a lone part; what they do counts for more, but only calls are alike everywhere."""
+
+
+def test_a_look_at_a_lone_part_makes_no_more_calls_than_it_did(model: Model) -> None:
+    pair, calls = painted(CUBE, (0.75, 0.25, 0.6)), 0
+    look(*pair, rig(), model)
+
+    def count(_frame: object, event: str, _argument: object) -> None:
+        nonlocal calls
+        calls += event == "call"
+
+    before = sys.getprofile()
+    sys.setprofile(count)
+    try:
+        look(*pair, rig(), model)
+    finally:
+        sys.setprofile(before)
+    assert calls < MOST_CALLS
+
+
+@pytest.mark.parametrize("body", [CUBE, STRANGERS["l_block"]], ids=["named", "looked at closer"])
+def test_what_a_look_made_goes_with_it_and_waits_for_no_collector(model: Model, body: Body) -> None:
+    pair = painted(body, (0.75, 0.25, 0.6))
+    look(*pair, rig(), model)
+    gc.collect()
+    gc.disable()
+    try:
+        look(*pair, rig(), model)
+        assert gc.collect() == 0
+    finally:
+        gc.enable()
 
 
 @pytest.fixture(scope="module")

@@ -70,8 +70,8 @@ def test_the_predicted_error_of_a_side_is_the_one_that_occurs() -> None:
         normal = np.stack([-chord[:, 1], chord[:, 0]], 1) / np.linalg.norm(chord, axis=1)[:, None]
         found.append(np.sum((sides.start + sides.end - truth - np.roll(truth, -1, 0)) / 2 * normal, 1))
         predicted.append(np.sqrt(sides.covariance.mean((1, 2))))
-    seen, said = float(np.std(found)), float(np.mean(predicted))
-    assert 0.6 < seen / said < 1.7
+    seen, claimed = float(np.std(found)), float(np.mean(predicted))
+    assert 0.6 < seen / claimed < 1.7
     bound = side_bound(3.0, np.array([40.0]), 0.7, np.array([90.0]))[0]
     assert seen > 0.8 * bound
 

@@ -59,8 +59,8 @@ def test_the_covariance_of_a_fit_is_the_scatter_of_fits():
     shape = shape_of("cube")
     fits = [refit(shape, facets_of(shape, POSE, (0, 2), rng, 0.3), POSE) for _ in range(200)]
     motions = np.array([frames.difference(f.cyclopean_from_part, POSE) for f in fits if f is not None])
-    said = np.sqrt(np.diag(np.mean([f.covariance for f in fits if f is not None], axis=0)))
-    ratio = motions.std(axis=0) / said
+    predicted_sigma = np.sqrt(np.diag(np.mean([f.covariance for f in fits if f is not None], axis=0)))
+    ratio = motions.std(axis=0) / predicted_sigma
     assert np.all(ratio > 0.5)
     assert np.all(ratio < 1.3)
 
