@@ -1,7 +1,8 @@
 """The recogniser on the rendered scenes: right, silent or wrong by set; what its confidence is worth; time; memory.
 
-Scenes: the folder named by FACETD_SHARED (default ../shared), scenes/ in it, and those named by FACETD_SCENES (several
-with `:` between), each with calibration-<RIG>.yaml beside the scenes. Trained on the six train-B views of the first only.
+Scenes: the folder named by FACETD_SHARED (default ../shared), scenes/ in it, and those named by FACETD_SCENES
+(several with `:` between), each with calibration-<RIG>.yaml beside the scenes. Trained on the six train-B views of the
+first only.
 """
 
 from __future__ import annotations
