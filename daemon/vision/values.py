@@ -145,11 +145,37 @@ class Part:
 
 
 @dataclass(frozen=True, eq=False)
+class NearestGuess:
+    """What came nearest to a name and did not get it, laid onto both images.
+
+    left_px, right_px: (N, 2, 2) ends of every edge that should show in that eye, distorted px; left_shows, right_shows:
+    (N,) bool, whether the image shows it.
+    """
+
+    label: str
+    left_px: Array
+    right_px: Array
+    left_shows: NDArray[np.bool_]
+    right_shows: NDArray[np.bool_]
+
+    @property
+    def share(self) -> float:
+        """How much of its edges, by length over both eyes, shows."""
+        ends = np.concatenate([self.left_px, self.right_px])
+        length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+        shows = np.concatenate([self.left_shows, self.right_shows])
+        return float(length[shows].sum() / max(length.sum(), 1e-9))
+
+
+@dataclass(frozen=True, eq=False)
 class Scene:
-    """The answer of one look: parts nearest first, what was refused, notes for people, seconds by stage."""
+    """The answer of one look: parts nearest first, what was refused, notes for people, seconds by stage, and what the
+    unnamed came nearest to.
+    """
 
     parts: tuple[Part, ...]
     rejected: tuple[Rejected, ...]
     view: FacetView
     notes: tuple[str, ...] = ()
     seconds: dict[str, float] = field(default_factory=dict)
+    guesses: tuple[NearestGuess, ...] = ()
