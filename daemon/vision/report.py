@@ -39,6 +39,7 @@ def part_json(part: Part) -> dict[str, Any]:
         "ambiguous": named.ambiguous,
         "candidates": list(named.candidates),
         "reason": named.reason,
+        "cause": named.cause,
         "cyclopean_from_part": _numbers(part.cyclopean_from_part, 6),
         "covariance": [[float(f"{v:.6g}") for v in row] for row in part.covariance],
         "equivalents": [_numbers(e, 6) for e in part.equivalents],

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from enum import StrEnum
 from functools import cached_property
 
 import numpy as np
@@ -101,12 +102,25 @@ class FacetView:
     blur_px: float = 0.0
 
 
+class Cause(StrEnum):
+    """What stands between a part and its name; daemon/vision/health/cause.py decides, and has the words."""
+
+    BORDER = "border"
+    DARK = "dark"
+    BURNT = "burnt"
+    HIDDEN = "hidden"
+    ALIKE = "alike"
+    PATTERNED = "patterned"
+    STRANGE = "strange"
+
+
 @dataclass(frozen=True, eq=False)
 class Recognition:
     """What a group is taken for, and how sure. label is `unknown` where nothing trained fits or nothing settles it.
 
     confidence: calibrated probability of being right; match_ratio and activation as the thesis has them (section 5.6);
-    runner_up: the next best label, or None; ambiguous: more than one label fits what is seen; reason: one line.
+    runner_up: the next best label, or None; ambiguous: more than one label fits what is seen; reason: one line;
+    cause: where it has no name, once the pictures were asked.
     """
 
     label: str
@@ -117,6 +131,7 @@ class Recognition:
     ambiguous: bool
     reason: str
     candidates: tuple[str, ...] = ()
+    cause: Cause | None = None
 
 
 @dataclass(frozen=True, eq=False)
