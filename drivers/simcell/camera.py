@@ -56,7 +56,9 @@ class SimulatedPair:
         time_scale: float = 1.0,
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], None] = time.sleep,
+        table_pattern: np.random.Generator | None = None,
     ) -> None:
+        """table_pattern: what the table's pattern is drawn from; None: it is plain."""
         self._truth, self._scene_at, self._rng = truth, scene_at, rng
         self._clock, self._sleep = clock, sleep
         self._period_s = 1.0 / (truth.sensor.frame_rate_hz * time_scale)
@@ -65,7 +67,7 @@ class SimulatedPair:
         self._started_s = clock()
         self._eyes = {"left": truth.left.eye(), "right": truth.right.eye()}
         self._retinas: dict[str, Retina] = {}
-        self._light_of_cell = CellLight(truth.table, truth.lighting)
+        self._light_of_cell = CellLight(truth.table, truth.lighting, table_pattern)
         self._lit_for: object = None
         self._seen: dict[str, tuple[object, Array32]] = {}
         self._vignette = _vignette(truth)
