@@ -58,7 +58,8 @@ class SimulatedCell:
     ) -> None:
         """loop: whose time the whole cell lives in, without a pty or a thread (None: real time).
 
-        Printed parts are so where they lie: what is held before the cameras to be taught is a bare one.
+        Patterns and prints are there where parts lie; what is held before the cameras to be taught is a bare one, over
+        a plain cloth.
         """
         self._settings = load_truth(truth_path)
         self._time_scale, self._clock = time_scale, time.monotonic if loop is None else loop.time
@@ -188,4 +189,6 @@ class SimulatedCell:
         hand = tuple(
             Thing(finger, tool, FINGER_ALBEDO) for finger in fingers(self._settings.gripper, self.world.gap_mm)
         )
-        return Scene(tool @ self._tool_from_cyclopean, (*things, *self._board), (self.world.changes, carried), hand)
+        taught = any(part.where is Where.STAND for part in parts)
+        state = self.world.changes, carried
+        return Scene(tool @ self._tool_from_cyclopean, (*things, *self._board), state, hand, taught)

@@ -40,6 +40,8 @@ def test_a_patterned_table_is_as_bright_as_a_plain_one_in_the_mean_and_uneven(se
 
 def test_the_pattern_lies_in_the_table_and_moves_with_it_in_the_picture() -> None:
     light = CellLight(TABLE, structs.replace(STARK, table_albedo=0.3), np.random.default_rng(0))
+    light.cast((), covered=True)
+    plain = radiance(Retina(EYE, 640, 480), POSE, (), light)
     light.cast(())
     spot = np.array([[500.0, 20.0, -300.0], [560.0, -30.0, -300.0], [480.0, -50.0, -300.0], [530.0, 60.0, -300.0]])
     seen = []
@@ -49,6 +51,7 @@ def test_the_pattern_lies_in_the_table_and_moves_with_it_in_the_picture() -> Non
         seen.append([float(image[y - 1 : y + 2, x - 1 : x + 2].mean()) for x, y in px])
     assert np.ptp(seen[0]) > 5
     assert seen[0] == pytest.approx(seen[1], rel=0.25)
+    assert np.array_equal(plain, picture([], POSE, EYE, structs.replace(STARK, table_albedo=0.3))), "under a cloth"
 
 
 def test_print_reads_from_left_to_right_seen_from_outside() -> None:
@@ -96,6 +99,7 @@ def test_a_part_keeps_its_print_where_it_lies_and_is_bare_while_it_is_taught() -
         (thing,) = cell._scene_at(0.0).things
         assert shown.label == "cube"
         assert thing.patterns == ()
+        assert cell._scene_at(0.0).covered
     with SimulatedCell(truth, seed=5, time_scale=40.0) as plain:
         plain.scatter(["cube", "pyramid"])
         assert all(t.patterns == () for t in plain._scene_at(0.0).things)
