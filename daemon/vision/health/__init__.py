@@ -5,6 +5,7 @@ why a part in them has no name. Nothing here names a part.
 from daemon.vision.health.cause import SAID, cause_of_nothing, with_causes
 from daemon.vision.health.clues import AXES, Clue, clue_of, health_fields
 from daemon.vision.health.examine import Finding, drift, examine, findings_json, misleading, sharpness, troubles
+from daemon.vision.health.light import exposure_factors
 
 __all__ = [
     "AXES",
@@ -15,6 +16,7 @@ __all__ = [
     "clue_of",
     "drift",
     "examine",
+    "exposure_factors",
     "findings_json",
     "health_fields",
     "misleading",

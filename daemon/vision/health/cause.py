@@ -10,18 +10,14 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from daemon.arrays import Array
 from daemon.vision.health.examine import MEASURES
+from daemon.vision.health.light import Image, Pictures, ground, hull, outlines
 from daemon.vision.image import SATURATED, block_means
 from daemon.vision.values import Cause, NearestGuess, Part
 
-Image = NDArray[np.uint8]
-Pictures = tuple[Image, Image]
-
 BORDER_PX = 4.0  # an outline that ends so near the border was cut there, or may have been
-AROUND_PX = 8  # of its surroundings counts as the part's: its edges need light on both sides
 BURNT_SHARE = 0.2  # of the part and its surroundings; beside so much white its edges are lost
 PATTERNED_GREY = 2.0  # of unevenness; plain tables have 0.2 to 1.6, patterned ones 1.5 to 16 (bench: image_health)
 MOSTLY = 0.5
@@ -75,12 +71,12 @@ def _cause(
     part: Part, parts: Sequence[Part], guesses: Sequence[NearestGuess], pictures: Pictures, patterned: bool
 ) -> Cause:
     """What would have to be mended first: of a part cut off or in the dark nothing else can be said."""
-    hulls = tuple(_hull([getattr(f, eye) for f in part.facets]) for eye in ("left_px", "right_px"))
-    own = next((g for g in guesses if len(g.left_px) and _holds(_hull([g.left_px]), hulls[0].mean(0))), None)
-    outlines = hulls if own is None else (np.vstack([hulls[0], *own.left_px]), np.vstack([hulls[1], *own.right_px]))
-    if any(_cut_off(outline, picture) for outline, picture in zip(outlines, pictures, strict=True)):
+    hulls = outlines(part)
+    own = next((g for g in guesses if len(g.left_px) and _holds(hull([g.left_px]), hulls[0].mean(0))), None)
+    ends = hulls if own is None else (np.vstack([hulls[0], *own.left_px]), np.vstack([hulls[1], *own.right_px]))
+    if any(_cut_off(corners, picture) for corners, picture in zip(ends, pictures, strict=True)):
         return Cause.BORDER
-    light = _light([_ground(hull, picture) for hull, picture in zip(hulls, pictures, strict=True)])
+    light = _light([ground([corners], picture) for corners, picture in zip(hulls, pictures, strict=True)])
     if light is not None:
         return light
     if (own is not None and own.share > MOSTLY) or any(_before(other, part, hulls[0]) for other in parts):
@@ -97,14 +93,8 @@ def _light(levels: Sequence[Image]) -> Cause | None:
     return Cause.BURNT if any(np.mean(level >= SATURATED) > BURNT_SHARE for level in levels) else None
 
 
-def _hull(points_px: Sequence[Array]) -> Array:
-    """(N, 2) corners of the convex hull of points (..., 2)."""
-    points = np.concatenate([np.asarray(p, np.float32).reshape(-1, 2) for p in points_px])
-    return np.asarray(cv2.convexHull(points)[:, 0, :], float)
-
-
-def _holds(hull: Array, point: Array) -> bool:
-    return cv2.pointPolygonTest(hull.astype(np.float32), (float(point[0]), float(point[1])), False) >= 0
+def _holds(corners: Array, point: Array) -> bool:
+    return cv2.pointPolygonTest(corners.astype(np.float32), (float(point[0]), float(point[1])), False) >= 0
 
 
 def _cut_off(outline_px: Array, picture: Image) -> bool:
@@ -112,21 +102,13 @@ def _cut_off(outline_px: Array, picture: Image) -> bool:
     return bool((outline_px < BORDER_PX).any() or (outline_px > np.array([width - 1, height - 1]) - BORDER_PX).any())
 
 
-def _ground(hull: Array, picture: Image) -> Image:
-    """The grey levels (N,) of a part and what lies next to it."""
-    mask = cv2.fillConvexPoly(np.zeros(picture.shape, np.uint8), np.rint(hull).astype(np.int32), 1)
-    near = cv2.dilate(mask, np.ones((2 * AROUND_PX + 1, 2 * AROUND_PX + 1), np.uint8))
-    return picture[near > 0]
-
-
-def _before(other: Part, part: Part, hull: Array) -> bool:
+def _before(other: Part, part: Part, own: Array) -> bool:
     """Whether another part is nearer to the cameras and covers some of this one in the left eye. One that has a name:
     what has none may be more of this one.
     """
     if not other.named or not other.facets or other.cyclopean_from_part[2, 3] >= part.cyclopean_from_part[2, 3]:
         return False
-    theirs = _hull([f.left_px for f in other.facets])
-    shared, _ = cv2.intersectConvexConvex(hull.astype(np.float32), theirs.astype(np.float32))
+    shared, _ = cv2.intersectConvexConvex(own.astype(np.float32), outlines(other)[0].astype(np.float32))
     return bool(shared > 0)
 
 
