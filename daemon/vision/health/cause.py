@@ -19,7 +19,7 @@ from daemon.vision.values import Cause, NearestGuess, Part
 
 BORDER_PX = 4.0  # an outline that ends so near the border was cut there, or may have been
 BURNT_SHARE = 0.2  # of the part and its surroundings; beside so much white its edges are lost
-PATTERNED_GREY = 2.0  # of unevenness; plain tables have 0.2 to 1.6, patterned ones 1.5 to 16 (bench: image_health)
+PATTERNED_GREY = 2.0  # of unevenness; plain tables have 0.2 to 1.8, patterned ones 1.3 to 16 (bench: image_health)
 MOSTLY = 0.5
 """A guess of whose edges so much shows is the part, and something hides the rest."""
 
