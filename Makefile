@@ -15,7 +15,7 @@ help:
 	@echo "make demo         the simulated cell: teach, train, pick every part, write the report"
 	@echo "make test         unit, property and simulated-cell tests, after lint, types and import rules"
 	@echo "make rig          the daemon under real systemd with real V4L2 devices and a serial line, in a guest"
-	@echo "make bench        accuracy, time and memory, measured"
+	@echo "make bench        accuracy, time and memory, measured (FACETD_SCENES=FOLDER: on more rendered scenes)"
 	@echo "make bench-faults faults injected at every moment of the pick cycle, and kill -9 of the whole daemon, as tables"
 	@echo "make bench-soak   2,000 accelerated cycles: memory and file handles over time (hours)"
 

@@ -40,11 +40,15 @@ GONE = {
 
 @dataclass(frozen=True, kw_only=True)
 class Simulated:
-    """The simulated cell: its truth, how much faster than life it runs, the seed of its noise (None: a new one)."""
+    """The simulated cell: its truth, how much faster than life it runs, the seed of its noise (None: a new one), and
+    whether its table has a pattern and the parts on it are printed on.
+    """
 
     truth: Name = "simcell.yaml"
     time_scale: Annotated[float, Meta(gt=0, le=1000)] = 1.0
     seed: Annotated[int, Meta(ge=0, le=10**15)] | None = None
+    table: Literal["plain", "patterned"] = "plain"
+    parts: Literal["plain", "printed"] = "plain"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -90,6 +90,9 @@ class Eyes(Protocol):
     async def grab(self, not_before_s: float, timeout_s: float) -> Pictures:
         """The newest pair whose frames were both exposed wholly after not_before_s, on the cell's clock."""
 
+    async def expose(self, left: float, right: float) -> tuple[float, float] | None:
+        """Gather so many times as much light with each eye; what was taken, None where that is not to be set."""
+
 
 class Log(Protocol):
     """The run log as the cycle sees it."""

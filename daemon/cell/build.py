@@ -94,7 +94,7 @@ def _simulated(config: Config, on_wire: WireListener, clock: Callable[[], float]
 
     simulated = config.values.simulated
     seed = simulated.seed if simulated.seed is not None else random.SystemRandom().randrange(1_000_000)
-    cell = SimulatedCell(truth(config), seed, simulated.time_scale)
+    cell = SimulatedCell(truth(config), seed, simulated.time_scale, table=simulated.table, parts=simulated.parts)
     manners = dialect(config).on_a_faster_line(simulated.time_scale)
     robot = arm_on_link(cell.port, manners, arm_geometry(config), on_wire, clock)
     hand = SimulatedHand(cell, {label: len(views) for label, views in VIEWS.items()}, BoardPrint)

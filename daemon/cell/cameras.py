@@ -36,6 +36,11 @@ class ThreadedEyes:
         self.heard_s = self._clock()
         return pair
 
+    async def expose(self, left: float, right: float) -> tuple[float, float] | None:
+        """See StereoCamera. Raises CameraError."""
+        took: tuple[float, float] | None = await self._call(lambda: self.camera.expose(left, right))
+        return took
+
     def step(self) -> bool:
         """Recorded pairs: show the next one. False where the cameras are not recorded."""
         if isinstance(self.camera, HeldPairs):

@@ -13,7 +13,7 @@ from daemon.console.context import CommandContext
 from daemon.console.interpreter import Answer, CommandError, Door, command
 from daemon.console.phrases import cut_off, duration, millimetres, plural
 from daemon.pick.looking import Look
-from daemon.vision.health import findings_json, troubles
+from daemon.vision.health import SAID, findings_json, troubles
 from daemon.vision.report import scene_json
 from daemon.vision.values import Facet, Part, Scene
 
@@ -139,7 +139,10 @@ def describe_scene(scene: Scene) -> str:
     """What a look saw, for a terminal: a sketch of the left image and a line or two a part."""
     outlines = [(facet.left_px, mark) for mark, part in zip(MARKS, scene.parts, strict=False) for facet in part.facets]
     lines = [sketch(outlines)] if outlines else ["No part is seen."]
-    lines += [f"{mark} {describe_part(part)}" for mark, part in zip(MARKS, scene.parts, strict=False)]
+    for mark, part in zip(MARKS, scene.parts, strict=False):
+        lines.append(f"{mark} {describe_part(part)}")
+        if part.recognition.cause is not None:
+            lines.append("    not named: {0.words}; {0.remedy}".format(SAID[part.recognition.cause]))
     reasons = {part.recognition.reason for part in scene.parts}
     lines += [f"  note: {note}" for note in scene.notes if not any(reason in note for reason in reasons)]
     return "\n".join(lines)

@@ -52,6 +52,8 @@ def register(subparsers: Any) -> None:
     parser = subparsers.add_parser("demo", help="simulated cell: teach, train, pick every part, write the report")
     parser.add_argument("--seed", type=int, help="repeat an earlier demo (each prints its seed)")
     parser.add_argument("--time-scale", type=float, default=20.0, help="how much faster than life the cell runs (20)")
+    parser.add_argument("--table", choices=("plain", "patterned"), default="plain", help="what the parts lie on")
+    parser.add_argument("--parts", choices=("plain", "printed"), default="plain", help="what the parts look like")
     parser.add_argument("--runs", type=Path, help="where the run is written (as the daemon does)")
     parser.set_defaults(run=run)
 
@@ -68,10 +70,11 @@ def run(args: argparse.Namespace) -> int:
     try:
         with (
             tempfile.TemporaryDirectory(prefix="facetd-demo-") as folder,
-            _daemon(Path(folder), _configuration(seed, args.time_scale, runs, folder)) as (process, link),
+            _daemon(Path(folder), _configuration(args, seed, runs, folder)) as (process, link),
         ):
             written = Path(link.do("status", "demo", say)["data"]["run"])
-            again = f"seed {seed} (repeat it with --seed {seed})"
+            look = "".join(f" --{name} {kind}" for name, kind in _variety(args).items() if kind != "plain")
+            again = f"seed {seed} (repeat it with --seed {seed}{look})"
             say(f"facetctl demo: {again}, cell time x{args.time_scale:g}, run {written}")
             _teach(link)
             rows = _clear(link, follow(written / "run.jsonl", lambda: process.poll() is None))
@@ -88,7 +91,11 @@ def say(text: str) -> None:
     print(text, flush=True)
 
 
-def _configuration(seed: int, time_scale: float, runs: Path, folder: str) -> dict[str, Any]:
+def _variety(args: argparse.Namespace) -> dict[str, str]:
+    return {"table": args.table, "parts": args.parts}
+
+
+def _configuration(args: argparse.Namespace, seed: int, runs: Path, folder: str) -> dict[str, Any]:
     """facetd.yaml of the demo's daemon: the files of the one that is here, all else as shipped. Raises ConfigError.
 
     Idle cameras are not asked for signs of life: each frame draws noise, and a seed would not give the same run again.
@@ -106,7 +113,7 @@ def _configuration(seed: int, time_scale: float, runs: Path, folder: str) -> dic
         "folders": {"state": folder, "runtime": folder, "runs": str(runs)},
         "health": {"camera_silence_s": 3600},
         "pick": {"stops": {"least_looks": 3}},
-        "simulated": {"truth": truth, "time_scale": time_scale, "seed": seed},
+        "simulated": {"truth": truth, "time_scale": args.time_scale, "seed": seed, **_variety(args)},
     }
 
 

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from daemon.errors import FacetdError
-from daemon.store.yamlfile import ConfigError, read
+from daemon.store.yamlfile import read
 
 if TYPE_CHECKING:
     from daemon.calibration.file import Calibration
@@ -39,9 +39,17 @@ class _View(msgspec.Struct, forbid_unknown_fields=True):
 def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Add `recognise`, `train` and `model` to facetctl."""
     _register_recognise(subparsers)
-    train = subparsers.add_parser("train", help="teach views from image files and write a model")
+    train = subparsers.add_parser("train", help="teach views from image files, and drawings, and write a model")
     train.add_argument("--calibration", type=Path, required=True, metavar="FILE")
-    train.add_argument("--views", type=Path, required=True, metavar="YAML", help="a list of {left, right, label}")
+    train.add_argument("--views", type=Path, metavar="YAML", help="a list of {left, right, label}")
+    train.add_argument(
+        "--mesh",
+        action="append",
+        default=[],
+        metavar="LABEL=FILE",
+        help="a part's drawing, STL or OBJ; may be repeated",
+    )
+    train.add_argument("--unit", default="mm", help="of the drawings: mm (default), cm, m or inch")
     train.add_argument("--out", type=Path, required=True, metavar="MODEL")
     train.add_argument("--facets", type=Path, metavar="YAML", help="the facet library (default: etc/facets.yaml)")
     train.add_argument("--parts", type=Path, metavar="YAML", help="names and ART-b codes (default: etc/parts.yaml)")
@@ -73,13 +81,9 @@ def _guarded(run: Callable[[argparse.Namespace], int]) -> Callable[[argparse.Nam
     """Every unusable argument or file becomes one line on stderr and status 2."""
 
     def guarded(args: argparse.Namespace) -> int:
-        from daemon.store.model import ModelError
-        from daemon.vision.image import VisionError
-        from daemon.vision.model import TeachError
-
         try:
             return run(args)
-        except (OfflineError, ConfigError, ModelError, VisionError, TeachError) as error:
+        except FacetdError as error:
             print(f"facetctl {args.command}: {error}", file=sys.stderr)
             return UNUSABLE
 
@@ -144,29 +148,62 @@ def _draw(path: Path, left: Any, right: Any, scene: Scene) -> None:
 
 
 def _train(args: argparse.Namespace) -> int:
-    """Learn every view in the order of the file; a view that cannot be learnt ends the training."""
+    """Learn every view in the order of the file, then every drawing; one that cannot be learnt ends the training."""
     from daemon.calibration.file import load_calibration
     from daemon.store.library import FACETS, PARTS, load_facets, load_parts
     from daemon.store.model import save
-    from daemon.vision.image import VisionError
-    from daemon.vision.model import TeachError, empty_model
+    from daemon.teaching.aspects import learn_solid
+    from daemon.teaching.mesh import UNITS_MM
+    from daemon.teaching.solid_from_mesh import solid_drawn
+    from daemon.vision.model import empty_model
 
+    if not args.views and not args.mesh:
+        raise OfflineError("nothing to learn from: give --views YAML, or --mesh LABEL=FILE")
+    if args.unit not in UNITS_MM:
+        raise OfflineError(f"--unit {args.unit}: expected one of {', '.join(UNITS_MM)}")
     calibration = load_calibration(args.calibration)
     model = empty_model(load_facets(args.facets or FACETS))
     parts = load_parts(args.parts or PARTS) if args.parts or PARTS.exists() else {}
-    document = read(args.views)
+    if args.views:
+        model = _taught_views(model, args.views, calibration)
+    for word in args.mesh:
+        label, file = _drawing(word)
+        solid = solid_drawn(str(file), _content(file), args.unit, model.library)
+        model = learn_solid(model, solid, calibration.rig, label, source=str(file))
+    codes = {label: parts[label].code for label in model.labels} if set(model.labels) <= set(parts) else None
+    save(model, args.out, trained=datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"), codes=codes)
+    print(f"{args.out}: {len(model.labels)} parts from {len(model.views)} views, {len(model.node_labels)} nodes")
+    return DONE
+
+
+def _drawing(word: str) -> tuple[str, Path]:
+    label, _, file = word.partition("=")
+    if not label or not file:
+        raise OfflineError(f"--mesh {word}: expected LABEL=FILE, such as cube=cube.stl")
+    return label, Path(file)
+
+
+def _content(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise OfflineError(f"{path}: cannot be read: {error.strerror}") from None
+
+
+def _taught_views(model: Model, path: Path, calibration: Calibration) -> Model:
+    from daemon.vision.image import VisionError
+    from daemon.vision.model import TeachError
+
+    document = read(path)
     views = document.convert(list[_View])
     if not views:
         raise document.error((), "expected at least one view, found an empty list")
     for index, view in enumerate(views):
         try:
-            model = _taught(model, view, args.views.parent, calibration)
+            model = _taught(model, view, path.parent, calibration)
         except (OfflineError, TeachError, VisionError) as error:
             raise OfflineError(str(document.error((index,), f"{view.label}: {error}"))) from None
-    codes = {label: parts[label].code for label in model.labels} if set(model.labels) <= set(parts) else None
-    save(model, args.out, trained=datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"), codes=codes)
-    print(f"{args.out}: {len(model.labels)} parts from {len(model.views)} views, {len(model.node_labels)} nodes")
-    return DONE
+    return model
 
 
 def _taught(model: Model, view: _View, base: Path, calibration: Calibration) -> Model:

@@ -198,7 +198,7 @@ class Cycle:
     async def _look(self, purpose: str) -> Look:
         if self.recogniser is None:
             raise RefusedError("there is no recogniser to look with")
-        return await self._context(self.recogniser).look(await self.supervisor.mover.rest(), purpose)
+        return await self._context(self.recogniser).lit_look(await self.supervisor.mover.rest(), purpose)
 
     async def _travel(self, target: Array, purpose: str) -> None:
         await self.supervisor.mover.rest()

@@ -29,7 +29,8 @@ async def survey(context: PickContext, world: WorldModel) -> Literal[Event.SEEN,
         if number > len(settings.surveys) and (world.left(context) or world.skipped):
             break
         await travel(context, world, view.pose(context.cell.tool_from_cyclopean), f"survey {number}")
-        seen = await look(context, world, f"survey {number}")
+        assert context.mover.at is not None
+        seen = await context.lit_look(context.mover.at, f"survey {number}")
         world.found = merged(world.found, seen_parts(seen))
         world.unmatched += all(outlines(seen.scene.view))
         _settle_question(context, world)

@@ -15,7 +15,17 @@ from daemon.arm import Pictures, Reading, SettledPair, Settling, Workcell, settl
 from daemon.arrays import Array
 from daemon.vision.facets import Table
 from daemon.vision.geometry import Polyhedron, StereoRig
-from daemon.vision.health import Clue, Finding, clue_of, drift, examine, health_fields, misleading, sharpness
+from daemon.vision.health import (
+    Clue,
+    Finding,
+    clue_of,
+    drift,
+    examine,
+    exposure_factors,
+    health_fields,
+    misleading,
+    sharpness,
+)
 from daemon.vision.image import VisionError
 from daemon.vision.registration import Fit
 from daemon.vision.values import FacetView, Scene
@@ -49,6 +59,8 @@ class Expected:
     fit: Callable[[NDArray[np.uint8], NDArray[np.uint8], Array], Fit | None]
 
 
+LEAST_CHANGE = 1.05
+"""A change of exposure by less than that factor is none: the cameras are at their end, or count in coarser steps."""
 ONLY_TRACKED = Scene((), (), FacetView((), (), (), (), np.nan), ("only what was expected was looked for",))
 
 
@@ -127,6 +139,18 @@ async def take_look(
         health=health,
         tracked=tracked,
     )
+
+
+async def relight(cell: Workcell, look: Look) -> str | None:
+    """Set both eyes' exposure by what a whole look saw, where its light was wrong: what was done, or None.
+
+    Looks from before stay true: exposure changes levels, not places.
+    """
+    wanted = exposure_factors((look.pictures.left.pixels, look.pictures.right.pixels), look.scene.parts)
+    took = None if wanted is None else await cell.eyes.expose(*wanted)
+    if took is None or max(abs(np.log(factor)) for factor in took) < np.log(LEAST_CHANGE):
+        return None
+    return "exposure x {:.2f} left, x {:.2f} right".format(*took)
 
 
 async def whole_look(recogniser: Recogniser, look: Look) -> Look:

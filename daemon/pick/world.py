@@ -14,7 +14,7 @@ from daemon.arm import Mover, MoveRefusedError, OutOfReachError, Reading, Workce
 from daemon.arrays import Array
 from daemon.errors import FacetdError
 from daemon.pick.following import Target
-from daemon.pick.looking import Expected, Look, Recogniser, log_look, take_look
+from daemon.pick.looking import Expected, Look, Recogniser, log_look, relight, take_look
 from daemon.pick.outcome import Observer, Outcome, Skipped, tell
 from daemon.pick.seen import Seen, apart_mm, ordered, same_place
 from daemon.pick.settings import Settings
@@ -22,6 +22,8 @@ from daemon.pick.transitions import Event
 
 STANDING_RULES = ("fault_stands", "not_enabled", "arm_lost")
 MoveError = MoveRefusedError | OutOfReachError
+MOST_EXPOSURES = 3
+"""Tries at the right exposure in one place."""
 MOVE_ERRORS = (MoveRefusedError, OutOfReachError)
 
 
@@ -55,6 +57,17 @@ class PickContext:
         log_look(cell, self.recogniser, look, cycle=self.cycle, stop=stop, purpose=purpose, expected=expected)
         tell(self.observer, look)
         return look
+
+    async def lit_look(self, reading: Reading, purpose: str) -> Look:
+        """A look at whatever is there, again with another exposure while its light is wrong. For looks that no grasp
+        hangs on: those of an approach are never held up, and all see by one light."""
+        for _ in range(MOST_EXPOSURES):
+            seen = await self.look(reading, purpose)
+            done = await relight(self.cell, seen)
+            if done is None:
+                return seen
+            self.decide(done, "eyes unequal, or too dark or burnt out where the parts are")
+        return await self.look(reading, purpose)
 
 
 @dataclass(eq=False)

@@ -67,6 +67,7 @@ def stop_json(stop: Stop) -> Json:
             {"eye": r.get("eye"), "why": r.get("reason"), "px": _points(r.get("corners_px"))}
             for r in (scene.get("rejected") or [])[:40]
         ],
+        "guesses": [_guess(g) for g in scene.get("guesses") or []],
         "notes": scene.get("notes") or [],
         "estimate": None
         if estimate is None
@@ -95,6 +96,18 @@ def _part(part: Json) -> Json:
             for f in part.get("facets") or []
         ],
     }
+
+
+def _guess(guess: Json) -> Json:
+    """l, r: for each eye the ends of every edge that should show, and whether it does."""
+    sides = {
+        key: [
+            {"px": _points([edge[:2], edge[2:]]), "shows": shows}
+            for edge, shows in zip(guess.get(f"{eye}_px") or [], guess.get(f"{eye}_shows") or [], strict=False)
+        ]
+        for key, eye in (("l", "left"), ("r", "right"))
+    }
+    return {"label": guess.get("label"), "share": _short(guess.get("share")), **sides}
 
 
 def _move(record: Json) -> Json:

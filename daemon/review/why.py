@@ -12,6 +12,8 @@ from typing import Any
 from daemon.pick.fusion import CHI_SQUARE_6
 from daemon.review.digest import Cycle
 from daemon.store.runs import Record
+from daemon.vision.health import SAID
+from daemon.vision.values import Cause as Unnamed
 
 NOTHING_WRONG = frozenset({"picked", "placed", "empty", "dry"})
 
@@ -99,6 +101,8 @@ def _unnamed(part: dict[str, Any]) -> Iterator[Cause]:
         yield Cause("recognition", 0.5, f"could be {both}: {part.get('reason')}", remedy)
     elif part.get("label") == "unknown":
         remedy = "teach this view if the part is known; light if facets are missing"
+        if part.get("cause") in tuple(Unnamed):
+            remedy = SAID[Unnamed(part["cause"])].remedy
         yield Cause("recognition", 0.35, str(part.get("reason")), remedy)
 
 

@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 
 from daemon.arrays import Array
-from daemon.teaching.mesh import Mesh, MeshError
+from daemon.teaching.mesh import Mesh, MeshError, read_mesh
 from daemon.vision.geometry import Polyhedron
 from daemon.vision.model import FacetLibrary, type_facet
 
@@ -25,6 +25,15 @@ MOST_FACETS = 40
 """More than that, and it is a curved surface cut into strips; it has no facets to be recognised by."""
 DRAWN_MM = 0.05
 """How far corners on a drawing are off (one standard deviation); how far real parts are off is the model's business."""
+
+
+def solid_drawn(name: str, content: bytes, unit: str, library: FacetLibrary) -> Polyhedron:
+    """The solid in a drawing's file. Raises MeshError, which names the file."""
+    mesh = read_mesh(name, content, unit)
+    try:
+        return solid_of(mesh, library)
+    except MeshError as error:
+        raise MeshError(f"{name}: {error}") from None
 
 
 def solid_of(mesh: Mesh, library: FacetLibrary) -> Polyhedron:

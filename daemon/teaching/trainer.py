@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from daemon.store.library import PartEntry
 from daemon.store.model_store import ModelStore, ModelStoreError, StoredView
 from daemon.teaching.aspects import aspects, learn_solid
-from daemon.teaching.mesh import MeshError, read_mesh
-from daemon.teaching.solid_from_mesh import solid_of
+from daemon.teaching.mesh import MeshError
+from daemon.teaching.solid_from_mesh import solid_drawn
 from daemon.teaching.sufficiency import Sufficiency, judge
 from daemon.vision.facets import Table
 from daemon.vision.geometry import Polyhedron, StereoRig
@@ -131,11 +131,7 @@ class Trainer:
 
     def store_mesh(self, label: str, name: str, content: bytes, unit: str, note: dict[str, Any]) -> StoredView:
         """Keep a drawing (STL or OBJ) of a part on disk. Raises ModelStoreError, MeshError, TeachError."""
-        mesh = read_mesh(name, content, unit)
-        try:
-            solid = solid_of(mesh, self.library)
-        except MeshError as error:
-            raise MeshError(f"{name}: {error}") from None
+        solid = solid_drawn(name, content, unit, self.library)
         learn_solid(empty_model(self.library), solid, self.rig, label)
         kind: Literal["stl", "obj"] = "stl" if name.lower().endswith(".stl") else "obj"
         note = {"mesh": name, "unit": unit, "facets": [list(solid.types)], **note}
@@ -176,7 +172,7 @@ class Trainer:
             content = view.mesh.read_bytes()
         except OSError as error:
             raise MeshError(f"{view.mesh}: {error.strerror}") from None
-        return solid_of(read_mesh(view.mesh.name, content, str(view.note.get("unit", "mm"))), self.library)
+        return solid_drawn(view.mesh.name, content, str(view.note.get("unit", "mm")), self.library)
 
     def train(self) -> Trained:
         """Make a candidate of every stored view and try it on each. The model in use is not touched.

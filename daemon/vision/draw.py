@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from daemon.arrays import Array
 from daemon.vision.image import as_grey
-from daemon.vision.values import Facet, Part, Scene
+from daemon.vision.values import Facet, NearestGuess, Part, Scene
 
 Picture = NDArray[np.uint8]
 Colour = tuple[int, int, int]
@@ -23,9 +23,12 @@ FONT = cv2.FONT_HERSHEY_SIMPLEX
 OUTLINE: Colour = (150, 150, 60)
 REFUSED: Colour = (60, 60, 220)
 UNNAMED: Colour = (0, 165, 255)
+SHOWS: Colour = (80, 220, 80)
+SHOWS_NOT: Colour = (60, 60, 255)
 NAMED: tuple[Colour, ...] = ((80, 220, 80), (240, 200, 60), (220, 110, 240), (90, 220, 240))
 MARGIN = 26
 MOST_NUMBERS = 12
+DASH_PX = 4.0  # of the image as seen; an edge that does not show is dashed, for those who do not tell red from green
 
 
 def draw_scene(left: NDArray[Any], right: NDArray[Any], scene: Scene) -> Picture:
@@ -41,6 +44,9 @@ def draw_scene(left: NDArray[Any], right: NDArray[Any], scene: Scene) -> Picture
                 _refusal(picture, refused.corners_px, number)
     for index, part in enumerate(scene.parts):
         _part(eyes, part, _colour(part, index))
+    for guess in scene.guesses:
+        _guess(eyes[0], guess.label, guess.left_px, guess.left_shows)
+        _guess(eyes[1], guess.label, guess.right_px, guess.right_shows)
     return _framed(np.hstack(eyes), scene)
 
 
@@ -87,6 +93,18 @@ def _refusal(picture: Picture, corners: Array, number: int) -> None:
     _text(picture, f"x{number}", corners.mean(0), REFUSED, 0.42)
 
 
+def _guess(picture: Picture, label: str, edges_px: Array, shows: NDArray[np.bool_]) -> None:
+    """Edges (N, 2, 2) that speak for a guess are drawn through, those that speak against it dashed."""
+    for (start, end), there in zip(edges_px, shows, strict=True):
+        pieces = 1 if there else 2 * int(np.linalg.norm(end - start) / (2 * DASH_PX)) + 1
+        at = np.linspace(start, end, pieces + 1)
+        for a, b in zip(at[:-1:2], at[1::2], strict=True):
+            cv2.line(picture, _pixel(a), _pixel(b), SHOWS if there else SHOWS_NOT, 2, cv2.LINE_AA)
+    if len(edges_px):
+        points = edges_px.reshape(-1, 2)
+        _text(picture, f"{label}?", np.array([points[:, 0].mean(), points[:, 1].max() + 8]), UNNAMED, 0.6)
+
+
 def _framed(body: Picture, scene: Scene) -> Picture:
     """The legend above; every part's reason, every note and refusal below."""
     seconds = "  ".join(f"{name} {1000 * s:.1f} ms" for name, s in scene.seconds.items())
@@ -94,10 +112,16 @@ def _framed(body: Picture, scene: Scene) -> Picture:
         (f"left | right   {len(scene.parts)} parts   noise {scene.view.noise_sigma:.1f}   {seconds}", (230, 230, 230))
     ]
     foot = [(f"{p.recognition.label}: {p.recognition.reason}", _colour(p, i)) for i, p in enumerate(scene.parts)]
+    foot += [(_told_guess(g), UNNAMED) for g in scene.guesses]
     foot += [(note, (200, 200, 200)) for note in scene.notes if not _told(note, scene)]
     foot += [(line, REFUSED) for line in _refusals(scene)]
     width = body.shape[1]
     return np.vstack([_lines(head, width), body, _lines(foot, width)])
+
+
+def _told_guess(guess: NearestGuess) -> str:
+    """In a line."""
+    return f"nearest is {guess.label}: {guess.share:.0%} of its edges show (drawn through), the others do not (dashed)"
 
 
 def _refusals(scene: Scene) -> list[str]:

@@ -13,12 +13,14 @@ from numpy.typing import NDArray
 
 from daemon.vision.facets import Table, facets_seen, without_table
 from daemon.vision.geometry import StereoRig
+from daemon.vision.health import SAID, cause_of_nothing, with_causes
+from daemon.vision.health.light import Pictures
 from daemon.vision.image import open_eyes
 from daemon.vision.model import FacetLibrary, Model, empty_model
 from daemon.vision.recognition import Recognised, recognise
 from daemon.vision.registration import beside, named_by_segments, sharpened
 from daemon.vision.settings import VisionSettings
-from daemon.vision.values import FacetView, Part, Scene
+from daemon.vision.values import FacetView, NearestGuess, Part, Scene
 
 
 def look(
@@ -49,17 +51,23 @@ def look(
     seen = now()
     found = recognise(view.groups, known)
     seconds = {"facets": seen - start, "recognise": now() - seen}
+    guesses = tuple[NearestGuess, ...]()
     if known.labels and not _all_named(found):
         start = now()
-        found, view = beside(found, view, named_by_segments(eyes, known, found), known, eyes)
+        straight = named_by_segments(eyes, known, found)
+        found, view = beside(found, view, straight.named, known, eyes)
+        guesses = straight.guesses
         seconds["edges"] = now() - start
     parts = tuple(r.part for r in found)
     if full.corner_detector == "line_fit" and full.stereo_formula == "exact":
         start = now()
         parts = sharpened(parts, known, eyes)
         seconds["sharpen"] = now() - start
-    notes = (*view.notes, *_notes(view, parts, model))
-    return Scene(parts, view.rejected, view, notes, seconds if clock else {})
+    pictures = eyes.left.grey, eyes.right.grey
+    if known.labels:
+        parts = with_causes(parts, guesses, pictures)
+    notes = (*view.notes, *_notes(view, parts, model, pictures))
+    return Scene(parts, view.rejected, view, notes, seconds if clock else {}, guesses)
 
 
 def _all_named(found: tuple[Recognised, ...]) -> bool:
@@ -70,14 +78,16 @@ def _no_clock() -> float:
     return 0.0
 
 
-def _notes(view: FacetView, parts: tuple[Part, ...], model: Model | None) -> tuple[str, ...]:
+def _notes(view: FacetView, parts: tuple[Part, ...], model: Model | None, pictures: Pictures) -> tuple[str, ...]:
     """What a person should know besides the parts: why something is not named, or why nothing is seen."""
     if model is None or not model.labels:
         return ("nothing was taught yet: every part is unknown",) if parts else ()
     silent = tuple(f"{p.recognition.label}: {p.recognition.reason}" for p in parts if not p.named)
     left, right = outlines(view)
-    if not parts and (left or right):
-        return (f"no facet was found in both images ({left} and {right} outlines)",)
+    if not parts:
+        cause = cause_of_nothing(pictures)
+        seen = (f"no facet was found in both images ({left} and {right} outlines)",) if left or right else ()
+        return (*seen, *((f"{SAID[cause].words}; {SAID[cause].remedy}",) if cause else ()))
     return silent
 
 

@@ -10,17 +10,18 @@ from typing import Any
 import numpy as np
 
 from daemon.arrays import Array
-from daemon.vision.values import Facet, Part, Rejected, Scene
+from daemon.vision.values import Facet, NearestGuess, Part, Rejected, Scene
 
 
 def scene_json(scene: Scene) -> dict[str, Any]:
-    """{ms, parts, notes, rejected}: the parts nearest first. ms is the whole look's, None where it was not timed."""
+    """{ms, parts, notes, ...}: the parts nearest first. ms is the whole look's, None where it was not timed."""
     return {
         "ms": round(1000.0 * sum(scene.seconds.values()), 3) if scene.seconds else None,
         "stages_ms": {name: round(1000.0 * s, 3) for name, s in scene.seconds.items()},
         "parts": [part_json(p) for p in scene.parts],
         "notes": list(scene.notes),
         "rejected": [_rejected_json(r) for r in scene.rejected],
+        "guesses": [_guess_json(g) for g in scene.guesses],
         "noise_sigma": _number(scene.view.noise_sigma, 3),
     }
 
@@ -38,6 +39,7 @@ def part_json(part: Part) -> dict[str, Any]:
         "ambiguous": named.ambiguous,
         "candidates": list(named.candidates),
         "reason": named.reason,
+        "cause": named.cause,
         "cyclopean_from_part": _numbers(part.cyclopean_from_part, 6),
         "covariance": [[float(f"{v:.6g}") for v in row] for row in part.covariance],
         "equivalents": [_numbers(e, 6) for e in part.equivalents],
@@ -61,6 +63,18 @@ def _facet_json(facet: Facet, corners_mm: Array) -> dict[str, Any]:
 
 def _rejected_json(rejected: Rejected) -> dict[str, Any]:
     return {"eye": rejected.eye, "reason": rejected.reason, "corners_px": _numbers(rejected.corners_px, 2)}
+
+
+def _guess_json(guess: NearestGuess) -> dict[str, Any]:
+    """left_px, right_px: a row an edge, the x and y of its two ends."""
+    return {
+        "label": guess.label,
+        "share": _number(guess.share, 3),
+        "left_px": _numbers(guess.left_px.reshape(-1, 4), 1),
+        "right_px": _numbers(guess.right_px.reshape(-1, 4), 1),
+        "left_shows": guess.left_shows.tolist(),
+        "right_shows": guess.right_shows.tolist(),
+    }
 
 
 def _number(value: float, digits: int) -> float | None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from enum import StrEnum
 from functools import cached_property
 
 import numpy as np
@@ -101,12 +102,25 @@ class FacetView:
     blur_px: float = 0.0
 
 
+class Cause(StrEnum):
+    """What stands between a part and its name; daemon/vision/health/cause.py decides, and has the words."""
+
+    BORDER = "border"
+    DARK = "dark"
+    BURNT = "burnt"
+    HIDDEN = "hidden"
+    ALIKE = "alike"
+    PATTERNED = "patterned"
+    STRANGE = "strange"
+
+
 @dataclass(frozen=True, eq=False)
 class Recognition:
     """What a group is taken for, and how sure. label is `unknown` where nothing trained fits or nothing settles it.
 
     confidence: calibrated probability of being right; match_ratio and activation as the thesis has them (section 5.6);
-    runner_up: the next best label, or None; ambiguous: more than one label fits what is seen; reason: one line.
+    runner_up: the next best label, or None; ambiguous: more than one label fits what is seen; reason: one line;
+    cause: where it has no name, once the pictures were asked.
     """
 
     label: str
@@ -117,6 +131,7 @@ class Recognition:
     ambiguous: bool
     reason: str
     candidates: tuple[str, ...] = ()
+    cause: Cause | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,11 +160,37 @@ class Part:
 
 
 @dataclass(frozen=True, eq=False)
+class NearestGuess:
+    """What came nearest to a name and did not get it, laid onto both images.
+
+    left_px, right_px: (N, 2, 2) ends of every edge that should show in that eye, distorted px; left_shows, right_shows:
+    (N,) bool, whether the image shows it.
+    """
+
+    label: str
+    left_px: Array
+    right_px: Array
+    left_shows: NDArray[np.bool_]
+    right_shows: NDArray[np.bool_]
+
+    @property
+    def share(self) -> float:
+        """How much of its edges, by length over both eyes, shows."""
+        ends = np.concatenate([self.left_px, self.right_px])
+        length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+        shows = np.concatenate([self.left_shows, self.right_shows])
+        return float(length[shows].sum() / max(length.sum(), 1e-9))
+
+
+@dataclass(frozen=True, eq=False)
 class Scene:
-    """The answer of one look: parts nearest first, what was refused, notes for people, seconds by stage."""
+    """The answer of one look: parts nearest first, what was refused, notes for people, seconds by stage, and what the
+    unnamed came nearest to.
+    """
 
     parts: tuple[Part, ...]
     rejected: tuple[Rejected, ...]
     view: FacetView
     notes: tuple[str, ...] = ()
     seconds: dict[str, float] = field(default_factory=dict)
+    guesses: tuple[NearestGuess, ...] = ()

@@ -159,6 +159,25 @@ def apply(node: v4l2.Node, eye: str, wishes: Mapping[str, Wish]) -> dict[str, in
     return took
 
 
+def brighten(node: v4l2.Node, eye: str, factor: float, longest_s: float) -> float | None:
+    """Gather so many times as much light, by exposure, at most longest_s, or by gain where there is no exposure to set.
+
+    The automatism of that is switched off. What the device took as a factor of what it had; None where it has neither.
+    Raises CameraError, OSError.
+    """
+    offered = {c.id: c for c in list_controls(node) if c.writable}
+    for known in (KNOWN["exposure_us"], KNOWN["gain"]):
+        control = offered.get(known.control)
+        if control is None or not control.value:
+            continue
+        longest = longest_s * 1e6 / known.unit if known is KNOWN["exposure_us"] else control.maximum
+        if known.automatic in offered:
+            _set(node, eye, offered[known.automatic], known.off)
+        value = min(max(control.value * factor, control.minimum, control.step), control.maximum, longest)
+        return _set(node, eye, control, round(value)) / control.value
+    return None
+
+
 def hold(node: v4l2.Node, wishes: Mapping[str, Wish]) -> None:
     """Before a look: stop every automatism wished `auto` at the value it has reached. Raises OSError."""
     for name, wish in wishes.items():

@@ -151,6 +151,13 @@ class Eye:
         frames = self.take()
         return frames if knew and len(frames) < BUFFERS else []
 
+    def brighten(self, factor: float) -> float | None:
+        """See controls.brighten; a frame's period is the longest."""
+        with self._words_for_trouble():
+            took = controls.brighten(self.node, self.name, factor, self.period_s)
+            self._exposure_s = controls.exposure_s(self.node)
+            return took
+
     def hold(self, settings: CameraSettings) -> None:
         """Keep automatic exposure, gain, focus still for a look."""
         with self._words_for_trouble():

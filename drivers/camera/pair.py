@@ -44,6 +44,10 @@ class StereoCamera(Protocol):
     def grab(self, not_before_s: float, timeout_s: float) -> StereoPair:
         """The newest pair whose frames were both exposed wholly after not_before_s. Raises CameraError on timeout."""
 
+    def expose(self, left: float, right: float) -> tuple[float, float] | None:
+        """Gather so many times as much light with each eye from now on; what was taken, None where that is not to be
+        set: the operator has set it, or there is nothing to set. Raises CameraError."""
+
     def close(self) -> None:
         """Release the devices; safe to call twice."""
 

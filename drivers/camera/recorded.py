@@ -77,6 +77,9 @@ class RecordedCamera:
         self._next += 1
         return pair
 
+    def expose(self, left: float, right: float) -> None:
+        """What is recorded stays as it is."""
+
     def close(self) -> None:
         """Forget the folder; safe to call twice."""
         self._pairs = []

@@ -23,7 +23,8 @@ class CameraSettings:
     left, right: a path (/dev/video0, /dev/v4l/by-id/...), a bare name under by-id or by-path, a card name as
     `facetctl cameras` lists it, or a number. formats: names in order of preference. controls: wished values by name
     (exposure_us, gain, white_balance_k, focus, or any control by the name `facetctl cameras` gives it); what is not
-    named is left as found. max_skew_ms: how far apart in time two frames of one moment may be.
+    named is left as found, but for exposure, which whoever looks may then set. max_skew_ms: how far apart in time two
+    frames of one moment may be.
     """
 
     left: Device

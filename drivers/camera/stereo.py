@@ -81,6 +81,13 @@ class V4L2StereoCamera:
             self.close()
             raise
 
+    def expose(self, left: float, right: float) -> tuple[float, float] | None:
+        """See StereoCamera. Where the settings name exposure or gain, those are the operator's."""
+        if self._eyes is None or {"exposure_us", "gain"} & set(self._settings.controls):
+            return None
+        took = [eye.brighten(factor) for eye, factor in zip(self._eyes, (left, right), strict=True)]
+        return None if None in took else (took[0] or 1.0, took[1] or 1.0)
+
     def _await_pair(
         self, both: tuple[Eye, Eye], not_before_s: float, deadline_s: float, timeout_s: float
     ) -> StereoPair:

@@ -13,8 +13,9 @@ import numpy as np
 from drivers.arrays import Array
 from drivers.simcell.optics import Array32
 from drivers.simcell.parts import box, hull
-from drivers.simcell.render import Pattern, Thing
+from drivers.simcell.render import Thing
 from drivers.simcell.rigid import rigid
+from drivers.simcell.textures import Pattern
 
 WHITE, BLACK = 0.85, 0.06
 PLATE_MM = 4.0
@@ -47,7 +48,7 @@ def board_thing(board: BoardPrint, world_from_board: Array) -> Thing:
     plate = hull(box((-margin, -margin, 0.0), (width + margin, height + margin, PLATE_MM)))
     face = int(np.argmin(plate.normals[:, 2]))
     cells, cell_mm = _cells(board)
-    return Thing(plate, world_from_board, WHITE, Pattern(face, cells, cell_mm, rigid(np.eye(3), np.zeros(3))))
+    return Thing(plate, world_from_board, WHITE, (Pattern(face, cells, cell_mm, rigid(np.eye(3), np.zeros(3))),))
 
 
 def _cells(board: BoardPrint) -> tuple[Array32, float]:

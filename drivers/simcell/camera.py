@@ -27,19 +27,23 @@ EYES = ("left", "right")
 BLACK_LEVEL = 4.0
 STILL_MM, STILL_RAD = 0.01, 2e-5
 BLUR_STEPS = 6
+SHORTEST, LONGEST = 1 / 64, 64.0
+"""How long the shutter may be open, over what the truth's levels are given for; motion blur stays the truth's."""
 
 
 @dataclass(frozen=True, eq=False)
 class Scene:
     """What there is to see at a moment: where the cameras are, the things, and a mark that changes when those move.
 
-    hand: what hangs from the arm beside the cameras; it is seen, but casts no shadow.
+    hand: what hangs from the arm beside the cameras; it is seen, but casts no shadow. covered: a plain cloth lies over
+    the table's pattern.
     """
 
     world_from_cyclopean: Array
     things: tuple[Thing, ...]
     state: object
     hand: tuple[Thing, ...] = ()
+    covered: bool = False
 
 
 class SimulatedPair:
@@ -56,7 +60,9 @@ class SimulatedPair:
         time_scale: float = 1.0,
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], None] = time.sleep,
+        table_pattern: np.random.Generator | None = None,
     ) -> None:
+        """table_pattern: what the table's pattern is drawn from; None: it is plain."""
         self._truth, self._scene_at, self._rng = truth, scene_at, rng
         self._clock, self._sleep = clock, sleep
         self._period_s = 1.0 / (truth.sensor.frame_rate_hz * time_scale)
@@ -65,11 +71,12 @@ class SimulatedPair:
         self._started_s = clock()
         self._eyes = {"left": truth.left.eye(), "right": truth.right.eye()}
         self._retinas: dict[str, Retina] = {}
-        self._light_of_cell = CellLight(truth.table, truth.lighting)
+        self._light_of_cell = CellLight(truth.table, truth.lighting, table_pattern)
         self._lit_for: object = None
         self._seen: dict[str, tuple[object, Array32]] = {}
         self._vignette = _vignette(truth)
         self._covered: set[str] = set()
+        self._opened = dict.fromkeys(EYES, 1.0)
         self._unplugged = False
         self._is_open = False
         self._lock = Lock()
@@ -114,6 +121,14 @@ class SimulatedPair:
             right = self._frame("right", middle_s + self._skew_s, number)
         return StereoPair(left, right)
 
+    def expose(self, left: float, right: float) -> tuple[float, float]:
+        """Open the shutters so many times as long from the next frame on, within what such a sensor can."""
+        with self._lock:
+            before = dict(self._opened)
+            for eye, factor in zip(EYES, (left, right), strict=True):
+                self._opened[eye] = float(np.clip(before[eye] * factor, SHORTEST, LONGEST))
+            return self._opened["left"] / before["left"], self._opened["right"] / before["right"]
+
     def cover(self, eye: str, covered: bool = True) -> None:
         """Put the lens cap on one eye, or take it off."""
         (self._covered.add if covered else self._covered.discard)(eye)
@@ -131,7 +146,7 @@ class SimulatedPair:
 
     def _frame(self, eye: str, middle_s: float, number: int) -> Frame:
         light = np.full(self._vignette.shape, 0.0, np.float32) if eye in self._covered else self._light(eye, middle_s)
-        pixels = self._expose(light, getattr(self._truth.sensor, f"gain_{eye}"))
+        pixels = self._expose(light, getattr(self._truth.sensor, f"gain_{eye}") * self._opened[eye])
         pixels.setflags(write=False)
         return Frame(pixels, middle_s, number)
 
@@ -154,7 +169,8 @@ class SimulatedPair:
         if eye not in self._retinas:
             self._retinas[eye] = Retina(self._eyes[eye], *self._truth.image_size)
         if scene.state != self._lit_for:
-            self._light_of_cell.cast([apply(thing.world_from_solid, thing.solid.vertices) for thing in scene.things])
+            bodies = [apply(thing.world_from_solid, thing.solid.vertices) for thing in scene.things]
+            self._light_of_cell.cast(bodies, scene.covered)
             self._lit_for = scene.state
         things = (*scene.things, *scene.hand)
         light = radiance(self._retinas[eye], scene.world_from_cyclopean, things, self._light_of_cell)

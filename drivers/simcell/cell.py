@@ -8,6 +8,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from pathlib import Path
+from zlib import crc32
 
 import numpy as np
 
@@ -24,6 +25,7 @@ from drivers.simcell.render import Thing
 from drivers.simcell.rigid import rigid
 from drivers.simcell.simulated_time import SimulatedLoop
 from drivers.simcell.stand import characteristic_pose
+from drivers.simcell.textures import PartsKind, Pattern, TableKind, printed_faces
 from drivers.simcell.truth import load_truth, rigid_matrix
 from drivers.simcell.witness import Witness
 from drivers.simcell.world import PlacedPart, Where, World
@@ -51,12 +53,20 @@ class SimulatedCell:
         faults: Faults | None = None,
         cold: bool = False,
         loop: SimulatedLoop | None = None,
+        table: TableKind = "plain",
+        parts: PartsKind = "plain",
     ) -> None:
-        """loop: whose time the whole cell lives in, without a pty or a thread (None: real time)."""
+        """loop: whose time the whole cell lives in, without a pty or a thread (None: real time).
+
+        Patterns and prints are there where parts lie; what is held before the cameras to be taught is a bare one, over
+        a plain cloth.
+        """
         self._settings = load_truth(truth_path)
         self._time_scale, self._clock = time_scale, time.monotonic if loop is None else loop.time
         noise, strewing, settling = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(3))
         self._strewing = strewing
+        self._seed, self._printed = seed, parts == "printed"
+        self._prints: dict[str, tuple[Pattern, ...]] = {}
         settings = self._settings.arm
         self.arm = Arm(
             Puma560(flange_from_tool=rigid_matrix(settings.flange_from_tool)),
@@ -69,18 +79,18 @@ class SimulatedCell:
         self._board: tuple[Thing, ...] = ()
         self.controller = Controller(self.arm, manners, self._hand, faults, cold)
         self._machine = self.controller.machine
-        safety, table = self._settings.safety, self._settings.table
+        safety = self._settings.safety
         body = Body(safety.body, self.arm.true_geometry, self.arm.joint_offsets_rad)
-        self.judge = Judge(self._machine.history, body, safety, table)
+        self.judge = Judge(self._machine.history, body, safety, self._settings.table)
         self.server: PtyServer | MemoryLine
         if loop is None:
             self.server = PtyServer(self.controller, time_scale=time_scale)
         else:
             self.server = MemoryLine(self.controller, loop)
         self.port = self.server.port
-        self.camera = SimulatedPair(
-            self._settings, self._scene_at, noise, time_scale, self._clock, time.sleep if loop is None else loop.sleep
-        )
+        sleep = time.sleep if loop is None else loop.sleep
+        pattern = np.random.default_rng([seed, 1]) if table == "patterned" else None
+        self.camera = SimulatedPair(self._settings, self._scene_at, noise, time_scale, self._clock, sleep, pattern)
         self.truth = Witness(self._settings, self.world, self._machine, self.world_from_tool)
 
     def stop(self) -> None:
@@ -149,6 +159,15 @@ class SimulatedCell:
         self.world.changes += 1
         return world_from_board
 
+    def _prints_on(self, part: PlacedPart) -> tuple[Pattern, ...]:
+        """A part's own, the same wherever it goes; parts of several pieces are bare."""
+        if not self._printed or part.where is Where.STAND or len(part.shape.pieces) > 1:
+            return ()
+        if part.name not in self._prints:
+            rng = np.random.default_rng([self._seed, 2, crc32(part.name.encode())])
+            self._prints[part.name] = printed_faces(part.shape.hull, self._settings.lighting.facet_albedo, rng)
+        return self._prints[part.name]
+
     def _hand(self, closed: bool) -> None:
         now_s = self._machine.now_s
         tool = self.arm.pose_at(now_s)
@@ -160,11 +179,16 @@ class SimulatedCell:
 
     def _scene_at(self, real_s: float) -> Scene:
         tool = self.world_from_tool(real_s)
-        albedo = self._settings.lighting.facet_albedo
         parts = [part for part in self.world.parts if part.where in (Where.TABLE, Where.STAND, Where.HAND)]
-        things = [Thing(piece, part.world_from_part(tool), albedo) for part in parts for piece in part.shape.pieces]
+        things = [
+            Thing(piece, part.world_from_part(tool), self._settings.lighting.facet_albedo, self._prints_on(part))
+            for part in parts
+            for piece in part.shape.pieces
+        ]
         carried = tool.tobytes() if self.world.held else b""
         hand = tuple(
             Thing(finger, tool, FINGER_ALBEDO) for finger in fingers(self._settings.gripper, self.world.gap_mm)
         )
-        return Scene(tool @ self._tool_from_cyclopean, (*things, *self._board), (self.world.changes, carried), hand)
+        taught = any(part.where is Where.STAND for part in parts)
+        state = self.world.changes, carried
+        return Scene(tool @ self._tool_from_cyclopean, (*things, *self._board), state, hand, taught)

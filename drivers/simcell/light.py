@@ -14,6 +14,7 @@ from drivers.arrays import Array
 from drivers.simcell.optics import Array32
 from drivers.simcell.rigid import apply, rigid
 from drivers.simcell.shadows import TEXEL_MM, Patch, lit_share, patch_under
+from drivers.simcell.textures import table_factors
 from drivers.simcell.truth import Lamp, Lighting, Table
 
 HIGHLIGHT_POWER = 12.0
@@ -58,23 +59,30 @@ def _unit(vectors: Array32) -> tuple[Array32, Array32]:
 class CellLight:
     """The light on the table, as a map of grey levels, and on what stands there. The bare map is worked out once."""
 
-    def __init__(self, table: Table, lighting: Lighting) -> None:
+    def __init__(self, table: Table, lighting: Lighting, pattern: np.random.Generator | None = None) -> None:
+        """pattern: what the table's is drawn from; None: it is of one albedo."""
         self.lighting, self._table = lighting, table
         low = np.array(table.centre_mm) - table.half_size_mm
         size = round(2 * table.half_size_mm / TEXEL_MM) + 1
         self._top = Patch(rigid(np.eye(3), [0.0, 0.0, -table.height_mm]), low, size, size)
+        self._factors = None if pattern is None else table_factors(pattern, size, TEXEL_MM)
         self._bare = [self._lamp_on_table(lamp) for lamp in lighting.lamps]
         self._facets: dict[tuple[int, tuple[int, ...]], tuple[Patch, list[Array32 | None]]] = {}
         self.cast(())
 
-    def cast(self, bodies: Sequence[Array]) -> None:
-        """Renew the shadows when something has moved: bodies are the (V, 3) world corners of each convex solid."""
+    def cast(self, bodies: Sequence[Array], covered: bool = False) -> None:
+        """Renew the shadows when something has moved: bodies are the (V, 3) world corners of each convex solid.
+
+        covered: a plain cloth lies over the table's pattern.
+        """
         self._bodies = bodies
         self._facets.clear()
         level = self.lighting.ambient * (1.0 - self._crowding(bodies))
         for lamp, bare in zip(self.lighting.lamps, self._bare, strict=True):
             share = lit_share(self._top, lamp, bodies)
             level += bare if share is None else bare * share
+        if self._factors is not None and not covered:
+            level *= self._factors
         self._map = self._outward_in(self.lighting.table_albedo * level, bodies)
 
     def table_levels(self, rays: Array32, world_from_camera: Array) -> Array32:

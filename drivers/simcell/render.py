@@ -18,6 +18,7 @@ from drivers.simcell.light import CellLight
 from drivers.simcell.optics import Array32, Eye
 from drivers.simcell.parts import Polyhedron
 from drivers.simcell.rigid import apply, inverse
+from drivers.simcell.textures import Pattern
 
 NOTHING = -1
 SAMPLES, STRIDE = 34, 21
@@ -26,26 +27,13 @@ BULGE_PX = 6
 
 
 @dataclass(frozen=True, eq=False)
-class Pattern:
-    """A print on one face of a solid: cells (rows, columns) albedo, cell_mm wide, in the plane z = 0 of print.
-
-    solid_from_print: x along a row, y down the rows, the first cell's outer corner at the origin.
-    """
-
-    face: int
-    cells: Array32
-    cell_mm: float
-    solid_from_print: Array
-
-
-@dataclass(frozen=True, eq=False)
 class Thing:
-    """A convex solid standing in the world: world_from_solid (4, 4) mm, albedo 0 to 1, perhaps a print."""
+    """A convex solid standing in the world: world_from_solid (4, 4) mm, albedo 0 to 1, prints on some of its faces."""
 
     solid: Polyhedron
     world_from_solid: Array
     albedo: float
-    pattern: Pattern | None = None
+    patterns: tuple[Pattern, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +51,8 @@ class _Face:
     normal: Array32
     distance: np.float32
     window: tuple[slice, slice]
-    print_from_camera: Array32 | None
+    pattern: Pattern | None
+    print_from_camera: Array32
 
     def points(self, rays: Array32) -> Array32:
         """(..., 2) rays -> (..., 3) mm in camera coordinates where they meet the face's plane."""
@@ -73,11 +62,11 @@ class _Face:
 
     def albedo(self, rays: Array32) -> Array32:
         """What share of the light (N,) the face gives back where (N, 2) rays meet it."""
-        if self.print_from_camera is None or self.thing.pattern is None:
+        if self.pattern is None:
             return np.full(len(rays), self.thing.albedo, np.float32)
-        cells = self.thing.pattern.cells
+        cells = self.pattern.cells
         flat = self.points(rays) @ self.print_from_camera[:2, :3].T + self.print_from_camera[:2, 3]
-        column, row = np.floor(flat / np.float32(self.thing.pattern.cell_mm)).astype(np.intp).T
+        column, row = np.floor(flat / np.float32(self.pattern.cell_mm)).astype(np.intp).T
         on = (row >= 0) & (row < cells.shape[0]) & (column >= 0) & (column < cells.shape[1])
         found = np.where(on, cells[np.where(on, row, 0), np.where(on, column, 0)], np.float32(self.thing.albedo))
         return np.asarray(found, np.float32)
@@ -180,6 +169,8 @@ def _facing(thing: Thing, body: int, retina: Retina, world_from_camera: Array) -
         # Sides run anticlockwise as seen from outside, where the eye is; inward is left of each.
         edges = np.cross(np.roll(ring, -1, axis=0), ring).T
         edges = edges / np.linalg.norm(edges, axis=0)
+        pattern = next((p for p in thing.patterns if p.face == index), None)
+        on_print = np.eye(4) if pattern is None else inverse(camera_from_solid @ pattern.solid_from_print)
         found.append(
             _Face(
                 thing,
@@ -189,16 +180,11 @@ def _facing(thing: Thing, body: int, retina: Retina, world_from_camera: Array) -
                 normal.astype(np.float32),
                 np.float32(normal @ ring[0]),
                 window,
-                _print_from_camera(thing, index, camera_from_solid),
+                pattern,
+                on_print.astype(np.float32),
             )
         )
     return found
-
-
-def _print_from_camera(thing: Thing, index: int, camera_from_solid: Array) -> Array32 | None:
-    if thing.pattern is None or thing.pattern.face != index:
-        return None
-    return inverse(camera_from_solid @ thing.pattern.solid_from_print).astype(np.float32)
 
 
 def _nearest(faces: Sequence[_Face], rays: Array32, touched: Callable[[_Face], Any]) -> NDArray[np.int16]:
@@ -223,7 +209,7 @@ def _sort_pixels(
     """From the faces at the pixels' corners: ((H, W) face that fills the pixel, or NOTHING; (H, W) edge inside)."""
     kind = which.astype(np.int32) * 2
     for number, face in enumerate(faces):
-        if face.print_from_camera is not None:
+        if face.pattern is not None:
             on = np.nonzero(which == number)
             kind[on] += face.albedo(corners[on]) > 0.5
     first = kind[:-1, :-1]
@@ -258,7 +244,7 @@ class _Painter:
             weight = (which[some] == number).astype(np.float32) / (share[some, None] * SAMPLES)
             middle = np.einsum("ns,nsc->nc", weight, rays[some])
             albedo = face.albedo(middle)
-            if face.print_from_camera is not None:
+            if face.pattern is not None:
                 each = face.albedo(rays[some].reshape(-1, 2)).reshape(weight.shape)
                 albedo = np.einsum("ns,ns->n", weight, each)
             mixed[some] += share[some] * self._levels(face, middle, albedo)

@@ -14,6 +14,7 @@ import numpy as np
 
 from daemon.vision.health.blur import measure_blur
 from daemon.vision.health.camera_order import Assignment, assignment
+from daemon.vision.health.cause import unevenness
 from daemon.vision.health.examine import examine
 from drivers.camera.pixels import Layout, read_grey
 from tests.worlds import rendered
@@ -96,12 +97,24 @@ def reading() -> None:
         )
 
 
+def uneven() -> None:
+    """How uneven the pictures of each set are: what tells a patterned table from a plain one."""
+    by_set: dict[str, list[float]] = {}
+    for home in (rendered.ALL, *rendered.MORE):
+        for scene in sorted(path.parent for path in home.glob("*/truth.json")):
+            by_set.setdefault(rendered.truth(scene)["tags"][0], []).append(max(map(unevenness, rendered.pair(scene))))
+    print("unevenness, grey levels: least, median, most of each set")
+    for name, values in sorted(by_set.items()):
+        print(f"  {name:<16}" + "".join(f"{np.percentile(values, percent):7.2f}" for percent in (0, 50, 100)))
+
+
 def main() -> None:
-    """Print both tables."""
+    """Print the tables."""
     cv2.setNumThreads(1)
     reading()
     if rendered.ALL.is_dir():
         alarms()
+        uneven()
     else:
         print("image_health: no scenes (set FACETD_SHARED)")
 

@@ -1,6 +1,8 @@
 """The recogniser on the rendered scenes: right, silent or wrong by set; what its confidence is worth; time; memory.
 
-Scenes: the folder named by FACETD_SHARED (default ../shared), scenes/ in it. Trained on the six train-B views only.
+Scenes: the folder named by FACETD_SHARED (default ../shared), scenes/ in it, and those named by FACETD_SCENES
+(several with `:` between), each with calibration-<RIG>.yaml beside the scenes. Trained on the six train-B views of the
+first only.
 """
 
 from __future__ import annotations
@@ -44,11 +46,12 @@ BINS = (0.0, 0.5, 0.9, 0.99, 0.999, 1.0 + 1e-9)
 
 @dataclass
 class Tally:
-    """What became of one set's parts; corner errors of the named ones, mm."""
+    """What became of one set's parts; corner errors of the named ones, mm; processor time of each look, ms."""
 
     counts: Counter[str] = field(default_factory=Counter)
     fitted_mm: list[float] = field(default_factory=list)
     measured_mm: list[float] = field(default_factory=list)
+    looks_ms: list[float] = field(default_factory=list)
 
 
 def main() -> None:
@@ -57,9 +60,12 @@ def main() -> None:
         return
     rigs = {name: rendered.rig(rendered.ALL, name) for name in ("A0", "B")}
     model = trained(rigs["B"])
-    _accuracy(rigs, model)
+    cv2.setNumThreads(1)
+    stages: dict[str, list[float]] = defaultdict(list)
+    named = [confidence for home in (rendered.ALL, *rendered.MORE) for confidence in _accuracy(home, model, stages)]
+    _reliability(named)
+    _time(stages)
     _detectors(rigs, model)
-    _time(rigs["B"], model)
     _stages(rigs["B"], model)
     _memory()
 
@@ -75,8 +81,8 @@ def trained(rig: StereoRig, settings: VisionSettings | None = None) -> Model:
     return model
 
 
-def test_folders() -> list[Path]:
-    folders = sorted(path.parent for path in rendered.ALL.glob("*/truth.json"))
+def test_folders(home: Path) -> list[Path]:
+    folders = sorted(path.parent for path in home.glob("*/truth.json"))
     return [folder for folder in folders if not folder.name.startswith(("train", "table57"))]
 
 
@@ -94,9 +100,9 @@ def judge(scene: Scene, told: dict[str, Any], known: tuple[str, ...], tally: Tal
         silent = label in ("unknown", "nothing")
         right = label == body["label"]
         if body["label"] in known:
-            tally.counts["right" if right else "silent" if silent else "wrong"] += 1
+            tally.counts["right" if right else "silent" if silent else "mistaken"] += 1
         else:
-            tally.counts["rejected" if silent else "wrong"] += 1
+            tally.counts["rejected" if silent else "invented"] += 1
         if part is not None and not silent:
             named.append((part.recognition.confidence, right))
         if part is not None and right:
@@ -120,23 +126,50 @@ def _errors(part: Part, corners: Array, tally: Tally) -> None:
         kind.extend(np.linalg.norm(points[:, None] - corners[None], axis=2).min(1).tolist())
 
 
-def _accuracy(rigs: dict[str, StereoRig], model: Model) -> None:
+def _accuracy(home: Path, model: Model, stages: dict[str, list[float]]) -> list[tuple[float, bool]]:
+    """One folder's table, a line a set; (confidence, right) of every part named. stages: seconds of rig B's looks."""
     tallies: dict[str, Tally] = defaultdict(Tally)
     named: list[tuple[float, bool]] = []
-    for folder in test_folders():
-        told = rendered.truth(folder)
-        scene = look(*rendered.pair(folder), rigs[told["rig"]], model)
-        named += judge(scene, told, model.labels, tallies[f"{told['tags'][0]}-{told['rig']}"])
-    print(f"{'set':<16}{'parts':>6}{'right':>7}{'silent':>7}{'wrong':>7}{'reject':>7}{'ghost':>7}"
-          f"{'corner mm 50 %':>16}{'95 %':>7}{'measured 50 %':>15}{'95 %':>7}")  # fmt: skip
-    for name, t in sorted(tallies.items()):
-        c = t.counts
-        parts = c["right"] + c["silent"] + c["wrong"] + c["rejected"]
-        numbers = [_quantile(t.fitted_mm, 50), _quantile(t.fitted_mm, 95), _quantile(t.measured_mm, 50),
-                   _quantile(t.measured_mm, 95)]  # fmt: skip
-        print(f"{name:<16}{parts:>6}{c['right']:>7}{c['silent']:>7}{c['wrong']:>7}{c['rejected']:>7}{c['ghost']:>7}"
-              f"{numbers[0]:>16}{numbers[1]:>7}{numbers[2]:>15}{numbers[3]:>7}")  # fmt: skip
-    _reliability(named)
+    dense = cv2.StereoSGBM.create(minDisparity=0, numDisparities=128, blockSize=5, P1=200, P2=800)
+    for folder in test_folders(home):
+        told, pair = rendered.truth(folder), rendered.pair(folder)
+        scene = look(*pair, rendered.rig(home, told["rig"]), model, clock=time.process_time)
+        tally = tallies[f"{told['tags'][0]}-{told['rig']}"]
+        named += judge(scene, told, model.labels, tally)
+        tally.looks_ms.append(1000 * sum(scene.seconds.values()))
+        if told["rig"] == "B":
+            start = time.process_time()
+            dense.compute(*pair)
+            stages["StereoSGBM"].append(time.process_time() - start)
+            for name, seconds in {"one look": sum(scene.seconds.values()), **scene.seconds}.items():
+                stages[name].append(seconds)
+    print(f"\n{home}")
+    print(f"{'set':<18}{'looks':>6}{'taught':>7}{'right':>8}{'silent':>8}{'wrong':>8}{'other':>7}{'rejected':>9}"
+          f"{'ghost':>6}{'corner mm 50 %':>16}{'95 %':>7}{'measured 50 %':>15}{'95 %':>7}{'ms 50 %':>9}"
+          f"{'worst':>7}")  # fmt: skip
+    for name, tally in sorted(tallies.items()):
+        print(_line(name, tally))
+    return named
+
+
+def _line(name: str, tally: Tally) -> str:
+    """Shares are of the parts that were taught and of those that were not; a wrong name counts where it was given."""
+    c = tally.counts
+    taught, others = c["right"] + c["silent"] + c["mistaken"], c["rejected"] + c["invented"]
+    corners = "".join(
+        f"{_quantile(values, percent):>{width}}"
+        for values, widths in ((tally.fitted_mm, (16, 7)), (tally.measured_mm, (15, 7)))
+        for percent, width in zip((50, 95), widths, strict=True)
+    )
+    return (
+        f"{name:<18}{len(tally.looks_ms):>6}{taught:>7}{_share(c['right'], taught):>8}{_share(c['silent'], taught):>8}"
+        f"{_share(c['mistaken'] + c['invented'], taught + others):>8}{others:>7}{_share(c['rejected'], others):>9}"
+        f"{c['ghost']:>6}{corners}{np.median(tally.looks_ms):>9.0f}{max(tally.looks_ms):>7.0f}"
+    )
+
+
+def _share(count: int, of: int) -> str:
+    return f"{100 * count / of:.1f} %" if of else "-"
 
 
 def _quantile(values: list[float], percent: float) -> str:
@@ -155,7 +188,7 @@ def _reliability(named: list[tuple[float, bool]]) -> None:
 def _detectors(rigs: dict[str, StereoRig], model: Model) -> None:
     """Corner detectors and stereo formulas side by side, all on the same clean scenes."""
     print("\ncorners by            stereo by             right  of   corner mm 50 %    95 %  measured 50 %")
-    folders = [f for f in test_folders() if f.name.startswith("clean")]
+    folders = [f for f in test_folders(rendered.ALL) if f.name.startswith("clean")]
     for settings in (
         VisionSettings(),
         VisionSettings(corner_detector="mic"),
@@ -173,23 +206,11 @@ def _detectors(rigs: dict[str, StereoRig], model: Model) -> None:
               f"{_quantile(tally.measured_mm, 50):>15}")  # fmt: skip
 
 
-def _time(rig: StereoRig, model: Model) -> None:
+def _time(stages: dict[str, list[float]]) -> None:
     """Processor time over the B scenes, one core, beside OpenCV's dense matcher on the same pairs in this process."""
-    cv2.setNumThreads(1)
-    dense = cv2.StereoSGBM.create(minDisparity=0, numDisparities=128, blockSize=5, P1=200, P2=800)
-    stages: dict[str, list[float]] = defaultdict(list)
-    for folder in [f for f in test_folders() if "-B-" in f.name]:
-        left, right = rendered.pair(folder)
-        start = time.process_time()
-        dense.compute(left, right)
-        stages["StereoSGBM"].append(time.process_time() - start)
-        scene = look(left, right, rig, model, clock=time.process_time)
-        stages["one look"].append(sum(scene.seconds.values()))
-        for name, seconds in scene.seconds.items():
-            stages[name].append(seconds)
-    print("\nstage          median ms   95 % ms   (processor time, one core)")
+    print("\nstage          median ms   95 % ms  worst ms   (processor time, one core)")
     for name, spent in stages.items():
-        print(f"{name:<14}{1000 * np.median(spent):>10.2f}{1000 * np.percentile(spent, 95):>10.2f}")
+        print(f"{name:<14}" + "".join(f"{1000 * np.percentile(spent, percent):>10.2f}" for percent in (50, 95, 100)))
     print(f"one look over StereoSGBM: {np.median(stages['one look']) / np.median(stages['StereoSGBM']):.3f}")
 
 

@@ -4,9 +4,11 @@ import asyncio
 
 import numpy as np
 import pytest
+import yaml
 
 from daemon.arm.supervisor import RefusedError
 from daemon.jobs.demo import PARTS
+from daemon.store import places
 from drivers.simcell.controller import LineFault, Mishap
 from tests.worlds import simulated_cell
 from tests.worlds.simulated_cell import rig
@@ -44,6 +46,27 @@ def test_a_grasp_is_where_it_was_said_to_be(model, label):
     assert (end.outcome, lies) == ("picked", "bin"), end.why
     assert error_mm < 3 * end.predicted_mm
     assert error_deg < 3 * max(end.predicted_deg, 0.3)
+
+
+def test_eyes_of_unequal_exposure_in_poor_light_are_set_before_the_pick_and_the_part_is_picked(model, tmp_path):
+    truth = yaml.safe_load((places.HOUSE / "etc" / "simcell.yaml").read_text())
+    truth["sensor"] |= {"gain_left": 0.3, "gain_right": 0.15}
+    (tmp_path / "dim.yaml").write_text(yaml.safe_dump(truth))
+
+    async def story():
+        async with rig(seed=7, model=model, truth=tmp_path / "dim.yaml") as here:
+            here.cell.scatter(["cube"])
+            end = await here.cycle.pick()
+            lit = await here.cycle.look()
+            return end, here.log.said("decision"), lit
+
+    end, decisions, lit = run(story())
+    assert end.outcome == "picked", end.why
+    told = [k for k, d in enumerate(decisions) if "exposure x" in d["text"]]
+    assert told
+    assert max(told) < min(k for k, d in enumerate(decisions) if d["text"] == "pick cube")
+    left, right = (np.median(p.pixels) for p in (lit.pictures.left, lit.pictures.right))
+    assert left == pytest.approx(right, rel=0.15)
 
 
 def test_a_part_whisked_away_while_the_hand_closes_is_reported_missed_or_gone_and_never_as_held(model):

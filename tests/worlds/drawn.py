@@ -7,8 +7,7 @@ from itertools import pairwise
 import numpy as np
 
 from daemon.store.library import load_facets
-from daemon.teaching.mesh import read_mesh
-from daemon.teaching.solid_from_mesh import solid_of
+from daemon.teaching.solid_from_mesh import solid_drawn
 from daemon.vision.geometry.polyhedron import Polyhedron
 
 CUBE_RINGS = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
@@ -62,7 +61,7 @@ def ascii_stl(corners: np.ndarray, rings: list[tuple[int, ...]]) -> bytes:
 
 def solid(name: str, content: bytes, unit: str = "mm") -> Polyhedron:
     """What a drawing is read as."""
-    return solid_of(read_mesh(name, content, unit), load_facets())
+    return solid_drawn(name, content, unit, load_facets())
 
 
 def block(*sides: float) -> Polyhedron:

@@ -83,6 +83,7 @@ class World:
     reach_mm: float = 900.0
     unreached: np.ndarray | None = None
     most_seen: int = 9
+    light: tuple[float, float] = (1.0, 1.0)
 
     def put(self, label: str, x: float, y: float, turn: float, rest: int = 0) -> None:
         """Lay a part on the table."""
@@ -198,7 +199,14 @@ class FakeEyes:
             images = [image.copy() for image in images]
             for image in images:
                 image[:, 200 + 10 * (self.shaking % 30) :] += 100
+        if self.world.light != (1.0, 1.0):
+            images = [(i * f).clip(0, 255).astype(np.uint8) for i, f in zip(images, self.world.light, strict=True)]
         return FakePair(*(FakePicture(i, self.world.now_s) for i in images))
+
+    async def expose(self, left: float, right: float) -> tuple[float, float] | None:
+        self.world.before("expose")
+        self.world.light = self.world.light[0] * left, self.world.light[1] * right
+        return left, right
 
 
 class TruthRecogniser:

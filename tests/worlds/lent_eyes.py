@@ -70,6 +70,9 @@ class BorrowedEyes:
             raise answer
         return answer
 
+    def expose(self, left: float, right: float) -> None:
+        """Theirs, not ours, to set."""
+
     def close(self) -> None:
         """See StereoCamera."""
         if self._line is not None:

@@ -20,6 +20,8 @@ from daemon.vision.geometry.rig import StereoRig
 HERE = Path(__file__).resolve().parents[1] / "data" / "scenes"
 ALL = Path(os.environ.get("FACETD_SHARED", Path(__file__).resolve().parents[3] / "shared")) / "scenes"
 """May not be there: who needs it says so and goes without."""
+MORE = tuple(Path(folder) for folder in os.environ.get("FACETD_SCENES", "").split(os.pathsep) if folder)
+"""More folders of scenes to measure on, each with the calibrations of its rigs beside the scenes."""
 
 
 def pair(scene: Path) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:

@@ -141,6 +141,9 @@ function lookView(stop) {
   for (const p of stop.parts) {
     add(p.label, `confidence ${show(p.conf)}, match ratio ${show(p.ratio)}, activation ${show(p.act)}, runner-up ${show(p.runner)}, residual ${show(p.res, " mm")}. ${show(p.why)}`);
   }
+  for (const g of stop.guesses) {
+    add("nearest", `${g.label}: ${Math.round(100 * g.share)} % of its edges show (drawn through), the others do not (dashed)`);
+  }
   add("time", Object.entries(stop.seconds).map(([k, v]) => `${k} ${Math.round(1000 * v)} ms`).join(", "));
   add("health", Object.entries(stop.health).map(([k, v]) => `${k.replaceAll("_", " ")} ${typeof v === "number" ? Math.round(1000 * v) / 1000 : JSON.stringify(v)}`).join(", "));
   return el("div", {}, el("div", { class: "eyes" }, eyeView(stop, "left", "l"), eyeView(stop, "right", "r")), info,
@@ -170,6 +173,14 @@ function eyeView(stop, eye, key) {
       all.push(...f[key]);
     }
     if (all.length) layer.append(svg("text", { x: Math.min(...all.map((q) => q[0])), y: Math.min(...all.map((q) => q[1])) - 6 }, p.label));
+  }
+  for (const g of stop.guesses) {
+    for (const edge of g[key]) {
+      const [[x1, y1], [x2, y2]] = edge.px;
+      layer.append(svg("line", { x1, y1, x2, y2, class: edge.shows ? "shows" : "shows-not" }));
+    }
+    const low = g[key].flatMap((edge) => edge.px).sort((a, b) => b[1] - a[1])[0];
+    if (low) layer.append(svg("text", { x: low[0], y: low[1] + 16, "text-anchor": "middle" }, `${g.label}?`));
   }
   box.append(image, layer);
   return box;

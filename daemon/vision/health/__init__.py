@@ -1,21 +1,26 @@
-"""What is wrong with the images themselves (light, lens, cable, mounting), and what they hint at of the calibration.
-
-Nothing here says anything of parts.
+"""What is wrong with the images themselves (light, lens, cable, mounting), what they hint at of the calibration, and
+why a part in them has no name. Nothing here names a part.
 """
 
+from daemon.vision.health.cause import SAID, cause_of_nothing, with_causes
 from daemon.vision.health.clues import AXES, Clue, clue_of, health_fields
 from daemon.vision.health.examine import Finding, drift, examine, findings_json, misleading, sharpness, troubles
+from daemon.vision.health.light import exposure_factors
 
 __all__ = [
     "AXES",
+    "SAID",
     "Clue",
     "Finding",
+    "cause_of_nothing",
     "clue_of",
     "drift",
     "examine",
+    "exposure_factors",
     "findings_json",
     "health_fields",
     "misleading",
     "sharpness",
     "troubles",
+    "with_causes",
 ]

@@ -21,6 +21,8 @@ from daemon.vision.geometry import StereoRig
 PATCH_PX, BAND_PX = 10, 16
 MOST_POINTS, LEAST_POINTS = 60, 5
 LEAST_ALIKE = 0.8
+LEAST_LEAD = 0.03
+"""How much more alike the best place must be than any other a patch away: one row of dots is as good as the next."""
 NEAR_MM, FAR_MM = 80.0, 3000.0
 CLEAR_PX = 1.0
 """How much nearer to the lines one way round must be before it is believed."""
@@ -103,7 +105,10 @@ def _found(
         other[top:bottom, first:end], image[y - patch : y + patch + 1, x - patch : x + patch + 1], cv2.TM_CCOEFF_NORMED
     )
     _, best, _, (u, v) = cv2.minMaxLoc(alike)
-    return (first + u + patch, top + v + patch) if best >= LEAST_ALIKE else None
+    if best < LEAST_ALIKE:
+        return None
+    alike[max(v - patch, 0) : v + patch + 1, max(u - patch, 0) : u + patch + 1] = -1.0
+    return None if float(alike.max()) > best - LEAST_LEAD else (first + u + patch, top + v + patch)
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import islice
+from typing import NamedTuple
 
 import numpy as np
 
@@ -37,7 +38,7 @@ from daemon.vision.registration.edge_pose import (
 from daemon.vision.registration.faces import likeness
 from daemon.vision.registration.measured import measured_facet, silhouette
 from daemon.vision.registration.space_corners import PoseGuess, guesses_from_space, meet
-from daemon.vision.values import Group, Part, Recognition
+from daemon.vision.values import Group, NearestGuess, Part, Recognition
 
 LOOKED_AT, MOST, PER_PLACE, REACH_MM = 60, 14, 4, 2.5
 """Guesses looked at in the order of what speaks for them; those of them laid onto the images, in all and at one place;
@@ -55,6 +56,8 @@ LEAST_LIKENESS, SAME_PRINT, BY_PRINT = 0.5, 0.97, 0.12
 """Of print in both eyes: less, and it lies elsewhere; more, and so much less of the edges is needed."""
 RIVAL = 0.9
 """Another part with so much of the evidence on the same place leaves the name open."""
+NEAREST = 0.4
+"""Of the evidence there could be, what a guess has that is worth showing."""
 BY_EDGES = 0.9
 """Confidence in a name that edges prove: below what recognition is sure of."""
 
@@ -78,7 +81,14 @@ class Laid:
         return self.covers.covers(other.covers) > COVERED
 
 
-def named_by_segments(eyes: Eyes, model: Model, known: Sequence[Recognised]) -> list[Recognised]:
+class Straight(NamedTuple):
+    """What straight edges name, and what came nearest to it where they name nothing."""
+
+    named: list[Recognised]
+    guesses: tuple[NearestGuess, ...]
+
+
+def named_by_segments(eyes: Eyes, model: Model, known: Sequence[Recognised]) -> Straight:
     """The taught parts that the straight edges of both images prove, beside those that are named already.
 
     Unnamed groups of facets say what each could be, and rule out what does not have them.
@@ -98,7 +108,17 @@ def named_by_segments(eyes: Eyes, model: Model, known: Sequence[Recognised]) -> 
         ]  # fmt: skip
         if not any(proves(m) for m in rivals):
             found.append(_recognised(one, laid[rivals[0]].label if rivals else None, eyes, model))
-    return found
+    nearest = list[Laid]()
+    for one in laid:
+        if one.share > NEAREST and not any(one.overlaps(other) for other in (*taken, *nearest)):
+            nearest.append(one)
+    return Straight(found, tuple(map(_guess, nearest)))
+
+
+def _guess(one: Laid) -> NearestGuess:
+    ends = [np.stack([seen.edges.start, seen.edges.end], 1) for seen in one.located.observed]
+    shows = [seen.on_place for seen in one.located.observed]
+    return NearestGuess(one.label, ends[0], ends[1], shows[0], shows[1])
 
 
 def _laid(eyes: Eyes, model: Model, unnamed: Sequence[Group], named: Sequence[Shape]) -> Iterator[Laid]:

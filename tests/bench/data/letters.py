@@ -9,13 +9,13 @@ from __future__ import annotations
 import bz2
 import gzip
 import lzma
-import shutil
 import struct
-import subprocess
 import tempfile
 from pathlib import Path
 
 import numpy as np
+
+from tests.bench.data.packages import debian_package
 
 PACKAGE = "r-cran-mlbench"
 FILE = "usr/lib/R/site-library/mlbench/data/LetterRecognition.rda"
@@ -27,23 +27,9 @@ SYMBOL, PAIR, CHARS, LOGICAL, INTEGER, REAL, STRING, LIST = 1, 2, 9, 10, 13, 14,
 
 def letters() -> tuple[np.ndarray, np.ndarray] | str:
     """(20000, 16) in [0, 1] and (20000,) letter numbers in the order of the file; or why they cannot be had."""
-    installed = Path("/") / FILE
-    if installed.exists():
-        return _table(installed.read_bytes())
-    if not (shutil.which("apt-get") and shutil.which("dpkg-deb")):
-        return f"needs apt-get and dpkg-deb, or {PACKAGE} installed"
     with tempfile.TemporaryDirectory() as folder:
-        try:
-            _run(["apt-get", "download", PACKAGE], folder)
-            (package,) = Path(folder).glob("*.deb")
-            _run(["dpkg-deb", "-x", package.name, "."], folder)
-        except (subprocess.SubprocessError, ValueError) as error:
-            return f"{PACKAGE} could not be fetched ({error})"
-        return _table((Path(folder) / FILE).read_bytes())
-
-
-def _run(command: list[str], folder: str) -> None:
-    subprocess.run(command, cwd=folder, check=True, capture_output=True, timeout=120)
+        root = debian_package(PACKAGE, FILE, Path(folder))
+        return root if isinstance(root, str) else _table((root / FILE).read_bytes())
 
 
 def _table(packed: bytes) -> tuple[np.ndarray, np.ndarray]:

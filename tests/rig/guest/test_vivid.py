@@ -76,6 +76,24 @@ def test_gain_is_locked_and_reads_back() -> None:
         eyes.close()
 
 
+def test_more_light_is_asked_of_both_devices_at_once_by_gain_where_there_is_no_exposure() -> None:
+    """vivid's picture does not follow its gain: what is proven is that the kernel takes it and reads it back."""
+    eyes = V4L2StereoCamera(CameraSettings("0", "1", **SIZE))  # type: ignore[arg-type]
+    nodes = [FileNode(path) for path in ("/dev/video0", "/dev/video1")]
+    try:
+        for node in nodes:
+            controls.apply(node, "either", {"gain": 100})
+        eyes.open()
+        assert eyes.expose(0.5, 2.0) == (0.5, 2.0)
+        assert [v4l2.get_control(node, controls.KNOWN["gain"].control) for node in nodes] == [50, 200]
+        assert eyes.expose(1.0, 9.0) == (1.0, 255 / 200)
+        eyes.grab(time.monotonic(), 20.0)
+    finally:
+        eyes.close()
+        for node in nodes:
+            node.close()
+
+
 def test_an_exposure_the_device_does_not_have_is_refused_with_what_it_has() -> None:
     wish = CameraSettings("0", "1", **SIZE, controls={"exposure_us": 10_000})  # type: ignore[arg-type]
     with pytest.raises(CameraError, match=r"cannot set exposure_us.*It offers: .*brightness 0\.\.255"):

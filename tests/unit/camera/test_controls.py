@@ -81,3 +81,22 @@ def test_a_camera_with_only_the_full_automatism_gets_that_one() -> None:
     node = webcam()
     node.device.controls[EXPOSURE_AUTO] = PretendControl("Auto Exposure", 0, 1, 1, menu={0: "Auto", 1: "Manual"})
     assert controls.apply(node, "left", {"exposure_us": "auto"}) == {"auto_exposure": 0}
+
+
+def test_more_light_is_gathered_by_exposure_with_its_automatism_off_and_never_longer_than_a_frame() -> None:
+    node = webcam()
+    assert controls.brighten(node, "left", 1.5, 0.066) == pytest.approx(1.5)
+    assert controls.exposure_s(node) == pytest.approx(0.0375)
+    assert {c.name: c.value for c in controls.list_controls(node)}["auto_exposure"] == 1, "manual"
+    assert controls.brighten(node, "left", 8.0, 0.066) == pytest.approx(660 / 375, rel=0.01)
+    assert controls.exposure_s(node) == pytest.approx(0.066)
+    assert controls.brighten(node, "left", 1e-4, 0.066) == pytest.approx(3 / 660)
+
+
+def test_gain_stands_in_where_a_camera_has_no_exposure_and_nothing_where_it_has_neither() -> None:
+    device = PretendDevice("tester", controls={GAIN: PretendControl("Gain", 0, 255, 100)})
+    node = PretendNode(device, PretendSystem({"/dev/video0": device}))
+    assert controls.brighten(node, "left", 0.5, 0.066) == pytest.approx(0.5)
+    assert controls.brighten(node, "left", 10.0, 0.066) == pytest.approx(255 / 50)
+    device.controls.clear()
+    assert controls.brighten(node, "left", 2.0, 0.066) is None

@@ -241,6 +241,31 @@ def test_wished_controls_are_set_on_both_eyes_and_reported() -> None:
     assert [r.controls for r in eyes.reports()] == [{"gain": 32}, {"gain": 32}]
 
 
+def exposed(**wishes: float) -> tuple[object, list[int]]:
+    """What twice the light left and half of it right comes to, and what the devices' exposure is then."""
+    system = machine()
+    for device in system.devices.values():
+        device.controls[0x009A0902] = PretendControl("Exposure Time, Absolute", 3, 2047, 100)
+    eyes = camera(system, replace(SETTINGS, controls=wishes))
+    eyes.open()
+    took = eyes.expose(2.0, 0.5)
+    return took, [device.controls[0x009A0902].value for device in system.devices.values()]
+
+
+def test_each_eye_gathers_as_much_more_light_as_it_is_told() -> None:
+    assert exposed() == ((2.0, 0.5), [200, 50])
+
+
+def test_an_exposure_that_the_operator_has_set_is_his() -> None:
+    assert exposed(exposure_us=5000) == (None, [50, 50])
+
+
+def test_cameras_without_exposure_or_gain_say_that_there_is_nothing_to_set() -> None:
+    eyes = camera(machine())
+    eyes.open()
+    assert eyes.expose(2.0, 0.5) is None
+
+
 def test_closing_twice_is_safe_and_frees_the_devices() -> None:
     system = machine()
     eyes = camera(system)

@@ -308,3 +308,64 @@ def test_picking_is_refused_with_what_to_do_before_enable_in_fault_and_without_a
     with pytest.raises(RefusedError, match="teach"):
         asyncio.run(cycle.pick())
     assert all(name == "abort" for name, _ in world.wire)
+
+
+def acts_of(world: World) -> list[str]:
+    """What the cameras and the arm are asked, in order, from now on."""
+    acts: list[str] = []
+    world.before = acts.append
+    return acts
+
+
+@pytest.mark.parametrize("light", [(1.0, 0.5), (0.4, 0.4), (2.6, 2.6)])
+def test_eyes_of_unequal_or_wrong_exposure_are_set_in_the_survey_and_never_on_an_approach(light):
+    world = one_part()
+    world.light = light
+    acts = acts_of(world)
+    _, end = picked(world)
+    assert end.outcome == "picked"
+    assert world.light[0] == pytest.approx(world.light[1], rel=0.1)
+    approach = acts.index("hand")
+    assert "expose" in acts[:approach]
+    assert "expose" not in acts[approach:]
+    assert "exposure x" in world.said("decision")[0]["text"]
+
+
+def test_an_approach_is_not_held_up_by_light_that_goes_wrong_on_it():
+    world = one_part()
+    looks = []
+
+    def dim(name):
+        looks.append(name)
+        if name == "hand":
+            world.light = (1.0, 0.4)
+
+    world.before = dim
+    _, end = picked(world)
+    assert end.outcome == "picked"
+    assert "expose" not in looks
+
+
+def test_light_that_will_do_is_not_touched_and_cameras_that_cannot_be_set_are_looked_through_as_they_are():
+    world = one_part()
+    acts = acts_of(world)
+    assert picked(world)[1].outcome == "picked"
+    assert "expose" not in acts
+    world = one_part()
+    world.light = (1.0, 0.5)
+    cycle = cycle_of(world)
+
+    async def fixed(left, right):
+        return None
+
+    cycle.cell.eyes.expose = fixed
+    assert asyncio.run(cycle.pick()).outcome == "picked"
+    assert world.light == (1.0, 0.5)
+
+
+def test_a_look_that_is_asked_for_is_lit_too():
+    world = one_part()
+    world.light = (0.4, 1.0)
+    seen = asyncio.run(cycle_of(world).look())
+    left, right = (float(p.pixels.mean()) for p in (seen.pictures.left, seen.pictures.right))
+    assert left == pytest.approx(right, rel=0.1)

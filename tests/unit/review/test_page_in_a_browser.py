@@ -6,9 +6,12 @@ import time
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from daemon.review.page import write_page
+from daemon.vision.report import scene_json
+from daemon.vision.values import FacetView, NearestGuess, Scene
 from tests.worlds.made_run import MadeRun
 
 
@@ -48,6 +51,23 @@ def test_a_person_filters_opens_a_cycle_and_goes_to_the_next_stop(browser: Any, 
     browser.find_element("css selector", "button[data-outcome=all]").click()
     browser.find_element("id", "search").send_keys("pentagonal")
     assert len(rows(browser)) == 1
+    assert browser.get_log("browser") == []
+
+
+def test_what_an_unnamed_part_came_nearest_to_is_drawn_into_both_eyes(browser: Any, tmp_path: Path) -> None:
+    edges = np.array([[[10.0, 20], [60, 20]], [[60, 20], [60, 70]]])
+    shows = np.array([True, False])
+    guess = NearestGuess("cube", edges, edges + np.array([5.0, 0]), shows, shows)
+    (told,) = scene_json(Scene((), (), FacetView((), (), (), (), 2.0), guesses=(guess,)))["guesses"]
+    made = MadeRun(tmp_path / "20260102T030405Z")
+    made.look("look", guesses=[told])
+    open_page(browser, write_page(made.close(), tmp_path / "page.html"))
+    browser.execute_script("document.querySelector('#other-list details').open = true")
+    assert "cube: 50 % of its edges show" in browser.find_element("id", "other-list").text
+    for name, ends in (("shows", "10,20,60,20"), ("shows-not", "60,20,60,70")):
+        left, right = browser.find_elements("css selector", f".eye line.{name}")
+        assert ",".join(left.get_attribute(k) for k in ("x1", "y1", "x2", "y2")) == ends
+        assert float(right.get_attribute("x1")) == float(left.get_attribute("x1")) + 5
     assert browser.get_log("browser") == []
 
 

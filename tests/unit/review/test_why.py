@@ -39,6 +39,15 @@ def test_an_ambiguous_part_is_told_with_its_candidates(made: MadeRun) -> None:
     assert any("cube or pyramid" in c.evidence for c in found)
 
 
+def test_what_stood_between_a_part_and_its_name_comes_with_its_own_remedy(made: MadeRun) -> None:
+    made.cycle = 1
+    made.write("cycle_start", cycle=1, target=None)
+    made.look("survey 1", part("unknown", cause="hidden", reason="part of it is hidden (one square)"))
+    made.write("cycle_end", cycle=1, outcome="unknown", label=None, why="not named", stops=0, predicted=None)
+    found = causes(read_digest(made.close()).cycles[0])
+    assert any("hidden" in c.evidence and "move what lies before it" in c.remedy for c in found)
+
+
 def test_a_picked_part_and_an_empty_table_need_no_cause(made: MadeRun) -> None:
     made.pick()
     made.pick("empty", why="nothing on the table")

@@ -185,3 +185,15 @@ def test_light_remembered_from_the_last_frame_is_never_light_of_something_that_h
             assert pictures[0] == pictures[1]
             assert pictures[0] != before
             before = pictures[0]
+
+
+def test_a_longer_exposure_gathers_as_much_more_light_in_that_eye_within_what_a_shutter_can() -> None:
+    pair, _ = pair_of()
+    before = pair.grab(100.0, 1.0)
+    assert pair.expose(0.5, 2.0) == (0.5, 2.0)
+    after = pair.grab(100.2, 1.0)
+    unlit = 4.0  # what the sensor shows without light
+    for eye, factor in (("left", 0.5), ("right", 2.0)):
+        was, now = (np.median(getattr(got, eye).pixels.astype(float)) - unlit for got in (before, after))
+        assert now / was == pytest.approx(factor, rel=0.08)
+    assert pair.expose(1e-9, 1.0)[0] == pytest.approx(1 / 32)

@@ -22,6 +22,7 @@ from daemon.vision.image.grey import VisionError
 from daemon.vision.look import look
 from daemon.vision.model.model import Model, empty_model, learn_view
 from daemon.vision.report import scene_json
+from tests.worlds import drawn
 from tests.worlds.painted import paint_pair
 from tests.worlds.rigs import rig
 from tests.worlds.solids import CUBE, KNOWN, PENTAGONAL, PYRAMID, STRANGERS, TRIANGULAR, Body, pose
@@ -271,6 +272,52 @@ def test_a_wrong_list_of_views_is_told_by_its_line(
     error = capsys.readouterr().err
     assert words in error
     assert "views.yaml" in error
+    assert not (tmp_path / "m.npz").exists()
+
+
+def test_a_part_known_by_its_drawing_alone_is_named_in_a_picture(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The drawing is in inches; the rest of the model comes from views, as before."""
+    corners, rings = drawn.box(40, 50, 60)
+    (tmp_path / "brick.obj").write_bytes(drawn.obj(corners / 25.4, rings))
+    out = tmp_path / "model.npz"
+    words = [*files(folder, "calibration"), "--mesh", f"brick={tmp_path / 'brick.obj'}", "--unit", "inch"]
+    assert main(["train", *words, "--out", str(out)]) == 0
+    assert "1 parts" in capsys.readouterr().out
+    pair = put(tmp_path / "pair", *painted(Body(corners - corners.mean(0), tuple(rings)), (0.6, 0.5, 0.7)))
+    assert main(["recognise", *files(folder, "calibration"), "--model", str(out), str(pair)]) == 0
+    (part,) = json.loads(capsys.readouterr().out)["parts"]
+    assert part["label"] == "brick"
+    assert part["residual_mm"] < 0.5
+    assert main(["train", *files(folder, "views"), *words, "--out", str(out)]) == 0
+    assert "5 parts" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ([], "nothing to learn from: give --views YAML, or --mesh LABEL=FILE"),
+        (["--mesh", "cube.stl"], "--mesh cube.stl: expected LABEL=FILE"),
+        (["--mesh", "cube=none.stl"], "none.stl: cannot be read"),
+        (["--mesh", "cube=GAP"], "gap.obj: not closed"),
+        (["--mesh", "cube=WHOLE", "--unit", "ell"], "--unit ell: expected one of mm, cm, m, inch"),
+        (["--mesh", "cube=WHOLE", "--unit", "m"], "whole.obj: 5e+04 mm long: is it in m?"),
+    ],
+)
+def test_a_drawing_that_cannot_be_learnt_is_told_in_one_line_and_nothing_is_written(
+    folder: Path, tmp_path: Path, arguments: list[str], words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    corners, polygons = drawn.box()
+    (tmp_path / "whole.obj").write_bytes(drawn.obj(corners, polygons))
+    (tmp_path / "gap.obj").write_bytes(drawn.obj(corners, polygons[:-1]))
+    given = [
+        a.replace("GAP", str(tmp_path / "gap.obj")).replace("WHOLE", str(tmp_path / "whole.obj")) for a in arguments
+    ]
+    assert main(["train", *files(folder, "calibration"), *given, "--out", str(tmp_path / "m.npz")]) == 2
+    error = capsys.readouterr().err
+    assert words in error
+    assert len(error.splitlines()) == 1
     assert not (tmp_path / "m.npz").exists()
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from daemon.vision.geometry.rig import StereoRig
 from daemon.vision.health.blur import measure_blur
-from daemon.vision.health.camera_order import Assignment, assignment
+from daemon.vision.health.camera_order import Assignment, assignment, matched_points
 from daemon.vision.health.examine import MEASURES, examine, findings_json, misleading, troubles
 from tests.worlds import rigs
 
@@ -166,6 +166,14 @@ def test_a_camera_knocked_up_or_down_is_told_from_swapped_eyes(pitch_deg: float)
     assert way is Assignment.NEITHER
     assert off_px == pytest.approx(700 * np.radians(abs(pitch_deg)), abs=1.0)
     assert bad(left, right, rig=knocked) == {"knocked"}
+
+
+def test_dots_of_which_one_is_as_good_as_the_next_are_no_points_to_compare() -> None:
+    """They would all be matched one row up where a part's print hangs near the cameras, and a camera called knocked."""
+    y, x = np.mgrid[:480, :720]
+    dots = 120 + 60 * np.cos(2 * np.pi * y / 28) * np.cos(2 * np.pi * x / 28)
+    assert len(matched_points(noisy(dots[:, :640]), noisy(dots[:, 45:685]))[0]) <= 3
+    assert len(matched_points(*starry(rig()))[0]) > 20
 
 
 def knocked_right(eyes: StereoRig, pitch_deg: float) -> StereoRig:

@@ -53,7 +53,7 @@ def unnamed(group: Group) -> Recognised:
 
 @pytest.mark.parametrize("label", sorted(KNOWN))
 def test_a_printed_part_on_a_patterned_table_is_named_and_placed(label: str) -> None:
-    (found,) = named_by_segments(eyes_on(label), model(), [])
+    (found,) = named_by_segments(eyes_on(label), model(), []).named
     assert found.label == label
     corners = frames.apply(WHERE, KNOWN[label].corners_mm)
     seen = np.concatenate(found.part.fitted_mm)
@@ -65,25 +65,25 @@ def test_a_printed_part_on_a_patterned_table_is_named_and_placed(label: str) -> 
 
 @pytest.mark.parametrize("name", sorted(STRANGERS))
 def test_a_printed_stranger_is_not_named(name: str) -> None:
-    assert named_by_segments(eyes_on(name), model(), []) == []
+    assert named_by_segments(eyes_on(name), model(), []).named == []
 
 
 def test_a_patterned_table_alone_is_nothing() -> None:
-    assert named_by_segments(eyes_on(None), model(), []) == []
+    assert named_by_segments(eyes_on(None), model(), []).named == []
 
 
 def test_where_a_part_was_named_nothing_is_looked_for() -> None:
-    known = named_by_segments(eyes_on("cube"), model(), [])
-    assert named_by_segments(eyes_on("cube"), model(), known) == []
+    known = named_by_segments(eyes_on("cube"), model(), []).named
+    assert named_by_segments(eyes_on("cube"), model(), known).named == []
 
 
 def test_facets_measured_together_that_lie_elsewhere_rule_a_part_out() -> None:
     lifted = frames.rigid(np.eye(3), np.array([0.0, 0.0, -9.0])) @ WHERE
     elsewhere = weld([_in_both(f) for f in view_of(CUBE, lifted).facets])
     on_it = weld([_in_both(f) for f in view_of(CUBE, WHERE).facets])
-    assert named_by_segments(eyes_on("cube"), model(), [unnamed(on_it)])
-    assert not named_by_segments(eyes_on("cube"), model(), [unnamed(elsewhere)])
-    assert named_by_segments(eyes_on("cube"), model(), [unnamed(elsewhere.only([0]))])  # a lone one may be a chance
+    assert named_by_segments(eyes_on("cube"), model(), [unnamed(on_it)]).named
+    assert not named_by_segments(eyes_on("cube"), model(), [unnamed(elsewhere)]).named
+    assert named_by_segments(eyes_on("cube"), model(), [unnamed(elsewhere.only([0]))]).named  # a lone one may be a chance
 
 
 def _in_both(facet):
@@ -101,7 +101,7 @@ def test_a_rival_that_explains_as_much_leaves_the_name_open(monkeypatch: pytest.
         ([best, replace(rival, nats=0.5 * best.nats)], ["cube"]),
     ):
         monkeypatch.setattr(by_segments, "_laid", lambda *_, others=others: iter(others))
-        assert [one.label for one in named_by_segments(eyes_on("cube"), model(), [])] == names
+        assert [one.label for one in named_by_segments(eyes_on("cube"), model(), []).named] == names
 
 
 def test_too_little_evidence_refuses_a_name() -> None:
@@ -118,3 +118,13 @@ def test_print_that_does_not_lie_on_its_faces_refuses_a_name(monkeypatch: pytest
     good = max(by_segments._laid(eyes, model(), [], []), key=lambda o: o.nats)
     monkeypatch.setattr(by_segments, "likeness", lambda *_: 0.2)
     assert not by_segments._proved(good, eyes)
+
+
+def test_what_came_nearest_is_told_with_the_edges_that_show_and_those_that_do_not() -> None:
+    found = named_by_segments(eyes_on("steeper pyramid"), model(), [])
+    assert not found.named
+    for guess in found.guesses:
+        assert guess.label in KNOWN
+        assert guess.left_px.shape == (len(guess.left_shows), 2, 2)
+        assert 0 < guess.share < 1
+    assert found.guesses
