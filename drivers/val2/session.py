@@ -85,6 +85,9 @@ class Session:
                 if talk is self.talk:
                     talk.unheard()  # what the person was told is no answer of ours
                     await self.find_prompt()
+                    await asyncio.sleep(self.dialect.prompt_silence_s)
+                    while talk.unheard():  # nor what was still on its way
+                        await asyncio.sleep(self.dialect.prompt_silence_s)
 
     async def find_prompt(self) -> list[Event]:
         """Get to the prompt, or to the question the controller asks (kept in `question`). Raises NoAnswer."""
