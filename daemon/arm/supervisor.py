@@ -172,6 +172,12 @@ class Supervisor:
         self.stops += 1
         return await self._halt(Interruption.ABORT, "disabled", fault=None) if may_move else None
 
+    def line_opened_anew(self) -> None:
+        """Nobody knows what is at its other end now: an operator enables the arm again, its stop tried."""
+        self._let = Let.NOTHING
+        self.stops += 1
+        self.mover.forget()
+
     def pause(self) -> None:
         """Hold before the next move."""
         self._going.clear()

@@ -101,7 +101,7 @@ class Watch:
             if "controller" in context.troubles.standing:
                 await robot.close()
                 await robot.open()
-                context.cycle.supervisor.mover.forget()
+                context.cycle.supervisor.line_opened_anew()
             if robot.question is not None:
                 context.troubles.tell("controller", f"the controller asks `{robot.question}`: say `robot power-up`")
             else:

@@ -248,6 +248,9 @@ class Link:
                 async with session.turn() as talk:
                     await self._see_that_it_rests(talk)
             return
+        except Preempted:  # a stop that waited for the line comes first, and sees the arm at rest
+            await self.abort()
+            return
         except NoAnswer as problem:
             if not isinstance(problem, Busy):
                 raise
@@ -396,10 +399,13 @@ class Link:
         readings = []
         for _ in range(2):
             await asyncio.sleep(self.dialect.poll_s)
-            where = self._accept(await talk.ask("WHERE", (), table_s)).where
-            if where is None:
+            answer = await talk.ask("WHERE", (), table_s)
+            if answer.errors:
+                said = "; ".join(answer.errors)
+                raise ControllerError(f"WHERE is refused (`{said}`: mend that, then restart facetd)")
+            if answer.where is None:
                 raise Garbled("WHERE did not give its table")
-            readings.append(self._in_our_angles(where))
+            readings.append(self._in_our_angles(answer.where))
         if not self._same_place(*readings):
             raise NoAnswer(f"the arm still moves after {self.dialect.abort_word}", readings[-1])
         return readings[-1]

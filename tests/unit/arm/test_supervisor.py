@@ -590,6 +590,23 @@ def test_nothing_moves_without_a_stop_that_was_seen_to_work_since_the_line_was_o
     assert [name for name, _ in world.wire] == ["move"]
 
 
+def test_a_line_that_was_opened_anew_takes_the_enable_away_and_no_stop_gives_it_back():
+    _, supervisor, _ = supervised()
+
+    async def story() -> None:
+        await supervisor.mover.rest()
+        asked = supervisor.stops
+        supervisor.line_opened_anew()
+        assert (supervisor.enabled, supervisor.mover.at) == (False, None)
+        with pytest.raises(RefusedError, match="say `enable` once more"):
+            supervisor.enable(asked)
+        await supervisor.stop()
+        supervisor.resume()
+        assert not supervisor.enabled
+
+    asyncio.run(story())
+
+
 def test_an_arm_enabled_by_hand_only_takes_what_an_operator_tells_the_controller_and_no_move_of_ours():
     world, supervisor, _ = supervised(enabled=False)
     supervisor.enable(let=Let.BY_HAND)

@@ -90,7 +90,7 @@ class WatchedCell:
 
     def __init__(self, folder: Path) -> None:
         self.failed: list[str] = []
-        self.mover = Mock()
+        self.line_opened_anew = Mock()
         self.camera_fails = False
         self.enabled = True
         self.notes: list[str] = []
@@ -174,7 +174,7 @@ def test_after_a_lost_line_was_opened_again_nobody_knows_how_arm_and_hand_stand(
         await asyncio.sleep(0.7)
         watched.open.assert_called()  # type: ignore[attr-defined]
 
-    watching(tmp_path, play).mover.forget.assert_called()
+    watching(tmp_path, play).line_opened_anew.assert_called()
 
 
 def test_devices_that_were_opened_just_now_are_asked_only_once_they_have_been_silent(tmp_path: Path) -> None:

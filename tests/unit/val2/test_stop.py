@@ -14,11 +14,12 @@ from drivers.puma560 import READY_RAD, forward
 from drivers.simcell.arm import Arm
 from drivers.simcell.controller import Controller, LineFault, Manners, MemoryLine
 from drivers.simcell.controller.commands import bare
+from drivers.simcell.controller.expressions import MonitorError
 from drivers.simcell.controller.machine import Machine
 from drivers.simcell.controller.monitor import MONITOR_COMMANDS
 from drivers.simcell.simulated_time import SimulatedLoop
 from drivers.val2.dialect import Dialect
-from drivers.val2.link import Link, LinkError, NoAnswer, StopRefused
+from drivers.val2.link import ControllerError, Link, LinkError, NoAnswer, StopRefused
 from drivers.val2.location import location_from_matrix
 
 FAR = location_from_matrix(forward(READY_RAD + np.radians([90, -20, 5, 0, 10, 0])))
@@ -148,5 +149,38 @@ def test_the_stop_is_proven_by_the_answer_to_its_word_and_again_after_the_line_w
         with pytest.raises(StopRefused, match="Illegal command"):
             await link.prove_stop()
         assert not link.stop_seen
+
+    at_simulated_time(story())
+
+
+def test_a_controller_that_refuses_where_has_taken_the_stop_and_cannot_confirm_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def refused(_: Machine, __: str = "") -> None:
+        raise MonitorError("*Not calibrated*")
+
+    async def story() -> None:
+        controller, _, link = await under_way()
+        monkeypatch.setitem(MONITOR_COMMANDS, "WHERE", refused)
+        with pytest.raises(ControllerError, match=r"WHERE is refused \(`\*Not calibrated\*`: mend that"):
+            await link.abort()
+        assert controller.machine.at_rest()
+        assert link.stop_seen
+
+    at_simulated_time(story())
+
+
+def test_a_stop_that_waits_for_a_lost_line_comes_first_when_it_is_opened_again_and_does_not_keep_it_shut() -> None:
+    async def story() -> None:
+        controller, line, link = await under_way()
+        await link.close()
+        opening = asyncio.create_task(link.open())
+        await asyncio.sleep(0.0)
+        while not link.connected:
+            await asyncio.sleep(0.001)
+        await link.abort()
+        await opening
+        assert controller.machine.at_rest()
+        assert (await link.where()).joints_deg
 
     at_simulated_time(story())
