@@ -172,7 +172,7 @@ def test_a_controller_that_refuses_where_has_taken_the_stop_and_cannot_confirm_i
 
 def test_a_stop_that_waits_for_a_lost_line_comes_first_when_it_is_opened_again_and_does_not_keep_it_shut() -> None:
     async def story() -> None:
-        controller, line, link = await under_way()
+        controller, _, link = await under_way()
         await link.close()
         opening = asyncio.create_task(link.open())
         await asyncio.sleep(0.0)
