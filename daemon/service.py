@@ -81,6 +81,7 @@ class Service:
     async def run(self) -> int:
         """Start, serve until told to end, stop the arm, end. What goes wrong is one line."""
         self._listen_to_signals()
+        asyncio.get_running_loop().set_exception_handler(_tell_unheard)
         status = STOPPED
         try:
             started = await self._unless_ending(self._start())
@@ -362,6 +363,13 @@ def _told(left: Interrupted) -> str:
     if left.auto is not None:
         what += f"; {cut_off(left.auto['count'])}"
     return f"{what}: look at the cell, then say `resume`"
+
+
+def _tell_unheard(_: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+    """What went wrong where nobody awaits it: in a callback, or in telling of a stop."""
+    if "exception" in context and not {"task", "future"} & context.keys():
+        error = context["exception"]
+        journal.tell("trouble", f"{context['message']}: {type(error).__name__}: {error}", journal.ERROR)
 
 
 async def _within(seconds: float, work: Coroutine[Any, Any, Any]) -> None:
