@@ -310,6 +310,8 @@ class Supervisor:
         """The arm first, then the report. fault: what stands from now on, if anything. Gives what `stop` does."""
         if fault is not None and not (self.stopping and self._alarmed):
             self.latch(fault)
+        if not self.mover.cell.robot.stop_seen:
+            self._let = Let.NOTHING  # that it is seen now gives no leave back
         self._why = why
         self.mover.forget()
         self.stops += 1

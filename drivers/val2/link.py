@@ -32,7 +32,7 @@ from drivers.val2.ledger import Ledger
 from drivers.val2.location import Location, apart
 from drivers.val2.port import OpenPort, SerialPort
 from drivers.val2.session import Session
-from drivers.val2.wire import Error, Event, Prompt, Where
+from drivers.val2.wire import Error, Event, Question, Where
 
 __all__ = [
     "Answer",
@@ -78,7 +78,7 @@ class Link:
         self._belongs_together = belongs_together or (lambda where: True)
         self._open_port = open_port
         self._session: Session | None = None
-        self._aborting: asyncio.Task[Where] | None = None
+        self._aborting: asyncio.Task[Where | None] | None = None
         self.stopped_on_opening = False
         """Whether the arm was found at work when the port was opened last, and was stopped."""
         self.stop_seen = False
@@ -210,8 +210,9 @@ class Link:
         async with self._open_session.turn() as talk:
             return await self._still(talk, timeout_s, any_place)
 
-    async def abort(self) -> Where:
-        """Stop the arm now, whoever is using the link (they get Preempted), and give where it came to rest.
+    async def abort(self) -> Where | None:
+        """Stop the arm now, whoever is using the link (they get Preempted), and give where it came to rest; None where
+        the controller is at its power-up questions: it was switched off, and nothing moves.
 
         Raises StopRefused at once where the controller does not take the word, NoAnswer and others where rest was not
         seen after some tries: the arm may move then, and is to be told again.
@@ -365,19 +366,24 @@ class Link:
         if self.dialect.break_after_move:
             await self.command("DO BREAK", timeout_s=timeout_s)
 
-    async def _abort(self, session: Session) -> Where:
+    async def _abort(self, session: Session) -> Where | None:
         """Try after try, each no longer than a prompt and two WHERE take. Whatever is half typed becomes an error, not
-        a command; a question in the way is answered with N first."""
+        a command; a question in the way is answered with N first, but for one of power-up."""
         no = b"N" + self.dialect.line_end
         problem: LinkError = NoAnswer(f"no answer to {self.dialect.abort_word}")
-        before = b""
+        before, asked = b"", ""
         async with session.preemption() as talk:
             for _ in range(ABORT_ATTEMPTS):
                 try:
-                    if isinstance(await self._type_abort(talk, before), Prompt):
-                        before, session.question = b"", None
-                        return await self._stopped(talk)
-                    before = no
+                    last = await self._type_abort(talk, before)
+                    if isinstance(last, Question):
+                        if last.text == asked and _of_power_up(asked):
+                            session.question, self.stop_seen = asked, False
+                            return None
+                        before, asked = b"" if _of_power_up(last.text) else no, last.text
+                        continue
+                    before, session.question = b"", None
+                    return await self._stopped(talk)
                 except StopRefused:
                     raise
                 except (NoAnswer, Garbled, ControllerError) as failed:
@@ -428,10 +434,15 @@ class Link:
         return answer
 
 
-def _heard_of(aborting: asyncio.Task[Where]) -> None:
+def _heard_of(aborting: asyncio.Task[Where | None]) -> None:
     """Whoever asked may have gone away before the controller did not confirm; that is nobody's unhandled error."""
     if not aborting.cancelled():
         aborting.exception()
+
+
+def _of_power_up(question: str) -> bool:
+    """Whether a controller that asks this, and asks it again whatever is typed, was switched on just now."""
+    return "Y/N" in question.upper() and CONFIRMS not in question.lower()
 
 
 def _may_be_our_own_noise(text: str) -> bool:

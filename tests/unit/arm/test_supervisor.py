@@ -607,6 +607,20 @@ def test_a_line_that_was_opened_anew_takes_the_enable_away_and_no_stop_gives_it_
     asyncio.run(story())
 
 
+def test_a_stop_that_is_seen_to_work_gives_no_leave_back():
+    world, supervisor, _ = supervised()
+    robot = supervisor.mover.cell.robot
+    robot.stop_seen = False  # the controller was switched off and on
+
+    def hook(_: str) -> None:
+        robot.stop_seen = True
+
+    world.before = hook
+    asyncio.run(supervisor.stop())
+    supervisor.resume()
+    assert not supervisor.enabled
+
+
 def test_an_arm_enabled_by_hand_only_takes_what_an_operator_tells_the_controller_and_no_move_of_ours():
     world, supervisor, _ = supervised(enabled=False)
     supervisor.enable(let=Let.BY_HAND)

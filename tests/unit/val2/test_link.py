@@ -435,11 +435,24 @@ def test_an_abort_gets_past_a_question(arm_line: MakesLine, text: str) -> None:
     asyncio.run(scene())
 
 
-def test_an_abort_gets_past_the_power_up_dialogue(arm_line: MakesLine) -> None:
+def test_a_controller_that_was_switched_on_anew_moves_nothing_and_its_questions_are_the_operators(
+    arm_line: MakesLine,
+) -> None:
     async def scene() -> None:
-        async with arm_line(cold=True).link() as link:
-            await link.abort()
-            assert link.question is None
+        cell = arm_line()
+        async with cell.link() as link:
+            await link.prove_stop()
+            moving = asyncio.create_task(link.move(GOAL))
+            await asyncio.sleep(0.05)
+            with cell.server.controller() as controller:
+                controller.mishap(Mishap.POWER_CYCLED)
+            assert await link.abort() is None
+            await asyncio.gather(moving, return_exceptions=True)
+            assert "Load VAL" in str(link.question)
+            assert not link.stop_seen
+            assert "\rN\r" not in cell.sent()
+            await link.power_up()
+            await link.prove_stop()
 
     asyncio.run(scene())
 
