@@ -16,6 +16,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from daemon.arm import Supervisor
 from daemon.calibration.drift_watch import DriftWatch
 from daemon.calibration.file import Calibration, load_calibration, same_geometry
 from daemon.cell import build as cell
@@ -308,7 +309,7 @@ class Service:
     async def _end(self) -> None:
         """The arm first. One step that fails or hangs cannot keep the others from being taken."""
         if self.context is not None:
-            await _within(HALT_S, self.context.cycle.supervisor.close())
+            await _within(HALT_S, _bring_to_rest(self.context.cycle.supervisor))
         journal.notify(f"STOPPING=1\nSTATUS={self._why}")
         for task in self._tasks:
             task.cancel()
@@ -363,6 +364,12 @@ def _told(left: Interrupted) -> str:
     if left.auto is not None:
         what += f"; {cut_off(left.auto['count'])}"
     return f"{what}: look at the cell, then say `resume`"
+
+
+async def _bring_to_rest(supervisor: Supervisor) -> None:
+    """Also beyond the alarm: more tries may be heard."""
+    await supervisor.close()
+    await supervisor.rested()
 
 
 def _tell_unheard(_: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:

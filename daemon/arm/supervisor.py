@@ -296,11 +296,14 @@ class Supervisor:
         return await self._halt(Interruption.ABORT, "aborted by the operator", fault=None)
 
     async def close(self) -> None:
-        """Stop the arm where it may move, and end the job; comes back when it was seen at rest, however long."""
+        """Stop the arm where it may move, and end the job."""
         if self._let is not Let.NOTHING or self.busy or self.stopping:
             await self._halt(Interruption.ABORT, "the daemon ends", fault=None)
-            if self._telling is not None:
-                await asyncio.wait({self._telling})
+
+    async def rested(self) -> None:
+        """Wait until a stop that is under way has ended, however long."""
+        if self._telling is not None:
+            await asyncio.wait({self._telling})
 
     def latch(self, fault: str) -> None:
         """A fault stands from now on; nothing is told to the arm."""

@@ -266,7 +266,7 @@ def _message(line: bytes) -> dict[str, Any]:
     text = line.decode("utf-8", "replace")
     said = SAID.search(text)
     try:
-        message = json.loads(text, strict=False)
+        message = json.loads(text)
     except ValueError:
         if not means_stop(said[1] if said else text):
             raise

@@ -681,5 +681,11 @@ def test_an_arm_counts_as_at_rest_by_its_own_word_only():
 def test_the_end_waits_for_rest_beyond_the_alarm(soon):
     world, supervisor, _ = supervised()
     told = failing_aborts(world, OSError("no answer"), 12)
-    asyncio.run(supervisor.close())
+
+    async def story() -> None:
+        await supervisor.close()
+        assert supervisor.stopping
+        await supervisor.rested()
+
+    asyncio.run(story())
     assert len(told) == 13
