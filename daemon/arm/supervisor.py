@@ -118,7 +118,7 @@ class Supervisor:
     @property
     def hindrance(self) -> str | None:
         """The fault that stands, or the stop that is under way: nothing moves."""
-        return self.fault or (f"being stopped: {self._why}" if self.stopping else None)
+        return self.fault or (f"being stopped ({self._why})" if self.stopping else None)
 
     @property
     def _alarmed(self) -> bool:
@@ -285,7 +285,7 @@ class Supervisor:
     async def stop(self, why: str = "by the operator") -> str | None:
         """Stop the arm, then report; the fault stands until resume. Gives None when the arm was seen at rest, else the
         alarm: the arm goes on being told to stop."""
-        return await self._halt(Interruption.STOP, why, fault=f"stopped {why}")
+        return await self._halt(Interruption.STOP, f"stopped {why}", fault=f"stopped {why}")
 
     async def fail(self, code: str, text: str) -> None:
         """Stop the arm for a fault found elsewhere."""
