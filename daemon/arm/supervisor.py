@@ -98,7 +98,7 @@ class Supervisor:
     @property
     def stopping(self) -> bool:
         """Whether a stop is under way: until the arm was seen at rest and the job has ended."""
-        return self._ending > 0 or (self._telling is not None and not self._telling.done())
+        return self._ending > 0 or self._being_told
 
     @property
     def enabled(self) -> bool:
@@ -122,8 +122,13 @@ class Supervisor:
 
     @property
     def _alarmed(self) -> bool:
-        """Whether the last stop was not confirmed in time, or was refused."""
-        return self._alarm is not None and self._alarm.done()
+        """Whether the stop under way was not confirmed in time, or was refused."""
+        return self._being_told and self._alarm is not None and self._alarm.done()
+
+    @property
+    def _being_told(self) -> bool:
+        """Whether the arm is being told to stop."""
+        return self._telling is not None and not self._telling.done()
 
     async def at_rest(self) -> bool:
         """Whether nothing moves, by the arm's own word."""
@@ -241,9 +246,9 @@ class Supervisor:
 
     async def run(self, doing: str, work: Coroutine[Any, Any, T], moves: bool = True) -> T:
         """Run one job; it goes on when the one who asked goes away. moves: an error in it stops the arm."""
-        if self._task is not None:
+        if self._task is not None or (moves and self.stopping):
             work.close()
-            raise RefusedError(f"busy: {self._doing}")
+            raise RefusedError(f"busy: {self._doing or self.hindrance}")
         task: asyncio.Task[T] = asyncio.create_task(self._watched(work, moves), name=f"arm: {doing}")
         self._doing, self._task = doing, task
         task.add_done_callback(self._done)
@@ -311,7 +316,7 @@ class Supervisor:
 
     async def stop_arm(self, event: Interruption, why: str, fault: str | None) -> str | None:
         """The arm first, then the report. fault: what stands from now on, if anything. Gives what `stop` does."""
-        if fault is not None and not (self.stopping and self._alarmed):
+        if fault is not None and not self._alarmed:
             self.latch(fault)
         if not self.mover.cell.robot.stop_seen:
             self._let = Let.NOTHING  # that it is seen now gives no leave back
@@ -339,9 +344,10 @@ class Supervisor:
 
     async def _brought_to_rest(self) -> str | None:
         """Tell the arm to stop, or join in; comes back when it was seen at rest, or else with the alarm."""
-        if self._telling is None or self._telling.done():
+        if not self._being_told:
             self._alarm = asyncio.get_running_loop().create_future()
             self._telling = asyncio.create_task(self._tell_until_at_rest(self._alarm), name="stop")
+        assert self._telling is not None
         assert self._alarm is not None
         either: set[asyncio.Future[Any]] = {self._telling, self._alarm}
         await asyncio.wait(either, return_when=asyncio.FIRST_COMPLETED)

@@ -489,12 +489,16 @@ def test_the_arm_is_told_to_stop_until_it_was_seen_at_rest_and_the_alarm_sounds_
         await eventually(lambda: not supervisor.stopping)
         assert "press the emergency stop" in str(supervisor.fault), "it stands until resume"
         supervisor.resume()
+        assert await supervisor.stop("by cat") is None
+        assert supervisor.fault == "stopped by cat", "an alarm that is over keeps no later fault from standing"
+        supervisor.resume()
 
     asyncio.run(story())
-    assert len(told) == 13
-    assert len(world.said("fault")) == 1, "the alarm, once"
+    assert len(told) == 14
+    assert [fault["text"] for fault in world.said("fault")][1:] == ["stopped by cat"], "the alarm, once"
     assert len(world.said("rest")) == 1
-    assert [what for what, _ in heard] == [Interruption.ERROR, Interruption.RESUME]
+    both = [Interruption.ERROR, Interruption.RESUME, Interruption.STOP, Interruption.RESUME]
+    assert [what for what, _ in heard] == both
 
 
 def test_a_refused_stop_is_told_at_once_and_not_after_the_time_that_a_lost_one_has():
@@ -525,8 +529,12 @@ def test_nothing_moves_while_a_stop_that_leaves_no_fault_is_under_way():
             await supervisor.mover.hand(closed=True)
         with pytest.raises(RefusedError, match="being stopped"):
             await supervisor.by_hand("CAL", lambda: endless(world))
+        with pytest.raises(RefusedError, match="busy: being stopped"):
+            await supervisor.run("travel", travelling(supervisor))
         answered.set()
         assert await stopping is None
+        assert supervisor.fault is None
+        await supervisor.mover.rest()
         await supervisor.mover.go(Command(NEAR, False, 50.0, "a test"))
 
     asyncio.run(story())
