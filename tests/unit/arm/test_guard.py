@@ -157,6 +157,14 @@ class GuardedMotion(RuleBasedStateMachine):
             pose[2, 3] = -300.0 + height
             self.go_to(pose, 50.0, False)
 
+    @rule(beyond=st.floats(0.5, 40.0))
+    def stray(self, beyond):
+        """Out of the box by its side, as far as a step goes."""
+        if self.mover.at is not None:
+            pose = self.mover.at.world_from_tool.copy()
+            pose[1, 3] = min(pose[1, 3] + 440.0, 650.0 + beyond)
+            self.go_to(pose, 50.0, False)
+
     @rule(xyz=st.tuples(*[st.floats(-250, 250)] * 3), turn=st.floats(-2.5, 2.5), from_look=st.booleans())
     def go_on(self, xyz, turn, from_look):
         if self.mover.at is not None:
