@@ -53,7 +53,9 @@ def serve(config_path: Path, simulated: bool) -> int:
     """Run until told to end."""
     import faulthandler
 
-    faulthandler.enable()
+    _fill_standard_files()
+    if sys.stderr is not None:
+        faulthandler.enable()
     _tame_malloc()
     from daemon.service import Service
 
@@ -63,10 +65,21 @@ def serve(config_path: Path, simulated: bool) -> int:
         return await Service(config_path, simulated).run()
 
     status = asyncio.new_event_loop().run_until_complete(live())
-    sys.stdout.flush()
-    sys.stderr.flush()
+    for stream in (sys.stdout, sys.stderr):
+        if stream is not None:
+            stream.flush()
     # All is stopped, written and told. A driver's thread that hangs in the kernel must not keep the process.
     os._exit(status)
+
+
+def _fill_standard_files() -> None:
+    """Where one of them is closed, the next file opened would take its number: the arm's line, say, and a library's
+    warning would be typed to the controller."""
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)
 
 
 def _tame_malloc() -> None:

@@ -16,7 +16,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from daemon.arm import ABORT_S
+from daemon.arm import Supervisor
 from daemon.calibration.drift_watch import DriftWatch
 from daemon.calibration.file import Calibration, load_calibration, same_geometry
 from daemon.cell import build as cell
@@ -55,9 +55,9 @@ AT_START = ("cell", "cameras", "arm", "folders", "console", "files", "simulated"
 GUARDING = ("limits", "gripper")
 """Keys of `pick` that say how hand and cell stand to each other."""
 AT_WORK = "at work: the controller was still carrying out what it was told before this start; it was stopped (ABORT)"
-HALT_S = ABORT_S + 0.5
-"""What the arm's stop may take of the time that systemd gives the end (TimeoutStopSec): all attempts at ABORT, and the
-word to the operator where none is confirmed. What comes after it takes at most 1.5 s."""
+HALT_S = 8.4
+"""What the arm's stop may take of the time that systemd gives the end (TimeoutStopSec): the alarm where no rest is seen
+(arm/supervisor.py, ABORT_S), and more tries after it. What comes after it takes at most 1.5 s."""
 
 
 class Service:
@@ -82,6 +82,7 @@ class Service:
     async def run(self) -> int:
         """Start, serve until told to end, stop the arm, end. What goes wrong is one line."""
         self._listen_to_signals()
+        asyncio.get_running_loop().set_exception_handler(_tell_unheard)
         status = STOPPED
         try:
             started = await self._unless_ending(self._start())
@@ -229,12 +230,13 @@ class Service:
     async def _interrupt(self, who: str, about_to_move: bool) -> str:
         """Control-C at any door."""
         assert self.context is not None
-        cycle = self.context.cycle
-        if cycle.status()["doing"] is None and not about_to_move:
+        supervisor = self.context.cycle.supervisor
+        if not about_to_move and await supervisor.at_rest():
             return "Nothing moves."
-        self.context.log.record("command", who=who, door="control-C", text="stop")
-        await cycle.supervisor.stop(f"by control-C of {who}")
-        return "Stopped. Nothing moves until `resume`."
+        alarm = await supervisor.stop(f"by control-C of {who}")
+        with contextlib.suppress(Exception):  # the operator is answered all the same
+            self.context.log.record("command", who=who, door="control-C", text="stop")
+        return alarm or "Stopped. Nothing moves until `resume`."
 
     def _on_trouble(self, source: str, text: str | None) -> None:
         if text is None:
@@ -306,9 +308,9 @@ class Service:
 
     async def _end(self) -> None:
         """The arm first. One step that fails or hangs cannot keep the others from being taken."""
-        journal.notify(f"STOPPING=1\nSTATUS={self._why}")
         if self.context is not None:
-            await _within(HALT_S, self.context.cycle.supervisor.close())
+            await _within(HALT_S, _bring_to_rest(self.context.cycle.supervisor))
+        journal.notify(f"STOPPING=1\nSTATUS={self._why}")
         for task in self._tasks:
             task.cancel()
         await asyncio.wait(self._tasks, timeout=0.2) if self._tasks else None
@@ -362,6 +364,19 @@ def _told(left: Interrupted) -> str:
     if left.auto is not None:
         what += f"; {cut_off(left.auto['count'])}"
     return f"{what}: look at the cell, then say `resume`"
+
+
+async def _bring_to_rest(supervisor: Supervisor) -> None:
+    """Also beyond the alarm: more tries may be heard."""
+    await supervisor.close()
+    await supervisor.rested()
+
+
+def _tell_unheard(_: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+    """What went wrong where nobody awaits it: in a callback, or in telling of a stop."""
+    if "exception" in context and not {"task", "future"} & context.keys():
+        error = context["exception"]
+        journal.tell("trouble", f"{context['message']}: {type(error).__name__}: {error}", journal.ERROR)
 
 
 async def _within(seconds: float, work: Coroutine[Any, Any, Any]) -> None:

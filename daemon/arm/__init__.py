@@ -7,14 +7,15 @@ from daemon.arm.guard import Limits, Point
 from daemon.arm.mover import Arrival, Mover, MoveRefusedError, OutOfReachError
 from daemon.arm.route import PATH_MM
 from daemon.arm.settling import NotSettledError, SettledPair, Settling, settled_pair
-from daemon.arm.supervisor import ABORT_S, Interruption, OperatorRefusedError, RefusedError, Supervisor
-from daemon.arm.workcell import Log, Pictures, Reading, Workcell
+from daemon.arm.supervisor import ABORT_S, Interruption, Let, OperatorRefusedError, RefusedError, Supervisor
+from daemon.arm.workcell import Log, Pictures, Reading, StopRefusedError, Workcell
 
 __all__ = [
     "ABORT_S",
     "PATH_MM",
     "Arrival",
     "Interruption",
+    "Let",
     "Limits",
     "Log",
     "MoveRefusedError",
@@ -28,6 +29,7 @@ __all__ = [
     "RefusedError",
     "SettledPair",
     "Settling",
+    "StopRefusedError",
     "Supervisor",
     "Workcell",
     "settled_pair",

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -63,6 +64,18 @@ class Arrival:
         return min(self.timeout_s, self.slack_s + way_s / max(command.speed_pct / 100.0, 0.01))
 
 
+class Leave(Protocol):
+    """Whether the arm may move, as its one owner says (supervisor.py)."""
+
+    @property
+    def enabled(self) -> bool:
+        """An operator let it move, knowing how its cell stands."""
+
+    @property
+    def hindrance(self) -> str | None:
+        """The fault that stands, or the stop that is under way."""
+
+
 Gate = Callable[[Command], Awaitable[bool]]
 """May hold a move back; says whether it did."""
 
@@ -72,16 +85,16 @@ async def _open_gate(_: Command) -> bool:
 
 
 class Mover:
-    """Sends guarded moves. enabled, fault and at are how things stand; gate may hold a move back (pause, step);
-    dry: all but the bytes; closed is the last word the hand was given, None when nobody knows."""
+    """Sends guarded moves. leave says whether any may be; gate may hold a move back (pause, step); at: where the arm is
+    at rest, None when nobody knows; dry: all but the bytes; closed is the last word the hand was given, None when
+    nobody knows."""
 
-    def __init__(self, cell: Workcell, limits: Limits, arrival: Arrival, gate: Gate = _open_gate) -> None:
+    def __init__(self, cell: Workcell, limits: Limits, arrival: Arrival, leave: Leave, gate: Gate = _open_gate) -> None:
         self.cell = cell
         self.limits = limits
         self.arrival = arrival
-        self.gate = gate
-        self.enabled = self.dry = False
-        self.fault: str | None = None
+        self.leave, self.gate = leave, gate
+        self.dry = False
         self.at: Reading | None = None
         self._imagined: Reading | None = None
         self.cycle = 0
@@ -95,7 +108,7 @@ class Mover:
     def standing(self) -> ArmState:
         """How things stand now."""
         at = None if self.here is None else self.here.world_from_tool
-        return ArmState(self.enabled, self.fault, at, self.cell.clock())
+        return ArmState(self.leave.enabled, self.leave.hindrance, at, self.cell.clock())
 
     def forget(self) -> None:
         """Somebody else may have moved arm or hand, or stopped them on the way: nobody knows how they stand."""
@@ -176,9 +189,10 @@ class Mover:
 
     async def hand(self, closed: bool) -> None:
         """Open or close the gripper, under the same enable and fault rules as a move."""
-        if self.fault is not None or not self.enabled:
-            name = "fault_stands" if self.fault is not None else "not_enabled"
-            raise self._refused(Refusal(name, f"the hand stays as it is: {self.fault or 'the arm is not enabled'}"))
+        hindrance = self.leave.hindrance
+        if hindrance is not None or not self.leave.enabled:
+            name = "fault_stands" if hindrance is not None else "not_enabled"
+            raise self._refused(Refusal(name, f"the hand stays as it is: {hindrance or 'the arm is not enabled'}"))
         self.cell.log.record("hand", cycle=self.cycle, closed=closed, sent=not self.dry)
         if self.dry:
             return

@@ -1,13 +1,15 @@
 """Who has the arm: one job at a time, stopped at any moment, held before a move. What the jobs are, others say.
 
-The order is always the same: no new motion can leave (the fault is set), the arm is told to stop, the job is ended, and
-only then is anything reported.
+The one owner of whether the arm may move, and the one stop. Its order is always the same: no new motion can leave (the
+fault is set), the arm is told to stop, and told again until it was seen at rest; the job is ended, and only then is
+anything reported. Who hears of it may fail: the stop does not.
 """
 
 from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable, Coroutine
+from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, TypeVar
 
@@ -15,11 +17,15 @@ import numpy as np
 
 from daemon.arm.guard import Command, Limits
 from daemon.arm.mover import Arrival, Mover, NotSentError
-from daemon.arm.workcell import Workcell
+from daemon.arm.workcell import StopRefusedError, Workcell
 
 T = TypeVar("T")
-ABORT_S = 7.0
-"""How long an answer to ABORT may take before the operator is sent to the emergency stop (the link gives up sooner)."""
+ABORT_S = 4.0
+"""How long it may take until the arm was seen at rest before the operator is sent to the emergency stop."""
+AGAIN_S = 0.5
+"""Between two rounds of telling the arm to stop (each types the word several times)."""
+AT_REST_S = 2.0
+"""How long an arm that is at rest takes to show it."""
 
 
 class Interruption(StrEnum):
@@ -32,12 +38,30 @@ class Interruption(StrEnum):
     ERROR = "error"
 
 
+class Let(StrEnum):
+    """What an operator lets the arm do."""
+
+    NOTHING = "nothing"
+    BY_HAND = "by hand"
+    """Only what an operator tells the controller himself: no guard knows how this cell stands."""
+    ALL = "all"
+
+
 class RefusedError(NotSentError):
     """Not done now; the message says why and what to do."""
 
 
 class OperatorRefusedError(NotSentError):
     """In step mode the operator said no to a move."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Pending:
+    """What waits for a yes; by_hand: whether step mode is on or not."""
+
+    text: str
+    answer: asyncio.Future[bool]
+    by_hand: bool
 
 
 class Supervisor:
@@ -49,47 +73,115 @@ class Supervisor:
     def __init__(
         self, cell: Workcell, limits: Limits, arrival: Arrival, interrupted: Callable[[Interruption], None]
     ) -> None:
-        self.mover = Mover(cell, limits, arrival, self._gate)
+        self.mover = Mover(cell, limits, arrival, self, self._gate)
+        self.fault: str | None = None
+        """What stands until resume."""
+        self._let = Let.NOTHING
         self._interrupted = interrupted
         self._task: asyncio.Task[Any] | None = None
         self._doing = self._why = ""
-        self._stopping = 0
+        self._ending = 0
+        self._telling: asyncio.Task[None] | None = None
+        self._alarm: asyncio.Future[str] | None = None
         self.stops = 0
-        """How often the arm was told to stop: who was asked about a fault compares."""
+        """How often the arm was stopped or disabled: what was asked for before the last of them is void."""
         self._going = asyncio.Event()
         self._going.set()
         self._step = False
-        self._pending: tuple[str, asyncio.Future[bool]] | None = None
+        self._pending: _Pending | None = None
 
     @property
     def busy(self) -> bool:
         """Whether a job has the arm."""
         return self._task is not None
 
+    @property
+    def stopping(self) -> bool:
+        """Whether a stop is under way: until the arm was seen at rest and the job has ended."""
+        return self._ending > 0 or self._being_told
+
+    @property
+    def enabled(self) -> bool:
+        """Whether an operator lets the arm move, and its stop was seen to work since the line was opened."""
+        return self._let is Let.ALL and self.mover.cell.robot.stop_seen
+
+    @property
+    def by_hand_only(self) -> bool:
+        """Whether an operator lets the arm do what he tells the controller himself, and nothing else."""
+        return self._let is Let.BY_HAND and self.mover.cell.robot.stop_seen
+
+    @property
+    def paused(self) -> bool:
+        """Whether moves are held."""
+        return not self._going.is_set()
+
+    @property
+    def hindrance(self) -> str | None:
+        """The fault that stands, or the stop that is under way: nothing moves."""
+        return self.fault or (f"being stopped ({self._why})" if self.stopping else None)
+
+    @property
+    def _alarmed(self) -> bool:
+        """Whether the stop under way was not confirmed in time, or was refused."""
+        return self._being_told and self._alarm is not None and self._alarm.done()
+
+    @property
+    def _being_told(self) -> bool:
+        """Whether the arm is being told to stop."""
+        return self._telling is not None and not self._telling.done()
+
+    async def at_rest(self) -> bool:
+        """Whether nothing moves, by the arm's own word."""
+        if self.busy or self.stopping:
+            return False
+        try:
+            return await asyncio.wait_for(self.mover.cell.robot.at_rest(), AT_REST_S)
+        except Exception:
+            return False
+
     def status(self) -> dict[str, object]:
         """How things stand, JSON values only. pending: the move, in words, that waits for confirm or refuse."""
         return {
             "doing": self._doing or None,
-            "fault": self.mover.fault,
-            "enabled": self.mover.enabled,
-            "paused": not self._going.is_set(),
+            "fault": self.fault,
+            "stopping": self.stopping,
+            "enabled": self.enabled,
+            "by_hand_only": self.by_hand_only,
+            "paused": self.paused,
             "step": self._step,
             "dry": self.mover.dry,
-            "pending": None if self._pending is None else self._pending[0],
+            "pending": None if self._pending is None else self._pending.text,
         }
 
     # What may be.
 
-    def enable(self) -> None:
-        """Let the arm move. Raises RefusedError while it is being stopped (or disabled)."""
-        self._not_while_stopping("enable")
-        self.mover.enabled = True
+    async def prove_stop(self) -> None:
+        """See that the controller takes the word that stops the arm, once each time the line was opened. Raises
+        StopRefusedError where it does not."""
+        if not self.mover.cell.robot.stop_seen:
+            await self.run("try the stop", self.mover.cell.robot.prove_stop(), moves=False)
 
-    async def disable(self) -> None:
-        """Do not let the arm move; stop it where it does."""
-        self.mover.enabled = False
-        if self._task is not None:
-            await self._halt(Interruption.ABORT, "disabled", fault=None)
+    def enable(self, stops: int | None = None, let: Let = Let.ALL) -> None:
+        """Let the arm move. stops: as many as there had been when it was asked for; a later stop or disable voids it.
+        Raises RefusedError."""
+        self._not_while_stopping("enable")
+        self._not_after(stops, "enable")
+        if not self.mover.cell.robot.stop_seen:
+            raise RefusedError("no stop of this arm was seen to work since the line was opened; say `enable` once more")
+        self._let = let
+
+    async def disable(self) -> str | None:
+        """Do not let the arm move; stop it where it may. Gives what `stop` does."""
+        may_move = self._let is not Let.NOTHING or self.busy or self.stopping
+        self._let = Let.NOTHING
+        self.stops += 1
+        return await self._halt(Interruption.ABORT, "disabled", fault=None) if may_move else None
+
+    def line_opened_anew(self) -> None:
+        """Nobody knows what is at its other end now: an operator enables the arm again, its stop tried."""
+        self._let = Let.NOTHING
+        self.stops += 1
+        self.mover.forget()
 
     def pause(self) -> None:
         """Hold before the next move."""
@@ -98,19 +190,18 @@ class Supervisor:
     def resume(self, stops: int | None = None) -> None:
         """Go on after pause; clear a fault (what was going on does not go on). stops: as many as there had been when
         it was decided; a later one stands. Raises RefusedError."""
-        if self.mover.fault is not None:
+        if self.fault is not None:
             self._not_while_stopping("resume", busy=self._task is not None)
-            if stops is not None and stops != self.stops:
-                raise RefusedError(f"meanwhile it was stopped again: {self.mover.fault}; say `resume` once more")
-            self.mover.fault = None
+            self._not_after(stops, "resume")
+            self.fault = None
             self.mover.forget()
-            self._interrupted(Interruption.RESUME)
+            self._tell(lambda: self._interrupted(Interruption.RESUME))
         self._going.set()
 
     def step(self, on: bool) -> None:
         """One confirmed move at a time, or not."""
         self._step = on
-        if not on and self._pending is not None:
+        if not on and self._pending is not None and not self._pending.by_hand:
             self.confirm()
 
     def confirm(self) -> None:
@@ -133,18 +224,31 @@ class Supervisor:
 
     def may_move(self) -> None:
         """Raise RefusedError, with what to do, where nothing may move."""
-        if self.mover.fault is not None:
-            raise RefusedError(f"the fault `{self.mover.fault}` stands: say `resume`")
-        if not self.mover.enabled:
+        self._nothing_hinders()
+        if self.by_hand_only:
+            raise RefusedError("the arm is enabled for `robot` only: the calibration has no hand_eye yet")
+        if not self.enabled:
             raise RefusedError("the arm is not enabled: say `enable`")
+
+    def may_move_by_hand(self) -> None:
+        """Raise RefusedError, with what to do, where what an operator tells the controller himself may not move."""
+        self._nothing_hinders()
+        if not (self.enabled or self.by_hand_only):
+            raise RefusedError("the arm is not enabled: say `enable`")
+
+    def _nothing_hinders(self) -> None:
+        if self.fault is not None:
+            raise RefusedError(f"the fault `{self.fault}` stands: say `resume`")
+        if self.stopping:
+            raise RefusedError(f"the arm is {self.hindrance}; try again when it is at rest")
 
     # Jobs, and their end.
 
     async def run(self, doing: str, work: Coroutine[Any, Any, T], moves: bool = True) -> T:
         """Run one job; it goes on when the one who asked goes away. moves: an error in it stops the arm."""
-        if self._task is not None:
+        if self._task is not None or (moves and self.stopping):
             work.close()
-            raise RefusedError(f"busy: {self._doing}")
+            raise RefusedError(f"busy: {self._doing or self.hindrance}")
         task: asyncio.Task[T] = asyncio.create_task(self._watched(work, moves), name=f"arm: {doing}")
         self._doing, self._task = doing, task
         task.add_done_callback(self._done)
@@ -155,18 +259,19 @@ class Supervisor:
                 raise RefusedError(f"{doing}: {self._why}") from None
             raise
 
-    async def by_hand(self, doing: str, work: Callable[[], Awaitable[T]]) -> T:
+    async def by_hand(self, doing: str, work: Callable[[], Awaitable[T]], ask: bool = False) -> T:
         """Run as a job what an operator tells the controller himself, where it may set arm or hand in motion.
 
         The guard does not see where that goes; enable, fault, pause, step and every stop hold as for any move.
+        ask: it waits for a yes as if in step mode.
         """
 
         async def held() -> T:
-            await self._hold(doing)
-            self.may_move()
+            await self._hold(doing, ask)
+            self.may_move_by_hand()
             return await work()
 
-        self.may_move()
+        self.may_move_by_hand()
         if self.mover.dry:
             raise RefusedError(f"{doing}: not sent while `dry` is on")
         return await self.converse(doing, held, moves=True)
@@ -182,61 +287,115 @@ class Supervisor:
 
         return await self.run(doing, conversation(), moves)
 
-    async def stop(self, why: str = "by the operator") -> None:
-        """Stop the arm, then report; the fault stands until resume."""
-        await self._halt(Interruption.STOP, why, fault=f"stopped {why}")
+    async def stop(self, why: str = "by the operator") -> str | None:
+        """Stop the arm, then report; the fault stands until resume. Gives None when the arm was seen at rest, else the
+        alarm: the arm goes on being told to stop."""
+        return await self._halt(Interruption.STOP, f"stopped {why}", fault=f"stopped {why}")
 
     async def fail(self, code: str, text: str) -> None:
         """Stop the arm for a fault found elsewhere."""
         await self._halt(Interruption.ERROR, text, fault=f"{code}: {text}")
 
-    async def abort(self) -> None:
-        """Stop the arm and give up what it does."""
-        await self._halt(Interruption.ABORT, "aborted by the operator", fault=None)
+    async def abort(self) -> str | None:
+        """Stop the arm and give up what it does. Gives what `stop` does."""
+        return await self._halt(Interruption.ABORT, "aborted by the operator", fault=None)
 
     async def close(self) -> None:
-        """Stop the arm and end the job."""
-        if self._task is not None:
+        """Stop the arm where it may move, and end the job."""
+        if self._let is not Let.NOTHING or self.busy or self.stopping:
             await self._halt(Interruption.ABORT, "the daemon ends", fault=None)
+
+    async def rested(self) -> None:
+        """Wait until a stop that is under way has ended, however long."""
+        if self._telling is not None:
+            await asyncio.wait({self._telling})
 
     def latch(self, fault: str) -> None:
         """A fault stands from now on; nothing is told to the arm."""
-        self.mover.fault = fault
+        self.fault = fault
 
-    async def stop_arm(self, event: Interruption, why: str, fault: str | None) -> None:
-        """The arm first, then the report. fault: what stands from now on (None: nothing does)."""
-        if fault is not None:
+    async def stop_arm(self, event: Interruption, why: str, fault: str | None) -> str | None:
+        """The arm first, then the report. fault: what stands from now on, if anything. Gives what `stop` does."""
+        if fault is not None and not self._alarmed:
             self.latch(fault)
+        if not self.mover.cell.robot.stop_seen:
+            self._let = Let.NOTHING  # that it is seen now gives no leave back
         self._why = why
         self.mover.forget()
         self.stops += 1
-        self._stopping += 1
-        try:
-            await asyncio.wait_for(self.mover.cell.robot.abort(), ABORT_S)
-        except Exception as error:
-            fault = f"{fault or why}; and ABORT went unanswered ({type(error).__name__}: {error}): press emergency stop"
-            self.latch(fault)
-            event = Interruption.ERROR
-        finally:
-            self._stopping -= 1
-        if fault is not None:
-            code = fault.partition(":")[0]
-            log, cycle = self.mover.cell.log, self.mover.cycle
-            log.record("fault", cycle=cycle, code=code, text=fault, **{"while": self._doing})
-        self._interrupted(event)
+        alarm = await self._brought_to_rest()
+        if alarm is None:
+            self._report(event, fault)
+        return alarm
 
-    async def _halt(self, event: Interruption, why: str, fault: str | None) -> None:
+    async def _halt(self, event: Interruption, why: str, fault: str | None) -> str | None:
         """End the job: the fault is set in the same breath as its task is cancelled, before anything can run."""
         task = self._task
-        self._stopping += 1
+        self._ending += 1
         try:
             if task is not None:
                 task.cancel()
-            await self.stop_arm(event, why, fault)
+            alarm = await self.stop_arm(event, why, fault)
             if task is not None:
                 await asyncio.wait({task})
         finally:
-            self._stopping -= 1
+            self._ending -= 1
+        return alarm
+
+    async def _brought_to_rest(self) -> str | None:
+        """Tell the arm to stop, or join in; comes back when it was seen at rest, or else with the alarm."""
+        if not self._being_told:
+            self._alarm = asyncio.get_running_loop().create_future()
+            self._telling = asyncio.create_task(self._tell_until_at_rest(self._alarm), name="stop")
+        assert self._telling is not None
+        assert self._alarm is not None
+        either: set[asyncio.Future[Any]] = {self._telling, self._alarm}
+        await asyncio.wait(either, return_when=asyncio.FIRST_COMPLETED)
+        if not self._alarm.done() and self._telling.cancelled():
+            self._sound(self._alarm, "the daemon has ended")
+        return self._alarm.result() if self._alarm.done() else None
+
+    async def _tell_until_at_rest(self, alarm: asyncio.Future[str]) -> None:
+        """However long it takes. The alarm sounds at once where the controller refuses, and after ABORT_S."""
+        problem = "no answer"
+        late = asyncio.get_running_loop().call_later(ABORT_S, lambda: self._sound(alarm, problem))
+        try:
+            while True:
+                try:
+                    await self.mover.cell.robot.abort()
+                    break
+                except StopRefusedError as refused:
+                    self._sound(alarm, str(refused))
+                except Exception as error:
+                    problem = str(error) or type(error).__name__
+                await asyncio.sleep(AGAIN_S)
+        finally:
+            late.cancel()
+        if alarm.done():
+            self._tell(lambda: self.mover.cell.log.record("rest", text="the arm was seen at rest at last"))
+
+    def _sound(self, alarm: asyncio.Future[str], problem: str) -> None:
+        """The last resort, once."""
+        if alarm.done():
+            return
+        text = f"{self.fault or self._why}; NOT CONFIRMED: {problem}: press the emergency stop"
+        alarm.set_result(f"{text}; the arm goes on being told to stop")
+        self.latch(text)
+        self._report(Interruption.ERROR, text)
+
+    def _report(self, event: Interruption, fault: str | None) -> None:
+        if fault is not None:
+            fields = {"code": fault.partition(":")[0], "text": fault, "while": self._doing}
+            self._tell(lambda: self.mover.cell.log.record("fault", cycle=self.mover.cycle, **fields))
+        self._tell(lambda: self._interrupted(event))
+
+    def _tell(self, telling: Callable[[], None]) -> None:
+        """Whoever hears of a stop may fail."""
+        try:
+            telling()
+        except Exception as error:
+            context = {"message": "what is to be known of a stop was not told", "exception": error}
+            asyncio.get_running_loop().call_exception_handler(context)
 
     async def _watched(self, work: Coroutine[Any, Any, T], moves: bool) -> T:
         try:
@@ -244,7 +403,7 @@ class Supervisor:
         except NotSentError:
             raise
         except Exception as error:
-            if moves and self.mover.fault is None:
+            if moves and self.fault is None:
                 text = f"{type(error).__name__}: {error}"
                 await self.stop_arm(Interruption.ERROR, text, text)
             raise
@@ -255,8 +414,14 @@ class Supervisor:
             task.exception()  # whoever awaits the job hears of it; nobody has to
 
     def _not_while_stopping(self, word: str, busy: bool = False) -> None:
-        if self._stopping or busy:
-            raise RefusedError(f"the arm is still being stopped; say `{word}` once more")
+        if self.stopping or busy:
+            doubt = f" ({self.fault})" if self._alarmed else ""
+            raise RefusedError(f"the arm is still being stopped{doubt}; say `{word}` once more when it is at rest")
+
+    def _not_after(self, stops: int | None, word: str) -> None:
+        if stops is not None and stops != self.stops:
+            why = f": {self.fault}" if self.fault else ""
+            raise RefusedError(f"meanwhile it was stopped again{why}; say `{word}` once more")
 
     def _between_jobs(self, what: str) -> None:
         if self._task is not None:
@@ -270,23 +435,24 @@ class Supervisor:
         how = "straight" if command.straight else "joints"
         return await self._hold(f"{command.purpose}: {how} to {x:g} {y:g} {z:g} at {command.speed_pct:g} %")
 
-    async def _hold(self, text: str) -> bool:
-        """Wait out a pause, ask in step mode; whether there was any waiting. text: what is to be done."""
-        held = self._step or not self._going.is_set()
+    async def _hold(self, text: str, ask: bool = False) -> bool:
+        """Wait out a pause, ask in step mode (or where told to); whether there was any waiting. text: what is to be
+        done."""
+        held = self._step or ask or not self._going.is_set()
         if not self._going.is_set():
             self._interrupted(Interruption.PAUSE)
             await self._going.wait()
             self._interrupted(Interruption.RESUME)
-        if self._step:
-            self._pending = (text, asyncio.get_running_loop().create_future())
+        if self._step or ask:
+            self._pending = _Pending(text, asyncio.get_running_loop().create_future(), ask)
             try:
-                if not await self._pending[1]:
+                if not await self._pending.answer:
                     raise OperatorRefusedError(f"the operator refused: {text}")
             finally:
                 self._pending = None
         return held
 
     def _answer(self, yes: bool) -> None:
-        if self._pending is None or self._pending[1].done():
+        if self._pending is None or self._pending.answer.done():
             raise RefusedError("no move waits for an answer")
-        self._pending[1].set_result(yes)
+        self._pending.answer.set_result(yes)

@@ -14,7 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon.arrays import Array
+from daemon.errors import FacetdError
 from daemon.vision.geometry import StereoRig
+
+
+class StopRefusedError(FacetdError):
+    """The controller does not take the word that is to stop the arm."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,6 +32,10 @@ class Reading:
 
 class Robot(Protocol):
     """The arm, in matrices. Every method may raise; a method that raised has not promised that the arm stands still."""
+
+    @property
+    def stop_seen(self) -> bool:
+        """Whether the controller was seen to take the word that stops the arm since the line to it was opened."""
 
     async def where(self) -> Reading:
         """Ask the controller where the arm is; one that moves is a place on the way."""
@@ -43,8 +52,15 @@ class Robot(Protocol):
     async def hand(self, closed: bool) -> None:
         """OPENI or CLOSEI."""
 
+    async def at_rest(self) -> bool:
+        """Whether the arm is at rest now: two WHERE agree."""
+
     async def abort(self) -> None:
-        """Stop the arm now; may be called from another task at any time, also when nothing moves."""
+        """Stop the arm now; may be called from another task at any time, also when nothing moves. Returns when it was
+        seen at rest; raises StopRefusedError at once where the word is not taken, others after some tries."""
+
+    async def prove_stop(self) -> None:
+        """See that the controller takes the word that stops the arm. Raises StopRefusedError."""
 
     def reachable(self, world_from_tool: Array, joints_rad: Array) -> Array | None:
         """Joints (6,) rad that bring the tool there in the arm's present configuration (righty/above/flip as in

@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from daemon.arm import Reading
+from daemon.arm import Reading, StopRefusedError
 from daemon.arrays import Array
 from drivers import puma560
 from drivers.val2.commands import moves_the_arm as moves_the_arm
 from drivers.val2.dialect import Dialect
-from drivers.val2.errors import Elsewhere, Preempted
+from drivers.val2.errors import Elsewhere, NoAnswer, Preempted, StopRefused
 from drivers.val2.link import CONFIRMS, Link
 from drivers.val2.location import apart, location_from_matrix, matrix_from_location
 from drivers.val2.wire import Where
@@ -96,10 +96,39 @@ class ArmOnLink:
         await (self.link.close_hand if closed else self.link.open_hand)()
         self._heard()
 
+    async def at_rest(self) -> bool:
+        """Whether two WHERE, now, agree; a controller at its power-up questions moves nothing. Raises LinkError."""
+        if self.link.question is not None and not self.asks_whether_to_move:
+            return True
+        try:
+            await self.link.still(0.0, any_place=True)
+        except NoAnswer:
+            return False
+        self._heard()
+        return True
+
+    @property
+    def stop_seen(self) -> bool:
+        """Whether the controller was seen to take the word that stops the arm since the line was opened."""
+        return self.link.stop_seen
+
+    @property
+    def connected(self) -> bool:
+        """Whether there is a line to the controller."""
+        return self.link.connected
+
     async def abort(self) -> None:
-        """Stop the arm now. Raises LinkError when the controller does not confirm it."""
+        """Stop the arm now, and see it at rest. Raises StopRefusedError at once, LinkError after some tries."""
         self._forget()
-        await self.link.abort()
+        with _refusals():
+            await self.link.abort()
+        self._heard()
+
+    async def prove_stop(self) -> None:
+        """See that the controller takes the word that stops the arm. Raises StopRefusedError, LinkError."""
+        self._forget()
+        with _refusals():
+            await self.link.prove_stop()
         self._heard()
 
     def reachable(self, world_from_tool: Array, joints_rad: Array) -> Array | None:
@@ -219,6 +248,15 @@ def arm_on_link(
     """The arm at a serial port, not yet opened. on_wire: called with every record of the wire ledger."""
     link = Link(port, dialect, clock=clock, on_wire=on_wire, belongs_together=partial(_belongs_together, arm))
     return ArmOnLink(link, arm)
+
+
+@contextlib.contextmanager
+def _refusals() -> Iterator[None]:
+    """The driver's refusal of a stop as the house's."""
+    try:
+        yield
+    except StopRefused as refused:
+        raise StopRefusedError(refused.message) from refused
 
 
 def _belongs_together(arm: puma560.Puma560, where: Where) -> bool:

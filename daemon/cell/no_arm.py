@@ -23,12 +23,17 @@ class NoArm:
 
     heard_s: float | None = None
     question: str | None = None
-    aside = stopped_on_opening = asks_whether_to_move = False
+    aside = stopped_on_opening = asks_whether_to_move = stop_seen = False
+    connected = True
 
     async def _nothing(self) -> None:
         """Nothing is there to open, close or check, and nothing moves."""
 
     open = close = check = abort = _nothing
+
+    async def at_rest(self) -> bool:
+        """Always."""
+        return True
 
     async def where(self) -> Reading:
         """The origin."""
@@ -39,7 +44,7 @@ class NoArm:
     async def _refuse(self, *_: object, **__: object) -> NoReturn:
         raise CellError(NONE)
 
-    move = hand = power_up = calibrate = monitor = _refuse
+    move = hand = power_up = calibrate = monitor = prove_stop = _refuse
 
     def terminal(self, _: object) -> NoReturn:
         """Refused."""

@@ -24,7 +24,7 @@ beside its place, or all from being turned about the two axes across the view, a
 
 
 def pick_cell(config: Config, calibration: Calibration, hardware: Hardware, log: Log) -> tuple[Workcell, Settings]:
-    """What `Cycle` takes. Without a hand-eye yet the cameras count as being in the tool (`enable` refuses then)."""
+    """What `Cycle` takes. Without a hand-eye yet the cameras count as being in the tool (no move is enabled then)."""
     tool_from_cyclopean = np.eye(4) if calibration.tool_from_cyclopean is None else calibration.tool_from_cyclopean
     workcell = Workcell(hardware.robot, hardware.eyes, log, hardware.clock, calibration.rig, tool_from_cyclopean)
     settings = config.values.pick

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from functools import partial
 
 from daemon.cell.arm_on_link import moves_the_arm
 from daemon.commands.monitoring import monitor, note_hand
@@ -22,10 +23,13 @@ async def robot(context: CommandContext, words: list[str], door: Door) -> Answer
 
     power-up answers what the controller asks after it was switched on (Y Y unless you say otherwise);
     cal lets the arm find its zero (`enable` first); monitor TEXT types one line and shows the answer. monitor
-    alone is the controller's own terminal, every line logged: control-] comes back, control-C stops the arm.
+    alone is the controller's own terminal, every line logged: control-] comes back, control-C and `stop` stop.
+    What may move the arm waits for a yes, and is held, refused and stopped like a move; no guard sees where it
+    goes.
     """
     what = one_of(words, 0, ROBOT, "word", ROBOT_USAGE)
     arm, supervisor = context.hardware.robot, context.cycle.supervisor
+    by_hand = partial(supervisor.by_hand, ask=door.asks)
     text = " ".join(words[1:])
     if what == "power-up":
         question = arm.question
@@ -33,14 +37,14 @@ async def robot(context: CommandContext, words: list[str], door: Door) -> Answer
             raise CommandError("the controller asks nothing: it is past its power-up questions")
         replies = words[1:] or ["Y", "Y"]
         if arm.asks_whether_to_move:
-            said = await with_questions(context, supervisor.by_hand("power-up", lambda: arm.power_up(replies)), door)
+            said = await with_questions(context, by_hand("power-up", lambda: arm.power_up(replies)), door)
         else:
             said = await supervisor.converse("power-up", lambda: arm.power_up(replies), moves=False)
         return _replies([question, *said])
     if what == "cal":
         no_more(words, 1, "robot cal")
         reply = context.config.values.arm.calibrate_answer
-        return _replies(await with_questions(context, supervisor.by_hand("CAL", lambda: arm.calibrate(reply)), door))
+        return _replies(await with_questions(context, by_hand("CAL", lambda: arm.calibrate(reply)), door))
     if not text:
         return await monitor(context, door)
 
@@ -49,7 +53,7 @@ async def robot(context: CommandContext, words: list[str], door: Door) -> Answer
         return await arm.monitor(text)
 
     if moves_the_arm(text):
-        return _replies(await with_questions(context, supervisor.by_hand(text, typed), door))
+        return _replies(await with_questions(context, by_hand(text, typed), door))
     return _replies(await supervisor.converse(text, typed, moves=False))
 
 

@@ -56,7 +56,8 @@ async def status(context: CommandContext, words: list[str], _: Door) -> Answer:
 def _standing(state: dict[str, Any]) -> str:
     if state["fault"]:
         return f"FAULT: {state['fault']} (nothing moves until `resume`)"
-    words = ["enabled" if state["enabled"] else "the arm is not enabled"]
+    by_hand = state.get("by_hand_only")
+    words = ["enabled" if state["enabled"] else "enabled for `robot` only" if by_hand else "the arm is not enabled"]
     words += [word for word in ("paused", "dry", "step") if state.get(word)]
     return ", ".join(words)
 

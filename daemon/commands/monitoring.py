@@ -1,21 +1,28 @@
 """The controller's own terminal for an operator while the daemon stands aside: every line is logged, none surprises.
 
-What an operator types goes to the controller as it is, but while the arm may not move: then only words known to be
-harmless do (drivers/val2/commands.py).
+Words known to be harmless (drivers/val2/commands.py) go to the controller as they are typed. The end of any other line
+is kept back: while the arm may not move, or is held by `pause`; and else until the operator has said yes to it.
 """
 
 from __future__ import annotations
 
+import asyncio
+import time
 from collections.abc import Callable
 
 from daemon.cell.arm_on_link import moves_the_arm
 from daemon.console.context import ANSWERABLE, CommandContext
 from daemon.console.interpreter import Answer, CommandError, Door
+from daemon.console.phrases import is_yes, means_stop
+from daemon.errors import FacetdError
 
 ENDS, RUBOUTS, CANCEL = b"\r\n", b"\x08\x7f", b"\x15"
 SPOIL = CANCEL + b"!!\r"
 """Takes a typed line back; makes it an error where the controller knows no such key."""
 GREETING = "The controller's own terminal; the daemon stands aside. Control-] comes back, control-C stops the arm."
+ASKED = "this may move the arm, and no guard sees where it goes. Send it? [y/n]"
+ANSWER_AFTER_S = 0.3
+"""A key that comes sooner after the question was on its way before it was read."""
 HAND_WORDS = ("OPEN", "CLOSE", "GRASP", "RELAX", "MOVET", "MOVEST")
 
 
@@ -42,16 +49,21 @@ async def _monitored(context: CommandContext, door: Door) -> Answer:
 class Typist:
     """Follows what is typed, line by line: records each line, and keeps back the end of one that may not be sent."""
 
-    def __init__(self, context: CommandContext, door: Door) -> None:
-        self._context, self._door = context, door
+    def __init__(self, context: CommandContext, door: Door, clock: Callable[[], float] = time.monotonic) -> None:
+        self._context, self._door, self._clock = context, door, clock
         self._line = bytearray()
+        self._asked: tuple[str, float] | None = None
+        """The line that waits for a yes, and when it was asked for."""
+        self._stopping: asyncio.Task[str | None] | None = None
         self.lines = 0
 
     def typed(self, keys: bytes, send: Callable[[bytes], None]) -> None:
         """Take some keys and send on what may be sent: plain characters and the keys known here. Others could edit the
         line past our knowledge: a controller may pass over a byte that is no ASCII, and read a motion behind it."""
         for key in (bytes([k]) for k in keys):
-            if key in ENDS:
+            if self._asked is not None:
+                self._answered(key, *self._asked, send)
+            elif key in ENDS:
                 self._end_line(send)
             elif key == CANCEL:
                 self._line.clear()
@@ -66,11 +78,41 @@ class Typist:
     def _end_line(self, send: Callable[[bytes], None]) -> None:
         text = self._line.decode("latin-1").strip()
         self._line.clear()
-        if text and may_not_move(self._context, text):
-            send(SPOIL)
-            self._door.show(b"\r\nfacetd: the arm may not move now (`enable`, `resume` first); not sent\r\n")
-            self._record(f"not sent: {text}")
+        if means_stop(text):
+            self._stopping = asyncio.ensure_future(self._context.cycle.supervisor.stop(f"by {self._door.who}"))
+        elif not moves_the_arm(text):
+            self._send(text, send)
+        elif (why := self._held()) is not None:
+            self._keep_back(text, why, send)
+        else:
+            self._asked = text, self._clock()
+            self._door.show(f"\r\nfacetd: {ASKED} ".encode())
+
+    def _answered(self, key: bytes, text: str, asked_s: float, send: Callable[[bytes], None]) -> None:
+        if key in ENDS or self._clock() - asked_s < ANSWER_AFTER_S:
             return
+        self._asked = None
+        why = self._held() if is_yes(key.decode("latin-1")) else "not confirmed"
+        if why is None:
+            self._send(text, send)
+        else:
+            self._keep_back(text, why, send)
+
+    def _held(self) -> str | None:
+        """Why a line that may move the arm may not be sent now."""
+        supervisor = self._context.cycle.supervisor
+        try:
+            supervisor.may_move_by_hand()
+        except FacetdError as refused:
+            return f"the arm may not move now: {refused}"
+        return "moves are held: say `resume`" if supervisor.paused else None
+
+    def _keep_back(self, text: str, why: str, send: Callable[[bytes], None]) -> None:
+        send(SPOIL)
+        self._door.show(f"\r\nfacetd: {why}; not sent\r\n".encode("ascii", "replace"))
+        self._record(f"not sent: {text}")
+
+    def _send(self, text: str, send: Callable[[bytes], None]) -> None:
         if text:
             self.lines += 1
             self._record(text)
@@ -86,9 +128,3 @@ def note_hand(context: CommandContext, text: str) -> None:
     program = moves_the_arm(text) and text.split()[0].upper() != "DO"
     if program or any(word in text.upper() for word in HAND_WORDS):
         context.cycle.hand_full = None
-
-
-def may_not_move(context: CommandContext, text: str) -> bool:
-    """Whether a line may set the arm in motion while it may not move."""
-    state = context.cycle.status()
-    return (state["fault"] is not None or not state["enabled"]) and moves_the_arm(text)

@@ -6,6 +6,7 @@ import asyncio
 from collections.abc import Awaitable
 from typing import Any, TypeVar
 
+from daemon.arm import Let, StopRefusedError
 from daemon.console.context import CommandContext
 from daemon.console.interpreter import (
     DONE,
@@ -30,29 +31,58 @@ AUTO_USAGE = "auto on [N] [every S] | auto resume | auto off | auto wait"
 
 
 @command("enable", "move")
-async def enable(context: CommandContext, words: list[str], _: Door) -> Answer:
-    """Let the arm move."""
+async def enable(context: CommandContext, words: list[str], door: Door) -> Answer:
+    """Let the arm move, once its stop was seen to work.
+
+    The word that stops the arm (arm.dialect.abort_word) is typed, once each time the line was opened; a
+    controller that does not take it is not enabled. A stop or `disable`, at whatever door, voids an `enable`
+    that was asked for before it. Without a hand-eye calibration only `robot` may move the arm, after a yes.
+    """
     if context.hardware.kind == "recorded":
         raise CommandError("this cell is recorded: there is no arm to move")
-    if context.calibration.tool_from_cyclopean is None:
-        raise CommandError(f"{context.config.calibration} has no hand_eye yet: `facetctl calibrate hand-eye` first")
+    supervisor = context.cycle.supervisor
+    asked = supervisor.stops
+    let = Let.ALL if context.calibration.tool_from_cyclopean is not None else await _by_hand_only(context, door)
+    try:
+        await supervisor.prove_stop()
+    except StopRefusedError as refused:
+        raise CommandError(f"not enabled: {refused}: mend arm.dialect.abort_word, and restart facetd") from None
+    supervisor.enable(asked, let)
     fault = context.cycle.status()["fault"]
-    context.cycle.supervisor.enable()
-    return Answer("The arm may move." + (f" First the fault must go: {fault}; say `resume`." if fault else ""))
+    may = "The arm may move." if let is Let.ALL else "`robot` may move the arm; nothing else may."
+    return Answer(may + (f" First the fault must go: {fault}; say `resume`." if fault else ""))
+
+
+async def _by_hand_only(context: CommandContext, door: Door) -> Let:
+    """Asked where no move could be guarded. Raises CommandError on anything but a yes."""
+    lack = f"{context.config.calibration} has no hand_eye yet"
+    if not door.asks:
+        raise CommandError(f"{lack} (a ruler's guess will do to calibrate with); for `robot cal` enable at a console")
+    if not is_yes(await door.ask(f"{lack}. Enable the arm for `robot cal` and `robot monitor` only? [y/n]")):
+        raise CommandError(f"not enabled: {lack}")
+    return Let.BY_HAND
 
 
 @command("disable", "move", at_once=True)
 async def disable(context: CommandContext, words: list[str], _: Door) -> Answer:
     """Do not let the arm move; stop it where it does."""
-    await context.cycle.supervisor.disable()
-    return Answer("The arm does not move until `enable`.")
+    return _stopped(await context.cycle.supervisor.disable(), "The arm does not move until `enable`.")
 
 
 @command("stop", "move", most=None, at_once=True)
 async def stop(context: CommandContext, _: list[str], door: Door) -> Answer:
-    """Stop the arm now; nothing moves until `resume`."""
-    await context.cycle.supervisor.stop(f"by {door.who}")
-    return Answer("Stopped. Nothing moves until `resume`.")
+    """Stop the arm now; nothing moves until `resume`.
+
+    Heard before all else, at every door, whatever runs or is asked there; `sto`, `STOP!` and `halt` do as well,
+    as does control-C. The word that stops the arm is typed until two WHERE agree that it is at rest. Where that
+    is in doubt you are told to press the emergency stop, and it goes on being typed. Drops what waits.
+    """
+    return _stopped(await context.cycle.supervisor.stop(f"by {door.who}"), "Stopped. Nothing moves until `resume`.")
+
+
+def _stopped(alarm: str | None, text: str) -> Answer:
+    """What a stop has come to."""
+    return Answer(text) if alarm is None else Answer(alarm, {"error": alarm}, NOT_DONE)
 
 
 @command("resume", "move", at_once=True)
@@ -61,6 +91,7 @@ async def resume(context: CommandContext, words: list[str], door: Door) -> Answe
 
     After a fault nothing goes on by itself: say `pick`, `auto on` or `auto resume`. Where an auto was cut
     off, and at a door that can ask, it is asked whether to take it up now; answered no, the fault stands.
+    Not heard while a stop is under way: until the arm was seen at rest. Does not enable the arm.
     """
     supervisor = context.cycle.supervisor
     before, stops = context.cycle.status(), supervisor.stops
@@ -79,8 +110,9 @@ async def resume(context: CommandContext, words: list[str], door: Door) -> Answe
             lines[0] = f"The fault stands: {before['fault']}. `resume` asks again."
             lines.append(f"{left}: `auto resume` takes it up after that, `auto off` gives it up.")
             return Answer("\n".join(lines), status=NOT_DONE)
+        await supervisor.prove_stop()
         supervisor.resume(stops)
-        supervisor.enable()
+        supervisor.enable(stops)
         await context.begin_auto(pick_order.count, pick_order.every_s)
         return Answer("\n".join([*lines, "Going on; `auto off` ends it after a part."]))
     supervisor.resume(stops)
@@ -103,8 +135,7 @@ async def pause(context: CommandContext, words: list[str], _: Door) -> Answer:
 @command("abort", "move", at_once=True)
 async def abort(context: CommandContext, words: list[str], _: Door) -> Answer:
     """Stop the arm, give the part up; leaves no fault."""
-    await context.cycle.supervisor.abort()
-    return Answer("Stopped; the part is given up.")
+    return _stopped(await context.cycle.supervisor.abort(), "Stopped; the part is given up.")
 
 
 @command("pick [LABEL]", "move", most=1, choices=lambda context: context.trainer.model.labels)

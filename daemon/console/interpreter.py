@@ -6,6 +6,7 @@ into one line. What each command does is in daemon/commands/; how text travels i
 
 from __future__ import annotations
 
+import contextlib
 import difflib
 import inspect
 import shlex
@@ -16,6 +17,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal, Protocol
 
 from daemon.console.context import ANSWERABLE, CommandContext
+from daemon.console.phrases import means_stop, printable
 from daemon.errors import FacetdError
 from daemon.upkeep import journal
 
@@ -129,6 +131,8 @@ class Console:
 
     async def interpret(self, text: str, door: Door) -> Answer:
         """Do what one line says. What an operator can cause is not raised: it comes back as an Answer with a status."""
+        if means_stop(text):
+            return await self._stop(text, door)
         try:
             words = shlex.split(text, comments=True)
         except ValueError as error:
@@ -148,9 +152,17 @@ class Console:
         except ANSWERABLE as error:
             return Answer(_one_line(error), {"error": _one_line(error), "why": type(error).__name__}, NOT_DONE)
         except Exception as error:
-            journal.tell("trouble", traceback.format_exc(), journal.ERROR)
-            told = f"a fault in facetd itself: {type(error).__name__}: {_one_line(error)}; please send a `bundle`"
-            return Answer(told, {"error": told, "why": "internal"}, NOT_DONE)
+            return _own_fault(error)
+
+    async def _stop(self, text: str, door: Door) -> Answer:
+        """The arm first; no line is too odd for it, and a log that cannot be written keeps nobody from it."""
+        try:
+            answer = await self.commands["stop"].run(self.context, [], door)
+        except Exception as error:
+            answer = _own_fault(error, "NOT CONFIRMED: press the emergency stop; ")
+        with contextlib.suppress(Exception):
+            self.context.log.record("command", who=door.who, door=door.name, text=printable(text.strip()))
+        return answer
 
     def at_once(self, text: str) -> bool:
         """Whether a line is for now, even while the last command is still being done."""
@@ -162,8 +174,12 @@ class Console:
 
     def is_stop(self, text: str) -> bool:
         """Whether a line, whatever it is typed for, is to stop the arm."""
-        command = self._meant(text.split())
-        return command is not None and command.name == "stop"
+        return means_stop(text)
+
+    @property
+    def stops(self) -> int:
+        """How often the arm was stopped or disabled: a command that was typed before the last of them is void."""
+        return self.context.cycle.supervisor.stops
 
     def complete(self, typed: str) -> list[str]:
         """Every line that the one typed so far may become."""
@@ -187,7 +203,7 @@ class Console:
             return None
 
     def _find(self, word: str) -> Command:
-        """The command of that name, or the only one that begins so (stop is never guessed away)."""
+        """The command of that name, or the only one that begins so."""
         name = word.lower()
         if name in self.commands:
             return self.commands[name]
@@ -250,6 +266,12 @@ def number(word: str, what: str, low: int, high: int) -> int:
 def either(names: list[str]) -> str:
     """['a', 'b', 'c'] -> 'a, b or c'."""
     return " or ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else names[0]
+
+
+def _own_fault(error: Exception, before: str = "") -> Answer:
+    journal.tell("trouble", traceback.format_exc(), journal.ERROR)
+    told = f"{before}a fault in facetd itself: {type(error).__name__}: {_one_line(error)}; please send a `bundle`"
+    return Answer(told, {"error": told, "why": "internal"}, NOT_DONE)
 
 
 def _trouble(problem: CommandError) -> Answer:

@@ -9,6 +9,8 @@ import contextlib
 from collections.abc import Iterator
 from typing import Protocol
 
+from daemon.upkeep import journal
+
 
 class Listener(Protocol):
     """A door with somebody before it."""
@@ -35,8 +37,12 @@ class Notices:
     def tell(self, text: str, outcome: bool = False) -> None:
         """Tell everybody; outcome: but those who are about to be answered with it."""
         for door in list(self._doors):
-            if not (outcome and any(door is waiting for waiting in self._waiting)):
+            if outcome and any(door is waiting for waiting in self._waiting):
+                continue
+            try:
                 door.notice(text)
+            except Exception as error:  # one door that fails keeps none of the others from hearing it
+                journal.tell("trouble", f"a notice was not shown: {type(error).__name__}: {error}", journal.WARNING)
 
     @contextlib.contextmanager
     def answered(self, door: object) -> Iterator[None]:

@@ -55,7 +55,7 @@ class Keyboard:
                 continue
             keys = os.read(self._handle, 1024)
             typed, leave, _ = keys.partition(LEAVE)
-            if STOP in typed:
+            if STOP in keys:
                 self._stop()
             elif typed:
                 self._send({"keys": typed.decode("latin-1")})

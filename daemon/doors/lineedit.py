@@ -76,6 +76,8 @@ class LineEditor:
         return b"\r" + CLEAR_TO_END + to_terminal(text) + self.show_prompt()
 
     def _take(self, byte: int, typed: Typed) -> None:
+        if self._escape and (byte < 0x20 or (self._escape == b"\x1b" and byte not in b"[O")):
+            self._escape = b""  # it was a stray one: what follows is typed for itself
         if self._escape:
             typed.echo += self._continue_escape(byte)
         elif byte == 0x0A and self._after_cr:
@@ -104,8 +106,6 @@ class LineEditor:
         self._escape += bytes([byte])
         body = self._escape[2:]
         if len(self._escape) == 2:
-            if byte not in b"[O":
-                self._escape = b""
             return b""
         if not (0x40 <= byte <= 0x7E) and len(body) < 8:
             return b""

@@ -7,7 +7,7 @@ a fetch; {"keys": TEXT} {"leave": true} at a terminal.
 Daemon to operator: {"say": TEXT} {"ask": QUESTION, "id": ID} {"unasked": ID}: no answer is waited for any more.
 {"fetch": PATH} {"done": {text, data, status}, "id": ID} {"notice": TEXT}
 {"terminal": BOOL}, its beginning and end, {"show": TEXT} in between (one character a byte); {"options": [LINE, ...]};
-{"stopped": TEXT}, the answer to an interrupt.
+{"stopped": TEXT}, the answer to an interrupt, and to a stop where an answer was asked for.
 Who is speaking is what the kernel says of the other end, not what it says of itself.
 """
 
@@ -20,6 +20,7 @@ import grp
 import json
 import os
 import pwd
+import re
 import socket
 import struct
 from collections.abc import Callable
@@ -27,11 +28,13 @@ from pathlib import Path
 from typing import Any, Literal
 
 from daemon.console.interpreter import NOT_UNDERSTOOD, Answer, CommandError, Console
+from daemon.console.phrases import means_stop, printable
 from daemon.doors.turns import Interrupt, Turns
 from daemon.errors import FacetdError
 
 LONGEST_MESSAGE = 64 * 1024
 LONGEST_FILE = 8_000_000
+SAID = re.compile(r'"(?:do|answer)"\s*:\s*"(.*)', re.DOTALL)
 MOST_UNREAD = 256 * 1024
 """Bytes on their way to an operator beyond which notices are dropped: somebody there reads nothing."""
 
@@ -128,11 +131,8 @@ class _Operator:
         """Serve the operator until they hang up."""
         while line := await self._next_line():
             try:
-                message = json.loads(line)
-                if not isinstance(message, dict):
-                    raise ValueError("not an object")
-                self._hear(message)
-            except ValueError as error:
+                self._hear(_message(line))
+            except (ValueError, RecursionError) as error:
                 await self._send({"done": _plain(Answer(f"not a message: {error}", {}, 2))})
         self.leave()
         await self._turns.end()
@@ -191,13 +191,16 @@ class _Operator:
             return b""
 
     def _hear(self, message: dict[str, Any]) -> None:
-        if "do" in message:
-            self._take(str(message["do"]), message)
+        said = str(message.get("do", message.get("answer", "")))
+        if "interrupt" in message or "\x03" in str(message.get("keys", "")):
+            self._turns.beside(self._stop())
+        elif "answer" in message and self._console.is_stop(said):
+            self._turns.take(said, self._stopped)
+        elif "do" in message:
+            self._take(said if self._console.is_stop(said) else printable(said), message)
         elif "answer" in message:
             if message.get("id") in (None, self._turns.question):
-                text = str(message["answer"])
-                if not self._turns.answer(text) and self._console.is_stop(text):
-                    self._take(text, message)
+                self._turns.answer(printable(said))
         elif "file" in message or "no_file" in message:
             self._take_file(message)
         elif "keys" in message:
@@ -205,8 +208,6 @@ class _Operator:
                 self._typed(str(message["keys"]).encode("latin-1", "replace"))
         elif "leave" in message:
             self._left.set()
-        elif "interrupt" in message:
-            self._turns.beside(self._stop())
         elif "complete" in message:
             self._write({"options": self._console.complete(str(message["complete"]))})
         elif "notices" in message:
@@ -215,9 +216,10 @@ class _Operator:
             raise ValueError("it holds neither do, answer, file, keys, leave, interrupt, complete nor notices")
 
     def _take(self, text: str, message: dict[str, Any]) -> None:
-        if self._turns.busy and not message.get("waits") and not self._console.at_once(text):
+        for_now = self._console.is_stop(text) or self._console.at_once(text)
+        if self._turns.busy and not message.get("waits") and not for_now:
             raise ValueError("the last command is still being done")
-        self.name = str(message.get("door", self.name))[:20]
+        self.name = printable(str(message.get("door", self.name))[:20])
         self.asks = bool(message.get("asks", self.asks))
         number = {"id": message["id"]} if "id" in message else {}
 
@@ -242,6 +244,9 @@ class _Operator:
     async def _stop(self) -> None:
         await self._send({"stopped": await self._turns.stop(f"{self.who}, {self.name}")})
 
+    async def _stopped(self, answer: Answer) -> None:
+        await self._send({"stopped": answer.text})
+
     def _show_question(self, question: str | None) -> None:
         number = self._turns.question
         self._write({"unasked": number} if question is None else {"ask": question, "id": number})
@@ -254,6 +259,23 @@ class _Operator:
         with contextlib.suppress(ConnectionError):
             self._write(message)
             await self._writer.drain()
+
+
+def _message(line: bytes) -> dict[str, Any]:
+    """What came in one line. One that is no message and still means to stop is taken for that. Raises ValueError."""
+    text = line.decode("utf-8", "replace")
+    said = SAID.search(text)
+    try:
+        message = json.loads(text)
+    except ValueError:
+        if not means_stop(said[1] if said else text):
+            raise
+        return {"do": "stop"}
+    if means_stop(text):
+        return {"do": "stop"}
+    if isinstance(message, dict):
+        return message
+    raise ValueError("not an object")
 
 
 def _plain(answer: Answer) -> dict[str, Any]:

@@ -148,7 +148,7 @@ class SerialConsole:
     def _raw(self, data: bytes) -> None:
         """Keys in terminal mode: only control-] and control-C are ours."""
         keys, leave, _ = data.partition(LEAVE)
-        if STOP in keys:
+        if STOP in data:
             self._turns.beside(self._stop())
         elif self._keys is not None and keys:
             self._keys(keys)

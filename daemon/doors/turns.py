@@ -33,7 +33,9 @@ class Turns:
         """The number of the question that was put last."""
         self.gone = False
         self._doing = ""
-        self._ahead: deque[tuple[str, Answered]] = deque()
+        self._ahead: deque[tuple[str, Answered, int]] = deque()
+        """What was typed ahead, and how often the arm had been stopped by then: a later stop, at whatever door, voids
+        it."""
         self._asked: asyncio.Future[str] | None = None
         self._one_question = asyncio.Lock()
         self._tasks: set[asyncio.Task[None]] = set()
@@ -47,7 +49,7 @@ class Turns:
         elif self._console.at_once(text):
             self.beside(self._do(self._console.interpret(text, self._door), answered))
         else:
-            self._ahead.append((text, answered))
+            self._ahead.append((text, answered, self._console.stops))
 
     async def stop(self, who: str) -> str:
         """Control-C; gives what the daemon says."""
@@ -103,16 +105,22 @@ class Turns:
     async def _in_turn(self, text: str, answered: Answered) -> None:
         answer = await self._console.interpret(text, self._door)
         self.busy = False
-        if self._ahead:
-            self._begin(*self._ahead.popleft())
+        dropped = []
+        while self._ahead and not self.busy:
+            ahead, to, stops = self._ahead.popleft()
+            if stops == self._console.stops:
+                self._begin(ahead, to)
+            else:
+                dropped.append((ahead, to))
         await answered(answer)
+        await _tell_dropped(dropped)
 
     async def _do(self, work: Awaitable[Answer], answered: Answered) -> None:
         await answered(await work)
 
     async def _stopping(self, work: Awaitable[T]) -> T:
         """The arm first; then what was asked is no longer asked, and what was typed ahead is dropped, and told so."""
-        dropped = list(self._ahead)
+        dropped = [(text, answered) for text, answered, _ in self._ahead]
         self._ahead.clear()
         try:
             return await work
@@ -127,5 +135,5 @@ class Turns:
 
 async def _tell_dropped(dropped: list[tuple[str, Answered]]) -> None:
     for text, answered in dropped:
-        told = f"{text}: not done; it was to stop"
+        told = f"{text}: not done; the arm was stopped after it was typed"
         await answered(Answer(told, {"error": told}, NOT_DONE))

@@ -184,13 +184,13 @@ class Cycle:
             self._held = self.state
         elif event in (Event.STOP, Event.ERROR, Event.ABORT) and {self.state, self._held} & HAND_IN_DOUBT:
             self.hand_full = None
-        if (self.state, then) != (State.IDLE, State.IDLE):
-            self.cell.log.record("state", cycle=self._cycles, event=event, to=then, **{"from": self.state})
-        self.state = then
+        before, self.state = self.state, then
         if event is Event.PLACED and self.pick_order is not None:
             self.pick_order = self.pick_order.one_less()
         if event is not Event.PAUSE:
             self._held = then
+        if (before, then) != (State.IDLE, State.IDLE):
+            self.cell.log.record("state", cycle=self._cycles, event=event, to=then, **{"from": before})
 
     def _context(self, recogniser: Recogniser) -> PickContext:
         return PickContext(self.cell, self.supervisor.mover, recogniser, self.settings, self.observer)
@@ -252,8 +252,8 @@ class Cycle:
         try:
             await self._through(context, world)
         except asyncio.CancelledError:
-            world.outcome = Outcome.FAULT if mover.fault else Outcome.ABORTED
-            world.why = mover.fault or "aborted"
+            world.outcome = Outcome.FAULT if supervisor.fault else Outcome.ABORTED
+            world.why = supervisor.fault or "aborted"
         except OperatorRefusedError as error:
             world.outcome, world.why = Outcome.ABORTED, str(error)
             await supervisor.stop_arm(Interruption.ABORT, world.why, None)

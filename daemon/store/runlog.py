@@ -47,6 +47,7 @@ KINDS: Mapping[str, str] = {
     "moved": "cycle where joints error_mm error_deg seconds",
     "refusal": "rule text",
     "fault": "code text while",
+    "rest": "text (after an alarm that a stop was not confirmed, the arm was seen at rest)",
     "hand": "closed",
     "cycle_end": "cycle outcome label stops why grasp predicted",
     "touch": "off_mm distance_mm corner (the touch test: where the operator saw the finger tips)",

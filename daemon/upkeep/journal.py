@@ -76,7 +76,7 @@ class _Teller:
             if isinstance(item, threading.Event):
                 item.set()
             else:
-                with contextlib.suppress(OSError):
+                with contextlib.suppress(Exception):  # a journal that is gone, a closed stderr: the next may be heard
                     _say(*item)
 
 
@@ -101,10 +101,13 @@ def notify(state: str) -> None:
         return
     if address.startswith("@"):
         address = "\0" + address[1:]
-    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC) as sender, contextlib.suppress(OSError):
+    with (
+        contextlib.suppress(OSError),
+        socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC) as sender,
+    ):
         sender.setblocking(False)
         sender.connect(address)
-        sender.sendall(state.encode())
+        sender.sendall(state.encode(errors="replace"))
 
 
 def watchdog_s() -> float | None:
@@ -122,21 +125,27 @@ class JournalledLog:
         self.log, self._notice = log, notice
 
     def record(self, kind: str, /, **fields: Any) -> None:
-        """Write one record."""
-        self.log.record(kind, **fields)
+        """Write one record. What it cannot be written to keeps nobody from hearing of it."""
+        try:
+            self.log.record(kind, **fields)
+        finally:
+            self._say(kind, fields)
+
+    def _say(self, kind: str, fields: Mapping[str, Any]) -> None:
         text = _line(kind, fields)
-        if kind in ("fault", "refusal") and text is not None:
+        if text is None:
+            return
+        said = {
+            "CYCLE": fields.get("cycle"),
+            "PART": fields.get("label") or fields.get("target"),
+            "STOP": fields.get("stops"),
+            "RULE": fields.get("rule"),
+            "OUTCOME": fields.get("outcome"),
+            "WHO": fields.get("who"),
+        }
+        tell(kind, text, _priority(kind, fields), **said)
+        if kind in ("fault", "rest", "refusal"):
             self._notice(text)
-        if text is not None:
-            said = {
-                "CYCLE": fields.get("cycle"),
-                "PART": fields.get("label") or fields.get("target"),
-                "STOP": fields.get("stops"),
-                "RULE": fields.get("rule"),
-                "OUTCOME": fields.get("outcome"),
-                "WHO": fields.get("who"),
-            }
-            tell(kind, text, _priority(kind, fields), **said)
 
 
 def _line(kind: str, fields: Mapping[str, Any]) -> str | None:
@@ -153,6 +162,8 @@ def _line(kind: str, fields: Mapping[str, Any]) -> str | None:
         case "fault":
             code, text = str(fields.get("code")), str(fields.get("text"))
             return f"FAULT {text}" if text.startswith(code) else f"FAULT {code}: {text}"
+        case "rest":
+            return str(fields.get("text"))
         case "command":
             return f"{fields.get('who')} at {fields.get('door')}: {fields.get('text')}"
         case "model" if fields.get("action") != "start":

@@ -95,13 +95,13 @@ class Watch:
     async def _check_controller(self) -> None:
         context, robot = self._context, self._context.hardware.robot
         try:
-            if robot.aside:
+            if robot.aside or (context.cycle.supervisor.stopping and robot.connected):
                 self._ended_s["controller"] = time.monotonic()
                 return
             if "controller" in context.troubles.standing:
                 await robot.close()
                 await robot.open()
-                context.cycle.supervisor.mover.forget()
+                context.cycle.supervisor.line_opened_anew()
             if robot.question is not None:
                 context.troubles.tell("controller", f"the controller asks `{robot.question}`: say `robot power-up`")
             else:
@@ -118,7 +118,7 @@ class Watch:
         new = what not in context.troubles.standing
         context.troubles.tell(what, f"{what}: {text}")
         state = context.cycle.status()
-        if new and state["enabled"] and state["fault"] is None:
+        if new and (state["enabled"] or state["by_hand_only"]) and state["fault"] is None:
             await context.cycle.supervisor.fail(what, text)
 
     async def _keep_quota(self) -> None:

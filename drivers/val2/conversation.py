@@ -100,6 +100,18 @@ class Conversation:
             if isinstance(event, Prompt | Question):
                 return event
 
+    async def last_prompt_or_question(self, timeout_s: float) -> Event:
+        """The prompt or question behind which nothing more comes: not one that was on its way when we typed. Raises as
+        next_event."""
+        last = await self.next_prompt_or_question(timeout_s)
+        while True:
+            await asyncio.sleep(self.dialect.prompt_silence_s)
+            more = self.unheard()
+            if not more:
+                return last
+            waits = isinstance(more[-1], Prompt | Question)
+            last = more[-1] if waits else await self.next_prompt_or_question(timeout_s)
+
     async def resynchronise(self, attempts: int = 3) -> list[Event]:
         """Get the controller to an empty line and its prompt or question; what it said, that last.
 

@@ -12,7 +12,7 @@ Pause = Annotated[float, Meta(ge=0, le=10)]
 Near = Annotated[float, Meta(gt=0, le=10)]
 Sign = Annotated[float, Meta(ge=-1, le=1)]
 Angle = Annotated[float, Meta(ge=-360, le=360)]
-Word = Annotated[str, Meta(min_length=1, max_length=40)]
+Word = Annotated[str, Meta(min_length=1, max_length=40, pattern="^[ -~]+$")]
 SHORTEST_SILENCE_S, SHORTEST_SETTLE_S = 0.006, 0.002
 
 

@@ -34,6 +34,10 @@ class ControllerError(LinkError):
     """The controller refused, in its own words."""
 
 
+class StopRefused(ControllerError):  # noqa: N818
+    """The controller does not take the word that is to stop the arm; that it came to rest by itself is no stop."""
+
+
 class Elsewhere(LinkError):  # noqa: N818
     """The arm is at rest, but not where it was sent."""
 

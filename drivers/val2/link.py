@@ -17,12 +17,22 @@ from typing import Any
 from drivers.val2 import commands
 from drivers.val2.conversation import POISON, Answer, Conversation
 from drivers.val2.dialect import Dialect
-from drivers.val2.errors import Busy, ControllerError, Elsewhere, Garbled, LinkError, NoAnswer, PortError, Preempted
+from drivers.val2.errors import (
+    Busy,
+    ControllerError,
+    Elsewhere,
+    Garbled,
+    LinkError,
+    NoAnswer,
+    PortError,
+    Preempted,
+    StopRefused,
+)
 from drivers.val2.ledger import Ledger
 from drivers.val2.location import Location, apart
 from drivers.val2.port import OpenPort, SerialPort
 from drivers.val2.session import Session
-from drivers.val2.wire import Error, Prompt, Where
+from drivers.val2.wire import Error, Event, Question, Where
 
 __all__ = [
     "Answer",
@@ -35,10 +45,13 @@ __all__ = [
     "NoAnswer",
     "PortError",
     "Preempted",
+    "StopRefused",
     "Where",
 ]
 
 ABORT_ATTEMPTS = 5
+WHERE_CHARACTERS = 300
+"""What WHERE prints, and some."""
 CONFIRMS = "are you sure"
 """How a controller asks whether a command is meant; found open, it was typed by somebody who is gone."""
 
@@ -65,9 +78,11 @@ class Link:
         self._belongs_together = belongs_together or (lambda where: True)
         self._open_port = open_port
         self._session: Session | None = None
-        self._aborting: asyncio.Task[Where] | None = None
+        self._aborting: asyncio.Task[Where | None] | None = None
         self.stopped_on_opening = False
         """Whether the arm was found at work when the port was opened last, and was stopped."""
+        self.stop_seen = False
+        """Whether the controller was seen to take the word that stops the arm since the port was opened."""
 
     # Connecting
 
@@ -90,9 +105,15 @@ class Link:
         self._let_go()
 
     def _let_go(self) -> None:
+        self.stop_seen = False
         if self._session is not None:
             self._session.close()
             self._session = None
+
+    @property
+    def connected(self) -> bool:
+        """Whether there is a line to type on."""
+        return self._session is not None and not self._session.lost
 
     @property
     def question(self) -> str | None:
@@ -189,15 +210,22 @@ class Link:
         async with self._open_session.turn() as talk:
             return await self._still(talk, timeout_s, any_place)
 
-    async def abort(self) -> Where:
-        """Stop the arm now, whoever is using the link (they get Preempted), and give where it came to rest.
+    async def abort(self) -> Where | None:
+        """Stop the arm now, whoever is using the link (they get Preempted), and give where it came to rest; None where
+        the controller is at its power-up questions: it was switched off, and nothing moves.
 
-        Raises NoAnswer when the controller does not confirm: then only the emergency stop is left.
+        Raises StopRefused at once where the controller does not take the word, NoAnswer and others where rest was not
+        seen after some tries: the arm may move then, and is to be told again.
         """
         if self._aborting is None or self._aborting.done():
             self._aborting = asyncio.create_task(self._abort(self._open_session))
             self._aborting.add_done_callback(_heard_of)
         return await asyncio.shield(self._aborting)
+
+    async def prove_stop(self) -> None:
+        """See that the controller takes the word that stops the arm. Raises StopRefused."""
+        async with self._open_session.turn() as talk:
+            self._judge_stop(await self._ask(talk, self.dialect.abort_word, (), self.dialect.answer_s))
 
     # Inside
 
@@ -221,13 +249,16 @@ class Link:
                 async with session.turn() as talk:
                     await self._see_that_it_rests(talk)
             return
+        except Preempted:  # a stop that waited for the line comes first, and sees the arm at rest
+            await self.abort()
+            return
         except NoAnswer as problem:
             if not isinstance(problem, Busy):
                 raise
             busy = problem
         try:
             await self.abort()
-        except NoAnswer:
+        except (NoAnswer, Garbled):
             raise busy from None
         self.stopped_on_opening = True
 
@@ -321,33 +352,76 @@ class Link:
         while True:
             await asyncio.sleep(self.dialect.poll_s)
             now = await self._where(talk, any_place)
-            off_mm, off_deg = apart(before.location, now.location)
-            if off_mm <= self.dialect.same_place_mm and off_deg <= self.dialect.same_place_deg:
+            if self._same_place(before, now):
                 return now
             if self.clock() > deadline_s:
                 raise NoAnswer(f"not at rest within {timeout_s:g} s", now)
             before = now
 
+    def _same_place(self, before: Where, now: Where) -> bool:
+        off_mm, off_deg = apart(before.location, now.location)
+        return off_mm <= self.dialect.same_place_mm and off_deg <= self.dialect.same_place_deg
+
     async def _break(self, timeout_s: float) -> None:
         if self.dialect.break_after_move:
             await self.command("DO BREAK", timeout_s=timeout_s)
 
-    async def _abort(self, session: Session) -> Where:
-        """Whatever is half typed becomes an error, not a command; a question in the way is answered with N first."""
-        abort = POISON + self.dialect.line_end + self.dialect.abort_word.encode("ascii") + self.dialect.line_end
-        line = abort
+    async def _abort(self, session: Session) -> Where | None:
+        """Try after try, each no longer than a prompt and two WHERE take. Whatever is half typed becomes an error, not
+        a command; a question in the way is answered with N first, but for one of power-up."""
+        no = b"N" + self.dialect.line_end
+        problem: LinkError = NoAnswer(f"no answer to {self.dialect.abort_word}")
+        before, asked = b"", ""
         async with session.preemption() as talk:
             for _ in range(ABORT_ATTEMPTS):
-                talk.send_raw(line)
                 try:
-                    last = await talk.next_prompt_or_question(self.dialect.resync_s)
-                    line = abort if isinstance(last, Prompt) else b"N" + self.dialect.line_end + abort
-                    if isinstance(last, Prompt):
-                        session.question = None
-                        return await self._still(talk, self.dialect.answer_s, any_place=True)
-                except (NoAnswer, Garbled, ControllerError):
-                    line = abort
-        raise NoAnswer(f"{self.dialect.abort_word} was not confirmed: use the emergency stop")
+                    last = await self._type_abort(talk, before)
+                    if isinstance(last, Question):
+                        if last.text == asked and _of_power_up(asked):
+                            session.question, self.stop_seen = asked, False
+                            return None
+                        before, asked = b"" if _of_power_up(last.text) else no, last.text
+                        continue
+                    before, session.question = b"", None
+                    return await self._stopped(talk)
+                except StopRefused:
+                    raise
+                except (NoAnswer, Garbled, ControllerError) as failed:
+                    before, problem = b"", failed
+        raise problem
+
+    async def _type_abort(self, talk: Conversation, before: bytes) -> Event:
+        """The word at once, and once more at once, apart: one spoiled byte spoils one of them only."""
+        end = self.dialect.line_end
+        word = self.dialect.abort_word.encode("ascii") + end
+        talk.unheard()
+        talk.send_raw(before + POISON + end + word + end + word)
+        return await talk.last_prompt_or_question(self.dialect.resync_s)
+
+    async def _stopped(self, talk: Conversation) -> Where:
+        """The word once more where its answer can be judged, then two WHERE that agree. Raises StopRefused."""
+        self._judge_stop(await talk.ask(self.dialect.abort_word, (), self.dialect.resync_s))
+        table_s = self.dialect.resync_s + WHERE_CHARACTERS * 10 / self.dialect.baud
+        readings = []
+        for _ in range(2):
+            await asyncio.sleep(self.dialect.poll_s)
+            answer = await talk.ask("WHERE", (), table_s)
+            if answer.errors:
+                said = "; ".join(answer.errors)
+                raise ControllerError(f"WHERE is refused (`{said}`: mend that, then restart facetd)")
+            if answer.where is None:
+                raise Garbled("WHERE did not give its table")
+            readings.append(self._in_our_angles(answer.where))
+        if not self._same_place(*readings):
+            raise NoAnswer(f"the arm still moves after {self.dialect.abort_word}", readings[-1])
+        return readings[-1]
+
+    def _judge_stop(self, answer: Answer) -> None:
+        """Raises StopRefused."""
+        self.stop_seen = not answer.errors
+        if answer.errors:
+            word, words = self.dialect.abort_word, "; ".join(answer.errors)
+            raise StopRefused(f"the controller does not take the word {word} (it says `{words}`)")
 
     def _accept(self, answer: Answer) -> Answer:
         """An answer without errors and without an open question. Raises ControllerError on any other."""
@@ -360,10 +434,15 @@ class Link:
         return answer
 
 
-def _heard_of(aborting: asyncio.Task[Where]) -> None:
+def _heard_of(aborting: asyncio.Task[Where | None]) -> None:
     """Whoever asked may have gone away before the controller did not confirm; that is nobody's unhandled error."""
     if not aborting.cancelled():
         aborting.exception()
+
+
+def _of_power_up(question: str) -> bool:
+    """Whether a controller that asks this, and asks it again whatever is typed, was switched on just now."""
+    return "Y/N" in question.upper() and CONFIRMS not in question.lower()
 
 
 def _may_be_our_own_noise(text: str) -> bool:

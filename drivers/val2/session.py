@@ -27,6 +27,8 @@ class Session:
         self.line_may_hold_rest = True
         """Whether what was typed before the prompt was found may still stand in front of the next line: a controller
         that cannot cancel lines, and happened to print a prompt just then, looks as if it had."""
+        self.lost = False
+        """Whether the port is gone, or was closed."""
         self._ledger = ledger
         self._reader = Reader()
         self.talk = self._new_conversation()
@@ -83,6 +85,9 @@ class Session:
                 if talk is self.talk:
                     talk.unheard()  # what the person was told is no answer of ours
                     await self.find_prompt()
+                    await asyncio.sleep(self.dialect.prompt_silence_s)
+                    while talk.unheard():  # nor what was still on its way
+                        await asyncio.sleep(self.dialect.prompt_silence_s)
 
     async def find_prompt(self) -> list[Event]:
         """Get to the prompt, or to the question the controller asks (kept in `question`). Raises NoAnswer."""
@@ -93,9 +98,9 @@ class Session:
         return events
 
     def send(self, data: bytes) -> None:
-        """Send bytes, and keep them in the ledger. Raises PortError."""
-        self._ledger.sent(data, self.clock())
+        """Send bytes, then keep them in the ledger. Raises PortError."""
         self._port.write(data)
+        self._ledger.sent(data, self.clock())
 
     def _refuse_unheard(self, answers_question: bool) -> None:
         """Errors and questions that came while nobody listened (an emergency stop, a power cycle) come first."""
@@ -125,8 +130,8 @@ class Session:
 
     def _deliver(self, events: list[Event]) -> None:
         for event in events:
-            self._ledger.heard(event, self.clock())
             self.talk.hear(event)
+            self._ledger.heard(event, self.clock())
 
     def _cancel_silence(self) -> None:
         if self._silence is not None:
@@ -134,5 +139,6 @@ class Session:
             self._silence = None
 
     def _lost(self, error: LinkError) -> None:
+        self.lost = True
         self._cancel_silence()
         self.talk.end(error)

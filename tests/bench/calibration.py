@@ -79,6 +79,7 @@ async def calibrated(seed: int) -> Calibrated:
     try:
         await hardware.open()
         cycle = Cycle(*pick_cell(config, start, hardware, Silent()), None)
+        await cycle.supervisor.prove_stop()
         cycle.supervisor.enable()
         await cycle.go("survey")
         assert hardware.hand is not None

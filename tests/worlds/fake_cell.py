@@ -113,11 +113,20 @@ def joints(world_from_tool: np.ndarray) -> np.ndarray:
         return np.full(6, np.nan)
 
 
+@dataclass
+class Allowed:
+    """What a mover asks whether it may move."""
+
+    enabled: bool = True
+    hindrance: str | None = None
+
+
 class FakeRobot:
     """Jumps. A hand closed within 15 mm of a part's middle takes it, unless it is slippery."""
 
     def __init__(self, world: World) -> None:
         self.world = world
+        self.stop_seen = True
 
     async def where(self) -> Reading:
         self.world.before("where")
@@ -156,6 +165,14 @@ class FakeRobot:
             world.lying.pop(world.held, None)
         world.closed = closed
         world.before("handed")
+
+    async def at_rest(self) -> bool:
+        self.world.before("at rest")
+        return True
+
+    async def prove_stop(self) -> None:
+        self.world.before("prove")
+        self.stop_seen = True
 
     async def abort(self) -> None:
         self.world.wire.append(("abort", None))

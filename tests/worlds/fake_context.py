@@ -9,7 +9,8 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-from daemon.arm.supervisor import RefusedError
+from daemon.arm.supervisor import Let, RefusedError
+from daemon.arm.workcell import StopRefusedError
 from daemon.console.notices import Notices
 from daemon.pick.order import PickOrder
 from daemon.upkeep.watched import Troubles
@@ -24,6 +25,7 @@ class FakeCycle:
     doing: str | None = None
     pending: str | None = None
     refuse_with: str | None = None
+    stop_refused_with: str | None = None
     slow: bool = False
     pick_order: PickOrder | None = None
     held: bool | None = False
@@ -45,8 +47,14 @@ class FakeCycle:
     def places(self) -> dict[str, Any]:
         return {"home": None, "bin": None, "survey": None}
 
-    def enable(self) -> None:
-        self.told.append("enable")
+    async def prove_stop(self) -> None:
+        if self.stop_refused_with:
+            raise StopRefusedError(self.stop_refused_with)
+
+    def enable(self, stops: int | None = None, let: Let = Let.ALL) -> None:
+        if stops not in (None, self.stops):
+            raise RefusedError("stopped again")
+        self.told.append("enable" if let is Let.ALL else f"enable {let}")
 
     def resume(self, stops: int | None = None) -> None:
         if stops not in (None, self.stops):

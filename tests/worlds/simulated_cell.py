@@ -114,6 +114,7 @@ async def rig(
         start = model or empty_model(load_facets(config.file(config.values.files.facets)))
         cycle = Cycle(cell, settings or usual, Recogniser(start, believed.rig, config.values.vision))
         tell_the_judge(hardware.hand.cell, cycle, log)
+        await cycle.supervisor.prove_stop()
         cycle.supervisor.enable()
         try:
             yield Rig(hardware.hand.cell, cycle, log, hardware.robot)
@@ -128,10 +129,10 @@ async def rig(
 def tell_the_judge(cell: SimulatedCell, cycle: Cycle, log: ListLog) -> None:
     """When the arm may move, and how fast, as it is said: by whoever enables and resumes, and by the log."""
 
-    def leave(act: Callable[[], None]) -> Callable[[], None]:
-        def given() -> None:
+    def leave(act: Callable[..., None]) -> Callable[..., None]:
+        def given(*asked: object) -> None:
             cell.judge.may_move(cell.server.now_s(), True)
-            act()
+            act(*asked)
 
         return given
 

@@ -130,11 +130,20 @@ async def mend(here: Rig) -> None:
     here.cell.camera.unplug(False)
     here.cell.camera.cover("left", False)
     here.cell.controller.machine.switch_arm_power_on()
+    await _stopped(here)
     if here.robot.question:
         await here.robot.power_up(("Y", "Y"))
     if not here.cell.controller.machine.calibrated:
         here.cell.judge.may_move(here.cell.server.now_s(), True)
         await here.robot.calibrate("Y")
+
+
+async def _stopped(here: Rig) -> None:
+    """A stop that was not confirmed goes on until it is; a dead controller never confirms it."""
+    for _ in range(200):
+        if not here.cycle.supervisor.stopping:
+            return
+        await asyncio.sleep(0.05)
 
 
 def on_state(here: Rig, state: str, act: Callable[[], None]) -> None:
@@ -205,7 +214,7 @@ async def _goes_on(here: Rig, label: str, rng: np.random.Generator) -> bool:
     """Mend, resume, answer for the gripper, pick a fresh part."""
     try:
         await mend(here)
-        if here.cycle.supervisor.mover.fault is not None:
+        if here.cycle.supervisor.fault is not None:
             here.cycle.supervisor.resume()
         if here.cycle.hand_full is None:
             here.cycle.holding(here.lies(label) == "hand")

@@ -16,7 +16,7 @@ from daemon.arm.guard import ArmState, Command, Limits, Strike, refuse
 from daemon.arm.mover import Arrival, Mover, MoveRefusedError
 from daemon.pick.grasp import tool_rotation
 from drivers import puma560
-from tests.worlds.fake_cell import ARM, HEAD_DOWN, World, build
+from tests.worlds.fake_cell import ARM, HEAD_DOWN, Allowed, World, build
 
 POST = KeepOut("post", (560.0, 120.0, -300.0), (620.0, 180.0, 300.0))
 LIMITS = Limits(keep_out=(POST,))
@@ -91,20 +91,19 @@ class GuardedMotion(RuleBasedStateMachine):
     def build(self):
         self.loop = asyncio.new_event_loop()
         self.world = World(np.random.default_rng(1))
-        self.mover = Mover(build(self.world), LIMITS, Arrival())
+        self.mover = Mover(build(self.world), LIMITS, Arrival(), Allowed())
         self.look_s = 0.0
         self.judged = 0
         self.wrong: list[str] = []
-        self.mover.enabled = True
         self.loop.run_until_complete(self.mover.rest())
 
     @rule(on=st.sampled_from([True, True, True, False]))
     def enable(self, on):
-        self.mover.enabled = on
+        self.mover.leave.enabled = on
 
     @rule(fault=st.sampled_from([None, None, None, "stopped"]))
     def fault(self, fault):
-        self.mover.fault = fault
+        self.mover.leave.hindrance = fault
 
     @rule()
     def look(self):
@@ -143,7 +142,7 @@ class GuardedMotion(RuleBasedStateMachine):
     def go_to(self, pose, speed, from_look):
         before = self.mover.at
         told = Command(pose, True, speed, "random", self.look_s if from_look else None)
-        state = (self.mover.enabled, self.mover.fault, self.world.now_s)
+        state = (self.mover.leave.enabled, self.mover.leave.hindrance, self.world.now_s)
         try:
             self.loop.run_until_complete(self.mover.go(told))
         except MoveRefusedError:
@@ -158,6 +157,14 @@ class GuardedMotion(RuleBasedStateMachine):
             pose[2, 3] = -300.0 + height
             self.go_to(pose, 50.0, False)
 
+    @rule(beyond=st.floats(0.5, 40.0))
+    def stray(self, beyond):
+        """Out of the box by its side, as far as a step goes."""
+        if self.mover.at is not None:
+            pose = self.mover.at.world_from_tool.copy()
+            pose[1, 3] = min(pose[1, 3] + 440.0, 650.0 + beyond)
+            self.go_to(pose, 50.0, False)
+
     @rule(xyz=st.tuples(*[st.floats(-250, 250)] * 3), turn=st.floats(-2.5, 2.5), from_look=st.booleans())
     def go_on(self, xyz, turn, from_look):
         if self.mover.at is not None:
@@ -165,7 +172,7 @@ class GuardedMotion(RuleBasedStateMachine):
 
     @rule(closed=st.booleans())
     def hand(self, closed):
-        may = self.mover.enabled and self.mover.fault is None
+        may = self.mover.leave.enabled and self.mover.leave.hindrance is None
         sent = len(self.world.wire)
         try:
             self.loop.run_until_complete(self.mover.hand(closed))

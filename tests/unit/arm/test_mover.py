@@ -14,7 +14,7 @@ from daemon.arm.mover import Arrival, Mover, MoveRefusedError, OutOfReachError
 from daemon.arm.workcell import Reading
 from drivers import puma560
 from drivers.simcell.arm import SingularWristError, plan_joints, plan_straight
-from tests.worlds.fake_cell import HEAD_DOWN, World, build
+from tests.worlds.fake_cell import HEAD_DOWN, Allowed, World, build
 
 START = np.radians([10.0, -120.0, 30.0, 5.0, 60.0, 20.0])
 
@@ -50,18 +50,17 @@ NEAR = frames.perturb(HEAD_DOWN, np.array([30.0, 0, 0, 0, 0, 0]))
 
 
 def mover_in(world: World, gate=None, **limits) -> Mover:
-    mover = Mover(build(world), Limits(**limits), Arrival(), *([gate] if gate else []))
-    mover.enabled = True
+    mover = Mover(build(world), Limits(**limits), Arrival(), Allowed(), *([gate] if gate else []))
     asyncio.run(mover.rest())
     return mover
 
 
 def disable(mover: Mover, world: World) -> None:
-    mover.enabled = False
+    mover.leave.enabled = False
 
 
 def stop(mover: Mover, world: World) -> None:
-    mover.fault = "stopped"
+    mover.leave.hindrance = "stopped"
 
 
 def lose(mover: Mover, world: World) -> None:
@@ -98,7 +97,7 @@ def test_a_move_that_is_refused_before_is_not_held_back_first():
         asked.append(told)
 
     mover = mover_in(world, gate)
-    mover.enabled = False
+    mover.leave.enabled = False
     with pytest.raises(MoveRefusedError):
         asyncio.run(mover.go(command(NEAR, False, 50.0)))
     assert not asked

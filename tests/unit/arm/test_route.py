@@ -15,6 +15,7 @@ from daemon.arm.route import planned_way
 from daemon.arm.workcell import Reading, Workcell
 from daemon.pick.grasp import tool_rotation
 from drivers import puma560
+from tests.worlds.fake_cell import Allowed
 from tests.worlds.swept import ARM, ROBOT, Travel, truth_of
 
 POST = KeepOut("post", (540.0, -30.0, -300.0), (580.0, 30.0, -120.0))
@@ -114,8 +115,8 @@ class Jumping:
 
 def mover_at(pose, limits=LIMITS):
     robot = Jumping(reading(pose))
-    mover = Mover(Workcell(robot, None, Log(), lambda: 0.0, None, np.eye(4)), limits, Arrival())
-    mover.enabled, mover.at = True, robot.at
+    mover = Mover(Workcell(robot, None, Log(), lambda: 0.0, None, np.eye(4)), limits, Arrival(), Allowed())
+    mover.at = robot.at
     return mover, robot
 
 

@@ -8,7 +8,8 @@ import pytest
 from daemon import frames
 from daemon.arm.guard import Command, Limits
 from daemon.arm.mover import Arrival, MoveRefusedError
-from daemon.arm.supervisor import Interruption, OperatorRefusedError, RefusedError, Supervisor
+from daemon.arm.supervisor import Interruption, Let, OperatorRefusedError, RefusedError, Supervisor
+from daemon.arm.workcell import StopRefusedError
 from tests.worlds.fake_cell import HEAD_DOWN, World, build
 
 NEAR = frames.perturb(HEAD_DOWN, np.array([30.0, 0, 0, 0, 0, 0]))
@@ -67,7 +68,7 @@ def test_every_stop_ends_the_job_with_an_abort_as_the_last_word_and_then_says_wh
     world, supervisor, heard = supervised()
     error = asyncio.run(interrupted(world, supervisor, lambda: act(supervisor)))
     assert isinstance(error, RefusedError)
-    assert supervisor.mover.fault == fault
+    assert supervisor.fault == fault
     assert world.wire[-1][0] == "abort"
     assert heard == [(what, len(world.wire))]
     assert not supervisor.busy
@@ -82,7 +83,7 @@ def test_the_fault_stands_and_the_place_is_forgotten_before_the_arm_is_told_to_s
 
     def hook(name: str) -> None:
         if name == "abort":
-            standing.append((supervisor.mover.fault, supervisor.mover.at, len(world.said("fault"))))
+            standing.append((supervisor.fault, supervisor.mover.at, len(world.said("fault"))))
 
     world.before = hook
     asyncio.run(act(supervisor))
@@ -112,7 +113,7 @@ def test_an_error_in_a_job_that_moves_stops_the_arm_and_one_in_a_job_that_only_l
 
         with pytest.raises(OSError, match="cable"):
             asyncio.run(supervisor.run("work", broken(), moves))
-        assert (supervisor.mover.fault == "OSError: the cable came out") is moves
+        assert (supervisor.fault == "OSError: the cable came out") is moves
         assert [name for name, _ in world.wire] == ["abort"] * moves
         assert [what for what, _ in heard] == [Interruption.ERROR] * moves
 
@@ -121,7 +122,7 @@ def test_a_refusal_in_a_job_is_no_fault():
     world, supervisor, heard = supervised(enabled=False)
     with pytest.raises(MoveRefusedError):
         asyncio.run(supervisor.run("travel", travelling(supervisor)))
-    assert (supervisor.mover.fault, world.wire, heard) == (None, [], [])
+    assert (supervisor.fault, world.wire, heard) == (None, [], [])
 
 
 def test_an_abort_that_is_not_answered_is_a_fault_that_sends_to_the_emergency_stop():
@@ -133,7 +134,7 @@ def test_an_abort_that_is_not_answered_is_a_fault_that_sends_to_the_emergency_st
 
     world.before = dead
     asyncio.run(supervisor.abort())
-    assert "press emergency stop" in supervisor.mover.fault
+    assert "press the emergency stop" in supervisor.fault
     assert [what for what, _ in heard] == [Interruption.ERROR]
 
 
@@ -218,7 +219,7 @@ def test_a_no_to_a_pending_move_leaves_it_unsent_and_no_fault():
             await task
 
     asyncio.run(story())
-    assert (world.wire, supervisor.mover.fault) == ([], None)
+    assert (world.wire, supervisor.fault) == ([], None)
 
 
 async def endless(world: World) -> None:
@@ -254,7 +255,7 @@ def test_every_stop_ends_what_an_operator_told_the_controller_and_status_shows_i
 
     asyncio.run(story())
     assert [name for name, _ in world.wire] == ["foreign", "abort"]
-    assert supervisor.mover.fault == fault
+    assert supervisor.fault == fault
 
 
 def test_what_an_operator_tells_the_controller_is_held_and_confirmed_like_a_move_and_asked_for_again_after():
@@ -269,7 +270,7 @@ def test_what_an_operator_tells_the_controller_is_held_and_confirmed_like_a_move
         while supervisor.status()["pending"] is None:
             await asyncio.sleep(0)
         assert supervisor.status()["pending"] == "CAL"
-        supervisor.mover.enabled = False
+        supervisor.mover.cell.robot.stop_seen = False  # the line was opened anew
         supervisor.confirm()
         with pytest.raises(RefusedError, match="not enabled"):
             await task
@@ -287,7 +288,7 @@ def test_an_error_in_what_an_operator_told_the_controller_stops_the_arm():
     with pytest.raises(OSError, match="Envelope"):
         asyncio.run(supervisor.by_hand("CAL", broken))
     assert [name for name, _ in world.wire] == ["abort"]
-    assert "Envelope" in str(supervisor.mover.fault)
+    assert "Envelope" in str(supervisor.fault)
 
 
 @pytest.mark.parametrize("way", ["stop", "conversation", "motion"])
@@ -379,7 +380,7 @@ def test_neither_resume_nor_enable_is_heard_while_the_answer_to_a_stop_is_awaite
         for word in (supervisor.resume, supervisor.enable):
             with pytest.raises(RefusedError, match="still being stopped"):
                 word()
-        assert supervisor.mover.fault == "stopped by ann"
+        assert supervisor.fault == "stopped by ann"
         assert not stopping.done()
         answered.set()
         await stopping
@@ -388,7 +389,7 @@ def test_neither_resume_nor_enable_is_heard_while_the_answer_to_a_stop_is_awaite
             assert isinstance(job.exception(), RefusedError)
 
     asyncio.run(story())
-    assert supervisor.mover.fault == "stopped by ann"
+    assert supervisor.fault == "stopped by ann"
     supervisor.resume()
 
 
@@ -414,7 +415,7 @@ def test_an_enable_that_races_a_disable_ends_disabled():
     supervisor.mover.cell.robot.abort = slow_abort
     asyncio.run(interrupted(world, supervisor, race))
     assert refused
-    assert not supervisor.mover.enabled
+    assert not supervisor.enabled
 
 
 def test_a_stop_that_came_while_somebody_was_asked_about_an_older_fault_stands():
@@ -424,4 +425,275 @@ def test_a_stop_that_came_while_somebody_was_asked_about_an_older_fault_stands()
     asyncio.run(supervisor.stop("by ann"))
     with pytest.raises(RefusedError, match="stopped again"):
         supervisor.resume(seen)
-    assert supervisor.mover.fault == "stopped by ann"
+    assert supervisor.fault == "stopped by ann"
+
+
+class Unheard(Heard):
+    """Nobody who is told of anything can hear it."""
+
+    def append(self, _) -> None:
+        raise OSError("nobody is there")
+
+
+def no_log(*_, **__) -> None:
+    raise OSError(28, "No space left on device")
+
+
+async def eventually(so) -> None:
+    for _ in range(10_000):
+        if so():
+            return
+        await asyncio.sleep(0.001)
+    raise AssertionError("it did not come to that")
+
+
+@pytest.fixture
+def soon(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The alarm and the next round come at once."""
+    monkeypatch.setattr("daemon.arm.supervisor.ABORT_S", 0.05)
+    monkeypatch.setattr("daemon.arm.supervisor.AGAIN_S", 0.01)
+
+
+def failing_aborts(world: World, error: Exception, count: int) -> list[str]:
+    """The first `count` rounds of a stop fail; every round as it is told."""
+    told: list[str] = []
+
+    def hook(name: str) -> None:
+        if name == "abort":
+            told.append(name)
+            if len(told) <= count:
+                raise error
+
+    world.before = hook
+    return told
+
+
+@pytest.mark.parametrize("error", [OSError("no answer"), StopRefusedError("the controller does not take the word")])
+def test_the_arm_is_told_to_stop_until_it_was_seen_at_rest_and_the_alarm_sounds_meanwhile(soon, error):
+    world, supervisor, heard = supervised()
+    told = failing_aborts(world, error, 12)
+
+    async def story() -> None:
+        alarm = await supervisor.stop("by ann")
+        assert alarm is not None
+        assert "stopped by ann; NOT CONFIRMED: " in alarm
+        assert str(error) in alarm
+        assert "press the emergency stop" in alarm
+        assert supervisor.stopping
+        assert "press the emergency stop" in str(supervisor.fault)
+        for word in (supervisor.resume, supervisor.enable):
+            with pytest.raises(RefusedError, match="press the emergency stop"):
+                word()
+        again = await supervisor.stop("by bob")
+        assert again is not None
+        await eventually(lambda: not supervisor.stopping)
+        assert "press the emergency stop" in str(supervisor.fault), "it stands until resume"
+        supervisor.resume()
+        assert await supervisor.stop("by cat") is None
+        assert supervisor.fault == "stopped by cat", "an alarm that is over keeps no later fault from standing"
+        supervisor.resume()
+
+    asyncio.run(story())
+    assert len(told) == 14
+    assert [fault["text"] for fault in world.said("fault")][1:] == ["stopped by cat"], "the alarm, once"
+    assert len(world.said("rest")) == 1
+    both = [Interruption.ERROR, Interruption.RESUME, Interruption.STOP, Interruption.RESUME]
+    assert [what for what, _ in heard] == both
+
+
+def test_a_refused_stop_is_told_at_once_and_not_after_the_time_that_a_lost_one_has():
+    world, supervisor, _ = supervised()
+    failing_aborts(world, StopRefusedError("no such word"), 1)
+
+    async def story() -> None:
+        began = asyncio.get_running_loop().time()
+        assert await supervisor.stop() is not None
+        assert asyncio.get_running_loop().time() - began < 0.3
+
+    asyncio.run(story())
+
+
+def test_nothing_moves_while_a_stop_that_leaves_no_fault_is_under_way():
+    world, supervisor, _ = supervised()
+    answered = asyncio.Event()
+    supervisor.mover.cell.robot.abort = answered.wait
+
+    async def story() -> None:
+        await supervisor.mover.rest()
+        stopping = asyncio.create_task(supervisor.abort())
+        await asyncio.sleep(0.01)
+        await supervisor.mover.rest()
+        with pytest.raises(MoveRefusedError, match="being stopped"):
+            await supervisor.mover.go(Command(NEAR, False, 50.0, "a test"))
+        with pytest.raises(MoveRefusedError, match="being stopped"):
+            await supervisor.mover.hand(closed=True)
+        with pytest.raises(RefusedError, match="being stopped"):
+            await supervisor.by_hand("CAL", lambda: endless(world))
+        with pytest.raises(RefusedError, match="busy: being stopped"):
+            await supervisor.run("travel", travelling(supervisor))
+        answered.set()
+        assert await stopping is None
+        assert supervisor.fault is None
+        await supervisor.mover.rest()
+        await supervisor.mover.go(Command(NEAR, False, 50.0, "a test"))
+
+    asyncio.run(story())
+    assert [name for name, _ in world.wire] == ["move"]
+
+
+@pytest.mark.parametrize(("act", "fault", "what"), STOPS)
+def test_a_stop_is_a_stop_though_everybody_who_is_told_of_it_fails(act, fault, what):
+    world = World(np.random.default_rng(0))
+    supervisor = Supervisor(build(world), Limits(), Arrival(), Unheard().append)
+    supervisor.enable()
+
+    async def story() -> None:
+        task = asyncio.create_task(supervisor.run("travel", travelling(supervisor)))
+        await eventually(lambda: len(world.wire) > 1)
+        world.record = no_log
+        await act(supervisor)
+        with pytest.raises(RefusedError):
+            await task
+
+    asyncio.run(story())
+    assert world.wire[-1][0] == "abort"
+    assert supervisor.fault == fault
+
+
+@pytest.mark.parametrize("voids", ["stop", "disable", "abort"])
+def test_an_enable_that_was_asked_for_before_a_stop_or_a_disable_is_void(voids):
+    _, supervisor, _ = supervised(enabled=False)
+
+    async def story() -> None:
+        asked = supervisor.stops
+        await getattr(supervisor, voids)()
+        with pytest.raises(RefusedError, match="say `enable` once more"):
+            supervisor.enable(asked)
+        assert not supervisor.enabled
+        supervisor.enable(supervisor.stops)
+        assert supervisor.enabled
+
+    asyncio.run(story())
+
+
+def test_nothing_moves_without_a_stop_that_was_seen_to_work_since_the_line_was_opened():
+    world, supervisor, _ = supervised(enabled=False)
+    robot = supervisor.mover.cell.robot
+    robot.stop_seen = False
+
+    async def story() -> None:
+        with pytest.raises(RefusedError, match="no stop of this arm was seen to work"):
+            supervisor.enable()
+        await supervisor.prove_stop()
+        supervisor.enable()
+        await supervisor.mover.rest()
+        await supervisor.mover.go(Command(NEAR, False, 50.0, "a test"))
+        robot.stop_seen = False  # as after the line was opened anew
+        with pytest.raises(MoveRefusedError, match="not_enabled"):
+            await supervisor.mover.go(Command(HEAD_DOWN, False, 50.0, "a test"))
+        with pytest.raises(RefusedError, match="say `enable`"):
+            await supervisor.by_hand("CAL", lambda: endless(world))
+
+    asyncio.run(story())
+    assert [name for name, _ in world.wire] == ["move"]
+
+
+def test_a_line_that_was_opened_anew_takes_the_enable_away_and_no_stop_gives_it_back():
+    _, supervisor, _ = supervised()
+
+    async def story() -> None:
+        await supervisor.mover.rest()
+        asked = supervisor.stops
+        supervisor.line_opened_anew()
+        assert (supervisor.enabled, supervisor.mover.at) == (False, None)
+        with pytest.raises(RefusedError, match="say `enable` once more"):
+            supervisor.enable(asked)
+        await supervisor.stop()
+        supervisor.resume()
+        assert not supervisor.enabled
+
+    asyncio.run(story())
+
+
+def test_a_stop_that_is_seen_to_work_gives_no_leave_back():
+    world, supervisor, _ = supervised()
+    robot = supervisor.mover.cell.robot
+    robot.stop_seen = False  # the controller was switched off and on
+
+    def hook(_: str) -> None:
+        robot.stop_seen = True
+
+    world.before = hook
+    asyncio.run(supervisor.stop())
+    supervisor.resume()
+    assert not supervisor.enabled
+
+
+def test_an_arm_enabled_by_hand_only_takes_what_an_operator_tells_the_controller_and_no_move_of_ours():
+    world, supervisor, _ = supervised(enabled=False)
+    supervisor.enable(let=Let.BY_HAND)
+
+    async def story() -> None:
+        await supervisor.mover.rest()
+        with pytest.raises(MoveRefusedError, match="not_enabled"):
+            await supervisor.mover.go(Command(NEAR, False, 50.0, "a test"))
+        with pytest.raises(RefusedError, match="no hand_eye"):
+            supervisor.may_move()
+        task = asyncio.create_task(supervisor.by_hand("CAL", lambda: endless(world)))
+        await eventually(lambda: world.wire)
+        await supervisor.disable()
+        with pytest.raises(RefusedError):
+            await task
+
+    asyncio.run(story())
+    assert [name for name, _ in world.wire] == ["foreign", "abort"]
+    assert not supervisor.by_hand_only
+
+
+def test_what_is_told_by_hand_waits_for_a_yes_of_its_own():
+    world, supervisor, _ = supervised()
+
+    async def story() -> None:
+        task = asyncio.create_task(supervisor.by_hand("DO READY", lambda: endless(world), ask=True))
+        await eventually(lambda: supervisor.status()["pending"] == "DO READY")
+        supervisor.step(False)  # moves no longer wait: this is none of them
+        await asyncio.sleep(0.01)
+        assert supervisor.status()["pending"] == "DO READY"
+        supervisor.refuse()
+        with pytest.raises(OperatorRefusedError):
+            await task
+
+    asyncio.run(story())
+    assert world.wire == []
+
+
+def test_an_arm_counts_as_at_rest_by_its_own_word_only():
+    _, supervisor, _ = supervised()
+    robot = supervisor.mover.cell.robot
+
+    async def moving() -> bool:
+        return False
+
+    async def deaf() -> bool:
+        raise OSError("no answer")
+
+    async def story() -> None:
+        assert await supervisor.at_rest()
+        for word in (moving, deaf):
+            robot.at_rest = word
+            assert not await supervisor.at_rest()
+
+    asyncio.run(story())
+
+
+def test_the_end_waits_for_rest_beyond_the_alarm(soon):
+    world, supervisor, _ = supervised()
+    told = failing_aborts(world, OSError("no answer"), 12)
+
+    async def story() -> None:
+        await supervisor.close()
+        assert supervisor.stopping
+        await supervisor.rested()
+
+    asyncio.run(story())
+    assert len(told) == 13

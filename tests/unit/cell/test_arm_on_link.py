@@ -5,17 +5,19 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from daemon.arm import StopRefusedError
 from daemon.cell.arm_on_link import ArmOnLink
 from drivers.puma560 import READY_RAD, Puma560
 from drivers.simcell.arm import Arm
-from drivers.simcell.controller import Controller, Faults, Manners, PtyServer
+from drivers.simcell.controller import Controller, Faults, Manners, Mishap, PtyServer
 from drivers.val2.errors import LinkError
-from tests.worlds.arm_line import ArmLine
+from tests.worlds.arm_line import QUICK, ArmLine
 
 BENT = READY_RAD + np.radians([20.0, 0.0, 0.0, 0.0, 30.0, 0.0])
 
@@ -164,5 +166,37 @@ def test_an_arm_that_goes_on_moving_gives_no_place_to_reckon_from(
             with pytest.raises(LinkError, match="not at rest within"):
                 await arm.rest()
             await arm.abort()
+
+    asyncio.run(story())
+
+
+def test_whether_the_arm_rests_is_asked_of_the_controller_now(line: ArmLine) -> None:
+    async def story() -> None:
+        async with arm_on(line) as arm:
+            await arm.monitor("SPEED 4")
+            assert await arm.at_rest()
+            await arm.link.command("DO READY")
+            assert moving(line)
+            assert not await arm.at_rest()
+            await arm.abort()
+            assert await arm.at_rest()
+            with line.server.controller() as controller:
+                controller.mishap(Mishap.POWER_CYCLED)
+            await arm.link.close()
+            await arm.link.open()
+            assert arm.question is not None
+            assert await arm.at_rest(), "it was switched off and on, and asks"
+
+    asyncio.run(story())
+
+
+def test_a_stop_the_controller_refuses_is_told_in_the_houses_own_error(line: ArmLine) -> None:
+    async def story() -> None:
+        async with line.link(replace(QUICK, abort_word="HALT")) as link:
+            arm = ArmOnLink(link, Puma560())
+            for word in (arm.prove_stop, arm.abort):
+                with pytest.raises(StopRefusedError, match=r"HALT \(it says `\*Illegal command\*`\)"):
+                    await word()
+            assert not arm.stop_seen
 
     asyncio.run(story())

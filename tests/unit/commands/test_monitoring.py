@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import shutil
 import tempfile
 import time
@@ -15,10 +16,12 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from daemon.commands.monitoring import Typist
+from daemon.arm import Arrival, Limits, Supervisor
+from daemon.commands.monitoring import SPOIL, Typist
 from daemon.store.runs import check_wire, list_runs, read_run
 from drivers.simcell.arm import Arm
 from drivers.simcell.controller import Controller
+from tests.worlds.fake_cell import World, build
 from tests.worlds.fake_context import FakeDoor, FakeLog
 from tests.worlds.person import Person
 from tests.worlds.running import Running
@@ -26,8 +29,11 @@ from tests.worlds.running import Running
 
 def standing(fault: str | None = None, enabled: bool = True) -> Any:
     """As much of a context as a typist sees."""
-    cycle = SimpleNamespace(status=lambda: {"fault": fault, "enabled": enabled}, hand_full=False)
-    return SimpleNamespace(cycle=cycle, log=FakeLog())
+    supervisor = Supervisor(build(World(np.random.default_rng(0))), Limits(), Arrival(), lambda _: None)
+    if enabled:
+        supervisor.enable()
+    supervisor.fault = fault
+    return SimpleNamespace(cycle=SimpleNamespace(supervisor=supervisor, hand_full=False), log=FakeLog())
 
 
 class Shown(FakeDoor):
@@ -37,9 +43,10 @@ class Shown(FakeDoor):
         self.said.append(data.decode("latin-1"))
 
 
-def typed(context: Any, *keys: bytes) -> tuple[bytes, Shown]:
+def typed(context: Any, *keys: bytes, apart_s: float = 1.0) -> tuple[bytes, Shown]:
     sent, door = bytearray(), Shown()
-    typist = Typist(context, door)
+    now_s = iter(np.arange(10_000) * apart_s)
+    typist = Typist(context, door, lambda: float(next(now_s)))
     for some in keys:
         typist.typed(some, sent.extend)
     return bytes(sent), door
@@ -47,7 +54,7 @@ def typed(context: Any, *keys: bytes) -> tuple[bytes, Shown]:
 
 def test_every_line_goes_out_as_it_was_typed_and_into_the_log() -> None:
     context = standing()
-    sent, _ = typed(context, b"WHE", b"RX\x7fE\r", b"DO MOVE P1\r\r")
+    sent, _ = typed(context, b"WHE", b"RX\x7fE\r", b"DO MOVE P1\r", b"y", b"\r")
     assert sent == b"WHERX\x7fE\rDO MOVE P1\r\r"
     assert [fields["text"] for kind, fields in context.log.records] == ["WHERE", "DO MOVE P1"]
     assert {fields["door"] for _, fields in context.log.records} == {"test, monitor"}
@@ -82,8 +89,51 @@ def test_a_hand_that_was_worked_here_is_asked_about_later(line: bytes) -> None:
     context = standing()
     typed(context, b"WHERE\rDO MOVE P1\r")
     assert context.cycle.hand_full is False
-    typed(context, line + b"\r")
+    typed(context, line + b"\r", b"n")
+    assert context.cycle.hand_full is False
+    typed(context, line + b"\r", b"y")
     assert context.cycle.hand_full is None
+
+
+@pytest.mark.parametrize("keys", [[b"DO READY\r", b"n"], [b"DO READY\ry"], [b"DO READY\r", b" ", b"y"]])
+def test_a_line_that_may_move_the_arm_is_sent_after_a_yes_to_the_question_that_was_shown(keys: list[bytes]) -> None:
+    sent, door = typed(standing(), *keys, apart_s=0.2 if len(keys) == 1 else 1.0)
+    assert "Send it? [y/n]" in door.said[0]
+    assert b"\r" not in sent.replace(SPOIL, b"")
+
+
+@pytest.mark.parametrize("meanwhile", ["nothing", "pause", "fault", "line opened anew"])
+def test_a_line_that_may_move_the_arm_is_held_like_a_move_also_after_the_yes(meanwhile: str) -> None:
+    context = standing()
+    supervisor = context.cycle.supervisor
+    sent, door = bytearray(), Shown()
+    now_s = iter(range(100))
+    typist = Typist(context, door, lambda: float(next(now_s)))
+    typist.typed(b"DO READY\r", sent.extend)
+    if meanwhile == "pause":
+        supervisor.pause()
+    elif meanwhile == "fault":
+        supervisor.latch("stopped by bob")
+    elif meanwhile == "line opened anew":
+        supervisor.mover.cell.robot.stop_seen = False
+    typist.typed(b"y", sent.extend)
+    assert (bytes(sent) == b"DO READY\r") is (meanwhile == "nothing")
+    assert ("not sent" in door.said[-1]) is (meanwhile != "nothing")
+
+
+@pytest.mark.parametrize("line", [b"stop", b"STOP!", b"sto", b"halt"])
+def test_a_stop_typed_at_the_controllers_terminal_is_ours(line: bytes) -> None:
+    context = standing()
+    wire = context.cycle.supervisor.mover.cell.robot.world.wire
+
+    async def story() -> bytes:
+        sent, _ = typed(context, line + b"\r")
+        await asyncio.sleep(0.01)
+        return sent
+
+    assert b"\r" not in asyncio.run(story())
+    assert wire == [("abort", None)]
+    assert context.cycle.supervisor.fault == "stopped by tester"
 
 
 WORDS = [b"DO MOVE TRANS(400,0,0,0,90,0)", b"DO READY", b"EXECUTE", b"CAL", b"Y", b"WHERE", b"SPEED 50", b"DO ",
@@ -106,7 +156,7 @@ def test_whatever_keys_are_pressed_an_arm_that_may_not_move_does_not(keys: list[
 
 
 def test_the_property_above_sees_an_arm_that_may_move_moving() -> None:
-    sent, _ = typed(standing(), b"DO READY\r")
+    sent, _ = typed(standing(), b"DO READY\r", b"y")
     controller = Controller(Arm())
     before = controller.arm.joints_at(0.0)
     controller.receive(sent, 0.0)
@@ -156,6 +206,9 @@ def test_control_c_at_the_controllers_terminal_stops_the_arm_and_a_fault_stands(
     person.sees(".")
     person.types("SPEED 1\r")
     person.types("DO READY\r")
+    person.sees("Send it? [y/n]")
+    time.sleep(0.5)
+    person.types("y")
     time.sleep(0.3)
     person.types("\x03")
     person.sees("Stopped. Nothing moves until `resume`.")
@@ -181,7 +234,9 @@ def test_cal_needs_an_arm_that_may_move_is_shown_while_it_runs_and_is_stopped_li
     daemon.do("enable")
     daemon.do("robot monitor SPEED 1")
     person = Person(daemon.folder, "robot", "monitor", "DO", "READY")
-    while daemon.do("status")["data"]["doing"] != "DO READY":
+    person.sees("DO READY. Send it? [y/n]")
+    person.types("y\r")
+    while (state := daemon.do("status")["data"])["doing"] != "DO READY" or state["pending"]:
         time.sleep(0.02)
     stopped = daemon.do("stop")
     assert "Stopped" in stopped["text"]

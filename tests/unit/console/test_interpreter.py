@@ -183,12 +183,65 @@ def test_a_fault_in_the_program_itself_is_an_answer_too_and_the_console_lives(co
     assert say(context, "status").status == 0
 
 
-def test_enable_is_refused_without_a_hand_eye_calibration(context: object) -> None:
-    context.calibration.tool_from_cyclopean = None  # type: ignore[attr-defined]
+@pytest.mark.parametrize("text", ["stop '", 'stop "', "stop\xfc", "st\x00op", "\x1bstop", "STOP!", "sto", "halt\udcff"])
+def test_no_line_is_too_odd_to_stop(context: Any, text: str) -> None:
+    answer = say(context, text, FakeDoor(who="o\ud800dd\x00", may="look"))
+    assert (answer.status, answer.text) == (0, "Stopped. Nothing moves until `resume`.")
+    assert context.cycle.told == ["stop by o\ud800dd\x00"]
+
+
+def test_the_arm_is_stopped_before_anything_is_logged_and_though_nothing_can_be(context: Any) -> None:
+    def full(*_: object, **__: object) -> None:
+        assert context.cycle.told == ["stop by tester"]
+        raise OSError(28, "No space left on device")
+
+    context.log.record = full
+    assert say(context, "stop").status == 0
+    assert context.cycle.told == ["stop by tester"]
+
+
+@pytest.mark.parametrize("word", ["stop", "abort", "disable"])
+def test_a_stop_that_is_not_confirmed_is_not_called_done(context: Any, word: str) -> None:
+    alarm = "stopped; NOT CONFIRMED: no answer: press the emergency stop"
+
+    async def unconfirmed(*_: object) -> str:
+        return alarm
+
+    setattr(context.cycle, word, unconfirmed)
+    answer = say(context, word)
+    assert (answer.status, answer.text) == (1, alarm)
+
+
+def test_enable_is_refused_by_a_controller_that_does_not_take_the_word_that_stops(context: Any) -> None:
+    context.cycle.stop_refused_with = "the controller does not take the word HALT (it says `*Illegal command*`)"
     answer = say(context, "enable")
     assert answer.status == 1
-    assert "has no hand_eye yet: `facetctl calibrate hand-eye` first" in answer.text
-    assert context.cycle.told == []  # type: ignore[attr-defined]
+    assert "does not take the word HALT" in answer.text
+    assert "arm.dialect.abort_word" in answer.text
+    assert context.cycle.told == []
+
+
+def test_an_enable_is_void_where_the_arm_was_stopped_while_its_stop_was_tried(context: Any) -> None:
+    async def prove_stop() -> None:
+        await context.cycle.stop("by bob")
+
+    context.cycle.prove_stop = prove_stop
+    assert say(context, "enable").status == 1
+    assert context.cycle.told == ["stop by bob"]
+
+
+@pytest.mark.parametrize(("answers", "told"), [([], []), (["n"], []), (["y"], ["enable by hand"])])
+def test_without_a_hand_eye_the_arm_is_enabled_for_words_by_hand_only_and_after_a_yes(
+    context: Any, answers: list[str], told: list[str]
+) -> None:
+    context.calibration.tool_from_cyclopean = None
+    answer = say(context, "enable", FakeDoor(answers=answers))
+    assert answer.status == (not told)
+    assert context.cycle.told == told
+    if not told:
+        assert "has no hand_eye yet" in answer.text
+    else:
+        assert answer.text == "`robot` may move the arm; nothing else may."
 
 
 @pytest.mark.parametrize(("said", "told"), [("y", "confirm"), ("n", "refuse"), ("", "refuse")])

@@ -111,3 +111,15 @@ def test_a_question_is_taken_back_where_somebody_else_decides() -> None:
 
     assert asyncio.run(asyncio.wait_for(run(), 5)) == "moved"
     assert door.asked == ["home: joints. Send it? [y/n]"]
+
+
+def test_a_door_that_fails_keeps_no_other_from_hearing() -> None:
+    class Broken:
+        def notice(self, text: str) -> None:
+            raise OSError("gone")
+
+    notices, door = Notices(), Door()
+    notices.listen(Broken())
+    notices.listen(door)
+    notices.tell("FAULT")
+    assert door.heard == ["FAULT"]

@@ -171,3 +171,16 @@ def test_long_lines_are_folded_between_words_and_nothing_is_lost() -> None:
     assert max(map(len, lines)) <= COLUMNS
     assert " ".join(text.split()) == " ".join(" ".join(lines).split())
     assert to_terminal("grün\n").endswith(b"gr?n\r\n")
+
+
+@pytest.mark.parametrize("stray", [b"\x1b", b"\x1b\x1b", b"\x00", b"\xfc", b"\xff", b"\x80\x1b"])
+def test_a_stray_byte_eats_nothing_of_what_follows(stray: bytes) -> None:
+    for place in range(4):
+        line = b"stop"[:place] + stray + b"stop"[place:]
+        assert editor().feed(line + b"\r").events == ["stop"]
+
+
+@pytest.mark.parametrize("begun", [b"\x1b", b"\x1b[", b"\x1b[3", b"\x1bO"])
+def test_control_c_and_return_are_heard_in_the_middle_of_an_escape(begun: bytes) -> None:
+    assert editor().feed(begun + b"\x03").events == [Key.INTERRUPT]
+    assert editor().feed(b"stop" + begun + b"\r").events == ["stop"]

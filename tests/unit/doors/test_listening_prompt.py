@@ -70,7 +70,7 @@ def test_stop_is_heard_while_a_command_is_being_done_and_what_was_typed_ahead_is
     time.sleep(0.2)
     person.types("stop\r")
     person.sees("Stopped. Nothing moves until `resume`.", within_s=2.0)
-    person.sees("go bin: not done; it was to stop")
+    person.sees("go bin: not done; the arm was stopped after it was typed")
     assert "stopped by" in daemon.do("status")["data"]["fault"]
     stopped = joints(daemon)
     time.sleep(0.3)

@@ -346,3 +346,42 @@ def test_a_terminal_that_reads_nothing_does_not_hold_up_the_daemon() -> None:
         await asyncio.sleep(0.05)
 
     at_a_terminal(play)
+
+
+SLOW = b'{"do": "go home"}\n'
+HASTE = [
+    b'{"do": "sto"}', b'{"do": "STOP!"}', b'{"do": "stop \'"}', b'{"do": "stop\xff"}', b'{"do": "st\x00op"}',
+    b'{"do": "stop\\ud800", "door": "\\ud800\\u0007"}', b'{"do": "stop", "door": "' + b"x" * 1000 + b'"}',
+    b'{"answer": "stop", "id": 77}', b'{"do": "halt', b"stop", b"stop\xfc", b'{"interrupt": true}',
+    b'{"do": "status", "interrupt": true}', b'{"keys": "abc\\u0003"}', b'{"do": ["stop"]}', b'{"stop": true}',
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("line", HASTE)
+def test_a_stop_is_heard_over_the_socket_however_it_comes_while_something_moves(tmp_path: Path, line: bytes) -> None:
+    """Also at a door whose name cannot be written down, and where nothing can be logged."""
+    context = fake_context(tmp_path)
+    context.cycle.slow = True
+
+    async def serve() -> None:
+        server = SocketServer(tmp_path / "s", None, Console(context, every_command()), interrupter(context))
+        await server.open()
+        reader, writer = await asyncio.open_unix_connection(str(tmp_path / "s"))
+        writer.write(b'{"do": "holding no", "door": "\\ud800\\u0007"}\n')
+        await reader.readline()
+        writer.write(SLOW)
+        while context.cycle.doing is None:
+            await asyncio.sleep(0.01)
+
+        def full(*_: object, **__: object) -> None:
+            raise OSError(28, "No space left on device")
+
+        context.log.record = full
+        writer.write(line + b"\n")
+        while context.cycle.doing is not None:
+            await asyncio.sleep(0.01)
+        writer.close()
+        await server.close()
+
+    asyncio.run(asyncio.wait_for(serve(), 5))
+    assert [told[:7] for told in context.cycle.told] == ["go home", "stop by"]

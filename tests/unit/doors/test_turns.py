@@ -7,6 +7,8 @@ from collections.abc import Awaitable, Callable
 from types import SimpleNamespace
 from typing import Any
 
+import pytest
+
 from daemon.console.interpreter import Answer, Command, Console
 from daemon.doors.turns import Turns
 
@@ -22,6 +24,7 @@ class Operator:
         self.done: list[str] = []
         self.interrupts: list[tuple[str, bool]] = []
         self.may_end = asyncio.Event()
+        self.stops = 0
 
         async def slow(_: Any, words: list[str], __: Any) -> Answer:
             await self.may_end.wait()
@@ -39,7 +42,9 @@ class Operator:
             Command("status", "status", "", now, at_once=True), Command("stop", "stop", "", now, "move", at_once=True),
             Command("resume", "resume", "", ask, at_once=True),
         ]  # fmt: skip
-        context: Any = SimpleNamespace(log=SimpleNamespace(record=lambda *_, **__: None))
+        context: Any = SimpleNamespace(
+            log=SimpleNamespace(record=lambda *_, **__: None), cycle=SimpleNamespace(supervisor=self)
+        )
         self.turns = Turns(Console(context, commands), self, self.interrupt, self.shown.append)  # type: ignore[arg-type]
 
     async def interrupt(self, who: str, about_to_move: bool) -> str:
@@ -93,7 +98,7 @@ def test_a_stop_waits_for_nothing_drops_what_was_typed_ahead_and_answers_the_que
         await a_moment()
 
     operator = play(script)
-    assert operator.answers == ["now", "sure?: ''", "go 2: not done; it was to stop"]
+    assert operator.answers == ["now", "sure?: ''", "go 2: not done; the arm was stopped after it was typed"]
     assert operator.shown == ["sure?", None]
     assert operator.done == []
 
@@ -138,3 +143,29 @@ def test_who_has_left_is_asked_nothing_and_what_they_typed_ahead_is_not_done() -
     operator = play(script)
     assert operator.done == ["1"]
     assert operator.shown == []
+
+
+def test_a_stop_at_another_door_voids_what_waits_here() -> None:
+    async def script(operator: Operator) -> None:
+        operator.types("go 1", "go 2", "read 3")
+        await a_moment()
+        operator.stops += 1
+        operator.types("go 4")
+        operator.may_end.set()
+        await a_moment()
+
+    operator = play(script)
+    assert operator.done == ["1", "4"]
+    voided = [f"{text}: not done; the arm was stopped after it was typed" for text in ("go 2", "read 3")]
+    assert operator.answers == ["done 1", *voided, "done 4"]
+
+
+@pytest.mark.parametrize("text", ["sto", "STOP!", "stop '", "halt", "\x00stop"])
+def test_a_stop_in_haste_waits_for_nothing_either(text: str) -> None:
+    async def script(operator: Operator) -> None:
+        operator.types("ask sure?")
+        await a_moment()
+        operator.types(text)
+        await a_moment()
+
+    assert play(script).answers == ["now", "sure?: ''"]

@@ -1,5 +1,7 @@
 """The approach, state by state: what is skipped, what is planned again, what closes all motion, who is blamed."""
 
+import asyncio
+
 import numpy as np
 import pytest
 
@@ -56,7 +58,7 @@ def test_once_seen_a_part_is_come_nearer_to_on_a_straight_line():
 def test_where_all_motion_is_closed_no_part_is_blamed(state):
     context, world = begun(one_part())
     brought_to(state, context, world)
-    context.mover.enabled = False
+    asyncio.run(context.mover.leave.disable())
     with pytest.raises(MoveRefusedError, match="not_enabled"):
         step(context, world, state)
     assert not world.skipped

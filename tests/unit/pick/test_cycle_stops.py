@@ -350,7 +350,8 @@ def test_images_that_never_agree_are_told_and_are_no_look():
 def test_a_look_needs_no_enable_and_moves_nothing():
     world = one_part()
     cycle = cycle_of(world)
-    cycle.supervisor.mover.enabled = False
+    asyncio.run(cycle.supervisor.disable())
+    world.wire.clear()
     assert [p.recognition.label for p in asyncio.run(cycle.look()).scene.parts] == ["cube"]
     assert not world.wire
 

@@ -32,3 +32,44 @@ def test_the_journal_says_each_thing_once(
     journal.JournalledLog(Nowhere(), noticed.append).record(kind, **fields)
     assert told == [(kind, sentence)]
     assert noticed == ([sentence] if kind == "fault" else [])
+
+
+def test_a_log_that_cannot_be_written_keeps_nobody_from_hearing_of_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Full:
+        def record(self, kind: str, /, **fields: object) -> None:
+            raise OSError(28, "No space left on device")
+
+    told: list[str] = []
+    monkeypatch.setattr(journal, "tell", lambda kind, text, priority, **more: told.append(text))
+    noticed: list[str] = []
+    with pytest.raises(OSError, match="No space"):
+        journal.JournalledLog(Full(), noticed.append).record("fault", code="a", text="b")
+    assert told == noticed == ["FAULT a: b"]
+
+
+def test_a_journal_that_is_gone_loses_what_is_told_meanwhile_and_nothing_after(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    said: list[str] = []
+
+    def say(kind: str, text: str, *_: object) -> None:
+        if text == "lost":
+            raise ValueError("I/O operation on closed file")
+        said.append(text)
+
+    monkeypatch.setattr(journal, "_say", say)
+    monkeypatch.setattr(journal, "_TELLER", journal._Teller())
+    for text in ("first", "lost", "last"):
+        journal.tell("trouble", text)
+    journal.flush(5.0)
+    assert said == ["first", "last"]
+
+
+def test_a_word_to_systemd_never_raises(monkeypatch: pytest.MonkeyPatch) -> None:
+    def none_left(*_: object) -> None:
+        raise OSError(24, "Too many open files")
+
+    monkeypatch.setenv("NOTIFY_SOCKET", "/nonexistent/notify")
+    journal.notify("STATUS=o\ud800dd")
+    monkeypatch.setattr("socket.socket", none_left)
+    journal.notify("STOPPING=1")

@@ -90,7 +90,7 @@ class WatchedCell:
 
     def __init__(self, folder: Path) -> None:
         self.failed: list[str] = []
-        self.mover = Mock()
+        self.line_opened_anew = Mock()
         self.camera_fails = False
         self.enabled = True
         self.notes: list[str] = []
@@ -107,12 +107,16 @@ class WatchedCell:
         )
         self.heard_s = time.monotonic()
         self.question = None
-        self.aside = False
+        self.aside = self.stopping = False
+        self.connected = True
         self.doing: str | None = None
 
     def status(self) -> dict[str, Any]:
         fault = self.failed[-1] if self.failed else None
-        return {"doing": self.doing, "fault": fault, "enabled": self.enabled, "state": "idle", "picked": 0, "failed": 0}
+        return {
+            "doing": self.doing, "fault": fault, "enabled": self.enabled, "by_hand_only": False, "state": "idle",
+            "picked": 0, "failed": 0,
+        }  # fmt: skip
 
     async def grab(self, not_before_s: float, timeout_s: float) -> None:
         if self.camera_fails:
@@ -170,7 +174,7 @@ def test_after_a_lost_line_was_opened_again_nobody_knows_how_arm_and_hand_stand(
         await asyncio.sleep(0.7)
         watched.open.assert_called()  # type: ignore[attr-defined]
 
-    watching(tmp_path, play).mover.forget.assert_called()
+    watching(tmp_path, play).line_opened_anew.assert_called()
 
 
 def test_devices_that_were_opened_just_now_are_asked_only_once_they_have_been_silent(tmp_path: Path) -> None:
@@ -310,3 +314,17 @@ def test_nobody_who_reads_nothing_can_hold_up_the_daemon(tmp_path: Path, monkeyp
         for _ in range(2000):
             journal.notify("STATUS=" + "x" * 200)
         assert time.monotonic() - began < 2.0
+
+
+@pytest.mark.parametrize("connected", [True, False])
+def test_while_a_stop_is_under_way_the_line_is_the_stops_and_opened_again_only_where_it_is_lost(
+    tmp_path: Path, connected: bool
+) -> None:
+    async def play(watched: WatchedCell, _: Watch) -> None:
+        watched.close, watched.open = AsyncMock(), AsyncMock()  # type: ignore[attr-defined]
+        watched.stopping, watched.connected = True, connected
+        watched.context.troubles.tell("controller", "controller: no answer")
+        await asyncio.sleep(0.7)
+        assert watched.open.called is not connected  # type: ignore[attr-defined]
+
+    watching(tmp_path, play)

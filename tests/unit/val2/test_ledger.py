@@ -12,7 +12,7 @@ from drivers.puma560 import READY_RAD
 from drivers.simcell.arm import Arm
 from drivers.simcell.controller import Controller, LineFault
 from drivers.val2.ledger import Ledger, LedgerError, replay, verify, what_was_heard, what_was_read
-from drivers.val2.link import Dialect
+from drivers.val2.link import Dialect, Link
 from drivers.val2.location import Location
 from drivers.val2.wire import Prompt, Reader
 from tests.worlds.arm_line import MakesLine
@@ -138,3 +138,23 @@ def without_places_on_the_way(said: str) -> list[str]:
 def test_prompts_are_kept_apart_from_the_dots_in_numbers(arm_line: MakesLine) -> None:
     prompts = [record for record in a_session(arm_line) if record["what"] == Prompt.__name__.lower()]
     assert all(record["bytes"].strip("\r\n^U") == "." for record in prompts)
+
+
+def test_a_keeper_that_fails_loses_records_and_never_the_line(arm_line: MakesLine) -> None:
+    kept: Records = []
+
+    def keep(record: dict[str, Any]) -> None:
+        if len(kept) == 5:
+            raise OSError(28, "No space left on device")
+        kept.append(record)
+
+    async def scene() -> None:
+        link = Link(arm_line(time_scale=SCALE).server.port, Dialect(resync_s=0.4), on_wire=keep)
+        await link.open()
+        await link.speed(80)
+        await link.abort()
+        assert link.stop_seen
+        await link.close()
+
+    asyncio.run(scene())
+    assert len(kept) == 5

@@ -396,7 +396,7 @@ def test_two_aborts_at_once_are_one(arm_line: MakesLine) -> None:
         cell = arm_line()
         async with cell.link() as link:
             await asyncio.gather(link.abort(), link.abort(), link.abort())
-            assert cell.sent().count("ABORT") == 1
+            assert cell.sent().count("!!") == 1
 
     asyncio.run(scene())
 
@@ -435,23 +435,37 @@ def test_an_abort_gets_past_a_question(arm_line: MakesLine, text: str) -> None:
     asyncio.run(scene())
 
 
-def test_an_abort_gets_past_the_power_up_dialogue(arm_line: MakesLine) -> None:
+def test_a_controller_that_was_switched_on_anew_moves_nothing_and_its_questions_are_the_operators(
+    arm_line: MakesLine,
+) -> None:
     async def scene() -> None:
-        async with arm_line(cold=True).link() as link:
-            await link.abort()
-            assert link.question is None
+        cell = arm_line()
+        async with cell.link() as link:
+            await link.prove_stop()
+            moving = asyncio.create_task(link.move(GOAL))
+            await asyncio.sleep(0.05)
+            with cell.server.controller() as controller:
+                controller.mishap(Mishap.POWER_CYCLED)
+            assert await link.abort() is None
+            await asyncio.gather(moving, return_exceptions=True)
+            assert "Load VAL" in str(link.question)
+            assert not link.stop_seen
+            assert "\rN\r" not in cell.sent()
+            await link.power_up()
+            await link.prove_stop()
 
     asyncio.run(scene())
 
 
-def test_an_abort_that_is_not_confirmed_says_to_use_the_emergency_stop(arm_line: MakesLine) -> None:
+def test_an_abort_that_nobody_answers_is_tried_some_times_and_told(arm_line: MakesLine) -> None:
     async def scene() -> None:
         cell = arm_line()
         async with cell.link(quick(resync_s=0.05)) as link:
             with cell.server.controller() as controller:
                 controller.mishap(Mishap.DEAD)
-            with pytest.raises(NoAnswer, match="emergency stop"):
+            with pytest.raises(NoAnswer, match="no prompt"):
                 await link.abort()
+            assert cell.sent().count("!!") > 1
 
     asyncio.run(scene())
 

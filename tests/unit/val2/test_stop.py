@@ -1,0 +1,187 @@
+"""The stop on the line: whichever byte of it is spoiled, whatever the controller makes of the word. Simulated time."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Coroutine
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from drivers.puma560 import READY_RAD, forward
+from drivers.simcell.arm import Arm
+from drivers.simcell.controller import Controller, LineFault, Manners, MemoryLine
+from drivers.simcell.controller.commands import bare
+from drivers.simcell.controller.expressions import MonitorError
+from drivers.simcell.controller.machine import Machine
+from drivers.simcell.controller.monitor import MONITOR_COMMANDS
+from drivers.simcell.simulated_time import SimulatedLoop
+from drivers.val2.dialect import Dialect
+from drivers.val2.link import ControllerError, Link, LinkError, NoAnswer, StopRefused
+from drivers.val2.location import location_from_matrix
+
+FAR = location_from_matrix(forward(READY_RAD + np.radians([90, -20, 5, 0, 10, 0])))
+SPOILED = ["flip", "drop", "double", "insert"]
+
+
+def at_simulated_time(story: Coroutine[Any, Any, Any]) -> Any:
+    with asyncio.Runner(loop_factory=SimulatedLoop) as runner:
+        return runner.run(story)
+
+
+async def under_way(dialect: Dialect | None = None, **manners: Any) -> tuple[Controller, MemoryLine, Link]:
+    """An arm that is on a way of some 20 s, and a link that told it."""
+    loop = asyncio.get_running_loop()
+    controller = Controller(Arm(joints_rad=READY_RAD), Manners(**manners))
+    line = MemoryLine(controller, loop)
+    link = Link(line.port, dialect, clock=loop.time, open_port=line.open)
+    await link.open()
+    await link.speed(5)
+    moving = asyncio.create_task(link.move(FAR))
+    moving.add_done_callback(lambda task: task.exception())
+    await asyncio.sleep(1.0)
+    assert not controller.machine.at_rest()
+    return controller, line, link
+
+
+@pytest.mark.parametrize("prompt", ["start", "end"])
+@pytest.mark.parametrize("harm", SPOILED)
+@pytest.mark.parametrize("after", range(0, 16, 2))
+def test_whichever_byte_of_a_stop_is_spoiled_the_arm_rests_as_soon_as_without(
+    prompt: Any, harm: Any, after: int
+) -> None:
+    async def story() -> float:
+        controller, line, link = await under_way(prompt_after_move=prompt)
+        controller.faults.line.append(LineFault("to_controller", harm, after=after))
+        told_s = line.now_s()
+        await link.abort()
+        assert controller.machine.at_rest()
+        return controller.arm.rests_s - told_s
+
+    assert at_simulated_time(story()) < 0.5
+
+
+@pytest.mark.parametrize("prompt", ["start", "end"])
+def test_a_stop_that_is_lost_whole_is_followed_by_another(prompt: Any) -> None:
+    async def story() -> float:
+        controller, line, link = await under_way(prompt_after_move=prompt)
+        controller.faults.line.append(LineFault("to_controller", "drop", count=40))
+        told_s = line.now_s()
+        await link.abort()
+        return controller.arm.rests_s - told_s
+
+    assert at_simulated_time(story()) < 3 * Dialect().resync_s
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_stop_on_a_noisy_line_is_tried_until_rest_is_seen(seed: int) -> None:
+    async def story() -> None:
+        controller, _, link = await under_way()
+        controller.faults.seed_noise(seed, rate=0.02)
+        for _ in range(20):
+            try:
+                await link.abort()
+                break
+            except LinkError:
+                continue
+        assert controller.machine.at_rest()
+        controller.faults.noise_rate = 0.0
+        await link.abort()
+        assert (await link.where()).location is not None
+
+    at_simulated_time(story())
+
+
+@pytest.mark.parametrize("prompt", ["start", "end"])
+def test_a_word_that_the_controller_does_not_know_is_no_stop_even_when_the_arm_has_come_to_rest(prompt: Any) -> None:
+    async def story() -> None:
+        controller, line, link = await under_way(Dialect(abort_word="HALT"), prompt_after_move=prompt)
+        told_s = line.now_s()
+        with pytest.raises(LinkError) as problem:
+            await link.abort()
+        assert not controller.machine.at_rest(), "told while the arm still moves"
+        if prompt == "start":
+            assert line.now_s() - told_s < 0.5
+            assert list(controller.lines).count("HALT") == 3, "at once, and no try after it"
+            assert str(problem.value) == "the controller does not take the word HALT (it says `*Illegal command*`)"
+        controller.tick(line.now_s() + 60.0)
+        await asyncio.sleep(60.0)
+        assert controller.machine.at_rest()
+        with pytest.raises(StopRefused):
+            await link.abort()
+        assert not link.stop_seen
+
+    at_simulated_time(story())
+
+
+def test_an_arm_that_still_moves_after_the_word_was_taken_is_told_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    typed: list[float] = []
+
+    def deaf(machine: Machine) -> None:
+        typed.append(machine.now_s)
+
+    monkeypatch.setitem(MONITOR_COMMANDS, "ABORT", bare(deaf))
+
+    async def story() -> None:
+        controller, _, link = await under_way()
+        with pytest.raises(NoAnswer, match="still moves after ABORT"):
+            await link.abort()
+        assert len(typed) >= 10
+        assert max(np.diff(typed)) < Dialect().resync_s
+        assert not controller.machine.at_rest()
+
+    at_simulated_time(story())
+
+
+def test_the_stop_is_proven_by_the_answer_to_its_word_and_again_after_the_line_was_opened_anew() -> None:
+    async def story() -> None:
+        loop = asyncio.get_running_loop()
+        line = MemoryLine(Controller(Arm(joints_rad=READY_RAD)), loop)
+        link = Link(line.port, clock=loop.time, open_port=line.open)
+        await link.open()
+        assert not link.stop_seen
+        await link.prove_stop()
+        assert link.stop_seen
+        await link.open()
+        assert not link.stop_seen
+        link.dialect = replace(link.dialect, abort_word="HALT")
+        with pytest.raises(StopRefused, match="Illegal command"):
+            await link.prove_stop()
+        assert not link.stop_seen
+
+    at_simulated_time(story())
+
+
+def test_a_controller_that_refuses_where_has_taken_the_stop_and_cannot_confirm_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def refused(_: Machine, __: str = "") -> None:
+        raise MonitorError("*Not calibrated*")
+
+    async def story() -> None:
+        controller, _, link = await under_way()
+        monkeypatch.setitem(MONITOR_COMMANDS, "WHERE", refused)
+        with pytest.raises(ControllerError, match=r"WHERE is refused \(`\*Not calibrated\*`: mend that"):
+            await link.abort()
+        assert controller.machine.at_rest()
+        assert link.stop_seen
+
+    at_simulated_time(story())
+
+
+def test_a_stop_that_waits_for_a_lost_line_comes_first_when_it_is_opened_again_and_does_not_keep_it_shut() -> None:
+    async def story() -> None:
+        controller, _, link = await under_way()
+        await link.close()
+        opening = asyncio.create_task(link.open())
+        await asyncio.sleep(0.0)
+        while not link.connected:
+            await asyncio.sleep(0.001)
+        await link.abort()
+        await opening
+        assert controller.machine.at_rest()
+        assert (await link.where()).joints_deg
+
+    at_simulated_time(story())
