@@ -83,9 +83,7 @@ def test_facets_measured_together_that_lie_elsewhere_rule_a_part_out() -> None:
     on_it = weld([_in_both(f) for f in view_of(CUBE, WHERE).facets])
     assert named_by_segments(eyes_on("cube"), model(), [unnamed(on_it)]).named
     assert not named_by_segments(eyes_on("cube"), model(), [unnamed(elsewhere)]).named
-    assert named_by_segments(
-        eyes_on("cube"), model(), [unnamed(elsewhere.only([0]))]
-    ).named
+    assert named_by_segments(eyes_on("cube"), model(), [unnamed(elsewhere.only([0]))]).named
 
 
 def _in_both(facet):

@@ -1,0 +1,74 @@
+"""Straight segments, faint ones too unless they abound, and the corners where two meet."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from daemon.vision.image.segments import PATTERNED, Segments, _lsd, find_segments, segment_corners
+
+SQUARE = np.array([[150.0, 110.0], [330.0, 130.0], [310.0, 300.0], [135.0, 285.0]])
+
+
+def picture(contrast: float, noise: float = 1.0) -> np.ndarray:
+    fine = np.full((4 * 480, 4 * 640), 90.0, np.float32)
+    cv2.fillPoly(fine, [np.rint((SQUARE + 0.5) * 4 - 0.5).astype(np.int32)], 90.0 + contrast)
+    small = cv2.resize(fine, (640, 480), interpolation=cv2.INTER_AREA)
+    grain = np.random.default_rng(0).normal(0, noise, small.shape)
+    return np.clip(cv2.GaussianBlur(small, (0, 0), 0.7) + grain, 0, 255).astype(np.uint8)
+
+
+def off(points: np.ndarray) -> np.ndarray:
+    """How far each corner of the square is from the nearest of some points."""
+    return np.linalg.norm(SQUARE[:, None] - points, axis=2).min(1)
+
+
+@pytest.mark.parametrize("contrast", [80.0, -70.0, 9.0])
+def test_a_square_has_four_sides_and_four_corners(contrast: float) -> None:
+    corners = segment_corners(find_segments(picture(contrast)))
+    assert off(corners.at).max() < 1.5
+
+
+def test_the_longest_segments_come_first() -> None:
+    assert (np.diff(find_segments(picture(80.0)).lengths_px) <= 0).all()
+
+
+def test_segments_run_with_the_brighter_side_on_one_hand() -> None:
+    middle = SQUARE.mean(0)
+
+    def hand(contrast: float) -> set[float]:
+        ends = _lsd(picture(contrast))
+        long = ends[np.hypot(*(ends[:, 2:] - ends[:, :2]).T) > 60]
+        way, to = long[:, 2:] - long[:, :2], middle - long[:, :2]
+        return set(np.sign(way[:, 0] * to[:, 1] - way[:, 1] * to[:, 0]))
+
+    assert len(hand(80.0)) == len(hand(-70.0)) == 1
+    assert hand(80.0) != hand(-70.0)
+
+
+def test_where_segments_abound_contrast_is_not_raised(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = []
+
+    def detected(grey: np.ndarray) -> np.ndarray:
+        asked.append(grey)
+        return np.tile([10.0, 10.0, 60.0, 10.0], (PATTERNED + 1, 1))
+
+    monkeypatch.setattr("daemon.vision.image.segments._lsd", detected)
+    assert len(find_segments(picture(80.0)).start) == PATTERNED + 1
+    assert len(asked) == 1
+
+
+def test_an_empty_picture_has_none() -> None:
+    found = find_segments(np.full((480, 640), 70, np.uint8))
+    assert found.start.shape == (0, 2)
+    assert segment_corners(found).at.shape == (0, 2)
+
+
+def test_segments_meet_near_an_end_of_both_and_their_arms_run_away_from_there() -> None:
+    start = np.array([[100.0, 100.0], [204.0, 96.0], [150.0, 300.0]])
+    end = np.array([[200.0, 100.0], [204.0, 190.0], [150.0, 101.0]])
+    corners = segment_corners(Segments(start, end))
+    assert np.allclose(corners.at, [[204.0, 100.0]])  # the third meets the first in its middle, which is no corner
+    assert {tuple(arm) for arm in corners.arms[0]} == {(100.0, 100.0), (204.0, 190.0)}
+    assert sorted(corners.sign[0]) == [-1, 1]

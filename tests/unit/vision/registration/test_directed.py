@@ -1,0 +1,125 @@
+"""Evidence for a pose: edges on segments of their own direction, weighed by what chance gives in this very picture."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from daemon import frames
+from daemon.vision.geometry import exact
+from daemon.vision.image.both_eyes import Eyes, open_eyes
+from daemon.vision.registration.different import Guesses, different
+from daemon.vision.registration.directed import DirectedMap, directed_map, evidence, nudged, other_sizes
+from daemon.vision.registration.faces import likeness
+from tests.worlds.printed import print_pair, straight_rig
+from tests.worlds.solids import KNOWN, STRANGERS, pose
+
+WHERE = pose(np.array([0.75, 0.35, 0.6]), 0.3, 330.0)
+
+
+@cache
+def eyes_on(name: str | None, printed: bool = True, patterned: bool = True) -> Eyes:
+    body = None if name is None else {**KNOWN, **STRANGERS}[name]
+    return open_eyes(*print_pair(body, WHERE, 3, printed=printed, patterned=patterned), straight_rig())
+
+
+def shape(name: str):
+    body = {**KNOWN, **STRANGERS}[name]
+    return exact(body.corners_mm, body.facets)
+
+
+def maps(eyes: Eyes):
+    return directed_map(eyes.left), directed_map(eyes.right)
+
+
+def often(seen: DirectedMap, chance: float) -> DirectedMap:
+    return replace(seen, chance=np.full_like(seen.chance, chance))
+
+
+def moved(mm: float, axis: int = 0):
+    shift = np.zeros(3)
+    shift[axis] = mm
+    return frames.rigid(np.eye(3), shift) @ WHERE
+
+
+@pytest.mark.parametrize("name", sorted(KNOWN))
+def test_most_speaks_for_a_part_where_it_is(name: str) -> None:
+    eyes, solid = eyes_on(name), shape(name)
+    poses = np.stack([WHERE, moved(8.0), moved(-8.0, 1), moved(40.0, 2)])
+    nats, most = evidence(solid, poses, eyes.geometry, maps(eyes))
+    assert nats[0] > 2 * max(nats[1:].max(), 0.0)
+    assert (nats <= most).all()
+    assert nats[0] > 0.75 * most[0]
+
+
+def test_edges_that_abound_speak_for_less() -> None:
+    eyes = eyes_on("cube")
+    seen = maps(eyes)
+    nats = [
+        evidence(shape("cube"), WHERE[None], eyes.geometry, (often(seen[0], chance), often(seen[1], chance)))[0][0]
+        for chance in (0.02, 0.3)
+    ]
+    assert 0 < nats[1] < 0.5 * nats[0]
+
+
+def test_a_cloth_has_chances_along_its_stripes() -> None:
+    plain, cloth = maps(eyes_on(None, patterned=False))[0], maps(eyes_on(None))[0]
+    assert cloth.chance.max() > 5 * plain.chance.max()
+    assert cloth.chance.min() < 0.3 * cloth.chance.max()
+
+
+def test_what_lies_outside_the_images_is_not_there() -> None:
+    eyes = eyes_on("cube")
+    nats, _ = evidence(shape("cube"), moved(900.0)[None], eyes.geometry, maps(eyes))
+    assert nats[0] < 0
+
+
+def test_no_pose_has_no_evidence() -> None:
+    eyes = eyes_on("cube")
+    nats, most = evidence(shape("cube"), np.zeros((0, 4, 4)), eyes.geometry, maps(eyes))
+    assert nats.shape == most.shape == (0,)
+
+
+def test_a_guess_is_nudged_to_where_the_part_is() -> None:
+    eyes, solid = eyes_on("cube"), shape("cube")
+    off = frames.perturb(WHERE, np.array([0.6, -0.5, 2.0, *np.radians([0.6, -0.5, 0.4])]))
+
+    def away(place):
+        return np.linalg.norm(
+            frames.apply(place, solid.corners_mm) - frames.apply(WHERE, solid.corners_mm), axis=1
+        ).max()
+
+    assert away(nudged(solid, off, eyes.geometry, maps(eyes))) < away(off)
+
+
+def test_more_speaks_for_another_size_of_what_is_not_quite_the_part() -> None:
+    eyes, solid = eyes_on("cube"), shape("cube")
+    flatter = exact(solid.corners_mm * [1.0, 1.0, 0.87], solid.facets)
+    for taught, least, most in ((solid, 0.0, 1.05), (flatter, 1.1, 9.0)):
+        own = evidence(taught, WHERE[None], eyes.geometry, maps(eyes))[0][0]
+        assert least < other_sizes(taught, WHERE, eyes.geometry, maps(eyes)) / own < most
+
+
+def test_print_is_alike_where_it_lies_on_the_faces_and_only_there() -> None:
+    eyes, solid = eyes_on("cube"), shape("cube")
+    on = likeness(solid, WHERE, eyes)
+    assert on is not None
+    assert on > 0.95
+    nearer = likeness(solid, moved(-15.0, 2), eyes)
+    assert nearer is not None
+    assert nearer < 0.7
+    assert likeness(solid, WHERE, eyes_on("cube", printed=False)) is None
+
+
+def test_of_poses_that_look_the_same_only_one_is_looked_at_and_none_outside_the_images() -> None:
+    eyes, solid = eyes_on("cube"), shape("cube")
+    quarter = frames.rigid(frames.rotation_from_vector(np.array([0.0, 0.0, np.pi / 2])), np.zeros(3))
+    middle = solid.corners_mm.mean(0)
+    about = frames.rigid(np.eye(3), middle) @ quarter @ frames.rigid(np.eye(3), -middle)
+    poses = np.stack([WHERE @ about, WHERE, moved(30.0), moved(500.0)])
+    kept = list(different([Guesses("cube", solid, poses, np.array([2.0, 1.0, 3.0, 0.0]))], eyes))
+    assert [one.against for one in kept] == [1.0, 3.0]
+    assert np.array_equal(kept[0].pose, WHERE)

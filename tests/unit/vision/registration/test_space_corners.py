@@ -1,0 +1,87 @@
+"""Corners that two eyes see meet in space, and say where a taught part would have them."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from daemon import frames
+from daemon.vision.geometry import Baseline, baseline, exact
+from daemon.vision.image import SegmentCorners, Segments, segment_corners
+from daemon.vision.registration.space_corners import guesses_from_space, meet, taught_corners
+from tests.worlds.rigs import rig
+from tests.worlds.solids import KNOWN, STRANGERS, pose, seen_facets
+
+WHERE = pose(np.array([0.75, 0.35, 0.6]), 0.3, 330.0)
+
+
+def shape(name: str):
+    body = {**KNOWN, **STRANGERS}[name]
+    return exact(body.corners_mm, body.facets)
+
+
+def edges_seen(name: str, camera) -> SegmentCorners:
+    """The corners that exact segments along a part's visible edges make, a face always on the same hand."""
+    solid = shape(name)
+    px = camera.project(frames.apply(WHERE, solid.corners_mm))
+    pairs = {}
+    for k in seen_facets(KNOWN[name], WHERE, 0.0):
+        ring = solid.facets[k]
+        for a, b in zip(ring, (*ring[1:], ring[0]), strict=True):
+            pairs.setdefault(frozenset((a, b)), (a, b))
+    ends = np.array(list(pairs.values()))
+    return segment_corners(Segments(px[ends[:, 0]], px[ends[:, 1]]))
+
+
+def both(name: str) -> tuple[SegmentCorners, SegmentCorners, Baseline]:
+    eyes = rig()
+    return edges_seen(name, eyes.left), edges_seen(name, eyes.right), baseline(eyes)
+
+
+COUNTS = [("cube", 2), ("pyramid", 9), ("triangular_prism", 6), ("pentagonal_prism", 6)]
+
+
+@pytest.mark.parametrize(("name", "count"), COUNTS)
+def test_a_solid_has_each_kind_of_corner_once(name: str, count: int) -> None:
+    """48 ordered pairs of edges by 24 turns of a cube, 36 by 4, 36 by 6, 60 by 10."""
+    assert len(taught_corners(shape(name))[0]) == count
+
+
+@pytest.mark.parametrize("name", sorted(KNOWN))
+def test_a_part_is_guessed_where_it_is(name: str) -> None:
+    left, right, geometry = both(name)
+    model = SimpleNamespace(metric={name: SimpleNamespace(solid=shape(name))})
+    (guess,) = guesses_from_space(meet(left, right, geometry), geometry, model)
+    there = frames.apply(WHERE, shape(name).corners_mm)
+    corners = shape(name).corners_mm @ guess.poses[:, :3, :3].transpose(0, 2, 1) + guess.poses[:, None, :3, 3]
+    off = np.linalg.norm(corners[:, :, None] - there, axis=3).min(2).max(1)
+    assert off.min() < 1.0  # the lens bows edges by a fraction of a pixel, and the segments here are straight
+
+
+def test_corners_meet_where_they_are_in_space() -> None:
+    left, right, geometry = both("cube")
+    met = meet(left, right, geometry)
+    at = (met.at - [geometry.length_mm / 2, 0, 0]) @ geometry.cyclopean_from_baseline.T + geometry.middle_mm
+    there = frames.apply(WHERE, shape("cube").corners_mm)
+    assert np.linalg.norm(there[:, None] - at, axis=2).min(1).min() < 0.2
+    assert np.allclose(np.linalg.norm(met.firm, axis=1), 1.0)
+
+
+def test_a_corner_on_other_rows_or_with_the_shading_the_other_way_round_is_another() -> None:
+    left, right, geometry = both("cube")
+    assert len(meet(left, right, geometry).at)
+    down = np.array([0.0, 30.0])
+    lower = SegmentCorners(right.at + down, right.arms + down, right.sign, right.weight)
+    assert len(meet(left, lower, geometry).at) < len(meet(left, right, geometry).at) / 2
+    inverse = SegmentCorners(right.at, right.arms, -right.sign, right.weight)
+    assert len(meet(left, inverse, geometry).at) < len(meet(left, right, geometry).at)
+
+
+def test_nothing_seen_is_nothing_guessed() -> None:
+    none = segment_corners(Segments(np.zeros((0, 2)), np.zeros((0, 2))))
+    geometry = baseline(rig())
+    met = meet(none, none, geometry)
+    model = SimpleNamespace(metric={"cube": SimpleNamespace(solid=shape("cube"))})
+    assert guesses_from_space(met, geometry, model)[0].poses.shape == (0, 4, 4)
