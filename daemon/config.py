@@ -40,11 +40,13 @@ GONE = {
 
 @dataclass(frozen=True, kw_only=True)
 class Simulated:
-    """The simulated cell: its truth, how much faster than life it runs, the seed of its noise (None: a new one)."""
+    """The simulated cell: its truth, how much faster than life it runs, the seed of its noise (None: a new one), and
+    the file to which its judge writes what the arm did that it must never do (None: nowhere)."""
 
     truth: Name = "simcell.yaml"
     time_scale: Annotated[float, Meta(gt=0, le=1000)] = 1.0
     seed: Annotated[int, Meta(ge=0, le=10**15)] | None = None
+    verdict: Name | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

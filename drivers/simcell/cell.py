@@ -25,6 +25,7 @@ from drivers.simcell.rigid import rigid
 from drivers.simcell.simulated_time import SimulatedLoop
 from drivers.simcell.stand import characteristic_pose
 from drivers.simcell.truth import load_truth, rigid_matrix
+from drivers.simcell.verdict import Verdict
 from drivers.simcell.witness import Witness
 from drivers.simcell.world import PlacedPart, Where, World
 
@@ -51,8 +52,10 @@ class SimulatedCell:
         faults: Faults | None = None,
         cold: bool = False,
         loop: SimulatedLoop | None = None,
+        verdict: Path | None = None,
     ) -> None:
-        """loop: whose time the whole cell lives in, without a pty or a thread (None: real time)."""
+        """loop: whose time the whole cell lives in, without a pty or a thread (None: real time); verdict: the file to
+        which the judge writes what it finds, for another process (verdict.py)."""
         self._settings = load_truth(truth_path)
         self._time_scale, self._clock = time_scale, time.monotonic if loop is None else loop.time
         noise, strewing, settling = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(3))
@@ -81,11 +84,16 @@ class SimulatedCell:
         self.camera = SimulatedPair(
             self._settings, self._scene_at, noise, time_scale, self._clock, time.sleep if loop is None else loop.sleep
         )
+        self._verdict = None
+        if verdict is not None:
+            self._verdict = Verdict(verdict, self.judge, self._machine.history, self.server.now_s, self._real_s)
         self.truth = Witness(self._settings, self.world, self._machine, self.world_from_tool)
 
     def stop(self) -> None:
         """End the controller's thread and close the camera; safe to call twice."""
         self.camera.close()
+        if self._verdict is not None:
+            self._verdict.close()
         self.server.stop()
 
     def __enter__(self) -> SimulatedCell:
@@ -148,6 +156,10 @@ class SimulatedCell:
         self._board = (board_thing(board, world_from_board),)
         self.world.changes += 1
         return world_from_board
+
+    def _real_s(self, moment_s: float) -> float:
+        """The moment on the cameras' clock that a moment of the controller is."""
+        return self._clock() + (moment_s - self.server.now_s()) / self._time_scale
 
     def _hand(self, closed: bool) -> None:
         now_s = self._machine.now_s
