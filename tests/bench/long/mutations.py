@@ -259,6 +259,9 @@ def run(chosen: Sequence[Chosen], workers: int, most_s: float) -> dict[str, list
             shutil.copytree(ROOT, tree, ignore=left_out)
             trees.put(tree)
 
+        every = sorted({name for _, own, whole in chosen for name in (*own, *whole)})
+        assert _pass(Path(folder) / "0", every), "the tests fail as it is: they would notice anything"
+
         def one(each: Chosen) -> None:
             mutation = each[0]
             if time.monotonic() > until_s:
