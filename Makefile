@@ -16,7 +16,7 @@ help:
 	@echo "make test         unit, property and simulated-cell tests, after lint, types and import rules"
 	@echo "make rig          the daemon under real systemd with real V4L2 devices and a serial line, in a guest"
 	@echo "make bench        accuracy, time and memory, measured (FACETD_SCENES=FOLDER: on more rendered scenes)"
-	@echo "make bench-faults faults injected at every moment of the pick cycle, and kill -9 of the whole daemon, as tables"
+	@echo "make bench-faults faults at every moment of a pick, kill -9, random travels and operators, mutations: tables (a night)"
 	@echo "make bench-soak   2,000 accelerated cycles: memory and file handles over time (hours)"
 
 setup: $(VENV)/.runtime
@@ -58,6 +58,9 @@ bench: $(VENV)/.dev
 bench-faults: $(VENV)/.dev
 	$(BIN)/python -m tests.bench.long.faults
 	$(BIN)/python -m tests.bench.long.kill
+	$(BIN)/python -m tests.bench.long.travels 100000
+	$(BIN)/python -m tests.bench.long.surprises 1000000
+	$(BIN)/python -m tests.bench.long.mutations
 
 bench-soak: $(VENV)/.dev
 	$(BIN)/python -m tests.bench.long.soak

@@ -41,7 +41,8 @@ GONE = {
 @dataclass(frozen=True, kw_only=True)
 class Simulated:
     """The simulated cell: its truth, how much faster than life it runs, the seed of its noise (None: a new one), and
-    whether its table has a pattern and the parts on it are printed on.
+    whether its table has a pattern and the parts on it are printed on, and the file to which its judge writes what the
+    arm did that it must never do (None: nowhere).
     """
 
     truth: Name = "simcell.yaml"
@@ -49,6 +50,7 @@ class Simulated:
     seed: Annotated[int, Meta(ge=0, le=10**15)] | None = None
     table: Literal["plain", "patterned"] = "plain"
     parts: Literal["plain", "printed"] = "plain"
+    verdict: Name | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -3,6 +3,7 @@
 Nothing here knows what a pick is; whoever wants the arm moved comes through this door.
 """
 
+from daemon.arm.body import capsule_around
 from daemon.arm.guard import Limits, Point
 from daemon.arm.mover import Arrival, Mover, MoveRefusedError, OutOfReachError
 from daemon.arm.route import PATH_MM
@@ -32,5 +33,6 @@ __all__ = [
     "StopRefusedError",
     "Supervisor",
     "Workcell",
+    "capsule_around",
     "settled_pair",
 ]

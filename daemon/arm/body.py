@@ -6,6 +6,7 @@ fixed to a link; a point is a capsule without length or radius. When a way is cl
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import chain
@@ -48,6 +49,8 @@ class KeepOut:
 
 
 ARM: tuple[Capsule, ...] = (
+    Capsule("shoulder", "upper_arm", (-520.0, 0.0, 218.5), (-340.0, 0.0, 218.5), 186.0),
+    Capsule("upper arm", "upper_arm", (-340.0, 0.0, 218.5), (0.0, 0.0, 218.5), 135.0),
     Capsule("elbow", "forearm", (0.0, 0.0, -149.0), (0.0, 0.0, 150.0), 88.0),
     Capsule("forearm", "forearm", (0.0, 0.0, 150.0), (0.0, 0.0, 431.8), 72.0),
     Capsule("wrist", "wrist", (0.0, 0.0, 0.0), (0.0, 0.0, 56.0), 45.0),
@@ -58,8 +61,9 @@ ARM: tuple[Capsule, ...] = (
     Capsule("camera bar", "tool", (-92.5, -50.0, -95.0), (-92.5, 50.0, -95.0), 17.0),
 )
 """A PUMA 560 with the gripper and cameras of etc/. The arm's own: bounds of the robotics toolbox's meshes of it
-(UNIMATE/puma560: link 3 from 149 behind the elbow, 150 x 92 mm, tapering to 90 x 92; links 4 to 6 within 45 mm of the
-wrist's axis; the flange 56 mm out). Palm and fingers: those the simulated cell has; the bar: the points of body_mm."""
+(UNIMATE/puma560: link 2 from 228 mm behind the shoulder to 63 beyond the elbow, 304 x 135 mm, tapering to 158 x 135;
+link 3 from 149 behind the elbow, 150 x 92 mm, tapering to 90 x 92; links 4 to 6 within 45 mm of the wrist's axis; the
+flange 56 mm out). Palm and fingers: those the simulated cell has; the bar: the points of body_mm."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,9 +79,14 @@ class Body:
     radius_mm: Array
 
     def placed(self, frames: Array) -> Array:
-        """(N, C, 2, 3) world: the ends where the links are at (N, 8, 4, 4)."""
-        links = frames[:, self.frame]
-        return self.ends_mm @ links[..., :3, :3].swapaxes(-1, -2) + links[..., None, :3, 3]
+        """(N, C, 2, 3) world: the ends where the links are at (N, 8, 4, 4). Link by link: few large products."""
+        ends = np.empty((len(frames), len(self.frame), 2, 3))
+        for link in set(self.frame.tolist()):
+            on_it = self.frame == link
+            points = self.ends_mm[on_it].reshape(-1, 3)
+            moved = points @ frames[:, link, :3, :3].swapaxes(1, 2) + frames[:, link, None, :3, 3]
+            ends[:, on_it] = moved.reshape(len(frames), -1, 2, 3)
+        return ends
 
 
 @lru_cache(maxsize=16)
@@ -93,9 +102,34 @@ def body_of(capsules: tuple[Capsule, ...], points_mm: tuple[Point, ...]) -> Body
     )
 
 
+def capsule_around(points_mm: Array, name: str) -> Capsule:
+    """A capsule in the tool's frame that holds all of (N, 3) points, and so their hull: of those along the points'
+    principal axes the smallest. Of a part in the hand."""
+    middle = points_mm.mean(axis=0)
+    axes = np.linalg.svd(points_mm - middle, full_matrices=True)[2]
+    found = []
+    for axis in axes:
+        along = (points_mm - middle) @ axis
+        beside = np.linalg.norm(points_mm - middle - along[:, None] * axis, axis=1)
+        radius = float(beside.max())
+        spare = np.sqrt(np.maximum(radius**2 - beside**2, 0.0))
+        low, high = float((along + spare).min()), float((along - spare).max())
+        if low > high:
+            low = high = (low + high) / 2
+        volume = radius**2 * (high - low + 4 / 3 * radius)
+        found.append((volume, middle + low * axis, middle + high * axis, radius))
+    _, start, end, radius = min(found, key=lambda each: each[0])
+    return Capsule(name, "tool", _point(start), _point(end), radius)
+
+
+def _point(place: Array) -> Point:
+    x, y, z = (float(value) for value in place)
+    return x, y, z
+
+
 def above_mm(ends: Array, radius_mm: Array, height_mm: float) -> Array:
     """(N, C): how far above a horizontal plane each capsule is (negative: it dips below)."""
-    heights: Array = ends[..., 2].min(axis=-1) - radius_mm - height_mm
+    heights: Array = np.minimum(ends[..., 0, 2], ends[..., 1, 2]) - radius_mm - height_mm
     return heights
 
 
@@ -104,21 +138,25 @@ def within_mm(points: Array, low_mm: Point, high_mm: Point) -> Array:
     return np.concatenate([points - np.array(low_mm), np.array(high_mm) - points], axis=-1)
 
 
-def away_mm(ends: Array, radius_mm: Array, box: KeepOut, near_mm: float) -> Array:
-    """(N, C): how far each capsule (N, C, 2, 3) is from a box, never more than it truly is; exact to a two
+def away_mm(ends: Array, radius_mm: Array, boxes: Sequence[KeepOut], near_mm: float) -> Array:
+    """(N, B, C): how far each capsule (N, C, 2, 3) is from each box, never more than it truly is; exact to a two
     thousandth of a capsule's length where that is under near_mm. Negative: how deep inside, to the nearest side."""
-    low, high = np.array(box.low_mm), np.array(box.high_mm)
-    half_mm = np.linalg.norm(ends[..., 1, :] - ends[..., 0, :], axis=-1) / 2
-    gaps = _signed(ends.mean(axis=-2), low, high) - half_mm
-    near = (gaps - radius_mm < near_mm) & (half_mm > 0.0)
-    if near.any():
-        gaps[near] = _axis_away(ends[near], half_mm[near], low, high)
+    low, high = np.array([box.low_mm for box in boxes], float), np.array([box.high_mm for box in boxes], float)
+    start, end = ends[:, :, 0], ends[:, :, 1]
+    way = end - start
+    half_mm = np.sqrt(np.einsum("...i,...i", way, way)) / 2
+    gaps = _signed(((start + end) / 2)[:, None], low[:, None], high[:, None]) - half_mm[:, None]
+    place, box, capsule = np.nonzero((gaps - radius_mm < near_mm) & (half_mm > 0.0)[:, None])
+    if len(place):
+        axes, halves = ends[place, capsule], half_mm[place, capsule]
+        gaps[place, box, capsule] = _axis_away(axes, halves, low[box], high[box])
     distances: Array = gaps - radius_mm
     return distances
 
 
 def _axis_away(ends: Array, half_mm: Array, low: Array, high: Array) -> Array:
-    """(M,) of (M, 2, 3) axes. The distance to a box is convex along a line: nine places, narrowed about the least.
+    """(M,) of (M, 2, 3) axes and each one's box. The distance to a box is convex along a line: nine places, narrowed
+    about the least.
 
     What is left between the last places is taken off, so that the answer is never too large.
     """
@@ -126,7 +164,7 @@ def _axis_away(ends: Array, half_mm: Array, low: Array, high: Array) -> Array:
     middle, reach = np.full(len(ends), 0.5), 0.5
     for _ in range(NARROWINGS):
         shares = np.clip(middle[:, None] + reach * np.linspace(-1.0, 1.0, PLACES), 0.0, 1.0)
-        distances = _signed(start[:, None] + shares[..., None] * way[:, None], low, high)
+        distances = _signed(start[:, None] + shares[..., None] * way[:, None], low[:, None], high[:, None])
         best = distances.argmin(axis=1)
         middle, reach = shares[np.arange(len(ends)), best], 2 * reach / (PLACES - 1)
     return np.asarray(distances.min(axis=1) - half_mm * 2 * reach)
@@ -136,4 +174,5 @@ def _signed(points: Array, low: Array, high: Array) -> Array:
     """(...,) of (..., 3) points: the distance to a box, negative inside (to the nearest side)."""
     beyond = np.maximum(low - points, points - high)
     outside = np.maximum(beyond, 0.0)
-    return np.asarray(np.sqrt(np.einsum("...i,...i", outside, outside)) + np.minimum(beyond.max(axis=-1), 0.0))
+    deepest = np.maximum(np.maximum(beyond[..., 0], beyond[..., 1]), beyond[..., 2])
+    return np.asarray(np.sqrt(np.einsum("...i,...i", outside, outside)) + np.minimum(deepest, 0.0))

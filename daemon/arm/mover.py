@@ -7,12 +7,13 @@ robot is told, so that a stop or a fault that came meanwhile closes the gate.
 from __future__ import annotations
 
 from collections.abc import Awaitable, Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 
 from daemon import frames
+from daemon.arm.body import Capsule
 from daemon.arm.guard import ArmState, Command, Limits, Refusal
 from daemon.arm.route import Leg, planned_way
 from daemon.arm.sweep import place_clear, way_clear
@@ -99,6 +100,13 @@ class Mover:
         self._imagined: Reading | None = None
         self.cycle = 0
         self.closed: bool | None = None
+        self.carried: tuple[Capsule, ...] = ()
+        """What is in the hand, in the tool's frame: guarded as the hand is, until the hand was opened."""
+
+    @property
+    def bounds(self) -> Limits:
+        """The limits with what is carried."""
+        return replace(self.limits, capsules=self.limits.capsules + self.carried) if self.carried else self.limits
 
     @property
     def here(self) -> Reading | None:
@@ -122,7 +130,7 @@ class Mover:
 
     def check(self, command: Command) -> None:
         """Raise MoveRefusedError, and log it, where the command breaks a rule now, on its whole way from here."""
-        refusal = way_clear(command, self.standing(), self.here, self.cell.robot, self.limits)
+        refusal = way_clear(command, self.standing(), self.here, self.cell.robot, self.bounds)
         if refusal is not None:
             raise self._refused(refusal)
 
@@ -134,7 +142,7 @@ class Mover:
             return False
         command = Command(world_from_tool, straight=True, speed_pct=self.limits.max_speed_pct, purpose="plan")
         there = Reading(world_from_tool, joints)
-        return place_clear(command, there, self.cell.robot, self.limits) is None
+        return place_clear(command, there, self.cell.robot, self.bounds) is None
 
     async def go(self, command: Command) -> Reading:
         """One move, to rest. Raises MoveRefusedError before, NotThereError after, or what the robot raises."""
@@ -182,7 +190,7 @@ class Mover:
     def _way(self, command: Command) -> tuple[Leg, ...]:
         if self.here is None:
             return (Leg(command.world_from_tool, command.straight),)
-        way = planned_way(command, self.standing(), self.here, self.cell.robot, self.limits)
+        way = planned_way(command, self.standing(), self.here, self.cell.robot, self.bounds)
         if not isinstance(way, Refusal):
             return way
         raise OutOfReachError(way.text) if way.rule == "out_of_reach" else self._refused(way)
@@ -199,6 +207,8 @@ class Mover:
         self.closed = None
         await self.cell.robot.hand(closed)
         self.closed = closed
+        if not closed:
+            self.carried = ()
 
     def _refused(self, refusal: Refusal) -> MoveRefusedError:
         """Logged, and to be raised."""

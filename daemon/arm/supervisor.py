@@ -252,6 +252,7 @@ class Supervisor:
         task: asyncio.Task[T] = asyncio.create_task(self._watched(work, moves), name=f"arm: {doing}")
         self._doing, self._task = doing, task
         task.add_done_callback(self._done)
+        task.add_done_callback(lambda _: work.close())  # one that was ended before it began was never awaited
         try:
             return await asyncio.shield(task)
         except asyncio.CancelledError:

@@ -32,7 +32,7 @@ NEAR_MM = 60.0
 """What comes nearer than this to its limit in a keep-out box is measured exactly."""
 FINEST_MM = 0.2
 """A stretch this short that is not proven clear is not clear."""
-MOST_AT_FIRST, MOST_PARTS, MOST_PLACES, AT_WORST = 120, 12, 5000, 200
+MOST_AT_FIRST, MOST_PARTS, MOST_PLACES, AT_WORST = 120, 12, 5000, 80
 """Stretches to begin with; parts of one at a time; places before it is given up; stretches in which the worst place of
 a way that strikes is looked for."""
 TCP, FLANGE, WRIST_JOINTS = -1, 6, 3
@@ -207,9 +207,10 @@ def gaps_of(links: Array, body: Body, limits: Limits) -> Gaps:
     columns.append(within_mm(ends[:, TCP, 0], limits.box_low_mm, limits.box_high_mm))
     sides = [f"{side} {axis} of the box" for side in ("the least", "the greatest") for axis in "xyz"]
     what += [("outside_workspace", "tool centre point", side) for side in sides]
-    for box in limits.keep_out:
-        columns.append(away_mm(ends, body.radius_mm, box, NEAR_MM + least) - least)
-        what += [("kept_out", name, box.name) for name in body.names]
+    if limits.keep_out:
+        away = away_mm(ends, body.radius_mm, limits.keep_out, NEAR_MM + least) - least
+        columns.append(away.reshape(len(ends), -1))
+        what += [("kept_out", name, box.name) for box in limits.keep_out for name in body.names]
     capsule = np.concatenate([each, np.full(6, each[TCP]), *[each for _ in limits.keep_out]])
     return Gaps(np.concatenate(columns, axis=1), tuple(what), capsule)
 

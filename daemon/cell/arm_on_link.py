@@ -246,7 +246,7 @@ def arm_on_link(
     port: str, dialect: Dialect, arm: puma560.Puma560, on_wire: WireListener, clock: Callable[[], float]
 ) -> ArmOnLink:
     """The arm at a serial port, not yet opened. on_wire: called with every record of the wire ledger."""
-    link = Link(port, dialect, clock=clock, on_wire=on_wire, belongs_together=partial(_belongs_together, arm))
+    link = Link(port, dialect, clock=clock, on_wire=on_wire, belongs_together=partial(belongs_together, arm))
     return ArmOnLink(link, arm)
 
 
@@ -259,7 +259,7 @@ def _refusals() -> Iterator[None]:
         raise StopRefusedError(refused.message) from refused
 
 
-def _belongs_together(arm: puma560.Puma560, where: Where) -> bool:
+def belongs_together(arm: puma560.Puma560, where: Where) -> bool:
     """Whether a WHERE's joints put our tool at its place, to more than its digits and less than any spoiled one."""
     place = location_from_matrix(puma560.forward(np.radians(where.joints_deg), arm))
     off_mm, off_deg = apart(place, where.location)

@@ -94,7 +94,11 @@ def _simulated(config: Config, on_wire: WireListener, clock: Callable[[], float]
 
     simulated = config.values.simulated
     seed = simulated.seed if simulated.seed is not None else random.SystemRandom().randrange(1_000_000)
-    cell = SimulatedCell(truth(config), seed, simulated.time_scale, table=simulated.table, parts=simulated.parts)
+    verdict = None if simulated.verdict is None else config.file(simulated.verdict)
+    here = truth(config)
+    cell = SimulatedCell(
+        here, seed, simulated.time_scale, table=simulated.table, parts=simulated.parts, verdict=verdict
+    )
     manners = dialect(config).on_a_faster_line(simulated.time_scale)
     robot = arm_on_link(cell.port, manners, arm_geometry(config), on_wire, clock)
     hand = SimulatedHand(cell, {label: len(views) for label, views in VIEWS.items()}, BoardPrint)

@@ -39,6 +39,7 @@ TEACHING_TRIES = 6
 PARTS = tuple(dict.fromkeys(label for label, _, _ in VIEWS))
 ROUNDS = 3
 """How often the table is gone over before what is left is given up."""
+VERDICT = "verdict.jsonl"
 READY_S = 60.0
 """How long the daemon may take to start."""
 
@@ -78,12 +79,20 @@ def run(args: argparse.Namespace) -> int:
             say(f"facetctl demo: {again}, cell time x{args.time_scale:g}, run {written}")
             _teach(link)
             rows = _clear(link, follow(written / "run.jsonl", lambda: process.poll() is None))
+            found = _judged(Path(folder) / VERDICT)
     except (ConfigError, DemoError, OSError) as error:
         print(f"facetctl demo: {plain(error)}", file=sys.stderr)
         return 2
     picked = _table(rows, time.monotonic() - began)
     say(f"report: {write_page(written, written / 'report.html')}")
-    return 0 if picked == len(PARTS) else 1
+    say("\n".join(found) or "the cell's judge saw the arm do nothing that it must never do")
+    return 0 if picked == len(PARTS) and not found else 1
+
+
+def _judged(verdict: Path) -> list[str]:
+    """What the simulated cell's judge found, a line each."""
+    lines = [json.loads(line) for line in verdict.read_text(encoding="utf-8").splitlines()]
+    return [f"JUDGE {line['rule']}: {line['text']} (`{line['by']}`)" for line in lines if "rule" in line]
 
 
 def say(text: str) -> None:
@@ -113,7 +122,7 @@ def _configuration(args: argparse.Namespace, seed: int, runs: Path, folder: str)
         "folders": {"state": folder, "runtime": folder, "runs": str(runs)},
         "health": {"camera_silence_s": 3600},
         "pick": {"stops": {"least_looks": 3}},
-        "simulated": {"truth": truth, "time_scale": args.time_scale, "seed": seed, **_variety(args)},
+        "simulated": {"truth": truth, "time_scale": args.time_scale, "seed": seed, "verdict": VERDICT, **_variety(args)},
     }
 
 

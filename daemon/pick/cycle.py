@@ -163,6 +163,8 @@ class Cycle:
     def holding(self, answer: bool) -> None:
         """What the operator sees in the gripper."""
         self.hand_full = answer
+        if not answer:
+            self.supervisor.mover.carried = ()
 
     # Inside.
 

@@ -6,6 +6,8 @@ from __future__ import annotations
 import asyncio
 from typing import Literal
 
+from daemon import frames
+from daemon.arm import capsule_around
 from daemon.pick import viewpoints
 from daemon.pick.following import Target, came_back_empty, eyes_of, still_there
 from daemon.pick.looking import Look
@@ -43,8 +45,12 @@ async def final(context: PickContext, world: WorldModel) -> Literal[Event.THERE,
 
 
 async def closing(context: PickContext, world: WorldModel) -> Literal[Event.CLOSED]:
-    """Close the hand."""
+    """Close the hand; from now on the part is guarded as the hand is, where it was thought to lie in it."""
+    target = world.the_target()
     await context.mover.hand(closed=True)
+    tool_from_part = frames.inverse(target.plan.grasp.world_from_tool) @ target.world_from_part
+    corners = frames.apply(tool_from_part, target.shape.corners_mm)
+    context.mover.carried = (capsule_around(corners, f"{target.label} in the hand"),)
     await asyncio.sleep(context.settings.hand_s)
     return Event.CLOSED
 

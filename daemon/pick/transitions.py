@@ -125,6 +125,7 @@ TABLE: tuple[Row, ...] = (
     Row(State.ANY, Event.ABORT, State.IDLE, "the arm is stopped, the part is given up"),
     Row(State.ANY, Event.ERROR, State.FAULT, "the arm is stopped first, then the error is reported"),
     Row(State.ANY, Event.STOP, State.FAULT, "the arm is stopped first, then it is reported"),
+    Row(State.FAULT, Event.ABORT, State.FAULT, "the arm is stopped; the fault stands"),
     Row(State.FAULT, Event.RESUME, State.IDLE, "an operator says that it may move again"),
 )
 NEXT = {(row.state, row.event): row.then for row in TABLE}

@@ -27,6 +27,7 @@ from drivers.simcell.simulated_time import SimulatedLoop
 from drivers.simcell.stand import characteristic_pose
 from drivers.simcell.textures import PartsKind, Pattern, TableKind, printed_faces
 from drivers.simcell.truth import load_truth, rigid_matrix
+from drivers.simcell.verdict import Verdict
 from drivers.simcell.witness import Witness
 from drivers.simcell.world import PlacedPart, Where, World
 
@@ -55,8 +56,10 @@ class SimulatedCell:
         loop: SimulatedLoop | None = None,
         table: TableKind = "plain",
         parts: PartsKind = "plain",
+        verdict: Path | None = None,
     ) -> None:
-        """loop: whose time the whole cell lives in, without a pty or a thread (None: real time).
+        """loop: whose time the whole cell lives in, without a pty or a thread (None: real time); verdict: the file to
+        which the judge writes what it finds, for another process (verdict.py).
 
         Patterns and prints are there where parts lie; what is held before the cameras to be taught is a bare one, over
         a plain cloth.
@@ -91,11 +94,16 @@ class SimulatedCell:
         sleep = time.sleep if loop is None else loop.sleep
         pattern = np.random.default_rng([seed, 1]) if table == "patterned" else None
         self.camera = SimulatedPair(self._settings, self._scene_at, noise, time_scale, self._clock, sleep, pattern)
+        self._verdict = None
+        if verdict is not None:
+            self._verdict = Verdict(verdict, self.judge, self._machine.history, self.server.now_s, self._real_s)
         self.truth = Witness(self._settings, self.world, self._machine, self.world_from_tool)
 
     def stop(self) -> None:
         """End the controller's thread and close the camera; safe to call twice."""
         self.camera.close()
+        if self._verdict is not None:
+            self._verdict.close()
         self.server.stop()
 
     def __enter__(self) -> SimulatedCell:
@@ -167,6 +175,10 @@ class SimulatedCell:
             rng = np.random.default_rng([self._seed, 2, crc32(part.name.encode())])
             self._prints[part.name] = printed_faces(part.shape.hull, self._settings.lighting.facet_albedo, rng)
         return self._prints[part.name]
+
+    def _real_s(self, moment_s: float) -> float:
+        """The moment on the cameras' clock that a moment of the controller is."""
+        return self._clock() + (moment_s - self.server.now_s()) / self._time_scale
 
     def _hand(self, closed: bool) -> None:
         now_s = self._machine.now_s

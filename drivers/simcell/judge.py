@@ -105,7 +105,9 @@ class Judge:
         self._history, self._body, self._safety, self._table = history, body, safety, table
         self._may, self._drop_told = _Facts(False), _Facts(False)
         self._fastest = _Facts(safety.fastest_percent)
+        self._hears = _Facts(True)
         self._stops: list[tuple[float, str]] = []
+        self._by_hand: dict[str, float] = {}
         self._read = 0
         self._found: list[Violation] = []
 
@@ -125,6 +127,15 @@ class Judge:
         """Whether somebody said that what is held be let go wherever it is, from a moment on."""
         self._drop_told.add(at_s, allowed)
 
+    def line(self, at_s: float, hears: bool) -> None:
+        """Whether what is typed to stop the arm gets through to the controller, from a moment on."""
+        self._hears.add(at_s, hears)
+
+    def by_hand(self, at_s: float, line: str) -> None:
+        """A person typed this line to the controller themselves: where it goes, and how fast, is theirs to answer for.
+        That it may move, and that it stops, is not."""
+        self._by_hand.setdefault(line, at_s)
+
     def violations(self, until_s: float) -> tuple[Violation, ...]:
         """Everything found up to a moment, oldest first; the way of a motion is judged once it is over."""
         first, events = self._history.since(self._read)
@@ -133,7 +144,7 @@ class Judge:
             self._read = first
         for event in events:
             if isinstance(event, Leg) and event.motion.ends_s > until_s:
-                return (*self._found, *self._unallowed(event), *self._too_much(event))
+                return (*self._found, *self._unallowed(event), *self._ways(event, over=False))
             self._read += 1
             self._found += self._judged(event)
         return tuple(self._found)
@@ -147,8 +158,13 @@ class Judge:
             yield from self._unallowed(event)
         if isinstance(event, Leg):
             yield from self._too_late(event)
-            yield from self._too_much(event)
-            yield from self._struck(event)
+            yield from self._ways(event, over=True)
+
+    def _ways(self, leg: Leg, over: bool) -> Iterator[Violation]:
+        """How fast and how far it was to go, and, once it is over, what it came to on the way."""
+        if leg.began_s < self._by_hand.get(leg.by, float("inf")):
+            yield from self._too_much(leg)
+            yield from self._struck(leg) if over else ()
 
     def _unallowed(self, event: Leg | HandAct) -> Iterator[Violation]:
         """Begun while nothing may move, or after a stop that nobody has lifted."""
@@ -170,9 +186,16 @@ class Judge:
         told += [(e.began_s, f"the stop `{e.by}`") for e in self._history.since(self._read)[1] if isinstance(e, Stop)]
         withdrawn_s = self._may.said_within(leg.began_s, ends_s, False)
         told += [] if withdrawn_s is None else [(withdrawn_s, "it might not move any more")]
-        at_s, why = min(told, default=(ends_s, ""))
+        at_s, why = min(((self._heard_s(at_s), why) for at_s, why in told), default=(ends_s, ""))
         if ends_s - at_s > self._safety.rest_within_s:
             yield Violation("not at rest", ends_s, leg.by, f"still moving {ends_s - at_s:.3f} s after {why}")
+
+    def _heard_s(self, at_s: float) -> float:
+        """When the controller could first be told of what was so at a moment."""
+        if self._hears.at(at_s):
+            return at_s
+        again_s = self._hears.said_within(at_s, float("inf"), True)
+        return float("inf") if again_s is None else again_s
 
     def _too_much(self, leg: Leg) -> Iterator[Violation]:
         """A speed or a step over its limit, as commanded."""

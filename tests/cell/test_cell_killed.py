@@ -24,6 +24,7 @@ def daemon() -> Iterator[Sentry]:
     daemon = Sentry(folder)
     yield daemon
     daemon.kill()
+    assert daemon.judged() == []
     shutil.rmtree(folder, ignore_errors=True)
 
 

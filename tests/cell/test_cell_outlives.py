@@ -28,6 +28,7 @@ def daemon() -> Iterator[Beside]:
     folder = Path(tempfile.mkdtemp(prefix="facetd-kill-"))
     daemon = Beside(folder, Ways(time_scale=8.0, at="a part held"))
     yield daemon
+    assert daemon.judged() == []
     daemon.close()
     shutil.rmtree(folder, ignore_errors=True)
 

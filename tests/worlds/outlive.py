@@ -59,7 +59,7 @@ class Beside(Sentry):
         folder.mkdir(parents=True, exist_ok=True)
         manners = Manners(line_editing=ways.cancels_lines, prompt_after_move=ways.prompt_after_move)  # type: ignore[arg-type]
         self.cell = SimulatedCell(ETC / "simcell.yaml", seed, ways.time_scale, manners)
-        self.at = ways.at
+        self.at, self._enabled = ways.at, False
         self.cell.camera.open()
         self._eyes = lend(self.cell.camera, folder / "eyes")
         line = Dialect().on_a_faster_line(ways.time_scale)
@@ -72,8 +72,25 @@ class Beside(Sentry):
         self.environment = {PLACE: str(folder / "eyes")}
 
     def start(self, arguments: Any = (), timeout_s: float = 60.0) -> None:
-        """Start it as systemd would: again, where a device could not be had."""
+        """Start it as systemd would: again, where a device could not be had. Until it is ready nobody can stop the arm,
+        which may be at work still."""
+        judge, server = self.cell.judge, self.cell.server
+        self._enabled = False
+        judge.line(server.now_s(), hears=False)
+        judge.may_move(server.now_s(), False)
         super().start((), timeout_s)
+        judge.line(server.now_s(), hears=True)
+
+    def do(self, text: str) -> dict[str, Any]:
+        """Say one command; what it allows is known to the cell's judge from here."""
+        self._enabled |= text == "enable"
+        if self._enabled and text not in ("stop", "disable"):
+            self.cell.judge.may_move(self.cell.server.now_s(), True)
+        return super().do(text)
+
+    def judged(self) -> list[str]:
+        """What the arm did that it must never do."""
+        return list(map(str, self.cell.violations()))
 
     def await_moment(self) -> None:
         """Wait until the cell is in what the kill is for."""
@@ -197,6 +214,7 @@ def harm(kills: int, seed: int, names: Sequence[str] = tuple(ACTS)) -> dict[str,
                 daemon.teach()
             for k in range(row, kills, len(names)):
                 strike(daemon, act, float(rng.uniform(0.02, within_s)), found, f"{name}, kill {k + 1}")
+            found.moved += daemon.judged()
         finally:
             daemon.close()
             shutil.rmtree(folder, ignore_errors=True)

@@ -5,6 +5,7 @@ Only starting, speaking and reading what the kernel says of the process; what is
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import socket
@@ -45,13 +46,17 @@ class Running:
         folder.mkdir(parents=True, exist_ok=True)
         for name in ("calibration.yaml", "facets.yaml", "parts.yaml", "simcell.yaml"):
             shutil.copy(ETC / name, folder)
-        simulated = f"simulated: {{truth: simcell.yaml, time_scale: {time_scale}, seed: {seed}}}\n"
+        simulated = (
+            f"simulated: {{truth: simcell.yaml, time_scale: {time_scale}, seed: {seed}, verdict: verdict.jsonl}}\n"
+        )
         (folder / "facetd.yaml").write_text(
             f"version: 1\nfolders: {{state: state, runtime: .}}\n{simulated}{config}", encoding="utf-8"
         )
         self.process: subprocess.Popen[bytes] | None = None
         self.program = "daemon.main"
         self.environment: dict[str, str] = {}
+        self._allowed: list[tuple[float, bool]] = []
+        """From when on the arm might move or not, by what was said to it."""
 
     @property
     def runs(self) -> Path:
@@ -60,6 +65,7 @@ class Running:
 
     def start(self, arguments: Iterable[str] = ("--sim",), timeout_s: float = 60.0) -> None:
         """Start it and wait until it says that it is ready. Raises RuntimeError where it ends first, or never is."""
+        self._allowed.append((time.monotonic(), False))
         with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as notes:
             place = self.folder / "notify"
             place.unlink(missing_ok=True)
@@ -83,8 +89,24 @@ class Running:
 
     def do(self, text: str) -> dict[str, Any]:
         """Say one command; {text, data, status}."""
+        if text in ("enable", "resume"):
+            self._allowed.append((time.monotonic(), True))
         with DaemonLink(self.folder / "facetd.sock") as link:
-            return link.do(text, "bench", lambda _: None)
+            done = link.do(text, "bench", lambda _: None)
+        if text in ("stop", "disable"):
+            self._allowed.append((time.monotonic(), False))
+        return done
+
+    def judged(self) -> list[str]:
+        """What the arm did, in words, that it must never do, by the simulated cell's judge: the daemon has no part in
+        it. That it sets out only when it may is held against what was said here."""
+        found = []
+        for line in map(json.loads, (self.folder / "verdict.jsonl").read_text(encoding="utf-8").splitlines()):
+            if "rule" in line:
+                found.append(f"{line['rule']}: {line['text']} (`{line['by']}`)")
+            elif not [allowed for at_s, allowed in self._allowed if at_s <= line["set_out_s"]][-1]:
+                found.append(f"not allowed: `{line['by']}` while nothing might move")
+        return found
 
     def teach(self, views: Sequence[tuple[str, int]] = SHOWN) -> None:
         """Show the views as an operator would, each again until it is seen whole; train. Raises RuntimeError."""

@@ -89,7 +89,9 @@ def with_its_cell(kills: int, seed: int, time_scale: float) -> dict[str, Found]:
         daemon.start()
         daemon.teach()
         daemon.do("enable")
-        return harm(daemon, kills, seed)
+        table = harm(daemon, kills, seed)
+        table[next(iter(table))].moved += daemon.judged()
+        return table
     finally:
         daemon.kill()
         shutil.rmtree(folder, ignore_errors=True)

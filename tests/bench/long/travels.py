@@ -1,5 +1,5 @@
 """Random travels past the guard against a look at every half millimetre of each: does it let one through that strikes,
-does it refuse one that does not, and what does asking it cost.
+does it refuse one that does not, what does asking it cost, and how long does the longest it allows take?
 
 usage: python -m tests.bench.long.travels [COUNT [SEED [WORKERS [SECONDS]]]]   (`python -m tests.bench travels`: 2,000)
 """
@@ -16,7 +16,9 @@ import numpy as np
 
 from daemon.arm.guard import refuse
 from daemon.arm.sweep import SLACK_MM, way_clear
-from tests.worlds.swept import ROBOT, Travel, Truth, random_travel, truth_of
+from drivers.puma560 import UnreachableError
+from drivers.simcell.arm import Arm
+from tests.worlds.swept import ARM, ROBOT, Travel, Truth, random_travel, truth_of
 
 CHUNK = 100
 SCENES = (0, 0, 1, 3)
@@ -33,11 +35,25 @@ def kind_of(travel: Travel, truth: Truth) -> str:
     return "close" if truth.touch_mm < travel.limits.clearance_mm or truth.box_mm < 0 else "harmless"
 
 
-Judged = tuple[bool, str, str, float, float]
+Judged = tuple[bool, str, str, float, float, float]
+
+
+def lasts_s(travel: Travel) -> float:
+    """How long the simulated arm takes for it at full speed; nan where it cannot."""
+    arm, target = Arm(ARM, travel.start.joints_rad), travel.command.world_from_tool
+    joints = ROBOT.reachable(target, travel.start.joints_rad)
+    try:
+        if travel.command.straight:
+            arm.move_straight(target, 1.0, 0.0)
+        else:
+            arm.move_joints(joints, 1.0, 0.0)
+    except UnreachableError:
+        return float("nan")
+    return arm.rests_s
 
 
 def judged(seed: int, chunk: int) -> list[Judged]:
-    """(straight, kind, rule or "allowed", processor ms of the check, least gap mm) of a chunk's travels."""
+    """(straight, kind, rule or "allowed", processor ms of the check, least gap mm, s it takes) of a chunk's travels."""
     rng = np.random.default_rng([seed, chunk])
     found = []
     for number in range(CHUNK):
@@ -48,7 +64,7 @@ def judged(seed: int, chunk: int) -> list[Judged]:
         assert refuse(travel.command, travel.standing, travel.limits) is None, "its end alone is allowed"
         truth = truth_of(travel)
         told = "allowed" if refusal is None else refusal.rule
-        found.append((travel.command.straight, kind_of(travel, truth), told, ms, truth.touch_mm))
+        found.append((travel.command.straight, kind_of(travel, truth), told, ms, truth.touch_mm, lasts_s(travel)))
         if refusal is None and found[-1][1] in ("strikes", "no way"):
             print(f"WRONG: chunk {chunk} travel {number}: {truth}", flush=True)
     return found
@@ -67,6 +83,8 @@ def report(every: list[Judged], seconds: float) -> None:
             ms = [row[3] for row in rows if (row[2] == "allowed") is some] or [np.nan]
             median, most = np.percentile(ms, [50, 95])
             print(f"  a check, {name}: median {median:.2f} ms, 95 % {most:.2f} ms, worst {max(ms):.1f} ms")
+        s = np.array([row[5] for row in rows if row[2] == "allowed" and np.isfinite(row[5])] or [np.nan])
+        print(f"  an allowed one at 100 % takes: median {np.median(s):.2f} s, longest {s.max():.2f} s")
     strike = [row for row in every if row[1] == "strikes"]
     harmless = [row for row in every if row[1] == "harmless"]
     wrong = sum(row[2] == "allowed" for row in every if row[1] == "strikes")

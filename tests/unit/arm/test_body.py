@@ -1,11 +1,14 @@
 """What of the arm may strike: capsules where the links are, and their distances, against balls in a row."""
 
+import importlib.util
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from daemon.arm.body import ARM, Capsule, KeepOut, above_mm, away_mm, body_of, within_mm
+from daemon.arm.body import ARM, Capsule, KeepOut, above_mm, away_mm, body_of, capsule_around, within_mm
 from daemon.arm.guard import BODY_MM
 from drivers import puma560
 
@@ -30,7 +33,7 @@ def by_balls(a, b, radius):
 @settings(max_examples=300, deadline=None)
 @given(a=places, b=places, radius=st.floats(0, 90))
 def test_a_capsule_is_never_told_farther_from_a_box_than_it_is_and_near_it_exactly(a, b, radius):
-    told = float(away_mm(*ends((a, b, radius)), BOX, NEAR_MM)[0, 0])
+    told = float(away_mm(*ends((a, b, radius)), [BOX], NEAR_MM)[0, 0, 0])
     true = by_balls(a, b, radius)
     assert told <= true + 1e-9
     length = float(np.linalg.norm(np.subtract(a, b)))
@@ -49,7 +52,7 @@ def test_a_capsule_is_never_told_farther_from_a_box_than_it_is_and_near_it_exact
     ],
 )
 def test_distances_known_by_hand(a, b, radius, mm):
-    assert away_mm(*ends((a, b, radius)), BOX, 1e3)[0, 0] == pytest.approx(mm, abs=0.3)
+    assert away_mm(*ends((a, b, radius)), [BOX], 1e3)[0, 0, 0] == pytest.approx(mm, abs=0.3)
 
 
 def test_height_over_the_table_is_that_of_the_lower_end_less_the_radius():
@@ -81,7 +84,45 @@ def test_each_capsule_goes_with_its_link():
 
 def test_the_forearm_leads_from_the_elbow_to_the_wrist_centre():
     links = puma560.link_frames(np.radians([[20.0, 40.0, -120.0, 30.0, -50.0, 10.0]]))
-    forearm = ARM[1]
-    assert forearm.link == "forearm"
+    forearm = next(capsule for capsule in ARM if capsule.name == "forearm")
     placed = body_of((forearm,), ()).placed(links)[0, 0]
     assert placed[1] == pytest.approx(links[0, 6, :3, 3], abs=0.1)
+
+
+def depth_mm(points, capsule):
+    """(N,): how far (N, 3) points are from a capsule's skin, negative inside."""
+    start, way = np.array(capsule.from_mm), np.subtract(capsule.to_mm, capsule.from_mm)
+    share = np.clip((points - start) @ way / max(way @ way, 1e-9), 0.0, 1.0)
+    return np.linalg.norm(points - start - share[:, None] * way, axis=1) - capsule.radius_mm
+
+
+@pytest.mark.parametrize(("mesh", "link"), [("link2", "upper_arm"), ("link3", "forearm")])
+def test_nothing_of_the_arm_s_own_shape_is_outside_its_capsules(mesh, link):
+    """The shape: the robotics toolbox's mesh, mm in the link's frame; looked at all over its triangles."""
+    package = importlib.util.find_spec("rtbdata")
+    assert package is not None
+    assert package.origin is not None
+    text = (Path(package.origin).parent / f"meshes/UNIMATE/puma560/{mesh}.stl").read_text()
+    lines = [line.split()[1:] for line in text.splitlines() if line.split()[:1] == ["vertex"]]
+    triangles = 1000.0 * np.array(lines, float).reshape(-1, 3, 3)
+    shares = np.random.default_rng(0).dirichlet(np.ones(3), (len(triangles), 30))
+    points = np.concatenate([(shares @ triangles).reshape(-1, 3), triangles.reshape(-1, 3)])
+    assert np.ptp(points, axis=0).max() > 400.0
+    outside = np.min([depth_mm(points, capsule) for capsule in ARM if capsule.link == link], axis=0)
+    assert outside.max() < 0.5
+
+
+@given(points=st.lists(places, min_size=4, max_size=9))
+def test_the_capsule_around_a_part_holds_every_corner_and_no_less_than_it_must(points):
+    corners = np.array(points, float)
+    capsule = capsule_around(corners, "part")
+    assert capsule.link == "tool"
+    assert depth_mm(corners, capsule).max() < 1e-6
+    assert capsule.radius_mm <= np.linalg.norm(corners - corners.mean(axis=0), axis=1).max() + 1e-9
+
+
+def test_the_capsule_around_a_cube_is_little_larger_than_the_cube():
+    cube = 20.0 * np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
+    capsule = capsule_around(cube, "cube")
+    assert capsule.radius_mm <= 20.0 * np.sqrt(3.0) + 1e-9
+    assert depth_mm(cube, capsule).max() == pytest.approx(0.0, abs=1e-6)

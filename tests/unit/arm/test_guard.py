@@ -1,6 +1,7 @@
 """The guard: each rule refuses on its own, and no byte leaves while one is broken."""
 
 import asyncio
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -170,6 +171,13 @@ class GuardedMotion(RuleBasedStateMachine):
         if self.mover.at is not None:
             self.go_to(frames.perturb(self.mover.at.world_from_tool, np.array([*xyz, 0.0, 0.0, turn])), 50.0, from_look)
 
+    @rule(mm=st.sampled_from([-440.0, 440.0]))
+    def go_aside(self, mm):
+        if self.mover.at is not None:
+            pose = self.mover.at.world_from_tool.copy()
+            pose[1, 3] += mm
+            self.go_to(pose, 50.0, False)
+
     @rule(closed=st.booleans())
     def hand(self, closed):
         may = self.mover.leave.enabled and self.mover.leave.hindrance is None
@@ -267,3 +275,19 @@ def test_the_property_notices_when_a_rule_is_taken_away(left_out, monkeypatch):
 
 async def _go_without_place(self, told):
     await self.cell.robot.move(told.world_from_tool, straight=True, speed_pct=1.0, timeout_s=1.0)
+
+
+@pytest.mark.parametrize("point", [(x, y, 10.0) for x in (-7.5, 7.5) for y in (-45.0, 45.0)])
+def test_each_corner_of_a_finger_tip_is_guarded(point):
+    """The corners of the camera bar lie within its capsule, those of the tips do not."""
+    down = np.array([0.6 * np.sign(point[0]), 0.05 * np.sign(point[1]), 0.8])
+    down /= np.linalg.norm(down)
+    beside = np.cross(down, [0.0, 0.0, 1.0]) / np.linalg.norm(np.cross(down, [0.0, 0.0, 1.0]))
+    rotation = np.array([beside, np.cross(beside, down), -down])
+    pose = frames.rigid(rotation, np.array([420.0, 0.0, LIMITS.table_z_mm + down @ point + 1.0]))
+    told, standing = Command(pose, True, 10.0, "tip down"), ArmState(True, None, pose, 100.0)
+    refusal = refuse(told, standing, LIMITS)
+    assert refusal is not None
+    assert refusal.rule == "below_table"
+    fewer = replace(LIMITS, body_mm=tuple(other for other in LIMITS.body_mm if other != point))
+    assert refuse(told, standing, fewer) is None, "nothing else is that low"

@@ -155,3 +155,9 @@ def test_the_whole_way_is_asked_about_again_after_the_gate_and_from_where_the_ar
     with pytest.raises(MoveRefusedError, match="kept_out"):
         asyncio.run(mover.go(Command(RIGHT, True, 50.0, "test")))
     assert robot.sent == []
+
+
+def test_a_straight_way_out_of_reach_in_between_is_told_as_that():
+    found = planned(hand(250, -300, 0), hand(60, 0, 0), straight=True)
+    assert isinstance(found, Refusal)
+    assert found.rule == "out_of_reach"

@@ -80,6 +80,19 @@ def test_the_first_two_pairs_that_agree_are_taken_and_none_from_before_the_rest(
     assert found.seconds == pytest.approx(0.09)
 
 
+def test_the_second_pair_is_wholly_later_than_the_later_frame_of_the_first():
+    eyes = Eyes([50])
+    grab = eyes.grab
+
+    async def skewed(not_before_s: float, timeout_s: float) -> FakePair:
+        taken = await grab(not_before_s, timeout_s)
+        return FakePair(taken.left, FakePicture(taken.right.pixels, taken.right.taken_s + 0.01))
+
+    eyes.grab = skewed  # type: ignore[method-assign]
+    found = settle(eyes)
+    assert eyes.asked_s == [1.0, found.before.right.taken_s]
+
+
 def test_an_arm_that_never_comes_to_rest_is_told_after_the_time():
     eyes = Eyes([20 + 7 * (k % 9) for k in range(200)])
     with pytest.raises(NotSettledError, match="still change 1 s after"):

@@ -269,3 +269,15 @@ def test_no_line_whatever_it_holds_ends_in_an_exception(text: str) -> None:
     answer = say(context, f"help {text}")
     assert answer.status in (0, 1, 2)
     assert say(context, f"q{text}").status in (0, 1, 2)
+
+
+ENDS_MOTION = ("stop", "abort", "pause")
+"""Of what moves or changes something, all that a door that may only look may say."""
+
+
+@pytest.mark.parametrize(
+    "name", [c.name for c in every_command("simulated") if c.grade != "look" and c.name not in ENDS_MOTION]
+)
+def test_a_door_that_may_only_look_is_refused_whatever_does_more_than_end_motion(context: object, name: str) -> None:
+    assert "may only look" in say(context, name, FakeDoor(may="look")).text
+    assert context.cycle.told == []  # type: ignore[attr-defined]

@@ -136,6 +136,21 @@ def test_abort_gives_the_pick_up_without_a_fault():
     assert not moves_after_abort(world)
 
 
+def test_a_fault_that_was_aborted_meanwhile_still_stands_and_is_cleared_by_one_resume():
+    cycle = cycle_of(one_part())
+
+    async def story():
+        await cycle.supervisor.stop()
+        await cycle.supervisor.abort()
+        before = cycle.state, cycle.status()["fault"]
+        cycle.supervisor.resume()
+        return before, (cycle.state, cycle.status()["fault"])
+
+    before, after = asyncio.run(story())
+    assert before == ("fault", "stopped by the operator")
+    assert after == ("idle", None)
+
+
 def test_disable_in_mid_pick_stops_the_arm_and_a_device_that_fails_leaves_its_code():
     world = one_part()
     cycle = cycle_of(world)

@@ -1,10 +1,14 @@
 """The taking, state by state: round to a side approach, what a look afterwards says against success."""
 
+import asyncio
+
+import numpy as np
 import pytest
 
+from daemon.arm import capsule_around
 from daemon.pick import take
 from daemon.pick.transitions import Event, State
-from tests.worlds.fake_cell import one_part
+from tests.worlds.fake_cell import cycle_of, one_part
 from tests.worlds.pick_steps import begun, brought_to, step
 
 
@@ -68,3 +72,27 @@ def test_a_hand_seen_empty_is_a_miss_though_the_part_is_gone(monkeypatch, empty)
     assert event is (Event.MISSED if empty else Event.GONE)
     assert world.outcome == ("missed" if empty else "picked")
     assert fake.closed is not empty, "a hand that missed is opened"
+
+
+def test_a_part_in_the_hand_is_guarded_as_the_hand_is_until_it_is_let_go():
+    fake = one_part()
+    context, world = begun(fake)
+    brought_to(State.CLOSING, context, world)
+    step(context, world, State.CLOSING)
+    (carried,) = context.mover.carried
+    assert carried.name == f"{world.the_target().label} in the hand"
+    step(context, world, State.RETREAT)
+    low = world.the_target().plan.grasp.world_from_tool
+    assert not context.mover.allows(low), "what is held would touch the table again"
+    asyncio.run(context.mover.hand(closed=False))
+    assert context.mover.carried == ()
+    assert context.mover.allows(low)
+
+
+def test_what_an_operator_sees_to_be_empty_carries_nothing():
+    cycle = cycle_of(one_part())
+    cycle.supervisor.mover.carried = (capsule_around(np.eye(3), "a part"),)
+    cycle.holding(True)
+    assert cycle.supervisor.mover.carried
+    cycle.holding(False)
+    assert cycle.supervisor.mover.carried == ()

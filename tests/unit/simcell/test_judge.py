@@ -28,7 +28,7 @@ class Cell:
         geometry = Puma560(flange_from_tool=rigid_matrix(TRUTH.arm.flange_from_tool))
         arm = Arm(geometry, READY_RAD)
         self.controller, self.now_s = Controller(arm, manners), 0.0
-        rules = msgspec.structs.replace(TRUTH.safety, longest_step_mm=2000.0, **safety)  # type: ignore[arg-type]
+        rules = msgspec.structs.replace(TRUTH.safety, **({"longest_step_mm": 2000.0} | safety))  # type: ignore[arg-type]
         body = Body(rules.body, geometry, np.zeros(6))
         self.judge = Judge(self.controller.machine.history, body, rules, TRUTH.table)
         self.judge.may_move(0.0, True)
@@ -279,3 +279,33 @@ def test_what_was_judged_once_is_not_judged_again() -> None:
     once = len(asked)
     assert cell.found() == []
     assert len(asked) == once > 0
+
+
+@pytest.mark.parametrize(("again_s", "rules"), [(None, []), (1.0, ["not at rest"]), (60.0, [])])
+def test_a_stop_is_late_only_from_when_it_could_get_through(again_s: float | None, rules: list[str]) -> None:
+    cell = Cell()
+    cell.types("DO DRIVE 2,-80,5", 0.5)
+    cell.judge.line(cell.now_s, hears=False)
+    cell.judge.stop_received(cell.now_s + 0.1, "a stop")
+    cell.judge.may_move(cell.now_s + 0.1, False)
+    if again_s is not None:
+        cell.judge.line(cell.now_s + again_s, hears=True)
+    cell.types("DO BREAK", 100.0)
+    assert cell.found() == rules
+    cell.types("DO OPENI")
+    assert cell.found() == [*rules, "not allowed", "after a stop"], "that something sets out is another matter"
+
+
+def test_where_a_person_sends_the_arm_is_theirs_but_that_it_may_go_and_stops_is_not() -> None:
+    cell = Cell(longest_step_mm=50.0)
+    cell.judge.no_faster_than(cell.now_s, 20.0)
+    cell.types("SPEED 100")
+    cell.judge.by_hand(cell.now_s, ABOVE_TABLE)
+    cell.types(ABOVE_TABLE)
+    assert cell.found() == []
+    cell.types("DO DRIVE 1,30,100")
+    assert set(cell.found()) == {"too fast", "step too long"}
+    before = len(cell.found())
+    cell.judge.may_move(cell.now_s, False)
+    cell.types(ABOVE_TABLE)
+    assert cell.found()[before:] == ["not allowed"]

@@ -1,0 +1,52 @@
+"""The whole daemon among random operators and mishaps, before a judge, for a million steps: does the arm ever surprise?
+
+usage: python -m tests.bench.long.surprises [STEPS [SEED [WORKERS]]]
+
+A failure prints the shortest script that shows it, and the seed that found it. Exit 1 where there is one.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+import traceback
+from functools import partial
+from multiprocessing import Pool
+
+from hypothesis import seed, settings
+from hypothesis.stateful import run_state_machine_as_test
+
+from tests.worlds.surprises import HOUSE, STEPS, Surprises
+
+STORIES = 50
+"""Of one seed."""
+
+
+def lived(first_seed: int, number: int) -> tuple[int, int, str]:
+    """Seed, steps and, where the arm surprised, what was so and the script."""
+    here = first_seed + number
+    machine = seed(here)(type("Surprises", (Surprises,), {}))
+    told = ""
+    try:
+        run_state_machine_as_test(machine, settings=settings(HOUSE, max_examples=STORIES, database=None))  # type: ignore[arg-type]
+    except BaseException as error:
+        told = "".join(traceback.format_exception_only(error))
+    return here, machine.steps, told
+
+
+def main(steps: int = 1_000_000, first_seed: int = 14, workers: int = 2) -> int:
+    """Run and print."""
+    began_s, done, wrong = time.monotonic(), 0, 0
+    with Pool(workers, maxtasksperchild=1) as pool:
+        for here, more, told in pool.imap_unordered(partial(lived, first_seed), range(-(-steps // (STORIES * STEPS)))):
+            done += more
+            wrong += bool(told)
+            print(f"  {done} steps, {time.monotonic() - began_s:.0f} s", file=sys.stderr, flush=True)
+            if told:
+                print(f"seed {here}: the arm surprised\n{told}", flush=True)
+    print(f"{done} steps of random operators and mishaps, {time.monotonic() - began_s:.0f} s: {wrong} surprises")
+    return 1 if wrong else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(*(int(word) for word in sys.argv[1:])))

@@ -1,0 +1,59 @@
+"""What random operators found, each as the shortest script that showed it. What is not mended yet is marked so."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+from tests.worlds.whole_daemon import Story
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture
+def story() -> Iterator[Story]:
+    story = Story()
+    story.sockets[0].say("enable")
+    story.wait(0.1)
+    yield story
+    story.close()
+
+
+def test_a_fault_that_was_aborted_meanwhile_is_cleared_by_a_resume_that_says_so(story: Story) -> None:
+    for text in ("stop", "abort", "resume"):
+        story.sockets[2].say(text)
+        story.wait(1.0)
+    assert "The fault is cleared" in story.texts[-1]
+    assert story.violations() == ()
+
+
+def test_a_job_that_was_ended_before_it_began_leaves_nothing_behind(story: Story) -> None:
+    story.sockets[0].say("hand close")
+    story.sockets[1].say("stop")
+    story.wait(1.0)
+    assert story.violations() == ()
+
+
+@pytest.mark.xfail(strict=True, reason="a quote left open: the line is parsed before it is known to be a stop")
+@pytest.mark.parametrize("text", ["stop '", "stop \\", 'stop "now'])
+def test_a_stop_with_a_quote_left_open_stops_the_arm(story: Story, text: str) -> None:
+    story.sockets[0].say("go bin")
+    story.wait(0.3)
+    story.sockets[1].say(text)
+    story.wait(3.0)
+    assert story.violations() == ()
+
+
+@pytest.mark.xfail(
+    strict=True, reason="whether it moves is taken from whether a job runs, and a lost line ends the job"
+)
+def test_control_c_after_the_line_was_lost_on_the_way_does_not_say_that_nothing_moves(story: Story) -> None:
+    story.sockets[0].say("go bin")
+    story.wait(0.5)
+    story.harm(story.cell.server.unplug)  # type: ignore[union-attr]
+    story.wait(0.1)
+    assert not story.cell.controller.machine.at_rest()
+    story.sockets[1].interrupt()
+    story.wait(0.02)
+    assert "Nothing moves." not in story.texts

@@ -1,0 +1,58 @@
+"""deploy/SAFETY.md names what is there: every file, every test; and its figures follow from what they are said to."""
+
+from __future__ import annotations
+
+import ast
+import re
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from daemon.arm import Limits
+from daemon.store.places import HOUSE
+from drivers.puma560 import PUMA560
+from drivers.simcell.arm import JOINT_ACCELERATION_RAD_S2, JOINT_SPEED_RAD_S, LINE_ACCELERATION_MM_S2, LINE_SPEED_MM_S
+
+PAGE = (HOUSE / "deploy" / "SAFETY.md").read_text(encoding="utf-8")
+TESTS = re.findall(r"`([\w/.]+\.py)::(\w+)`", PAGE)
+FILES = sorted(set(re.findall(r"`((?:daemon|drivers|tests|deploy|etc)/[\w/.]+\.\w+)(?:::\w+)?`", PAGE)))
+
+
+@cache
+def named_in(file: Path) -> set[str]:
+    """The names of the tests in a file."""
+    tree = ast.parse(file.read_text(encoding="utf-8"))
+    kinds = (ast.FunctionDef, ast.AsyncFunctionDef)
+    return {node.name for node in ast.walk(tree) if isinstance(node, kinds) and node.name.startswith("test_")}
+
+
+@pytest.mark.parametrize(("file", "name"), sorted(set(TESTS)))
+def test_every_test_it_names_exists(file: str, name: str) -> None:
+    assert name in named_in(HOUSE / file)
+
+
+@pytest.mark.parametrize("file", FILES)
+def test_every_file_it_names_exists(file: str) -> None:
+    assert (HOUSE / file).is_file()
+
+
+def test_every_hazard_says_what_prevents_it_and_which_test_shows_it() -> None:
+    table = PAGE.partition("## The hazards")[2].partition("## Before")[0]
+    rows = [[cell.strip() for cell in row.split("|")[1:-1]] for row in table.splitlines() if row.startswith("| ")][2:]
+    assert len(rows) > 15
+    for what, causes, prevents, shown, _ in rows:
+        assert what, rows
+        assert causes, what
+        assert prevents, what
+        assert re.search(r"\bW\b|::test_", shown), what
+
+
+def test_how_long_a_move_is_at_most_follows_from_limits_and_speeds() -> None:
+    ranges = np.ptp(PUMA560.limits_rad, axis=1)
+    longest_s = (ranges / JOINT_SPEED_RAD_S + JOINT_SPEED_RAD_S / JOINT_ACCELERATION_RAD_S2).max()
+    assert f"that is {longest_s:.1f} s at 100 %" in PAGE
+    line_s = Limits().max_step_mm / LINE_SPEED_MM_S + LINE_SPEED_MM_S / LINE_ACCELERATION_MM_S2
+    assert f"`pick.limits.max_step_mm` ({Limits().max_step_mm:g} mm)" in PAGE
+    assert f"a line of {Limits().max_step_mm:g} mm at {LINE_SPEED_MM_S:g} mm/s takes {line_s:.2f} s" in PAGE

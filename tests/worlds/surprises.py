@@ -1,0 +1,255 @@
+"""Whatever operators, line, controller and clock may do to the whole daemon, in random order, before a judge.
+
+A hypothesis state machine over tests/worlds/whole_daemon.py: a failure prints the shortest script that shows it, as
+calls of the rules below. Run by tests/unit/service/test_whole_daemon.py and tests/bench/long/surprises.py.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import yaml
+from hypothesis import HealthCheck, settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
+
+from daemon.commands import every_command
+from drivers.simcell.controller import LineFault, Mishap
+from tests.worlds.whole_daemon import FASTEST, SLOWEST, Story
+
+STEPS = 100
+"""Of one story."""
+HOUSE = settings(stateful_step_count=STEPS, deadline=None, suppress_health_check=list(HealthCheck))
+NAMES = sorted({command.name for command in every_command("simulated")} | {"help"})
+LABELS = ("cube", "pyramid", "triangular_prism", "pentagonal_prism")
+USUAL = (
+    *["enable", "resume", "go home", "go bin", "go survey", "pick", "auto on", "hand open", "hand close"] * 3,
+    *["stop", "abort", "disable", "pause", "step on", "step off", "confirm", "refuse"] * 2,
+    "pick cube", "auto on 2", "auto off", "auto resume", "holding no", "holding yes", "dry on", "dry off", "reload",
+    "status", "where", "look", "scatter cube", "clear", "robot power-up", "robot cal",
+)  # fmt: skip
+MONITOR = ("WHERE", "STATUS", "SPEED 100", "SPEED 5", "TOOL TRANS(0,0,0,0,0,0)", "DO READY", "DO OPENI", "DO CLOSEI",
+           "CAL", "CALI", "D MOVE TRANS(420,0,60,0,90,0)", "DO MOVE TRANS(420,0,0,0,90,0)", "EXEC PROG", "ABORT",
+           "DO BREAK", "Y", "DO DRIVE 1,20,100", "BASE 0,0,100", "!!")  # fmt: skip
+ARGUMENTS = ("", "", "on", "off", "home", "bin", "survey", "cube", "open", "close", "yes", "no", "wait", "2", "every 3",
+             "resume", "monitor WHERE", "x", "'", "\\", "# stop", "; enable")  # fmt: skip
+SLOW = ("train", "bundle", "doctor", "calibrate", "preview")
+"""Of the command table, what takes seconds of this computer and moves nothing that others do not."""
+HEARD_S = 0.02
+"""After control-C an operator first reads whether there was anything to stop."""
+SECONDS = st.sampled_from([0.0, 0.02, 0.1, 0.3, 0.7, 1.5, 4.0, 10.0])
+ODD = (b"\x00", b"\x15", b"\x1b[A", b"\xff\xfe", b"{", b'{"do"', b"[]\n", b"null\n", b'{"answer": 1}\n',
+       b'{"keys": "DO READY\\r"}\n', b'{"do": "stop \\u0000"}\n', b"\x1d", b"\t", b"\r\r")  # fmt: skip
+
+
+def words() -> st.SearchStrategy[str]:
+    """A line as an operator types it: mostly what is usual, else any word of the table, its beginning, or near it."""
+    table = st.builds(
+        "{} {}".format, st.sampled_from([n for n in NAMES if n not in SLOW]), st.sampled_from(ARGUMENTS)
+    ).map(str.strip)
+    begun = st.builds(lambda name, n: name[:n], st.sampled_from([n for n in NAMES if n not in SLOW]), st.integers(1, 6))
+    monitor = st.sampled_from(MONITOR).map("robot monitor {}".format)
+    shouted = st.sampled_from(USUAL).map(str.upper)
+    spoiled = st.builds(
+        "{}{}".format, st.sampled_from(USUAL), st.sampled_from(["'", " \u0000", "\u00e9", " # x", "\\", '"'])
+    )
+    spoiled = spoiled.filter(lambda text: not text.startswith("stop"))
+    usual = st.sampled_from(USUAL)
+    return st.one_of(usual, usual, usual, usual, table, begun, monitor, shouted, spoiled)
+
+
+DOOR = st.integers(0, 3)
+STOPS = ("stop", "STOP", "sto", "stop now", "stop \u00e9", "control-C", "disable", "abort", "SIGTERM")
+
+
+class Surprises(RuleBasedStateMachine):
+    """See the module. Doors 0 to 2 are at the socket, 3 is the serial terminal."""
+
+    story: Story | None = None
+    steps = 0
+    """Of all stories together."""
+
+    @initialize(
+        may=st.sampled_from(["all", "all", "look"]), holds=st.booleans(), parts=st.integers(0, 9), at_end=st.booleans(),
+        ready=st.booleans(),
+    )  # fmt: skip
+    def begin(self, may: str, holds: bool, parts: int, at_end: bool, ready: bool) -> None:
+        """A cell and a daemon; ready: enabled already."""
+        self.story = Story(may, holds, parts=parts == 9 and not holds, prompt_at_end=at_end)
+        if ready:
+            self.do(0, "enable")
+
+    @rule(door=DOOR, text=words(), seconds=SECONDS)
+    def do(self, door: int, text: str, seconds: float = 0.1) -> None:
+        """An operator types a line."""
+        self.there.doors[door].say(text)
+        self.there.wait(seconds)
+
+    @rule(door=DOOR, texts=st.lists(st.sampled_from(USUAL), min_size=2, max_size=4), seconds=SECONDS)
+    def do_at_once(self, door: int, texts: list[str], seconds: float) -> None:
+        """Lines typed ahead."""
+        for text in texts:
+            self.there.doors[door].say(text)
+        self.there.wait(seconds)
+
+    @rule(place=st.sampled_from(["home", "bin", "survey"]), door=DOOR, after=SECONDS, how=st.sampled_from(STOPS))
+    def stop_on_the_way(self, place: str, door: int, after: float, how: str) -> None:
+        """The arm goes somewhere and is stopped, mostly before it is there."""
+        self.there.doors[0].say(f"go {place}")
+        self.there.wait(after)
+        if how == "control-C":
+            self.there.doors[door].interrupt()
+            self.there.wait(HEARD_S)
+        elif how == "SIGTERM":
+            self.terminate()
+        else:
+            self.there.doors[door].say(how)
+        self.there.wait(1.0)
+
+    @rule(door=DOOR, text=st.sampled_from(["y", "y", "n", "", "stop", "stop now", "yes", "maybe"]), seconds=SECONDS)
+    def answer(self, door: int, text: str, seconds: float) -> None:
+        """An operator answers what is asked, or what is not."""
+        self.there.doors[door].answer(text)
+        self.there.wait(seconds)
+
+    @rule(door=DOOR, seconds=SECONDS)
+    def interrupt(self, door: int, seconds: float) -> None:
+        """Control-C."""
+        self.there.doors[door].interrupt()
+        self.there.wait(max(seconds, HEARD_S))
+
+    @rule(door=DOOR, data=st.one_of(st.sampled_from(ODD), st.binary(max_size=6)))
+    def odd_bytes(self, door: int, data: bytes) -> None:
+        """What nobody types, and its end: the rest of a line would be taken for the beginning of the next."""
+        if b"\x03" not in data:
+            self.there.doors[door].send_bytes(data + (b"\n" if door < 3 else b"\x15"))
+            self.there.wait(0.02)
+
+    @rule(door=st.integers(0, 2))
+    def come_again(self, door: int) -> None:
+        """An operator leaves, and comes again."""
+        self.there.doors[door].close()
+        self.there.wait(0.05)
+        self.there.doors[door].open()
+
+    @rule(way=st.sampled_from(["to_host", "to_controller"]), harm=st.sampled_from(["drop", "double", "flip", "insert"]),
+          after=st.integers(0, 40), count=st.integers(1, 3))  # fmt: skip
+    def spoil(self, way: Any, harm: Any, after: int, count: int) -> None:
+        """Some bytes of the line will be harmed."""
+        self.there.harm(lambda: self.there.cell.controller.faults.line.append(LineFault(way, harm, after, count)))
+
+    @rule(seed=st.integers(0, 99), seconds=st.sampled_from([1.0, 5.0]))
+    def noise(self, seed: int, seconds: float) -> None:
+        """Noise on the line for a while."""
+        faults = self.there.cell.controller.faults
+        self.there.harm(lambda: faults.seed_noise(seed, 0.01))
+        self.there.wait(seconds)
+        faults.noise_rate = 0.0
+
+    @rule(what=st.sampled_from(list(Mishap)), share=st.sampled_from([None, 0.1, 0.5, 0.9]))
+    def mishap(self, what: Mishap, share: float | None) -> None:
+        """Power, emergency stop, controller: now, or in the next move."""
+        if share is None:
+            self.there.mishap(what)
+        else:
+            faults = self.there.cell.controller.faults
+            self.there.harm(lambda: faults.in_move.append((share, what)))
+
+    @rule(what=st.sampled_from(["refusal", "mute", "split"]))
+    def odd_controller(self, what: str) -> None:
+        """The controller refuses the next motion, or its next answer is lost, or its prompt comes in two halves."""
+        faults = self.there.cell.controller.faults
+        if what == "refusal":
+            faults.refusals.append("*Location out of range*")
+        else:
+            self.there.harm(
+                lambda: setattr(faults, *(("mute_answers", 1) if what == "mute" else ("split_prompt_s", 0.3)))
+            )
+
+    @rule()
+    def unplug(self) -> None:
+        """The line's adapter is pulled out."""
+        self.there.harm(self.there.cell.server.unplug)  # type: ignore[union-attr]
+
+    @rule()
+    def repair(self) -> None:
+        """Somebody puts line and controller right, and says what is to be said then."""
+        self.there.repair()
+        for text in ("robot power-up", "resume", "enable"):
+            self.there.doors[0].say(text)
+            self.there.wait(2.0)
+            self.there.doors[0].answer("y")
+            self.there.wait(2.0)
+
+    @rule(seconds=st.sampled_from([0.5, 3.0, 30.0]))
+    def hang(self, seconds: float) -> None:
+        """The computer stands still for a while."""
+        self.there.hang(seconds)
+
+    @rule(seconds=st.sampled_from([-1e5, -3.0, 3.0, 1e5]))
+    def set_clock(self, seconds: float) -> None:
+        """Somebody sets the computer's clock."""
+        self.there.set_by_s += seconds
+
+    @rule(what=st.sampled_from(["same", "slow", "tool", "box", "bad", "no hand-eye"]), signal=st.booleans())
+    def reload(self, what: str, signal: bool) -> None:
+        """Another configuration or calibration is read."""
+        story = self.there
+        changes: dict[str, Any] = {
+            "slow": {"travel_pct": SLOWEST},
+            "tool": {"gripper": {"opening_mm": 80}},
+            "box": {"limits": {"box_low_mm": [0, -600, -300], "max_speed_pct": FASTEST}},
+            "bad": {"order": "biggest"},
+        }.get(what, {})
+        story.write_config(**changes)
+        calibration = story.folder / "calibration.yaml"
+        good = calibration.read_bytes()
+        if what == "no hand-eye":
+            content = yaml.safe_load(good)
+            del content["hand_eye"]
+            calibration.write_bytes(yaml.safe_dump(content).encode())
+        if signal:
+            story.hang_up()
+        else:
+            story.doors[0].say("reload")
+        story.wait(0.3)
+        calibration.write_bytes(good)
+        if what == "bad":
+            story.write_config()
+
+    @rule()
+    def terminate(self) -> None:
+        """SIGTERM, its end, and another start."""
+        status = self.there.terminate()
+        assert status in (0, 2), f"it ended with status {status}"
+        self.there.repair()
+        self.there.start()
+        assert self.there.alive, "it does not start again"
+
+    @precondition(lambda self: self.story is not None)
+    @rule(seconds=st.sampled_from([1.0, 5.0, 20.0]))
+    def wait(self, seconds: float) -> None:
+        """Nobody does anything."""
+        self.there.wait(seconds)
+
+    @property
+    def there(self) -> Story:
+        """The story so far."""
+        assert self.story is not None
+        return self.story
+
+    @invariant()
+    def nothing_surprises(self) -> None:
+        """The judge's word, after every step."""
+        type(self).steps += 1
+        if self.story is not None:
+            found = self.story.violations()
+            assert not found, "\n".join(map(str, found))
+            assert self.story.alive, "the daemon is no more"
+
+    def teardown(self) -> None:
+        """The end of the story, judged as well."""
+        if self.story is not None:
+            story, self.story = self.story, None
+            found = story.close()
+            assert not found, "\n".join(map(str, found))

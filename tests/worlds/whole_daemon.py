@@ -1,0 +1,611 @@
+"""The whole daemon in one process on a simulated clock: its cell, its operators, and what may happen to all of them.
+
+The daemon is daemon/service.py's own, its socket and serial terminal are real ones; only the controller's line is in
+memory, because a pty has a clock of its own. The cell outlives the daemon, as a real one does.
+
+Who knows what is allowed: what lets the arm move is known from the operators' words alone (Words), as they were typed
+here; what forbids it, from their words, too, and from what the daemon said at its doors: its word counts only against
+it. The rest of the truth is the machine's own history (drivers/simcell/judge.py).
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import pty
+import select
+import shlex
+import shutil
+import signal
+import socket
+import tempfile
+import time
+import tty
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cache, partial
+from pathlib import Path
+from typing import Any
+from unittest.mock import patch
+
+import numpy as np
+import yaml
+
+from daemon.calibration.file import load_calibration
+from daemon.cell import build as build_room
+from daemon.cell.arm_on_link import ArmOnLink, belongs_together
+from daemon.cell.build import Hardware
+from daemon.cell.cameras import ThreadedEyes
+from daemon.cell.sections import arm_geometry, dialect
+from daemon.cell.simulated_hand import SimulatedHand
+from daemon.config import Config
+from daemon.jobs.demo import VIEWS
+from daemon.service import NO_DEVICE, Service
+from daemon.store import model as models
+from daemon.store.library import load_facets
+from daemon.teaching.trainer import Recogniser
+from daemon.upkeep import journal
+from daemon.vision.model.model import empty_model, learn_view
+from drivers.simcell.boards import BoardPrint
+from drivers.simcell.cell import SimulatedCell
+from drivers.simcell.controller import Manners, Mishap
+from drivers.simcell.judge import Violation
+from drivers.simcell.rigid import rigid, turn
+from drivers.simcell.simulated_time import SimulatedLoop
+from drivers.simcell.stand import VIEWS as STANDS
+from drivers.val2.link import Link
+
+ETC = Path(__file__).resolve().parents[2] / "etc"
+PIXELS = 0.5
+"""The simulated images are so much smaller than the cell's, each way, and so much sooner seen."""
+SLOWEST, FASTEST = 25.0, 40.0
+"""Percent: what the configuration allows, by turns; the judge allows no more."""
+POST = {"low_mm": [300.0, 215.0, -300.0], "high_mm": [345.0, 260.0, -20.0]}
+"""A post that nothing of the arm enters; the daemon is told of one a little larger, for what it does not know of the
+arm."""
+SPARE_MM = 3.0
+MOMENT_S = 1e-7
+"""What is typed at a moment counts from just after it, one after the other: what left at that very moment had left
+before."""
+SLICE_S = 0.25
+"""How often the operators read what they are told."""
+TAUGHT = ("cube", "pentagonal_prism")
+STARTS, TRIES = 5, 4
+"""How often a view is shown again that was not seen whole."""
+END_S = 9.0
+"""The unit's TimeoutStopSec, less what the disk may take."""
+HARMED_S = 8.0
+"""How long the arm's stop may take where the line carried it spoiled: all its attempts."""
+MOVES = ("pick", "auto", "go", "hand", "robot", "calibrate", "confirm", "teach", "step", "look", "try", "where",
+         "resume", "enable")  # fmt: skip
+"""After a word of these the arm may go on after a stop that left no fault."""
+
+
+Key = tuple[object, object]
+"""The door and which of its lines."""
+
+
+class Words:
+    """What operators said, and so what is allowed at most, told to the judge as it is said."""
+
+    def __init__(self, story: Story) -> None:
+        self._story = story
+        self.enabled, self.stopped = False, False
+        self._enabling: dict[Key, str] = {}
+        self._resuming: set[Key] = set()
+
+    @property
+    def allowed(self) -> bool:
+        """Whether the arm may move as far as people know."""
+        return (self.enabled or bool(self._enabling)) and (not self.stopped or bool(self._resuming))
+
+    def said(self, text: str, key: Key, may: str) -> None:
+        """A line was typed at a door that may do so much; key: of the answer to come."""
+        word = first_word(text)
+        judge, now_s = self._story.cell.judge, self._story.stamp_s()
+        if is_word(word, "stop"):
+            self.stop(f"`{text}`")
+        alone = len(text.split()) == 1
+        if alone and is_word(word, "abort"):
+            judge.stop_received(now_s, f"`{text}`")
+        if may == "look":
+            return
+        if alone and is_word(word, "disable"):
+            self.enabled = False
+        if is_word(word, "enable"):
+            self._enabling[key] = text
+        if is_word(word, "resume"):
+            self._resuming.add(key)
+        if any(is_word(word, known) for known in MOVES):
+            judge.may_drop(now_s, is_word(word, "hand") or is_word(word, "robot"))
+        if is_word(word, "robot"):
+            judge.by_hand(now_s, text.partition("onitor")[2].strip())
+        self._tell(any(is_word(word, known) for known in MOVES))
+
+    def answered(self, key: Key, text: str, status: int) -> None:
+        """What came of a line."""
+        if self._enabling.pop(key, None) is not None and status == 0:
+            self.enabled = True
+        if key in self._resuming:
+            self._resuming.discard(key)
+            if status == 0:
+                self.stopped = False
+        if status == 0 and "Going on; `auto off`" in text:
+            self.enabled = True
+        self._tell(False)
+
+    def agreed(self, question: str) -> None:
+        """A yes to a question."""
+        if "Let the arm move" in question:
+            self.enabled = True
+        self._tell(True)
+
+    def stop(self, why: str) -> None:
+        """Somebody wants it to stop, or the daemon says that a fault stands."""
+        self.stopped = True
+        self._resuming.clear()
+        self._story.cell.judge.stop_received(self._story.stamp_s(), why)
+        self._tell(False)
+
+    def nothing_moved(self, before: bool) -> None:
+        """Control-C found nothing to stop, and left no fault."""
+        self.stopped = before
+        self._tell(True)
+
+    def over(self) -> None:
+        """The daemon ends, and what was said to it with it."""
+        self.enabled = False
+        self._enabling.clear()
+        self._resuming.clear()
+        self._tell(False)
+
+    def _tell(self, wanted: bool) -> None:
+        self._story.may_move(self.allowed, wanted)
+
+
+def first_word(text: str) -> str:
+    """What the daemon may take for the command, however it is quoted."""
+    try:
+        words = shlex.split(text, comments=True)
+    except ValueError:
+        words = text.split()
+    return words[0].lower() if words else ""
+
+
+def is_word(typed: str, name: str) -> bool:
+    """Whether what was typed may be taken for a command: all of it, or its beginning."""
+    return typed == name or (len(typed) >= 3 and name.startswith(typed))
+
+
+@dataclass(eq=False)
+class SocketDoor:
+    """One operator at the daemon's socket."""
+
+    story: Story
+    asks: bool
+    may = "all"
+    line: socket.socket | None = None
+    question: tuple[int, str] | None = None
+    heard: bytes = b""
+    number: int = 0
+    interrupts: list[bool] = field(default_factory=list)
+
+    def open(self) -> None:
+        """Connect, where there is a daemon."""
+        self.close()
+        line = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        try:
+            line.connect(str(self.story.folder / "facetd.sock"))
+        except OSError:
+            line.close()
+            return
+        line.setblocking(False)
+        self.line = line
+        self.send({"notices": True})
+
+    def close(self) -> None:
+        """Hang up."""
+        if self.line is not None:
+            self.line.close()
+        self.line, self.question, self.heard = None, None, b""
+        self.interrupts.clear()
+
+    def say(self, text: str) -> None:
+        """Type a command."""
+        self.number += 1
+        if self.send({"do": text, "id": self.number, "asks": self.asks, "waits": True}):
+            self.story.words.said(text, (self, self.number), self.may)
+
+    def answer(self, text: str) -> None:
+        """Type an answer to what is asked; where nothing is, to nothing."""
+        number, question = self.question or (None, "")
+        if self.send({"answer": text, "id": number}):
+            if is_word(first_word(text), "stop"):
+                self.story.words.stop("an answer")
+            elif text.lower().startswith("y"):
+                self.story.words.agreed(question)
+
+    def interrupt(self) -> None:
+        """Control-C."""
+        before = self.story.words.stopped
+        if self.send({"interrupt": True}):
+            self.interrupts.append(before)
+            self.story.words.stop("control-C")
+
+    def send(self, message: dict[str, Any]) -> bool:
+        """One message; False where nobody is there."""
+        return self.send_bytes(json.dumps(message).encode() + b"\n")
+
+    def send_bytes(self, data: bytes) -> bool:
+        """Any bytes."""
+        if self.line is None:
+            return False
+        try:
+            self.line.send(data)
+        except OSError:
+            self.close()
+            return False
+        return True
+
+    def hear(self) -> None:
+        """Read what was said."""
+        while self.line is not None:
+            try:
+                data = self.line.recv(1 << 16)
+            except BlockingIOError:
+                break
+            except OSError:
+                data = b""
+            if not data:
+                self.close()
+                return
+            self.heard += data
+        *lines, self.heard = self.heard.split(b"\n")
+        for line in lines:
+            self._take(json.loads(line))
+
+    def _take(self, message: dict[str, Any]) -> None:
+        if "ask" in message:
+            self.question = message["id"], message["ask"]
+        elif "unasked" in message:
+            self.question = None
+        elif "fetch" in message:
+            self.send({"no_file": "there is none"})
+        elif "stopped" in message:
+            self.story.told(message["stopped"])
+            before = self.interrupts.pop(0) if self.interrupts else True
+            if message["stopped"] == "Nothing moves.":
+                self.story.words.nothing_moved(before)
+        elif "done" in message:
+            done = message["done"]
+            self.story.told(done["text"])
+            key = (self, message.get("id", self.number))
+            self.story.words.answered(key, done["text"], done["status"])
+        elif "notice" in message:
+            self.story.told(message["notice"])
+            if message["notice"].startswith("FAULT"):
+                self.story.words.stop(message["notice"])
+
+
+@dataclass(eq=False)
+class SerialDoor:
+    """An operator at the serial terminal, of which the daemon has the other end."""
+
+    story: Story
+    may: str
+    question = None
+
+    def __post_init__(self) -> None:
+        self._master, self._slave = pty.openpty()
+        tty.setraw(self._slave)
+        os.set_blocking(self._master, False)
+        self.device = os.ttyname(self._slave)
+
+    def say(self, text: str) -> None:
+        """Type a line, and words typed ahead in it."""
+        for line in text.splitlines():
+            self.story.words.said(line, (self, line), self.may)
+        self.send_bytes(text.encode("latin-1", "replace") + b"\r")
+
+    answer = say
+
+    def interrupt(self) -> None:
+        """Control-C: here it is not told whether there was anything to stop; so only what is said of it counts."""
+        self.send_bytes(b"\x03")
+
+    def send_bytes(self, data: bytes) -> bool:
+        """Type, and see that it arrived: a terminal takes its own time for that."""
+        while True:
+            try:
+                os.write(self._master, data)
+                break
+            except BlockingIOError:
+                self.hear()
+        if self.story.alive:
+            select.select([self._slave], [], [], 0.2)
+        return True
+
+    def open(self) -> None:
+        """It is never away."""
+
+    def hear(self) -> None:
+        """Take from the line what is shown. Nothing is concluded from it, because a terminal shows it when it likes:
+        what is typed here counts as being done until the next stop."""
+        while True:
+            try:
+                os.read(self._master, 1 << 16)
+            except BlockingIOError:
+                return
+
+    def close(self) -> None:
+        """Take the terminal away."""
+        os.close(self._master)
+        os.close(self._slave)
+
+
+class Story:
+    """A daemon, its cell and its operators, from the first to the last of what happens to them."""
+
+    def __init__(self, may: str = "all", holds: bool = False, parts: bool = False, prompt_at_end: bool = False) -> None:
+        """may: of the terminal; holds: a part is in the hand to begin with; parts: some lie on the table."""
+        base = "/dev/shm" if os.path.isdir("/dev/shm") else None
+        self.folder = Path(tempfile.mkdtemp(prefix="facetd-", dir=base))
+        self.loop, self.set_by_s, self._parts = SimulatedLoop(), 0.0, parts
+        self._patches = [
+            patch.object(time, "monotonic", self.loop.time),
+            patch.object(time, "time", lambda: 1.8e9 + self.set_by_s + self.loop.time()),
+            patch.object(build_room, "build", self._build),
+            patch.object(journal, "tell", lambda *_, **__: None),
+        ]
+        for each in self._patches:
+            each.start()
+        asyncio.set_event_loop(self.loop)
+        self.terminal = SerialDoor(self, may)
+        self.sockets = [SocketDoor(self, asks) for asks in (True, True, False)]
+        self.doors: list[SocketDoor | SerialDoor] = [*self.sockets, self.terminal]
+        _write_files(self.folder, self.terminal)
+        manners = Manners(prompt_after_move="end" if prompt_at_end else "start", arm_power_after_s=2.0)
+        self.cell = SimulatedCell(self.folder / "simcell.yaml", 7, manners=manners, loop=self.loop)
+        self.cell.judge.no_faster_than(0.0, FASTEST)
+        self.words, self._stamp_s = Words(self), 0.0
+        self._deaf, self._clear_s = False, 0.0
+        self._live: asyncio.Task[int] | None = None
+        self.texts: list[str] = []
+        self.start()
+        if holds:
+            tool = self.cell.world_from_tool()
+            self.cell.world.put("cube", tool @ rigid(turn([1, 0, 0], np.pi), [0.0, 0.0, 0.0]))
+            self.cell.world.close_hand(tool)
+            self.cell.controller.machine.hand_closed = True
+            self.sockets[0].say("holding yes")
+            self.wait(0.1)
+
+    @property
+    def now_s(self) -> float:
+        """The cell's time."""
+        return self.loop.time()
+
+    def stamp_s(self) -> float:
+        """The moment of what is typed now: after all that was typed before."""
+        self._stamp_s = max(self.now_s, self._stamp_s) + MOMENT_S
+        return self._stamp_s
+
+    @property
+    def alive(self) -> bool:
+        """Whether a daemon runs."""
+        return self._live is not None and not self._live.done()
+
+    def start(self) -> None:
+        """Start the daemon, as systemd would: again, where a device could not be had."""
+        if self.alive:
+            return
+        for _ in range(STARTS):
+            self._live = self.loop.create_task(Service(self.folder / "facetd.yaml", simulated=True).run())
+            while self.alive and self.sockets[0].line is None:
+                self._run(0.5)
+                self.sockets[0].open()
+            if self.alive:
+                break
+            assert self._live.result() == NO_DEVICE
+            self._run(5.0)
+        for door in self.sockets[1:]:
+            door.open()
+        if not self._parts:
+            self.cell.clear()
+
+    def wait(self, seconds: float) -> None:
+        """Time passes; operators read what they are told."""
+        until_s = self.now_s + seconds
+        while True:
+            self._run(max(0.0, min(SLICE_S, until_s - self.now_s)))
+            for door in self.doors:
+                door.hear()
+            self._see_the_line()
+            if self.now_s >= until_s - 1e-6:
+                return
+
+    def hang(self, seconds: float) -> None:
+        """The computer does nothing for a while."""
+        self.harm()
+        self.loop.sleep(seconds)
+        self.wait(0.0)
+
+    def may_move(self, allowed: bool, wanted: bool) -> None:
+        """What the operators' words come to; wanted: somebody asked for motion now."""
+        if allowed != self._allowed or (allowed and wanted):
+            self.cell.judge.may_move(self.stamp_s(), allowed)
+        self._allowed = allowed
+
+    _allowed = False
+
+    def told(self, text: str) -> None:
+        """Somebody was told something."""
+        self.texts = [*self.texts[-20:], text]
+
+    def harm(self, act: Callable[[], object] = lambda: None) -> None:
+        """Something happens to the line or the controller: for a while a stop may not get through."""
+        if not self._deaf:
+            self.cell.judge.line(self.now_s, hears=False)
+        self._deaf, self._clear_s = True, self.now_s
+        act()
+
+    def mishap(self, what: Mishap) -> None:
+        """Something happens to the controller."""
+        with self.cell.server.controller() as controller:
+            self.harm(lambda: controller.mishap(what))
+
+    def repair(self) -> None:
+        """Somebody goes and puts line, power and controller right."""
+        faults = self.cell.controller.faults
+        faults.line.clear()
+        faults.in_move.clear()
+        faults.refusals.clear()
+        faults.noise_rate = faults.split_prompt_s = 0.0
+        faults.mute_answers = 0
+        self.cell.server.unplugged = False  # type: ignore[union-attr]
+        with self.cell.server.controller() as controller:
+            controller.machine.alive = True
+            controller.machine.switch_arm_power_on()
+
+    def write_config(self, **changes: Any) -> None:
+        """Another configuration, which nobody has read yet."""
+        _write_config(self.folder, self.terminal, **changes)
+
+    def hang_up(self) -> None:
+        """SIGHUP: read the configuration."""
+        if self.alive:
+            os.kill(os.getpid(), signal.SIGHUP)
+
+    def terminate(self) -> int:
+        """SIGTERM, and the daemon's whole end; its exit status."""
+        if not self.alive:
+            return 0
+        assert self._live is not None
+        os.kill(os.getpid(), signal.SIGTERM)
+        self.cell.judge.stop_received(self.stamp_s(), "SIGTERM")
+        self.words.over()
+        began_s = self.now_s
+        while self.alive and self.now_s < began_s + 3 * END_S:
+            self.wait(SLICE_S)
+        assert not self.alive, "it does not end"
+        assert self.now_s - began_s <= END_S, f"it took {self.now_s - began_s:.1f} s to end"
+        return self._live.result()
+
+    def violations(self) -> tuple[Violation, ...]:
+        """What the arm did that it must never do."""
+        return self.cell.violations()
+
+    def close(self) -> tuple[Violation, ...]:
+        """The end of the story, and what was found up to it."""
+        try:
+            self.repair()
+            status = self.terminate()
+            for task in asyncio.all_tasks(self.loop):
+                task.cancel()
+            self._run(0.0)
+            assert status in (0, 2), f"it ended with status {status}"
+            return self.violations()
+        finally:
+            for door in self.doors:
+                door.close()
+            for each in self._patches:
+                each.stop()
+            self.loop.close()
+            shutil.rmtree(self.folder, ignore_errors=True)
+
+    def _run(self, seconds: float) -> None:
+        self.loop.run_until_complete(asyncio.sleep(seconds))
+
+    def _see_the_line(self) -> None:
+        faults, machine = self.cell.controller.faults, self.cell.controller.machine
+        harmed = bool(faults.line or faults.noise_rate or faults.mute_answers or faults.split_prompt_s)
+        if harmed or self.cell.server.unplugged or not machine.alive:  # type: ignore[union-attr]
+            self.harm()
+        elif self._deaf and self.now_s > self._clear_s + HARMED_S:
+            self._deaf = False
+            self.cell.judge.line(self.now_s, hears=True)
+
+    def _build(self, config: Config, on_wire: Any, clock: Any = None) -> Hardware:
+        """daemon/cell/build.py's simulated hardware, but for the line and the clock."""
+        geometry, manners = arm_geometry(config), dialect(config)
+        link = Link(
+            "memory",
+            manners,
+            self.loop.time,
+            on_wire,
+            partial(belongs_together, geometry),
+            self.cell.server.open,  # type: ignore[union-attr]
+        )
+        hand = SimulatedHand(self.cell, {label: len(views) for label, views in STANDS.items()}, BoardPrint)
+        eyes = ThreadedEyes(self.cell.camera, self.loop.time)
+        return Hardware("simulated", ArmOnLink(link, geometry), eyes, self.loop.time, "memory", 7, hand)
+
+
+def _write_config(folder: Path, terminal: SerialDoor, **pick: Any) -> None:
+    keep_out = [{"name": "post", "low_mm": [v - SPARE_MM for v in POST["low_mm"]],
+                 "high_mm": [v + SPARE_MM for v in POST["high_mm"]]}]  # fmt: skip
+    limits = {"max_speed_pct": FASTEST, "keep_out": keep_out, **pick.pop("limits", {})}
+    values = {
+        "version": 1,
+        "folders": {"state": "state", "runtime": "."},
+        "files": {"model": "model.npz"},
+        "simulated": {"truth": "simcell.yaml", "seed": 7},
+        "pick": {"travel_pct": FASTEST, "near_pct": SLOWEST, **pick, "limits": limits},
+        "console": {"tty": {"device": terminal.device, "may": terminal.may}},
+        "health": {"camera_silence_s": 600},
+        "log": {"keep_free_mb": 0, "sync_s": 60},
+    }
+    (folder / "facetd.yaml").write_text(yaml.safe_dump(values), encoding="utf-8")
+
+
+def _write_files(folder: Path, terminal: SerialDoor) -> None:
+    for name, content in _cell_files().items():
+        (folder / name).write_bytes(content)
+    _write_config(folder, terminal)
+
+
+@cache
+def _cell_files() -> dict[str, bytes]:
+    """The cell of etc/ with smaller images, a post in it, and the parts of the demo taught."""
+    truth = yaml.safe_load((ETC / "simcell.yaml").read_text(encoding="utf-8"))
+    believed = yaml.safe_load((ETC / "calibration.yaml").read_text(encoding="utf-8"))
+    for eyes in (truth, believed):
+        eyes["image_size"] = [round(PIXELS * n) for n in eyes["image_size"]]
+        for eye in (eyes["left"], eyes["right"]):
+            matrix = PIXELS * np.array(eye["camera_matrix"])
+            matrix[:2, 2] += (PIXELS - 1) / 2
+            matrix[2] = 0.0, 0.0, 1.0
+            eye["camera_matrix"] = matrix.tolist()
+    truth["safety"]["keep_out"] = [POST]
+    files = {name: (ETC / name).read_bytes() for name in ("facets.yaml", "parts.yaml")}
+    files["simcell.yaml"] = yaml.safe_dump(truth).encode()
+    files["calibration.yaml"] = yaml.safe_dump(believed).encode()
+    with tempfile.TemporaryDirectory() as place:
+        for name, content in files.items():
+            (Path(place) / name).write_bytes(content)
+        files["model.npz"] = models.to_bytes(_taught(Path(place)))
+    return files
+
+
+def _taught(folder: Path) -> Any:
+    loop = SimulatedLoop()
+    cell = SimulatedCell(folder / "simcell.yaml", 7, loop=loop)
+    cell.camera.open()
+    rig = load_calibration(folder / "calibration.yaml").rig
+    model = empty_model(load_facets(folder / "facets.yaml"))
+    for label, view, facets in VIEWS:
+        if label not in TAUGHT:
+            continue
+        cell.place_for_teaching(label, view)
+        for _ in range(TRIES):
+            loop.sleep(0.1)
+            pair = cell.camera.grab(loop.time(), 1.0)
+            groups = Recogniser(model, rig).see(pair.left.pixels, pair.right.pixels).view.groups
+            group = max(groups, key=lambda g: len(g.facets), default=None)
+            if group is not None and len(group.facets) == len(facets):
+                model = learn_view(model, group, label)
+                break
+    cell.stop()
+    loop.close()
+    return model
