@@ -122,7 +122,13 @@ def _configuration(args: argparse.Namespace, seed: int, runs: Path, folder: str)
         "folders": {"state": folder, "runtime": folder, "runs": str(runs)},
         "health": {"camera_silence_s": 3600},
         "pick": {"stops": {"least_looks": 3}},
-        "simulated": {"truth": truth, "time_scale": args.time_scale, "seed": seed, "verdict": VERDICT, **_variety(args)},
+        "simulated": {
+            "truth": truth,
+            "time_scale": args.time_scale,
+            "seed": seed,
+            "verdict": VERDICT,
+            **_variety(args),
+        },
     }
 
 
