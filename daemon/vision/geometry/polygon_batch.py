@@ -99,5 +99,6 @@ def different(start: Array, end: Array, tolerance_px: float) -> tuple[Index, Ind
 
 def _near(a: NDArray[np.float32], b: NDArray[np.float32], tolerance_px: float) -> NDArray[np.bool_]:
     """(M, M) whether points (2, M) and (2, M) px are the same."""
-    x, y = np.abs(a[:, :, None] - b[:, None, :]) < tolerance_px
-    return np.asarray(x & y)
+    near: NDArray[np.bool_] = np.abs(a[0, :, None] - b[0]) < tolerance_px
+    near &= np.abs(a[1, :, None] - b[1]) < tolerance_px
+    return near

@@ -32,8 +32,6 @@ _DOUBTFUL_SIDE, _DOUBTFUL_PX = 0.6, 12.0
 """A side shorter than this share of the median side, or than this, may be none."""
 _SAME_PX, _SAME_SIDE_PX = 2.0, 0.6
 """Corners, and ends of sides, this near are one."""
-_ELSEWHERE_PX = 1e4
-"""Farther apart than any two sides in one image."""
 _PER_SHRINK = 0.03
 """Share of its area that a region may be eaten into before the next coarser scale is taken for cleaner."""
 _ALIKE_APART, _ALIKE_RATIO = 0.2, (0.55, 1.8)
@@ -137,11 +135,14 @@ def _once(images: Images, shape: Rings, tolerance_px: float) -> tuple[Images, Ar
     polygons which of them it is, and whether it runs the other way.
     """
     start, end = shape.corners, shape.corners[shape.next]
-    of_image = np.repeat(np.arange(len(images)), [count for _, count in images])
-    apart = _ELSEWHERE_PX * of_image[:, None]
-    kept, which, turned = different(start + apart, end + apart, tolerance_px)
-    counts = np.bincount(of_image[kept], minlength=len(images)).tolist()
-    own = [(image, count) for (image, _), count in zip(images, counts, strict=True)]
+    own, every, first, known = [], [], 0, 0
+    for image, count in images:
+        here = slice(first, first + count)
+        kept, which, turned = different(start[here], end[here], tolerance_px)
+        own.append((image, len(kept)))
+        every.append((kept + first, which + known, turned))
+        first, known = first + count, known + len(kept)
+    kept, which, turned = (np.concatenate(values) for values in zip(*every, strict=True))
     return own, start[kept], end[kept], which, turned
 
 
