@@ -121,9 +121,9 @@ def _body(guard: Limits) -> Iterator[Implausible]:
     links = {capsule.link for capsule in guard.capsules}
     if not guard.body_mm and "tool" not in links:
         yield _found((*LIMITS, "body_mm"), "points or capsules of the gripper", "none", AS_DEFAULT)
-    for link in ("forearm", "wrist"):
+    for link in ("upper_arm", "forearm", "wrist"):
         if link not in links:
-            yield _found((*LIMITS, "capsules"), f"a capsule of the {link}", "none", AS_DEFAULT)
+            yield _found((*LIMITS, "capsules"), f"a capsule of the {link.replace('_', ' ')}", "none", AS_DEFAULT)
     farthest = max((float(np.linalg.norm(point)) for point in guard.body_mm), default=np.inf)
     if farthest < METRES_MM:
         yield _found((*LIMITS, "body_mm"), "millimetres", f"no point farther than {farthest:g}", AS_METRES)
