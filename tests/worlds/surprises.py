@@ -53,13 +53,12 @@ def words() -> st.SearchStrategy[str]:
     spoiled = st.builds(
         "{}{}".format, st.sampled_from(USUAL), st.sampled_from(["'", " \u0000", "\u00e9", " # x", "\\", '"'])
     )
-    spoiled = spoiled.filter(lambda text: not text.startswith("stop"))
     usual = st.sampled_from(USUAL)
     return st.one_of(usual, usual, usual, usual, table, begun, monitor, shouted, spoiled)
 
 
 DOOR = st.integers(0, 3)
-STOPS = ("stop", "STOP", "sto", "stop now", "stop \u00e9", "control-C", "disable", "abort", "SIGTERM")
+STOPS = ("stop", "STOP", "sto", "stop now", "stop '", "stop \u00e9", "control-C", "disable", "abort", "SIGTERM")
 
 
 class Surprises(RuleBasedStateMachine):
