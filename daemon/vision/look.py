@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from daemon.vision.facets import Table, facets_seen, without_table
 from daemon.vision.geometry import StereoRig
-from daemon.vision.health import SAID, cause_of_nothing, with_causes
-from daemon.vision.health.light import Pictures
+from daemon.vision.health import SAID, Pictures, cause_of_nothing, with_causes
 from daemon.vision.image import open_eyes
 from daemon.vision.model import FacetLibrary, Model, empty_model
 from daemon.vision.recognition import Recognised, recognise

@@ -5,13 +5,14 @@ why a part in them has no name. Nothing here names a part.
 from daemon.vision.health.cause import SAID, cause_of_nothing, with_causes
 from daemon.vision.health.clues import AXES, Clue, clue_of, health_fields
 from daemon.vision.health.examine import Finding, drift, examine, findings_json, misleading, sharpness, troubles
-from daemon.vision.health.light import exposure_factors
+from daemon.vision.health.light import Pictures, exposure_factors
 
 __all__ = [
     "AXES",
     "SAID",
     "Clue",
     "Finding",
+    "Pictures",
     "cause_of_nothing",
     "clue_of",
     "drift",

@@ -2,7 +2,7 @@
 
 Two faces in the same light melt into one outline, and no facet is found; whoever knows the part and about where it
 lies knows which edges each eye should see, and measures those. Pure: eyes, a shape and a near pose in, a pose out.
-Whether that is enough for a name is verify.py's; what to make of a part that is not there is the cycle's business.
+Whether that is enough for a name is by_segments.py's; what to make of a part that is not there is the cycle's business.
 """
 
 from __future__ import annotations
