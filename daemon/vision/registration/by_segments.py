@@ -37,7 +37,7 @@ from daemon.vision.registration.edge_pose import (
 )
 from daemon.vision.registration.faces import likeness
 from daemon.vision.registration.measured import measured_facet, silhouette
-from daemon.vision.registration.space_corners import PoseGuess, guesses_from_space, meet
+from daemon.vision.registration.space_corners import PoseGuess, guesses_from_space, lookalikes, meet
 from daemon.vision.values import Group, NearestGuess, Part, Recognition
 
 LOOKED_AT, MOST, PER_PLACE, REACH_MM = 60, 14, 4, 2.5
@@ -209,5 +209,7 @@ def _recognised(seen: Laid, runner_up: str | None, eyes: Eyes, model: Model) -> 
     fitted = tuple(corners[seen.solid.rings[f.index]] for f in laid)
     why = f"{100 * seen.share:.0f} % of its edges show as straight lines in both eyes"
     name = Recognition(seen.label, BY_EDGES, 0.0, 0.0, runner_up, False, why, (seen.label,))
-    part = Part(name, facets, pose, seen.fit.covariance, seen.fit.residual_mm, fitted, pose[None])
+    shown_corners = tuple(sorted({corner for f in laid for corner in seen.solid.facets[f.index]}))
+    equivalents = np.array([pose @ frames.inverse(turn) for turn in lookalikes(seen.solid, shown_corners)])
+    part = Part(name, facets, pose, seen.fit.covariance, seen.fit.residual_mm, fitted, equivalents)
     return Recognised(weld(list(facets)), part)

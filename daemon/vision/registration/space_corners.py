@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import permutations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -116,26 +117,41 @@ def taught_corners(solid: Polyhedron) -> tuple[Array, Array]:
     """Every two edges at every corner of a solid, in either order, those left out that a turn of the solid makes of
     others: (K, 4, 4) corner_from_part, x along the first edge, the second in x y; cosines (K,) between them.
     """
-    pairs = solid.lines[0]
     found, cosines = list[Array](), list[float]()
-    for corner in range(len(solid.corners_mm)):
-        ends = [int(b if a == corner else a) for a, b in pairs if corner in (a, b)]
-        ways = [solid.corners_mm[e] - solid.corners_mm[corner] for e in ends]
-        ways = [w / np.linalg.norm(w) for w in ways]
-        for p, x in enumerate(ways):
-            for q, to in enumerate(ways):
-                if p == q:
-                    continue
-                frame = frames.rigid(_basis(x[None], to[None])[0], solid.corners_mm[corner])
-                if not any(_turned_onto(solid, known @ frames.inverse(frame)) for known in found):
-                    found.append(frame)
-                    cosines.append(float(x @ to))
+    for frame, cosine in _corner_frames(solid):
+        if not any(_turned_onto(solid, known @ frames.inverse(frame)) for known in found):
+            found.append(frame)
+            cosines.append(cosine)
     return np.array([frames.inverse(frame) for frame in found]).reshape(-1, 4, 4), np.array(cosines)
 
 
-def _turned_onto(solid: Polyhedron, motion: Array) -> bool:
-    """Whether a motion takes every corner of a solid onto one of its corners."""
-    moved = frames.apply(motion, solid.corners_mm)
+@lru_cache(maxsize=1024)
+def lookalikes(solid: Polyhedron, seen: tuple[int, ...]) -> Array:
+    """(S, 4, 4) the turns after which every corner that is seen lies where a corner of the solid was, as far as that is
+    known; the first is none. Where all are seen, these are the solid's symmetries."""
+    every = _corner_frames(solid)
+    first = next(
+        frame for frame, _ in every if np.linalg.norm(frame[:3, 3] - solid.corners_mm[list(seen)], axis=1).min() == 0
+    )
+    turns = [frame @ frames.inverse(first) for frame, _ in every if frame is not first]
+    return np.array([np.eye(4), *(turn for turn in turns if _turned_onto(solid, turn, list(seen)))])
+
+
+def _corner_frames(solid: Polyhedron) -> list[tuple[Array, float]]:
+    """Every two edges at every corner, in either order: part_from_corner (4, 4), and the cosine between them."""
+    pairs = solid.lines[0]
+    found = []
+    for corner in range(len(solid.corners_mm)):
+        ends = [int(b if a == corner else a) for a, b in pairs if corner in (a, b)]
+        ways = [solid.corners_mm[e] - solid.corners_mm[corner] for e in ends]
+        for x, to in permutations([w / np.linalg.norm(w) for w in ways], 2):
+            found.append((frames.rigid(_basis(x[None], to[None])[0], solid.corners_mm[corner]), float(x @ to)))
+    return found
+
+
+def _turned_onto(solid: Polyhedron, motion: Array, seen: list[int] | None = None) -> bool:
+    """Whether a motion takes every corner of a solid, or those seen, onto one of its corners."""
+    moved = frames.apply(motion, solid.corners_mm if seen is None else solid.corners_mm[seen])
     apart = np.linalg.norm(moved[:, None] - solid.corners_mm, axis=2)
     return bool(apart.min(1).max() < ALIKE_MM)
 

@@ -10,7 +10,7 @@ import pytest
 from daemon import frames
 from daemon.vision.geometry import Baseline, baseline, exact
 from daemon.vision.image import SegmentCorners, Segments, segment_corners
-from daemon.vision.registration.space_corners import guesses_from_space, meet, taught_corners
+from daemon.vision.registration.space_corners import guesses_from_space, lookalikes, meet, taught_corners
 from tests.worlds.rigs import rig
 from tests.worlds.solids import KNOWN, STRANGERS, pose, seen_facets
 
@@ -47,6 +47,32 @@ COUNTS = [("cube", 2), ("pyramid", 9), ("triangular_prism", 6), ("pentagonal_pri
 def test_a_solid_has_each_kind_of_corner_once(name: str, count: int) -> None:
     """48 ordered pairs of edges by 24 turns of a cube, 36 by 4, 36 by 6, 60 by 10."""
     assert len(taught_corners(shape(name))[0]) == count
+
+
+TURNS = [("cube", 24), ("pyramid", 4), ("triangular_prism", 6), ("pentagonal_prism", 10), ("l_block", 2)]
+
+
+@pytest.mark.parametrize(("name", "count"), TURNS)
+def test_a_solid_looks_the_same_after_its_own_turns(name: str, count: int) -> None:
+    turns = lookalikes(shape(name), tuple(range(len(shape(name).corners_mm))))
+    assert len(turns) == count
+    assert np.array_equal(turns[0], np.eye(4))
+    corners = shape(name).corners_mm
+    for turn in turns:
+        off = np.linalg.norm(frames.apply(turn, corners)[:, None] - corners, axis=2).min(1)
+        assert off.max() < 1e-6
+        assert np.linalg.det(turn[:3, :3]) > 0
+
+
+def test_a_part_that_is_known_in_part_looks_alike_where_what_is_seen_does() -> None:
+    """Three faces of a cube are known: turned about their corner all look the same; of two, either may be first."""
+    cube = shape("cube")
+    corner = 0
+    three = [f for f in cube.facets if corner in f]
+    numbers = sorted({c for f in three for c in f})
+    known = exact(cube.corners_mm[numbers], [tuple(numbers.index(c) for c in f) for f in three])
+    assert len(lookalikes(known, tuple(range(7)))) == 3
+    assert len(lookalikes(known, tuple(sorted({*known.facets[0], *known.facets[1]})))) == 6
 
 
 @pytest.mark.parametrize("name", sorted(KNOWN))
