@@ -53,9 +53,11 @@ def look(
     guesses = tuple[NearestGuess, ...]()
     if known.labels and not _all_named(found):
         start = now()
-        straight = named_by_segments(eyes, known, found)
-        found, view = beside(found, view, straight.named, known, eyes)
-        guesses = straight.guesses
+        found, view = beside(found, view, (), known, eyes)
+        if not _all_named(found) and any(outlines(view)):
+            straight = named_by_segments(eyes, known, found)
+            found, view = beside(found, view, straight.named, known, eyes)
+            guesses = straight.guesses
         seconds["edges"] = now() - start
     parts = tuple(r.part for r in found)
     if full.corner_detector == "line_fit" and full.stereo_formula == "exact":
