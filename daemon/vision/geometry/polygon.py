@@ -46,12 +46,12 @@ class Shape:
             return 0.0
         return float(cv2.intersectConvexConvex(self.corners, other.corners)[0])
 
-    def contains(self, points: Array) -> NDArray[np.bool_]:
-        """(N,) which points (N, 2) px lie inside a convex one."""
+    def depth(self, points: Array) -> Array:
+        """(N,) how far inside a convex one points (N, 2) lie, from its nearest side; outside negative."""
         way = np.roll(self.corners, -1, axis=0) - self.corners
         to = points[:, None] - self.corners
-        side = way[:, 0] * to[..., 1] - way[:, 1] * to[..., 0]
-        return np.asarray((side > 0).all(1) | (side < 0).all(1))
+        inward = np.sign(cv2.contourArea(self.corners, True)) / np.maximum(np.linalg.norm(way, axis=1), 1e-9)
+        return np.asarray(((way[:, 0] * to[..., 1] - way[:, 1] * to[..., 0]) * inward).min(1))
 
     def union(self, other: Shape) -> float:
         """Common area over that of both together."""

@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 
 from daemon.arrays import Array
+from daemon.vision.geometry import Shape
 from daemon.vision.health.examine import MEASURES
 from daemon.vision.health.light import Image, Pictures, ground, hull, outlines
 from daemon.vision.image import SATURATED, block_means
@@ -108,8 +109,7 @@ def _before(other: Part, part: Part, own: Array) -> bool:
     """
     if not other.named or not other.facets or other.cyclopean_from_part[2, 3] >= part.cyclopean_from_part[2, 3]:
         return False
-    shared, _ = cv2.intersectConvexConvex(own.astype(np.float32), outlines(other)[0].astype(np.float32))
-    return bool(shared > 0)
+    return Shape.of(own).common(Shape.of(outlines(other)[0])) > 0
 
 
 def unevenness(picture: Image) -> float:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import product
 
+import cv2
 import numpy as np
 
 from daemon.vision.geometry import Eye
@@ -27,6 +28,8 @@ from daemon.vision.image.regions import (
 )
 from daemon.vision.image.segments import Segments, find_segments
 from daemon.vision.settings import VisionSettings
+
+GRAIN_PX = 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +64,11 @@ class OneEye:
     def smooth(self) -> Image32:
         """The same after a Gaussian of SMOOTHING_PX."""
         return smoothed(self.unit)
+
+    @cached_property
+    def grainless(self) -> Image32:
+        """The smooth image in means of GRAIN_PX each way: finer than that there is more noise than print."""
+        return np.asarray(cv2.blur(self.smooth, (GRAIN_PX, GRAIN_PX)), np.float32)
 
     @property
     def grain(self) -> float:

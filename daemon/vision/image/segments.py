@@ -42,12 +42,11 @@ class Segments:
 @dataclass(frozen=True, eq=False)
 class SegmentCorners:
     """Where two segments meet: at (C, 2) px; arms (C, 2, 2) px, the far ends of both; sign (C, 2): 1 where the segment
-    runs away from the corner, -1 where it runs towards it; weight (C,): the shorter arm's length."""
+    runs away from the corner, -1 where it runs towards it."""
 
     at: Array
     arms: Array
     sign: Array
-    weight: Array
 
 
 def find_segments(grey: Grey) -> Segments:
@@ -94,4 +93,4 @@ def segment_corners(found: Segments) -> SegmentCorners:
     arms = np.where(away[..., None], found.end[which], found.start[which])
     reach = np.linalg.norm(arms - at[:, None], axis=2).min(1)
     order = np.argsort(-reach)[:MOST_CORNERS]
-    return SegmentCorners(at[order], arms[order], np.where(away, 1, -1)[order], reach[order])
+    return SegmentCorners(at[order], arms[order], np.where(away, 1, -1)[order])

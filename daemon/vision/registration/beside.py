@@ -49,20 +49,14 @@ def beside(
 
 def lies_on(facet: Facet, solid: Polyhedron, pose: Array) -> bool:
     """Whether a facet lies on one of the faces that a part at cyclopean_from_part (4, 4) shows, or is print on it."""
-    corners = frames.apply(pose, solid.corners_mm)
-    return any(_on(facet.corners_mm, corners[solid.rings[k]]) for k in np.flatnonzero(solid.facing(pose) > 0))
-
-
-def _on(points: Array, ring: Array) -> bool:
-    """Whether points (N, 3) lie on a convex face with corners (K, 3), anticlockwise from outside, to within
-    ON_FACE_MM."""
-    way = np.roll(ring, -1, 0) - ring
-    normal = np.cross(way[0], way[1])
-    normal = normal / np.linalg.norm(normal)
-    outward = np.cross(way, normal)
-    outward = outward / np.linalg.norm(outward, axis=1, keepdims=True)
-    outside = ((points[:, None] - ring) * outward).sum(2)
-    return bool(np.abs((points - ring[0]) @ normal).max() < ON_FACE_MM and outside.max() < ON_FACE_MM)
+    points = frames.apply(frames.inverse(pose), facet.corners_mm)
+    for index in np.flatnonzero(solid.facing(pose) > 0).tolist():
+        laid = frames.apply(solid.laid_flat[index], np.concatenate([points, solid.corners_mm[solid.rings[index]]]))
+        flat, ring = np.split(laid, [len(points)])
+        on_plane = np.abs(flat[:, 2]).max() < ON_FACE_MM
+        if on_plane and Shape.of(ring[:, :2]).depth(flat[:, :2]).min() > -ON_FACE_MM:
+            return True
+    return False
 
 
 def covered(one: Recognised, model: Model, eyes: Eyes) -> Shape:

@@ -136,7 +136,7 @@ def _laid(eyes: Eyes, model: Model, unnamed: Sequence[Group], named: Sequence[Sh
         middle = guess.poses[:, :3, :3] @ solid.corners_mm.mean(0) + guess.poses[:, :3, 3]
         middle_px = pixels(middle, eyes.geometry)[0]
         for shape in named:
-            good &= ~shape.contains(middle_px)
+            good &= shape.depth(middle_px) <= 0
         likely.append(Guesses(guess.label, solid, guess.poses[good], -nats[good]))
     kept, first = _worth(likely, eyes, model)
     for one in first:

@@ -12,14 +12,12 @@ from numpy.typing import NDArray
 
 from daemon import frames
 from daemon.arrays import Array
-from daemon.vision.geometry import Polyhedron
+from daemon.vision.geometry import Polyhedron, Shape
 from daemon.vision.image import Eyes
 from daemon.vision.registration.different import pixels
 
 SPACING_MM, MARGIN_PX, LEAST_FACING = 1.0, 5.0, 0.3
 FEWEST = 24
-GRAIN_PX = 5
-"""Grey levels are means of so many pixels each way: finer than that there is more noise than print."""
 LEAST_PRINT = 25.0
 """Mean square of what is left of a face's grey levels without its shading, in sigmas of the noise: less is no print."""
 
@@ -27,41 +25,30 @@ LEAST_PRINT = 25.0
 def likeness(solid: Polyhedron, pose: Array, eyes: Eyes) -> float | None:
     """How alike the print is that both eyes show on the faces of a part at cyclopean_from_part (4, 4): 1 the same, 0
     nothing in common; None where there is no print to speak of."""
-    corners = frames.apply(pose, solid.corners_mm)
-    means = [np.asarray(cv2.blur(view.smooth, (GRAIN_PX, GRAIN_PX)), np.float32) for view in eyes.views]
     total = apart = count = 0.0
     for index in np.flatnonzero(solid.facing(pose) > LEAST_FACING).tolist():
-        ring = corners[solid.rings[index]]
-        places = _on_face(ring)
-        seen = pixels(places, eyes.geometry)
-        keep = np.all(
-            [_away(px, own) > MARGIN_PX for px, own in zip(seen, pixels(ring, eyes.geometry), strict=True)], axis=0
-        )
+        ring = frames.apply(pose, solid.corners_mm[solid.rings[index]])
+        seen = pixels(frames.apply(pose, _on_face(solid, index)), eyes.geometry)
+        inside = [
+            Shape.of(own).depth(px) > MARGIN_PX for px, own in zip(seen, pixels(ring, eyes.geometry), strict=True)
+        ]
+        keep = np.all(inside, axis=0)
         if keep.sum() < FEWEST:
             continue
-        left, right = (_print(grey, px[keep]) for grey, px in zip(means, seen, strict=True))
+        left, right = (_print(view.grainless, px[keep]) for view, px in zip(eyes.views, seen, strict=True))
         total += float(left @ left + right @ right) / 2
         apart += float((left - right) @ (left - right)) / 2
         count += len(left)
     return None if total <= LEAST_PRINT * count else 1.0 - apart / total
 
 
-def _on_face(ring: Array) -> Array:
-    """(N, 3) places about a facet with corners (K, 3), in its plane."""
-    x = ring[1] - ring[0]
-    x = x / np.linalg.norm(x)
-    normal = np.cross(x, ring[2] - ring[1])
-    y = np.cross(normal / np.linalg.norm(normal), x)
-    flat = (ring - ring[0]) @ np.stack([x, y], 1)
+def _on_face(solid: Polyhedron, index: int) -> Array:
+    """(N, 3) places about a facet, in its plane, in the solid's frame."""
+    flat_from_part = solid.laid_flat[index]
+    flat = frames.apply(flat_from_part, solid.corners_mm[solid.rings[index]])[:, :2]
     steps = (np.arange(low, high, SPACING_MM) for low, high in zip(flat.min(0), flat.max(0), strict=True))
-    return np.asarray(ring[0] + np.stack(np.meshgrid(*steps), -1).reshape(-1, 2) @ np.stack([x, y]))
-
-
-def _away(px: Array, ring: Array) -> Array:
-    """(N,) px from places (N, 2) inside a convex border (K, 2), clockwise in the image, to the nearest of its sides."""
-    way = np.roll(ring, -1, 0) - ring
-    normal = np.stack([way[:, 1], -way[:, 0]], 1) / np.linalg.norm(way, axis=1)[:, None]
-    return np.asarray(((px[:, None] - ring) * normal).sum(2).min(1))
+    places = np.stack(np.meshgrid(*steps, 0.0), -1).reshape(-1, 3)
+    return frames.apply(frames.inverse(flat_from_part), places)
 
 
 def _print(grey: NDArray[np.float32], px: Array) -> Array:

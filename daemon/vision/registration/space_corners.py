@@ -130,9 +130,7 @@ def lookalikes(solid: Polyhedron, seen: tuple[int, ...]) -> Array:
     """(S, 4, 4) the turns after which every corner that is seen lies where a corner of the solid was, as far as that is
     known; the first is none. Where all are seen, these are the solid's symmetries."""
     every = _corner_frames(solid)
-    first = next(
-        frame for frame, _ in every if np.linalg.norm(frame[:3, 3] - solid.corners_mm[list(seen)], axis=1).min() == 0
-    )
+    first = next(frame for frame, _ in every if (frame[:3, 3] == solid.corners_mm[seen[0]]).all())
     turns = [frame @ frames.inverse(first) for frame, _ in every if frame is not first]
     return np.array([np.eye(4), *(turn for turn in turns if _turned_onto(solid, turn, list(seen)))])
 

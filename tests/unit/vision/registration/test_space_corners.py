@@ -99,9 +99,9 @@ def test_a_corner_on_other_rows_or_with_the_shading_the_other_way_round_is_anoth
     left, right, geometry = both("cube")
     assert len(meet(left, right, geometry).at)
     down = np.array([0.0, 30.0])
-    lower = SegmentCorners(right.at + down, right.arms + down, right.sign, right.weight)
+    lower = SegmentCorners(right.at + down, right.arms + down, right.sign)
     assert len(meet(left, lower, geometry).at) < len(meet(left, right, geometry).at) / 2
-    inverse = SegmentCorners(right.at, right.arms, -right.sign, right.weight)
+    inverse = SegmentCorners(right.at, right.arms, -right.sign)
     assert len(meet(left, inverse, geometry).at) < len(meet(left, right, geometry).at)
 
 
