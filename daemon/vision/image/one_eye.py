@@ -13,7 +13,7 @@ import numpy as np
 from daemon.vision.geometry import Eye
 from daemon.vision.image.edge_lines import Exposure
 from daemon.vision.image.grey import Grey, Noise, measure_noise
-from daemon.vision.image.outlines import Outline, Search, Wanted, find_outlines
+from daemon.vision.image.outlines import Outline, Wanted, find_outlines
 from daemon.vision.image.polygon_fit import Fitted, fit_polygons
 from daemon.vision.image.regions import (
     Image32,
@@ -34,15 +34,14 @@ GRAIN_PX = 5
 
 @dataclass(frozen=True, eq=False)
 class OneEye:
-    """One eye's camera and its checked image (H, W); scales by their shrink, closed regions by scale and
-    level, searches for outlines by their effort, and what was fitted to outlines.
+    """One eye's camera and its checked image (H, W); scales by their shrink, outlines by what was asked for, and what
+    was fitted to outlines.
     """
 
     eye: Eye
     grey: Grey
     scales: dict[int, Scale] = field(default_factory=dict)
-    regions: dict[tuple[int, float], list[Region]] = field(default_factory=dict)
-    searches: dict[VisionSettings, Search] = field(default_factory=dict)
+    outlined: dict[VisionSettings, tuple[Outline, ...]] = field(default_factory=dict)
     fitted: dict[Outline, Fitted | None] = field(default_factory=dict)
 
     @cached_property
@@ -82,7 +81,7 @@ class OneEye:
         return self.scales[shrink]
 
     def outlines(self, settings: VisionSettings) -> tuple[Outline, ...]:
-        """Outlines of what the image shows, best supported first. A further effort goes on from the one before."""
+        """Outlines of what the image shows, best supported first."""
         return find_outlines_in((self,), settings)[0]
 
     def closed_regions(self, settings: VisionSettings) -> list[Region]:
@@ -94,12 +93,11 @@ class OneEye:
             return []
         if 1 in settings.shrinks and 1 not in self.scales:
             self.scales[1] = full_size(self.smooth, window, self.grain)
+        largest = settings.max_area_fraction * self.grey.size
         found = list[Region]()
         for shrink, level in product(settings.shrinks, settings.levels):
-            if (shrink, level) not in self.regions:
-                largest = settings.max_area_fraction * self.grey.size
-                self.regions[shrink, level] = closed_regions(self.scale(shrink), level, settings.min_area_px, largest)
-            found += self.regions[shrink, level][: settings.max_regions]
+            regions = closed_regions(self.scale(shrink), level, settings.min_area_px, largest)
+            found += regions[: settings.max_regions]
         return found
 
     @cached_property
@@ -121,18 +119,12 @@ class OneEye:
 
 def find_outlines_in(views: Sequence[OneEye], settings: VisionSettings) -> list[tuple[Outline, ...]]:
     """OneEye.outlines of each eye, all eyes' side by side."""
-    asked = list[tuple[OneEye, Wanted]]()
-    for view in views:
-        if settings not in view.searches:
-            before = next(reversed(view.searches.values()), Search())
-            regions = view.closed_regions(settings)
-            if regions:
-                asked.append((view, Wanted(view.smooth, view.grain, regions, before)))
-            else:
-                view.searches[settings] = before
-    for (view, _), search in zip(asked, find_outlines([w for _, w in asked], settings), strict=True):
-        view.searches[settings] = search
-    return [view.searches[settings].outlines for view in views]
+    new = [(view, view.closed_regions(settings)) for view in views if settings not in view.outlined]
+    wanted = [Wanted(view.smooth, view.grain, regions) for view, regions in new if regions]
+    found = iter(find_outlines(wanted, settings))
+    for view, regions in new:
+        view.outlined[settings] = next(found) if regions else ()
+    return [view.outlined[settings] for view in views]
 
 
 def fits(asked: Sequence[tuple[OneEye, Sequence[Outline]]]) -> list[list[Fitted | None]]:
