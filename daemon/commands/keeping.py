@@ -17,7 +17,7 @@ ROBOT = ("power-up", "cal", "monitor")
 ROBOT_USAGE = "robot power-up [Y N ...] | robot cal | robot monitor [TEXT]"
 
 
-@command(ROBOT_USAGE, "move", most=None, choices=lambda _: ROBOT)
+@command(ROBOT_USAGE, "move", most=None, choices=ROBOT)
 async def robot(context: CommandContext, words: list[str], door: Door) -> Answer:
     """Speak with the arm's controller as its own terminal would.
 
