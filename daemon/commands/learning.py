@@ -7,6 +7,7 @@ import difflib
 import hashlib
 import re
 from collections import Counter
+from collections.abc import Sequence
 from typing import Any
 
 from daemon.commands import simulated_hand
@@ -29,7 +30,7 @@ from daemon.teaching.mesh import UNITS_MM, MeshError
 from daemon.teaching.sufficiency import VIEWPOINTS, Sufficiency
 from daemon.teaching.trainer import teaching_note
 from daemon.vision.model import TeachError
-from daemon.vision.values import Group
+from daemon.vision.values import Facet
 
 LABEL = re.compile(r"[a-z][a-z0-9_]{0,39}")
 MESH_USAGE = "teach LABEL --mesh FILE.stl|FILE.obj [mm|cm|m|inch]"
@@ -72,10 +73,11 @@ async def _teach_what_is_shown(context: CommandContext, label: str, door: Door) 
     left, right = seen.pictures.left.pixels, seen.pictures.right.pixels
     table = context.table_in(seen)
     group = await asyncio.to_thread(context.trainer.check, label, left, right, table)
-    _, sides = await asyncio.to_thread(context.trainer.with_view, label, group)
-    await door.say(_shown(seen, group, sides, door.columns))
-    if len(seen.scene.parts) > 1 and not door.asks:
-        raise CommandError(f"{len(seen.scene.parts)} separate things are seen; show the {label} alone, evenly lit")
+    facets, sides = await asyncio.to_thread(context.trainer.with_view, label, group)
+    await door.say(_shown(seen, facets, sides, door.columns))
+    things = sum(len(part.facets) > 1 for part in seen.scene.parts)
+    if things > 1 and not door.asks:
+        raise CommandError(f"{things} separate things are seen; show the {label} alone, evenly lit")
     named = _named_otherwise(seen, label)
     if named:
         await door.say(f"The model in use takes this for {named}.")
@@ -219,16 +221,16 @@ def sufficiency_json(judged: Sufficiency) -> dict[str, Any]:
     }
 
 
-def _shown(seen: Look, group: Group, sides: list[int | None], columns: int) -> str:
+def _shown(seen: Look, facets: Sequence[Facet], sides: list[int | None], columns: int) -> str:
     """The facets in view as a drawing, numbered as the part's sides, and how long their edges are. Facets of other
     things have no number."""
     marks = ["?" if side is None else str(side + 1) for side in sides]
-    mine = {facet.left_px.tobytes() for facet in group.facets}
+    mine = {facet.left_px.tobytes() for facet in facets}
     others = [f for other in seen.scene.view.groups for f in other.facets if f.left_px.tobytes() not in mine]
     outlines = [(f.left_px, "") for f in others]
-    outlines += [(facet.left_px, mark) for facet, mark in zip(group.facets, marks, strict=True)]
+    outlines += [(facet.left_px, mark) for facet, mark in zip(facets, marks, strict=True)]
     rows: dict[str, list[str]] = {}
-    for facet, mark in zip(group.facets, marks, strict=True):
+    for facet, mark in zip(facets, marks, strict=True):
         rows.setdefault(describe_facet(facet), []).append(mark)
     lines = [drawn(outlines, columns)]
     lines += [f"side {' '.join(sorted(numbers))}: {what}" for what, numbers in rows.items()]

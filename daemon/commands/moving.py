@@ -21,6 +21,7 @@ from daemon.console.interpreter import (
     one_of,
     yes_or_no,
 )
+from daemon.console.notices import Level
 from daemon.console.phrases import cut_off, is_yes, plural
 from daemon.pick.outcome import CycleEnd, Outcome
 
@@ -144,7 +145,9 @@ async def pick(context: CommandContext, words: list[str], door: Door) -> Answer:
     """Bring one part to the bin."""
     label = one_of(words, 0, context.trainer.model.labels, "taught part", pick.usage) if words else None
     end = await with_questions(context, context.cycle.pick(label), door)
-    return Answer(describe_end(end), end_json(end), DONE if end.outcome in ("picked", "dry", "placed") else NOT_DONE)
+    heard = end.outcome is Outcome.FAULT and context.notices.level(door) is not None
+    done = DONE if end.outcome in ("picked", "dry", "placed") else NOT_DONE
+    return Answer(describe_end(end, why=not heard), end_json(end), done)
 
 
 @command(AUTO_USAGE, "move", most=None, at_once=frozenset({"off"}), choices=AUTO_WORDS, first=True)
@@ -278,19 +281,19 @@ def _progress(state: dict[str, Any]) -> str:
     return f"{state['target']}, look {state['stop']}: predicted error at the grasp {error}"
 
 
-def describe_end(end: CycleEnd) -> str:
-    """One pick in a line."""
+def describe_end(end: CycleEnd, why: bool = True) -> str:
+    """One pick in a line; without why, where whoever reads it has been told."""
     name = end.label or "no part"
     text = f"{end.outcome}: {name}, {plural(end.stops, 'look')}, {end.seconds:.1f} s"
     if end.predicted_mm is not None and end.predicted_deg is not None:
         text += f", predicted error {end.predicted_mm:.2f} mm {end.predicted_deg:.2f} degrees"
-    return text + (f" ({end.why})" if end.outcome != "picked" and end.why else "")
+    return text + (f" ({end.why})" if why and end.outcome != "picked" and end.why else "")
 
 
 def tell_end(context: CommandContext, end: CycleEnd) -> None:
     """Tell a pick's end to whoever is not waiting for it. An empty table is no news, a fault was told."""
     if end.outcome not in ("empty", "fault"):
-        context.notices.tell(describe_end(end), outcome=True)
+        context.notices.tell(describe_end(end), Level.OUTCOMES)
 
 
 def end_json(end: CycleEnd) -> dict[str, Any]:

@@ -28,7 +28,7 @@ from daemon.vision.model import FacetLibrary, Model, TeachError, empty_model, le
 from daemon.vision.recognition import recognise_group
 from daemon.vision.report import scene_json
 from daemon.vision.settings import VisionSettings
-from daemon.vision.values import UNKNOWN, Group, Part, Scene
+from daemon.vision.values import UNKNOWN, Facet, Group, Part, Scene
 
 Image = NDArray[np.uint8]
 SAME_SIDE_MM = 5.0
@@ -154,11 +154,12 @@ class Trainer:
             raise TeachError(f"{len(groups)} parts are in view; show the one to be taught alone")
         return largest[0]
 
-    def with_view(self, label: str, group: Group) -> tuple[Model, list[int | None]]:
-        """What would be known with one more view: the model, and which side of the part each facet of the group is,
-        None where that cannot be told. Raises TeachError."""
+    def with_view(self, label: str, group: Group) -> tuple[tuple[Facet, ...], list[int | None]]:
+        """The facets of a view, typed; and which side of the part each is once the view is kept, None where that cannot
+        be told. Raises TeachError."""
         model = learn_view(self.learnt()[0], group, label)
-        return model, _sides(group, recognise_group(group, model), model.metric[label].solid)
+        seen = recognise_group(group, model)
+        return seen.facets, _sides(seen, model.metric[label].solid)
 
     def learnt(self) -> tuple[Model, list[str]]:
         """A model of every stored view, in order, and one line for each view that could not be learnt.
@@ -264,10 +265,10 @@ def teaching_note(who: str, calibration: str, table: Table | None, scene: Scene)
     }
 
 
-def _sides(group: Group, seen: Part, taught: Polyhedron) -> list[int | None]:
-    """For each facet of a group the side of the taught part that lies there, as the part was found."""
+def _sides(seen: Part, taught: Polyhedron) -> list[int | None]:
+    """For each facet of a part the side of the taught one that lies there."""
     centres = frames.apply(seen.cyclopean_from_part, taught.centres_mm)
-    apart = [np.linalg.norm(centres - facet.corners_mm.mean(axis=0), axis=1) for facet in group.facets]
+    apart = [np.linalg.norm(centres - facet.corners_mm.mean(axis=0), axis=1) for facet in seen.facets]
     return [int(np.argmin(mm)) if mm.min() < SAME_SIDE_MM else None for mm in apart]
 
 
