@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import asyncio
 import contextlib
+import importlib.metadata
 import logging
 import os
 import sys
@@ -25,6 +26,8 @@ def main(arguments: list[str] | None = None) -> int:
     )
     parser.add_argument("--sim", action="store_true", help="a simulated cell instead of the one configured")
     parser.add_argument("--check", action="store_true", help="check configuration, calibration and model, and end")
+    version = f"facetd {importlib.metadata.version('facetd')}"
+    parser.add_argument("--version", action="version", version=version, help="the program's version")
     args = parser.parse_args(arguments)
     if args.check:
         return check(args.config, args.sim)

@@ -28,6 +28,7 @@ from daemon.commands.moving import tell_end
 from daemon.config import Config, load_config
 from daemon.console.context import CommandContext
 from daemon.console.interpreter import Console
+from daemon.console.notices import Level
 from daemon.console.phrases import cut_off
 from daemon.doors.socket import DoorError, SocketServer
 from daemon.doors.terminal import SerialConsole
@@ -190,7 +191,7 @@ class Service:
         self, config: Config, calibration: Calibration, trainer: Trainer, troubles: Troubles, run_log: RunLog
     ) -> CommandContext:
         assert self._hardware is not None
-        log = journal.JournalledLog(run_log, self._notice)
+        log = journal.JournalledLog(run_log, self._logged)
         cycle = Cycle(*pick_cell(config, calibration, self._hardware, log), trainer.in_use, self)
         self.context = CommandContext(
             config, calibration, self._hardware, cycle, trainer, run_log, log, troubles, self.reload
@@ -275,6 +276,12 @@ class Service:
         if truth is not None:
             error_mm, error_deg, held = truth
             context.run_log.record("truth", cycle=end.cycle, error_mm=error_mm, error_deg=error_deg, held=held)
+
+    def _logged(self, kind: str, text: str, who: str | None) -> None:
+        """What the log is told, for those who want to hear it."""
+        if self.context is not None:
+            level = Level.ALL if kind in ("command", "model") else Level.FAULTS
+            self.context.notices.tell(text, level, who if level is Level.ALL else None)
 
     def _notice(self, text: str) -> None:
         """Show something at every door that nobody there asked for."""

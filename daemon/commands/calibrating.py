@@ -38,7 +38,7 @@ SPEED_PCT = 60.0
 TOUCH_ABOVE_MM = 2.0
 
 
-@command(USAGE, "move", most=None, choices=lambda _: KINDS)
+@command(USAGE, "move", most=None, choices=KINDS)
 async def calibrate(context: CommandContext, words: list[str], door: Door) -> Answer:
     """Find out how the cameras see and where they sit.
 

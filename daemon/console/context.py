@@ -17,7 +17,7 @@ from daemon.arm import Log
 from daemon.calibration.file import Calibration
 from daemon.cell.build import EXPECTED_ERRORS, Hardware
 from daemon.config import Config
-from daemon.console.notices import Notices
+from daemon.console.notices import Level, Notices
 from daemon.console.phrases import plural
 from daemon.errors import FacetdError
 from daemon.pick.cycle import Cycle
@@ -76,7 +76,7 @@ class CommandContext:
     def _auto_ended(self, auto: asyncio.Task[list[CycleEnd]]) -> None:
         if not auto.cancelled() and auto.exception() is None:
             picked = sum(end.outcome == "picked" for end in auto.result())
-            self.notices.tell(f"Auto has ended: {plural(picked, 'part')} picked.", outcome=True)
+            self.notices.tell(f"Auto has ended: {plural(picked, 'part')} picked.", Level.OUTCOMES)
 
     async def auto_ends(self) -> list[CycleEnd]:
         """Wait for the last auto to end; what became of each part. Empty where there was none."""

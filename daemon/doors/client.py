@@ -9,6 +9,7 @@ import base64
 import contextlib
 import json
 import shlex
+import shutil
 import socket
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
@@ -67,7 +68,8 @@ class DaemonLink:
         ask: puts a question to somebody; without it questions are taken as answered by yes. Raises NotThereError when
         the daemon goes away.
         """
-        self._send({"do": text, "door": door, "asks": ask is not None})
+        columns = shutil.get_terminal_size().columns
+        self._send({"do": text, "door": door, "asks": ask is not None, "size": [columns, None]})
         try:
             return self._listen(text, say, ask)
         finally:
@@ -96,6 +98,11 @@ class DaemonLink:
                 self._stop()
                 messages = self._messages()
         return done
+
+    def options(self, typed: str) -> list[str]:
+        """Every line that the typed one may become."""
+        self._send({"complete": typed})
+        return next((list(m["options"]) for m in self._messages() if "options" in m), [])
 
     def interrupt(self) -> str:
         """What control-C does: stop the arm; gives what the daemon says."""

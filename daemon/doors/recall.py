@@ -31,7 +31,8 @@ class DaemonCompleter(Completer):
         typed = document.text_before_cursor
         start = typed.rfind(" ") + 1
         for option in await self._ask(typed):
-            yield Completion(f"{option[start:]} ", start - len(typed), display=option[start:])
+            end = "" if option.endswith("/") else " "
+            yield Completion(f"{option[start:]}{end}", start - len(typed), display=option[start:])
 
 
 class PlainHistory(History):

@@ -1,7 +1,8 @@
 """The operators' socket: JSON objects, one a line, both ways. What the words mean is the console's business.
 
-Operator to daemon: {"do": TEXT, "door": NAME, "asks": BOOL, "id": ID, "waits": BOOL}: a command; where another is still
-being done it is refused, unless it waits. {"answer": TEXT, "id": ID} {"interrupt": true} {"complete": TEXT}
+Operator to daemon: {"do": TEXT, "door": NAME, "asks": BOOL, "id": ID, "waits": BOOL, "size": [COLUMNS, ROWS]}: a
+command; where another is still being done it is refused, unless it waits; size: of the terminal, ROWS null where pages
+are not turned there. {"answer": TEXT, "id": ID} {"interrupt": true} {"complete": TEXT}
 {"notices": true}: tell me also what I do not ask for. {"file": BASE64, "more": BOOL} or {"no_file": WHY}, the answer to
 a fetch; {"keys": TEXT} {"leave": true} at a terminal.
 Daemon to operator: {"say": TEXT} {"ask": QUESTION, "id": ID} {"unasked": ID}: no answer is waited for any more.
@@ -28,7 +29,9 @@ from pathlib import Path
 from typing import Any, Literal
 
 from daemon.console.interpreter import NOT_UNDERSTOOD, Answer, CommandError, Console
+from daemon.console.pages import LOWEST, NARROWEST, WIDEST
 from daemon.console.phrases import means_stop, printable
+from daemon.doors.lineedit import COLUMNS
 from daemon.doors.turns import Interrupt, Turns
 from daemon.errors import FacetdError
 
@@ -121,6 +124,8 @@ class _Operator:
     ) -> None:
         self._reader, self._writer, self._console = reader, writer, console
         self.name, self.asks, self.who = "socket", False, _who(writer.get_extra_info("socket"))
+        self.columns: int = COLUMNS
+        self.rows: int | None = None
         self._turns = Turns(console, self, interrupt, self._show_question)
         self._file: asyncio.Future[bytes] | None = None
         self._pieces: list[bytes] = []
@@ -221,6 +226,7 @@ class _Operator:
             raise ValueError("the last command is still being done")
         self.name = printable(str(message.get("door", self.name))[:20])
         self.asks = bool(message.get("asks", self.asks))
+        self.columns, self.rows = _size(message.get("size"), (self.columns, self.rows))
         number = {"id": message["id"]} if "id" in message else {}
 
         async def answered(answer: Answer) -> None:
@@ -276,6 +282,14 @@ def _message(line: bytes) -> dict[str, Any]:
     if isinstance(message, dict):
         return message
     raise ValueError("not an object")
+
+
+def _size(said: Any, before: tuple[int, int | None]) -> tuple[int, int | None]:
+    """Columns and rows of a terminal, where a message says them."""
+    match said:
+        case [int(columns), int() | None as rows]:
+            return min(max(columns, NARROWEST), WIDEST), None if rows is None else max(rows, LOWEST)
+    return before
 
 
 def _plain(answer: Answer) -> dict[str, Any]:

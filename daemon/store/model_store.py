@@ -60,6 +60,16 @@ class StoredView:
         return left, right
 
 
+@dataclass(frozen=True)
+class ToldModel:
+    """What a model's file says of itself: when it was trained (ISO, UTC), the labels it knows, and those in words, or
+    why it cannot be read."""
+
+    trained: str
+    labels: tuple[str, ...]
+    knows: str
+
+
 class _State(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     current: int | None = None
     candidate: int | None = None
@@ -157,13 +167,26 @@ class ModelStore:
         """Raises ModelError."""
         return model_file.load(self.path(version))
 
-    def put_candidate(self, model: Model) -> int:
-        """Store a trained model as the candidate; returns its version. Raises ModelStoreError."""
-        known = [int(p.stem) for p in (self.folder / "models").glob("*.npz") if p.stem.isdecimal()]
-        version = max(known, default=0) + 1
+    def versions(self) -> list[int]:
+        """Every version that is kept, oldest first."""
+        return sorted(int(p.stem) for p in (self.folder / "models").glob("*.npz") if p.stem.isdecimal())
+
+    def told(self, version: int) -> ToldModel:
+        """What a version's file says of itself."""
+        try:
+            file = model_file.load_file(self.path(version))
+        except model_file.ModelError as error:
+            return ToldModel("", (), str(error))
+        return ToldModel(file.trained, file.model.labels, ", ".join(file.model.labels))
+
+    def put_candidate(self, model: Model, codes: Mapping[str, str] | None = None) -> int:
+        """Store a trained model as the candidate; returns its version. codes: each part's ART-b bits. Raises
+        ModelStoreError."""
+        version = max(self.versions(), default=0) + 1
+        trained = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
         try:
             self.path(version).parent.mkdir(parents=True, exist_ok=True)
-            model_file.save(model, self.path(version))
+            model_file.save(model, self.path(version), trained=trained, codes=None if codes is None else dict(codes))
         except OSError as error:
             raise ModelStoreError(f"{self.path(version)}: not written: {error.strerror or error}") from error
         self._write(msgspec.structs.replace(self._state(), candidate=version))
@@ -185,6 +208,12 @@ class ModelStore:
             raise ModelStoreError("there is no earlier model to go back to")
         self._write(_State(state.history[-1], state.current, state.history[:-1]))
         return state.history[-1]
+
+    def use(self, version: int) -> None:
+        """Put any version into use; the one before is what a rollback goes back to. Raises ModelStoreError."""
+        state = self._state()
+        history = state.history if state.current is None else (*state.history, state.current)
+        self._write(_State(version, None if state.candidate == version else state.candidate, history))
 
     def _state(self) -> _State:
         path = self.folder / "models" / "state.json"

@@ -13,6 +13,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from daemon import frames
 from daemon.store.library import PartEntry
 from daemon.store.model_store import ModelStore, ModelStoreError, StoredView
 from daemon.teaching.aspects import aspects, learn_solid
@@ -27,9 +28,11 @@ from daemon.vision.model import FacetLibrary, Model, TeachError, empty_model, le
 from daemon.vision.recognition import recognise_group
 from daemon.vision.report import scene_json
 from daemon.vision.settings import VisionSettings
-from daemon.vision.values import UNKNOWN, Group, Scene
+from daemon.vision.values import UNKNOWN, Facet, Group, Part, Scene
 
 Image = NDArray[np.uint8]
+SAME_SIDE_MM = 5.0
+"""How far the middle of a side in view may lie from where the part found there has it."""
 
 
 class Recogniser:
@@ -112,17 +115,20 @@ class Trainer:
         return None if version is None else Recogniser(self.model_store.load(version), self.rig, self.settings)
 
     def untaught(self) -> list[str]:
-        """Parts of parts.yaml that the model in use does not know."""
-        return [label for label in self.parts if label not in self.model.labels]
+        """Parts of parts.yaml that were never shown or drawn, and that the model in use does not know."""
+        shown = {*self.model.labels, *self.model_store.labels()}
+        return [label for label in self.parts if label not in shown]
 
     def waiting(self) -> list[StoredView]:
         """Stored views that the model in use was not trained on."""
         known = {view.source for view in self.model.views}
         return [view for view in self.model_store.views() if view.name not in known]
 
-    def check(self, label: str, left: Image, right: Image, table: Table | None) -> None:
-        """Raise TeachError or VisionError where a view cannot be learnt from."""
-        learn_view(empty_model(self.library), self.only_group(left, right, table), label)
+    def check(self, label: str, left: Image, right: Image, table: Table | None) -> Group:
+        """The facets of the one part in view. Raises TeachError or VisionError where a view cannot be learnt from."""
+        group = self.only_group(left, right, table)
+        learn_view(empty_model(self.library), group, label)
+        return group
 
     def store(self, label: str, left: Image, right: Image, note: dict[str, Any]) -> StoredView:
         """Keep a view on disk. Raises ModelStoreError, and TeachError or VisionError as check does."""
@@ -147,6 +153,13 @@ class Trainer:
         if len(largest) > 1 or (len(groups) > 1 and most == 1):
             raise TeachError(f"{len(groups)} parts are in view; show the one to be taught alone")
         return largest[0]
+
+    def with_view(self, label: str, group: Group) -> tuple[tuple[Facet, ...], list[int | None]]:
+        """The facets of a view, typed; and which side of the part each is once the view is kept, None where that cannot
+        be told. Raises TeachError."""
+        model = learn_view(self.learnt()[0], group, label)
+        seen = recognise_group(group, model)
+        return seen.facets, _sides(seen, model.metric[label].solid)
 
     def learnt(self) -> tuple[Model, list[str]]:
         """A model of every stored view, in order, and one line for each view that could not be learnt.
@@ -185,7 +198,7 @@ class Trainer:
             raise TeachError(
                 "there are no views to train on: `teach LABEL` first" + "".join(f"; {x}" for x in left_out)
             )
-        version = self.model_store.put_candidate(model)
+        version = self.model_store.put_candidate(model, self._codes(model))
         tried = Recogniser(model, self.rig, self.settings)
         unlearnt = {line.split(":")[0] for line in left_out}
         verdicts = [self._verdict(tried, view) for view in self.model_store.views() if view.name not in unlearnt]
@@ -208,6 +221,17 @@ class Trainer:
             self.model = model
             return version
         return self.model_store.rollback()
+
+    def take(self, version: int) -> None:
+        """Any version into use. Raises ModelStoreError, ModelError (nothing changes)."""
+        model = self.model_store.load(version)
+        self.model_store.use(version)
+        self.model = model
+
+    def _codes(self, model: Model) -> dict[str, str] | None:
+        """ART-b bits as parts.yaml has them; None where it does not name every part."""
+        known = {label: self.parts[label].code for label in model.labels if label in self.parts}
+        return known if len(known) == len(model.labels) else None
 
     def judge(self, model: Model, label: str) -> Sufficiency:
         """What is still missing of a part, and what it could be taken for."""
@@ -239,6 +263,13 @@ def teaching_note(who: str, calibration: str, table: Table | None, scene: Scene)
         "table": None if table is None else {"up": table.up.tolist(), "level_mm": table.level_mm},
         "facets": [[facet.type for facet in part.facets] for part in scene.parts],
     }
+
+
+def _sides(seen: Part, taught: Polyhedron) -> list[int | None]:
+    """For each facet of a part the side of the taught one that lies there."""
+    centres = frames.apply(seen.cyclopean_from_part, taught.centres_mm)
+    apart = [np.linalg.norm(centres - facet.corners_mm.mean(axis=0), axis=1) for facet in seen.facets]
+    return [int(np.argmin(mm)) if mm.min() < SAME_SIDE_MM else None for mm in apart]
 
 
 def _table_of(note: Mapping[str, Any]) -> Table | None:

@@ -119,9 +119,10 @@ def watchdog_s() -> float | None:
 
 class JournalledLog:
     """A run log whose records that matter to the machine's keeper are written to the journal as well, and those that an
-    operator should see unasked (faults, refusals) to `notice`. It only writes: nothing is decided by what is logged."""
+    operator may want to see unasked (faults, refusals, what others do) to `notice`, with their kind, their text and
+    whose doing it is. It only writes: nothing is decided by what is logged."""
 
-    def __init__(self, log: Any, notice: Callable[[str], None] = lambda _: None) -> None:
+    def __init__(self, log: Any, notice: Callable[[str, str, str | None], None] = lambda *_: None) -> None:
         self.log, self._notice = log, notice
 
     def record(self, kind: str, /, **fields: Any) -> None:
@@ -144,8 +145,8 @@ class JournalledLog:
             "WHO": fields.get("who"),
         }
         tell(kind, text, _priority(kind, fields), **said)
-        if kind in ("fault", "rest", "refusal"):
-            self._notice(text)
+        if kind in ("fault", "rest", "refusal", "command", "model"):
+            self._notice(kind, text, fields.get("who"))
 
 
 def _line(kind: str, fields: Mapping[str, Any]) -> str | None:

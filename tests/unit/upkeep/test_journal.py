@@ -29,7 +29,7 @@ def test_the_journal_says_each_thing_once(
     told: list[tuple[str, str]] = []
     monkeypatch.setattr(journal, "tell", lambda kind, text, priority, **more: told.append((kind, text)))
     noticed: list[str] = []
-    journal.JournalledLog(Nowhere(), noticed.append).record(kind, **fields)
+    journal.JournalledLog(Nowhere(), lambda kind, text, who: noticed.append(text)).record(kind, **fields)
     assert told == [(kind, sentence)]
     assert noticed == ([sentence] if kind == "fault" else [])
 
@@ -43,7 +43,7 @@ def test_a_log_that_cannot_be_written_keeps_nobody_from_hearing_of_a_fault(monke
     monkeypatch.setattr(journal, "tell", lambda kind, text, priority, **more: told.append(text))
     noticed: list[str] = []
     with pytest.raises(OSError, match="No space"):
-        journal.JournalledLog(Full(), noticed.append).record("fault", code="a", text="b")
+        journal.JournalledLog(Full(), lambda kind, text, who: noticed.append(text)).record("fault", code="a", text="b")
     assert told == noticed == ["FAULT a: b"]
 
 
