@@ -25,6 +25,7 @@ from daemon.cell.no_arm import CellError
 from daemon.cell.pick_cell import pick_cell
 from daemon.commands import every_command
 from daemon.commands.moving import tell_end
+from daemon.commands.simulated_hand import know_drawings
 from daemon.config import Config, load_config
 from daemon.console.context import CommandContext
 from daemon.console.interpreter import Console
@@ -178,6 +179,7 @@ class Service:
         if self._hardware.robot.stopped_on_opening:
             context.log.record("fault", code="at work", text=AT_WORK, **{"while": "starting"})
         if self._hardware.hand is not None:
+            await know_drawings(context)
             self._hardware.hand.scatter()
         await self._open_doors(context)
         context.use_model("start", trainer.model_store.current)

@@ -23,6 +23,7 @@ from daemon.console.interpreter import (
     no_more,
     number,
     one_of,
+    yes_or_no,
 )
 from daemon.console.phrases import is_yes, plural
 from daemon.pick.looking import Look
@@ -102,17 +103,25 @@ async def _teach_drawing(context: CommandContext, words: list[str], door: Door) 
     unit = one_of(words, at + 2, UNITS_MM, "unit", MESH_USAGE) if unit is not None else "mm"
     label = await _label(context, words[:at], door, shown=False)
     content = await door.fetch(file)
+    name = file.rpartition("/")[2]
     try:
-        view = await asyncio.to_thread(
-            context.trainer.store_mesh, label, file.rpartition("/")[2], content, unit, {"who": door.who}
-        )
+        odd = await asyncio.to_thread(context.trainer.odd_drawing, label, name, content, unit)
+        if odd is not None and not (door.asks and await yes_or_no(door, f"{odd}. Keep it all the same? [y/n]")):
+            raise CommandError(f"not kept: {odd}")
+        view = await asyncio.to_thread(context.trainer.store_mesh, label, name, content, unit, {"who": door.who})
     except (MeshError, TeachError) as error:
         raise CommandError(str(error), NOT_UNDERSTOOD) from None
     verdict, data = await _sufficiency(context, label)
     count = Counter(view.note["facets"][0])
     facets = ", ".join(f"{n} {kind}" for kind, n in count.most_common())
-    text = f"Kept as {view.name}: a solid of {plural(sum(count.values()), 'facet')} ({facets}).\n{verdict}"
-    return Answer(f"{text}\n`train` makes a candidate with it.", {"kept": True, "view": view.name, **data})
+    lines = [f"Kept as {view.name}: a solid of {plural(sum(count.values()), 'facet')} ({facets}).", verdict]
+    unmade = (await simulated_hand.know_drawings(context)).get(label)
+    if unmade is not None:
+        lines.append(f"The simulated cell cannot show it: {unmade}.")
+    elif context.hardware.hand is not None:
+        lines.append(f"The simulated cell has it: `show {label}`, or `scatter {label}` onto the table.")
+    lines.append("`train` makes a candidate with it.")
+    return Answer("\n".join(lines), {"kept": True, "view": view.name, **data})
 
 
 @command("untaught")
@@ -148,6 +157,7 @@ async def forget(context: CommandContext, words: list[str], door: Door) -> Answe
     if door.asks and not is_yes(await door.ask(f"Remove {what} for good? [y/n]")):
         return Answer("Nothing is removed.", {"removed": 0}, NOT_DONE)
     removed = context.trainer.model_store.drop_views(label, which)
+    await simulated_hand.know_drawings(context)
     if not removed:
         raise CommandError(f"there is no {what}")
     text = f"{plural(removed, 'view')} removed. The model in use stays as it is; `train` makes one without."
@@ -198,12 +208,16 @@ def describe_sufficiency(judged: Sufficiency, brief: bool = False) -> str:
     if judged.turn_away is not None:
         place, kind = judged.turn_away
         lines.append(f"  To show next: turn it so that side {place + 1} ({kind}) points away from the cameras.")
-    for mistake in judged.mistakes[:3]:
+    told: dict[str, int] = {}
+    for mistake in judged.mistakes:
         others = [name for name in mistake.taken_for if name not in (judged.label, "unknown")]
         what = f"could be {' or '.join(others)}" if others else "is not named"
-        seen = " and ".join(f"one {kind}" for kind in mistake.facets) if len(mistake.facets) < 3 else "this view"
-        count = f"{plural(mistake.viewpoints, 'direction')} of {VIEWPOINTS}"
-        lines.append(f"  Seen as {seen} alone, it {what} ({count}); a look from elsewhere settles it.")
+        alone = " and ".join(f"one {kind}" for kind in mistake.facets)
+        seen = f"Seen as {alone} alone" if len(mistake.facets) < 3 else "From some sides"
+        told[f"{seen}, it {what}"] = told.get(f"{seen}, it {what}", 0) + mistake.viewpoints
+    for text, directions in list(told.items())[:3]:
+        count = f"{plural(directions, 'direction')} of {VIEWPOINTS}"
+        lines.append(f"  {text} ({count}); a look from elsewhere settles it.")
     return "\n".join(lines)
 
 

@@ -119,9 +119,14 @@ class LineEditor:
             return b""
         self._escape = b""
         if said := SIZE.fullmatch(body):
-            self.rows, self.columns = max(int(said[1]), LOWEST), max(int(said[2]), NARROWEST)
+            self._sized(int(said[1]), int(said[2]))
             return b""
         return self._escapes[body]() if body in self._escapes else BELL
+
+    def _sized(self, rows: int, columns: int) -> None:
+        """A terminal that cannot go to its last corner says something else; it stays as large as a VT100."""
+        if rows >= LOWEST and columns >= NARROWEST:
+            self.rows, self.columns = rows, columns
 
     def _finish(self) -> str:
         line = self._text

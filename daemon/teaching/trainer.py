@@ -5,8 +5,11 @@ Learning itself is daemon/vision/model/model.py's, files are daemon/store/model_
 
 from __future__ import annotations
 
+import contextlib
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from time import perf_counter
 from typing import Any, Literal
 
@@ -14,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon import frames
+from daemon.arrays import Array
 from daemon.store.library import PartEntry
 from daemon.store.model_store import ModelStore, ModelStoreError, StoredView
 from daemon.teaching.aspects import aspects, learn_solid
@@ -31,6 +35,8 @@ from daemon.vision.settings import VisionSettings
 from daemon.vision.values import UNKNOWN, Facet, Group, Part, Scene
 
 Image = NDArray[np.uint8]
+SAME_SIZE_MM = 2.0
+"""How far apart the largest lengths of one part may come out, drawn and seen."""
 SAME_SIDE_MM = 5.0
 """How far the middle of a side in view may lie from where the part found there has it."""
 
@@ -135,6 +141,19 @@ class Trainer:
         self.check(label, left, right, _table_of(note))
         return self.model_store.add_view(label, left, right, note)
 
+    def odd_drawing(self, label: str, name: str, content: bytes, unit: str) -> str | None:
+        """What a person should be asked about before a drawing is kept under a label: that it is there already, under
+        this label or another, or is another shape than the one known. Raises MeshError, ModelStoreError."""
+        for view in self.model_store.views():
+            if view.mesh is not None and view.note.get("unit", "mm") == unit and _content(view.mesh) == content:
+                return f"this drawing is kept already, as {view.name}"
+        known = self.learnt()[0].metric.get(label)
+        return (
+            None
+            if known is None
+            else _another_shape(label, known.solid, solid_drawn(name, content, unit, self.library))
+        )
+
     def store_mesh(self, label: str, name: str, content: bytes, unit: str, note: dict[str, Any]) -> StoredView:
         """Keep a drawing (STL or OBJ) of a part on disk. Raises ModelStoreError, MeshError, TeachError."""
         solid = solid_drawn(name, content, unit, self.library)
@@ -178,14 +197,19 @@ class Trainer:
                 left_out.append(f"{view.name}: {error}")
         return model, left_out
 
+    def drawings(self) -> dict[str, Polyhedron]:
+        """The solid of each part that was drawn, by its newest drawing; what cannot be read any more is left out."""
+        solids = {}
+        for view in self.model_store.views():
+            if view.mesh is not None:
+                with contextlib.suppress(MeshError):
+                    solids[view.label] = self._solid(view)
+        return solids
+
     def _solid(self, view: StoredView) -> Polyhedron:
         """The solid of a stored drawing. Raises MeshError."""
         assert view.mesh is not None
-        try:
-            content = view.mesh.read_bytes()
-        except OSError as error:
-            raise MeshError(f"{view.mesh}: {error.strerror}") from None
-        return solid_drawn(view.mesh.name, content, str(view.note.get("unit", "mm")), self.library)
+        return solid_drawn(view.mesh.name, _content(view.mesh), str(view.note.get("unit", "mm")), self.library)
 
     def train(self) -> Trained:
         """Make a candidate of every stored view and try it on each. The model in use is not touched.
@@ -270,6 +294,32 @@ def _sides(seen: Part, taught: Polyhedron) -> list[int | None]:
     centres = frames.apply(seen.cyclopean_from_part, taught.centres_mm)
     apart = [np.linalg.norm(centres - facet.corners_mm.mean(axis=0), axis=1) for facet in seen.facets]
     return [int(np.argmin(mm)) if mm.min() < SAME_SIDE_MM else None for mm in apart]
+
+
+def _content(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise MeshError(f"{path}: {error.strerror}") from None
+
+
+def _another_shape(label: str, known: Polyhedron, drawn: Polyhedron) -> str | None:
+    """How a drawing differs from what is known of a part: more of its facets of one kind were seen than are drawn, or
+    corners were seen farther apart. None where it may be the same."""
+    lacking = Counter(known.types) - Counter(drawn.types)
+    sizes = [float(pdist.max()) for pdist in (_apart_mm(known), _apart_mm(drawn))]
+    told = (
+        f"{len(known.types)} facets, {sizes[0]:.0f} mm across; this drawing has {len(drawn.types)}, {sizes[1]:.0f} mm"
+    )
+    if lacking:
+        return f"{label} is known by {told}, and no {' or '.join(sorted(lacking))} as there"
+    larger = sizes[0] > sizes[1] + SAME_SIZE_MM
+    closed = len(known.types) == len(drawn.types) and abs(sizes[0] - sizes[1]) > SAME_SIZE_MM
+    return f"{label} is known by {told}" if larger or closed else None
+
+
+def _apart_mm(solid: Polyhedron) -> Array:
+    return np.asarray(np.linalg.norm(solid.corners_mm[:, None] - solid.corners_mm[None], axis=2))
 
 
 def _table_of(note: Mapping[str, Any]) -> Table | None:

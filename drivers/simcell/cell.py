@@ -24,7 +24,7 @@ from drivers.simcell.judge import Body, Judge, Violation
 from drivers.simcell.render import Thing
 from drivers.simcell.rigid import rigid
 from drivers.simcell.simulated_time import SimulatedLoop
-from drivers.simcell.stand import characteristic_pose
+from drivers.simcell.stand import characteristic_pose, drawn_pose
 from drivers.simcell.textures import PartsKind, Pattern, TableKind, printed_faces
 from drivers.simcell.truth import load_truth, rigid_matrix
 from drivers.simcell.verdict import Verdict
@@ -149,7 +149,11 @@ class SimulatedCell:
         self.clear()
         at = self.world_from_cyclopean() if world_from_cyclopean is None else world_from_cyclopean
         eyes = [eye.eye().cyclopean_from_camera[:3, 3] for eye in (self._settings.left, self._settings.right)]
-        return self.world.put(label, characteristic_pose(label, view, at, eyes, self._settings.lighting), Where.STAND)
+        if self.world.drawn(label):
+            pose = drawn_pose(self.world.shape(label), view, at, eyes, self._settings.lighting)
+        else:
+            pose = characteristic_pose(label, view, at, eyes, self._settings.lighting)
+        return self.world.put(label, pose, Where.STAND)
 
     def show_board(self, board: BoardPrint | None = None, world_from_board: Array | None = None) -> Array:
         """Clear the cell and put up a board (9x6 inner corners): as given, or face up amid the table.
