@@ -20,6 +20,15 @@ help:
 	@echo "make bench-soak   2,000 accelerated cycles: memory and file handles over time (hours)"
 
 setup: $(VENV)/.runtime
+	@echo "== ready. To try it: . $(VENV)/bin/activate, then"
+	@echo "   facetd --sim              in one window: a cell in simulation"
+	@echo "   facetctl console          in another: help, teach cube, train, enable, pick cube"
+	@echo "   README.md leads on; deploy/install.sh installs the service on a cell's own computer"
+
+# One of the program's extras, such as extra-export. PIP_ARGS: an index, or a folder of wheels (--no-index --find-links DIR).
+extra-%: $(VENV)/.runtime
+	@$(BIN)/pip install -q $(PIP_ARGS) -e '.[$*]'
+	@echo "== the extra $* is there now"
 
 $(VENV)/.runtime: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "facetd needs Python 3.11 or newer; $(PYTHON) is older. Set PYTHON=..."; exit 2; }
@@ -37,6 +46,7 @@ $(VENV)/.dev: $(VENV)/.runtime
 
 demo: $(VENV)/.runtime
 	$(BIN)/facetctl demo $(DEMO)
+	@echo "== to go on by hand: make setup tells how"
 
 check: $(VENV)/.dev
 	$(BIN)/ruff check

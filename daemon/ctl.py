@@ -180,12 +180,10 @@ def _completion(words: list[str], socket_path: Path | None) -> int:
 
 
 def _online(words: list[str], socket_path: Path | None, as_json: bool) -> int:
-    if words[0] in ("doctor", "bundle") and socket_path is None:
-        try:
-            link = DaemonLink()
-        except NotThereError:
-            return _without_daemon(words[0], as_json)
-        link.close()
+    if words[0] in ("doctor", "bundle") and socket_path is None and not _runs():
+        return _without_daemon(words[0], as_json)
+    if words[0] == "model" and socket_path is None and not _runs():
+        return _model_without_daemon(words[1:], as_json)
     with DaemonLink(socket_path) as link:
         if words[0] == "console":
             from daemon.doors.prompt import converse
@@ -194,6 +192,15 @@ def _online(words: list[str], socket_path: Path | None, as_json: bool) -> int:
         if words[0] == "script":
             return _script(link, words[1:], as_json)
         return _one_shot(link, shlex.join(words), as_json, "one-shot")
+
+
+def _runs() -> bool:
+    """Whether a daemon answers."""
+    try:
+        DaemonLink().close()
+    except NotThereError:
+        return False
+    return True
 
 
 def _one_shot(link: DaemonLink, text: str, as_json: bool, door: str) -> int:
@@ -243,6 +250,33 @@ def _script(link: DaemonLink, words: list[str], as_json: bool) -> int:
             print(f"facetctl: {words[0]}:{number}: not done; the rest is left out", file=sys.stderr)
             return status
     return DONE
+
+
+def _model_without_daemon(words: list[str], as_json: bool) -> int:
+    """`model list` and `model use N` when no daemon runs: the next one begins with what is in use now."""
+    from daemon.commands.models import MODEL_USAGE, list_of, version_named
+    from daemon.config import load_config
+    from daemon.errors import FacetdError
+    from daemon.store import places
+    from daemon.store.files import hold
+    from daemon.store.model_store import ModelStore
+
+    try:
+        store = ModelStore(load_config(places.config_file()).state)
+        if words in ([], ["list"]):
+            answer = list_of(store)
+            return show({"text": answer.text, "data": answer.data, "status": DONE}, as_json)
+        if len(words) != 2:
+            raise FacetdError(f"usage: {MODEL_USAGE}")
+        version = version_named(store, words[1])
+        store.load(version)
+        hold(store.folder)
+        store.use(version)
+    except (FacetdError, OSError) as error:
+        print(f"facetctl: {error}", file=sys.stderr)
+        return NOT_UNDERSTOOD
+    text = f"Version {version} is in use from the next start of facetd on."
+    return show({"text": text, "data": {"version": version}, "status": DONE}, as_json)
 
 
 def _without_daemon(command: str, as_json: bool) -> int:

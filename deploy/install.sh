@@ -3,11 +3,13 @@
 #
 #   install.sh install      also upgrades: the new release is built beside the old one and checked against your
 #                           configuration before it takes over; configuration, models and runs are kept
+#   install.sh extra NAME   add one of the program's extras to the release in use: review, export, metrics, systemd
 #   install.sh rollback     back to the release before
-#   install.sh remove       everything but /etc/facetd and /var/lib/facetd
+#   install.sh remove       everything but /etc/facetd, /var/lib/facetd and udev rules that you have edited
 #   install.sh purge        these, too
 #
-# DESTDIR=DIR puts files below DIR and touches neither users nor services (for images and for trying it out).
+# DESTDIR=DIR puts files below DIR and touches neither users nor services: for images. What is made so runs once DIR's
+# content lies at /, and nowhere else.
 # FACETD_APT=no does not install Debian packages; FACETD_PIP is added to pip's arguments (an index, a wheel folder).
 set -eu
 
@@ -15,6 +17,7 @@ house=$(cd "$(dirname "$0")/.." && pwd)
 root=${DESTDIR:-}
 opt=$root/opt/facetd
 keep=2
+completion=/usr/share/bash-completion/completions/facetctl
 
 say() { echo "facetd: $*"; }
 fail() { echo "install.sh: $*" >&2; exit 2; }
@@ -47,7 +50,17 @@ build() {
     if [ "${FACETD_APT:-yes}" = yes ]; then
         "$release/deploy/systemd-extra.sh" "$release/venv/bin/pip"
     fi
-    "$release/venv/bin/python" -m compileall -q "$release/daemon" "$release/drivers"
+    "$release/venv/bin/python" -m compileall -q -s "$root" "$release/daemon" "$release/drivers"
+}
+
+at_home() {
+    # A virtual environment names itself in its programs: what was made below DESTDIR must name where it will lie.
+    [ -n "$root" ] || return 0
+    find "$release/venv" -type f \( -path '*/bin/*' -o -name '*.pth' -o -name 'pyvenv.cfg' -o -name 'direct_url.json' \
+        -o -name '__editable__*.py' \) -exec grep -lIF "$root/opt/facetd/" {} + | while read -r file; do
+        sed -i "s|$root/opt/facetd/|/opt/facetd/|g" "$file"
+    done
+    find "$release" -name __pycache__ -path '*site-packages/__pycache__' -prune -exec rm -rf {} +
 }
 
 settings() {
@@ -74,6 +87,8 @@ system_files() {
     mkdir -p "$root/usr/local/bin"
     ln -sfn /opt/facetd/current/venv/bin/facetctl "$root/usr/local/bin/facetctl"
     ln -sfn /opt/facetd/current/venv/bin/facetd "$root/usr/local/bin/facetd"
+    mkdir -p "$root${completion%/*}"
+    PYTHONPATH=$release "$release/venv/bin/python" -m daemon.ctl completion bash >"$root$completion"
     [ -n "$root" ] && return 0
     systemd-sysusers facetd.conf
     systemd-tmpfiles --create facetd.conf
@@ -105,6 +120,7 @@ do_install() {
         "$release/venv/bin/facetd" --config "$root/etc/facetd/facetd.yaml" --check; then
         fail "this release does not take your configuration (above); the one before stays in use"
     fi
+    at_home
     trap - EXIT
     system_files
     before=$(readlink "$opt/current" 2>/dev/null || true)
@@ -115,6 +131,19 @@ do_install() {
     done
     restart
     say "installed. Next: deploy/README.md, first start. Then: systemctl enable --now facetd"
+}
+
+do_extra() {
+    need_root
+    [ -L "$opt/current" ] || fail "nothing is installed in $opt"
+    case ${1:-} in
+    systemd) "$opt/current/deploy/systemd-extra.sh" "$opt/current/venv/bin/pip" && return 0 ;;
+    review | export | metrics) ;;
+    *) fail "which extra? review, export, metrics or systemd" ;;
+    esac
+    # shellcheck disable=SC2086
+    "$opt/current/venv/bin/pip" install -q ${FACETD_PIP:-} -e "$opt/current[$1]"
+    say "the extra $1 is there now; where it is for the daemon: systemctl restart facetd"
 }
 
 do_rollback() {
@@ -134,10 +163,16 @@ do_remove() {
     if alive; then
         systemctl disable --now -q facetd 2>/dev/null || true
     fi
+    rules=$root/etc/udev/rules.d/60-facetd.rules
+    if [ "$command" = purge ] || cmp -s "$opt/current/deploy/60-facetd.rules" "$rules"; then
+        rm -f "$rules"
+    elif [ -e "$rules" ]; then
+        say "kept your $rules"
+    fi
     rm -rf "$opt"
     rm -f "$root/etc/systemd/system/facetd.service" "$root/usr/lib/sysusers.d/facetd.conf" \
         "$root/usr/lib/tmpfiles.d/facetd.conf" "$root/usr/lib/systemd/catalog/facetd.catalog" \
-        "$root/usr/local/bin/facetctl" "$root/usr/local/bin/facetd" "$root/etc/udev/rules.d/60-facetd.rules"
+        "$root/usr/local/bin/facetctl" "$root/usr/local/bin/facetd" "$root$completion"
     [ -n "$root" ] || journalctl --update-catalog
     if alive; then
         systemctl daemon-reload
@@ -155,8 +190,9 @@ do_purge() {
 command=${1:-}
 case $command in
 install | upgrade) do_install ;;
+extra) do_extra "${2:-}" ;;
 rollback) do_rollback ;;
 remove) do_remove ;;
 purge) do_purge ;;
-*) sed -n '2,13p' "$0" | sed 's/^# \{0,1\}//'; exit 2 ;;
+*) sed -n '2,/^[^#]/s/^# \{0,1\}//p' "$0"; exit 2 ;;
 esac

@@ -62,7 +62,7 @@ def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         ("check", 1, "whether the file is sound, and which parts could be confused"),
     ):
         kind = kinds.add_parser(name, help=text)
-        kind.add_argument("files", type=Path, nargs=files, metavar="MODEL")
+        kind.add_argument("files", type=Path, nargs=files, metavar="MODEL", help="a file, or 3, or latest")
         kind.add_argument("--json", action="store_true", help="for machines")
         kind.set_defaults(run=_guarded(_model))
 
@@ -70,7 +70,7 @@ def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) ->
 def _register_recognise(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     recognise = subparsers.add_parser("recognise", help="name and locate parts in stored stereo pairs")
     recognise.add_argument("--calibration", type=Path, required=True, metavar="FILE")
-    recognise.add_argument("--model", type=Path, required=True, metavar="FILE")
+    recognise.add_argument("--model", type=Path, required=True, metavar="MODEL", help="a file, or 3, or latest")
     recognise.add_argument("--json", action="store_true", help="one JSON object a line (it is so anyway)")
     recognise.add_argument("--draw", type=Path, metavar="PNG", help="draw what was seen; with several pairs PNG-<name>")
     recognise.add_argument("pairs", nargs="+", metavar="DIR", help="a folder with left.png and right.png")
@@ -96,11 +96,12 @@ def _recognise(args: argparse.Namespace) -> int:
 
     from daemon.calibration.file import load_calibration
     from daemon.store.model import load
+    from daemon.store.model_store import model_file
     from daemon.vision.image import VisionError
     from daemon.vision.look import look
     from daemon.vision.report import scene_json
 
-    calibration, model = load_calibration(args.calibration), load(args.model)
+    calibration, model = load_calibration(args.calibration), load(model_file(args.model))
     status = DONE
     for name in args.pairs:
         try:
@@ -228,8 +229,9 @@ def _found(base: Path, name: str) -> Path:
 def _model(args: argparse.Namespace) -> int:
     from daemon.jobs.modelview import check, compare, describe
     from daemon.store.model import load_file
+    from daemon.store.model_store import model_file
 
-    files = [load_file(path) for path in args.files]
+    files = [load_file(model_file(path)) for path in args.files]
     if args.what == "show":
         told = describe(files[0])
     elif args.what == "diff":

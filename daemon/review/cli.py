@@ -31,7 +31,7 @@ def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     replay = _with_run(
         _command(subparsers, "replay", _replay, "every look through today's recogniser; 1 on a regression")
     )
-    replay.add_argument("--model", type=Path, help="this model instead of the run's own")
+    replay.add_argument("--model", type=Path, help="this model (a file, 3, or latest) instead of the run's own")
     replay.add_argument("--json", action="store_true", help="one line for machines")
     export = _with_run(_command(subparsers, "export", _export, "a run for other tools"))
     kind = export.add_mutually_exclusive_group(required=True)
@@ -117,9 +117,10 @@ def _replay(args: argparse.Namespace) -> int:
     from daemon.review.replay import replay
     from daemon.store.library import FACETS, load_facets
     from daemon.store.model import load
+    from daemon.store.model_store import model_file
 
     folder = _folder(args)
-    model = load(args.model) if args.model else None
+    model = load(model_file(args.model)) if args.model else None
     result = replay(folder, read_digest(folder), load_facets(FACETS), model=model)
     if args.json:
         changes = [asdict(c) for c in result.changes]
@@ -182,12 +183,14 @@ def _words(record: Record) -> str | None:
     match record["kind"]:
         case "look":
             scene = record.get("scene") or {}
-            parts = ", ".join(f"{p['label']} {p['confidence']:.2f}" for p in scene.get("parts") or []) or "nothing"
+            parts = ", ".join(map(_seen, scene.get("parts") or [])) or "nothing"
             return f"{record.get('purpose')}: {parts}"
         case "estimate":
-            return f"{record.get('label')} to {record.get('predicted_mm'):.2f} mm {record.get('predicted_deg'):.2f} deg"
+            mm, deg = record.get("predicted_mm"), record.get("predicted_deg")
+            return f"{record.get('label')} to {mm:.2f} mm {deg:.2f} degrees"
         case "move":
-            return f"{record.get('how')} to {record.get('purpose')}"
+            sent = "" if record.get("sent") else ", not sent"
+            return f"{record.get('purpose')}: {record.get('how')}{_place(record.get('target'))}{sent}"
         case "decision" | "cycle_end":
             return f"{record.get('text') or record.get('outcome')}: {record.get('why')}"
         case "cycle_start":
@@ -209,6 +212,19 @@ def _words(record: Record) -> str | None:
             return str(record.get("why"))
         case _:
             return None
+
+
+def _place(world_from_tool: Any) -> str:
+    """Where a move goes."""
+    match world_from_tool:
+        case [[*_, x], [*_, y], [*_, z], *_]:
+            return f" to x {x:.0f} y {y:.0f} z {z:.0f} mm"
+    return ""
+
+
+def _seen(part: dict[str, Any]) -> str:
+    """A part and how sure that is; of one without a name there is nothing to be sure of."""
+    return "unknown" if part["label"] == "unknown" else f"{part['label']} {100 * part['confidence']:.0f} %"
 
 
 def _coloured(kind: str, line: str) -> str:

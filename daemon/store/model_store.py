@@ -23,7 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon.errors import FacetdError
-from daemon.store import model as model_file
+from daemon.store import model as files
+from daemon.store import places
 from daemon.store.files import write_atomically
 from daemon.store.pictures import PictureError, read_grey
 from daemon.vision.model import Model
@@ -165,7 +166,7 @@ class ModelStore:
 
     def load(self, version: int) -> Model:
         """Raises ModelError."""
-        return model_file.load(self.path(version))
+        return files.load(self.path(version))
 
     def versions(self) -> list[int]:
         """Every version that is kept, oldest first."""
@@ -174,8 +175,8 @@ class ModelStore:
     def told(self, version: int) -> ToldModel:
         """What a version's file says of itself."""
         try:
-            file = model_file.load_file(self.path(version))
-        except model_file.ModelError as error:
+            file = files.load_file(self.path(version))
+        except files.ModelError as error:
             return ToldModel("", (), str(error))
         return ToldModel(file.trained, file.model.labels, ", ".join(file.model.labels))
 
@@ -186,7 +187,7 @@ class ModelStore:
         trained = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
         try:
             self.path(version).parent.mkdir(parents=True, exist_ok=True)
-            model_file.save(model, self.path(version), trained=trained, codes=None if codes is None else dict(codes))
+            files.save(model, self.path(version), trained=trained, codes=None if codes is None else dict(codes))
         except OSError as error:
             raise ModelStoreError(f"{self.path(version)}: not written: {error.strerror or error}") from error
         self._write(msgspec.structs.replace(self._state(), candidate=version))
@@ -232,6 +233,20 @@ class ModelStore:
             write_atomically(path, msgspec.json.encode(state))
         except OSError as error:
             raise ModelStoreError(f"{path}: not written: {error.strerror or error}") from error
+
+
+def model_file(named: Path) -> Path:
+    """A model's file where one is named, or that of a version kept here: 3, or latest. Raises ModelStoreError."""
+    word = str(named)
+    if named.exists() or not (word == "latest" or word.isdecimal()):
+        return named
+    store = ModelStore(places.state_folder())
+    known = store.versions()
+    version = known[-1] if known and word == "latest" else int(word) if word.isdecimal() else 0
+    if version not in known:
+        there = ", ".join(map(str, known)) or "none"
+        raise ModelStoreError(f"{word}: no such model in {store.folder / 'models'} (there: {there})")
+    return store.path(version)
 
 
 def _read_note(folder: Path) -> dict[str, Any]:

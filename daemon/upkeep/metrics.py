@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from daemon.config import ConfigError
+from daemon.store.places import how_to_add
 from daemon.upkeep.watched import Watched
 
 LOOPBACK = "127.0.0.1"
@@ -25,7 +26,7 @@ class MetricsServer:
             from prometheus_client import CollectorRegistry, start_http_server
         except ImportError:
             where = self._context.config.document
-            raise where.error(("metrics", "port"), "needs the extra `metrics`: pip install 'facetd[metrics]'") from None
+            raise where.error(("metrics", "port"), f"needs an extra: {how_to_add('metrics')}") from None
         registry = CollectorRegistry()
         registry.register(_Collector(self._context))
         try:

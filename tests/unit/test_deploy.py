@@ -90,3 +90,51 @@ def test_journald_takes_the_catalogue(tmp_path: Path) -> None:
         done = subprocess.run(["journalctl", what, f"--root={tmp_path}"], capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stderr
     assert done.stdout.count("facetd") >= len(MESSAGE_IDS)
+
+
+def installer(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
+    environment = {"PATH": "/usr/bin:/bin:/usr/sbin:/sbin", "DESTDIR": str(folder), "FACETD_APT": "no"}
+    return subprocess.run(
+        ["sh", str(DEPLOY / "install.sh"), *words], env=environment, capture_output=True, text=True, check=False
+    )
+
+
+@pytest.mark.parametrize(("edited", "word", "left"), [(False, "remove", 0), (True, "remove", 1), (True, "purge", 0)])
+def test_remove_leaves_udev_rules_that_somebody_has_edited(tmp_path: Path, edited: bool, word: str, left: int) -> None:
+    release, rules = tmp_path / "opt/facetd/current/deploy", tmp_path / "etc/udev/rules.d"
+    release.mkdir(parents=True)
+    rules.mkdir(parents=True)
+    (tmp_path / "etc/facetd").mkdir()
+    for folder in (release, rules):
+        shutil.copy(DEPLOY / "60-facetd.rules", folder)
+    if edited:
+        (rules / "60-facetd.rules").write_text("# mine\n")
+    done = installer(tmp_path, word)
+    assert done.returncode == 0, done.stderr
+    assert len(list(rules.iterdir())) == left
+    assert ("kept your" in done.stdout) is bool(left)
+    assert not (tmp_path / "opt/facetd").exists()
+    assert (tmp_path / "etc/facetd").exists() is (word == "remove")
+
+
+def test_its_usage_names_every_word_and_shows_no_line_of_the_program(tmp_path: Path) -> None:
+    told = installer(tmp_path).stdout
+    script = (DEPLOY / "install.sh").read_text()
+    for word in re.findall(r"^(\w+)(?: \| \w+)?\) do_", script, re.MULTILINE):
+        assert f"install.sh {word}" in told
+    code = [line for line in script.splitlines() if line and not line.startswith("#")]
+    assert [line for line in code if line.strip() and line in told.splitlines()] == []
+
+
+def test_what_was_made_below_another_root_names_where_it_will_lie(tmp_path: Path) -> None:
+    release = tmp_path / "opt/facetd/releases/1"
+    program, path = release / "venv/bin/facetd", release / "venv/lib/python3/site-packages/__editable__.facetd.pth"
+    for file, text in ((program, f"#!{release}/venv/bin/python\n"), (path, f"{release}\n")):
+        file.parent.mkdir(parents=True)
+        file.write_text(text)
+    script = (DEPLOY / "install.sh").read_text()
+    function = re.search(r"^at_home\(\) \{.*?^\}", script, re.MULTILINE | re.DOTALL)
+    assert function
+    subprocess.run(["sh", "-euc", f"root={tmp_path}; release={release}\n{function[0]}\nat_home"], check=True)
+    assert program.read_text() == "#!/opt/facetd/releases/1/venv/bin/python\n"
+    assert path.read_text() == "/opt/facetd/releases/1\n"

@@ -46,6 +46,6 @@ def test_tail_tells_a_run_line_by_line(made: MadeRun, capsys: pytest.CaptureFixt
     made.close()
     assert ctl.main(["tail", "--runs", str(made.folder.parent)]) == 0
     told = capsys.readouterr().out
-    assert "approach: cube 0.98" in told
+    assert "approach: cube 98 %" in told
     assert "picked: gone from where it lay" in told
     assert "\x1b[" not in told
