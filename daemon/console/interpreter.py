@@ -17,8 +17,8 @@ from dataclasses import dataclass, field
 from typing import Any, Literal, Protocol
 
 from daemon.console.context import ANSWERABLE, CommandContext
-from daemon.console.phrases import means_stop, printable
-from daemon.errors import FacetdError
+from daemon.console.phrases import means_stop
+from daemon.errors import FacetdError, printable
 from daemon.upkeep import journal
 
 Grade = Literal["look", "move", "change"]

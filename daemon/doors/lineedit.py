@@ -11,6 +11,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import Enum
 
+from daemon.errors import visible
+
 LONGEST_LINE = 240
 COLUMNS = 79
 HISTORY = 200
@@ -206,7 +208,7 @@ class LineEditor:
 
 def to_terminal(text: str) -> bytes:
     """Lines of text as a terminal wants them: ASCII, folded between words, CR LF at each end."""
-    return b"".join(line.encode("ascii", "replace") + b"\r\n" for line in fold(text, COLUMNS))
+    return b"".join(line.encode("ascii", "replace") + b"\r\n" for line in fold(visible(text), COLUMNS))
 
 
 def fold(text: str, columns: int) -> list[str]:

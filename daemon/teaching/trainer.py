@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from daemon.store.library import PartEntry
 from daemon.store.model_store import ModelStore, ModelStoreError, StoredView
+from daemon.store.outside import FileError, read_below
 from daemon.teaching.aspects import aspects, learn_solid
-from daemon.teaching.mesh import MeshError
+from daemon.teaching.mesh import LARGEST_BYTES, MeshError
 from daemon.teaching.solid_from_mesh import solid_drawn
 from daemon.teaching.sufficiency import Sufficiency, judge
 from daemon.vision.facets import Table
@@ -156,22 +157,21 @@ class Trainer:
         model, left_out = empty_model(self.library), []
         for view in sorted(self.model_store.views(), key=lambda view: view.mesh is not None):
             try:
+                if view.damage:
+                    raise ModelStoreError(view.damage)
                 if view.mesh is not None:
                     model = learn_solid(model, self._solid(view), self.rig, view.label, view.name)
                 else:
                     group = self.only_group(*view.images(), _table_of(view.note))
                     model = learn_view(model, group, view.label, source=view.name)
-            except (TeachError, VisionError, ModelStoreError, MeshError) as error:
+            except (TeachError, VisionError, FileError, MeshError) as error:
                 left_out.append(f"{view.name}: {error}")
         return model, left_out
 
     def _solid(self, view: StoredView) -> Polyhedron:
-        """The solid of a stored drawing. Raises MeshError."""
+        """The solid of a stored drawing. Raises FileError, MeshError."""
         assert view.mesh is not None
-        try:
-            content = view.mesh.read_bytes()
-        except OSError as error:
-            raise MeshError(f"{view.mesh}: {error.strerror}") from None
+        content = read_below(view.folder, view.mesh.name, LARGEST_BYTES)
         return solid_drawn(view.mesh.name, content, str(view.note.get("unit", "mm")), self.library)
 
     def train(self) -> Trained:
@@ -192,22 +192,14 @@ class Trainer:
         return Trained(version, tuple(verdicts), tuple(left_out), perf_counter() - began)
 
     def accept(self) -> int:
-        """Take the candidate into use; returns its version. Raises ModelStoreError, ModelError (nothing changes)."""
-        if self.model_store.candidate is not None:
-            model = self.model_store.load(self.model_store.candidate)
-            version = self.model_store.accept()
-            self.model = model
-            return version
-        return self.model_store.accept()
+        """Take the candidate into use; returns its version. Raises FileError (nothing changes)."""
+        version, self.model = self.model_store.accept()
+        return version
 
     def rollback(self) -> int:
-        """Back to the model used before; returns its version. ModelStoreError, ModelError: nothing has changed."""
-        if self.model_store.history:
-            model = self.model_store.load(self.model_store.history[-1])
-            version = self.model_store.rollback()
-            self.model = model
-            return version
-        return self.model_store.rollback()
+        """Back to the model used before; returns its version. Raises FileError (nothing changes)."""
+        version, self.model = self.model_store.rollback()
+        return version
 
     def judge(self, model: Model, label: str) -> Sufficiency:
         """What is still missing of a part, and what it could be taken for."""
