@@ -113,9 +113,11 @@ class Terminal:
 
 @dataclass(frozen=True, kw_only=True)
 class Console:
-    """The operators' doors: the socket's group (None: the daemon's own), and a serial terminal where there is one."""
+    """The operators' doors: the socket's group (None: the daemon's own), a group whose members may only look (None:
+    nobody else comes in), and a serial terminal where there is one."""
 
     group: Name | None = None
+    look_group: Name | None = None
     tty: Terminal | None = None
 
 

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from daemon.doors.client import DaemonLink, NotThereError
+from daemon.store.outside import FileError, read_file
 
 if TYPE_CHECKING:
     from daemon.console.interpreter import Command
@@ -47,6 +48,7 @@ BOTH = ("train", "calibrate", "model", "doctor", "bundle")
 """Words of the daemon's that are jobs without it as well."""
 DONE, NOT_DONE, NOT_UNDERSTOOD = 0, 1, 2
 HELP, VERSION = ("-h", "--help"), "--version"
+LARGEST_SCRIPT = 1_000_000
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -238,9 +240,12 @@ def _script(link: DaemonLink, words: list[str], as_json: bool) -> int:
         print("facetctl: usage: facetctl script FILE", file=sys.stderr)
         return NOT_UNDERSTOOD
     try:
-        text = sys.stdin.read() if words[0] == "-" else Path(words[0]).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        print(f"facetctl: {words[0]}: {getattr(error, 'strerror', None) or error}", file=sys.stderr)
+        text = sys.stdin.read() if words[0] == "-" else read_file(Path(words[0]), LARGEST_SCRIPT).decode()
+    except FileError as error:
+        print(f"facetctl: {error}", file=sys.stderr)
+        return NOT_UNDERSTOOD
+    except UnicodeDecodeError as error:
+        print(f"facetctl: {words[0]}: {error}", file=sys.stderr)
         return NOT_UNDERSTOOD
     for number, line in enumerate(text.splitlines(), 1):
         if not line.split("#")[0].strip():
@@ -284,7 +289,7 @@ def _without_daemon(command: str, as_json: bool) -> int:
     from daemon.commands.keeping import doctor_answer
     from daemon.config import load_config
     from daemon.store import places
-    from daemon.store.yamlfile import ConfigError
+    from daemon.store.outside import FileError
     from daemon.upkeep import bundle, doctor
 
     try:
@@ -292,7 +297,7 @@ def _without_daemon(command: str, as_json: bool) -> int:
         if command == "bundle":
             path = bundle.pack(config, Path.cwd())
             return show({"text": f"{path}: send this file.", "data": {"file": str(path)}, "status": DONE}, as_json)
-    except (ConfigError, OSError) as error:
+    except (FileError, OSError) as error:
         print(f"facetctl: {error}", file=sys.stderr)
         return NOT_UNDERSTOOD
     answer = doctor_answer(doctor.examine(config, running=False))

@@ -37,13 +37,11 @@ def main(arguments: list[str] | None = None) -> int:
 def check(config_path: Path, simulated: bool) -> int:
     """Read every file the daemon would read; touch no device. One line a fault, status 78."""
     from daemon.service import BAD_CONFIGURATION, read_files
-    from daemon.store.model import ModelError
-    from daemon.store.model_store import ModelStoreError
-    from daemon.store.yamlfile import ConfigError
+    from daemon.store.outside import FileError
 
     try:
         config, _, _ = read_files(config_path, simulated)
-    except (ConfigError, ModelError, ModelStoreError) as error:
+    except FileError as error:
         print(f"facetd: {error}", file=sys.stderr)
         return BAD_CONFIGURATION
     for note in config.notes:

@@ -11,6 +11,7 @@ import numpy as np
 
 from daemon.arm import Reading, StopRefusedError
 from daemon.arrays import Array
+from daemon.cell.no_arm import CellError
 from drivers import puma560
 from drivers.val2.commands import moves_the_arm as moves_the_arm
 from drivers.val2.dialect import Dialect
@@ -177,6 +178,12 @@ class ArmOnLink:
             answer = await self.link.calibrate(reply)
             await self._rest()
         return list(answer.lines)
+
+    def check_typable(self, text: str) -> None:
+        """Raise CellError where a line cannot be typed to this controller."""
+        most = self.link.dialect.line_limit
+        if len(text) > most or not text.isascii() or not (text.isprintable() or not text):
+            raise CellError(f"the controller takes lines of up to {most} plain characters (ASCII), not {text[:40]!r}")
 
     async def monitor(self, text: str) -> list[str]:
         """Any command, as typed at the controller's own terminal; gives what it said, once the arm is at rest."""

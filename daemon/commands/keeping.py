@@ -37,6 +37,8 @@ async def robot(context: CommandContext, words: list[str], door: Door) -> Answer
         if question is None:
             raise CommandError("the controller asks nothing: it is past its power-up questions")
         replies = words[1:] or ["Y", "Y"]
+        for reply in replies:
+            arm.check_typable(reply)
         if arm.asks_whether_to_move:
             said = await with_questions(context, by_hand("power-up", lambda: arm.power_up(replies)), door)
         else:
@@ -48,6 +50,7 @@ async def robot(context: CommandContext, words: list[str], door: Door) -> Answer
         return _replies(await with_questions(context, by_hand("CAL", lambda: arm.calibrate(reply)), door))
     if not text:
         return await monitor(context, door)
+    arm.check_typable(text)
 
     async def typed() -> list[str]:
         note_hand(context, text)

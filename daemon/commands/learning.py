@@ -27,6 +27,8 @@ from daemon.console.interpreter import (
 )
 from daemon.console.phrases import is_yes, plural
 from daemon.pick.looking import Look
+from daemon.store.outside import read_file
+from daemon.store.yamlfile import LARGEST_BYTES
 from daemon.teaching.mesh import UNITS_MM, MeshError
 from daemon.teaching.sufficiency import VIEWPOINTS, Sufficiency
 from daemon.teaching.trainer import teaching_note
@@ -140,10 +142,7 @@ async def views(context: CommandContext, words: list[str], _: Door) -> Answer:
     """The views that were taught."""
     label = one_of(words, 0, context.trainer.model_store.labels(), "label with views", views.usage) if words else None
     found = context.trainer.model_store.views(label)
-    rows = [
-        f"{view.name:<24} {view.note.get('taught', '?'):<26} {_what_of(view.note)}, by {view.note.get('who', '?')}"
-        for view in found
-    ]
+    rows = [f"{view.name:<24} {view.damage or _taught(view.note)}" for view in found]
     data = [{"view": view.name, **view.note} for view in found]
     return Answer("\n".join(rows) or "No view is stored: `teach LABEL`.", {"views": data})
 
@@ -260,6 +259,10 @@ def _named_otherwise(seen: Look, label: str) -> str | None:
     return others[0] if others and label not in names else None
 
 
+def _taught(note: dict[str, Any]) -> str:
+    return f"{note.get('taught', '?'):<26} {_what_of(note)}, by {note.get('who', '?')}"
+
+
 def _what_of(note: dict[str, Any]) -> str:
     if "mesh" in note:
         return f"drawing {note['mesh']} in {note.get('unit', 'mm')}, {plural(len(note['facets'][0]), 'facet')}"
@@ -268,7 +271,7 @@ def _what_of(note: dict[str, Any]) -> str:
 
 
 def _digest(context: CommandContext) -> str:
-    return hashlib.sha256(context.config.calibration.read_bytes()).hexdigest()
+    return hashlib.sha256(read_file(context.config.calibration, LARGEST_BYTES)).hexdigest()
 
 
 COMMANDS = (teach, untaught, views, forget)

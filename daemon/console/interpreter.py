@@ -20,8 +20,8 @@ from typing import Any, Literal, Protocol
 
 from daemon.console.context import ANSWERABLE, CommandContext
 from daemon.console.pages import by_pages, table
-from daemon.console.phrases import is_no, is_yes, means_stop, printable
-from daemon.errors import FacetdError
+from daemon.console.phrases import is_no, is_yes, means_stop
+from daemon.errors import FacetdError, printable
 from daemon.upkeep import journal
 
 Grade = Literal["look", "move", "change"]

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 
 from daemon.console.pages import LOWEST, NARROWEST, fold
+from daemon.errors import visible
 
 LONGEST_LINE = 240
 COLUMNS, ROWS = 80, 24
@@ -223,7 +224,7 @@ class LineEditor:
 
 def to_terminal(text: str, columns: int = COLUMNS - 1) -> bytes:
     """Lines of text as a terminal wants them: ASCII, folded between words, CR LF at each end."""
-    return b"".join(line.encode("ascii", "replace") + b"\r\n" for line in fold(text, columns))
+    return b"".join(line.encode("ascii", "replace") + b"\r\n" for line in fold(visible(text), columns))
 
 
 def _common_start(options: list[str]) -> str:

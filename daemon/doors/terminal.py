@@ -18,9 +18,11 @@ import serial
 
 from daemon.config import Terminal
 from daemon.console.interpreter import NOT_UNDERSTOOD, Answer, CommandError, Console
+from daemon.doors.client import LONGEST_FILE
 from daemon.doors.lineedit import ASK_SIZE, Key, LineEditor, to_terminal
 from daemon.doors.paths import files_begun
 from daemon.doors.turns import Interrupt, Turns
+from daemon.store.outside import FileError, read_file
 
 PROMPT, ASKED = "facetd> ", "? "
 BUSY = ""
@@ -78,9 +80,9 @@ class SerialConsole:
     async def fetch(self, path: str) -> bytes:
         """A file on this machine: behind a serial terminal there is no other."""
         try:
-            return await asyncio.to_thread(Path(path).read_bytes)
-        except OSError as error:
-            raise CommandError(f"{path}: {error.strerror}", NOT_UNDERSTOOD) from None
+            return await asyncio.to_thread(read_file, Path(path), LONGEST_FILE)
+        except FileError as error:
+            raise CommandError(str(error), NOT_UNDERSTOOD) from None
 
     async def terminal(self, typed: Callable[[bytes], None]) -> None:
         """Keys go to `typed`, past the line editor, until control-] or until the port is gone."""

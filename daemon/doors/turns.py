@@ -19,6 +19,10 @@ Answered = Callable[[Answer], Awaitable[None]]
 """Called with the answer to one command."""
 
 
+MOST_AHEAD = 500
+"""Commands of one operator that wait, or are done beside each other."""
+
+
 class Turns:
     """What one operator asked for, and what they are asked."""
 
@@ -54,6 +58,11 @@ class Turns:
     async def stop(self, who: str) -> str:
         """Control-C; gives what the daemon says."""
         return await self._stopping(self._interrupt(who, self.busy and self._console.moves(self._doing)), who)
+
+    @property
+    def crowded(self) -> bool:
+        """Whether more was asked for than anybody types."""
+        return len(self._ahead) >= MOST_AHEAD or len(self._tasks) >= MOST_AHEAD
 
     @property
     def asking(self) -> bool:

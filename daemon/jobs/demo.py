@@ -22,7 +22,8 @@ from typing import Any
 from daemon.doors.client import DaemonLink, NotThereError
 from daemon.errors import FacetdError
 from daemon.store import places
-from daemon.store.runs import Record, follow
+from daemon.store.records import Record
+from daemon.store.runs import follow
 
 TRIANGLE = "isosceles_triangle"
 VIEWS = (
@@ -63,7 +64,7 @@ def run(args: argparse.Namespace) -> int:
     """Run it; 0 only when every part was picked, 2 where the installation cannot be used."""
     from daemon.review.page import write_page
     from daemon.store.files import plain
-    from daemon.store.yamlfile import ConfigError
+    from daemon.store.outside import FileError
 
     seed = args.seed if args.seed is not None else random.SystemRandom().randrange(1_000_000)
     runs = (args.runs or places.runs_folder(simulated=True)).resolve()
@@ -80,7 +81,7 @@ def run(args: argparse.Namespace) -> int:
             _teach(link)
             rows = _clear(link, follow(written / "run.jsonl", lambda: process.poll() is None))
             found = _judged(Path(folder) / VERDICT)
-    except (ConfigError, DemoError, OSError) as error:
+    except (FileError, DemoError, OSError) as error:
         print(f"facetctl demo: {plain(error)}", file=sys.stderr)
         return 2
     picked = _table(rows, time.monotonic() - began)

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from daemon.errors import FacetdError
+from daemon.store.outside import FileError
 from daemon.store.yamlfile import read
 
 if TYPE_CHECKING:
@@ -110,7 +111,7 @@ def _recognise(args: argparse.Namespace) -> int:
             print(json.dumps({"pair": name, **scene_json(scene)}), flush=True)
             if args.draw:
                 _draw(_drawing_path(args.draw, name, len(args.pairs)), left, right, scene)
-        except (OfflineError, VisionError) as error:
+        except (FileError, VisionError) as error:
             print(f"facetctl {args.command}: {name}: {error}", file=sys.stderr)
             status = UNUSABLE
     return status
@@ -121,14 +122,9 @@ def _pair(folder: Path) -> tuple[Any, Any]:
 
 
 def _image(path: Path) -> Any:
-    from daemon.store.pictures import PictureError, read_as_stored
+    from daemon.store.pictures import read_as_stored
 
-    try:
-        return read_as_stored(path)
-    except OSError as error:
-        raise OfflineError(f"{path}: cannot be read: {error.strerror}") from None
-    except PictureError:
-        raise OfflineError(f"{path}: not an image that can be decoded, or cut short") from None
+    return read_as_stored(path)
 
 
 def _drawing_path(path: Path, pair: str, count: int) -> Path:
@@ -153,8 +149,9 @@ def _train(args: argparse.Namespace) -> int:
     from daemon.calibration.file import load_calibration
     from daemon.store.library import FACETS, PARTS, load_facets, load_parts
     from daemon.store.model import save
+    from daemon.store.outside import read_file
     from daemon.teaching.aspects import learn_solid
-    from daemon.teaching.mesh import UNITS_MM
+    from daemon.teaching.mesh import LARGEST_BYTES, UNITS_MM
     from daemon.teaching.solid_from_mesh import solid_drawn
     from daemon.vision.model import empty_model
 
@@ -169,7 +166,7 @@ def _train(args: argparse.Namespace) -> int:
         model = _taught_views(model, args.views, calibration)
     for word in args.mesh:
         label, file = _drawing(word)
-        solid = solid_drawn(str(file), _content(file), args.unit, model.library)
+        solid = solid_drawn(str(file), read_file(file, LARGEST_BYTES), args.unit, model.library)
         model = learn_solid(model, solid, calibration.rig, label, source=str(file))
     codes = {label: parts[label].code for label in model.labels} if set(model.labels) <= set(parts) else None
     save(model, args.out, trained=datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"), codes=codes)
@@ -184,13 +181,6 @@ def _drawing(word: str) -> tuple[str, Path]:
     return label, Path(file)
 
 
-def _content(path: Path) -> bytes:
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise OfflineError(f"{path}: cannot be read: {error.strerror}") from None
-
-
 def _taught_views(model: Model, path: Path, calibration: Calibration) -> Model:
     from daemon.vision.image import VisionError
     from daemon.vision.model import TeachError
@@ -202,7 +192,7 @@ def _taught_views(model: Model, path: Path, calibration: Calibration) -> Model:
     for index, view in enumerate(views):
         try:
             model = _taught(model, view, path.parent, calibration)
-        except (OfflineError, TeachError, VisionError) as error:
+        except (FileError, TeachError, VisionError) as error:
             raise OfflineError(str(document.error((index,), f"{view.label}: {error}"))) from None
     return model
 

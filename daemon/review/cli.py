@@ -13,7 +13,8 @@ from typing import Any
 
 from daemon.errors import FacetdError
 from daemon.store import places
-from daemon.store.runs import Record, find_run, follow, list_runs
+from daemon.store.records import Record
+from daemon.store.runs import find_run, follow, list_runs
 
 DONE, REGRESSED, UNUSABLE = 0, 1, 2
 
@@ -77,7 +78,12 @@ def _folder(args: argparse.Namespace, name: str | None = None) -> Path:
 def _runs(args: argparse.Namespace) -> int:
     from daemon.review.page import read_digest
 
-    rows = [read_digest(folder).statistics() for folder in list_runs(args.runs or places.runs_folder())[-args.last :]]
+    rows = []
+    for folder in list_runs(args.runs or places.runs_folder())[-args.last :]:
+        try:
+            rows.append(read_digest(folder).statistics())
+        except FacetdError as error:  # one bad run keeps nobody from seeing the others
+            print(f"facetctl runs: {error}", file=sys.stderr)
     if args.json:
         for row in rows:
             print(json.dumps(row))
@@ -164,7 +170,7 @@ def _tail(args: argparse.Namespace) -> int:
     colour = sys.stdout.isatty()
     print(f"{folder}")
     try:
-        for record in follow(folder / "run.jsonl", lambda: not args.once):
+        for record in follow(folder, lambda: not args.once):
             line = told(record)
             if line is not None:
                 print(_coloured(record["kind"], line) if colour else line, flush=True)
@@ -186,7 +192,7 @@ def _words(record: Record) -> str | None:
             parts = ", ".join(map(_seen, scene.get("parts") or [])) or "nothing"
             return f"{record.get('purpose')}: {parts}"
         case "estimate":
-            mm, deg = record.get("predicted_mm"), record.get("predicted_deg")
+            mm, deg = (record.get(name) or float("nan") for name in ("predicted_mm", "predicted_deg"))
             return f"{record.get('label')} to {mm:.2f} mm {deg:.2f} degrees"
         case "move":
             sent = "" if record.get("sent") else ", not sent"
@@ -205,7 +211,7 @@ def _words(record: Record) -> str | None:
             hand = ", a part perhaps in the gripper" if record.get("hand_closed") else ""
             return f"run {record.get('run')} was cut off in state {record.get('state')}{hand}"
         case "holding":
-            return {True: "a part in the gripper", False: "the gripper is empty"}.get(record["held"], "not known")
+            return {True: "a part in the gripper", False: "the gripper is empty", None: "not known"}[record.get("held")]
         case "auto" if record.get("on"):
             return f"{record.get('count') or 'all'} parts to pick"
         case "run_end":

@@ -12,7 +12,7 @@ from itertools import pairwise
 from statistics import fmean
 from typing import Any
 
-from daemon.store.runs import Record
+from daemon.store.records import Record
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Cycle:
     @property
     def outcome(self) -> str:
         """picked, missed, ... or `unfinished`."""
-        return str(self.end["outcome"]) if self.end else "unfinished"
+        return str(self.end.get("outcome")) if self.end else "unfinished"
 
     @property
     def label(self) -> str | None:
@@ -52,7 +52,7 @@ class Cycle:
         if self.end and self.end.get("label"):
             return str(self.end["label"])
         estimates = [s.estimate for s in self.stops if s.estimate]
-        return str(estimates[-1]["label"]) if estimates else None
+        return str(estimates[-1].get("label")) if estimates else None
 
     @property
     def why(self) -> str | None:

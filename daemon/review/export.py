@@ -20,6 +20,8 @@ from daemon.arrays import Array
 from daemon.errors import FacetdError
 from daemon.review.digest import Digest
 from daemon.review.tables import Row, tables
+from daemon.store.outside import FileError, read_below
+from daemon.store.pictures import LARGEST_BYTES
 from daemon.store.places import how_to_add
 
 
@@ -137,8 +139,8 @@ def _messages(folder: Path, record: dict[str, Any], stamp: int) -> list[tuple[st
     if kind == "look":
         for eye, name in (record.get("images") or {}).items():
             try:
-                content = (folder / name).read_bytes()
-            except OSError:
+                content = read_below(folder, name, LARGEST_BYTES)
+            except FileError:
                 continue
             message = {"timestamp": when, "frame_id": f"{eye}_eye", "format": "png"}
             found.append(

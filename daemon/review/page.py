@@ -18,6 +18,7 @@ from daemon.review.compare import kept_differences
 from daemon.review.digest import Digest, digest
 from daemon.review.pagedata import page_data
 from daemon.store.files import write_atomically
+from daemon.store.outside import FileError
 from daemon.store.pictures import read_grey
 from daemon.store.runs import check_wire, read_run
 
@@ -89,8 +90,9 @@ def _pictures(folder: Path, run: Digest) -> tuple[dict[str, str], int]:
                 left_out += 1
                 continue
             try:
-                image = read_grey(folder / str(name))
-            except (OSError, ValueError):
+                image = read_grey(Path(name), folder)
+            except FileError:
+                left_out += 1
                 continue
             content = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1].tobytes()
             chosen[f"{look['seq']}-{eye}"] = "data:image/jpeg;base64," + base64.b64encode(content).decode()

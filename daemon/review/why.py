@@ -11,7 +11,7 @@ from typing import Any
 
 from daemon.pick.fusion import CHI_SQUARE_6
 from daemon.review.digest import Cycle
-from daemon.store.runs import Record
+from daemon.store.records import Record
 from daemon.vision.health import SAID
 from daemon.vision.values import Cause as Unnamed
 

@@ -9,7 +9,6 @@ import contextlib
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from time import perf_counter
 from typing import Any, Literal
 
@@ -20,8 +19,9 @@ from daemon import frames
 from daemon.arrays import Array
 from daemon.store.library import PartEntry
 from daemon.store.model_store import ModelStore, ModelStoreError, StoredView
+from daemon.store.outside import FileError, read_below
 from daemon.teaching.aspects import aspects, learn_solid
-from daemon.teaching.mesh import MeshError
+from daemon.teaching.mesh import LARGEST_BYTES, MeshError
 from daemon.teaching.solid_from_mesh import solid_drawn
 from daemon.teaching.sufficiency import Sufficiency, judge
 from daemon.vision.facets import Table
@@ -145,7 +145,7 @@ class Trainer:
         """What a person should be asked about before a drawing is kept under a label: that it is there already, under
         this label or another, or is another shape than the one known. Raises MeshError, ModelStoreError."""
         for view in self.model_store.views():
-            if view.mesh is not None and view.note.get("unit", "mm") == unit and _content(view.mesh) == content:
+            if view.mesh is not None and view.note.get("unit", "mm") == unit and _drawing(view) == content:
                 return f"this drawing is kept already, as {view.name}"
         known = self.learnt()[0].metric.get(label)
         return (
@@ -188,12 +188,14 @@ class Trainer:
         model, left_out = empty_model(self.library), []
         for view in sorted(self.model_store.views(), key=lambda view: view.mesh is not None):
             try:
+                if view.damage:
+                    raise ModelStoreError(view.damage)
                 if view.mesh is not None:
                     model = learn_solid(model, self._solid(view), self.rig, view.label, view.name)
                 else:
                     group = self.only_group(*view.images(), _table_of(view.note))
                     model = learn_view(model, group, view.label, source=view.name)
-            except (TeachError, VisionError, ModelStoreError, MeshError) as error:
+            except (TeachError, VisionError, FileError, MeshError) as error:
                 left_out.append(f"{view.name}: {error}")
         return model, left_out
 
@@ -202,14 +204,14 @@ class Trainer:
         solids = {}
         for view in self.model_store.views():
             if view.mesh is not None:
-                with contextlib.suppress(MeshError):
+                with contextlib.suppress(FileError, MeshError):
                     solids[view.label] = self._solid(view)
         return solids
 
     def _solid(self, view: StoredView) -> Polyhedron:
-        """The solid of a stored drawing. Raises MeshError."""
+        """The solid of a stored drawing. Raises FileError, MeshError."""
         assert view.mesh is not None
-        return solid_drawn(view.mesh.name, _content(view.mesh), str(view.note.get("unit", "mm")), self.library)
+        return solid_drawn(view.mesh.name, _drawing(view), str(view.note.get("unit", "mm")), self.library)
 
     def train(self) -> Trained:
         """Make a candidate of every stored view and try it on each. The model in use is not touched.
@@ -229,28 +231,18 @@ class Trainer:
         return Trained(version, tuple(verdicts), tuple(left_out), perf_counter() - began)
 
     def accept(self) -> int:
-        """Take the candidate into use; returns its version. Raises ModelStoreError, ModelError (nothing changes)."""
-        if self.model_store.candidate is not None:
-            model = self.model_store.load(self.model_store.candidate)
-            version = self.model_store.accept()
-            self.model = model
-            return version
-        return self.model_store.accept()
+        """Take the candidate into use; returns its version. Raises FileError (nothing changes)."""
+        version, self.model = self.model_store.accept()
+        return version
 
     def rollback(self) -> int:
-        """Back to the model used before; returns its version. ModelStoreError, ModelError: nothing has changed."""
-        if self.model_store.history:
-            model = self.model_store.load(self.model_store.history[-1])
-            version = self.model_store.rollback()
-            self.model = model
-            return version
-        return self.model_store.rollback()
+        """Back to the model used before; returns its version. Raises FileError (nothing changes)."""
+        version, self.model = self.model_store.rollback()
+        return version
 
     def take(self, version: int) -> None:
-        """Any version into use. Raises ModelStoreError, ModelError (nothing changes)."""
-        model = self.model_store.load(version)
-        self.model_store.use(version)
-        self.model = model
+        """Any version into use. Raises FileError (nothing changes)."""
+        self.model = self.model_store.use(version)
 
     def _codes(self, model: Model) -> dict[str, str] | None:
         """ART-b bits as parts.yaml has them; None where it does not name every part."""
@@ -296,13 +288,6 @@ def _sides(seen: Part, taught: Polyhedron) -> list[int | None]:
     return [int(np.argmin(mm)) if mm.min() < SAME_SIDE_MM else None for mm in apart]
 
 
-def _content(path: Path) -> bytes:
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise MeshError(f"{path}: {error.strerror}") from None
-
-
 def _another_shape(label: str, known: Polyhedron, drawn: Polyhedron) -> str | None:
     """How a drawing differs from what is known of a part: more of its facets of one kind were seen than are drawn, or
     corners were seen farther apart. None where it may be the same."""
@@ -325,3 +310,9 @@ def _apart_mm(solid: Polyhedron) -> Array:
 def _table_of(note: Mapping[str, Any]) -> Table | None:
     table = note.get("table") or None
     return None if table is None else Table(np.array(table["up"], float), float(table["level_mm"]))
+
+
+def _drawing(view: StoredView) -> bytes:
+    """Raises FileError."""
+    assert view.mesh is not None
+    return read_below(view.folder, view.mesh.name, LARGEST_BYTES)

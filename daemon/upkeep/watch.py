@@ -127,8 +127,7 @@ class Watch:
         removed = await asyncio.to_thread(
             enforce_quota, runs, limits.quota_mb * 1_000_000, current, limits.keep_free_mb * 1_000_000
         )
-        if removed:
-            journal.tell("trouble", f"quota: removed {', '.join(folder.name for folder in removed)}", journal.NOTICE)
+        journal.tell_removed(removed)
         free = shutil.disk_usage(runs).free
         low = (
             f"disk: {free / 1e6:.0f} MB free below {runs}; looks may soon not be kept"
@@ -174,4 +173,4 @@ class Watch:
         if silent:
             journal.notify(f"STATUS=no sign of life from {', '.join(silent)}")
             return
-        journal.notify(f"WATCHDOG=1\nSTATUS={self.status_line()}")
+        journal.notify("WATCHDOG=1", f"STATUS={self.status_line()}")
