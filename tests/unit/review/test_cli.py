@@ -29,7 +29,9 @@ def test_runs_are_tabled_and_laid_side_by_side(
     page = tmp_path / "page.html"
     assert ctl.main(["review", *runs, "--out", str(page), "--against", "20260102T030405Z"]) == 0
     data = json.loads(page.read_text().split('id="data">')[1].split("</script>")[0].replace("<\\/", "</"))
-    assert data["against"]["stats"]["picked"] == 1
+    share = data["against"]["rows"][0]
+    assert (share["before"], share["now"], share["delta"]) == ([1, 1], [0, 1], -100.0)
+    assert data["before"]["last"]["picked"] == 1
     assert [d["same"] for d in data["against"]["differences"]] == [True, True, False]
 
 
