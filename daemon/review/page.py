@@ -28,6 +28,7 @@ from daemon.store.runs import check_wire, list_runs, read_run
 PICTURE_BUDGET = 24_000_000
 """Bytes of pictures a page may carry: more would make it slow to open. Failed cycles come first, then the newest."""
 JPEG_QUALITY = 72
+WEEK = timedelta(days=7)
 
 
 def write_page(folder: Path, out: Path, against: Path | None = None) -> Path:
@@ -55,26 +56,23 @@ def write_page(folder: Path, out: Path, against: Path | None = None) -> Path:
 
 def _before(folder: Path) -> dict[str, Any]:
     """What the last run, and the runs of the week before, brought: {last, week}, None where there is none such."""
-    earlier = [f for f in list_runs(folder.parent) if f.name < folder.name and f != folder]
-    began = _day(folder.name)
-    week = [f for f in earlier if began is not None and _within_a_week(_day(f.name), began)]
-    runs = {f: run for f in {*week, *earlier[-1:]} if (run := read_brief(f)).cycles}
-    last = next((f for f in reversed(earlier) if f in runs), None)
+    began, earlier = run_time(folder.name), [f for f in list_runs(folder.parent) if f.name < folder.name]
+    week = {f for f in earlier if began and (t := run_time(f.name)) and began - t <= WEEK}
+    runs = {f: run for f in sorted({*week, *earlier[-1:]}) if (run := read_brief(f)).cycles}
+    last = max(runs, default=None)
+    of_week = [run for f, run in runs.items() if f in week]
     return {
         "last": None if last is None else production([runs[last]]) | {"run": last.name},
-        "week": production([runs[f] for f in week if f in runs]) if any(f in runs for f in week) else None,
+        "week": production(of_week) if of_week else None,
     }
 
 
-def _day(name: str) -> datetime | None:
+def run_time(name: str) -> datetime | None:
+    """When the run of this name began (UTC); None where the name is no time."""
     try:
         return datetime.strptime(name[:16], "%Y%m%dT%H%M%SZ")
     except ValueError:
         return None
-
-
-def _within_a_week(then: datetime | None, now: datetime) -> bool:
-    return then is not None and timedelta() <= now - then <= timedelta(days=7)
 
 
 def read_digest(folder: Path) -> Digest:

@@ -177,6 +177,10 @@ def _geometry(cycle: Cycle, others: Sequence[Cycle]) -> Iterator[Cause]:
                 yield Cause("part moved", 0.7, f"{evidence}; other picks of this run went well", at)
             else:
                 yield Cause("hand-eye", 0.7, f"{evidence}; nothing was picked in this run", at)
+    again = [r for r in cycle.of("decision") if re.match(r"looks \d+ and \d+ disagree", str(r.get("why")))]
+    if len(again) > 1:
+        evidence = f"{again[0]['why']}; and so {len(again)} times, whatever was approached"
+        yield Cause("hand-eye", 0.85, evidence, int(again[1].get("seq") or 0))
     for stop in cycle.stops:
         chi2 = float((stop.estimate or {}).get("chi2") or 0)
         if chi2 > CHI_SQUARE_6:

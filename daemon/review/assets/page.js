@@ -89,7 +89,7 @@ function stripRow(strip) {
       const y = height - height * ((strip.limit || 0) - low) / (top - low);
       if (known(strip.limit)) layer.append(svg("rect", { x: 0, width: WIDTH, y: strip.above ? 0 : y, height: strip.above ? y : height - y, class: "beyond" }), svg("line", { x1: 0, x2: WIDTH, y1: y, y2: y, class: "limit" }));
       Object.values(strip.lines).forEach((line, k) => {
-        const drawn = curve(strip.s.map((s, i) => [s, line[i]]), span, [low, top], WIDTH, height);
+        const drawn = curve(strip.s.map((s, i) => [s, line[i]]), span, [low, top], WIDTH, height, WIDTH / 15);
         layer.append(svg("path", { d: drawn.path, class: `line c${k}` }));
       });
       const names = Object.keys(strip.lines).filter(Boolean);

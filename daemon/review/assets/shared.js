@@ -93,8 +93,9 @@ function eyeView(look, eye, key, source) {
   return box;
 }
 
-// ---- a line over time: points are [x, y or null], x and y in the chart's own units; from and to: what the axes span
-function curve(points, [x0, x1], [y0, y1], width, height) {
+// ---- a line over time: points are [x, y or null], x and y in the chart's own units; where nothing is for longer
+// than `gap` of the width, the line is broken
+function curve(points, [x0, x1], [y0, y1], width, height, gap = Infinity) {
   const px = (x) => width * (x - x0) / Math.max(x1 - x0, 1e-9), py = (y) => height - height * (Math.min(Math.max(y, y0), y1) - y0) / Math.max(y1 - y0, 1e-9);
   const columns = new Map();                            // what falls on one column is drawn as its least and greatest
   for (const [x, y] of points) {
@@ -103,7 +104,7 @@ function curve(points, [x0, x1], [y0, y1], width, height) {
     if (seen) { seen[0] = Math.min(seen[0], y); seen[1] = Math.max(seen[1], y); } else columns.set(at, [y, y]);
   }
   const sorted = [...columns].sort((a, b) => a[0] - b[0]);
-  return { path: sorted.map(([x, [low, high]], k) => `${k && x - sorted[k - 1][0] < width / 15 ? "L" : "M"}${x.toFixed(1)} ${py(high).toFixed(1)}${low < high ? `L${x.toFixed(1)} ${py(low).toFixed(1)}` : ""}`).join(""),
+  return { path: sorted.map(([x, [low, high]], k) => `${k && x - sorted[k - 1][0] < gap ? "L" : "M"}${x.toFixed(1)} ${py(high).toFixed(1)}${low < high ? `L${x.toFixed(1)} ${py(low).toFixed(1)}` : ""}`).join(""),
     dots: sorted.length <= 60 ? sorted.map(([x, [, high]]) => [x, py(high)]) : [], px, py };
 }
 // A chart with axes, units and its limit. series: [{name, points, colour}]; options: x, y titles, limit, on(point index)
@@ -112,7 +113,7 @@ function chart(title, series, options) {
   const every = series.flatMap((s) => s.points).filter((p) => known(p[1]));
   if (!every.length) return null;
   const xs = every.map((p) => p[0]), ys = every.map((p) => p[1]);
-  const span = [Math.min(...xs), Math.max(...xs)], top = Math.max(...ys, options.limit || 0) * 1.1 || 1, low = Math.min(0, ...ys);
+  const span = [Math.min(...xs), Math.max(...xs)], top = options.fit || Math.max(...ys, options.limit || 0) * 1.1 || 1, low = options.fit ? Math.min(...ys) - Math.max(1, (top - Math.min(...ys)) / 5) : Math.min(0, ...ys);
   if (span[0] === span[1]) { span[0] -= 0.5; span[1] += 0.5; }
   const layer = svg("svg", { viewBox: `-46 -8 ${width + 62} ${height + 44}`, role: "img" });
   const scale = curve([], span, [low, top], width, height);
@@ -120,7 +121,10 @@ function chart(title, series, options) {
     layer.append(svg("line", { x1: 0, x2: width, y1: scale.py(y), y2: scale.py(y), class: "grid" }),
       svg("text", { x: -6, y: scale.py(y) + 4, "text-anchor": "end" }, number(y)));
   }
+  let right = -Infinity;
   for (const x of options.xs || ticks(...span, options.whole)) {
+    if (scale.px(x) - right < 34) continue;
+    right = scale.px(x);
     layer.append(svg("text", { x: scale.px(x), y: height + 16, "text-anchor": "middle" }, options.xName ? options.xName(x) : number(x)));
   }
   layer.append(svg("text", { x: width / 2, y: height + 33, "text-anchor": "middle", class: "axis" }, options.x));

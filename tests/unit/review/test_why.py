@@ -129,6 +129,18 @@ def suspect(who: str, good: bool = False) -> Callable[[MadeRun], None]:
     return plant
 
 
+def disagreeing_again(made: MadeRun) -> None:
+    """The pick itself blamed the part each time."""
+    begin(made, good=True)
+    for _ in range(3):
+        text = "looks 1 and 2 disagree (chi-square 490, 22.46 is the most)"
+        made.write("decision", cycle=made.cycle, text="suspect: unclear", why=text)
+        made.write("decision", cycle=made.cycle, text="suspect: part", why="the whole table was looked at again")
+    text = "SuspectError: a part moved, or the cameras were knocked: with no other part in view it cannot be told"
+    made.write("fault", cycle=made.cycle, code="SuspectError", text=text)
+    end(made, "fault", text)
+
+
 def everything_moves(made: MadeRun) -> None:
     begin(made)
     for label in ("cube", "pyramid", "pyramid"):
@@ -232,6 +244,7 @@ PLANTED: dict[str, tuple[str, Callable[[MadeRun], None]]] = {
     "camera knocked before the first look": ("camera knocked", eyes_never_meet),
     "camera suspect": ("camera knocked", suspect("camera")),
     "hand-eye knocked": ("hand-eye", suspect("hand-eye")),
+    "hand-eye knocked, several tries": ("hand-eye", disagreeing_again),
     "arm's zero drifted": ("hand-eye", everything_moves),
     "hand-eye knocked, one part alone": ("hand-eye", suspect("unclear")),
     "hand-eye knocked, hand misses": ("hand-eye", missed("cube still lies there", chi2=80.0)),
