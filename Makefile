@@ -34,13 +34,13 @@ $(VENV)/.runtime: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "facetd needs Python 3.11 or newer; $(PYTHON) is older. Set PYTHON=..."; exit 2; }
 	@echo "== setting up $(VENV) (once; a minute or two)"
 	@$(PYTHON) -m venv $(VENV) || { echo "cannot make a virtual environment: apt-get install python3-venv"; exit 2; }
-	@$(BIN)/pip install -q -e '.[review]'
+	@$(BIN)/pip install -q -e .
 	@deploy/systemd-extra.sh $(BIN)/pip
 	@touch $@
 
 $(VENV)/.dev: $(VENV)/.runtime
 	@echo "== installing the test tools (once; a minute or two)"
-	@$(BIN)/pip install -q -e '.[dev,metrics,review,export]'
+	@$(BIN)/pip install -q -e '.[dev,metrics,export]'
 	@tests/browser.sh
 	@touch $@
 

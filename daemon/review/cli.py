@@ -29,6 +29,7 @@ def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         "--out", type=Path, metavar="PAGE.html", help="where to write it (default: into the run folder)"
     )
     review.add_argument("--against", metavar="RUN", help="lay another run beside it")
+    review.add_argument("--week", action="store_true", help="one page for the week that ended with it, in runs/")
     replay = _with_run(
         _command(subparsers, "replay", _replay, "every look through today's recogniser; 1 on a regression")
     )
@@ -113,6 +114,11 @@ def _review(args: argparse.Namespace) -> int:
     from daemon.review.page import write_page
 
     folder = _folder(args)
+    if args.week:
+        from daemon.review.week import write_week
+
+        print(write_week(folder.parent, folder, args.out or folder.parent / "week.html"))
+        return DONE
     against = _folder(args, args.against) if args.against else None
     print(write_page(folder, args.out or folder / "report.html", against))
     return DONE

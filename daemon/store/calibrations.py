@@ -18,7 +18,9 @@ import msgspec
 
 from daemon.errors import FacetdError
 from daemon.store.files import write_atomically
+from daemon.store.outside import FileError, read_file
 
+LARGEST_BYTES = 1_000_000
 CONFIGURED = 0
 """The number of the file that the configuration names."""
 
@@ -103,14 +105,14 @@ class Calibrations:
     def _state(self) -> _State:
         path = self.folder / "state.json"
         try:
-            return msgspec.json.decode(path.read_bytes(), type=_State)
-        except (FileNotFoundError, NotADirectoryError):
-            return _State()
-        except (OSError, msgspec.MsgspecError) as error:
+            return msgspec.json.decode(read_file(path, LARGEST_BYTES), type=_State)
+        except (FileError, msgspec.MsgspecError, RecursionError) as error:
+            if not os.path.lexists(path):
+                return _State()
             raise CalibrationsError(f"{path}: cannot be read: {error}; remove it, and `calibrate use N`") from None
 
     def _digest(self) -> str:
         try:
-            return hashlib.sha256(self.configured.read_bytes()).hexdigest()
-        except OSError:
+            return hashlib.sha256(read_file(self.configured, LARGEST_BYTES)).hexdigest()
+        except FileError:
             return ""

@@ -22,9 +22,12 @@ class LineFile:
     """An append-only file that never keeps half a line: a short write is cut off again."""
 
     def __init__(self, path: Path) -> None:
-        """Create it. Raises OSError, FileExistsError where there is one already."""
+        """Create it, and hold it while it is written (`being_written`). Raises OSError, FileExistsError where there is
+        one already."""
         self.path = path
         self._handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND | os.O_CLOEXEC, 0o640)
+        with contextlib.suppress(OSError):  # a file system without locks: readers will take it for ended
+            fcntl.flock(self._handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         self._length = 0
         self._closing = threading.Lock()
 
@@ -61,6 +64,23 @@ class LineFile:
             if self._handle >= 0:
                 os.close(self._handle)
             self._handle = -1
+
+
+def being_written(path: Path) -> bool:
+    """Whether a process still has this LineFile open; however it ends, the kernel lets go of it."""
+    try:
+        handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC | os.O_NOCTTY)
+    except OSError:
+        return False
+    try:
+        fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except OSError:
+        return False
+    finally:
+        os.close(handle)
+    return False
 
 
 class Synced(Protocol):

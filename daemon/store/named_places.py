@@ -18,13 +18,15 @@ import numpy as np
 from msgspec import Meta
 
 from daemon.arrays import Array
-from daemon.errors import FacetdError
+from daemon.store.outside import FileError, read_file
+
+LARGEST_BYTES = 4_000_000
 
 Four = tuple[float, float, float, float]
 
 
-class NamedPlacesError(FacetdError):
-    """The file of places cannot be read or written."""
+class NamedPlacesError(FileError):
+    """The file of places cannot be written."""
 
 
 class _Line(msgspec.Struct):
@@ -52,18 +54,18 @@ class NamedPlaces:
         self.path = folder / "places.jsonl"
 
     def history(self, name: str | None = None) -> list[NamedPlace]:
-        """Everything that was kept and dropped, oldest first. Raises NamedPlacesError."""
+        """Everything that was kept and dropped, oldest first. Raises FileError."""
         try:
-            lines = self.path.read_bytes().splitlines()
-        except FileNotFoundError:
-            return []
-        except OSError as error:
-            raise NamedPlacesError(f"{self.path}: cannot be read: {error.strerror}") from None
+            lines = read_file(self.path, LARGEST_BYTES).splitlines()
+        except FileError:
+            if not os.path.lexists(self.path):
+                return []
+            raise
         read = [one for line in lines if (one := _read(line)) is not None]
         return [one for one in read if name in (None, one.name)]
 
     def now(self) -> dict[str, Array]:
-        """Name -> world_from_tool (4, 4) mm. Raises NamedPlacesError."""
+        """Name -> world_from_tool (4, 4) mm. Raises FileError."""
         last = {one.name: one.world_from_tool for one in self.history()}
         return {name: pose for name, pose in last.items() if pose is not None}
 

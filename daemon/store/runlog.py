@@ -36,7 +36,7 @@ LARGEST_KEPT = 256_000_000
 PICTURES_WAITING = 64
 
 KINDS: Mapping[str, str] = {
-    "run_start": "version config calibration model (files in kept/) seed continues",
+    "run_start": "version cell name utc_offset_s config calibration model (files in kept/) limits seed continues",
     "auto": "on count every_s (what is to be picked from now on; on false: done, or given up)",
     "left": "run cycle state hand_closed label auto (how the daemon before ended; stands until resume)",
     "holding": "held (what an operator saw in the gripper; null: not known)",
