@@ -13,7 +13,7 @@ from zlib import crc32
 import numpy as np
 
 from drivers.arrays import Array
-from drivers.puma560 import Puma560
+from drivers.puma560 import ArmGeometry
 from drivers.simcell.arm import Arm
 from drivers.simcell.boards import BoardPrint, board_thing
 from drivers.simcell.camera import Scene, SimulatedPair
@@ -72,7 +72,7 @@ class SimulatedCell:
         self._prints: dict[str, tuple[Pattern, ...]] = {}
         settings = self._settings.arm
         self.arm = Arm(
-            Puma560(flange_from_tool=rigid_matrix(settings.flange_from_tool)),
+            ArmGeometry(flange_from_tool=rigid_matrix(settings.flange_from_tool)),
             joint_offsets_rad=np.radians(settings.joint_offset_deg),
             repeatability_mm=settings.repeatability_mm,
             rng=settling,

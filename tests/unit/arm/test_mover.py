@@ -27,7 +27,7 @@ def command(pose, straight, speed):
     turns=st.lists(st.floats(-0.6, 0.6), min_size=6, max_size=6), speed=st.floats(10.0, 100.0), straight=st.booleans()
 )
 def test_every_move_of_the_simulated_arm_ends_before_it_is_given_up(turns, speed, straight):
-    geometry = puma560.Puma560()
+    geometry = puma560.ArmGeometry()
     end = START + np.array(turns)
     start = Reading(puma560.forward(START, geometry), START)
     target = puma560.forward(end, geometry)

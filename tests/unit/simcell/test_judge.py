@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from drivers.puma560 import READY_RAD, Puma560, elbow_mm, forward
+from drivers.puma560 import READY_RAD, ArmGeometry, elbow_mm, forward
 from drivers.simcell.arm import Arm
 from drivers.simcell.cell import SimulatedCell
 from drivers.simcell.controller import Controller, Manners
@@ -25,7 +25,7 @@ class Cell:
     """A controller, somebody who types at it, and the judge. The arm may move; TOOL is set."""
 
     def __init__(self, manners: Manners | None = None, **safety: object) -> None:
-        geometry = Puma560(flange_from_tool=rigid_matrix(TRUTH.arm.flange_from_tool))
+        geometry = ArmGeometry(flange_from_tool=rigid_matrix(TRUTH.arm.flange_from_tool))
         arm = Arm(geometry, READY_RAD)
         self.controller, self.now_s = Controller(arm, manners), 0.0
         rules = msgspec.structs.replace(TRUTH.safety, **({"longest_step_mm": 2000.0} | safety))  # type: ignore[arg-type]
@@ -241,7 +241,7 @@ def test_the_forearm_ends_at_the_elbow_and_at_the_wrist() -> None:
 
 
 def test_the_true_arm_is_judged_and_not_the_one_the_controller_believes_in() -> None:
-    geometry = Puma560(flange_from_tool=rigid_matrix(TRUTH.arm.flange_from_tool))
+    geometry = ArmGeometry(flange_from_tool=rigid_matrix(TRUTH.arm.flange_from_tool))
     arm = Arm(geometry, READY_RAD, joint_offsets_rad=np.radians([0.0, 0.5, -0.3, 0.2, 0.1, 0.4]))
     body = Body(TRUTH.safety.body, arm.true_geometry, arm.joint_offsets_rad)
     assert body.at(arm.motion, np.array([1.0]))[1][0] == pytest.approx(arm.pose_at(1.0)[:3, 3])
