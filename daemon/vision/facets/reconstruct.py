@@ -93,7 +93,7 @@ def _with_detected_corners(c: Candidate, eyes: Eyes, settings: VisionSettings) -
     for view, fitted in zip(eyes.views, (c.left, c.right), strict=True):
         p = fitted.polygon
         sigma = float(view.noise.sigma[128])
-        found = find_corners(view.image, p.corners_px, settings.corner_detector, sigma)
+        found = find_corners(view.grey.astype(np.float32), p.corners_px, settings.corner_detector, sigma)
         corners = np.where(np.isnan(found), p.corners_px, found)
         covariance = np.repeat(_DETECTED_PX**2 * np.eye(2)[None], len(corners), 0)
         polygons.append(replace(p, corners_px=corners, covariance_px2=covariance))

@@ -26,7 +26,7 @@ from daemon.vision.image.calipers import (
     stretch_profiles,
     stretches,
 )
-from daemon.vision.image.grey import SATURATED, Noise, noise_of_many
+from daemon.vision.image.grey import SATURATED, Fine, Noise, noise_of_many
 from daemon.vision.image.regions import SMOOTHING_PX
 from daemon.vision.image.step_model import CLEAR, OFFSETS, REACH_PX, face_planes, normal_cdf, unclipped
 
@@ -162,9 +162,9 @@ def edge_sigmas(images: Images, start: Array, end: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Exposure:
-    """What sides are fitted to: float32 grey levels (H, W), their noise, and the eye whose lens bends lines, if any."""
+    """What sides are fitted to: fine grey levels (H, W), their noise, and the eye whose lens bends lines, if any."""
 
-    image: Image32
+    image: Fine
     noise: Noise
     eye: Eye | None
 

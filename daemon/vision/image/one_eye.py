@@ -12,7 +12,7 @@ import numpy as np
 
 from daemon.vision.geometry import Eye
 from daemon.vision.image.edge_lines import Exposure
-from daemon.vision.image.grey import Grey, Noise, measure_noise
+from daemon.vision.image.grey import FINE, Fine, Grey, Noise, measure_noise
 from daemon.vision.image.outlines import Outline, Wanted, find_outlines
 from daemon.vision.image.polygon_fit import Fitted, fit_polygons
 from daemon.vision.image.regions import (
@@ -24,7 +24,6 @@ from daemon.vision.image.regions import (
     full_size,
     shrunk,
     smoothed,
-    unit_noise,
 )
 from daemon.vision.image.segments import Segments, find_segments
 from daemon.vision.settings import VisionSettings
@@ -45,29 +44,19 @@ class OneEye:
     fitted: dict[Outline, Fitted | None] = field(default_factory=dict)
 
     @cached_property
-    def image(self) -> Image32:
-        """Grey levels (H, W) as float32."""
-        return self.grey.astype(np.float32)
-
-    @cached_property
     def noise(self) -> Noise:
         """How strongly pixels of each grey level flicker."""
         return measure_noise(self.grey)
 
     @cached_property
-    def unit(self) -> Image32:
-        """The image (H, W) stretched to a noise of sigma 1 everywhere."""
-        return unit_noise(self.grey, self.noise)
-
-    @cached_property
-    def smooth(self) -> Image32:
-        """The same after a Gaussian of SMOOTHING_PX."""
-        return smoothed(self.unit)
+    def smooth(self) -> Fine:
+        """The image (H, W) stretched to a noise of sigma 1 everywhere, after a Gaussian of SMOOTHING_PX."""
+        return smoothed(self.grey, self.noise)
 
     @cached_property
     def grainless(self) -> Image32:
         """The smooth image in means of GRAIN_PX each way: finer than that there is more noise than print."""
-        return np.asarray(cv2.blur(self.smooth, (GRAIN_PX, GRAIN_PX)), np.float32)
+        return np.multiply(cv2.blur(self.smooth, (GRAIN_PX, GRAIN_PX)), 1 / FINE, dtype=np.float32)
 
     @property
     def grain(self) -> float:
@@ -77,7 +66,7 @@ class OneEye:
     def scale(self, shrink: int) -> Scale:
         """The gradient of all of the image where pixels are `shrink` full-size ones wide, two or more."""
         if shrink not in self.scales:
-            self.scales[shrink] = shrunk(self.unit, shrink)
+            self.scales[shrink] = shrunk(self.grey, self.noise, shrink)
         return self.scales[shrink]
 
     def outlines(self, settings: VisionSettings) -> tuple[Outline, ...]:
@@ -92,7 +81,7 @@ class OneEye:
         if window is None:
             return []
         if 1 in settings.shrinks and 1 not in self.scales:
-            self.scales[1] = full_size(self.smooth, window, self.grain)
+            self.scales[1] = full_size(self.grey, self.noise, window, self.grain)
         largest = settings.max_area_fraction * self.grey.size
         found = list[Region]()
         for shrink, level in product(settings.shrinks, settings.levels):
@@ -108,7 +97,7 @@ class OneEye:
     @cached_property
     def exposure(self) -> Exposure:
         """What sides are fitted to."""
-        return Exposure(self.image, self.noise, self.eye)
+        return Exposure(np.multiply(self.grey, FINE, dtype=np.uint16), self.noise, self.eye)
 
     @property
     def blur_px(self) -> float | None:

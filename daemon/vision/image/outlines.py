@@ -18,7 +18,8 @@ from daemon.arrays import Array
 from daemon.vision.geometry import Point, Rings, Shape, areas, convex, different, drop_side, is_simple, met, rings, tidy
 from daemon.vision.image.calipers import Images
 from daemon.vision.image.edge_lines import find_sides, probe_sides
-from daemon.vision.image.regions import Border, Image32, Region, RoughPolygon
+from daemon.vision.image.grey import Fine
+from daemon.vision.image.regions import Border, Region, RoughPolygon
 from daemon.vision.settings import VisionSettings
 
 Index = NDArray[np.intp]
@@ -63,7 +64,7 @@ class Wanted:
     noise over that of white noise.
     """
 
-    smooth: Image32
+    smooth: Fine
     grain: float
     regions: list[Region]
 

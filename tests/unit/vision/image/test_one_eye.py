@@ -30,7 +30,7 @@ def test_outlines_and_what_was_fitted_to_them_are_kept() -> None:
 
 def test_nothing_is_measured_before_it_is_asked_for_and_nothing_twice() -> None:
     view = cube_seen()
-    assert not {"noise", "unit", "smooth", "image"} & set(vars(view))
+    assert not {"noise", "smooth", "exposure"} & set(vars(view))
     assert view.smooth is view.smooth
     assert view.scale(2) is view.scale(2)
 
