@@ -25,7 +25,7 @@ from daemon.vision.recognition import Recognised, facet_hypotheses, typed_as
 from daemon.vision.registration.beside import COVERED, covered, lies_on
 from daemon.vision.registration.corner_pose import Fit
 from daemon.vision.registration.different import Different, Guesses, different, pixels
-from daemon.vision.registration.directed import directed_map, evidence, nudged, other_sizes
+from daemon.vision.registration.directed import directed_map, evidence, nudged, other_sizes, promising
 from daemon.vision.registration.edge_pose import (
     Located,
     confirmed_facets,
@@ -131,13 +131,14 @@ def _laid(eyes: Eyes, model: Model, unnamed: Sequence[Group], named: Sequence[Sh
     likely = []
     for guess in guesses:
         solid = model.metric[guess.label].solid
-        nats, _ = evidence(solid, guess.poses, eyes.geometry, maps)
+        poses = promising(solid, guess.poses, eyes.geometry, maps)
+        nats, _ = evidence(solid, poses, eyes.geometry, maps)
         good = nats > LEAST_NATS / 3
-        middle = guess.poses[:, :3, :3] @ solid.corners_mm.mean(0) + guess.poses[:, :3, 3]
+        middle = poses[:, :3, :3] @ solid.corners_mm.mean(0) + poses[:, :3, 3]
         middle_px = pixels(middle, eyes.geometry)[0]
         for shape in named:
             good &= shape.depth(middle_px) <= 0
-        likely.append(Guesses(guess.label, solid, guess.poses[good], -nats[good]))
+        likely.append(Guesses(guess.label, solid, poses[good], -nats[good]))
     kept, first = _worth(likely, eyes, model)
     for one in first:
         better = nudged(model.metric[one.label].solid, one.pose, eyes.geometry, maps)
