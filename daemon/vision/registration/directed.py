@@ -146,8 +146,9 @@ def _of_one_eye(shown: _Shown, ideal: Array, seen: DirectedMap, along: Array, sh
     chance = seen.chance[which]
     count = np.hypot(way[:, 0], way[:, 1]) * (SHRINK / SPACING_PX)
     there, missing = np.log(SHOWS / chance), np.log((1 - SHOWS) / (1 - chance))
-    nats = np.bincount(shown.pose, count * (hit * there + (1 - hit) * missing), shown.poses)
-    return nats, np.bincount(shown.pose, count * there, shown.poses)
+    by_edge = count * (hit * there + (1 - hit) * missing), count * there
+    nats, most = (np.asarray(np.bincount(shown.pose, each, shown.poses), float) for each in by_edge)
+    return nats, most
 
 
 def nudged(solid: Polyhedron, pose: Array, geometry: Baseline, maps: tuple[DirectedMap, DirectedMap]) -> Array:
