@@ -93,7 +93,7 @@ def _guarded(run: Callable[[argparse.Namespace], int]) -> Callable[[argparse.Nam
 
 def _recognise(args: argparse.Namespace) -> int:
     """One JSON line a pair; pairs that cannot be used are named on stderr and the others still done."""
-    from time import perf_counter
+    from time import thread_time
 
     from daemon.calibration.file import load_calibration
     from daemon.store.model import load
@@ -107,7 +107,7 @@ def _recognise(args: argparse.Namespace) -> int:
     for name in args.pairs:
         try:
             left, right = _pair(Path(name))
-            scene = look(left, right, calibration.rig, model, clock=perf_counter)
+            scene = look(left, right, calibration.rig, model, clock=thread_time)
             print(json.dumps({"pair": name, **scene_json(scene)}), flush=True)
             if args.draw:
                 _draw(_drawing_path(args.draw, name, len(args.pairs)), left, right, scene)

@@ -6,10 +6,11 @@ The model is the one that was in use at that look (kept in the run), or another 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from math import inf
 from pathlib import Path
 from statistics import median
-from time import perf_counter
+from time import thread_time
 from typing import Any
 
 import numpy as np
@@ -87,12 +88,13 @@ def replay(
     now_ms: list[float] = []
     looks = identical = 0
     untaught = empty_model(library)
+    unhurried = replace(settings or VisionSettings(), budget_s=inf)
     for record, in_use in looks_with_models(folder, run):
         pair = _pictures(folder, record)
         if pair is None:
             skipped.append(f"look {record['seq']}: its pictures are not in the run folder")
             continue
-        scene = look(*pair, rig, model or in_use or untaught, settings, perf_counter, _table(record))
+        scene = look(*pair, rig, model or in_use or untaught, unhurried, thread_time, _table(record))
         now, then = scene_json(scene), record.get("scene") or {}
         whole = record.get("whole", True)
         found = compare(then, now, whole)

@@ -9,7 +9,7 @@ import contextlib
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
-from time import perf_counter
+from time import perf_counter, thread_time
 from typing import Any, Literal
 
 import numpy as np
@@ -49,7 +49,7 @@ class Recogniser:
 
     def see(self, left: Image, right: Image, table: Table | None = None) -> Scene:
         """Parts in a stereo pair, in the cyclopean frame; what lies in the table is none. Raises VisionError."""
-        return look(left, right, self.rig, self.model, self.settings, perf_counter, table)
+        return look(left, right, self.rig, self.model, self.settings, thread_time, table)
 
     def report(self, scene: Scene) -> dict[str, object]:
         """The scene as JSON values."""

@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 
 from msgspec import Meta
 
-from daemon.quantities import Few, Pixels, Share
+from daemon.quantities import Few, Pixels, Seconds, Share
 
 CornerDetector = Literal["line_fit", "mic", "median"]
 Sigmas = Annotated[float, Meta(gt=0, le=1000)]
@@ -33,7 +33,8 @@ class VisionSettings:
     min_evidence: mean slope across a side, in sigmas; min_seen: least fraction of a side that shows an edge.
     min_support: least fraction of the outline that shows an edge. max_epipolar_px: how far matched corners may lie off
     each other's epipolar line. depth_range_mm: where parts may be. planarity_sigmas: how many predicted errors a corner
-    may leave its plane by.
+    may leave its plane by. budget_s: processor time a look may take; what it then leaves out its notes say. The
+    costliest looks take a third of it on a desktop's core, so that a computer three times as slow sees the same.
     """
 
     corner_detector: CornerDetector = "line_fit"
@@ -54,6 +55,7 @@ class VisionSettings:
     max_epipolar_px: Pixels = 2.5
     depth_range_mm: tuple[Depth, Depth] = (80.0, 2500.0)
     planarity_sigmas: Sigmas = 6.0
+    budget_s: Seconds = 1.0
 
     def brief(self) -> VisionSettings:
         """The same for a look that knows parts, at little cost: half-size pixels, few levels, the largest regions only;

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from daemon.arrays import Array
 from daemon.vision.image.grey import Grey
@@ -73,7 +74,8 @@ def segment_corners(found: Segments) -> SegmentCorners:
     """Every two segments whose lines meet near an end of both, at an angle."""
     way, length = found.end - found.start, found.lengths_px
     unit = way / length[:, None]
-    first, second = np.triu_indices(len(way), 1)
+    reach = np.maximum(NEAR_PX, NEAR_SHARE * length)
+    first, second = _ends_near(found, reach)
     sine = unit[first, 0] * unit[second, 1] - unit[first, 1] * unit[second, 0]
     steep = np.abs(sine) > LEAST_ANGLE
     first, second, sine = first[steep], second[steep], sine[steep]
@@ -84,7 +86,7 @@ def segment_corners(found: Segments) -> SegmentCorners:
     from_start = []
     for along, own in ((along_first, first), (along_second, second)):
         to_start, to_end = np.abs(along), np.abs(along - length[own])
-        near &= np.minimum(to_start, to_end) < np.maximum(NEAR_PX, NEAR_SHARE * length[own])
+        near &= np.minimum(to_start, to_end) < reach[own]
         from_start.append(to_start < to_end)
     first, second = first[near], second[near]
     at = found.start[first] + along_first[near, None] * unit[first]
@@ -94,3 +96,19 @@ def segment_corners(found: Segments) -> SegmentCorners:
     reach = np.linalg.norm(arms - at[:, None], axis=2).min(1)
     order = np.argsort(-reach)[:MOST_CORNERS]
     return SegmentCorners(at[order], arms[order], np.where(away, 1, -1)[order])
+
+
+def _ends_near(found: Segments, reach_px: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Every two segments, the earlier first, of which two ends are no farther apart than both may reach."""
+    count = len(reach_px)
+    (x, y), reach = np.concatenate([found.start, found.end]).T, np.tile(reach_px, 2)
+    order = np.argsort(x)
+    low, high = (np.searchsorted(x[order], x + side * 2 * reach) for side in (-1, 1))  # any that reaches less far
+    one = np.repeat(np.arange(2 * count), high - low)
+    other = order[np.arange(len(one)) + np.repeat(low - np.cumsum(high - low) + (high - low), high - low)]
+    near = (x[one] - x[other]) ** 2 + (y[one] - y[other]) ** 2 <= (reach[one] + reach[other]) ** 2
+    one, other = one[near] % count, other[near] % count
+    pairs = np.unique(np.minimum(one, other) * count + np.maximum(one, other))
+    first, second = pairs // count, pairs % count
+    apart = first != second
+    return first[apart], second[apart]

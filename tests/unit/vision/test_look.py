@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import json
 import sys
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ from daemon.vision.image.grey import VisionError
 from daemon.vision.look import look
 from daemon.vision.model.model import Model, empty_model, learn_view
 from daemon.vision.report import scene_json
+from daemon.vision.settings import VisionSettings
 from tests.worlds import drawn
 from tests.worlds.painted import paint_pair
 from tests.worlds.rigs import rig
@@ -124,6 +126,15 @@ def test_a_painted_part_is_named_and_placed(model: Model, label: str) -> None:
 def test_a_painted_stranger_is_left_unnamed(model: Model, name: str) -> None:
     scene = look(*painted(STRANGERS[name], (0.6, 0.35, 0.6)), rig(), model)
     assert {p.recognition.label for p in scene.parts} <= {"unknown"}
+
+
+def test_a_look_ends_by_its_budget_and_says_so(model: Model) -> None:
+    stranger = painted(STRANGERS["hexagonal_prism"], (0.6, 0.35, 0.6))
+    settings, slow = VisionSettings(budget_s=0.5), count(0.0, 0.2)
+    ended = look(*stranger, rig(), model, settings, lambda: next(slow))
+    assert any("the budget of 0.5 s" in note and "straight edges were not looked for" in note for note in ended.notes)
+    for clock in (None, count(0.0, 1e-4).__next__):
+        assert not any("budget" in note for note in look(*stranger, rig(), model, settings, clock).notes)
 
 
 def test_swapped_and_mirrored_images_of_a_mirrored_rig_give_the_same_names(model: Model) -> None:
