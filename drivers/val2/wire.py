@@ -1,8 +1,8 @@
 """VAL II's side of the conversation: bytes, cut anywhere, become events. No I/O, no clock, nothing is sent from here.
 
-A dot (or two: some systems print them so) is a prompt only at the start of a line *and* followed by silence, a question
-mark a question only at the end of one and followed by silence. Silence is not in the bytes: whoever owns the clock calls
-`silence()` when it has lasted.
+A dot (or two: some systems print them so) is a prompt only at the start of a line *and* followed by silence, a
+question mark a question only at the end of one and followed by silence. Silence is not in the bytes: whoever owns the
+clock calls `silence()` when it has lasted.
 
     state    what comes                     what happens
     LINE     bytes, CR or LF                lines -> Text, Error, Table (the lines of WHERE, in either form)
