@@ -12,6 +12,7 @@ import types
 import typing
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -22,6 +23,8 @@ from daemon.store.outside import FileError, read_file
 
 T = TypeVar("T")
 Key = str | int
+LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+"""libyaml's where there is one (PyYAML's own packages have it): a tenth of the time."""
 UNIONS = (typing.Union, types.UnionType)
 ODD_NUMBER = re.compile(r"[-+]?(0[0-7_]+|[0-9_.]+(:[0-9_.]+)+)")
 """What YAML 1.1 takes for octal or for minutes and seconds, where a person means a number with zeros, or a time."""
@@ -135,9 +138,14 @@ def dotted(keys: tuple[Key, ...]) -> str:
     return "".join(f"[{k}]" if isinstance(k, int) else f".{k}" for k in keys).lstrip(".")
 
 
-def _field_types(kind: Any) -> dict[str, Any]:
+def _field_types(kind: Any) -> Mapping[str, Any]:
     """Field -> type of a struct or dataclass; empty for anything else."""
-    if isinstance(kind, type) and issubclass(kind, msgspec.Struct):
+    return _fields_of(kind) if isinstance(kind, type) else {}
+
+
+@cache
+def _fields_of(kind: type[Any]) -> Mapping[str, Any]:
+    if issubclass(kind, msgspec.Struct):
         return {f.encode_name: f.type for f in msgspec.structs.fields(kind)}
     return typing.get_type_hints(kind, include_extras=True) if dataclasses.is_dataclass(kind) else {}
 

@@ -103,7 +103,7 @@ class Judge:
     def __init__(self, history: History, body: Body, safety: Safety, table: Table) -> None:
         """history grows; a leg in it may still be cut short. Nothing may move before `may_move` says so."""
         self._history, self._body, self._safety, self._table = history, body, safety, table
-        self._may, self._drop_told = _Facts(False), _Facts(False)
+        self._may, self._drop_told, self._tried = _Facts(False), _Facts(False), _Facts(False)
         self._fastest = _Facts(safety.fastest_percent)
         self._hears = _Facts(True)
         self._stops: list[tuple[float, str]] = []
@@ -118,6 +118,11 @@ class Judge:
     def stop_received(self, at_s: float, by: str = "a stop") -> None:
         """A stop that the controller was given otherwise than by a line it knows."""
         self._stops.append((at_s, by))
+
+    def stop_tried(self, at_s: float, asked: bool) -> None:
+        """Whether somebody asked, from a moment on, that the stop be tried before the arm may move: a stop that only
+        the line knows of is that trial."""
+        self._tried.add(at_s, asked)
 
     def no_faster_than(self, at_s: float, percent: float) -> None:
         """The highest monitor speed allowed from a moment on."""
@@ -151,7 +156,8 @@ class Judge:
 
     def _judged(self, event: Event) -> Iterator[Violation]:
         if isinstance(event, Stop):
-            self.stop_received(event.began_s, event.by)
+            if not self._tried.at(event.began_s):
+                self.stop_received(event.began_s, event.by)
         elif isinstance(event, Drop):
             yield from self._dropped(event)
         else:

@@ -1,17 +1,23 @@
 """Whatever operators, line, controller and clock may do to the whole daemon, in random order, before a judge.
 
-A hypothesis state machine over tests/worlds/whole_daemon.py: a failure prints the shortest script that shows it, as
-calls of the rules below. Run by tests/unit/service/test_whole_daemon.py and tests/bench/long/surprises.py.
+A hypothesis state machine over tests/worlds/whole_daemon.py. What a story does is kept as calls of the rules below: of
+one that fails, calls are left out as long as it still fails alike (a few dozen stories; hypothesis, which knows only
+the draws behind them, took minutes for less), and the rest is told. Run by tests/unit/service/test_whole_daemon.py and
+tests/bench/long/surprises.py.
 """
 
 from __future__ import annotations
 
+import time
+import traceback
+from collections.abc import Callable
+from functools import wraps
 from typing import Any
 
 import yaml
-from hypothesis import HealthCheck, settings
+from hypothesis import HealthCheck, Phase, settings
 from hypothesis import strategies as st
-from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
+from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule, run_state_machine_as_test
 
 from daemon.commands import every_command
 from drivers.simcell.controller import LineFault, Mishap
@@ -19,7 +25,12 @@ from tests.worlds.whole_daemon import FASTEST, SLOWEST, Story
 
 STEPS = 100
 """Of one story."""
-HOUSE = settings(stateful_step_count=STEPS, deadline=None, suppress_health_check=list(HealthCheck))
+HOUSE = settings(
+    stateful_step_count=STEPS, deadline=None, suppress_health_check=list(HealthCheck), phases=[Phase.generate],
+    report_multiple_bugs=False, database=None,
+)  # fmt: skip
+LEAVING_OUT_S = 120.0
+"""How long calls are left out of a story that fails."""
 NAMES = sorted({command.name for command in every_command("simulated")} | {"help"})
 LABELS = ("cube", "pyramid", "triangular_prism", "pentagonal_prism")
 USUAL = (
@@ -61,30 +72,54 @@ DOOR = st.integers(0, 3)
 STOPS = ("stop", "STOP", "sto", "stop now", "stop '", "stop \u00e9", "control-C", "disable", "abort", "SIGTERM")
 
 
+Call = tuple[str, dict[str, Any]]
+
+
+def kept(act: Callable[..., None]) -> Callable[..., None]:
+    """A rule whose calls are kept in the story's script."""
+
+    @wraps(act)
+    def keeping(machine: Surprises, **values: Any) -> None:
+        machine.script.append((act.__name__, values))
+        act(machine, **values)
+
+    return keeping
+
+
 class Surprises(RuleBasedStateMachine):
     """See the module. Doors 0 to 2 are at the socket, 3 is the serial terminal."""
 
     story: Story | None = None
     steps = 0
     """Of all stories together."""
+    last: list[Call]
+    """What the last story did."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        type(self).last = self.script = []
 
     @initialize(
         may=st.sampled_from(["all", "all", "look"]), holds=st.booleans(), parts=st.integers(0, 9), at_end=st.booleans(),
         ready=st.booleans(),
     )  # fmt: skip
+    @kept
     def begin(self, may: str, holds: bool, parts: int, at_end: bool, ready: bool) -> None:
         """A cell and a daemon; ready: enabled already."""
         self.story = Story(may, holds, parts=parts == 9 and not holds, prompt_at_end=at_end)
         if ready:
-            self.do(0, "enable")
+            self.there.doors[0].say("enable")
+            self.there.wait(0.1)
 
     @rule(door=DOOR, text=words(), seconds=SECONDS)
-    def do(self, door: int, text: str, seconds: float = 0.1) -> None:
+    @kept
+    def do(self, door: int, text: str, seconds: float) -> None:
         """An operator types a line."""
         self.there.doors[door].say(text)
         self.there.wait(seconds)
 
     @rule(door=DOOR, texts=st.lists(st.sampled_from(USUAL), min_size=2, max_size=4), seconds=SECONDS)
+    @kept
     def do_at_once(self, door: int, texts: list[str], seconds: float) -> None:
         """Lines typed ahead."""
         for text in texts:
@@ -92,6 +127,7 @@ class Surprises(RuleBasedStateMachine):
         self.there.wait(seconds)
 
     @rule(place=st.sampled_from(["home", "bin", "survey"]), door=DOOR, after=SECONDS, how=st.sampled_from(STOPS))
+    @kept
     def stop_on_the_way(self, place: str, door: int, after: float, how: str) -> None:
         """The arm goes somewhere and is stopped, mostly before it is there."""
         self.there.doors[0].say(f"go {place}")
@@ -100,24 +136,27 @@ class Surprises(RuleBasedStateMachine):
             self.there.doors[door].interrupt()
             self.there.wait(HEARD_S)
         elif how == "SIGTERM":
-            self.terminate()
+            self.end_and_start()
         else:
             self.there.doors[door].say(how)
         self.there.wait(1.0)
 
     @rule(door=DOOR, text=st.sampled_from(["y", "y", "n", "", "stop", "stop now", "yes", "maybe"]), seconds=SECONDS)
+    @kept
     def answer(self, door: int, text: str, seconds: float) -> None:
         """An operator answers what is asked, or what is not."""
         self.there.doors[door].answer(text)
         self.there.wait(seconds)
 
     @rule(door=DOOR, seconds=SECONDS)
+    @kept
     def interrupt(self, door: int, seconds: float) -> None:
         """Control-C."""
         self.there.doors[door].interrupt()
         self.there.wait(max(seconds, HEARD_S))
 
     @rule(door=DOOR, data=st.one_of(st.sampled_from(ODD), st.binary(max_size=6)))
+    @kept
     def odd_bytes(self, door: int, data: bytes) -> None:
         """What nobody types, and its end: the rest of a line would be taken for the beginning of the next."""
         if b"\x03" not in data:
@@ -125,6 +164,7 @@ class Surprises(RuleBasedStateMachine):
             self.there.wait(0.02)
 
     @rule(door=st.integers(0, 2))
+    @kept
     def come_again(self, door: int) -> None:
         """An operator leaves, and comes again."""
         self.there.doors[door].close()
@@ -133,11 +173,13 @@ class Surprises(RuleBasedStateMachine):
 
     @rule(way=st.sampled_from(["to_host", "to_controller"]), harm=st.sampled_from(["drop", "double", "flip", "insert"]),
           after=st.integers(0, 40), count=st.integers(1, 3))  # fmt: skip
+    @kept
     def spoil(self, way: Any, harm: Any, after: int, count: int) -> None:
         """Some bytes of the line will be harmed."""
         self.there.harm(lambda: self.there.cell.controller.faults.line.append(LineFault(way, harm, after, count)))
 
     @rule(seed=st.integers(0, 99), seconds=st.sampled_from([1.0, 5.0]))
+    @kept
     def noise(self, seed: int, seconds: float) -> None:
         """Noise on the line for a while."""
         faults = self.there.cell.controller.faults
@@ -146,6 +188,7 @@ class Surprises(RuleBasedStateMachine):
         faults.noise_rate = 0.0
 
     @rule(what=st.sampled_from(list(Mishap)), share=st.sampled_from([None, 0.1, 0.5, 0.9]))
+    @kept
     def mishap(self, what: Mishap, share: float | None) -> None:
         """Power, emergency stop, controller: now, or in the next move."""
         if share is None:
@@ -155,6 +198,7 @@ class Surprises(RuleBasedStateMachine):
             self.there.harm(lambda: faults.in_move.append((share, what)))
 
     @rule(what=st.sampled_from(["refusal", "mute", "split"]))
+    @kept
     def odd_controller(self, what: str) -> None:
         """The controller refuses the next motion, or its next answer is lost, or its prompt comes in two halves."""
         faults = self.there.cell.controller.faults
@@ -166,11 +210,13 @@ class Surprises(RuleBasedStateMachine):
             )
 
     @rule()
+    @kept
     def unplug(self) -> None:
         """The line's adapter is pulled out."""
         self.there.harm(self.there.cell.server.unplug)  # type: ignore[union-attr]
 
     @rule()
+    @kept
     def repair(self) -> None:
         """Somebody puts line and controller right, and says what is to be said then."""
         self.there.repair()
@@ -181,16 +227,19 @@ class Surprises(RuleBasedStateMachine):
             self.there.wait(2.0)
 
     @rule(seconds=st.sampled_from([0.5, 3.0, 30.0]))
+    @kept
     def hang(self, seconds: float) -> None:
         """The computer stands still for a while."""
         self.there.hang(seconds)
 
     @rule(seconds=st.sampled_from([-1e5, -3.0, 3.0, 1e5]))
+    @kept
     def set_clock(self, seconds: float) -> None:
         """Somebody sets the computer's clock."""
         self.there.set_by_s += seconds
 
     @rule(what=st.sampled_from(["same", "slow", "tool", "box", "bad", "no hand-eye"]), signal=st.booleans())
+    @kept
     def reload(self, what: str, signal: bool) -> None:
         """Another configuration or calibration is read."""
         story = self.there
@@ -217,16 +266,21 @@ class Surprises(RuleBasedStateMachine):
             story.write_config()
 
     @rule()
+    @kept
     def terminate(self) -> None:
         """SIGTERM, its end, and another start."""
+        self.end_and_start()
+
+    def end_and_start(self) -> None:
+        """See terminate."""
         status = self.there.terminate()
         assert status in (0, 2), f"it ended with status {status}"
         self.there.repair()
         self.there.start()
         assert self.there.alive, "it does not start again"
 
-    @precondition(lambda self: self.story is not None)
     @rule(seconds=st.sampled_from([1.0, 5.0, 20.0]))
+    @kept
     def wait(self, seconds: float) -> None:
         """Nobody does anything."""
         self.there.wait(seconds)
@@ -252,3 +306,55 @@ class Surprises(RuleBasedStateMachine):
             story, self.story = self.story, None
             found = story.close()
             assert not found, "\n".join(map(str, found))
+
+
+def live(machine: type[Surprises], options: settings) -> None:
+    """Stories up to the first that surprises. Raises AssertionError with the shortest script that shows it."""
+    try:
+        run_state_machine_as_test(machine, settings=options)  # type: ignore[arg-type]
+    except Exception:
+        script = machine.last
+    else:
+        return
+    told = surprise(script)
+    if told:
+        script = shortest(script, lambda tried: kind(surprise(tried)) == kind(told))
+        told = surprise(script)
+    calls = "\n".join(f"    ({name!r}, {values})," for name, values in script)
+    raise AssertionError(f"{told or 'once, and not when it was lived again'}\n{calls}")
+
+
+def surprise(script: list[Call]) -> str:
+    """What is wrong with a story of these calls, "" for nothing."""
+    machine = Surprises()
+    try:
+        try:
+            for name, values in script:
+                getattr(machine, name)(**values)
+                machine.nothing_surprises()
+        finally:
+            machine.teardown()
+    except Exception as error:
+        return "".join(traceback.format_exception_only(error)).strip()
+    return ""
+
+
+def kind(told: str) -> str:
+    """What stays alike when moments and lengths do not."""
+    return told.partition(" at ")[0]
+
+
+def shortest(script: list[Call], fails: Callable[[list[Call]], bool]) -> list[Call]:
+    """Calls left out as long as it still fails, halves first, single ones last; the first call makes the cell."""
+    until_s, size = time.monotonic() + LEAVING_OUT_S, len(script) // 2
+    while size and time.monotonic() < until_s:
+        start, before = 1, len(script)
+        while start < len(script) and time.monotonic() < until_s:
+            without = script[:start] + script[start + size :]
+            if fails(without):
+                script = without
+            else:
+                start += size
+        if size > 1 or len(script) == before:
+            size //= 2
+    return script

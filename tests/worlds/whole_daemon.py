@@ -43,6 +43,7 @@ from daemon.config import Config
 from daemon.jobs.demo import VIEWS
 from daemon.service import NO_DEVICE, Service
 from daemon.store import model as models
+from daemon.store import runlog
 from daemon.store.library import load_facets
 from daemon.teaching.trainer import Recogniser
 from daemon.upkeep import journal
@@ -69,7 +70,7 @@ MOMENT_S = 1e-7
 """What is typed at a moment counts from just after it, one after the other: what left at that very moment had left
 before."""
 SLICE_S = 0.25
-"""How often the operators read what they are told."""
+"""How often somebody looks whether the line is clear. What the daemon says at its sockets is read as it comes."""
 TAUGHT = ("cube", "pentagonal_prism")
 STARTS, TRIES = 5, 4
 """How often a view is shown again that was not seen whole."""
@@ -94,6 +95,9 @@ class Words:
         self.enabled, self.stopped = False, False
         self._enabling: dict[Key, str] = {}
         self._resuming: set[Key] = set()
+        self._by_hand: dict[Key, int | None] = {}
+        """What may open the hand: lines that are not done yet, and those (with their status) that failed: they may yet
+        be carried out."""
 
     @property
     def allowed(self) -> bool:
@@ -117,8 +121,12 @@ class Words:
             self._enabling[key] = text
         if is_word(word, "resume"):
             self._resuming.add(key)
-        if any(is_word(word, known) for known in MOVES):
-            judge.may_drop(now_s, is_word(word, "hand") or is_word(word, "robot"))
+        if is_word(word, "hand") or is_word(word, "robot"):
+            self._by_hand[key] = None
+            judge.may_drop(now_s)
+        elif any(is_word(word, known) for known in MOVES):
+            self._by_hand = {line: status for line, status in self._by_hand.items() if status is None}
+            judge.may_drop(now_s, bool(self._by_hand))
         if is_word(word, "robot"):
             judge.by_hand(now_s, text.partition("onitor")[2].strip())
         self._tell(any(is_word(word, known) for known in MOVES))
@@ -127,13 +135,18 @@ class Words:
         """What came of a line."""
         if self._enabling.pop(key, None) is not None and status == 0:
             self.enabled = True
+        if key in self._by_hand:
+            self._by_hand[key] = status
+            if status == 0:
+                del self._by_hand[key]
+                self._story.cell.judge.may_drop(self._story.stamp_s(), bool(self._by_hand))
         if key in self._resuming:
             self._resuming.discard(key)
             if status == 0:
                 self.stopped = False
         if status == 0 and "Going on; `auto off`" in text:
             self.enabled = True
-        self._tell(False)
+        self._tell("Going on; `auto off`" in text)
 
     def agreed(self, question: str) -> None:
         """A yes to a question."""
@@ -145,6 +158,7 @@ class Words:
         """Somebody wants it to stop, or the daemon says that a fault stands."""
         self.stopped = True
         self._resuming.clear()
+        self._by_hand = dict.fromkeys(self._by_hand, 1)
         self._story.cell.judge.stop_received(self._story.stamp_s(), why)
         self._tell(False)
 
@@ -161,6 +175,7 @@ class Words:
         self._tell(False)
 
     def _tell(self, wanted: bool) -> None:
+        self._story.cell.judge.stop_tried(self._story.stamp_s(), bool(self._enabling) and self.allowed)
         self._story.may_move(self.allowed, wanted)
 
 
@@ -202,11 +217,13 @@ class SocketDoor:
             return
         line.setblocking(False)
         self.line = line
+        self.story.loop.add_reader(line, self.hear)
         self.send({"notices": True})
 
     def close(self) -> None:
         """Hang up."""
         if self.line is not None:
+            self.story.loop.remove_reader(self.line)
             self.line.close()
         self.line, self.question, self.heard = None, None, b""
         self.interrupts.clear()
@@ -344,6 +361,23 @@ class SerialDoor:
         os.close(self._slave)
 
 
+class AtOnce:
+    """The run log's writer without a thread, for which nobody here waits either."""
+
+    waiting = 0
+
+    def __init__(self, name: str) -> None:
+        pass
+
+    def do(self, job: Callable[[], None]) -> None:
+        """Do it."""
+        job()
+
+    def end(self, timeout_s: float) -> bool:
+        """Nothing is left to do."""
+        return True
+
+
 class Story:
     """A daemon, its cell and its operators, from the first to the last of what happens to them."""
 
@@ -357,6 +391,7 @@ class Story:
             patch.object(time, "time", lambda: 1.8e9 + self.set_by_s + self.loop.time()),
             patch.object(build_room, "build", self._build),
             patch.object(journal, "tell", lambda *_, **__: None),
+            patch.object(runlog, "_Worker", AtOnce),
         ]
         for each in self._patches:
             each.start()
@@ -401,6 +436,7 @@ class Story:
         if self.alive:
             return
         for _ in range(STARTS):
+            self.words.stopped = False  # a daemon knows of no stop before it; it has to be enabled
             self._live = self.loop.create_task(Service(self.folder / "facetd.yaml", simulated=True).run())
             while self.alive and self.sockets[0].line is None:
                 self._run(0.5)
@@ -415,12 +451,11 @@ class Story:
             self.cell.clear()
 
     def wait(self, seconds: float) -> None:
-        """Time passes; operators read what they are told."""
+        """Time passes."""
         until_s = self.now_s + seconds
         while True:
             self._run(max(0.0, min(SLICE_S, until_s - self.now_s)))
-            for door in self.doors:
-                door.hear()
+            self.terminal.hear()
             self._see_the_line()
             if self.now_s >= until_s - 1e-6:
                 return

@@ -1,11 +1,11 @@
 """Small wrongs put into what keeps the arm from surprising, one at a time: does a test notice each?
 
-usage: python -m tests.bench.long.mutations [--count N] [--seed N] [--workers N] [--minutes N] [--only WORD]
-                                            [--each TEXT] [--named]
+usage: python -m tests.bench.long.mutations [--count N] [--seed N] [--workers N] [--only TEXT] [--each TEXT] [--named]
 
 Each mutation is made in a copy of the tree; first the file's own tests run (by layout), then all of its room's and
-the daemon as a whole. One that no test notices is printed with its line. --only: files whose path holds the word;
---each: the mutations whose description holds the text, all of them instead of a sample.
+the daemon as a whole, the quickest first, up to the first that fails. One that no test notices is printed with its
+line. --only: those of the sample whose description (`file:line: kind: text`) holds the text; --each: all there are
+whose description does, instead of a sample.
 """
 
 from __future__ import annotations
@@ -13,22 +13,26 @@ from __future__ import annotations
 import argparse
 import ast
 import copy
+import multiprocessing
 import os
 import random
 import shutil
-import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from itertools import zip_longest
+from multiprocessing.connection import Connection
 from pathlib import Path
-from queue import SimpleQueue
 
+import cv2  # noqa: F401  (what the tests import of others is loaded once, before each of their processes is forked)
+import msgspec  # noqa: F401
+import numpy as np  # noqa: F401
+import pytest
 import yaml
 
+FORK = multiprocessing.get_context("fork")
 ROOT = Path(__file__).resolve().parents[3]
 FILES = (
     *(f"daemon/arm/{name}.py" for name in ("guard", "mover", "supervisor", "sweep", "route", "body")),
@@ -44,8 +48,10 @@ TOLD = "not the_property_notices"
 """Tests of a test take a rule away themselves, and notice no other wrong."""
 STEPS = "1000"
 """Of the whole daemon's random ones."""
-LONGEST_S = 900.0
-"""Tests that take longer are taken to hang, and a hang is noticed."""
+OURS = ("daemon", "drivers", "tests")
+LONGEST, LEAST_S = 4.0, 60.0
+"""Tests that take so many times as long as without a wrong, and not less than this, are taken to hang; a hang is
+noticed."""
 NAMED = ROOT / "tests/bench/data/mutations.yaml"
 OTHER_WAY = {
     ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq,
@@ -188,18 +194,22 @@ def _replaced(body: list[ast.stmt], place: int, new: list[ast.stmt], kind: str, 
     return statement.lineno, kind, text, make, unmake
 
 
-def sample(count: int, seed: int, only: str = "", text: str = "") -> list[Mutation]:
+def every() -> list[Mutation]:
+    """All there are."""
+    return list({m.source: m for file in FILES for m in mutations(file)}.values())
+
+
+def sample(count: int, seed: int) -> list[Mutation]:
     """So many of all there are, each kind as often as the others while it lasts, in a random order: the first of them
     are a sample as well."""
-    every = [m for file in FILES if only in file for m in mutations(file) if text in str(m)]
     kinds: dict[str, list[Mutation]] = {}
-    for mutation in {m.source: m for m in every}.values():
+    for mutation in every():
         kinds.setdefault(mutation.kind, []).append(mutation)
     rng = random.Random(seed)
     for of_kind in kinds.values():
         rng.shuffle(of_kind)
     rounds = [mutation for one_each in zip_longest(*kinds.values()) for mutation in one_each if mutation is not None]
-    return rounds if text else rounds[:count]
+    return rounds[:count]
 
 
 def named() -> list[tuple[Mutation, str]]:
@@ -220,63 +230,135 @@ def own_tests(file: str) -> list[str]:
     return sorted(str(path.relative_to(ROOT)) for path in (ROOT / "tests/unit" / room).glob(f"test_{name}*.py"))
 
 
-def noticed(mutation: Mutation, tree: Path, own: Sequence[str], whole: Sequence[str]) -> str:
-    """Which tests noticed it: its own, the whole, or "" for none."""
-    file = tree / mutation.file
-    original = file.read_text(encoding="utf-8")
-    file.write_text(mutation.source, encoding="utf-8")
-    try:
-        if own and not _pass(tree, own):
-            return "own"
-        return "" if not whole or _pass(tree, whole) else "whole"
-    finally:
-        file.write_text(original, encoding="utf-8")
+@dataclass(eq=False)
+class Watch:
+    """A plugin of pytest: the quickest tests first, how long each takes, which failed first; by no shortest example."""
+
+    known_s: Mapping[str, float]
+    took_s: dict[str, float] = field(default_factory=dict)
+    failed: str = ""
+
+    def pytest_configure(self) -> None:
+        """Properties need not say why they failed."""
+        from hypothesis import Phase, settings  # not before pytest has asked for it
+
+        settings.register_profile("quick", phases=[Phase.explicit, Phase.generate], database=None)
+        settings.load_profile("quick")
+
+    def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
+        """The quickest first; what is not known at the end."""
+        items.sort(key=lambda item: self.known_s.get(item.nodeid, float("inf")))
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        """How long it took, and whether it failed."""
+        self.took_s[report.nodeid] = self.took_s.get(report.nodeid, 0.0) + report.duration
+        if report.failed:
+            self.failed = self.failed or report.nodeid
+
+    def pytest_collectreport(self, report: pytest.CollectReport) -> None:
+        """A file that cannot even be imported."""
+        if report.failed:
+            self.failed = self.failed or report.nodeid
 
 
-def _pass(tree: Path, tests: Sequence[str]) -> bool:
-    command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", "-n", "2", "-k", TOLD, *tests]
-    environment = {**os.environ, "PYTHONPATH": str(tree), "PYTHONDONTWRITEBYTECODE": "1", "FACETD_STEPS": STEPS}
-    try:
-        done = subprocess.run(command, cwd=tree, env=environment, capture_output=True, timeout=LONGEST_S, check=False)
-    except subprocess.TimeoutExpired:
-        return False
-    return done.returncode == 0
+class Tests:
+    """The tests of a tree, each time in a process of their own, forked from this one."""
+
+    def __init__(self, tree: Path, known_s: Mapping[str, float]) -> None:
+        self.tree, self.known_s = tree, known_s
+
+    def run(self, tests: Sequence[str]) -> tuple[str, dict[str, float]]:
+        """("" where all pass, else which failed first; what each took, s)."""
+        mine, its = FORK.Pipe(duplex=False)
+        process = FORK.Process(target=self._inside, args=(tests, its))
+        process.start()
+        its.close()
+        longest_s = max(LEAST_S, LONGEST * sum(s for name, s in self.known_s.items() if name.startswith(tuple(tests))))
+        told = mine.recv() if mine.poll(longest_s if self.known_s else None) else ("hangs", {})
+        process.kill()
+        process.join()
+        failed, took_s = told
+        return str(failed), dict(took_s)
+
+    def _inside(self, tests: Sequence[str], answer: Connection) -> None:
+        """Nothing of ours that is loaded already counts: all of it is imported from the tree."""
+        try:
+            os.chdir(self.tree)
+            os.environ |= {"PYTHONPATH": str(self.tree), "FACETD_STEPS": STEPS}
+            sys.path[:] = [str(self.tree), *(p for p in sys.path if Path(p).resolve() != ROOT)]
+            for name in [name for name in sys.modules if name.partition(".")[0] in OURS]:
+                del sys.modules[name]
+            sys.stdout = sys.stderr = open(os.devnull, "w")  # noqa: SIM115
+            watch = Watch(self.known_s)
+            status = pytest.main(["-x", "-q", "-p", "no:cacheprovider", "-p", "no:xdist", "-k", TOLD, *tests], [watch])
+            answer.send((watch.failed or ("" if status == 0 else f"pytest ends with {status}"), watch.took_s))
+        except BaseException as error:
+            answer.send((f"{type(error).__name__}: {error}", {}))
 
 
 Chosen = tuple[Mutation, Sequence[str], Sequence[str]]
 """A mutation, the tests of its own, and those that run where they notice nothing."""
+Found = tuple[Mutation, str, str]
+"""A mutation, "own", "others" or "LIVES", and which test noticed it."""
 
 
-def run(chosen: Sequence[Chosen], workers: int, most_s: float) -> dict[str, list[Mutation]]:
-    """{"own" | "whole" | "": mutations}, as far as time allows."""
-    found: dict[str, list[Mutation]] = {"own": [], "whole": [], "": []}
-    until_s = time.monotonic() + most_s
-    trees: SimpleQueue[Path] = SimpleQueue()
+def copied(to: Path) -> Path:
+    """The tree, to be spoiled."""
+    left_out = shutil.ignore_patterns(".git", ".venv", "__pycache__", ".hypothesis", ".mypy_cache")
+    shutil.copytree(ROOT, to, ignore=left_out)
+    return to
+
+
+def noticed(chosen: Chosen, tests: Tests) -> Found:
+    """Which tests noticed it."""
+    mutation, own, others = chosen
+    file = tests.tree / mutation.file
+    original = file.read_text(encoding="utf-8")
+    file.write_text(mutation.source, encoding="utf-8")
+    try:
+        for by, those in (("own", own), ("others", others)):
+            failed = tests.run(those)[0] if those else ""
+            if failed:
+                return mutation, by, failed
+        return mutation, "LIVES", ""
+    finally:
+        file.write_text(original, encoding="utf-8")
+
+
+def run(chosen: Sequence[Chosen], workers: int) -> list[Found]:
+    """What became of each. A worker has a tree, and every so-manieth mutation."""
+    # A wrong that is as long as what it replaces, in the same second, would be taken for the file compiled before.
+    sys.dont_write_bytecode = True
+    every_test = sorted({name for _, own, others in chosen for name in (*own, *others)})
     with tempfile.TemporaryDirectory(prefix="facetd-mutations-") as folder:
+        failed, known_s = Tests(copied(Path(folder) / "whole"), {}).run(every_test)
+        assert not failed, f"without any wrong {failed} fails: it would notice anything"
+        queue = FORK.Queue()
+
+        def work(k: int) -> None:
+            tests = Tests(copied(Path(folder) / str(k)), known_s)
+            for each in chosen[k::workers]:
+                queue.put(noticed(each, tests))
+
         for k in range(workers):
-            tree = Path(folder) / str(k)
-            left_out = shutil.ignore_patterns(".git", ".venv", "__pycache__", ".hypothesis", ".mypy_cache")
-            shutil.copytree(ROOT, tree, ignore=left_out)
-            trees.put(tree)
-
-        every = sorted({name for _, own, whole in chosen for name in (*own, *whole)})
-        assert _pass(Path(folder) / "0", every), "the tests fail as it is: they would notice anything"
-
-        def one(each: Chosen) -> None:
-            mutation = each[0]
-            if time.monotonic() > until_s:
-                return
-            tree = trees.get()
-            try:
-                by = noticed(mutation, tree, *each[1:])
-            finally:
-                trees.put(tree)
-            found[by].append(mutation)
-            print(f"{by or 'LIVES':6} {mutation}", flush=True)
-
-        with ThreadPoolExecutor(workers) as pool:
-            list(pool.map(one, chosen))
+            FORK.Process(target=work, args=(k,)).start()
+        found = []
+        for _ in chosen:
+            mutation, by, test = queue.get()
+            print(f"{by:6} {mutation}    {test}", flush=True)
+            found.append((mutation, by, test))
     return found
+
+
+def report(found: Sequence[Found], seconds: float) -> None:
+    """Print the table by file."""
+    print(f"{'':32} tried own others live")
+    for file in (*FILES, ""):
+        by = [by for mutation, by, _ in found if mutation.file.startswith(file)]
+        if by:
+            print(f"{file or 'all':32} {len(by):5} {by.count('own'):3} {by.count('others'):6} {by.count('LIVES'):4}"
+                  f" ({100 * by.count('LIVES') / len(by):.1f} %)")  # fmt: skip
+    print(f"{seconds:.0f} s")
 
 
 def main() -> None:
@@ -285,20 +367,17 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=300)
     parser.add_argument("--seed", type=int, default=14)
     parser.add_argument("--workers", type=int, default=1)
-    parser.add_argument("--minutes", type=float, default=10_000)
     parser.add_argument("--only", default="")
     parser.add_argument("--each", default="")
     parser.add_argument("--named", action="store_true", help="only those that nobody noticed once")
     args = parser.parse_args()
+    began_s = time.monotonic()
     chosen: list[Chosen] = [(mutation, [tests], ()) for mutation, tests in named() if args.named]
     if not args.named:
-        picked = sample(args.count, args.seed, args.only, args.each)
+        picked = [m for m in every() if args.each in str(m)] if args.each else sample(args.count, args.seed)
+        picked = [m for m in picked if args.only in str(m)]
         chosen = [(m, own_tests(m.file), WHOLE[Path(m.file).parent.name]) for m in picked]
-    found = run(chosen, args.workers, 60 * args.minutes)
-    tried = sum(map(len, found.values()))
-    lives = len(found[""])
-    print(f"{tried} mutations of {len(chosen)} chosen: {len(found['own'])} noticed by their file's own tests, "
-          f"{len(found['whole'])} by others, {lives} live ({100 * lives / max(tried, 1):.1f} %)")  # fmt: skip
+    report(run(chosen, args.workers), time.monotonic() - began_s)
 
 
 if __name__ == "__main__":

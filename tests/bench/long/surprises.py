@@ -9,14 +9,12 @@ from __future__ import annotations
 
 import sys
 import time
-import traceback
 from functools import partial
 from multiprocessing import Pool
 
 from hypothesis import seed, settings
-from hypothesis.stateful import run_state_machine_as_test
 
-from tests.worlds.surprises import HOUSE, STEPS, Surprises
+from tests.worlds.surprises import HOUSE, STEPS, Surprises, live
 
 STORIES = 50
 """Of one seed."""
@@ -28,9 +26,9 @@ def lived(first_seed: int, number: int) -> tuple[int, int, str]:
     machine = seed(here)(type("Surprises", (Surprises,), {}))
     told = ""
     try:
-        run_state_machine_as_test(machine, settings=settings(HOUSE, max_examples=STORIES, database=None))  # type: ignore[arg-type]
-    except BaseException as error:
-        told = "".join(traceback.format_exception_only(error))
+        live(machine, settings(HOUSE, max_examples=STORIES))
+    except AssertionError as error:
+        told = str(error)
     return here, machine.steps, told
 
 

@@ -53,3 +53,23 @@ def test_control_c_after_the_line_was_lost_on_the_way_does_not_say_that_nothing_
     story.sockets[1].interrupt()
     story.wait(0.02)
     assert "Nothing moves." not in story.texts
+
+
+@pytest.mark.parametrize("door", [0, 3])
+def test_a_move_typed_ahead_behind_an_enable_goes_once_the_stop_was_tried(door: int) -> None:
+    story = Story()
+    for text in ("enable", "go home"):
+        story.doors[door].say(text)
+    story.wait(0.9)
+    assert not story.cell.controller.machine.at_rest()
+    assert story.close() == ()
+
+
+def test_a_hand_told_to_open_before_something_else_was_typed_may_drop_what_it_holds() -> None:
+    story = Story(holds=True)
+    story.sockets[0].say("enable")
+    story.wait(2.0)
+    for text in ("hand open", "enable"):
+        story.sockets[0].say(text)
+    story.wait(2.0)
+    assert story.close() == ()
