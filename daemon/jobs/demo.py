@@ -185,17 +185,23 @@ def _teach(link: DaemonLink) -> None:
 
 def _shown(link: DaemonLink, label: str, view: int, facets: tuple[str, ...]) -> bool:
     """Whether a view was seen as a person sees it, and so kept."""
-    seen: list[str] = []
+    told: list[str] = []
 
-    def answer(question: str) -> str:
-        seen.extend(sorted(re.findall(r"([a-z_]+) \d[\d ]* mm", question)))
-        return "y" if seen == sorted(facets) else "n"
+    def answer(_: str) -> str:
+        return "y" if _facets_told(told[-1]) == sorted(facets) else "n"
 
-    done = link.do(f"teach {label}", "demo", lambda _: None, answer)
+    done = link.do(f"teach {label}", "demo", told.append, answer)
+    seen = _facets_told(told[-1]) if told else []
     kept = bool(done["status"] == 0)
     why = f"not all of it was seen ({', '.join(seen)})" if seen else done["text"]
     say(f"  {label}, view {view + 1}: {', '.join(seen) if kept else f'{why}; again'}")
     return kept
+
+
+def _facets_told(text: str) -> list[str]:
+    """The types of the facets that `teach` shows, those alike in a line: `side 1 2: square 50 50 50 50 mm`."""
+    lines = re.findall(r"side ([\d? ]+): ([a-z_]+) \d[\d ]* mm", text)
+    return sorted(kind for sides, kind in lines for _ in sides.split())
 
 
 def _clear(link: DaemonLink, records: Iterator[Record]) -> list[dict[str, Any]]:
