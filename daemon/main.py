@@ -57,7 +57,7 @@ def serve(config_path: Path, simulated: bool) -> int:
     _fill_standard_files()
     if sys.stderr is not None:
         faulthandler.enable()
-    _tame_malloc()
+    tame_malloc()
     from daemon.service import Service
 
     logging.getLogger("asyncio").setLevel(logging.CRITICAL)
@@ -83,7 +83,7 @@ def _fill_standard_files() -> None:
             os.open(os.devnull, os.O_RDWR)
 
 
-def _tame_malloc() -> None:
+def tame_malloc() -> None:
     """One arena for all threads, and large arrays given back: glibc otherwise keeps some 50 MB of pictures long gone.
 
     Before anything starts a thread. Without glibc nothing happens. Source: mallopt(3).

@@ -30,6 +30,8 @@ _LEAST_SOLIDITY, _CONVEX_SOLIDITY = 0.55, 0.88
 """Share of its hull that a region must fill, and that one fills whose border is convex but for noise."""
 _LEAST_AREA, _LEAST_BORDER = 12.0, 10
 """Pixels of its scale in a region, and in its border."""
+_STRIP = 32
+"""Rows of a scale that are made at once."""
 _SPECKLED = 0.3
 """Share of pixels on edges that is more than parts have: grain, print, a rough table."""
 _MOST_HOLES = 40
@@ -108,9 +110,10 @@ def smoothed(image: Grey, noise: Noise) -> Fine:
 
 def shrunk(image: Grey, noise: Noise, shrink: int) -> Scale:
     """The gradient of all of an image stretched to a noise of sigma 1, at pixels of shrink x shrink."""
-    unit = cv2.LUT(image, noise.stretch)
-    small = cv2.resize(unit, None, fx=1 / shrink, fy=1 / shrink, interpolation=cv2.INTER_AREA)
-    strength = _gradient(small, shrink)
+    step = _STRIP * shrink  # in strips: a whole image of float32 is fresh memory, whose page faults cost more than all
+    strips = (cv2.LUT(image[top : top + step], noise.stretch) for top in range(0, len(image), step))
+    small = [cv2.resize(s, None, fx=1 / shrink, fy=1 / shrink, interpolation=cv2.INTER_AREA) for s in strips]
+    strength = _gradient(np.concatenate(small), shrink)
     return Scale(shrink, np.full(2, (shrink - 1) / 2), strength, _grain(strength))
 
 
