@@ -23,14 +23,11 @@ from daemon.store.outside import FileError, read_file
 
 T = TypeVar("T")
 Key = str | int
-LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-"""libyaml's where there is one (PyYAML's own packages have it): a tenth of the time."""
 UNIONS = (typing.Union, types.UnionType)
 ODD_NUMBER = re.compile(r"[-+]?(0[0-7_]+|[0-9_.]+(:[0-9_.]+)+)")
 """What YAML 1.1 takes for octal or for minutes and seconds, where a person means a number with zeros, or a time."""
-
-
 LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+"""libyaml's where there is one (PyYAML's own packages have it): a tenth of the time."""
 LARGEST_BYTES = 1_000_000
 MOST_VALUES, DEEPEST = 50_000, 40
 """Values that a file may come to with its aliases written out, and lists within lists."""
