@@ -436,7 +436,7 @@ def test_a_thousand_idle_clients_keep_nobody_from_a_stop(tmp_path: Path) -> None
     (refused, stopped, interrupted), open_now = listening(tmp_path, use, context=context)
     assert (refused["done"]["status"], "too many connections" in refused["done"]["text"]) == (1, True)
     assert stopped["done"]["status"] == 0
-    assert "Stopped" in interrupted["stopped"]
+    assert interrupted["stopped"] == "Nothing moves."
     assert len([what for what in context.cycle.told if what.startswith("stop")]) == 2
     assert open_now < MOST_EACH + MOST_TO_STOP + 30, "the daemon holds no more than it has room for"
 

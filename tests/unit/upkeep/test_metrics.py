@@ -83,5 +83,5 @@ def test_a_port_that_is_taken_is_one_line_with_its_key(port: int) -> None:
 
 def test_without_the_library_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "prometheus_client", None)
-    with pytest.raises(ConfigError, match=r"metrics\.port: needs the extra `metrics`: pip install 'facetd\[metrics\]'"):
+    with pytest.raises(ConfigError, match=r"metrics\.port: needs an extra: make -C \S+ extra-metrics"):
         MetricsServer(watched(), 0).open()
