@@ -49,8 +49,8 @@ from tests.worlds.made_run import MadeRun
 ETC = HOUSE / "etc"
 WORDS = (
     b"[", b"]", b"{", b"}", b'"', b"'", b":", b",", b"\n", b"\0", b"\xff", b"\x1b[2J", b"- ", b"&a ", b"*a",
-    b"!!binary ",    b"!!python/object:os.system ", b"<<: ", b"null", b"true", b"NaN", b"Infinity", b"-1", b"1e999", b"0777", b"1:30",
-    b"9" * 400, b"../../etc/hostname", b"/etc/hostname", b"/dev/zero", b"[" * 2000, b'{"a":' * 2000, b"a: {" * 500,
+    b"!!binary ", b"!!python/object:os.system ", b"<<: ", b"null", b"true", b"NaN", b"Infinity", b"-1", b"1e999", b"0777",
+    b"1:30",     b"9" * 400, b"../../etc/hostname", b"/etc/hostname", b"/dev/zero", b"[" * 2000, b'{"a":' * 2000, b"a: {" * 500,
     b"stop", b"\x03", b"vertex 1 2 3\n", b"f 1 2 3\n", b"f -1 -2 -9\n", b"v nan inf 0\n", b"\xed\xa0\x80", b" " * 3000,
 )  # fmt: skip
 VALUES: tuple[Any, ...] = (
