@@ -48,11 +48,12 @@ from tests.worlds.made_run import MadeRun
 
 ETC = HOUSE / "etc"
 WORDS = (
-    b"[", b"]", b"{", b"}", b'"', b"'", b":", b",", b"\n", b"\0", b"\xff", b"\x1b[2J", b"- ", b"&a ", b"*a",
-    b"!!binary ", b"!!python/object:os.system ", b"<<: ", b"null", b"true", b"NaN", b"Infinity", b"-1", b"1e999", b"0777",
-    b"1:30",     b"9" * 400, b"../../etc/hostname", b"/etc/hostname", b"/dev/zero", b"[" * 2000, b'{"a":' * 2000, b"a: {" * 500,
-    b"stop", b"\x03", b"vertex 1 2 3\n", b"f 1 2 3\n", b"f -1 -2 -9\n", b"v nan inf 0\n", b"\xed\xa0\x80", b" " * 3000,
-)  # fmt: skip
+    *(bytes([k]) for k in b"[]{}\"':,-\n\0\xff"),
+    *(b"- ", b"&a ", b"*a", b"<<: ", b"!!binary ", b"!!python/object:os.system ", b"0777", b"1:30", b"a: {" * 500),
+    *(b"null", b"true", b"NaN", b"Infinity", b"-1", b"1e999", b"9" * 400, b"[" * 2000, b'{"a":' * 2000, b" " * 3000),
+    *(b"../../etc/hostname", b"/etc/hostname", b"/dev/zero", b"\x1b[2J", b"\xed\xa0\x80", b"stop", b"\x03"),
+    *(b"vertex 1 2 3\n", b"f 1 2 3\n", b"f -1 -2 -9\n", b"v nan inf 0\n"),
+)
 VALUES: tuple[Any, ...] = (
     None,
     True,
@@ -177,10 +178,12 @@ def _stored(archive: bytes) -> bytes:
 def _pictures() -> tuple[bytes, ...]:
     image = np.random.default_rng(1).integers(0, 255, (24, 32), np.uint8)
     found = tuple(cv2.imencode(kind, image)[1].tobytes() for kind in (".png", ".jpg", ".bmp", ".pgm"))
-    return (*found, *(_claiming(side) for side in (4000, 30_000, 2**31 - 1)))
+    return (*found, *(claiming(side) for side in (4000, 30_000, 2**31 - 1)))
 
 
-def _claiming(side: int) -> bytes:
+def claiming(side: int) -> bytes:
+    """A PNG that says it is so large, and holds a few bytes."""
+
     def chunk(kind: bytes, data: bytes) -> bytes:
         return len(data).to_bytes(4, "big") + kind + data + zlib.crc32(kind + data).to_bytes(4, "big")
 
