@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import errno
+import shutil
 import time
 from collections.abc import Awaitable, Callable
 from pathlib import Path
@@ -264,3 +266,36 @@ def test_while_a_stop_is_under_way_the_line_is_the_stops_and_opened_again_only_w
         assert watched.open.called is not connected  # type: ignore[attr-defined]
 
     watching(tmp_path, play)
+
+
+def test_a_run_removed_under_the_daemon_is_told_and_the_log_goes_on_in_a_new_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told: list[str] = []
+    monkeypatch.setattr("daemon.upkeep.journal.tell", lambda _, text, *__: told.append(text))
+    watched = WatchedCell(tmp_path)
+    first = watched.run_log.folder
+    watched.context.roll_if_due = lambda: watched.run_log.roll(tmp_path / "runs" / "next")
+    watch = Watch(watched.context)
+    watch._check_folder()
+    assert told == []
+    shutil.rmtree(tmp_path / "runs")
+    watch._check_folder()
+    watched.run_log.record("decision", text="after")
+    watched.run_log.close()
+    assert told == [f"log: {first} was removed while it was written; the log goes on in {tmp_path / 'runs' / 'next'}"]
+    assert [r["kind"] for r in read_run(tmp_path / "runs" / "next").records] == ["decision", "run_end"]
+
+
+def test_a_folder_for_runs_that_cannot_be_made_again_is_a_trouble_until_it_can(tmp_path: Path) -> None:
+    watched = WatchedCell(tmp_path)
+
+    def full() -> None:
+        raise OSError(errno.ENOSPC, "No space left on device", str(tmp_path / "runs"))
+
+    watched.context.roll_if_due = full
+    shutil.rmtree(tmp_path / "runs")
+    Watch(watched.context)._check_folder()
+    assert watched.context.troubles.standing["log"].endswith("No space left on device; free some space there")
+    asyncio.run(Watch(watched.context)._keep_quota())
+    watched.run_log.close()
