@@ -46,7 +46,7 @@ build() {
     "${PYTHON:-python3}" -m venv "$release/venv"
     # In place, so that the files in etc/ are found beside the program.
     # shellcheck disable=SC2086
-    "$release/venv/bin/pip" install -q ${FACETD_PIP:-} -e "$release[metrics]"
+    "$release/venv/bin/pip" install -q ${FACETD_PIP:-} -e "$release[metrics,live]"
     if [ "${FACETD_APT:-yes}" = yes ]; then
         "$release/deploy/systemd-extra.sh" "$release/venv/bin/pip"
     fi
@@ -78,6 +78,7 @@ settings() {
 
 system_files() {
     install -D -m 0644 "$house/deploy/facetd.service" "$root/etc/systemd/system/facetd.service"
+    install -D -m 0644 "$house/deploy/facetd-live.service" "$root/etc/systemd/system/facetd-live.service"
     install -D -m 0644 "$house/deploy/facetd.sysusers" "$root/usr/lib/sysusers.d/facetd.conf"
     install -D -m 0644 "$house/deploy/facetd.tmpfiles" "$root/usr/lib/tmpfiles.d/facetd.conf"
     install -D -m 0644 "$house/deploy/facetd.catalog" "$root/usr/lib/systemd/catalog/facetd.catalog"
@@ -170,7 +171,7 @@ do_remove() {
         say "kept your $rules"
     fi
     rm -rf "$opt"
-    rm -f "$root/etc/systemd/system/facetd.service" "$root/usr/lib/sysusers.d/facetd.conf" \
+    rm -f "$root/etc/systemd/system/facetd.service" "$root/etc/systemd/system/facetd-live.service" "$root/usr/lib/sysusers.d/facetd.conf" \
         "$root/usr/lib/tmpfiles.d/facetd.conf" "$root/usr/lib/systemd/catalog/facetd.catalog" \
         "$root/usr/local/bin/facetctl" "$root/usr/local/bin/facetd" "$root$completion"
     [ -n "$root" ] || journalctl --update-catalog

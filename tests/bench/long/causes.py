@@ -126,7 +126,6 @@ PLANTS: dict[str, Plant] = {
     "gripper opens too little": Plant("gripper", truth=_gripper(opening_mm=40.0)),
     "out of focus": Plant("lens out of focus or dirty", truth=_sensor(blur_px=4.5)),
     "light off": Plant("light off", truth=_dark(0.02)),
-    "burnt out": Plant("burnt out", truth=_dark(60.0)),
     "wrong part": Plant("not taught", label="l_block"),
 }  # fmt: skip
 
