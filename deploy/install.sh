@@ -46,7 +46,7 @@ build() {
     "${PYTHON:-python3}" -m venv "$release/venv"
     # In place, so that the files in etc/ are found beside the program.
     # shellcheck disable=SC2086
-    "$release/venv/bin/pip" install -q ${FACETD_PIP:-} -e "$release[metrics]"
+    "$release/venv/bin/pip" install -q ${FACETD_PIP:-} -e "$release[metrics,live]"
     if [ "${FACETD_APT:-yes}" = yes ]; then
         "$release/deploy/systemd-extra.sh" "$release/venv/bin/pip"
     fi
@@ -92,6 +92,7 @@ settings() {
 
 system_files() {
     put "$house/deploy/facetd.service" "$root/etc/systemd/system/facetd.service"
+    put "$house/deploy/facetd-live.service" "$root/etc/systemd/system/facetd-live.service"
     put "$house/deploy/facetd.sysusers" "$root/usr/lib/sysusers.d/facetd.conf"
     put "$house/deploy/facetd.tmpfiles" "$root/usr/lib/tmpfiles.d/facetd.conf"
     put "$house/deploy/facetd.catalog" "$root/usr/lib/systemd/catalog/facetd.catalog"
@@ -190,7 +191,7 @@ do_remove() {
         say "kept your $rules"
     fi
     rm -rf "$opt"
-    rm -f "$root/etc/systemd/system/facetd.service" "$root/usr/lib/sysusers.d/facetd.conf" \
+    rm -f "$root/etc/systemd/system/facetd.service" "$root/etc/systemd/system/facetd-live.service" "$root/usr/lib/sysusers.d/facetd.conf" \
         "$root/usr/lib/tmpfiles.d/facetd.conf" "$root/usr/lib/systemd/catalog/facetd.catalog" \
         "$root/usr/local/bin/facetctl" "$root/usr/local/bin/facetd" "$root$completion"
     [ -n "$root" ] || journalctl --update-catalog

@@ -37,6 +37,15 @@ def test_the_units_exposure_is_at_most_one_and_a_half() -> None:
     assert float(found[1]) <= 1.5
 
 
+def test_the_live_pages_unit_has_no_device_and_only_the_loopback_interface() -> None:
+    lines = (DEPLOY / "facetd-live.service").read_text().splitlines()
+    wanted = {"DynamicUser=yes", "PrivateDevices=yes", "IPAddressDeny=any", "IPAddressAllow=localhost"}
+    assert wanted <= set(lines)
+    assert not [
+        line for line in lines if line.startswith(("Requires=", "BindsTo=", "PartOf="))
+    ]  # it outlives the daemon
+
+
 def test_the_unit_waits_for_ready_feeds_a_watchdog_and_does_not_restart_on_a_bad_configuration() -> None:
     settings = unit()
     assert settings["Type"] == ["notify"]
