@@ -92,19 +92,21 @@ class Noise:
 
 @dataclass(frozen=True, eq=False)
 class NoiseOfMany:
-    """The noise of several images, at places (R,) of which each is in one: sigma (images, 256), image (R,)."""
+    """The noise of several images, at places (R,) of which each is in one: sigma (images, 256), first (R,) where that
+    image's begin among all.
+    """
 
     sigma: Array
-    image: NDArray[np.intp]
+    first: NDArray[np.intp]
 
     def at(self, level: Array) -> Array:
         """Sigma in grey levels at these grey levels (..., R)."""
-        return np.asarray(self.sigma.take(np.minimum(np.maximum(level.astype(np.intp), 0), 255) + 256 * self.image))
+        return np.asarray(self.sigma.take(level.clip(0.0, 255.0).astype(np.intp) + self.first))
 
 
 def noise_of_many(noises: Sequence[Noise], counts: NDArray[np.intp]) -> NoiseOfMany:
     """The noise at so many places in each image, one image after the other."""
-    return NoiseOfMany(np.stack([n.sigma for n in noises]), np.repeat(np.arange(len(noises)), counts))
+    return NoiseOfMany(np.array([n.sigma for n in noises]), (256 * np.arange(len(noises))).repeat(counts))
 
 
 def measure_noise(image: Grey) -> Noise:
