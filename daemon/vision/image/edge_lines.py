@@ -111,7 +111,7 @@ def find_sides(
     shifted = np.minimum(np.maximum(shifted + np.arange(width, dtype=np.int32), 0), last)
     shifted += (np.arange(len(start) * BLOCKS, dtype=np.int32) * width).reshape(len(start), -1, 1, 1)
     lines = np.abs(slopes.ravel().take(shifted).sum(1))
-    lines *= (np.exp(-0.5 * (places / sigma_px[:, None]) ** 2) * within)[:, None]
+    lines *= (np.exp(-0.5 * (places / sigma_px[:, None]) ** 2) * within).astype(np.float32)[:, None]
     best, each = lines.reshape(len(start), -1).argmax(1), np.arange(len(start))
     tilt, offset = tilts[each, best // width], places[each, best % width] + expected_px
     chord = end - start
