@@ -119,7 +119,9 @@ def profiles(images: Sequence[Fine], cuts: Sequence[int], calipers: Calipers, of
     )
 
 
-def stretch_profiles(images: Images, start: Array, end: Array, trim_px: float, offsets: Array, bias_px: Array) -> Image32:
+def stretch_profiles(
+    images: Images, start: Array, end: Array, trim_px: float, offsets: Array, bias_px: Array
+) -> Image32:
     """Mean profiles (S, BLOCKS, C) of equal stretches of straight sides (S, 2), (S, 2) px.
 
     offsets (C,) px, counted from each side's bias_px (S,), outwards; trim_px is left out at either end.

@@ -154,7 +154,8 @@ def _variance_curve(rows: Array) -> Array:
     own = np.where(_BOTH_USED, normal, _UNIT)  # each with the rest of its unknowns zero
     wanted = right * _USED
     factors = np.linalg.solve(own + 1e-9 * own * _UNIT, wanted[:, :, None])[..., 0]
-    error = np.where((factors < 0).any(1), np.inf, -(factors * wanted).sum(1))  # of a least-squares fit, less a constant
+    # Of a least-squares fit, less a constant.
+    error = np.where((factors < 0).any(1), np.inf, -(factors * wanted).sum(1))
     if not np.isfinite(error.min()):
         return np.full(256, float(np.median(variance)))
     return np.asarray(_POWERS @ factors[np.argmin(error)])
