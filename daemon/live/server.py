@@ -13,6 +13,7 @@ from typing import Any
 from daemon.errors import FacetdError
 from daemon.live.follow import RunFollower, follow_daemon
 from daemon.live.now import Now
+from daemon.store.places import how_to_add
 
 LOOPBACK = "127.0.0.1"
 SEND_S, ALIVE_S = 0.3, 10.0
@@ -36,7 +37,7 @@ def serve(port: int, socket_path: Path | None) -> None:
     try:
         import uvicorn
     except ImportError:
-        raise LiveError("needs the extra `live`: pip install 'facetd[live]'") from None
+        raise LiveError(f"needs an extra: {how_to_add('live')}") from None
     config = uvicorn.Config(
         app(socket_path), LOOPBACK, port, log_level="error", access_log=False, timeout_graceful_shutdown=1
     )
@@ -57,7 +58,7 @@ def app(socket_path: Path | None) -> Any:
         from starlette.responses import FileResponse, Response, StreamingResponse
         from starlette.routing import Route
     except ImportError:
-        raise LiveError("needs the extra `live`: pip install 'facetd[live]'") from None
+        raise LiveError(f"needs an extra: {how_to_add('live')}") from None
     now = Now()
     run = RunFollower(now)
 
