@@ -55,7 +55,7 @@ def app(socket_path: Path | None) -> Any:
         from starlette.middleware import Middleware
         from starlette.middleware.trustedhost import TrustedHostMiddleware
         from starlette.requests import Request
-        from starlette.responses import FileResponse, Response, StreamingResponse
+        from starlette.responses import Response, StreamingResponse
         from starlette.routing import Route
     except ImportError:
         raise LiveError(f"needs an extra: {how_to_add('live')}") from None
@@ -79,10 +79,10 @@ def app(socket_path: Path | None) -> Any:
         return StreamingResponse(changes(now), media_type="text/event-stream", headers={"Cache-Control": "no-store"})
 
     async def picture(request: Request) -> Response:
-        path = run.picture(request.path_params["seq"], request.path_params["eye"])
-        if path is None:
+        content = run.picture(request.path_params["seq"], request.path_params["eye"])
+        if content is None:
             return Response(status_code=404)
-        return FileResponse(path, media_type="image/png", headers={"Cache-Control": "no-store"})
+        return Response(content, media_type="image/png", headers={"Cache-Control": "no-store"})
 
     live, review = resources.files("daemon.live") / "assets", resources.files("daemon.review") / "assets"
     routes = [
