@@ -39,7 +39,7 @@ build() {
     say "building $release"
     mkdir -p "$release"
     trap 'rm -rf "$release"' EXIT
-    for item in daemon drivers etc deploy pyproject.toml README.md LICENSE; do
+    for item in daemon drivers etc deploy docs pyproject.toml README.md LICENSE; do
         [ -e "$house/$item" ] && cp -a "$house/$item" "$release/"
     done
     find "$release" -name __pycache__ -prune -exec rm -rf {} +
