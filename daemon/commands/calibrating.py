@@ -34,7 +34,7 @@ from daemon.store.calibrations import CONFIGURED
 
 KINDS = ("stereo", "by-hand", "hand-eye", "verify", "touch")
 KEPT = ("list", "use")
-USAGE = "calibrate stereo|by-hand|hand-eye|verify|touch [CxR SQUARE_MM [charuco]] | calibrate list | calibrate use N"
+USAGE = "calibrate stereo|by-hand|hand-eye|verify|touch [CxR SQUARE_MM [charuco]] | list | use N"
 POSES = {"stereo": 28, "hand-eye": 24, "verify": 8, "touch": 0}
 USUAL_BOARD = ("9x6", "16")
 SPEED_PCT = 60.0

@@ -42,7 +42,8 @@ def describe(file: ModelFile) -> Told:
         "nodes": nodes,
     }  # fmt: skip
     lines = [
-        f"trained {file.trained or 'at an unknown time'}, {plural(len(parts), 'part')}, {plural(len(model.views), 'view')}"
+        f"trained {file.trained or 'at an unknown time'}, {plural(len(parts), 'part')}, "
+        f"{plural(len(model.views), 'view')}"
     ]
     lines += [f"rho {p.rho:g}, alpha {p.alpha:g}, beta {p.beta:g}, matrix {model.matrix_size}x{model.matrix_size}, "
               f"{'complement-coded' if p.complement else 'raw'}"]  # fmt: skip
