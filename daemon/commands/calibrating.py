@@ -143,11 +143,10 @@ async def _taken_over(context: CommandContext, after: Calibration) -> list[str]:
 def _list(context: CommandContext, words: list[str]) -> Answer:
     no_more(words, 1, USAGE)
     calibrations = context.config.calibrations
-    rows = [
-        f"{number:>4}  {calibrations.made(number)}  {'in use' if number == calibrations.current else '':<6}  "
-        f"{calibrations.path(number)}"
-        for number in (CONFIGURED, *calibrations.numbers())
-    ]
+    rows = [f"{'':>4}  {'written (UTC)':<16}"]
+    for number in (CONFIGURED, *calibrations.numbers()):
+        in_use = "in use" if number == calibrations.current else ""
+        rows.append(f"{number:>4}  {calibrations.made(number)}  {in_use:<6}  {calibrations.path(number)}")
     return Answer("\n".join(rows), {"current": calibrations.current, "numbers": calibrations.numbers()})
 
 

@@ -25,7 +25,7 @@ from daemon.console.interpreter import (
     one_of,
     yes_or_no,
 )
-from daemon.console.phrases import is_yes, plural
+from daemon.console.phrases import plural
 from daemon.pick.looking import Look
 from daemon.store.outside import read_file
 from daemon.store.yamlfile import LARGEST_BYTES
@@ -84,7 +84,7 @@ async def _teach_what_is_shown(context: CommandContext, label: str, door: Door) 
     named = _named_otherwise(seen, label)
     if named:
         await door.say(f"The model in use takes this for {named}.")
-    if door.asks and not is_yes(await door.ask(f"Is this the {label}, alone and whole? [y/n]")):
+    if door.asks and not await yes_or_no(door, f"Is this the {label}, alone and whole? [y/n]"):
         return Answer("Not kept. Turn it or light it better, and say `teach` again.", {"kept": False}, NOT_DONE)
     note = teaching_note(door.who, _digest(context), table, seen.scene)
     view = await asyncio.to_thread(context.trainer.store, label, left, right, note)
@@ -153,7 +153,7 @@ async def forget(context: CommandContext, words: list[str], door: Door) -> Answe
     label = one_of(words, 0, context.trainer.model_store.labels(), "label with views", forget.usage)
     which = number(words[1], "NUMBER", 1, 9999) if len(words) > 1 else None
     what = f"view {label}/{which}" if which else f"all views of {label}"
-    if door.asks and not is_yes(await door.ask(f"Remove {what} for good? [y/n]")):
+    if door.asks and not await yes_or_no(door, f"Remove {what} for good? [y/n]"):
         return Answer("Nothing is removed.", {"removed": 0}, NOT_DONE)
     removed = context.trainer.model_store.drop_views(label, which)
     await simulated_hand.know_drawings(context)
@@ -178,7 +178,7 @@ async def _label(context: CommandContext, words: list[str], door: Door, shown: b
     hint = f"; did you mean {close[0]}?" if close else f" (known: {', '.join(context.parts)})"
     if (shown and context.hardware.hand is not None) or not door.asks:
         raise CommandError(f"{label}: no such part{hint} Add a new one to parts.yaml.", NOT_UNDERSTOOD)
-    if not is_yes(await door.ask(f"{label} is not in parts.yaml{hint} Teach it as a new part? [y/n]")):
+    if not await yes_or_no(door, f"{label} is not in parts.yaml{hint} Teach it as a new part? [y/n]"):
         raise CommandError("not taught")
     return label
 

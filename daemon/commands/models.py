@@ -17,8 +17,9 @@ from daemon.console.interpreter import (
     no_more,
     number,
     one_of,
+    yes_or_no,
 )
-from daemon.console.phrases import is_yes, plural
+from daemon.console.phrases import plural
 from daemon.store.model_store import ModelStore
 from daemon.teaching.trainer import ViewVerdict
 
@@ -139,7 +140,7 @@ async def _not_amid_a_pick(context: CommandContext, door: Door) -> None:
     what = "auto is on" if state["auto"] else "a pick is under way"
     if not door.asks:
         raise CommandError(f"{what}: the next part would be picked with another model; wait, or `auto off` first")
-    if not is_yes(await door.ask(f"{what}: the next part will be picked with another model. Change it now? [y/n]")):
+    if not await yes_or_no(door, f"{what}: the next part will be picked with another model. Change it now? [y/n]"):
         raise CommandError("the model stays")
 
 

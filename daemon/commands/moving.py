@@ -22,7 +22,7 @@ from daemon.console.interpreter import (
     yes_or_no,
 )
 from daemon.console.notices import Level
-from daemon.console.phrases import cut_off, is_yes, plural
+from daemon.console.phrases import cut_off, plural
 from daemon.pick.outcome import CycleEnd, Outcome
 
 T = TypeVar("T")
@@ -60,7 +60,7 @@ async def _by_hand_only(context: CommandContext, door: Door) -> Let:
     lack = f"{context.config.calibration} has no hand_eye yet"
     if not door.asks:
         raise CommandError(f"{lack} (a ruler's guess will do to calibrate with); for `robot cal` enable at a console")
-    if not is_yes(await door.ask(f"{lack}. Enable the arm for `robot cal` and `robot monitor` only? [y/n]")):
+    if not await yes_or_no(door, f"{lack}. Enable the arm for `robot cal` and `robot monitor` only? [y/n]"):
         raise CommandError(f"not enabled: {lack}")
     return Let.BY_HAND
 

@@ -11,8 +11,18 @@ from daemon import frames
 from daemon.arrays import Array
 from daemon.commands.moving import with_questions
 from daemon.console.context import CommandContext
-from daemon.console.interpreter import NOT_DONE, NOT_UNDERSTOOD, Answer, CommandError, Door, command, no_more, one_of
-from daemon.console.phrases import is_yes, plural
+from daemon.console.interpreter import (
+    NOT_DONE,
+    NOT_UNDERSTOOD,
+    Answer,
+    CommandError,
+    Door,
+    command,
+    no_more,
+    one_of,
+    yes_or_no,
+)
+from daemon.console.phrases import plural
 from daemon.store.named_places import NamedPlaces
 
 AXES = {
@@ -119,8 +129,8 @@ async def here(context: CommandContext, words: list[str], door: Door) -> Answer:
     before = kept(context).now().get(name)
     if before is not None and door.asks:
         apart = float(np.linalg.norm(pose[:3, 3] - before[:3, 3]))
-        if not is_yes(
-            await door.ask(f"{name} is {apart:.1f} mm from here so far. Name this place {name} instead? [y/n]")
+        if not await yes_or_no(
+            door, f"{name} is {apart:.1f} mm from here so far. Name this place {name} instead? [y/n]"
         ):
             return Answer("Nothing is changed.", status=NOT_DONE)
     kept(context).keep(name, pose, door.who)

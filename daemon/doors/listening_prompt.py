@@ -33,6 +33,8 @@ NOT_THERE = "no daemon answers at present"
 AGAIN = "A daemon answers again: see its `status`, then say anew what is still wanted."
 SEEK_S = 0.5
 """How often a daemon that went away is sought again."""
+ROOM_TO_ANSWER = 4
+"""Columns kept free behind a question."""
 LONGEST_MESSAGE = 16_000_000
 
 
@@ -106,7 +108,8 @@ class ListeningPrompt:
 
     def _prompt(self) -> str:
         if self._asked is not None:
-            return f"{self._asked[1]} "
+            columns = max(self._session.output.get_size().columns, NARROWEST)
+            return "\n".join(fold(self._asked[1], columns - ROOM_TO_ANSWER)) + " "
         return f"({next(iter(self._unanswered.values()))}) {PROMPT}" if self._unanswered else PROMPT
 
     def _keys(self) -> KeyBindings:

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from daemon.console.phrases import plural
 from daemon.store.model import ModelFile
 from daemon.vision.geometry import Polyhedron
 from daemon.vision.model import Model
@@ -40,7 +41,10 @@ def describe(file: ModelFile) -> Told:
         "parts": parts,
         "nodes": nodes,
     }  # fmt: skip
-    lines = [f"trained {file.trained or 'at an unknown time'}, {len(parts)} parts, {len(model.views)} views"]
+    lines = [
+        f"trained {file.trained or 'at an unknown time'}, {plural(len(parts), 'part')}, "
+        f"{plural(len(model.views), 'view')}"
+    ]
     lines += [f"rho {p.rho:g}, alpha {p.alpha:g}, beta {p.beta:g}, matrix {model.matrix_size}x{model.matrix_size}, "
               f"{'complement-coded' if p.complement else 'raw'}"]  # fmt: skip
     lines += ["", *_columns(

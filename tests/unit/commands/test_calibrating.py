@@ -45,8 +45,8 @@ def test_calibrations_are_listed_and_gone_back_to(context: Any) -> None:
     calibrations.keep(b"version: 1\n")
     assert say(context, "calibrate use 1").text == "Calibration 1 is in use. Taken over."
     rows = say(context, "calibrate list", FakeDoor(may="look")).text.splitlines()
-    assert len(rows) == 3
-    assert "in use" in rows[1]
+    assert len(rows) == 4
+    assert "in use" in rows[2]
     broken = say(context, "calibrate use 2")
     assert broken.status == 1
     assert calibrations.current == 1, "what cannot be used is not taken over"
