@@ -128,3 +128,11 @@ def test_a_text_of_any_length_fits(path: Path) -> None:
     left = left_behind(path, ran_before=True)
     assert left is not None
     assert left.damage == ""
+
+
+def test_a_closed_file_is_let_go_and_may_be_closed_again(path: Path) -> None:
+    before = len(os.listdir("/proc/self/fd"))
+    file = StandingFile(path)
+    file.close()
+    file.close()
+    assert len(os.listdir("/proc/self/fd")) == before
