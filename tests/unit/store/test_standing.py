@@ -136,3 +136,10 @@ def test_a_closed_file_is_let_go_and_may_be_closed_again(path: Path) -> None:
     file.close()
     file.close()
     assert len(os.listdir("/proc/self/fd")) == before
+
+
+@pytest.mark.parametrize("event", [{"from": "paused", "event": "resume"}, {"from": "fault", "event": "stop"}])
+def test_only_a_resume_from_a_fault_settles_a_doubt(event: dict[str, str]) -> None:
+    doubtful = after(Standing("b"), "left", {"run": "a", "cycle": 2, "hand_closed": True})
+    assert after(doubtful, "state", {**event, "to": "survey"}).in_doubt
+    assert not after(doubtful, "state", {"from": "fault", "event": "resume", "to": "idle"}).in_doubt
