@@ -7,6 +7,7 @@ import sys
 import pytest
 
 from daemon import ctl
+from daemon.store import places
 
 
 def test_without_its_libraries_it_says_what_to_install(
@@ -16,4 +17,4 @@ def test_without_its_libraries_it_says_what_to_install(
     assert ctl.main(["live"]) == 2
     error = capsys.readouterr().err
     assert error.count("\n") == 1
-    assert "facetd[live]" in error
+    assert places.how_to_add("live") in error
