@@ -20,23 +20,33 @@ help:
 	@echo "make bench-soak   2,000 accelerated cycles: memory and file handles over time (hours)"
 
 setup: $(VENV)/.runtime
+	@echo "== ready. To try it: . $(VENV)/bin/activate, then"
+	@echo "   facetd --sim              in one window: a cell in simulation"
+	@echo "   facetctl console          in another: help, teach cube, train, enable, pick cube"
+	@echo "   README.md leads on; deploy/install.sh installs the service on a cell's own computer"
+
+# One of the program's extras, such as extra-export. PIP_ARGS: an index, or a folder of wheels (--no-index --find-links DIR).
+extra-%: $(VENV)/.runtime
+	@$(BIN)/pip install -q $(PIP_ARGS) -e '.[$*]'
+	@echo "== the extra $* is there now"
 
 $(VENV)/.runtime: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "facetd needs Python 3.11 or newer; $(PYTHON) is older. Set PYTHON=..."; exit 2; }
 	@echo "== setting up $(VENV) (once; a minute or two)"
 	@$(PYTHON) -m venv $(VENV) || { echo "cannot make a virtual environment: apt-get install python3-venv"; exit 2; }
-	@$(BIN)/pip install -q -e '.[review]'
+	@$(BIN)/pip install -q -e .
 	@deploy/systemd-extra.sh $(BIN)/pip
 	@touch $@
 
 $(VENV)/.dev: $(VENV)/.runtime
 	@echo "== installing the test tools (once; a minute or two)"
-	@$(BIN)/pip install -q -e '.[dev,metrics,review,export]'
+	@$(BIN)/pip install -q -e '.[dev,metrics,live,export]'
 	@tests/browser.sh
 	@touch $@
 
 demo: $(VENV)/.runtime
 	$(BIN)/facetctl demo $(DEMO)
+	@echo "== to go on by hand: make setup tells how"
 
 check: $(VENV)/.dev
 	$(BIN)/ruff check
@@ -60,7 +70,9 @@ bench-faults: $(VENV)/.dev
 	$(BIN)/python -m tests.bench.long.kill
 	$(BIN)/python -m tests.bench.long.travels 100000
 	$(BIN)/python -m tests.bench.long.surprises 1000000
+	$(BIN)/python -m tests.bench.long.hostile 1000000
 	$(BIN)/python -m tests.bench.long.mutations
+	$(BIN)/python -m tests.bench.long.mutations --rooms store doors review
 
 bench-soak: $(VENV)/.dev
 	$(BIN)/python -m tests.bench.long.soak

@@ -2,7 +2,7 @@
 
 import os
 
-# BLAS would start a thread a core for matrices of a few dozen rows, and spend its time waking them; it reads these
-# when numpy is first imported, which is after this package.
-for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+# BLAS and OpenCV would start a thread a core for matrices of a few dozen rows and pictures of a few hundred, and spend
+# their time waking them; they read these when they are first imported or first work, which is after this package.
+for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"):
     os.environ.setdefault(_name, "1")

@@ -2,12 +2,12 @@
 
 Sections `cameras`, `arm.dialect` and the simulated cell belong to drivers and are typed where drivers are named
 (daemon/cell/sections.py), through the same Document, so that their errors name file, line and key as well. Paths in the
-file are relative to the file. Nothing is opened here but the file itself.
+file are relative to the file. Nothing is opened here but the file itself, and what says which calibration is in use.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -16,6 +16,7 @@ from msgspec import Meta
 from daemon.pick.settings import Settings
 from daemon.quantities import Coordinate, Name
 from daemon.store import places
+from daemon.store.calibrations import Calibrations, CalibrationsError
 from daemon.store.yamlfile import ConfigError, Document, read
 from daemon.vision.settings import VisionSettings
 
@@ -112,9 +113,11 @@ class Terminal:
 
 @dataclass(frozen=True, kw_only=True)
 class Console:
-    """The operators' doors: the socket's group (None: the daemon's own), and a serial terminal where there is one."""
+    """The operators' doors: the socket's group (None: the daemon's own), a group whose members may only look (None:
+    nobody else comes in), and a serial terminal where there is one."""
 
     group: Name | None = None
+    look_group: Name | None = None
     tty: Terminal | None = None
 
 
@@ -166,12 +169,14 @@ class _File:
 class Config:
     """The whole configuration: `values` as the file has it, `document` to name lines in, paths made absolute.
 
-    notes: a line for each key in the file that is no longer one.
+    calibration: the file in use, the configuration's or one made here; notes: a line for each key in the file that is
+    no longer one, and for what else is not as it may seem.
     """
 
     values: _File
     document: Document
     kind: Kind
+    calibration: Path = field(default_factory=Path)
     notes: tuple[str, ...] = ()
 
     @property
@@ -184,9 +189,9 @@ class Config:
         return (self.path.resolve().parent / Path(name).expanduser()).resolve()
 
     @property
-    def calibration(self) -> Path:
-        """calibration.yaml."""
-        return self.file(self.values.files.calibration)
+    def calibrations(self) -> Calibrations:
+        """Those made here, and the one that the file names."""
+        return Calibrations(self.state, self.kind, self.file(self.values.files.calibration))
 
     @property
     def state(self) -> Path:
@@ -214,7 +219,14 @@ def load_config(path: Path, simulated: bool = False) -> Config:
     values = document.convert(_File)
     for check in (_check_limits, _check_stops, _check_depth, _check_files):
         check(document, values)
-    return Config(values, document, "simulated" if simulated else values.cell, tuple(notes))
+    config = Config(values, document, "simulated" if simulated else values.cell)
+    try:
+        made, old = config.calibrations.in_use, config.calibrations.passed_over
+    except CalibrationsError as error:
+        raise ConfigError(str(error)) from None
+    if old is not None:
+        notes.append(f"{made} is another than it was: it is used, not calibration {old} (`calibrate use {old}`)")
+    return replace(config, calibration=made, notes=tuple(notes))
 
 
 def _check_limits(document: Document, values: _File) -> None:

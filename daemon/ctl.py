@@ -6,16 +6,23 @@ Exit status: 0 done, 1 not done (refused, missed), 2 not understood, or no daemo
 from __future__ import annotations
 
 import argparse
+import difflib
 import importlib
-import importlib.util
+import importlib.metadata
 import json
 import shlex
 import sys
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from daemon.doors.client import DaemonLink, NotThereError
+from daemon.store.outside import FileError, read_file
 
+if TYPE_CHECKING:
+    from daemon.console.interpreter import Command
+
+TRAIN = "daemon.jobs.offline"
 OFFLINE: dict[str, str] = {
     "recognise": "daemon.jobs.offline",
     "model": "daemon.jobs.offline",
@@ -25,36 +32,40 @@ OFFLINE: dict[str, str] = {
     "runs": "daemon.review.cli",
     "export": "daemon.review.cli",
     "tail": "daemon.review.cli",
+    "live": "daemon.live.cli",
     "cameras": "daemon.jobs.cameras",
     "snap": "daemon.jobs.cameras",
     "stream": "daemon.jobs.cameras",
     "demo": "daemon.jobs.demo",
 }
 """Command -> the module that registers it. `train` is both: with --views a job on files, without it the daemon's."""
+OWN: dict[str, tuple[str, str]] = {
+    "console": ("console", "a prompt with completion and history (control-C stops the arm)"),
+    "script": ("script FILE", "commands from a file (- for stdin), one a line; ends at the first that is not done"),
+    "completion": ("completion bash|zsh", 'Tab for your shell: eval "$(facetctl completion bash)" in ~/.bashrc'),
+}
+"""The tool's own words: how they are used, what they do."""
+BOTH = ("train", "calibrate", "model", "doctor", "bundle")
+"""Words of the daemon's that are jobs without it as well."""
 DONE, NOT_DONE, NOT_UNDERSTOOD = 0, 1, 2
-USAGE = """usage: facetctl [--socket PATH] [--json] COMMAND...
-
-Talk to the running daemon:
-  facetctl console             a prompt with completion and history (control-C stops the arm)
-  facetctl COMMAND...          one command: status, look, pick cube, ... (`facetctl help` asks the daemon for all)
-  facetctl script FILE         commands from a file, one a line; ends at the first that is not done
-Jobs without a daemon (each with --help):
-  {jobs}
-  train --views FILE           teach from image files
-  doctor, bundle               also work when no daemon runs
-"""
+HELP, VERSION = ("-h", "--help"), "--version"
+LARGEST_SCRIPT = 1_000_000
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Run one command; returns its exit status."""
     words = list(sys.argv[1:] if arguments is None else arguments)
     socket_path, as_json = _take_options(words)
-    if not words or words[0] in ("-h", "--help"):
-        print(USAGE.format(jobs=", ".join(OFFLINE)))
-        return DONE if words else NOT_UNDERSTOOD
+    if VERSION in words:
+        print(f"facetctl {importlib.metadata.version('facetd')}")
+        return DONE
+    if not words or any(word in HELP for word in words):
+        return _help([word for word in words if word not in HELP], NOT_UNDERSTOOD if not words else DONE)
     try:
+        if words[0] == "completion":
+            return _completion(words[1:], socket_path)
         if _needs_no_daemon(words):
-            return _offline(OFFLINE.get(words[0], "daemon.jobs.offline"), [*words, *(["--json"] if as_json else [])])
+            return _offline(OFFLINE.get(words[0], TRAIN), [*words, *(["--json"] if as_json else [])])
         return _online(words, socket_path, as_json)
     except NotThereError as error:
         print(f"facetctl: {error}", file=sys.stderr)
@@ -71,7 +82,9 @@ def _needs_no_daemon(words: list[str]) -> bool:
     if words[0] == "train":
         return len(words) > 1
     if words[0] == "calibrate":
-        return "--left" in words or words[1:2] in ([], ["-h"], ["--help"], ["quick"], ["import"], ["export"])
+        return "--left" in words or words[1:2] in ([], ["quick"], ["import"], ["export"])
+    if words[0] == "model":
+        return words[1:2] not in ([], ["list"], ["use"])
     return words[0] in OFFLINE
 
 
@@ -90,23 +103,90 @@ def _take_options(words: list[str]) -> tuple[Path | None, bool]:
     return socket_path, as_json
 
 
-def _offline(module: str, words: list[str]) -> int:
-    """A job of a module that offers register(subparsers)."""
+def _parser(modules: Iterable[str]) -> tuple[argparse.ArgumentParser, Mapping[str, argparse.ArgumentParser]]:
+    """A parser for the jobs of modules that offer register(subparsers), and that of each job."""
     parser = argparse.ArgumentParser(prog="facetctl")
     subparsers = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    importlib.import_module(module).register(subparsers)
+    for module in dict.fromkeys(modules):
+        importlib.import_module(module).register(subparsers)
+    return parser, subparsers.choices
+
+
+def _offline(module: str, words: list[str]) -> int:
+    parser, _ = _parser([module])
     args = parser.parse_args(words)
     status: int = args.run(args)
     return status
 
 
+def _help(words: list[str], status: int) -> int:
+    """What there is, or all about one word, whether a daemon runs or not; nothing is done."""
+    from daemon.commands import every_command
+
+    commands = {name: c for c in every_command("simulated") for name in (c.name, *c.aliases)}
+    jobs = _parser([*OFFLINE.values(), TRAIN])[1]
+    if not words or words[0] == "help":
+        print(_overview(commands, jobs))
+        return status
+    name = words[0]
+    if name in OWN:
+        print(f"facetctl {OWN[name][0]}\n  {OWN[name][1]}")
+    elif name in commands:
+        print(commands[name].described())
+        if name in BOTH and name in jobs:
+            print("\nWithout a daemon, on files:\n")
+    if name in jobs:
+        kinds = next((a.choices for a in jobs[name]._actions if isinstance(a, argparse._SubParsersAction)), {})
+        (kinds[words[1]] if words[1:2] and words[1] in kinds else jobs[name]).print_help()
+    if name in OWN or name in commands or name in jobs:
+        return status
+    close = difflib.get_close_matches(name, [*OWN, *commands, *jobs], 1)
+    hint = f"did you mean {close[0]}?" if close else "`facetctl --help` lists what there is"
+    print(f"facetctl: {name}: no such command; {hint}", file=sys.stderr)
+    return NOT_UNDERSTOOD
+
+
+def _overview(commands: Mapping[str, Command], jobs: Mapping[str, argparse.ArgumentParser]) -> str:
+    from daemon.console.pages import fold, table
+
+    said = fold(f"  {', '.join(sorted({c.name for c in commands.values()}))}", 78)
+    offline = fold(f"  {', '.join(sorted({*jobs, 'doctor', 'bundle'}))}", 78)
+    lines = [
+        "usage: facetctl [--socket PATH] [--json] COMMAND...     facetctl COMMAND --help",
+        "",
+        *table([(f"  {usage}", text) for usage, text in OWN.values()], 80).splitlines(),
+        "To the running daemon:",
+        *said,
+        "Without a daemon:",
+        *offline,
+        "To begin: `facetd --sim` in one window, `facetctl console` in another.",
+    ]
+    return "\n".join(lines)
+
+
+def _completion(words: list[str], socket_path: Path | None) -> int:
+    """A shell's script; or `of WORDS...`: what the running daemon says the last of them may become."""
+    if words[:1] == ["of"]:
+        with DaemonLink(socket_path) as link:
+            print("\n".join(option.rpartition(" ")[2] for option in link.options(" ".join(words[1:]))))
+        return DONE
+    from daemon.jobs.completion import SHELLS, script
+
+    if len(words) != 1 or words[0] not in SHELLS:
+        print(f"facetctl: usage: facetctl {OWN['completion'][0]}", file=sys.stderr)
+        return NOT_UNDERSTOOD
+    from daemon.commands import every_command
+
+    asked = [*(c.name for c in every_command("simulated")), "help"]
+    print(script(words[0], asked, _parser([*OFFLINE.values(), TRAIN])[1], OWN), end="")
+    return DONE
+
+
 def _online(words: list[str], socket_path: Path | None, as_json: bool) -> int:
-    if words[0] in ("doctor", "bundle") and socket_path is None:
-        try:
-            link = DaemonLink()
-        except NotThereError:
-            return _without_daemon(words[0], as_json)
-        link.close()
+    if words[0] in ("doctor", "bundle") and socket_path is None and not _runs():
+        return _without_daemon(words[0], as_json)
+    if words[0] == "model" and socket_path is None and not _runs():
+        return _model_without_daemon(words[1:], as_json)
     with DaemonLink(socket_path) as link:
         if words[0] == "console":
             from daemon.doors.prompt import converse
@@ -115,6 +195,15 @@ def _online(words: list[str], socket_path: Path | None, as_json: bool) -> int:
         if words[0] == "script":
             return _script(link, words[1:], as_json)
         return _one_shot(link, shlex.join(words), as_json, "one-shot")
+
+
+def _runs() -> bool:
+    """Whether a daemon answers."""
+    try:
+        DaemonLink().close()
+    except NotThereError:
+        return False
+    return True
 
 
 def _one_shot(link: DaemonLink, text: str, as_json: bool, door: str) -> int:
@@ -152,9 +241,12 @@ def _script(link: DaemonLink, words: list[str], as_json: bool) -> int:
         print("facetctl: usage: facetctl script FILE", file=sys.stderr)
         return NOT_UNDERSTOOD
     try:
-        text = sys.stdin.read() if words[0] == "-" else Path(words[0]).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        print(f"facetctl: {words[0]}: {getattr(error, 'strerror', None) or error}", file=sys.stderr)
+        text = sys.stdin.read() if words[0] == "-" else read_file(Path(words[0]), LARGEST_SCRIPT).decode()
+    except FileError as error:
+        print(f"facetctl: {error}", file=sys.stderr)
+        return NOT_UNDERSTOOD
+    except UnicodeDecodeError as error:
+        print(f"facetctl: {words[0]}: {error}", file=sys.stderr)
         return NOT_UNDERSTOOD
     for number, line in enumerate(text.splitlines(), 1):
         if not line.split("#")[0].strip():
@@ -166,12 +258,39 @@ def _script(link: DaemonLink, words: list[str], as_json: bool) -> int:
     return DONE
 
 
+def _model_without_daemon(words: list[str], as_json: bool) -> int:
+    """`model list` and `model use N` when no daemon runs: the next one begins with what is in use now."""
+    from daemon.commands.models import MODEL_USAGE, list_of, version_named
+    from daemon.config import load_config
+    from daemon.errors import FacetdError
+    from daemon.store import places
+    from daemon.store.files import hold
+    from daemon.store.model_store import ModelStore
+
+    try:
+        store = ModelStore(load_config(places.config_file()).state)
+        if words in ([], ["list"]):
+            answer = list_of(store)
+            return show({"text": answer.text, "data": answer.data, "status": DONE}, as_json)
+        if len(words) != 2:
+            raise FacetdError(f"usage: {MODEL_USAGE}")
+        version = version_named(store, words[1])
+        store.load(version)
+        hold(store.folder)
+        store.use(version)
+    except (FacetdError, OSError) as error:
+        print(f"facetctl: {error}", file=sys.stderr)
+        return NOT_UNDERSTOOD
+    text = f"Version {version} is in use from the next start of facetd on."
+    return show({"text": text, "data": {"version": version}, "status": DONE}, as_json)
+
+
 def _without_daemon(command: str, as_json: bool) -> int:
     """doctor and bundle when no daemon runs."""
     from daemon.commands.keeping import doctor_answer
     from daemon.config import load_config
     from daemon.store import places
-    from daemon.store.yamlfile import ConfigError
+    from daemon.store.outside import FileError
     from daemon.upkeep import bundle, doctor
 
     try:
@@ -179,7 +298,7 @@ def _without_daemon(command: str, as_json: bool) -> int:
         if command == "bundle":
             path = bundle.pack(config, Path.cwd())
             return show({"text": f"{path}: send this file.", "data": {"file": str(path)}, "status": DONE}, as_json)
-    except (ConfigError, OSError) as error:
+    except (FileError, OSError) as error:
         print(f"facetctl: {error}", file=sys.stderr)
         return NOT_UNDERSTOOD
     answer = doctor_answer(doctor.examine(config, running=False))

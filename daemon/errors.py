@@ -1,6 +1,16 @@
-"""The root of the errors that a person can act on. What it says is for that person; anything else raised is a fault of
-the program.
+"""The root of the errors that a person can act on, and how texts from elsewhere are shown to people. What an error says
+is for that person; anything else raised is a fault of the program.
 """
+
+
+def printable(text: str) -> str:
+    """The same on one line, with what cannot be shown or kept as question marks."""
+    return "".join(c if c.isprintable() else " " if c.isspace() else "?" for c in text)
+
+
+def visible(text: str) -> str:
+    """Lines as a terminal may have them: what would steer it (clear it, name its window) is shown instead, as ^[ is."""
+    return "".join(c if c.isprintable() or c in "\n\t" else f"^{chr(ord(c) ^ 64)}" if c < "\x80" else "?" for c in text)
 
 
 class FacetdError(Exception):

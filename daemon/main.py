@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import asyncio
 import contextlib
+import importlib.metadata
 import logging
 import os
 import sys
@@ -25,6 +26,8 @@ def main(arguments: list[str] | None = None) -> int:
     )
     parser.add_argument("--sim", action="store_true", help="a simulated cell instead of the one configured")
     parser.add_argument("--check", action="store_true", help="check configuration, calibration and model, and end")
+    version = f"facetd {importlib.metadata.version('facetd')}"
+    parser.add_argument("--version", action="version", version=version, help="the program's version")
     args = parser.parse_args(arguments)
     if args.check:
         return check(args.config, args.sim)
@@ -34,13 +37,11 @@ def main(arguments: list[str] | None = None) -> int:
 def check(config_path: Path, simulated: bool) -> int:
     """Read every file the daemon would read; touch no device. One line a fault, status 78."""
     from daemon.service import BAD_CONFIGURATION, read_files
-    from daemon.store.model import ModelError
-    from daemon.store.model_store import ModelStoreError
-    from daemon.store.yamlfile import ConfigError
+    from daemon.store.outside import FileError
 
     try:
         config, _, _ = read_files(config_path, simulated)
-    except (ConfigError, ModelError, ModelStoreError) as error:
+    except FileError as error:
         print(f"facetd: {error}", file=sys.stderr)
         return BAD_CONFIGURATION
     for note in config.notes:
@@ -56,7 +57,7 @@ def serve(config_path: Path, simulated: bool) -> int:
     _fill_standard_files()
     if sys.stderr is not None:
         faulthandler.enable()
-    _tame_malloc()
+    tame_malloc()
     from daemon.service import Service
 
     logging.getLogger("asyncio").setLevel(logging.CRITICAL)
@@ -82,7 +83,7 @@ def _fill_standard_files() -> None:
             os.open(os.devnull, os.O_RDWR)
 
 
-def _tame_malloc() -> None:
+def tame_malloc() -> None:
     """One arena for all threads, and large arrays given back: glibc otherwise keeps some 50 MB of pictures long gone.
 
     Before anything starts a thread. Without glibc nothing happens. Source: mallopt(3).

@@ -9,12 +9,15 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import os
+import shutil
 import signal
 import time
 from collections.abc import Coroutine
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
+
+import msgspec
 
 from daemon.arm import Supervisor
 from daemon.calibration.drift_watch import DriftWatch
@@ -25,11 +28,14 @@ from daemon.cell.no_arm import CellError
 from daemon.cell.pick_cell import pick_cell
 from daemon.commands import every_command
 from daemon.commands.moving import tell_end
+from daemon.commands.simulated_hand import know_drawings
 from daemon.config import Config, load_config
 from daemon.console.context import CommandContext
 from daemon.console.interpreter import Console
+from daemon.console.notices import Level
 from daemon.console.phrases import cut_off
-from daemon.doors.socket import DoorError, SocketServer
+from daemon.doors.rights import DoorError, Rights
+from daemon.doors.socket import SocketServer
 from daemon.doors.terminal import SerialConsole
 from daemon.pick.cycle import Cycle
 from daemon.pick.looking import Look
@@ -37,11 +43,12 @@ from daemon.pick.order import PickOrder
 from daemon.pick.outcome import CycleEnd
 from daemon.store.files import InUseError, hold, plain
 from daemon.store.library import load_facets, load_parts
-from daemon.store.model import ModelError
 from daemon.store.model import load as load_model
-from daemon.store.model_store import ModelStore, ModelStoreError
+from daemon.store.model_store import ModelStore
+from daemon.store.outside import FileError
 from daemon.store.runlog import RunLog
-from daemon.store.runs import Interrupted, drop_unstarted, left_behind, new_folder
+from daemon.store.runs import enforce_quota, list_runs, new_folder
+from daemon.store.standing import FILE, Standing, StandingFile, left_behind
 from daemon.store.yamlfile import ConfigError
 from daemon.teaching.trainer import Trainer
 from daemon.upkeep import journal
@@ -75,8 +82,8 @@ class Service:
         self._hardware: cell.Hardware | None = None
         self._run_log: RunLog | None = None
         self._lock: int | None = None
-        self._ready = False
-        self._tasks: list[asyncio.Task[Any]] = []
+        self._started = self._ready = False
+        self._tasks: set[asyncio.Task[Any]] = set()
         self._drift = DriftWatch()
 
     async def run(self) -> int:
@@ -88,7 +95,7 @@ class Service:
             started = await self._unless_ending(self._start())
             if started:
                 await self._ending.wait()
-        except (ConfigError, ModelError, ModelStoreError) as error:
+        except FileError as error:
             status, self._why = BAD_CONFIGURATION, str(error)
         except (CellError, DoorError, InUseError, OSError) as error:
             status, self._why = NO_DEVICE, plain(error)
@@ -111,7 +118,7 @@ class Service:
         """
         assert self.context is not None
         context, old = self.context, self.context.config
-        journal.notify(f"RELOADING=1\nMONOTONIC_USEC={time.monotonic_ns() // 1000}")
+        journal.notify("RELOADING=1", f"MONOTONIC_USEC={time.monotonic_ns() // 1000}")
         try:
             config = load_config(self._config_path, self._simulated)
             sections.check(config)
@@ -131,7 +138,7 @@ class Service:
             context.cycle.use(context.trainer.in_use)
             self._drift = DriftWatch()
             context.troubles.tell("calibration", None)
-        except ConfigError as error:
+        except FileError as error:
             journal.tell("reload", f"refused, the old configuration stays: {error}", journal.ERROR)
             raise
         finally:
@@ -155,42 +162,46 @@ class Service:
         _tell_notes(config)
         self._lock = hold(config.state)
         troubles = Troubles(self._on_trouble)
-        drop_unstarted(config.runs)
-        left = left_behind(config.runs)
+        make_room(config)
+        left = left_behind(config.state / FILE, bool(list_runs(config.runs)))
         loop = asyncio.get_running_loop()
         run_log = self._run_log = RunLog(
             new_folder(config.runs, datetime.now(UTC)),
             fsync_every_s=config.values.log.sync_s,
             on_trouble=lambda text: loop.call_soon_threadsafe(troubles.tell, "log", text),
+            standing=StandingFile(config.state / FILE),
         )
+        auto = None if left is None or left.auto is None else msgspec.structs.asdict(left.auto)
         if left is not None:
             run_log.record("left", run=left.run, cycle=left.cycle, state=left.state, hand_closed=left.hand_closed,
-                           label=left.label, auto=left.auto)  # fmt: skip
+                           label=left.label, auto=auto, fault=left.fault)  # fmt: skip
         self._hardware = cell.build(config, run_log.wire)
         await self._hardware.open()
         context = self._furnish(config, calibration, trainer, troubles, run_log)
         if left is not None:
-            pick_order = None if left.auto is None else PickOrder(**left.auto)
+            pick_order = None if auto is None else PickOrder(**auto)
             context.cycle.recover(left.state or "an unknown state", left.hand_closed, pick_order)
             troubles.tell("restart", _told(left))
         context.record_start()
+        self._started = True
         if self._hardware.robot.stopped_on_opening:
             context.log.record("fault", code="at work", text=AT_WORK, **{"while": "starting"})
         if self._hardware.hand is not None:
+            await know_drawings(context)
             self._hardware.hand.scatter()
         await self._open_doors(context)
         context.use_model("start", trainer.model_store.current)
         watch = Watch(context)
-        self._tasks.append(asyncio.create_task(self._guarded(watch.run()), name="watch"))
+        self.beside(self._guarded(watch.run()), "watch")
         self._ready = True
-        journal.notify(f"READY=1\nSTATUS={watch.status_line()}")
+        journal.notify("READY=1", f"STATUS={watch.status_line()}")
         journal.tell("run_start", f"ready: {config.kind} cell, socket {config.socket}, run {run_log.folder}")
 
     def _furnish(
         self, config: Config, calibration: Calibration, trainer: Trainer, troubles: Troubles, run_log: RunLog
     ) -> CommandContext:
         assert self._hardware is not None
-        log = journal.JournalledLog(run_log, self._notice)
+        log = journal.JournalledLog(run_log, self._logged)
         cycle = Cycle(*pick_cell(config, calibration, self._hardware, log), trainer.in_use, self)
         self.context = CommandContext(
             config, calibration, self._hardware, cycle, trainer, run_log, log, troubles, self.reload
@@ -200,13 +211,13 @@ class Service:
     async def _open_doors(self, context: CommandContext) -> None:
         values = context.config.values
         self._console = Console(context, every_command(context.hardware.kind))
-        self._socket = SocketServer(context.config.socket, values.console.group, self._console, self._interrupt)
+        self._socket = SocketServer(context.config.socket, Rights(values.console), self._console, self._interrupt)
         await self._socket.open()
         if values.console.tty is not None:
             self._terminal = SerialConsole(
                 values.console.tty, self._console, self._interrupt, lambda text: context.troubles.tell("console", text)
             )
-            self._tasks.append(asyncio.create_task(self._guarded(self._terminal.run()), name="terminal"))
+            self.beside(self._guarded(self._terminal.run()), "terminal")
         if values.metrics.port is not None:
             self._metrics = MetricsServer(context, values.metrics.port)
             self._metrics.open()
@@ -221,10 +232,10 @@ class Service:
 
     def _hang_up(self) -> None:
         if self.context is not None:
-            self._tasks.append(asyncio.create_task(self._reload_quietly(), name="reload"))
+            self.beside(self._reload_quietly(), "reload")
 
     async def _reload_quietly(self) -> None:
-        with contextlib.suppress(ConfigError):
+        with contextlib.suppress(FileError):
             await self.reload()
 
     async def _interrupt(self, who: str, about_to_move: bool) -> str:
@@ -256,7 +267,7 @@ class Service:
         context.troubles.tell("calibration", None if drift is None else drift.text)
         if drift is not None and drift.stops and context.cycle.status()["auto"]:
             failing = context.cycle.supervisor.fail("calibration", drift.text)
-            self._tasks.append(asyncio.create_task(failing, name="calibration drift"))
+            self.beside(failing, "calibration drift")
 
     def ended(self, end: CycleEnd) -> None:
         """What is to be done between two picks."""
@@ -276,10 +287,22 @@ class Service:
             error_mm, error_deg, held = truth
             context.run_log.record("truth", cycle=end.cycle, error_mm=error_mm, error_deg=error_deg, held=held)
 
+    def _logged(self, kind: str, text: str, who: str | None) -> None:
+        """What the log is told, for those who want to hear it."""
+        if self.context is not None:
+            level = Level.ALL if kind in ("command", "model") else Level.FAULTS
+            self.context.notices.tell(text, level, who if level is Level.ALL else None)
+
     def _notice(self, text: str) -> None:
         """Show something at every door that nobody there asked for."""
         if self.context is not None:
             self.context.notices.tell(text)
+
+    def beside(self, work: Coroutine[Any, Any, Any], name: str) -> None:
+        """Do something while all else goes on, until the end at most."""
+        task = asyncio.create_task(work, name=name)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
 
     async def _guarded(self, work: Coroutine[Any, Any, None]) -> None:
         """A part of the daemon that must not end: where it does, the daemon stops the arm and ends."""
@@ -310,7 +333,7 @@ class Service:
         """The arm first. One step that fails or hangs cannot keep the others from being taken."""
         if self.context is not None:
             await _within(HALT_S, _bring_to_rest(self.context.cycle.supervisor))
-        journal.notify(f"STOPPING=1\nSTATUS={self._why}")
+        journal.notify("STOPPING=1", f"STATUS={self._why}")
         for task in self._tasks:
             task.cancel()
         await asyncio.wait(self._tasks, timeout=0.2) if self._tasks else None
@@ -323,6 +346,8 @@ class Service:
         if self._run_log is not None:
             known = {} if self.context is None or not self._ready else {"holding": self.context.cycle.hand_full}
             self._run_log.close(self._why, **known)
+            if not self._started:  # a device that is missing over a week-end would leave thousands
+                shutil.rmtree(self._run_log.folder, ignore_errors=True)
         if self._lock is not None:
             os.close(self._lock)
         if self._ready:
@@ -356,13 +381,24 @@ def _tell_notes(config: Config) -> None:
         journal.tell("trouble", note, journal.NOTICE)
 
 
-def _told(left: Interrupted) -> str:
+def make_room(config: Config) -> None:
+    """A disk that old runs have filled must not keep the daemon from starting."""
+    limits = config.values.log
+    removed = enforce_quota(config.runs, limits.quota_mb * 1_000_000, None, limits.keep_free_mb * 1_000_000)
+    journal.tell_removed(removed)
+
+
+def _told(left: Standing) -> str:
     """What an operator must know of it, and do."""
     what = f"run {left.run} was cut off in state {left.state or 'unknown'}"
+    if left.damage:
+        what = f"{left.damage}: nobody knows how the daemon before ended"
+    if left.fault is not None:
+        what += f", with a fault: {left.fault}"
     if left.hand_closed:
         what += f", with {f'the {left.label}' if left.label else 'a part'} perhaps in the gripper"
     if left.auto is not None:
-        what += f"; {cut_off(left.auto['count'])}"
+        what += f"; {cut_off(left.auto.count)}"
     return f"{what}: look at the cell, then say `resume`"
 
 

@@ -3,11 +3,13 @@
 #
 #   install.sh install      also upgrades: the new release is built beside the old one and checked against your
 #                           configuration before it takes over; configuration, models and runs are kept
+#   install.sh extra NAME   add one of the program's extras to the release in use: live, export, metrics, systemd
 #   install.sh rollback     back to the release before
-#   install.sh remove       everything but /etc/facetd and /var/lib/facetd
+#   install.sh remove       everything but /etc/facetd, /var/lib/facetd and udev rules that you have edited
 #   install.sh purge        these, too
 #
-# DESTDIR=DIR puts files below DIR and touches neither users nor services (for images and for trying it out).
+# DESTDIR=DIR puts files below DIR and touches neither users nor services: for images. What is made so runs once DIR's
+# content lies at /, and nowhere else.
 # FACETD_APT=no does not install Debian packages; FACETD_PIP is added to pip's arguments (an index, a wheel folder).
 set -eu
 
@@ -15,6 +17,7 @@ house=$(cd "$(dirname "$0")/.." && pwd)
 root=${DESTDIR:-}
 opt=$root/opt/facetd
 keep=2
+completion=/usr/share/bash-completion/completions/facetctl
 
 say() { echo "facetd: $*"; }
 fail() { echo "install.sh: $*" >&2; exit 2; }
@@ -36,44 +39,71 @@ build() {
     say "building $release"
     mkdir -p "$release"
     trap 'rm -rf "$release"' EXIT
-    for item in daemon drivers etc deploy pyproject.toml README.md LICENSE; do
+    for item in daemon drivers etc deploy docs pyproject.toml README.md LICENSE; do
         [ -e "$house/$item" ] && cp -a "$house/$item" "$release/"
     done
     find "$release" -name __pycache__ -prune -exec rm -rf {} +
     "${PYTHON:-python3}" -m venv "$release/venv"
     # In place, so that the files in etc/ are found beside the program.
     # shellcheck disable=SC2086
-    "$release/venv/bin/pip" install -q ${FACETD_PIP:-} -e "$release[metrics]"
+    "$release/venv/bin/pip" install -q ${FACETD_PIP:-} -e "$release[metrics,live]"
     if [ "${FACETD_APT:-yes}" = yes ]; then
         "$release/deploy/systemd-extra.sh" "$release/venv/bin/pip"
     fi
-    "$release/venv/bin/python" -m compileall -q "$release/daemon" "$release/drivers"
+    "$release/venv/bin/python" -m compileall -q -s "$root" "$release/daemon" "$release/drivers"
+}
+
+at_home() {
+    # A virtual environment names itself in its programs: what was made below DESTDIR must name where it will lie.
+    [ -n "$root" ] || return 0
+    find "$release/venv" -type f \( -path '*/bin/*' -o -name '*.pth' -o -name 'pyvenv.cfg' -o -name 'direct_url.json' \
+        -o -name '__editable__*.py' \) -exec grep -lIF "$root/opt/facetd/" {} + | while read -r file; do
+        sed -i "s|$root/opt/facetd/|/opt/facetd/|g" "$file"
+    done
+    find "$release" -name __pycache__ -path '*site-packages/__pycache__' -prune -exec rm -rf {} +
+}
+
+# Whole under its name or not there, whenever the power goes.
+put() {
+    mkdir -p "$(dirname "$2")"
+    install -m 0644 "$1" "$2.part"
+    sync "$2.part"
+    mv -T "$2.part" "$2"
+}
+
+# Whether a release can run, with the settings there are: one that was being built when the power went cannot.
+runs() {
+    STATE_DIRECTORY=$root/var/lib/facetd RUNTIME_DIRECTORY=$root/run/facetd \
+        "$1/venv/bin/facetd" --config "$root/etc/facetd/facetd.yaml" --check
 }
 
 settings() {
     mkdir -p "$root/etc/facetd"
     for file in facetd.yaml calibration.yaml facets.yaml parts.yaml simcell.yaml; do
         if [ ! -e "$root/etc/facetd/$file" ]; then
-            install -m 0644 "$house/etc/$file" "$root/etc/facetd/$file"
+            put "$house/etc/$file" "$root/etc/facetd/$file"
         elif ! cmp -s "$house/etc/$file" "$root/etc/facetd/$file" && ! cmp -s "$house/etc/$file" "$opt/current/etc/$file"
         then
-            install -m 0644 "$house/etc/$file" "$root/etc/facetd/$file.new"
+            put "$house/etc/$file" "$root/etc/facetd/$file.new"
             say "kept your /etc/facetd/$file; what is new lies beside it as $file.new"
         fi
     done
 }
 
 system_files() {
-    install -D -m 0644 "$house/deploy/facetd.service" "$root/etc/systemd/system/facetd.service"
-    install -D -m 0644 "$house/deploy/facetd.sysusers" "$root/usr/lib/sysusers.d/facetd.conf"
-    install -D -m 0644 "$house/deploy/facetd.tmpfiles" "$root/usr/lib/tmpfiles.d/facetd.conf"
-    install -D -m 0644 "$house/deploy/facetd.catalog" "$root/usr/lib/systemd/catalog/facetd.catalog"
+    put "$house/deploy/facetd.service" "$root/etc/systemd/system/facetd.service"
+    put "$house/deploy/facetd-live.service" "$root/etc/systemd/system/facetd-live.service"
+    put "$house/deploy/facetd.sysusers" "$root/usr/lib/sysusers.d/facetd.conf"
+    put "$house/deploy/facetd.tmpfiles" "$root/usr/lib/tmpfiles.d/facetd.conf"
+    put "$house/deploy/facetd.catalog" "$root/usr/lib/systemd/catalog/facetd.catalog"
     if [ ! -e "$root/etc/udev/rules.d/60-facetd.rules" ]; then
-        install -D -m 0644 "$house/deploy/60-facetd.rules" "$root/etc/udev/rules.d/60-facetd.rules"
+        put "$house/deploy/60-facetd.rules" "$root/etc/udev/rules.d/60-facetd.rules"
     fi
     mkdir -p "$root/usr/local/bin"
     ln -sfn /opt/facetd/current/venv/bin/facetctl "$root/usr/local/bin/facetctl"
     ln -sfn /opt/facetd/current/venv/bin/facetd "$root/usr/local/bin/facetd"
+    mkdir -p "$root${completion%/*}"
+    PYTHONPATH=$release "$release/venv/bin/python" -m daemon.ctl completion bash >"$root$completion"
     [ -n "$root" ] && return 0
     systemd-sysusers facetd.conf
     systemd-tmpfiles --create facetd.conf
@@ -101,10 +131,10 @@ do_install() {
     packages
     build
     settings
-    if ! STATE_DIRECTORY=$root/var/lib/facetd RUNTIME_DIRECTORY=$root/run/facetd \
-        "$release/venv/bin/facetd" --config "$root/etc/facetd/facetd.yaml" --check; then
+    if ! runs "$release"; then
         fail "this release does not take your configuration (above); the one before stays in use"
     fi
+    at_home
     trap - EXIT
     system_files
     before=$(readlink "$opt/current" 2>/dev/null || true)
@@ -117,16 +147,36 @@ do_install() {
     say "installed. Next: deploy/README.md, first start. Then: systemctl enable --now facetd"
 }
 
+do_extra() {
+    need_root
+    [ -L "$opt/current" ] || fail "nothing is installed in $opt"
+    case ${1:-} in
+    systemd) "$opt/current/deploy/systemd-extra.sh" "$opt/current/venv/bin/pip" && return 0 ;;
+    live | export | metrics) ;;
+    *) fail "which extra? live, export, metrics or systemd" ;;
+    esac
+    # shellcheck disable=SC2086
+    "$opt/current/venv/bin/pip" install -q ${FACETD_PIP:-} -e "$opt/current[$1]"
+    say "the extra $1 is there now; where it is for the daemon: systemctl restart facetd"
+}
+
 do_rollback() {
     need_root
     [ -L "$opt/current" ] || fail "nothing is installed in $opt"
     now=$(basename "$(readlink "$opt/current")")
     # shellcheck disable=SC2012
-    before=$(ls -1 "$opt/releases" | sort | grep -B1 -x "$now" | head -n 1)
-    [ -n "$before" ] && [ "$before" != "$now" ] || fail "there is no release before $now"
-    switch_to "$before"
-    restart
-    say "back to $before"
+    for before in $(ls -1 "$opt/releases" | sort -r | sed -n "/^$now\$/,\$p" | tail -n +2); do
+        # What lies below DESTDIR names where it will lie, and does not run here.
+        program=$opt/releases/$before/venv/bin/facetd
+        if [ -x "$program" ] && { [ -n "$root" ] || runs "$opt/releases/$before"; }; then
+            switch_to "$before"
+            restart
+            say "back to $before"
+            return 0
+        fi
+        say "left out: $before, which cannot run here"
+    done
+    fail "there is no release before $now that runs"
 }
 
 do_remove() {
@@ -134,10 +184,16 @@ do_remove() {
     if alive; then
         systemctl disable --now -q facetd 2>/dev/null || true
     fi
+    rules=$root/etc/udev/rules.d/60-facetd.rules
+    if [ "$command" = purge ] || cmp -s "$opt/current/deploy/60-facetd.rules" "$rules"; then
+        rm -f "$rules"
+    elif [ -e "$rules" ]; then
+        say "kept your $rules"
+    fi
     rm -rf "$opt"
-    rm -f "$root/etc/systemd/system/facetd.service" "$root/usr/lib/sysusers.d/facetd.conf" \
+    rm -f "$root/etc/systemd/system/facetd.service" "$root/etc/systemd/system/facetd-live.service" "$root/usr/lib/sysusers.d/facetd.conf" \
         "$root/usr/lib/tmpfiles.d/facetd.conf" "$root/usr/lib/systemd/catalog/facetd.catalog" \
-        "$root/usr/local/bin/facetctl" "$root/usr/local/bin/facetd" "$root/etc/udev/rules.d/60-facetd.rules"
+        "$root/usr/local/bin/facetctl" "$root/usr/local/bin/facetd" "$root$completion"
     [ -n "$root" ] || journalctl --update-catalog
     if alive; then
         systemctl daemon-reload
@@ -155,8 +211,9 @@ do_purge() {
 command=${1:-}
 case $command in
 install | upgrade) do_install ;;
+extra) do_extra "${2:-}" ;;
 rollback) do_rollback ;;
 remove) do_remove ;;
 purge) do_purge ;;
-*) sed -n '2,13p' "$0" | sed 's/^# \{0,1\}//'; exit 2 ;;
+*) sed -n '2,/^[^#]/s/^# \{0,1\}//p' "$0"; exit 2 ;;
 esac

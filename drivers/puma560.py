@@ -1,6 +1,7 @@
-"""The PUMA 560's geometry: joint angles <-> where the tool is. Pure functions on arrays; no controller, no motion.
+"""A PUMA's geometry: joint angles <-> where the tool is. Pure functions on arrays; no controller, no motion.
 
-Joint angles are those of the standard Denavit-Hartenberg table below (the robotics toolbox's), in rad; lengths in mm.
+Joint angles are those of the standard Denavit-Hartenberg table of ArmGeometry (the robotics toolbox's), in rad; lengths
+in mm, those of the arm given; without one it is a PUMA 560.
 The base frame sits at the shoulder (crossing of axes 1 and 2), z up; the flange frame's origin is the wrist centre.
 """
 
@@ -15,10 +16,7 @@ import numpy as np
 
 from drivers.arrays import Array
 
-A2_MM, A3_MM, D3_MM, D4_MM = 431.8, 20.3, 150.05, 431.8
 TWISTS_RAD = (pi / 2, 0.0, -pi / 2, pi / 2, -pi / 2, 0.0)
-LENGTHS_MM = np.array([0.0, A2_MM, A3_MM, 0.0, 0.0, 0.0])
-OFFSETS_MM = np.array([0.0, 0.0, D3_MM, D4_MM, 0.0, 0.0])
 SINGULAR_SIN_Q5 = 1e-6
 LIMIT_SLACK_RAD = 1e-9
 
@@ -35,18 +33,41 @@ def _standard_limits() -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class Puma560:
-    """One arm: what it stands on, what it holds, how far its joints turn.
+class ArmGeometry:
+    """One arm: its lengths, what it stands on, what it holds, how far its joints turn.
 
-    world_from_base, flange_from_tool: (4, 4) mm. limits_rad: (6, 2) lowest and highest angle.
+    a2_mm, a3_mm: upper arm, and how far the forearm's axis passes the elbow's. d3_mm: the shoulder's offset (to the
+    right of an arm that reaches forward; negative: to the left). d4_mm: forearm. Where not given, a PUMA 560's.
+    world_from_base, flange_from_tool: (4, 4) mm. controller_flange: (4, 4) mm, where the controller that drives the arm
+    has its own flange, from the wrist centre: what its TOOL is told from. limits_rad: (6, 2) lowest and highest angle.
     """
 
+    a2_mm: float = 431.8
+    a3_mm: float = 20.3
+    d3_mm: float = 150.05
+    d4_mm: float = 431.8
     world_from_base: Array = field(default_factory=lambda: np.eye(4))
     flange_from_tool: Array = field(default_factory=lambda: np.eye(4))
+    controller_flange: Array = field(default_factory=lambda: np.eye(4))
     limits_rad: Array = field(default_factory=_standard_limits)
 
+    @property
+    def forearm_mm(self) -> float:
+        """From the elbow's axis to the wrist centre."""
+        return hypot(self.a3_mm, self.d4_mm)
 
-PUMA560 = Puma560()
+    @property
+    def reach_mm(self) -> float:
+        """How far from the shoulder the tool centre point gets, at most, the shoulder's offset aside."""
+        return self.a2_mm + self.forearm_mm + float(np.linalg.norm(self.flange_from_tool[:3, 3]))
+
+    @property
+    def tool_for_controller(self) -> Array:
+        """(4, 4) mm: the tool as the controller's TOOL tells it."""
+        return _undo(self.controller_flange) @ self.flange_from_tool
+
+
+PUMA560 = ArmGeometry()
 
 
 @dataclass(frozen=True)
@@ -69,23 +90,25 @@ class UnreachableError(Exception):
         self.joint = joint
 
 
-def forward(joints_rad: Array, arm: Puma560 = PUMA560) -> Array:
+def forward(joints_rad: Array, arm: ArmGeometry = PUMA560) -> Array:
     """world_from_tool (4, 4) mm at (6,) joint angles."""
-    base_from_flange = _base_from_forearm(joints_rad)
+    base_from_flange = _base_from_forearm(joints_rad, arm)
     wrist = _rotation_z(joints_rad[3]) @ _rotation_y(-joints_rad[4]) @ _rotation_z(joints_rad[5])
     base_from_flange[:3, :3] = base_from_flange[:3, :3] @ wrist
     pose: Array = arm.world_from_base @ base_from_flange @ arm.flange_from_tool
     return pose
 
 
-def elbow_mm(joints_rad: Array, arm: Puma560 = PUMA560) -> Array:
+def elbow_mm(joints_rad: Array, arm: ArmGeometry = PUMA560) -> Array:
     """(3,) mm in the world: where the forearm turns about axis 3; it runs from here to the wrist centre."""
-    c1, s1, outward = cos(joints_rad[0]), sin(joints_rad[0]), A2_MM * cos(joints_rad[1])
-    elbow = np.array([c1 * outward + s1 * D3_MM, s1 * outward - c1 * D3_MM, A2_MM * sin(joints_rad[1]), 1.0])
+    c1, s1, outward = cos(joints_rad[0]), sin(joints_rad[0]), arm.a2_mm * cos(joints_rad[1])
+    elbow = np.array(
+        [c1 * outward + s1 * arm.d3_mm, s1 * outward - c1 * arm.d3_mm, arm.a2_mm * sin(joints_rad[1]), 1.0]
+    )
     return np.asarray((arm.world_from_base @ elbow)[:3])
 
 
-def link_frames(joints_rad: Array, arm: Puma560 = PUMA560) -> Array:
+def link_frames(joints_rad: Array, arm: ArmGeometry = PUMA560) -> Array:
     """(N, 8, 4, 4) mm at (N, 6) joint angles: world from the base, from links 1 to 6 and from the tool.
 
     Standard Denavit-Hartenberg: z of frame k - 1 is the axis of joint k, which passes its origin; frame k goes with
@@ -94,10 +117,12 @@ def link_frames(joints_rad: Array, arm: Puma560 = PUMA560) -> Array:
     count = len(joints_rad)
     c, s = np.cos(joints_rad), np.sin(joints_rad)
     ct, st = np.round(np.cos(TWISTS_RAD), 12), np.round(np.sin(TWISTS_RAD), 12)
+    lengths = np.array([0.0, arm.a2_mm, arm.a3_mm, 0.0, 0.0, 0.0])
+    offsets = np.array([0.0, 0.0, arm.d3_mm, arm.d4_mm, 0.0, 0.0])
     step = np.zeros((count, 6, 4, 4))
-    step[..., 0, 0], step[..., 0, 1], step[..., 0, 2], step[..., 0, 3] = c, -s * ct, s * st, c * LENGTHS_MM
-    step[..., 1, 0], step[..., 1, 1], step[..., 1, 2], step[..., 1, 3] = s, c * ct, -c * st, s * LENGTHS_MM
-    step[..., 2, 1], step[..., 2, 2], step[..., 2, 3], step[..., 3, 3] = st, ct, OFFSETS_MM, 1.0
+    step[..., 0, 0], step[..., 0, 1], step[..., 0, 2], step[..., 0, 3] = c, -s * ct, s * st, c * lengths
+    step[..., 1, 0], step[..., 1, 1], step[..., 1, 2], step[..., 1, 3] = s, c * ct, -c * st, s * lengths
+    step[..., 2, 1], step[..., 2, 2], step[..., 2, 3], step[..., 3, 3] = st, ct, offsets, 1.0
     found = np.empty((count, 8, 4, 4))
     found[:, 0] = arm.world_from_base
     for joint in range(6):
@@ -106,16 +131,16 @@ def link_frames(joints_rad: Array, arm: Puma560 = PUMA560) -> Array:
     return found
 
 
-def inverse_along(world_from_tool: Array, start_rad: Array, arm: Puma560 = PUMA560) -> Array:
+def inverse_along(world_from_tool: Array, start_rad: Array, arm: ArmGeometry = PUMA560) -> Array:
     """(N, 6) joint angles along a way of (N, 4, 4) poses, in the configuration of start_rad (6,), where the way begins.
 
     Each angle follows the row before (the first one start_rad) by the shorter turn, as the arm does that goes the way;
     a row that is out of reach or past a joint's limit is nan. At a straight wrist joint 4 is not to be relied on.
     """
-    configuration = configuration_of(start_rad)
+    configuration = configuration_of(start_rad, arm)
     base_from_flange = _undo(arm.world_from_base) @ world_from_tool @ _undo(arm.flange_from_tool)
     with np.errstate(invalid="ignore"):
-        arm_rad = _arm_angles_of(base_from_flange[:, :3, 3], configuration)
+        arm_rad = _arm_angles_of(base_from_flange[:, :3, 3], configuration, arm)
         turned = arm_rad.copy()
         turned[:, 2] += turned[:, 1]
         c1, s1, c23, s23 = np.cos(turned[:, 0]), np.sin(turned[:, 0]), np.cos(turned[:, 2]), np.sin(turned[:, 2])
@@ -137,7 +162,7 @@ def inverse_along(world_from_tool: Array, start_rad: Array, arm: Puma560 = PUMA5
 
 
 def inverse(
-    world_from_tool: Array, configuration: Configuration, arm: Puma560 = PUMA560, near_rad: Array | None = None
+    world_from_tool: Array, configuration: Configuration, arm: ArmGeometry = PUMA560, near_rad: Array | None = None
 ) -> Array:
     """(6,) joint angles within the limits that put the tool at (4, 4) world_from_tool in one configuration.
 
@@ -147,15 +172,15 @@ def inverse(
     """
     near = np.zeros(6) if near_rad is None else near_rad
     base_from_flange = _undo(arm.world_from_base) @ world_from_tool @ _undo(arm.flange_from_tool)
-    q1, q2, q3 = _arm_angles(base_from_flange[:3, 3], configuration)
-    forearm = _base_from_forearm(np.array([q1, q2, q3]))[:3, :3]
+    q1, q2, q3 = _arm_angles(base_from_flange[:3, 3], configuration, arm)
+    forearm = _base_from_forearm(np.array([q1, q2, q3]), arm)[:3, :3]
     wrist = _wrist_angles(forearm.T @ base_from_flange[:3, :3], configuration.flip, near)
     raw = np.array([q1, q2, q3, *wrist])
     return np.array([_within(k, raw[k], near[k], arm.limits_rad[k]) for k in range(6)])
 
 
 def solutions(
-    world_from_tool: Array, arm: Puma560 = PUMA560, near_rad: Array | None = None
+    world_from_tool: Array, arm: ArmGeometry = PUMA560, near_rad: Array | None = None
 ) -> Iterator[tuple[Configuration, Array]]:
     """Every configuration that reaches the pose within the limits, with its joint angles."""
     for configuration in CONFIGURATIONS:
@@ -165,16 +190,16 @@ def solutions(
             continue
 
 
-def reachable(world_from_tool: Array, configuration: Configuration | None = None, arm: Puma560 = PUMA560) -> bool:
+def reachable(world_from_tool: Array, configuration: Configuration | None = None, arm: ArmGeometry = PUMA560) -> bool:
     """Whether the tool gets there, in the given configuration or (None) in any."""
     return any(configuration in (None, found) for found, _ in solutions(world_from_tool, arm))
 
 
-def configuration_of(joints_rad: Array) -> Configuration:
+def configuration_of(joints_rad: Array, arm: ArmGeometry = PUMA560) -> Configuration:
     """The configuration an arm at (6,) joint angles is in."""
     q2, q3 = joints_rad[1], joints_rad[2]
-    outward = A2_MM * cos(q2) + A3_MM * cos(q2 + q3) - D4_MM * sin(q2 + q3)
-    bend = sin(q3 + atan2(D4_MM, A3_MM))
+    outward = arm.a2_mm * cos(q2) + arm.a3_mm * cos(q2 + q3) - arm.d4_mm * sin(q2 + q3)
+    bend = sin(q3 + atan2(arm.d4_mm, arm.a3_mm))
     righty = outward >= 0
     return Configuration(lefty=not righty, above=(bend < 0) == righty, flip=sin(joints_rad[4]) > 0)
 
@@ -184,58 +209,58 @@ def wrist_is_singular(joints_rad: Array, within_rad: float = SINGULAR_SIN_Q5) ->
     return abs(sin(joints_rad[4])) < within_rad
 
 
-def joint_out_of_limits(joints_rad: Array, arm: Puma560 = PUMA560) -> int | None:
+def joint_out_of_limits(joints_rad: Array, arm: ArmGeometry = PUMA560) -> int | None:
     """The first joint (1 to 6) past its limit, or None."""
     low, high = arm.limits_rad[:, 0] - LIMIT_SLACK_RAD, arm.limits_rad[:, 1] + LIMIT_SLACK_RAD
     past = np.flatnonzero((joints_rad < low) | (joints_rad > high))
     return int(past[0]) + 1 if past.size else None
 
 
-def _base_from_forearm(joints_rad: Array) -> Array:
+def _base_from_forearm(joints_rad: Array, arm: ArmGeometry) -> Array:
     """Frame 3 carried to the wrist centre: (4, 4), z along the forearm."""
     q1, q23 = joints_rad[0], joints_rad[1] + joints_rad[2]
     c1, s1, c23, s23 = cos(q1), sin(q1), cos(q23), sin(q23)
-    outward = A2_MM * cos(joints_rad[1]) + A3_MM * c23 - D4_MM * s23
-    upward = A2_MM * sin(joints_rad[1]) + A3_MM * s23 + D4_MM * c23
+    outward = arm.a2_mm * cos(joints_rad[1]) + arm.a3_mm * c23 - arm.d4_mm * s23
+    upward = arm.a2_mm * sin(joints_rad[1]) + arm.a3_mm * s23 + arm.d4_mm * c23
     return np.array(
         [
-            [c1 * c23, -s1, -c1 * s23, c1 * outward + s1 * D3_MM],
-            [s1 * c23, c1, -s1 * s23, s1 * outward - c1 * D3_MM],
+            [c1 * c23, -s1, -c1 * s23, c1 * outward + s1 * arm.d3_mm],
+            [s1 * c23, c1, -s1 * s23, s1 * outward - c1 * arm.d3_mm],
             [s23, 0.0, c23, upward],
             [0.0, 0.0, 0.0, 1.0],
         ]
     )
 
 
-def _arm_angles(wrist_mm: Array, configuration: Configuration) -> tuple[float, float, float]:
+def _arm_angles(wrist_mm: Array, configuration: Configuration, arm: ArmGeometry) -> tuple[float, float, float]:
     """Joints 1 to 3 that put the wrist centre at (3,) mm in the base frame."""
     x, y, z = (float(v) for v in wrist_mm)
-    squared = x * x + y * y - D3_MM * D3_MM
+    squared = x * x + y * y - arm.d3_mm * arm.d3_mm
     if squared < 0:
         raise UnreachableError("too close to the column")
     outward = -sqrt(squared) if configuration.lefty else sqrt(squared)
-    q1 = atan2(y, x) - atan2(-D3_MM, outward)
-    forearm = hypot(A3_MM, D4_MM)
-    stretch = (outward**2 + z * z - A2_MM**2 - forearm**2) / (2 * A2_MM * forearm)
+    q1 = atan2(y, x) - atan2(-arm.d3_mm, outward)
+    forearm = arm.forearm_mm
+    stretch = (outward**2 + z * z - arm.a2_mm**2 - forearm**2) / (2 * arm.a2_mm * forearm)
     if abs(stretch) > 1 + 1e-12:
         raise UnreachableError("too far from the shoulder" if stretch > 0 else "too close to the shoulder")
     bend = acos(max(-1.0, min(1.0, stretch)))
-    q3 = (bend if configuration.above == configuration.lefty else -bend) - atan2(D4_MM, A3_MM)
-    along, across = A2_MM + A3_MM * cos(q3) - D4_MM * sin(q3), A3_MM * sin(q3) + D4_MM * cos(q3)
+    q3 = (bend if configuration.above == configuration.lefty else -bend) - atan2(arm.d4_mm, arm.a3_mm)
+    along, across = arm.a2_mm + arm.a3_mm * cos(q3) - arm.d4_mm * sin(q3), arm.a3_mm * sin(q3) + arm.d4_mm * cos(q3)
     return q1, atan2(z, outward) - atan2(across, along), q3
 
 
-def _arm_angles_of(wrist_mm: Array, configuration: Configuration) -> Array:
+def _arm_angles_of(wrist_mm: Array, configuration: Configuration, arm: ArmGeometry) -> Array:
     """_arm_angles of (N, 3) places at once: (N, 3), nan where there are none."""
     x, y, z = wrist_mm.T
-    outward = np.sqrt(x * x + y * y - D3_MM * D3_MM) * (-1.0 if configuration.lefty else 1.0)
-    forearm = hypot(A3_MM, D4_MM)
-    stretch = (outward**2 + z * z - A2_MM**2 - forearm**2) / (2 * A2_MM * forearm)
+    outward = np.sqrt(x * x + y * y - arm.d3_mm * arm.d3_mm) * (-1.0 if configuration.lefty else 1.0)
+    forearm = arm.forearm_mm
+    stretch = (outward**2 + z * z - arm.a2_mm**2 - forearm**2) / (2 * arm.a2_mm * forearm)
     bend = np.arccos(np.where(np.abs(stretch) < 1 + 1e-12, np.clip(stretch, -1.0, 1.0), np.nan))
-    q3 = (bend if configuration.above == configuration.lefty else -bend) - atan2(D4_MM, A3_MM)
-    along = A2_MM + A3_MM * np.cos(q3) - D4_MM * np.sin(q3)
-    across = A3_MM * np.sin(q3) + D4_MM * np.cos(q3)
-    q1 = np.arctan2(y, x) - np.arctan2(-D3_MM, outward)
+    q3 = (bend if configuration.above == configuration.lefty else -bend) - atan2(arm.d4_mm, arm.a3_mm)
+    along = arm.a2_mm + arm.a3_mm * np.cos(q3) - arm.d4_mm * np.sin(q3)
+    across = arm.a3_mm * np.sin(q3) + arm.d4_mm * np.cos(q3)
+    q1 = np.arctan2(y, x) - np.arctan2(-arm.d3_mm, outward)
     return np.column_stack([q1, np.arctan2(z, outward) - np.arctan2(across, along), q3])
 
 

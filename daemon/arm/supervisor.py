@@ -434,7 +434,7 @@ class Supervisor:
         """Hold a move back; whether it was."""
         x, y, z = np.round(command.world_from_tool[:3, 3], 1)
         how = "straight" if command.straight else "joints"
-        return await self._hold(f"{command.purpose}: {how} to {x:g} {y:g} {z:g} at {command.speed_pct:g} %")
+        return await self._hold(f"{command.purpose}: {how} to x {x:g} y {y:g} z {z:g} mm at {command.speed_pct:g} %")
 
     async def _hold(self, text: str, ask: bool = False) -> bool:
         """Wait out a pause, ask in step mode (or where told to); whether there was any waiting. text: what is to be

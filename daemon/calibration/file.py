@@ -99,6 +99,11 @@ def load_calibration(path: Path) -> Calibration:
 
 def save_calibration(calibration: Calibration, path: Path) -> None:
     """Write calibration.yaml so that a power cut leaves the old or the new one. Raises OSError."""
+    write_atomically(path, calibration_text(calibration))
+
+
+def calibration_text(calibration: Calibration) -> bytes:
+    """The content of its file."""
     rig = calibration.rig
     tool = calibration.tool_from_cyclopean
     file = _File(
@@ -111,9 +116,7 @@ def save_calibration(calibration: Calibration, path: Path) -> None:
     )
     plain = msgspec.to_builtins(file, builtin_types=(datetime,))
     text = yaml.safe_dump(plain, sort_keys=False, default_flow_style=None, width=110)
-    write_atomically(
-        path, f"# Lengths in mm, images in px (OpenCV pixel centres). Written by facetctl.\n{text}".encode()
-    )
+    return f"# Lengths in mm, images in px (OpenCV pixel centres). Written by facetctl.\n{text}".encode()
 
 
 def _camera(document: Document, name: str, eye: _Eye) -> Camera:

@@ -21,7 +21,8 @@ from daemon.calibration.recorded import keep_old
 from daemon.calibration.stereo import cyclopean_frame
 from daemon.errors import FacetdError
 from daemon.store.files import write_atomically
-from daemon.store.yamlfile import ConfigError, read
+from daemon.store.outside import FileError
+from daemon.store.yamlfile import read
 from daemon.vision.geometry import Camera, StereoRig
 
 MM_PER_M = 1000.0
@@ -64,7 +65,7 @@ def rig_of(
 
 
 def from_ros(left: Path, right: Path) -> StereoRig:
-    """Two camera_info files of one stereo pair (metres). Raises InterchangeError, ConfigError."""
+    """Two camera_info files of one stereo pair (metres). Raises InterchangeError, FileError."""
     infos = [read(path).convert(_CameraInfo) for path in (left, right)]
     for path, info in zip((left, right), infos, strict=True):
         if info.distortion_model != "plumb_bob":
@@ -192,7 +193,7 @@ def _import(args: argparse.Namespace) -> int:
         kept = keep_old(args.out)
         save_calibration(Calibration(rig, None, Quality(method="imported")), args.out)
         load_calibration(args.out)
-    except (InterchangeError, ConfigError, OSError) as error:
+    except (InterchangeError, FileError, OSError) as error:
         print(f"facetctl calibrate import: {error}", file=sys.stderr)
         return 2
     print(f"{args.out}: baseline {rig.baseline_mm:.2f} mm" + (f"; the old one is {kept.name}" if kept else ""))
@@ -206,7 +207,7 @@ def _export(args: argparse.Namespace) -> int:
             to_ros(rig, *args.ros)
         else:
             to_opencv(rig, args.opencv[0])
-    except (ConfigError, OSError) as error:
+    except (FileError, OSError) as error:
         print(f"facetctl calibrate export: {error}", file=sys.stderr)
         return 2
     print("written: " + ", ".join(map(str, args.ros or args.opencv[:1])))

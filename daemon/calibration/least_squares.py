@@ -43,6 +43,12 @@ def solve(problem: Problem, start: Array, passes: int = 60) -> Solution:
 
     Source: Levenberg-Marquardt with Marquardt's scaling; covariance sigma^2 (J^T J)^-1 at the minimum.
     """
+    parameters, residuals, jacobian = minimise(problem, start, passes)
+    return Solution(parameters, _covariance(jacobian, residuals), residuals)
+
+
+def minimise(problem: Problem, start: Array, passes: int = 60) -> tuple[Array, Array, Array]:
+    """Parameters, residuals and Jacobian at the minimum that is reached from start, be it a point or not."""
     parameters, damping = np.array(start, float), 1e-3
     residuals, jacobian = problem(parameters)
     cost = float(residuals @ residuals)
@@ -61,7 +67,7 @@ def solve(problem: Problem, start: Array, passes: int = 60) -> Solution:
         damping = max(damping / 10, 1e-12)
         if gain <= 1e-10 * cost:
             break
-    return Solution(parameters, _covariance(jacobian, residuals), residuals)
+    return parameters, residuals, jacobian
 
 
 def _covariance(jacobian: Array, residuals: Array) -> Array:

@@ -22,7 +22,8 @@ from daemon.arrays import Array
 from daemon.calibration.file import Calibration, Quality, save_calibration
 from daemon.calibration.recorded import keep_old
 from daemon.calibration.session import meet
-from daemon.store.yamlfile import ConfigError, read
+from daemon.store.outside import FileError
+from daemon.store.yamlfile import read
 from daemon.vision.geometry import Camera, Converging, StereoRig, by_formula
 
 Length = Annotated[float, Meta(gt=0)]
@@ -129,7 +130,7 @@ def run(args: argparse.Namespace) -> int:
         kept = keep_old(args.out)
         quality = Quality(method="quick", made=datetime.now(UTC).replace(microsecond=0))
         save_calibration(Calibration(result.rig, None, quality), args.out)
-    except (ConfigError, OSError) as error:
+    except (FileError, OSError) as error:
         print(f"facetctl calibrate quick: {error}", file=sys.stderr)
         return 2
     if args.json:

@@ -15,9 +15,8 @@ from pathlib import Path
 from daemon.calibration.board import Board, BoardError, Grey, find_board, parse_board
 from daemon.calibration.file import Calibration, Quality, load_calibration, save_calibration
 from daemon.calibration.stereo import Pair, StereoError, StereoResult, calibrate_stereo
-from daemon.store.files import plain
-from daemon.store.pictures import PictureError, read_grey
-from daemon.store.yamlfile import ConfigError
+from daemon.store.outside import FileError
+from daemon.store.pictures import read_grey
 
 
 def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -81,8 +80,8 @@ def read_pairs(files: Sequence[tuple[Path, Path]], board: Board) -> tuple[list[P
     unused: dict[str, str] = {}
     try:
         images = {path: read_grey(path) for pair in files for path in pair}
-    except (OSError, PictureError) as error:
-        raise BoardError(plain(error)) from None
+    except FileError as error:
+        raise BoardError(str(error)) from None
     sizes = Counter((image.shape[1], image.shape[0]) for image in images.values())
     size = sizes.most_common(1)[0][0]
     for left, right in files:
@@ -131,7 +130,7 @@ def _changed_baseline(path: Path, result: StereoResult) -> str | None:
     """The eyes do not move apart between calibrations: a baseline that did says that the square size is wrong."""
     try:
         before = load_calibration(path).rig.baseline_mm
-    except (ConfigError, OSError):
+    except (FileError, OSError):
         return None
     now = result.rig.baseline_mm
     if abs(now / before - 1) < 0.03:

@@ -11,6 +11,7 @@ import numpy as np
 
 from daemon.arm import Reading, StopRefusedError
 from daemon.arrays import Array
+from daemon.cell.no_arm import CellError
 from drivers import puma560
 from drivers.val2.commands import moves_the_arm as moves_the_arm
 from drivers.val2.dialect import Dialect
@@ -30,7 +31,7 @@ NEAR_SINGULAR_RAD = float(np.radians(3.0))
 class ArmOnLink:
     """daemon/arm/workcell.py's Robot over VAL II, and what only an operator does: power-up, CAL, the monitor."""
 
-    def __init__(self, link: Link, arm: puma560.Puma560) -> None:
+    def __init__(self, link: Link, arm: puma560.ArmGeometry) -> None:
         self.link = link
         self.heard_s: float | None = None
         """When the controller last answered, on the cell's clock."""
@@ -133,7 +134,7 @@ class ArmOnLink:
 
     def reachable(self, world_from_tool: Array, joints_rad: Array) -> Array | None:
         """Joints (6,) rad that reach the pose as the arm is configured now, clear of a singular wrist, or None."""
-        configuration = puma560.configuration_of(joints_rad)
+        configuration = puma560.configuration_of(joints_rad, self._arm)
         try:
             joints = puma560.inverse(world_from_tool, configuration, self._arm, joints_rad)
         except puma560.UnreachableError:
@@ -177,6 +178,12 @@ class ArmOnLink:
             answer = await self.link.calibrate(reply)
             await self._rest()
         return list(answer.lines)
+
+    def check_typable(self, text: str) -> None:
+        """Raise CellError where a line cannot be typed to this controller."""
+        most = self.link.dialect.line_limit
+        if len(text) > most or not text.isascii() or not (text.isprintable() or not text):
+            raise CellError(f"the controller takes lines of up to {most} plain characters (ASCII), not {text[:40]!r}")
 
     async def monitor(self, text: str) -> list[str]:
         """Any command, as typed at the controller's own terminal; gives what it said, once the arm is at rest."""
@@ -230,7 +237,7 @@ class ArmOnLink:
     async def _introduce_tool(self) -> None:
         """Tell the controller of our tool: switched on, it knows none, and would bring the bare wrist to each place."""
         if self.link.question is None:
-            await self.link.tool(location_from_matrix(self._arm.flange_from_tool))
+            await self.link.tool(location_from_matrix(self._arm.tool_for_controller))
             self._introduced = True
 
     def _reading(self, where: Where) -> Reading:
@@ -243,7 +250,7 @@ class ArmOnLink:
 
 
 def arm_on_link(
-    port: str, dialect: Dialect, arm: puma560.Puma560, on_wire: WireListener, clock: Callable[[], float]
+    port: str, dialect: Dialect, arm: puma560.ArmGeometry, on_wire: WireListener, clock: Callable[[], float]
 ) -> ArmOnLink:
     """The arm at a serial port, not yet opened. on_wire: called with every record of the wire ledger."""
     link = Link(port, dialect, clock=clock, on_wire=on_wire, belongs_together=partial(belongs_together, arm))
@@ -259,7 +266,7 @@ def _refusals() -> Iterator[None]:
         raise StopRefusedError(refused.message) from refused
 
 
-def belongs_together(arm: puma560.Puma560, where: Where) -> bool:
+def belongs_together(arm: puma560.ArmGeometry, where: Where) -> bool:
     """Whether a WHERE's joints put our tool at its place, to more than its digits and less than any spoiled one."""
     place = location_from_matrix(puma560.forward(np.radians(where.joints_deg), arm))
     off_mm, off_deg = apart(place, where.location)

@@ -46,6 +46,9 @@ class NoArm:
 
     move = hand = power_up = calibrate = monitor = prove_stop = _refuse
 
+    def check_typable(self, _: str) -> None:
+        """Whatever it is, it is refused when it is typed."""
+
     def terminal(self, _: object) -> NoReturn:
         """Refused."""
         raise CellError(NONE)

@@ -6,17 +6,14 @@ In: Config. Out: the drivers' own settings, or a ConfigError that names file, li
 from __future__ import annotations
 
 from dataclasses import replace
-from math import hypot
 from pathlib import Path
-
-import numpy as np
 
 from daemon.arm import plausible
 from daemon.calibration.file import Calibration, rigid
 from daemon.config import Config
 from daemon.store.yamlfile import read
 from drivers.camera.settings import CameraSettings
-from drivers.puma560 import A2_MM, A3_MM, D4_MM, Puma560
+from drivers.puma560 import ArmGeometry
 from drivers.val2.dialect import Dialect
 
 
@@ -24,7 +21,7 @@ def check(config: Config) -> None:
     """Type every one of them, and ask whether the geometry can be meant. Raises ConfigError."""
     dialect(config)
     arm = arm_geometry(config)
-    for wrong in (*plausible.tool(arm.flange_from_tool), *plausible.limits(config.values.pick.limits, reach_mm(arm))):
+    for wrong in (*plausible.tool(arm.flange_from_tool), *plausible.limits(config.values.pick.limits, arm.reach_mm)):
         raise config.document.error(wrong.keys, wrong.problem)
     if config.kind == "real":
         camera_settings(config)
@@ -47,22 +44,17 @@ def dialect(config: Config) -> Dialect:
     return document.convert(Dialect, at=("arm", "dialect"))
 
 
-def arm_geometry(config: Config) -> Puma560:
+def arm_geometry(config: Config) -> ArmGeometry:
     """The arm with its tool: arm.flange_from_tool, (4, 4) mm. Raises ConfigError."""
     rows = config.values.arm.flange_from_tool
-    return Puma560(flange_from_tool=rigid(config.document, ("arm", "flange_from_tool"), rows))
-
-
-def reach_mm(arm: Puma560) -> float:
-    """How far from the shoulder the tool centre point gets, at most."""
-    return A2_MM + hypot(A3_MM, D4_MM) + float(np.linalg.norm(arm.flange_from_tool[:3, 3]))
+    return ArmGeometry(flange_from_tool=rigid(config.document, ("arm", "flange_from_tool"), rows))
 
 
 def check_hand_eye(config: Config, calibration: Calibration) -> None:
     """Whether the cameras can be on the hand where the calibration has them. Raises ConfigError."""
     if calibration.tool_from_cyclopean is None:
         return
-    for wrong in plausible.hand_eye(calibration.tool_from_cyclopean, reach_mm(arm_geometry(config))):
+    for wrong in plausible.hand_eye(calibration.tool_from_cyclopean, arm_geometry(config).reach_mm):
         raise read(config.calibration).error(wrong.keys, wrong.problem)
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from daemon import frames
 from daemon.arrays import Array
+from daemon.vision.geometry import Polyhedron
 
 if TYPE_CHECKING:
     from drivers.simcell.boards import BoardPrint
@@ -26,17 +27,33 @@ class SimulatedHand:
     def __init__(self, cell: SimulatedCell, views: Mapping[str, int], board: Callable[..., BoardPrint]) -> None:
         self.cell = cell
         self._views, self._board = views, board
+        self._drawn: dict[str, int] = {}
         self._set_aside: tuple[PlacedPart, ...] | None = None
         """The parts as they lay before something else was shown."""
 
     @property
     def labels(self) -> tuple[str, ...]:
         """The parts there are."""
-        return tuple(self._views)
+        return tuple({**self._views, **self._drawn})
+
+    def draw(self, solids: Mapping[str, Polyhedron]) -> dict[str, str]:
+        """Have parts made from these drawings, by their labels; gives why for each that cannot be made."""
+        from drivers.simcell.drawn import DrawnError, drawn_shape
+        from drivers.simcell.stand import DRAWN_VIEWS
+
+        shapes, unmade = [], {}
+        for label, solid in solids.items():
+            try:
+                shapes.append(drawn_shape(label, solid.corners_mm, solid.facets))
+            except DrawnError as error:
+                unmade[label] = str(error)
+        self.cell.world.draw(shapes)
+        self._drawn = {shape.label: len(DRAWN_VIEWS) for shape in shapes}
+        return unmade
 
     def show(self, label: str, view: int) -> int:
         """Hold a part before the cameras in a characteristic view, counted round; gives the view it is in."""
-        view %= self._views[label]
+        view %= {**self._views, **self._drawn}[label]
         self._remember()
         self.cell.place_for_teaching(label, view)
         return view

@@ -1,6 +1,7 @@
 """Commands that calibrate with the arm and a board: stereo, hand-eye, both, verify, and the touch test.
 
-A result is written to calibration.yaml (the old one is kept) and taken over at once; a failed one changes nothing.
+A result is kept beside those before it (daemon/store/calibrations.py) and taken over at once; a failed one changes
+nothing.
 """
 
 from __future__ import annotations
@@ -12,9 +13,8 @@ import numpy as np
 
 from daemon import frames
 from daemon.calibration.board import Board, BoardError, parse_board
-from daemon.calibration.file import Calibration, save_calibration
+from daemon.calibration.file import Calibration, calibration_text, load_calibration
 from daemon.calibration.hand_eye import HandEyeError, HandEyeResult
-from daemon.calibration.recorded import keep_old
 from daemon.calibration.session import (
     Session,
     SessionError,
@@ -28,17 +28,22 @@ from daemon.calibration.session import (
 )
 from daemon.calibration.stereo import StereoError, StereoResult
 from daemon.console.context import CommandContext
-from daemon.console.interpreter import NOT_DONE, NOT_UNDERSTOOD, Answer, CommandError, Door, command, one_of
+from daemon.console.interpreter import NOT_DONE, NOT_UNDERSTOOD, Answer, CommandError, Door, command, no_more, one_of
+from daemon.errors import FacetdError
+from daemon.store.calibrations import CONFIGURED
 
 KINDS = ("stereo", "by-hand", "hand-eye", "verify", "touch")
-USAGE = "calibrate stereo|by-hand|hand-eye|verify|touch [CxR SQUARE_MM [charuco]]"
+KEPT = ("list", "use")
+USAGE = "calibrate stereo|by-hand|hand-eye|verify|touch [CxR SQUARE_MM [charuco]] | list | use N"
 POSES = {"stereo": 28, "hand-eye": 24, "verify": 8, "touch": 0}
 USUAL_BOARD = ("9x6", "16")
 SPEED_PCT = 60.0
 TOUCH_ABOVE_MM = 2.0
 
 
-@command(USAGE, "move", most=None, choices=lambda _: KINDS)
+@command(USAGE, "move", most=None, choices=(*KINDS, *KEPT), looks=frozenset({"list"}),
+         further=lambda context, word: map(str, (CONFIGURED, *context.config.calibrations.numbers())) if word == "use"
+         else ())  # fmt: skip
 async def calibrate(context: CommandContext, words: list[str], door: Door) -> Answer:
     """Find out how the cameras see and where they sit.
 
@@ -47,10 +52,15 @@ async def calibrate(context: CommandContext, words: list[str], door: Door) -> An
     hand-eye  where the cameras sit on the hand; the eyes stay as they are
     verify    8 new poses: errors in mm and px, passed or failed
     touch     the gripper goes over a corner of the board, you say how far off it is
+    list      the calibrations made here, and the one the configuration names (0); use N goes back to one
     Lay the board flat where all of it is in view, `enable` the arm. Inner corners and square: 9x6 16 unless said.
     With `step on`, each pose waits for `confirm`.
     """
-    kind = one_of(words, 0, KINDS, "kind of calibration", USAGE)
+    kind = one_of(words, 0, (*KINDS, *KEPT), "kind of calibration", USAGE)
+    if kind in KEPT:
+        return await _use(context, words) if kind == "use" else _list(context, words)
+    if kind not in ("verify", "touch"):
+        await asyncio.to_thread(context.config.calibrations.check)
     board = _board(words[1:])
     hand = context.hardware.hand
     if hand is not None:
@@ -119,11 +129,40 @@ async def _eyes_alone(context: CommandContext, board: Board, door: Door) -> Answ
 
 
 async def _taken_over(context: CommandContext, after: Calibration) -> list[str]:
-    """Write it, keep the old one, and work with it from now on."""
-    kept = keep_old(context.config.calibration)
-    save_calibration(after, context.config.calibration)
-    where = f"Written: {context.config.calibration}" + ("" if kept is None else f"; the old one is {kept.name}")
-    return [await context.reload(), where]
+    """Keep it, and work with it from now on."""
+    calibrations = context.config.calibrations
+    before, number = calibrations.current, await asyncio.to_thread(calibrations.keep, calibration_text(after))
+    try:
+        taken = await context.reload()
+    except FacetdError as error:
+        calibrations.use(before)
+        raise CommandError(f"kept as calibration {number}, and not taken into use: {error}") from None
+    return [taken, f"Kept as calibration {number}, {calibrations.path(number)}; `calibrate use {before}` goes back."]
+
+
+def _list(context: CommandContext, words: list[str]) -> Answer:
+    no_more(words, 1, USAGE)
+    calibrations = context.config.calibrations
+    rows = [f"{'':>4}  {'written (UTC)':<16}"]
+    for number in (CONFIGURED, *calibrations.numbers()):
+        in_use = "in use" if number == calibrations.current else ""
+        rows.append(f"{number:>4}  {calibrations.made(number)}  {in_use:<6}  {calibrations.path(number)}")
+    return Answer("\n".join(rows), {"current": calibrations.current, "numbers": calibrations.numbers()})
+
+
+async def _use(context: CommandContext, words: list[str]) -> Answer:
+    no_more(words, 2, USAGE)
+    calibrations = context.config.calibrations
+    known = (CONFIGURED, *calibrations.numbers())
+    word = one_of(words, 1, map(str, known), "calibration", USAGE)
+    load_calibration(calibrations.path(int(word)))  # what cannot be used is not taken over
+    before = calibrations.current
+    calibrations.use(int(word))
+    try:
+        return Answer(f"Calibration {word} is in use. {await context.reload()}", {"current": int(word)})
+    except FacetdError:
+        calibrations.use(before)
+        raise
 
 
 def _stereo_lines(result: StereoResult) -> list[str]:

@@ -10,6 +10,7 @@ from daemon.commands.monitoring import monitor, note_hand
 from daemon.commands.moving import with_questions
 from daemon.console.context import CommandContext
 from daemon.console.interpreter import NOT_DONE, Answer, CommandError, Door, command, no_more, one_of
+from daemon.console.notices import Level
 from daemon.upkeep import bundle as bundles
 from daemon.upkeep import doctor as doctors
 
@@ -17,7 +18,7 @@ ROBOT = ("power-up", "cal", "monitor")
 ROBOT_USAGE = "robot power-up [Y N ...] | robot cal | robot monitor [TEXT]"
 
 
-@command(ROBOT_USAGE, "move", most=None, choices=lambda _: ROBOT)
+@command(ROBOT_USAGE, "move", most=None, choices=ROBOT)
 async def robot(context: CommandContext, words: list[str], door: Door) -> Answer:
     """Speak with the arm's controller as its own terminal would.
 
@@ -36,6 +37,8 @@ async def robot(context: CommandContext, words: list[str], door: Door) -> Answer
         if question is None:
             raise CommandError("the controller asks nothing: it is past its power-up questions")
         replies = words[1:] or ["Y", "Y"]
+        for reply in replies:
+            arm.check_typable(reply)
         if arm.asks_whether_to_move:
             said = await with_questions(context, by_hand("power-up", lambda: arm.power_up(replies)), door)
         else:
@@ -47,6 +50,7 @@ async def robot(context: CommandContext, words: list[str], door: Door) -> Answer
         return _replies(await with_questions(context, by_hand("CAL", lambda: arm.calibrate(reply)), door))
     if not text:
         return await monitor(context, door)
+    arm.check_typable(text)
 
     async def typed() -> list[str]:
         note_hand(context, text)
@@ -78,6 +82,24 @@ async def reload(context: CommandContext, words: list[str], _: Door) -> Answer:
     return Answer(await context.reload())
 
 
+@command("notices [faults|outcomes|all]", most=1, choices=tuple(level.name.lower() for level in Level))
+async def notices(context: CommandContext, words: list[str], door: Door) -> Answer:
+    """How much this console tells unasked.
+
+    faults    faults, stops and refusals, whoever caused them; no console tells less
+    outcomes  how picks and autos end as well (so it is at first)
+    all       and what other operators move or change
+    """
+    level = context.notices.level(door)
+    if level is None:
+        raise CommandError("nothing is told here unasked: that is for `facetctl console` and the serial terminal")
+    if words:
+        word = one_of(words, 0, [one.name.lower() for one in Level], "level", notices.usage)
+        level = Level[word.upper()]
+        context.notices.set_level(door, level)
+    return Answer(f"Told here unasked: {level.name.lower()}.", {"level": level.name.lower()})
+
+
 def doctor_answer(findings: list[doctors.Finding]) -> Answer:
     """Findings as text and JSON; status 1 when something is wrong."""
     bad = [finding for finding in findings if finding.level == "bad"]
@@ -91,4 +113,4 @@ def _replies(lines: list[str]) -> Answer:
     return Answer("\n".join(lines) or "(no words)", {"lines": lines})
 
 
-COMMANDS = (robot, doctor, bundle, reload)
+COMMANDS = (robot, notices, doctor, bundle, reload)

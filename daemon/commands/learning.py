@@ -1,4 +1,4 @@
-"""Commands that teach: show a part, keep its view, train a candidate, take it into use, go back."""
+"""Commands that teach: show a part, or its drawing, keep the view, remove it again. Models are made in models.py."""
 
 from __future__ import annotations
 
@@ -7,10 +7,11 @@ import difflib
 import hashlib
 import re
 from collections import Counter
+from collections.abc import Sequence
 from typing import Any
 
 from daemon.commands import simulated_hand
-from daemon.commands.looking import describe_facet, describe_scene, one_part
+from daemon.commands.looking import describe_facet, drawn, one_part
 from daemon.console.context import CommandContext
 from daemon.console.interpreter import (
     NOT_DONE,
@@ -22,13 +23,17 @@ from daemon.console.interpreter import (
     no_more,
     number,
     one_of,
+    yes_or_no,
 )
-from daemon.console.phrases import is_yes, plural
+from daemon.console.phrases import plural
 from daemon.pick.looking import Look
+from daemon.store.outside import read_file
+from daemon.store.yamlfile import LARGEST_BYTES
 from daemon.teaching.mesh import UNITS_MM, MeshError
 from daemon.teaching.sufficiency import VIEWPOINTS, Sufficiency
-from daemon.teaching.trainer import ViewVerdict, teaching_note
+from daemon.teaching.trainer import teaching_note
 from daemon.vision.model import TeachError
+from daemon.vision.values import Facet
 
 LABEL = re.compile(r"[a-z][a-z0-9_]{0,39}")
 MESH_USAGE = "teach LABEL --mesh FILE.stl|FILE.obj [mm|cm|m|inch]"
@@ -39,9 +44,14 @@ def with_views(context: CommandContext) -> list[str]:
     return context.trainer.model_store.labels()
 
 
-@command("teach LABEL [--mesh FILE]", "change", most=None, choices=lambda context: context.parts)
+def _numbers(context: CommandContext, label: str) -> list[str]:
+    return [str(view.number) for view in context.trainer.model_store.views(label)]
+
+
+@command("teach LABEL [--mesh FILE]", "change", most=None, choices=lambda context: context.parts, first=True,
+         further=lambda _, __: ("--mesh",))  # fmt: skip
 async def teach(context: CommandContext, words: list[str], door: Door) -> Answer:
-    """Look at a part and keep the view as that part.
+    """Keep what is seen as that part.
 
     Show the part alone. What is seen is drawn and you are asked whether it is right.
     Then you are told which sides are still unseen and what it could be taken for.
@@ -65,15 +75,16 @@ async def _teach_what_is_shown(context: CommandContext, label: str, door: Door) 
     seen = await context.cycle.look(f"teach {label}")
     left, right = seen.pictures.left.pixels, seen.pictures.right.pixels
     table = context.table_in(seen)
-    await door.say(describe_scene(seen.scene))
-    await asyncio.to_thread(context.trainer.check, label, left, right, table)
-    if len(seen.scene.parts) > 1 and not door.asks:
-        raise CommandError(f"{len(seen.scene.parts)} separate things are seen; show the {label} alone, evenly lit")
+    group = await asyncio.to_thread(context.trainer.check, label, left, right, table)
+    facets, sides = await asyncio.to_thread(context.trainer.with_view, label, group)
+    await door.say(_shown(seen, facets, sides, door.columns))
+    things = sum(len(part.facets) > 1 for part in seen.scene.parts)
+    if things > 1 and not door.asks:
+        raise CommandError(f"{things} separate things are seen; show the {label} alone, evenly lit")
     named = _named_otherwise(seen, label)
     if named:
         await door.say(f"The model in use takes this for {named}.")
-    shown = ", ".join(describe_facet(facet) for facet in one_part(seen).facets)
-    if door.asks and not is_yes(await door.ask(f"Is this the {label}, alone and whole: {shown}? [y/n]")):
+    if door.asks and not await yes_or_no(door, f"Is this the {label}, alone and whole? [y/n]"):
         return Answer("Not kept. Turn it or light it better, and say `teach` again.", {"kept": False}, NOT_DONE)
     note = teaching_note(door.who, _digest(context), table, seen.scene)
     view = await asyncio.to_thread(context.trainer.store, label, left, right, note)
@@ -94,26 +105,35 @@ async def _teach_drawing(context: CommandContext, words: list[str], door: Door) 
     unit = one_of(words, at + 2, UNITS_MM, "unit", MESH_USAGE) if unit is not None else "mm"
     label = await _label(context, words[:at], door, shown=False)
     content = await door.fetch(file)
+    name = file.rpartition("/")[2]
     try:
-        view = await asyncio.to_thread(
-            context.trainer.store_mesh, label, file.rpartition("/")[2], content, unit, {"who": door.who}
-        )
+        odd = await asyncio.to_thread(context.trainer.odd_drawing, label, name, content, unit)
+        if odd is not None and not (door.asks and await yes_or_no(door, f"{odd}. Keep it all the same? [y/n]")):
+            raise CommandError(f"not kept: {odd}")
+        view = await asyncio.to_thread(context.trainer.store_mesh, label, name, content, unit, {"who": door.who})
     except (MeshError, TeachError) as error:
         raise CommandError(str(error), NOT_UNDERSTOOD) from None
     verdict, data = await _sufficiency(context, label)
     count = Counter(view.note["facets"][0])
     facets = ", ".join(f"{n} {kind}" for kind, n in count.most_common())
-    text = f"Kept as {view.name}: a solid of {plural(sum(count.values()), 'facet')} ({facets}).\n{verdict}"
-    return Answer(f"{text}\n`train` makes a candidate with it.", {"kept": True, "view": view.name, **data})
+    lines = [f"Kept as {view.name}: a solid of {plural(sum(count.values()), 'facet')} ({facets}).", verdict]
+    unmade = (await simulated_hand.know_drawings(context)).get(label)
+    if unmade is not None:
+        lines.append(f"The simulated cell cannot show it: {unmade}.")
+    elif context.hardware.hand is not None:
+        lines.append(f"The simulated cell has it: `show {label}`, or `scatter {label}` onto the table.")
+    lines.append("`train` makes a candidate with it.")
+    return Answer("\n".join(lines), {"kept": True, "view": view.name, **data})
 
 
 @command("untaught")
 async def untaught(context: CommandContext, words: list[str], _: Door) -> Answer:
-    """Parts not taught yet, views not trained yet."""
+    """Parts never shown, views not in use yet."""
     missing, waiting = context.trainer.untaught(), context.trainer.waiting()
-    lines = [f"Not taught: {', '.join(missing)}." if missing else "Every part of parts.yaml is taught."]
+    lines = [f"Never shown: {', '.join(missing)}." if missing else "Every part of parts.yaml was shown."]
     if waiting:
-        lines.append(f"Taught but not yet trained and accepted: {', '.join(view.name for view in waiting)}.")
+        names = ", ".join(view.name for view in waiting)
+        lines.append(f"Taught, and not in use yet: {names}; `train`, then `accept`.")
     return Answer("\n".join(lines), {"untaught": missing, "waiting": [view.name for view in waiting]})
 
 
@@ -122,76 +142,25 @@ async def views(context: CommandContext, words: list[str], _: Door) -> Answer:
     """The views that were taught."""
     label = one_of(words, 0, context.trainer.model_store.labels(), "label with views", views.usage) if words else None
     found = context.trainer.model_store.views(label)
-    rows = [
-        f"{view.name:<24} {view.note.get('taught', '?'):<26} {_what_of(view.note)}, by {view.note.get('who', '?')}"
-        for view in found
-    ]
+    rows = [f"{view.name:<24} {view.damage or _taught(view.note)}" for view in found]
     data = [{"view": view.name, **view.note} for view in found]
     return Answer("\n".join(rows) or "No view is stored: `teach LABEL`.", {"views": data})
 
 
-@command("forget LABEL [NUMBER]", "change", most=2, choices=with_views)
+@command("forget LABEL [NUMBER]", "change", most=2, choices=with_views, further=_numbers)
 async def forget(context: CommandContext, words: list[str], door: Door) -> Answer:
     """Remove taught views."""
     label = one_of(words, 0, context.trainer.model_store.labels(), "label with views", forget.usage)
     which = number(words[1], "NUMBER", 1, 9999) if len(words) > 1 else None
     what = f"view {label}/{which}" if which else f"all views of {label}"
-    if door.asks and not is_yes(await door.ask(f"Remove {what} for good? [y/n]")):
+    if door.asks and not await yes_or_no(door, f"Remove {what} for good? [y/n]"):
         return Answer("Nothing is removed.", {"removed": 0}, NOT_DONE)
     removed = context.trainer.model_store.drop_views(label, which)
+    await simulated_hand.know_drawings(context)
     if not removed:
         raise CommandError(f"there is no {what}")
     text = f"{plural(removed, 'view')} removed. The model in use stays as it is; `train` makes one without."
     return Answer(text, {"removed": removed})
-
-
-@command("train", "change")
-async def train(context: CommandContext, words: list[str], door: Door) -> Answer:
-    """Make a candidate model of all views.
-
-    The model in use is not touched, unless there was none.
-    """
-    trained = await asyncio.to_thread(context.trainer.train)
-    wrong = [v for v in trained.verdicts if not v.right]
-    right = len(trained.verdicts) - len(wrong)
-    text = f"Candidate {trained.version}: names {right} of {plural(len(trained.verdicts), 'taught view')} rightly"
-    lines = [f"{text} ({trained.seconds:.1f} s)."]
-    lines += [f"  {_describe_verdict(v)}" for v in wrong]
-    lines += [f"  left out: {line}" for line in trained.left_out]
-    candidate = context.trainer.candidate()
-    data: dict[str, Any] = {"version": trained.version, "right": right, "views": len(trained.verdicts)}
-    data["seconds"] = round(trained.seconds, 2)
-    if candidate is not None:
-        judged = [await asyncio.to_thread(context.trainer.judge, candidate.model, label) for label in candidate.labels]
-        lines += [_describe_sufficiency(judgement) for judgement in judged]
-        data["parts"] = {judgement.label: _sufficiency_json(judgement) for judgement in judged}
-    lines.append("`try` looks with it; `accept` puts it into use.")
-    first = context.trainer.model_store.current is None and not context.trainer.model.labels
-    if first and not wrong:
-        version = context.trainer.accept()
-        context.use_model("first", version)
-        lines[-1] = f"There was no model yet: version {version} is in use from now on."
-        data["accepted"] = True
-    return Answer("\n".join(lines), data, NOT_DONE if wrong else 0)
-
-
-@command("accept", "change")
-async def accept(context: CommandContext, words: list[str], _: Door) -> Answer:
-    """Put the candidate model into use."""
-    model_store = context.trainer.model_store
-    if model_store.candidate is None and model_store.current is not None:
-        raise CommandError(f"version {model_store.current} is in use and no other waits; `train` makes a candidate")
-    version = await asyncio.to_thread(context.trainer.accept)
-    context.use_model("accept", version)
-    return Answer(f"Version {version} is in use; `rollback` goes back.", {"version": version})
-
-
-@command("rollback", "change")
-async def rollback(context: CommandContext, words: list[str], _: Door) -> Answer:
-    """Go back to the model used before."""
-    version = await asyncio.to_thread(context.trainer.rollback)
-    context.use_model("rollback", version)
-    return Answer(f"Version {version} is in use again; the other one is the candidate.", {"version": version})
 
 
 async def _label(context: CommandContext, words: list[str], door: Door, shown: bool = True) -> str:
@@ -209,7 +178,7 @@ async def _label(context: CommandContext, words: list[str], door: Door, shown: b
     hint = f"; did you mean {close[0]}?" if close else f" (known: {', '.join(context.parts)})"
     if (shown and context.hardware.hand is not None) or not door.asks:
         raise CommandError(f"{label}: no such part{hint} Add a new one to parts.yaml.", NOT_UNDERSTOOD)
-    if not is_yes(await door.ask(f"{label} is not in parts.yaml{hint} Teach it as a new part? [y/n]")):
+    if not await yes_or_no(door, f"{label} is not in parts.yaml{hint} Teach it as a new part? [y/n]"):
         raise CommandError("not taught")
     return label
 
@@ -220,30 +189,39 @@ async def _sufficiency(context: CommandContext, label: str) -> tuple[str, dict[s
     if label not in model.metric:
         return "", {}
     judged = await asyncio.to_thread(context.trainer.judge, model, label)
-    return _describe_sufficiency(judged), {"sufficiency": _sufficiency_json(judged)}
+    return describe_sufficiency(judged), {"sufficiency": sufficiency_json(judged)}
 
 
-def _describe_sufficiency(judged: Sufficiency) -> str:
-    """In at most a few lines: what is known, what was never seen, what it could be taken for, what to show next."""
+def describe_sufficiency(judged: Sufficiency, brief: bool = False) -> str:
+    """In at most a few lines: what is known, what was never seen, what it could be taken for, what to show next. brief:
+    in one line, without what only helps whoever holds the part."""
     known = f"{judged.label}: {plural(len(judged.facets), 'side')} known"
     if judged.unseen:
         known += f"; from {100 * judged.unseen:.0f} % of all directions it shows sides never seen"
     else:
         known += ", from every direction enough of it is known"
     lines = [known + "."]
+    if brief:
+        taken = {name for m in judged.mistakes for name in m.taken_for if name not in (judged.label, "unknown")}
+        return known + (f"; from some it could be {' or '.join(sorted(taken))}" if taken else "") + "."
     if judged.turn_away is not None:
         place, kind = judged.turn_away
         lines.append(f"  To show next: turn it so that side {place + 1} ({kind}) points away from the cameras.")
-    for mistake in judged.mistakes[:3]:
+    told: dict[str, int] = {}
+    for mistake in judged.mistakes:
         others = [name for name in mistake.taken_for if name not in (judged.label, "unknown")]
         what = f"could be {' or '.join(others)}" if others else "is not named"
-        seen = " and ".join(f"one {kind}" for kind in mistake.facets) if len(mistake.facets) < 3 else "this view"
-        count = f"{plural(mistake.viewpoints, 'direction')} of {VIEWPOINTS}"
-        lines.append(f"  Seen as {seen} alone, it {what} ({count}); a look from elsewhere settles it.")
+        alone = " and ".join(f"one {kind}" for kind in mistake.facets)
+        seen = f"Seen as {alone} alone" if len(mistake.facets) < 3 else "From some sides"
+        told[f"{seen}, it {what}"] = told.get(f"{seen}, it {what}", 0) + mistake.viewpoints
+    for text, directions in list(told.items())[:3]:
+        count = f"{plural(directions, 'direction')} of {VIEWPOINTS}"
+        lines.append(f"  {text} ({count}); a look from elsewhere settles it.")
     return "\n".join(lines)
 
 
-def _sufficiency_json(judged: Sufficiency) -> dict[str, Any]:
+def sufficiency_json(judged: Sufficiency) -> dict[str, Any]:
+    """The same as JSON values."""
     return {
         "sides": list(judged.facets),
         "open_edges": judged.open_edges,
@@ -256,8 +234,22 @@ def _sufficiency_json(judged: Sufficiency) -> dict[str, Any]:
     }
 
 
-def _describe_verdict(verdict: ViewVerdict) -> str:
-    return f"{verdict.view}: taken for {verdict.named} ({verdict.reason})"
+def _shown(seen: Look, facets: Sequence[Facet], sides: list[int | None], columns: int) -> str:
+    """The facets in view as a drawing, numbered as the part's sides, and how long their edges are. Facets of other
+    things have no number."""
+    marks = ["?" if side is None else str(side + 1) for side in sides]
+    mine = {facet.left_px.tobytes() for facet in facets}
+    others = [f for other in seen.scene.view.groups for f in other.facets if f.left_px.tobytes() not in mine]
+    outlines = [(f.left_px, "") for f in others]
+    outlines += [(facet.left_px, mark) for facet, mark in zip(facets, marks, strict=True)]
+    rows: dict[str, list[str]] = {}
+    for facet, mark in zip(facets, marks, strict=True):
+        rows.setdefault(describe_facet(facet), []).append(mark)
+    lines = [drawn(outlines, columns)]
+    lines += [f"side {' '.join(sorted(numbers))}: {what}" for what, numbers in rows.items()]
+    if others:
+        lines.append(f"and {plural(len(others), 'facet')} of something else beside it")
+    return "\n".join(lines)
 
 
 def _named_otherwise(seen: Look, label: str) -> str | None:
@@ -265,6 +257,10 @@ def _named_otherwise(seen: Look, label: str) -> str | None:
     names = [part.recognition.label for part in seen.scene.parts]
     others = [name for name in names if name not in (label, "unknown")]
     return others[0] if others and label not in names else None
+
+
+def _taught(note: dict[str, Any]) -> str:
+    return f"{note.get('taught', '?'):<26} {_what_of(note)}, by {note.get('who', '?')}"
 
 
 def _what_of(note: dict[str, Any]) -> str:
@@ -275,7 +271,7 @@ def _what_of(note: dict[str, Any]) -> str:
 
 
 def _digest(context: CommandContext) -> str:
-    return hashlib.sha256(context.config.calibration.read_bytes()).hexdigest()
+    return hashlib.sha256(read_file(context.config.calibration, LARGEST_BYTES)).hexdigest()
 
 
-COMMANDS = (teach, untaught, views, forget, train, accept, rollback)
+COMMANDS = (teach, untaught, views, forget)

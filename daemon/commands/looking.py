@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import asyncio
 import time
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from daemon.commands.sketch import sketch
+from daemon.arrays import Array
+from daemon.commands.sketch import COLUMNS, sketch
 from daemon.console.context import CommandContext
-from daemon.console.interpreter import Answer, CommandError, Door, command
+from daemon.console.interpreter import Answer, CommandError, Door, command, version
 from daemon.console.phrases import cut_off, duration, millimetres, plural
 from daemon.pick.looking import Look
 from daemon.vision.health import SAID, findings_json, troubles
@@ -20,19 +22,19 @@ from daemon.vision.values import Facet, Part, Scene
 MARKS = "abcdefghijklmnopqrstuvwxyz"
 
 
-@command("status", at_once=True)
+@command("status", at_once=True, first=True)
 async def status(context: CommandContext, words: list[str], _: Door) -> Answer:
     """How things stand, what is being done, what is wrong."""
     state = context.cycle.status()
     model = context.trainer.model
     model_store = context.trainer.model_store
-    version = "none accepted yet" if model_store.current is None else f"version {model_store.current}"
+    in_use = "none accepted yet" if model_store.current is None else f"version {model_store.current}"
     up = duration(time.monotonic() - context.started_s)
     lines = [
         f"cell      {context.hardware.kind}; {_standing(state)}",
         f"doing     {_doing(context, state)}",
-        f"model     {version}; knows {', '.join(model.labels) or 'nothing: teach, train, accept'}",
-        f"so far    {state['picked']} picked, {state['failed']} failed; up {up}",
+        f"model     {in_use}; knows {', '.join(model.labels) or 'nothing: teach, train, accept'}",
+        f"so far    {state['picked']} picked, {state['failed']} failed; up {up}; facetd {version()}",
         f"run       {context.run_log.folder}",
     ]
     pick_order = context.cycle.pick_order
@@ -43,6 +45,7 @@ async def status(context: CommandContext, words: list[str], _: Door) -> Answer:
     lines += [f"TROUBLE   {text}" for text in context.troubles.standing.values()]
     data: dict[str, Any] = {
         **state,
+        "version": version(),
         "cell": context.hardware.kind,
         "seed": context.hardware.seed,
         "model": {"version": model_store.current, "labels": list(model.labels), "candidate": model_store.candidate},
@@ -75,11 +78,11 @@ def _doing(context: CommandContext, state: dict[str, Any]) -> str:
     return text
 
 
-@command("look")
-async def look(context: CommandContext, words: list[str], _: Door) -> Answer:
-    """One look from where the arm stands; nothing moves."""
+@command("look", first=True)
+async def look(context: CommandContext, words: list[str], door: Door) -> Answer:
+    """See what the cameras see; nothing moves."""
     seen = await context.cycle.look("look")
-    lines = [describe_scene(seen.scene), _timing(seen), *troubles(seen.health)]
+    lines = [describe_scene(seen.scene, door.columns), _timing(seen), *troubles(seen.health)]
     return Answer("\n".join(lines), look_json(seen))
 
 
@@ -136,10 +139,10 @@ async def parts(context: CommandContext, words: list[str], _: Door) -> Answer:
     return Answer("\n".join(rows) or "no part is named in parts.yaml and none was taught", {"parts": data})
 
 
-def describe_scene(scene: Scene) -> str:
+def describe_scene(scene: Scene, columns: int) -> str:
     """What a look saw, for a terminal: a sketch of the left image and a line or two a part."""
     outlines = [(facet.left_px, mark) for mark, part in zip(MARKS, scene.parts, strict=False) for facet in part.facets]
-    lines = [sketch(outlines)] if outlines else ["No part is seen."]
+    lines = [drawn(outlines, columns)] if outlines else ["No part is seen."]
     for mark, part in zip(MARKS, scene.parts, strict=False):
         lines.append(f"{mark} {describe_part(part)}")
         if part.recognition.cause is not None:
@@ -147,6 +150,11 @@ def describe_scene(scene: Scene) -> str:
     reasons = {part.recognition.reason for part in scene.parts}
     lines += [f"  note: {note}" for note in scene.notes if not any(reason in note for reason in reasons)]
     return "\n".join(lines)
+
+
+def drawn(outlines: Sequence[tuple[Array, str]], columns: int) -> str:
+    """Outlines (N, 2) px with a name each, no wider than a terminal."""
+    return sketch(outlines, min(columns - 1, COLUMNS))
 
 
 def describe_part(part: Part) -> str:

@@ -40,10 +40,21 @@ async def monitor(context: CommandContext, door: Door) -> Answer:
 
 async def _monitored(context: CommandContext, door: Door) -> Answer:
     typist = Typist(context, door)
-    async with context.hardware.robot.terminal(door.show) as send:
+    async with context.hardware.robot.terminal(lambda data: door.show(shown(data))) as send:
         send(b"\r")  # an empty line, for the controller to show its prompt
         await door.terminal(lambda keys: typist.typed(keys, send))
     return Answer(f"\nBack from the controller's terminal: {typist.lines} lines typed.", {"lines": typist.lines})
+
+
+def shown(data: bytes) -> bytes:
+    """What the controller says, as a terminal may have it: no byte of it steers more than the cursor in its line."""
+    return b"".join(_SHOWN[byte] for byte in data)
+
+
+_SHOWN = [
+    bytes([k]) if chr(k) in "\r\n\b\t\a\0\x7f" or 0x20 <= k < 0x7F else b"^%c" % (k ^ 64) if k < 0x20 else b"?"
+    for k in range(256)
+]
 
 
 class Typist:

@@ -19,9 +19,11 @@ from daemon.console.interpreter import (
     no_more,
     number,
     one_of,
+    yes_or_no,
 )
-from daemon.console.phrases import cut_off, is_no, is_yes, plural
-from daemon.pick.outcome import CycleEnd
+from daemon.console.notices import Level
+from daemon.console.phrases import cut_off, plural
+from daemon.pick.outcome import CycleEnd, Outcome
 
 T = TypeVar("T")
 POLL_S = 0.05
@@ -30,7 +32,7 @@ AUTO_WORDS = ("on", "off", "wait", "resume")
 AUTO_USAGE = "auto on [N] [every S] | auto resume | auto off | auto wait"
 
 
-@command("enable", "move")
+@command("enable", "move", first=True)
 async def enable(context: CommandContext, words: list[str], door: Door) -> Answer:
     """Let the arm move, once its stop was seen to work.
 
@@ -58,7 +60,7 @@ async def _by_hand_only(context: CommandContext, door: Door) -> Let:
     lack = f"{context.config.calibration} has no hand_eye yet"
     if not door.asks:
         raise CommandError(f"{lack} (a ruler's guess will do to calibrate with); for `robot cal` enable at a console")
-    if not is_yes(await door.ask(f"{lack}. Enable the arm for `robot cal` and `robot monitor` only? [y/n]")):
+    if not await yes_or_no(door, f"{lack}. Enable the arm for `robot cal` and `robot monitor` only? [y/n]"):
         raise CommandError(f"not enabled: {lack}")
     return Let.BY_HAND
 
@@ -69,7 +71,7 @@ async def disable(context: CommandContext, words: list[str], _: Door) -> Answer:
     return _stopped(await context.cycle.supervisor.disable(), "The arm does not move until `enable`.")
 
 
-@command("stop", "move", most=None, at_once=True)
+@command("stop", "move", most=None, at_once=True, aliases=("halt",), first=True)
 async def stop(context: CommandContext, _: list[str], door: Door) -> Answer:
     """Stop the arm now; nothing moves until `resume`.
 
@@ -100,13 +102,13 @@ async def resume(context: CommandContext, words: list[str], door: Door) -> Answe
         return Answer("Going on." if before["paused"] else "Nothing was held.")
     lines = [f"The fault is cleared: {before['fault']}."]
     if before["holding"] is None and door.asks:
-        answer = await door.ask("Is a part in the gripper? [y/n]")
-        if is_yes(answer) or is_no(answer):
-            lines.append(_take_word(context, is_yes(answer)))
+        held = await yes_or_no(door, "Is a part in the gripper? [y/n]")
+        if held is not None:
+            lines.append(_take_word(context, held))
     known, pick_order = context.cycle.status()["holding"] is not None, context.cycle.pick_order
     if known and pick_order is not None and door.asks:
         left = cut_off(pick_order.count)
-        if not is_yes(await door.ask(f"{left}. Let the arm move and go on? [y/n]")):
+        if not await yes_or_no(door, f"{left}. Let the arm move and go on? [y/n]"):
             lines[0] = f"The fault stands: {before['fault']}. `resume` asks again."
             lines.append(f"{left}: `auto resume` takes it up after that, `auto off` gives it up.")
             return Answer("\n".join(lines), status=NOT_DONE)
@@ -138,19 +140,21 @@ async def abort(context: CommandContext, words: list[str], _: Door) -> Answer:
     return _stopped(await context.cycle.supervisor.abort(), "Stopped; the part is given up.")
 
 
-@command("pick [LABEL]", "move", most=1, choices=lambda context: context.trainer.model.labels)
+@command("pick [LABEL]", "move", most=1, choices=lambda context: context.trainer.model.labels, first=True)
 async def pick(context: CommandContext, words: list[str], door: Door) -> Answer:
-    """Take one part and put it into the bin."""
+    """Bring one part to the bin."""
     label = one_of(words, 0, context.trainer.model.labels, "taught part", pick.usage) if words else None
     end = await with_questions(context, context.cycle.pick(label), door)
-    return Answer(describe_end(end), end_json(end), DONE if end.outcome in ("picked", "dry", "placed") else NOT_DONE)
+    heard = end.outcome is Outcome.FAULT and context.notices.level(door) is not None
+    done = DONE if end.outcome in ("picked", "dry", "placed") else NOT_DONE
+    return Answer(describe_end(end, why=not heard), end_json(end), done)
 
 
-@command(AUTO_USAGE, "move", most=None, at_once=frozenset({"off"}), choices=lambda _: AUTO_WORDS)
+@command(AUTO_USAGE, "move", most=None, at_once=frozenset({"off"}), choices=AUTO_WORDS, first=True)
 async def auto(context: CommandContext, words: list[str], door: Door) -> Answer:
     """Pick until the table is empty, or N parts.
 
-    auto on returns at once; auto wait waits for its end and tells what was picked.
+    auto on returns at once; auto wait tells each part as it is picked, until the end.
     With `every S` an empty table is looked at again after S seconds instead of ending.
     auto resume picks what is left of an auto that a stop, a fault or a restart cut off.
     """
@@ -168,23 +172,30 @@ async def auto(context: CommandContext, words: list[str], door: Door) -> Answer:
         if not was_on:
             return Answer("What was left of the auto is given up." if left else "No auto is on.")
         return Answer("No further part is picked after this one.")
-    ends = await with_questions(context, context.auto_ends(), door)
+    if not context.cycle.status()["auto"]:
+        raise CommandError("no auto is on; `auto on` begins one")
+    ends = await with_questions(context, _auto_told(context, door), door)
     picked = sum(end.outcome == "picked" for end in ends)
-    lines = [describe_end(end) for end in ends] + [f"{plural(picked, 'part')} picked."]
     done = bool(ends) and ends[-1].outcome in ("picked", "empty", "dry")
-    return Answer("\n".join(lines), {"picked": picked, "ends": [end_json(e) for e in ends]}, DONE if done else NOT_DONE)
+    said = describe_end(ends[-1]) + "\n" if ends and not done else ""
+    data = {"picked": picked, "ends": [end_json(e) for e in ends]}
+    return Answer(f"{said}{plural(picked, 'part')} picked.", data, DONE if done else NOT_DONE)
 
 
-@command("go PLACE", "move", most=1, choices=lambda context: context.cycle.places())
-async def go(context: CommandContext, words: list[str], door: Door) -> Answer:
-    """Move to home, bin or a survey place."""
-    place = one_of(words, 0, context.cycle.places(), "place", go.usage)
-    await with_questions(context, context.cycle.go(place), door)
-    dry = context.cycle.status()["dry"]
-    return Answer(f"Planned to {place}, and not sent: `dry` is on." if dry else f"At {place}.")
+async def _auto_told(context: CommandContext, door: Door) -> list[CycleEnd]:
+    """Wait for the end of auto; each part is told as it is picked."""
+    ended = asyncio.ensure_future(context.auto_ends())
+    told = context.cycle.ends[-1].cycle if context.cycle.ends else 0
+    while not ended.done():
+        await asyncio.wait([ended], timeout=POLL_S)
+        for end in [end for end in context.cycle.ends if end.cycle > told]:
+            told = end.cycle
+            if end.outcome in (Outcome.PICKED, Outcome.PLACED, Outcome.MISSED, Outcome.LOST):
+                await door.say(describe_end(end))
+    return await ended
 
 
-@command("hand open|close", "move", most=1, choices=lambda _: ("open", "close"))
+@command("hand open|close", "move", most=1, choices=("open", "close"))
 async def hand(context: CommandContext, words: list[str], _: Door) -> Answer:
     """Open or close the gripper."""
     word = one_of(words, 0, ("open", "close"), "word", hand.usage)
@@ -192,7 +203,7 @@ async def hand(context: CommandContext, words: list[str], _: Door) -> Answer:
     return Answer("The gripper is open." if word == "open" else "The gripper is closed.")
 
 
-@command("holding yes|no", "move", most=1, choices=lambda _: ("yes", "no"))
+@command("holding yes|no", "move", most=1, choices=("yes", "no"))
 async def holding(context: CommandContext, words: list[str], _: Door) -> Answer:
     """Say whether a part is in the gripper."""
     word = one_of(words, 0, ("yes", "no"), "word", holding.usage)
@@ -206,10 +217,12 @@ def _take_word(context: CommandContext, held: bool) -> str:
     return "The next pick first puts it into the bin." if held else "The gripper is taken as empty."
 
 
-@command("step on|off", "move", most=1, at_once=True, choices=lambda _: ("on", "off"))
+@command("step on|off", "move", most=1, at_once=True, choices=("on", "off"))
 async def step(context: CommandContext, words: list[str], _: Door) -> Answer:
     """Show each move and wait for a yes before it is sent."""
     on = _on_or_off(words, step.usage)
+    if on is None:
+        return _how_it_is("step", bool(context.cycle.status()["step"]))
     context.cycle.supervisor.step(on)
     return Answer("Every move is shown and waits for `confirm` or `refuse`." if on else "Moves no longer wait.")
 
@@ -226,10 +239,12 @@ async def refuse(context: CommandContext, words: list[str], _: Door) -> Answer:
     return _decide(context, False)
 
 
-@command("dry on|off", "move", most=1, choices=lambda _: ("on", "off"))
+@command("dry on|off", "move", most=1, choices=("on", "off"))
 async def dry(context: CommandContext, words: list[str], _: Door) -> Answer:
     """Plan, guard and log moves, but do not send them."""
     on = _on_or_off(words, dry.usage)
+    if on is None:
+        return _how_it_is("dry", bool(context.cycle.status()["dry"]))
     context.cycle.supervisor.dry(on)
     return Answer("Moves are planned, guarded and logged, but not sent." if on else "Moves are sent again.")
 
@@ -252,11 +267,11 @@ async def with_questions(context: CommandContext, work: Awaitable[T], door: Door
 
 async def _ask_to_send(context: CommandContext, pending: str, work: asyncio.Future[Any], door: Door) -> None:
     """Ask whether to send the move that waits, for as long as it waits: others may decide, or stop the arm."""
-    asking = asyncio.ensure_future(door.ask(f"{pending}. Send it? [y/n]"))
+    asking = asyncio.ensure_future(yes_or_no(door, f"{pending}. Send it? [y/n]"))
     while not (asking.done() or work.done()) and context.cycle.status()["pending"] == pending:
         await asyncio.wait([asking, work], timeout=POLL_S, return_when=asyncio.FIRST_COMPLETED)
     if asking.done() and context.cycle.status()["pending"] == pending:
-        _decide(context, is_yes(asking.result()))
+        _decide(context, asking.result() is True)
     asking.cancel()
     await asyncio.wait([asking])
 
@@ -266,19 +281,19 @@ def _progress(state: dict[str, Any]) -> str:
     return f"{state['target']}, look {state['stop']}: predicted error at the grasp {error}"
 
 
-def describe_end(end: CycleEnd) -> str:
-    """One pick in a line."""
+def describe_end(end: CycleEnd, why: bool = True) -> str:
+    """One pick in a line; without why, where whoever reads it has been told."""
     name = end.label or "no part"
     text = f"{end.outcome}: {name}, {plural(end.stops, 'look')}, {end.seconds:.1f} s"
     if end.predicted_mm is not None and end.predicted_deg is not None:
         text += f", predicted error {end.predicted_mm:.2f} mm {end.predicted_deg:.2f} degrees"
-    return text + (f" ({end.why})" if end.outcome != "picked" and end.why else "")
+    return text + (f" ({end.why})" if why and end.outcome != "picked" and end.why else "")
 
 
 def tell_end(context: CommandContext, end: CycleEnd) -> None:
     """Tell a pick's end to whoever is not waiting for it. An empty table is no news, a fault was told."""
     if end.outcome not in ("empty", "fault"):
-        context.notices.tell(describe_end(end), outcome=True)
+        context.notices.tell(describe_end(end), Level.OUTCOMES)
 
 
 def end_json(end: CycleEnd) -> dict[str, Any]:
@@ -329,10 +344,16 @@ def _decide(context: CommandContext, yes: bool) -> Answer:
     return Answer("Sent." if yes else "Not sent; the job is given up.")
 
 
-def _on_or_off(words: list[str], usage: str) -> bool:
+def _on_or_off(words: list[str], usage: str) -> bool | None:
+    """What was said; None where nothing was, and nothing is changed."""
     if words and words[0] not in ("on", "off"):
         raise CommandError(f"{words[0]}: expected on or off; usage: {usage}", NOT_UNDERSTOOD)
-    return not words or words[0] == "on"
+    return words[0] == "on" if words else None
 
 
-COMMANDS = (enable, disable, pick, auto, stop, pause, resume, abort, step, confirm, refuse, dry, go, hand, holding)
+def _how_it_is(name: str, on: bool) -> Answer:
+    here, other = ("on", "off") if on else ("off", "on")
+    return Answer(f"`{name}` is {here}; `{name} {other}` switches it {other}.", {name: on})
+
+
+COMMANDS = (enable, disable, pick, auto, stop, pause, resume, abort, step, confirm, refuse, dry, hand, holding)

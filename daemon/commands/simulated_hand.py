@@ -5,6 +5,8 @@ In a real cell a person does this; these commands exist only where the cell is n
 
 from __future__ import annotations
 
+import asyncio
+
 from daemon.cell.simulated_hand import USUAL, SimulatedHand
 from daemon.console.context import CommandContext
 from daemon.console.interpreter import Answer, CommandError, Door, command, number, one_of
@@ -25,9 +27,20 @@ def show(context: CommandContext, label: str) -> str:
     return f"(simulated) A hand shows the {label}, characteristic view {view + 1}."
 
 
-@command("place LABEL [VIEW]", most=2, choices=lambda context: _hand(context).labels)
+async def know_drawings(context: CommandContext) -> dict[str, str]:
+    """Give a simulated cell the parts that were drawn, as they are now; gives why for each that it cannot show."""
+    hand = context.hardware.hand
+    if hand is None:
+        return {}
+    return await asyncio.to_thread(lambda: hand.draw(context.trainer.drawings()))
+
+
+@command("place LABEL [VIEW]", most=2, choices=lambda context: _hand(context).labels, aliases=("show",))
 async def place(context: CommandContext, words: list[str], _: Door) -> Answer:
-    """(simulated) hold a part before the cameras."""
+    """(simulated) hold a part before the cameras.
+
+    Any part that was taught from a drawing is there as well as the cell's own.
+    """
     label = one_of(words, 0, _hand(context).labels, "part", place.usage)
     view = _hand(context).show(label, number(words[1], "VIEW", 1, 9) - 1 if len(words) > 1 else 0)
     return Answer(f"The {label} is held before the cameras, view {view + 1}.")

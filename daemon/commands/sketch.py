@@ -9,11 +9,12 @@ from numpy.typing import NDArray
 
 from daemon.arrays import Array
 
+COLUMNS = 60
 CELL_ASPECT = 2.0  # a character cell is about twice as high as wide
 
 
-def sketch(outlines: Sequence[tuple[Array, str]], columns: int = 60, rows: int = 16) -> str:
-    """Draw closed outlines (N, 2) px, each with a one-letter name in its middle, as large as fits the size given."""
+def sketch(outlines: Sequence[tuple[Array, str]], columns: int = COLUMNS, rows: int = 16) -> str:
+    """Draw closed outlines (N, 2) px, each with a short name in its middle, as large as fits the size given."""
     if not outlines:
         return ""
     every = np.concatenate([corners for corners, _ in outlines])
@@ -26,7 +27,8 @@ def sketch(outlines: Sequence[tuple[Array, str]], columns: int = 60, rows: int =
             _draw_line(canvas, start, end)
     for corners, name in outlines:
         column, row = np.rint(_cells(corners, low, scale).mean(axis=0)).astype(int)
-        canvas[row, column] = name[:1]
+        column = max(0, min(column, columns - len(name)))
+        canvas[row, column : column + len(name)] = list(name)
     lines = ["".join(row).rstrip() for row in canvas]
     return "\n".join(lines).strip("\n")
 

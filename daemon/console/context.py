@@ -7,17 +7,18 @@ from __future__ import annotations
 
 import asyncio
 import importlib.metadata
+import socket
 import time
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 from daemon.arm import Log
 from daemon.calibration.file import Calibration
 from daemon.cell.build import EXPECTED_ERRORS, Hardware
 from daemon.config import Config
-from daemon.console.notices import Notices
+from daemon.console.notices import Level, Notices
 from daemon.console.phrases import plural
 from daemon.errors import FacetdError
 from daemon.pick.cycle import Cycle
@@ -76,7 +77,7 @@ class CommandContext:
     def _auto_ended(self, auto: asyncio.Task[list[CycleEnd]]) -> None:
         if not auto.cancelled() and auto.exception() is None:
             picked = sum(end.outcome == "picked" for end in auto.result())
-            self.notices.tell(f"Auto has ended: {plural(picked, 'part')} picked.", outcome=True)
+            self.notices.tell(f"Auto has ended: {plural(picked, 'part')} picked.", Level.OUTCOMES)
 
     async def auto_ends(self) -> list[CycleEnd]:
         """Wait for the last auto to end; what became of each part. Empty where there was none."""
@@ -102,11 +103,15 @@ class CommandContext:
     def record_start(self, **more: object) -> None:
         """What this run is made with, each file kept by its content."""
         model_store, log, config = self.trainer.model_store, self.run_log, self.config
+        pick = config.values.pick
         model = None if model_store.current is None else log.keep(model_store.path(model_store.current))
         log.record(
             "run_start",
             version=importlib.metadata.version("facetd"),
             cell=self.hardware.kind,
+            name=socket.gethostname(),
+            utc_offset_s=int((datetime.now().astimezone().utcoffset() or timedelta()).total_seconds()),
+            limits={"grasp_mm": pick.stops.enough_mm, "arrival_mm": pick.arrival.within_mm},
             config=log.keep(config.path),
             calibration=log.keep(config.calibration),
             model=model,

@@ -1,13 +1,15 @@
 """The operators' command language: one interpreter for terminal, socket, one-shot commands and scripts.
 
-Here: finding the command that was meant, help, permission, the record of who said what, and turning what went wrong
-into one line. What each command does is in daemon/commands/; how text travels is in daemon/doors/socket.py.
+Here: the table of commands, finding the one that was meant, help, permission, the record of who said what, and
+turning what went wrong into one line. What each command does is in daemon/commands/; how text travels, in
+daemon/doors/socket.py.
 """
 
 from __future__ import annotations
 
 import contextlib
 import difflib
+import importlib.metadata
 import inspect
 import shlex
 import textwrap
@@ -17,8 +19,9 @@ from dataclasses import dataclass, field
 from typing import Any, Literal, Protocol
 
 from daemon.console.context import ANSWERABLE, CommandContext
-from daemon.console.phrases import means_stop, printable
-from daemon.errors import FacetdError
+from daemon.console.pages import by_pages, table
+from daemon.console.phrases import is_no, is_yes, means_stop
+from daemon.errors import FacetdError, printable
 from daemon.upkeep import journal
 
 Grade = Literal["look", "move", "change"]
@@ -51,6 +54,14 @@ class Door(Protocol):
     asks: bool
     """Whether questions can be put to somebody; without it they are taken as answered by yes."""
 
+    @property
+    def columns(self) -> int:
+        """How wide its terminal is."""
+
+    @property
+    def rows(self) -> int | None:
+        """How high; None where nobody knows, or nobody reads page by page."""
+
     async def say(self, text: str) -> None:
         """Show some lines now, before the answer."""
 
@@ -72,10 +83,15 @@ class Door(Protocol):
 
 
 Handler = Callable[[CommandContext, list[str], Door], Awaitable[Answer]]
-Choices = Callable[[CommandContext], Iterable[str]]
+Choices = tuple[str, ...] | Callable[[CommandContext], Iterable[str]]
+Further = Callable[[CommandContext, str], Iterable[str]]
+HELP_WORDS, VERSION_WORDS = ("--help", "-h"), ("--version",)
+FIRST_WIDTH = 9
+MOST_ASKED = 5
+"""How often a question is put that is answered by something else."""
 
 
-def no_choices(_: CommandContext) -> Iterable[str]:
+def nothing_further(_: CommandContext, __: str) -> Iterable[str]:
     """Nothing to complete with."""
     return ()
 
@@ -92,10 +108,31 @@ class Command:
     details: str = ""
     at_once: bool | frozenset[str] = False
     """Heard also while the same operator's last command is still being done; or only with one of these words."""
-    choices: Choices = no_choices
+    choices: Choices = ()
     """What the first argument can be, for completion and for suggestions."""
     most: int | None = None
     """How many words may follow at most; None: the handler looks itself."""
+    further: Further = nothing_further
+    """What can follow the first argument, for completion."""
+    aliases: tuple[str, ...] = ()
+    """What else people call it."""
+    first: bool = False
+    """On the first screen of `help`."""
+    looks: frozenset[str] = frozenset()
+    """First arguments (the empty one: none) with which it only looks, whatever its grade."""
+
+    def does(self, words: list[str]) -> Grade:
+        """What it does to the world with these arguments."""
+        return "look" if (words[0] if words else "") in self.looks else self.grade
+
+    def offered(self, context: CommandContext) -> Iterable[str]:
+        """What the first argument can be, now."""
+        return self.choices(context) if callable(self.choices) else self.choices
+
+    def described(self) -> str:
+        """All about it."""
+        also = f"\n  also: {', '.join(self.aliases)}" if self.aliases else ""
+        return f"{self.usage}\n  {self.summary}{also}" + (f"\n{self.details}" if self.details else "")
 
 
 def command(
@@ -103,19 +140,48 @@ def command(
     grade: Grade = "look",
     most: int | None = 0,
     at_once: bool | frozenset[str] = False,
-    choices: Choices = no_choices,
+    choices: Choices = (),
+    further: Further = nothing_further,
+    aliases: tuple[str, ...] = (),
+    first: bool = False,
+    looks: frozenset[str] = frozenset(),
 ) -> Callable[[Handler], Command]:
     """Make a handler the command that its usage begins with. `help` shows the handler's docstring: its first line in
     the list, the rest where help of that command is asked for.
     """
 
     def made(run: Handler) -> Command:
-        first, _, rest = (inspect.getdoc(run) or "").partition("\n")
-        summary = first[:1].lower() + first[1:].removesuffix(".")
+        begun, _, rest = (inspect.getdoc(run) or "").partition("\n")
+        summary = begun[:1].lower() + begun[1:].removesuffix(".")
         details = textwrap.indent(rest.strip("\n"), "  ")
-        return Command(usage.split()[0], usage, summary, run, grade, details, at_once, choices, most)
+        return Command(
+            usage.split()[0],
+            usage,
+            summary,
+            run,
+            grade,
+            details,
+            at_once,
+            choices,
+            most,
+            further,
+            aliases,
+            first,
+            looks,
+        )
 
     return made
+
+
+def first_screen(commands: Iterable[Command]) -> str:
+    """Ten lines for whoever has just come, on any terminal."""
+    lines = [f"{c.name:<{FIRST_WIDTH}}{c.summary.partition(',')[0].partition(';')[0]}" for c in commands if c.first]
+    return "\n".join([*lines, "help all every command, by pages", "help WORD all about one of them"])
+
+
+def every_line(commands: Iterable[Command], columns: int = 80) -> str:
+    """Every command with what it does."""
+    return table([(command.usage, command.summary) for command in commands], columns)
 
 
 class Console:
@@ -124,10 +190,9 @@ class Console:
     def __init__(self, context: CommandContext, commands: Iterable[Command]) -> None:
         self.context = context
         self.commands = {command.name: command for command in commands}
-        helper = Command(
-            "help", "help [COMMAND]", "this list, or all about one command", self._help, choices=self._names
-        )
+        helper = command("help [all|COMMAND]", most=1, choices=self._names, aliases=("?", "h"))(self._help)
         self.commands["help"] = helper
+        self._aliases = {alias: c.name for c in self.commands.values() for alias in c.aliases}
 
     async def interpret(self, text: str, door: Door) -> Answer:
         """Do what one line says. What an operator can cause is not raised: it comes back as an Answer with a status."""
@@ -140,9 +205,14 @@ class Console:
         if not words:
             return Answer("")
         try:
+            if VERSION_WORDS[0] in words or words == ["version"]:
+                return Answer(f"facetd {version()}", {"version": version()})
             command = self._find(words[0])
-            self._check_door(command, door)
-            if command.grade != "look":
+            if any(word in HELP_WORDS for word in words[1:]):
+                return _described(command)
+            grade = command.does(words[1:])
+            self._check_door(command, grade, door)
+            if grade != "look":
                 self.context.log.record("command", who=door.who, door=door.name, text=text.strip())
             if command.most is not None:
                 no_more(words[1:], command.most, command.usage)
@@ -183,13 +253,14 @@ class Console:
 
     def complete(self, typed: str) -> list[str]:
         """Every line that the one typed so far may become."""
-        words = typed.split(" ")
-        if len(words) == 1:
-            return [name for name in sorted(self.commands) if name.startswith(words[0])]
-        if len(words) == 2 and words[0] in self.commands:
-            choices = self.commands[words[0]].choices(self.context)
-            return [f"{words[0]} {choice}" for choice in sorted(choices) if choice.startswith(words[1])]
-        return []
+        *before, begun = typed.split(" ")
+        if not before:
+            return [name for name in sorted(self.commands) if name.startswith(begun)]
+        command = self.commands.get(before[0])
+        if command is None or len(before) > 2:
+            return []
+        offered = command.offered(self.context) if len(before) == 1 else command.further(self.context, before[1])
+        return [" ".join([*before, choice]) for choice in sorted(offered) if choice.startswith(begun)]
 
     def moves(self, text: str) -> bool:
         """Whether a line is about moving the arm."""
@@ -204,9 +275,11 @@ class Console:
 
     def _find(self, word: str) -> Command:
         """The command of that name, or the only one that begins so."""
-        name = word.lower()
+        name = self._aliases.get(word.lower(), word.lower())
         if name in self.commands:
             return self.commands[name]
+        if name in ("quit", "exit", "bye", "logout"):
+            raise CommandError("this console stays open; there is nothing to leave")
         begun = [c for c in self.commands if c.startswith(name)] if len(name) >= 3 else []
         if len(begun) == 1:
             return self.commands[begun[0]]
@@ -214,27 +287,30 @@ class Console:
         hint = f"did you mean {either(close)}?" if close else "`help` lists what there is"
         raise CommandError(f"{word}: no such command; {hint}", NOT_UNDERSTOOD)
 
-    def _check_door(self, command: Command, door: Door) -> None:
-        if command.grade != "look" and door.may == "look" and command.name not in ("stop", "abort", "pause"):
+    def _check_door(self, command: Command, grade: Grade, door: Door) -> None:
+        if grade != "look" and door.may == "look" and command.name not in ("stop", "abort", "pause"):
             raise CommandError(f"{command.name}: this {door.name} may only look; use another door", NOT_DONE)
 
     def _names(self, _: CommandContext) -> Iterable[str]:
-        return self.commands
+        return ("all", *self.commands)
 
-    async def _help(self, _: CommandContext, words: list[str], __: Door) -> Answer:
-        if words:
-            command = self._find(words[0])
-            text = f"{command.usage}\n  {command.summary}"
-            return Answer(text + (f"\n{command.details}" if command.details else ""), {"usage": command.usage})
-        width = max(len(c.usage) for c in self.commands.values() if len(c.usage) <= 24)
-        lines = []
-        for command in self.commands.values():
-            if len(command.usage) > width:
-                lines += [command.usage, " " * (width + 2) + command.summary]
-            else:
-                lines.append(f"{command.usage:<{width}}  {command.summary}")
-        lines.append("help COMMAND tells more. Control-C stops the arm.")
-        return Answer("\n".join(lines), {"commands": {c.name: c.summary for c in self.commands.values()}})
+    async def _help(self, _: CommandContext, words: list[str], door: Door) -> Answer:
+        """This screen, all commands, or all about one."""
+        every = {c.name: c.summary for c in self.commands.values()}
+        if not words:
+            return Answer(first_screen(self.commands.values()), {"commands": every})
+        if words[0] != "all":
+            return _described(self._find(words[0]))
+        return Answer(await by_pages(every_line(self.commands.values(), door.columns), door), {"commands": every})
+
+
+def version() -> str:
+    """The program's."""
+    return importlib.metadata.version("facetd")
+
+
+def _described(command: Command) -> Answer:
+    return Answer(command.described(), {"usage": command.usage})
 
 
 def one_of(words: list[str], place: int, choices: Iterable[str], what: str, usage: str) -> str:
@@ -261,6 +337,17 @@ def number(word: str, what: str, low: int, high: int) -> int:
     if not word.isdecimal() or not low <= int(word) <= high:
         raise CommandError(f"{what}: expected a whole number from {low} to {high}, found {word}", NOT_UNDERSTOOD)
     return int(word)
+
+
+async def yes_or_no(door: Door, question: str) -> bool | None:
+    """Ask until the answer is a yes or a no; None where there is none: it was to stop, or nobody is there. Another word
+    is no answer, and is told to be none."""
+    for _ in range(MOST_ASKED):
+        answer = (await door.ask(question)).strip()
+        if not answer or is_yes(answer) or is_no(answer):
+            return None if not answer else is_yes(answer)
+        await door.say(f"`{answer}` was not done: the question stands; y or n.")
+    return None
 
 
 def either(names: list[str]) -> str:

@@ -46,11 +46,6 @@ def means_stop(text: str) -> bool:
     return len(begun) >= SHORTEST_STOP and any(w.startswith(begun) or begun.startswith(w) for w in STOP_WORDS)
 
 
-def printable(text: str) -> str:
-    """The same on one line, with what cannot be shown or kept as question marks."""
-    return "".join(c if c.isprintable() else " " if c.isspace() else "?" for c in text)
-
-
 def is_yes(answer: str) -> bool:
     """Whether an operator said yes."""
     return answer.strip().lower() in ("y", "yes", "ja", "j")

@@ -9,12 +9,14 @@ import base64
 import contextlib
 import json
 import shlex
+import shutil
 import socket
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from daemon.errors import FacetdError
+from daemon.store.outside import FileError, read_file
 from daemon.store.places import socket_candidates
 
 if TYPE_CHECKING:
@@ -22,6 +24,8 @@ if TYPE_CHECKING:
 
 PIECE = 32 * 1024
 """Bytes of a file in one message."""
+LONGEST_FILE = 8_000_000
+"""Bytes that an operator sends at most."""
 
 
 class NotThereError(FacetdError):
@@ -67,7 +71,8 @@ class DaemonLink:
         ask: puts a question to somebody; without it questions are taken as answered by yes. Raises NotThereError when
         the daemon goes away.
         """
-        self._send({"do": text, "door": door, "asks": ask is not None})
+        columns = shutil.get_terminal_size().columns
+        self._send({"do": text, "door": door, "asks": ask is not None, "size": [columns, None]})
         try:
             return self._listen(text, say, ask)
         finally:
@@ -96,6 +101,11 @@ class DaemonLink:
                 self._stop()
                 messages = self._messages()
         return done
+
+    def options(self, typed: str) -> list[str]:
+        """Every line that the typed one may become."""
+        self._send({"complete": typed})
+        return next((list(m["options"]) for m in self._messages() if "options" in m), [])
 
     def interrupt(self) -> str:
         """What control-C does: stop the arm; gives what the daemon says."""
@@ -144,10 +154,10 @@ def file_in_pieces(path: str, commands: Iterable[str]) -> Iterator[dict[str, Any
     """The answer to a fetch: a file that one of these commands itself names, and no other."""
     try:
         if not any(path in _words(text) for text in commands):
-            raise OSError(0, "not sent: the command does not name it")
-        content = Path(path).expanduser().read_bytes()
-    except OSError as error:
-        yield {"no_file": f"{path}: {error.strerror}"}
+            raise FileError(f"{path}: not sent: the command does not name it")
+        content = read_file(Path(path).expanduser(), LONGEST_FILE)
+    except FileError as error:
+        yield {"no_file": str(error)}
         return
     for start in range(0, max(len(content), 1), PIECE):
         piece = base64.b64encode(content[start : start + PIECE]).decode()

@@ -1,18 +1,26 @@
 """A terminal's bytes -> lines of text and what to echo, for a VT100 or better. No I/O: bytes in, bytes and events out.
 
 Keys: backspace or delete, control-U (line), control-W (word), control-A, control-E and the arrows (cursor), control-P,
-control-N and the arrows (history), control-L (draw again), tab (complete), control-C (interrupt), control-D (end).
+control-N and the arrows (history), control-L (draw again, and ask how large the terminal is), tab (complete),
+control-C (interrupt), control-D (end).
 """
 
 from __future__ import annotations
 
-import textwrap
+import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import Enum
 
+from daemon.console.pages import LOWEST, NARROWEST, fold
+from daemon.errors import visible
+
 LONGEST_LINE = 240
-COLUMNS = 79
+COLUMNS, ROWS = 80, 24
+"""A VT100's, until the terminal says how large it is."""
+ASK_SIZE = b"\x1b7\x1b[999;999H\x1b[6n\x1b8"
+"""To the last corner there is, say where that is, and back."""
+SIZE = re.compile(rb"(\d{1,4});(\d{1,4})R")
 HISTORY = 200
 BELL = b"\x07"
 CLEAR_TO_END = b"\x1b[K"
@@ -46,6 +54,7 @@ class LineEditor:
         self.complete = complete
         self.history: list[str] = []
         self.remember = True
+        self.columns, self.rows = COLUMNS, ROWS
         self._text, self._cursor, self._back = "", 0, 0
         self._kept = ""
         self._escape = b""
@@ -73,7 +82,7 @@ class LineEditor:
 
     def notice(self, text: str) -> bytes:
         """Some lines of text above the line being typed, which is drawn again below them."""
-        return b"\r" + CLEAR_TO_END + to_terminal(text) + self.show_prompt()
+        return b"\r" + CLEAR_TO_END + to_terminal(text, self.columns - 1) + self.show_prompt()
 
     def _take(self, byte: int, typed: Typed) -> None:
         if self._escape and (byte < 0x20 or (self._escape == b"\x1b" and byte not in b"[O")):
@@ -110,7 +119,15 @@ class LineEditor:
         if not (0x40 <= byte <= 0x7E) and len(body) < 8:
             return b""
         self._escape = b""
+        if said := SIZE.fullmatch(body):
+            self._sized(int(said[1]), int(said[2]))
+            return b""
         return self._escapes[body]() if body in self._escapes else BELL
+
+    def _sized(self, rows: int, columns: int) -> None:
+        """A terminal that cannot go to its last corner says something else; it stays as large as a VT100."""
+        if rows >= LOWEST and columns >= NARROWEST:
+            self.rows, self.columns = rows, columns
 
     def _finish(self) -> str:
         line = self._text
@@ -173,7 +190,7 @@ class LineEditor:
         return self._text[self._cursor - 1].encode()
 
     def _redraw(self) -> bytes:
-        return b"\r\n" + self.show_prompt()
+        return b"\r\n" + ASK_SIZE + self.show_prompt()
 
     def _replace(self, text: str) -> bytes:
         self._text, self._cursor = text, len(text)
@@ -200,25 +217,14 @@ class LineEditor:
             return BELL
         common = _common_start(options)
         if len(common) > len(before):
-            return self._insert(common[len(before) :] + (" " if len(options) == 1 else ""))
-        return b"\r\n" + to_terminal("  ".join(o.rpartition(" ")[2] for o in options)) + self.show_prompt()
+            return self._insert(common[len(before) :] + (" " if len(options) == 1 and common[-1] != "/" else ""))
+        offered = "  ".join(o.rpartition(" ")[2] for o in options)
+        return b"\r\n" + to_terminal(offered, self.columns - 1) + self.show_prompt()
 
 
-def to_terminal(text: str) -> bytes:
+def to_terminal(text: str, columns: int = COLUMNS - 1) -> bytes:
     """Lines of text as a terminal wants them: ASCII, folded between words, CR LF at each end."""
-    return b"".join(line.encode("ascii", "replace") + b"\r\n" for line in fold(text, COLUMNS))
-
-
-def fold(text: str, columns: int) -> list[str]:
-    """Lines no longer than that, broken between words; what is folded is indented under its line."""
-    folded: list[str] = []
-    for line in text.rstrip("\n").split("\n"):
-        if len(line) <= columns:
-            folded.append(line)
-        else:
-            indent = " " * (len(line) - len(line.lstrip()) + 4)
-            folded += textwrap.wrap(line, columns, subsequent_indent=indent, drop_whitespace=True)
-    return folded
+    return b"".join(line.encode("ascii", "replace") + b"\r\n" for line in fold(visible(text), columns))
 
 
 def _common_start(options: list[str]) -> str:

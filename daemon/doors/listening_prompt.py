@@ -21,9 +21,10 @@ from prompt_toolkit.buffer import Buffer
 from prompt_toolkit.document import Document
 from prompt_toolkit.key_binding import KeyBindings
 
+from daemon.console.pages import NARROWEST, fold
 from daemon.doors.client import DaemonLink, NotThereError, file_in_pieces
 from daemon.doors.keyboard import Keyboard
-from daemon.doors.lineedit import fold
+from daemon.doors.paths import files_begun
 from daemon.doors.recall import DaemonCompleter, PlainHistory
 
 PROMPT = "facetd> "
@@ -32,8 +33,9 @@ NOT_THERE = "no daemon answers at present"
 AGAIN = "A daemon answers again: see its `status`, then say anew what is still wanted."
 SEEK_S = 0.5
 """How often a daemon that went away is sought again."""
+ROOM_TO_ANSWER = 4
+"""Columns kept free behind a question."""
 LONGEST_MESSAGE = 16_000_000
-NARROWEST = 20
 
 
 class ListeningPrompt:
@@ -80,7 +82,7 @@ class ListeningPrompt:
     async def run(self) -> int:
         """Prompt until the operator leaves; gives the status of what was answered last."""
         asyncio.get_running_loop().add_signal_handler(signal.SIGINT, self._stop)
-        print(GREETING, flush=True)
+        self._show(GREETING)
         await self._connect()
         hearing = asyncio.create_task(self._hear_always())
         hearing.add_done_callback(self._deaf)
@@ -106,7 +108,8 @@ class ListeningPrompt:
 
     def _prompt(self) -> str:
         if self._asked is not None:
-            return f"{self._asked[1]} "
+            columns = max(self._session.output.get_size().columns, NARROWEST)
+            return "\n".join(fold(self._asked[1], columns - ROOM_TO_ANSWER)) + " "
         return f"({next(iter(self._unanswered.values()))}) {PROMPT}" if self._unanswered else PROMPT
 
     def _keys(self) -> KeyBindings:
@@ -134,14 +137,18 @@ class ListeningPrompt:
             self._send({"answer": line, "id": number})
         elif line.strip():
             number = next(self._numbers)
+            size = self._session.output.get_size()
             message = {"do": line, "door": "console", "asks": True, "waits": True, "id": number}
+            message["size"] = [size.columns, size.rows]
             if self._send(message):
                 self._unanswered[number] = line.strip()
             else:
                 self._show(f"{self._why_gone or NOT_THERE}; not said: {line.strip()}")
 
     async def _complete(self, typed: str) -> list[str]:
-        """Every line that the typed one may become."""
+        """Every line that the typed one may become; files are those of this machine."""
+        if (files := files_begun(typed)) is not None:
+            return files
         if self._asked is not None or not self._send({"complete": typed}):
             return []
         self._options.append(asyncio.get_running_loop().create_future())

@@ -6,11 +6,8 @@ import contextlib
 import shutil
 import sys
 
+from daemon.console.pages import NARROWEST, fold
 from daemon.doors.client import DaemonLink
-from daemon.doors.lineedit import fold
-
-NARROW = 20
-"""Columns below which nothing is folded."""
 
 
 def converse(link: DaemonLink) -> int:
@@ -48,7 +45,7 @@ def _piped(link: DaemonLink) -> int:
 
 def _say(text: str) -> None:
     columns = shutil.get_terminal_size().columns if sys.stdout.isatty() else 0
-    print("\n".join(fold(text, columns)) if columns > NARROW else text, flush=True)
+    print("\n".join(fold(text, columns)) if columns > NARROWEST else text, flush=True)
 
 
 def _ask(question: str) -> str:

@@ -10,8 +10,10 @@ from prompt_toolkit.document import Document
 from prompt_toolkit.history import History
 
 from daemon.store.files import write_atomically
+from daemon.store.outside import FileError, read_file
 
 HISTORY_LINES = 1000
+LARGEST_HISTORY = 4_000_000
 
 
 class DaemonCompleter(Completer):
@@ -31,7 +33,8 @@ class DaemonCompleter(Completer):
         typed = document.text_before_cursor
         start = typed.rfind(" ") + 1
         for option in await self._ask(typed):
-            yield Completion(f"{option[start:]} ", start - len(typed), display=option[start:])
+            end = "" if option.endswith("/") else " "
+            yield Completion(f"{option[start:]}{end}", start - len(typed), display=option[start:])
 
 
 class PlainHistory(History):
@@ -45,10 +48,10 @@ class PlainHistory(History):
     def load_history_strings(self) -> Iterable[str]:
         """Newest first; the file is cut where it has become long."""
         try:
-            lines = self._path.read_text(encoding="utf-8", errors="replace").splitlines()
+            lines = read_file(self._path, LARGEST_HISTORY).decode(errors="replace").splitlines()
             if len(lines) > 2 * HISTORY_LINES:
                 write_atomically(self._path, "\n".join([*lines[-HISTORY_LINES:], ""]).encode())
-        except OSError:
+        except (FileError, OSError):
             return []
         return lines[: -HISTORY_LINES - 1 : -1]
 

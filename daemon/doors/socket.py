@@ -1,14 +1,17 @@
 """The operators' socket: JSON objects, one a line, both ways. What the words mean is the console's business.
 
-Operator to daemon: {"do": TEXT, "door": NAME, "asks": BOOL, "id": ID, "waits": BOOL}: a command; where another is still
-being done it is refused, unless it waits. {"answer": TEXT, "id": ID} {"interrupt": true} {"complete": TEXT}
+Operator to daemon: {"do": TEXT, "door": NAME, "asks": BOOL, "id": ID, "waits": BOOL, "size": [COLUMNS, ROWS]}: a
+command; where another is still being done it is refused, unless it waits; size: of the terminal, ROWS null where pages
+are not turned there. {"answer": TEXT, "id": ID} {"interrupt": true} {"complete": TEXT}
 {"notices": true}: tell me also what I do not ask for. {"file": BASE64, "more": BOOL} or {"no_file": WHY}, the answer to
 a fetch; {"keys": TEXT} {"leave": true} at a terminal.
 Daemon to operator: {"say": TEXT} {"ask": QUESTION, "id": ID} {"unasked": ID}: no answer is waited for any more.
 {"fetch": PATH} {"done": {text, data, status}, "id": ID} {"notice": TEXT}
 {"terminal": BOOL}, its beginning and end, {"show": TEXT} in between (one character a byte); {"options": [LINE, ...]};
 {"stopped": TEXT}, the answer to an interrupt, and to a stop where an answer was asked for.
-Who is speaking is what the kernel says of the other end, not what it says of itself.
+Who is speaking is what the kernel says of the other end, not what it says of itself (rights.py: and what they may).
+
+Whoever comes after too many others may still say one thing: stop. Room is kept for that.
 """
 
 from __future__ import annotations
@@ -16,58 +19,90 @@ from __future__ import annotations
 import asyncio
 import base64
 import contextlib
-import grp
 import json
 import os
-import pwd
 import re
 import socket
-import struct
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
-from daemon.console.interpreter import NOT_UNDERSTOOD, Answer, CommandError, Console
-from daemon.console.phrases import means_stop, printable
+import msgspec
+from msgspec import UNSET, UnsetType
+
+from daemon.console.interpreter import NOT_DONE, NOT_UNDERSTOOD, Answer, CommandError, Console
+from daemon.console.pages import LOWEST, NARROWEST, WIDEST
+from daemon.console.phrases import means_stop
+from daemon.doors.client import LONGEST_FILE
+from daemon.doors.lineedit import COLUMNS
+from daemon.doors.rights import DoorError, May, Peer, Rights, peer_of
 from daemon.doors.turns import Interrupt, Turns
-from daemon.errors import FacetdError
+from daemon.errors import printable, visible
 
 LONGEST_MESSAGE = 64 * 1024
-LONGEST_FILE = 8_000_000
-SAID = re.compile(r'"(?:do|answer)"\s*:\s*"(.*)', re.DOTALL)
+SAID = re.compile(r'"(?:do|answer)"\s*:\W*(.*)', re.DOTALL)
 MOST_UNREAD = 256 * 1024
 """Bytes on their way to an operator beyond which notices are dropped: somebody there reads nothing."""
+MOST_UNHEARD = 16_000_000
+"""Bytes beyond which they are hung up."""
+MOST_EACH, MOST_TOGETHER, MOST_TO_STOP = 32, 256, 128
+"""Connections of one user, of all, and beyond those, for a stop. Together far fewer than the unit's descriptors."""
+WAITING = 16
+"""Connections taken in one turn of the loop: fewer than would push out one for a stop before it is read."""
+FIRST_WORD_S, IDLE_S, STOP_S = 30.0, 600.0, 5.0
+"""After how long of silence somebody is hung up: who never said anything; who has nothing to wait for, neither an
+answer nor notices; who came only to stop."""
+SHOWN = ("say", "ask", "notice", "stopped")
 
 
-class DoorError(FacetdError):
-    """A door cannot be opened: which, why, what to do."""
+class _Message(msgspec.Struct):
+    """What an operator's end may send."""
+
+    do: str | UnsetType = UNSET
+    door: str | UnsetType = UNSET
+    asks: bool | UnsetType = UNSET
+    id: int | str | UnsetType | None = UNSET
+    size: tuple[int, int | None] | UnsetType = UNSET
+    waits: bool = False
+    answer: str | UnsetType = UNSET
+    interrupt: bool | UnsetType = UNSET
+    complete: str | UnsetType = UNSET
+    notices: bool | UnsetType = UNSET
+    file: str | UnsetType = UNSET
+    more: bool = False
+    no_file: str | UnsetType = UNSET
+    keys: str | UnsetType = UNSET
+    leave: bool | UnsetType = UNSET
 
 
 class SocketServer:
     """Listens at a path; every connection is one operator."""
 
-    def __init__(self, path: Path, group: str | None, console: Console, interrupt: Interrupt) -> None:
-        self.path, self._group, self._console, self._interrupt = path, group, console, interrupt
+    def __init__(self, path: Path, rights: Rights, console: Console, interrupt: Interrupt) -> None:
+        self.path, self._rights, self._console, self._interrupt = path, rights, console, interrupt
         self._server: asyncio.Server | None = None
-        self._operators: set[asyncio.Task[None]] = set()
+        self._operators: dict[asyncio.Task[None], int] = {}
+        """Whose each connection is."""
+        self._to_stop: dict[asyncio.Task[None], None] = {}
+        """Those beyond the limits, the oldest first."""
 
     async def open(self) -> None:
-        """Bind the socket, 0660 and the group's. Raises DoorError."""
+        """Bind the socket, for whom rights.py says. Raises DoorError."""
         if len(os.fsencode(self.path)) > 100:
             raise DoorError(f"{self.path}: too long for a socket's path; set folders.runtime to a shorter one")
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             self._take_over()
-            before = os.umask(0o117)
+            before = os.umask(0o177)
             try:
-                self._server = await asyncio.start_unix_server(self._admit, self.path, limit=LONGEST_MESSAGE)
+                self._server = await asyncio.start_unix_server(
+                    self._admit, self.path, limit=LONGEST_MESSAGE, backlog=WAITING
+                )
             finally:
                 os.umask(before)
-            if self._group is not None:
-                os.chown(self.path, -1, grp.getgrnam(self._group).gr_gid)
-        except KeyError:
-            await self.close()
-            raise DoorError(f"console.group: there is no group {self._group!r} on this machine") from None
+            os.chown(self.path, -1, self._rights.group)
+            os.chmod(self.path, self._rights.mode)
         except OSError as error:
             raise DoorError(f"{self.path}: cannot listen here: {error.strerror or error}") from None
 
@@ -78,9 +113,10 @@ class SocketServer:
         self._server.close()
         self._server = None
         self.path.unlink(missing_ok=True)
-        for task in list(self._operators):
+        tasks = [*self._operators, *self._to_stop]
+        for task in tasks:
             task.cancel()
-        await asyncio.gather(*self._operators, return_exceptions=True)
+        await asyncio.gather(*tasks, return_exceptions=True)
 
     def _take_over(self) -> None:
         """Remove the socket of a daemon that died. Raises DoorError where one is alive."""
@@ -97,30 +133,56 @@ class SocketServer:
     async def _admit(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         task = asyncio.current_task()
         assert task is not None
-        self._operators.add(task)
-        operator = _Operator(reader, writer, self._console, self._interrupt)
+        peer = peer_of(writer.get_extra_info("socket"))
+        may = self._rights.of(peer)
+        operator = _Operator(reader, writer, self._console, self._interrupt, peer, may or "look")
         try:
-            await operator.listen()
-        except (ConnectionError, asyncio.CancelledError):
+            if may is None:
+                await operator.refuse("you are in neither of the groups that may come in here (console.group)")
+            elif self._crowded(peer):
+                self._make_way(task)
+                await operator.listen_for_a_stop()
+            else:
+                self._operators[task] = peer.user
+                await operator.listen()
+        except (ConnectionError, TimeoutError, asyncio.CancelledError):
             pass
         finally:
-            self._operators.discard(task)
+            self._operators.pop(task, None)
+            self._to_stop.pop(task, None)
             operator.leave()
             writer.close()
             with contextlib.suppress(ConnectionError, asyncio.CancelledError):
                 await writer.wait_closed()
 
+    def _crowded(self, peer: Peer) -> bool:
+        return len(self._operators) >= MOST_TOGETHER or Counter(self._operators.values())[peer.user] >= MOST_EACH
+
+    def _make_way(self, newest: asyncio.Task[None]) -> None:
+        """Who came to stop says so at once: of those that wait, the oldest go."""
+        for oldest in list(self._to_stop)[: len(self._to_stop) - MOST_TO_STOP + 1]:
+            del self._to_stop[oldest]
+            oldest.cancel()
+        self._to_stop[newest] = None
+
 
 class _Operator:
     """One connection: the Door a command sees."""
 
-    may: Literal["look", "all"] = "all"
-
     def __init__(
-        self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, console: Console, interrupt: Interrupt
+        self,
+        reader: asyncio.StreamReader,
+        writer: asyncio.StreamWriter,
+        console: Console,
+        interrupt: Interrupt,
+        peer: Peer,
+        may: May,
     ) -> None:
         self._reader, self._writer, self._console = reader, writer, console
-        self.name, self.asks, self.who = "socket", False, _who(writer.get_extra_info("socket"))
+        self.name, self.asks, self.who, self.may = "socket", False, str(peer), may
+        self.columns: int = COLUMNS
+        self.rows: int | None = None
+        self._spoke = self._listens = False
         self._turns = Turns(console, self, interrupt, self._show_question)
         self._file: asyncio.Future[bytes] | None = None
         self._pieces: list[bytes] = []
@@ -128,14 +190,31 @@ class _Operator:
         self._left = asyncio.Event()
 
     async def listen(self) -> None:
-        """Serve the operator until they hang up."""
+        """Serve the operator until they hang up, or have been silent for long with nothing to wait for."""
         while line := await self._next_line():
+            self._spoke = True
             try:
                 self._hear(_message(line))
-            except (ValueError, RecursionError) as error:
+            except ValueError as error:
                 await self._send({"done": _plain(Answer(f"not a message: {error}", {}, 2))})
         self.leave()
         await self._turns.end()
+
+    async def listen_for_a_stop(self) -> None:
+        """Serve somebody who came after too many others. Raises TimeoutError where they say nothing."""
+        message = _Message()
+        with contextlib.suppress(ValueError):
+            async with asyncio.timeout(STOP_S):
+                message = _message(await self._reader.readline())
+        if message.interrupt is UNSET and not (isinstance(message.do, str) and self._console.is_stop(message.do)):
+            await self.refuse("too many connections are open: close some (`stop` and control-C are heard all the same)")
+            return
+        self._hear(message)
+        await self._turns.end()
+
+    async def refuse(self, why: str) -> None:
+        """Say why nothing else is heard here."""
+        await self._send({"done": _plain(Answer(why, {"error": why}, NOT_DONE))})
 
     def leave(self) -> None:
         """The operator is gone: what they asked for goes on, questions to them are answered by nothing."""
@@ -184,61 +263,72 @@ class _Operator:
         self._write({"show": data.decode("latin-1")})
 
     async def _next_line(self) -> bytes:
-        try:
-            return await self._reader.readline()
-        except ValueError:
-            await self._send({"done": _plain(Answer("the message is too long", {}, 2))})
-            return b""
+        while True:
+            try:
+                async with asyncio.timeout(IDLE_S if self._spoke else FIRST_WORD_S):
+                    return await self._reader.readline()
+            except ValueError:
+                await self._send({"done": _plain(Answer("the message is too long", {}, 2))})
+                return b""
+            except TimeoutError:
+                if not (self._listens or self._turns.busy or self._turns.asking):
+                    return b""
 
-    def _hear(self, message: dict[str, Any]) -> None:
-        said = str(message.get("do", message.get("answer", "")))
-        if "interrupt" in message or "\x03" in str(message.get("keys", "")):
+    def _hear(self, message: _Message) -> None:
+        if message.interrupt is not UNSET or (isinstance(message.keys, str) and "\x03" in message.keys):
             self._turns.beside(self._stop())
-        elif "answer" in message and self._console.is_stop(said):
-            self._turns.take(said, self._stopped)
-        elif "do" in message:
-            self._take(said if self._console.is_stop(said) else printable(said), message)
-        elif "answer" in message:
-            if message.get("id") in (None, self._turns.question):
-                self._turns.answer(printable(said))
-        elif "file" in message or "no_file" in message:
-            self._take_file(message)
-        elif "keys" in message:
+        elif isinstance(message.do, str):
+            self._take(message.do if self._console.is_stop(message.do) else printable(message.do), message)
+        elif isinstance(message.answer, str):
+            if self._console.is_stop(message.answer):
+                self._turns.take(message.answer, self._stopped)
+            elif message.id in (UNSET, None, self._turns.question):
+                self._turns.answer(printable(message.answer))
+        elif isinstance(message.file, str) or isinstance(message.no_file, str):
+            self._take_file(message.file, message.no_file, message.more)
+        elif isinstance(message.keys, str):
             if self._typed is not None:
-                self._typed(str(message["keys"]).encode("latin-1", "replace"))
-        elif "leave" in message:
+                self._typed(message.keys.encode("latin-1", "replace"))
+        elif message.leave is not UNSET:
             self._left.set()
-        elif "complete" in message:
-            self._write({"options": self._console.complete(str(message["complete"]))})
-        elif "notices" in message:
-            self._console.context.notices.listen(self)
+        elif isinstance(message.complete, str):
+            self._write({"options": self._console.complete(message.complete)})
+        elif message.notices is not UNSET:
+            if not self._listens:
+                self._console.context.notices.listen(self)
+            self._listens = True
         else:
             raise ValueError("it holds neither do, answer, file, keys, leave, interrupt, complete nor notices")
 
-    def _take(self, text: str, message: dict[str, Any]) -> None:
-        for_now = self._console.is_stop(text) or self._console.at_once(text)
-        if self._turns.busy and not message.get("waits") and not for_now:
+    def _take(self, text: str, message: _Message) -> None:
+        stops = self._console.is_stop(text)
+        if self._turns.busy and not message.waits and not stops and not self._console.at_once(text):
             raise ValueError("the last command is still being done")
-        self.name = printable(str(message.get("door", self.name))[:20])
-        self.asks = bool(message.get("asks", self.asks))
-        number = {"id": message["id"]} if "id" in message else {}
+        if self._turns.crowded and not stops:
+            raise ValueError("too many commands wait for their turn")
+        self.name = self.name if message.door is UNSET else printable(message.door[:20])
+        self.asks = self.asks if message.asks is UNSET else message.asks
+        if message.size is not UNSET:
+            columns, rows = message.size
+            self.columns, self.rows = min(max(columns, NARROWEST), WIDEST), None if rows is None else max(rows, LOWEST)
+        number = {} if message.id is UNSET else {"id": message.id}
 
         async def answered(answer: Answer) -> None:
             await self._send({"done": _plain(answer), **number})
 
         self._turns.take(text, answered)
 
-    def _take_file(self, message: dict[str, Any]) -> None:
+    def _take_file(self, piece: str | UnsetType, no_file: str | UnsetType, more: bool) -> None:
         """One piece of a file that was asked for, or why there is none."""
         if self._file is None or self._file.done():
             return
-        if "no_file" in message:
-            self._file.set_exception(CommandError(str(message["no_file"]), NOT_UNDERSTOOD))
+        if piece is UNSET:
+            self._file.set_exception(CommandError(printable(str(no_file)), NOT_UNDERSTOOD))
             return
-        self._pieces.append(base64.b64decode(str(message["file"]), validate=True))
+        self._pieces.append(base64.b64decode(piece, validate=True))
         if sum(map(len, self._pieces)) > LONGEST_FILE:
             self._file.set_exception(CommandError(f"a file may have {LONGEST_FILE // 1_000_000} MB at most"))
-        elif not message.get("more"):
+        elif not more:
             self._file.set_result(b"".join(self._pieces))
 
     async def _stop(self) -> None:
@@ -252,8 +342,11 @@ class _Operator:
         self._write({"unasked": number} if question is None else {"ask": question, "id": number})
 
     def _write(self, message: dict[str, Any]) -> None:
-        if not self._turns.gone:
-            self._writer.write(json.dumps(message, default=str).encode() + b"\n")
+        if self._writer.transport.get_write_buffer_size() > MOST_UNHEARD:
+            self._writer.transport.abort()
+        elif not self._turns.gone:
+            seen = message | {key: visible(message[key]) for key in SHOWN if key in message}
+            self._writer.write(json.dumps(seen, default=str).encode() + b"\n")
 
     async def _send(self, message: dict[str, Any]) -> None:
         with contextlib.suppress(ConnectionError):
@@ -261,33 +354,19 @@ class _Operator:
             await self._writer.drain()
 
 
-def _message(line: bytes) -> dict[str, Any]:
+def _message(line: bytes) -> _Message:
     """What came in one line. One that is no message and still means to stop is taken for that. Raises ValueError."""
     text = line.decode("utf-8", "replace")
     said = SAID.search(text)
-    try:
-        message = json.loads(text)
-    except ValueError:
-        if not means_stop(said[1] if said else text):
-            raise
-        return {"do": "stop"}
     if means_stop(text):
-        return {"do": "stop"}
-    if isinstance(message, dict):
-        return message
-    raise ValueError("not an object")
+        return _Message(do="stop")
+    try:
+        return msgspec.json.decode(text, type=_Message)
+    except (msgspec.MsgspecError, RecursionError) as error:
+        if said is not None and means_stop(said[1]):
+            return _Message(do="stop")
+        raise ValueError(str(error)) from None
 
 
 def _plain(answer: Answer) -> dict[str, Any]:
-    return {"text": answer.text, "data": answer.data, "status": answer.status}
-
-
-def _who(connection: socket.socket) -> str:
-    """The user at the other end, by the kernel's word."""
-    packed = connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, struct.calcsize("3i"))
-    pid, uid, _ = struct.unpack("3i", packed)
-    try:
-        name = pwd.getpwuid(uid).pw_name
-    except KeyError:
-        name = f"uid {uid}"
-    return f"{name} (process {pid})"
+    return {"text": visible(answer.text), "data": answer.data, "status": answer.status}

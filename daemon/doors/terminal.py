@@ -10,6 +10,7 @@ import contextlib
 import os
 from collections import deque
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
@@ -17,8 +18,11 @@ import serial
 
 from daemon.config import Terminal
 from daemon.console.interpreter import NOT_UNDERSTOOD, Answer, CommandError, Console
-from daemon.doors.lineedit import Key, LineEditor, to_terminal
+from daemon.doors.client import LONGEST_FILE
+from daemon.doors.lineedit import ASK_SIZE, Key, LineEditor, to_terminal
+from daemon.doors.paths import files_begun
 from daemon.doors.turns import Interrupt, Turns
+from daemon.store.outside import FileError, read_file
 
 PROMPT, ASKED = "facetd> ", "? "
 BUSY = ""
@@ -45,7 +49,7 @@ class SerialConsole:
         self.may: Literal["look", "all"] = settings.may
         self._settings, self._trouble, self._notices = settings, trouble, console.context.notices
         self._turns = Turns(console, self, interrupt, self._show_question)
-        self._editor = LineEditor(PROMPT, console.complete)
+        self._editor = LineEditor(PROMPT, partial(_complete, console))
         self._port: serial.Serial | None = None
         self._out: deque[bytes] = deque()
         self._lost = asyncio.Event()
@@ -58,7 +62,7 @@ class SerialConsole:
             while True:
                 if self._open():
                     self._trouble(None)
-                    self._write(to_terminal(GREETING) + self._editor.show_prompt())
+                    self._write(ASK_SIZE + to_terminal(GREETING) + self._editor.show_prompt())
                     self._notices.listen(self)
                     await self._lost.wait()
                 await asyncio.sleep(RETRY_S)
@@ -76,9 +80,9 @@ class SerialConsole:
     async def fetch(self, path: str) -> bytes:
         """A file on this machine: behind a serial terminal there is no other."""
         try:
-            return await asyncio.to_thread(Path(path).read_bytes)
-        except OSError as error:
-            raise CommandError(f"{path}: {error.strerror}", NOT_UNDERSTOOD) from None
+            return await asyncio.to_thread(read_file, Path(path), LONGEST_FILE)
+        except FileError as error:
+            raise CommandError(str(error), NOT_UNDERSTOOD) from None
 
     async def terminal(self, typed: Callable[[bytes], None]) -> None:
         """Keys go to `typed`, past the line editor, until control-] or until the port is gone."""
@@ -91,6 +95,16 @@ class SerialConsole:
     def show(self, data: bytes) -> None:
         """Bytes onto the terminal, as they are."""
         self._write(data)
+
+    @property
+    def columns(self) -> int:
+        """As the terminal says; the last is left free, where some terminals wrap by themselves."""
+        return self._editor.columns - 1
+
+    @property
+    def rows(self) -> int | None:
+        """As the terminal says."""
+        return self._editor.rows
 
     def notice(self, text: str) -> None:
         """Lines above the one being typed, which is drawn again: answers, and faults that nobody asked for."""
@@ -158,6 +172,8 @@ class SerialConsole:
     def _hear(self, event: str | Key) -> None:
         if event is Key.INTERRUPT:
             self._turns.beside(self._stop())
+        elif event == "" and not self._turns.asking:
+            self._write(ASK_SIZE + self._editor.show_prompt())  # whoever sits down and presses Enter
         elif isinstance(event, str) and not self._turns.answer(event):
             self._turns.take(event, self._answered)
             self._set_prompt()
@@ -202,6 +218,12 @@ class SerialConsole:
         except OSError:
             self._out.clear()
             loop.remove_writer(handle)
+
+
+def _complete(console: Console, typed: str) -> list[str]:
+    """Every line that the typed one may become; files are this machine's."""
+    files = files_begun(typed)
+    return console.complete(typed) if files is None else files
 
 
 def _reason(error: Exception) -> str:

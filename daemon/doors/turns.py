@@ -19,6 +19,10 @@ Answered = Callable[[Answer], Awaitable[None]]
 """Called with the answer to one command."""
 
 
+MOST_AHEAD = 500
+"""Commands of one operator that wait, or are done beside each other."""
+
+
 class Turns:
     """What one operator asked for, and what they are asked."""
 
@@ -43,7 +47,7 @@ class Turns:
     def take(self, text: str, answered: Answered) -> None:
         """Do a command: a stop, or what is for now, at once; others when those before them are done."""
         if self._console.is_stop(text):
-            self.beside(self._do(self._stopping(self._console.interpret(text, self._door)), answered))
+            self.beside(self._do(self._stopping(self._console.interpret(text, self._door), self._door.who), answered))
         elif not self.busy:
             self._begin(text, answered)
         elif self._console.at_once(text):
@@ -53,7 +57,12 @@ class Turns:
 
     async def stop(self, who: str) -> str:
         """Control-C; gives what the daemon says."""
-        return await self._stopping(self._interrupt(who, self.busy and self._console.moves(self._doing)))
+        return await self._stopping(self._interrupt(who, self.busy and self._console.moves(self._doing)), who)
+
+    @property
+    def crowded(self) -> bool:
+        """Whether more was asked for than anybody types."""
+        return len(self._ahead) >= MOST_AHEAD or len(self._tasks) >= MOST_AHEAD
 
     @property
     def asking(self) -> bool:
@@ -118,12 +127,13 @@ class Turns:
     async def _do(self, work: Awaitable[Answer], answered: Answered) -> None:
         await answered(await work)
 
-    async def _stopping(self, work: Awaitable[T]) -> T:
+    async def _stopping(self, work: Awaitable[T], who: str) -> T:
         """The arm first; then what was asked is no longer asked, and what was typed ahead is dropped, and told so."""
         dropped = [(text, answered) for text, answered, _ in self._ahead]
         self._ahead.clear()
         try:
-            return await work
+            with self._console.context.notices.stopping(self._door, who):
+                return await work
         finally:
             self._unasked()
             self.beside(_tell_dropped(dropped))

@@ -76,16 +76,14 @@ def _guarded(run: Callable[[argparse.Namespace], int]) -> Callable[[argparse.Nam
 
     def guarded(args: argparse.Namespace) -> int:
         from daemon.cell.build import EXPECTED_ERRORS
-        from daemon.store.model import ModelError
-        from daemon.store.model_store import ModelStoreError
-        from daemon.store.yamlfile import ConfigError
+        from daemon.store.outside import FileError
 
         try:
             return run(args)
         except EXPECTED_ERRORS as error:
             print(f"facetctl: {error}", file=sys.stderr)
             return 1
-        except (ConfigError, ModelError, ModelStoreError) as error:
+        except FileError as error:
             print(f"facetctl: {error}", file=sys.stderr)
             return 2
         except OSError as error:
@@ -264,10 +262,10 @@ def _shooter(camera: StereoCamera, config: Config, plain: bool) -> Callable[[], 
 def _rig(config: Config) -> Any:
     """The calibrated pair; without a usable calibration None, said once on stderr: pictures do not need one."""
     from daemon.calibration.file import load_calibration
-    from daemon.store.yamlfile import ConfigError
+    from daemon.store.outside import FileError
 
     try:
         return load_calibration(config.calibration).rig
-    except ConfigError as error:
+    except FileError as error:
         print(f"facetctl: without facets: {error}", file=sys.stderr)
         return None

@@ -22,7 +22,8 @@ from typing import Any
 from daemon.doors.client import DaemonLink, NotThereError
 from daemon.errors import FacetdError
 from daemon.store import places
-from daemon.store.runs import Record, follow
+from daemon.store.records import Record
+from daemon.store.runs import follow
 
 TRIANGLE = "isosceles_triangle"
 VIEWS = (
@@ -63,7 +64,7 @@ def run(args: argparse.Namespace) -> int:
     """Run it; 0 only when every part was picked, 2 where the installation cannot be used."""
     from daemon.review.page import write_page
     from daemon.store.files import plain
-    from daemon.store.yamlfile import ConfigError
+    from daemon.store.outside import FileError
 
     seed = args.seed if args.seed is not None else random.SystemRandom().randrange(1_000_000)
     runs = (args.runs or places.runs_folder(simulated=True)).resolve()
@@ -78,9 +79,9 @@ def run(args: argparse.Namespace) -> int:
             again = f"seed {seed} (repeat it with --seed {seed}{look})"
             say(f"facetctl demo: {again}, cell time x{args.time_scale:g}, run {written}")
             _teach(link)
-            rows = _clear(link, follow(written / "run.jsonl", lambda: process.poll() is None))
+            rows = _clear(link, follow(written, lambda: process.poll() is None))
             found = _judged(Path(folder) / VERDICT)
-    except (ConfigError, DemoError, OSError) as error:
+    except (FileError, DemoError, OSError) as error:
         print(f"facetctl demo: {plain(error)}", file=sys.stderr)
         return 2
     picked = _table(rows, time.monotonic() - began)
@@ -185,17 +186,23 @@ def _teach(link: DaemonLink) -> None:
 
 def _shown(link: DaemonLink, label: str, view: int, facets: tuple[str, ...]) -> bool:
     """Whether a view was seen as a person sees it, and so kept."""
-    seen: list[str] = []
+    told: list[str] = []
 
-    def answer(question: str) -> str:
-        seen.extend(sorted(re.findall(r"([a-z_]+) \d[\d ]* mm", question)))
-        return "y" if seen == sorted(facets) else "n"
+    def answer(_: str) -> str:
+        return "y" if _facets_told(told[-1]) == sorted(facets) else "n"
 
-    done = link.do(f"teach {label}", "demo", lambda _: None, answer)
+    done = link.do(f"teach {label}", "demo", told.append, answer)
+    seen = _facets_told(told[-1]) if told else []
     kept = bool(done["status"] == 0)
     why = f"not all of it was seen ({', '.join(seen)})" if seen else done["text"]
     say(f"  {label}, view {view + 1}: {', '.join(seen) if kept else f'{why}; again'}")
     return kept
+
+
+def _facets_told(text: str) -> list[str]:
+    """The types of the facets that `teach` shows, those alike in a line: `side 1 2: square 50 50 50 50 mm`."""
+    lines = re.findall(r"side ([\d? ]+): ([a-z_]+) \d[\d ]* mm", text)
+    return sorted(kind for sides, kind in lines for _ in sides.split())
 
 
 def _clear(link: DaemonLink, records: Iterator[Record]) -> list[dict[str, Any]]:
@@ -208,16 +215,17 @@ def _clear(link: DaemonLink, records: Iterator[Record]) -> list[dict[str, Any]]:
         if not left or (ends and ends[-1]["outcome"] == "fault"):
             break
         _do(link, f"auto on {left}")
-        truths |= _told(records)
-        ends += link.do("auto wait", "demo", lambda _: None)["data"]["ends"]
-    tried = [end for end in ends if end["outcome"] in ("picked", "missed", "fault") and end["predicted_mm"] is not None]
+        ended, true = _told(records)
+        ends, truths = ends + ended, truths | true
+    tried = [end for end in ends if end["outcome"] in ("picked", "missed", "fault") and end["predicted"]]
     unknown = {"error_mm": float("nan"), "error_deg": float("nan"), "held": False}
     return [{**end, **truths.get(end["cycle"], unknown)} for end in tried]
 
 
-def _told(records: Iterator[Record]) -> dict[int, Record]:
-    """Tell an auto's picks as they are logged, until it ends; how far each grasp truly was, by cycle."""
-    truths: dict[int, Record] = {}
+def _told(records: Iterator[Record]) -> tuple[list[dict[str, Any]], dict[int, Record]]:
+    """Tell an auto's picks as they are logged, until it ends; how they ended, and how far each grasp truly was, by
+    cycle."""
+    ends, truths = list[dict[str, Any]](), dict[int, Record]()
     began_s = 0.0
     for record in records:
         match record["kind"]:
@@ -233,19 +241,20 @@ def _told(records: Iterator[Record]) -> dict[int, Record]:
             case "truth":
                 truths[record["cycle"]] = record
             case "cycle_end":
-                say(f"  {record['outcome']}: {record['why']} ({record['mono_s'] - began_s:.1f} s)")
+                ends.append({**record, "seconds": record["mono_s"] - began_s})
+                say(f"  {record['outcome']}: {record['why']} ({ends[-1]['seconds']:.1f} s)")
                 if record["outcome"] in ("fault", "aborted"):
                     break
             case "auto" if not record["on"]:
                 break
-    return truths
+    return ends, truths
 
 
 def _table(rows: list[dict[str, Any]], seconds: float) -> int:
     """Print part by part; returns how many were picked (and truly held)."""
     say(f"\n{'part':18}{'outcome':9}{'looks':>6}{'predicted':>20}{'true error at grasp':>23}{'time':>8}")
     for row in rows:
-        predicted = f"{row['predicted_mm']:.2f} mm {row['predicted_deg']:.2f} deg"
+        predicted = f"{row['predicted']['mm']:.2f} mm {row['predicted']['deg']:.2f} deg"
         error = f"{row['error_mm']:.2f} mm {row['error_deg']:.2f} deg"
         outcome = row["outcome"] if row["held"] or row["outcome"] != "picked" else "WRONG"
         say(f"{row['label']:18}{outcome:9}{row['stops']:6}{predicted:>20}{error:>23}{row['seconds']:6.1f} s")

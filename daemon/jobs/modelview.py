@@ -5,12 +5,14 @@ In: loaded models. Out: text and the same as JSON values. Nothing is changed her
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from typing import Any
 
 import numpy as np
 
+from daemon.console.phrases import plural
 from daemon.store.model import ModelFile
 from daemon.vision.geometry import Polyhedron
 from daemon.vision.model import Model
@@ -39,18 +41,34 @@ def describe(file: ModelFile) -> Told:
         "parts": parts,
         "nodes": nodes,
     }  # fmt: skip
-    lines = [f"trained {file.trained or 'at an unknown time'}, {len(parts)} parts, {len(model.views)} views"]
+    lines = [
+        f"trained {file.trained or 'at an unknown time'}, {plural(len(parts), 'part')}, "
+        f"{plural(len(model.views), 'view')}"
+    ]
     lines += [f"rho {p.rho:g}, alpha {p.alpha:g}, beta {p.beta:g}, matrix {model.matrix_size}x{model.matrix_size}, "
               f"{'complement-coded' if p.complement else 'raw'}"]  # fmt: skip
-    lines += ["", f"{'part':<22}{'code':<6}{'views':>5}{'facets':>8}{'corners':>9}{'size mm':>9}  not joined"]
-    lines += [
-        f"{r['label']:<22}{r['code']:<6}{r['views']:>5}{r['facets']:>8}{r['corners']:>9}{r['size_mm']:>9.1f}  "
-        f"{', '.join(r['not_joined']) or '-'}"
-        for r in parts
-    ]
-    lines += ["", f"{'node':>4}  {'part':<22}{'facets':<48}views"]
-    lines += [f"{n['node']:>4}  {n['label']:<22}{', '.join(n['facets']):<48}{'; '.join(n['views'])}" for n in nodes]
+    lines += ["", *_columns(
+        ("part", "code", "views", "facets", "corners", "size mm", "not joined"),
+        [(r["label"], r["code"], r["views"], r["facets"], r["corners"], f"{r['size_mm']:.1f}",
+          ", ".join(r["not_joined"]) or "-") for r in parts],
+    )]  # fmt: skip
+    shown = [(n["node"], n["label"], ", ".join(n["facets"]), "; ".join(n["views"])) for n in nodes]
+    lines += ["", *_columns(("node", "part", "facets", "views"), shown)]
     return Told("\n".join(lines), data)
+
+
+def _columns(heads: Sequence[str], rows: Sequence[Sequence[object]]) -> list[str]:
+    """Rows under their heads, each column as wide as it must be; numbers to the right."""
+    cells = [list(heads), *([str(cell) for cell in row] for row in rows)]
+    widths = [max(len(line[k]) for line in cells) for k in range(len(heads))]
+    right = [all(line[k].replace(".", "").isdecimal() for line in cells[1:]) for k in range(len(heads))]
+    return [
+        "  ".join(
+            text.rjust(width) if to_right else text.ljust(width)
+            for text, width, to_right in zip(line, widths, right, strict=True)
+        ).rstrip()
+        for line in cells
+    ]
 
 
 def check(file: ModelFile) -> Told:

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from daemon.errors import FacetdError
+from daemon.store.outside import FileError
 from daemon.store.yamlfile import read
 
 if TYPE_CHECKING:
@@ -62,7 +63,7 @@ def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         ("check", 1, "whether the file is sound, and which parts could be confused"),
     ):
         kind = kinds.add_parser(name, help=text)
-        kind.add_argument("files", type=Path, nargs=files, metavar="MODEL")
+        kind.add_argument("files", type=Path, nargs=files, metavar="MODEL", help="a file, or 3, or latest")
         kind.add_argument("--json", action="store_true", help="for machines")
         kind.set_defaults(run=_guarded(_model))
 
@@ -70,7 +71,7 @@ def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) ->
 def _register_recognise(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     recognise = subparsers.add_parser("recognise", help="name and locate parts in stored stereo pairs")
     recognise.add_argument("--calibration", type=Path, required=True, metavar="FILE")
-    recognise.add_argument("--model", type=Path, required=True, metavar="FILE")
+    recognise.add_argument("--model", type=Path, required=True, metavar="MODEL", help="a file, or 3, or latest")
     recognise.add_argument("--json", action="store_true", help="one JSON object a line (it is so anyway)")
     recognise.add_argument("--draw", type=Path, metavar="PNG", help="draw what was seen; with several pairs PNG-<name>")
     recognise.add_argument("pairs", nargs="+", metavar="DIR", help="a folder with left.png and right.png")
@@ -92,24 +93,25 @@ def _guarded(run: Callable[[argparse.Namespace], int]) -> Callable[[argparse.Nam
 
 def _recognise(args: argparse.Namespace) -> int:
     """One JSON line a pair; pairs that cannot be used are named on stderr and the others still done."""
-    from time import perf_counter
+    from time import thread_time
 
     from daemon.calibration.file import load_calibration
     from daemon.store.model import load
+    from daemon.store.model_store import model_file
     from daemon.vision.image import VisionError
     from daemon.vision.look import look
     from daemon.vision.report import scene_json
 
-    calibration, model = load_calibration(args.calibration), load(args.model)
+    calibration, model = load_calibration(args.calibration), load(model_file(args.model))
     status = DONE
     for name in args.pairs:
         try:
             left, right = _pair(Path(name))
-            scene = look(left, right, calibration.rig, model, clock=perf_counter)
+            scene = look(left, right, calibration.rig, model, clock=thread_time)
             print(json.dumps({"pair": name, **scene_json(scene)}), flush=True)
             if args.draw:
                 _draw(_drawing_path(args.draw, name, len(args.pairs)), left, right, scene)
-        except (OfflineError, VisionError) as error:
+        except (FileError, VisionError) as error:
             print(f"facetctl {args.command}: {name}: {error}", file=sys.stderr)
             status = UNUSABLE
     return status
@@ -120,14 +122,9 @@ def _pair(folder: Path) -> tuple[Any, Any]:
 
 
 def _image(path: Path) -> Any:
-    from daemon.store.pictures import PictureError, read_as_stored
+    from daemon.store.pictures import read_as_stored
 
-    try:
-        return read_as_stored(path)
-    except OSError as error:
-        raise OfflineError(f"{path}: cannot be read: {error.strerror}") from None
-    except PictureError:
-        raise OfflineError(f"{path}: not an image that can be decoded, or cut short") from None
+    return read_as_stored(path)
 
 
 def _drawing_path(path: Path, pair: str, count: int) -> Path:
@@ -152,8 +149,9 @@ def _train(args: argparse.Namespace) -> int:
     from daemon.calibration.file import load_calibration
     from daemon.store.library import FACETS, PARTS, load_facets, load_parts
     from daemon.store.model import save
+    from daemon.store.outside import read_file
     from daemon.teaching.aspects import learn_solid
-    from daemon.teaching.mesh import UNITS_MM
+    from daemon.teaching.mesh import LARGEST_BYTES, UNITS_MM
     from daemon.teaching.solid_from_mesh import solid_drawn
     from daemon.vision.model import empty_model
 
@@ -168,7 +166,7 @@ def _train(args: argparse.Namespace) -> int:
         model = _taught_views(model, args.views, calibration)
     for word in args.mesh:
         label, file = _drawing(word)
-        solid = solid_drawn(str(file), _content(file), args.unit, model.library)
+        solid = solid_drawn(str(file), read_file(file, LARGEST_BYTES), args.unit, model.library)
         model = learn_solid(model, solid, calibration.rig, label, source=str(file))
     codes = {label: parts[label].code for label in model.labels} if set(model.labels) <= set(parts) else None
     save(model, args.out, trained=datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"), codes=codes)
@@ -183,13 +181,6 @@ def _drawing(word: str) -> tuple[str, Path]:
     return label, Path(file)
 
 
-def _content(path: Path) -> bytes:
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise OfflineError(f"{path}: cannot be read: {error.strerror}") from None
-
-
 def _taught_views(model: Model, path: Path, calibration: Calibration) -> Model:
     from daemon.vision.image import VisionError
     from daemon.vision.model import TeachError
@@ -201,7 +192,7 @@ def _taught_views(model: Model, path: Path, calibration: Calibration) -> Model:
     for index, view in enumerate(views):
         try:
             model = _taught(model, view, path.parent, calibration)
-        except (OfflineError, TeachError, VisionError) as error:
+        except (FileError, TeachError, VisionError) as error:
             raise OfflineError(str(document.error((index,), f"{view.label}: {error}"))) from None
     return model
 
@@ -228,8 +219,9 @@ def _found(base: Path, name: str) -> Path:
 def _model(args: argparse.Namespace) -> int:
     from daemon.jobs.modelview import check, compare, describe
     from daemon.store.model import load_file
+    from daemon.store.model_store import model_file
 
-    files = [load_file(path) for path in args.files]
+    files = [load_file(model_file(path)) for path in args.files]
     if args.what == "show":
         told = describe(files[0])
     elif args.what == "diff":

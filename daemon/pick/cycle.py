@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import asyncio
 from collections import Counter, deque
+from collections.abc import Callable
 from dataclasses import replace
 
 from daemon import frames
@@ -138,6 +139,22 @@ class Cycle:
     async def move_to(self, world_from_tool: Array, purpose: str) -> None:
         """Move to any pose (calibration, teaching), in bounded, guarded steps."""
         await self.supervisor.run(purpose, self._travel(world_from_tool, purpose))
+
+    async def jog(self, there: Callable[[Array], Array], purpose: str) -> Array:
+        """A small move on a straight line: there(world_from_tool) says where to, from where the arm is at rest. Gives
+        where that is, (4, 4) mm."""
+
+        async def small_move() -> Array:
+            target = there((await self.supervisor.mover.rest()).world_from_tool)
+            await self.supervisor.mover.travel(target, purpose, lambda _: self.settings.near_pct, straight=True)
+            return target
+
+        return await self.supervisor.run(purpose, small_move())
+
+    async def rest(self) -> Array:
+        """Where the arm is at rest, world_from_tool (4, 4) mm."""
+        reading = await self.supervisor.run("where", self.supervisor.mover.rest(), moves=False)
+        return reading.world_from_tool
 
     async def hand(self, closed: bool) -> None:
         """Open or close the gripper."""

@@ -8,12 +8,14 @@ import socket
 import sys
 from collections.abc import Callable
 from dataclasses import asdict
+from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
 
 from daemon.errors import FacetdError
 from daemon.store import places
-from daemon.store.runs import Record, find_run, follow, list_runs
+from daemon.store.records import Record
+from daemon.store.runs import find_run, follow, list_runs
 
 DONE, REGRESSED, UNUSABLE = 0, 1, 2
 
@@ -28,10 +30,11 @@ def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         "--out", type=Path, metavar="PAGE.html", help="where to write it (default: into the run folder)"
     )
     review.add_argument("--against", metavar="RUN", help="lay another run beside it")
+    review.add_argument("--week", action="store_true", help="one page for the week that ended with it, in runs/")
     replay = _with_run(
         _command(subparsers, "replay", _replay, "every look through today's recogniser; 1 on a regression")
     )
-    replay.add_argument("--model", type=Path, help="this model instead of the run's own")
+    replay.add_argument("--model", type=Path, help="this model (a file, 3, or latest) instead of the run's own")
     replay.add_argument("--json", action="store_true", help="one line for machines")
     export = _with_run(_command(subparsers, "export", _export, "a run for other tools"))
     kind = export.add_mutually_exclusive_group(required=True)
@@ -77,7 +80,12 @@ def _folder(args: argparse.Namespace, name: str | None = None) -> Path:
 def _runs(args: argparse.Namespace) -> int:
     from daemon.review.page import read_digest
 
-    rows = [read_digest(folder).statistics() for folder in list_runs(args.runs or places.runs_folder())[-args.last :]]
+    rows = []
+    for folder in list_runs(args.runs or places.runs_folder())[-args.last :]:
+        try:
+            rows.append(read_digest(folder).statistics())
+        except FacetdError as error:  # one bad run keeps nobody from seeing the others
+            print(f"facetctl runs: {error}", file=sys.stderr)
     if args.json:
         for row in rows:
             print(json.dumps(row))
@@ -107,6 +115,11 @@ def _review(args: argparse.Namespace) -> int:
     from daemon.review.page import write_page
 
     folder = _folder(args)
+    if args.week:
+        from daemon.review.week import write_week
+
+        print(write_week(folder.parent, folder, args.out or folder.parent / "week.html"))
+        return DONE
     against = _folder(args, args.against) if args.against else None
     print(write_page(folder, args.out or folder / "report.html", against))
     return DONE
@@ -117,9 +130,10 @@ def _replay(args: argparse.Namespace) -> int:
     from daemon.review.replay import replay
     from daemon.store.library import FACETS, load_facets
     from daemon.store.model import load
+    from daemon.store.model_store import model_file
 
     folder = _folder(args)
-    model = load(args.model) if args.model else None
+    model = load(model_file(args.model)) if args.model else None
     result = replay(folder, read_digest(folder), load_facets(FACETS), model=model)
     if args.json:
         changes = [asdict(c) for c in result.changes]
@@ -163,7 +177,7 @@ def _tail(args: argparse.Namespace) -> int:
     colour = sys.stdout.isatty()
     print(f"{folder}")
     try:
-        for record in follow(folder / "run.jsonl", lambda: not args.once):
+        for record in follow(folder, lambda: not args.once):
             line = told(record)
             if line is not None:
                 print(_coloured(record["kind"], line) if colour else line, flush=True)
@@ -172,22 +186,30 @@ def _tail(args: argparse.Namespace) -> int:
     return DONE
 
 
-def told(record: Record) -> str | None:
-    """One line of a step for people, or None for what would only fill the screen."""
+def told(record: Record, utc_offset_s: float = 0.0) -> str | None:
+    """One line of a step for people, at the time of their clocks, or None for what would only fill the screen."""
     text = _words(record)
-    return None if text is None else f"{str(record.get('t'))[11:19]}  {record['kind']:<11} {text}"
+    if text is None:
+        return None
+    try:
+        at = datetime.fromisoformat(str(record.get("t"))) + timedelta(seconds=utc_offset_s)
+    except ValueError:
+        return f"--:--:--  {record['kind']:<11} {text}"
+    return f"{at:%H:%M:%S}  {record['kind']:<11} {text}"
 
 
 def _words(record: Record) -> str | None:
     match record["kind"]:
         case "look":
             scene = record.get("scene") or {}
-            parts = ", ".join(f"{p['label']} {p['confidence']:.2f}" for p in scene.get("parts") or []) or "nothing"
+            parts = ", ".join(map(_seen, scene.get("parts") or [])) or "nothing"
             return f"{record.get('purpose')}: {parts}"
         case "estimate":
-            return f"{record.get('label')} to {record.get('predicted_mm'):.2f} mm {record.get('predicted_deg'):.2f} deg"
+            mm, deg = (record.get(name) or float("nan") for name in ("predicted_mm", "predicted_deg"))
+            return f"{record.get('label')} to {mm:.2f} mm {deg:.2f} degrees"
         case "move":
-            return f"{record.get('how')} to {record.get('purpose')}"
+            sent = "" if record.get("sent") else ", not sent"
+            return f"{record.get('purpose')}: {record.get('how')}{_place(record.get('target'))}{sent}"
         case "decision" | "cycle_end":
             return f"{record.get('text') or record.get('outcome')}: {record.get('why')}"
         case "cycle_start":
@@ -202,13 +224,26 @@ def _words(record: Record) -> str | None:
             hand = ", a part perhaps in the gripper" if record.get("hand_closed") else ""
             return f"run {record.get('run')} was cut off in state {record.get('state')}{hand}"
         case "holding":
-            return {True: "a part in the gripper", False: "the gripper is empty"}.get(record["held"], "not known")
+            return {True: "a part in the gripper", False: "the gripper is empty", None: "not known"}[record.get("held")]
         case "auto" if record.get("on"):
             return f"{record.get('count') or 'all'} parts to pick"
         case "run_end":
             return str(record.get("why"))
         case _:
             return None
+
+
+def _place(world_from_tool: Any) -> str:
+    """Where a move goes."""
+    match world_from_tool:
+        case [[*_, x], [*_, y], [*_, z], *_]:
+            return f" to x {x:.0f} y {y:.0f} z {z:.0f} mm"
+    return ""
+
+
+def _seen(part: dict[str, Any]) -> str:
+    """A part and how sure that is; of one without a name there is nothing to be sure of."""
+    return "unknown" if part["label"] == "unknown" else f"{part['label']} {100 * part['confidence']:.0f} %"
 
 
 def _coloured(kind: str, line: str) -> str:

@@ -7,6 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from daemon.review.digest import Digest, short_hash
+from daemon.store.outside import FileError, read_below
+from daemon.store.yamlfile import LARGEST_BYTES
 
 
 def kept_differences(before_folder: Path, before: Digest, after_folder: Path, after: Digest) -> list[dict[str, Any]]:
@@ -38,6 +40,6 @@ def _entry(name: str, before: str | None, after: str | None, lines: list[str]) -
 
 def _lines(folder: Path, file: str | None) -> list[str]:
     try:
-        return (folder / str(file)).read_text().splitlines() if file else []
-    except (OSError, UnicodeDecodeError):
+        return read_below(folder, file, LARGEST_BYTES).decode().splitlines() if file else []
+    except (FileError, UnicodeDecodeError):
         return []

@@ -12,7 +12,7 @@ from itertools import pairwise
 from statistics import fmean
 from typing import Any
 
-from daemon.store.runs import Record
+from daemon.store.records import Record
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Cycle:
     @property
     def outcome(self) -> str:
         """picked, missed, ... or `unfinished`."""
-        return str(self.end["outcome"]) if self.end else "unfinished"
+        return str(self.end.get("outcome")) if self.end else "unfinished"
 
     @property
     def label(self) -> str | None:
@@ -52,7 +52,7 @@ class Cycle:
         if self.end and self.end.get("label"):
             return str(self.end["label"])
         estimates = [s.estimate for s in self.stops if s.estimate]
-        return str(estimates[-1]["label"]) if estimates else None
+        return str(estimates[-1].get("label")) if estimates else None
 
     @property
     def why(self) -> str | None:
@@ -101,7 +101,8 @@ class Cycle:
 
 @dataclass(frozen=True)
 class Digest:
-    """A whole run. outside: looks, moves, faults that belong to no cycle (teaching, console)."""
+    """A whole run. outside: looks, moves, faults that belong to no cycle (teaching, console); going: it is still
+    being written."""
 
     name: str
     start: Record | None
@@ -110,6 +111,7 @@ class Digest:
     outside: tuple[Record, ...]
     records: tuple[Record, ...]
     skipped: tuple[str, ...] = field(default=())
+    going: bool = False
 
     def of(self, *kinds: str) -> list[Record]:
         """All records of these kinds, in order."""
@@ -124,6 +126,15 @@ class Digest:
         """The kept model files in the order they came into use."""
         first = [self.start["model"]] if self.start and self.start.get("model") else []
         return first + [r["file"] for r in self.of("model") if r.get("file")]
+
+    def models_used(self) -> list[str]:
+        """The models that were in use: `version 3 (1f2e3d4c)`; where a file's version was not told, its hash."""
+        versions = {r["file"]: r.get("version") for r in self.of("model") if r.get("file")}
+        told = (
+            f"version {versions[file]} ({short_hash(file)})" if versions.get(file) else str(short_hash(file))
+            for file in self.models()
+        )
+        return list(dict.fromkeys(told))
 
     @property
     def model(self) -> str | None:
@@ -160,8 +171,8 @@ class Digest:
         }
 
 
-def digest(name: str, records: Sequence[Record], skipped: Sequence[str] = ()) -> Digest:
-    """Sort a run's records (read by daemon/store/runs.py) into cycles and stops."""
+def digest(name: str, records: Sequence[Record], skipped: Sequence[str] = (), going: bool = False) -> Digest:
+    """Sort a run's records (read by daemon/store/runs.py) into cycles and stops. going: it is being written still."""
     cycles: list[Cycle] = []
     outside: list[Record] = []
     current: list[Record] | None = None
@@ -183,7 +194,8 @@ def digest(name: str, records: Sequence[Record], skipped: Sequence[str] = ()) ->
         cycles.append(_cycle(current, truths))
     start = next((r for r in records if r["kind"] == "run_start"), None)
     end = next((r for r in reversed(records) if r["kind"] == "run_end"), None)
-    return Digest(name, start, end, tuple(cycles), tuple(outside), tuple(records), tuple(skipped))
+    going = going and end is None
+    return Digest(name, start, end, tuple(cycles), tuple(outside), tuple(records), tuple(skipped), going)
 
 
 def _cycle(records: list[Record], truths: dict[Any, Record]) -> Cycle:

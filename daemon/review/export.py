@@ -20,6 +20,9 @@ from daemon.arrays import Array
 from daemon.errors import FacetdError
 from daemon.review.digest import Digest
 from daemon.review.tables import Row, tables
+from daemon.store.outside import FileError, read_below
+from daemon.store.pictures import LARGEST_BYTES
+from daemon.store.places import how_to_add
 
 
 class ExportError(FacetdError):
@@ -48,7 +51,7 @@ def to_parquet(run: Digest, out: Path, cell: str) -> list[Path]:
         import pyarrow as pa
         import pyarrow.parquet as pq
     except ImportError:
-        raise ExportError("Parquet needs pyarrow: pip install 'facetd[export]'") from None
+        raise ExportError(f"Parquet needs pyarrow: {how_to_add('export')}") from None
     kinds = {"string": pa.string(), "int64": pa.int64(), "float64": pa.float64()}
     written = []
     for name, (columns, rows) in tables(run, cell).items():
@@ -79,7 +82,7 @@ def to_mcap(folder: Path, run: Digest, out: Path) -> Path:
     try:
         from mcap.writer import Writer
     except ImportError:
-        raise ExportError("MCAP needs the library mcap: pip install 'facetd[export]'") from None
+        raise ExportError(f"MCAP needs the library mcap: {how_to_add('export')}") from None
     with out.open("wb") as file:
         writer: Any = Writer(file)
         writer.start(profile="", library="facetd")
@@ -136,8 +139,8 @@ def _messages(folder: Path, record: dict[str, Any], stamp: int) -> list[tuple[st
     if kind == "look":
         for eye, name in (record.get("images") or {}).items():
             try:
-                content = (folder / name).read_bytes()
-            except OSError:
+                content = read_below(folder, name, LARGEST_BYTES)
+            except FileError:
                 continue
             message = {"timestamp": when, "frame_id": f"{eye}_eye", "format": "png"}
             found.append(

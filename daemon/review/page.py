@@ -1,29 +1,35 @@
 """One self-contained HTML page of a run: data, pictures, plots and the program that shows them, in one file.
 
-It opens from the disk without a network. Plots are plotly's (the extra `review`); without it the page says so.
+It opens from the disk without a network.
 """
 
 from __future__ import annotations
 
 import base64
+import html
 import json
 from collections.abc import Iterable
+from datetime import datetime, timedelta
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
 import cv2
 
+from daemon.review.brief import read_brief
 from daemon.review.compare import kept_differences
 from daemon.review.digest import Digest, digest
 from daemon.review.pagedata import page_data
-from daemon.store.files import write_atomically
+from daemon.review.production import compared, production
+from daemon.store.files import being_written, write_atomically
+from daemon.store.outside import FileError
 from daemon.store.pictures import read_grey
-from daemon.store.runs import check_wire, read_run
+from daemon.store.runs import check_wire, list_runs, read_run
 
 PICTURE_BUDGET = 24_000_000
 """Bytes of pictures a page may carry: more would make it slow to open. Failed cycles come first, then the newest."""
 JPEG_QUALITY = 72
+WEEK = timedelta(days=7)
 
 
 def write_page(folder: Path, out: Path, against: Path | None = None) -> Path:
@@ -34,33 +40,59 @@ def write_page(folder: Path, out: Path, against: Path | None = None) -> Path:
     run = read_digest(folder)
     data = page_data(run)
     data["skipped"] += check_wire(folder)
+    data["before"] = _before(folder)
     if against is not None:
         other = read_digest(against)
-        differences = kept_differences(against, other, folder, run)
-        data["against"] = {"stats": other.statistics(), "differences": differences}
+        then = production([other])
+        data["against"] = {
+            "run": other.name,
+            "rows": compared(then, data["production"]),
+            "differences": kept_differences(against, other, folder, run),
+        }
     pictures, left_out = _pictures(folder, run)
     data["pictures_left_out"] = left_out
-    write_atomically(out, render(data, pictures).encode())
+    write_atomically(out, render("page", data, pictures).encode())
     return out
+
+
+def _before(folder: Path) -> dict[str, Any]:
+    """What the last run, and the runs of the week before, brought: {last, week}, None where there is none such."""
+    began, earlier = run_time(folder.name), [f for f in list_runs(folder.parent) if f.name < folder.name]
+    week = {f for f in earlier if began and (t := run_time(f.name)) and began - t <= WEEK}
+    runs = {f: run for f in sorted({*week, *earlier[-1:]}) if (run := read_brief(f)).cycles}
+    last = max(runs, default=None)
+    of_week = [run for f, run in runs.items() if f in week]
+    return {
+        "last": None if last is None else production([runs[last]]) | {"run": last.name},
+        "week": production(of_week) if of_week else None,
+    }
+
+
+def run_time(name: str) -> datetime | None:
+    """When the run of this name began (UTC); None where the name is no time."""
+    try:
+        return datetime.strptime(name[:16], "%Y%m%dT%H%M%SZ")
+    except ValueError:
+        return None
 
 
 def read_digest(folder: Path) -> Digest:
     """Read and digest one run. Raises RunError."""
     found = read_run(folder)
-    return digest(folder.name, found.records, found.skipped)
+    return digest(folder.name, found.records, found.skipped, being_written(folder / "run.jsonl"))
 
 
-def render(data: dict[str, Any], pictures: dict[str, str]) -> str:
-    """The page as text: the template with style, program, plots, data and pictures put in."""
+def render(name: str, data: dict[str, Any], pictures: dict[str, str]) -> str:
+    """A page as text: its template and program (`name`) with the shared style and parts, data and pictures put in."""
     assets = resources.files("daemon.review") / "assets"
-    page = (assets / "page.html").read_text()
+    page = (assets / f"{name}.html").read_text()
     parts = {
         "STYLE": (assets / "style.css").read_text(),
-        "PLOTLY": _plotly(),
-        "PROGRAM": (assets / "app.js").read_text(),
+        "SHARED": (assets / "shared.js").read_text(),
+        "PROGRAM": (assets / f"{name}.js").read_text(),
         "DATA": _embedded(data),
         "PICTURES": _embedded(pictures),
-        "TITLE": str(data["stats"]["run"]),
+        "TITLE": html.escape(str(data.get("run") or data.get("title") or "")),
     }
     head, *rest = page.split("@@")
     return head + "".join(parts[piece] if k % 2 == 0 else piece for k, piece in enumerate(rest))
@@ -69,14 +101,6 @@ def render(data: dict[str, Any], pictures: dict[str, str]) -> str:
 def _embedded(value: Any) -> str:
     """JSON that cannot end the script element it stands in."""
     return json.dumps(value, separators=(",", ":")).replace("</", "<\\/")
-
-
-def _plotly() -> str:
-    try:
-        from plotly.offline import get_plotlyjs
-    except ImportError:
-        return ""
-    return str(get_plotlyjs()).replace("</script", "<\\/script")
 
 
 def _pictures(folder: Path, run: Digest) -> tuple[dict[str, str], int]:
@@ -89,8 +113,9 @@ def _pictures(folder: Path, run: Digest) -> tuple[dict[str, str], int]:
                 left_out += 1
                 continue
             try:
-                image = read_grey(folder / str(name))
-            except (OSError, ValueError):
+                image = read_grey(Path(name), folder)
+            except FileError:
+                left_out += 1
                 continue
             content = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1].tobytes()
             chosen[f"{look['seq']}-{eye}"] = "data:image/jpeg;base64," + base64.b64encode(content).decode()

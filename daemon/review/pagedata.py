@@ -5,10 +5,15 @@ Names are short because a run of a thousand cycles has tens of thousands of them
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any
 
-from daemon.review.digest import Cycle, Digest, Stop, parts_of, residual_mm, stops_of
+import numpy as np
+
+from daemon.review.digest import Cycle, Digest, Stop, duration_s, stops_of
+from daemon.review.production import production
+from daemon.review.strips import strips
 from daemon.review.why import causes
 
 Json = dict[str, Any]
@@ -16,26 +21,37 @@ Json = dict[str, Any]
 
 def page_data(digest: Digest) -> Json:
     """Everything but the pictures."""
+    start = digest.start or {}
     return {
-        "stats": digest.statistics(),
+        "run": digest.name,
+        "started": digest.records[0].get("t") if digest.records else None,
+        "seconds": duration_s(digest.records),
+        "utc_offset_s": start.get("utc_offset_s"),
+        "cell": {"name": start.get("name"), "kind": start.get("cell"), "version": start.get("version")},
+        "models": digest.models_used(),
+        "kept": {name: digest.kept(name) for name in ("config", "calibration")},
+        "going": digest.going,
+        "end": (digest.end or {}).get("why"),
+        "production": production([digest]),
         "skipped": list(digest.skipped),
-        "kept": {name: digest.kept(name) for name in ("config", "calibration", "model")},
         "timeline": timeline(digest),
-        "cycles": [cycle_json(c) for c in digest.cycles],
+        "strips": strips(digest),
+        "cycles": [cycle_json(c, digest.cycles, digest.going) for c in digest.cycles],
         "outside": [stop_json(s) for s in stops_of([r for r in digest.outside if r["kind"] == "look"])],
         "events": events(digest),
-        "looks": looks(digest),
-        "end": (digest.end or {}).get("why"),
+        "states": median_state_seconds(digest.cycles),
     }
 
 
-def cycle_json(cycle: Cycle) -> Json:
+def cycle_json(cycle: Cycle, all_of_run: Sequence[Cycle], going: bool) -> Json:
     """One row of the table, and what opens below it."""
+    others = [c for c in all_of_run if c is not cycle] if cycle.outcome != "picked" else []
+    found = causes(cycle, others, going)
     return {
         "n": cycle.number,
         "t": cycle.records[0].get("t"),
         "label": cycle.label,
-        "outcome": cycle.outcome,
+        "outcome": "going on" if going and cycle.end is None else cycle.outcome,
         "looks": cycle.looks,
         "s": round(cycle.seconds, 2),
         "mm": _short(cycle.predicted_mm),
@@ -43,9 +59,11 @@ def cycle_json(cycle: Cycle) -> Json:
         "true_mm": _short(cycle.true_mm),
         "true_deg": _short(cycle.true_deg),
         "why": cycle.why,
-        "causes": [{"stage": c.stage, "w": round(c.weight, 2), "e": c.evidence, "r": c.remedy} for c in causes(cycle)],
+        "causes": [
+            {"name": c.name, "stage": c.stage, "w": round(c.weight, 2), "e": c.evidence, "r": c.remedy, "at": c.at}
+            for c in found
+        ],
         "decisions": [{"text": r.get("text"), "why": r.get("why")} for r in cycle.of("decision")],
-        "states": state_seconds(cycle),
         "stops": [stop_json(s) for s in cycle.stops],
     }
 
@@ -136,6 +154,13 @@ def state_seconds(cycle: Cycle) -> dict[str, float]:
     return total
 
 
+def median_state_seconds(cycles: Sequence[Cycle]) -> dict[str, float]:
+    """Where the time of a pick goes: the median seconds in each state, over what was picked, in the order of a pick."""
+    spent = [state_seconds(c) for c in cycles if c.outcome == "picked"]
+    names = dict.fromkeys(name for one in spent for name in one)
+    return {name: float(np.median([one.get(name, 0.0) for one in spent])) for name in names}
+
+
 def timeline(digest: Digest) -> list[Json]:
     """One bar a cycle on the run's own clock, seconds from its start."""
     if not digest.records:
@@ -154,22 +179,25 @@ def timeline(digest: Digest) -> list[Json]:
 
 
 def events(digest: Digest) -> list[Json]:
-    """Faults, refusals, gaps, clock jumps and model changes, each with the record that led to it."""
-    found, before, cycle = [], None, None
+    """Faults, refusals, gaps, clock jumps and model changes, each once, with the record that led to it."""
+    found: list[Json] = []
+    before, cycle = None, None
+    zero = float(digest.records[0]["mono_s"]) if digest.records else 0.0
     for record in digest.records:
         kind = record["kind"]
         if kind == "cycle_start":
             cycle = record.get("cycle")
         if kind in ("fault", "refusal", "gap", "clock", "model", "run_end"):
-            found.append(
-                {
-                    "t": record.get("t"),
-                    "kind": kind,
-                    "cycle": cycle,
-                    "text": _event_text(record),
-                    "after": None if before is None else _event_text(before),
-                }
-            )
+            event = {
+                "t": record.get("t"),
+                "s": round(float(record["mono_s"]) - zero, 2),
+                "kind": kind,
+                "cycle": cycle,
+                "text": _event_text(record),
+                "after": None if before is None else _event_text(before),
+            }
+            if not (found and all(found[-1][k] == event[k] for k in ("kind", "cycle", "text"))):
+                found.append(event)
         elif kind in ("move", "hand", "decision", "command", "state"):
             before = record
         if kind == "cycle_end":
@@ -179,26 +207,15 @@ def events(digest: Digest) -> list[Json]:
 
 def _event_text(record: Json) -> str:
     kind = record["kind"]
-    parts = [record.get(k) for k in ("code", "rule", "action", "purpose", "text", "why", "while", "to")]
-    text = ": ".join(str(p) for p in parts if p is not None)
+    parts = [str(record[k]) for k in ("code", "rule", "action", "purpose", "text", "why", "to") if record.get(k)]
+    if len(parts) > 1 and parts[1].startswith(parts[0]):
+        parts = parts[1:]  # a fault's text begins with its code
+    text = ": ".join(parts)
+    if kind == "model":
+        text = f"{record.get('action')}: version {record.get('version')}" if record.get("version") else "none in use"
     if kind == "clock":
         text = f"the machine's clock jumped by {record.get('jump_s')} s"
     return f"{kind} {text}".strip()
-
-
-def looks(digest: Digest) -> Json:
-    """Columns over all looks, for plots: when, how long, corner residuals, camera health."""
-    rows = digest.of("look")
-    zero = float(digest.records[0]["mono_s"]) if digest.records else 0.0
-    health = [r.get("health") or {} for r in rows]
-    names = sorted({k for h in health for k, v in h.items() if isinstance(v, (int, float))})
-    return {
-        "s": [round(float(r["mono_s"]) - zero, 2) for r in rows],
-        "cycle": [r.get("cycle") for r in rows],
-        "ms": [(r.get("scene") or {}).get("ms") for r in rows],
-        "residual_mm": [residual_mm(parts_of(r)) for r in rows],
-        "health": {name: [_short(h.get(name), 3) for h in health] for name in names},
-    }
 
 
 def _points(points: Any) -> list[list[float]]:

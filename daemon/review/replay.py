@@ -5,12 +5,12 @@ The model is the one that was in use at that look (kept in the run), or another 
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from math import inf
 from pathlib import Path
 from statistics import median
-from time import perf_counter
+from time import thread_time
 from typing import Any
 
 import numpy as np
@@ -21,8 +21,10 @@ from daemon.arrays import Array
 from daemon.calibration.file import load_calibration
 from daemon.review.digest import Digest
 from daemon.store.model import load
+from daemon.store.outside import FileError
 from daemon.store.pictures import read_as_stored
-from daemon.store.runs import Record, RunError
+from daemon.store.records import Record
+from daemon.store.runs import RunError, kept_file
 from daemon.vision.facets import Table
 from daemon.vision.look import look
 from daemon.vision.model import FacetLibrary, Model, empty_model
@@ -79,19 +81,20 @@ def replay(
     kept = (run.start or {}).get("calibration")
     if not kept:
         raise RunError(f"{folder}: no calibration was kept with this run; it cannot be replayed")
-    rig = load_calibration(_intact(folder, kept)).rig
+    rig = load_calibration(kept_file(folder, kept)).rig
     changes: list[Change] = []
     skipped: list[str] = []
     then_ms: list[float] = []
     now_ms: list[float] = []
     looks = identical = 0
     untaught = empty_model(library)
+    unhurried = replace(settings or VisionSettings(), budget_s=inf)
     for record, in_use in looks_with_models(folder, run):
         pair = _pictures(folder, record)
         if pair is None:
             skipped.append(f"look {record['seq']}: its pictures are not in the run folder")
             continue
-        scene = look(*pair, rig, model or in_use or untaught, settings, perf_counter, _table(record))
+        scene = look(*pair, rig, model or in_use or untaught, unhurried, thread_time, _table(record))
         now, then = scene_json(scene), record.get("scene") or {}
         whole = record.get("whole", True)
         found = compare(then, now, whole)
@@ -119,7 +122,7 @@ def looks_with_models(folder: Path, run: Digest) -> Iterator[tuple[Record, Model
             current = record.get("file") or current
         elif record["kind"] == "look":
             if current and current not in loaded:
-                loaded[current] = load(_intact(folder, current))
+                loaded[current] = load(kept_file(folder, current))
             yield record, loaded.get(current) if current else None
 
 
@@ -167,6 +170,8 @@ def _gap_mm(a: Json, b: Json) -> float:
 
 def _moved(then: Json, now: Json, whole: bool) -> str | None:
     """In words, where the pose differs by more than SIGMAS of what was predicted, over all equal poses of the part."""
+    if any(one.get("cyclopean_from_part") is None or one.get("covariance") is None for one in (then, now)):
+        return None
     reference = np.array(then["cyclopean_from_part"], float)
     spread = [np.diag(np.array(one["covariance"], float)) for one in ((then,) if whole else (then, now))]
     sigma = np.sqrt(np.maximum(np.sum(spread, axis=0), 1e-12))
@@ -188,19 +193,7 @@ def _table(record: Record) -> Table | None:
 def _pictures(folder: Path, record: Record) -> tuple[NDArray[Any], NDArray[Any]] | None:
     names = record.get("images") or {}
     try:
-        left, right = (read_as_stored(folder / str(names.get(eye))) for eye in ("left", "right"))
-    except (OSError, ValueError):
+        left, right = (read_as_stored(Path(names[eye]), folder) for eye in ("left", "right"))
+    except (FileError, KeyError):
         return None
     return left, right
-
-
-def _intact(folder: Path, kept: str) -> Path:
-    """A kept file, which must still be what its name says. Raises RunError."""
-    path = folder / kept
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise RunError(f"{path}: {error.strerror}") from None
-    if hashlib.sha256(content).hexdigest() != path.name.split(".")[0]:
-        raise RunError(f"{path}: changed since it was kept: its content does not have the hash in its name")
-    return path

@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import Any
 
 from daemon.review.digest import Digest, parts_of, residual_mm
-from daemon.store.runs import Record
+from daemon.store.records import Record
 
 Row = dict[str, Any]
 

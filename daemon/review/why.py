@@ -1,133 +1,365 @@
-"""Why a part was not picked: the stages it could have failed in, ranked by evidence, and what to change.
+"""Why a part was not picked: what the records say, by weight and time, and what to do about it.
 
-Pure: one cycle in, causes out. A rule reads one kind of evidence and says how much of a miss it would explain (0 to 1).
+Pure: one cycle in, and the others of its run to compare with; causes out. A rule reads one kind of evidence and says
+how much of the miss it would explain (0 to 1). What ended the cycle in its own words weighs most; what was measured
+before weighs more than what followed from it; what is said of other parts weighs nothing. Of equal weight the earlier
+comes first: it may have brought about the other.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import re
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from daemon.pick.fusion import CHI_SQUARE_6
-from daemon.review.digest import Cycle
-from daemon.store.runs import Record
+from daemon.review.digest import Cycle, Stop
+from daemon.review.remedies import KNOWN
+from daemon.store.records import Record
 from daemon.vision.health import SAID
 from daemon.vision.values import Cause as Unnamed
 
 NOTHING_WRONG = frozenset({"picked", "placed", "empty", "dry"})
+KNOWN_MM = 1.0
+"""An estimate that was known to this is not what made the hand miss."""
+SQUEEZED_OUT_MM = 10.0
+"""Fingers that strike a part push it by less than it jumps from between them."""
+SLANTED_DEG = 10.0
+"""Fingers that meet a part so far off square hold it by friction alone."""
+OUTLINES = 4
+"""So many outlines in each eye and no facet of them: the eyes do not fit one another."""
+
+
+TOLD: tuple[tuple[str, str], ...] = (
+    (r"^aborted", "operator's abort"),
+    (r"operator refused", "operator's no"),
+    (r"^stopped by|^by control-C", "operator's stop"),
+    (r"[Ee]mergency stop\*|E-?[Ss]top", "emergency stop"),
+    (r"[Aa]rm power", "arm power"),
+    (r"Envelope error", "envelope error"),
+    (r"controller asks|floppy", "controller restarted"),
+    (r"out of range|cannot be reached|out of reach", "out of the arm's reach"),
+    (r"WHERE is .* off|at rest .* from where it was sent|not at rest within", "arm not where it was sent"),
+    (r"^Garbled|did not come through|through whole|WHERE did not give", "noise on the line"),
+    (r"^(NoAnswer|PortError|Busy|controller:)", "controller silent"),
+    (r"suspect: hand-eye", "hand-eye"),
+    (r"suspect: camera|^calibration: (right|left) camera", "camera knocked"),
+    (r"suspect: unclear|cannot be told", "looks disagree"),
+    (r"look behind it is", "a look too old"),
+    (r"not enabled", "arm not enabled"),
+)
+"""What the records say of an end in their own words, the telling words first."""
+MEASURED = {
+    "covered": "lens covered", "half": "half a frame", "torn": "torn frame", "frozen": "camera frozen",
+    "doubled": "one camera for both eyes", "swapped": "eyes swapped", "knocked": "camera knocked",
+    "epipolar": "camera knocked", "focus": "lens out of focus or dirty", "motion": "blurred by motion",
+    "darkness": "too dark", "saturation": "burnt out",
+}  # fmt: skip
+"""Measures of the pictures (vision/health/examine.py) by the cause they are signs of."""
+UNNAMED = {
+    Unnamed.BORDER: "too near the border", Unnamed.DARK: "too dark", Unnamed.BURNT: "burnt out",
+    Unnamed.HIDDEN: "hidden", Unnamed.ALIKE: "looks like another", Unnamed.PATTERNED: "ground too patterned",
+    Unnamed.STRANGE: "not taught",
+}  # fmt: skip
+REFUSED = {
+    "below_table": "below the table", "outside_workspace": "outside the workspace", "kept_out": "kept out",
+    "no_way": "kept out", "not_enabled": "arm not enabled", "stale_look": "a look too old",
+}  # fmt: skip
+FINDING = re.compile(r"(left|right|pair): (?:(?!left:|right:|pair:).)*\((\w+) [^()]*limit [^()]*\)")
+UNMATCHED = re.compile(r"no facet was found in both images \((\d+) and (\d+) outlines\)")
 
 
 @dataclass(frozen=True)
 class Cause:
-    """stage: of the pick; weight 0 to 1; evidence: what the records say; remedy: what to do about it."""
+    """name: of KNOWN; weight 0 to 1; evidence: what the records say; at: number of the record that says it."""
 
-    stage: str
+    name: str
     weight: float
     evidence: str
-    remedy: str
+    at: int = 0
+
+    @property
+    def stage(self) -> str:
+        """Where in the cell it is."""
+        return KNOWN[self.name].stage
+
+    @property
+    def remedy(self) -> str:
+        """What to do about it."""
+        return KNOWN[self.name].remedy
 
 
-def causes(cycle: Cycle) -> list[Cause]:
-    """Every cause that has evidence, likeliest first; none for a part that was picked or a table that was empty."""
-    if cycle.outcome in NOTHING_WRONG:
+def causes(cycle: Cycle, others: Sequence[Cycle] = (), going: bool = False) -> list[Cause]:
+    """Every cause that has evidence, each once, likeliest first; none for a part that was picked, a table that was
+    empty, and a cycle that is still going on.
+
+    others: the other cycles of the run; going: the run has not ended, and nothing says that it will not go on.
+    """
+    if cycle.outcome in NOTHING_WRONG or (cycle.end is None and going):
         return []
-    found = [cause for rule in RULES for cause in rule(cycle)]
-    if not found and cycle.end is not None:
-        remedy = "look at the stops below; nothing in the records stands out"
-        found = [Cause("pick", 0.1, str(cycle.end.get("why") or cycle.outcome), remedy)]
-    return sorted(found, key=lambda c: -c.weight)
-
-
-def _faults(cycle: Cycle) -> Iterator[Cause]:
-    for record in cycle.of("fault"):
-        stage = "arm" if "link" in str(record.get("code")) else "cell"
-        evidence = f"fault {record.get('code')}: {record.get('text')}"
-        yield Cause(stage, 1.0, evidence, "mend what it names, then `resume`")
-
-
-def _refusals(cycle: Cycle) -> Iterator[Cause]:
-    for record in cycle.of("refusal"):
-        evidence = f"{record.get('rule')}: {record.get('text')}"
-        yield Cause("guard", 0.9, evidence, "move the part, or widen the rule in facetd.yaml with care")
-
-
-def _disagreement(cycle: Cycle) -> Iterator[Cause]:
-    worst = max((s.estimate for s in cycle.stops if s.estimate), key=_chi2, default=None)
-    if worst is not None and (chi2 := _chi2(worst)) > CHI_SQUARE_6:
-        by = f"chi-square {chi2:.0f}, at most {CHI_SQUARE_6:.0f}"
-        evidence = f"look {worst.get('stop')} disagrees with those before ({by})"
-        remedy = "the part moved, or hand-eye or a camera did: `facetctl calibrate verify`"
-        yield Cause("estimate", min(0.5 + chi2 / 400, 0.95), evidence, remedy)
-
-
-def _chi2(estimate: Record) -> float:
-    return float(estimate.get("chi2") or 0)
-
-
-def _uncertain(cycle: Cycle) -> Iterator[Cause]:
-    last = next((s.estimate for s in reversed(cycle.stops) if s.estimate), {})
-    predicted = float(last.get("predicted_mm") or 0)
-    if predicted > 1.0:
-        evidence = f"the last estimate was known to {predicted:.1f} mm only"
-        remedy = "a nearer last stand-off, better light, or a new hand-eye calibration"
-        yield Cause("estimate", min(0.3 + predicted / 10, 0.8), evidence, remedy)
-
-
-def _missed(cycle: Cycle) -> Iterator[Cause]:
-    if cycle.outcome == "missed":
-        witness = "" if cycle.true_mm is None else f"; the cell's witness has it {cycle.true_mm:.1f} mm off"
-        evidence = f"the hand closed and the part was still there{witness}"
-        remedy = "touch test (`facetctl calibrate verify --touch`), fingers, gripper opening in parts.yaml"
-        yield Cause("grasp", 0.6, evidence, remedy)
-
-
-def _recognition(cycle: Cycle) -> Iterator[Cause]:
-    approach = [s for s in cycle.stops if s.purpose != "survey"] or list(cycle.stops)
-    found = [cause for stop in approach for part in stop.parts for cause in _unnamed(part)]
-    if any(not s.parts for s in approach):
-        remedy = "light and focus; see the refused outlines"
-        found.append(Cause("segmentation", 0.45, "a look found no part at all", remedy))
-    first: dict[tuple[str, str], Cause] = {}
+    found = sorted(
+        (c for rule in RULES for c in rule(cycle, others)),
+        key=lambda c: (-c.weight, c.at),
+    )
+    if not found:
+        found = [Cause("cause not known", 0.1, str(cycle.why or cycle.outcome))]
+    first: dict[str, Cause] = {}
     for cause in found:
-        first.setdefault((cause.stage, cause.evidence), cause)
-    yield from list(first.values())[:4]
+        first.setdefault(cause.name, cause)
+    return list(first.values())
 
 
-def _unnamed(part: dict[str, Any]) -> Iterator[Cause]:
-    if part.get("ambiguous"):
-        both = " or ".join(part.get("candidates") or []) or "several parts"
-        remedy = "teach a view that tells them apart; `try` names the facet that would"
-        yield Cause("recognition", 0.5, f"could be {both}: {part.get('reason')}", remedy)
-    elif part.get("label") == "unknown":
-        remedy = "teach this view if the part is known; light if facets are missing"
-        if part.get("cause") in tuple(Unnamed):
-            remedy = SAID[Unnamed(part["cause"])].remedy
-        yield Cause("recognition", 0.35, str(part.get("reason")), remedy)
+def _ended(cycle: Cycle, _: Sequence[Cycle]) -> Iterator[Cause]:
+    """The first fault, or the end itself, in its own words; a later fault follows from the first."""
+    fault = next(iter(cycle.of("fault")), None)
+    if fault is None and cycle.outcome not in ("fault", "aborted"):
+        return
+    yield from told(fault or cycle.end or {})
 
 
-def _images(cycle: Cycle) -> Iterator[Cause]:
-    findings = [item for s in cycle.stops for item in ((s.look.get("health") or {}).get("findings") or {}).items()]
-    for name, finding in findings[:3]:
-        yield Cause("images", 0.55, f"{name}: {_text(finding)}", "see the advice of `doctor`; light, lens, cable")
+def told(record: Record) -> Iterator[Cause]:
+    """What a fault, or the end of a cycle, says in its own words."""
+    text, at = str(record.get("text") or record.get("why") or ""), int(record.get("seq") or 0)
+    plain = re.sub(r"^\w*(?:Error|Refused|Elsewhere): ", "", text)
+    if measures := FINDING.findall(text):
+        yield from _pictures(measures, plain, at)
+    elif re.match(r"CameraError|cameras:|NotSettledError", text):
+        yield Cause("blurred by motion" if text.startswith("NotSettled") else "camera cable", 1.0, plain, at)
+    else:
+        by_words = (name for words, name in TOLD if re.search(words, plain) or re.search(words, text))
+        name = next(by_words, "a fault in facetd")
+        yield Cause(name, {"looks disagree": 0.6, "a fault in facetd": 0.5}.get(name, 1.0), plain, at)
+
+
+def _pictures(measures: Iterable[tuple[str, str]], text: str, at: int) -> Iterator[Cause]:
+    """What was wrong with pictures that nothing could be done on the strength of."""
+    by_measure: dict[str, set[str]] = {}
+    for eye, measure in measures:
+        by_measure.setdefault(measure, set()).add(eye)
+    for measure, eyes in by_measure.items():
+        both_dark = measure == "covered" and len(eyes) == 2
+        yield Cause("light off" if both_dark else MEASURED[measure], 1.0, text, at)
+
+
+def _refused(cycle: Cycle, _: Sequence[Cycle]) -> Iterator[Cause]:
+    """What the guard refused, and why a part was left as out of reach."""
+    if cycle.outcome not in ("unreachable", "fault", "unfinished"):
+        return
+    for record in cycle.of("refusal"):
+        rule = str(record.get("rule"))
+        if rule != "fault_stands":
+            name = REFUSED.get(rule, "a move the guard refused")
+            yield Cause(name, 0.9, f"{rule}: {record.get('text')}", int(record.get("seq") or 0))
+    if cycle.outcome == "unreachable":
+        why, at = str(cycle.why), _last(cycle)
+        if "no grasp holds" in why or "give no solid" in why:
+            yield Cause("no grasp holds it", 0.9, why, at)
+        elif grasps := re.search(r"none of its (\d+) grasps .*\((\d+) blocked", why):
+            blocked = 2 * int(grasps[2]) >= int(grasps[1])
+            yield Cause("blocked by a neighbour" if blocked else "out of the arm's reach", 0.9, why, at)
+        else:
+            yield Cause("out of the arm's reach", 0.6, why, at)
+
+
+def _geometry(cycle: Cycle, others: Sequence[Cycle]) -> Iterator[Cause]:
+    """Looks that disagree, and which of hand, eye and part is to blame for it."""
+    for record in cycle.of("decision"):
+        if suspect := re.match(r"suspect: (.*)", str(record.get("text"))):
+            evidence, at = str(record.get("why")), int(record.get("seq") or 0)
+            blamed = {"camera": ("camera knocked", 0.9), "hand-eye": ("hand-eye", 0.9), "part": ("part moved", 0.75)}
+            if suspect[1] in blamed:
+                yield Cause(*blamed[suspect[1]], evidence, at)
+            elif any(other.outcome == "picked" for other in others):
+                yield Cause("part moved", 0.7, f"{evidence}; other picks of this run went well", at)
+            else:
+                yield Cause("hand-eye", 0.7, f"{evidence}; nothing was picked in this run", at)
+    again = [r for r in cycle.of("decision") if re.match(r"looks \d+ and \d+ disagree", str(r.get("why")))]
+    if len(again) > 1:
+        evidence = f"{again[0]['why']}; and so {len(again)} times, whatever was approached"
+        yield Cause("hand-eye", 0.85, evidence, int(again[1].get("seq") or 0))
+    for stop in cycle.stops:
+        chi2 = float((stop.estimate or {}).get("chi2") or 0)
+        if chi2 > CHI_SQUARE_6:
+            evidence = f"look {stop.number} disagrees with those before (chi-square {chi2:.0f} of {CHI_SQUARE_6:.0f})"
+            yield Cause("hand-eye" if cycle.outcome == "missed" else "looks disagree", 0.75, evidence, _seq(stop))
+
+
+def _all_moves(cycle: Cycle, _: Sequence[Cycle]) -> Iterator[Cause]:
+    """Not one part but several, or one again and again, lie otherwise whenever the arm looks from elsewhere."""
+    shifted = [
+        r for r in cycle.of("decision") if re.search(r"not where the look before|not seen where", str(r.get("why")))
+    ]
+    parts = {str(r.get("text")).split()[1] for r in shifted if len(str(r.get("text")).split()) > 1}
+    again = [r for r in shifted if "not where the look before" in str(r.get("why"))]
+    if len(again) > 1 or (again and len(parts) > 1):
+        evidence = (
+            f"{', '.join(sorted(parts))} lay otherwise each time the arm looked from elsewhere ({len(shifted)} times)"
+        )
+        yield Cause("hand-eye", 0.85, evidence, int(again[-1].get("seq") or 0))
+
+
+def _eyes_apart(cycle: Cycle, others: Sequence[Cycle]) -> Iterator[Cause]:
+    """Both eyes see outlines and they do not meet, although they did before."""
+    unmatched = [s for s in cycle.stops if _outlines_of(s) >= OUTLINES]
+    met = [s for s in (*cycle.stops, *(s for c in others for s in c.stops)) if _named(s)]
+    if not unmatched:
+        return
+    evidence = f"{len(unmatched)} looks saw outlines in both eyes that do not fit one another"
+    share = len(unmatched) / len(cycle.stops)
+    if met and (len(unmatched) > 1 or share == 1.0):
+        yield Cause("camera knocked", 0.8, f"{evidence}, and {len(met)} saw parts", _seq(unmatched[0]))
+    elif "knocked camera" in str(cycle.why):
+        yield Cause("camera knocked", 0.7, str(cycle.why), _seq(unmatched[0]))
+
+
+def _images(cycle: Cycle, _: Sequence[Cycle]) -> Iterator[Cause]:
+    """What was measured of the pictures and beyond its limit: the more looks, the more it explains."""
+    shown: Counter[str] = Counter()
+    first: dict[str, tuple[str, int]] = {}
+    for stop in cycle.stops:
+        findings = ((stop.look.get("health") or {}).get("findings") or {}).items()
+        for name in {MEASURED.get(key.split()[0], "") for key, _ in findings} - {""}:
+            shown[name] += 1
+            text = next(_text(f) for key, f in findings if MEASURED.get(key.split()[0]) == name)
+            first.setdefault(name, (text, _seq(stop)))
+    # A part that was seen and lost otherwise was seen by these very pictures.
+    most = {"missed": 0.5, "unreachable": 0.3, "aborted": 0.2, "fault": 0.6}.get(cycle.outcome, 0.95)
+    for name, count in shown.items():
+        share = count / len(cycle.stops)
+        text, at = first[name]
+        evidence = f"{count} of {len(cycle.stops)} looks: {text}"
+        yield Cause(name, most * (0.5 + 0.5 * share), evidence, at)
 
 
 def _text(finding: Any) -> str:
     return str(finding.get("advice") or finding.get("text") or finding) if isinstance(finding, dict) else str(finding)
 
 
-def _unfinished(cycle: Cycle) -> Iterator[Cause]:
-    if cycle.end is None:
-        evidence = f"the run ends in the middle of the cycle, after `{cycle.records[-1]['kind']}`"
-        remedy = "power cut, kill or crash: the journal of that minute"
-        yield Cause("daemon", 0.8, evidence, f"{remedy}; the part in the gripper was asked about at restart")
+def _unnamed(cycle: Cycle, _: Sequence[Cycle]) -> Iterator[Cause]:
+    """Why what lies there has no name, in the words of the end; where it was about a part with a name, nothing."""
+    why = str(cycle.why or "")
+    if cycle.outcome == "ambiguous":
+        yield Cause("looks like another", 0.7, why, _last(cycle))
+    elif cycle.outcome == "unknown":
+        seen = [p.get("cause") for s in cycle.stops for p in s.parts if p.get("label") == "unknown" and p.get("cause")]
+        causes_told = [cause for cause, said in SAID.items() if said.words in why]
+        for cause in causes_told or [Unnamed(name) for name, _ in Counter(map(str, seen)).most_common(1)]:
+            yield Cause(UNNAMED[cause], 0.7, why, _last(cycle))
 
 
-def _ended(cycle: Cycle) -> Iterator[Cause]:
-    if cycle.outcome != "missed" and cycle.why:
-        yield Cause("cycle", 0.4, cycle.why, "see the decisions and stops of this cycle")
+def _lost(cycle: Cycle, _: Sequence[Cycle]) -> Iterator[Cause]:
+    """It was seen, and then it was not."""
+    if cycle.outcome != "lost":
+        return
+    bare = [s for s in cycle.stops if s.purpose != "survey" and not s.parts]
+    if bare and all(_outlines_of(s) < OUTLINES and len(_rejected(s)) < 2 * OUTLINES for s in bare):
+        yield Cause("part moved", 0.75, f"{cycle.why}; the table is bare there", _seq(bare[0]))
+    elif any(
+        p.get("label") == cycle.label
+        for s in cycle.stops
+        if s.purpose == "approach" and not s.estimate
+        for p in s.parts
+    ):
+        yield Cause("part moved", 0.75, f"{cycle.why}; it is seen elsewhere", _last(cycle))
+    elif "not where the look before had them" in str(cycle.why):
+        yield Cause("part moved", 0.7, str(cycle.why), _last(cycle))
+    else:
+        yield Cause("not found again", 0.4, str(cycle.why), _last(cycle))
 
 
-RULES: tuple[Callable[[Cycle], Iterator[Cause]], ...] = (
-    _faults, _refusals, _disagreement, _uncertain, _missed, _recognition, _images, _unfinished, _ended,
+def _missed(cycle: Cycle, others: Sequence[Cycle]) -> Iterator[Cause]:
+    """The hand closed, and it is not in it: how it was grasped, and where it lies now, tell what became of it."""
+    tries = [r for r in cycle.of("decision") if r.get("text") == "missed"]
+    if cycle.outcome != "missed" and not tries:
+        return
+    weight = (
+        0.6 if cycle.outcome == "missed" else 0.75
+    )  # what it is taken for after it was knocked about follows from it
+    verify = [s for s in cycle.stops if s.purpose == "verify"]
+    moved = None if not verify else _moved_mm(cycle, verify[-1])
+    at = _seq(verify[0]) if verify else _last(cycle)
+    witness = (
+        "" if cycle.true_mm is None else f"; the simulated cell's witness has the grasp {cycle.true_mm:.1f} mm off"
+    )
+    why = str((tries[-1] if tries else cycle.end or {}).get("why"))
+    lies = "" if moved is None else f", {moved:.1f} mm from where it lay"
+    chosen = " ".join(str(r.get("why")) for r in cycle.of("decision"))
+    slant = max(map(float, re.findall(r"contacts (\d+) degrees", chosen)), default=0.0)
+    held = sorted({str(c.label) for c in others if c.outcome == "picked"})
+    if "came back empty" in why or "knocked away" in why or (moved or 0.0) > SQUEEZED_OUT_MM:
+        yield Cause("part slipped", weight + 0.05, f"{why}{lies}{witness}", at)
+    elif slant > SLANTED_DEG:
+        evidence = f"{why}{lies}: the fingers met it {slant:.0f} degrees off square{witness}"
+        yield Cause("part slipped", weight + 0.05, evidence, at)
+    elif held and cycle.label not in {c.label for c in others if c.outcome == "picked"}:
+        yield Cause(
+            "part slipped", weight, f"{why}{lies}, and {', '.join(sorted(map(str, held)))} was held{witness}", at
+        )
+    else:
+        yield Cause("gripper", weight, f"the hand closed, and {why}{lies}{witness}", at)
+
+
+def _moved_mm(cycle: Cycle, after: Stop) -> float | None:
+    """How far the part that was grasped for lies from where it was last thought to."""
+    estimates = [s.estimate for s in cycle.stops if s.estimate and _seq(s) < _seq(after)]
+    world_from_cyclopean = after.look.get("world_from_cyclopean")
+    same = [p for p in after.parts if p.get("label") == cycle.label and p.get("cyclopean_from_part")]
+    if not (estimates and same and world_from_cyclopean and estimates[-1].get("world_from_part")):
+        return None
+    before = np.array(estimates[-1]["world_from_part"], float)[:3, 3]
+    places = [(np.array(world_from_cyclopean) @ np.array(p["cyclopean_from_part"]))[:3, 3] for p in same]
+    return float(min(np.linalg.norm(place - before) for place in places))
+
+
+def _uncertain(cycle: Cycle, _: Sequence[Cycle]) -> Iterator[Cause]:
+    """It was never known well enough, or the hand went for it although it was not."""
+    last = next((s for s in reversed(cycle.stops) if s.estimate), None)
+    if last is None or last.estimate is None or cycle.outcome not in ("unsure", "missed"):
+        return
+    predicted = float(last.estimate.get("predicted_mm") or 0)
+    if cycle.outcome == "unsure" or predicted > KNOWN_MM:
+        evidence = f"the last estimate was known to {predicted:.1f} mm only"
+        yield Cause("estimate too uncertain", 0.7, evidence, _seq(last))
+
+
+def _cut_off(cycle: Cycle, _: Sequence[Cycle]) -> Iterator[Cause]:
+    """The run ends in the middle of it."""
+    if cycle.end is None and not cycle.of("fault"):
+        at = _last(cycle)
+        yield Cause(
+            "cut off", 0.95, f"the run ends in the middle of the cycle, after `{cycle.records[-1]['kind']}`", at
+        )
+
+
+def _outlines_of(stop: Stop) -> int:
+    """How many outlines each eye saw at least, where no facet was made of them."""
+    notes = " ".join(str(n) for n in (stop.look.get("scene") or {}).get("notes") or [])
+    found = UNMATCHED.search(notes)
+    return min(int(found[1]), int(found[2])) if found else 0
+
+
+def _rejected(stop: Stop) -> Sequence[Any]:
+    rejected: Sequence[Any] = (stop.look.get("scene") or {}).get("rejected") or []
+    return rejected
+
+
+def _named(stop: Stop) -> bool:
+    return any(p.get("label") != "unknown" for p in stop.parts)
+
+
+def _seq(stop: Stop) -> int:
+    return int(stop.look.get("seq") or 0)
+
+
+def _last(cycle: Cycle) -> int:
+    return int(cycle.records[-1].get("seq") or 0)
+
+
+Rule = Callable[[Cycle, Sequence[Cycle]], Iterator[Cause]]
+RULES: tuple[Rule, ...] = (
+    _ended, _refused, _geometry, _all_moves, _eyes_apart, _images, _unnamed, _lost, _missed, _uncertain, _cut_off,
 )  # fmt: skip

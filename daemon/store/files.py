@@ -11,7 +11,9 @@ import fcntl
 import os
 import tempfile
 import threading
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Protocol
 
 from daemon.errors import FacetdError
 
@@ -20,11 +22,22 @@ class LineFile:
     """An append-only file that never keeps half a line: a short write is cut off again."""
 
     def __init__(self, path: Path) -> None:
-        """Create it. Raises OSError, FileExistsError where there is one already."""
+        """Create it, and hold it while it is written (`being_written`). Raises OSError, FileExistsError where there is
+        one already."""
         self.path = path
         self._handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND | os.O_CLOEXEC, 0o640)
+        with contextlib.suppress(OSError):  # a file system without locks: readers will take it for ended
+            fcntl.flock(self._handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         self._length = 0
         self._closing = threading.Lock()
+
+    @property
+    def in_place(self) -> bool:
+        """Whether it is still what its name leads to."""
+        try:
+            return self._handle < 0 or os.path.samestat(os.fstat(self._handle), os.stat(self.path))
+        except OSError:
+            return False
 
     def append(self, content: bytes) -> None:
         """Add one line. Raises OSError, and then nothing of it is in the file."""
@@ -53,19 +66,43 @@ class LineFile:
             self._handle = -1
 
 
+def being_written(path: Path) -> bool:
+    """Whether a process still has this LineFile open; however it ends, the kernel lets go of it."""
+    try:
+        handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC | os.O_NOCTTY)
+    except OSError:
+        return False
+    try:
+        fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except OSError:
+        return False
+    finally:
+        os.close(handle)
+    return False
+
+
+class Synced(Protocol):
+    """A file with something to be brought to the disk."""
+
+    def sync(self) -> None:
+        """Bring it there. Raises OSError; a closed file is on the disk already."""
+
+
 class Syncer:
     """Brings lines from the kernel to the disk: at once for urgent kinds, else at most every so often."""
 
     def __init__(self, every_s: float) -> None:
         self._every_s, self._stop = every_s, False
-        self._dirty: set[LineFile] = set()
+        self._dirty: set[Synced] = set()
         self._wake, self._urgent, self._clean = threading.Event(), threading.Event(), threading.Event()
         self._lock = threading.Lock()
         self._clean.set()
         self._thread = threading.Thread(target=self._run, name="runlog-sync", daemon=True)
         self._thread.start()
 
-    def take(self, file: LineFile) -> None:
+    def take(self, file: Synced) -> None:
         """Sync this file some time soon."""
         with self._lock:
             self._clean.clear()
@@ -110,6 +147,11 @@ def write_atomically(path: Path, content: bytes, synced: bool = True) -> None:
 
     Not synced it costs no wait: a reader still meets the whole file or none, but a power cut may leave it empty.
     """
+    with naming(path):
+        _write_atomically(path, content, synced)
+
+
+def _write_atomically(path: Path, content: bytes, synced: bool) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     mode = path.stat().st_mode & 0o777 if path.exists() else 0o644
     handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
@@ -133,6 +175,17 @@ def write_atomically(path: Path, content: bytes, synced: bool = True) -> None:
         os.close(folder)
 
 
+@contextlib.contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """What the operating system says of a full or failing disk names no file: this one it was."""
+    try:
+        yield
+    except OSError as error:
+        if error.filename is None:
+            error.filename = str(path)
+        raise
+
+
 class InUseError(FacetdError):
     """A folder belongs to another process at present: which folder, which process."""
 
@@ -142,21 +195,25 @@ def hold(folder: Path) -> int:
 
     Raises InUseError, OSError.
     """
+    lock = folder / "lock"
     folder.mkdir(parents=True, exist_ok=True)
-    handle = os.open(folder / "lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o640)
+    handle = os.open(lock, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o640)
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
         holder = os.read(handle, 20).decode("ascii", "replace").strip() or "unknown"
         os.close(handle)
         raise InUseError(f"{folder}: another facetd (process {holder}) works in it; stop that one first") from None
-    os.ftruncate(handle, 0)
-    os.pwrite(handle, f"{os.getpid()}\n".encode(), 0)
+    with contextlib.suppress(OSError):  # on a full disk it is held all the same
+        os.ftruncate(handle, 0)
+        os.pwrite(handle, f"{os.getpid()}\n".encode(), 0)
     return handle
 
 
 def plain(error: BaseException) -> str:
-    """An error for people, on one line; those of the operating system as `file: what is wrong`."""
+    """An error for people, on one line; those of the operating system as `file: what is wrong`, and what to do where
+    the disk is full."""
     if isinstance(error, OSError) and error.strerror and error.filename is not None:
-        return f"{error.filename}: {error.strerror}"
+        remedy = "; free some space there" if error.errno in (errno.ENOSPC, errno.EDQUOT) else ""
+        return f"{error.filename}: {error.strerror}{remedy}"
     return " ".join(str(error).split()) or type(error).__name__

@@ -16,18 +16,21 @@ import msgspec
 import numpy as np
 
 from daemon.art import ArtError, FuzzyARTMAP
-from daemon.errors import FacetdError
 from daemon.store.files import write_atomically
 from daemon.store.library import library_digest, library_plain
 from daemon.store.npz import ArchiveError, Arrays, one_line, pack, unpack
+from daemon.store.outside import FileError, read_file
 from daemon.vision.geometry import Polyhedron
 from daemon.vision.model import FacetLibrary, FacetType, MetricModel, Model, Parameters, TaughtView
 
 FORMAT = "facetd-model"
 VERSION = 1
+LARGEST_FILE = 8_000_000
+LARGEST_UNFOLDED = 64_000_000
+"""Bytes of all arrays together. Ten parts of ten views each are 0.4 MB."""
 
 
-class ModelError(FacetdError):
+class ModelError(FileError):
     """A model file cannot be used, or not be written: the message is one line, path first, then what is wrong."""
 
 
@@ -100,16 +103,13 @@ def save(model: Model, path: Path, *, trained: str = "", codes: dict[str, str] |
 
 
 def load(path: Path) -> Model:
-    """The model in a file. Raises ModelError for a missing, truncated, altered, foreign or newer file."""
+    """The model in a file. FileError: it cannot be read; ModelError: it is cut short, altered, foreign or newer."""
     return load_file(path).model
 
 
 def load_file(path: Path) -> ModelFile:
     """As `load`, with what the file says about its making."""
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise ModelError(f"{path}: cannot be read: {error.strerror}") from None
+    content = read_file(path, LARGEST_FILE)
     try:
         return from_bytes(content)
     except ModelError as error:
@@ -142,15 +142,15 @@ def to_bytes(model: Model, *, trained: str = "", codes: dict[str, str] | None = 
 def from_bytes(content: bytes) -> ModelFile:
     """Check and read a file's content. Raises ModelError without the path."""
     try:
-        arrays = unpack(content)
+        arrays = unpack(content, LARGEST_UNFOLDED)
     except ArchiveError as error:
         raise ModelError(f"not a facetd model: {error}") from None
     header_array = arrays.pop("header", None)
     if header_array is None or header_array.dtype != np.uint8:
         raise ModelError("not a facetd model: it has no header")
     try:
-        plain = json.loads(header_array.tobytes())
-    except ValueError:
+        plain = msgspec.json.decode(header_array.tobytes())
+    except (msgspec.MsgspecError, RecursionError, ValueError):
         raise ModelError("not a facetd model: its header is not JSON") from None
     if not isinstance(plain, dict) or plain.get("format") != FORMAT:
         raise ModelError("not a facetd model: its header does not say so")

@@ -7,11 +7,13 @@ models/<version>.npz, models/state.json                      {"current", "candid
 
 from __future__ import annotations
 
+import contextlib
+import fcntl
 import json
 import os
 import shutil
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -22,16 +24,18 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.errors import FacetdError
-from daemon.store import model as model_file
-from daemon.store.files import write_atomically
+from daemon.store import model as files
+from daemon.store import places
+from daemon.store.files import plain, write_atomically
+from daemon.store.outside import FileError, read_below, read_file
 from daemon.store.pictures import PictureError, read_grey
 from daemon.vision.model import Model
 
 Image = NDArray[np.uint8]
+LARGEST_NOTE = 1_000_000
 
 
-class ModelStoreError(FacetdError):
+class ModelStoreError(FileError):
     """Something taught cannot be read or written: which file, why, what to do."""
 
 
@@ -43,6 +47,8 @@ class StoredView:
     number: int
     folder: Path
     note: dict[str, Any] = field(default_factory=dict, compare=False)
+    damage: str = ""
+    """What is wrong with its note, which is then empty: such a view can be listed and forgotten, and not learnt."""
 
     @property
     def name(self) -> str:
@@ -55,9 +61,19 @@ class StoredView:
         return next((p for p in (self.folder / "mesh.stl", self.folder / "mesh.obj") if p.exists()), None)
 
     def images(self) -> tuple[Image, Image]:
-        """Left and right, (H, W) grey, of a view that is no drawing. Raises ModelStoreError."""
-        left, right = (_read_image(self.folder / f"{eye}.png") for eye in ("left", "right"))
+        """Left and right, (H, W) grey, of a view that is no drawing. Raises FileError, ModelStoreError."""
+        left, right = (_read_image(self.folder, f"{eye}.png") for eye in ("left", "right"))
         return left, right
+
+
+@dataclass(frozen=True)
+class ToldModel:
+    """What a model's file says of itself: when it was trained (ISO, UTC), the labels it knows, and those in words, or
+    why it cannot be read."""
+
+    trained: str
+    labels: tuple[str, ...]
+    knows: str
 
 
 class _State(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -74,15 +90,13 @@ class ModelStore:
         self.folder = folder
 
     def views(self, label: str | None = None) -> list[StoredView]:
-        """Every stored view, by label and number. Raises ModelStoreError."""
+        """Every stored view, by label and number, the damaged ones too. Raises OSError."""
         root = self.folder / "views"
         labels = [label] if label is not None else sorted(p.name for p in root.iterdir()) if root.is_dir() else []
         found = []
         for name in labels:
             folders = [p for p in (root / name).glob("*") if p.name.isdecimal()] if (root / name).is_dir() else []
-            found += [
-                StoredView(name, int(p.name), p, _read_note(p)) for p in sorted(folders, key=lambda p: int(p.name))
-            ]
+            found += [_stored(name, p) for p in sorted(folders, key=lambda p: int(p.name))]
         return found
 
     def labels(self) -> list[str]:
@@ -109,9 +123,10 @@ class ModelStore:
                     write_atomically(making / name, content)
                 note = {"v": 1, "label": label, "taught": datetime.now(UTC).isoformat(timespec="seconds"), **note}
                 write_atomically(making / "view.json", json.dumps(note, indent=1).encode())
-                number = max((view.number for view in self.views(label)), default=0) + 1
                 os.chmod(making, 0o755)
-                making.rename(parent / str(number))
+                with self._alone():
+                    number = max((view.number for view in self.views(label)), default=0) + 1
+                    making.rename(parent / str(number))
             except BaseException:
                 shutil.rmtree(making, ignore_errors=True)
                 raise
@@ -155,44 +170,84 @@ class ModelStore:
 
     def load(self, version: int) -> Model:
         """Raises ModelError."""
-        return model_file.load(self.path(version))
+        return files.load(self.path(version))
 
-    def put_candidate(self, model: Model) -> int:
-        """Store a trained model as the candidate; returns its version. Raises ModelStoreError."""
-        known = [int(p.stem) for p in (self.folder / "models").glob("*.npz") if p.stem.isdecimal()]
-        version = max(known, default=0) + 1
+    def versions(self) -> list[int]:
+        """Every version that is kept, oldest first."""
+        return sorted(int(p.stem) for p in (self.folder / "models").glob("*.npz") if p.stem.isdecimal())
+
+    def told(self, version: int) -> ToldModel:
+        """What a version's file says of itself."""
         try:
-            self.path(version).parent.mkdir(parents=True, exist_ok=True)
-            model_file.save(model, self.path(version))
-        except OSError as error:
-            raise ModelStoreError(f"{self.path(version)}: not written: {error.strerror or error}") from error
-        self._write(msgspec.structs.replace(self._state(), candidate=version))
+            file = files.load_file(self.path(version))
+        except FileError as error:
+            return ToldModel("", (), str(error))
+        return ToldModel(file.trained, file.model.labels, ", ".join(file.model.labels))
+
+    def put_candidate(self, model: Model, codes: Mapping[str, str] | None = None) -> int:
+        """Store a trained model as the candidate; returns its version. codes: each part's ART-b bits. Raises
+        ModelStoreError."""
+        with self._alone():
+            version = max(self.versions(), default=0) + 1
+            trained = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+            files.save(model, self.path(version), trained=trained, codes=None if codes is None else dict(codes))
+            self._write(msgspec.structs.replace(self._state(), candidate=version))
         return version
 
-    def accept(self) -> int:
-        """Put the candidate into use; returns its version. Raises ModelStoreError where there is none."""
-        state = self._state()
-        if state.candidate is None:
-            raise ModelStoreError("there is no candidate: `train` makes one")
-        history = state.history if state.current is None else (*state.history, state.current)
-        self._write(_State(state.candidate, None, history))
-        return state.candidate
+    def accept(self) -> tuple[int, Model]:
+        """Put the candidate into use: its version, and what it is. Raises FileError where there is none, or it cannot
+        be read; then nothing has changed."""
+        with self._alone():
+            state = self._state()
+            if state.candidate is None:
+                raise ModelStoreError("there is no candidate: `train` makes one")
+            model = self.load(state.candidate)
+            history = state.history if state.current is None else (*state.history, state.current)
+            self._write(_State(state.candidate, None, history))
+        return state.candidate, model
 
-    def rollback(self) -> int:
-        """Back to the version used before; the present one becomes the candidate again. Raises ModelStoreError."""
-        state = self._state()
-        if not state.history:
-            raise ModelStoreError("there is no earlier model to go back to")
-        self._write(_State(state.history[-1], state.current, state.history[:-1]))
-        return state.history[-1]
+    def rollback(self) -> tuple[int, Model]:
+        """Back to the version used before, as accept; the present one becomes the candidate again."""
+        with self._alone():
+            state = self._state()
+            if not state.history:
+                raise ModelStoreError("there is no earlier model to go back to")
+            model = self.load(state.history[-1])
+            self._write(_State(state.history[-1], state.current, state.history[:-1]))
+        return state.history[-1], model
+
+    def use(self, version: int) -> Model:
+        """Put any version into use, and what it is; the one before is what a rollback goes back to. As accept."""
+        with self._alone():
+            state, model = self._state(), self.load(version)
+            history = state.history if state.current is None else (*state.history, state.current)
+            self._write(_State(version, None if state.candidate == version else state.candidate, history))
+        return model
+
+    @contextlib.contextmanager
+    def _alone(self) -> Iterator[None]:
+        """Whoever changes what is stored does so alone, among threads and among processes. Raises ModelStoreError."""
+        path = self.folder / "models" / "lock"
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o640)
+        except OSError as error:
+            raise ModelStoreError(f"{path}: {plain(error)}") from error
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX)
+            yield
+        finally:
+            os.close(handle)
 
     def _state(self) -> _State:
         path = self.folder / "models" / "state.json"
         try:
-            return msgspec.json.decode(path.read_bytes(), type=_State)
-        except FileNotFoundError:
-            return _State()
-        except (OSError, msgspec.MsgspecError) as error:
+            return msgspec.json.decode(read_file(path, LARGEST_NOTE), type=_State)
+        except FileError:
+            if not os.path.lexists(path):
+                return _State()
+            raise
+        except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError) as error:
             raise ModelStoreError(
                 f"{path}: cannot be read: {error}; restore it, or remove it and `train` again"
             ) from None
@@ -205,18 +260,48 @@ class ModelStore:
             raise ModelStoreError(f"{path}: not written: {error.strerror or error}") from error
 
 
-def _read_note(folder: Path) -> dict[str, Any]:
-    try:
-        note = json.loads((folder / "view.json").read_bytes())
-    except (OSError, ValueError) as error:
-        raise ModelStoreError(f"{folder / 'view.json'}: cannot be read: {error}; `forget` this view") from None
-    return dict(note) if isinstance(note, dict) else {}
+def model_file(named: Path) -> Path:
+    """A model's file where one is named, or that of a version kept here: 3, or latest. Raises ModelStoreError."""
+    word = str(named)
+    if named.exists() or not (word == "latest" or word.isdecimal()):
+        return named
+    store = ModelStore(places.state_folder())
+    known = store.versions()
+    version = known[-1] if known and word == "latest" else int(word) if word.isdecimal() else 0
+    if version not in known:
+        there = ", ".join(map(str, known)) or "none"
+        raise ModelStoreError(f"{word}: no such model in {store.folder / 'models'} (there: {there})")
+    return store.path(version)
 
 
-def _read_image(path: Path) -> Image:
+class _Table(msgspec.Struct):
+    up: tuple[float, float, float]
+    level_mm: float
+
+
+class _Note(msgspec.Struct):
+    """What of a view's note is looked at again."""
+
+    who: str = ""
+    taught: str = ""
+    table: _Table | None = None
+    facets: list[list[str]] = []
+    mesh: str = ""
+    unit: str = "mm"
+
+
+def _stored(label: str, folder: Path) -> StoredView:
     try:
-        return read_grey(path)
-    except OSError as error:
-        raise ModelStoreError(f"{path}: {error.strerror}") from None
+        content = read_below(folder, "view.json", LARGEST_NOTE)
+        msgspec.json.decode(content, type=_Note)
+        return StoredView(label, int(folder.name), folder, msgspec.json.decode(content))
+    except (FileError, msgspec.MsgspecError, RecursionError, UnicodeDecodeError) as error:
+        what = str(error) if isinstance(error, FileError) else f"{folder / 'view.json'}: cannot be read: {error}"
+        return StoredView(label, int(folder.name), folder, damage=f"{what}; `forget {label} {folder.name}`")
+
+
+def _read_image(folder: Path, name: str) -> Image:
+    try:
+        return read_grey(Path(name), folder)
     except PictureError:
-        raise ModelStoreError(f"{path}: not an image; `forget` this view and teach it again") from None
+        raise ModelStoreError(f"{folder / name}: not an image; `forget` this view and teach it again") from None

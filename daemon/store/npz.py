@@ -6,6 +6,7 @@ In: arrays by name. Out: bytes, and back. What the arrays mean is said by whoeve
 from __future__ import annotations
 
 import io
+import math
 import struct
 import zipfile
 import zlib
@@ -50,19 +51,37 @@ def pack(arrays: Arrays) -> bytes:
     return out.getvalue()
 
 
-def unpack(content: bytes) -> Arrays:
-    """The arrays in an archive. Raises ArchiveError; object arrays (pickles) are refused unopened."""
-    if not zipfile.is_zipfile(io.BytesIO(content)):  # numpy would suggest to unpickle it
+def unpack(content: bytes, most_bytes: int) -> Arrays:
+    """The arrays in an archive, no more than most_bytes together. Raises ArchiveError; object arrays (pickles) are
+    refused unopened."""
+    if not zipfile.is_zipfile(io.BytesIO(content)):
         raise ArchiveError("not an archive of arrays, or cut short")
     try:
-        with np.load(io.BytesIO(content), allow_pickle=False) as archive:
-            if not isinstance(archive, np.lib.npyio.NpzFile):
-                raise ArchiveError("a single array, not an archive")
-            return {name: archive[name] for name in archive.files}
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            if sum(member.file_size for member in archive.infolist()) > most_bytes:
+                raise ArchiveError(f"unfolds to more than {most_bytes / 1e6:.3g} MB")
+            return {member.filename.removesuffix(".npy"): _array(archive, member) for member in archive.infolist()}
     except ArchiveError:
         raise
     except UNREADABLE as error:
         raise ArchiveError(f"not an archive of arrays, or cut short or damaged: {one_line(error)}") from None
+
+
+def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> NDArray[Any]:
+    """One member. What it says of its size is no promise: no more is unfolded, and no array larger than its bytes."""
+    with archive.open(member) as file:
+        content = file.read(member.file_size + 1)
+    if len(content) != member.file_size:
+        raise ArchiveError("a member has not the size it says")
+    told = io.BytesIO(content)
+    version = np.lib.format.read_magic(told)
+    header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    shape, _, kind = header(told)
+    if kind.hasobject or math.prod(shape) * kind.itemsize != len(content) - told.tell():
+        raise ArchiveError("an array of objects, or not as large as it says")
+    told.seek(0)
+    found: NDArray[Any] = np.lib.format.read_array(told, allow_pickle=False)
+    return found
 
 
 def one_line(error: Exception) -> str:

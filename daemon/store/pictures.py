@@ -3,6 +3,8 @@ is told of, is the caller's."""
 
 from __future__ import annotations
 
+import math
+import re
 import zlib
 from pathlib import Path
 from typing import Any
@@ -11,38 +13,80 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.errors import FacetdError
+from daemon.store.outside import FileError, read_below, read_file
 
 PNG = b"\x89PNG\r\n\x1a\n"
+FRAME_HEADERS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
+"""A JPEG's markers before its size."""
+NETPBM = re.compile(rb"P[2356](?:\s|#[^\n]*\n)+(\d{1,9})(?:\s|#[^\n]*\n)+(\d{1,9})\s")
 _AROUND = 12
 """Bytes of a PNG chunk that are not its data: length, type and checksum, four each."""
 
 
-class PictureError(FacetdError, ValueError):
-    """A file could be read, but is no picture, or not a whole one: which file."""
+LARGEST_BYTES = 50_000_000
+MOST_PIXELS = 20_000_000
+"""A picture may be unfolded to; a file of 1 MB can claim a thousand million."""
 
 
-def read_grey(path: Path) -> NDArray[np.uint8]:
-    """(H, W) grey, whatever is stored: colours are weighed, 16 bits become 8. Raises OSError, PictureError."""
-    return np.asarray(_decoded(path, cv2.IMREAD_GRAYSCALE), np.uint8)
+class PictureError(FileError):
+    """A file could be read, but is no picture, or not a whole one, or too large a one: which file."""
 
 
-def read_as_stored(path: Path) -> NDArray[Any]:
-    """(H, W) grey, (H, W, 3) BGR or (H, W, 4) BGRA, of as many bits as the file has. Raises OSError, PictureError."""
-    return _decoded(path, cv2.IMREAD_UNCHANGED)
+def read_grey(path: Path, folder: Path | None = None) -> NDArray[np.uint8]:
+    """(H, W) grey, whatever is stored: colours are weighed, 16 bits become 8. folder: path is relative to it, and must
+    not lead out of it. Raises FileError, PictureError."""
+    return np.asarray(_decoded(path, folder, cv2.IMREAD_GRAYSCALE), np.uint8)
 
 
-def _decoded(path: Path, flags: int) -> NDArray[Any]:
+def read_as_stored(path: Path, folder: Path | None = None) -> NDArray[Any]:
+    """(H, W) grey, (H, W, 3) BGR or (H, W, 4) BGRA, of as many bits as the file has; else as read_grey."""
+    return _decoded(path, folder, cv2.IMREAD_UNCHANGED)
+
+
+def _decoded(path: Path, folder: Path | None, flags: int) -> NDArray[Any]:
     """cv2.imread would say on stderr what is missing; and libpng what is damaged, so that a PNG is checked first."""
-    content = path.read_bytes()
+    content = read_file(path, LARGEST_BYTES) if folder is None else read_below(folder, str(path), LARGEST_BYTES)
+    pixels = claimed_pixels(content)
+    if pixels is not None and pixels > MOST_PIXELS:
+        raise PictureError(f"{path}: too large: {pixels / 1e6:.0f} million pixels, at most {MOST_PIXELS // 1_000_000}")
     try:
-        whole = bool(content) and not (content.startswith(PNG) and _is_damaged(content))
+        whole = pixels is not None and not (content.startswith(PNG) and _is_damaged(content))
         image = cv2.imdecode(np.frombuffer(content, np.uint8), flags) if whole else None
-    except cv2.error:  # a header that claims more than 2**30 pixels
+    except cv2.error:
         image = None
     if image is None:
         raise PictureError(f"{path}: not a picture, or cut short")
     return image
+
+
+def claimed_pixels(content: bytes) -> int | None:
+    """How many pixels a picture says it has, before any of them is unfolded; None: none of the kinds known here.
+
+    Sources: PNG 11.2.2 (IHDR), JPEG B.2.2 (frame header), BITMAPCOREHEADER and BITMAPINFOHEADER, netpbm's pgm(5).
+    """
+    if content.startswith(PNG) and content[12:16] == b"IHDR":
+        return int.from_bytes(content[16:20], "big") * int.from_bytes(content[20:24], "big")
+    if content.startswith(b"\xff\xd8\xff"):
+        return _of_jpeg(content)
+    if content.startswith(b"BM"):
+        core = content[14:15] == b"\x0c"
+        sides = [content[18:20], content[20:22]] if core else [content[18:22], content[22:26]]
+        return abs(math.prod(int.from_bytes(side, "little", signed=not core) for side in sides))
+    netpbm = NETPBM.match(content)
+    return None if netpbm is None else int(netpbm[1]) * int(netpbm[2])
+
+
+def _of_jpeg(content: bytes) -> int | None:
+    at = 2
+    while content[at : at + 1] == b"\xff":
+        marker = int.from_bytes(content[at + 1 : at + 2], "big")
+        if marker == 0xFF:  # may stand before a marker any number of times
+            at += 1
+        elif marker in FRAME_HEADERS:
+            return int.from_bytes(content[at + 5 : at + 7], "big") * int.from_bytes(content[at + 7 : at + 9], "big")
+        else:
+            at += 2 + max(int.from_bytes(content[at + 2 : at + 4], "big"), 2)
+    return None
 
 
 def _is_damaged(png: bytes) -> bool:

@@ -58,3 +58,10 @@ def runs_folder(simulated: bool = False) -> Path:
     """Run folders: $FACETD_RUNS, else runs/ of the state folder."""
     named = os.environ.get("FACETD_RUNS")
     return Path(named) if named else state_folder(simulated) / "runs"
+
+
+def how_to_add(extra: str) -> str:
+    """The command that installs one of the program's extras, here."""
+    if HOUSE.parent.name == "releases":
+        return f"sudo {HOUSE.parent.parent}/current/deploy/install.sh extra {extra}"
+    return f"make -C {HOUSE} extra-{extra}"

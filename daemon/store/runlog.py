@@ -26,16 +26,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon.store.files import LineFile, Syncer, write_atomically
+from daemon.store.outside import read_file
+from daemon.store.standing import Standing, StandingFile, after
 
 VERSION = 1
 PATIENCE_S = 0.1
 LINES_WAITING = 20_000
+LARGEST_KEPT = 256_000_000
 PICTURES_WAITING = 64
 
 KINDS: Mapping[str, str] = {
-    "run_start": "version config calibration model (files in kept/) seed continues",
+    "run_start": "version cell name utc_offset_s config calibration model (files in kept/) limits seed continues",
     "auto": "on count every_s (what is to be picked from now on; on false: done, or given up)",
-    "left": "run cycle state hand_closed label auto (how the daemon before ended; stands until resume)",
+    "left": "run cycle state hand_closed label auto fault (how the daemon before ended; stands until resume)",
     "holding": "held (what an operator saw in the gripper; null: not known)",
     "command": "who door text",
     "state": "from event to",
@@ -76,11 +79,14 @@ class RunLog:
         fsync_every_s: float = 1.0,
         patience_s: float = PATIENCE_S,
         on_trouble: Callable[[str | None], object] = lambda _: None,
+        standing: StandingFile | None = None,
     ) -> None:
-        """Start a run in `folder` (made if need be). Raises OSError; FileExistsError where a run is in it already."""
+        """Start a run in `folder` (made if need be). standing: where it is kept what the next start must know; it is
+        closed with the log. Raises OSError; FileExistsError where a run is in it already."""
         self.trouble: str | None = None
         self._clock, self._wall, self._patience_s, self._on_trouble = clock, wall, patience_s, on_trouble
         self._run = _Run(folder)
+        self._standing, self._stands = standing, Standing(folder.name)
         self._lock = threading.Lock()
         self._lost = 0
         self._behind = False
@@ -92,6 +98,11 @@ class RunLog:
     def folder(self) -> Path:
         """The folder of the present run."""
         return self._run.folder
+
+    @property
+    def removed(self) -> bool:
+        """Whether somebody took the run's folder away: what is written then is nowhere to be found."""
+        return not self._run.lines.in_place
 
     def record(self, kind: str, /, **fields: Any) -> None:
         """Append one line. Arrays, numpy scalars and paths become plain JSON, nan becomes null.
@@ -105,6 +116,9 @@ class RunLog:
             for name, file in pictures.items():
                 self._put_picture(run.folder / file, fields["images"][name])
             line = {**self._head(seq, kind), **fields, **({"images": pictures} if pictures else {})}
+            before, self._stands = self._stands, after(self._stands, kind, fields)
+            if self._standing is not None and self._stands != before:
+                self._lines.do(partial(self._write_standing, self._standing, self._stands))
             self._put(run.lines, encode(line), written)
         if self.trouble is None and not self._behind:
             self._behind = not written.wait(self._patience_s)
@@ -119,8 +133,8 @@ class RunLog:
             self._put(self._run.wire, content, threading.Event())
 
     def keep(self, path: Path) -> str:
-        """Copy a file into kept/ under the hash of its content; returns kept/<sha256><suffix>. Raises OSError."""
-        content = path.read_bytes()
+        """Copy a file into kept/ by the hash of its content; gives kept/<sha256><suffix>. Raises FileError, OSError."""
+        content = read_file(path, LARGEST_KEPT)
         name = f"kept/{hashlib.sha256(content).hexdigest()}{path.suffix}"
         target = self.folder / name
         if not target.exists():
@@ -133,6 +147,7 @@ class RunLog:
         self.record("run_end", why=f"continues in {folder.name}")
         with self._lock:
             before, self._run = self._run, fresh
+            self._stands = msgspec.structs.replace(self._stands, run=folder.name)
             self._lines.do(before.close)
 
     def settle(self, timeout_s: float = 5.0) -> bool:
@@ -155,6 +170,8 @@ class RunLog:
         self._syncer.stop()
         if all(ended):
             self._run.close()
+            if self._standing is not None:
+                self._standing.close()
 
     def _head(self, seq: int, kind: str) -> dict[str, Any]:
         now = self._wall().strftime("%Y-%m-%dT%H:%M:%S.%f")[:-3] + "Z"
@@ -184,6 +201,13 @@ class RunLog:
             self._tell(f"{file.path}: {error.strerror}")
         written.set()
         self._behind = self._behind and self._lines.waiting > 0
+        self._syncer.take(file)
+
+    def _write_standing(self, file: StandingFile, standing: Standing) -> None:
+        try:
+            file.write(standing)
+        except OSError as error:
+            self._tell(f"{file.path}: {error.strerror}")
         self._syncer.take(file)
 
     def _write_gap(self) -> None:

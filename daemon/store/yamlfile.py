@@ -19,18 +19,21 @@ from typing import Annotated, Any, TypeVar
 import msgspec
 import yaml
 
-from daemon.errors import FacetdError
+from daemon.store.outside import FileError, read_file
 
 T = TypeVar("T")
 Key = str | int
-LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-"""libyaml's where there is one (PyYAML's own packages have it): a tenth of the time."""
 UNIONS = (typing.Union, types.UnionType)
 ODD_NUMBER = re.compile(r"[-+]?(0[0-7_]+|[0-9_.]+(:[0-9_.]+)+)")
 """What YAML 1.1 takes for octal or for minutes and seconds, where a person means a number with zeros, or a time."""
+LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+"""libyaml's where there is one (PyYAML's own packages have it): a tenth of the time."""
+LARGEST_BYTES = 1_000_000
+MOST_VALUES, DEEPEST = 50_000, 40
+"""Values that a file may come to with its aliases written out, and lists within lists."""
 
 
-class ConfigError(FacetdError):
+class ConfigError(FileError):
     """A file that people write cannot be used. The message is one line: file:line: key: expected, found."""
 
 
@@ -99,18 +102,21 @@ class Document:
 
 
 def read(path: Path) -> Document:
-    """Parse one file. Raises ConfigError where it cannot be read, is not YAML, says a key twice, or has a number that
-    YAML reads otherwise than people do."""
+    """Parse one file. Raises FileError where it cannot be read, ConfigError where it is not YAML, is too large or too
+    deep, says a key twice, or has a number that YAML reads otherwise than people do."""
     try:
-        text = path.read_text(encoding="utf-8")
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from None
+        text = read_file(path, LARGEST_BYTES).decode()
     except UnicodeDecodeError:
         raise ConfigError(f"{path}: not a text file (UTF-8 expected)") from None
     try:
-        root = yaml.compose(text, Loader=LOADER)
-        _refuse_pitfalls(path, root, ())
-        return Document(path, None if root is None else LOADER("").construct_document(root), root)
+        _refuse_bombs(path, text)
+        loader = LOADER(text)
+        try:
+            root = loader.get_single_node()
+            _refuse_pitfalls(path, root, ())
+            return Document(path, None if root is None else loader.construct_document(root), root)
+        finally:
+            loader.dispose()
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         line = f":{mark.line + 1}" if mark else ""
@@ -271,6 +277,27 @@ def _find(node: yaml.Node | None, keys: tuple[Key, ...]) -> yaml.Node | None:
         else:
             return place
     return place
+
+
+def _refuse_bombs(path: Path, text: str) -> None:
+    """Raise ConfigError for a file that says little and comes to much: aliases of aliases, lists within lists. Looked
+    through as it is parsed, before anything is made of it."""
+    weights: dict[str, int] = {}
+    open_from: list[tuple[str | None, int]] = []
+    count = 0
+    for event in yaml.parse(text, LOADER):
+        if isinstance(event, yaml.CollectionEndEvent):
+            name, begun = open_from.pop()
+            if name is not None:
+                weights[name] = count - begun
+        elif isinstance(event, yaml.NodeEvent):
+            count += weights.get(str(event.anchor), 1) if isinstance(event, yaml.AliasEvent) else 1
+            if isinstance(event, yaml.CollectionStartEvent):
+                open_from.append((event.anchor, count))
+        if count > MOST_VALUES or len(open_from) > DEEPEST:
+            what = f"more than {MOST_VALUES} values" if count > MOST_VALUES else f"lists or keys {DEEPEST} deep"
+            line = f":{event.start_mark.line + 1}" if event.start_mark else ""
+            raise ConfigError(f"{path}{line}: {what}: no file of facetd's is like that")
 
 
 def _refuse_pitfalls(

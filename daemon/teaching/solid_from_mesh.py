@@ -7,7 +7,6 @@ a camera could not tell (a corner in the middle of a straight side) goes.
 from __future__ import annotations
 
 from collections import deque
-from itertools import pairwise
 
 import numpy as np
 
@@ -64,12 +63,33 @@ def _welded(mesh: Mesh) -> tuple[Array, list[Triangle]]:
     triangles = []
     for polygon in mesh.polygons:
         ring = [int(owner[k]) for k in polygon]
-        for b, c in pairwise(ring[1:]):
-            if len({ring[0], b, c}) == 3:
-                triangles.append((ring[0], b, c))
+        triangles += [one for one in _triangles(corners, ring) if len(set(one)) == 3]
     if len(triangles) < 4:
         raise MeshError(f"{len(triangles)} triangles bound no solid")
     return corners, triangles
+
+
+def _triangles(corners: Array, ring: list[int]) -> list[Triangle]:
+    """A polygon cut into triangles, ear by ear: one with a notch is no fan. Source: Meisters, 1975."""
+    points = corners[ring]
+    normal = np.sum(np.cross(points - points[0], np.roll(points, -1, axis=0) - points[0]), axis=0)
+    rest, found = list(ring), []
+    while len(rest) > 3:
+        ears = (k for k in range(len(rest)) if _is_ear(corners, rest, k, normal))
+        k = next(ears, 0)  # crossing itself or without an area: whatever is wrong with it is found out later
+        found.append((rest[k - 1], rest[k], rest[(k + 1) % len(rest)]))
+        del rest[k]
+    return [*found, (rest[0], rest[1], rest[2])]
+
+
+def _is_ear(corners: Array, ring: list[int], place: int, normal: Array) -> bool:
+    """Whether the corner at that place juts out, and no other corner lies in the triangle with its neighbours."""
+    a, b, c = (corners[ring[k % len(ring)]] for k in (place - 1, place, place + 1))
+    if np.cross(b - a, c - b) @ normal <= 0:
+        return False
+    others = corners[[k for k in ring if k not in (ring[place - 1], ring[place], ring[(place + 1) % len(ring)])]]
+    sides = np.array([np.cross(e - s, others - s) @ normal for s, e in ((a, b), (b, c), (c, a))])
+    return not bool((sides >= 0).all(axis=0).any())
 
 
 def _oriented(triangles: list[Triangle]) -> list[Triangle]:

@@ -5,18 +5,23 @@ Learning itself is daemon/vision/model/model.py's, files are daemon/store/model_
 
 from __future__ import annotations
 
+import contextlib
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
-from time import perf_counter
+from time import perf_counter, thread_time
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from daemon import frames
+from daemon.arrays import Array
 from daemon.store.library import PartEntry
 from daemon.store.model_store import ModelStore, ModelStoreError, StoredView
+from daemon.store.outside import FileError, read_below
 from daemon.teaching.aspects import aspects, learn_solid
-from daemon.teaching.mesh import MeshError
+from daemon.teaching.mesh import LARGEST_BYTES, MeshError
 from daemon.teaching.solid_from_mesh import solid_drawn
 from daemon.teaching.sufficiency import Sufficiency, judge
 from daemon.vision.facets import Table
@@ -27,9 +32,13 @@ from daemon.vision.model import FacetLibrary, Model, TeachError, empty_model, le
 from daemon.vision.recognition import recognise_group
 from daemon.vision.report import scene_json
 from daemon.vision.settings import VisionSettings
-from daemon.vision.values import UNKNOWN, Group, Scene
+from daemon.vision.values import UNKNOWN, Facet, Group, Part, Scene
 
 Image = NDArray[np.uint8]
+SAME_SIZE_MM = 2.0
+"""How far apart the largest lengths of one part may come out, drawn and seen."""
+SAME_SIDE_MM = 5.0
+"""How far the middle of a side in view may lie from where the part found there has it."""
 
 
 class Recogniser:
@@ -40,7 +49,7 @@ class Recogniser:
 
     def see(self, left: Image, right: Image, table: Table | None = None) -> Scene:
         """Parts in a stereo pair, in the cyclopean frame; what lies in the table is none. Raises VisionError."""
-        return look(left, right, self.rig, self.model, self.settings, perf_counter, table)
+        return look(left, right, self.rig, self.model, self.settings, thread_time, table)
 
     def report(self, scene: Scene) -> dict[str, object]:
         """The scene as JSON values."""
@@ -112,22 +121,38 @@ class Trainer:
         return None if version is None else Recogniser(self.model_store.load(version), self.rig, self.settings)
 
     def untaught(self) -> list[str]:
-        """Parts of parts.yaml that the model in use does not know."""
-        return [label for label in self.parts if label not in self.model.labels]
+        """Parts of parts.yaml that were never shown or drawn, and that the model in use does not know."""
+        shown = {*self.model.labels, *self.model_store.labels()}
+        return [label for label in self.parts if label not in shown]
 
     def waiting(self) -> list[StoredView]:
         """Stored views that the model in use was not trained on."""
         known = {view.source for view in self.model.views}
         return [view for view in self.model_store.views() if view.name not in known]
 
-    def check(self, label: str, left: Image, right: Image, table: Table | None) -> None:
-        """Raise TeachError or VisionError where a view cannot be learnt from."""
-        learn_view(empty_model(self.library), self.only_group(left, right, table), label)
+    def check(self, label: str, left: Image, right: Image, table: Table | None) -> Group:
+        """The facets of the one part in view. Raises TeachError or VisionError where a view cannot be learnt from."""
+        group = self.only_group(left, right, table)
+        learn_view(empty_model(self.library), group, label)
+        return group
 
     def store(self, label: str, left: Image, right: Image, note: dict[str, Any]) -> StoredView:
         """Keep a view on disk. Raises ModelStoreError, and TeachError or VisionError as check does."""
         self.check(label, left, right, _table_of(note))
         return self.model_store.add_view(label, left, right, note)
+
+    def odd_drawing(self, label: str, name: str, content: bytes, unit: str) -> str | None:
+        """What a person should be asked about before a drawing is kept under a label: that it is there already, under
+        this label or another, or is another shape than the one known. Raises MeshError, ModelStoreError."""
+        for view in self.model_store.views():
+            if view.mesh is not None and view.note.get("unit", "mm") == unit and _drawing(view) == content:
+                return f"this drawing is kept already, as {view.name}"
+        known = self.learnt()[0].metric.get(label)
+        return (
+            None
+            if known is None
+            else _another_shape(label, known.solid, solid_drawn(name, content, unit, self.library))
+        )
 
     def store_mesh(self, label: str, name: str, content: bytes, unit: str, note: dict[str, Any]) -> StoredView:
         """Keep a drawing (STL or OBJ) of a part on disk. Raises ModelStoreError, MeshError, TeachError."""
@@ -148,6 +173,13 @@ class Trainer:
             raise TeachError(f"{len(groups)} parts are in view; show the one to be taught alone")
         return largest[0]
 
+    def with_view(self, label: str, group: Group) -> tuple[tuple[Facet, ...], list[int | None]]:
+        """The facets of a view, typed; and which side of the part each is once the view is kept, None where that cannot
+        be told. Raises TeachError."""
+        model = learn_view(self.learnt()[0], group, label)
+        seen = recognise_group(group, model)
+        return seen.facets, _sides(seen, model.metric[label].solid)
+
     def learnt(self) -> tuple[Model, list[str]]:
         """A model of every stored view, in order, and one line for each view that could not be learnt.
 
@@ -156,23 +188,30 @@ class Trainer:
         model, left_out = empty_model(self.library), []
         for view in sorted(self.model_store.views(), key=lambda view: view.mesh is not None):
             try:
+                if view.damage:
+                    raise ModelStoreError(view.damage)
                 if view.mesh is not None:
                     model = learn_solid(model, self._solid(view), self.rig, view.label, view.name)
                 else:
                     group = self.only_group(*view.images(), _table_of(view.note))
                     model = learn_view(model, group, view.label, source=view.name)
-            except (TeachError, VisionError, ModelStoreError, MeshError) as error:
+            except (TeachError, VisionError, FileError, MeshError) as error:
                 left_out.append(f"{view.name}: {error}")
         return model, left_out
 
+    def drawings(self) -> dict[str, Polyhedron]:
+        """The solid of each part that was drawn, by its newest drawing; what cannot be read any more is left out."""
+        solids = {}
+        for view in self.model_store.views():
+            if view.mesh is not None:
+                with contextlib.suppress(FileError, MeshError):
+                    solids[view.label] = self._solid(view)
+        return solids
+
     def _solid(self, view: StoredView) -> Polyhedron:
-        """The solid of a stored drawing. Raises MeshError."""
+        """The solid of a stored drawing. Raises FileError, MeshError."""
         assert view.mesh is not None
-        try:
-            content = view.mesh.read_bytes()
-        except OSError as error:
-            raise MeshError(f"{view.mesh}: {error.strerror}") from None
-        return solid_drawn(view.mesh.name, content, str(view.note.get("unit", "mm")), self.library)
+        return solid_drawn(view.mesh.name, _drawing(view), str(view.note.get("unit", "mm")), self.library)
 
     def train(self) -> Trained:
         """Make a candidate of every stored view and try it on each. The model in use is not touched.
@@ -185,29 +224,30 @@ class Trainer:
             raise TeachError(
                 "there are no views to train on: `teach LABEL` first" + "".join(f"; {x}" for x in left_out)
             )
-        version = self.model_store.put_candidate(model)
+        version = self.model_store.put_candidate(model, self._codes(model))
         tried = Recogniser(model, self.rig, self.settings)
         unlearnt = {line.split(":")[0] for line in left_out}
         verdicts = [self._verdict(tried, view) for view in self.model_store.views() if view.name not in unlearnt]
         return Trained(version, tuple(verdicts), tuple(left_out), perf_counter() - began)
 
     def accept(self) -> int:
-        """Take the candidate into use; returns its version. Raises ModelStoreError, ModelError (nothing changes)."""
-        if self.model_store.candidate is not None:
-            model = self.model_store.load(self.model_store.candidate)
-            version = self.model_store.accept()
-            self.model = model
-            return version
-        return self.model_store.accept()
+        """Take the candidate into use; returns its version. Raises FileError (nothing changes)."""
+        version, self.model = self.model_store.accept()
+        return version
 
     def rollback(self) -> int:
-        """Back to the model used before; returns its version. ModelStoreError, ModelError: nothing has changed."""
-        if self.model_store.history:
-            model = self.model_store.load(self.model_store.history[-1])
-            version = self.model_store.rollback()
-            self.model = model
-            return version
-        return self.model_store.rollback()
+        """Back to the model used before; returns its version. Raises FileError (nothing changes)."""
+        version, self.model = self.model_store.rollback()
+        return version
+
+    def take(self, version: int) -> None:
+        """Any version into use. Raises FileError (nothing changes)."""
+        self.model = self.model_store.use(version)
+
+    def _codes(self, model: Model) -> dict[str, str] | None:
+        """ART-b bits as parts.yaml has them; None where it does not name every part."""
+        known = {label: self.parts[label].code for label in model.labels if label in self.parts}
+        return known if len(known) == len(model.labels) else None
 
     def judge(self, model: Model, label: str) -> Sufficiency:
         """What is still missing of a part, and what it could be taken for."""
@@ -241,6 +281,38 @@ def teaching_note(who: str, calibration: str, table: Table | None, scene: Scene)
     }
 
 
+def _sides(seen: Part, taught: Polyhedron) -> list[int | None]:
+    """For each facet of a part the side of the taught one that lies there."""
+    centres = frames.apply(seen.cyclopean_from_part, taught.centres_mm)
+    apart = [np.linalg.norm(centres - facet.corners_mm.mean(axis=0), axis=1) for facet in seen.facets]
+    return [int(np.argmin(mm)) if mm.min() < SAME_SIDE_MM else None for mm in apart]
+
+
+def _another_shape(label: str, known: Polyhedron, drawn: Polyhedron) -> str | None:
+    """How a drawing differs from what is known of a part: more of its facets of one kind were seen than are drawn, or
+    corners were seen farther apart. None where it may be the same."""
+    lacking = Counter(known.types) - Counter(drawn.types)
+    sizes = [float(pdist.max()) for pdist in (_apart_mm(known), _apart_mm(drawn))]
+    told = (
+        f"{len(known.types)} facets, {sizes[0]:.0f} mm across; this drawing has {len(drawn.types)}, {sizes[1]:.0f} mm"
+    )
+    if lacking:
+        return f"{label} is known by {told}, and no {' or '.join(sorted(lacking))} as there"
+    larger = sizes[0] > sizes[1] + SAME_SIZE_MM
+    closed = len(known.types) == len(drawn.types) and abs(sizes[0] - sizes[1]) > SAME_SIZE_MM
+    return f"{label} is known by {told}" if larger or closed else None
+
+
+def _apart_mm(solid: Polyhedron) -> Array:
+    return np.asarray(np.linalg.norm(solid.corners_mm[:, None] - solid.corners_mm[None], axis=2))
+
+
 def _table_of(note: Mapping[str, Any]) -> Table | None:
     table = note.get("table") or None
     return None if table is None else Table(np.array(table["up"], float), float(table["level_mm"]))
+
+
+def _drawing(view: StoredView) -> bytes:
+    """Raises FileError."""
+    assert view.mesh is not None
+    return read_below(view.folder, view.mesh.name, LARGEST_BYTES)

@@ -111,6 +111,9 @@ def _model(config: Config, _: bool) -> Iterator[Finding]:
     else:
         labels = ", ".join(model_store.load(model_store.current).labels)
         yield Finding("good", "model", f"version {model_store.current} knows {labels}")
+    for view in model_store.views():
+        if view.damage:
+            yield Finding("bad", "views", view.damage)
 
 
 def _cameras(config: Config, running: bool) -> Iterator[Finding]:

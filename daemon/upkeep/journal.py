@@ -11,8 +11,11 @@ import queue
 import socket
 import sys
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
+
+from daemon.errors import printable, visible
 
 try:
     from systemd import journal as systemd_journal
@@ -42,8 +45,14 @@ def tell(kind: str, text: str, priority: int = INFO, **fields: Any) -> None:
 
     Returns at once: a journal, or a terminal, that takes nothing must not hold up whoever moves an arm.
     """
-    plain = {name: str(value) for name, value in fields.items() if value is not None}
-    _TELLER.put((kind, text, priority, plain))
+    plain = {name: printable(str(value)) for name, value in fields.items() if value is not None}
+    _TELLER.put((kind, visible(text), priority, plain))
+
+
+def tell_removed(runs: Sequence[Path]) -> None:
+    """Which runs the quota took; nothing where it took none."""
+    if runs:
+        tell("trouble", f"quota: removed {', '.join(folder.name for folder in runs)}", NOTICE)
 
 
 def flush(timeout_s: float) -> None:
@@ -91,8 +100,9 @@ def _say(kind: str, text: str, priority: int, fields: dict[str, str]) -> None:
         print(f"facetd: {text}", file=sys.stderr, flush=True)
 
 
-def notify(state: str) -> None:
-    """sd_notify: READY=1, STATUS=..., WATCHDOG=1, STOPPING=1, RELOADING=1; nothing where nobody listens.
+def notify(*states: str) -> None:
+    """sd_notify: READY=1, STATUS=..., WATCHDOG=1, STOPPING=1, RELOADING=1, one each; nothing where nobody listens. None
+    becomes two, whatever stands in it.
 
     Never waits: a listener that reads nothing would stop the main loop, and with it the arm's stop.
     """
@@ -107,7 +117,7 @@ def notify(state: str) -> None:
     ):
         sender.setblocking(False)
         sender.connect(address)
-        sender.sendall(state.encode(errors="replace"))
+        sender.sendall("\n".join(map(printable, states)).encode())
 
 
 def watchdog_s() -> float | None:
@@ -119,9 +129,10 @@ def watchdog_s() -> float | None:
 
 class JournalledLog:
     """A run log whose records that matter to the machine's keeper are written to the journal as well, and those that an
-    operator should see unasked (faults, refusals) to `notice`. It only writes: nothing is decided by what is logged."""
+    operator may want to see unasked (faults, refusals, what others do) to `notice`, with their kind, their text and
+    whose doing it is. It only writes: nothing is decided by what is logged."""
 
-    def __init__(self, log: Any, notice: Callable[[str], None] = lambda _: None) -> None:
+    def __init__(self, log: Any, notice: Callable[[str, str, str | None], None] = lambda *_: None) -> None:
         self.log, self._notice = log, notice
 
     def record(self, kind: str, /, **fields: Any) -> None:
@@ -144,8 +155,8 @@ class JournalledLog:
             "WHO": fields.get("who"),
         }
         tell(kind, text, _priority(kind, fields), **said)
-        if kind in ("fault", "rest", "refusal"):
-            self._notice(text)
+        if kind in ("fault", "rest", "refusal", "command", "model"):
+            self._notice(kind, text, fields.get("who"))
 
 
 def _line(kind: str, fields: Mapping[str, Any]) -> str | None:

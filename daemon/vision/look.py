@@ -35,29 +35,30 @@ def look(
 
     left, right: images as find_facets takes them, of the size the rig was calibrated for. Without a model every part is
     `unknown`. With one, closed outlines come first, with a brief effort; what they leave unnamed is looked for by
-    straight edges, as the taught parts would show them. clock: seconds, for Scene.seconds by stage; without it the
-    stages are not timed. table: where it is, for whoever knows; what lies in it is no part.
+    straight edges, as the taught parts would show them, as far as the budget of time goes. clock: seconds of processor,
+    for the budget and for Scene.seconds by stage; without it there is neither. table: where it is, for whoever knows;
+    what lies in it is no part.
     Raises VisionError where an image cannot be used.
     """
     now = clock or _no_clock
     known = model or empty_model(FacetLibrary(()))
     full = settings or VisionSettings()
     eyes = open_eyes(left, right, rig)
-    start = now()
+    start = began = now()
     view = facets_seen(eyes, full.brief() if known.labels else full)
     if table is not None:
         view = without_table(view, table)
     seen = now()
     found = recognise(view.groups, known)
     seconds = {"facets": seen - start, "recognise": now() - seen}
-    guesses = tuple[NearestGuess, ...]()
+    guesses, left_out = tuple[NearestGuess, ...](), tuple[str, ...]()
     if known.labels and not _all_named(found):
         start = now()
         found, view = beside(found, view, (), known, eyes)
         if not _all_named(found) and any(outlines(view)):
-            straight = named_by_segments(eyes, known, found)
+            straight = named_by_segments(eyes, known, found, lambda: (now() - began) / full.budget_s)
             found, view = beside(found, view, straight.named, known, eyes)
-            guesses = straight.guesses
+            guesses, left_out = straight.guesses, straight.left_out
         seconds["edges"] = now() - start
     parts = tuple(r.part for r in found)
     if full.corner_detector == "line_fit" and full.stereo_formula == "exact":
@@ -67,7 +68,8 @@ def look(
     pictures = eyes.left.grey, eyes.right.grey
     if known.labels:
         parts = with_causes(parts, guesses, pictures)
-    notes = (*view.notes, *_notes(view, parts, model, pictures))
+    ended = f"the budget of {full.budget_s:g} s (vision: budget_s) ended this look"
+    notes = (*view.notes, *_notes(view, parts, model, pictures), *(f"{ended}: {what}" for what in left_out))
     return Scene(parts, view.rejected, view, notes, seconds if clock else {}, guesses)
 
 

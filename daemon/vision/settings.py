@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 
 from msgspec import Meta
 
-from daemon.quantities import Few, Pixels, Share
+from daemon.quantities import Few, Pixels, Seconds, Share
 
 CornerDetector = Literal["line_fit", "mic", "median"]
 Sigmas = Annotated[float, Meta(gt=0, le=1000)]
@@ -28,11 +28,13 @@ class VisionSettings:
     shrinks: sizes of pixel, in camera pixels, at which closed regions are sought. levels: gradient thresholds for that,
     in sigmas of the gradient's noise; faintest: what counts as an edge at all. min_area_px, max_area_fraction (of the
     image): smallest and largest region. max_corners: of a polygon. max_regions: how many are followed up a scale,
-    largest first; alike: how many of those in much the same place. min_side_px: shortest side. min_evidence: mean slope
-    across a side, in sigmas; min_seen: least fraction of a side that shows an edge. min_support: least fraction of the
-    outline that shows an edge. max_epipolar_px: how far matched corners may lie off each other's
-    epipolar line. depth_range_mm: where parts may be. planarity_sigmas: how many predicted errors a corner may leave
-    its plane by.
+    largest first; alike: how many of those in much the same place. Of these shrinks, levels, max_regions and alike
+    matter in teaching alone: a look that knows parts makes the brief effort in their stead. min_side_px: shortest side.
+    min_evidence: mean slope across a side, in sigmas; min_seen: least fraction of a side that shows an edge.
+    min_support: least fraction of the outline that shows an edge. max_epipolar_px: how far matched corners may lie off
+    each other's epipolar line. depth_range_mm: where parts may be. planarity_sigmas: how many predicted errors a corner
+    may leave its plane by. budget_s: processor time a look may take; what it then leaves out its notes say. The
+    costliest looks take a third of it on a desktop's core, so that a computer three times as slow sees the same.
     """
 
     corner_detector: CornerDetector = "line_fit"
@@ -53,7 +55,10 @@ class VisionSettings:
     max_epipolar_px: Pixels = 2.5
     depth_range_mm: tuple[Depth, Depth] = (80.0, 2500.0)
     planarity_sigmas: Sigmas = 6.0
+    budget_s: Seconds = 1.0
 
     def brief(self) -> VisionSettings:
-        """The same for a first attempt that costs little: half-size pixels, few levels, the largest regions only."""
+        """The same for a look that knows parts, at little cost: half-size pixels, few levels, the largest regions only;
+        what that leaves unnamed is looked for by straight edges.
+        """
         return replace(self, shrinks=(2,), levels=(4.5, 8.0, 18.0), max_regions=12, alike=2)

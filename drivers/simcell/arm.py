@@ -16,8 +16,8 @@ import numpy as np
 from drivers.arrays import Array
 from drivers.puma560 import (
     NEST_RAD,
+    ArmGeometry,
     Configuration,
-    Puma560,
     UnreachableError,
     configuration_of,
     forward,
@@ -130,14 +130,14 @@ class Motion:
 
 
 class Arm:
-    """A PUMA 560 that moves. Lengths mm, angles rad, times on whatever clock its owner uses.
+    """A PUMA that moves. Lengths mm, angles rad, times on whatever clock its owner uses.
 
     geometry: what the controller believes of base and tool; changing it (TOOL, BASE) moves nothing in the true world.
     """
 
     def __init__(
         self,
-        geometry: Puma560 | None = None,
+        geometry: ArmGeometry | None = None,
         joints_rad: Array = NEST_RAD,
         joint_offsets_rad: Array | None = None,
         repeatability_mm: float = 0.0,
@@ -147,7 +147,7 @@ class Arm:
 
         The geometry given is also the true one.
         """
-        self.geometry = self.true_geometry = geometry or Puma560()
+        self.geometry = self.true_geometry = geometry or ArmGeometry()
         self.joint_offsets_rad = (
             np.zeros(6) if joint_offsets_rad is None else np.asarray(joint_offsets_rad, dtype=float)
         )
@@ -158,12 +158,12 @@ class Arm:
 
     @property
     def tool(self) -> Array:
-        """flange_from_tool (4, 4) mm, as the controller believes it."""
-        return self.geometry.flange_from_tool
+        """Where the controller believes the tool, seen from its own flange: (4, 4) mm."""
+        return self.geometry.tool_for_controller
 
     @tool.setter
-    def tool(self, flange_from_tool: Array) -> None:
-        self.geometry = replace(self.geometry, flange_from_tool=flange_from_tool)
+    def tool(self, told: Array) -> None:
+        self.geometry = replace(self.geometry, flange_from_tool=self.geometry.controller_flange @ told)
 
     def joints_at(self, now_s: float) -> Array:
         """The believed joint angles (6,) rad."""
@@ -218,7 +218,7 @@ class Arm:
 
 
 def plan_joints(
-    start_rad: Array, target_rad: Array, speed: float, geometry: Puma560
+    start_rad: Array, target_rad: Array, speed: float, geometry: ArmGeometry
 ) -> tuple[Callable[[float], Array], Trapezoid]:
     """The path and profile of a joint-interpolated motion; the slowest joint sets the pace."""
     joint = joint_out_of_limits(target_rad, geometry)
@@ -234,7 +234,7 @@ def plan_joints(
 
 
 def plan_straight(
-    start_rad: Array, world_from_tool: Array, speed: float, geometry: Puma560, checks: int = 40
+    start_rad: Array, world_from_tool: Array, speed: float, geometry: ArmGeometry, checks: int = 40
 ) -> tuple[Callable[[float], Array], Trapezoid]:
     """The path and profile of a straight-line motion in the arm's present configuration.
 
@@ -242,7 +242,7 @@ def plan_straight(
     Raises UnreachableError where the line leaves reach, SingularWristError where it passes a straight wrist.
     """
     start = forward(start_rad, geometry)
-    configuration = configuration_of(start_rad)
+    configuration = configuration_of(start_rad, geometry)
     axis, angle = axis_and_angle(start[:3, :3].T @ world_from_tool[:3, :3])
     shift = world_from_tool[:3, 3] - start[:3, 3]
 

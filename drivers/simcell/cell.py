@@ -13,7 +13,7 @@ from zlib import crc32
 import numpy as np
 
 from drivers.arrays import Array
-from drivers.puma560 import Puma560
+from drivers.puma560 import ArmGeometry
 from drivers.simcell.arm import Arm
 from drivers.simcell.boards import BoardPrint, board_thing
 from drivers.simcell.camera import Scene, SimulatedPair
@@ -24,7 +24,7 @@ from drivers.simcell.judge import Body, Judge, Violation
 from drivers.simcell.render import Thing
 from drivers.simcell.rigid import rigid
 from drivers.simcell.simulated_time import SimulatedLoop
-from drivers.simcell.stand import characteristic_pose
+from drivers.simcell.stand import characteristic_pose, drawn_pose
 from drivers.simcell.textures import PartsKind, Pattern, TableKind, printed_faces
 from drivers.simcell.truth import load_truth, rigid_matrix
 from drivers.simcell.verdict import Verdict
@@ -72,7 +72,7 @@ class SimulatedCell:
         self._prints: dict[str, tuple[Pattern, ...]] = {}
         settings = self._settings.arm
         self.arm = Arm(
-            Puma560(flange_from_tool=rigid_matrix(settings.flange_from_tool)),
+            ArmGeometry(flange_from_tool=rigid_matrix(settings.flange_from_tool)),
             joint_offsets_rad=np.radians(settings.joint_offset_deg),
             repeatability_mm=settings.repeatability_mm,
             rng=settling,
@@ -149,7 +149,11 @@ class SimulatedCell:
         self.clear()
         at = self.world_from_cyclopean() if world_from_cyclopean is None else world_from_cyclopean
         eyes = [eye.eye().cyclopean_from_camera[:3, 3] for eye in (self._settings.left, self._settings.right)]
-        return self.world.put(label, characteristic_pose(label, view, at, eyes, self._settings.lighting), Where.STAND)
+        if self.world.drawn(label):
+            pose = drawn_pose(self.world.shape(label), view, at, eyes, self._settings.lighting)
+        else:
+            pose = characteristic_pose(label, view, at, eyes, self._settings.lighting)
+        return self.world.put(label, pose, Where.STAND)
 
     def show_board(self, board: BoardPrint | None = None, world_from_board: Array | None = None) -> Array:
         """Clear the cell and put up a board (9x6 inner corners): as given, or face up amid the table.

@@ -15,7 +15,7 @@ from math import ceil
 import numpy as np
 
 from drivers.arrays import Array
-from drivers.puma560 import Puma560, elbow_mm, forward
+from drivers.puma560 import ArmGeometry, elbow_mm, forward
 from drivers.simcell.arm import Motion
 from drivers.simcell.history import Drop, Event, HandAct, History, Leg, Stop
 from drivers.simcell.rigid import inverse
@@ -72,7 +72,7 @@ class _Facts:
 class Body:
     """The arm as balls in the world: rods cut into balls no farther apart than BALLS_APART_MM."""
 
-    def __init__(self, rods: Sequence[Rod], arm: Puma560, joint_offsets_rad: Array) -> None:
+    def __init__(self, rods: Sequence[Rod], arm: ArmGeometry, joint_offsets_rad: Array) -> None:
         """arm, joint_offsets_rad (6,): the true ones."""
         self._arm, self._offsets, self._tool_from_flange = arm, joint_offsets_rad, inverse(arm.flange_from_tool)
         self.names = [rod.name for rod in rods for _ in _cut(rod)]

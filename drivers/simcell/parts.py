@@ -17,6 +17,8 @@ from drivers.arrays import Array
 from drivers.simcell.rigid import rigid, turn, turn_between
 
 FLAT_MM = 1e-6
+AT_ONCE = 20_000
+"""Triples of corners looked at together: memory against time."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,22 +49,35 @@ class Shape:
     rests: tuple[Array, ...]
 
 
-def hull(points: Array) -> Polyhedron:
-    """The convex hull of a few (N, 3) points; coplanar triangles become one face. Brute force: N up to some thirty."""
+def hull(points: Array, flat_mm: float = FLAT_MM) -> Polyhedron:
+    """The convex hull of some (N, 3) points, up to a hundred; triangles in a plane, to within flat_mm, are a face."""
     found: dict[tuple[int, ...], Array] = {}
-    for i, j, k in combinations(range(len(points)), 3):
-        normal = np.cross(points[j] - points[i], points[k] - points[i])
-        length = np.linalg.norm(normal)
-        if length < FLAT_MM:
-            continue
-        for outward in (normal / length, -normal / length):
-            above = points @ outward - points[i] @ outward
-            if above.max() < FLAT_MM:
-                found[tuple(np.flatnonzero(above > -FLAT_MM))] = outward
+    triples = np.array(list(combinations(range(len(points)), 3)))
+    for some in np.array_split(triples, len(triples) // AT_ONCE + 1):
+        a, b, c = (points[some[:, k]] for k in range(3))
+        crossed = np.cross(b - a, c - a)
+        length = np.maximum(np.linalg.norm(crossed, axis=1), 1e-300)
+        off = (points @ (crossed / length[:, None]).T) - np.sum(a * crossed, axis=1) / length
+        outside = (length >= flat_mm) & ((off.max(axis=0) < flat_mm) | (off.min(axis=0) > -flat_mm))
+        for i, j, k in some[outside]:
+            _take_faces(found, points, (i, j, k), flat_mm)
     faces = tuple(_loop(points, members, normal) for members, normal in found.items())
     normals = np.array(list(found.values()))
     offsets = np.array([normals[i] @ points[f[0]] for i, f in enumerate(faces)])
     return Polyhedron(points, faces, normals, offsets)
+
+
+def _take_faces(
+    found: dict[tuple[int, ...], Array], points: Array, triple: tuple[int, int, int], flat_mm: float
+) -> None:
+    """Add the face through three points, where all others lie on one side of it."""
+    i, j, k = triple
+    normal = np.cross(points[j] - points[i], points[k] - points[i])
+    length = np.linalg.norm(normal)
+    for outward in (normal / length, -normal / length):
+        above = points @ outward - points[i] @ outward
+        if above.max() < flat_mm:
+            found[tuple(np.flatnonzero(above > -flat_mm))] = outward
 
 
 def _loop(points: Array, members: tuple[int, ...], normal: Array) -> tuple[int, ...]:
@@ -109,13 +124,13 @@ def stable_rests(solid: Polyhedron, centre_of_mass: Array, margin_mm: float = 3.
     return tuple(rests)
 
 
-def shape(label: str, *clouds: Array) -> Shape:
+def shape(label: str, *clouds: Array, flat_mm: float = FLAT_MM) -> Shape:
     """The shape whose convex pieces are the hulls of the given (N, 3) point clouds; they may touch, not overlap."""
     centroid = np.unique(np.vstack(clouds), axis=0).mean(axis=0)
-    pieces = tuple(hull(cloud - centroid) for cloud in clouds)
+    pieces = tuple(hull(cloud - centroid, flat_mm) for cloud in clouds)
     masses = [volume_and_centre(piece) for piece in pieces]
     centre = np.sum([v * c for v, c in masses], axis=0) / sum(v for v, _ in masses)
-    whole = pieces[0] if len(pieces) == 1 else hull(np.unique(np.vstack([p.vertices for p in pieces]), axis=0))
+    whole = pieces[0] if len(pieces) == 1 else hull(np.unique(np.vstack([p.vertices for p in pieces]), axis=0), flat_mm)
     return Shape(label, pieces, whole, centre, stable_rests(whole, centre))
 
 

@@ -27,6 +27,9 @@ VIEWS: dict[str, tuple[tuple[int, ...], ...]] = {
 }
 """Characteristic views by part: the number of sides of each facet in sight."""
 
+DRAWN_VIEWS = ((1, 1, 1), (-1, 1, -1), (1, -1, -1), (-1, -1, 1), (1, 1, -1), (-1, -1, -1), (1, -1, 1), (-1, 1, 1))
+"""From where a part that was drawn is shown, in its frame: over each corner of its own box, opposite ones in turn."""
+
 DISTANCE_MM = 340.0
 LEAST_FACING = 0.15
 HIDDEN_FACING = -0.04
@@ -72,6 +75,21 @@ def characteristic_pose(
     return best
 
 
+def drawn_pose(
+    shape: Shape, view: int, world_from_cyclopean: Array, eyes_cyclopean_mm: Sequence[Array], lighting: Lighting
+) -> Array:
+    """The same for a part that was drawn, from one of eight sides, counted round; as near as may be where no turn shows
+    all its facets clearly."""
+    middle = apply(world_from_cyclopean, np.array([0.0, 0.0, DISTANCE_MM]))
+    eyes = [apply(world_from_cyclopean, eye) for eye in eyes_cyclopean_mm]
+    towards = np.array(DRAWN_VIEWS[view % len(DRAWN_VIEWS)]) / np.sqrt(3.0)
+    upright = turn_between(towards, -world_from_cyclopean[:3, 2])
+    leans = _leans(world_from_cyclopean[:3, 0], world_from_cyclopean[:3, 1])
+    turns = 2 * np.pi * np.arange(TURNS) / TURNS
+    poses = [rigid(lean @ turn(world_from_cyclopean[:3, 2], a) @ upright, middle) for lean in leans for a in turns]
+    return max(poses, key=lambda pose: _clearness(shape, pose, eyes, None, lighting))
+
+
 def _leans(right: Array, down: Array) -> list[Array]:
     """Small turns (3, 3) out of the line of sight, towards eight sides."""
     sides = [np.cos(a) * right + np.sin(a) * down for a in np.pi / 4 * np.arange(8)]
@@ -99,15 +117,17 @@ def _evenly_between(normals: Array) -> Array:
 
 
 def _clearness(
-    shape: Shape, world_from_part: Array, eyes: Sequence[Array], wanted: tuple[int, ...], lighting: Lighting
+    shape: Shape, world_from_part: Array, eyes: Sequence[Array], wanted: tuple[int, ...] | None, lighting: Lighting
 ) -> float:
-    """How well a view is seen, 0 to 1: facets well turned to both eyes, clear steps at every edge; 0: another view."""
+    """How well a view is seen, 0 to 1: facets well turned to both eyes, clear steps at every edge; 0: another view than
+    the one wanted (None: any)."""
     solid = shape.hull
     middles = apply(world_from_part, np.array([solid.vertices[list(f)].mean(axis=0) for f in solid.faces]))
     normals = solid.normals @ world_from_part[:3, :3].T
     facings = [_facing(middles, normals, eye) for eye in eyes]
     seen = facings[0] > 0
-    if sorted(len(f) for f, s in zip(solid.faces, seen, strict=True) if s) != sorted(wanted):
+    shown = sorted(len(f) for f, s in zip(solid.faces, seen, strict=True) if s)
+    if wanted is not None and shown != sorted(wanted):
         return 0.0
     turned = min(float(facing[seen].min()) for facing in facings)
     if turned < LEAST_FACING or max(float(facing[~seen].max()) for facing in facings) > HIDDEN_FACING:

@@ -67,6 +67,7 @@ class World:
         self._truth = truth
         self._lock = RLock()
         self._parts: dict[str, PlacedPart] = {}
+        self._drawn: dict[str, Shape] = {}
         self._count = 0
         self.changes = 0
         self.gap_mm = truth.gripper.opening_mm
@@ -90,28 +91,42 @@ class World:
             self._parts.clear()
             self.changes += 1
 
+    def draw(self, shapes: Sequence[Shape]) -> None:
+        """Have parts of these shapes as well, by their labels, before those there are; what lies there stays."""
+        with self._lock:
+            self._drawn = {shape.label: shape for shape in shapes}
+
+    def drawn(self, label: str) -> bool:
+        """Whether a part's shape was drawn."""
+        return label in self._drawn
+
+    def shape(self, label: str) -> Shape:
+        """The shape of that name. Raises KeyError."""
+        with self._lock:
+            return self._drawn.get(label) or part_shape(label)
+
     def put(self, label: str, world_from_part: Array, where: Where = Where.TABLE) -> PlacedPart:
         """Put a new part somewhere. Raises KeyError for a label there is no shape for."""
         with self._lock:
             self._count += 1
-            part = PlacedPart(f"{label}-{self._count}", label, part_shape(label), where, world_from_part)
+            part = PlacedPart(f"{label}-{self._count}", label, self.shape(label), where, world_from_part)
             self._set(part)
             return part
 
     def stand(self, label: str, rest: int, x_mm: float, y_mm: float, turn_rad: float) -> PlacedPart:
         """Put a new part on the table on its rest-th stable face, turned about the vertical."""
         foot = rigid(turn([0, 0, 1], turn_rad), [x_mm, y_mm, self._truth.table.height_mm])
-        return self.put(label, foot @ part_shape(label).rests[rest])
+        return self.put(label, foot @ self.shape(label).rests[rest])
 
     def scatter(self, labels: Sequence[str], rng: np.random.Generator, gap_mm: float = 30.0) -> None:
         """Strew new parts over the table: any stable face, any turn, no two closer than gap_mm or as wide as fits."""
         while True:
-            spots = self._free_spots([_reach_mm(part_shape(label)) for label in labels], rng, gap_mm)
+            spots = self._free_spots([_reach_mm(self.shape(label)) for label in labels], rng, gap_mm)
             if spots is not None:
                 break
             gap_mm -= 5.0
         for label, (x, y) in zip(labels, spots, strict=True):
-            rest = int(rng.integers(len(part_shape(label).rests)))
+            rest = int(rng.integers(len(self.shape(label).rests)))
             self.stand(label, rest, x, y, rng.uniform(-np.pi, np.pi))
 
     def nudge(self, name: str, x_mm: float, y_mm: float, turn_rad: float = 0.0) -> None:

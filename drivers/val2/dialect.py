@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Literal
 
@@ -31,6 +32,8 @@ class Dialect:
     joint_signs: tuple[Sign, Sign, Sign, Sign, Sign, Sign] = (1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
     joint_zeros_deg: tuple[Angle, Angle, Angle, Angle, Angle, Angle] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     """How this system counts its joints: the angle of our kinematics is sign times the printed one, plus zero."""
+    joint_3_against_horizon: bool = False
+    """Whether it counts joint 3 against the horizon: then what joint 2 has turned is taken from it."""
     character_pause_s: Pause = 0.0
     """Pause between typed characters, for controllers that lose some when typed at full speed."""
     echo_settle_s: Pause = 0.006
@@ -65,6 +68,13 @@ class Dialect:
     """How near the target the rest must be."""
     stall_s: Seconds = 1.5
     """An arm at rest elsewhere for this long will not arrive."""
+
+    def our_angles_deg(self, printed_deg: Sequence[float]) -> tuple[float, ...]:
+        """(6,) degrees of our kinematics, of what WHERE prints."""
+        turned = [sign * printed for sign, printed in zip(self.joint_signs, printed_deg, strict=True)]
+        if self.joint_3_against_horizon:
+            turned[2] -= turned[1]
+        return tuple(turn + zero for turn, zero in zip(turned, self.joint_zeros_deg, strict=True))
 
     def on_a_faster_line(self, times: float) -> Dialect:
         """The same manners where characters come `times` faster than the baud says (a simulated line in scaled time).

@@ -343,8 +343,7 @@ class Link:
         raise Garbled(why)
 
     def _in_our_angles(self, where: Where) -> Where:
-        ours = zip(where.joints_deg, self.dialect.joint_signs, self.dialect.joint_zeros_deg, strict=True)
-        return replace(where, joints_deg=tuple(sign * printed + zero for printed, sign, zero in ours))
+        return replace(where, joints_deg=self.dialect.our_angles_deg(where.joints_deg))
 
     async def _still(self, talk: Conversation, timeout_s: float, any_place: bool = False) -> Where:
         deadline_s = self.clock() + timeout_s

@@ -1,11 +1,12 @@
 """VAL II's side of the conversation: bytes, cut anywhere, become events. No I/O, no clock, nothing is sent from here.
 
-A dot is a prompt only at the start of a line *and* followed by silence, a question mark a question only at the end of
-one and followed by silence. Silence is not in the bytes: whoever owns the clock calls `silence()` when it has lasted.
+A dot (or two: some systems print them so) is a prompt only at the start of a line *and* followed by silence, a
+question mark a question only at the end of one and followed by silence. Silence is not in the bytes: whoever owns the
+clock calls `silence()` when it has lasted.
 
     state    what comes                     what happens
-    LINE     bytes, CR or LF                lines -> Text, Error, Table (four lines of WHERE)
-    LINE     silence                        a lone dot -> Prompt; a line that ends in ? -> Question
+    LINE     bytes, CR or LF                lines -> Text, Error, Table (the lines of WHERE, in either form)
+    LINE     silence                        lone dots -> Prompt; a line that ends in ? -> Question
     ECHO     the bytes that were typed      all of them -> Echo, state TYPED; another byte -> Garble, state LINE
     TYPED    any byte                       Garble (a doubled last character), state LINE
     ENDED    CR or LF                       state LINE; another byte -> Garble, state LINE
@@ -25,6 +26,9 @@ PADDING = frozenset(b"\x00\x07\x7f")
 LINE_ENDS = frozenset(b"\r\n")
 LOCATION_HEADER = ["X", "Y", "Z", "O", "A", "T"]
 JOINT_HEADER = ["JT1", "JT2", "JT3", "JT4", "JT5", "JT6"]
+SHARED_HEADER = ["X/JT1", "Y/JT2", "Z/JT3", "O/JT4", "A/JT5", "T/JT6"]
+HAND = "HAND"
+PROMPT_DOTS = re.compile(rb" *\.\.? *")
 NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)")
 STOPPED = re.compile(r"program\s+(hold|stop)", re.IGNORECASE)
 
@@ -126,7 +130,7 @@ class Reader:
 
     @property
     def _dot_waits(self) -> bool:
-        return self._fresh and self._line.rstrip(b" ") == b"."
+        return self._fresh and PROMPT_DOTS.fullmatch(self._line) is not None
 
     @property
     def _question_waits(self) -> bool:
@@ -220,26 +224,16 @@ class Reader:
 
     def _continue_table(self, text: str, events: list[Event]) -> bool:
         """Whether the line belongs to an answer to WHERE."""
-        row = len(self._table)
-        words = text.upper().split()
-        fits = (
-            words == LOCATION_HEADER,
-            _numbers(text) is not None,
-            words == JOINT_HEADER,
-            _numbers(text) is not None,
-        )[row]
-        if not fits:
+        if not _table_goes_on([line for _, line in self._table], text):
             self._give_up_table(events)
-            if words != LOCATION_HEADER:
+            if not _table_goes_on([], text):
                 return False
         self._table.append((self._cut(), text))
-        if len(self._table) == 4:
-            location, joints = _numbers(self._table[1][1]), _numbers(self._table[3][1])
-            assert location is not None
-            assert joints is not None
+        where = _where([line for _, line in self._table])
+        if where is not None:
             raw = b"".join(raw for raw, _ in self._table)
             self._table.clear()
-            events.append(Table(raw, Where(Location(*location), joints)))
+            events.append(Table(raw, where))
         return True
 
     def _give_up_table(self, events: list[Event]) -> None:
@@ -265,9 +259,30 @@ def _text(line: bytes | bytearray) -> str:
     return line.decode("latin-1").strip()
 
 
-def _numbers(text: str) -> tuple[float, ...] | None:
-    """Six numbers, or None."""
+def _numbers(text: str, count: int = 6) -> tuple[float, ...] | None:
+    """So many numbers, or None."""
     words = text.split()
-    if len(words) != 6 or not all(NUMBER.fullmatch(word) for word in words):
+    if len(words) != count or not all(NUMBER.fullmatch(word) for word in words):
         return None
     return tuple(float(word) for word in words)
+
+
+def _table_goes_on(lines: list[str], text: str) -> bool:
+    """Whether a line may follow those of an answer to WHERE: twice a header and numbers, or one header for both."""
+    words = text.upper().split()
+    if not lines:
+        return words == LOCATION_HEADER or words in (SHARED_HEADER, [*SHARED_HEADER, HAND])
+    head = lines[0].upper().split()
+    if len(lines) == 1:
+        return _numbers(text, len(head)) is not None
+    if head == LOCATION_HEADER and len(lines) == 2:
+        return words == JOINT_HEADER
+    return _numbers(text) is not None
+
+
+def _where(lines: list[str]) -> Where | None:
+    """What WHERE said, once all of its lines are there. The hand's opening is left out."""
+    if len(lines) < (4 if lines[0].upper().split() == LOCATION_HEADER else 3):
+        return None
+    location, joints = (tuple(float(word) for word in line.split()[:6]) for line in (lines[1], lines[-1]))
+    return Where(Location(*location), joints)

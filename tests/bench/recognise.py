@@ -7,8 +7,6 @@ first only.
 
 from __future__ import annotations
 
-import cProfile
-import pstats
 import resource
 import time
 from collections import Counter, defaultdict
@@ -21,6 +19,7 @@ import cv2
 import numpy as np
 
 from daemon.arrays import Array
+from daemon.main import tame_malloc
 from daemon.store.library import load_facets
 from daemon.vision.facets.reconstruct import find_facets
 from daemon.vision.geometry.rig import StereoRig
@@ -31,16 +30,6 @@ from daemon.vision.values import Part, Scene
 from tests.worlds import rendered
 
 NEAR_MM = 25.0  # a part found belongs to a true one when their corners' centroids are this close
-STAGES = {
-    **dict.fromkeys(("both_eyes.py", "one_eye.py", "grey.py", "regions.py"), "pixels and regions"),
-    **dict.fromkeys(("outlines.py", "polygon.py", "polygon_batch.py"), "outlines"),
-    **dict.fromkeys(("edge_lines.py", "calipers.py", "step_model.py", "polygon_fit.py"), "sides and corners"),
-    **dict.fromkeys(("matching.py", "candidates.py", "completion.py", "rectified.py", "rig.py"), "matching"),
-    **dict.fromkeys(("facets", "planes.py", "polyhedron.py"), "grouping and welding"),
-    **dict.fromkeys(("model", "recognition", "rigid_fit.py", "facet_measures.py", "chisquare.py"), "naming"),
-    "registration": "registration",
-    "look.py": "rest",
-}  # by file, or by its folder
 BINS = (0.0, 0.5, 0.9, 0.99, 0.999, 1.0 + 1e-9)
 
 
@@ -61,12 +50,12 @@ def main() -> None:
     rigs = {name: rendered.rig(rendered.ALL, name) for name in ("A0", "B")}
     model = trained(rigs["B"])
     cv2.setNumThreads(1)
+    tame_malloc()  # as the daemon does: fresh memory costs a look up to a seventh of its time
     stages: dict[str, list[float]] = defaultdict(list)
     named = [confidence for home in (rendered.ALL, *rendered.MORE) for confidence in _accuracy(home, model, stages)]
     _reliability(named)
     _time(stages)
     _detectors(rigs, model)
-    _stages(rigs["B"], model)
     _memory()
 
 
@@ -212,37 +201,6 @@ def _time(stages: dict[str, list[float]]) -> None:
     for name, spent in stages.items():
         print(f"{name:<14}" + "".join(f"{1000 * np.percentile(spent, percent):>10.2f}" for percent in (50, 95, 100)))
     print(f"one look over StereoSGBM: {np.median(stages['one look']) / np.median(stages['StereoSGBM']):.3f}")
-
-
-def _stages(rig: StereoRig, model: Model) -> None:
-    """Calls and share of a look's time by stage on the clean scenes; what numpy does counts where it was asked for."""
-    pairs = [rendered.pair(folder) for folder in test_folders() if folder.name.startswith("clean-B")]
-    profile = cProfile.Profile()
-    for left, right in pairs:
-        profile.runcall(look, left, right, rig, model)
-    rows = pstats.Stats(profile).stats  # type: ignore[attr-defined]
-    calls, seconds = defaultdict[str, float](float), defaultdict[str, float](float)
-
-    def stage_of(function: tuple[str, int, str]) -> str | None:
-        parts = Path(function[0]).parts
-        return next((STAGES[p] for p in parts[::-1] if "vision" in parts and p in STAGES), None)
-
-    def add(function: tuple[str, int, str], to: dict[str, float], amount: float, depth: int = 0) -> None:
-        stage, callers = stage_of(function), rows[function][4]
-        total = sum(row[0] for row in callers.values())
-        if stage or depth > 8 or not total:
-            to[stage or "rest"] += amount
-        else:
-            for caller, row in callers.items():
-                add(caller, to, amount * row[0] / total, depth + 1)
-
-    for function, (_, count, own, _, _) in rows.items():
-        add(function, seconds, own)
-        add(function, calls, count if function[0] != "~" else 0.0)
-    print(f"\n{'stage':<24}{'share':>7}{'calls a look':>14}")
-    for stage in [*dict.fromkeys(STAGES.values())]:
-        print(f"{stage:<24}{seconds[stage] / sum(seconds.values()):>7.0%}{calls[stage] / len(pairs):>14.0f}")
-    print(f"{'all':<24}{'':>7}{sum(calls.values()) / len(pairs):>14.0f}")
 
 
 def _memory() -> None:

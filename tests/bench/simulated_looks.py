@@ -59,9 +59,11 @@ def ring_error(found: Array, wanted: Array) -> float:
     return min(float(np.linalg.norm(np.roll(found, k, 0) - wanted, axis=1).mean()) for k in range(len(wanted)))
 
 
-def pose_above(stand_off_mm: float, at: Array, rng: np.random.Generator) -> Array:
-    """world_from_cyclopean that looks at a point from anywhere 50 to 75 degrees up, rolled a little."""
-    up, around = np.radians(rng.uniform(50, 75)), rng.uniform(-np.pi, np.pi)
+def pose_above(
+    stand_off_mm: float, at: Array, rng: np.random.Generator, up_deg: tuple[float, float] = (50.0, 75.0)
+) -> Array:
+    """world_from_cyclopean that looks at a point from anywhere so many degrees up, rolled a little."""
+    up, around = np.radians(rng.uniform(*up_deg)), rng.uniform(-np.pi, np.pi)
     z = -np.array([np.cos(up) * np.cos(around), np.cos(up) * np.sin(around), np.sin(up)])
     x = turn(z, rng.uniform(-0.3, 0.3)) @ np.cross(z, [0, 0, 1])
     x = x / np.linalg.norm(x)

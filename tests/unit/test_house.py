@@ -2,8 +2,10 @@
 
 import ast
 import io
+import os
 import re
 import subprocess
+import sys
 import tokenize
 import tomllib
 from importlib.metadata import entry_points, packages_distributions
@@ -119,3 +121,11 @@ def test_the_packages_daemon_and_drivers_are_facetd_s_alone() -> None:
 def test_both_commands_lead_into_the_house() -> None:
     scripts = {e.name: e.value for e in entry_points(group="console_scripts") if e.name.startswith("facet")}
     assert scripts == {"facetd": "daemon.main:main", "facetctl": "daemon.ctl:main"}
+
+
+def test_pictures_are_worked_on_in_one_thread() -> None:
+    """Of a few hundred pixels each way they are done before a second thread is awake; its core is the cell's."""
+    bare = {name: value for name, value in os.environ.items() if not name.endswith(("_NUM_THREADS", "_THREADS_NUM"))}
+    ask = [sys.executable, "-c", "import daemon, cv2; print(cv2.getNumThreads())"]
+    said = subprocess.run(ask, cwd=HOUSE, env=bare, capture_output=True, text=True, check=True)
+    assert said.stdout == "1\n"

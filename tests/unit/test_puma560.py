@@ -15,19 +15,21 @@ from drivers.puma560 import (
     NEST_RAD,
     PUMA560,
     READY_RAD,
+    ArmGeometry,
     Configuration,
-    Puma560,
     UnreachableError,
     configuration_of,
     forward,
     inverse,
     joint_out_of_limits,
+    link_frames,
     reachable,
     solutions,
     wrist_is_singular,
 )
+from drivers.pumas import PUBLISHED, PublishedArm
 
-UNLIMITED = Puma560(limits_rad=np.radians([[-360.0, 360.0]] * 6))
+UNLIMITED = ArmGeometry(limits_rad=np.radians([[-360.0, 360.0]] * 6))
 LOW, HIGH = PUMA560.limits_rad.T
 
 some_joints = st.tuples(*(st.floats(low, high) for low, high in PUMA560.limits_rad)).map(np.array)
@@ -98,10 +100,28 @@ def on_a_boundary(q: Array) -> bool:
     return abs(outward) < 1.0 or abs(np.sin(q[2] + np.arctan2(431.8, 20.3))) < 1e-3
 
 
+@pytest.mark.parametrize("published", PUBLISHED, ids=lambda published: published.name)
+@pytest.mark.parametrize("side", [1.0, -1.0], ids=["right", "left"])
+def test_an_arm_of_other_lengths_is_found_again_by_every_way_it_reaches_a_pose(
+    published: PublishedArm, side: float
+) -> None:
+    a2, a3, d3, d4 = published.lengths_mm
+    arm = ArmGeometry(a2, a3, side * d3, d4, limits_rad=UNLIMITED.limits_rad)
+    for q in any_joints(20):
+        pose = forward(q, arm)
+        ways = list(solutions(pose, arm, q))
+        assert len(ways) == 8
+        assert min(np.abs(found - q).max() for _, found in ways) < 1e-6
+        for way, found in ways:
+            assert np.abs(forward(found, arm) - pose).max() < 1e-5
+            assert configuration_of(found, arm) == way
+        np.testing.assert_allclose(link_frames(q[None], arm)[0, 6, :3, 3], pose[:3, 3], atol=1e-9)
+
+
 def test_base_and_tool_are_part_of_the_way_from_world_to_tool() -> None:
     base, tool = np.eye(4), np.eye(4)
     base[:3, 3], tool[:3, 3] = [10.0, 20.0, 30.0], [0.0, 0.0, 160.0]
-    arm = Puma560(world_from_base=base, flange_from_tool=tool)
+    arm = ArmGeometry(world_from_base=base, flange_from_tool=tool)
     q = np.radians([10.0, 40.0, -190.0, 5.0, -25.0, 15.0])
     np.testing.assert_allclose(forward(q, arm), base @ forward(q) @ tool, atol=1e-12)
     np.testing.assert_allclose(inverse(forward(q, arm), configuration_of(q), arm, q), q, atol=1e-9)

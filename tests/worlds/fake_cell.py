@@ -102,7 +102,7 @@ class World:
         return [r for r in self.records if r["kind"] == kind]
 
 
-ARM = puma560.Puma560(flange_from_tool=frames.rigid(np.eye(3), np.array([0.0, 0.0, 130.0])))
+ARM = puma560.ArmGeometry(flange_from_tool=frames.rigid(np.eye(3), np.array([0.0, 0.0, 130.0])))
 
 
 def joints(world_from_tool: np.ndarray) -> np.ndarray:

@@ -9,6 +9,8 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
+
 from daemon.arm.supervisor import Let, RefusedError
 from daemon.arm.workcell import StopRefusedError
 from daemon.console.notices import Notices
@@ -30,6 +32,8 @@ class FakeCycle:
     pick_order: PickOrder | None = None
     held: bool | None = False
     stops: int = 0
+    auto: bool = False
+    at: Any = field(default_factory=lambda: np.diag([-1.0, 1.0, -1.0, 1.0]))
 
     @property
     def supervisor(self) -> FakeCycle:
@@ -39,13 +43,24 @@ class FakeCycle:
     def status(self) -> dict[str, Any]:
         return {
             "state": "fault" if self.fault else "idle", "doing": self.doing, "fault": self.fault, "enabled": True,
-            "paused": False, "step": False, "dry": False, "pending": self.pending, "auto": False, "cycle": 1,
+            "paused": False, "step": False, "dry": False, "pending": self.pending, "auto": self.auto, "cycle": 1,
             "target": None, "stop": None, "predicted_mm": None, "predicted_deg": None, "holding": self.held,
             "picked": 2, "failed": 1, "skipped": [], "last": None,
         }  # fmt: skip
 
+    async def move_to(self, world_from_tool: Any, purpose: str) -> None:
+        self.told.append(f"move to {purpose}: {world_from_tool[:3, 3].round(3).tolist()}")
+
+    async def rest(self) -> Any:
+        return self.at
+
+    async def jog(self, there: Callable[[Any], Any], purpose: str) -> Any:
+        self.told.append(purpose)
+        self.at = there(self.at)
+        return self.at
+
     def places(self) -> dict[str, Any]:
-        return {"home": None, "bin": None, "survey": None}
+        return {"home": np.eye(4), "bin": np.eye(4), "survey": np.eye(4)}
 
     async def prove_stop(self) -> None:
         if self.stop_refused_with:
@@ -111,6 +126,8 @@ class FakeDoor:
     answers: list[str] = field(default_factory=list)
     said: list[str] = field(default_factory=list)
     asked: list[str] = field(default_factory=list)
+    columns: int = 80
+    rows: int | None = None
 
     @property
     def asks(self) -> bool:
@@ -121,7 +138,7 @@ class FakeDoor:
 
     async def ask(self, question: str) -> str:
         self.asked.append(question)
-        return self.answers.pop(0)
+        return self.answers.pop(0) if self.answers else ""
 
 
 def fake_context(folder: Path, reload: Callable[[], Any] | None = None) -> Any:
@@ -140,7 +157,7 @@ def fake_context(folder: Path, reload: Callable[[], Any] | None = None) -> Any:
         hardware=SimpleNamespace(kind="real", seed=None, hand=None),
         run_log=SimpleNamespace(folder=folder),
         calibration=SimpleNamespace(tool_from_cyclopean=1),
-        config=SimpleNamespace(calibration=folder / "calibration.yaml"),
+        config=SimpleNamespace(calibration=folder / "calibration.yaml", state=folder / "state"),
         parts=["cube", "pyramid"],
         started_s=0.0,
         reload=reload,

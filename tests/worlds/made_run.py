@@ -54,8 +54,10 @@ class MadeRun:
         self.now += after_s
         self.log.record(kind, **fields)
 
-    def look(self, purpose: str, *parts: dict[str, Any], stop: int = 0, guesses: Any = (), **health: Any) -> None:
-        scene = {"ms": 12.0, "parts": list(parts), "rejected": [], "notes": [], "guesses": list(guesses)}
+    def look(
+        self, purpose: str, *parts: dict[str, Any], stop: int = 0, guesses: Any = (), notes: Any = (), **health: Any
+    ) -> None:
+        scene = {"ms": 12.0, "parts": list(parts), "rejected": [], "notes": list(notes), "guesses": list(guesses)}
         images = {} if self.image is None else {"images": {"left": self.image, "right": self.image}}
         self.write(
             "look", cycle=self.cycle, stop=stop, purpose=purpose, scene=scene, seconds={"facets": 0.01},

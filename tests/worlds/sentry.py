@@ -17,9 +17,10 @@ from typing import Any
 import cv2
 
 from daemon.doors.client import NotThereError
-from daemon.store.model import ModelError
-from daemon.store.model_store import ModelStore, ModelStoreError
-from daemon.store.runs import check_wire, interrupted, list_runs, read_run
+from daemon.store.model_store import ModelStore
+from daemon.store.outside import FileError
+from daemon.store.runs import check_wire, list_runs, read_run
+from daemon.store.standing import FILE, left_behind
 from tests.worlds.running import Running
 
 CONFIG = "log: {keep_free_mb: 0, quota_mb: 100, roll_mb: 25}\n"
@@ -130,7 +131,7 @@ def look_over(daemon: Sentry, found: Found, name: str) -> bool:
     missing = [text for text in daemon.acknowledged if not text.startswith(UNRECORDED) and text not in said]
     found.unanswered += [f"{name}: `{text}` was answered and is not in the log" for text in missing]
     found.corrupt += [f"{name}: {text}" for text in corrupt_files(daemon.folder / "state")]
-    left = interrupted(known[-1])
+    left = left_behind(daemon.folder / "state" / FILE, ran_before=True)
     return left is not None and (left.cycle is not None or left.hand_closed)
 
 
@@ -145,10 +146,12 @@ def corrupt_files(state: Path) -> Iterator[str]:
     model_store = ModelStore(state)
     try:
         for view in model_store.views():
+            if view.damage:
+                yield view.damage
             view.images()
         for version in {model_store.current, model_store.candidate, *model_store.history} - {None}:
             model_store.load(version)
-    except (ModelStoreError, ModelError) as error:
+    except FileError as error:
         yield str(error)
     for file in state.rglob("*.json"):
         try:

@@ -23,7 +23,7 @@ from drivers import puma560
 FINE_MM, COARSE_MM, BALLS_MM = 0.5, 4.0, 3.0
 CLOSE_MM = 10.0
 """A stretch of COARSE_MM that comes no nearer than this to anything holds nothing to look at in fine."""
-ARM = puma560.Puma560(flange_from_tool=frames.rigid(np.eye(3), np.array([0.0, 0.0, 130.0])))
+ARM = puma560.ArmGeometry(flange_from_tool=frames.rigid(np.eye(3), np.array([0.0, 0.0, 130.0])))
 FRAME_OF = {"upper_arm": 2, "forearm": 3, "wrist": 6, "tool": 7}
 NEAR_SINGULAR = np.sin(np.radians(3.0))
 

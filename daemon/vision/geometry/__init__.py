@@ -2,14 +2,14 @@
 
 from daemon.vision.geometry.chisquare import chi_square_limit, chi_square_tail
 from daemon.vision.geometry.converging import Converging, by_formula, converging
-from daemon.vision.geometry.facet_measures import Measures, measure, newell_normal
+from daemon.vision.geometry.facet_measures import Measures, area_vector, measure, newell_normal
 from daemon.vision.geometry.planes import fit_plane, planarities, planarity, weighted_plane
 from daemon.vision.geometry.polygon import Point, Shape, drop_side, is_simple, tidy
 from daemon.vision.geometry.polygon_batch import Rings, areas, convex, different, met, rings
 from daemon.vision.geometry.polyhedron import Polyhedron, exact, united
 from daemon.vision.geometry.rectified import Baseline, Eye, baseline, disparity
 from daemon.vision.geometry.rig import Camera, StereoRig
-from daemon.vision.geometry.rigid_fit import Fits, fit_poses, rough_rms
+from daemon.vision.geometry.rigid_fit import Fits, cross_matrices, fit_poses, rough_rms
 
 __all__ = [
     "Baseline",
@@ -23,6 +23,7 @@ __all__ = [
     "Rings",
     "Shape",
     "StereoRig",
+    "area_vector",
     "areas",
     "baseline",
     "by_formula",
@@ -30,6 +31,7 @@ __all__ = [
     "chi_square_tail",
     "converging",
     "convex",
+    "cross_matrices",
     "different",
     "disparity",
     "drop_side",

@@ -54,7 +54,7 @@ def fit_poses(
         if step <= 1:
             information = _information(seen_covariance, model_covariance, rotation, tau_mm) * used[:, :, None, None]
         weighted = (information @ (seen_mm - turned - shift[:, None, :])[..., None])[..., 0]
-        motion, normal = _step(information, weighted, _cross_matrices(turned))
+        motion, normal = _step(information, weighted, cross_matrices(turned))
         rotation = _rotations(motion[:, 3:]) @ rotation
         shift = shift + motion[:, :3]
     residual = seen_mm - model_mm @ rotation.transpose(0, 2, 1) - shift[:, None, :]
@@ -110,7 +110,7 @@ def _step(information: Array, weighted: Array, lever: Array) -> tuple[Array, Arr
     return np.asarray(np.linalg.solve(normal, right[..., None]))[..., 0], normal
 
 
-def _cross_matrices(vectors: Array) -> Array:
+def cross_matrices(vectors: Array) -> Array:
     """(..., 3) -> (..., 3, 3) with matrix @ x = vector x x."""
     out = np.zeros((*vectors.shape, 3))
     x, y, z = vectors[..., 0], vectors[..., 1], vectors[..., 2]
@@ -122,7 +122,7 @@ def _cross_matrices(vectors: Array) -> Array:
 def _rotations(vectors: Array) -> Array:
     """(B, 3) rad -> (B, 3, 3), by Rodrigues."""
     angle = np.sqrt((vectors**2).sum(1))[:, None, None]
-    cross = _cross_matrices(vectors)
+    cross = cross_matrices(vectors)
     small = angle < 1e-8
     safe = np.where(small, 1.0, angle)
     first = np.where(small, 1.0, np.sin(safe) / safe)

@@ -4,11 +4,21 @@ why a part in them has no name. Nothing here names a part.
 
 from daemon.vision.health.cause import SAID, cause_of_nothing, with_causes
 from daemon.vision.health.clues import AXES, Clue, clue_of, health_fields
-from daemon.vision.health.examine import Finding, drift, examine, findings_json, misleading, sharpness, troubles
+from daemon.vision.health.examine import (
+    MEASURES,
+    Finding,
+    drift,
+    examine,
+    findings_json,
+    misleading,
+    sharpness,
+    troubles,
+)
 from daemon.vision.health.light import Pictures, exposure_factors
 
 __all__ = [
     "AXES",
+    "MEASURES",
     "SAID",
     "Clue",
     "Finding",

@@ -151,9 +151,10 @@ def sharpness(pair: Pair) -> tuple[Finding, ...]:
 
 
 def _repeated_rows(image: Image) -> float:
-    """Share of the rows in the longest run of rows that repeat the one above: a sensor's noise never does."""
+    """Share of the rows in the longest run of rows that repeat the one above: a sensor's noise never does, where it is
+    not burnt out."""
     longest = run = 0
-    for same in np.all(image[1:] == image[:-1], axis=1):
+    for same in np.all((image[1:] == image[:-1]) & (image[1:] < 255), axis=1):
         run = run + 1 if same else 0
         longest = max(longest, run)
     return longest / len(image)

@@ -17,11 +17,12 @@ from numpy.typing import NDArray
 
 from daemon.arrays import Array
 from daemon.vision.geometry import Eye
+from daemon.vision.image.grey import FINE, Fine
 
 Index = NDArray[np.intp]
 Image32 = NDArray[np.float32]
 Real = NDArray[np.floating[Any]]
-Images = Sequence[tuple[Image32, int]]
+Images = Sequence[tuple[Fine, int]]
 """Images, each with how many of the sides, one after the other, lie in it."""
 FEWEST, MOST = 3, 400
 """Calipers on one side."""
@@ -107,7 +108,7 @@ def lens_bow(start_px: Array, end_px: Array, eye: Eye | None) -> Array | None:
     return np.asarray(off - along[:, None] * chord)
 
 
-def profiles(images: Sequence[Image32], cuts: Sequence[int], calipers: Calipers, offsets: Array) -> Image32:
+def profiles(images: Sequence[Fine], cuts: Sequence[int], calipers: Calipers, offsets: Array) -> Image32:
     """Image values (C, R), bilinear, at C offsets px outwards of each caliper's base; outside the image its rim. The
     calipers from cuts[k] to cuts[k + 1] lie across the image k."""
     base, across = calipers.base.astype(np.float32), calipers.across.astype(np.float32)
@@ -118,7 +119,9 @@ def profiles(images: Sequence[Image32], cuts: Sequence[int], calipers: Calipers,
     )
 
 
-def stretch_profiles(images: Images, start: Array, end: Array, trim_px: float, offsets: Array, bias_px: Array) -> Array:
+def stretch_profiles(
+    images: Images, start: Array, end: Array, trim_px: float, offsets: Array, bias_px: Array
+) -> Image32:
     """Mean profiles (S, BLOCKS, C) of equal stretches of straight sides (S, 2), (S, 2) px.
 
     offsets (C,) px, counted from each side's bias_px (S,), outwards; trim_px is left out at either end.
@@ -143,7 +146,7 @@ def stretch_profiles(images: Images, start: Array, end: Array, trim_px: float, o
             values = bilinear(image, x[own].reshape(-1, width), y[own].reshape(-1, width))
             means.append(values.reshape(IN_BLOCK, count, BLOCKS, width).mean(0))
             first += count
-    return np.concatenate(means).astype(float)
+    return np.concatenate(means)
 
 
 def stretches(start: Array, end: Array, trim_px: float) -> tuple[Array, Array]:
@@ -154,11 +157,12 @@ def stretches(start: Array, end: Array, trim_px: float) -> tuple[Array, Array]:
     return length, middles * (1 - 2 * np.minimum(trim_px, 0.25 * length) / length)[:, None]
 
 
-def bilinear(image: Image32, x: Image32, y: Image32) -> Image32:
+def bilinear(image: Fine, x: Image32, y: Image32) -> Image32:
     """Image values at real pixel coordinates (N, M); outside the image its rim."""
     wide = x.shape[1] > x.shape[0]  # cv2.remap takes maps of fewer than 32768 rows and columns
     step = _MOST_COLUMNS
     every = x.shape[1] if wide else x.shape[0]
     cuts = [np.s_[:, k : k + step] if wide else np.s_[k : k + step] for k in range(0, every, step)]
     parts = [cv2.remap(image, x[c], y[c], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE) for c in cuts]
-    return np.asarray(parts[0] if len(parts) == 1 else np.concatenate(parts, int(wide)), np.float32)
+    values = parts[0] if len(parts) == 1 else np.concatenate(parts, int(wide))
+    return np.multiply(values, 1 / FINE, dtype=np.float32)

@@ -14,16 +14,24 @@ from daemon.arrays import Array
 from daemon.errors import FacetdError
 
 Grey = NDArray[np.uint8]
+Fine = NDArray[np.uint16]
+"""Values (H, W) in steps of 1 / FINE: half the memory of float32, and cv2.remap reads between its pixels as exactly."""
 
 SMALLEST_PX = 32
 SATURATED = 250
 BLOCK_PX = 8
+FINE = 32
 _BIN = 8
 _SIZES = 256
 _FEWEST = 40
 _EVERY = 4
 _USED = np.array([[k & 1, k & 2, k & 4] for k in range(1, 8)], bool)
 """Which of the three coefficients of the noise are not zero: every choice."""
+_BOTH_USED, _UNIT, _UP_TO_SQUARE = _USED[:, :, None] & _USED[:, None], np.eye(3), np.arange(3)
+_POWERS = (np.arange(256) / 100.0)[:, None] ** _UP_TO_SQUARE
+_LEVELS_OF_NINE = (np.arange(9 * 255 + 1) + 4) // 9
+_BAND_OF_NINE = _SIZES * np.where(_LEVELS_OF_NINE >= SATURATED, 255 // _BIN + 1, _LEVELS_OF_NINE // _BIN)
+"""_SIZES times the band of grey levels that so large a sum of nine pixels lies in; saturated ones have their own."""
 
 
 class VisionError(FacetdError, ValueError):
@@ -86,19 +94,21 @@ class Noise:
 
 @dataclass(frozen=True, eq=False)
 class NoiseOfMany:
-    """The noise of several images, at places (R,) of which each is in one: sigma (images, 256), image (R,)."""
+    """The noise of several images, at places (R,) of which each is in one: sigma (images, 256), first (R,) where that
+    image's begin among all.
+    """
 
     sigma: Array
-    image: NDArray[np.intp]
+    first: NDArray[np.intp]
 
     def at(self, level: Array) -> Array:
         """Sigma in grey levels at these grey levels (..., R)."""
-        return np.asarray(self.sigma.take(np.minimum(np.maximum(level.astype(np.intp), 0), 255) + 256 * self.image))
+        return np.asarray(self.sigma.take(level.clip(0.0, 255.0).astype(np.intp) + self.first))
 
 
 def noise_of_many(noises: Sequence[Noise], counts: NDArray[np.intp]) -> NoiseOfMany:
     """The noise at so many places in each image, one image after the other."""
-    return NoiseOfMany(np.stack([n.sigma for n in noises]), np.repeat(np.arange(len(noises)), counts))
+    return NoiseOfMany(np.array([n.sigma for n in noises]), (256 * np.arange(len(noises))).repeat(counts))
 
 
 def measure_noise(image: Grey) -> Noise:
@@ -107,9 +117,7 @@ def measure_noise(image: Grey) -> Noise:
     The residual of the product of two second differences is blind to straight edges and shading (Immerkaer 1996);
     its median size in each band of grey levels gives a variance, and the three coefficients are fitted to those.
     """
-    residual, level = _residuals(image)
-    band = np.where(level >= SATURATED, 255 // _BIN + 1, level // _BIN)
-    counts = np.bincount(band * _SIZES + residual, minlength=(255 // _BIN + 2) * _SIZES).reshape(-1, _SIZES)[:-1]
+    counts = np.bincount(_residuals(image), minlength=(255 // _BIN + 2) * _SIZES).reshape(-1, _SIZES)[:-1]
     below = np.cumsum(counts, 1)
     size = below[:, -1]
     known = np.flatnonzero(size >= _FEWEST)
@@ -123,33 +131,31 @@ def measure_noise(image: Grey) -> Noise:
     return Noise(sigma, stretch.astype(np.float32))
 
 
-def _residuals(image: Grey) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Sizes of the product of second differences (6 sigma for noise sigma), and grey levels, at every few pixels."""
+def _residuals(image: Grey) -> NDArray[np.intp]:
+    """At every few pixels the size of the product of second differences (6 sigma for noise sigma), plus _SIZES times
+    the band of grey levels.
+    """
     rows, columns = ((n - 3) // _EVERY * _EVERY + 1 for n in image.shape)  # so that each has its eight neighbours
-    near = [
-        [image[r : rows + r : _EVERY, c : columns + c : _EVERY].astype(np.int16) for r in range(3)] for c in range(3)
-    ]
-    before, middle, after = (above - 2 * here + below for above, here, below in near)
-    size = np.abs(before - 2 * middle + after)
-    left, centre, right = (above + here + below for above, here, below in near)
-    level = (left + centre + right + 4) // 9
-    return np.minimum(size, _SIZES - 1).astype(np.intp).ravel(), level.astype(np.intp).ravel()
+    above, here, below = (image[r : rows + r : _EVERY].astype(np.int16) for r in range(3))
+    bend, total = above - 2 * here + below, above + here + below
+    left, middle, right = (np.s_[:, c : columns + c : _EVERY] for c in range(3))
+    size = np.minimum(np.abs(bend[left] - 2 * bend[middle] + bend[right]), _SIZES - 1)
+    return np.asarray(_BAND_OF_NINE.take(total[left] + total[middle] + total[right]) + size).ravel()
 
 
 def _variance_curve(rows: Array) -> Array:
     """rows (N, 3): level, variance, count -> variance (256,) of the best non-negative quadratic."""
-    levels = np.arange(256) / 100.0
     if len(rows) == 0:
         return np.ones(256)
     x, variance = rows[:, 0] / 100.0, np.maximum(rows[:, 1], 1e-2)
     weight = rows[:, 2] / variance**2
-    design = x[:, None] ** np.arange(3)
+    design = x[:, None] ** _UP_TO_SQUARE
     normal, right = (design.T * weight) @ design, (design.T * weight) @ variance
-    own = np.where(_USED[:, :, None] & _USED[:, None], normal, np.eye(3))  # each with the rest of its unknowns zero
-    wanted = np.where(_USED, right, 0.0)
-    factors = np.linalg.solve(own + 1e-9 * own * np.eye(3), wanted[:, :, None])[..., 0]
-    error = np.einsum("ki,kij,kj->k", factors, own, factors) - 2 * np.einsum("ki,ki->k", factors, wanted)
-    error[(factors < 0).any(1)] = np.inf
+    own = np.where(_BOTH_USED, normal, _UNIT)  # each with the rest of its unknowns zero
+    wanted = right * _USED
+    factors = np.linalg.solve(own + 1e-9 * own * _UNIT, wanted[:, :, None])[..., 0]
+    # Of a least-squares fit, less a constant.
+    error = np.where((factors < 0).any(1), np.inf, -(factors * wanted).sum(1))
     if not np.isfinite(error.min()):
         return np.full(256, float(np.median(variance)))
-    return np.asarray(levels[:, None] ** np.arange(3) @ factors[np.argmin(error)])
+    return np.asarray(_POWERS @ factors[np.argmin(error)])

@@ -6,14 +6,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import product
+from statistics import median
 
 import cv2
 import numpy as np
 
 from daemon.vision.geometry import Eye
 from daemon.vision.image.edge_lines import Exposure
-from daemon.vision.image.grey import Grey, Noise, measure_noise
-from daemon.vision.image.outlines import Outline, Search, Wanted, find_outlines
+from daemon.vision.image.grey import FINE, Fine, Grey, Noise, measure_noise
+from daemon.vision.image.outlines import Outline, Wanted, find_outlines
 from daemon.vision.image.polygon_fit import Fitted, fit_polygons
 from daemon.vision.image.regions import (
     Image32,
@@ -24,7 +25,6 @@ from daemon.vision.image.regions import (
     full_size,
     shrunk,
     smoothed,
-    unit_noise,
 )
 from daemon.vision.image.segments import Segments, find_segments
 from daemon.vision.settings import VisionSettings
@@ -34,21 +34,15 @@ GRAIN_PX = 5
 
 @dataclass(frozen=True, eq=False)
 class OneEye:
-    """One eye's camera and its checked image (H, W); scales by their shrink, closed regions by scale and
-    level, searches for outlines by their effort, and what was fitted to outlines.
+    """One eye's camera and its checked image (H, W); scales by their shrink, outlines by what was asked for, and what
+    was fitted to outlines.
     """
 
     eye: Eye
     grey: Grey
     scales: dict[int, Scale] = field(default_factory=dict)
-    regions: dict[tuple[int, float], list[Region]] = field(default_factory=dict)
-    searches: dict[VisionSettings, Search] = field(default_factory=dict)
+    outlined: dict[VisionSettings, tuple[Outline, ...]] = field(default_factory=dict)
     fitted: dict[Outline, Fitted | None] = field(default_factory=dict)
-
-    @cached_property
-    def image(self) -> Image32:
-        """Grey levels (H, W) as float32."""
-        return self.grey.astype(np.float32)
 
     @cached_property
     def noise(self) -> Noise:
@@ -56,19 +50,14 @@ class OneEye:
         return measure_noise(self.grey)
 
     @cached_property
-    def unit(self) -> Image32:
-        """The image (H, W) stretched to a noise of sigma 1 everywhere."""
-        return unit_noise(self.grey, self.noise)
-
-    @cached_property
-    def smooth(self) -> Image32:
-        """The same after a Gaussian of SMOOTHING_PX."""
-        return smoothed(self.unit)
+    def smooth(self) -> Fine:
+        """The image (H, W) stretched to a noise of sigma 1 everywhere, after a Gaussian of SMOOTHING_PX."""
+        return smoothed(self.grey, self.noise)
 
     @cached_property
     def grainless(self) -> Image32:
         """The smooth image in means of GRAIN_PX each way: finer than that there is more noise than print."""
-        return np.asarray(cv2.blur(self.smooth, (GRAIN_PX, GRAIN_PX)), np.float32)
+        return np.multiply(cv2.blur(self.smooth, (GRAIN_PX, GRAIN_PX)), 1 / FINE, dtype=np.float32)
 
     @property
     def grain(self) -> float:
@@ -78,11 +67,11 @@ class OneEye:
     def scale(self, shrink: int) -> Scale:
         """The gradient of all of the image where pixels are `shrink` full-size ones wide, two or more."""
         if shrink not in self.scales:
-            self.scales[shrink] = shrunk(self.unit, shrink)
+            self.scales[shrink] = shrunk(self.grey, self.noise, shrink)
         return self.scales[shrink]
 
     def outlines(self, settings: VisionSettings) -> tuple[Outline, ...]:
-        """Outlines of what the image shows, best supported first. A further effort goes on from the one before."""
+        """Outlines of what the image shows, best supported first."""
         return find_outlines_in((self,), settings)[0]
 
     def closed_regions(self, settings: VisionSettings) -> list[Region]:
@@ -93,13 +82,12 @@ class OneEye:
         if window is None:
             return []
         if 1 in settings.shrinks and 1 not in self.scales:
-            self.scales[1] = full_size(self.smooth, window, self.grain)
+            self.scales[1] = full_size(self.grey, self.noise, window, self.grain)
+        largest = settings.max_area_fraction * self.grey.size
         found = list[Region]()
         for shrink, level in product(settings.shrinks, settings.levels):
-            if (shrink, level) not in self.regions:
-                largest = settings.max_area_fraction * self.grey.size
-                self.regions[shrink, level] = closed_regions(self.scale(shrink), level, settings.min_area_px, largest)
-            found += self.regions[shrink, level][: settings.max_regions]
+            regions = closed_regions(self.scale(shrink), level, settings.min_area_px, largest)
+            found += regions[: settings.max_regions]
         return found
 
     @cached_property
@@ -110,29 +98,23 @@ class OneEye:
     @cached_property
     def exposure(self) -> Exposure:
         """What sides are fitted to."""
-        return Exposure(self.image, self.noise, self.eye)
+        return Exposure(np.multiply(self.grey, FINE, dtype=np.uint16), self.noise, self.eye)
 
     @property
     def blur_px(self) -> float | None:
         """How wide the edges are that outlines were fitted to; None where none was."""
-        blurs = [f.sides.blur[0] for f in self.fitted.values() if f is not None]
-        return float(np.median(blurs)) if blurs else None
+        blurs = [float(f.sides.blur[0]) for f in self.fitted.values() if f is not None]
+        return median(blurs) if blurs else None
 
 
 def find_outlines_in(views: Sequence[OneEye], settings: VisionSettings) -> list[tuple[Outline, ...]]:
     """OneEye.outlines of each eye, all eyes' side by side."""
-    asked = list[tuple[OneEye, Wanted]]()
-    for view in views:
-        if settings not in view.searches:
-            before = next(reversed(view.searches.values()), Search())
-            regions = view.closed_regions(settings)
-            if regions:
-                asked.append((view, Wanted(view.smooth, view.grain, regions, before)))
-            else:
-                view.searches[settings] = before
-    for (view, _), search in zip(asked, find_outlines([w for _, w in asked], settings), strict=True):
-        view.searches[settings] = search
-    return [view.searches[settings].outlines for view in views]
+    new = [(view, view.closed_regions(settings)) for view in views if settings not in view.outlined]
+    wanted = [Wanted(view.smooth, view.grain, regions) for view, regions in new if regions]
+    found = iter(find_outlines(wanted, settings))
+    for view, regions in new:
+        view.outlined[settings] = next(found) if regions else ()
+    return [view.outlined[settings] for view in views]
 
 
 def fits(asked: Sequence[tuple[OneEye, Sequence[Outline]]]) -> list[list[Fitted | None]]:

@@ -18,7 +18,8 @@ from daemon.arrays import Array
 from daemon.vision.geometry import Point, Rings, Shape, areas, convex, different, drop_side, is_simple, met, rings, tidy
 from daemon.vision.image.calipers import Images
 from daemon.vision.image.edge_lines import find_sides, probe_sides
-from daemon.vision.image.regions import Border, Image32, Region, RoughPolygon
+from daemon.vision.image.grey import Fine
+from daemon.vision.image.regions import Border, Region, RoughPolygon
 from daemon.vision.settings import VisionSettings
 
 Index = NDArray[np.intp]
@@ -58,49 +59,36 @@ class Outline:
 
 
 @dataclass(frozen=True, eq=False)
-class Search:
-    """One effort: the rough polygons that were worked on, and the outlines that came of them, best supported first."""
-
-    rough: tuple[RoughPolygon, ...] = ()
-    outlines: tuple[Outline, ...] = ()
-
-
-@dataclass(frozen=True, eq=False)
 class Wanted:
     """One image in which outlines of closed regions are wanted: smooth, of unit noise, after a Gaussian; grain: its
-    noise over that of white noise; and what was found in it before, which is kept as it is.
+    noise over that of white noise.
     """
 
-    smooth: Image32
+    smooth: Fine
     grain: float
     regions: list[Region]
-    before: Search
 
 
-def find_outlines(wanted: Sequence[Wanted], settings: VisionSettings) -> list[Search]:
+def find_outlines(wanted: Sequence[Wanted], settings: VisionSettings) -> list[tuple[Outline, ...]]:
     """Outlines of closed regions in each image, without repeats, best supported first; all images' side by side."""
     rough = [_cleanest([p for r in w.regions for p in r.rough if len(p.corners) <= settings.max_corners], settings)
              for w in wanted]  # fmt: skip
-    new = [[p for p in own if p not in w.before.rough] for own, w in zip(rough, wanted, strict=True)]
-    flat = [p for own in new for p in own]
+    flat = [p for own in rough for p in own]
     if not flat:
-        return [w.before for w in wanted]
+        return [() for _ in wanted]
     start = rings([p.corners for p in flat])
     shrink = np.repeat([float(p.shrink) for p in flat], start.count)
-    sides = [sum(len(p.corners) for p in own) for own in new]
+    sides = [sum(len(p.corners) for p in own) for own in rough]
     images = [(w.smooth, count) for w, count in zip(wanted, sides, strict=True)]
     moved = iter(snap(images, start, _FIRST_REACH_PX, _INSIDE_PX * shrink, _UNSURE_PX * shrink).split())
-    variants = [[(v, p.border) for p in own for v in _variants(next(moved), settings)] for own in new]
+    variants = [[(v, p.border) for p in own for v in _variants(next(moved), settings)] for own in rough]
     variants = [[own[k] for k in first_of_each([v for v, _ in own], _SAME_PX)] for own in variants]
     found = iter(_probed(wanted, variants, settings))
-    searches = []
-    for w, own, tried in zip(wanted, new, variants, strict=True):
-        mine = [o for o in (next(found) for _ in tried) if o is not None]
-        every = [*w.before.outlines, *sorted(mine, key=lambda o: -o.support)]
-        every = [every[k] for k in first_of_each([o.corners for o in every], _SAME_PX)]
-        every.sort(key=lambda o: -o.support)
-        searches.append(Search((*w.before.rough, *own), tuple(every)))
-    return searches
+    outlines = []
+    for tried in variants:
+        mine = sorted((o for o in (next(found) for _ in tried) if o is not None), key=lambda o: -o.support)
+        outlines.append(tuple(mine[k] for k in first_of_each([o.corners for o in mine], _SAME_PX)))
+    return outlines
 
 
 def _probed(

@@ -11,13 +11,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache, cached_property
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from daemon.arrays import Array
-from daemon.vision.image.grey import Grey, Noise
+from daemon.vision.image.grey import FINE, Fine, Grey, Noise
 
 Image32 = NDArray[np.float32]
 Border = NDArray[np.int32]
@@ -29,6 +30,8 @@ _LEAST_SOLIDITY, _CONVEX_SOLIDITY = 0.55, 0.88
 """Share of its hull that a region must fill, and that one fills whose border is convex but for noise."""
 _LEAST_AREA, _LEAST_BORDER = 12.0, 10
 """Pixels of its scale in a region, and in its border."""
+_STRIP = 32
+"""Rows of a scale that are made at once."""
 _SPECKLED = 0.3
 """Share of pixels on edges that is more than parts have: grain, print, a rough table."""
 _MOST_HOLES = 40
@@ -80,9 +83,13 @@ class Region:
             return []
         outlines = [hull] if self.area_px > _CONVEX_SOLIDITY * full else [self.border, hull]
         tolerance = 1.0 + 0.4 * self.scale.shrink + 0.01 * float(np.sqrt(full))
-        polygons = [cv2.approxPolyDP(o, tolerance, True)[:, 0, :] for o in outlines]
-        turned = [p if cv2.contourArea(p, True) < 0 else p[::-1] for p in polygons if len(p) > 2]
-        return [RoughPolygon(p.astype(float), self.border, self.area_px, self.scale.shrink) for p in turned]
+        rough = list[RoughPolygon]()
+        for outline in outlines:
+            corners = cv2.approxPolyDP(outline, tolerance, True)[:, 0, :]
+            if len(corners) > 2:
+                turned = corners if cv2.contourArea(corners, True) < 0 else corners[::-1]
+                rough.append(RoughPolygon(turned.astype(float), self.border, self.area_px, self.scale.shrink))
+        return rough
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,27 +105,27 @@ class RoughPolygon:
     shrink: int
 
 
-def unit_noise(image: Grey, noise: Noise) -> Image32:
-    """The image stretched to a noise of sigma 1 at every grey level."""
-    return np.asarray(cv2.LUT(image, noise.stretch), np.float32)
+def smoothed(image: Grey, noise: Noise) -> Fine:
+    """The image stretched to a noise of sigma 1 at every grey level, after a Gaussian of SMOOTHING_PX."""
+    unit = cv2.LUT(image, np.rint(FINE * noise.stretch).astype(np.int16))
+    # OpenCV's Gaussian of uint16 takes three times as long as that of int16, which has room for these values.
+    return np.asarray(cv2.GaussianBlur(unit, _KERNEL, SMOOTHING_PX)).view(np.uint16)
 
 
-def smoothed(unit: Image32) -> Image32:
-    """After a Gaussian of SMOOTHING_PX."""
-    return np.asarray(cv2.GaussianBlur(unit, _KERNEL, SMOOTHING_PX), np.float32)
-
-
-def shrunk(unit: Image32, shrink: int) -> Scale:
-    """The gradient of all of an image of unit noise, at pixels of shrink x shrink."""
-    small = cv2.resize(unit, None, fx=1 / shrink, fy=1 / shrink, interpolation=cv2.INTER_AREA)
-    strength = _gradient(smoothed(np.asarray(small, np.float32)), shrink)
+def shrunk(image: Grey, noise: Noise, shrink: int) -> Scale:
+    """The gradient of all of an image stretched to a noise of sigma 1, at pixels of shrink x shrink."""
+    step = _STRIP * shrink  # in strips: a whole image of float32 is fresh memory, whose page faults cost more than all
+    strips = (cv2.LUT(image[top : top + step], noise.stretch) for top in range(0, len(image), step))
+    small = [cv2.resize(s, None, fx=1 / shrink, fy=1 / shrink, interpolation=cv2.INTER_AREA) for s in strips]
+    strength = _gradient(np.concatenate(small), shrink)
     return Scale(shrink, np.full(2, (shrink - 1) / 2), strength, _grain(strength))
 
 
-def full_size(smooth: Image32, window: tuple[Array, Array], grain: float) -> Scale:
-    """The gradient of a part of a smoothed image, full size; grain: its noise over that of white noise."""
+def full_size(image: Grey, noise: Noise, window: tuple[Array, Array], grain: float) -> Scale:
+    """The same at full size, of a part of the image; grain: its noise over that of white noise."""
     (left, top), (right, bottom) = window
-    return Scale(1, np.array([left, top], float), _gradient(smooth[top:bottom, left:right]), grain)
+    strength = _gradient(cv2.LUT(image, noise.stretch))[top:bottom, left:right]
+    return Scale(1, np.array([left, top], float), strength, grain)
 
 
 def _grain(strength: Image32) -> float:
@@ -134,10 +141,12 @@ def _grain(strength: Image32) -> float:
     return min(max(excess, 1.0), _MOST_GRAIN)
 
 
-def _gradient(smoothed: Image32, shrink: int = 1) -> Image32:
-    """Its size in sigmas of white noise, of an image in which one pixel is the mean of shrink x shrink."""
-    scale = 0.125 * shrink / gradient_noise(SMOOTHING_PX)
-    gx, gy = (cv2.Sobel(smoothed, cv2.CV_32F, x, 1 - x, scale=scale) for x in (1, 0))
+def _gradient(unit: NDArray[Any], shrink: int = 1) -> Image32:
+    """Its size in sigmas of white noise, after a Gaussian of SMOOTHING_PX, of an image of unit noise in which one pixel
+    is the mean of shrink x shrink.
+    """
+    smooth, scale = cv2.GaussianBlur(unit, _KERNEL, SMOOTHING_PX), 0.125 * shrink / gradient_noise(SMOOTHING_PX)
+    gx, gy = (cv2.Sobel(smooth, cv2.CV_32F, x, 1 - x, scale=scale) for x in (1, 0))
     return np.asarray(cv2.magnitude(gx, gy), np.float32)
 
 

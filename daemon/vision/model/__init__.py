@@ -1,7 +1,15 @@
 """What was taught: facet types, relation matrix, views, the part merged from them. Values; no image."""
 
 from daemon.vision.model.correspond import Correspondence, correspondences
-from daemon.vision.model.facet_types import LARGEST_NUMBER, FacetLibrary, FacetType, Value, type_facet, type_number
+from daemon.vision.model.facet_types import (
+    LARGEST_NUMBER,
+    FacetLibrary,
+    FacetType,
+    Value,
+    conditions,
+    type_facet,
+    type_number,
+)
 from daemon.vision.model.merge import TOLERANCE_MM, MetricModel, merge_views
 from daemon.vision.model.model import Model, Parameters, TaughtView, TeachError, empty_model, learn_view
 from daemon.vision.model.patterns import Answer, by_label, recall, typed
@@ -23,6 +31,7 @@ __all__ = [
     "TeachError",
     "Value",
     "by_label",
+    "conditions",
     "correspondences",
     "empty_model",
     "learn_view",

@@ -1,45 +1,91 @@
-"""How far a fit is believed: from coincidence and chi-square to a probability of being right.
+"""How far a fit is believed: what it says against all that could have fitted as well by chance.
 
-Numbers in, a probability out. The reliability of these probabilities is measured in tests/bench/recognise.py.
+Something that was never taught has facets, joined as a taught part's are, of any size. A fit is evidence by how much
+narrower its free sizes were measured than sizes of parts range, each to a likelihood ratio; and every way in which a
+taught part's facets could have lain there was one more chance. Corners of which one is unsure fit anything: they say
+nothing. Numbers in, a probability out; its reliability is measured in tests/bench/many_parts.py.
+Source: Bayes factors after Laplace (Kass and Raftery 1995); number of tests as Desolneux, Moisan and Morel (2000).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
 
+import numpy as np
+
+from daemon import frames
 from daemon.vision.geometry import Polyhedron
+from daemon.vision.model import MetricModel, Model
+from daemon.vision.recognition.free_sizes import FreeSizes, bonds
 from daemon.vision.recognition.hypotheses import Hypothesis
 
-STRANGER = 0.25  # how often something never taught lies in view
-SAME_TYPES = 0.3  # how often a stranger shows a given type at a given place
-SAME_SIZE = 1 / 6  # how often one of a stranger's lengths is that of a taught part: people choose round numbers
-SAME_ANGLE = 1 / 3  # how often one of its dihedral angles is: right angles are common
+STRANGER = 0.5  # how often something never taught lies in view
+REGULAR = 0.5  # how often it is as regular as the facets' types say; else its right angles are all that is regular
+SPAN = np.log(8.0)  # sizes of parts are spread over a factor of eight, evenly in their logarithm
+NOISE_SIGMA, NOISE_DOF = 1.1, 12.0  # corner errors over predicted ones: what they usually are, worth so many measured
 ASTRAY = 0.05  # how often a corner is measured quite wrongly
-FREE_SIZES = {"square": 1, "equilateral_triangle": 1, "pentagon": 1, "rectangle": 2, "isosceles_triangle": 2}
 
 
-def coincidence(seen: Polyhedron) -> float:
-    """Probability that a part never taught looks like this view of a taught one: types, lengths and angles alike."""
-    seams = len(seen.seams)
-    sizes = max(sum(FREE_SIZES.get(t, 3) for t in seen.types) - seams, 1)
-    angles = min(seams, max(2 * len(seen.facets) - 3, 0))
-    return SAME_TYPES ** len(seen.facets) * SAME_SIZE**sizes * SAME_ANGLE**angles
-
-
-def label_odds(best: Sequence[Hypothesis]) -> dict[str, float]:
-    """Relative weight of each label, from the chi-square of its best hypothesis; 1 for a perfect fit.
-
-    The weight is the tail probability of the chi-square: a right hypothesis has any tail with equal chance, a wrong
-    one next to none.
+def ways_tried(seen: Polyhedron, metric: Mapping[str, MetricModel], types: Sequence[str] = ()) -> int:
+    """In how many ways taught parts could be laid onto what is seen: the places of its rarest edge between two facets,
+    or of a lone facet. types: of the seen facets; only taught facets of the same types are places then.
     """
-    return {h.label: h.tail * (ASTRAY if h.astray >= 0 else 1.0) for h in best}
+    places = [_places(known.solid, bool(types)) for known in metric.values()]
+    kinds = tuple(types) or tuple(str(len(ring)) for ring in seen.facets)
+    pairs = [(kinds[f], kinds[g]) for f, g in seen.seams]
+    if not pairs:
+        return min(len(ring) * sum(p[kind,] for p in places) for kind, ring in zip(kinds, seen.facets, strict=True))
+    return min(sum(p[pair] for p in places) for pair in pairs)
 
 
-def probability(seen: Polyhedron, best: Sequence[Hypothesis], label: str) -> float:
-    """Probability that the view shows `label`: against all other labels that fit, and against strangers."""
-    odds = label_odds(best)
-    if label not in odds:
-        return 0.0
-    rivals = sum(w for other, w in odds.items() if other != label)
-    stranger = STRANGER / (1 - STRANGER) * coincidence(seen) * len(best)
-    return odds[label] / (odds[label] + rivals + stranger)
+@lru_cache(maxsize=1024)
+def _places(solid: Polyhedron, typed: bool) -> Counter[tuple[str, ...]]:
+    """How many facets of each type, or number of sides, a taught part has, and how many pairs of them share an edge."""
+    kinds = solid.types if typed else [str(len(ring)) for ring in solid.facets]
+    pairs = [(kinds[a], kinds[b]) for f, g in solid.seams for a, b in ((f, g), (g, f))]
+    return Counter([*((kind,) for kind in kinds), *pairs])
+
+
+def probability(seen: Polyhedron, fits: Sequence[Hypothesis], model: Model) -> dict[str, float]:
+    """Probability of each label of the fits, which explain every facet: against each other and against strangers."""
+    best = min(fits, key=lambda h: (h.astray >= 0, h.chi2))
+    stranger, noise2 = by_chance(seen, best, model)
+    odds: dict[str, float] = {}
+    for h in fits:
+        better = (best.chi2 - h.chi2) / (2 * noise2) if (h.astray >= 0) == (best.astray >= 0) else np.log(ASTRAY)
+        odds[h.label] = odds.get(h.label, 0.0) + float(np.exp(min(better, 0.0)))
+    if best.astray >= 0:
+        stranger *= len(seen.corners_mm) / ASTRAY
+    stranger *= STRANGER / (1 - STRANGER)
+    total = sum(odds.values()) + stranger
+    return {label: weight / total for label, weight in odds.items()}
+
+
+def by_chance(seen: Polyhedron, fit: Hypothesis, model: Model) -> tuple[float, float]:
+    """How many fits as good as this one, which explains every facet, a stranger whose facets are so joined is to be
+    expected to have; and the variance of corner errors over the predicted one, as these corners show it.
+    """
+    taught, tolerance_mm = model.metric[fit.label].solid, model.parameters.tolerance_mm
+    turn = fit.pose[:3, :3]
+    there = frames.apply(fit.pose, taught.corners_mm[fit.corners])
+    doubt = seen.covariance_mm2 + turn @ taught.covariance_mm2[fit.corners] @ turn.T + tolerance_mm**2 * np.eye(3)
+    weight = np.asarray(np.linalg.inv(doubt))
+    used = len(there)
+    if fit.astray >= 0:
+        weight[fit.astray], used = 0.0, used - 1
+    residual = seen.corners_mm - there
+    types = [taught.types[k] for k in fit.facets] if taught.types else [""] * len(fit.facets)
+    sides = [np.linalg.norm(there[list(r)] - np.roll(there[list(r)], 1, 0), axis=1).mean() for r in seen.facets]
+    range_mm = SPAN * float(np.mean(sides))
+    free, regular = (
+        FreeSizes.of(there, bonds(there, seen, types, model.library, right_only=only), weight, residual, range_mm)
+        for only in (True, False)
+    )
+    dof = 3 * used - len(free.covariance) - 6
+    noise2 = (NOISE_DOF * NOISE_SIGMA**2 + free.least) / (NOISE_DOF + max(dof, 0))
+    return sum(
+        share * ways_tried(seen, model.metric, kinds) * float(np.exp(-sizes.nats(noise2, range_mm)))
+        for share, kinds, sizes in ((1 - REGULAR, (), free), (REGULAR, types if taught.types else (), regular))
+    ), float(noise2)

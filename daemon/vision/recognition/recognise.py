@@ -6,7 +6,7 @@ In: groups and a Model. Out: each group with its Part. Seeing facets, learning a
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -123,7 +123,9 @@ def recognise_group(group: Group, model: Model) -> Part:
     answers = _answers(seen, model)
     fits = _fits(seen, model, answers)
     best = _best_by_label(fits)
-    verdict = _verdict(seen, best, answers)
+    standing = [h for h in fits if _stands(h, seen)]
+    chances = probability(seen.polyhedron, standing, model) if standing else {}
+    verdict = _verdict(seen, best, answers, chances)
     if verdict.label == UNKNOWN:
         return _unknown_part(seen, model, verdict)
     winner = next(h for h in best if h.label == verdict.label)
@@ -191,16 +193,18 @@ def _best_by_label(fits: tuple[Hypothesis, ...]) -> tuple[Hypothesis, ...]:
     return tuple(best.values())
 
 
-def _verdict(seen: Group, best: tuple[Hypothesis, ...], answers: tuple[Answer, ...]) -> Recognition:
-    """Name, or say why not."""
-    standing = tuple(sorted((h for h in best if _stands(h, seen)), key=lambda h: -h.tail))
+def _verdict(
+    seen: Group, best: tuple[Hypothesis, ...], answers: tuple[Answer, ...], chances: Mapping[str, float]
+) -> Recognition:
+    """Name, or say why not. chances: the probability of each label that fits."""
+    standing = tuple(sorted((h for h in best if _stands(h, seen)), key=lambda h: -chances[h.label]))
     ranking = list(dict.fromkeys([h.label for h in standing] + [a.label for a in answers] + [h.label for h in best]))
     activation = {a.label: a for a in answers}
     if not standing:
         return _silent(ranking, 1.0 if not best else 1.0 - max(h.tail for h in best), False, _why_not(seen, best))
     labels = tuple(h.label for h in standing)
     first = standing[0]
-    chance = probability(seen.polyhedron, standing, first.label)
+    chance = chances[first.label]
     if len(seen.facets) == 1:
         why = f"a single {seen.facets[0].type} is no proof: it fits {' and '.join(labels)}"
         return replace(_silent(ranking, 1 - chance, True, why), candidates=labels)

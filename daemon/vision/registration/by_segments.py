@@ -8,7 +8,7 @@ explains the same place nearly as well.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import islice
@@ -19,16 +19,16 @@ import numpy as np
 from daemon import frames
 from daemon.vision.facets import weld
 from daemon.vision.geometry import Polyhedron, Shape
-from daemon.vision.image import Eyes, segment_corners
+from daemon.vision.image import Eyes, joined, segment_corners
 from daemon.vision.model import Model
 from daemon.vision.recognition import Recognised, facet_hypotheses, typed_as
 from daemon.vision.registration.beside import COVERED, covered, lies_on
 from daemon.vision.registration.corner_pose import Fit
 from daemon.vision.registration.different import Different, Guesses, different, pixels
-from daemon.vision.registration.directed import directed_map, evidence, nudged, other_sizes
+from daemon.vision.registration.directed import DirectedMap, directed_map, evidence, nudged, other_sizes, promising
 from daemon.vision.registration.edge_pose import (
     Located,
-    confirmed_facets,
+    clear_share,
     facets_in_view,
     facets_laid,
     fit_of,
@@ -40,9 +40,13 @@ from daemon.vision.registration.measured import measured_facet, silhouette
 from daemon.vision.registration.space_corners import PoseGuess, guesses_from_space, lookalikes, meet
 from daemon.vision.values import Group, NearestGuess, Part, Recognition
 
-LOOKED_AT, MOST, PER_PLACE, REACH_MM = 60, 14, 4, 2.5
+Maps = tuple[DirectedMap, DirectedMap]
+
+LOOKED_AT, MOST, PER_PLACE, REACH_MM = 60, 14, 6, 2.5
 """Guesses looked at in the order of what speaks for them; those of them laid onto the images, in all and at one place;
 and how far off these may be."""
+SEARCHED, FEWEST_LAID = 0.6, 5
+"""Of a look's budget, after which no more guesses are asked for, and how many are laid onto the images yet."""
 WORTH = 0.6
 """Of the evidence for the best guess at a place, what another there must have to be laid as well."""
 LEAST_NATS = 180.0
@@ -82,23 +86,38 @@ class Laid:
 
 
 class Straight(NamedTuple):
-    """What straight edges name, and what came nearest to it where they name nothing."""
+    """What straight edges name, what came nearest to it where they name nothing, and what there was no time for."""
 
     named: list[Recognised]
     guesses: tuple[NearestGuess, ...]
+    left_out: tuple[str, ...]
 
 
-def named_by_segments(eyes: Eyes, model: Model, known: Sequence[Recognised]) -> Straight:
+def _no_haste() -> float:
+    return 0.0
+
+
+def named_by_segments(
+    eyes: Eyes, model: Model, known: Sequence[Recognised], spent: Callable[[], float] = _no_haste
+) -> Straight:
     """The taught parts that the straight edges of both images prove, beside those that are named already.
 
-    Unnamed groups of facets say what each could be, and rule out what does not have them.
+    Unnamed groups of facets say what each could be, and rule out what does not have them. spent: the share of the
+    look's budget that is gone.
     """
+    if spent() > SEARCHED:
+        return Straight([], (), ("straight edges were not looked for",))
     unnamed = [one.group for one in known if not one.named]
     named = [covered(one, model, eyes) for one in known if one.named]
-    laid = sorted(_laid(eyes, model, unnamed, named), key=lambda one: -one.nats)
+    maps = directed_map(eyes.left), directed_map(eyes.right)
+    likely, left_out = _likely(eyes, model, unnamed, named, maps, spent)
+    laid = sorted(_laid(eyes, model, likely, maps), key=lambda one: -one.nats)
     proves = cache(lambda k: _proved(laid[k], eyes))
     taken, found = list[Laid](), list[Recognised]()
     for k, one in enumerate(laid):
+        if spent() > 1:
+            left_out = (*left_out, f"{len(laid) - k} of {len(laid)} guesses were not tried")
+            break
         if any(one.overlaps(other) for other in taken) or any(_contradicts(g, one) for g in unnamed) or not proves(k):
             continue
         taken.append(one)
@@ -112,7 +131,7 @@ def named_by_segments(eyes: Eyes, model: Model, known: Sequence[Recognised]) -> 
     for one in laid:
         if one.share > NEAREST and not any(one.overlaps(other) for other in (*taken, *nearest)):
             nearest.append(one)
-    return Straight(found, tuple(map(_guess, nearest)))
+    return Straight(found, tuple(map(_guess, nearest)), left_out)
 
 
 def _guess(one: Laid) -> NearestGuess:
@@ -121,31 +140,45 @@ def _guess(one: Laid) -> NearestGuess:
     return NearestGuess(one.label, ends[0], ends[1], shows[0], shows[1])
 
 
-def _laid(eyes: Eyes, model: Model, unnamed: Sequence[Group], named: Sequence[Shape]) -> Iterator[Laid]:
-    """The likeliest parts and places, each where its edges lie."""
-    left, right = eyes.views
-    corners = meet(segment_corners(left.segments), segment_corners(right.segments), eyes.geometry)
-    maps = directed_map(left), directed_map(right)
+def _likely(
+    eyes: Eyes, model: Model, unnamed: Sequence[Group], named: Sequence[Shape], maps: Maps, spent: Callable[[], float]
+) -> tuple[list[Different], tuple[str, ...]]:
+    """The likeliest parts and places, and what there was no time to ask."""
+    left, right = (segment_corners(joined(view.segments)) for view in eyes.views)
+    corners = meet(left, right, eyes.geometry)
     guesses = guesses_from_space(corners, eyes.geometry, model)
     guesses += [PoseGuess(h.label, h.pose[None]) for g in unnamed for f in g.facets for h in facet_hypotheses(f, model)]
-    likely = []
+    likely, left_out = list[Guesses](), set[str]()
     for guess in guesses:
+        if spent() > SEARCHED:
+            left_out.add(guess.label)
+            continue
         solid = model.metric[guess.label].solid
-        nats, _ = evidence(solid, guess.poses, eyes.geometry, maps)
+        poses = promising(solid, guess.poses, eyes.geometry, maps)
+        nats, _ = evidence(solid, poses, eyes.geometry, maps)
         good = nats > LEAST_NATS / 3
-        middle = guess.poses[:, :3, :3] @ solid.corners_mm.mean(0) + guess.poses[:, :3, 3]
+        middle = poses[:, :3, :3] @ solid.corners_mm.mean(0) + poses[:, :3, 3]
         middle_px = pixels(middle, eyes.geometry)[0]
         for shape in named:
             good &= shape.depth(middle_px) <= 0
-        likely.append(Guesses(guess.label, solid, guess.poses[good], -nats[good]))
+        likely.append(Guesses(guess.label, solid, poses[good], -nats[good]))
     kept, first = _worth(likely, eyes, model)
     for one in first:
         better = nudged(model.metric[one.label].solid, one.pose, eyes.geometry, maps)
         kept.append(Different(one.label, better, one.against))
-    solids = [model.metric[one.label].solid for one in kept]
-    poses = np.array([one.pose for one in kept]).reshape(-1, 4, 4)
+    told = (f"not everywhere was looked for {', '.join(sorted(left_out))}",) if left_out else ()
+    if spent() > SEARCHED and len(kept) > FEWEST_LAID:
+        told = (*told, f"{len(kept) - FEWEST_LAID} of {len(kept)} guesses were not compared with the pictures")
+        kept = kept[:FEWEST_LAID]
+    return kept, told
+
+
+def _laid(eyes: Eyes, model: Model, likely: Sequence[Different], maps: Maps) -> Iterator[Laid]:
+    """Parts laid where their edges lie, near likely places."""
+    solids = [model.metric[one.label].solid for one in likely]
+    poses = np.array([one.pose for one in likely]).reshape(-1, 4, 4)
     located = locate(solids, eyes, poses, REACH_MM, model.parameters.tolerance_mm)
-    for (label, *_), solid, at in zip(kept, solids, located, strict=True):
+    for (label, *_), solid, at in zip(likely, solids, located, strict=True):
         fit = None if at is None else fit_of(at, LEAST_OUTLINE)
         if at is not None and fit is not None:
             pose = fit.cyclopean_from_part
@@ -193,7 +226,7 @@ def _proved(one: Laid, eyes: Eyes) -> bool:
     needed = PROVED + BY_SIZE * max(0.0, gain - SAME_SIZE)
     if alike is not None and alike > SAME_PRINT and gain < OTHER_SIZE:
         needed -= BY_PRINT
-    if confirmed_facets(one.solid, one.located, eyes)[1] + SHARE * one.share < needed:
+    if clear_share(one.located, eyes) + SHARE * one.share < needed:
         return False
     return shown(one.solid, eyes, pose, SHOWN_MM) >= LEAST_SHOWN
 

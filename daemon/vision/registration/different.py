@@ -50,17 +50,25 @@ class Different(NamedTuple):
 def different(guesses: Sequence[Guesses], eyes: Eyes) -> Iterator[Different]:
     """Those inside both images, the likeliest first, none of which looks like an earlier one."""
     likely = [alike for one in guesses for alike in _alike(one)]
-    against = [a.against.copy() for a in likely]  # infinite once looked at, or like one that was
-    while any(np.isfinite(each).any() for each in against):
-        k = int(np.argmin([each.min(initial=np.inf) for each in against]))
-        best = int(np.argmin(against[k]))
-        worst = float(against[k][best])
-        against[k][best] = np.inf
-        corners_mm = likely[k].corners_mm[best]
+    if not likely:
+        return
+    against = np.concatenate([a.against for a in likely])  # infinite once looked at, or like one that was
+    middle_mm = np.concatenate([a.corners_mm.mean(1) for a in likely])
+    first = np.cumsum([0, *(len(a.against) for a in likely)])
+    while True:
+        best = int(against.argmin())
+        worst = float(against[best])
+        if worst == np.inf:
+            return
+        against[best] = np.inf
+        k = int(np.searchsorted(first, best, "right")) - 1
+        corners_mm = likely[k].corners_mm[best - first[k]]
         if _inside(corners_mm, eyes):
-            yield Different(likely[k].label, likely[k].poses[best], worst)
-            for other, each in zip(likely, against, strict=True):
-                each[_same_place(other.corners_mm, corners_mm)] = np.inf
+            yield Different(likely[k].label, likely[k].poses[best - first[k]], worst)
+            near = np.flatnonzero((((middle_mm - middle_mm[best]) ** 2).sum(1) < SAME_MM**2) & (against < np.inf))
+            for m in np.unique(np.searchsorted(first, near, "right") - 1).tolist():
+                own = near[(near >= first[m]) & (near < first[m + 1])]
+                against[own[_same_place(likely[m].corners_mm[own - first[m]], corners_mm)]] = np.inf
 
 
 def _alike(one: Guesses) -> list[_Alike]:
@@ -90,9 +98,7 @@ def pixels(points: Array, geometry: Baseline) -> tuple[Array, Array]:
 
 def _same_place(many: Array, one: Array) -> Flags:
     """(G,) which sets of corners (G, N, 3) mm are where others (M, 3) are."""
-    same = np.zeros(len(many), bool)
-    if many.shape[1:] == one.shape:
-        first = ((many[:, 0, None] - one) ** 2).sum(2).min(1) < SAME_MM**2  # most are elsewhere by one corner already
-        apart2 = ((many[first][:, :, None] - one) ** 2).sum(3)
-        same[first] = apart2.min(2).max(1) < SAME_MM**2
-    return same
+    if many.shape[1:] != one.shape:
+        return np.zeros(len(many), bool)
+    apart2 = ((many[:, :, None] - one) ** 2).sum(3)
+    return np.asarray(apart2.min(2).max(1) < SAME_MM**2)

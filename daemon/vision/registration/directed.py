@@ -31,6 +31,9 @@ PLACES, SPACING_PX = 10, 5.0
 """Where along an edge is looked, and how far apart places are that say something of their own."""
 SHOWS, LEAST_CHANCE, MOST_CHANCE = 0.75, 0.02, 0.7
 """How much of an edge that is there shows as segments; limits of what a picture's own chance is taken for."""
+GLANCED, GLANCE_NATS, MOST_PROMISING = (0.2, 0.5, 0.8), 10.0, 4000
+"""Shares of an edge at which many poses are looked at first, in one eye, what must speak for one of them to be looked
+at in earnest (half of what chosen ones ever had), and how many may."""
 SIZES, PARALLEL = (0.75, 0.8, 0.85, 0.9, 1.1, 1.15, 1.2, 1.25), 0.98
 LEAST_FACING = 0.08
 """Cosine below which a facet is too thin in the image to be looked for."""
@@ -87,38 +90,77 @@ def evidence(
     were found; poses (P, 4, 4) cyclopean_from_part. sharp: an edge half on a segment counts half, to
     tell near poses apart.
     """
-    pairs, bounds = solid.lines
-    total, most = np.zeros(len(poses)), np.full(len(poses), 1e-9)
-    pose, edge = np.nonzero(in_view(solid, poses) @ bounds)
-    corners = solid.corners_mm @ poses[:, :3, :3].transpose(0, 2, 1) + poses[:, None, :3, 3]
-    along = ((np.arange(PLACES) + 0.5) / PLACES).astype(np.float32)
-    for ideal, seen in zip(geometry.project(corners.reshape(-1, 3)), maps, strict=True):
-        at = ((ideal - seen.origin) * seen.scale).astype(np.float32).reshape(*corners.shape[:2], 2)
-        start = at[pose, pairs[edge, 0]]
-        way = at[pose, pairs[edge, 1]] - start
-        which = np.round(np.arctan2(way[:, 1], way[:, 0]) * np.float32(DIRECTIONS / np.pi)).astype(np.intp) % DIRECTIONS
-        _, height, width = seen.near.shape
-        x = np.clip(start[:, :1] + along * way[:, :1] + 0.5, 0, width - 1).astype(np.intp)
-        y = np.clip(start[:, 1:] + along * way[:, 1:] + 0.5, 0, height - 1).astype(np.intp)
-        hit = seen.near.reshape(-1)[(which[:, None] * height + y) * width + x] / np.float32(255)
-        hit = (hit if sharp else np.minimum(1.5 * hit, 1.0)).mean(1)
-        chance = seen.chance[which]
-        count = np.hypot(way[:, 0], way[:, 1]) * (SHRINK / SPACING_PX)
-        there, missing = np.log(SHOWS / chance), np.log((1 - SHOWS) / (1 - chance))
-        total += np.bincount(pose, count * (hit * there + (1 - hit) * missing), len(poses))
-        most += np.bincount(pose, count * there, len(poses))
-    return total, most
+    shown = _Shown.of(solid, poses)
+    along = (np.arange(PLACES) + 0.5) / PLACES
+    left, right = (
+        _of_one_eye(shown, ideal, seen, along, sharp)
+        for ideal, seen in zip(geometry.project(shown.corners_mm), maps, strict=True)
+    )
+    return left[0] + right[0], left[1] + right[1]
+
+
+def promising(solid: Polyhedron, poses: Array, geometry: Baseline, maps: tuple[DirectedMap, DirectedMap]) -> Array:
+    """The poses (Q, 4, 4) of many for which a few places of the left eye already speak, the likeliest where there are
+    more than MOST_PROMISING."""
+    shown = _Shown.of(solid, poses)
+    nats, _ = _of_one_eye(shown, geometry.project(shown.corners_mm)[0], maps[0], np.array(GLANCED), False)
+    good = np.flatnonzero(nats > GLANCE_NATS)
+    if len(good) > MOST_PROMISING:
+        good = good[np.argpartition(-nats[good], MOST_PROMISING)[:MOST_PROMISING]]
+    return np.asarray(poses[good])
+
+
+@dataclass(frozen=True, eq=False)
+class _Shown:
+    """The edges that a solid shows in each of P poses: pose, start, end (E,): the pose, and the places of both ends
+    among corners_mm (P * K, 3), cyclopean."""
+
+    poses: int
+    pose: NDArray[np.intp]
+    start: NDArray[np.intp]
+    end: NDArray[np.intp]
+    corners_mm: Array
+
+    @classmethod
+    def of(cls, solid: Polyhedron, poses: Array) -> _Shown:
+        pairs, bounds = solid.lines
+        pose, edge = np.nonzero(in_view(solid, poses) @ bounds)
+        corners = solid.corners_mm @ poses[:, :3, :3].transpose(0, 2, 1) + poses[:, None, :3, 3]
+        first = pose * len(solid.corners_mm)
+        return cls(len(poses), pose, first + pairs[edge, 0], first + pairs[edge, 1], corners.reshape(-1, 3))
+
+
+def _of_one_eye(shown: _Shown, ideal: Array, seen: DirectedMap, along: Array, sharp: bool) -> tuple[Array, Array]:
+    """(P,) nats, and (P,) the most there could be, that one eye gives; ideal: its corners; along (N,) shares of an edge
+    at which is looked."""
+    at = ((ideal - seen.origin) * seen.scale).astype(np.float32)
+    start = at[shown.start]
+    way = at[shown.end] - start
+    which = np.round(np.arctan2(way[:, 1], way[:, 0]) * np.float32(DIRECTIONS / np.pi)).astype(np.intp) % DIRECTIONS
+    _, height, width = seen.near.shape
+    share = along.astype(np.float32)
+    x = np.clip(start[:, :1] + share * way[:, :1] + 0.5, 0, width - 1).astype(np.intp)
+    y = np.clip(start[:, 1:] + share * way[:, 1:] + 0.5, 0, height - 1).astype(np.intp)
+    hit = seen.near.reshape(-1)[(which[:, None] * height + y) * width + x] / np.float32(255)
+    hit = (hit if sharp else np.minimum(1.5 * hit, 1.0)).mean(1)
+    chance = seen.chance[which]
+    count = np.hypot(way[:, 0], way[:, 1]) * (SHRINK / SPACING_PX)
+    there, missing = np.log(SHOWS / chance), np.log((1 - SHOWS) / (1 - chance))
+    by_edge = count * (hit * there + (1 - hit) * missing), count * there
+    nats, most = (np.asarray(np.bincount(shown.pose, each, shown.poses), float) for each in by_edge)
+    return nats, most
 
 
 def nudged(solid: Polyhedron, pose: Array, geometry: Baseline, maps: tuple[DirectedMap, DirectedMap]) -> Array:
     """The pose (4, 4) near this one for which most speaks: the best of some that differ from it as those do that a
     corner seen to half a pixel says, twice."""
-    for share in (0.6, 0.3):
+    for share, turns in _TURNS:
         depth = pose[2, 3]
-        off = share * _NUDGES * [depth / 400.0, depth / 400.0, 0.0, *[np.radians(1.2)] * 3]
+        off = share * _NUDGES[:, :3] * [depth / 400.0, depth / 400.0, 0.0]
         along = share * _NUDGES[:, 2] * 0.5 * depth**2 / (geometry.left.focal_px * geometry.length_mm)
-        off[:, :3] += along[:, None] * pose[:3, 3] / depth
-        tried = np.stack([frames.perturb(pose, motion) for motion in off])
+        tried = np.tile(pose, (len(off), 1, 1))
+        tried[:, :3, :3] = turns @ pose[:3, :3]
+        tried[:, :3, 3] += off + along[:, None] * pose[:3, 3] / depth
         pose = tried[evidence(solid, tried, geometry, maps, sharp=True)[0].argmax()]
     return pose
 
@@ -149,3 +191,7 @@ def _stretches(solid: Polyhedron) -> Array:
 
 
 _NUDGES = np.concatenate([np.zeros((1, 6)), np.random.default_rng(1).normal(size=(59, 6))])
+_TURNS = [
+    (share, np.stack([frames.rotation_from_vector(turn) for turn in share * np.radians(1.2) * _NUDGES[:, 3:]]))
+    for share in (0.6, 0.3)
+]

@@ -25,6 +25,10 @@ OF_TOLERANCE = 0.35
 """How far off its taught place a corner lies, as a share of what naming allows for it."""
 LINE_SIGMAS = 2.0
 """How much farther off a line may be than its fit says: its profiles share their neighbours' shading."""
+RAGGED_PX = 9.0
+"""What the place of an edge that only noise blurs is known to, times its evidence, is half of this. An edge between two
+faces that is known worse has print beside it, whose strokes pull all of a stretch aside: it is so much less to be
+trusted (set on recorded looks at printed prisms)."""
 SIGMA_SCALE = 1.2
 """How much larger than the lines say a pose's errors are, broken and shaded edges among them."""
 PASSES = 6
@@ -68,7 +72,9 @@ def adjusted(shape: Polyhedron, pose: Array, observed: Sequence[EdgeObservation]
         jacobian[:, :, :6] = seen.edges.jacobian
         each = np.arange(edges)[:, None]
         jacobian[:, :, 6:].reshape(edges, 2, count, 3)[each, :, seen.edges.ends] = seen.edges.by_corner.swapaxes(1, 2)
-        doubt = LINE_SIGMAS**2 * seen.sides.covariance + MODEL_PX**2 * np.eye(2)
+        known_px = np.sqrt(np.trace(seen.sides.covariance, axis1=1, axis2=2) / 2)
+        ragged = np.where(seen.edges.outline, 1.0, np.maximum(known_px * seen.sides.evidence / RAGGED_PX, 1.0))
+        doubt = (LINE_SIGMAS * ragged[:, None, None]) ** 2 * seen.sides.covariance + MODEL_PX**2 * np.eye(2)
         whiten = np.linalg.inv(np.linalg.cholesky(doubt))
         rows.append(whiten @ jacobian)
         off.append(whiten @ seen.off[..., None])

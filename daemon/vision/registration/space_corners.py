@@ -17,11 +17,12 @@ from numpy.typing import NDArray
 from daemon import frames
 from daemon.arrays import Array
 from daemon.vision.geometry import Baseline, Eye, Polyhedron
-from daemon.vision.image import SegmentCorners
+from daemon.vision.image import SegmentCorners, pairs_within
 from daemon.vision.model import Model
 
 NEAREST_MM, FARTHEST_MM = 120.0, 1500.0  # where parts may be
 ROW_PX = 2.0  # how far apart the rows may be in which two eyes see a corner
+MOST_MET = 800  # of corners seen by both eyes those with the longest arms: each is a guess for every taught corner
 TURNED = np.radians(28.0)  # by how much a corner's arm may point elsewhere in the other eye
 OFF = np.radians(7.0)  # and by how much elsewhere than the taught angle says
 MOST_COSINE = 1.03  # what a taught angle may ask of a direction in a plane, by a little that measuring leaves open
@@ -81,10 +82,10 @@ class _Seen:
 def meet(left: SegmentCorners, right: SegmentCorners, geometry: Baseline) -> SpaceCorners:
     """Every two corners, one in each eye, that could be one."""
     in_left, in_right = _Seen.of(left, geometry.left), _Seen.of(right, geometry.right)
-    apart = in_left.at[:, None, 0] - in_right.at[None, :, 0]
-    off_row = np.abs(in_left.at[:, None, 1] - in_right.at[None, :, 1])
-    near = (off_row < ROW_PX / geometry.left.focal_px) & (apart * FARTHEST_MM > geometry.length_mm)
-    i, j = np.nonzero(near & (apart * NEAREST_MM < geometry.length_mm))
+    i, j = pairs_within(in_left.at[:, 1], in_right.at[:, 1], ROW_PX / geometry.left.focal_px)
+    apart = in_left.at[i, 0] - in_right.at[j, 0]
+    near = (apart * FARTHEST_MM > geometry.length_mm) & (apart * NEAREST_MM < geometry.length_mm)
+    i, j = i[near], j[near]
     pairs = []
     for swapped in (False, True):
         one, other = in_left.chosen(i), in_right.chosen(j, swapped)
@@ -96,6 +97,9 @@ def meet(left: SegmentCorners, right: SegmentCorners, geometry: Baseline) -> Spa
     sine = np.linalg.norm(line, axis=2)
     firm = sine.argmax(1)
     every = np.flatnonzero(sine.max(1, initial=0.0) > FIRM)
+    if len(every) > MOST_MET:
+        reach = np.minimum(*(np.linalg.norm(seen.arms[every], axis=2).min(1) for seen in (one, other)))
+        every = every[np.sort(np.argpartition(-reach, MOST_MET)[:MOST_MET])]
     firm = firm[every]
     one, other = one.chosen(every), other.chosen(every)
     each = np.arange(len(every))

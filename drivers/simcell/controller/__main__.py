@@ -7,11 +7,14 @@ import os
 import signal
 import sys
 import threading
+from dataclasses import replace
 from pathlib import Path
+
+import numpy as np
 
 from drivers.simcell.arm import Arm
 from drivers.simcell.controller.core import Controller
-from drivers.simcell.controller.manners import Manners
+from drivers.simcell.controller.manners import Manners, drawn
 from drivers.simcell.controller.server import PtyServer
 
 PERSON_AT_THE_PANEL_S = 2.0
@@ -20,7 +23,13 @@ PERSON_AT_THE_PANEL_S = 2.0
 def main(arguments: list[str] | None = None) -> int:
     """Serve until SIGINT or SIGTERM. Exit status 2 when PATH cannot be made."""
     options = _parser().parse_args(arguments)
-    manners = Manners(prompt_after_move=options.prompt_after_move, arm_power_after_s=PERSON_AT_THE_PANEL_S)
+    manners = Manners(
+        prompt_after_move=options.prompt_after_move,
+        arm_power_after_s=PERSON_AT_THE_PANEL_S,
+        line_ends=options.line_ends,
+    )
+    if options.manners is not None:
+        manners = replace(drawn(np.random.default_rng(options.manners)), arm_power_after_s=PERSON_AT_THE_PANEL_S)
     over = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda *_: over.set())
@@ -48,6 +57,10 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--prompt-after-move", choices=("start", "end"), default="start", help="when DO MOVE gives the prompt back"
     )
+    parser.add_argument(
+        "--line-ends", choices=("cr", "lf", "both"), default="cr", help="what ends a line; both: LF CR gets two prompts"
+    )
+    parser.add_argument("--manners", type=int, metavar="SEED", help="manners drawn at random")
     return parser
 
 

@@ -52,7 +52,8 @@ def bare(act: Callable[[Machine], Command | None]) -> Verb:
 def carry_out(machine: Machine, text: str, table: Mapping[str, Verb]) -> Command:
     """What a verb, or an unambiguous beginning of one, and its arguments ask for. Raises MonitorError."""
     word, _, arguments = text.partition(" ")
-    meant = [word] if word in table else [name for name in table if name.startswith(word)]
+    begins = machine.manners.abbreviations
+    meant = [word] if word in table else [name for name in table if begins and name.startswith(word)]
     if len(meant) != 1:
         raise MonitorError("*Ambiguous name*" if meant else "*Illegal command*")
     command = table[meant[0]](machine, arguments.strip())

@@ -52,7 +52,11 @@ class Controller:
         self.arm, self.faults = arm, self.machine.faults
         self.lines: deque[str] = deque(maxlen=KEPT_LINES)
         """What was typed, the newest line last, carried out or refused; for witnesses."""
-        self._terminal = Terminal(self.machine.manners.line_editing)
+        how = self.machine.manners
+        self._newline = how.newline.encode("ascii")
+        self._terminal = Terminal(how.line_editing, how.line_ends, self._newline)
+        self._typed_s = float("-inf")
+        self._second_prompts = 0
         self._ahead: deque[str] = deque(maxlen=TYPE_AHEAD_LINES)
         self._running: Command | None = None
         self._waits_for: Wait | Ask | None = None
@@ -60,7 +64,7 @@ class Controller:
         self._at_line_start = True
         self._muted = False
         if cold:
-            self._start(monitor.power_up())
+            self._start(monitor.power_up(self.machine.manners.power_up))
         else:
             self._print_prompt()
 
@@ -77,10 +81,15 @@ class Controller:
         if not self.machine.alive:
             return
         for byte in self.faults.harm(data, "to_controller"):
+            since_s, self._typed_s = now_s - self._typed_s, now_s
+            if since_s < self.machine.manners.lost_within_s:
+                continue
             echo, completed = self._terminal.take(byte)
             if self.machine.manners.echo:
                 self._emit(echo)
-            if isinstance(completed, Line):
+            if isinstance(completed, Line) and completed.second:
+                self._take_second_end()
+            elif isinstance(completed, Line):
                 self._take_line(completed.text)
             elif completed is Key.CANCEL:
                 self._again()
@@ -143,7 +152,7 @@ class Controller:
         self._drop()
         if what is Mishap.POWER_CYCLED:
             self._terminal.clear()
-            self._start(monitor.power_up())
+            self._start(monitor.power_up(self.machine.manners.power_up))
         elif what is not Mishap.DEAD:
             self._say(MESSAGES[what])
             self._print_prompt()
@@ -157,10 +166,19 @@ class Controller:
             self._step(text)
         elif self._running is None:
             self._carry_out(text)
-        elif monitor.is_abort(text):
+        elif monitor.stops(text, self.machine.manners):
             self.abort(text.strip())
+        elif monitor.is_abort(text, self.machine.manners):
+            self._ahead.clear()
         else:
             self._ahead.append(text)
+
+    def _take_second_end(self) -> None:
+        """An empty line of its own, answered by a prompt right behind the first."""
+        if self._running is None:
+            self._emit(self.machine.manners.prompt.encode("ascii"))
+        elif isinstance(self._waits_for, Wait):
+            self._second_prompts += 1
 
     def _carry_out(self, text: str) -> None:
         self.machine.by = text.strip()
@@ -182,7 +200,8 @@ class Controller:
         except StopIteration:
             self._finish()
         except MonitorError as error:
-            self._say(str(error))
+            told = str(error)
+            self._say(told.upper() if self.machine.manners.capital_errors else told)
             self._finish()
         else:
             self._waits_for = comes
@@ -219,21 +238,24 @@ class Controller:
 
     def _say(self, line: str) -> None:
         self._begin_line()
-        self._emit(line.encode("ascii", "replace") + b"\r\n")
+        self._emit(line.encode("ascii", "replace") + self._newline)
 
     def _print_prompt(self) -> None:
         self._begin_line()
-        self._emit(b".", self.now_s + self.faults.split_prompt_s)
+        how = self.machine.manners
+        self._emit(how.prompt.encode("ascii"), self.now_s + self.faults.split_prompt_s + how.prompt_late_s)
+        seconds, self._second_prompts = self._second_prompts, 0
+        self._emit(how.prompt.encode("ascii") * seconds)
         self._muted = False
 
     def _begin_line(self) -> None:
         if not self._at_line_start:
-            self._emit(b"\r\n")
+            self._emit(self._newline)
 
     def _emit(self, data: bytes, not_before_s: float = 0.0) -> None:
         if not data or not self.machine.alive:
             return
-        self._at_line_start = data.endswith(b"\n")
+        self._at_line_start = data.endswith(self._newline)
         if self._muted:
             return
         held_s = self._output[-1][0] if self._output else 0.0

@@ -108,8 +108,19 @@ def _drive(machine: Machine, arguments: str) -> Command:
     percent = percent_of_full(parts[2])
     if joint not in range(1, 7):
         raise MonitorError(ILLEGAL_VALUE)
-    change = np.where(np.arange(1, 7) == joint, np.radians(change_deg), 0.0)
-    return _joint_move(machine, lambda machine: machine.joints() + change, percent)
+    change = np.where(np.arange(1, 7) == joint, change_deg, 0.0)
+
+    def target(machine: Machine) -> Array:
+        how = machine.manners
+        return how.joints_rad(how.printed_deg(machine.joints()) + change)
+
+    return _joint_move(machine, target, percent)
+
+
+def _break(machine: Machine) -> Command:
+    if not machine.manners.knows_break:
+        raise MonitorError("*Illegal command*")
+    return come_to_rest(machine)
 
 
 def _set(machine: Machine, arguments: str) -> None:
@@ -141,7 +152,7 @@ INSTRUCTIONS: dict[str, Verb] = {
     "APPROS": _straight(_approached),
     "BELOW": _configure(above=False),
     "BRAKE": bare(Machine.halt),
-    "BREAK": bare(come_to_rest),
+    "BREAK": bare(_break),
     "CLOSEI": _hand(closed=True),
     "DEPART": _to_pose(_departed),
     "DEPARTS": _straight(_departed),

@@ -1,9 +1,43 @@
-"""What differs between one controller of this kind and the next. Values only."""
+"""What differs between one controller of this kind and the next. Values only, and how they may be drawn.
+
+Where each comes from (S: seen in a manual or a client that drove real arms; R: general knowledge of such systems):
+
+    echo, newline, prompt ".", dot then silence    S: public clients; an encyclopaedia's page on VAL (dot at top level)
+    line_ends: LF CR answered by two prompts       S: a public driver's start-up routine, which reads a dot behind a dot
+    prompt with a space; late; upper case alone    R: terminals of the time print and read so
+    abbreviations, as many letters as are unique   S: the same page; older monitors that want the whole word: R
+    where: two headers, or one with X/JT1          S: clients that count numbers from the end; R: the other, and HAND
+    decimals, a bare point, no leading zero        R: what FORTRAN and BASIC of the time print
+    error: between asterisks, or in capitals       S: the asterisks; R: the words
+    power_up: floppy and initialise, or the latter S: owners: VAL II asks to load from floppy, VAL only the other
+    stops_at_once: ABORT ends what runs and lets   S: V+ manuals: ABORT ends the program, PANIC the motion as well
+      the motion finish, PANIC brakes
+    knows_break                                    R: BREAK as an immediate instruction is not everywhere
+    lost_within_s: a character that follows too    R: single-character receivers polled by software
+      closely is lost
+    joint_signs, joint_zeros_deg, against_horizon  S: two published tables that differ so; R: the horizon
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, TypeVar
+
+import numpy as np
+
+from drivers.arrays import Array
+
+T = TypeVar("T")
+LineEnds = Literal["cr", "lf", "both"]
+WhereForm = Literal["two headers", "one header"]
+Six = tuple[float, float, float, float, float, float]
+VAL_II_ASKS = ("Load VAL-II from floppy (Y/N)?", "Initialize (Y/N)?")
+POWER_UP = (
+    VAL_II_ASKS,
+    ("Initialize (Y/N)?",),
+    ("LOAD VAL FROM FLOPPY (Y/N)?", "INITIALIZE (Y/N)?"),
+    ("Initialise memory? (Y/N)",),
+)
 
 
 @dataclass(frozen=True)
@@ -18,3 +52,84 @@ class Manners:
     calibration_s: float = 6.0
     arm_power_after_s: float | None = None
     """How long after CAL was refused for want of it somebody switches arm power on (None: nobody does)."""
+    line_ends: LineEnds = "cr"
+    """What ends a line typed; the other is ignored. both: each of a pair does, and the second is answered by a prompt
+    directly behind the first."""
+    newline: str = "\r\n"
+    prompt: str = "."
+    prompt_late_s: float = 0.0
+    """Pause between what was said and the prompt."""
+    upper_only: bool = False
+    """Whether lower case is refused."""
+    abbreviations: bool = True
+    where: WhereForm = "two headers"
+    hand_column: bool = False
+    """Whether a seventh number, the hand's opening, stands behind the location (one header only)."""
+    decimals: tuple[int, int] = (2, 3)
+    """Of lengths and of angles."""
+    leading_zero: bool = True
+    """Whether 0.5 is printed so, or as .5."""
+    capital_errors: bool = False
+    power_up: tuple[str, ...] = VAL_II_ASKS
+    stops_at_once: bool = True
+    """Whether ABORT brakes; else it drops what waits and lets the motion finish, and PANIC brakes."""
+    knows_break: bool = True
+    lost_within_s: float = 0.0
+    """A character typed sooner than this after the one before is lost."""
+    joint_signs: Six = (1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
+    joint_zeros_deg: Six = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    """How WHERE prints joints and DRIVE turns them: our angle is sign times the printed one, plus zero."""
+    against_horizon: bool = False
+    """Whether joint 3 is counted against the horizon instead of the upper arm."""
+
+    def printed_deg(self, joints_rad: Array) -> Array:
+        """(6,) degrees as printed."""
+        signs = np.array(self.joint_signs)
+        printed: Array = (np.degrees(joints_rad) - np.array(self.joint_zeros_deg)) * signs
+        if self.against_horizon:
+            printed[2] += signs[2] * signs[1] * printed[1]
+        return printed
+
+    def joints_rad(self, printed_deg: Array) -> Array:
+        """(6,) rad of what is printed."""
+        signs = np.array(self.joint_signs)
+        turned = signs * printed_deg
+        if self.against_horizon:
+            turned[2] -= turned[1]
+        return np.asarray(np.radians(turned + np.array(self.joint_zeros_deg)))
+
+
+def drawn(rng: np.random.Generator) -> Manners:
+    """Manners at random."""
+
+    def one(*choices: T) -> T:
+        return choices[int(rng.integers(len(choices)))]
+
+    def six(*choices: float) -> Six:
+        return one(*choices), one(*choices), one(*choices), one(*choices), one(*choices), one(*choices)
+
+    line_ends: LineEnds = one("cr", "cr", "both", "lf")
+    where: WhereForm = one("two headers", "one header")
+    return Manners(
+        echo=one(True, True, True, False),
+        line_editing=one(True, True, False),
+        prompt_after_move=one("start", "end"),
+        line_ends=line_ends,
+        newline=one("\r\n", "\n\r", "\r") if line_ends == "cr" else "\r\n",
+        prompt=one(".", ". ", ".."),
+        prompt_late_s=one(0.0, 0.05, 0.3, 0.8),
+        upper_only=one(True, False),
+        abbreviations=one(True, True, False),
+        where=where,
+        hand_column=where == "one header" and one(True, False),
+        decimals=one((2, 3), (3, 3), (2, 2), (1, 3)),
+        leading_zero=one(True, True, False),
+        capital_errors=one(True, False),
+        power_up=one(*POWER_UP),
+        stops_at_once=one(True, True, True, False),
+        knows_break=one(True, True, True, False),
+        lost_within_s=one(0.0, 0.0, 0.004, 0.02),
+        joint_signs=six(-1.0, 1.0),
+        joint_zeros_deg=six(-180.0, -90.0, 0.0, 90.0),
+        against_horizon=one(True, False, False, False),
+    )

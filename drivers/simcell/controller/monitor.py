@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Generator, Iterable
 from dataclasses import replace
 
@@ -22,31 +23,45 @@ from drivers.simcell.controller.commands import (
 from drivers.simcell.controller.expressions import SYNTAX_ERROR, MonitorError, numbers, point_name
 from drivers.simcell.controller.instructions import INSTRUCTIONS
 from drivers.simcell.controller.machine import Machine
+from drivers.simcell.controller.manners import Manners
 from drivers.simcell.rigid import rigid, turn
 from drivers.val2.location import Location, location_from_matrix, matrix_from_location
 
 LOCATION_HEADER = "".join(f"{name:>10}" for name in "XYZOAT")
+HAND_OPEN_MM = 90.0
+LEADING_ZERO = re.compile(r"(^|[ ])(-?)0\.")
 JOINT_HEADER = "".join(f"{'JT' + str(k):>10}" for k in range(1, 7))
 
 
 def run(machine: Machine, text: str) -> Command:
-    """The command of a typed line; an empty line is none."""
+    """The command of a typed line; an empty line is none. Raises MonitorError."""
+    if machine.manners.upper_only and text != text.upper():
+        raise MonitorError("*Illegal command*")
     line = " ".join(text.upper().split(None, 1))
     if line:
         yield from carry_out(machine, line, MONITOR_COMMANDS)
 
 
-def is_abort(text: str) -> bool:
+def is_abort(text: str, manners: Manners) -> bool:
     """Whether a line is ABORT, abbreviated or not."""
-    word = text.strip().upper()
-    return len(word) >= 2 and "ABORT".startswith(word)
+    return _means(text, "ABORT", manners)
 
 
-def power_up() -> Command:
+def stops(text: str, manners: Manners) -> bool:
+    """Whether a line brakes the arm at once."""
+    return _means(text, "ABORT" if manners.stops_at_once else "PANIC", manners)
+
+
+def _means(text: str, word: str, manners: Manners) -> bool:
+    typed = text.strip() if manners.upper_only else text.strip().upper()
+    return typed == word or (manners.abbreviations and len(typed) >= 2 and word.startswith(typed))
+
+
+def power_up(questions: Iterable[str]) -> Command:
     """The dialogue before the first prompt."""
-    yield "VAL II simulated controller, PUMA 560"
-    yield from _yes("Load VAL-II from floppy (Y/N)?")
-    yield from _yes("Initialize (Y/N)?")
+    yield "VAL II simulated controller, PUMA"
+    for question in questions:
+        yield from _yes(question)
 
 
 def _yes(question: str) -> Generator[Ask, str | None, bool]:
@@ -73,10 +88,17 @@ def _do(machine: Machine, arguments: str) -> Command:
 
 
 def _where(machine: Machine) -> Command:
-    yield LOCATION_HEADER
-    yield _row(location_from_matrix(machine.pose()).values(), (2, 2, 2, 3, 3, 3))
-    yield JOINT_HEADER
-    yield _row(np.degrees(machine.joints()))
+    how = machine.manners
+    mm, degrees = how.decimals
+    place = _row(location_from_matrix(machine.pose()).values(), (mm, mm, mm, degrees, degrees, degrees))
+    joints = _row(how.printed_deg(machine.joints()), (degrees,) * 6)
+    if how.where == "one header":
+        heads = [f"{one}/JT{k}" for k, one in enumerate("XYZOAT", 1)] + ["HAND"] * how.hand_column
+        hand = f"{0.0 if machine.hand_closed else HAND_OPEN_MM:>10.{mm}f}" if how.hand_column else ""
+        lines = ["".join(f"{head:>10}" for head in heads), place + hand, joints]
+    else:
+        lines = [LOCATION_HEADER, place, JOINT_HEADER, joints]
+    yield from lines if how.leading_zero else (LEADING_ZERO.sub(r"\1 \2.", line) for line in lines)
 
 
 def _calibrate(machine: Machine) -> Command:
@@ -91,6 +113,14 @@ def _calibrate(machine: Machine) -> Command:
 
 
 def _abort(machine: Machine) -> Command:
+    if machine.manners.stops_at_once:
+        machine.stop(machine.by)
+    return come_to_rest(machine)
+
+
+def _panic(machine: Machine) -> Command:
+    if machine.manners.stops_at_once:
+        raise MonitorError("*Illegal command*")
     machine.stop(machine.by)
     return come_to_rest(machine)
 
@@ -169,6 +199,7 @@ MONITOR_COMMANDS: dict[str, Verb] = {
     "EXECUTE": _execute,
     "HERE": _here,
     "LISTL": bare(_list_locations),
+    "PANIC": bare(_panic),
     "POINT": _point,
     "SPEED": set_speed,
     "STATUS": bare(_status),

@@ -4,19 +4,22 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum, auto
+from typing import Literal
 
 CANCEL_LINE, INTERRUPT = 0x15, 0x03
 RUBOUTS = (0x08, 0x7F)
-CARRIAGE_RETURN = 0x0D
-IGNORED = (0x00, 0x0A)
+CARRIAGE_RETURN, LINE_FEED = 0x0D, 0x0A
+LINE_ENDS = (CARRIAGE_RETURN, LINE_FEED)
+IGNORED = (0x00,)
 LONGEST_LINE = 80
 
 
 @dataclass(frozen=True)
 class Line:
-    """A line was ended."""
+    """A line was ended. second: by the second of a pair of line ends, so that it is empty."""
 
     text: str
+    second: bool = False
 
 
 class Key(Enum):
@@ -27,11 +30,15 @@ class Key(Enum):
 
 
 class Terminal:
-    """Line editing of the time: rubout, control-U, control-C. A line feed is ignored, so LF CR ends one line."""
+    """Line editing of the time: rubout, control-U, control-C."""
 
-    def __init__(self, editing: bool = True) -> None:
-        """editing: whether control characters are known; otherwise they join the line."""
-        self._editing = editing
+    def __init__(
+        self, editing: bool = True, ends: Literal["cr", "lf", "both"] = "cr", newline: bytes = b"\r\n"
+    ) -> None:
+        """editing: whether control characters are known; otherwise they join the line. ends: see Manners.line_ends."""
+        self._editing, self._newline = editing, newline
+        self._ends = {"cr": (CARRIAGE_RETURN,), "lf": (LINE_FEED,), "both": (CARRIAGE_RETURN, LINE_FEED)}[ends]
+        self._before = 0
         self._typed = bytearray()
         self._too_long = False
 
@@ -42,18 +49,25 @@ class Terminal:
 
     def take(self, byte: int) -> tuple[bytes, Line | Key | None]:
         """One byte typed: what to echo, and what it completes."""
-        if byte == CARRIAGE_RETURN:
+        before, self._before = self._before, byte
+        if byte in self._ends:
+            if before in self._ends and before != byte:
+                self._before = 0
+                return b"", Line("", second=True)
             text = "?" if self._too_long else self.typed
             self.clear()
-            return b"\r\n", Line(text)
+            return self._newline, Line(text)
+        if byte in LINE_ENDS:
+            self._before = before
+            return b"", None
         if not self._editing and byte not in IGNORED:
             return self._add(byte), None
         if byte == CANCEL_LINE:
             self.clear()
-            return b"^U\r\n", Key.CANCEL
+            return b"^U" + self._newline, Key.CANCEL
         if byte == INTERRUPT:
             self.clear()
-            return b"^C\r\n", Key.INTERRUPT
+            return b"^C" + self._newline, Key.INTERRUPT
         if byte in RUBOUTS:
             return self._rub_out(), None
         if not 0x20 <= byte <= 0x7E:

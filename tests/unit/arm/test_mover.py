@@ -28,7 +28,7 @@ def command(pose, straight, speed):
     turns=st.lists(st.floats(-0.6, 0.6), min_size=6, max_size=6), speed=st.floats(10.0, 100.0), straight=st.booleans()
 )
 def test_every_move_of_the_simulated_arm_ends_before_it_is_given_up(turns, speed, straight):
-    geometry = puma560.Puma560()
+    geometry = puma560.ArmGeometry()
     end = START + np.array(turns)
     start = Reading(puma560.forward(START, geometry), START)
     target = puma560.forward(end, geometry)
@@ -221,3 +221,16 @@ def test_an_arm_at_rest_elsewhere_than_it_was_sent_is_told_with_how_far(off):
     with pytest.raises(NotThereError, match="sent, but WHERE is"):
         asyncio.run(mover.go(command(NEAR, False, 50.0)))
     assert len(world.said("moved")) == 1
+
+
+@pytest.mark.parametrize(("meanwhile", "rule"), [(disable, "not_enabled"), (stop, "fault_stands")])
+def test_the_hand_is_not_driven_while_nothing_may_move(meanwhile, rule):
+    world = World(np.random.default_rng(0))
+    mover = mover_in(world)
+    meanwhile(mover, world)
+    with pytest.raises(
+        MoveRefusedError, match="the arm is not enabled" if rule == "not_enabled" else "stopped"
+    ) as told:
+        asyncio.run(mover.hand(closed=True))
+    assert told.value.refusal.rule == rule
+    assert not world.wire

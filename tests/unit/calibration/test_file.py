@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from daemon.calibration.file import Calibration, Quality, load_calibration, save_calibration
+from daemon.store.outside import FileError
 from daemon.store.yamlfile import ConfigError
 from tests.worlds.rigs import rig
 
@@ -60,7 +61,7 @@ def test_what_is_read_is_what_was_written(tmp_path: Path, hand_eye: bool) -> Non
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"none\.yaml: cannot be read: No such file"):
+    with pytest.raises(FileError, match=r"none\.yaml: cannot be read: No such file"):
         load_calibration(tmp_path / "none.yaml")
 
 

@@ -29,7 +29,7 @@ def test_a_picture_of_another_size_is_named_and_left_out(tmp_path: Path) -> None
 def test_a_picture_that_cannot_be_read_is_named_with_what_is_wrong(tmp_path: Path) -> None:
     left, right = tmp_path / "left.png", tmp_path / "right.png"
     cv2.imwrite(str(left), drawn_board())
-    with pytest.raises(BoardError, match=r"right\.png: No such file or directory"):
+    with pytest.raises(BoardError, match=r"right\.png: cannot be read: No such file or directory"):
         read_pairs([(left, right)], BOARD)
     right.write_bytes(left.read_bytes()[:-20])
     with pytest.raises(BoardError, match=r"right\.png: not a picture, or cut short"):

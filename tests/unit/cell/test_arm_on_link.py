@@ -13,7 +13,7 @@ import pytest
 
 from daemon.arm import StopRefusedError
 from daemon.cell.arm_on_link import ArmOnLink
-from drivers.puma560 import READY_RAD, Puma560
+from drivers.puma560 import READY_RAD, ArmGeometry
 from drivers.simcell.arm import Arm
 from drivers.simcell.controller import Controller, Faults, Manners, Mishap, PtyServer
 from drivers.val2.errors import LinkError
@@ -35,7 +35,7 @@ def line() -> Iterator[ArmLine]:
 @asynccontextmanager
 async def arm_on(line: ArmLine) -> AsyncIterator[ArmOnLink]:
     async with line.link() as link:
-        yield ArmOnLink(link, Puma560())
+        yield ArmOnLink(link, ArmGeometry())
 
 
 def moving(line: ArmLine) -> bool:
@@ -113,7 +113,7 @@ def test_speed_and_tool_are_told_again_after_whatever_may_have_changed_them(line
 
     async def story() -> None:
         async with line.link() as link:
-            arm = ArmOnLink(link, Puma560(flange_from_tool=tool))
+            arm = ArmOnLink(link, ArmGeometry(flange_from_tool=tool))
             here = (await arm.where()).world_from_tool
             await arm.move(here, straight=False, speed_pct=20.0, timeout_s=20.0)
             await meanwhile(arm, line)
@@ -193,7 +193,7 @@ def test_whether_the_arm_rests_is_asked_of_the_controller_now(line: ArmLine) -> 
 def test_a_stop_the_controller_refuses_is_told_in_the_houses_own_error(line: ArmLine) -> None:
     async def story() -> None:
         async with line.link(replace(QUICK, abort_word="HALT")) as link:
-            arm = ArmOnLink(link, Puma560())
+            arm = ArmOnLink(link, ArmGeometry())
             for word in (arm.prove_stop, arm.abort):
                 with pytest.raises(StopRefusedError, match=r"HALT \(it says `\*Illegal command\*`\)"):
                     await word()

@@ -14,6 +14,7 @@ from daemon.calibration.session import SPREAD_LIMIT_MM
 from daemon.cell.pick_cell import doubt_of, pick_cell
 from daemon.config import load_config
 from daemon.pick.fusion import Doubt
+from drivers.simcell.truth import load_truth
 
 CONFIG = Path(__file__).resolve().parents[3] / "etc" / "facetd.yaml"
 
@@ -45,3 +46,10 @@ def test_without_a_hand_eye_there_is_still_a_workcell_to_look_with() -> None:
     calibration = load_calibration(CONFIG.parent / "calibration.yaml")
     workcell, _ = built(replace(calibration, tool_from_cyclopean=None))
     assert np.array_equal(workcell.tool_from_cyclopean, np.eye(4))
+
+
+def test_the_simulated_bin_catches_what_is_let_go_over_it_however_it_is_held() -> None:
+    truth = load_truth(CONFIG.parent / "simcell.yaml")
+    place = load_config(CONFIG).values.pick.bin.pose()[:2, 3]
+    room_mm = np.array(truth.bin.size_mm) / 2 - np.abs(place - truth.bin.centre_mm)
+    assert room_mm.min() > 80.0 / 2, "half of the longest taught part may stand out to any side of the hand"

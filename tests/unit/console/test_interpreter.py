@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -96,7 +97,8 @@ def test_resume_goes_on_with_an_auto_that_was_cut_off_only_after_a_plain_yes(
     assert ("enable" in context.cycle.told) is goes_on
     assert ("resume" in context.cycle.told) is (goes_on or answers == ["what?"]), "answered no, the fault stands"
     assert ("`auto resume` takes it up" in text) is not goes_on
-    assert len(door.asked) == len(answers)
+    assert all("was not done: the question stands" in said for said in door.said)
+    assert len(door.asked) == len(answers) + len(door.said), "what is no answer is told so, and it is asked again"
 
 
 def test_a_stop_while_resume_waits_for_its_answer_is_not_cleared_by_it(context: Any) -> None:
@@ -131,12 +133,77 @@ def test_an_ambiguous_abbreviation_is_asked_back_not_guessed(context: object) ->
 
 
 def test_help_names_every_command_and_help_of_one_tells_its_usage(context: object) -> None:
-    every = say(context, "help").text
+    every = say(context, "help all").text
     for command in every_command("simulated"):
         assert command.usage in every
         assert command.usage in say(context, f"help {command.name}").text
     assert max(len(line) for line in every.splitlines()) <= 100
     assert "did you mean teach" in say(context, "help tech").text
+
+
+def test_the_first_screen_of_help_is_ten_lines_on_any_terminal(context: object) -> None:
+    first = say(context, "help").text.splitlines()
+    assert len(first) <= 10
+    assert max(map(len, first)) < 40, "no line folds on forty columns"
+    assert [line.split()[0] for line in first[:8]] == [c.name for c in every_command("simulated") if c.first]
+    assert say(context, "?").text == say(context, "h").text == say(context, "help").text
+
+
+@pytest.mark.parametrize(("columns", "rows"), [(80, 24), (40, 24), (79, 10)])
+def test_help_all_is_shown_page_by_page_and_no_page_is_higher_than_the_terminal(
+    context: object, columns: int, rows: int
+) -> None:
+    door = FakeDoor(answers=[" "] * 50, columns=columns, rows=rows)
+    answer = say(context, "help all", door)
+    pages = [*door.said, answer.text]
+    assert len(pages) > 2
+    assert all(len(page.splitlines()) <= rows - 1 for page in pages)
+    assert max(len(line) for page in pages for line in page.splitlines()) <= columns
+    assert set(door.asked) == {"-- more (Enter, q) --"}
+    told = " ".join(" ".join(pages).split())
+    assert all(" ".join(c.summary.split()) in told for c in every_command("simulated"))
+    left = FakeDoor(answers=["q"], columns=columns, rows=rows)
+    assert say(context, "help all", left).text == ""
+    assert len(left.said) == 1
+
+
+@pytest.mark.parametrize("name", [c.name for c in every_command("simulated") if c.name != "stop"])
+def test_help_and_version_behind_any_word_do_nothing_else(context: Any, name: str) -> None:
+    for asked in (f"{name} --help", f"{name} -h", f"{name} cube --help"):
+        answer = say(context, asked)
+        assert answer.status == 0
+        assert answer.text.startswith(name)
+    assert say(context, f"{name} --version").text.startswith("facetd ")
+    assert context.cycle.told == context.log.records == []
+
+
+@pytest.mark.parametrize(("word", "on"), [("step", False), ("dry", False)])
+def test_a_switch_without_on_or_off_tells_how_it_is_and_switches_nothing(context: Any, word: str, on: bool) -> None:
+    assert say(context, word).text == f"`{word}` is off; `{word} on` switches it on."
+    assert context.cycle.told == []
+
+
+def test_auto_wait_without_an_auto_says_so(context: object) -> None:
+    answer = say(context, "auto wait")
+    assert (answer.text, answer.status) == ("no auto is on; `auto on` begins one", 1)
+
+
+@pytest.mark.parametrize("word", ["accept", "rollback", "model use 2"])
+def test_another_model_amid_an_auto_is_asked_about_and_refused_where_nobody_can_be_asked(
+    context: Any, word: str
+) -> None:
+    taken: list[str] = []
+    context.cycle.auto = True
+    context.trainer.model_store.history, context.trainer.model_store.candidate = (1, 2), 4
+    context.trainer.model_store.versions = lambda: [1, 2, 3, 4]
+    for name in ("accept", "rollback", "take"):
+        setattr(context.trainer, name, lambda *_, name=name: taken.append(name) or 2)
+    context.use_model = lambda *_: None
+    assert "auto is on" in say(context, word).text
+    assert say(context, word, FakeDoor(answers=["n"])).status == 1
+    assert taken == []
+    assert say(context, word, FakeDoor(answers=["y"])).status == 0
+    assert len(taken) == 1
 
 
 def test_every_answer_is_json_too(context: object) -> None:
@@ -256,6 +323,10 @@ def test_in_step_mode_the_move_is_shown_and_sent_only_after_a_yes(context: objec
 def test_completion_offers_commands_and_then_what_they_can_be_given(context: object) -> None:
     console = Console(context, every_command())  # type: ignore[arg-type]
     assert console.complete("ste") == ["step"]
+    assert console.complete("teach cube --") == ["teach cube --mesh"]
+    context.trainer.model_store.views = lambda _: [SimpleNamespace(number=n) for n in (1, 2, 11)]  # type: ignore[attr-defined]
+    assert console.complete("forget cube 1") == ["forget cube 1", "forget cube 11"]
+    assert console.complete("model u") == ["model use"]
     assert console.complete("pick ") == ["pick cube"]
     assert console.complete("go s") == ["go survey"]
     assert console.complete("teach p") == ["teach pyramid"]
@@ -276,7 +347,7 @@ ENDS_MOTION = ("stop", "abort", "pause")
 
 
 @pytest.mark.parametrize(
-    "name", [c.name for c in every_command("simulated") if c.grade != "look" and c.name not in ENDS_MOTION]
+    "name", [c.name for c in every_command("simulated") if c.does([]) != "look" and c.name not in ENDS_MOTION]
 )
 def test_a_door_that_may_only_look_is_refused_whatever_does_more_than_end_motion(context: object, name: str) -> None:
     assert "may only look" in say(context, name, FakeDoor(may="look")).text

@@ -8,7 +8,7 @@ from typing import Any
 
 from daemon.commands.moving import tell_end, with_questions
 from daemon.console.context import CommandContext
-from daemon.console.notices import Notices
+from daemon.console.notices import Level, Notices
 
 
 class Door:
@@ -49,11 +49,37 @@ def test_who_waits_for_an_outcome_hears_faults_but_not_the_outcome() -> None:
     notices.listen(asked)
     notices.listen(other)
     with notices.answered(asked):
-        notices.tell("picked: cube", outcome=True)
+        notices.tell("picked: cube", Level.OUTCOMES)
         notices.tell("FAULT stopped by ann")
-    notices.tell("picked: pyramid", outcome=True)
+    notices.tell("picked: pyramid", Level.OUTCOMES)
     assert asked.heard == ["FAULT stopped by ann", "picked: pyramid"]
     assert other.heard == ["picked: cube", "FAULT stopped by ann", "picked: pyramid"]
+
+
+def test_each_door_hears_as_much_as_its_operator_wants_and_faults_always() -> None:
+    notices, doors = Notices(), [Door(), Door(), Door()]
+    for door, level in zip(doors, Level, strict=True):
+        notices.listen(door)
+        notices.set_level(door, level)
+    doors[2].who = "ann"  # type: ignore[attr-defined]
+    for text, level in (("FAULT", Level.FAULTS), ("picked", Level.OUTCOMES), ("bob: train", Level.ALL)):
+        notices.tell(text, level)
+    notices.tell("ann: train", Level.ALL, by="ann")
+    assert [door.heard for door in doors] == [["FAULT"], ["FAULT", "picked"], ["FAULT", "picked", "bob: train"]]
+    notices.leave(doors[0])
+    assert notices.level(doors[0]) is None
+
+
+def test_who_stops_is_answered_and_not_told_the_same_once_more() -> None:
+    notices, ann, bob = Notices(), Door(), Door()
+    notices.listen(ann)
+    notices.listen(bob)
+    alarm = "FAULT stopped by ann; NOT CONFIRMED: no answer: press the emergency stop"
+    with notices.stopping(ann, "ann"):
+        for text in ("FAULT stopped by ann", "FAULT stopped by control-C of ann", alarm, "FAULT stopped by bob"):
+            notices.tell(text)
+    assert ann.heard == [alarm, "FAULT stopped by bob"]
+    assert len(bob.heard) == 4
 
 
 def end(outcome: str) -> Any:

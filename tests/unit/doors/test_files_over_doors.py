@@ -13,8 +13,10 @@ from typing import Any
 
 import pytest
 
+from daemon.config import Console as ConsoleConfig
 from daemon.console.interpreter import Answer, Command, Console, Door
 from daemon.doors.client import DaemonLink
+from daemon.doors.rights import Rights
 from daemon.doors.socket import LONGEST_FILE, SocketServer
 from tests.worlds.fake_context import fake_context
 
@@ -34,7 +36,7 @@ def said(folder: Path, use: Callable[[Path], Any]) -> Any:
 
     async def serve() -> Any:
         console = Console(fake_context(folder), [Command("digest", "digest FILE", "", digest)])
-        server = SocketServer(folder / "s", None, console, no_interrupt)
+        server = SocketServer(folder / "s", Rights(ConsoleConfig()), console, no_interrupt)
         await server.open()
         try:
             return await asyncio.wait_for(asyncio.to_thread(use, folder / "s"), 20)
@@ -66,7 +68,7 @@ def test_a_missing_file_is_one_line_and_the_next_command_is_heard(tmp_path: Path
             return [link.do(text, "test", print) for text in (f"digest {tmp_path}/none", "help digest")]
 
     missing, after = said(tmp_path, use)
-    assert (missing["status"], missing["text"]) == (2, f"{tmp_path}/none: No such file or directory")
+    assert (missing["status"], missing["text"]) == (2, f"{tmp_path}/none: cannot be read: No such file or directory")
     assert after["status"] == 0
 
 
@@ -78,9 +80,14 @@ def test_the_daemon_gets_no_file_that_the_operator_did_not_name(tmp_path: Path) 
     assert "not sent: the command does not name it" in refused["text"]
 
 
-def test_a_file_too_large_is_refused_before_it_is_all_there(tmp_path: Path) -> None:
+def test_a_file_too_large_is_not_read_and_not_taken_before_it_is_all_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     with (tmp_path / "huge").open("wb") as file:
         file.truncate(LONGEST_FILE + 1)
+    unread = said(tmp_path, do(f"digest {tmp_path}/huge"))
+    assert (unread["status"], "huge: too large: 8 MB" in unread["text"]) == (2, True)
+    monkeypatch.setattr("daemon.doors.client.LONGEST_FILE", 2 * LONGEST_FILE)
     done = said(tmp_path, do(f"digest {tmp_path}/huge"))
     assert done["status"] == 1
     assert "8 MB at most" in done["text"]

@@ -6,7 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from daemon.doors.lineedit import BELL, COLUMNS, Key, LineEditor, fold, to_terminal
+from daemon.console.pages import fold
+from daemon.doors.lineedit import BELL, COLUMNS, Key, LineEditor, to_terminal
 
 WORDS = ["status", "stop", "step", "teach cube", "teach pyramid"]
 UP, DOWN, LEFT, RIGHT, HOME, DELETE = b"\x1b[A", b"\x1b[B", b"\x1b[D", b"\x1b[C", b"\x1b[H", b"\x1b[3~"

@@ -17,12 +17,16 @@ from typing import Any
 import pytest
 
 from daemon.commands import every_command
+from daemon.config import Console as ConsoleConfig
 from daemon.config import Terminal
 from daemon.console.interpreter import Console
 from daemon.doors.client import DaemonLink, NotThereError
-from daemon.doors.socket import DoorError, SocketServer
+from daemon.doors.rights import DoorError, Rights
+from daemon.doors.socket import MOST_EACH, MOST_TO_STOP, SocketServer
 from daemon.doors.terminal import SerialConsole
 from tests.worlds.fake_context import fake_context
+
+EVERYBODY = Rights(ConsoleConfig())
 
 
 def interrupter(context: Any) -> Callable[[str, bool], Awaitable[str]]:
@@ -40,7 +44,7 @@ def with_socket(path: Path, use: Callable[[Path], Any]) -> tuple[Any, Any]:
     context = fake_context(path.parent)
 
     async def serve() -> Any:
-        server = SocketServer(path, None, Console(context, every_command()), interrupter(context))
+        server = SocketServer(path, EVERYBODY, Console(context, every_command()), interrupter(context))
         await server.open()
         try:
             return await asyncio.wait_for(asyncio.to_thread(use, path), 20)
@@ -135,7 +139,7 @@ def test_stop_is_heard_while_another_command_is_being_done_and_a_second_move_is_
     context.cycle.slow = True
 
     async def serve() -> Any:
-        server = SocketServer(tmp_path / "s", None, Console(context, every_command()), interrupter(context))
+        server = SocketServer(tmp_path / "s", EVERYBODY, Console(context, every_command()), interrupter(context))
         await server.open()
         answers = await asyncio.to_thread(use, tmp_path / "s")
         await server.close()
@@ -156,7 +160,7 @@ def test_a_daemon_that_lives_keeps_its_socket_and_a_dead_ones_is_taken_over(tmp_
 
     async def two() -> None:
         context = fake_context(tmp_path)
-        first, second = (SocketServer(path, None, Console(context, []), interrupter(context)) for _ in range(2))
+        first, second = (SocketServer(path, EVERYBODY, Console(context, []), interrupter(context)) for _ in range(2))
         await first.open()
         with pytest.raises(DoorError, match="another facetd answers there"):
             await second.open()
@@ -169,7 +173,9 @@ def test_a_daemon_that_lives_keeps_its_socket_and_a_dead_ones_is_taken_over(tmp_
 
 def test_a_socket_that_cannot_be_is_one_line(tmp_path: Path) -> None:
     async def open_at(path: Path, group: str | None = None) -> None:
-        await SocketServer(path, group, Console(fake_context(tmp_path), []), interrupter(None)).open()
+        await SocketServer(
+            path, Rights(ConsoleConfig(group=group)), Console(fake_context(tmp_path), []), interrupter(None)
+        ).open()
 
     with pytest.raises(DoorError, match="too long for a socket's path"):
         asyncio.run(open_at(tmp_path / ("x" * 120)))
@@ -364,7 +370,7 @@ def test_a_stop_is_heard_over_the_socket_however_it_comes_while_something_moves(
     context.cycle.slow = True
 
     async def serve() -> None:
-        server = SocketServer(tmp_path / "s", None, Console(context, every_command()), interrupter(context))
+        server = SocketServer(tmp_path / "s", EVERYBODY, Console(context, every_command()), interrupter(context))
         await server.open()
         reader, writer = await asyncio.open_unix_connection(str(tmp_path / "s"))
         writer.write(b'{"do": "holding no", "door": "\\ud800\\u0007"}\n')
@@ -385,3 +391,118 @@ def test_a_stop_is_heard_over_the_socket_however_it_comes_while_something_moves(
 
     asyncio.run(asyncio.wait_for(serve(), 5))
     assert [told[:7] for told in context.cycle.told] == ["go home", "stop by"]
+
+
+def listening(folder: Path, use: Callable[[Path], Any], rights: Rights = EVERYBODY, context: Any = None) -> Any:
+    """What a client in a thread made of a server with all commands."""
+    context = context or fake_context(folder)
+
+    async def serve() -> Any:
+        server = SocketServer(folder / "s", rights, Console(context, every_command()), interrupter(context))
+        await server.open()
+        try:
+            return await asyncio.to_thread(use, folder / "s")
+        finally:
+            await server.close()
+
+    return asyncio.run(serve())
+
+
+def said(path: Path, line: bytes) -> dict[str, Any]:
+    """One line said on a connection of its own, and the first that is answered."""
+    with socket.socket(socket.AF_UNIX) as connection:
+        connection.connect(str(path))
+        connection.settimeout(10)
+        connection.sendall(line + b"\n")
+        answer: dict[str, Any] = json.loads(connection.makefile("rb").readline())
+        return answer
+
+
+def test_a_thousand_idle_clients_keep_nobody_from_a_stop(tmp_path: Path) -> None:
+    context = fake_context(tmp_path)
+
+    def use(path: Path) -> Any:
+        crowd, before = [], len(os.listdir("/proc/self/fd"))
+        for _ in range(400):
+            one = socket.socket(socket.AF_UNIX)
+            one.connect(str(path))
+            crowd.append(one)
+        told = [said(path, line) for line in (b'{"do": "status"}', b'{"do": "stop"}', b'{"interrupt": true}')]
+        open_now = len(os.listdir("/proc/self/fd")) - len(crowd) - before
+        for one in crowd:
+            one.close()
+        return told, open_now
+
+    (refused, stopped, interrupted), open_now = listening(tmp_path, use, context=context)
+    assert (refused["done"]["status"], "too many connections" in refused["done"]["text"]) == (1, True)
+    assert stopped["done"]["status"] == 0
+    assert interrupted["stopped"] == "Nothing moves."
+    assert [what for what in context.cycle.told if what.startswith("stop")]
+    assert open_now <= MOST_EACH + MOST_TO_STOP + 3, "the daemon holds no more than it has room for"
+
+
+def test_who_is_silent_is_hung_up_and_who_waits_for_notices_is_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("daemon.doors.socket.FIRST_WORD_S", 0.05)
+    monkeypatch.setattr("daemon.doors.socket.IDLE_S", 0.05)
+
+    def use(path: Path) -> Any:
+        ends = []
+        for first in (b"", b'{"do": "help stop"}\n', b'{"notices": true}\n'):
+            with socket.socket(socket.AF_UNIX) as one:
+                one.connect(str(path))
+                one.sendall(first)
+                one.settimeout(0.5)
+                try:
+                    while one.recv(65536):
+                        pass
+                    ends.append("hung up")
+                except TimeoutError:
+                    ends.append("stays")
+        return ends
+
+    assert listening(tmp_path, use) == ["hung up", "hung up", "stays"]
+
+
+@pytest.mark.parametrize(
+    "line",
+    [b"[" * 60_000, b'{"x":' * 10_000, b'{"do": ' + b"[" * 50_000, b'{"do": 7}', b'{"keys": {}}', b'"x"', b"\xff\xfe"],
+)
+def test_whatever_a_line_holds_it_is_answered_and_the_next_one_is_heard(tmp_path: Path, line: bytes) -> None:
+    def use(path: Path) -> Any:
+        with socket.socket(socket.AF_UNIX) as connection:
+            connection.settimeout(10)
+            connection.connect(str(path))
+            connection.sendall(line + b'\n{"do": "help stop"}\n')
+            answers = connection.makefile("rb")
+            return [json.loads(answers.readline())["done"] for _ in range(2)]
+
+    refused, helped = listening(tmp_path, use)
+    assert (refused["status"], refused["text"][:13]) == (2, "not a message")
+    assert helped["status"] == 0
+
+
+def test_what_would_steer_a_terminal_is_shown_and_not_obeyed(tmp_path: Path) -> None:
+    evil = "\x1b]0;title\x07\x1b[2J\x9b2J\u202e"
+    answer = listening(tmp_path, lambda path: said(path, json.dumps({"do": f"{evil} x", "door": evil}).encode()))
+    assert not set(answer["done"]["text"]) & set(evil[0] + "\x07\x9b\u202e")
+
+
+def test_an_operator_who_reads_nothing_and_asks_for_ever_is_hung_up(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("daemon.doors.socket.MOST_UNHEARD", 100_000)
+
+    def use(path: Path) -> Any:
+        with socket.socket(socket.AF_UNIX) as connection:
+            connection.settimeout(10)
+            connection.connect(str(path))
+            try:
+                for _ in range(20_000):
+                    connection.sendall(b'{"do": "status"}\n{"complete": ""}\n')
+            except (BrokenPipeError, ConnectionResetError):
+                return "hung up"
+        return "heard for ever"
+
+    assert listening(tmp_path, use) == "hung up"

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from daemon.console.interpreter import Answer, Command, Console
+from daemon.console.notices import Notices
 from daemon.doors.turns import Turns
 
 
@@ -43,7 +44,9 @@ class Operator:
             Command("resume", "resume", "", ask, at_once=True),
         ]  # fmt: skip
         context: Any = SimpleNamespace(
-            log=SimpleNamespace(record=lambda *_, **__: None), cycle=SimpleNamespace(supervisor=self)
+            log=SimpleNamespace(record=lambda *_, **__: None),
+            cycle=SimpleNamespace(supervisor=self),
+            notices=Notices(),
         )
         self.turns = Turns(Console(context, commands), self, self.interrupt, self.shown.append)  # type: ignore[arg-type]
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -29,8 +30,26 @@ def test_runs_are_tabled_and_laid_side_by_side(
     page = tmp_path / "page.html"
     assert ctl.main(["review", *runs, "--out", str(page), "--against", "20260102T030405Z"]) == 0
     data = json.loads(page.read_text().split('id="data">')[1].split("</script>")[0].replace("<\\/", "</"))
-    assert data["against"]["stats"]["picked"] == 1
+    share = data["against"]["rows"][0]
+    assert (share["before"], share["now"], share["delta"]) == ([1, 1], [0, 1], -100.0)
+    assert data["before"]["last"]["picked"] == 1
     assert [d["same"] for d in data["against"]["differences"]] == [True, True, False]
+
+
+def test_a_week_of_runs_is_one_page_and_each_point_leads_to_its_run(tmp_path: Path, browser: Any) -> None:
+    runs = tmp_path / "runs"
+    for day, outcome in ((1, "picked"), (9, "picked"), (10, "missed"), (12, "picked")):
+        made = MadeRun(runs / f"202601{day:02d}T030405Z")
+        made.pick(outcome, why="cube still lies there")
+        made.pick(label="pyramid")
+        made.close()
+    assert ctl.main(["review", "--week", "--runs", str(runs)]) == 0
+    browser.get((runs / "week.html").as_uri())
+    assert browser.find_element("id", "verdict").text == "5 of 6 picked in 3 runs"
+    assert "Success by part" in browser.find_element("id", "trends").text
+    browser.find_elements("css selector", "#trends svg circle.leads")[1].click()
+    assert browser.find_element("id", "verdict").text.startswith("1 of 2 picked")
+    assert browser.get_log("browser") == []
 
 
 def test_an_unknown_run_is_one_line_and_status_2(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -46,6 +65,6 @@ def test_tail_tells_a_run_line_by_line(made: MadeRun, capsys: pytest.CaptureFixt
     made.close()
     assert ctl.main(["tail", "--runs", str(made.folder.parent)]) == 0
     told = capsys.readouterr().out
-    assert "approach: cube 0.98" in told
+    assert "approach: cube 98 %" in told
     assert "picked: gone from where it lay" in told
     assert "\x1b[" not in told

@@ -34,11 +34,11 @@ def test_a_log_cut_at_any_byte_of_its_last_record_still_reviews(made: MadeRun, t
         (cut / "run.jsonl").write_bytes(whole[:end])
         found = read_run(cut)
         data = page_data(digest("cut", found.records, found.skipped))
-        assert data["stats"]["picked"] == 1
+        assert data["production"]["picked"] == 1
         whole_again = end >= len(whole) - 1
         torn = last < end < len(whole) - 1
         assert bool(data["skipped"]) == torn
-        assert data["stats"]["ended"] == whole_again
+        assert bool(data["end"]) == whole_again
 
 
 def test_every_prefix_of_a_run_makes_a_digest(made: MadeRun) -> None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+from typing import Any
 
 import pytest
 
@@ -25,6 +27,40 @@ def test_a_wire_ledger_that_was_altered_is_said_on_the_page(made: MadeRun) -> No
     lines = wire.read_bytes().splitlines(keepends=True)
     wire.write_bytes(b"".join(lines[:2] + lines[4:]))
     assert "wire.jsonl:3: 2 entries are missing before it" in write_page(folder, folder / "page.html").read_text()
+
+
+def data_of(page: str) -> Any:
+    return json.loads(page.split('id="data">')[1].split("</script>")[0].replace("<\\/", "</"))
+
+
+def test_a_run_that_is_being_written_is_still_going_and_one_that_was_killed_is_not(made: MadeRun) -> None:
+    made.pick()
+    made.write("cycle_start", cycle=2, target=None)
+    made.log.settle()
+    data = data_of(write_page(made.folder, made.folder / "page.html").read_text())
+    assert data["going"]
+    assert data["cycles"][1]["outcome"] == "going on"
+    assert data["cycles"][1]["causes"] == []
+    assert data["production"]["tried"] == 1
+    os.close(made.log._run.lines._handle)  # what kill -9 does
+    made.log._run.lines._handle = -1
+    data = data_of(write_page(made.folder, made.folder / "page.html").read_text())
+    assert not data["going"]
+    assert data["cycles"][1]["causes"][0]["name"] == "cut off"
+
+
+def test_all_models_in_use_are_named_with_their_versions(made: MadeRun) -> None:
+    for version in (3, 4):
+        made.write("model", action="accepted", version=version, labels=[], file=f"kept/{version}aaaaaaaabb.npz")
+    data = data_of(write_page(made.close(), made.folder / "page.html").read_text())
+    assert data["models"] == ["version 3 (3aaaaaaa)", "version 4 (4aaaaaaa)"]
+
+
+def test_a_fault_is_told_once(made: MadeRun) -> None:
+    for _ in range(2):
+        made.write("fault", cycle=1, code="CameraError", text="CameraError: gone", **{"while": "pick"})
+    data = data_of(write_page(made.close(), made.folder / "page.html").read_text())
+    assert [e["text"] for e in data["events"] if e["kind"] == "fault"] == ["fault CameraError: gone"]
 
 
 def test_texts_of_a_run_cannot_break_out_of_the_page(made: MadeRun) -> None:

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from daemon.arrays import Array
-from drivers.puma560 import READY_RAD, Configuration, Puma560, UnreachableError, configuration_of, forward
+from drivers.puma560 import READY_RAD, ArmGeometry, Configuration, UnreachableError, configuration_of, forward
 from drivers.simcell.arm import (
     JOINT_SPEED_RAD_S,
     LINE_SPEED_MM_S,
@@ -180,7 +180,7 @@ def test_where_the_tool_truly_is_never_jumps() -> None:
 def test_telling_the_controller_of_another_tool_does_not_move_the_true_one() -> None:
     held = np.eye(4)
     held[2, 3] = 160.0
-    arm = Arm(Puma560(flange_from_tool=held), START)
+    arm = Arm(ArmGeometry(flange_from_tool=held), START)
     truly, believed = arm.pose_at(0.0), arm.reported_pose_at(0.0)
     arm.tool = np.eye(4)
     np.testing.assert_array_equal(arm.pose_at(0.0), truly)

@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from drivers.puma560 import A2_MM, D3_MM, READY_RAD, Puma560, elbow_mm, forward, link_frames
+from drivers.puma560 import PUMA560, READY_RAD, ArmGeometry, elbow_mm, forward, link_frames
 from drivers.simcell.arm import Arm
 from drivers.simcell.cell import SimulatedCell
 from drivers.simcell.controller import Controller, Manners
@@ -26,7 +26,7 @@ class Cell:
     """A controller, somebody who types at it, and the judge. The arm may move; TOOL is set."""
 
     def __init__(self, manners: Manners | None = None, **safety: object) -> None:
-        geometry = Puma560(flange_from_tool=rigid_matrix(TRUTH.arm.flange_from_tool))
+        geometry = ArmGeometry(flange_from_tool=rigid_matrix(TRUTH.arm.flange_from_tool))
         arm = Arm(geometry, READY_RAD)
         self.controller, self.now_s = Controller(arm, manners), 0.0
         rules = msgspec.structs.replace(TRUTH.safety, **({"longest_step_mm": 2000.0} | safety))  # type: ignore[arg-type]
@@ -242,7 +242,7 @@ def test_the_forearm_ends_at_the_elbow_and_at_the_wrist() -> None:
 
 
 def test_the_true_arm_is_judged_and_not_the_one_the_controller_believes_in() -> None:
-    geometry = Puma560(flange_from_tool=rigid_matrix(TRUTH.arm.flange_from_tool))
+    geometry = ArmGeometry(flange_from_tool=rigid_matrix(TRUTH.arm.flange_from_tool))
     arm = Arm(geometry, READY_RAD, joint_offsets_rad=np.radians([0.0, 0.5, -0.3, 0.2, 0.1, 0.4]))
     body = Body(TRUTH.safety.body, arm.true_geometry, arm.joint_offsets_rad)
     assert body.at(arm.motion, np.array([1.0]))[1][0] == pytest.approx(arm.pose_at(1.0)[:3, 3])
@@ -325,7 +325,7 @@ def test_the_upper_arm_is_judged_from_behind_the_shoulder_to_the_elbow() -> None
 
 def test_the_judge_s_upper_arm_lies_where_the_arm_s_own_geometry_has_it() -> None:
     rng = np.random.default_rng(0)
-    ends = [[-A2_MM, 0.0, -D3_MM], [0.0, 0.0, -D3_MM], [0.0, 0.0, 0.0]]
+    ends = [[-PUMA560.a2_mm, 0.0, -PUMA560.d3_mm], [0.0, 0.0, -PUMA560.d3_mm], [0.0, 0.0, 0.0]]
     rods = [Rod("", "upper_arm", end, end, 1.0) for end in ends]
     arm = Arm(joints_rad=READY_RAD)
     body = Body(rods, arm.geometry, np.zeros(6))

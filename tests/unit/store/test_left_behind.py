@@ -6,10 +6,13 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 
 from daemon.store.runlog import RunLog
-from daemon.store.runs import Interrupted, drop_unstarted, left_behind, list_runs, new_folder
+from daemon.store.runs import new_folder
+from daemon.store.standing import Standing, StandingFile
+from daemon.store.standing import left_behind as left_in
 
 NOW = datetime(2026, 11, 21, 10, tzinfo=UTC)
 Record = tuple[str, dict[str, Any]]
@@ -28,9 +31,13 @@ def runs(tmp_path: Path) -> Path:
     return tmp_path / "runs"
 
 
+def left_behind(runs: Path) -> Standing | None:
+    return left_in(runs.parent / "standing", ran_before=runs.is_dir())
+
+
 def ran(runs: Path, *records: Record, end: dict[str, Any] | None = None) -> None:
     """A run with these records; without `end` it was killed."""
-    log = RunLog(new_folder(runs, NOW))
+    log = RunLog(new_folder(runs, NOW), standing=StandingFile(runs.parent / "standing"))
     for kind, fields in records:
         log.record(kind, **fields)
     assert log.settle()
@@ -44,12 +51,12 @@ def came_back(runs: Path, *more: Record, end: dict[str, Any] | None = None) -> N
     found: tuple[Record, ...] = ()
     if left is not None:
         said = {"run": left.run, "cycle": left.cycle, "state": left.state, "hand_closed": left.hand_closed,
-                "label": left.label, "auto": left.auto}  # fmt: skip
+                "label": left.label, "auto": left.auto and msgspec.structs.asdict(left.auto)}  # fmt: skip
         found = (("left", said),)
     ran(runs, *found, START, *more, end=end)
 
 
-def gripped(left: Interrupted | None) -> bool:
+def gripped(left: Standing | None) -> bool:
     return left is not None and left.hand_closed and left.label == "cube"
 
 
@@ -68,12 +75,15 @@ def test_a_second_crash_before_anybody_looked_forgets_nothing(runs: Path) -> Non
     assert gripped(left_behind(runs))
 
 
-def test_starts_that_come_to_nothing_do_not_hide_it_and_do_not_pile_up(runs: Path) -> None:
+def test_starts_that_come_to_nothing_do_not_hide_it(runs: Path) -> None:
     ran(runs, *GRIPPED)
+    first = left_behind(runs)
+    assert first is not None
     for _ in range(5):
-        drop_unstarted(runs)
-        ran(runs, ("left", {"run": "x", "cycle": 4}), end={})
-    assert len(list_runs(runs)) == 2
+        left = left_behind(runs)
+        assert left is not None
+        assert left.run == first.run, "told is the run that was cut off, not the start that came to nothing"
+        ran(runs, ("left", {"run": left.run, "cycle": 4, "hand_closed": True, "label": "cube"}), end={})
     assert gripped(left_behind(runs))
 
 
@@ -118,7 +128,7 @@ PLACED: Record = ("state", {"from": "place", "event": "placed", "to": "home"})
 
 def left_of_auto(runs: Path) -> dict[str, Any] | None:
     left = left_behind(runs)
-    return None if left is None else left.auto
+    return None if left is None or left.auto is None else msgspec.structs.asdict(left.auto)
 
 
 def test_an_auto_cut_off_is_told_with_the_parts_that_are_left_of_it(runs: Path) -> None:

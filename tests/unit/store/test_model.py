@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from daemon.jobs.modelview import check, compare, describe
 from daemon.store.library import load_facets
 from daemon.store.model import ModelError, from_bytes, load, load_file, save, to_bytes
+from daemon.store.outside import FileError
 from daemon.vision.model.model import Model, TeachError, empty_model, forget, learn_view
 from daemon.vision.recognition.recognise import recognise_group
 from tests.worlds.solids import CUBE, PENTAGONAL, PYRAMID, Body, pose, view_of
@@ -132,7 +133,7 @@ def test_an_archive_without_our_header_is_foreign() -> None:
 
 
 def test_a_missing_file_is_told_by_its_path(tmp_path: Path) -> None:
-    with pytest.raises(ModelError, match=r"none\.npz: cannot be read"):
+    with pytest.raises(FileError, match=r"none\.npz: cannot be read"):
         load(tmp_path / "none.npz")
 
 

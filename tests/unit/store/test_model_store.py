@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -73,15 +75,15 @@ def test_a_candidate_is_not_in_use_until_accepted_and_rollback_goes_back(model_s
         model_store.accept()
     assert model_store.put_candidate(model) == 1
     assert (model_store.current, model_store.candidate) == (None, 1)
-    assert model_store.accept() == 1
+    assert model_store.accept()[0] == 1
     assert model_store.put_candidate(model) == 2
     assert model_store.put_candidate(model) == 3
-    assert model_store.accept() == 3
+    assert model_store.accept()[0] == 3
     assert (model_store.current, model_store.candidate, model_store.history) == (3, None, (1,))
-    assert model_store.rollback() == 1
+    assert model_store.rollback()[0] == 1
     assert (model_store.current, model_store.candidate) == (1, 3), "what was gone back from can be accepted again"
-    assert model_store.accept() == 3
-    assert model_store.rollback() == 1
+    assert model_store.accept()[0] == 3
+    assert model_store.rollback()[0] == 1
     with pytest.raises(ModelStoreError, match="no earlier model"):
         model_store.rollback()
     assert model_store.put_candidate(model) == 4, "a version is never used twice"
@@ -93,8 +95,6 @@ def test_what_cannot_be_read_is_named_with_what_to_do(model_store: ModelStore, m
     with pytest.raises(ModelStoreError, match=r"left\.png: not an image; `forget` this view"):
         view.images()
     (view.folder / "view.json").write_text("{")
-    with pytest.raises(ModelStoreError, match=r"view\.json: cannot be read"):
-        model_store.views()
     model_store.put_candidate(model)
     model_store.accept()
     model_store.path(1).write_bytes(model_store.path(1).read_bytes()[:-20])
@@ -103,3 +103,46 @@ def test_what_cannot_be_read_is_named_with_what_to_do(model_store: ModelStore, m
     (model_store.folder / "models" / "state.json").write_text('{"current": "one"}')
     with pytest.raises(ModelStoreError, match=r"state\.json: cannot be read"):
         _ = model_store.current
+
+
+def test_a_damaged_note_names_itself_and_keeps_nobody_from_the_other_views(model_store: ModelStore) -> None:
+    for content in (b"{", b"[" * 100_000, b'{"table": 3}', b'{"facets": [[1]]}', b"\xff"):
+        whole, broken = (model_store.add_view(label, picture(1), picture(2), {}) for label in ("cube", "wedge"))
+        (broken.folder / "view.json").write_bytes(content)
+        assert [view.damage == "" for view in model_store.views()] == [True, False], content
+        (told,) = (view.damage for view in model_store.views("wedge"))
+        assert told.startswith(f"{broken.folder / 'view.json'}: cannot be read")
+        assert told.endswith("`forget wedge 1`")
+        assert model_store.labels() == ["cube", "wedge"]
+        assert model_store.drop_views("wedge", 1) == 1
+        assert model_store.drop_views("cube") == 1
+        assert whole.damage == ""
+
+
+def test_who_accepts_while_another_trains_is_not_undone_and_no_two_models_share_a_version(
+    model_store: ModelStore, model: Model
+) -> None:
+    accepted: list[int] = []
+
+    def train(_: int) -> int:
+        return model_store.put_candidate(model)
+
+    def accept(_: int) -> None:
+        with contextlib.suppress(ModelStoreError):
+            accepted.append(model_store.accept()[0])
+
+    with ThreadPoolExecutor(4) as pool:
+        trained = [pool.submit(train, k) for k in range(40)]
+        for work in [pool.submit(accept, k) for k in range(40)]:
+            work.result()
+        versions = [work.result() for work in trained]
+    assert sorted(versions) == list(range(1, 41))
+    assert [*model_store.history, model_store.current] == sorted(accepted), "every accept is there"
+
+
+def test_what_is_accepted_is_what_was_read(model_store: ModelStore, model: Model) -> None:
+    model_store.put_candidate(model)
+    model_store.path(1).write_bytes(b"damaged")
+    with pytest.raises(ModelError):
+        model_store.accept()
+    assert (model_store.current, model_store.candidate) == (None, 1)

@@ -15,6 +15,7 @@ from hypothesis.extra.numpy import array_shapes, arrays
 
 from daemon.store.npz import ArchiveError, one_line, pack, unpack
 
+MOST = 1_000_000
 kinds = st.sampled_from([np.float64, np.int32, np.bool_, np.uint8])
 some_arrays = kinds.flatmap(lambda kind: arrays(kind, array_shapes(min_dims=0, max_dims=3, min_side=0, max_side=4)))
 archives = st.dictionaries(st.text("abcdefg_", min_size=1, max_size=8), some_arrays, max_size=5)
@@ -22,7 +23,7 @@ archives = st.dictionaries(st.text("abcdefg_", min_size=1, max_size=8), some_arr
 
 @given(archives)
 def test_arrays_come_back_as_they_went(kept: dict[str, np.ndarray]) -> None:
-    found = unpack(pack(kept))
+    found = unpack(pack(kept), MOST)
     assert set(found) == set(kept)
     for name, array in kept.items():
         assert found[name].dtype == array.dtype
@@ -39,14 +40,14 @@ def test_a_damaged_archive_is_called_so_or_read_and_never_another_error(at: int,
     content = bytearray(pack({"corners": np.arange(30.0), "label": np.array("cube")}))
     content[at % len(content)] = byte
     with contextlib.suppress(ArchiveError):
-        unpack(bytes(content))
+        unpack(bytes(content), MOST)
 
 
 @given(st.integers(0, 10**6))
 def test_an_archive_cut_short_is_called_so(length: int) -> None:
     content = pack({"corners": np.arange(30.0)})
     with pytest.raises(ArchiveError, match="cut short"):
-        unpack(content[: length % len(content)])
+        unpack(content[: length % len(content)], MOST)
 
 
 def test_a_pickle_is_refused_unopened() -> None:
@@ -59,10 +60,10 @@ def test_a_pickle_is_refused_unopened() -> None:
         header = io.BytesIO()
         np.lib.format.write_array_header_1_0(header, {"descr": "|O", "fortran_order": False, "shape": (1,)})
         archive.writestr("trap.npy", header.getvalue() + pickle.dumps(np.array([Trap()], object)))
-    with pytest.raises(ArchiveError, match="damaged"):
-        unpack(out.getvalue())
+    with pytest.raises(ArchiveError, match="an array of objects"):
+        unpack(out.getvalue(), MOST)
     with pytest.raises(ArchiveError, match="not an archive"):
-        unpack(pickle.dumps(Trap()))
+        unpack(pickle.dumps(Trap()), MOST)
 
 
 def test_an_error_s_text_is_one_line_and_no_longer_than_a_line() -> None:

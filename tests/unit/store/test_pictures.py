@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
+from daemon.store.outside import FileError
 from daemon.store.pictures import PNG, PictureError, read_as_stored, read_grey
 
 GREY = np.random.default_rng(0).integers(0, 255, (60, 80), np.uint8)
@@ -64,9 +65,9 @@ def test_sixteen_bits_are_kept_as_stored_and_cut_to_eight_as_grey(tmp_path: Path
 
 @READERS
 def test_a_file_that_cannot_be_read_says_why(read, tmp_path: Path) -> None:
-    with pytest.raises(FileNotFoundError):
+    with pytest.raises(FileError, match=r"none\.png: cannot be read: No such file"):
         read(tmp_path / "none.png")
-    with pytest.raises(IsADirectoryError):
+    with pytest.raises(FileError, match="cannot be read: not a regular file"):
         read(tmp_path)
 
 
@@ -83,7 +84,6 @@ def test_a_file_that_cannot_be_read_says_why(read, tmp_path: Path) -> None:
         pytest.param(flipped(PACKED, 18), id="a bit of the size"),
         pytest.param(flipped(PACKED, 9), id="a bit of a length"),
         pytest.param(flipped(PACKED, len(PACKED) // 2), id="a bit of the pixels"),
-        pytest.param(of_claimed_size(60_000), id="a size beyond all memory"),
         pytest.param(cv2.imencode(".jpg", GREY)[1].tobytes()[:900], id="half a JPEG"),
     ],
 )

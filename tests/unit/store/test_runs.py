@@ -15,7 +15,6 @@ from daemon.store.runs import (
     enforce_quota,
     find_run,
     has_failure,
-    interrupted,
     list_runs,
     new_folder,
 )
@@ -53,19 +52,6 @@ def test_the_quota_removes_the_oldest_first_and_runs_with_failures_last(tmp_path
     removed = enforce_quota(tmp_path, 0, current)
     assert [f.name for f in removed] == [names[0], names[3]], "the failures go when nothing else is left"
     assert list_runs(tmp_path) == [current], "the run being written stays, whatever the quota"
-
-
-def test_a_run_without_an_end_says_how_it_was_left(tmp_path: Path) -> None:
-    log = RunLog(tmp_path / "run")
-    log.record("cycle_start", cycle=4, target=None)
-    log.record("estimate", cycle=4, label="cube")
-    log.record("hand", closed=True)
-    log.record("state", **{"from": "closing", "event": "closed", "to": "retreat"})
-    log.settle()
-    left = interrupted(log.folder)
-    log.close()
-    assert left is not None
-    assert (left.cycle, left.state, left.hand_closed, left.label) == (4, "retreat", True, "cube")
 
 
 def test_runs_are_found_by_latest_by_name_and_by_path(tmp_path: Path) -> None:

@@ -120,3 +120,12 @@ def test_a_damaged_file_is_an_error_or_a_mesh_and_never_a_crash(cut: int, at: in
     content[min(at, len(content) - 1)] = byte
     with np.errstate(all="ignore"), contextlib.suppress(MeshError):
         solid(kind, bytes(content[: len(content) - 700 + cut] if cut < 700 else content))
+
+
+@pytest.mark.parametrize("first", range(6))
+def test_a_polygon_with_a_notch_is_one_facet_wherever_its_ring_begins(first: int) -> None:
+    corners, rings = drawn.prism(drawn.L_BLOCK, 40.0)
+    turned = [(*ring[first:], *ring[:first]) if len(ring) == 6 else ring for ring in rings]
+    found = solid("l.obj", drawn.obj(corners, turned))
+    assert sorted(map(len, found.facets)) == [4] * 6 + [6] * 2
+    assert open_edges(found) == 0

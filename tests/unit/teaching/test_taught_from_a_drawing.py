@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from daemon.commands.learning import teach
@@ -113,3 +114,19 @@ def test_a_drawing_that_cannot_be_taught_is_an_answer_and_nothing_is_kept(
     assert want in str(told.value)
     assert told.value.status == NOT_UNDERSTOOD
     assert trainer.model_store.views() == []
+
+
+def test_a_drawing_that_is_odd_under_its_label_is_asked_about(trainer: Trainer) -> None:
+    cube = drawn.binary_stl(*CUBE)
+    assert trainer.odd_drawing("cube", "cube.stl", cube, "mm") is None
+    trainer.store_mesh("cube", "cube.stl", cube, "mm", {})
+    for label in ("cube", "block"):
+        assert trainer.odd_drawing(label, "again.stl", cube, "mm") == "this drawing is kept already, as cube/1"
+    ring = [(20 * np.cos(a), 20 * np.sin(a)) for a in np.arange(24) * 2 * np.pi / 24]
+    round_one = drawn.obj(*drawn.prism(ring, 40.0))
+    told = trainer.odd_drawing("cube", "cylinder.obj", round_one, "mm")
+    assert told is not None
+    assert told.startswith("cube is known by 6 facets, 87 mm across; this drawing has 26")
+    larger = trainer.odd_drawing("cube", "cube.obj", drawn.obj(*drawn.box(80, 80, 80)), "mm")
+    assert larger is not None
+    assert "139 mm" in larger

@@ -1,5 +1,8 @@
 """What the journal and the operator are told of a run, in sentences that say each thing once."""
 
+import socket
+from pathlib import Path
+
 import pytest
 
 from daemon.upkeep import journal
@@ -29,7 +32,7 @@ def test_the_journal_says_each_thing_once(
     told: list[tuple[str, str]] = []
     monkeypatch.setattr(journal, "tell", lambda kind, text, priority, **more: told.append((kind, text)))
     noticed: list[str] = []
-    journal.JournalledLog(Nowhere(), noticed.append).record(kind, **fields)
+    journal.JournalledLog(Nowhere(), lambda kind, text, who: noticed.append(text)).record(kind, **fields)
     assert told == [(kind, sentence)]
     assert noticed == ([sentence] if kind == "fault" else [])
 
@@ -43,7 +46,7 @@ def test_a_log_that_cannot_be_written_keeps_nobody_from_hearing_of_a_fault(monke
     monkeypatch.setattr(journal, "tell", lambda kind, text, priority, **more: told.append(text))
     noticed: list[str] = []
     with pytest.raises(OSError, match="No space"):
-        journal.JournalledLog(Full(), noticed.append).record("fault", code="a", text="b")
+        journal.JournalledLog(Full(), lambda kind, text, who: noticed.append(text)).record("fault", code="a", text="b")
     assert told == noticed == ["FAULT a: b"]
 
 
@@ -73,3 +76,19 @@ def test_a_word_to_systemd_never_raises(monkeypatch: pytest.MonkeyPatch) -> None
     journal.notify("STATUS=o\ud800dd")
     monkeypatch.setattr("socket.socket", none_left)
     journal.notify("STOPPING=1")
+
+
+def test_whatever_a_name_holds_the_readiness_socket_hears_one_state_a_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as listener:
+        listener.bind(str(tmp_path / "n"))
+        monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "n"))
+        journal.notify("WATCHDOG=1", "STATUS=stopped by x\nSTOPPING=1\r\x1b[2J")
+        assert listener.recv(4096) == b"WATCHDOG=1\nSTATUS=stopped by x STOPPING=1 ?[2J"
+
+
+def test_what_is_told_on_a_terminal_does_not_steer_it(capsys: pytest.CaptureFixture[str]) -> None:
+    journal.tell("trouble", "first\nsecond \x1b]0;title\x07\x9b")
+    journal.flush(5)
+    assert capsys.readouterr().err == "facetd: first\nsecond ^[]0;title^G?\n"

@@ -118,8 +118,8 @@ def test_a_dot_in_a_stalled_number_is_no_prompt() -> None:
     assert kinds(events) == ["Text"]
 
 
-def test_two_dots_are_no_prompt() -> None:
-    assert kinds(after(b"..")) == []
+def test_three_dots_are_no_prompt() -> None:
+    assert kinds(after(b"...")) == []
 
 
 def test_a_second_dot_behind_a_prompt_is_no_prompt() -> None:
@@ -263,3 +263,22 @@ def test_a_question_that_ended_its_line_is_asked_once() -> None:
     reader = Reader()
     reader.receive(b"Are you sure (Y/N)?\r\n")
     assert kinds(reader.silence() + reader.silence()) == ["Question"]
+
+
+@pytest.mark.parametrize("hand", [False, True])
+def test_a_where_with_one_header_for_both_lines_is_a_table_with_or_without_the_hand(hand: bool) -> None:
+    reader = Reader()
+    header = b" X/JT1 Y/JT2 Z/JT3 O/JT4 A/JT5 T/JT6" + b" HAND" * hand
+    place = b" 520.00 -.50 -100. 0.000 90.000 0.000" + b" 90.0" * hand
+    events = reader.receive(header + b"\r\n" + place + b"\r\n 1 -2.5 3 4 .5 -6\r\n")
+    (table,) = events
+    assert isinstance(table, Table)
+    assert table.where.location.values() == (520.0, -0.5, -100.0, 0.0, 90.0, 0.0)
+    assert table.where.joints_deg == (1.0, -2.5, 3.0, 4.0, 0.5, -6.0)
+
+
+@pytest.mark.parametrize("prompt", [b".", b". ", b".."])
+def test_a_prompt_may_be_one_dot_or_two_and_a_space(prompt: bytes) -> None:
+    reader = Reader()
+    assert reader.receive(b"\r\n" + prompt) == []
+    assert [type(event) for event in reader.silence()] == [Prompt]

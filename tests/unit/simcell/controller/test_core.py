@@ -6,6 +6,7 @@ import pytest
 from drivers.puma560 import NEST_RAD, READY_RAD
 from drivers.simcell.arm import Arm
 from drivers.simcell.controller import Controller, Faults, LineFault, Manners, Mishap
+from drivers.simcell.controller.manners import drawn
 from drivers.val2.location import apart, location_from_matrix
 from drivers.val2.wire import Location, Prompt, Reader, Table
 from tests.bench.fuzz_val2 import fuzz_controller, fuzz_reader, pieces
@@ -424,3 +425,29 @@ def test_random_bytes_neither_stop_it_nor_move_it() -> None:
     printed, moved = fuzz_controller(noise, 7)
     assert fuzz_reader(noise, 7) + printed > 0
     assert not moved
+
+
+def test_after_lf_cr_an_empty_line_is_answered_too_with_a_dot_right_behind_the_dot() -> None:
+    controller = Controller(Arm(), Manners(line_ends="both", echo=False, calibration_s=1.0))
+    controller.receive(b"cal\n\r", 0.0)
+    assert controller.output(0.0).endswith(b"(Y/N)? ")
+    controller.receive(b"y\n\r", 0.1)
+    assert controller.output(0.2) == b""
+    controller.tick(2.0)
+    assert controller.output(2.0).endswith(b"..")
+
+
+def test_every_manner_that_may_be_drawn_answers_where_so_that_our_reader_reads_it() -> None:
+    for seed in range(60):
+        manners = drawn(np.random.default_rng(seed))
+        controller, reader = Controller(Arm(joints_rad=READY_RAD), manners), Reader()
+        end = b"\n" if manners.line_ends == "lf" else b"\r"
+        for k, byte in enumerate(b"WHERE" + end):
+            controller.receive(bytes([byte]), 1.0 + 0.1 * k)
+        controller.tick(3.0)
+        events = reader.receive(controller.output(3.0)) + reader.silence()
+        table, prompt = next(e for e in events if isinstance(e, Table)), events[-1]
+        assert isinstance(prompt, Prompt)
+        np.testing.assert_allclose(
+            manners.joints_rad(np.array(table.where.joints_deg)), READY_RAD, atol=np.radians(0.51 * 10**-2)
+        )

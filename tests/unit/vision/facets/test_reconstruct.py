@@ -23,7 +23,6 @@ from daemon.vision.geometry.rectified import baseline
 from daemon.vision.geometry.rig import Camera, StereoRig
 from daemon.vision.image.both_eyes import open_eyes
 from daemon.vision.image.one_eye import OneEye
-from daemon.vision.image.outlines import Search
 from daemon.vision.settings import VisionSettings
 from daemon.vision.values import Facet, FacetView
 from tests.worlds.limit import limit
@@ -231,7 +230,7 @@ def test_a_facet_outlined_by_one_eye_only_is_found_in_the_other() -> None:
     eyes = open_eyes(*paint_pair([(CUBE, pose(DIRECTION, 0.4))], np.random.default_rng(11)), rig())
     chosen, _ = choose(find_candidates(eyes, settings_), settings_)
     assert len(chosen) == 3
-    blind = OneEye(eyes.right.eye, eyes.right.grey, searches={settings_: Search()})
+    blind = OneEye(eyes.right.eye, eyes.right.grey, outlined={settings_: ()})
     found = complete(chosen[:2], replace(eyes, right=blind), settings_)
     assert len(found) == 1
     middle = found[0].facet.corners_mm.mean(0)

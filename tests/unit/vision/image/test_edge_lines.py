@@ -13,7 +13,7 @@ from daemon.arrays import Array
 from daemon.vision.geometry.polygon import Shape, is_simple, tidy
 from daemon.vision.geometry.polygon_batch import areas, convex, met, rings
 from daemon.vision.image.edge_lines import Exposure, fit_sides
-from daemon.vision.image.grey import measure_noise
+from daemon.vision.image.grey import FINE, measure_noise
 from daemon.vision.image.thesis_corners import find_corners, mic_response
 from tests.worlds.limit import side_bound
 
@@ -38,7 +38,7 @@ def painted_polygon(
 
 def exposed(image: NDArray[np.uint8]) -> Exposure:
     """An image of an eye without a lens."""
-    return Exposure(image.astype(np.float32), measure_noise(image), None)
+    return Exposure(np.multiply(image, FINE, dtype=np.uint16), measure_noise(image), None)
 
 
 def turned_square(angle: float, half: float = 45.0, centre: float = 80.3) -> Array:

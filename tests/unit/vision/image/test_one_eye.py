@@ -1,4 +1,4 @@
-"""An eye is prepared once: whatever was made for one effort is there for the next."""
+"""An eye is prepared once: whatever was made is kept for whoever asks next."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ def cube_seen() -> OneEye:
     return open_eyes(*paint_pair([(CUBE, pose(direction, 0.4))], np.random.default_rng(11)), rig()).left
 
 
-def test_the_full_effort_keeps_what_the_brief_one_found() -> None:
-    view, full = cube_seen(), VisionSettings()
-    brief = view.outlines(full.brief())
-    first = fits([(view, brief)])[0]
-    assert len(brief) >= 3
-    assert set(brief) <= set(view.outlines(full))
-    assert all(a is b for a, b in zip(fits([(view, brief)])[0], first, strict=True))
+def test_outlines_and_what_was_fitted_to_them_are_kept() -> None:
+    view, brief = cube_seen(), VisionSettings().brief()
+    outlines = view.outlines(brief)
+    first = fits([(view, outlines)])[0]
+    assert len(outlines) >= 3
+    assert view.outlines(brief) is outlines
+    assert all(a is b for a, b in zip(fits([(view, outlines)])[0], first, strict=True))
 
 
 def test_nothing_is_measured_before_it_is_asked_for_and_nothing_twice() -> None:
     view = cube_seen()
-    assert not {"noise", "unit", "smooth", "image"} & set(vars(view))
+    assert not {"noise", "smooth", "exposure"} & set(vars(view))
     assert view.smooth is view.smooth
     assert view.scale(2) is view.scale(2)
 

@@ -1,4 +1,4 @@
-"""How far a fit is believed: a probability that falls with the misfit, with rivals and with how little is seen."""
+"""How far a fit is believed: by what it says against all that could have fitted as well by chance."""
 
 from __future__ import annotations
 
@@ -6,57 +6,122 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from daemon import frames
+from daemon.store.library import load_facets
 from daemon.vision.geometry.polyhedron import Polyhedron, exact
-from daemon.vision.recognition.confidence import coincidence, label_odds, probability
-from daemon.vision.recognition.hypotheses import Hypothesis
-from tests.worlds.solids import CUBE
+from daemon.vision.model.merge import MetricModel
+from daemon.vision.model.model import Model
+from daemon.vision.recognition.confidence import by_chance, probability, ways_tried
+from daemon.vision.recognition.hypotheses import Hypothesis, hypotheses
+from tests.worlds.drawn import block, obj, prism, solid
+from tests.worlds.solids import pose
+
+SIGMA_MM = 0.2
+AWAY = pose(np.array([0.5, 0.6, 0.7]), 0.3)
 
 
-def cube(facets: int) -> Polyhedron:
-    """A corner of a cube: its first side facets, typed."""
-    order = [2, 3, 1, 4][:facets]
-    whole = exact(CUBE.corners_mm, [CUBE.facets[f] for f in order])
-    return replace(whole, types=("square",) * facets)
+def knows(*parts: Polyhedron) -> Model:
+    return replace(Model(load_facets()), metric={f"part {k}": MetricModel(p, (0,)) for k, p in enumerate(parts)})
 
 
-def fitted(label: str, chi2: float, dof: int = 15, astray: int = -1) -> Hypothesis:
-    return Hypothesis(label, (0, 1, 2), np.arange(7), np.eye(4), np.eye(6), chi2, dof, 0.1, astray)
+def view(
+    part: Polyhedron, facets: list[int], sigma_mm: float = SIGMA_MM, shift: np.ndarray | None = None
+) -> Polyhedron:
+    """Some of a part's facets as they would be measured, without error but not known better than that."""
+    whole = exact(frames.apply(AWAY, part.corners_mm), [part.facets[f] for f in facets])
+    used = sorted({k for ring in whole.facets for k in ring})
+    rings = tuple(tuple(used.index(k) for k in ring) for ring in whole.facets)
+    corners = whole.corners_mm[used] + (0.0 if shift is None else shift[: len(used)])
+    return Polyhedron(corners, rings, np.repeat(sigma_mm**2 * np.eye(3)[None], len(used), 0))
 
 
-@given(st.floats(5, 80), st.floats(0.1, 40))
-def test_the_worse_the_fit_the_less_it_is_believed(chi2: float, more: float) -> None:
-    good, bad = (probability(cube(3), [fitted("cube", c)], "cube") for c in (chi2, chi2 + more))
-    assert 0 <= bad < good <= 1
+def fits(seen: Polyhedron, model: Model) -> list[Hypothesis]:
+    found = hypotheses(seen, model.metric, model.parameters.tolerance_mm)
+    return [h for h in found if h.explained == len(seen.facets)]
 
 
-@given(st.lists(st.floats(0, 60), min_size=2, max_size=5))
-def test_the_labels_share_what_strangers_leave_and_never_more_than_one(chi2: list[float]) -> None:
-    best = [fitted(f"part {k}", c) for k, c in enumerate(chi2)]
-    shares = [probability(cube(2), best, h.label) for h in best]
-    assert 0 < sum(shares) < 1
-    assert shares[chi2.index(min(chi2))] == pytest.approx(max(shares))
+BRICK = block(40, 52, 66)
+OTHERS = [block(20 + k, 30 + 2 * k, 90 - k) for k in range(15)]
+CORNER, PAIR = [0, 2, 4], [0, 2]
+"""Facets of a box that meet in a corner, and in an edge."""
+
+
+def chance(seen: Polyhedron, model: Model) -> float:
+    return by_chance(seen, fits(seen, model)[0], model)[0]
+
+
+def test_a_fit_of_well_measured_corners_is_proof() -> None:
+    model = knows(BRICK)
+    seen = view(BRICK, CORNER)
+    assert probability(seen, fits(seen, model), model)["part 0"] > 0.999
+
+
+def test_corners_that_are_unsure_fit_anything_and_prove_nothing() -> None:
+    model = knows(BRICK, *OTHERS)
+    sure, unsure, blind = (view(BRICK, PAIR, sigma_mm) for sigma_mm in (0.2, 3.0, 12.0))
+    told = [probability(seen, fits(seen, model), model)["part 0"] for seen in (sure, unsure, blind)]
+    assert told[0] > 0.999 > told[1] > 0.9 > told[2]
+    assert told[2] < 0.5
+
+
+def test_what_could_have_fitted_by_chance_grows_with_the_parts_that_were_taught() -> None:
+    seen = view(BRICK, PAIR, 0.5)
+    alone, among = chance(seen, knows(BRICK)), chance(seen, knows(BRICK, *OTHERS))
+    assert among == pytest.approx(16 * alone, rel=0.05)
+
+
+def test_a_lone_facet_proves_less_than_two_that_share_an_edge() -> None:
+    model = knows(BRICK)
+    assert chance(view(BRICK, PAIR[:1]), model) > 10 * chance(view(BRICK, PAIR), model)
+
+
+def test_facets_of_equal_sides_prove_less_than_others() -> None:
+    """A cube has one size by which it can be told from other cubes; a brick has three."""
+    cube = block(50, 50, 50)
+    assert chance(view(cube, CORNER), knows(cube)) > 10 * chance(view(BRICK, CORNER), knows(BRICK))
+
+
+@settings(deadline=None, max_examples=20)
+@given(st.floats(0.2, 3.0), st.floats(0.1, 2.0))
+def test_the_worse_the_sizes_fit_the_less_it_is_believed(off_mm: float, more_mm: float) -> None:
+    model = knows(BRICK)
+    told = []
+    for longer in (off_mm, off_mm + more_mm):
+        seen = view(block(40 + longer, 52, 66), CORNER)
+        told.append(probability(seen, fits(seen, model), model)["part 0"])
+    assert 0 <= told[1] <= told[0] <= 1
 
 
 def test_two_parts_that_fit_alike_halve_the_belief_in_either() -> None:
-    alone = probability(cube(3), [fitted("cube", 10.0)], "cube")
-    both = probability(cube(3), [fitted("cube", 10.0), fitted("box", 10.0)], "cube")
-    assert alone > 0.99
-    assert both == pytest.approx(0.5, abs=0.01)
+    model = knows(BRICK, block(40, 52, 66))
+    seen = view(BRICK, CORNER)
+    both = probability(seen, fits(seen, model), model)
+    assert both["part 0"] == pytest.approx(0.5, abs=0.01) == both["part 1"]
 
 
-def test_a_single_facet_may_be_anybody_s() -> None:
-    told = [coincidence(cube(n)) for n in (1, 2, 3)]
-    assert told[0] > 10 * told[1] > 10 * told[2]
-    assert probability(cube(1), [fitted("cube", 1.0, 6)], "cube") < probability(cube(3), [fitted("cube", 10.0)], "cube")
+def test_a_part_that_differs_by_more_than_was_measured_takes_nothing_away() -> None:
+    model = knows(BRICK, block(40, 52, 70))
+    seen = view(BRICK, CORNER)
+    assert probability(seen, fits(seen, model), model)["part 0"] > 0.999
 
 
-def test_a_fit_that_leaves_a_corner_out_counts_a_twentieth() -> None:
-    whole, astray = label_odds([fitted("cube", 10.0)])["cube"], label_odds([fitted("cube", 10.0, astray=3)])["cube"]
-    assert astray == pytest.approx(whole / 20)
+def test_a_fit_that_leaves_a_corner_out_proves_less() -> None:
+    model = knows(BRICK)
+    seen = view(BRICK, CORNER)
+    whole = fits(seen, model)
+    without = [replace(h, astray=0) for h in whole]
+    one, other = (1 - probability(seen, some, model)["part 0"] for some in (whole, without))
+    assert other > 10 * one
 
 
-def test_a_label_nothing_fits_has_no_probability() -> None:
-    assert probability(cube(3), [fitted("cube", 10.0)], "pyramid") == 0.0
+def test_ways_are_counted_by_the_edge_between_facets_that_is_rarest() -> None:
+    wedge = solid("wedge.obj", obj(*prism([(0, 0), (40, 0), (0, 30)], 60)))
+    both = knows(BRICK, wedge)
+    assert ways_tried(view(BRICK, PAIR), both.metric) == 2 * 12 + 2 * 3
+    triangle = next(k for k, ring in enumerate(wedge.facets) if len(ring) == 3)
+    beside = int(np.flatnonzero(wedge.touching[triangle])[0])
+    assert ways_tried(view(wedge, [triangle, beside]), both.metric) == 6
+    assert ways_tried(view(wedge, [triangle]), both.metric) == 2 * 3

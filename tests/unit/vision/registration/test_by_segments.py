@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from itertools import chain, repeat
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from daemon.vision.model.model import Model, empty_model, learn_view
 from daemon.vision.recognition.recognise import Recognised, recognise_group
 from daemon.vision.registration import by_segments
 from daemon.vision.registration.by_segments import named_by_segments
+from daemon.vision.registration.directed import directed_map
 from daemon.vision.values import Group
 from tests.worlds.printed import print_pair, straight_rig
 from tests.worlds.solids import CUBE, KNOWN, PENTAGONAL, PYRAMID, STRANGERS, TRIANGULAR, measured, pose, view_of
@@ -91,8 +93,38 @@ def _in_both(facet):
     return replace(measured(facet.corners_mm, None), left_px=px[0], right_px=px[1])
 
 
+def all_laid(name: str) -> list[by_segments.Laid]:
+    eyes = eyes_on(name)
+    maps = directed_map(eyes.left), directed_map(eyes.right)
+    likely, _ = by_segments._likely(eyes, model(), [], [], maps, lambda: 0.0)
+    return list(by_segments._laid(eyes, model(), likely, maps))
+
+
+@pytest.mark.parametrize(
+    ("looks_at_the_clock", "told"),
+    [
+        (0, "straight edges were not looked for"),
+        (2, "not everywhere was looked for pentagonal_prism, pyramid, triangular_prism"),
+        (5, "guesses were not tried"),
+    ],
+)
+def test_a_look_whose_time_is_up_tells_what_it_left_out(looks_at_the_clock: int, told: str) -> None:
+    spent = chain(repeat(0.0, looks_at_the_clock), repeat(1.5))
+    straight = named_by_segments(eyes_on("cube"), model(), [], lambda: next(spent))
+    assert told in "; ".join(straight.left_out)
+    assert straight.named == []
+
+
+def test_where_time_grows_short_the_likeliest_guesses_alone_are_laid(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(by_segments, "FEWEST_LAID", 2)
+    spent = chain(repeat(0.0, 1 + len(model().labels)), repeat(0.7))
+    straight = named_by_segments(eyes_on("cube"), model(), [], lambda: next(spent))
+    assert straight.left_out == ("5 of 7 guesses were not compared with the pictures",)
+    assert [one.label for one in straight.named] == ["cube"]
+
+
 def test_a_rival_that_explains_as_much_leaves_the_name_open(monkeypatch: pytest.MonkeyPatch) -> None:
-    laid = list(by_segments._laid(eyes_on("cube"), model(), [], []))
+    laid = all_laid("cube")
     best = max(laid, key=lambda one: one.nats if one.label == "cube" else 0.0)
     rival = replace(best, label="pyramid", nats=0.95 * best.nats)
     for others, names in (
@@ -106,7 +138,7 @@ def test_a_rival_that_explains_as_much_leaves_the_name_open(monkeypatch: pytest.
 
 def test_too_little_evidence_refuses_a_name() -> None:
     eyes = eyes_on("cube")
-    good = max(by_segments._laid(eyes, model(), [], []), key=lambda one: one.nats)
+    good = max(all_laid("cube"), key=lambda one: one.nats)
     assert by_segments._proved(good, eyes)
     assert not by_segments._proved(replace(good, nats=by_segments.LEAST_NATS - 1), eyes)
     assert not by_segments._proved(replace(good, share=-0.5), eyes)
@@ -115,7 +147,7 @@ def test_too_little_evidence_refuses_a_name() -> None:
 
 def test_print_that_does_not_lie_on_its_faces_refuses_a_name(monkeypatch: pytest.MonkeyPatch) -> None:
     eyes = eyes_on("cube")
-    good = max(by_segments._laid(eyes, model(), [], []), key=lambda o: o.nats)
+    good = max(all_laid("cube"), key=lambda o: o.nats)
     monkeypatch.setattr(by_segments, "likeness", lambda *_: 0.2)
     assert not by_segments._proved(good, eyes)
 
@@ -126,5 +158,5 @@ def test_what_came_nearest_is_told_with_the_edges_that_show_and_those_that_do_no
     for guess in found.guesses:
         assert guess.label in KNOWN
         assert guess.left_px.shape == (len(guess.left_shows), 2, 2)
-        assert 0 < guess.share < 1
+        assert 0 < guess.share <= 1
     assert found.guesses

@@ -12,7 +12,7 @@ from daemon import frames
 from daemon.vision.geometry import exact
 from daemon.vision.image.both_eyes import Eyes, open_eyes
 from daemon.vision.registration.different import Guesses, different
-from daemon.vision.registration.directed import DirectedMap, directed_map, evidence, nudged, other_sizes
+from daemon.vision.registration.directed import DirectedMap, directed_map, evidence, nudged, other_sizes, promising
 from daemon.vision.registration.faces import likeness
 from tests.worlds.printed import print_pair, straight_rig
 from tests.worlds.solids import KNOWN, STRANGERS, pose
@@ -53,6 +53,21 @@ def test_most_speaks_for_a_part_where_it_is(name: str) -> None:
     assert nats[0] > 2 * max(nats[1:].max(), 0.0)
     assert (nats <= most).all()
     assert nats[0] > 0.75 * most[0]
+
+
+def test_of_many_poses_a_glance_leaves_those_that_much_speaks_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    eyes, solid = eyes_on("cube"), shape("cube")
+    seen = maps(eyes)
+    rng = np.random.default_rng(3)
+    poses = np.stack([frames.perturb(WHERE, rng.normal(size=6) * ([15.0] * 3 + [0.3] * 3)) for _ in range(300)])
+    poses[::50] = WHERE
+    nats, _ = evidence(solid, poses, eyes.geometry, seen)
+    left = promising(solid, poses, eyes.geometry, seen)
+    assert len(left) < 150
+    assert evidence(solid, left, eyes.geometry, seen)[0].tolist().count(nats.max()) == 6
+    assert (nats > 60).sum() == (evidence(solid, left, eyes.geometry, seen)[0] > 60).sum()
+    monkeypatch.setattr("daemon.vision.registration.directed.MOST_PROMISING", 6)
+    assert np.array_equal(promising(solid, poses, eyes.geometry, seen), poses[::50])
 
 
 def test_edges_that_abound_speak_for_less() -> None:

@@ -1,0 +1,396 @@
+"""Which arm is this? Joint conventions, link lengths, base and tool from readings of place and joints. Pure.
+
+Whatever a controller counts its joints in, its place and its joints belong together by its own kinematics; a dozen
+readings far enough apart leave one geometry of a PUMA's kind (three joints, the second and third parallel, and a wrist
+whose axes meet in a point), or none. Nothing is assumed of signs, zeros or lengths.
+
+The angle of our kinematics (the standard Denavit-Hartenberg table in drivers/puma560.py) is sign times the printed one,
+plus zero; where joint 3 is counted against the horizon, the turn of joint 2 is taken from it. Several such readings of
+the same motion are one geometry told in other words (a forearm that points backward and is counted the other way
+round); `_plain` chooses the words.
+
+    what                                   how
+    signs of 1 and 2, joint 3's way,       a grid, each member's remaining rotations solved; signs of 3 to 6 are words
+    zeros of 2 + 3, 4 and 5                then least squares on orientations alone
+    lengths, zero of 2, base, tool         linear, once the orientations are known
+    all of them, and how well known        Levenberg-Marquardt on places and orientations together
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from daemon import frames
+from daemon.arrays import Array
+from daemon.calibration.least_squares import Problem, minimise
+from daemon.errors import FacetdError
+
+LEAST_READINGS = 7
+PLACE_MM, TURN_RAD = 0.02, 2e-5
+"""What WHERE's digits leave open: 0.01 mm and 0.001 degrees, and what the latter do a metre away."""
+GRID_RAD = np.radians(np.arange(0.0, 360.0, 45.0))
+FOLLOWED, PASSES = (6, 60), 20
+"""So many of the grid's members are followed for each convention until one fits, more where none did; and how far."""
+PRIOR_MM, PRIOR_RAD = 1000.0, np.pi
+"""What is known beforehand; a value that the readings know no better than a hundredth of it is left open."""
+FITS = 5.0
+"""A misfit of so many times what the digits leave open is no fit."""
+TELLS_MM = 1.0
+"""A length between axes that is surely more than this is not zero."""
+NAMES = ("zero_1", "zero_2", "zero_23", "zero_4", "zero_5", "a2", "a3", "d3", "d4",
+         "tool_turn_x", "tool_turn_y", "tool_turn_z", "tool_x", "tool_y", "tool_z",
+         "base_x", "base_y", "base_z")  # fmt: skip
+LENGTHS = ("a2", "a3", "d3", "d4")
+ANGLES = 5
+NONE: Mapping[int, float] = {}
+SURELY = 4.0
+"""Standard deviations within which what was found is what is known."""
+
+
+class NoArmError(FacetdError):
+    """The readings are too few, or no arm of a PUMA's kind makes them."""
+
+
+@dataclass(frozen=True)
+class Convention:
+    """signs (6,): +1 or -1. against_horizon: joint 3 is counted against the horizon, not against the upper arm."""
+
+    signs: tuple[float, ...]
+    against_horizon: bool
+
+
+@dataclass(frozen=True, eq=False)
+class ArmFound:
+    """The arm that the readings show.
+
+    zeros_deg (6,), within +-180. a2_mm, a3_mm, d3_mm, d4_mm: as in the Denavit-Hartenberg table; a3 is never negative,
+    and then d3 is positive where the shoulder's offset is to the right of an arm that reaches forward. base_mm (3,):
+    where axes 1 and 2 cross, in the world; wrist_from_tool (4, 4). sigma: standard deviation of each of NAMES (mm,
+    degrees). undetermined: names of what the readings leave open. place_mm, turn_deg: root mean square misfit.
+    rivals: other conventions that fit as well.
+    """
+
+    convention: Convention
+    zeros_deg: tuple[float, ...]
+    a2_mm: float
+    a3_mm: float
+    d3_mm: float
+    d4_mm: float
+    base_mm: tuple[float, ...]
+    wrist_from_tool: Array
+    sigma: dict[str, float]
+    undetermined: tuple[str, ...]
+    place_mm: float
+    turn_deg: float
+    rivals: tuple[Convention, ...]
+
+    @property
+    def lengths_mm(self) -> tuple[float, float, float, float]:
+        """a2, a3, d3, d4."""
+        return self.a2_mm, self.a3_mm, self.d3_mm, self.d4_mm
+
+
+@dataclass(frozen=True, eq=False)
+class _Model:
+    """A convention and (18,) parameters in the order of NAMES, rad and mm; the cost they have."""
+
+    convention: Convention
+    parameters: Array
+    cost: float
+    residuals: Array
+    jacobian: Array
+
+
+def find_arm(world_from_tool: Array, printed_deg: Array) -> ArmFound:
+    """The arm behind (N, 4, 4) places, mm, and (N, 6) joint angles as printed, degrees.
+
+    Joint 1 turns about the world's z: VAL's BASE has no other turn, and its turn is in joint 1's zero. Raises
+    NoArmError.
+    """
+    if len(world_from_tool) < LEAST_READINGS:
+        raise NoArmError(f"{len(world_from_tool)} readings: at least {LEAST_READINGS} are needed, better a dozen")
+    printed = np.radians(printed_deg)
+    turns, places = world_from_tool[:, :3, :3], world_from_tool[:, :3, 3]
+    best: list[_Model] = []
+    for most in FOLLOWED:
+        if not best:
+            fits = (_fitted(convention, most, turns, places, printed) for convention in _conventions())
+            best = sorted((model for model in fits if model is not None), key=lambda model: model.cost)
+    if not best:
+        raise NoArmError("no arm with a PUMA's wrist makes these readings: their orientations fit no such joints")
+    models = [_plain(model, turns, places, printed) for model in best if model.cost < 2.0 * best[0].cost + 1e-6]
+    found = models[0]
+    data = found.residuals[: 12 * len(turns)]
+    misfit = float(np.sqrt(np.mean(data**2)))
+    if misfit > FITS:
+        raise NoArmError(
+            f"no arm of a PUMA's kind makes these readings: the nearest misses their places by "
+            f"{_rms(data[9 * len(turns) :]) * PLACE_MM:.2f} mm"
+        )
+    return _told(found, [model.convention for model in models[1:]], len(turns))
+
+
+def settle(found: ArmFound, world_from_tool: Array, printed_deg: Array, lengths_mm: Sequence[float]) -> ArmFound:
+    """The same arm once its lengths (a2, a3, d3, d4) are known from elsewhere: zeros that may be quarter turns are, and
+    the rest is found anew from the same readings."""
+    x = _parameters(found)
+    known = {NAMES.index(name): value for name, value in zip(LENGTHS, lengths_mm, strict=True)}
+    for k in range(ANGLES):
+        quarter = np.radians(90.0 * round(float(np.degrees(x[k])) / 90.0))
+        if abs(x[k] - quarter) <= np.radians(SURELY * found.sigma[NAMES[k]] + 1e-3):
+            known[k] = float(quarter)
+    x[list(known)] = list(known.values())
+    turns, places = world_from_tool[:, :3, :3], world_from_tool[:, :3, 3]
+    return _told(_at(found.convention, x, turns, places, np.radians(printed_deg), known), (), len(turns))
+
+
+def _parameters(found: ArmFound) -> Array:
+    """(18,) in the order of NAMES, joint 6's zero in the tool's turn."""
+    zeros, tool = np.radians(found.zeros_deg), found.wrist_from_tool
+    return np.concatenate([
+        [zeros[0], zeros[1], zeros[1] + zeros[2], zeros[3], zeros[4]], found.lengths_mm,
+        frames.vector_from_rotation(_about_z(zeros[5]) @ tool[:3, :3]), _about_z(zeros[5]) @ tool[:3, 3], found.base_mm,
+    ])  # fmt: skip
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2) * 3))
+
+
+def poses(found: ArmFound, printed_deg: Array) -> Array:
+    """(N, 4, 4) mm: where the arm found has its tool at (N, 6) printed angles."""
+    turns, places = _chain(_parameters(found)[None], found.convention, np.radians(printed_deg))
+    made = np.tile(np.eye(4), (len(printed_deg), 1, 1))
+    made[:, :3, :3], made[:, :3, 3] = turns[0], places[0]
+    return made
+
+
+# The kinematics, for many parameters at once
+
+
+def _about_z(angle: Array | float) -> Array:
+    """(..., 3, 3)."""
+    c, s = np.cos(angle), np.sin(angle)
+    o, i = np.zeros_like(c), np.ones_like(c)
+    return np.stack([np.stack([c, -s, o], -1), np.stack([s, c, o], -1), np.stack([o, o, i], -1)], -2)
+
+
+def _about_y(angle: Array | float) -> Array:
+    """(..., 3, 3)."""
+    c, s = np.cos(angle), np.sin(angle)
+    o, i = np.zeros_like(c), np.ones_like(c)
+    return np.stack([np.stack([c, o, s], -1), np.stack([o, i, o], -1), np.stack([-s, o, c], -1)], -2)
+
+
+def _arm_angles(zeros: Array, convention: Convention, printed: Array) -> tuple[Array, ...]:
+    """q1, q2, q2 + q3, q4, q5, q6, each (M, N), of zeros (M, 5): of 1, 2, 2 + 3, 4 and 5; joint 6's is the tool's."""
+    p = printed * np.array(convention.signs)
+    both = p[:, 2] if convention.against_horizon else p[:, 1] + p[:, 2]
+    counted = np.stack([p[:, 0], p[:, 1], both, p[:, 3], p[:, 4]])
+    q = counted[None] + zeros[:, :, None]
+    return q[:, 0], q[:, 1], q[:, 2], q[:, 3], q[:, 4], np.broadcast_to(p[:, 5], q[:, 0].shape)
+
+
+def _flange(q: tuple[Array, ...]) -> Array:
+    """(M, N, 3, 3): the orientation of the arm's end."""
+    q1, _, q23, q4, q5, q6 = q
+    return _about_z(q1) @ _about_y(-q23) @ _about_z(q4) @ _about_y(-q5) @ _about_z(q6)
+
+
+def _chain(x: Array, convention: Convention, printed: Array) -> tuple[Array, Array]:
+    """(M, N, 3, 3) and (M, N, 3) mm: the tool, of parameters (M, 18)."""
+    q = _arm_angles(x[:, :5], convention, printed)
+    q1, q2, q23 = q[:3]
+    a2, a3, d3, d4 = (x[:, k, None] for k in range(5, 9))
+    flange = _flange(q)
+    tool = np.stack([frames.rotation_from_vector(v) for v in x[:, 9:12]])
+    outward = a2 * np.cos(q2) + a3 * np.cos(q23) - d4 * np.sin(q23)
+    upward = a2 * np.sin(q2) + a3 * np.sin(q23) + d4 * np.cos(q23)
+    c, s = np.cos(q1), np.sin(q1)
+    wrist = np.stack([c * outward + s * d3, s * outward - c * d3, upward], -1)
+    places = x[:, None, 15:18] + wrist + np.einsum("mnij,mj->mni", flange, x[:, 12:15])
+    return flange @ tool[:, None], places
+
+
+# Where to begin
+
+
+def _conventions() -> Iterator[Convention]:
+    """Those that differ in more than words."""
+    for one, two, against in product((1.0, -1.0), (1.0, -1.0), (False, True)):
+        yield Convention((one, two, 1.0, 1.0, 1.0, 1.0), against)
+
+
+def _starts(convention: Convention, most: int, turns: Array, printed: Array) -> Iterator[Array]:
+    """So many (8,) starts on orientations alone: the five zeros, then the tool's turn; the likeliest first."""
+    grid = np.array(list(product(GRID_RAD, GRID_RAD[:4], GRID_RAD)))
+    zeros = np.column_stack([np.zeros((len(grid), 2)), grid])
+    flange = _flange(_arm_angles(zeros, convention, printed))
+    first, tools, misfit = _both_ends(flange, turns)
+    for k in np.argsort(misfit)[:most]:
+        yield np.concatenate([[first[k]], zeros[k, 1:], frames.vector_from_rotation(tools[k])])
+
+
+def _both_ends(flange: Array, turns: Array) -> tuple[Array, Array, Array]:
+    """For (M, N, 3, 3) hypotheses of the arm: joint 1's zero (M,), the tool's turn (M, 3, 3), and the misfit (M,).
+
+    turns[i] = Rz(z1) flange[i] tool: of turns[i] turns[j]^T = Rz(z1) flange[i] flange[j]^T Rz(-z1) both sides are
+    known but for z1, which the horizontal parts of their axes show; the tool then is what is left over.
+    """
+    seen = _axes(turns @ np.roll(turns, 1, axis=0).swapaxes(-1, -2))
+    made = _axes(flange @ np.roll(flange, 1, axis=1).swapaxes(-1, -2))
+    across = (made[..., 0] * seen[:, 1] - made[..., 1] * seen[:, 0]).sum(-1)
+    along = (made[..., 0] * seen[:, 0] + made[..., 1] * seen[:, 1]).sum(-1)
+    first = np.arctan2(across, along)
+    turned = _about_z(first)[:, None] @ flange
+    u, _, vt = np.linalg.svd(np.einsum("mnji,njk->mik", turned, turns))
+    u[np.linalg.det(u @ vt) < 0, :, 2] *= -1.0
+    tools = u @ vt
+    misfit = ((turned @ tools[:, None] - turns) ** 2).sum((1, 2, 3))
+    return first, tools, misfit
+
+
+def _axes(turns: Array) -> Array:
+    """(..., 3): axis times sine of the angle of (..., 3, 3)."""
+    return np.stack(
+        [turns[..., 2, 1] - turns[..., 1, 2], turns[..., 0, 2] - turns[..., 2, 0], turns[..., 1, 0] - turns[..., 0, 1]],
+        -1,
+    )
+
+
+# Least squares
+
+
+def _fitted(convention: Convention, most: int, turns: Array, places: Array, printed: Array) -> _Model | None:
+    """The arm of one convention, if one fits: orientations first; then lengths linearly; then everything together."""
+    turn_only = _problem(convention, turns, None, printed)
+    for start in _starts(convention, most, turns, printed):
+        x = np.concatenate([start[:5], np.zeros(4), start[5:], np.zeros(6)])
+        x, residuals, _ = minimise(turn_only, x, PASSES)
+        if _rms(residuals[: 9 * len(turns)]) < 10.0 * FITS:
+            return _at(convention, _lengths(x, convention, places, printed), turns, places, printed, {})
+    return None
+
+
+def _at(
+    convention: Convention, x: Array, turns: Array, places: Array, printed: Array, known: Mapping[int, float]
+) -> _Model:
+    """The best of one convention from a start on; known: parameters that are what is given."""
+    x, residuals, jacobian = minimise(_problem(convention, turns, places, printed, known), x)
+    return _Model(convention, x, float(residuals @ residuals), residuals, jacobian)
+
+
+def _problem(
+    convention: Convention, turns: Array, places: Array | None, printed: Array, known: Mapping[int, float] = NONE
+) -> Problem:
+    """Residuals in units of what the digits leave open: 9 a reading, then (places given) 3 a reading, then priors."""
+    steps = np.where(np.isin(NAMES, ("a2", "a3", "d3", "d4")) | (np.arange(18) >= 12), 1e-2, 1e-6)
+    prior = np.where(steps > 1e-4, PRIOR_MM, PRIOR_RAD * 10.0)
+    middle = np.zeros(18)
+    for k, value in known.items():
+        middle[k], prior[k] = value, steps[k] / 100.0
+    moved = np.concatenate([np.zeros((1, 18)), np.diag(steps), -np.diag(steps)])
+
+    def problem(x: Array) -> tuple[Array, Array]:
+        made_turns, made_places = _chain(x + moved, convention, printed)
+        parts = [(made_turns - turns).reshape(len(moved), -1) / (TURN_RAD * np.sqrt(2.0))]
+        if places is not None:
+            parts.append((made_places - places).reshape(len(moved), -1) / PLACE_MM)
+        parts.append((x + moved - middle) / prior)
+        rows = np.concatenate(parts, axis=1)
+        return rows[0], ((rows[1:19] - rows[19:]) / (2.0 * steps[:, None])).T
+
+    return problem
+
+
+def _lengths(x: Array, convention: Convention, places: Array, printed: Array) -> Array:
+    """x with lengths, joint 2's zero, tool and base: linear in a2's two components, once the orientations are known."""
+    q1, q2, q23, *_ = q = _arm_angles(x[None, :5] * np.array([1, 0, 1, 1, 1]), convention, printed)
+    flange, c, s = _flange(q)[0], np.cos(q1[0]), np.sin(q1[0])
+
+    def placed(outward: Array, upward: Array) -> Array:
+        return np.stack([c * outward, s * outward, upward], -1)
+
+    columns = [
+        placed(np.cos(q2[0]), np.sin(q2[0])),
+        placed(-np.sin(q2[0]), np.cos(q2[0])),
+        placed(np.cos(q23[0]), np.sin(q23[0])),
+        np.stack([s, -c, np.zeros_like(c)], -1),
+        placed(-np.sin(q23[0]), np.cos(q23[0])),
+        *(flange[:, :, k] for k in range(3)),
+        *(np.tile(axis, (len(c), 1)) for axis in np.eye(3)),
+    ]
+    matrix = np.stack([column.ravel() for column in columns], -1)
+    weighed = np.concatenate([matrix / PLACE_MM, np.eye(len(columns)) / PRIOR_MM])
+    known = np.linalg.lstsq(weighed, np.concatenate([places.ravel() / PLACE_MM, np.zeros(len(columns))]), rcond=None)[0]
+    made = x.copy()
+    made[1] = np.arctan2(known[1], known[0])
+    made[5:9] = np.hypot(known[0], known[1]), *known[2:5]
+    made[12:18] = known[5:11]
+    return made
+
+
+# The same in plain words
+
+
+def _plain(model: _Model, turns: Array, places: Array, printed: Array) -> _Model:
+    """The one of the equal ways to tell a geometry that our table tells: a2 and d4 forward, a3 not negative (or, where
+    it is nothing, joint 1 counted from the front), the tool ahead of the wrist, joint 4 from near zero."""
+    x, signs = model.parameters.copy(), list(model.convention.signs)
+    if x[8] < 0:  # the forearm runs the other way
+        x[2], x[4] = x[2] + np.pi, x[4] - np.pi
+        x[6], x[8] = -x[6], -x[8]
+        signs[3], x[3] = -signs[3], -x[3]
+    sigma = np.sqrt(np.diag(np.linalg.pinv(model.jacobian.T @ model.jacobian)))
+    tells = abs(x[6]) > max(TELLS_MM, 5.0 * sigma[6])
+    if (x[6] < 0) if tells else abs(_wrapped(x[0])) > np.pi / 2 + 1e-6:  # the arm seen from behind
+        signs[1], signs[2] = -signs[1], -signs[2]
+        x[0], x[1], x[2], x[3] = x[0] + np.pi, np.pi - x[1], -x[2], x[3] - np.pi
+        x[6], x[7] = -x[6], -x[7]
+    tool = frames.rotation_from_vector(x[9:12])
+    if tool[2, 2] < 0:  # the hand points out of the wrist's back
+        half = _about_y(np.pi)
+        x[4], signs[5] = x[4] - np.pi, -signs[5]
+        tool, x[12:15] = half @ tool, half @ x[12:15]
+    if abs(_wrapped(x[3])) > np.pi / 2 + 1e-6:  # the wrist flipped
+        half = _about_z(np.pi)
+        x[3], signs[4], x[4] = x[3] - np.pi, -signs[4], -x[4]
+        tool, x[12:15] = half @ tool, half @ x[12:15]
+    x[:5] = _wrapped(x[:5])
+    x[9:12] = frames.vector_from_rotation(tool)
+    return _at(Convention(tuple(signs), model.convention.against_horizon), x, turns, places, printed, {})
+
+
+def _wrapped(angle: Array) -> Array:
+    """Within [-180, 180) degrees, rad."""
+    return (angle + np.pi) % (2.0 * np.pi) - np.pi
+
+
+def _told(model: _Model, others: Sequence[Convention], count: int) -> ArmFound:
+    """Values with how well they are known; joint 6 takes the tool's turn about its axis, not to be told from it."""
+    x, rows = model.parameters, 12 * count
+    variance = max(1.0, float((model.residuals[:rows] ** 2).sum()) / (6 * count - 18)) if count > 3 else 1.0
+    sigma = np.sqrt(np.diag(np.linalg.inv(model.jacobian.T @ model.jacobian)) * variance)
+    angles = np.array([k < ANGLES or 9 <= k < 12 for k in range(18)])
+    open_ones = sigma > np.where(angles, np.radians(1.0), PRIOR_MM / 100.0)
+    tool = frames.rotation_from_vector(x[9:12])
+    turn = float(np.arctan2(tool[1, 0] - tool[0, 1], tool[0, 0] + tool[1, 1]))
+    wrist_from_tool = frames.rigid(_about_z(-turn) @ tool, _about_z(-turn) @ x[12:15])
+    zeros = _wrapped(np.array([x[0], x[1], x[2] - x[1], x[3], x[4], turn]))
+    told = np.where(angles, np.degrees(sigma), sigma)
+    return ArmFound(
+        convention=model.convention,
+        zeros_deg=tuple(float(z) for z in np.degrees(zeros)),
+        a2_mm=float(x[5]), a3_mm=float(x[6]), d3_mm=float(x[7]), d4_mm=float(x[8]),
+        base_mm=tuple(float(v) for v in x[15:18]),
+        wrist_from_tool=wrist_from_tool,
+        sigma={name: float(value) for name, value in zip(NAMES, told, strict=True)},
+        undetermined=tuple(name for name, is_open in zip(NAMES, open_ones, strict=True) if is_open),
+        place_mm=_rms(model.residuals[9 * count : rows]) * PLACE_MM,
+        turn_deg=float(np.degrees(_rms(model.residuals[: 9 * count]) * TURN_RAD * np.sqrt(3.0))),
+        rivals=tuple(dict.fromkeys(other for other in others if other != model.convention)),
+    )  # fmt: skip

@@ -1,0 +1,151 @@
+"""Commands about models: train a candidate, take it into use, see which there are, take another."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any
+
+from daemon.commands.learning import describe_sufficiency, sufficiency_json
+from daemon.console.context import CommandContext
+from daemon.console.interpreter import (
+    NOT_DONE,
+    NOT_UNDERSTOOD,
+    Answer,
+    CommandError,
+    Door,
+    command,
+    no_more,
+    number,
+    one_of,
+    yes_or_no,
+)
+from daemon.console.phrases import plural
+from daemon.store.model_store import ModelStore
+from daemon.teaching.trainer import ViewVerdict
+
+MODEL_WORDS = ("list", "use")
+MODEL_USAGE = "model list | model use N|latest"
+
+
+@command("train", "change", first=True)
+async def train(context: CommandContext, words: list[str], door: Door) -> Answer:
+    """Make a model of all views; `accept` puts it into use.
+
+    It is a candidate: the model in use is not touched, unless there was none.
+    """
+    trained = await asyncio.to_thread(context.trainer.train)
+    wrong = [v for v in trained.verdicts if not v.right]
+    right = len(trained.verdicts) - len(wrong)
+    text = f"Candidate {trained.version}: names {right} of {plural(len(trained.verdicts), 'taught view')} rightly"
+    lines = [f"{text} ({trained.seconds:.1f} s)."]
+    lines += [f"  {_describe_verdict(v)}" for v in wrong]
+    lines += [f"  left out: {line}" for line in trained.left_out]
+    candidate = context.trainer.candidate()
+    data: dict[str, Any] = {"version": trained.version, "right": right, "views": len(trained.verdicts)}
+    data["seconds"] = round(trained.seconds, 2)
+    if candidate is not None:
+        judged = [await asyncio.to_thread(context.trainer.judge, candidate.model, label) for label in candidate.labels]
+        lines += [describe_sufficiency(judgement, brief=True) for judgement in judged]
+        data["parts"] = {judgement.label: sufficiency_json(judgement) for judgement in judged}
+    lines.append("`try` looks with it; `accept` puts it into use.")
+    first = context.trainer.model_store.current is None and not context.trainer.model.labels
+    if first and not wrong:
+        version = context.trainer.accept()
+        context.use_model("first", version)
+        lines[-1] = f"There was no model yet: version {version} is in use from now on."
+        data["accepted"] = True
+    return Answer("\n".join(lines), data, NOT_DONE if wrong else 0)
+
+
+@command("accept", "change")
+async def accept(context: CommandContext, words: list[str], door: Door) -> Answer:
+    """Put the candidate model into use."""
+    model_store = context.trainer.model_store
+    if model_store.candidate is None and model_store.current is not None:
+        raise CommandError(f"version {model_store.current} is in use and no other waits; `train` makes a candidate")
+    await _not_amid_a_pick(context, door)
+    version = await asyncio.to_thread(context.trainer.accept)
+    context.use_model("accept", version)
+    return Answer(f"Version {version} is in use; `rollback` goes back.", {"version": version})
+
+
+@command("rollback", "change")
+async def rollback(context: CommandContext, words: list[str], door: Door) -> Answer:
+    """Go back to the model used before."""
+    if context.trainer.model_store.history:
+        await _not_amid_a_pick(context, door)
+    version = await asyncio.to_thread(context.trainer.rollback)
+    context.use_model("rollback", version)
+    return Answer(f"Version {version} is in use again; the other one is the candidate.", {"version": version})
+
+
+@command(MODEL_USAGE, "change", most=2, choices=MODEL_WORDS, aliases=("models",), looks=frozenset({"", "list"}),
+         further=lambda context, word: _versions(context) if word == "use" else ())  # fmt: skip
+async def model(context: CommandContext, words: list[str], door: Door) -> Answer:
+    """Which models there are, and take one of them into use.
+
+    Every version that was ever trained here is kept; `model use 3` takes the third, `latest` the newest. The
+    one in use before is what `rollback` goes back to.
+    """
+    word = one_of(words, 0, MODEL_WORDS, "word", MODEL_USAGE) if words else "list"
+    store = context.trainer.model_store
+    if word == "list":
+        no_more(words, 1, MODEL_USAGE)
+        return list_of(store)
+    if len(words) < 2:
+        raise CommandError(f"N is missing: {MODEL_USAGE}", NOT_UNDERSTOOD)
+    version = version_named(store, words[1])
+    if version == store.current:
+        raise CommandError(f"version {version} is in use already")
+    await _not_amid_a_pick(context, door)
+    await asyncio.to_thread(context.trainer.take, version)
+    context.use_model("use", version)
+    return Answer(f"Version {version} is in use; `rollback` goes back.", {"version": version})
+
+
+def version_named(store: ModelStore, word: str) -> int:
+    """A version's number, or `latest`. Raises CommandError."""
+    known = store.versions()
+    if not known:
+        raise CommandError("no model was trained here yet: `teach`, then `train`")
+    version = known[-1] if word == "latest" else number(word, "N", 1, 9999)
+    if version not in known:
+        raise CommandError(f"there is no version {version}; `model list` shows which there are", NOT_UNDERSTOOD)
+    return version
+
+
+def list_of(store: ModelStore) -> Answer:
+    """Every version, what it knows and what it is at present."""
+    current, candidate, before = store.current, store.candidate, store.history[-1:]
+    rows, data = [], []
+    for version in store.versions():
+        told = store.told(version)
+        state = {current: "in use", candidate: "candidate"}.get(version, "before" if version in before else "")
+        rows.append(f"{version:>4}  {told.trained or '-':<20}  {state:<9}  {told.knows}")
+        data.append({"version": version, "trained": told.trained, "state": state, "labels": list(told.labels)})
+    if not rows:
+        return Answer("No model was trained here yet: `teach`, then `train`.", {"models": []})
+    return Answer("\n".join([f"{'':>4}  {'trained (UTC)':<20}  {'':<9}  knows", *rows]), {"models": data})
+
+
+def _versions(context: CommandContext) -> list[str]:
+    return [*map(str, context.trainer.model_store.versions()), "latest"]
+
+
+async def _not_amid_a_pick(context: CommandContext, door: Door) -> None:
+    """Another model from one pick to the next is no small thing while the arm picks by itself. Raises CommandError."""
+    state = context.cycle.status()
+    if not state["auto"] and state["doing"] != "pick":
+        return
+    what = "auto is on" if state["auto"] else "a pick is under way"
+    if not door.asks:
+        raise CommandError(f"{what}: the next part would be picked with another model; wait, or `auto off` first")
+    if not await yes_or_no(door, f"{what}: the next part will be picked with another model. Change it now? [y/n]"):
+        raise CommandError("the model stays")
+
+
+def _describe_verdict(verdict: ViewVerdict) -> str:
+    return f"{verdict.view}: taken for {verdict.named} ({verdict.reason})"
+
+
+COMMANDS = (train, accept, rollback, model)

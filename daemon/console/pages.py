@@ -1,0 +1,55 @@
+"""Text on a terminal of so many columns and rows: folded between words, and put before its reader page by page."""
+
+from __future__ import annotations
+
+import textwrap
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from daemon.console.interpreter import Door
+
+NARROWEST, WIDEST, LOWEST = 20, 500, 4
+"""Columns that a terminal is taken to have, at least and at most, and rows at least."""
+MORE = "-- more (Enter, q) --"
+
+
+def fold(text: str, columns: int) -> list[str]:
+    """Lines no longer than that, broken between words; what is folded is indented under its line."""
+    folded: list[str] = []
+    for line in text.rstrip("\n").split("\n"):
+        if len(line) <= columns:
+            folded.append(line)
+        else:
+            indent = " " * (len(line) - len(line.lstrip()) + 4)
+            folded += textwrap.wrap(line, columns, subsequent_indent=indent, drop_whitespace=True)
+    return folded
+
+
+async def by_pages(text: str, door: Door) -> str:
+    """Show all but the last page, each after an Enter; gives the last, or nothing to whoever has seen enough.
+
+    A door that does not know how high its terminal is gets all of it at once.
+    """
+    lines = fold(text, door.columns)
+    if door.rows is None or not door.asks:
+        return text
+    page = max(door.rows - 1, 2)
+    while len(lines) >= door.rows:
+        await door.say("\n".join(lines[:page]))
+        lines = lines[page:]
+        if (await door.ask(MORE)).strip():
+            return ""
+    return "\n".join(lines)
+
+
+def table(rows: list[tuple[str, str]], columns: int) -> str:
+    """Words and what is said of each, beside them in one column, or below them where they are too long for that."""
+    narrow = columns < 60
+    width = 0 if narrow else max((len(word) for word, _ in rows if len(word) <= 24), default=0)
+    lines = []
+    for word, said in rows:
+        if len(word) <= width:
+            lines.append(f"{word:<{width}}  {said}")
+        else:
+            lines += [word, " " * (width + 2) + said]
+    return "\n".join(lines)

@@ -1,0 +1,90 @@
+"""Who is let in at the socket, and what each kind of user may do there. In one place; said for people in
+deploy/README.md, "Who may do what".
+
+| at the other end (by the kernel's word) | may |
+| --- | --- |
+| root, the daemon's own user | all |
+| a member of `console.group` (where none is named: of the daemon's own group) | all |
+| a member of `console.look_group` | look: nothing moves and no model changes; and stop, which everybody may |
+| anybody else | nothing: is told so, and hung up |
+
+What a command is, to look, to move or to change, its grade says (console/interpreter.py), which refuses what is not
+allowed. A serial terminal may what `console.tty.may` says.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import grp
+import os
+import pwd
+import socket
+import struct
+from dataclasses import dataclass
+from typing import Literal
+
+from daemon.config import Console
+from daemon.errors import FacetdError
+
+
+class DoorError(FacetdError):
+    """A door cannot be opened: which, why, what to do."""
+
+
+May = Literal["look", "all"]
+SO_PEERGROUPS = 59
+"""Linux since 4.13, <asm-generic/socket.h>; Python has no name for it."""
+MOST_GROUPS = 256
+"""Of which Python can be told."""
+
+
+@dataclass(frozen=True)
+class Peer:
+    """Who is at the other end of a connection."""
+
+    process: int
+    user: int
+    groups: frozenset[int]
+
+    def __str__(self) -> str:
+        try:
+            name = pwd.getpwuid(self.user).pw_name
+        except KeyError:
+            name = f"uid {self.user}"
+        return f"{name} (process {self.process})"
+
+
+def peer_of(connection: socket.socket) -> Peer:
+    """By the kernel's word, not by its own."""
+    packed = connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, struct.calcsize("3i"))
+    process, user, group = struct.unpack("3i", packed)
+    more = b""
+    with contextlib.suppress(OSError):  # somebody in more groups than can be asked for is in the first one only
+        more = connection.getsockopt(socket.SOL_SOCKET, SO_PEERGROUPS, 4 * MOST_GROUPS)
+    return Peer(process, user, frozenset({group, *struct.unpack(f"{len(more) // 4}I", more)}))
+
+
+class Rights:
+    """The table above, for one configuration. Raises DoorError where this machine has no such group."""
+
+    def __init__(self, console: Console) -> None:
+        self.group = os.getegid() if console.group is None else _group("group", console.group)
+        self._look_group = None if console.look_group is None else _group("look_group", console.look_group)
+
+    @property
+    def mode(self) -> int:
+        """The socket's: where some may only look, it is asked of each who they are."""
+        return 0o660 if self._look_group is None else 0o666
+
+    def of(self, peer: Peer) -> May | None:
+        """What somebody may; None: nothing."""
+        if peer.user in (0, os.geteuid()) or self.group in peer.groups:
+            return "all"
+        return "look" if self._look_group in peer.groups else None
+
+
+def _group(key: str, name: str) -> int:
+    try:
+        return grp.getgrnam(name).gr_gid
+    except KeyError:
+        raise DoorError(f"console.{key}: there is no group {name!r} on this machine") from None

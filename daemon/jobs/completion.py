@@ -1,0 +1,78 @@
+"""`facetctl completion bash|zsh`: what a shell's Tab offers behind `facetctl`, from the tables that `--help` shows.
+
+Words that depend on the running daemon (parts, views, places) are asked of it when Tab is pressed.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterable, Mapping
+
+SHELLS = ("bash", "zsh")
+FILE_TYPES = frozenset({"Path"})
+BEFORE = {"bash": "", "zsh": "autoload -Uz compinit bashcompinit && compinit && bashcompinit\n"}
+SCRIPT = """{before}_facetctl() {{
+    local cur="${{COMP_WORDS[COMP_CWORD]}}" prev="${{COMP_WORDS[COMP_CWORD-1]}}" words=
+    COMPREPLY=()
+    case "$prev" in
+        {files}) COMPREPLY=($(compgen -f -- "$cur")); return ;;
+    esac
+    if [ "$COMP_CWORD" = 1 ]; then
+        words="{first}"
+    else
+        case "${{COMP_WORDS[1]}}" in
+{cases}
+        esac
+    fi
+    case "$cur" in
+        -*) ;;
+        *) case " {asked} " in
+            *" ${{COMP_WORDS[1]}} "*) [ "$COMP_CWORD" -gt 1 ] &&
+                words="$words $(facetctl completion of "${{COMP_WORDS[@]:1:COMP_CWORD}}" 2>/dev/null)" ;;
+           esac ;;
+    esac
+    COMPREPLY=($(compgen -W "$words" -- "$cur"))
+    case "${{COMP_WORDS[1]}}" in
+        {takers}) [ "$COMP_CWORD" -gt 1 ] && COMPREPLY+=($(compgen -f -- "$cur")) ;;
+    esac
+}}
+complete -o filenames -F _facetctl facetctl
+"""
+
+
+def options(parser: argparse.ArgumentParser) -> tuple[list[str], list[str], bool]:
+    """What a job takes: its words and options, those of them that a file follows, whether it takes files by place."""
+    words: list[str] = []
+    files: list[str] = []
+    takes = False
+    for action in parser._actions:  # there is no public way to ask a parser what it takes
+        words += action.option_strings
+        is_file = getattr(action.type, "__name__", "") in FILE_TYPES
+        if is_file:
+            files += action.option_strings
+            takes = takes or not action.option_strings
+        if isinstance(action, argparse._SubParsersAction):
+            for name, kind in action.choices.items():
+                inner = options(kind)
+                words += [name, *inner[0]]
+                files += inner[1]
+                takes = takes or inner[2]
+        elif action.choices is not None:
+            words += [str(choice) for choice in action.choices]
+    return list(dict.fromkeys(words)), list(dict.fromkeys(files)), takes
+
+
+def script(shell: str, asked: Iterable[str], jobs: Mapping[str, argparse.ArgumentParser], own: Iterable[str]) -> str:
+    """The shell's script. asked: words of the daemon's language; jobs: what works without it; own: the tool's own."""
+    asked, own = sorted(asked), sorted(own)
+    taken = {name: options(parser) for name, parser in jobs.items()}
+    files = sorted({option for _, follows, _ in taken.values() for option in follows} | {"--mesh", "--socket"})
+    takers = [*sorted(name for name, (_, _, takes) in taken.items() if takes), "script"]
+    cases = [f'            {name}) words="{" ".join(words)}" ;;' for name, (words, _, _) in sorted(taken.items())]
+    cases.append(f'            completion) words="{" ".join(SHELLS)}" ;;')
+    cases.append('            *) words="--help" ;;')
+    first = " ".join(sorted({*asked, *own, *taken, "--help", "--version"}))
+    return SCRIPT.format(
+        before=BEFORE[shell], files="|".join(files), first=first, cases="\n".join(cases), asked=" ".join(asked),
+        takers="|".join(takers),
+    )  # fmt: skip

@@ -1,0 +1,262 @@
+// Shows a run from the data in the page. Nothing is fetched.
+"use strict";
+(() => {
+const data = JSON.parse(by("data").textContent);
+let pictures = null;                                  // parsed when the first look is opened
+const offset = data.utc_offset_s, zone = known(offset) ? "the cell's time" : "UTC";
+const done = data.production, failed = done.tried - done.picked;
+theme();
+
+// ---- head: what was wrong with the night, in a sentence
+const stops = Object.entries(done.stops);
+const worst = data.strips.filter((s) => s.near === 2).map((s) => s.name);
+by("verdict").append(...[
+  done.tried ? `${done.picked} of ${done.tried} picked` : "Nothing was tried",
+  failed ? `. ${stops.length === 1 && stops[0][1] === failed ? "" : `${failed} not: `}${stops.map(([name, n]) => (n > 1 || stops.length === 1 ? `${n} × ${name}` : name)).join(", ")}` : "",
+  worst.length ? `. Beyond its limit: ${worst.join(", ")}` : ""].filter(Boolean), ".");
+by("verdict").className = failed || worst.length ? "bad" : "good";
+const cell = data.cell;
+by("summary").append(...[
+  cell.kind === "simulated" ? el("b", { class: "tag" }, "simulated") : cell.kind === "recorded" ? el("b", { class: "tag" }, "recorded pictures") : null,
+  cell.name ? el("b", {}, `${cell.name} `) : null, `run ${data.run}, `,
+  data.started ? el("time", { title: `${data.started.slice(0, 19).replace("T", " ")} UTC` }, `${dayAndTime(data.started, offset)} (${zone})`) : null,
+  `, ${duration(data.seconds)}, `,
+  data.going ? el("b", { class: "tag on" }, "still going") : data.end ? `ended: ${data.end}` : el("b", { class: "tag off" }, "cut off: killed, or the power failed"),
+  el("br"), [cell.version ? `facetd ${cell.version}` : null, `model ${data.models.join(", then ") || "none"}`,
+    data.kept.calibration ? `calibration ${data.kept.calibration}` : null, data.kept.config ? `configuration ${data.kept.config}` : null].filter(Boolean).join(" · "),
+].filter(Boolean));
+const warnings = [...data.skipped];
+if (data.pictures_left_out) warnings.push(`${plural(data.pictures_left_out, "picture")} not in this page (they are in the run folder)`);
+by("warnings").append(...warnings.map((w) => el("p", { class: "warn" }, w)));
+
+// ---- tiles: each with the last run's and the last week's beside it
+const { last, week } = data.before;
+const beside = (of) => [last ? `last run ${of(last)}` : null, week ? `week ${of(week)}` : null].filter(Boolean).join(" · ");
+const tile = (name, value, under, kind = "") => el("div", { class: `tile ${kind}` }, el("span", {}, name), el("b", {}, value), under ? el("small", {}, under) : null);
+const partOf = (p, label) => (p.parts[label] ? share(p.parts[label]) : "–");
+by("tiles").append(
+  tile("picked of tried", `${done.picked} of ${done.tried}`, beside((p) => share([p.picked, p.tried])), failed ? "bad" : ""),
+  tile("picks an hour", number(done.hourly), beside((p) => number(p.hourly))),
+  tile("a pick, median", duration(done.median_s), [`95 %: ${duration(done.p95_s)}`, beside((p) => duration(p.median_s))].filter(Boolean).join(" · ")),
+  tile("interventions by people", done.interventions, beside((p) => `${p.interventions}${p.runs > 1 ? ` in ${p.runs} runs` : ""}`), done.interventions ? "warn" : ""),
+  tile("without a name", done.nameless, beside((p) => `${p.nameless}${p.runs > 1 ? ` in ${p.runs} runs` : ""}`), done.nameless ? "warn" : ""),
+  tile("error at the grasp", known(done.grasp_mm) ? `${number(done.grasp_mm)} mm` : "–",
+    [`predicted, median`, known(done.true_mm) ? `true ${number(done.true_mm)} mm` : null].filter(Boolean).join(" · ")),
+  el("div", { class: "tile list" }, el("span", {}, "success by part"), ...Object.entries(done.parts).map(([label, [n, of]]) =>
+    el("div", {}, el("i", { class: n < of ? "bad" : "good" }, `${n} of ${of}`), ` ${label} `, el("small", {}, beside((p) => partOf(p, label))))),
+  Object.keys(done.parts).length ? null : el("b", {}, "–")),
+  el("div", { class: "tile list" }, el("span", {}, "stopped by"), ...(stops.length ? stops.map(([name, n]) => el("div", {}, el("i", { class: "bad" }, n), ` ${name}`)) : [el("b", {}, "nothing")])));
+
+// ---- the other run
+if (data.against) {
+  by("against").hidden = false;
+  by("against-name").textContent = data.against.run;
+  const shown = (row, value) => (Array.isArray(value) ? (value[1] ? `${value[0]} of ${value[1]}` : "–") : row.unit === "s" ? duration(value) : known(value) ? `${number(value)} ${row.unit}` : "–");
+  const small = (row) => !Array.isArray(row.before) && Math.abs(row.delta) < Math.abs(row.before) / 100;
+  const sign = (row) => (known(row.delta) ? small(row) ? "±0" : `${row.delta > 0 ? "+" : row.delta < 0 ? "−" : "±"}${number(Math.abs(row.delta))} ${row.unit}` : "");
+  by("against-body").append(
+    el("table", { class: "plain" }, el("thead", {}, el("tr", {}, ...["", data.against.run, "this run", "difference", ""].map((name) => el("th", {}, name)))),
+      el("tbody", {}, ...data.against.rows.map((row) => el("tr", { class: row.matters }, el("td", {}, row.name),
+        el("td", { class: "num" }, shown(row, row.before)), el("td", { class: "num" }, shown(row, row.now)), el("td", { class: "num delta" }, sign(row)),
+        el("td", { class: "mark" }, row.matters ? (row.matters === "worse" ? "▼ worse" : "▲ better") : ""))))),
+    el("p", { class: "dim" }, "Marked where a share differs by more than twice what chance would, or a time or an error by more than a tenth."),
+    ...data.against.differences.filter((d) => !d.same && (d.before || d.after)).map((d) => el("details", { open: d.lines.length < 30 },
+      el("summary", {}, `${d.name}: ${d.before || "–"} → ${d.after || "–"}`), d.lines.length ? el("pre", {}, d.lines.join("\n")) : null)));
+}
+
+// ---- the run on one axis: cycles, marks, and each measure with its limit
+const WIDTH = 1000, span = [0, Math.max(data.seconds, ...data.timeline.map((b) => b.to), 1)];
+const across = (s) => 100 * s / span[1];
+const bars = el("div", { id: "timeline", role: "img", "aria-label": "cycles over time" }, ...data.timeline.map((bar) => el("i", {
+  class: bar.outcome.replace(" ", "-"), "data-cycle": bar.n, title: `cycle ${bar.n}: ${bar.label || "?"} ${bar.outcome}`, onclick: () => open(bar.n),
+  style: `left:${across(bar.from)}%;width:${across(bar.to - bar.from)}%` })));
+const marks = el("div", { id: "marks" }, ...data.events.filter((e) => e.kind !== "run_end").map((e) => el("i", { class: e.kind, title: `${clock(e.t, offset)} ${e.text}`,
+  style: `left:${across(e.s)}%`, onclick: () => e.cycle !== null && open(e.cycle) })));
+const cursor = el("div", { id: "cursor", hidden: true });
+const ends = [0, 0.25, 0.5, 0.75, 1].map((part) => {
+  const at = data.started ? new Date(Date.parse(data.started) + 1000 * span[1] * part).toISOString() : null;
+  return el("span", { style: `left:${100 * part}%` }, at ? clock(at, offset).slice(0, span[1] < 600 ? 8 : 5) : duration(span[1] * part));
+});
+const row = (name, track, value = "", kind = "") => el("div", { class: `strip ${kind}` }, el("div", { class: "name" }, name), el("div", { class: "track" }, track), el("div", { class: "value" }, value));
+const within = (strip) => (known(strip.limit) ? `${strip.above ? "most" : "least"} ${number(strip.worst)}, limit ${number(strip.limit)} ${strip.unit}` : `most ${strip.unit === "s" ? duration(strip.worst) : `${number(strip.worst)} ${strip.unit}`}`);
+function stripRow(strip) {
+  const opened = strip.near > 0, kind = ["calm", "near", "beyond"][strip.near];
+  const track = el("div"), made = row(strip.name, track, within(strip), `${kind}${opened ? " open" : ""}`);
+  const draw = () => {
+    const height = made.classList.contains("open") ? 64 : 12, layer = svg("svg", { viewBox: `0 0 ${WIDTH} ${height}`, preserveAspectRatio: "none", height });
+    const values = Object.values(strip.lines).flat().filter(known), top = Math.max(...values, strip.limit || 0) * 1.05 || 1, low = Math.min(0, ...values);
+    if (height > 12) {
+      const y = height - height * ((strip.limit || 0) - low) / (top - low);
+      if (known(strip.limit)) layer.append(svg("rect", { x: 0, width: WIDTH, y: strip.above ? 0 : y, height: strip.above ? y : height - y, class: "beyond" }), svg("line", { x1: 0, x2: WIDTH, y1: y, y2: y, class: "limit" }));
+      Object.values(strip.lines).forEach((line, k) => {
+        const drawn = curve(strip.s.map((s, i) => [s, line[i]]), span, [low, top], WIDTH, height, WIDTH / 15);
+        layer.append(svg("path", { d: drawn.path, class: `line c${k}` }));
+      });
+      const names = Object.keys(strip.lines).filter(Boolean);
+      track.replaceChildren(layer, names.length > 1 ? el("div", { class: "legend" }, ...names.map((name, k) => el("span", { class: `c${k}` }, name))) : "");
+    } else {
+      layer.append(svg("line", { x1: 0, x2: WIDTH, y1: 6, y2: 6, class: "still" }));
+      track.replaceChildren(layer);
+    }
+  };
+  made.querySelector(".name").addEventListener("click", () => { made.classList.toggle("open"); draw(); });
+  made.strip = strip;
+  draw();
+  return made;
+}
+const strips = [...data.strips].sort((a, b) => b.near - a.near).map(stripRow);
+by("strips").append(row("cycles", bars), data.events.length ? row("faults, changes", marks) : "", ...strips, row("", el("div", { class: "ends" }, ...ends)), cursor);
+const calm = data.strips.filter((s) => s.near === 0 && known(s.limit)).length;
+by("night").append(el("p", { class: "dim" }, `${calm === data.strips.filter((s) => known(s.limit)).length ? "Nothing came near its limit. " : ""}A calm measure is a line; its name opens it. A bar is a cycle; it opens with its pictures.`));
+const atPointer = (e) => {                            // what was there at the moment under the pointer
+  const track = bars.getBoundingClientRect(), part = (e.clientX - track.left) / track.width;
+  if (part < 0 || part > 1) { cursor.hidden = true; return; }
+  const s = part * span[1], cycle = data.timeline.find((b) => b.from <= s && s <= b.to);
+  cursor.hidden = false;
+  cursor.style.left = `${track.left - by("strips").getBoundingClientRect().left + part * track.width}px`;
+  const t = data.started ? new Date(Date.parse(data.started) + 1000 * s).toISOString() : null;
+  cursor.replaceChildren(el("span", {}, `${clock(t, offset)}${cycle ? ` cycle ${cycle.n} ${cycle.label || ""} ${cycle.outcome}` : ""}`));
+  for (const made of strips) {
+    const { strip } = made, k = nearest(strip.s, s);
+    const here = Object.entries(strip.lines).filter(([, line]) => known(line[k])).map(([name, line]) => `${name} ${number(line[k])}`.trim());
+    made.querySelector(".value").textContent = here.length ? `${here.join(", ")} ${strip.unit}` : within(strip);
+  }
+  for (const [n, line] of rows) line.classList.toggle("under", Boolean(cycle) && n === cycle.n);
+  for (const bar of bars.children) bar.classList.toggle("under", Boolean(cycle) && Number(bar.dataset.cycle) === cycle.n);
+};
+by("strips").addEventListener("pointermove", atPointer);
+by("strips").addEventListener("pointerleave", () => { cursor.hidden = true; for (const made of strips) made.querySelector(".value").textContent = within(made.strip); });
+function nearest(sorted, s) {
+  let low = 0, high = sorted.length - 1;
+  while (low < high) { const middle = (low + high) >> 1; if (sorted[middle] < s) low = middle + 1; else high = middle; }
+  return low > 0 && s - sorted[low - 1] < sorted[low] - s ? low - 1 : low;
+}
+
+// ---- table
+const simulated = data.cycles.some((c) => known(c.true_mm));
+const columns = [["n", "cycle"], ["t", "at"], ["label", "part"], ["outcome", "outcome"], ["looks", "looks"], ["s", "time"], ["mm", "predicted mm"],
+  ...(simulated ? [["true_mm", "true mm"]] : []), ["cause", "why"]];
+const NUMBERS = ["n", "looks", "s", "mm", "true_mm"];
+let order = "n", ascending = true, wanted = "all", opened = null;
+const rows = new Map();
+for (const cycle of data.cycles) cycle.cause = cycle.causes.length ? cycle.causes[0].name : "";
+by("table").tHead.append(el("tr", {}, ...columns.map(([key, name]) => el("th", { class: `k-${key}${NUMBERS.includes(key) ? " num" : ""}`,
+  onclick: () => { ascending = order === key ? !ascending : true; order = key; fill(); } }, name))));
+const content = { t: (c) => time(c.t, offset), s: (c) => duration(c.s), mm: (c) => number(c.mm), true_mm: (c) => number(c.true_mm),
+  cause: (c) => (c.cause ? el("span", {}, el("b", {}, c.cause), ` ${c.why || ""}`) : c.why || "") };
+for (const cycle of data.cycles) {
+  const cells = columns.map(([key]) => el("td", { class: `k-${key}${NUMBERS.includes(key) ? " num" : ""}${key === "outcome" ? ` o ${cycle.outcome.replace(" ", "-")}` : ""}` },
+    content[key] ? content[key](cycle) : cycle[key] ?? "–"));
+  rows.set(cycle.n, el("tr", { tabindex: 0, "data-cycle": cycle.n, onclick: () => open(cycle.n), onkeydown: (e) => { if (e.key === "Enter") open(cycle.n); } }, ...cells));
+}
+const text = new Map(data.cycles.map((c) => [c.n, [c.n, c.label, c.outcome, c.why, ...c.causes.map((k) => k.name + k.e + k.stage),
+  ...c.decisions.map((d) => `${d.text} ${d.why}`)].join(" ").toLowerCase()]));
+function fill() {
+  const words = by("search").value.toLowerCase().split(/\s+/).filter(Boolean);
+  const chosen = data.cycles.filter((c) => (wanted === "all" || c.outcome === wanted) && words.every((w) => text.get(c.n).includes(w)));
+  const value = (c) => (known(c[order]) ? c[order] : NUMBERS.includes(order) ? Infinity : "");
+  chosen.sort((a, b) => { const x = value(a), y = value(b); return (x < y ? -1 : x > y ? 1 : 0) * (ascending ? 1 : -1); });
+  by("table").tBodies[0].replaceChildren(...chosen.map((c) => rows.get(c.n)));
+  by("count").textContent = `${chosen.length} of ${data.cycles.length}`;
+}
+by("search").addEventListener("input", fill);
+const counts = new Map();
+for (const c of data.cycles) counts.set(c.outcome, (counts.get(c.outcome) || 0) + 1);
+by("filters").append(...["all", ...counts.keys()].map((name) => el("button", { type: "button", "data-outcome": name, "aria-pressed": name === "all",
+  onclick: (e) => { wanted = name; for (const b of by("filters").children) b.setAttribute("aria-pressed", b === e.currentTarget); fill(); } },
+  name === "all" ? "all" : `${name} ${counts.get(name)}`)));
+fill();
+
+// ---- one cycle
+function open(number_) {
+  const cycle = data.cycles.find((c) => c.n === number_);
+  if (!cycle) return;
+  if (opened !== null && rows.get(opened)) rows.get(opened).classList.remove("open");
+  opened = number_;
+  rows.get(number_).classList.add("open");
+  const place = by("cycle"), body = el("div", { id: "stop" });
+  const buttons = cycle.stops.map((stop, k) => el("button", { type: "button", class: "stop-button", "data-stop": k, onclick: () => choose(k) },
+    stop.estimate ? `look ${stop.n}` : stop.purpose));
+  let at = 0;
+  const choose = (k) => {
+    if (k < 0 || k >= cycle.stops.length) return;
+    at = k;
+    buttons.forEach((b, i) => b.setAttribute("aria-pressed", i === k));
+    body.replaceChildren(lookView(cycle.stops[k]));
+  };
+  const step = (by_) => () => choose(at + by_);
+  place.hidden = false;
+  place.replaceChildren(...[
+    el("h2", {}, `Cycle ${cycle.n}: ${cycle.label || "no part"} `, el("span", { class: `o ${cycle.outcome.replace(" ", "-")}` }, cycle.outcome)),
+    el("p", { class: "dim" }, time(cycle.t, offset), `, ${duration(cycle.s)}, ${plural(cycle.looks, "look")} at the part. ${cycle.why || ""}`),
+    ...cycle.causes.map((c, k) => el("div", { class: `cause${k ? " less" : ""}` }, el("b", {}, c.name), k ? " (perhaps)" : "", `: ${c.e}`, el("br"), el("small", {}, c.r))),
+    el("div", { class: "stops" }, el("button", { type: "button", id: "previous", onclick: step(-1) }, "‹"), ...buttons,
+      el("button", { type: "button", id: "next", onclick: step(1) }, "next ›")), body,
+    cycle.decisions.length ? el("details", { open: cycle.decisions.length < 8 }, el("summary", {}, plural(cycle.decisions.length, "decision")), el("ul", {}, ...cycle.decisions.map((d) => el("li", {}, el("b", {}, d.text), ` — ${d.why || ""}`)))) : null].filter(Boolean));
+  if (cycle.stops.length) choose(telling(cycle));
+  place.scrollIntoView({ behavior: "auto", block: "start" });
+}
+// The look to begin with: where the first cause shows; of a good pick the last estimate.
+function telling(cycle) {
+  const at = cycle.causes.length ? cycle.causes[0].at : 0, before = cycle.stops.filter((s) => s.seq <= at).length - 1;
+  const estimated = cycle.stops.map((s, k) => [s.estimate, k]).filter(([e]) => e).map(([, k]) => k);
+  return before >= 0 ? before : estimated.length ? estimated[0] : 0;
+}
+document.addEventListener("keydown", (e) => {
+  if (e.target.tagName === "INPUT" || opened === null) return;
+  if (e.key === "ArrowRight") by("next").click();
+  if (e.key === "ArrowLeft") by("previous").click();
+});
+
+function lookView(stop) {
+  pictures = pictures || JSON.parse(by("pictures").textContent);
+  const info = el("dl");
+  const add = (name, value) => { if (known(value) && value !== "") info.append(el("dt", {}, name), el("dd", {}, value)); };
+  if (stop.estimate) {
+    add("estimate", `${stop.estimate.label} at ${stop.estimate.at.map((x) => number(x)).join(", ")} mm, ±${number(stop.estimate.mm)} mm ±${number(stop.estimate.deg)}° at the grasp`);
+    add("agreement", `chi-square ${number(stop.estimate.chi2)} with the looks before (22.5 is the most)`);
+  }
+  for (const p of stop.parts) {
+    add(p.label, [known(p.conf) ? `confidence ${number(p.conf)}` : null, known(p.ratio) ? `match ratio ${number(p.ratio)}` : null, p.runner ? `next likest ${p.runner}` : null,
+      known(p.res) ? `off its model by ${number(p.res)} mm` : null, p.why].filter(Boolean).join(", "));
+  }
+  for (const g of stop.guesses) add("nearest", `${g.label}: ${Math.round(100 * g.share)} % of its edges show (drawn through), the others do not (dashed)`);
+  const findings = Object.values(stop.health.findings || {});
+  for (const f of findings) add("picture", typeof f === "string" ? f : f.advice || f.text);
+  const measures = Object.entries(stop.health).filter(([, v]) => typeof v === "number").map(([k, v]) => `${k.replaceAll("_", " ")} ${number(v)}`).join(", ");
+  return el("div", {}, eyes(stop, (eye) => pictures[`${stop.seq}-${eye}`]), info,
+    stop.moves.length ? el("div", {}, el("h3", {}, "What followed"), el("ul", {}, ...stop.moves.map((m) => el("li", { class: m.kind === "refusal" ? "warn" : null }, m.text)))) : null,
+    stop.notes.length ? el("details", {}, el("summary", {}, plural(stop.notes.length, "note")), el("ul", {}, ...stop.notes.map((n) => el("li", {}, n)))) : null,
+    stop.rejected.length ? el("details", {}, el("summary", {}, `${plural(stop.rejected.length, "outline")} refused`),
+      el("ul", {}, ...stop.rejected.map((r) => el("li", {}, `${r.eye}: ${r.why}`)))) : null,
+    el("details", {}, el("summary", {}, "measures and times"), el("p", { class: "dim" }, measures), el("p", { class: "dim" }, Object.entries(stop.seconds).map(([k, v]) => `${k.replaceAll("_", " ")} ${Math.round(1000 * v)} ms`).join(", "))));
+}
+
+// ---- events, other looks
+by("event-list").append(data.events.length ? el("ul", {}, ...data.events.map((e) => el("li", { class: ["fault", "refusal", "gap"].includes(e.kind) ? "warn" : null },
+  time(e.t, offset), " ", e.cycle === null ? null : el("a", { href: "#cycle", onclick: () => open(e.cycle) }, `cycle ${e.cycle} `), e.text,
+  e.after && ["fault", "refusal"].includes(e.kind) ? el("span", { class: "dim" }, ` — after: ${e.after}`) : null))) : el("p", { class: "dim" }, "none"));
+by("other-list").append(...data.outside.map((stop) => {
+  const box = el("details", {}, el("summary", {}, time(stop.t, offset), ` ${stop.purpose}: ${stop.parts.map((p) => p.label).join(", ") || "nothing named"}`));
+  box.addEventListener("toggle", () => { if (box.open && box.children.length === 1) box.append(lookView(stop)); });
+  return box;
+}));
+if (!data.outside.length) by("other-list").append(el("p", { class: "dim" }, "none"));
+
+// ---- plots
+const approached = data.cycles.filter((c) => c.stops.some((s) => s.estimate)).map((c) => c.stops.filter((s) => s.estimate).map((s) => s.estimate.mm));
+const most = Math.max(0, ...approached.map((c) => c.length)), limit = (data.strips.find((s) => s.name === "error at the grasp") || {}).limit;
+const atLook = Array.from({ length: most }, (_, i) => approached.filter((c) => c.length > i).map((c) => c[i]).sort((a, b) => a - b));
+const quantile = (sorted, q) => sorted[Math.min(sorted.length - 1, Math.floor(q * sorted.length))];
+by("plot-list").append(...[
+  chart("Predicted error at the grasp, look by look", [
+    { name: "median", points: atLook.map((v, i) => [i + 1, quantile(v, 0.5), `of ${v.length} picks`]) },
+    { name: "95 %", points: atLook.map((v, i) => [i + 1, quantile(v, 0.95), `of ${v.length} picks`]) },
+  ], { x: "look at the part", y: "mm", limit, xs: atLook.map((_, i) => i + 1) }),
+  Object.keys(data.states).length ? el("figure", { class: "chart" }, el("figcaption", {}, "Where the time of a pick goes: median seconds in each state"),
+    el("div", { class: "states" }, ...Object.entries(data.states).filter(([, s]) => s > 0).map(([name, s]) => el("div", {}, el("span", {}, name.replaceAll("_", " ")),
+      el("i", { style: `width:${60 * s / Math.max(...Object.values(data.states))}%` }), el("b", {}, duration(s)))))) : null,
+].filter(Boolean));
+if (!by("plot-list").children.length) by("plot-list").append(el("p", { class: "dim" }, "nothing was approached"));
+document.documentElement.dataset.ready = "yes";
+})();

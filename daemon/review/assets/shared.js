@@ -1,0 +1,156 @@
+// What all our pages share: elements, numbers and times as people say them, a look drawn into both eyes. Texts go in as
+// text, never as markup; nothing is fetched.
+"use strict";
+const by = (id) => document.getElementById(id);
+const el = (tag, attributes = {}, ...children) => {
+  const node = document.createElement(tag);
+  for (const [name, value] of Object.entries(attributes)) {
+    if (name.startsWith("on")) node.addEventListener(name.slice(2), value);
+    else if (value !== null && value !== false && value !== undefined) node.setAttribute(name, value === true ? "" : value);
+  }
+  node.append(...children.filter((c) => c !== null && c !== undefined).map((c) => (c instanceof Node ? c : String(c))));
+  return node;
+};
+const svg = (tag, attributes = {}, text = null) => {
+  const node = document.createElementNS("http://www.w3.org/2000/svg", tag);
+  for (const [name, value] of Object.entries(attributes)) node.setAttribute(name, value);
+  if (text !== null) node.textContent = text;
+  return node;
+};
+const known = (value) => value !== null && value !== undefined;
+
+// ---- numbers: as many digits as mean something
+const number = (value) => {
+  if (!known(value)) return "–";
+  const size = Math.abs(value);
+  return size === 0 ? "0" : String(Number(size >= 100 ? value.toFixed(0) : size >= 10 ? value.toFixed(1) : value.toPrecision(2)));
+};
+const plural = (count, word) => `${count} ${word}${count === 1 ? "" : "s"}`;
+const duration = (s) => {
+  if (!known(s)) return "–";
+  if (s < 60) return `${number(s)} s`;
+  const whole = Math.round(s), minutes = Math.floor(whole / 60), hours = Math.floor(minutes / 60), days = Math.floor(hours / 24);
+  if (minutes < 60) return `${minutes} min${whole % 60 && minutes < 10 ? ` ${whole % 60} s` : ""}`;
+  if (hours < 48) return `${hours} h${minutes % 60 ? ` ${minutes % 60} min` : ""}`;
+  return `${days} days${hours % 24 ? ` ${hours % 24} h` : ""}`;
+};
+const share = ([part, of]) => (of ? `${Math.round(100 * part / of)} %` : "–");
+
+// ---- times: the cell's own, UTC under the pointer
+const cellTime = (t, offset) => new Date(Date.parse(t) + 1000 * (offset || 0)).toISOString();
+const clock = (t, offset) => (t ? cellTime(t, offset).slice(11, 19) : "–");
+const time = (t, offset) => el("time", { datetime: t, title: t ? `${t.slice(0, 19).replace("T", " ")} UTC` : null }, clock(t, offset));
+const dayAndTime = (t, offset) => (t ? cellTime(t, offset).slice(0, 16).replace("T", " ") : "–");
+
+// ---- light or dark
+const theme = () => {
+  const root = document.documentElement;
+  root.dataset.theme = window.matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light";
+  by("theme").addEventListener("click", () => { root.dataset.theme = root.dataset.theme === "dark" ? "light" : "dark"; });
+};
+
+// ---- a look: both eyes with what was found drawn in. source(eye): where its picture is, or null
+function eyes(look, source) {
+  const box = el("div", { class: "eyes" }, eyeView(look, "left", "l", source("left")), eyeView(look, "right", "r", source("right")));
+  box.addEventListener("click", () => large(look, source));
+  return box;
+}
+function large(look, source) {
+  const dialog = el("dialog", { class: "large", onclick: () => dialog.close(), onclose: () => dialog.remove() },
+    el("div", { class: "eyes" }, eyeView(look, "left", "l", source("left")), eyeView(look, "right", "r", source("right"))));
+  document.body.append(dialog);
+  dialog.showModal();
+}
+function eyeView(look, eye, key, source) {
+  const box = el("div", { class: "eye" });
+  if (!source) { box.append(el("div", { class: "none" }, `${eye}: the picture is not in this page`)); return box; }
+  const image = el("img", { src: source, alt: `${eye} eye` });
+  const layer = svg("svg");
+  image.addEventListener("load", () => layer.setAttribute("viewBox", `-0.5 -0.5 ${image.naturalWidth} ${image.naturalHeight}`));
+  const outline = (points, name) => layer.append(svg("polygon", { points: points.map((p) => p.join(",")).join(" "), class: name }));
+  const middle = (points) => [points.reduce((s, p) => s + p[0], 0) / points.length, points.reduce((s, p) => s + p[1], 0) / points.length];
+  for (const r of look.rejected) if (r.eye === eye) outline(r.px, "refused");
+  for (const p of look.parts) {
+    const all = [];
+    for (const f of p.facets) {
+      if (!f[key].length) continue;
+      outline(f[key], p.label === "unknown" ? "unknown" : "facet");
+      const [x, y] = middle(f[key]);
+      layer.append(svg("text", { x, y, class: "type", "text-anchor": "middle" }, (f.type || "").replaceAll("_", " ")));
+      all.push(...f[key]);
+    }
+    if (all.length) layer.append(svg("text", { x: Math.min(...all.map((q) => q[0])), y: Math.min(...all.map((q) => q[1])) - 6 }, p.label));
+  }
+  for (const g of look.guesses) {
+    for (const edge of g[key]) {
+      const [[x1, y1], [x2, y2]] = edge.px;
+      layer.append(svg("line", { x1, y1, x2, y2, class: edge.shows ? "shows" : "shows-not" }));
+    }
+    const low = g[key].flatMap((edge) => edge.px).sort((a, b) => b[1] - a[1])[0];
+    if (low) layer.append(svg("text", { x: low[0], y: low[1] + 16, "text-anchor": "middle" }, `${g.label}?`));
+  }
+  box.append(image, layer, el("span", { class: "which" }, eye));
+  return box;
+}
+
+// ---- a line over time: points are [x, y or null], x and y in the chart's own units; where nothing is for longer
+// than `gap` of the width, the line is broken
+function curve(points, [x0, x1], [y0, y1], width, height, gap = Infinity) {
+  const px = (x) => width * (x - x0) / Math.max(x1 - x0, 1e-9), py = (y) => height - height * (Math.min(Math.max(y, y0), y1) - y0) / Math.max(y1 - y0, 1e-9);
+  const columns = new Map();                            // what falls on one column is drawn as its least and greatest
+  for (const [x, y] of points) {
+    if (!known(y)) continue;
+    const at = Math.round(px(x) * 2) / 2, seen = columns.get(at);
+    if (seen) { seen[0] = Math.min(seen[0], y); seen[1] = Math.max(seen[1], y); } else columns.set(at, [y, y]);
+  }
+  const sorted = [...columns].sort((a, b) => a[0] - b[0]);
+  return { path: sorted.map(([x, [low, high]], k) => `${k && x - sorted[k - 1][0] < gap ? "L" : "M"}${x.toFixed(1)} ${py(high).toFixed(1)}${low < high ? `L${x.toFixed(1)} ${py(low).toFixed(1)}` : ""}`).join(""),
+    dots: sorted.length <= 60 ? sorted.map(([x, [, high]]) => [x, py(high)]) : [], px, py };
+}
+// A chart with axes, units and its limit. series: [{name, points, colour}]; options: x, y titles, limit, on(point index)
+function chart(title, series, options) {
+  const width = 460, height = 190, box = el("figure", { class: "chart" }, el("figcaption", {}, title));
+  const every = series.flatMap((s) => s.points).filter((p) => known(p[1]));
+  if (!every.length) return null;
+  const xs = every.map((p) => p[0]), ys = every.map((p) => p[1]);
+  const span = [Math.min(...xs), Math.max(...xs)], top = options.fit || Math.max(...ys, options.limit || 0) * 1.1 || 1, low = options.fit ? Math.min(...ys) - Math.max(1, (top - Math.min(...ys)) / 5) : Math.min(0, ...ys);
+  if (span[0] === span[1]) { span[0] -= 0.5; span[1] += 0.5; }
+  const layer = svg("svg", { viewBox: `-46 -8 ${width + 62} ${height + 44}`, role: "img" });
+  const scale = curve([], span, [low, top], width, height);
+  for (const y of ticks(low, top)) {
+    layer.append(svg("line", { x1: 0, x2: width, y1: scale.py(y), y2: scale.py(y), class: "grid" }),
+      svg("text", { x: -6, y: scale.py(y) + 4, "text-anchor": "end" }, number(y)));
+  }
+  let right = -Infinity;
+  for (const x of options.xs || ticks(...span, options.whole)) {
+    if (scale.px(x) - right < 34) continue;
+    right = scale.px(x);
+    layer.append(svg("text", { x: scale.px(x), y: height + 16, "text-anchor": "middle" }, options.xName ? options.xName(x) : number(x)));
+  }
+  layer.append(svg("text", { x: width / 2, y: height + 33, "text-anchor": "middle", class: "axis" }, options.x));
+  layer.append(svg("text", { x: -40, y: 4, class: "axis" }, options.y));
+  if (known(options.limit)) layer.append(svg("line", { x1: 0, x2: width, y1: scale.py(options.limit), y2: scale.py(options.limit), class: "limit" }),
+    svg("text", { x: width, y: scale.py(options.limit) - 4, "text-anchor": "end", class: "limit" }, `limit ${number(options.limit)}`));
+  series.forEach((s, k) => {
+    const { path } = curve(s.points, span, [low, top], width, height), name = `line c${s.colour ?? k}`;
+    if (!s.dotsOnly) layer.append(svg("path", { d: path, class: name }));
+    if (s.points.length > 200) return;
+    s.points.forEach((p, i) => {
+      if (!known(p[1])) return;
+      const dot = svg("circle", { cx: scale.px(p[0]), cy: scale.py(p[1]), r: options.on ? 4 : 2.5, class: `dot c${s.colour ?? k}` });
+      dot.append(svg("title", {}, `${s.name ? `${s.name}: ` : ""}${number(p[1])} ${options.y}${p[2] ? `, ${p[2]}` : ""}`));
+      if (options.on) { dot.classList.add("leads"); dot.addEventListener("click", () => options.on(i)); }
+      layer.append(dot);
+    });
+  });
+  box.append(layer);
+  const named = series.filter((s) => s.name && s.legend !== false);
+  if (named.length > 1) box.append(el("div", { class: "legend" }, ...named.map((s) => el("span", { class: `c${s.colour ?? series.indexOf(s)}` }, s.name))));
+  return box;
+}
+function ticks(low, high, whole = false) {
+  const rough = (high - low) / 4, ten = 10 ** Math.floor(Math.log10(rough || 1)), step = Math.max([1, 2, 5, 10].find((m) => m * ten >= rough) * ten, whole ? 1 : 0);
+  const found = [];
+  for (let at = Math.ceil(low / step) * step; at <= high + 1e-9; at += step) found.push(Number(at.toPrecision(6)));
+  return found;
+}

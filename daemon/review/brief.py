@@ -1,0 +1,88 @@
+"""A run read without its scenes: what runs are compared by, of hundreds of them, in seconds.
+
+A look's record is nine tenths corners; whoever compares runs wants none. The lines are the same, read by fields.
+"""
+
+from __future__ import annotations
+
+from datetime import datetime
+from pathlib import Path
+from typing import Annotated, Any
+
+import msgspec
+from msgspec import Meta
+
+from daemon.review.digest import Digest, digest
+from daemon.store.files import being_written
+from daemon.store.outside import open_below
+from daemon.store.records import LONGEST_LINE, Count, Finite, Number, Pose, Record, Text
+from daemon.store.runs import RUN
+
+
+class _Part(msgspec.Struct, omit_defaults=True):
+    label: Text = None
+    cause: Text = None
+    cyclopean_from_part: Pose = None
+
+
+class _Scene(msgspec.Struct, omit_defaults=True):
+    ms: Number = None
+    notes: list[str] | None = None
+    parts: list[_Part] | None = None
+
+
+class _Line(msgspec.Struct, omit_defaults=True):
+    """Of every kind at once; what a kind does not have is left out again."""
+
+    kind: str
+    mono_s: Finite
+    t: datetime | None = None
+    seq: Annotated[int, Meta(ge=0, le=2**53)] = 0
+    cycle: Count = None
+    stop: Count = None
+    purpose: Text = None
+    outcome: Text = None
+    label: Text = None
+    event: Text = None
+    to: Text = None
+    code: Text = None
+    rule: Text = None
+    text: Text = None
+    why: Text = None
+    door: Text = None
+    who: Text = None
+    file: Text = None
+    action: Text = None
+    model: Text = None
+    calibration: Text = None
+    config: Text = None
+    cell: Text = None
+    name: Text = None
+    utc_offset_s: Annotated[int, Meta(ge=-86_400, le=86_400)] | None = None
+    version: Text | Count = None
+    limits: dict[str, Number] | None = None
+    predicted: dict[str, Number] | None = None
+    predicted_mm: Number = None
+    chi2: Number = None
+    error_mm: Number = None
+    error_deg: Number = None
+    world_from_part: Pose = None
+    world_from_cyclopean: Pose = None
+    health: dict[str, Any] | None = None
+    skipped: list[dict[str, Any]] | None = None
+    scene: _Scene | None = None
+
+
+_DECODER = msgspec.json.Decoder(_Line)
+
+
+def read_brief(folder: Path) -> Digest:
+    """The run in `folder` without its scenes; lines that cannot be read are left out. Raises FileError."""
+    records = list[Record]()
+    with open_below(folder, RUN) as file:
+        for line in iter(lambda: file.readline(LONGEST_LINE + 1), b""):
+            try:
+                records.append(msgspec.to_builtins(_DECODER.decode(line)))
+            except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError):
+                continue
+    return digest(folder.name, records, going=being_written(folder / RUN))

@@ -1,0 +1,143 @@
+"""What a production engineer asks of a run first: how many of how many, how fast, what stopped it, who had to come.
+
+Pure: a digest in, plain JSON values out. A cycle counts as tried when there was something to be picked.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from itertools import chain
+from typing import Any
+
+import numpy as np
+
+from daemon.review.digest import Cycle, Digest
+from daemon.review.why import NOTHING_WRONG, causes, told
+
+ROUTINE = ("pick", "auto")
+"""Commands that are no intervention."""
+NAMELESS = ("unknown", "ambiguous")
+
+Json = dict[str, Any]
+
+
+def production(runs: Sequence[Digest]) -> Json:
+    """Of one run, or of several taken together. Rates are None where nothing says them."""
+    cycles = [c for run in runs for c in run.cycles if _tried(c, run.going)]
+    picked = [c for c in cycles if c.outcome == "picked"]
+    seconds = [c.seconds for c in picked]
+    worked_s = sum(filter(None, map(_worked_s, runs)))
+    by_part = {
+        label: [sum(c.outcome == "picked" for c in of), len(of)]
+        for label in sorted({c.label for c in cycles if c.label})
+        for of in [[c for c in cycles if c.label == label]]
+    }
+    return {
+        "runs": len(runs),
+        "tried": len(cycles),
+        "picked": len(picked),
+        "parts": by_part,
+        "hourly": 3600 * len(picked) / worked_s if worked_s > 0 and picked else None,
+        "median_s": float(np.median(seconds)) if seconds else None,
+        "p95_s": float(np.quantile(seconds, 0.95)) if seconds else None,
+        "grasp_mm": _median(c.predicted_mm for c in picked),
+        "true_mm": _median(c.true_mm for c in picked),
+        "looks": _median(c.looks for c in picked),
+        "stops": dict(Counter(chain.from_iterable(map(_stops, runs))).most_common()),
+        "nameless": sum(map(_nameless, cycles)),
+        "interventions": sum(map(_interventions, runs)),
+    }
+
+
+def _tried(cycle: Cycle, going: bool) -> bool:
+    return cycle.outcome not in ("empty", "dry", "placed") and not (going and cycle.end is None)
+
+
+def _worked_s(run: Digest) -> float | None:
+    """From the first cycle's start to the last one's end, on the cell's clock; nights between two autos count, too."""
+    if not run.cycles:
+        return None
+    return float(run.cycles[-1].records[-1]["mono_s"]) - float(run.cycles[0].records[0]["mono_s"])
+
+
+def _stops(run: Digest) -> Iterable[str]:
+    """The first cause of each cycle that brought nothing, and of each fault between cycles."""
+    for cycle in run.cycles:
+        if cycle.outcome not in NOTHING_WRONG:
+            others = [c for c in run.cycles if c is not cycle]
+            yield from (c.name for c in causes(cycle, others, run.going)[:1])
+    for record in run.outside:
+        if record["kind"] == "fault":
+            yield from (c.name for c in told(record))
+
+
+def _nameless(cycle: Cycle) -> int:
+    skipped = (cycle.end or {}).get("skipped") or []
+    return sum(s.get("outcome") in NAMELESS for s in skipped) or int(cycle.outcome in NAMELESS)
+
+
+def _interventions(run: Digest) -> int:
+    """What people had to tell it while it picked."""
+    if not run.cycles:
+        return 0
+    first, last = run.cycles[0].records[0].get("seq", 0), run.cycles[-1].records[-1].get("seq", 0)
+    said = [str(r.get("text")).split() for r in run.of("command") if first < r.get("seq", 0) < last]
+    return sum(bool(words) and words[0] not in ROUTINE for words in said)
+
+
+def _median(values: Iterable[float | None]) -> float | None:
+    known = [v for v in values if v is not None]
+    return float(np.median(known)) if known else None
+
+
+def compared(before: Json, now: Json) -> list[Json]:
+    """Rows of two productions side by side: name, before, now, delta, and whether the difference matters.
+
+    matters: `better` or `worse` where a share differs by more than two standard errors of chance, or a time or an error
+    by more than a tenth; else None.
+    """
+    rows = [_row(name, before[key], now[key], unit, lower, 0.1) for name, key, unit, lower in PLAIN]
+    share = {name: (p["picked"], p["tried"]) for name, p in (("before", before), ("now", now))}
+    rows.insert(0, _share_row("picked of tried", share["before"], share["now"]))
+    for label in sorted({*before["parts"], *now["parts"]}):
+        old, new = before["parts"].get(label, [0, 0]), now["parts"].get(label, [0, 0])
+        rows.append(_share_row(label, (old[0], old[1]), (new[0], new[1])))
+    return rows
+
+
+PLAIN = (
+    ("picks an hour", "hourly", "", False),
+    ("a pick, median", "median_s", "s", True),
+    ("a pick, 95 %", "p95_s", "s", True),
+    ("looks a pick", "looks", "", True),
+    ("error predicted at the grasp", "grasp_mm", "mm", True),
+    ("true error at the grasp", "true_mm", "mm", True),
+    ("parts without a name", "nameless", "", True),
+    ("interventions", "interventions", "", True),
+)
+"""Name, key, unit, whether less is better."""
+
+
+def _row(name: str, before: Any, now: Any, unit: str, lower: bool, by: float) -> Json:
+    row: Json = {"name": name, "before": before, "now": now, "unit": unit, "delta": None, "matters": None}
+    if before is None or now is None:
+        return row
+    row["delta"] = now - before
+    if abs(now - before) > by * max(abs(before), 1e-9) and now != before:
+        row["matters"] = "better" if (now < before) == lower else "worse"
+    return row
+
+
+def _share_row(name: str, before: tuple[int, int], now: tuple[int, int]) -> Json:
+    """Two shares, as counts of counts; the difference in percent."""
+    row: Json = {"name": name, "before": list(before), "now": list(now), "unit": "%", "delta": None, "matters": None}
+    if not before[1] or not now[1]:
+        return row
+    shares = before[0] / before[1], now[0] / now[1]
+    both = (before[0] + now[0]) / (before[1] + now[1])
+    sigma = float(np.sqrt(both * (1 - both) * (1 / before[1] + 1 / now[1])))
+    row["delta"] = 100 * (shares[1] - shares[0])
+    if abs(shares[1] - shares[0]) > 2 * sigma > 0:
+        row["matters"] = "better" if shares[1] > shares[0] else "worse"
+    return row

@@ -1,0 +1,125 @@
+"""The night on one time axis: each measure of a run with its limit, and whether it ever came near it. Pure.
+
+A strip is calm, and stays closed on the page, until a value comes near its limit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from daemon.calibration.drift import Watching, fresh, observe
+from daemon.review.digest import Digest
+from daemon.store.records import Record
+from daemon.vision.health import MEASURES, Clue
+
+NEAR = 0.7
+"""Of a limit: a value beyond this share of it is near."""
+TITLES = {
+    "darkness": "light: the brightest hundredth",
+    "saturation": "burnt out",
+    "covered": "contrast of the picture",
+    "focus": "width of the sharpest edges",
+    "motion": "blur by motion",
+    "half": "rows that repeat (half a frame)",
+    "torn": "tear between two moments",
+    "frozen": "pictures the same as before",
+    "doubled": "both eyes the same",
+    "swapped": "eyes swapped",
+    "knocked": "one eye above the other",
+    "epipolar": "corners off their epipolar lines",
+}
+AXES = ("pitch", "roll", "vergence")
+
+Json = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Strip:
+    """One measure: lines by name, each its values at the times s (None: not measured); limit None: it has none."""
+
+    name: str
+    unit: str
+    limit: float | None
+    above: bool
+    s: list[float]
+    lines: dict[str, list[float | None]]
+
+    def worst(self) -> float | None:
+        """The value nearest to, or farthest beyond, the limit; without a limit the greatest."""
+        known = [v for line in self.lines.values() for v in line if v is not None]
+        return (max(known) if self.above else min(known)) if known else None
+
+    def json(self) -> Json:
+        """For the page. near: 0 calm, 1 near its limit, 2 beyond."""
+        worst, near = self.worst(), 0
+        if worst is not None and self.limit is not None:
+            ends = (self.limit * NEAR, self.limit) if self.above else (-self.limit / NEAR, -self.limit)
+            value = worst if self.above else -worst
+            near = 2 if value > ends[1] else int(value > ends[0] and self.limit > 0)
+        plain = {k: [None if v is None else float(f"{v:.4g}") for v in line] for k, line in self.lines.items()}
+        return {"name": self.name, "unit": self.unit, "limit": self.limit, "above": self.above, "s": self.s,
+                "lines": plain, "worst": worst, "near": near}  # fmt: skip
+
+
+def strips(run: Digest) -> list[Json]:
+    """Every measure that the run has values of, those of the pick first."""
+    zero = float(run.records[0]["mono_s"]) if run.records else 0.0
+    limits = (run.start or {}).get("limits") or {}
+    made = [*_of_pick(run, zero, limits), *_of_pictures(run.of("look"), zero), _drift(run.of("look"), zero)]
+    return [strip.json() for strip in made if strip.worst() is not None]
+
+
+def _s(records: Sequence[Record], zero: float) -> list[float]:
+    return [round(float(r["mono_s"]) - zero, 2) for r in records]
+
+
+def _of_pick(run: Digest, zero: float, limits: Json) -> list[Strip]:
+    ended = [c for c in run.cycles if c.predicted_mm is not None]
+    picked = [c for c in run.cycles if c.outcome == "picked"]
+    moved = run.of("moved")
+    predicted: dict[str, list[float | None]] = {"predicted": [c.predicted_mm for c in ended]}
+    if any(c.true_mm is not None for c in ended):
+        predicted["true (simulated)"] = [c.true_mm for c in ended]
+    ended_s, picked_s = (_s([c.records[-1] for c in of], zero) for of in (ended, picked))
+    off: list[float | None] = [r.get("error_mm") for r in moved]
+    return [
+        Strip("error at the grasp", "mm", limits.get("grasp_mm"), True, ended_s, predicted),
+        Strip("seconds a pick", "s", None, True, picked_s, {"": [c.seconds for c in picked]}),
+        Strip("arm off where it was sent", "mm", limits.get("arrival_mm"), True, _s(moved, zero), {"": off}),
+    ]
+
+
+def _of_pictures(looks: Sequence[Record], zero: float) -> list[Strip]:
+    found = []
+    for name, measure in MEASURES.items():
+        eyes = {
+            eye: [_number((r.get("health") or {}).get(f"{name}_{eye}")) for r in looks]
+            for eye in ("left", "right", "pair")
+        }
+        lines = {eye.replace("pair", ""): line for eye, line in eyes.items() if any(v is not None for v in line)}
+        flag = measure.limit == 0.0 or name == "swapped"
+        if flag and not any(v for line in lines.values() for v in line):
+            continue  # frozen, doubled, swapped: there is nothing to see while nothing was wrong
+        found.append(Strip(TITLES[name], measure.unit, measure.limit, measure.above, _s(looks, zero), lines))
+    return found
+
+
+def _drift(looks: Sequence[Record], zero: float) -> Strip:
+    """What the watch for drift made of the looks: by how much the right eye has turned, once it is sure of that."""
+    watch, settings, line = fresh(), Watching(), list[float | None]()
+    for look in looks:
+        health = look.get("health") or {}
+        turn = [np.radians(_number(health.get(f"{axis}_deg")) or 0.0) for axis in AXES]
+        sigma = [_number(health.get(f"{axis}_sigma_deg")) for axis in AXES]
+        known = np.array([np.inf if s is None or s <= 0 else np.radians(s) for s in sigma])
+        watch, drift = observe(watch, Clue(np.array(turn), known, ""), settings)
+        line.append(0.0 if drift is None else abs(drift.degrees))
+    return Strip("right eye turned against the left", "°", settings.stop_deg, True, _s(looks, zero), {"": line})
+
+
+def _number(value: Any) -> float | None:
+    return float(value) if isinstance(value, (int, float)) and np.isfinite(value) else None

@@ -1,0 +1,94 @@
+"""One page for a week of runs: what changes from day to day, each point a link to its run's own page."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from daemon.review.brief import read_brief
+from daemon.review.digest import Digest
+from daemon.review.page import WEEK, render, run_time, write_page
+from daemon.review.production import production
+from daemon.store.files import write_atomically
+from daemon.store.runs import RunError, list_runs
+
+REPORT = "report.html"
+DRIFTS = ("pitch_deg", "roll_deg", "vergence_deg")
+LIGHTS = ("darkness_left", "darkness_right")
+
+Json = dict[str, Any]
+
+
+def write_week(runs: Path, last: Path, out: Path) -> Path:
+    """Write the page of the week that ended with the run `last` of the folder `runs`, and the page of each of its runs
+    that has none yet, or one that is older than the run. Returns out. Raises RunError, OSError."""
+    end = run_time(last.name)
+    if end is None:
+        raise RunError(f"{last}: its name is no time, so that it is not known which week it ended")
+    folders = [f for f in list_runs(runs) if (t := run_time(f.name)) is not None and end - WEEK < t <= end]
+    digests = [read_brief(folder) for folder in folders]
+    picked = [(folder, run) for folder, run in zip(folders, digests, strict=True) if run.cycles]
+    for folder, _ in picked:
+        if not _is_fresh(folder):
+            write_page(folder, folder / REPORT)
+    data = week_data([run for _, run in picked], [_link(folder, out) for folder, _ in picked])
+    write_atomically(out, render("week", data, {}).encode())
+    return out
+
+
+def _is_fresh(folder: Path) -> bool:
+    try:
+        return (folder / REPORT).stat().st_mtime >= (folder / "run.jsonl").stat().st_mtime
+    except OSError:
+        return False
+
+
+def _link(folder: Path, out: Path) -> str:
+    return Path(os.path.relpath(folder / REPORT, out.parent)).as_posix()
+
+
+def week_data(runs: Sequence[Digest], links: Sequence[str]) -> Json:
+    """What the page shows: the week as a whole, a row a run."""
+    start = runs[-1].start or {} if runs else {}
+    return {
+        "title": "the week",
+        "cell": {"name": start.get("name"), "kind": start.get("cell"), "version": start.get("version")},
+        "utc_offset_s": start.get("utc_offset_s"),
+        "production": production(runs),
+        "runs": [run_json(run) | {"link": link} for run, link in zip(runs, links, strict=True)],
+    }
+
+
+def run_json(run: Digest) -> Json:
+    """One run as points of every trend; None where it says nothing."""
+    looks = [r.get("health") or {} for r in run.of("look")]
+    return {
+        "run": run.name,
+        "t": run.records[0].get("t") if run.records else None,
+        "production": production([run]),
+        "models": run.models_used(),
+        "calibration": run.kept("calibration"),
+        "drift": {name.removesuffix("_deg"): _trusted(looks, name) for name in DRIFTS},
+        "epipolar_px": _median([h.get("epipolar_pair") for h in looks]),
+        "light": {name.removeprefix("darkness_"): _median([h.get(name) for h in looks]) for name in LIGHTS},
+        "focus_px": {eye: _median([h.get(f"focus_{eye}") for h in looks]) for eye in ("left", "right")},
+    }
+
+
+def _trusted(looks: Sequence[Json], name: str) -> float | None:
+    """The mean over the looks, each by what it is worth."""
+    sigmas = [h.get(name.replace("_deg", "_sigma_deg")) for h in looks]
+    told = [(h[name], s**-2) for h, s in zip(looks, sigmas, strict=True) if h.get(name) is not None and s]
+    if not told:
+        return None
+    values, weights = np.array(told).T
+    return float(np.sum(values * weights) / np.sum(weights))
+
+
+def _median(values: Sequence[Any]) -> float | None:
+    known = [float(v) for v in values if isinstance(v, (int, float))]
+    return float(np.median(known)) if known else None

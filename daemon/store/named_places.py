@@ -1,0 +1,103 @@
+"""Places that operators have named: places.jsonl, a line for each time one was kept or dropped, only ever added to.
+
+The last line of a name is the one that counts; those before it are its history. A line that lost its end when the power
+failed is passed over.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Annotated
+
+import msgspec
+import numpy as np
+from msgspec import Meta
+
+from daemon.arrays import Array
+from daemon.store.outside import FileError, read_file
+
+LARGEST_BYTES = 4_000_000
+
+Four = tuple[float, float, float, float]
+
+
+class NamedPlacesError(FileError):
+    """The file of places cannot be written."""
+
+
+class _Line(msgspec.Struct):
+    v: int
+    t: Annotated[str, Meta(max_length=40)]
+    who: str
+    name: str
+    world_from_tool: tuple[Four, Four, Four, Four] | None
+
+
+@dataclass(frozen=True, eq=False)
+class NamedPlace:
+    """When, by whom, and where: world_from_tool (4, 4) mm; None where the name was dropped."""
+
+    name: str
+    kept: str
+    who: str
+    world_from_tool: Array | None
+
+
+class NamedPlaces:
+    """The places of one cell. One writer: the daemon."""
+
+    def __init__(self, folder: Path) -> None:
+        self.path = folder / "places.jsonl"
+
+    def history(self, name: str | None = None) -> list[NamedPlace]:
+        """Everything that was kept and dropped, oldest first. Raises FileError."""
+        try:
+            lines = read_file(self.path, LARGEST_BYTES).splitlines()
+        except FileError:
+            if not os.path.lexists(self.path):
+                return []
+            raise
+        read = [one for line in lines if (one := _read(line)) is not None]
+        return [one for one in read if name in (None, one.name)]
+
+    def now(self) -> dict[str, Array]:
+        """Name -> world_from_tool (4, 4) mm. Raises FileError."""
+        last = {one.name: one.world_from_tool for one in self.history()}
+        return {name: pose for name, pose in last.items() if pose is not None}
+
+    def keep(self, name: str, world_from_tool: Array | None, who: str) -> None:
+        """Give a place its name, from now on; None: drop the name. Raises NamedPlacesError."""
+        line = {
+            "v": 1,
+            "t": datetime.now(UTC).isoformat(timespec="seconds"),
+            "who": who,
+            "name": name,
+            "world_from_tool": None if world_from_tool is None else np.asarray(world_from_tool, float).tolist(),
+        }
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            with self.path.open("ab") as file:
+                torn = file.tell() > 0 and not self._ends_whole()
+                file.write((b"\n" if torn else b"") + json.dumps(line).encode() + b"\n")
+                file.flush()
+                os.fsync(file.fileno())
+        except OSError as error:
+            raise NamedPlacesError(f"{self.path}: not kept: {error.strerror or error}") from None
+
+    def _ends_whole(self) -> bool:
+        with self.path.open("rb") as file:
+            file.seek(-1, os.SEEK_END)
+            return file.read(1) == b"\n"
+
+
+def _read(line: bytes) -> NamedPlace | None:
+    try:
+        one = msgspec.json.decode(line, type=_Line)
+    except msgspec.MsgspecError:
+        return None
+    pose = None if one.world_from_tool is None else np.array(one.world_from_tool, float)
+    return NamedPlace(one.name, one.t, one.who, pose)

@@ -1,0 +1,116 @@
+"""A part that somebody has drawn -> a shape of the simulated cell: its solid cut into convex pieces. Pure.
+
+Corners and facets in; how they were read from a file is the daemon's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import combinations, pairwise
+
+import numpy as np
+
+from drivers.arrays import Array
+from drivers.simcell.parts import Polyhedron, Shape, hull, shape, volume_and_centre
+
+NEAR_MM = 1e-3
+"""Corners of a drawing lie this near to where they are meant: STL counts in single precision."""
+SAME_VOLUME, SAME_WAY = 1e-4, 1e-9
+MOST_CORNERS = 90
+MOST_PIECES = 24
+Ring = Sequence[int]
+
+
+class DrawnError(Exception):
+    """A drawing that the simulated cell cannot make a part of: why."""
+
+
+def drawn_shape(label: str, corners_mm: Array, facets: Sequence[Ring]) -> Shape:
+    """The shape with these (K, 3) corners and flat facets, anticlockwise from outside. Raises DrawnError.
+
+    Every facet that other corners lie beyond cuts the hull; what is inside the solid is kept, and joined again where
+    two pieces are convex together.
+    """
+    if len(corners_mm) > MOST_CORNERS:
+        raise DrawnError(f"{len(corners_mm)} corners; the simulated cell shows parts of at most {MOST_CORNERS}")
+    pieces = [_hull(corners_mm)]
+    for normal, offset in _cuts(corners_mm, facets):
+        pieces = [half for piece in pieces for half in _halves(piece, normal, offset)]
+        if len(pieces) > 8 * MOST_PIECES:
+            raise DrawnError("too many hollows for the simulated cell")
+    inside = [piece for piece in pieces if _inside(piece.vertices.mean(axis=0), corners_mm, facets)]
+    if not inside:
+        raise DrawnError("no inside; are its facets closed?")
+    kept = _joined(inside)
+    if len(kept) > MOST_PIECES:
+        raise DrawnError(f"{len(kept)} convex pieces; the simulated cell shows parts of at most {MOST_PIECES}")
+    made = shape(label, *(piece.vertices for piece in kept), flat_mm=NEAR_MM)
+    if not made.rests:
+        raise DrawnError("it stands on none of its sides")
+    return made
+
+
+def _cuts(corners: Array, facets: Sequence[Ring]) -> list[tuple[Array, float]]:
+    """The planes of facets that others' corners lie beyond, each once."""
+    found: list[tuple[Array, float]] = []
+    for ring in facets:
+        points = corners[list(ring)]
+        area = np.sum(np.cross(points, np.roll(points, -1, axis=0)), axis=0)
+        normal = area / np.linalg.norm(area)
+        offset = float(points[0] @ normal)
+        known = any(
+            abs(abs(n @ normal) - 1) < SAME_WAY and abs(o - offset * np.sign(n @ normal)) < NEAR_MM for n, o in found
+        )
+        if (corners @ normal).max() > offset + NEAR_MM and not known:
+            found.append((normal, offset))
+    return found
+
+
+def _halves(piece: Polyhedron, normal: Array, offset: float) -> list[Polyhedron]:
+    """What of a convex piece lies on either side of a plane."""
+    above = piece.vertices @ normal - offset
+    if above.max() < NEAR_MM or above.min() > -NEAR_MM:
+        return [piece]
+    edges = {tuple(sorted(edge)) for face in piece.faces for edge in pairwise((*face, face[0]))}
+    crossings = [
+        piece.vertices[a] + (piece.vertices[b] - piece.vertices[a]) * above[a] / (above[a] - above[b])
+        for a, b in edges
+        if above[a] * above[b] < 0 and min(abs(above[a]), abs(above[b])) > NEAR_MM
+    ]
+    on = np.array(crossings).reshape(-1, 3)
+    return [_hull(np.vstack([piece.vertices[side], on])) for side in (above > -NEAR_MM, above < NEAR_MM)]
+
+
+def _inside(point: Array, corners: Array, facets: Sequence[Ring]) -> bool:
+    """Whether a point (3,) is inside: the solid angle that all facets fill together is whole or nothing."""
+    total = 0.0
+    for ring in facets:
+        rays = corners[list(ring)] - point
+        rays = rays / np.linalg.norm(rays, axis=1, keepdims=True)
+        for b, c in pairwise(rays[1:]):
+            a = rays[0]
+            total += 2 * np.arctan2(a @ np.cross(b, c), 1 + a @ b + b @ c + c @ a)
+    return bool(abs(total) > 2 * np.pi)
+
+
+def _joined(pieces: list[Polyhedron]) -> list[Polyhedron]:
+    """The same room in fewer convex pieces, two by two as long as it goes."""
+    sized = [(piece, volume_and_centre(piece)[0]) for piece in pieces]
+    while True:
+        for i, j in combinations(range(len(sized)), 2):
+            (one, size), (two, more) = sized[i], sized[j]
+            both = _hull(np.vstack([one.vertices, two.vertices]))
+            if abs(volume_and_centre(both)[0] - size - more) < SAME_VOLUME * (size + more):
+                rest = [pair for k, pair in enumerate(sized) if k not in (i, j)]
+                sized = [*rest, (both, size + more)]
+                break
+        else:
+            return [piece for piece, _ in sized]
+
+
+def _hull(points: Array) -> Polyhedron:
+    """The convex hull of (N, 3) points, of which only its corners are kept, each once."""
+    _, first = np.unique(np.round(points / NEAR_MM).astype(np.int64), axis=0, return_index=True)
+    whole = hull(points[np.sort(first)], NEAR_MM)
+    used = sorted({k for face in whole.faces for k in face})
+    return hull(whole.vertices[used], NEAR_MM) if len(used) < len(whole.vertices) else whole

@@ -1,0 +1,49 @@
+"""The guide's first hour, typed line by line at a daemon on a simulated cell: every line does what it is there for."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from daemon.doors.client import DaemonLink
+from daemon.store import places
+from tests.worlds.running import Running
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture
+def daemon() -> Iterator[Running]:
+    folder = Path(tempfile.mkdtemp(prefix="facetd-hour-"))
+    daemon = Running(folder, "", seed=7, time_scale=40.0)
+    daemon.start()
+    yield daemon
+    daemon.kill()
+    shutil.rmtree(folder, ignore_errors=True)
+
+
+def lines() -> list[str]:
+    guide = (places.HOUSE / "deploy" / "README.md").read_text(encoding="utf-8")
+    hour = guide.partition("### The first hour")[2].partition("\n### ")[0]
+    return [line.partition("  #")[0].strip() for line in re.findall(r"^facetd> (.*)", hour, re.MULTILINE)]
+
+
+@pytest.mark.timeout(300)
+def test_every_line_of_the_first_hour_does_what_it_is_there_for(
+    daemon: Running, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(places.HOUSE)
+    said: dict[str, str] = {}
+    for line in lines():
+        with DaemonLink(daemon.folder / "facetd.sock") as link:
+            done = link.do(line, "console", lambda _: None, lambda _: "y")
+        said[line] = done["text"]
+        assert done["status"] == 0, f"{line}: {done['text']}"
+    assert said["pick bracket"].startswith("picked: bracket")
+    assert said["auto wait"].endswith("2 parts picked.")
+    assert len(said) >= 15

@@ -1,0 +1,136 @@
+"""Which arm makes these WHEREs: conventions, lengths, base and tool, against arms whose truth is known."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from daemon import frames
+from daemon.arrays import Array
+from daemon.calibration.arm_from_readings import ArmFound, NoArmError, find_arm, poses, settle
+from drivers.puma560 import ArmGeometry, forward
+from drivers.pumas import PUBLISHED, likeness
+from drivers.val2.location import Location, location_from_matrix, matrix_from_location
+
+LOW, HIGH = np.array([-160, -20, -225, -170, -100, -170.0]), np.array([160, 200, 45, 170, 100, 170.0])
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """An arm and how its controller counts."""
+
+    geometry: ArmGeometry
+    signs: Array
+    zeros_deg: Array
+    against_horizon: bool = False
+
+    def printed_deg(self, joints_deg: Array) -> Array:
+        """What WHERE prints of our angles (N, 6)."""
+        printed = (joints_deg - self.zeros_deg) * self.signs
+        if self.against_horizon:
+            printed[:, 2] += self.signs[2] * self.signs[1] * printed[:, 1]
+        return np.round(printed, 3)
+
+    def places(self, joints_deg: Array) -> Array:
+        """And the places, with WHERE's digits."""
+        exact = [location_from_matrix(forward(np.radians(q), self.geometry)).values() for q in joints_deg]
+        return np.array([matrix_from_location(Location(*np.round(v[:3], 2), *np.round(v[3:], 3))) for v in exact])
+
+
+def geometry(lengths: tuple[float, ...], rng: np.random.Generator, tilted: bool) -> ArmGeometry:
+    turn = frames.rotation_from_vector(rng.normal(size=3) * 0.4) if tilted else np.eye(3)
+    tool = frames.rigid(turn, np.array([0.0, 0.0, 130.0]) + tilted * rng.uniform(-60, 60, 3))
+    base = frames.rigid(frames.rotation_from_vector([0, 0, rng.uniform(-3, 3)]), rng.uniform(-500, 500, 3))
+    return ArmGeometry(*lengths, world_from_base=base, flange_from_tool=tool)
+
+
+def read(truth: Truth, joints_deg: Array) -> tuple[ArmFound, Array, Array]:
+    places, printed = truth.places(joints_deg), truth.printed_deg(joints_deg)
+    return find_arm(places, printed), places, printed
+
+
+@pytest.mark.parametrize(
+    ("lengths", "name", "mirrored"),
+    [
+        ((431.8, 20.3, 150.05, 431.8), "560", False),
+        ((431.8, 20.32, -149.09, 433.07), "560", True),
+        ((203.2, 0.0, 127.0, 203.2), "260", None),
+        ((650.0, 0.0, 190.0, 600.0), "762", None),
+    ],
+)
+def test_twelve_readings_of_an_arm_with_any_convention_name_it_and_give_its_lengths_to_a_tenth_of_a_millimetre(
+    lengths: tuple[float, ...], name: str, mirrored: bool | None
+) -> None:
+    rng = np.random.default_rng(len(name) + round(sum(lengths)))
+    truth = Truth(
+        geometry(lengths, rng, tilted=mirrored is None),
+        rng.choice([-1.0, 1.0], 6),
+        rng.choice([-180.0, -90.0, 0.0, 90.0], 6) if mirrored else rng.uniform(-180, 180, 6),
+        against_horizon=bool(mirrored),
+    )
+    found, places, printed = read(truth, rng.uniform(LOW, HIGH, (12, 6)))
+    seen = np.abs(found.lengths_mm)
+    np.testing.assert_allclose(seen, np.abs(lengths), atol=0.1)
+    assert (max(found.sigma[length] for length in ("a2", "a3", "d3", "d4"))) < 0.1
+    assert found.convention.against_horizon is truth.against_horizon
+    assert found.undetermined == found.rivals == ()
+    assert found.place_mm < 0.03
+    assert np.abs(poses(found, printed) - places).max() < 0.1
+    elsewhere = rng.uniform(LOW, HIGH, (20, 6))
+    assert np.abs(poses(found, truth.printed_deg(elsewhere)) - truth.places(elsewhere)).max() < 0.1
+    alike = likeness(found.lengths_mm, tuple(found.sigma[length] for length in ("a2", "a3", "d3", "d4")))
+    assert alike is not None
+    assert name in alike.arm.name
+    assert alike.unit_mm == 1.0
+    assert alike.mirrored is mirrored
+
+
+def walk(start_deg: list[float], step_deg: float, rounds: int) -> Array:
+    """One joint at a time, a small step each."""
+    steps = [np.where(np.arange(6) == k % 6, step_deg, 0.0) for k in range(6 * rounds)]
+    return np.array(start_deg) + np.concatenate([np.zeros((1, 6)), np.cumsum(steps, axis=0)])
+
+
+def test_steps_of_two_degrees_show_the_convention_and_how_little_they_show_of_the_lengths() -> None:
+    truth = Truth(ArmGeometry(), np.array([1.0, -1, -1, 1, -1, 1]), np.array([0.0, 0, -180, 0, 0, 0]))
+    found, places, printed = read(truth, walk([10.0, 60, -160, 20, -40, 30], 2.0, 2))
+    np.testing.assert_allclose(found.lengths_mm, (431.8, 20.3, 150.05, 431.8), atol=2.5)
+    assert 0.1 < found.sigma["a2"] < 2.0
+    assert found.convention.signs == (1.0, -1.0, -1.0, 1.0, -1.0, 1.0)
+    settled = settle(found, places, printed, PUBLISHED[0].lengths_mm)
+    far = np.random.default_rng(1).uniform(LOW, HIGH, (20, 6))
+    assert np.abs(poses(settled, truth.printed_deg(far))[:, :3, 3] - truth.places(far)[:, :3, 3]).max() < 0.5
+
+
+def test_what_the_readings_leave_open_is_named() -> None:
+    truth = Truth(ArmGeometry(), np.ones(6), np.zeros(6))
+    still = walk([10.0, 60, -160, 20, -40, 30], 4.0, 3)
+    still[:, 1:3] = still[0, 1:3]
+    found, *_ = read(truth, still)
+    assert {"a2", "d4"} <= set(found.undetermined)
+
+
+def test_an_arm_of_another_kind_is_none() -> None:
+    rng = np.random.default_rng(3)
+    truth = Truth(ArmGeometry(), np.ones(6), np.zeros(6))
+    joints = rng.uniform(LOW, HIGH, (12, 6))
+    places = truth.places(joints)
+    places[:, :3, 3] += 30.0 * np.sin(np.radians(joints[:, :3]) * 3.0)
+    with pytest.raises(NoArmError, match="misses their places by"):
+        find_arm(places, truth.printed_deg(joints))
+
+
+def test_too_few_readings_are_refused() -> None:
+    with pytest.raises(NoArmError, match="at least 7"):
+        find_arm(np.tile(np.eye(4), (3, 1, 1)), np.zeros((3, 6)))
+
+
+def test_a_260_that_counts_in_inches_is_known_by_its_proportions() -> None:
+    alike = likeness((8.0, 0.0, -5.0, 8.0), (0.001,) * 4)
+    assert alike is not None
+    assert "260" in alike.arm.name
+    assert alike.unit_mm == 25.4
+
+
+def test_lengths_like_nobody_s_are_nobody_s() -> None:
+    assert likeness((500.0, 10.0, 100.0, 480.0), (0.01,) * 4) is None

@@ -1,0 +1,54 @@
+"""`calibrate` looks whether its result can be kept before the arm is moved."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from daemon.commands import every_command
+from daemon.console.interpreter import Answer, Console
+from daemon.store.calibrations import Calibrations
+from tests.worlds.fake_context import FakeDoor, fake_context
+
+ETC = Path(__file__).parents[3] / "etc"
+
+
+@pytest.fixture
+def context(tmp_path: Path) -> Any:
+    async def reload() -> str:
+        return "Taken over."
+
+    context = fake_context(tmp_path, reload)
+    context.config.calibrations = Calibrations(tmp_path, "real", ETC / "calibration.yaml")
+    return context
+
+
+def say(context: Any, text: str, door: FakeDoor | None = None) -> Answer:
+    return asyncio.run(Console(context, every_command()).interpret(text, door or FakeDoor()))
+
+
+@pytest.mark.parametrize("kind", ["stereo", "hand-eye", "by-hand"])
+def test_where_the_result_could_not_be_kept_no_tour_is_begun(context: Any, tmp_path: Path, kind: str) -> None:
+    (tmp_path / "calibration").write_text("in the way")
+    answer = say(context, f"calibrate {kind}")
+    assert answer.status == 1
+    assert "a calibration could not be kept here" in answer.text
+    assert context.cycle.told == []
+
+
+def test_calibrations_are_listed_and_gone_back_to(context: Any) -> None:
+    calibrations = context.config.calibrations
+    calibrations.keep((ETC / "calibration.yaml").read_bytes())
+    calibrations.keep(b"version: 1\n")
+    assert say(context, "calibrate use 1").text == "Calibration 1 is in use. Taken over."
+    rows = say(context, "calibrate list", FakeDoor(may="look")).text.splitlines()
+    assert len(rows) == 4
+    assert "in use" in rows[2]
+    broken = say(context, "calibrate use 2")
+    assert broken.status == 1
+    assert calibrations.current == 1, "what cannot be used is not taken over"
+    assert say(context, "calibrate use 7").status == 2
+    assert "may only look" in say(context, "calibrate use 0", FakeDoor(may="look")).text

@@ -1,0 +1,97 @@
+"""Small moves and named places: where the arm is sent, and what is refused before anything is."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from daemon.commands import every_command
+from daemon.console.interpreter import Answer, Console
+from tests.worlds.fake_context import FakeDoor, fake_context
+
+
+@pytest.fixture
+def context(tmp_path: Path) -> Any:
+    return fake_context(tmp_path)
+
+
+def say(context: Any, text: str, door: FakeDoor | None = None) -> Answer:
+    return asyncio.run(Console(context, every_command()).interpret(text, door or FakeDoor()))
+
+
+@pytest.mark.parametrize(
+    ("text", "there"),
+    [
+        ("jog z -5", [0, 0, -5]),
+        ("jog x 2.5mm world", [2.5, 0, 0]),
+        ("jog z 5 tool", [0, 0, -5]),
+        ("jog x 1 tool", [-1, 0, 0]),
+        ("jog rz 30", [0, 0, 0]),
+    ],
+)
+def test_a_jog_is_reckoned_from_where_the_arm_is_in_world_or_tool(context: Any, text: str, there: list[float]) -> None:
+    before = context.cycle.at
+    assert say(context, text).status == 0
+    assert context.cycle.at[:3, 3] == pytest.approx(there)
+    if " r" not in text:
+        assert np.array_equal(context.cycle.at[:3, :3], before[:3, :3])
+
+
+def test_a_turn_is_about_the_point_between_the_fingers(context: Any) -> None:
+    context.cycle.at[:3, 3] = [400.0, 0.0, 50.0]
+    say(context, "jog rx 90 tool")
+    assert context.cycle.at[:3, 3] == pytest.approx([400, 0, 50]), "too much in one go: not moved"
+    say(context, "jog rx 30")
+    assert context.cycle.at[:3, 3] == pytest.approx([400, 0, 50])
+    angle = np.degrees(np.arccos((np.trace(context.cycle.at[:3, :3] @ np.diag([-1.0, 1.0, -1.0])) - 1) / 2))
+    assert angle == pytest.approx(30)
+
+
+@pytest.mark.parametrize(
+    ("text", "want"),
+    [
+        ("jog", "axis is missing"),
+        ("jog up 5", "up: no such axis"),
+        ("jog z", "DISTANCE: expected up to 100 mm either way, found nothing"),
+        ("jog z 0", "found 0"),
+        ("jog z nan", "found nan"),
+        ("jog z 101", "found 101"),
+        ("jog rz 31", "expected up to 30 degrees either way, found 31"),
+        ("jog z 5 part", "part: no such frame; known: tool, world"),
+        ("jog z 5 tool now", "now: one word too many"),
+        ("here", "NAME is missing"),
+        ("here Bin 2", "2: one word too many"),
+        ("here Bin2", "a place's name is small letters"),
+        ("here home", "home is a place of the configuration"),
+        ("go bin2", "bin2: no such place"),
+        ("places drop bin2", "bin2: no such named place"),
+        ("places bin2", "bin2: no such named place"),
+    ],
+)
+def test_what_cannot_be_meant_moves_nothing(context: Any, text: str, want: str) -> None:
+    answer = say(context, text)
+    assert want in answer.text
+    assert answer.status != 0
+    assert context.cycle.told == []
+
+
+def test_a_place_is_kept_with_its_history_and_gone_to(context: Any) -> None:
+    context.cycle.at[:3, 3] = [100.0, 200.0, 300.0]
+    assert say(context, "here bin2").status == 0
+    context.cycle.at = context.cycle.at.copy()
+    context.cycle.at[:3, 3] = [100.0, 200.0, 310.0]
+    assert say(context, "here bin2", FakeDoor(answers=["n"])).status == 1, "kept as it is"
+    door = FakeDoor(answers=["y"], who="anna")
+    assert say(context, "here bin2", door).status == 0
+    assert door.asked == ["bin2 is 10.0 mm from here so far. Name this place bin2 instead? [y/n]"]
+    assert say(context, "go bin2").text == "At bin2."
+    assert context.cycle.told == ["move to bin2: [100.0, 200.0, 310.0]"]
+    assert len(say(context, "places bin2").text.splitlines()) == 2
+    assert "bin2" in say(context, "places").text
+    assert say(context, "places drop bin2").status == 0
+    assert say(context, "go bin2").status == 2
+    assert len(say(context, "places bin2").text.splitlines()) == 3, "what it was is still known"

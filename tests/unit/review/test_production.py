@@ -1,0 +1,56 @@
+"""What a production engineer asks first, of one run and of a week; two runs beside one another."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from daemon.review.brief import read_brief
+from daemon.review.page import read_digest
+from daemon.review.production import compared, production
+from daemon.review.strips import strips
+from tests.worlds.made_run import MadeRun
+
+
+def test_picked_of_tried_stops_by_cause_and_interventions(made: MadeRun) -> None:
+    made.pick()
+    made.pick("missed", why="cube still lies there")
+    made.write("command", who="ann", door="console", text="resume")
+    made.write("command", who="ann", door="console", text="auto on 3")
+    made.pick("empty", why="nothing on the table")
+    made.pick(label="pyramid")
+    found = production([read_digest(made.close())])
+    assert (found["tried"], found["picked"], found["interventions"]) == (3, 2, 1)
+    assert found["parts"] == {"cube": [1, 2], "pyramid": [1, 1]}
+    assert found["stops"] == {"gripper": 1}
+    assert found["median_s"] == pytest.approx(found["p95_s"])
+
+
+def test_a_brief_reading_says_the_same_of_a_run_as_a_whole_one(made: MadeRun) -> None:
+    made.pick()
+    made.pick("missed", why="cube still lies there", chi2=70.0)
+    made.look("look", focus_left=2.0, findings={"focus left": "left: out of focus"})
+    folder = made.close()
+    assert production([read_brief(folder)]) == production([read_digest(folder)])
+    assert strips(read_brief(folder)) == strips(read_digest(folder))
+
+
+def test_a_difference_matters_where_chance_would_not_make_it() -> None:
+    plain = {"hourly": 100.0, "median_s": 10.0, "p95_s": 12.0, "looks": 3.0, "grasp_mm": 0.6, "true_mm": None}
+    rest = {"nameless": 0, "interventions": 0, "parts": {}}
+    before = {"picked": 95, "tried": 100, **plain, **rest}
+    some = compared(before, {**before, "picked": 92, "median_s": 10.4})
+    assert [row["matters"] for row in some] == [None] * len(some)
+    many = {row["name"]: row for row in compared(before, {**before, "picked": 80, "median_s": 8.0})}
+    assert (many["picked of tried"]["matters"], many["picked of tried"]["delta"]) == ("worse", pytest.approx(-15))
+    assert many["a pick, median"]["matters"] == "better"
+
+
+def test_a_strip_is_calm_near_or_beyond_its_limit(tmp_path: Path) -> None:
+    for value, near in ((1.0, 0), (1.2, 1), (1.6, 2)):
+        made = MadeRun(tmp_path / f"2026010{near + 1}T000000Z", pictures=False)
+        made.look("look", focus_left=0.4)
+        made.look("look", focus_left=value)
+        (strip,) = [s for s in strips(read_digest(made.close())) if s["name"] == "width of the sharpest edges"]
+        assert (strip["near"], strip["worst"], strip["limit"]) == (near, value, 1.5)

@@ -1,0 +1,169 @@
+"""What the guide tells people to type is there to be typed: every command against the table of commands and the tools'
+own options, every key against the configuration."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import re
+import shlex
+import typing
+from functools import cache
+from pathlib import Path
+from types import UnionType
+
+import pytest
+
+from daemon import ctl, main
+from daemon.commands import every_command
+from daemon.config import Config
+from daemon.console.interpreter import Command
+from daemon.store import places
+from drivers.camera.settings import CameraSettings
+from drivers.val2.dialect import Dialect
+
+GUIDES = [places.HOUSE / name for name in ("README.md", "deploy/README.md", "deploy/RUNS.md", "deploy/SAFETY.md")]
+COMMANDS = {name: command for command in every_command("simulated") for name in (command.name, *command.aliases)}
+SPAN, BLOCK = re.compile(r"`([^`\n]+)`"), re.compile(r"^```\n(.*?)^```", re.MULTILINE | re.DOTALL)
+KEY = re.compile(
+    r"(cell|cameras|arm|files|folders|pick|vision|console|log|health|simulated|recorded|metrics)((\.\w+)+)"
+)
+
+
+def spans(guide: Path) -> list[str]:
+    text = guide.read_text(encoding="utf-8")
+    blocks = [line.partition("  #")[0].strip() for block in BLOCK.findall(text) for line in block.splitlines()]
+    return [span.strip() for span in SPAN.findall(BLOCK.sub("", text))] + [line for line in blocks if line]
+
+
+def told(pattern: str) -> list[tuple[str, str]]:
+    """(guide, what follows) of each span that begins so."""
+    found = [(g.name, m[1]) for g in GUIDES for span in spans(g) if (m := re.fullmatch(pattern, span, re.DOTALL))]
+    assert found
+    return sorted(set(found))
+
+
+@cache
+def jobs() -> dict[str, argparse.ArgumentParser]:
+    return dict(ctl._parser([*ctl.OFFLINE.values(), ctl.TRAIN])[1])
+
+
+def placeholder(word: str) -> bool:
+    """A word that stands for what a person puts there."""
+    return word.isupper() or word.endswith("...") or "|" in word or word.startswith("[")
+
+
+def check(command: Command, words: list[str]) -> str | None:
+    """What is wrong with a command's arguments, as far as the table knows."""
+    if command.most is not None and len(words) > command.most:
+        return "too many words"
+    first = words[0] if words else None
+    if isinstance(command.choices, tuple) and command.choices and first is not None and not placeholder(first):
+        return None if first in command.choices else f"{first} is none of {command.choices}"
+    return None
+
+
+@pytest.mark.parametrize(("guide", "line"), told(r"facetd> (.*)"))
+def test_what_is_typed_at_the_prompt_is_a_command(guide: str, line: str) -> None:
+    name, *words = shlex.split(line, comments=True)
+    if name == "help":
+        return
+    assert name in COMMANDS, f"{guide}: {line}"
+    assert check(COMMANDS[name], words) is None, f"{guide}: {line}"
+
+
+def names() -> list[tuple[str, str]]:
+    """Spans that begin with a command's own word."""
+    begun = "|".join(sorted(COMMANDS, key=len, reverse=True)).replace("?", r"\?")
+    return [(g, line) for g, line in told(rf"((?:{begun})(?: .*)?)")]
+
+
+@pytest.mark.parametrize(("guide", "line"), names())
+def test_every_command_named_in_the_text_is_one_with_words_that_it_knows(guide: str, line: str) -> None:
+    name, *words = shlex.split(line, comments=True)
+    if name in jobs() and (problem := job_problem([name, *words])) is None:
+        return
+    problem = check(COMMANDS[name], [word for word in words if word not in ("--help", "--version")])
+    assert problem is None, f"{guide}: `{line}`: {problem}"
+
+
+def job_problem(words: list[str]) -> str | None:
+    """Which option or kind a job does not have."""
+    parser = jobs()[words[0]]
+    rest = words[1:]
+    kinds = next((a.choices for a in parser._actions if isinstance(a, argparse._SubParsersAction)), None)
+    if kinds is not None:
+        if not rest or rest[0] not in kinds:
+            return f"no such kind of {words[0]}: {rest[:1]}"
+        parser, rest = kinds[rest[0]], rest[1:]
+    unknown = [word for word in rest if word.startswith("--") and word not in parser._option_string_actions]
+    return f"no such option: {unknown}" if unknown else None
+
+
+@pytest.mark.parametrize(("guide", "line"), told(r"(?:sudo )?facetctl (.*)"))
+def test_every_line_for_the_tool_is_one_that_it_understands(guide: str, line: str) -> None:
+    try:
+        words = shlex.split(line.replace("$(", "").replace(")", ""), comments=True)
+    except ValueError:
+        words = line.split()
+    while words and words[0] in ("--json", "--socket"):
+        words.pop(0)
+    if not words or placeholder(words[0]) or words[0] in (*ctl.OWN, "--help", "--version", "help"):
+        return
+    problems = []
+    if words[0] in jobs():
+        problems.append(job_problem(words))
+    if words[0] in COMMANDS:
+        problems.append(check(COMMANDS[words[0]], [w for w in words[1:] if not w.startswith("--")]))
+    assert problems, f"{guide}: facetctl {line}: no such command"
+    assert None in problems, f"{guide}: facetctl {line}: {problems}"
+
+
+@pytest.mark.parametrize(("guide", "line"), told(r"facetd (--.*)"))
+def test_every_option_of_the_daemon_is_one(guide: str, line: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main.main(["--help"])
+    helped = capsys.readouterr().out
+    assert all(word in helped for word in line.split() if word.startswith("--")), f"{guide}: facetd {line}"
+
+
+def keys_of(kind: object) -> dict[str, object]:
+    """Fields of a section's type, whatever it is wrapped in."""
+    if isinstance(kind, UnionType) or typing.get_origin(kind) in (typing.Union, typing.Annotated):
+        found: dict[str, object] = {}
+        for one in typing.get_args(kind):
+            found.update(keys_of(one))
+        return found
+    if not dataclasses.is_dataclass(kind):
+        return {}
+    assert isinstance(kind, type)
+    return dict(typing.get_type_hints(kind, include_extras=True))
+
+
+def test_every_key_of_the_configuration_is_one() -> None:
+    top = keys_of(typing.get_type_hints(Config)["values"])
+    elsewhere = {"cameras": CameraSettings, "arm.dialect": Dialect}
+    for guide in GUIDES:
+        for span in spans(guide):
+            named = KEY.fullmatch(span)
+            if named is None or (places.HOUSE / span).exists() or span.endswith((".yaml", ".py", ".md", ".conf")):
+                continue
+            path, known = [], top
+            for word in span.split("."):
+                assert word in known, f"{guide.name}: `{span}`: no such key"
+                path.append(word)
+                kind = elsewhere.get(".".join(path), known[word])
+                known = keys_of(kind)
+
+
+def test_every_file_and_target_named_is_there() -> None:
+    makefile = (places.HOUSE / "Makefile").read_text()
+    script = (places.HOUSE / "deploy" / "install.sh").read_text()
+    for guide in GUIDES:
+        for span in spans(guide):
+            for target in re.findall(r"\bmake (?!-)([a-z][a-z-]*)", span):
+                assert re.search(rf"^(extra-%|{target}):", makefile, re.MULTILINE), f"{guide.name}: {span}"
+            for word in re.findall(r"deploy/install\.sh (\w+)", span):
+                assert re.search(rf"^{word}[ )|]", script, re.MULTILINE), f"{guide.name}: {span}"
+            for file in re.findall(r"\b(?:docs|deploy)/[\w./-]+\.\w+", span):
+                assert (places.HOUSE / file).exists(), f"{guide.name}: {span}"
