@@ -51,6 +51,11 @@ def measure(name: str, config: str, arguments: tuple[str, ...], time_scale: floa
         print(f"{name:12}{min(ready_s):>10.2f}{min(cpu_s):>10.2f}{begun.resident_mib:>14.0f}{after.resident_mib:>16.0f}"
               f"{idle_pct:>10.1f}{after.handles:>9}{after.threads:>9}", flush=True)  # fmt: skip
         daemon.end()
+        if "--sim" in arguments:
+            print(
+                "\n".join(daemon.judged()) or "the cell's judge saw the arm do nothing that it must never do",
+                flush=True,
+            )
     finally:
         daemon.kill()
         shutil.rmtree(folder, ignore_errors=True)

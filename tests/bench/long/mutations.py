@@ -181,7 +181,7 @@ def _of_body(function: ast.FunctionDef | ast.AsyncFunctionDef) -> Iterator[Chang
                 statement, ast.Expr | ast.Assign | ast.AugAssign | ast.Raise | ast.If | ast.Return | ast.Delete
             ):
                 yield _replaced(body, place, [ast.Pass()], "removed", statement)
-            if not gives and place > 0:
+            if not gives and place > 0 and not isinstance(statement, ast.Return):
                 yield _replaced(body, place, [ast.Return(None), statement], "early return", statement)
 
 

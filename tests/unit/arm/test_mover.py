@@ -9,8 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from daemon import frames
+from daemon.arm.body import Capsule
 from daemon.arm.guard import Command, Limits
-from daemon.arm.mover import Arrival, Mover, MoveRefusedError, OutOfReachError
+from daemon.arm.mover import Arrival, Mover, MoveRefusedError, NotThereError, OutOfReachError
 from daemon.arm.workcell import Reading
 from drivers import puma560
 from drivers.simcell.arm import SingularWristError, plan_joints, plan_straight
@@ -47,6 +48,9 @@ def test_a_dead_controller_is_told_within_seconds_even_after_the_longest_move():
 
 
 NEAR = frames.perturb(HEAD_DOWN, np.array([30.0, 0, 0, 0, 0, 0]))
+
+
+CARRIED = Capsule("a part", "tool", (0.0, 0.0, 0.0), (0.0, 0.0, 30.0), 20.0)
 
 
 def mover_in(world: World, gate=None, **limits) -> Mover:
@@ -161,3 +165,72 @@ def test_where_the_arm_has_no_way_nothing_is_sent_and_the_place_is_told(straight
     world.unreached = None
     assert mover.allows(NEAR)
     assert not mover.allows(frames.perturb(NEAR, np.array([0, 0, -400.0, 0, 0, 0]))), "below the table"
+
+
+def test_who_held_a_move_back_may_have_moved_the_arm_and_so_its_place_is_asked_for_again():
+    world = World(np.random.default_rng(0))
+
+    async def gate(_: Command) -> bool:
+        world.at = frames.perturb(HEAD_DOWN, np.array([-30.0, 0, 0, 0, 0, 0]))
+        return True
+
+    mover = mover_in(world, gate, max_step_mm=40.0)
+    with pytest.raises(MoveRefusedError, match="step_too_long"):
+        asyncio.run(mover.go(command(NEAR, False, 50.0)))
+    assert not world.wire
+
+
+def test_dry_a_move_leaves_from_where_the_one_before_would_have_ended_and_no_arm_is_asked():
+    world, asked = World(np.random.default_rng(0)), []
+
+    async def gate(_: Command) -> bool:
+        return True
+
+    mover = mover_in(world, gate, max_step_mm=40.0)
+    world.before = asked.append
+    mover.dry = True
+    farther = frames.perturb(NEAR, np.array([30.0, 0, 0, 0, 0, 0]))
+    for pose in (NEAR, farther):
+        asyncio.run(mover.go(command(pose, False, 50.0)))
+    np.testing.assert_allclose(mover.here.world_from_tool, farther)
+    assert not asked
+    assert not world.wire
+
+
+def test_what_is_carried_is_guarded_until_the_hand_was_opened():
+    world = World(np.random.default_rng(0))
+    mover = mover_in(world)
+    asyncio.run(mover.hand(closed=True))
+    mover.carried = (CARRIED,)
+    asyncio.run(mover.hand(closed=True))
+    assert CARRIED in mover.bounds.capsules
+    asyncio.run(mover.hand(closed=False))
+    assert CARRIED not in mover.bounds.capsules
+
+
+@pytest.mark.parametrize("off", [[0.6, 0, 0, 0, 0, 0], [0, 0, 0, 0, 0, np.radians(0.2)]])
+def test_an_arm_at_rest_elsewhere_than_it_was_sent_is_told_with_how_far(off):
+    world = World(np.random.default_rng(0))
+    mover = mover_in(world)
+    move = mover.cell.robot.move
+
+    async def missing(pose, **how):
+        return await move(frames.perturb(pose, np.array(off, float)), **how)
+
+    mover.cell.robot.move = missing
+    with pytest.raises(NotThereError, match="sent, but WHERE is"):
+        asyncio.run(mover.go(command(NEAR, False, 50.0)))
+    assert len(world.said("moved")) == 1
+
+
+@pytest.mark.parametrize(("meanwhile", "rule"), [(disable, "not_enabled"), (stop, "fault_stands")])
+def test_the_hand_is_not_driven_while_nothing_may_move(meanwhile, rule):
+    world = World(np.random.default_rng(0))
+    mover = mover_in(world)
+    meanwhile(mover, world)
+    with pytest.raises(
+        MoveRefusedError, match="the arm is not enabled" if rule == "not_enabled" else "stopped"
+    ) as told:
+        asyncio.run(mover.hand(closed=True))
+    assert told.value.refusal.rule == rule
+    assert not world.wire

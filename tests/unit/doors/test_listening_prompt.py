@@ -29,8 +29,10 @@ def daemon() -> Iterator[Running]:
     daemon = Running(folder, "", seed=3, time_scale=4.0)
     daemon.start()
     yield daemon
+    found = daemon.judged()
     daemon.kill()
     shutil.rmtree(folder, ignore_errors=True)
+    assert found == []
 
 
 @pytest.fixture

@@ -253,6 +253,18 @@ def test_an_endless_line_is_text_and_does_not_grow() -> None:
     assert all(isinstance(event, Text) and len(event.text) == LONGEST_LINE for event in events)
 
 
+def test_silence_in_the_middle_of_a_table_does_not_break_it() -> None:
+    table = b" X Y Z O A T\r\n 1 2 3 4 5 6\r\n JT1 JT2 JT3 JT4 JT5 JT6\r\n 1 2 3 4 5 6\r\n"
+    reader = Reader()
+    assert kinds(reader.receive(table[:30]) + reader.silence() + reader.receive(table[30:])) == ["Table"]
+
+
+def test_a_question_that_ended_its_line_is_asked_once() -> None:
+    reader = Reader()
+    reader.receive(b"Are you sure (Y/N)?\r\n")
+    assert kinds(reader.silence() + reader.silence()) == ["Question"]
+
+
 @pytest.mark.parametrize("hand", [False, True])
 def test_a_where_with_one_header_for_both_lines_is_a_table_with_or_without_the_hand(hand: bool) -> None:
     reader = Reader()
