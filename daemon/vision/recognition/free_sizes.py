@@ -33,7 +33,8 @@ class FreeSizes:
         """corners (K, 3) mm as taught; bound (R, 3K) what binds them; weight (K, 3, 3) inverse covariance and residual
         (K, 3) mm of the measured ones; range_mm: how far sizes may be from any at all, a standard deviation."""
         count = len(corners)
-        rigid = np.concatenate([np.tile(np.eye(3), count), -cross_matrices(corners).reshape(3 * count, 3).T])
+        about = corners - corners.mean(0)  # far from the origin a turn is next to a shift, and would be lost
+        rigid = np.concatenate([np.tile(np.eye(3), count), -cross_matrices(about).reshape(3 * count, 3).T])
         rows = np.concatenate([bound, rigid])
         rows = rows / np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), 1e-9)
         _, size, ways = np.linalg.svd(rows)
