@@ -41,6 +41,11 @@ class Polyhedron:
         }
 
     @cached_property
+    def across(self) -> dict[tuple[int, int], tuple[int, int]]:
+        """{(facet, place of an edge in it): the same of the facet beyond that edge}, where there is one."""
+        return {place: self.edges[b, a] for (a, b), place in self.edges.items() if (b, a) in self.edges}
+
+    @cached_property
     def seams(self) -> tuple[tuple[int, int], ...]:
         """Pairs of facets that share an edge (run through in opposite directions), the smaller index first."""
         pairs = {(f, self.edges[b, a][0]) for (a, b), (f, _) in self.edges.items() if (b, a) in self.edges}

@@ -1,6 +1,6 @@
 """What was taught: facet types, relation matrix, views, the part merged from them. Values; no image."""
 
-from daemon.vision.model.correspond import Correspondence, correspondences
+from daemon.vision.model.correspond import Correspondence, correspondences, spread_from
 from daemon.vision.model.facet_types import (
     LARGEST_NUMBER,
     FacetLibrary,
@@ -38,6 +38,7 @@ __all__ = [
     "merge_views",
     "recall",
     "regularise",
+    "spread_from",
     "type_facet",
     "type_number",
     "typed",

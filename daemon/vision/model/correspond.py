@@ -7,6 +7,7 @@ judge afterwards (geometry/rigid_fit.py).
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,16 +41,25 @@ def correspondences(seen: Polyhedron, taught: Polyhedron, *, may_add: bool = Fal
     """
     if not seen.facets:
         return ()
-    near, far = _neighbours(seen), _neighbours(taught)
+    places = (
+        (start, (g, turn))
+        for start in _starts(seen, taught, every=may_add)
+        for g, corners in enumerate(taught.facets)
+        if len(corners) == len(seen.facets[start])
+        for turn in range(len(corners))
+    )
+    return spread_from(seen, taught, places, may_add=may_add)
+
+
+def spread_from(
+    seen: Polyhedron, taught: Polyhedron, places: Iterable[tuple[int, Place]], *, may_add: bool = False
+) -> tuple[Correspondence, ...]:
+    """As correspondences, of those that lay one seen facet onto (taught facet, turn): places of such pairs."""
     found: dict[tuple[int, ...], Correspondence] = {}
-    for start in _starts(seen, taught, every=may_add):
-        for g, corners in enumerate(taught.facets):
-            if len(corners) != len(seen.facets[start]):
-                continue
-            for turn in range(len(corners)):
-                laid = _walk(seen, taught, near, far, start, (g, turn))
-                if laid:
-                    found.setdefault(tuple(laid.corners), laid)
+    for start, first in places:
+        laid = _walk(seen, taught, start, first)
+        if laid:
+            found.setdefault(tuple(laid.corners), laid)
     most = max((c.explained for c in found.values()), default=0)
     return tuple(c for c in found.values() if may_add or c.explained == most)
 
@@ -64,15 +74,7 @@ def _starts(seen: Polyhedron, taught: Polyhedron, *, every: bool) -> list[int]:
     return sorted(able, key=lambda f: (counts[f], f))[:1]
 
 
-def _neighbours(solid: Polyhedron) -> dict[Place, Place]:
-    """{(facet, edge): (facet on the other side, its edge)}."""
-    edges = solid.edges
-    return {place: edges[b, a] for (a, b), place in edges.items() if (b, a) in edges}
-
-
-def _walk(
-    seen: Polyhedron, taught: Polyhedron, near: dict[Place, Place], far: dict[Place, Place], start: int, first: Place
-) -> Correspondence | None:
+def _walk(seen: Polyhedron, taught: Polyhedron, start: int, first: Place) -> Correspondence | None:
     """Spread one assumption over all shared edges; None where it contradicts itself."""
     laid: dict[int, Place] = {start: first}
     queue = deque([start])
@@ -81,10 +83,10 @@ def _walk(
         g, turn = laid[f]
         count = len(seen.facets[f])
         for edge in range(count):
-            beyond = near.get((f, edge))
+            beyond = seen.across.get((f, edge))
             if beyond is None:
                 continue
-            there = far.get((g, (edge + turn) % count))
+            there = taught.across.get((g, (edge + turn) % count))
             if there is None:
                 continue
             sides = len(seen.facets[beyond[0]])

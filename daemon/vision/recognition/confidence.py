@@ -77,11 +77,10 @@ def by_chance(seen: Polyhedron, fit: Hypothesis, model: Model) -> tuple[float, f
         weight[fit.astray], used = 0.0, used - 1
     residual = seen.corners_mm - there
     types = [taught.types[k] for k in fit.facets] if taught.types else [""] * len(fit.facets)
-    sides = [np.linalg.norm(there[list(r)] - np.roll(there[list(r)], 1, 0), axis=1).mean() for r in seen.facets]
-    range_mm = SPAN * float(np.mean(sides))
+    corner, following, _ = seen.steps
+    range_mm = SPAN * float(np.sqrt(((there[corner] - there[following]) ** 2).sum(1).mean()))
     free, regular = (
-        FreeSizes.of(there, bonds(there, seen, types, model.library, right_only=only), weight, residual, range_mm)
-        for only in (True, False)
+        FreeSizes.of(there, bound, weight, residual, range_mm) for bound in bonds(there, seen, types, model.library)
     )
     dof = 3 * used - len(free.covariance) - 6
     noise2 = (NOISE_DOF * NOISE_SIGMA**2 + free.least) / (NOISE_DOF + max(dof, 0))

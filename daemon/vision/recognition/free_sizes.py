@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from daemon.arrays import Array
 from daemon.vision.geometry import Polyhedron, area_vector, cross_matrices, measure
@@ -34,7 +33,8 @@ class FreeSizes:
         """corners (K, 3) mm as taught; bound (R, 3K) what binds them; weight (K, 3, 3) inverse covariance and residual
         (K, 3) mm of the measured ones; range_mm: how far sizes may be from any at all, a standard deviation."""
         count = len(corners)
-        rigid = np.concatenate([np.tile(np.eye(3), count), -cross_matrices(corners).reshape(3 * count, 3).T])
+        about = corners - corners.mean(0)  # far from the origin a turn is next to a shift, and would be lost
+        rigid = np.concatenate([np.tile(np.eye(3), count), -cross_matrices(about).reshape(3 * count, 3).T])
         rows = np.concatenate([bound, rigid])
         rows = rows / np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), 1e-9)
         _, size, ways = np.linalg.svd(rows)
@@ -57,41 +57,46 @@ class FreeSizes:
         return float(len(self.covariance) * np.log(range_mm) - logdet / 2 - (self.chi2 - self.least) / (2 * noise2))
 
 
-def bonds(corners: Array, seen: Polyhedron, types: Sequence[str], library: FacetLibrary, *, right_only: bool) -> Array:
-    """(R, 3K) derivatives by the corners (K, 3) of what binds them whatever the sizes: plane facets; right angles, in
-    facets and between them; unless right_only, all that the facets' types say."""
-    found = [np.zeros((0, 3 * len(corners)))]
-    for ring, kind in zip(seen.rings, types, strict=True):
+def bonds(corners: Array, seen: Polyhedron, types: Sequence[str], library: FacetLibrary) -> tuple[Array, Array]:
+    """(R, 3K) derivatives by the corners (K, 3) of what binds them whatever the sizes: plane facets, right angles in
+    facets and between them; and (S, 3K), these and all that the facets' types say.
+    """
+    count = len(corners)
+    areas = [area_vector(corners[ring]) for ring in seen.rings]
+    firm, more = [np.zeros((0, 3 * count))], [np.zeros((0, 3 * count))]
+    for ring, kind, area in zip(seen.rings, types, areas, strict=True):
         points = corners[ring]
         a, b = conditions(points, kind, library)
-        if right_only:
-            right = (np.count_nonzero(a, axis=1) == 1) & (np.abs(b - np.pi / 2) < RIGHT)
-            a = a[right]
-        inside = np.concatenate([_plane(points), a @ measure(points).jacobian])
-        rows = np.zeros((len(inside), 3 * len(corners)))
-        rows[:, (3 * ring[:, None] + np.arange(3)).ravel()] = inside
-        found.append(rows)
-    found += [_square(corners, seen.rings[f], seen.rings[g]) for f, g in seen.seams]
-    return np.concatenate(found)
+        said = a @ measure(points).jacobian
+        right = ((a != 0).sum(1) == 1) & (np.abs(b - np.pi / 2) < RIGHT)
+        at = (3 * ring[:, None] + np.arange(3)).ravel()
+        for kept, rows in ((firm, [_plane(points, area), said[right]]), (more, [said[~right]])):
+            inside = np.concatenate(rows)
+            placed = np.zeros((len(inside), 3 * count))
+            placed[:, at] = inside
+            kept.append(placed)
+    for f, g in seen.seams:
+        sizes = float(np.sqrt((areas[f] @ areas[f]) * (areas[g] @ areas[g])))
+        if abs(float(areas[f] @ areas[g])) < RIGHT * sizes:
+            row = np.zeros((count, 3))
+            row[seen.rings[f]] += _turning(corners[seen.rings[f]], areas[g]) / sizes
+            row[seen.rings[g]] += _turning(corners[seen.rings[g]], areas[f]) / sizes
+            firm.append(row.reshape(1, -1))
+    return np.concatenate(firm), np.concatenate([*firm, *more])
 
 
-def _plane(points: Array) -> Array:
+def _plane(points: Array, area: Array) -> Array:
     """(N, 3N) a facet's corners off its plane."""
-    normal = area_vector(points)
-    normal = normal / np.linalg.norm(normal)
-    spanned = np.column_stack([np.ones(len(points)), points - points.mean(0)])
-    off = np.eye(len(points)) - spanned @ np.linalg.pinv(spanned, rcond=1e-6)
-    return np.kron(off, normal)
+    normal = area / np.sqrt(area @ area)
+    x = points[1] - points[0]
+    flat = np.stack([x, cross_matrices(normal) @ x], 1)
+    spanned = np.concatenate([np.ones((len(points), 1)), (points - points.mean(0)) @ flat], 1)
+    off = np.eye(len(points)) - spanned @ np.linalg.solve(spanned.T @ spanned, spanned.T)
+    return np.asarray((off[:, :, None] * normal).reshape(len(points), -1))
 
 
-def _square(corners: Array, one: NDArray[np.intp], other: NDArray[np.intp]) -> Array:
-    """(1, 3K) the cosine between two facets' planes, where it is next to none; else (0, 3K)."""
-    areas = [area_vector(corners[ring]) for ring in (one, other)]
-    sizes = [float(np.linalg.norm(a)) for a in areas]
-    row = np.zeros((1, len(corners), 3))
-    if abs(areas[0] @ areas[1]) > RIGHT * sizes[0] * sizes[1]:
-        return row.reshape(1, -1)[:0]
-    for ring, beside in ((one, areas[1]), (other, areas[0])):
-        across = np.roll(corners[ring], -1, 0) - np.roll(corners[ring], 1, 0)
-        np.add.at(row[0], ring, np.cross(across, beside) / 2 / sizes[0] / sizes[1])
-    return row.reshape(1, -1)
+def _turning(points: Array, area: Array) -> Array:
+    """(N, 3) derivatives of a facet's area vector along another's (3,), by the facet's corners."""
+    here = np.arange(len(points))
+    across = points[(here + 1) % len(points)] - points[here - 1]
+    return np.asarray(across @ cross_matrices(area) / 2)

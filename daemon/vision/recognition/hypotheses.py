@@ -5,19 +5,24 @@ In: what is seen, the taught metric models. Out: hypotheses, best first. Which o
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from daemon.arrays import Array
 from daemon.vision.geometry import Fits, Polyhedron, chi_square_tail, fit_poses, rough_rms
-from daemon.vision.model import Correspondence, MetricModel, correspondences
+from daemon.vision.model import Correspondence, MetricModel, spread_from
 
 Way = tuple[str, Correspondence]
 SIGMA_SCALE = 1.3  # how much larger than predicted the corner errors may be, taken together
 ROUGH_MM = 4.0  # an unweighted fit may be this bad where the weighted one is good: depth is what errs
+CLOSE_MM, FITS = 1.0, 1e-2  # how near fits are looked for first, and the tail that ends the search
+SURE = 3.0  # how many predicted errors a distance may be off
+SPREAD = 2.5  # by how many times as much two corners of such a fit may be farther apart than taught
+NEAREST = 8  # where nothing fits, how many places of each facet are tried, to say what came nearest
 SECOND_CHANCES = 8  # how many hypotheses are tried again without one corner
 ASTRAY_MM = 12.0  # how far a corner may lie off that is left out: farther, and it is another shape
 EQUAL_CHI2 = 9.0  # poses of one label this close in chi-square are equally good
@@ -53,20 +58,108 @@ class Hypothesis:
         return chi_square_tail(self.chi2 / SIGMA_SCALE**2, self.dof)
 
 
-def hypotheses(seen: Polyhedron, metric: Mapping[str, MetricModel], tolerance_mm: float) -> tuple[Hypothesis, ...]:
-    """Every label in every numbering, most facets explained first, then the smallest chi-square. May be empty."""
-    ways = [
-        (label, way)
-        for label, known in metric.items()
-        for way in correspondences(seen, known.solid)
-        if (way.corners >= 0).sum() >= 3
-    ]
+def hypotheses(
+    seen: Polyhedron, metric: Mapping[str, MetricModel], tolerance_mm: float, rough_mm: float = ROUGH_MM
+) -> tuple[Hypothesis, ...]:
+    """Every label in every numbering that lengths allow, most facets explained first, then the smallest chi-square.
+
+    rough_mm: how badly an unweighted fit may be off where none is close. Where nothing fits, what came nearest. May be
+    empty.
+    """
+    if not metric:
+        return ()
+    for reach_mm in (CLOSE_MM, rough_mm):
+        found = _fitted(seen, metric, _whole_ways(seen, metric, reach_mm), tolerance_mm)
+        if found and found[0].tail > FITS:
+            return found
+    return found or _fitted(seen, metric, _nearest_ways(seen, metric), tolerance_mm)
+
+
+def _fitted(
+    seen: Polyhedron, metric: Mapping[str, MetricModel], ways: list[Way], tolerance_mm: float
+) -> tuple[Hypothesis, ...]:
     if not ways:
         return ()
-    ways = _promising(seen, metric, ways)
     fits = fit_poses(*_matched(seen, metric, ways), tolerance_mm)
     found = [_hypothesis(way, fits, i) for i, way in enumerate(ways)]
     return tuple(sorted(found, key=lambda h: (-h.explained, h.chi2)))
+
+
+def _whole_ways(seen: Polyhedron, metric: Mapping[str, MetricModel], reach_mm: float) -> list[Way]:
+    """The ways that explain every facet and that an unweighted fit does not rule out."""
+    near = list[list[tuple[str, tuple[int, int]]]]()
+    for k in range(len(seen.facets)):
+        places, off = _places(seen, k, metric)
+        near.append([places[i] for i in np.nonzero(off < SPREAD * reach_mm)[0]])
+    start = min(range(len(near)), key=lambda k: len(near[k]))
+    ways = [way for way in _spread(seen, metric, start, near[start]) if way[1].explained == len(seen.facets)]
+    if not ways:
+        return []
+    seen_mm, covariance, corners, _, used = _matched(seen, metric, ways)
+    rms = rough_rms(seen_mm, covariance, corners, used)
+    unsure = SURE * float(np.sqrt(covariance.reshape(-1, 9)[:, ::4].sum(1).mean()))
+    return [w for w, r in zip(ways, rms, strict=True) if r <= max(reach_mm, unsure)]
+
+
+def _nearest_ways(seen: Polyhedron, metric: Mapping[str, MetricModel]) -> list[Way]:
+    """Those that explain most, of the few ways for each facet that lie nearest by its own lengths."""
+    ways = list[Way]()
+    for k in range(len(seen.facets)):
+        places, off = _places(seen, k, metric)
+        near = np.argsort(off, kind="stable")[:NEAREST]
+        ways += _spread(seen, metric, k, [places[i] for i in near])
+    most = max((laid.explained for _, laid in ways), default=0)
+    return [way for way in ways if way[1].explained == most]
+
+
+def _spread(
+    seen: Polyhedron, metric: Mapping[str, MetricModel], start: int, places: Sequence[tuple[str, tuple[int, int]]]
+) -> list[Way]:
+    """The ways that lay one seen facet onto (label, (taught facet, turn))."""
+    by_label: dict[str, list[tuple[int, tuple[int, int]]]] = {}
+    for label, place in places:
+        by_label.setdefault(label, []).append((start, place))
+    return [
+        (label, way)
+        for label, first in by_label.items()
+        for way in spread_from(seen, metric[label].solid, first)
+        if (way.corners >= 0).sum() >= 3
+    ]
+
+
+def _places(
+    seen: Polyhedron, facet: int, metric: Mapping[str, MetricModel]
+) -> tuple[list[tuple[str, tuple[int, int]]], Array]:
+    """Every taught facet, in every turn, that has as many sides as a seen one, and by how much their corners' distances
+    from each other differ at most, beyond what they may have been measured wrongly, mm."""
+    ring = seen.rings[facet]
+    spans = [_spans(known.solid, len(ring)) for known in metric.values()]
+    places = [(label, place) for label, (some, _) in zip(metric, spans, strict=True) for place in some]
+    wanted = _distances(seen.corners_mm[ring])
+    variance = seen.covariance_mm2[ring].reshape(-1, 9)[:, ::4].sum(1)
+    one, other = _pairs(len(ring))
+    excess = np.abs(np.concatenate([s for _, s in spans]) - wanted) - SURE * np.sqrt(variance[one] + variance[other])
+    return places, excess.max(1)
+
+
+@lru_cache(maxsize=4096)
+def _spans(solid: Polyhedron, sides: int) -> tuple[list[tuple[int, int]], Array]:
+    """(facet, turn) of each facet with so many sides, and the distances between its corners from there on."""
+    places = [(g, turn) for g, ring in enumerate(solid.rings) if len(ring) == sides for turn in range(sides)]
+    rows = [_distances(solid.corners_mm[np.roll(solid.rings[g], -turn)]) for g, turn in places]
+    return places, np.array(rows).reshape(-1, sides * (sides - 1) // 2)
+
+
+def _distances(corners: Array) -> Array:
+    """(N (N - 1) / 2,) distances between every two of (N, 3) corners."""
+    one, other = _pairs(len(corners))
+    return np.asarray(np.sqrt(((corners[one] - corners[other]) ** 2).sum(1)))
+
+
+@lru_cache(maxsize=64)
+def _pairs(count: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Every two of so many."""
+    return np.triu_indices(count, 1)
 
 
 def without_one_corner(
@@ -111,17 +204,6 @@ def equivalents(best: Hypothesis, others: tuple[Hypothesis, ...]) -> Array:
         if h is not best and h.label == best.label and h.explained == best.explained and h.chi2 < best.chi2 + EQUAL_CHI2
     ]
     return np.stack([best.pose, *same])
-
-
-def _promising(seen: Polyhedron, metric: Mapping[str, MetricModel], ways: list[Way]) -> list[Way]:
-    """Of each label the numberings that could still fit, at least one."""
-    seen_mm, seen_covariance, corners, _, used = _matched(seen, metric, ways)
-    rms = rough_rms(seen_mm, seen_covariance, corners, used)
-    unsure = 3 * float(np.sqrt(np.trace(seen_covariance, axis1=1, axis2=2).mean()))
-    least: dict[str, float] = {}
-    for (label, _), value in zip(ways, rms, strict=True):
-        least[label] = min(value, least.get(label, np.inf))
-    return [w for w, r in zip(ways, rms, strict=True) if r <= max(least[w[0]], ROUGH_MM, unsure)]
 
 
 def _matched(

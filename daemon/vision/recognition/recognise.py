@@ -113,7 +113,7 @@ def _hollow(facets: tuple[Facet, ...], touching: NDArray[np.bool_], facet: Facet
 def facet_hypotheses(facet: Facet, model: Model) -> tuple[Hypothesis, ...]:
     """Every taught part and pose that a facet may belong to, measured well or not; the nearest first."""
     seen = _typed(weld([facet]), model)
-    found = hypotheses(seen.polyhedron, model.metric, model.parameters.tolerance_mm)
+    found = hypotheses(seen.polyhedron, model.metric, model.parameters.tolerance_mm, SUSPECT_MM)
     return tuple(sorted((h for h in found if h.rms_mm < SUSPECT_MM), key=lambda h: h.rms_mm))
 
 
@@ -121,7 +121,7 @@ def recognise_group(group: Group, model: Model) -> Part:
     """Name and locate one group of facets."""
     seen = _typed(group, model)
     answers = _answers(seen, model)
-    fits = _fits(seen, model, answers)
+    fits = _fits(seen, model)
     best = _best_by_label(fits)
     standing = [h for h in fits if _stands(h, seen)]
     chances = probability(seen.polyhedron, standing, model) if standing else {}
@@ -164,15 +164,10 @@ def _answers(seen: Group, model: Model) -> tuple[Answer, ...]:
     return by_label(recall(model.rotation, numbers, seen.touching), model.node_labels)
 
 
-def _fits(seen: Group, model: Model, answers: tuple[Answer, ...]) -> tuple[Hypothesis, ...]:
-    """Metric hypotheses of the labels whose pattern answers; of all labels where none of those fits."""
+def _fits(seen: Group, model: Model) -> tuple[Hypothesis, ...]:
+    """Metric hypotheses of all labels; where none stands, also those that leave one corner out."""
     tolerance = model.parameters.tolerance_mm
-    named = [a.label for a in answers if a.modified >= model.parameters.vigilance]
-    first = hypotheses(seen.polyhedron, {n: model.metric[n] for n in named}, tolerance)
-    if any(_stands(h, seen) for h in first):
-        return first
-    rest = hypotheses(seen.polyhedron, {n: m for n, m in model.metric.items() if n not in named}, tolerance)
-    found = tuple(sorted(first + rest, key=lambda h: (-h.explained, h.chi2)))
+    found = hypotheses(seen.polyhedron, model.metric, tolerance)
     whole = tuple(h for h in found if h.explained == len(seen.facets))
     if len(seen.facets) < 2 or any(_stands(h, seen) for h in whole):
         return found
