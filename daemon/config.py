@@ -66,9 +66,12 @@ class Arm:
     """The arm's serial line. calibrate_answer: to CAL's question; dialect: its controller's ways;
 
     flange_from_tool: where the tool centre point is, seen from the wrist centre, mm; VAL II's TOOL is set to it.
+    file: arm.yaml, as `facetctl arm introduce` writes it: the controller's ways and the arm's geometry (None: a PUMA
+    560 and the dialect's defaults); what dialect says here goes before it.
     """
 
     port: Name = "/dev/facetd-arm"
+    file: Name | None = None
     calibrate_answer: Literal["Y", "N"] = "Y"
     dialect: dict[str, Any] = field(default_factory=dict)
     flange_from_tool: Matrix4 = (

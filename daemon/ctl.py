@@ -37,6 +37,7 @@ OFFLINE: dict[str, str] = {
     "snap": "daemon.jobs.cameras",
     "stream": "daemon.jobs.cameras",
     "demo": "daemon.jobs.demo",
+    "arm": "daemon.jobs.arm",
 }
 """Command -> the module that registers it. `train` is both: with --views a job on files, without it the daemon's."""
 OWN: dict[str, tuple[str, str]] = {

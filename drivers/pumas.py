@@ -6,6 +6,7 @@ line here, and the lengths its own WHEREs show go before these where they are as
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 NEAR_MM = 1.5
@@ -59,19 +60,23 @@ class Likeness:
     off_mm: float
 
 
-def likeness(lengths: tuple[float, float, float, float], sigma: tuple[float, float, float, float]) -> Likeness | None:
-    """The published arm nearest to lengths found (a2, a3, d3, d4, in the controller's unit), if one is near.
+def likeness(
+    lengths: tuple[float, float, float, float],
+    sigma: tuple[float, float, float, float],
+    arms: Sequence[PublishedArm] = PUBLISHED,
+) -> Likeness | None:
+    """The one of arms nearest to lengths found (a2, a3, d3, d4, in the controller's unit), if one is near.
 
     Near: each length within NEAR_MM, or four standard deviations where the readings leave more open.
     """
     found: list[Likeness] = []
-    for arm in PUBLISHED:
+    for arm in arms:
         for unit_mm in (1.0, INCH_MM):
             a2, a3, d3, d4 = (unit_mm * value for value in lengths)
             seen = a2, abs(a3), abs(d3), d4
             off = [abs(one - other) for one, other in zip(seen, arm.lengths_mm, strict=True)]
             room = [max(NEAR_MM, 4.0 * unit_mm * each) for each in sigma]
             if all(each <= most for each, most in zip(off, room, strict=True)):
-                mirrored = None if arm.lengths_mm[1] == 0.0 else d3 < 0
+                mirrored = None if arm.lengths_mm[1] == 0.0 else a3 * d3 < 0
                 found.append(Likeness(arm, unit_mm, mirrored, max(off)))
     return min(found, key=lambda each: each.off_mm, default=None)

@@ -30,8 +30,8 @@ from daemon.calibration.least_squares import Problem, minimise
 from daemon.errors import FacetdError
 
 LEAST_READINGS = 7
-PLACE_MM, TURN_RAD = 0.02, 2e-5
-"""What WHERE's digits leave open: 0.01 mm and 0.001 degrees, and what the latter do a metre away."""
+DIGITS = (0.01, 0.001)
+"""The last digits of WHERE, mm and degrees."""
 GRID_RAD = np.radians(np.arange(0.0, 360.0, 45.0))
 FOLLOWED, PASSES = (6, 60), 20
 """So many of the grid's members are followed for each convention until one fits, more where none did; and how far."""
@@ -39,6 +39,8 @@ PRIOR_MM, PRIOR_RAD = 1000.0, np.pi
 """What is known beforehand; a value that the readings know no better than a hundredth of it is left open."""
 FITS = 5.0
 """A misfit of so many times what the digits leave open is no fit."""
+RANGE_MIDDLE_RAD, RANGE_HALF_RAD = np.radians([0.0, 90.0, -90.0]), np.radians([160.0, 110.0, 135.0])
+"""How far joints 1 to 3 of a PUMA turn, in our angles: the 560's data sheet; the others' differ by some degrees."""
 TELLS_MM = 1.0
 """A length between axes that is surely more than this is not zero."""
 NAMES = ("zero_1", "zero_2", "zero_23", "zero_4", "zero_5", "a2", "a3", "d3", "d4",
@@ -46,6 +48,9 @@ NAMES = ("zero_1", "zero_2", "zero_23", "zero_4", "zero_5", "a2", "a3", "d3", "d
          "base_x", "base_y", "base_z")  # fmt: skip
 LENGTHS = ("a2", "a3", "d3", "d4")
 ANGLES = 5
+LENGTH_LIKE = np.array([ANGLES <= k < ANGLES + 4 or k >= 12 for k in range(18)])
+TURN_ONLY = np.array([0, 2, 3, 4, 9, 10, 11])
+"""What the orientations alone depend on."""
 NONE: Mapping[int, float] = {}
 SURELY = 4.0
 """Standard deviations within which what was found is what is known."""
@@ -67,10 +72,11 @@ class Convention:
 class ArmFound:
     """The arm that the readings show.
 
-    zeros_deg (6,), within +-180. a2_mm, a3_mm, d3_mm, d4_mm: as in the Denavit-Hartenberg table; a3 is never negative,
-    and then d3 is positive where the shoulder's offset is to the right of an arm that reaches forward. base_mm (3,):
-    where axes 1 and 2 cross, in the world; wrist_from_tool (4, 4). sigma: standard deviation of each of NAMES (mm,
-    degrees). undetermined: names of what the readings leave open. place_mm, turn_deg: root mean square misfit.
+    zeros_deg (6,), within +-180. a2_mm, a3_mm, d3_mm, d4_mm: as in the Denavit-Hartenberg table; a3 is not negative
+    where it is surely something, and then d3 is positive where the shoulder's offset is to the right of an arm that
+    reaches forward. base_mm (3,): where axes 1 and 2 cross, in the world; wrist_from_tool (4, 4). sigma: standard
+    deviation of each of NAMES (mm, degrees). undetermined: names of what the readings leave open. place_mm,
+    turn_deg: root mean square misfit; misfit: the sum of squares in units of what the digits leave open.
     rivals: other conventions that fit as well.
     """
 
@@ -86,12 +92,39 @@ class ArmFound:
     undetermined: tuple[str, ...]
     place_mm: float
     turn_deg: float
+    misfit: float
     rivals: tuple[Convention, ...]
 
     @property
     def lengths_mm(self) -> tuple[float, float, float, float]:
         """a2, a3, d3, d4."""
         return self.a2_mm, self.a3_mm, self.d3_mm, self.d4_mm
+
+
+@dataclass(frozen=True, eq=False)
+class _Readings:
+    """turns (N, 3, 3), places (N, 3) mm, printed (N, 6) rad; what their digits leave open, those of the joints a metre
+    away included."""
+
+    turns: Array
+    places: Array
+    printed: Array
+    place_mm: float
+    turn_rad: float
+
+    def __len__(self) -> int:
+        return len(self.turns)
+
+
+def _read(world_from_tool: Array, printed_deg: Array, digits: tuple[float, float]) -> _Readings:
+    mm, degrees = digits
+    return _Readings(
+        world_from_tool[:, :3, :3],
+        world_from_tool[:, :3, 3],
+        np.radians(printed_deg),
+        max(2.0 * mm, 20.0 * degrees),
+        0.02 * degrees,
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,47 +138,66 @@ class _Model:
     jacobian: Array
 
 
-def find_arm(world_from_tool: Array, printed_deg: Array) -> ArmFound:
-    """The arm behind (N, 4, 4) places, mm, and (N, 6) joint angles as printed, degrees.
+def find_arm(world_from_tool: Array, printed_deg: Array, digits: tuple[float, float] = DIGITS) -> ArmFound:
+    """The arm behind (N, 4, 4) places, mm, and (N, 6) joint angles as printed, degrees; digits: the last of each.
 
     Joint 1 turns about the world's z: VAL's BASE has no other turn, and its turn is in joint 1's zero. Raises
     NoArmError.
     """
     if len(world_from_tool) < LEAST_READINGS:
         raise NoArmError(f"{len(world_from_tool)} readings: at least {LEAST_READINGS} are needed, better a dozen")
-    printed = np.radians(printed_deg)
-    turns, places = world_from_tool[:, :3, :3], world_from_tool[:, :3, 3]
+    readings = _read(world_from_tool, printed_deg, digits)
     best: list[_Model] = []
     for most in FOLLOWED:
         if not best:
-            fits = (_fitted(convention, most, turns, places, printed) for convention in _conventions())
+            fits = (_fitted(convention, most, readings) for convention in _conventions())
             best = sorted((model for model in fits if model is not None), key=lambda model: model.cost)
     if not best:
         raise NoArmError("no arm with a PUMA's wrist makes these readings: their orientations fit no such joints")
-    models = [_plain(model, turns, places, printed) for model in best if model.cost < 2.0 * best[0].cost + 1e-6]
+    models = [_plain(model, readings) for model in best if model.cost < 2.0 * best[0].cost + 1e-6]
     found = models[0]
-    data = found.residuals[: 12 * len(turns)]
-    misfit = float(np.sqrt(np.mean(data**2)))
-    if misfit > FITS:
+    data = found.residuals[: 12 * len(readings)]
+    if float(np.sqrt(np.mean(data**2))) > FITS:
         raise NoArmError(
             f"no arm of a PUMA's kind makes these readings: the nearest misses their places by "
-            f"{_rms(data[9 * len(turns) :]) * PLACE_MM:.2f} mm"
+            f"{_rms(data[9 * len(readings) :]) * readings.place_mm:.2f} mm"
         )
-    return _told(found, [model.convention for model in models[1:]], len(turns))
+    return _told(found, [model.convention for model in models[1:]], readings)
 
 
-def settle(found: ArmFound, world_from_tool: Array, printed_deg: Array, lengths_mm: Sequence[float]) -> ArmFound:
-    """The same arm once its lengths (a2, a3, d3, d4) are known from elsewhere: zeros that may be quarter turns are, and
-    the rest is found anew from the same readings."""
+def settle(
+    found: ArmFound,
+    world_from_tool: Array,
+    printed_deg: Array,
+    lengths_mm: Sequence[float],
+    digits: tuple[float, float] = DIGITS,
+) -> ArmFound:
+    """The same arm once its lengths (a2, a3, d3, d4) are known from elsewhere: zeros that may be quarter turns are, a
+    base and a flange that may be as they leave the factory are, and the rest is found anew from the same readings."""
     x = _parameters(found)
     known = {NAMES.index(name): value for name, value in zip(LENGTHS, lengths_mm, strict=True)}
     for k in range(ANGLES):
         quarter = np.radians(90.0 * round(float(np.degrees(x[k])) / 90.0))
         if abs(x[k] - quarter) <= np.radians(SURELY * found.sigma[NAMES[k]] + 1e-3):
             known[k] = float(quarter)
+    known |= _straight(x, found)
     x[list(known)] = list(known.values())
-    turns, places = world_from_tool[:, :3, :3], world_from_tool[:, :3, 3]
-    return _told(_at(found.convention, x, turns, places, np.radians(printed_deg), known), (), len(turns))
+    readings = _read(world_from_tool, printed_deg, digits)
+    return _told(_at(found.convention, x, readings, known), (), readings)
+
+
+def _straight(x: Array, found: ArmFound) -> dict[int, float]:
+    """What of tool and base may be nothing: the base where axes 1 and 2 cross, the flange square on axis 6."""
+    known: dict[int, float] = {}
+    for together in ((12, 13), (15, 16, 17)):
+        if all(abs(x[k]) <= SURELY * found.sigma[NAMES[k]] for k in together):
+            known |= dict.fromkeys(together, 0.0)
+    tool = frames.rotation_from_vector(x[9:12])
+    quarter = np.pi / 2 * round(float(np.arctan2(tool[1, 0], tool[0, 0])) / (np.pi / 2))
+    off_deg = np.degrees(np.linalg.norm(frames.vector_from_rotation(_about_z(-quarter) @ tool)))
+    if off_deg <= SURELY * max(found.sigma[name] for name in NAMES[9:12]) + 1e-3:
+        known |= {9: 0.0, 10: 0.0, 11: quarter}
+    return known
 
 
 def _parameters(found: ArmFound) -> Array:
@@ -186,6 +238,17 @@ def _about_y(angle: Array | float) -> Array:
     return np.stack([np.stack([c, o, s], -1), np.stack([o, i, o], -1), np.stack([-s, o, c], -1)], -2)
 
 
+def _turned_by(vectors: Array) -> Array:
+    """(M, 3, 3) of rotation vectors (M, 3)."""
+    angle = np.maximum(np.linalg.norm(vectors, axis=1), 1e-12)[:, None, None]
+    x, y, z = vectors.T
+    o = np.zeros_like(x)
+    cross = np.stack([np.stack([o, -z, y], -1), np.stack([z, o, -x], -1), np.stack([-y, x, o], -1)], -2)
+    half = np.sin(angle / 2.0) / angle
+    turned: Array = np.eye(3) + np.sin(angle) / angle * cross + 2.0 * half**2 * (cross @ cross)
+    return turned
+
+
 def _arm_angles(zeros: Array, convention: Convention, printed: Array) -> tuple[Array, ...]:
     """q1, q2, q2 + q3, q4, q5, q6, each (M, N), of zeros (M, 5): of 1, 2, 2 + 3, 4 and 5; joint 6's is the tool's."""
     p = printed * np.array(convention.signs)
@@ -207,7 +270,7 @@ def _chain(x: Array, convention: Convention, printed: Array) -> tuple[Array, Arr
     q1, q2, q23 = q[:3]
     a2, a3, d3, d4 = (x[:, k, None] for k in range(5, 9))
     flange = _flange(q)
-    tool = np.stack([frames.rotation_from_vector(v) for v in x[:, 9:12]])
+    tool = _turned_by(x[:, 9:12])
     outward = a2 * np.cos(q2) + a3 * np.cos(q23) - d4 * np.sin(q23)
     upward = a2 * np.sin(q2) + a3 * np.sin(q23) + d4 * np.cos(q23)
     c, s = np.cos(q1), np.sin(q1)
@@ -225,12 +288,12 @@ def _conventions() -> Iterator[Convention]:
         yield Convention((one, two, 1.0, 1.0, 1.0, 1.0), against)
 
 
-def _starts(convention: Convention, most: int, turns: Array, printed: Array) -> Iterator[Array]:
+def _starts(convention: Convention, most: int, readings: _Readings) -> Iterator[Array]:
     """So many (8,) starts on orientations alone: the five zeros, then the tool's turn; the likeliest first."""
-    grid = np.array(list(product(GRID_RAD, GRID_RAD[:4], GRID_RAD)))
+    grid = np.array(list(product(GRID_RAD, repeat=3)))
     zeros = np.column_stack([np.zeros((len(grid), 2)), grid])
-    flange = _flange(_arm_angles(zeros, convention, printed))
-    first, tools, misfit = _both_ends(flange, turns)
+    flange = _flange(_arm_angles(zeros, convention, readings.printed))
+    first, tools, misfit = _both_ends(flange, readings.turns)
     for k in np.argsort(misfit)[:most]:
         yield np.concatenate([[first[k]], zeros[k, 1:], frames.vector_from_rotation(tools[k])])
 
@@ -265,51 +328,51 @@ def _axes(turns: Array) -> Array:
 # Least squares
 
 
-def _fitted(convention: Convention, most: int, turns: Array, places: Array, printed: Array) -> _Model | None:
+def _fitted(convention: Convention, most: int, readings: _Readings) -> _Model | None:
     """The arm of one convention, if one fits: orientations first; then lengths linearly; then everything together."""
-    turn_only = _problem(convention, turns, None, printed)
-    for start in _starts(convention, most, turns, printed):
+    turn_only = _problem(convention, readings, places=False)
+    for start in _starts(convention, most, readings):
         x = np.concatenate([start[:5], np.zeros(4), start[5:], np.zeros(6)])
         x, residuals, _ = minimise(turn_only, x, PASSES)
-        if _rms(residuals[: 9 * len(turns)]) < 10.0 * FITS:
-            return _at(convention, _lengths(x, convention, places, printed), turns, places, printed, {})
+        if _rms(residuals[: 9 * len(readings)]) < 10.0 * FITS:
+            return _at(convention, _lengths(x, convention, readings), readings, NONE)
     return None
 
 
-def _at(
-    convention: Convention, x: Array, turns: Array, places: Array, printed: Array, known: Mapping[int, float]
-) -> _Model:
+def _at(convention: Convention, x: Array, readings: _Readings, known: Mapping[int, float]) -> _Model:
     """The best of one convention from a start on; known: parameters that are what is given."""
-    x, residuals, jacobian = minimise(_problem(convention, turns, places, printed, known), x)
+    x, residuals, jacobian = minimise(_problem(convention, readings, known), x)
     return _Model(convention, x, float(residuals @ residuals), residuals, jacobian)
 
 
 def _problem(
-    convention: Convention, turns: Array, places: Array | None, printed: Array, known: Mapping[int, float] = NONE
+    convention: Convention, readings: _Readings, known: Mapping[int, float] = NONE, places: bool = True
 ) -> Problem:
-    """Residuals in units of what the digits leave open: 9 a reading, then (places given) 3 a reading, then priors."""
-    steps = np.where(np.isin(NAMES, ("a2", "a3", "d3", "d4")) | (np.arange(18) >= 12), 1e-2, 1e-6)
-    prior = np.where(steps > 1e-4, PRIOR_MM, PRIOR_RAD * 10.0)
-    middle = np.zeros(18)
+    """Residuals in units of what the digits leave open: 9 a reading, then (with places) 3 a reading, then priors."""
+    free = np.arange(18) if places else TURN_ONLY
+    steps = np.where(LENGTH_LIKE, 1e-2, 1e-6)
+    prior, middle = np.where(LENGTH_LIKE, PRIOR_MM, PRIOR_RAD * 10.0), np.zeros(18)
     for k, value in known.items():
         middle[k], prior[k] = value, steps[k] / 100.0
-    moved = np.concatenate([np.zeros((1, 18)), np.diag(steps), -np.diag(steps)])
+    moved = np.concatenate([np.zeros((1, 18)), np.diag(steps)[free], -np.diag(steps)[free]])
 
     def problem(x: Array) -> tuple[Array, Array]:
-        made_turns, made_places = _chain(x + moved, convention, printed)
-        parts = [(made_turns - turns).reshape(len(moved), -1) / (TURN_RAD * np.sqrt(2.0))]
-        if places is not None:
-            parts.append((made_places - places).reshape(len(moved), -1) / PLACE_MM)
+        made_turns, made_places = _chain(x + moved, convention, readings.printed)
+        parts = [(made_turns - readings.turns).reshape(len(moved), -1) / (readings.turn_rad * np.sqrt(2.0))]
+        if places:
+            parts.append((made_places - readings.places).reshape(len(moved), -1) / readings.place_mm)
         parts.append((x + moved - middle) / prior)
         rows = np.concatenate(parts, axis=1)
-        return rows[0], ((rows[1:19] - rows[19:]) / (2.0 * steps[:, None])).T
+        jacobian = np.zeros((rows.shape[1], 18))
+        jacobian[:, free] = ((rows[1 : 1 + len(free)] - rows[1 + len(free) :]) / (2.0 * steps[free, None])).T
+        return rows[0], jacobian
 
     return problem
 
 
-def _lengths(x: Array, convention: Convention, places: Array, printed: Array) -> Array:
+def _lengths(x: Array, convention: Convention, readings: _Readings) -> Array:
     """x with lengths, joint 2's zero, tool and base: linear in a2's two components, once the orientations are known."""
-    q1, q2, q23, *_ = q = _arm_angles(x[None, :5] * np.array([1, 0, 1, 1, 1]), convention, printed)
+    q1, q2, q23, *_ = q = _arm_angles(x[None, :5] * np.array([1, 0, 1, 1, 1]), convention, readings.printed)
     flange, c, s = _flange(q)[0], np.cos(q1[0]), np.sin(q1[0])
 
     def placed(outward: Array, upward: Array) -> Array:
@@ -325,8 +388,9 @@ def _lengths(x: Array, convention: Convention, places: Array, printed: Array) ->
         *(np.tile(axis, (len(c), 1)) for axis in np.eye(3)),
     ]
     matrix = np.stack([column.ravel() for column in columns], -1)
-    weighed = np.concatenate([matrix / PLACE_MM, np.eye(len(columns)) / PRIOR_MM])
-    known = np.linalg.lstsq(weighed, np.concatenate([places.ravel() / PLACE_MM, np.zeros(len(columns))]), rcond=None)[0]
+    weighed = np.concatenate([matrix / readings.place_mm, np.eye(len(columns)) / PRIOR_MM])
+    wanted = np.concatenate([readings.places.ravel() / readings.place_mm, np.zeros(len(columns))])
+    known = np.linalg.lstsq(weighed, wanted, rcond=None)[0]
     made = x.copy()
     made[1] = np.arctan2(known[1], known[0])
     made[5:9] = np.hypot(known[0], known[1]), *known[2:5]
@@ -337,9 +401,9 @@ def _lengths(x: Array, convention: Convention, places: Array, printed: Array) ->
 # The same in plain words
 
 
-def _plain(model: _Model, turns: Array, places: Array, printed: Array) -> _Model:
+def _plain(model: _Model, readings: _Readings) -> _Model:
     """The one of the equal ways to tell a geometry that our table tells: a2 and d4 forward, a3 not negative (or, where
-    it is nothing, joint 1 counted from the front), the tool ahead of the wrist, joint 4 from near zero."""
+    it is nothing, joint 1 counted from the front), the tool ahead of the wrist, joint 4 no more than a quarter turn."""
     x, signs = model.parameters.copy(), list(model.convention.signs)
     if x[8] < 0:  # the forearm runs the other way
         x[2], x[4] = x[2] + np.pi, x[4] - np.pi
@@ -347,22 +411,40 @@ def _plain(model: _Model, turns: Array, places: Array, printed: Array) -> _Model
         signs[3], x[3] = -signs[3], -x[3]
     sigma = np.sqrt(np.diag(np.linalg.pinv(model.jacobian.T @ model.jacobian)))
     tells = abs(x[6]) > max(TELLS_MM, 5.0 * sigma[6])
-    if (x[6] < 0) if tells else abs(_wrapped(x[0])) > np.pi / 2 + 1e-6:  # the arm seen from behind
-        signs[1], signs[2] = -signs[1], -signs[2]
-        x[0], x[1], x[2], x[3] = x[0] + np.pi, np.pi - x[1], -x[2], x[3] - np.pi
-        x[6], x[7] = -x[6], -x[7]
+    behind_signs, behind = _from_behind(signs, x)
+    if (x[6] < 0) if tells else _odd(behind, behind_signs, model, readings) < _odd(x, signs, model, readings):
+        signs, x = behind_signs, behind
     tool = frames.rotation_from_vector(x[9:12])
     if tool[2, 2] < 0:  # the hand points out of the wrist's back
         half = _about_y(np.pi)
         x[4], signs[5] = x[4] - np.pi, -signs[5]
         tool, x[12:15] = half @ tool, half @ x[12:15]
-    if abs(_wrapped(x[3])) > np.pi / 2 + 1e-6:  # the wrist flipped
+    convention = Convention(tuple(signs), model.convention.against_horizon)
+    fourth = float(np.median(_arm_angles(x[None, :5], convention, readings.printed)[3]))
+    if abs(_wrapped(np.array(fourth))) > np.pi / 2 + 1e-6:  # the wrist flipped
         half = _about_z(np.pi)
         x[3], signs[4], x[4] = x[3] - np.pi, -signs[4], -x[4]
         tool, x[12:15] = half @ tool, half @ x[12:15]
     x[:5] = _wrapped(x[:5])
     x[9:12] = frames.vector_from_rotation(tool)
-    return _at(Convention(tuple(signs), model.convention.against_horizon), x, turns, places, printed, {})
+    return _at(Convention(tuple(signs), model.convention.against_horizon), x, readings, NONE)
+
+
+def _from_behind(signs: list[float], x: Array) -> tuple[list[float], Array]:
+    """The same arm with what was its back called its front."""
+    turned = x.copy()
+    turned[:4] = x[0] + np.pi, np.pi - x[1], -x[2], x[3] - np.pi
+    turned[6:8] = -x[6:8]
+    return [signs[0], -signs[1], -signs[2], *signs[3:]], turned
+
+
+def _odd(x: Array, signs: Sequence[float], model: _Model, readings: _Readings) -> tuple[float, bool]:
+    """How far joints 1 to 3 are out of a PUMA's ranges where the arm was read; and whether joint 1's zero is behind."""
+    convention = Convention(tuple(signs), model.convention.against_horizon)
+    q1, q2, q23, *_ = (np.median(each) for each in _arm_angles(x[None, :5], convention, readings.printed))
+    angles = _wrapped(np.array([q1, q2, q23 - q2]) - RANGE_MIDDLE_RAD)
+    out = np.maximum(np.abs(angles) / RANGE_HALF_RAD - 1.0, 0.0)
+    return round(float(out.sum()), 3), bool(abs(_wrapped(x[0])) > np.pi / 2 + 1e-6)
 
 
 def _wrapped(angle: Array) -> Array:
@@ -370,8 +452,9 @@ def _wrapped(angle: Array) -> Array:
     return (angle + np.pi) % (2.0 * np.pi) - np.pi
 
 
-def _told(model: _Model, others: Sequence[Convention], count: int) -> ArmFound:
+def _told(model: _Model, others: Sequence[Convention], readings: _Readings) -> ArmFound:
     """Values with how well they are known; joint 6 takes the tool's turn about its axis, not to be told from it."""
+    count = len(readings)
     x, rows = model.parameters, 12 * count
     variance = max(1.0, float((model.residuals[:rows] ** 2).sum()) / (6 * count - 18)) if count > 3 else 1.0
     sigma = np.sqrt(np.diag(np.linalg.inv(model.jacobian.T @ model.jacobian)) * variance)
@@ -390,7 +473,8 @@ def _told(model: _Model, others: Sequence[Convention], count: int) -> ArmFound:
         wrist_from_tool=wrist_from_tool,
         sigma={name: float(value) for name, value in zip(NAMES, told, strict=True)},
         undetermined=tuple(name for name, is_open in zip(NAMES, open_ones, strict=True) if is_open),
-        place_mm=_rms(model.residuals[9 * count : rows]) * PLACE_MM,
-        turn_deg=float(np.degrees(_rms(model.residuals[: 9 * count]) * TURN_RAD * np.sqrt(3.0))),
+        place_mm=_rms(model.residuals[9 * count : rows]) * readings.place_mm,
+        turn_deg=float(np.degrees(_rms(model.residuals[: 9 * count]) * readings.turn_rad * np.sqrt(3.0))),
+        misfit=float((model.residuals[:rows] ** 2).sum()),
         rivals=tuple(dict.fromkeys(other for other in others if other != model.convention)),
     )  # fmt: skip

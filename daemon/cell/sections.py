@@ -5,16 +5,24 @@ In: Config. Out: the drivers' own settings, or a ConfigError that names file, li
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from msgspec import Meta
 
 from daemon.arm import plausible
 from daemon.calibration.file import Calibration, rigid
-from daemon.config import Config
-from daemon.store.yamlfile import read
+from daemon.config import Config, Matrix4
+from daemon.store.yamlfile import Document, read
 from drivers.camera.settings import CameraSettings
 from drivers.puma560 import ArmGeometry
 from drivers.val2.dialect import Dialect
+
+Angle = Annotated[float, Meta(ge=-720, le=720)]
+Limits = tuple[Angle, Angle]
 
 
 def check(config: Config) -> None:
@@ -35,19 +43,85 @@ def camera_settings(config: Config) -> CameraSettings:
 
 
 def dialect(config: Config) -> Dialect:
-    """The section `arm.dialect`; control characters are written as in "\\r". Raises ConfigError."""
-    section = {
-        key: value.encode("latin-1") if key in ("line_end", "cancel_line") and isinstance(value, str) else value
-        for key, value in config.values.arm.dialect.items()
-    }
+    """The section `arm.dialect`, over that of arm.yaml; control characters are written as in "\\r".
+
+    Raises ConfigError.
+    """
+    section = _as_bytes(config.values.arm.dialect)
+    file = _arm_file(config)
+    if file is not None:
+        known = _as_bytes({name: entry.value for name, entry in file[1].dialect.items()})
+        replace(file[0], data={"dialect": known}).convert(Dialect, at=("dialect",))
+        section = known | section
     document = replace(config.document, data={"arm": {"dialect": section}})
     return document.convert(Dialect, at=("arm", "dialect"))
 
 
+def _as_bytes(section: Mapping[str, Any]) -> dict[str, Any]:
+    return {
+        key: value.encode("latin-1") if key in ("line_end", "cancel_line") and isinstance(value, str) else value
+        for key, value in section.items()
+    }
+
+
 def arm_geometry(config: Config) -> ArmGeometry:
-    """The arm with its tool: arm.flange_from_tool, (4, 4) mm. Raises ConfigError."""
+    """The arm of arm.yaml, or a PUMA 560, with its tool: arm.flange_from_tool, (4, 4) mm. Raises ConfigError."""
     rows = config.values.arm.flange_from_tool
-    return ArmGeometry(flange_from_tool=rigid(config.document, ("arm", "flange_from_tool"), rows))
+    tool = rigid(config.document, ("arm", "flange_from_tool"), rows)
+    file = _arm_file(config)
+    if file is None or not file[1].geometry:
+        return ArmGeometry(flange_from_tool=tool)
+    document = replace(file[0], data={"geometry": {name: each.value for name, each in file[1].geometry.items()}})
+    values = document.convert(_Geometry, at=("geometry",))
+    return ArmGeometry(
+        values.a2_mm,
+        values.a3_mm,
+        values.d3_mm,
+        values.d4_mm,
+        rigid(document, ("geometry", "world_from_base"), values.world_from_base),
+        tool,
+        rigid(document, ("geometry", "controller_flange"), values.controller_flange),
+        **({} if values.limits_deg is None else {"limits_rad": np.radians(values.limits_deg)}),
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Entry:
+    """One value of arm.yaml: how it was found, and how sure that is, are for people."""
+
+    value: Any
+    found: str = ""
+    sure: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class _ArmFile:
+    version: Literal[1]
+    dialect: dict[str, _Entry] = field(default_factory=dict)
+    geometry: dict[str, _Entry] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Geometry:
+    """Lengths and frames as ArmGeometry has them. limits_deg: lowest and highest angle of each joint, in the angles of
+    our kinematics."""
+
+    a2_mm: Annotated[float, Meta(ge=10, le=5000)]
+    a3_mm: Annotated[float, Meta(ge=-1000, le=1000)]
+    d3_mm: Annotated[float, Meta(ge=-2000, le=2000)]
+    d4_mm: Annotated[float, Meta(ge=10, le=5000)]
+    world_from_base: Matrix4
+    controller_flange: Matrix4
+    limits_deg: tuple[Limits, Limits, Limits, Limits, Limits, Limits] | None = None
+
+
+def _arm_file(config: Config) -> tuple[Document, _ArmFile] | None:
+    """arm.yaml where the configuration names one. Raises ConfigError."""
+    name = config.values.arm.file
+    if name is None:
+        return None
+    document = read(config.file(name))
+    return document, document.convert(_ArmFile)
 
 
 def check_hand_eye(config: Config, calibration: Calibration) -> None:

@@ -1,8 +1,8 @@
 """VAL II's side of the conversation: bytes, cut anywhere, become events. No I/O, no clock, nothing is sent from here.
 
-A dot (or two: some systems print them so) is a prompt only at the start of a line *and* followed by silence, a
-question mark a question only at the end of one and followed by silence. Silence is not in the bytes: whoever owns the
-clock calls `silence()` when it has lasted.
+A dot (or two: some systems print them so) is a prompt only at the start of a line *and* followed by silence, a question
+mark (or the choice behind it) a question only at the end of one and followed by silence. Silence is not in the bytes:
+whoever owns the clock calls `silence()` when it has lasted.
 
     state    what comes                     what happens
     LINE     bytes, CR or LF                lines -> Text, Error, Table (the lines of WHERE, in either form)
@@ -28,6 +28,7 @@ LOCATION_HEADER = ["X", "Y", "Z", "O", "A", "T"]
 JOINT_HEADER = ["JT1", "JT2", "JT3", "JT4", "JT5", "JT6"]
 SHARED_HEADER = ["X/JT1", "Y/JT2", "Z/JT3", "O/JT4", "A/JT5", "T/JT6"]
 HAND = "HAND"
+QUESTION = re.compile(rb"\? *(\([^()]*\))? *$")
 PROMPT_DOTS = re.compile(rb" *\.\.? *")
 NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)")
 STOPPED = re.compile(r"program\s+(hold|stop)", re.IGNORECASE)
@@ -134,7 +135,7 @@ class Reader:
 
     @property
     def _question_waits(self) -> bool:
-        return self._line.rstrip(b" ").endswith(b"?")
+        return QUESTION.search(self._line) is not None
 
     def typed(self, text: bytes) -> None:
         """These bytes were just sent and will be echoed."""
@@ -217,7 +218,7 @@ class Reader:
         text = _text(line)
         if self._continue_table(text, events):
             return
-        if text.endswith("?"):
+        if QUESTION.search(line) is not None:
             self._asked = line
             return
         events.append(_plain(self._cut(), text))

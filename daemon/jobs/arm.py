@@ -1,0 +1,127 @@
+"""`facetctl arm introduce PORT` and `facetctl arm replay TRANSCRIPT`: the first contact with a controller nobody knows.
+
+The way of it is daemon/cell/introduce.py's; here are the command line, the person at the terminal, and the files.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import contextlib
+import json
+import signal
+import sys
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from daemon.calibration.arm_from_readings import NoArmError
+from daemon.cell.introduce import (
+    EXPECTED,
+    Acquaintance,
+    Consult,
+    Person,
+    again,
+    arm_file,
+    arm_of,
+    introduce,
+    page,
+    read_transcript,
+    serial_port,
+)
+from daemon.store.files import write_atomically
+
+DONE, NOT_DONE, NOT_UNDERSTOOD = 0, 1, 2
+
+
+def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add `arm` to facetctl."""
+    arm = subparsers.add_parser("arm", help="first contact with an arm's controller: introduce, replay")
+    jobs = arm.add_subparsers(dest="job", required=True, metavar="JOB")
+    meet = jobs.add_parser("introduce", help="find out how a controller speaks and which arm it has; writes arm.yaml")
+    meet.add_argument("port", metavar="PORT", help="the serial port, best by its name under /dev/serial/by-id")
+    meet.add_argument("--baud", type=int, help="the line's speed (default: the usual ones, 9600 first)")
+    meet.add_argument("--out", type=Path, default=Path(), metavar="DIR", help="where the files go (default: here)")
+    meet.set_defaults(run=_introduce)
+    replay = jobs.add_parser("replay", help="today's driver against a recorded first contact: where it says otherwise")
+    replay.add_argument("transcript", type=Path, metavar="TRANSCRIPT")
+    replay.set_defaults(run=_replay)
+
+
+def _introduce(args: argparse.Namespace) -> int:
+    try:
+        args.out.mkdir(parents=True, exist_ok=True)
+        with (args.out / "transcript.jsonl").open("x", encoding="utf-8") as file:
+            known = asyncio.run(_meet(args.port, args.baud, file))
+    except FileExistsError:
+        return _told(
+            f"{args.out / 'transcript.jsonl'} is there already; name another folder with --out", NOT_UNDERSTOOD
+        )
+    except OSError as error:
+        return _told(f"{args.out}: {error.strerror}", NOT_UNDERSTOOD)
+    except EXPECTED as error:
+        return _told(f"{error}\nAll of it is in {args.out / 'transcript.jsonl'}", NOT_DONE)
+    return _keep(known, args.out)
+
+
+def _keep(known: Acquaintance, folder: Path) -> int:
+    """arm.yaml and the page; without readings, or where no arm fits them, the dialect alone."""
+    arm = None
+    try:
+        arm = arm_of(known) if len(known.readings) > 1 else None
+    except NoArmError as error:
+        print(f"facetctl: {error}", file=sys.stderr)
+    text = yaml.safe_dump(arm_file(known, arm), sort_keys=False, default_flow_style=None, width=110)
+    write_atomically(folder / "arm.yaml", text.encode())
+    text = page(known, arm)
+    (folder / "arm.txt").write_text(text, encoding="utf-8")
+    print(text)
+    print(f"{folder / 'arm.yaml'}: name it in facetd.yaml as arm.file. {folder / 'transcript.jsonl'}: every byte.")
+    return DONE if arm is not None else NOT_DONE
+
+
+async def _meet(port: str, baud: int | None, file: Any) -> Acquaintance:
+    loop, wants_stop = asyncio.get_running_loop(), asyncio.Event()
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        loop.add_signal_handler(number, wants_stop.set)
+
+    def write(record: dict[str, Any]) -> None:
+        print(json.dumps(record), file=file, flush=True)
+
+    person = Person(lambda text: print(text, flush=True), _ask, wants_stop)
+    print("control-C stops the arm at any moment.", flush=True)
+    return await introduce(port, serial_port, person, write, *(() if baud is None else ((baud,),)))
+
+
+async def _ask(consult: Consult) -> str:
+    """A line typed at this terminal; nothing at its end."""
+    print(f"{consult.text} ", end="", flush=True)
+    loop = asyncio.get_running_loop()
+    typed: asyncio.Future[str] = loop.create_future()
+
+    def take() -> None:
+        if not typed.done():
+            typed.set_result(sys.stdin.readline().strip())
+
+    loop.add_reader(sys.stdin.fileno(), take)
+    try:
+        return await typed
+    finally:
+        with contextlib.suppress(ValueError):
+            loop.remove_reader(sys.stdin.fileno())
+
+
+def _replay(args: argparse.Namespace) -> int:
+    try:
+        with args.transcript.open(encoding="utf-8") as file:
+            differences = list(again(read_transcript(file)))
+    except (OSError, ValueError) as error:
+        return _told(f"{args.transcript}: {getattr(error, 'strerror', None) or error}", NOT_UNDERSTOOD)
+    print("\n".join(differences) or "today's driver says the same, word for word")
+    return NOT_DONE if differences else DONE
+
+
+def _told(text: str, status: int) -> int:
+    print(f"facetctl: {text}", file=sys.stderr)
+    return status

@@ -1,0 +1,151 @@
+"""A first contact with controllers nobody knows: what is found, what is asked, what never moves. In simulated time."""
+
+import asyncio
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from daemon import config as configs
+from daemon.cell import sections
+from daemon.cell.introduce import StoppedByPersonError, again, arm_file, arm_of, page, read_transcript
+from daemon.store import places
+from drivers.puma560 import forward
+from drivers.simcell.history import Leg
+from drivers.val2.introduction import STEP_DEG, UnclearError
+from tests.bench.introductions import one
+from tests.worlds.strange_controllers import Contact, draw, in_simulated_time, meet, strangers, willing
+
+HERE = Path(__file__).resolve().parents[2] / "data" / "introductions"
+
+
+def typed(contact: Contact) -> list[str]:
+    return [line.strip() for line in contact.controller.lines]
+
+
+def moved(contact: Contact) -> bool:
+    return any(isinstance(event, Leg) for event in contact.controller.machine.history.since(0)[1])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [2, 7])
+def test_a_controller_drawn_at_random_is_introduced_right_without_help(seed: int) -> None:
+    assert one(seed) == "right"
+
+
+def no_to_moves(controller, consult):
+    return "no" if consult.about == "move" else willing(controller, consult)
+
+
+def test_without_a_yes_nothing_that_could_move_is_typed_and_the_dialect_is_found_all_the_same() -> None:
+    contact = in_simulated_time(lambda: meet(draw(0), no_to_moves))
+    assert contact.known.dialect()["echo"] is True
+    assert not moved(contact)
+    said = {line.upper() for line in typed(contact) if "!!" not in line and not set(line.upper()) <= set("WHER")}
+    assert said <= {"ABORT", "DO BREAK", "PANIC", "Y"}
+    assert "geometry" not in arm_file(contact.known, None)
+
+
+def test_each_move_is_one_joint_by_two_degrees_and_is_announced_and_the_stop_is_proven_before_the_others() -> None:
+    contact = in_simulated_time(lambda: meet(draw(0)))
+    legs = [event for event in contact.controller.machine.history.since(0)[1] if isinstance(event, Leg)]
+    assert len(legs) == len([line for line in contact.told if line.startswith("joint")])
+    for leg in legs:
+        turned = leg.motion.joints_at(leg.motion.ends_s) - leg.motion.joints_at(leg.motion.started_s)
+        assert np.count_nonzero(np.abs(turned) > 1e-9) <= 1
+        assert np.abs(turned).max() <= np.radians(STEP_DEG) + 1e-9
+    drives = [k for k, line in enumerate(typed(contact)) if "DRIVE" in line]
+    assert "ABORT" in typed(contact)[drives[0] + 1]
+    assert np.abs(contact.known.readings[-1].joints_deg[0] - contact.known.readings[0].joints_deg[0]) < 0.01
+
+
+def test_a_line_that_says_nothing_ends_with_what_to_look_at_and_nothing_moved() -> None:
+    with pytest.raises(UnclearError, match="nothing answers at any speed"):
+        in_simulated_time(lambda: meet(draw(0), dead=True))
+    assert not moved(strangers[-1])
+
+
+def test_where_no_word_stops_a_motion_no_second_joint_is_turned(monkeypatch) -> None:
+    monkeypatch.setattr("drivers.simcell.controller.monitor.stops", lambda text, manners: False)
+    monkeypatch.setattr("drivers.simcell.controller.machine.Machine.stop", lambda machine, by: None)
+    with pytest.raises(UnclearError, match="which word stops the arm here"):
+        in_simulated_time(lambda: meet(draw(0)))
+    drives = [line for line in typed(strangers[-1]) if "DRIVE" in line]
+    assert drives
+    assert all("DRIVE 6," in line for line in drives)
+
+
+@pytest.mark.parametrize("stop_s", [0.3, 25.0, 60.0, 90.0])
+def test_a_stop_at_any_moment_of_it_is_sent_at_once_and_no_motion_begins_after_it(stop_s: float) -> None:
+    async def story():
+        with pytest.raises(StoppedByPersonError):
+            await meet(draw(2), stop_s=stop_s)
+        await asyncio.sleep(3.0)
+        with strangers[-1].line.controller() as controller:
+            return controller.machine.at_rest(), controller.machine.history.since(0)[1]
+
+    at_rest, events = in_simulated_time(story)
+    assert at_rest
+    assert all(not isinstance(event, Leg) or event.began_s <= stop_s + 0.1 for event in events)
+    sent = "".join(record.get("bytes", "") for record in strangers[-1].transcript if record["way"] == "out")
+    assert re.search(r"ABORT", sent[-60:])
+
+
+def beside_the_others(folder: Path, text: str) -> Path:
+    for path in (places.HOUSE / "etc").glob("*.yaml"):
+        (folder / path.name).write_bytes(path.read_bytes())
+    (folder / "facetd.yaml").write_text(text)
+    return folder / "facetd.yaml"
+
+
+@pytest.mark.slow
+def test_what_is_written_is_what_the_cell_then_works_with(tmp_path: Path) -> None:
+    strange = draw(0)
+    contact = in_simulated_time(lambda: meet(strange))
+    arm = arm_of(contact.known)
+    (tmp_path / "arm.yaml").write_text(yaml.safe_dump(arm_file(contact.known, arm), sort_keys=False))
+    file = beside_the_others(tmp_path, "version: 1\narm: {file: arm.yaml, dialect: {answer_s: 7}}\n")
+    config = configs.load_config(file)
+    dialect, geometry = sections.dialect(config), sections.arm_geometry(config)
+    assert (dialect.answer_s, dialect.line_end, dialect.echo) == (7, b"\r", True)
+    reading = contact.known.readings[0]
+    joints = np.radians(dialect.our_angles_deg(reading.joints_deg))
+    assert np.abs(joints - np.radians(strange.joints_deg)).max() < np.radians(3.0)
+    bare = geometry.world_from_base @ forward(joints, strange.geometry)
+    assert bare.shape == (4, 4)
+    assert geometry.a2_mm == pytest.approx(strange.geometry.a2_mm, abs=0.1)
+    text = page(contact.known, arm)
+    assert strange.name in text
+    assert "What nobody can find out" in text
+
+
+def test_an_arm_file_with_a_wrong_value_is_told_with_its_line(tmp_path: Path) -> None:
+    (tmp_path / "arm.yaml").write_text("version: 1\ndialect:\n  echo: {value: perhaps}\n")
+    file = beside_the_others(tmp_path, "version: 1\narm: {file: arm.yaml}\n")
+    with pytest.raises(configs.ConfigError, match=r"arm.yaml:3: dialect.echo"):
+        sections.dialect(configs.load_config(file))
+
+
+def test_a_transcript_is_followed_word_for_word_and_the_first_change_is_shown() -> None:
+    contact = in_simulated_time(lambda: meet(draw(2)))
+    lines = [json.dumps(record) for record in contact.transcript]
+    assert list(again(read_transcript(lines))) == []
+    k = (
+        next(k for k, record in enumerate(contact.transcript) if record["way"] == "answers" and record["text"] == "yes")
+        + 1
+    )
+    (difference,) = again(read_transcript([*lines[:k], lines[k].replace('"S"', '"Z"'), *lines[k + 1 :]]))
+    assert difference.startswith(f"record {k + 1}") or "Z" in difference
+
+
+@pytest.mark.parametrize("path", sorted(HERE.glob("*.jsonl")), ids=lambda path: path.stem)
+def test_today_s_driver_says_what_it_said_in_the_recorded_introductions(path: Path) -> None:
+    assert list(again(read_transcript(path.read_text().splitlines()))) == []
+
+
+def test_a_line_that_is_no_record_is_named() -> None:
+    with pytest.raises(ValueError, match="line 2"):
+        list(read_transcript(['{"t_s": 0, "way": "in", "bytes": ""}', "{}"]))

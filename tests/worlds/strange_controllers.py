@@ -1,0 +1,204 @@
+"""Controllers with manners, arms and lines drawn at random, each in simulated time, and a first contact with them."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from daemon import frames
+from daemon.arrays import Array
+from daemon.cell.introduce import Arm as ArmSeen
+from daemon.cell.introduce import Person, arm_file, arm_of, introduce
+from drivers.puma560 import ArmGeometry
+from drivers.pumas import PUBLISHED
+from drivers.simcell.arm import Arm
+from drivers.simcell.controller import Controller, Manners, MemoryLine
+from drivers.simcell.controller.manners import drawn
+from drivers.simcell.controller.memory_line import MemoryPort
+from drivers.simcell.simulated_time import SimulatedLoop
+from drivers.val2.dialect import Dialect
+from drivers.val2.errors import PortError
+from drivers.val2.introduction import Acquaintance, Consult
+
+BAUDS = (9600, 9600, 9600, 4800, 1200)
+START_DEG = np.array([10.0, 60.0, -150.0, 20.0, -40.0, 30.0])
+
+
+class PacedLine(MemoryLine):
+    """A line of limited speed both ways, on which a wrong speed spoils every byte."""
+
+    def __init__(self, controller: Controller, loop: asyncio.AbstractEventLoop, baud: int) -> None:
+        super().__init__(controller, loop)
+        self._baud, self._spoilt = baud, False
+        self._in_s = self._out_s = 0.0
+
+    def open(
+        self, path: str, dialect: Dialect, on_bytes: Callable[[bytes], None], on_lost: Callable[[PortError], None]
+    ) -> MemoryPort:
+        self._spoilt = dialect.baud != self._baud
+
+        def paced(data: bytes) -> None:
+            for byte in data:
+                self._out_s = max(self._out_s, self._loop.time()) + 10.0 / self._baud
+                self._loop.call_at(self._out_s, on_bytes, self._carried(byte))
+
+        return super().open(path, dialect, paced, on_lost)
+
+    def typed(self, port: MemoryPort, data: bytes) -> None:
+        for byte in data:
+            self._in_s = max(self._in_s, self._loop.time()) + 10.0 / self._baud
+            self._loop.call_at(self._in_s, self._arrive, self._carried(byte))
+
+    def _carried(self, byte: int) -> bytes:
+        return bytes([byte ^ 0xA5 if self._spoilt else byte])
+
+    def _arrive(self, data: bytes) -> None:
+        self._controller.receive(data, self.now_s())
+        self.turn()
+
+
+@dataclass(frozen=True, eq=False)
+class Strange:
+    """One drawn: how the controller speaks, what arm it has, at what speed its line runs."""
+
+    seed: int
+    manners: Manners
+    geometry: ArmGeometry
+    joints_deg: Array
+    cold: bool
+    baud: int
+    name: str
+
+
+def draw(seed: int) -> Strange:
+    """The same for the same seed."""
+    rng = np.random.default_rng([560, seed])
+    published = PUBLISHED[int(rng.integers(len(PUBLISHED)))]
+    a2, a3, d3, d4 = published.lengths_mm
+    base = frames.rigid(np.eye(3), np.round(rng.uniform(-300, 300, 3) * rng.integers(0, 2), 2))
+    flange = np.eye(4)
+    flange[2, 3] = float(rng.choice([0.0, 56.25, 63.5, 125.0]))
+    geometry = ArmGeometry(
+        a2, a3, float(rng.choice([-1.0, 1.0])) * d3, d4, base, flange_from_tool=flange, controller_flange=flange
+    )
+    return Strange(
+        seed, drawn(rng), geometry, START_DEG + rng.uniform(-8, 8, 6), bool(rng.random() < 0.4),
+        BAUDS[int(rng.integers(len(BAUDS)))], published.name,
+    )  # fmt: skip
+
+
+@dataclass(eq=False)
+class Contact:
+    """What a first contact came to. steps: how far the arm went, degrees printed."""
+
+    known: Acquaintance | None
+    transcript: list[dict[str, Any]]
+    told: list[str]
+    controller: Controller
+    line: PacedLine
+
+
+async def meet(
+    strange: Strange,
+    answer: Callable[[Controller, Consult], str] | None = None,
+    stop_s: float | None = None,
+    dead: bool = False,
+) -> Contact:
+    """The first contact, by a person who says Y to power-up questions and yes to moves. Raises as introduce."""
+    loop = asyncio.get_running_loop()
+    arm = Arm(strange.geometry, np.radians(strange.joints_deg))
+    controller = Controller(arm, strange.manners, cold=strange.cold)
+    controller.machine.calibrated = True
+    if dead:
+        controller.machine.alive = False
+        controller.output(float("inf"))
+    line = PacedLine(controller, loop, strange.baud)
+    contact = Contact(None, [], [], controller, line)
+    wants_stop = asyncio.Event()
+    if stop_s is not None:
+        loop.call_later(stop_s, wants_stop.set)
+
+    async def answered(consult: Consult) -> str:
+        if answer is not None:
+            return answer(controller, consult)
+        return willing(controller, consult)
+
+    person = Person(contact.told.append, answered, wants_stop)
+    try:
+        contact.known = await introduce("memory", line.open, person, contact.transcript.append)
+    finally:
+        strangers.append(contact)
+    return contact
+
+
+strangers: list[Contact] = []
+"""The contacts of this process, newest last, those that raised as well."""
+
+
+def willing(controller: Controller, consult: Consult) -> str:
+    """Somebody who says yes, and switches arm power on when asked."""
+    if consult.about == "power":
+        controller.machine.switch_arm_power_on()
+        controller.machine.calibrated = True
+    return "Y" if consult.about == "power-up" else "yes"
+
+
+def in_simulated_time(story: Callable[[], Any]) -> Any:
+    """Run it where waiting costs nothing."""
+    with asyncio.Runner(loop_factory=SimulatedLoop) as runner:
+        return runner.run(story())
+
+
+def wrong(strange: Strange, known: Acquaintance, seen: ArmSeen) -> list[str]:
+    """What was found otherwise than it is; judged by what would go wrong, not by how it is told."""
+    manners, found = strange.manners, known.dialect()
+    off = [
+        f"{name}: {found.get(name)!r} instead of {truth!r}"
+        for name, truth in (
+            ("baud", strange.baud),
+            ("echo", manners.echo),
+            ("prompt_after_move", manners.prompt_after_move),
+            ("abort_word", "ABORT" if manners.stops_at_once else "PANIC"),
+            ("break_after_move", manners.knows_break),
+        )
+        if found.get(name) != truth
+    ]
+    if (found["line_end"] == "\n") != (manners.line_ends == "lf"):
+        off.append(f"line_end {found['line_end']!r}")
+    if found["character_pause_s"] + 10 / strange.baud < manners.lost_within_s:
+        off.append(f"character_pause_s {found['character_pause_s']}")
+    file = arm_file(known, seen)
+    dialect = Dialect(
+        joint_signs=tuple(file["dialect"]["joint_signs"]["value"]),
+        joint_zeros_deg=tuple(file["dialect"]["joint_zeros_deg"]["value"]),
+        joint_3_against_horizon=file["dialect"]["joint_3_against_horizon"]["value"],
+    )
+    said = {name: entry["value"] for name, entry in file["geometry"].items()}
+    ours = ArmGeometry(
+        **{name: value if isinstance(value, float) else np.array(value) for name, value in said.items()},
+        flange_from_tool=np.array(said["controller_flange"]),
+    )
+    worst = _farthest(strange, dialect, ours)
+    if worst > 0.5:
+        off.append(f"places {worst:.2f} mm from where they are ({strange.name})")
+    return off
+
+
+def _farthest(strange: Strange, dialect: Dialect, ours: ArmGeometry) -> float:
+    """mm by which the arm found puts the tool elsewhere, the farthest of joint angles all about."""
+    from drivers.puma560 import forward
+
+    rng = np.random.default_rng(strange.seed)
+    worst = 0.0
+    for joints_deg in START_DEG + rng.uniform(-60, 60, (20, 6)):
+        printed = np.round(strange.manners.printed_deg(np.radians(joints_deg)), 3)
+        mine = forward(np.radians(dialect.our_angles_deg(tuple(printed))), ours)
+        worst = max(worst, float(np.abs(mine - forward(np.radians(joints_deg), strange.geometry))[:3, 3].max()))
+    return worst
+
+
+__all__ = ["Contact", "PacedLine", "Strange", "arm_of", "draw", "in_simulated_time", "meet", "wrong"]
