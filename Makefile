@@ -40,7 +40,7 @@ $(VENV)/.runtime: pyproject.toml
 
 $(VENV)/.dev: $(VENV)/.runtime
 	@echo "== installing the test tools (once; a minute or two)"
-	@$(BIN)/pip install -q -e '.[dev,metrics,export]'
+	@$(BIN)/pip install -q -e '.[dev,metrics,live,export]'
 	@tests/browser.sh
 	@touch $@
 
@@ -70,6 +70,7 @@ bench-faults: $(VENV)/.dev
 	$(BIN)/python -m tests.bench.long.kill
 	$(BIN)/python -m tests.bench.long.travels 100000
 	$(BIN)/python -m tests.bench.long.surprises 1000000
+	$(BIN)/python -m tests.bench.long.hostile 1000000
 	$(BIN)/python -m tests.bench.long.mutations
 
 bench-soak: $(VENV)/.dev

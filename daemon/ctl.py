@@ -32,6 +32,7 @@ OFFLINE: dict[str, str] = {
     "runs": "daemon.review.cli",
     "export": "daemon.review.cli",
     "tail": "daemon.review.cli",
+    "live": "daemon.live.cli",
     "cameras": "daemon.jobs.cameras",
     "snap": "daemon.jobs.cameras",
     "stream": "daemon.jobs.cameras",

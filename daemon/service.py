@@ -162,7 +162,7 @@ class Service:
         _tell_notes(config)
         self._lock = hold(config.state)
         troubles = Troubles(self._on_trouble)
-        _make_room(config)
+        make_room(config)
         left = left_behind(config.state / FILE, bool(list_runs(config.runs)))
         loop = asyncio.get_running_loop()
         run_log = self._run_log = RunLog(
@@ -192,7 +192,7 @@ class Service:
         await self._open_doors(context)
         context.use_model("start", trainer.model_store.current)
         watch = Watch(context)
-        self._beside(self._guarded(watch.run()), "watch")
+        self.beside(self._guarded(watch.run()), "watch")
         self._ready = True
         journal.notify("READY=1", f"STATUS={watch.status_line()}")
         journal.tell("run_start", f"ready: {config.kind} cell, socket {config.socket}, run {run_log.folder}")
@@ -217,7 +217,7 @@ class Service:
             self._terminal = SerialConsole(
                 values.console.tty, self._console, self._interrupt, lambda text: context.troubles.tell("console", text)
             )
-            self._beside(self._guarded(self._terminal.run()), "terminal")
+            self.beside(self._guarded(self._terminal.run()), "terminal")
         if values.metrics.port is not None:
             self._metrics = MetricsServer(context, values.metrics.port)
             self._metrics.open()
@@ -232,7 +232,7 @@ class Service:
 
     def _hang_up(self) -> None:
         if self.context is not None:
-            self._beside(self._reload_quietly(), "reload")
+            self.beside(self._reload_quietly(), "reload")
 
     async def _reload_quietly(self) -> None:
         with contextlib.suppress(FileError):
@@ -267,7 +267,7 @@ class Service:
         context.troubles.tell("calibration", None if drift is None else drift.text)
         if drift is not None and drift.stops and context.cycle.status()["auto"]:
             failing = context.cycle.supervisor.fail("calibration", drift.text)
-            self._beside(failing, "calibration drift")
+            self.beside(failing, "calibration drift")
 
     def ended(self, end: CycleEnd) -> None:
         """What is to be done between two picks."""
@@ -298,7 +298,7 @@ class Service:
         if self.context is not None:
             self.context.notices.tell(text)
 
-    def _beside(self, work: Coroutine[Any, Any, Any], name: str) -> None:
+    def beside(self, work: Coroutine[Any, Any, Any], name: str) -> None:
         """Do something while all else goes on, until the end at most."""
         task = asyncio.create_task(work, name=name)
         self._tasks.add(task)
@@ -381,7 +381,7 @@ def _tell_notes(config: Config) -> None:
         journal.tell("trouble", note, journal.NOTICE)
 
 
-def _make_room(config: Config) -> None:
+def make_room(config: Config) -> None:
     """A disk that old runs have filled must not keep the daemon from starting."""
     limits = config.values.log
     removed = enforce_quota(config.runs, limits.quota_mb * 1_000_000, None, limits.keep_free_mb * 1_000_000)

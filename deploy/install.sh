@@ -46,7 +46,7 @@ build() {
     "${PYTHON:-python3}" -m venv "$release/venv"
     # In place, so that the files in etc/ are found beside the program.
     # shellcheck disable=SC2086
-    "$release/venv/bin/pip" install -q ${FACETD_PIP:-} -e "$release[metrics]"
+    "$release/venv/bin/pip" install -q ${FACETD_PIP:-} -e "$release[metrics,live]"
     if [ "${FACETD_APT:-yes}" = yes ]; then
         "$release/deploy/systemd-extra.sh" "$release/venv/bin/pip"
     fi
@@ -63,26 +63,41 @@ at_home() {
     find "$release" -name __pycache__ -path '*site-packages/__pycache__' -prune -exec rm -rf {} +
 }
 
+# Whole under its name or not there, whenever the power goes.
+put() {
+    mkdir -p "$(dirname "$2")"
+    install -m 0644 "$1" "$2.part"
+    sync "$2.part"
+    mv -T "$2.part" "$2"
+}
+
+# Whether a release can run, with the settings there are: one that was being built when the power went cannot.
+runs() {
+    STATE_DIRECTORY=$root/var/lib/facetd RUNTIME_DIRECTORY=$root/run/facetd \
+        "$1/venv/bin/facetd" --config "$root/etc/facetd/facetd.yaml" --check
+}
+
 settings() {
     mkdir -p "$root/etc/facetd"
     for file in facetd.yaml calibration.yaml facets.yaml parts.yaml simcell.yaml; do
         if [ ! -e "$root/etc/facetd/$file" ]; then
-            install -m 0644 "$house/etc/$file" "$root/etc/facetd/$file"
+            put "$house/etc/$file" "$root/etc/facetd/$file"
         elif ! cmp -s "$house/etc/$file" "$root/etc/facetd/$file" && ! cmp -s "$house/etc/$file" "$opt/current/etc/$file"
         then
-            install -m 0644 "$house/etc/$file" "$root/etc/facetd/$file.new"
+            put "$house/etc/$file" "$root/etc/facetd/$file.new"
             say "kept your /etc/facetd/$file; what is new lies beside it as $file.new"
         fi
     done
 }
 
 system_files() {
-    install -D -m 0644 "$house/deploy/facetd.service" "$root/etc/systemd/system/facetd.service"
-    install -D -m 0644 "$house/deploy/facetd.sysusers" "$root/usr/lib/sysusers.d/facetd.conf"
-    install -D -m 0644 "$house/deploy/facetd.tmpfiles" "$root/usr/lib/tmpfiles.d/facetd.conf"
-    install -D -m 0644 "$house/deploy/facetd.catalog" "$root/usr/lib/systemd/catalog/facetd.catalog"
+    put "$house/deploy/facetd.service" "$root/etc/systemd/system/facetd.service"
+    put "$house/deploy/facetd-live.service" "$root/etc/systemd/system/facetd-live.service"
+    put "$house/deploy/facetd.sysusers" "$root/usr/lib/sysusers.d/facetd.conf"
+    put "$house/deploy/facetd.tmpfiles" "$root/usr/lib/tmpfiles.d/facetd.conf"
+    put "$house/deploy/facetd.catalog" "$root/usr/lib/systemd/catalog/facetd.catalog"
     if [ ! -e "$root/etc/udev/rules.d/60-facetd.rules" ]; then
-        install -D -m 0644 "$house/deploy/60-facetd.rules" "$root/etc/udev/rules.d/60-facetd.rules"
+        put "$house/deploy/60-facetd.rules" "$root/etc/udev/rules.d/60-facetd.rules"
     fi
     mkdir -p "$root/usr/local/bin"
     ln -sfn /opt/facetd/current/venv/bin/facetctl "$root/usr/local/bin/facetctl"
@@ -116,8 +131,7 @@ do_install() {
     packages
     build
     settings
-    if ! STATE_DIRECTORY=$root/var/lib/facetd RUNTIME_DIRECTORY=$root/run/facetd \
-        "$release/venv/bin/facetd" --config "$root/etc/facetd/facetd.yaml" --check; then
+    if ! runs "$release"; then
         fail "this release does not take your configuration (above); the one before stays in use"
     fi
     at_home
@@ -151,11 +165,18 @@ do_rollback() {
     [ -L "$opt/current" ] || fail "nothing is installed in $opt"
     now=$(basename "$(readlink "$opt/current")")
     # shellcheck disable=SC2012
-    before=$(ls -1 "$opt/releases" | sort | grep -B1 -x "$now" | head -n 1)
-    [ -n "$before" ] && [ "$before" != "$now" ] || fail "there is no release before $now"
-    switch_to "$before"
-    restart
-    say "back to $before"
+    for before in $(ls -1 "$opt/releases" | sort -r | sed -n "/^$now\$/,\$p" | tail -n +2); do
+        # What lies below DESTDIR names where it will lie, and does not run here.
+        program=$opt/releases/$before/venv/bin/facetd
+        if [ -x "$program" ] && { [ -n "$root" ] || runs "$opt/releases/$before"; }; then
+            switch_to "$before"
+            restart
+            say "back to $before"
+            return 0
+        fi
+        say "left out: $before, which cannot run here"
+    done
+    fail "there is no release before $now that runs"
 }
 
 do_remove() {
@@ -170,7 +191,7 @@ do_remove() {
         say "kept your $rules"
     fi
     rm -rf "$opt"
-    rm -f "$root/etc/systemd/system/facetd.service" "$root/usr/lib/sysusers.d/facetd.conf" \
+    rm -f "$root/etc/systemd/system/facetd.service" "$root/etc/systemd/system/facetd-live.service" "$root/usr/lib/sysusers.d/facetd.conf" \
         "$root/usr/lib/tmpfiles.d/facetd.conf" "$root/usr/lib/systemd/catalog/facetd.catalog" \
         "$root/usr/local/bin/facetctl" "$root/usr/local/bin/facetd" "$root$completion"
     [ -n "$root" ] || journalctl --update-catalog

@@ -23,9 +23,12 @@ from daemon.pick.seen import SAME_PLACE_MM, Seen, same_place, seen_parts
 from daemon.vision.geometry import Polyhedron
 from daemon.vision.image import Eyes, open_eyes
 from daemon.vision.registration import Fit, fit_edges, refit, shown
+from daemon.vision.values import Part
 
 NEAR_MM = 60.0
 """Facets farther than this from where the part's middle should be are not its own."""
+NEAR_POSE_MM = 15.0
+"""A pose is the one that is followed where no corner is farther off: symmetric parts have others that look the same."""
 FINGERS_SHOW, FINGERS_REACH_MM = 0.9, 1.0
 """The share of the met fingers' outline that proves them so, and how far from its place it is looked for. Met fingers
 mostly show whole; the print of a held part has looked like 0.82 of them."""
@@ -79,13 +82,29 @@ def follow(target: Target, look: Look, cell: Workcell, doubt: Doubt) -> bool:
 
 
 def fitted(target: Target, look: Look, cell: Workcell) -> Fit | None:
-    """The target's pose in a whole look, by the facets near it and then by its edges; None where neither show."""
+    """The target's pose in a whole look, as it was named there or by the facets near it, and then by its edges; None
+    where neither show."""
     near = frames.inverse(look.world_from_cyclopean) @ target.world_from_part
-    facets = [f for p in seen_parts(look) if same_place(p.centre, target.centre, NEAR_MM) for f in p.facets]
-    by_facets = refit(target.shape, facets, near)
-    if by_facets is None:
+    here = [p for p in seen_parts(look) if same_place(p.centre, target.centre, NEAR_MM)]
+    named = [_as_named(p.part, target.shape, near) for p in here if p.named and p.label == target.label]
+    start = next(filter(None, named), None) or refit(target.shape, [f for p in here for f in p.facets], near)
+    if start is None:
         return None
-    return fit_edges(target.shape, eyes_of(look, cell), by_facets.cyclopean_from_part, FACETS_REACH_MM) or by_facets
+    return fit_edges(target.shape, eyes_of(look, cell), start.cyclopean_from_part, FACETS_REACH_MM) or start
+
+
+def _as_named(part: Part, shape: Polyhedron, near: Array) -> Fit | None:
+    """The pose that a look gave to a part it named, of those that fit as well the nearest; None where none is near. All
+    the part's edges made it; its facets have corners where no side shows, too."""
+    thought = frames.apply(near, shape.corners_mm)
+    poses = [part.cyclopean_from_part, *part.equivalents]
+    apart = [np.linalg.norm(frames.apply(pose, shape.corners_mm) - thought, axis=1).max() for pose in poses]
+    pose = poses[int(np.argmin(apart))]
+    if min(apart) > NEAR_POSE_MM:
+        return None
+    moved = np.eye(6)
+    moved[:3] = frames.point_motion((pose - part.cyclopean_from_part)[None, :3, 3])[0]
+    return Fit(pose, moved @ part.covariance @ moved.T, part.residual_mm, sum(map(len, part.fitted_mm)))
 
 
 def _in_its_place(target: Target, world_from_cyclopean: Array, eyes: Eyes) -> Fit | None:

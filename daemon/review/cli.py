@@ -8,6 +8,7 @@ import socket
 import sys
 from collections.abc import Callable
 from dataclasses import asdict
+from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -185,10 +186,16 @@ def _tail(args: argparse.Namespace) -> int:
     return DONE
 
 
-def told(record: Record) -> str | None:
-    """One line of a step for people, or None for what would only fill the screen."""
+def told(record: Record, utc_offset_s: float = 0.0) -> str | None:
+    """One line of a step for people, at the time of their clocks, or None for what would only fill the screen."""
     text = _words(record)
-    return None if text is None else f"{str(record.get('t'))[11:19]}  {record['kind']:<11} {text}"
+    if text is None:
+        return None
+    try:
+        at = datetime.fromisoformat(str(record.get("t"))) + timedelta(seconds=utc_offset_s)
+    except ValueError:
+        return f"--:--:--  {record['kind']:<11} {text}"
+    return f"{at:%H:%M:%S}  {record['kind']:<11} {text}"
 
 
 def _words(record: Record) -> str | None:

@@ -6,9 +6,11 @@ journal, versions and what the kernel says of the devices.
 
 from __future__ import annotations
 
+import contextlib
 import importlib.metadata
 import io
 import json
+import os
 import platform
 import shutil
 import subprocess
@@ -16,10 +18,13 @@ import sys
 import tarfile
 import time
 from collections.abc import Iterator
+from contextlib import AbstractContextManager
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import BinaryIO
 
 from daemon.config import Config
+from daemon.store.outside import FileError, open_below, open_file
 from daemon.store.runs import list_runs
 from daemon.upkeep import doctor
 
@@ -46,12 +51,21 @@ def pack(config: Config, into: Path) -> Path:
                 entry = tarfile.TarInfo(f"{stem}/{name}")
                 entry.size, entry.mtime = len(content), int(time.time())
                 archive.addfile(entry, io.BytesIO(content))
-            for name, source in _files(config):
-                archive.add(source, f"{stem}/{name}", recursive=False)
+            for name, opened in _files(config):
+                with contextlib.suppress(FileError), opened as file:
+                    _add(archive, f"{stem}/{name}", file)
         making.replace(path)
     finally:
         making.unlink(missing_ok=True)
     return path
+
+
+def _add(archive: tarfile.TarFile, name: str, file: BinaryIO) -> None:
+    """What a file holds: a link would point to somewhere on this machine, and a log that grows is cut where it was."""
+    entry = tarfile.TarInfo(name)
+    about = os.fstat(file.fileno())
+    entry.size, entry.mtime, entry.mode = about.st_size, int(about.st_mtime), 0o644
+    archive.addfile(entry, file)
 
 
 def _texts(config: Config) -> Iterator[tuple[str, bytes]]:
@@ -73,23 +87,22 @@ def _output(command: list[str]) -> bytes:
     return done.stdout + done.stderr
 
 
-def _files(config: Config) -> Iterator[tuple[str, Path]]:
-    yield "facetd.yaml", config.path
+def _files(config: Config) -> Iterator[tuple[str, AbstractContextManager[BinaryIO]]]:
+    """What a person named is read by whatever link; of a run, only what lies in it."""
+    yield "facetd.yaml", open_file(config.path)
     for name in ("calibration", "facets", "parts"):
-        source = config.file(getattr(config.values.files, name))
-        if source.is_file():
-            yield f"{name}.yaml", source
-    state = config.state / "models" / "state.json"
-    if state.is_file():
-        yield "models/state.json", state
+        yield f"{name}.yaml", open_file(config.file(getattr(config.values.files, name)))
+    for name in ("models/state.json", "standing"):
+        yield name, open_below(config.state, name)
     runs = list_runs(config.runs)[-RUNS:]
     for run in runs:
         for source in (run / "run.jsonl", run / "wire.jsonl", *sorted((run / "kept").glob("*"))):
-            if source.is_file():
-                yield f"runs/{run.name}/{source.relative_to(run)}", source
+            name = str(source.relative_to(run))
+            yield f"runs/{run.name}/{name}", open_below(run, name)
     budget = PICTURES_MB * 1_000_000
     for picture in sorted(runs[-1].glob("images/*.png"), reverse=True) if runs else ():
-        budget -= picture.stat().st_size
+        budget -= picture.lstat().st_size
         if budget < 0:
             return
-        yield f"runs/{runs[-1].name}/images/{picture.name}", picture
+        name = f"images/{picture.name}"
+        yield f"runs/{runs[-1].name}/{name}", open_below(runs[-1], name)

@@ -2,15 +2,53 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Iterator
+from socketserver import ThreadingMixIn
 from typing import Any
+from wsgiref.simple_server import WSGIRequestHandler, WSGIServer, make_server
 
 from daemon.config import ConfigError
 from daemon.store.places import how_to_add
 from daemon.upkeep.watched import Watched
 
 LOOPBACK = "127.0.0.1"
+MOST_SCRAPES, SILENCE_S = 8, 5.0
+
+
+class _Handler(WSGIRequestHandler):
+    timeout = SILENCE_S
+
+    def log_message(self, *_: Any) -> None:
+        """Scrapes are not told."""
+
+
+class _Server(ThreadingMixIn, WSGIServer):
+    """A thread for each scrape, and no more of them than the unit has room for: who comes on top is hung up."""
+
+    daemon_threads = True
+
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        self._room = threading.BoundedSemaphore(MOST_SCRAPES)
+
+    def process_request(self, request: Any, client_address: Any) -> None:
+        """Begin to answer, where there is room."""
+        if self._room.acquire(blocking=False):
+            super().process_request(request, client_address)
+        else:
+            self.shutdown_request(request)
+
+    def process_request_thread(self, request: Any, client_address: Any) -> None:
+        """Answer, and make room again."""
+        try:
+            super().process_request_thread(request, client_address)
+        finally:
+            self._room.release()
+
+    def handle_error(self, *_: Any) -> None:
+        """Who hangs up in the middle, or says nothing, is nobody's trouble."""
 
 
 class MetricsServer:
@@ -23,16 +61,17 @@ class MetricsServer:
     def open(self) -> None:
         """Listen. Raises ConfigError without the library, OSError where the port is taken."""
         try:
-            from prometheus_client import CollectorRegistry, start_http_server
+            from prometheus_client import CollectorRegistry, make_wsgi_app
         except ImportError:
             where = self._context.config.document
             raise where.error(("metrics", "port"), f"needs an extra: {how_to_add('metrics')}") from None
         registry = CollectorRegistry()
         registry.register(_Collector(self._context))
         try:
-            self._server, _ = start_http_server(self._port, LOOPBACK, registry)
+            self._server = make_server(LOOPBACK, self._port, make_wsgi_app(registry), _Server, _Handler)
         except OSError as error:
             raise ConfigError(f"metrics.port: {self._port}: {error.strerror}") from None
+        threading.Thread(target=self._server.serve_forever, name="metrics", daemon=True).start()
 
     def close(self) -> None:
         """Stop listening; safe to call twice."""

@@ -11,6 +11,8 @@ import shutil
 import time
 
 from daemon.cell.build import EXPECTED_ERRORS
+from daemon.store.files import plain
+from daemon.store.outside import FileError
 from daemon.store.runs import enforce_quota, folder_bytes
 from daemon.upkeep import journal
 from daemon.upkeep.watched import Watched
@@ -65,6 +67,7 @@ class Watch:
         if self._context.cycle.status()["fault"] is None:
             self._context.troubles.tell("restart", None)
         self._check_clock()
+        self._check_folder()
         self._check_memory_of_motion(busy)
         self._feed(now, busy)
 
@@ -128,6 +131,8 @@ class Watch:
             enforce_quota, runs, limits.quota_mb * 1_000_000, current, limits.keep_free_mb * 1_000_000
         )
         journal.tell_removed(removed)
+        if not runs.is_dir():
+            return
         free = shutil.disk_usage(runs).free
         low = (
             f"disk: {free / 1e6:.0f} MB free below {runs}; looks may soon not be kept"
@@ -140,6 +145,22 @@ class Watch:
             context.roll_due = True
             if context.cycle.status()["doing"] is None:
                 context.roll_if_due()
+
+    def _check_folder(self) -> None:
+        """Where somebody removed the run that is being written, the log goes on in a new one, and it is told."""
+        context = self._context
+        if not context.run_log.removed:
+            return
+        gone = context.run_log.folder
+        context.roll_due = True
+        try:
+            context.roll_if_due()
+        except (FileError, OSError) as error:
+            context.troubles.tell("log", f"log: {gone} was removed, and there is no new one: {plain(error)}")
+            return
+        context.troubles.tell("log", None)
+        text = f"log: {gone} was removed while it was written; the log goes on in {context.run_log.folder}"
+        journal.tell("trouble", text, journal.WARNING)
 
     def _check_clock(self) -> None:
         offset_s = time.time() - time.monotonic()

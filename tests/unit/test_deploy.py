@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
 import subprocess
@@ -34,6 +35,15 @@ def test_the_units_exposure_is_at_most_one_and_a_half() -> None:
     found = re.search(r"Overall exposure level for facetd.service: ([\d.]+)", asked.stdout)
     assert found, asked.stderr
     assert float(found[1]) <= 1.5
+
+
+def test_the_live_pages_unit_has_no_device_and_only_the_loopback_interface() -> None:
+    lines = (DEPLOY / "facetd-live.service").read_text().splitlines()
+    wanted = {"DynamicUser=yes", "PrivateDevices=yes", "IPAddressDeny=any", "IPAddressAllow=localhost"}
+    assert wanted <= set(lines)
+    assert not [
+        line for line in lines if line.startswith(("Requires=", "BindsTo=", "PartOf="))
+    ]  # it outlives the daemon
 
 
 def test_the_unit_waits_for_ready_feeds_a_watchdog_and_does_not_restart_on_a_bad_configuration() -> None:
@@ -138,3 +148,36 @@ def test_what_was_made_below_another_root_names_where_it_will_lie(tmp_path: Path
     subprocess.run(["sh", "-euc", f"root={tmp_path}; release={release}\n{function[0]}\nat_home"], check=True)
     assert program.read_text() == "#!/opt/facetd/releases/1/venv/bin/python\n"
     assert path.read_text() == "/opt/facetd/releases/1\n"
+
+
+def installed(folder: Path, **releases: bool) -> Path:
+    """A made installation: each release a program that runs, or nothing but its folder; the last one is in use."""
+    for name, runs in releases.items():
+        program = folder / "opt/facetd/releases" / name / "venv/bin/facetd"
+        program.parent.mkdir(parents=True)
+        if runs:
+            program.write_text("#!/bin/sh\nexit 0\n")
+            program.chmod(0o755)
+    (folder / "opt/facetd/current").symlink_to(f"releases/{list(releases)[-1]}")
+    return folder / "opt/facetd/current"
+
+
+def roll_back(folder: Path) -> subprocess.CompletedProcess[str]:
+    command = ["sh", str(DEPLOY / "install.sh"), "rollback"]
+    return subprocess.run(
+        command, capture_output=True, text=True, check=False, env={**os.environ, "DESTDIR": str(folder)}
+    )
+
+
+def test_a_rollback_passes_over_a_release_that_was_half_built_when_the_power_went(tmp_path: Path) -> None:
+    current = installed(tmp_path, a=True, b=False, c=True)
+    done = roll_back(tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert os.readlink(current) == "releases/a"
+    assert "left out: b" in done.stdout + done.stderr
+
+
+def test_where_no_release_before_runs_the_one_in_use_stays(tmp_path: Path) -> None:
+    current = installed(tmp_path, a=False, b=True)
+    assert roll_back(tmp_path).returncode != 0
+    assert os.readlink(current) == "releases/b"

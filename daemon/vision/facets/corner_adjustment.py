@@ -5,7 +5,8 @@ A corner shared by facets is one point; a facet's corners lie on its plane. Noth
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,20 +37,14 @@ class EdgeObservations:
     weight: Array
 
 
-def pulls(sides: list[Sides], corners: list[Index], eye: Eye, shared: set[tuple[int, int]]) -> EdgeObservations:
-    """All facets' sides in one eye; corners[k][i] is the number of facet k's corner i; shared holds edges of
-    two facets.
-    """
-    start = eye.ideal(np.concatenate([s.start for s in sides]))
-    end = eye.ideal(np.concatenate([s.end for s in sides]))
-    chord = end - start
-    normal = np.stack([-chord[:, 1], chord[:, 0]], 1) / np.linalg.norm(chord, axis=1)[:, None]
-    line = np.concatenate([normal, -(normal * start).sum(1)[:, None]], 1)
+def pulls(sides: Sequence[Sides], ends: Index, weight: Array, eye: Eye) -> EdgeObservations:
+    """All facets' sides in one eye, one facet's after the other's; ends and weight as EdgeObservations has them."""
+    start, end = np.split(eye.ideal(np.concatenate([*(s.start for s in sides), *(s.end for s in sides)])), 2)
+    x, y = (end - start).T
+    line = np.array([-y, x, start[:, 0] * y - start[:, 1] * x]) / np.hypot(x, y)
     covariance = np.concatenate([s.covariance for s in sides]) + _MODEL_PX**2 * np.eye(2)
     whiten = np.linalg.inv(np.linalg.cholesky(covariance))
-    ends = np.concatenate([np.stack([c, np.roll(c, -1)], 1) for c in corners])
-    weight = np.array([0.5 if (min(a, b), max(a, b)) in shared else 1.0 for a, b in ends.tolist()])
-    return EdgeObservations(ends, line, whiten * eye.focal_px, weight)
+    return EdgeObservations(ends, line.T, whiten * eye.focal_px, weight)
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +59,7 @@ class AdjustedCorners:
 
 
 def settle(
-    start_mm: Array, left: EdgeObservations, right: EdgeObservations, planes: list[Index], geometry: Baseline
+    start_mm: Array, left: EdgeObservations, right: EdgeObservations, planes: Sequence[Index], geometry: Baseline
 ) -> AdjustedCorners:
     """Least-squares corners (V, 3) mm, from a start near the answer. planes: corner numbers of each facet of four or
     more.
@@ -76,7 +71,10 @@ def settle(
     points = (start_mm - middle) @ turn
     count = 3 * len(points)
     half = geometry.length_mm / 2
-    both = EdgeObservations(*(np.concatenate([getattr(e, f.name) for e in (left, right)]) for f in fields(left)))
+    both = EdgeObservations(
+        np.concatenate([left.ends, right.ends]), np.concatenate([left.line, right.line]),
+        np.concatenate([left.whiten, right.whiten]), np.concatenate([left.weight, right.weight]),
+    )  # fmt: skip
     own = len(left.ends)
     shift_mm = np.repeat([half, -half], [own, len(right.ends)])
     by_size = [np.array([p for p in planes if len(p) == k]) for k in sorted({len(p) for p in planes})]

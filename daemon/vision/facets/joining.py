@@ -16,10 +16,12 @@ Index = NDArray[np.intp]
 def settled(members: list[Candidate], group: Group, geometry: Baseline) -> Group:
     """The group with its corners estimated together from the sides that its members were fitted to."""
     solid = group.polyhedron
-    corners, edges = list(solid.rings), solid.edges
-    shared = {(min(a, b), max(a, b)) for a, b in edges if (b, a) in edges}
-    left = pulls([c.left.sides for c in members], corners, geometry.left, shared)
-    right = pulls([c.right.sides for c in members], corners, geometry.right, shared)
+    corners, edges = solid.rings, solid.edges
+    here, after, _ = solid.steps
+    ends = np.array([here, after]).T
+    weight = np.array([0.5 if (b, a) in edges else 1.0 for a, b in ends.tolist()])
+    left = pulls([c.left.sides for c in members], ends, weight, geometry.left)
+    right = pulls([c.right.sides for c in members], ends, weight, geometry.right)
     adjusted = settle(solid.corners_mm, left, right, [c for c in corners if len(c) > 3], geometry)
     redrawn = (_redrawn(f, c, adjusted, geometry) for f, c in zip(group.facets, corners, strict=True))
     return Group(tuple(redrawn), group.rings)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from statistics import median
 from typing import Any
 
 import numpy as np
@@ -82,9 +83,10 @@ def _noise_at_parts(eyes: Eyes, chosen: list[Candidate]) -> tuple[float, float]:
     sigma = []
     for c in chosen:
         for view, corners in zip(eyes.views, (c.facet.left_px, c.facet.right_px), strict=True):
-            column, row = np.clip(corners.mean(0), 0, np.array(view.grey.shape[::-1]) - 1).astype(int)
-            sigma.append(float(view.noise.at(np.array(view.grey[row, column]))))
-    return float(np.median(sigma)), float(np.median([c.left.sides.blur[0] for c in chosen]))
+            (x, y), (height, width) = corners.mean(0).tolist(), view.grey.shape
+            level = view.grey[int(min(max(y, 0.0), height - 1.0)), int(min(max(x, 0.0), width - 1.0))]
+            sigma.append(float(view.noise.sigma[level]))
+    return median(sigma), median(float(c.left.sides.blur[0]) for c in chosen)
 
 
 def _with_detected_corners(c: Candidate, eyes: Eyes, settings: VisionSettings) -> Candidate:

@@ -71,18 +71,23 @@ def tidy(corners: list[Point], min_side_px: float) -> list[Point] | None:
     are left.
     """
     while len(corners) >= 3:
-        chords = [(b[0] - a[0], b[1] - a[1]) for a, b in zip(corners, corners[1:] + corners[:1], strict=True)]
-        lengths = [math.hypot(*c) for c in chords]
+        chords, lengths = list[Point](), list[float]()
+        x, y = corners[0]
+        for u, v in (*corners[1:], corners[0]):
+            chords.append((u - x, v - y))
+            lengths.append(math.hypot(u - x, v - y))
+            x, y = u, v
         if not max(lengths) < _FAR_PX:
             return None
         shortest = min(lengths)
         if shortest < min_side_px:
             corners = drop_side(corners, lengths.index(shortest))
             continue
-        turns = [
-            abs(math.atan2(a[0] * b[1] - a[1] * b[0], a[0] * b[0] + a[1] * b[1]))
-            for a, b in zip(chords[-1:] + chords[:-1], chords, strict=True)
-        ]
+        turns = list[float]()
+        x, y = chords[-1]
+        for u, v in chords:
+            turns.append(abs(math.atan2(x * v - y * u, x * u + y * v)))
+            x, y = u, v
         straightest = min(turns)
         if straightest > _STRAIGHT:
             return corners

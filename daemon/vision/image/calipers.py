@@ -119,7 +119,9 @@ def profiles(images: Sequence[Fine], cuts: Sequence[int], calipers: Calipers, of
     )
 
 
-def stretch_profiles(images: Images, start: Array, end: Array, trim_px: float, offsets: Array, bias_px: Array) -> Array:
+def stretch_profiles(
+    images: Images, start: Array, end: Array, trim_px: float, offsets: Array, bias_px: Array
+) -> Image32:
     """Mean profiles (S, BLOCKS, C) of equal stretches of straight sides (S, 2), (S, 2) px.
 
     offsets (C,) px, counted from each side's bias_px (S,), outwards; trim_px is left out at either end.
@@ -144,7 +146,7 @@ def stretch_profiles(images: Images, start: Array, end: Array, trim_px: float, o
             values = bilinear(image, x[own].reshape(-1, width), y[own].reshape(-1, width))
             means.append(values.reshape(IN_BLOCK, count, BLOCKS, width).mean(0))
             first += count
-    return np.concatenate(means).astype(float)
+    return np.concatenate(means)
 
 
 def stretches(start: Array, end: Array, trim_px: float) -> tuple[Array, Array]:

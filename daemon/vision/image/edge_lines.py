@@ -5,6 +5,7 @@ In: image, rough end points. Out: corrected end points, how sure, how strong. Wh
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -28,7 +29,7 @@ from daemon.vision.image.calipers import (
 )
 from daemon.vision.image.grey import SATURATED, Fine, Noise, noise_of_many
 from daemon.vision.image.regions import SMOOTHING_PX
-from daemon.vision.image.step_model import CLEAR, OFFSETS, REACH_PX, face_planes, normal_cdf, unclipped
+from daemon.vision.image.step_model import CLEAR, OFFSETS, REACH_PX, face_planes, unclipped
 
 Index = NDArray[np.intp]
 Image32 = NDArray[np.float32]
@@ -43,6 +44,7 @@ _FAINT_BLOCK = 0.4
 """A stretch of a side that shows less than this share of the side's mean slope shows no edge."""
 _BESIDE_PX = 8.5
 """How far to either hand shading and grain are compared."""
+_OUTERMOST_PX = np.array([[-REACH_PX], [REACH_PX]])
 _ROW_PX = float(np.sqrt(4 * np.pi) * SMOOTHING_PX)
 """How far apart rows of a smoothed image are whose noise is as good as independent."""
 _SLOPE_NOISE = float(np.sqrt(2 * (1 - np.exp(-0.25 / SMOOTHING_PX**2)) / (4 * np.pi)) / SMOOTHING_PX)
@@ -109,7 +111,7 @@ def find_sides(
     shifted = np.minimum(np.maximum(shifted + np.arange(width, dtype=np.int32), 0), last)
     shifted += (np.arange(len(start) * BLOCKS, dtype=np.int32) * width).reshape(len(start), -1, 1, 1)
     lines = np.abs(slopes.ravel().take(shifted).sum(1))
-    lines *= (np.exp(-0.5 * (places / sigma_px[:, None]) ** 2) * within)[:, None]
+    lines *= (np.exp(-0.5 * (places / sigma_px[:, None]) ** 2) * within).astype(np.float32)[:, None]
     best, each = lines.reshape(len(start), -1).argmax(1), np.arange(len(start))
     tilt, offset = tilts[each, best // width], places[each, best % width] + expected_px
     chord = end - start
@@ -231,7 +233,8 @@ def _steps(exposures: Sequence[Exposure], in_image: Index, calipers: Calipers, b
     noise = noise_of_many([e.noise for e in exposures], np.diff(cuts))
     mean = calipers.means(values)
     x = OFFSETS / blurs[:, None]
-    rise, slope = normal_cdf(x), np.exp(-0.5 * x**2) / (blurs[:, None] * np.sqrt(2 * np.pi))
+    rise = np.array([[0.5 + 0.5 * math.erf(value * math.sqrt(0.5)) for value in row] for row in x.tolist()])
+    slope = np.exp(-0.5 * x**2) / (blurs[:, None] * np.sqrt(2 * np.pi))
     planes, clear = face_planes(values, mean, noise, calipers)
     planes = unclipped(mean, calipers, planes, np.repeat(blurs, np.diff(first, append=len(calipers.first))))
     begins = calipers.first[first]
@@ -249,13 +252,12 @@ def _steps(exposures: Sequence[Exposure], in_image: Index, calipers: Calipers, b
     here = height.take(calipers.side)
     power = np.maximum(here**2 * place2, 1e-9)
     position = -here * by_place / power
-    sigma_grey = noise.at(np.stack([planes[0] - REACH_PX * planes[1], planes[2] + REACH_PX * planes[3]])).mean(0)
+    outermost = planes[::2] + _OUTERMOST_PX * planes[1::2]
+    sigma_grey = noise.at(outermost).sum(0) / 2
     wide = step * (columns > len(OFFSETS) - 0.5)
     shift = -here * (wide * mixed * here) / power  # what of the widening a shift explains
-    widened = np.stack(
-        [wide * by_blur + shift * by_place, wide**2 * blur2 + 2 * wide * shift * mixed + shift**2 * place2]
-    )
-    blur_error, blur_power = np.add.reduceat(widened, begins, axis=1)
+    widened = wide * by_blur + shift * by_place, wide**2 * blur2 + 2 * wide * shift * mixed + shift**2 * place2
+    blur_error, blur_power = (np.add.reduceat(each, begins) for each in widened)
     height_sigma = np.sqrt(2) * calipers.means(sigma_grey) / np.sqrt(CLEAR * calipers.count)
     return _Steps(
         np.minimum(np.maximum(position, -3.0), 3.0),
@@ -268,7 +270,7 @@ def _steps(exposures: Sequence[Exposure], in_image: Index, calipers: Calipers, b
 
 def _by_blur(factors: Array, values: NDArray[np.floating[Any]], begins: Index) -> Image32:
     """Each blur's factors (B, K, C) times the values (C, R) of its own calipers, which begin at begins (B,): (K, R)."""
-    factors, values = factors.astype(np.float32), values.astype(np.float32)
+    factors, values = factors.astype(np.float32), values.astype(np.float32, copy=False)
     products = np.empty((factors.shape[1], values.shape[1]), np.float32)
     for factor, (first, end) in zip(factors, pairwise([*begins.tolist(), values.shape[1]]), strict=True):
         np.matmul(factor, values[:, first:end], out=products[:, first:end])
@@ -282,17 +284,21 @@ def _robust_line(calipers: Calipers, position: Array, weight: Array, rounds: int
     say. Returns offset (S,), slope (S,), their covariance (S, 2, 2), fraction of places within three sigmas (S,).
     """
     at, side = calipers.at, calipers.side
-    weight2 = weight**2
-    terms = np.stack([weight2, weight2 * at, weight2 * at**2, weight2 * position, weight2 * position * at])
+    terms = np.empty((7, len(side)))  # by weight: of the normal equations, of the squares left over, of how many count
+    terms[0], terms[6] = weight**2, 1.0
+    np.multiply(terms[0], at, out=terms[1])
+    np.multiply(terms[1], at, out=terms[2])
+    np.multiply(terms[:2], position, out=terms[3:5])
+    np.multiply(terms[3], position, out=terms[5])
     keep = np.ones_like(position)
-    for turn in range(rounds):
-        s0, s1, s2, b0, b1 = calipers.sums(terms * keep if turn else terms)
+    for _ in range(rounds):
+        s0, s1, s2, b0, b1, p2, kept = calipers.sums(terms * keep)
         determinant = np.maximum(s0 * s2 - s1 * s1, 1e-12)
         offset, slope = (s2 * b0 - s1 * b1) / determinant, (s0 * b1 - s1 * b0) / determinant
-        normal = (position - offset.take(side) - slope.take(side) * at) * weight
-        squares, kept = calipers.sums(np.stack([keep * normal**2, keep]))
+        squares = np.maximum(p2 - offset * b0 - slope * b1, 0.0)  # of a least-squares line's residuals
         spread = np.maximum(1.0, np.sqrt(squares / np.maximum(kept, 1.0)))
-        z2 = (normal / (3.0 * spread).take(side)) ** 2
+        line = np.array([offset, slope, 3.0 * spread]).take(side, 1)
+        z2 = ((position - line[0] - line[1] * at) * weight / line[2]) ** 2
         keep = np.maximum(1 - z2, 0.0) ** 2
-    covariance = np.stack([s2, -s1, -s1, s0], 1).reshape(-1, 2, 2) / determinant[:, None, None]
-    return offset, slope, covariance * (spread**2)[:, None, None], calipers.means(z2 < 1)
+    covariance = np.array([[s2, -s1], [-s1, s0]]) * (spread**2 / determinant)
+    return offset, slope, covariance.transpose(2, 0, 1), calipers.means(z2 < 1)

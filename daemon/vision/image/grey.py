@@ -27,6 +27,8 @@ _FEWEST = 40
 _EVERY = 4
 _USED = np.array([[k & 1, k & 2, k & 4] for k in range(1, 8)], bool)
 """Which of the three coefficients of the noise are not zero: every choice."""
+_BOTH_USED, _UNIT, _UP_TO_SQUARE = _USED[:, :, None] & _USED[:, None], np.eye(3), np.arange(3)
+_POWERS = (np.arange(256) / 100.0)[:, None] ** _UP_TO_SQUARE
 _LEVELS_OF_NINE = (np.arange(9 * 255 + 1) + 4) // 9
 _BAND_OF_NINE = _SIZES * np.where(_LEVELS_OF_NINE >= SATURATED, 255 // _BIN + 1, _LEVELS_OF_NINE // _BIN)
 """_SIZES times the band of grey levels that so large a sum of nine pixels lies in; saturated ones have their own."""
@@ -92,19 +94,21 @@ class Noise:
 
 @dataclass(frozen=True, eq=False)
 class NoiseOfMany:
-    """The noise of several images, at places (R,) of which each is in one: sigma (images, 256), image (R,)."""
+    """The noise of several images, at places (R,) of which each is in one: sigma (images, 256), first (R,) where that
+    image's begin among all.
+    """
 
     sigma: Array
-    image: NDArray[np.intp]
+    first: NDArray[np.intp]
 
     def at(self, level: Array) -> Array:
         """Sigma in grey levels at these grey levels (..., R)."""
-        return np.asarray(self.sigma.take(np.minimum(np.maximum(level.astype(np.intp), 0), 255) + 256 * self.image))
+        return np.asarray(self.sigma.take(level.clip(0.0, 255.0).astype(np.intp) + self.first))
 
 
 def noise_of_many(noises: Sequence[Noise], counts: NDArray[np.intp]) -> NoiseOfMany:
     """The noise at so many places in each image, one image after the other."""
-    return NoiseOfMany(np.stack([n.sigma for n in noises]), np.repeat(np.arange(len(noises)), counts))
+    return NoiseOfMany(np.array([n.sigma for n in noises]), (256 * np.arange(len(noises))).repeat(counts))
 
 
 def measure_noise(image: Grey) -> Noise:
@@ -141,18 +145,17 @@ def _residuals(image: Grey) -> NDArray[np.intp]:
 
 def _variance_curve(rows: Array) -> Array:
     """rows (N, 3): level, variance, count -> variance (256,) of the best non-negative quadratic."""
-    levels = np.arange(256) / 100.0
     if len(rows) == 0:
         return np.ones(256)
     x, variance = rows[:, 0] / 100.0, np.maximum(rows[:, 1], 1e-2)
     weight = rows[:, 2] / variance**2
-    design = x[:, None] ** np.arange(3)
+    design = x[:, None] ** _UP_TO_SQUARE
     normal, right = (design.T * weight) @ design, (design.T * weight) @ variance
-    own = np.where(_USED[:, :, None] & _USED[:, None], normal, np.eye(3))  # each with the rest of its unknowns zero
-    wanted = np.where(_USED, right, 0.0)
-    factors = np.linalg.solve(own + 1e-9 * own * np.eye(3), wanted[:, :, None])[..., 0]
-    error = np.einsum("ki,kij,kj->k", factors, own, factors) - 2 * np.einsum("ki,ki->k", factors, wanted)
-    error[(factors < 0).any(1)] = np.inf
+    own = np.where(_BOTH_USED, normal, _UNIT)  # each with the rest of its unknowns zero
+    wanted = right * _USED
+    factors = np.linalg.solve(own + 1e-9 * own * _UNIT, wanted[:, :, None])[..., 0]
+    # Of a least-squares fit, less a constant.
+    error = np.where((factors < 0).any(1), np.inf, -(factors * wanted).sum(1))
     if not np.isfinite(error.min()):
         return np.full(256, float(np.median(variance)))
-    return np.asarray(levels[:, None] ** np.arange(3) @ factors[np.argmin(error)])
+    return np.asarray(_POWERS @ factors[np.argmin(error)])

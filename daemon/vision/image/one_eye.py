@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import product
+from statistics import median
 
 import cv2
 import numpy as np
@@ -102,8 +103,8 @@ class OneEye:
     @property
     def blur_px(self) -> float | None:
         """How wide the edges are that outlines were fitted to; None where none was."""
-        blurs = [f.sides.blur[0] for f in self.fitted.values() if f is not None]
-        return float(np.median(blurs)) if blurs else None
+        blurs = [float(f.sides.blur[0]) for f in self.fitted.values() if f is not None]
+        return median(blurs) if blurs else None
 
 
 def find_outlines_in(views: Sequence[OneEye], settings: VisionSettings) -> list[tuple[Outline, ...]]:

@@ -83,9 +83,13 @@ class Region:
             return []
         outlines = [hull] if self.area_px > _CONVEX_SOLIDITY * full else [self.border, hull]
         tolerance = 1.0 + 0.4 * self.scale.shrink + 0.01 * float(np.sqrt(full))
-        polygons = [cv2.approxPolyDP(o, tolerance, True)[:, 0, :] for o in outlines]
-        turned = [p if cv2.contourArea(p, True) < 0 else p[::-1] for p in polygons if len(p) > 2]
-        return [RoughPolygon(p.astype(float), self.border, self.area_px, self.scale.shrink) for p in turned]
+        rough = list[RoughPolygon]()
+        for outline in outlines:
+            corners = cv2.approxPolyDP(outline, tolerance, True)[:, 0, :]
+            if len(corners) > 2:
+                turned = corners if cv2.contourArea(corners, True) < 0 else corners[::-1]
+                rough.append(RoughPolygon(turned.astype(float), self.border, self.area_px, self.scale.shrink))
+        return rough
 
 
 @dataclass(frozen=True, eq=False)

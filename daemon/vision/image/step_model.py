@@ -24,6 +24,9 @@ _SHARE = _FAR / CLEAR
 _MIDDLE = _SHARE @ OFFSETS
 _LEVER = _FAR * (OFFSETS - _MIDDLE[:, None])
 _LEVER2 = np.sum(_LEVER**2, 1)
+_PER_PX = _LEVER / _LEVER2[:, None]
+_HANDS = np.array([[2, 1, 0], [6, 7, 8]])
+"""The offsets clear of the edge on either hand, from the nearest outwards."""
 _SLOPE_SIGMAS = 2.0
 """A slope across a face counts the less the nearer it is to so many of its own sigmas; set by eye."""
 _CLIPPED = 247.0
@@ -40,32 +43,35 @@ def face_planes(values: Image32, mean: Array, noise: NoiseOfMany, calipers: Cali
     profiles; mean (C, S): theirs over each side. The second array (C, R) says where no other edge has come into view,
     as in the thin end of a face seen edge-on.
     """
-    clear = _in_the_clear(values, noise, calipers)
-    inner, outer = values[:CLEAR] * clear[:CLEAR], values[-CLEAR:] * clear[-CLEAR:]
-    seen = np.stack([clear[:CLEAR].sum(0), clear[-CLEAR:].sum(0)])
-    total = calipers.running_means(np.concatenate([[inner.sum(0), outer.sum(0)], seen]), 6.0)
+    hands = values.take(_HANDS, 0)  # (2, CLEAR, R)
+    third, fourth = _in_the_clear(hands, noise, calipers)
+    seen_levels = np.empty((4, len(calipers.side)))
+    seen_levels[:2] = hands[:, 0] + hands[:, 1] * third + hands[:, 2] * fourth
+    seen_levels[2:] = 1.0 + third + fourth
+    total = calipers.running_means(seen_levels, 6.0)
     level = total[:2] / total[2:]
-    whole = calipers.means(seen) > 0.9 * CLEAR
+    whole = calipers.means(seen_levels[2:]) > 0.9 * CLEAR
     sigma = calipers.means(noise.at(level)) / np.sqrt(_LEVER2[:, None] * calipers.count)
-    across = np.where(whole, (_LEVER / _LEVER2[:, None]) @ mean, 0.0)
+    across = (_PER_PX @ mean) * whole
     across *= np.maximum(0.0, 1.0 - (_SLOPE_SIGMAS * sigma / np.maximum(np.abs(across), 1e-9)) ** 2)
-    tilt = across.take(calipers.side, 1)
-    level -= tilt * _MIDDLE[:, None]
-    return np.stack([level[0], tilt[0], level[1], tilt[1]]), clear
-
-
-def _in_the_clear(values: Image32, noise: NoiseOfMany, calipers: Calipers) -> Flags:
-    """(C, R): False from where, going away from the side, the grey level leaves what it was two pixels off the side."""
+    planes = np.empty((4, len(calipers.side)))
+    planes[1::2] = tilt = across.take(calipers.side, 1)
+    np.subtract(level, tilt * _MIDDLE[:, None], out=planes[::2])
     clear = np.ones(values.shape, bool)
-    sides = np.concatenate([values[:CLEAR][::-1], values[-CLEAR:]])  # each hand from two pixels off outwards
-    level = calipers.running_means(sides, 2.0).reshape(2, CLEAR, -1)
-    slack = 0.02 * np.abs(level[0, -1] - level[1, -1])
-    near = level[:, 0]
-    limit = 3.0 / np.sqrt(2.5) * noise.at(near) + slack
-    third, fourth = np.abs(level[:, 1] - near) < limit, np.abs(level[:, 2] - near) < 1.5 * limit
-    clear[[1, -2]] = third
-    clear[[0, -1]] = third & fourth
-    return clear
+    clear[1::6], clear[::8] = third, fourth  # three pixels off, and four, on either hand
+    return planes, clear
+
+
+def _in_the_clear(hands: Image32, noise: NoiseOfMany, calipers: Calipers) -> tuple[Flags, Flags]:
+    """(2, R), (2, R): whether three and four pixels off the side, on either hand, the grey level is what it was at two.
+
+    hands (2, CLEAR, R): the profiles on either hand, from two pixels off outwards.
+    """
+    level = calipers.running_means(hands.reshape(2 * CLEAR, -1), 2.0).reshape(2, CLEAR, -1)
+    near, apart = level[:, 0], np.abs(level[:, 1:] - level[:, :1])
+    limit = 3.0 / np.sqrt(2.5) * noise.at(near) + 0.02 * np.abs(level[0, -1] - level[1, -1])
+    third = apart[:, 0] < limit
+    return third, third & (apart[:, 1] < 1.5 * limit)
 
 
 def unclipped(mean: Array, calipers: Calipers, planes: Array, blur_px: Array) -> Array:

@@ -28,7 +28,7 @@ from daemon.vision.registration.different import Different, Guesses, different, 
 from daemon.vision.registration.directed import DirectedMap, directed_map, evidence, nudged, other_sizes, promising
 from daemon.vision.registration.edge_pose import (
     Located,
-    confirmed_facets,
+    clear_share,
     facets_in_view,
     facets_laid,
     fit_of,
@@ -226,7 +226,7 @@ def _proved(one: Laid, eyes: Eyes) -> bool:
     needed = PROVED + BY_SIZE * max(0.0, gain - SAME_SIZE)
     if alike is not None and alike > SAME_PRINT and gain < OTHER_SIZE:
         needed -= BY_PRINT
-    if confirmed_facets(one.solid, one.located, eyes)[1] + SHARE * one.share < needed:
+    if clear_share(one.located, eyes) + SHARE * one.share < needed:
         return False
     return shown(one.solid, eyes, pose, SHOWN_MM) >= LEAST_SHOWN
 

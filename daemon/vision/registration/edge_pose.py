@@ -42,6 +42,9 @@ LEAST_EVIDENCE, LEAST_SUPPORT = 6.0, 0.5
 PASSES = 5
 LEAST_OUTLINE = 0.75
 """Of the length of the outline that an eye should see, what it must show on its place."""
+LEAST_CLEAR = 0.5
+"""Of the length of all edges, what must stand out where a part is followed. Parts of the rendered scenes show 0.7 and
+more, the slow shading of a patterned table where none lies 0.06 and less."""
 LEAST_SIGMAS = 4.0
 """Of the slope across an edge against what lies beside it, where the edge is to prove a facet."""
 FOUND_PX = 0.1
@@ -120,10 +123,11 @@ def fit_edges(
 ) -> Fit | None:
     """The pose at which `locate` finds the part, with its covariance.
 
-    None where an eye shows too few of the edges it should see, or they leave the pose open. Fit.matched counts edges.
+    None where an eye shows too few of the edges it should see, or they are too faint to be the part's, or leave the
+    pose open. Fit.matched counts edges.
     """
     found = locate([shape], eyes, near[None], reach_mm, tolerance_mm)[0]
-    return None if found is None else fit_of(found)
+    return None if found is None or clear_share(found, eyes) < LEAST_CLEAR else fit_of(found)
 
 
 def fit_of(found: Located, least_outline: float = LEAST_OUTLINE) -> Fit | None:
@@ -158,23 +162,11 @@ def facets_in_view(shape: Polyhedron, eyes: Eyes, pose: Array) -> int:
     return int(np.all([laid.thickness(seen) >= THIN_PX[1] for seen in px], axis=0).sum())
 
 
-def confirmed_facets(shape: Polyhedron, found: Located, eyes: Eyes) -> tuple[list[ConfirmedFacet], float]:
-    """The facets of which every side is on its place in one eye at least, and all but one in each; and what is on its
-    place of the length of all edges, in both eyes.
-
-    Sides must stand out from the shading and the grain beside them. Sides along the baseline look right at any depth:
-    one eye alone must not place a facet.
-    """
+def clear_share(found: Located, eyes: Eyes) -> float:
+    """Of the length of all edges in both eyes, that of those on their place that stand out from the shading and the
+    grain beside them."""
     good = [_clear(seen, view) for seen, view in zip(found.observed, eyes.views, strict=True)]
-    confirmed = []
-    for index in np.flatnonzero(shape.facing(found.pose) > 0).tolist():
-        ring = shape.facets[index]
-        own = [_sides_of(ring, seen.edges, flags) for seen, flags in zip(found.observed, good, strict=True)]
-        firm = np.stack([flags for _, _, flags in own])
-        if firm.any(0).all() and int(firm.sum(1).min()) >= len(ring) - 1:
-            outlines = (_outline(ring, seen, *sides) for seen, sides in zip(found.observed, own, strict=True))
-            confirmed.append(ConfirmedFacet(index, *outlines))
-    return confirmed, float(_shares(found.observed, good, 1)[0])
+    return float(_shares(found.observed, good, 1)[0])
 
 
 def facets_laid(shape: Polyhedron, found: Located, eyes: Eyes) -> list[ConfirmedFacet]:

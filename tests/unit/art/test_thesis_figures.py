@@ -1,8 +1,4 @@
-"""The worked examples of the thesis, as figures: sections 4.1, 5.5 and 5.6. The silhouettes of 4.1 are drawn here.
-
-Source: D'Souza, sections 4.1, 4.3, 5.5, 5.6, figures 5.20, 5.25, 5.26. Type numbers 0.3, 0.5, 0.75 and alpha 0.01 are
-not printed there; they are what makes the printed activations come out.
-"""
+"""The worked examples of the thesis, as figures (tests/worlds/thesis.py): sections 4.1, 4.3, 5.5 and 5.6."""
 
 from __future__ import annotations
 
@@ -10,26 +6,19 @@ import numpy as np
 import pytest
 
 from daemon.art import ART1, FuzzyARTMAP, RotationLayer, best_numbering, choose, modified_match
-
-TRIANGLE, RECTANGLE, PENTAGON = 0.3, 0.5, 0.75
-ALPHA = 0.01
-
-
-def matrix(types, touching):
-    """Row r holds the type of facet r where it touches; in six slots."""
-    result = np.zeros((6, 6))
-    for p, q in touching:
-        result[p, q], result[q, p] = types[p], types[q]
-    return result
-
-
-PRISM = matrix([TRIANGLE, RECTANGLE, RECTANGLE], [(0, 1), (0, 2), (1, 2)])
-PENTAGONAL_PRISM_TWO_SIDES = matrix([RECTANGLE, RECTANGLE, PENTAGON], [(0, 1), (0, 2), (1, 2)])
-PENTAGONAL_PRISM_THREE_SIDES = matrix(
-    [PENTAGON, RECTANGLE, RECTANGLE, RECTANGLE], [(0, 1), (0, 2), (0, 3), (1, 2), (2, 3)]
+from tests.worlds.thesis import (
+    ALPHA,
+    LABELS,
+    NODES,
+    PENTAGON,
+    PENTAGONAL_PRISM_THREE_SIDES,
+    PRISM,
+    RECTANGLE,
+    TRIANGLE,
+    TWO_RECTANGLES,
+    matrix,
+    silhouettes,
 )
-NODES = np.stack([PRISM, PENTAGONAL_PRISM_THREE_SIDES, PENTAGONAL_PRISM_TWO_SIDES])
-LABELS = ("triangular prism", "pentagonal prism", "pentagonal prism")
 
 # section 5.6: 34 of the 36 numbers are printed, the rest being empty
 Z = [0.3, 0.3, 0, 0, 0, 0.5, 0, 0.5, 0, 0, 0, 0.5, 0.5, *[0] * 23]
@@ -90,8 +79,7 @@ def test_the_printed_activations_come_from_raw_inputs(figure, view, printed, pla
 
 
 def test_figure_5_25_c_calls_a_prism_a_pentagon_when_only_the_first_slots_are_tried():
-    two_rectangles = matrix([RECTANGLE, RECTANGLE], [(0, 1)])
-    thesis = choose(best_numbering(two_rectangles, NODES, ALPHA, complement=False, scope="occupied"), LABELS, rho=0.98)
+    thesis = choose(best_numbering(TWO_RECTANGLES, NODES, ALPHA, complement=False, scope="occupied"), LABELS, rho=0.98)
     assert thesis.label == "pentagonal prism"
     assert thesis.activation == pytest.approx(0.28490, abs=5e-6)
     assert round(thesis.activation, 3) == 0.285
@@ -99,8 +87,7 @@ def test_figure_5_25_c_calls_a_prism_a_pentagon_when_only_the_first_slots_are_tr
 
 
 def test_figure_5_25_c_is_right_when_all_six_slots_are_tried():
-    two_rectangles = matrix([RECTANGLE, RECTANGLE], [(0, 1)])
-    verdict = choose(best_numbering(two_rectangles, NODES, ALPHA, complement=False), LABELS)
+    verdict = choose(best_numbering(TWO_RECTANGLES, NODES, ALPHA, complement=False), LABELS)
     assert verdict.label == "triangular prism"
     assert verdict.runner_up_label == "pentagonal prism"
     assert verdict.activation > verdict.runner_up_activation
@@ -122,22 +109,6 @@ def test_a_network_s_weights_serve_as_nodes_of_the_rotation_layer():
     for view, label in zip(NODES, labels, strict=True):
         verdict = choose(layer.recall(view[::-1, ::-1]), network.node_labels)
         assert (verdict.label, verdict.match, verdict.match_ratio) == (label, 1.0, 1.0)
-
-
-def silhouettes():
-    """A floppy disk, a round of cork, a pen and a screwdriver, as edges on 20 x 20 (section 4.1)."""
-    grid = np.zeros((4, 20, 20))
-    floppy, cork, pen, driver = grid
-    floppy[[0, 19], :] = floppy[:, [0, 19]] = 1
-    floppy[13, 4:16] = floppy[13:, [4, 15]] = floppy[1:6, [6, 13]] = floppy[6, 6:14] = 1
-    rows, columns = np.mgrid[:20, :20]
-    radius = np.hypot(rows - 9.5, columns - 9.5)
-    cork[(radius > 8.6) & (radius < 9.9)] = 1
-    pen[:17, [9, 11]] = 1
-    pen[[0, 17, 18, 19], 10] = pen[4, 9:12] = 1
-    driver[:9, [7, 12]] = driver[[0, 8], 7:13] = 1
-    driver[9:19, [9, 10]] = driver[19, 8:12] = 1
-    return grid.reshape(4, 400)
 
 
 def test_vigilance_0_4_keeps_four_silhouettes_apart():

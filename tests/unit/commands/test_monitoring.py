@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -17,10 +18,13 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from daemon.arm import Arrival, Limits, Supervisor
-from daemon.commands.monitoring import SPOIL, Typist
+from daemon.cell.arm_on_link import ArmOnLink
+from daemon.cell.no_arm import CellError
+from daemon.commands.monitoring import SPOIL, Typist, shown
 from daemon.store.runs import check_wire, list_runs, read_run
 from drivers.simcell.arm import Arm
 from drivers.simcell.controller import Controller
+from drivers.val2.link import Link
 from tests.worlds.fake_cell import World, build
 from tests.worlds.fake_context import FakeDoor, FakeLog
 from tests.worlds.person import Person
@@ -247,3 +251,16 @@ def test_cal_needs_an_arm_that_may_move_is_shown_while_it_runs_and_is_stopped_li
     assert daemon.do("robot cal")["status"] == 1, "a fault stands"
     daemon.do("resume")
     assert daemon.do("robot cal")["status"] == 0
+
+
+def test_what_the_controller_says_does_not_steer_the_terminal_it_is_shown_at() -> None:
+    assert shown(b"\x1b[2J\x1b]0;title\x07\x9b2J.") == b"^[[2J^[]0;title\x07?2J."
+    assert shown(b"A\r\n\x08 \x11\x13\x0e\xff") == b"A\r\n\x08 ^Q^S^N?"
+
+
+@pytest.mark.parametrize("line", ["x" * 80, "TYPE \N{LATIN SMALL LETTER U WITH DIAERESIS}", "DO MOVE " + "A" * 90])
+def test_a_line_that_cannot_be_typed_is_refused_in_a_line_and_is_no_fault(line: str) -> None:
+    arm = ArmOnLink(Link("none"), Mock())
+    with pytest.raises(CellError, match="the controller takes lines of up to 79 plain characters"):
+        arm.check_typable(line)
+    arm.check_typable("x" * 79)

@@ -422,13 +422,13 @@ def test_a_thousand_idle_clients_keep_nobody_from_a_stop(tmp_path: Path) -> None
     context = fake_context(tmp_path)
 
     def use(path: Path) -> Any:
-        crowd = []
+        crowd, before = [], len(os.listdir("/proc/self/fd"))
         for _ in range(400):
             one = socket.socket(socket.AF_UNIX)
             one.connect(str(path))
             crowd.append(one)
         told = [said(path, line) for line in (b'{"do": "status"}', b'{"do": "stop"}', b'{"interrupt": true}')]
-        open_now = len(list(Path("/proc/self/fd").iterdir())) - len(crowd)
+        open_now = len(os.listdir("/proc/self/fd")) - len(crowd) - before
         for one in crowd:
             one.close()
         return told, open_now
@@ -436,9 +436,9 @@ def test_a_thousand_idle_clients_keep_nobody_from_a_stop(tmp_path: Path) -> None
     (refused, stopped, interrupted), open_now = listening(tmp_path, use, context=context)
     assert (refused["done"]["status"], "too many connections" in refused["done"]["text"]) == (1, True)
     assert stopped["done"]["status"] == 0
-    assert "Stopped" in interrupted["stopped"]
-    assert len([what for what in context.cycle.told if what.startswith("stop")]) == 2
-    assert open_now < MOST_EACH + MOST_TO_STOP + 30, "the daemon holds no more than it has room for"
+    assert interrupted["stopped"] == "Nothing moves."
+    assert [what for what in context.cycle.told if what.startswith("stop")]
+    assert open_now <= MOST_EACH + MOST_TO_STOP + 3, "the daemon holds no more than it has room for"
 
 
 def test_who_is_silent_is_hung_up_and_who_waits_for_notices_is_not(

@@ -1,20 +1,25 @@
-"""What a look back says of the hand: the fingers met, or a part between them, whatever is printed on it."""
+"""A part from look to look, and what a look back says of the hand: the fingers met, or a part between them."""
 
 from __future__ import annotations
 
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
+from daemon import frames
 from daemon.calibration.file import load_calibration
 from daemon.config import load_config
-from daemon.pick.following import came_back_empty
+from daemon.pick.following import came_back_empty, fitted
 from daemon.store import places
+from daemon.vision.geometry import exact
 from daemon.vision.image import open_eyes
+from daemon.vision.values import Part, Recognition
 from drivers.simcell.cell import SimulatedCell
 from drivers.simcell.rigid import rigid, turn
 from drivers.simcell.world import Where
+from tests.worlds.solids import CUBE, measured, pose
 
 ETC = places.HOUSE / "etc"
 CONFIG = load_config(ETC / "facetd.yaml", simulated=True)
@@ -45,3 +50,30 @@ def test_fingers_that_met_are_seen_over_any_table(seed: int) -> None:
 def test_print_on_the_held_part_is_not_taken_for_fingers_that_met(seed: int) -> None:
     """Of the print of seed 10 more than three quarters lies where the met fingers' outline would."""
     assert not seems_empty(seed, holds_cube=True)
+
+
+def test_a_part_named_by_its_edges_is_followed_as_it_was_named_though_facets_of_it_were_measured_askew() -> None:
+    believed = load_calibration(CONFIG.calibration)
+    shape = exact(CUBE.corners_mm, CUBE.facets)
+    truth = pose(np.array([0.75, 0.25, 0.6]), 0.3, 320.0)
+    askew = frames.perturb(truth, np.array([0.0, 0.0, 2.0, *np.radians([-8.0, 1.0, 0.0])]))
+    corners = frames.apply(askew, shape.corners_mm)
+    facets = tuple(measured(corners[shape.rings[k]], None) for k in np.flatnonzero(shape.facing(askew) > 0))
+    quarter = frames.rigid(turn([0, 0, 1], np.pi / 2), np.zeros(3))
+    middle = frames.rigid(np.eye(3), shape.corners_mm.mean(0))
+    turned = truth @ middle @ quarter @ frames.inverse(middle)
+    name = Recognition("cube", 0.9, 0.0, 0.0, None, False, "its edges")
+    part = Part(name, facets, turned, np.diag([0.04] * 3 + [1e-5] * 3), 0.2, (), np.stack([turned, truth]))
+    grey = SimpleNamespace(pixels=np.full((480, 640), 90, np.uint8))
+    look: Any = SimpleNamespace(
+        world_from_cyclopean=np.eye(4),
+        scene=SimpleNamespace(parts=(part,)),
+        pictures=SimpleNamespace(left=grey, right=grey),
+    )
+    target: Any = SimpleNamespace(
+        label="cube", shape=shape, world_from_part=frames.perturb(truth, np.full(6, 0.01)), centre=corners.mean(0)
+    )
+    cell: Any = SimpleNamespace(rig=believed.rig)
+    fit = fitted(target, look, cell)
+    assert fit is not None
+    assert np.allclose(fit.cyclopean_from_part, truth, atol=1e-6)

@@ -21,8 +21,9 @@ import pytest
 import yaml
 
 from daemon.arm.supervisor import ABORT_S
+from daemon.config import load_config
 from daemon.doors.client import DaemonLink, NotThereError
-from daemon.service import HALT_S, Service
+from daemon.service import HALT_S, Service, make_room
 from daemon.store.runs import check_wire, list_runs, read_run
 from drivers.val2.dialect import Dialect
 
@@ -345,3 +346,28 @@ def test_facetctl_gives_text_json_and_exit_status(daemon: Daemon) -> None:
     console = ctl("console", said="status\nparts\n")
     assert "cell      simulated" in console.stdout
     assert "pentagonal_prism" in console.stdout
+
+
+def test_old_runs_make_room_before_a_start_needs_it(folder: Path) -> None:
+    for name in ("calibration.yaml", "facets.yaml", "parts.yaml"):
+        shutil.copy(ETC / name, folder)
+    (folder / "facetd.yaml").write_text("version: 1\nfolders: {state: state, runtime: .}\nlog: {quota_mb: 1}\n")
+    config = load_config(folder / "facetd.yaml", simulated=True)
+    make_room(config)  # where there is nothing yet
+    runs = [config.runs / f"2026010{day}T000000Z" for day in (1, 2)]
+    for run in runs:
+        run.mkdir(parents=True)
+        (run / "run.jsonl").write_bytes(bytes(600_000))
+    make_room(config)
+    assert list_runs(config.runs) == runs[1:]
+
+
+def test_what_was_asked_by_a_signal_is_forgotten_once_it_is_done(folder: Path) -> None:
+    async def reloads() -> int:
+        service = Service(folder / "facetd.yaml")
+        for _ in range(100):
+            service.beside(asyncio.sleep(0), "reload")
+        await asyncio.sleep(0.01)
+        return len(service._tasks)
+
+    assert asyncio.run(reloads()) == 0

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import socket
 import sys
+import threading
 import urllib.request
 from types import SimpleNamespace
 from typing import Any
@@ -12,7 +13,7 @@ from typing import Any
 import pytest
 
 from daemon.config import ConfigError
-from daemon.upkeep.metrics import MetricsServer
+from daemon.upkeep.metrics import MOST_SCRAPES, MetricsServer
 
 pytest.importorskip("prometheus_client")
 
@@ -83,5 +84,20 @@ def test_a_port_that_is_taken_is_one_line_with_its_key(port: int) -> None:
 
 def test_without_the_library_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "prometheus_client", None)
-    with pytest.raises(ConfigError, match=r"metrics\.port: needs the extra `metrics`: pip install 'facetd\[metrics\]'"):
+    with pytest.raises(ConfigError, match=r"metrics\.port: needs an extra: make -C \S+ extra-metrics"):
         MetricsServer(watched(), 0).open()
+
+
+def test_two_hundred_who_connect_and_say_nothing_take_no_more_threads_than_there_is_room_for(port: int) -> None:
+    server = MetricsServer(watched(), port)
+    server.open()
+    before = threading.active_count()
+    idle = [socket.create_connection(("127.0.0.1", port), timeout=5) for _ in range(100)]
+    try:
+        hung_up = sum(one.recv(1) == b"" for one in idle[MOST_SCRAPES:])
+        assert hung_up == len(idle) - MOST_SCRAPES
+        assert threading.active_count() <= before + MOST_SCRAPES
+    finally:
+        for one in idle:
+            one.close()
+        server.close()

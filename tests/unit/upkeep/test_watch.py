@@ -1,88 +1,27 @@
-"""The cell's hardware as the daemon meets it: devices that are missing or silent are one line that says what to do."""
+"""Devices are watched while nothing else asks them: what is lost is told once, what hangs starves the watchdog."""
 
 from __future__ import annotations
 
 import asyncio
-import os
-import pty
+import errno
+import shutil
 import time
-from collections.abc import Awaitable, Callable, Iterator
+from collections.abc import Awaitable, Callable
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
-from unittest.mock import AsyncMock, Mock
+from unittest.mock import AsyncMock, Mock, patch
 
-import cv2
-import numpy as np
 import pytest
 
 from daemon.cell import build as cell
-from daemon.config import load_config
 from daemon.console.context import CommandContext
 from daemon.store.runlog import RunLog
 from daemon.store.runs import list_runs, read_run
 from daemon.upkeep import journal
-from daemon.upkeep.watch import Watch
+from daemon.upkeep.watch import CHECK_LIMIT_S, Watch
 from daemon.upkeep.watched import Troubles
-
-ETC = Path(__file__).resolve().parents[3] / "etc"
-FILES = "files: {{calibration: {0}/calibration.yaml, facets: {0}/facets.yaml, parts: {0}/parts.yaml}}\n"
-
-
-def hardware(folder: Path, config: str) -> cell.Hardware:
-    (folder / "facetd.yaml").write_text("version: 1\n" + FILES.format(ETC) + config)
-    return cell.build(load_config(folder / "facetd.yaml"), lambda _: None)
-
-
-@pytest.fixture
-def silent_port() -> Iterator[str]:
-    ours, theirs = pty.openpty()
-    yield os.ttyname(theirs)
-    os.close(ours)
-    os.close(theirs)
-
-
-def refusal(folder: Path, config: str) -> str:
-    with pytest.raises(cell.CellError) as caught:
-        asyncio.run(hardware(folder, config).open())
-    assert "\n" not in str(caught.value)
-    return str(caught.value)
-
-
-def test_every_device_that_is_missing_is_named(tmp_path: Path) -> None:
-    told = refusal(tmp_path, "cameras: {left: /dev/none0, right: /dev/none1}\narm: {port: /dev/none-arm}\n")
-    assert "/dev/none0" in told
-    assert "/dev/none-arm: no such port; is the adapter plugged in and the path right?" in told
-
-
-def test_a_controller_that_does_not_answer_is_told_with_what_to_check(tmp_path: Path, silent_port: str) -> None:
-    told = refusal(tmp_path, f"cameras: {{left: /dev/none0, right: /dev/none1}}\narm: {{port: {silent_port}}}\n")
-    assert f"{silent_port}: " in told
-    assert "is the controller switched on, the cable in its terminal port, and arm.dialect.baud right?" in told
-
-
-def test_recorded_pairs_hold_still_until_the_next_is_asked_for(tmp_path: Path) -> None:
-    for n in range(2):
-        (tmp_path / "pairs" / str(n)).mkdir(parents=True)
-        for eye in ("left", "right"):
-            cv2.imwrite(str(tmp_path / "pairs" / str(n) / f"{eye}.png"), np.full((48, 64), 50 + 10 * n, np.uint8))
-
-    async def look() -> list[int]:
-        built = hardware(tmp_path, "cell: recorded\n")
-        await built.open()
-        seen = []
-        for n in range(6):
-            pair = await built.eyes.grab(time.monotonic(), 1.0)
-            assert pair.left.taken_s <= time.monotonic()
-            seen.append(int(pair.left.pixels[20, 20]))
-            if n in (1, 3):
-                assert built.eyes.step()
-        with pytest.raises(cell.CellError, match="this cell is recorded: there is no arm to move"):
-            await built.robot.move(np.eye(4), straight=True, speed_pct=10, timeout_s=1)
-        await built.close()
-        return seen
-
-    assert asyncio.run(look()) == [50, 50, 60, 60, 50, 50]
+from drivers.simcell.simulated_time import SimulatedLoop
 
 
 class WatchedCell:
@@ -109,6 +48,7 @@ class WatchedCell:
         self.question = None
         self.aside = self.stopping = False
         self.connected = True
+        self.set_by_s = 0.0
         self.doing: str | None = None
 
     def status(self) -> dict[str, Any]:
@@ -129,10 +69,17 @@ class WatchedCell:
         self.failed.append(f"{code}: {text}")
 
 
-def watching(folder: Path, play: Callable[[WatchedCell, Watch], Awaitable[None]]) -> WatchedCell:
-    watched = WatchedCell(folder)
+@pytest.fixture
+def notes(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """What systemd is told, its watchdog being on."""
+    told: list[str] = []
+    monkeypatch.setattr(journal, "notify", lambda *lines: told.extend(lines))
+    monkeypatch.setenv("WATCHDOG_USEC", "1000000")
+    return told
 
-    async def run() -> None:
+
+def watching(folder: Path, play: Callable[[WatchedCell, Watch], Awaitable[None]]) -> WatchedCell:
+    async def run(watched: WatchedCell) -> None:
         watch = Watch(watched.context)
         task = asyncio.create_task(watch.run())
         try:
@@ -141,7 +88,12 @@ def watching(folder: Path, play: Callable[[WatchedCell, Watch], Awaitable[None]]
             task.cancel()
             await asyncio.gather(task, return_exceptions=True)
 
-    asyncio.run(run())
+    with asyncio.Runner(loop_factory=SimulatedLoop) as runner:
+        now = runner.get_loop().time
+        clock = lambda: 1.8e9 + now() + watched.set_by_s  # noqa: E731
+        with patch.object(time, "monotonic", now), patch.object(time, "time", clock):
+            watched = WatchedCell(folder)
+            runner.run(run(watched))
     watched.run_log.close()
     return watched
 
@@ -196,22 +148,18 @@ def test_devices_that_were_opened_just_now_are_asked_only_once_they_have_been_si
 
 
 def test_the_watchdog_is_fed_while_devices_answer_and_starves_when_one_hangs(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, notes: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    notes: list[str] = []
-    monkeypatch.setattr(journal, "notify", notes.append)
-    monkeypatch.setenv("WATCHDOG_USEC", "1000000")
-    monkeypatch.setattr("daemon.upkeep.watch.CHECK_LIMIT_S", 0.3)
 
     async def play(watched: WatchedCell, _: Watch) -> None:
         await asyncio.sleep(1.2)
         assert any("WATCHDOG=1" in note for note in notes)
 
         async def hang(*_: float) -> None:
-            await asyncio.sleep(60)
+            await asyncio.sleep(3600.0)
 
         monkeypatch.setattr(watched, "grab", hang)
-        await asyncio.sleep(1.5)
+        await asyncio.sleep(CHECK_LIMIT_S + 2.0)
         notes.clear()
         await asyncio.sleep(1.2)
         assert not any("WATCHDOG=1" in note for note in notes)
@@ -222,12 +170,8 @@ def test_the_watchdog_is_fed_while_devices_answer_and_starves_when_one_hangs(
 
 @pytest.mark.parametrize("aside", [False, True])
 def test_the_watchdog_is_fed_while_a_pick_waits_for_an_operator_or_somebody_talks_to_the_controller(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, aside: bool
+    tmp_path: Path, notes: list[str], monkeypatch: pytest.MonkeyPatch, aside: bool
 ) -> None:
-    notes: list[str] = []
-    monkeypatch.setattr(journal, "notify", notes.append)
-    monkeypatch.setenv("WATCHDOG_USEC", "1000000")
-    monkeypatch.setattr("daemon.upkeep.watch.CHECK_LIMIT_S", 1.0)
 
     async def refuse() -> None:
         raise AssertionError("the daemon does not stand aside")
@@ -236,7 +180,7 @@ def test_the_watchdog_is_fed_while_a_pick_waits_for_an_operator_or_somebody_talk
         watched.doing, watched.aside = "pick", aside
         if aside:
             monkeypatch.setattr(watched, "check", refuse)
-        await asyncio.sleep(2.5)
+        await asyncio.sleep(3 * CHECK_LIMIT_S)
         notes.clear()
         await asyncio.sleep(1.2)
         assert any("WATCHDOG=1" in note for note in notes), notes
@@ -245,22 +189,18 @@ def test_the_watchdog_is_fed_while_a_pick_waits_for_an_operator_or_somebody_talk
 
 
 def test_the_watchdog_is_fed_while_a_check_waits_for_whoever_has_the_line(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, notes: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A check that began just before CAL took the line waits for minutes: that is no hanging driver."""
-    notes: list[str] = []
-    monkeypatch.setattr(journal, "notify", notes.append)
-    monkeypatch.setenv("WATCHDOG_USEC", "1000000")
-    monkeypatch.setattr("daemon.upkeep.watch.CHECK_LIMIT_S", 1.0)
 
     async def wait_for_the_line() -> None:
-        await asyncio.sleep(60)
+        await asyncio.sleep(3600.0)
 
     async def play(watched: WatchedCell, _: Watch) -> None:
         monkeypatch.setattr(watched, "check", wait_for_the_line)
         await asyncio.sleep(0.7)
         watched.doing, watched.aside = "CAL", True
-        await asyncio.sleep(2.5)
+        await asyncio.sleep(3 * CHECK_LIMIT_S)
         notes.clear()
         await asyncio.sleep(1.2)
         assert any("WATCHDOG=1" in note for note in notes), notes
@@ -289,12 +229,10 @@ def test_a_run_that_grew_large_while_auto_never_rests_goes_on_in_a_new_folder_be
     assert rolled[0].parent == tmp_path / "runs"
 
 
-def test_a_jump_of_the_clock_is_in_the_log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    real = time.time
-
+def test_a_jump_of_the_clock_is_in_the_log(tmp_path: Path) -> None:
     async def play(watched: WatchedCell, _: Watch) -> None:
         await asyncio.sleep(0.1)
-        monkeypatch.setattr("daemon.upkeep.watch.time.time", lambda: real() + 3600)
+        watched.set_by_s = 3600.0
         await asyncio.sleep(0.7)
 
     watching(tmp_path, play)
@@ -328,3 +266,36 @@ def test_while_a_stop_is_under_way_the_line_is_the_stops_and_opened_again_only_w
         assert watched.open.called is not connected  # type: ignore[attr-defined]
 
     watching(tmp_path, play)
+
+
+def test_a_run_removed_under_the_daemon_is_told_and_the_log_goes_on_in_a_new_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told: list[str] = []
+    monkeypatch.setattr("daemon.upkeep.journal.tell", lambda _, text, *__: told.append(text))
+    watched = WatchedCell(tmp_path)
+    first = watched.run_log.folder
+    watched.context.roll_if_due = lambda: watched.run_log.roll(tmp_path / "runs" / "next")
+    watch = Watch(watched.context)
+    watch._check_folder()
+    assert told == []
+    shutil.rmtree(tmp_path / "runs")
+    watch._check_folder()
+    watched.run_log.record("decision", text="after")
+    watched.run_log.close()
+    assert told == [f"log: {first} was removed while it was written; the log goes on in {tmp_path / 'runs' / 'next'}"]
+    assert [r["kind"] for r in read_run(tmp_path / "runs" / "next").records] == ["decision", "run_end"]
+
+
+def test_a_folder_for_runs_that_cannot_be_made_again_is_a_trouble_until_it_can(tmp_path: Path) -> None:
+    watched = WatchedCell(tmp_path)
+
+    def full() -> None:
+        raise OSError(errno.ENOSPC, "No space left on device", str(tmp_path / "runs"))
+
+    watched.context.roll_if_due = full
+    shutil.rmtree(tmp_path / "runs")
+    Watch(watched.context)._check_folder()
+    assert watched.context.troubles.standing["log"].endswith("No space left on device; free some space there")
+    asyncio.run(Watch(watched.context)._keep_quota())
+    watched.run_log.close()

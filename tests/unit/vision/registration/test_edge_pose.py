@@ -1,5 +1,6 @@
 """A known part near a known place is found by its edges, also where its faces are not told apart, or not at all."""
 
+import cv2
 import numpy as np
 import pytest
 
@@ -92,6 +93,15 @@ def test_a_part_half_out_of_the_picture_is_located_by_the_edges_that_are_in_it()
     fit = fit_edges(shape, eyes, near(where, rng))
     assert fit is not None
     assert error(fit, where, shape)[0] < 1.0
+
+
+@pytest.mark.parametrize(("blur_px", "followed"), [(1.5, True), (7.0, False)])
+def test_shading_where_a_part_lay_is_not_that_part_though_it_turns_along_its_edges(blur_px, followed):
+    rng, shape = np.random.default_rng(1), shape_of("cube")
+    where = pose(np.array(VIEWS[0]), 0.3, 300.0)
+    soft = [cv2.GaussianBlur(image, (0, 0), blur_px) for image in paint_pair([(KNOWN["cube"], where)], rng)]
+    eyes = open_eyes(*(np.clip(i + rng.normal(0, 1.5, i.shape), 0, 255).astype(np.uint8) for i in soft), rig())
+    assert (fit_edges(shape, eyes, where) is not None) == followed
 
 
 STANDS = pose(np.array([0.75, 0.25, 0.6]), 0.3, 300.0)

@@ -1,0 +1,30 @@
+"""`facetctl live`: arguments in, a page on the loopback interface."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+PORT = 8642
+
+
+def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add `live` to facetctl."""
+    parser = subparsers.add_parser("live", help="a page for a browser on this machine: what the daemon sees and does")
+    parser.add_argument("--port", type=int, default=PORT, help=f"on 127.0.0.1 ({PORT})")
+    parser.add_argument("--socket", type=Path, help="the daemon's socket (the usual places)")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Serve until control-C; 2 where that cannot be done."""
+    from daemon.live.server import LiveError, serve
+
+    print(f"http://127.0.0.1:{args.port}/   (control-C ends it; nothing can be moved from there)", flush=True)
+    try:
+        serve(args.port, args.socket)
+    except LiveError as error:
+        print(f"facetctl live: {error}", file=sys.stderr)
+        return 2
+    return 0

@@ -1,0 +1,19 @@
+"""`facetctl live` where it cannot serve."""
+
+from __future__ import annotations
+
+import sys
+
+import pytest
+
+from daemon import ctl
+
+
+def test_without_its_libraries_it_says_what_to_install(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, "uvicorn", None)
+    assert ctl.main(["live"]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert "facetd[live]" in error

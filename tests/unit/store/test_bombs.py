@@ -1,0 +1,149 @@
+"""Small files that would come to much, and names that lead elsewhere: refused before anything is made of them."""
+
+from __future__ import annotations
+
+import io
+import json
+import tracemalloc
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from daemon.config import load_config
+from daemon.review.page import read_digest, write_page
+from daemon.review.replay import replay
+from daemon.store.library import load_facets
+from daemon.store.model import LARGEST_UNFOLDED, ModelError, load
+from daemon.store.npz import ArchiveError, pack, unpack
+from daemon.store.outside import FileError
+from daemon.store.pictures import MOST_PIXELS, PictureError, claimed_pixels, read_grey
+from daemon.store.places import HOUSE
+from daemon.store.runs import RunError, kept_file
+from daemon.store.yamlfile import ConfigError, read
+from tests.worlds.hostile import READERS, claiming
+from tests.worlds.made_run import MadeRun
+
+MOST_MEMORY = 100_000_000
+
+
+@pytest.fixture(autouse=True)
+def little_memory() -> Iterator[None]:
+    tracemalloc.start()
+    yield
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < MOST_MEMORY
+
+
+def bomb(levels: int) -> str:
+    lines = ["a0: &a0 [x, x, x, x, x, x, x, x, x]"]
+    lines += [f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 9)}]" for n in range(1, levels)]
+    return "\n".join(lines)
+
+
+@pytest.mark.timeout(20)
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        (bomb(30), "more than 50000 values"),
+        ("a: &a [x, *a, *a]\n", "contains itself"),
+        ("a: " + "[" * 900 + "]" * 900, "lists or keys 40 deep"),
+        ("a: " + "{a: " * 60_000, "lists or keys 40 deep"),
+        ("- " * 60_000, "lists or keys 40 deep"),
+        ("[" + "x," * 60_000 + "]", "more than 50000 values"),
+    ],
+    ids=["aliases of aliases", "an alias of itself", "deep", "deeper than any stack", "deep blocks", "long"],
+)
+def test_yaml_that_comes_to_much_is_refused_with_its_line(text: str, problem: str, tmp_path: Path) -> None:
+    (tmp_path / "c.yaml").write_text(text)
+    with pytest.raises(ConfigError, match=problem):
+        load_config(tmp_path / "c.yaml")
+
+
+def test_aliases_that_people_use_are_read(tmp_path: Path) -> None:
+    (tmp_path / "c.yaml").write_text("a: &a {x: 1}\nb: *a\nc: {<<: *a, y: 2}\n")
+    assert read(tmp_path / "c.yaml").data == {"a": {"x": 1}, "b": {"x": 1}, "c": {"x": 1, "y": 2}}
+
+
+def test_a_model_that_unfolds_to_a_thousand_times_its_size_is_refused_before_it_does(tmp_path: Path) -> None:
+    out = io.BytesIO()
+    with (
+        zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as archive,
+        archive.open("a.npy", "w", force_zip64=True) as file,
+    ):
+        for _ in range(300):
+            file.write(bytes(1_000_000))
+    (tmp_path / "m.npz").write_bytes(out.getvalue())
+    assert len(out.getvalue()) < 1_000_000
+    with pytest.raises(ModelError, match=r"m\.npz: not a facetd model: unfolds to more than 64 MB"):
+        load(tmp_path / "m.npz")
+
+
+def test_an_archive_that_lies_about_its_sizes_is_refused() -> None:
+    content = pack({"a": np.zeros(200_000)})
+    for size in (10, 2**31):
+        small = bytearray(content)
+        at = small.rindex(b"PK\x01\x02")
+        small[at + 24 : at + 28] = size.to_bytes(4, "little")
+        with pytest.raises(ArchiveError):
+            unpack(bytes(small), LARGEST_UNFOLDED)
+    header = io.BytesIO()
+    np.lib.format.write_array_header_1_0(header, {"descr": "<f8", "fortran_order": False, "shape": (10**12,)})
+    out = io.BytesIO()
+    with zipfile.ZipFile(out, "w") as archive:
+        archive.writestr("a.npy", header.getvalue())
+    with pytest.raises(ArchiveError, match="not as large as it says"):
+        unpack(out.getvalue(), LARGEST_UNFOLDED)
+
+
+@pytest.mark.parametrize("side", [4473, 30_000, 60_000, 2**31 - 1])
+def test_a_picture_that_claims_too_many_pixels_is_not_unfolded(side: int, tmp_path: Path) -> None:
+    (tmp_path / "p.png").write_bytes(claiming(side))
+    with pytest.raises(PictureError, match=r"p\.png: too large: \d+ million pixels, at most 20"):
+        read_grey(tmp_path / "p.png")
+
+
+def test_every_kind_of_picture_says_how_large_it_is_before_it_is_unfolded() -> None:
+    (pictures,) = (reader.valid() for reader in READERS if reader.name == "picture")
+    assert [claimed_pixels(content) for content in pictures[:4]] == [24 * 32] * 4
+    assert claimed_pixels(b"GIF89a") is None
+    assert claimed_pixels(b"P5 # a remark\n 99999 99999\n255\n") == 99_999**2
+    assert claimed_pixels(b"\xff\xd8\xff\xff\xe0\0\4ab\xff\xc2\0\x11\x08\xff\xff\xff\xfe") == 65_535 * 65_534
+    assert claimed_pixels(b"BM" + bytes(12) + b"\x28\0\0\0" + (7).to_bytes(4, "little") + b"\xf7\xff\xff\xff") == 63
+    assert MOST_PIXELS == 20_000_000
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Path:
+    """A run whose pictures are named to lie elsewhere."""
+    made = MadeRun(tmp_path / "runs" / "20260101T000000Z")
+    made.pick("missed")
+    folder = made.close()
+    (tmp_path / "secret.png").write_bytes((folder / "images" / "000003-left.png").read_bytes())
+    (folder / "images" / "link.png").symlink_to(tmp_path / "secret.png")
+    return folder
+
+
+@pytest.mark.parametrize("name", ["../../secret.png", "{outside}", "images/link.png", "/dev/zero"])
+def test_pictures_outside_of_the_run_are_neither_shown_nor_replayed(run: Path, name: str, tmp_path: Path) -> None:
+    name = name.replace("{outside}", str(tmp_path / "secret.png"))
+    lines = [json.loads(line) for line in (run / "run.jsonl").read_text().splitlines()]
+    for line in lines:
+        if line["kind"] == "look":
+            line["images"] = {"left": name, "right": name}
+    (run / "run.jsonl").write_text("\n".join(map(json.dumps, lines)))
+    page = write_page(run, tmp_path / "page.html").read_text()
+    assert "data:image/jpeg" not in page
+    calibration = next((run / "kept").iterdir())
+    calibration.write_bytes((HOUSE / "etc" / "calibration.yaml").read_bytes())
+    with pytest.raises(RunError, match="changed since it was kept"):
+        replay(run, read_digest(run), load_facets())
+
+
+def test_a_kept_file_must_lie_in_the_run(run: Path) -> None:
+    for name in ("../../secret.png", "/etc/hostname", 7, None, "kept/none.yaml"):
+        with pytest.raises(FileError):
+            kept_file(run, name)
