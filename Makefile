@@ -72,6 +72,7 @@ bench-faults: $(VENV)/.dev
 	$(BIN)/python -m tests.bench.long.surprises 1000000
 	$(BIN)/python -m tests.bench.long.hostile 1000000
 	$(BIN)/python -m tests.bench.long.mutations
+	$(BIN)/python -m tests.bench.long.mutations --rooms store doors review
 
 bench-soak: $(VENV)/.dev
 	$(BIN)/python -m tests.bench.long.soak

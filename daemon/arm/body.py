@@ -78,6 +78,11 @@ class Body:
     ends_mm: Array
     radius_mm: Array
 
+    def only(self, which: NDArray[np.intp]) -> Body:
+        """Some of it, in the order asked for."""
+        names = tuple(self.names[k] for k in which)
+        return Body(names, self.frame[which], self.ends_mm[which], self.radius_mm[which])
+
     def placed(self, frames: Array) -> Array:
         """(N, C, 2, 3) world: the ends where the links are at (N, 8, 4, 4). Link by link: few large products."""
         ends = np.empty((len(frames), len(self.frame), 2, 3))
@@ -145,7 +150,11 @@ def away_mm(ends: Array, radius_mm: Array, boxes: Sequence[KeepOut], near_mm: fl
     start, end = ends[:, :, 0], ends[:, :, 1]
     way = end - start
     half_mm = np.sqrt(np.einsum("...i,...i", way, way)) / 2
-    gaps = _signed(((start + end) / 2)[:, None], low[:, None], high[:, None]) - half_mm[:, None]
+    first, middle, last = (
+        _signed(points[:, None], low[:, None], high[:, None]) for points in (start, (start + end) / 2, end)
+    )
+    # From one point to another no distance changes by more than the way between them.
+    gaps = np.minimum(middle, (np.minimum(first, last) + middle - half_mm[:, None]) / 2)
     place, box, capsule = np.nonzero((gaps - radius_mm < near_mm) & (half_mm > 0.0)[:, None])
     if len(place):
         axes, halves = ends[place, capsule], half_mm[place, capsule]

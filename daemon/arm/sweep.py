@@ -28,14 +28,14 @@ SLACK_MM = 0.5
 """How far between places a gap may be below its limit; half the clearance where that is less."""
 FIRST_JOINTS_MM, FIRST_STRAIGHT_MM = 25.0, 6.0
 """How far the hand goes, at most, in a stretch to begin with."""
-NEAR_MM = 60.0
+NEAR_MM = 30.0
 """What comes nearer than this to its limit in a keep-out box is measured exactly."""
 FINEST_MM = 0.2
 """A stretch this short that is not proven clear is not clear."""
-MOST_AT_FIRST, MOST_PARTS, MOST_PLACES, AT_WORST = 120, 12, 5000, 80
-"""Stretches to begin with; parts of one at a time; places before it is given up; stretches in which the worst place of
-a way that strikes is looked for."""
-TCP, FLANGE, WRIST_JOINTS = -1, 6, 3
+MOST_AT_FIRST, MOST_PARTS, MOST_PLACES = 120, 6, 500
+"""Stretches to begin with; parts of one at a time; places after which it is given up: what asking costs is bounded, and
+a way so tight, or so near to where joints turn fast for little, is better gone otherwise."""
+TCP, FLANGE, WRIST_JOINTS, SIDES = -1, 6, 3, 6
 
 
 class Way(Protocol):
@@ -44,10 +44,14 @@ class Way(Protocol):
     def stretches(self) -> int:
         """In how many stretches it is looked at to begin with."""
 
-    def links(self, shares: Array) -> Array:
-        """(N, 8, 4, 4): the Robot's frames at rising (N,) shares; nan where the arm does not get there."""
+    def links(self, shares: Array, new: NDArray[np.bool_]) -> Array:
+        """(M, 8, 4, 4): the Robot's frames at the M new ones of rising (N,) shares; nan where the arm does not get
+        there."""
 
-    def travel_mm(self, shares: Array, links: Array) -> Array:
+    def levers_mm(self, links: Array) -> Array:
+        """(M,): what `travel_mm` asks of each place."""
+
+    def travel_mm(self, shares: Array, levers_mm: Array) -> Array:
         """(N - 1, C): no point of a capsule moves farther than this between two neighbouring shares."""
 
 
@@ -64,11 +68,15 @@ class JointWay:
         """See Way."""
         return _stretches(float(self.speed_mm.max()), FIRST_JOINTS_MM)
 
-    def links(self, shares: Array) -> Array:
+    def links(self, shares: Array, new: NDArray[np.bool_]) -> Array:
         """See Way."""
-        return self.robot.frames(self.start_rad + shares[:, None] * self.change_rad)
+        return self.robot.frames(self.start_rad + shares[new, None] * self.change_rad)
 
-    def travel_mm(self, shares: Array, links: Array) -> Array:
+    def levers_mm(self, links: Array) -> Array:
+        """See Way. Nothing: all joints turn evenly."""
+        return np.zeros(len(links))
+
+    def travel_mm(self, shares: Array, levers_mm: Array) -> Array:
         """See Way."""
         return np.diff(shares)[:, None] * self.speed_mm
 
@@ -92,33 +100,59 @@ class StraightWay:
         """See Way. Shorter ones, so that a wrist that comes near to straight on the way is seen."""
         return _stretches(float(self.speed_mm[~self.arm].max()), FIRST_STRAIGHT_MM)
 
-    def links(self, shares: Array) -> Array:
-        """See Way."""
+    def links(self, shares: Array, new: NDArray[np.bool_]) -> Array:
+        """See Way. The joints of all places: each follows the one before."""
         poses = np.tile(np.eye(4), (len(shares), 1, 1))
         poses[:, :3, :3] = _turns(self.motion[3:], shares) @ self.start.world_from_tool[:3, :3]
         poses[:, :3, 3] = self.start.world_from_tool[:3, 3] + shares[:, None] * self.motion[:3]
         joints = self.robot.along(poses, self.start.joints_rad)
         joints[shares == 0.0] = self.start.joints_rad
-        return self.robot.frames(joints)
+        return self.robot.frames(joints[new])
 
-    def travel_mm(self, shares: Array, links: Array) -> Array:
+    def levers_mm(self, links: Array) -> Array:
+        """See Way. The least lever arm of joints 1 to 3: the least singular value of the wrist's Jacobian."""
+        axes, origins, wrist = links[:, :3, :3, 2], links[:, :3, :3, 3], links[:, None, FLANGE, :3, 3]
+        return np.asarray(np.linalg.svd(np.cross(axes, wrist - origins), compute_uv=False)[:, -1], float)
+
+    def travel_mm(self, shares: Array, levers_mm: Array) -> Array:
         """See Way. The hand: its own line and turn. The arm: how fast joints 1 to 3 turn for the wrist centre's way.
 
-        Their least lever arm s at a place (the least singular value of the wrist's Jacobian J) falls by at most
-        bend_mm for each radian turned (joint 1 turns all of J, and changes none), so that after a way w from there the
-        joints have turned by no more than the u with s u - bend u^2 / 2 = w.
+        Their least lever arm s at a place falls by at most bend_mm for each radian turned (joint 1 turns all of the
+        Jacobian, and changes none), so that after a way w from there the joints have turned by no more than the u with
+        s u - bend u^2 / 2 = w.
         """
         stretch = np.diff(shares)
         travel = stretch[:, None] * self.speed_mm
-        axes, origins, wrist = links[:, :3, :3, 2], links[:, :3, :3, 3], links[:, None, FLANGE, :3, 3]
-        jacobian = np.cross(axes, wrist - origins)
-        known = np.isfinite(jacobian).all(axis=(1, 2))
-        least = np.zeros(len(links))
-        least[known] = np.linalg.svd(jacobian[known], compute_uv=False)[:, -1]
         half_mm = stretch * self.wrist_mm / 2
-        turned = _turned(least[:-1], half_mm, self.bend_mm) + _turned(least[1:], half_mm, self.bend_mm)
+        turned = _turned(levers_mm[:-1], half_mm, self.bend_mm) + _turned(levers_mm[1:], half_mm, self.bend_mm)
         travel[:, self.arm] = turned[:, None] * np.linalg.norm(self.reaches_mm[:, self.arm], axis=0)
         return travel
+
+
+@dataclass(frozen=True, eq=False)
+class Tight:
+    """What is not proven clear of everything yet: which capsules, the tool centre point always, and which boxes."""
+
+    capsules: NDArray[np.intp]
+    boxes: NDArray[np.intp]
+
+    def gaps_of(self, links: Array, body: Body, limits: Limits) -> Gaps:
+        """The gaps between them, and the tool centre point's to its box; `capsule` counts all of the body."""
+        some = body.only(self.capsules)
+        gaps = gaps_of(links, some, replace(limits, keep_out=tuple(limits.keep_out[k] for k in self.boxes)))
+        return replace(gaps, capsule=self.capsules[gaps.capsule])
+
+    def columns(self, body: Body) -> NDArray[np.intp]:
+        """(P,) which of all columns they are, in order."""
+        count = len(body.names)
+        kept_out = (count + SIDES + self.boxes[:, None] * count + self.capsules).ravel()
+        return np.concatenate([self.capsules, count + np.arange(SIDES), kept_out])
+
+    def where(self, unproven: NDArray[np.bool_], capsule: NDArray[np.intp], count: int) -> Tight:
+        """Those with an unproven column of these (P,)."""
+        capsules = np.union1d(capsule[unproven], count - 1)
+        of_boxes = unproven[len(self.capsules) + SIDES :].reshape(len(self.boxes), len(self.capsules))
+        return Tight(capsules, self.boxes[of_boxes.any(axis=1)])
 
 
 def _stretches(longest_mm: float, each_mm: float) -> int:
@@ -211,35 +245,45 @@ def gaps_of(links: Array, body: Body, limits: Limits) -> Gaps:
         away = away_mm(ends, body.radius_mm, limits.keep_out, NEAR_MM + least) - least
         columns.append(away.reshape(len(ends), -1))
         what += [("kept_out", name, box.name) for box in limits.keep_out for name in body.names]
-    capsule = np.concatenate([each, np.full(6, each[TCP]), *[each for _ in limits.keep_out]])
+    capsule = np.concatenate([each, np.full(SIDES, each[TCP]), *[each for _ in limits.keep_out]])
     return Gaps(np.concatenate(columns, axis=1), tuple(what), capsule)
 
 
 def strikes(way: Way, body: Body, limits: Limits) -> tuple[Strike, ...]:
-    """What the way would break, the worst place of each rule; none where it is proven clear."""
+    """What the way would break, the worst place seen of each rule; none where it is proven clear."""
     slack = min(SLACK_MM, limits.clearance_mm / 2)
     shares = np.linspace(0.0, 1.0, way.stretches() + 1)
-    new, values = np.ones(len(shares), bool), np.empty((0, 0))
+    new, levers = np.ones(len(shares), bool), np.empty((0, 1))
+    tight = Tight(np.arange(len(body.names)), np.arange(len(limits.keep_out)))
+    values = np.empty((0, len(tight.columns(body))))
     while True:
-        links = way.links(shares)
+        links = way.links(shares, new)
         reached = np.isfinite(links).all(axis=(1, 2, 3))
         if not reached.all():
-            place = 100 * shares[~reached].min()
+            place = 100 * shares[new][~reached].min()
             return _no_way(f"after {place:.0f} % of the line the arm, as it is configured, cannot follow")
-        gaps = gaps_of(links[new], body, limits)
-        values = _merged(values, gaps.values_mm, new)
-        allowed = np.minimum(np.maximum.accumulate(values, axis=0)[:-1], 0.0) - slack
-        if (values[1:] < allowed).any():
-            return _worst(way, body, limits, slack, shares) or _no_way("the way strikes")
-        travel = way.travel_mm(shares, links)[:, gaps.capsule]
-        need = (travel / np.maximum(values[:-1] + values[1:] - 2 * allowed, 1e-9)).max(axis=1)
+        gaps = tight.gaps_of(links, body, limits)
+        values, levers = _merged(values, gaps.values_mm, new), _merged(levers, way.levers_mm(links)[:, None], new)
+        allowed = np.minimum(np.maximum.accumulate(values, axis=0)[:-1], 0.0)
+        if (values[1:] < allowed - slack).any():
+            how = [f"on the way ({100 * share:.0f} %)" for share in shares[1:]]
+            ends = body.placed(way.links(shares, np.ones(len(shares), bool)))
+            return _told(gaps, allowed - values[1:], ends[1:], how, slack)
+        travel = way.travel_mm(shares, levers[:, 0])[:, gaps.capsule]
+        each = travel / np.maximum(values[:-1] + values[1:] - 2 * (allowed - slack), 1e-9)
+        need = each.max(axis=1)
         unproven = need > 1.0
         if not unproven.any():
             return ()
+        parts = np.where(unproven, np.ceil(np.clip(need, 2.0, MOST_PARTS)), 1).astype(int)
         finest = (np.where(np.isfinite(travel), travel, 0.0).max(axis=1) < FINEST_MM) & unproven
-        if finest.any() or len(shares) > MOST_PLACES:
-            return _worst(way, body, limits, slack, shares) or _unproven(shares, unproven, need)
-        shares, new = _parted(shares, np.where(unproven, np.ceil(np.clip(need, 2.0, MOST_PARTS)), 1).astype(int))
+        if finest.any() or parts.sum() > MOST_PLACES:
+            return _unproven(shares, unproven, need)
+        shares, new = _parted(shares, parts)
+        # What was proven all the way is not asked again; what was inside its limit is, as long as anything is.
+        open_ones = np.asarray((each > 1.0).any(axis=0) | (values < 0.0).any(axis=0))
+        before, tight = tight.columns(body), tight.where(open_ones, gaps.capsule, len(body.names))
+        values = values[:, np.isin(before, tight.columns(body))]
 
 
 def _no_way(text: str) -> tuple[Strike, ...]:
@@ -269,18 +313,6 @@ def _merged(old: Array, found: Array, new: NDArray[np.bool_]) -> Array:
     if not new.all():
         values[~new] = old
     return values
-
-
-def _worst(way: Way, body: Body, limits: Limits, slack: float, places: Array) -> tuple[Strike, ...]:
-    """The worst place of each rule, looked for in AT_WORST stretches and at the places given."""
-    shares = np.union1d(np.linspace(0.0, 1.0, AT_WORST + 1), places)
-    links = way.links(shares)
-    known = np.isfinite(links).all(axis=(1, 2, 3))
-    shares, links = shares[known], links[known]
-    gaps = gaps_of(links, body, limits)
-    lacking = np.minimum(np.maximum.accumulate(gaps.values_mm, axis=0)[:-1], 0.0) - gaps.values_mm[1:]
-    how = [f"on the way ({100 * share:.0f} %)" for share in shares[1:]]
-    return _told(gaps, lacking, body.placed(links[1:]), how, slack)
 
 
 def _told(gaps: Gaps, lacking: Array, ends: Array, where: Sequence[str], slack: float) -> tuple[Strike, ...]:

@@ -79,7 +79,7 @@ def run(args: argparse.Namespace) -> int:
             again = f"seed {seed} (repeat it with --seed {seed}{look})"
             say(f"facetctl demo: {again}, cell time x{args.time_scale:g}, run {written}")
             _teach(link)
-            rows = _clear(link, follow(written / "run.jsonl", lambda: process.poll() is None))
+            rows = _clear(link, follow(written, lambda: process.poll() is None))
             found = _judged(Path(folder) / VERDICT)
     except (FileError, DemoError, OSError) as error:
         print(f"facetctl demo: {plain(error)}", file=sys.stderr)

@@ -5,17 +5,22 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import os
 from pathlib import Path
 from typing import Any
 
 from daemon.live.now import Now
+from daemon.store.outside import FileError, open_below, read_below
+from daemon.store.pictures import LARGEST_BYTES
 from daemon.store.places import socket_candidates
+from daemon.store.records import LONGEST_LINE, record_of
+from daemon.store.runs import RUN
 
 ASK_S, AGAIN_S, READ_S = 1.0, 1.0, 0.25
 """How often the daemon is asked how things stand, sought where none answers, and its run looked at."""
 TAIL_BYTES = 4_000_000
 """Of a run that is under way: enough for the last picks."""
-LONGEST_LINE = 4_000_000
+LONGEST_MESSAGE = 4_000_000
 HELLO, STATUS = b'{"notices": true}\n', b'{"do": "status", "door": "live"}\n'
 """All that is ever said to the daemon."""
 
@@ -29,7 +34,7 @@ async def _follow_socket(now: Now, run: RunFollower, socket_path: Path | None) -
     while True:
         for path in [socket_path] if socket_path else socket_candidates():
             with contextlib.suppress(OSError, ValueError):
-                reader, writer = await asyncio.open_unix_connection(path, limit=LONGEST_LINE)
+                reader, writer = await asyncio.open_unix_connection(path, limit=LONGEST_MESSAGE)
                 try:
                     await _converse(now, run, reader, writer)
                 finally:
@@ -82,40 +87,35 @@ class RunFollower:
             return
         self.folder, self._at, self._rest = folder, 0, b""
         self._now.began(folder.name)
-        with contextlib.suppress(OSError):
-            path = folder / "run.jsonl"
-            with path.open("rb") as file:
-                self._take(file.readline(LONGEST_LINE))
-                self._at = max(file.tell(), path.stat().st_size - TAIL_BYTES)
+        with contextlib.suppress(FileError, OSError), open_below(folder, RUN) as file:
+            self._take(file.readline(LONGEST_LINE))
+            self._at = max(file.tell(), os.fstat(file.fileno()).st_size - TAIL_BYTES)
 
     def read(self) -> None:
         """What was written since."""
         if self.folder is None:
             return
-        with contextlib.suppress(OSError):
-            path = self.folder / "run.jsonl"
-            if path.stat().st_size <= self._at:
+        with contextlib.suppress(FileError, OSError), open_below(self.folder, RUN) as file:
+            if os.fstat(file.fileno()).st_size <= self._at:
                 return
-            with path.open("rb") as file:
-                file.seek(self._at)
-                content = file.read()
-                self._at = file.tell()
+            file.seek(self._at)
+            content = file.read(TAIL_BYTES)
+            self._at = file.tell()
             *lines, self._rest = (self._rest + content).split(b"\n")
+            self._rest = self._rest[: LONGEST_LINE + 1]
             for line in lines:
                 self._take(line)
 
     def _take(self, line: bytes) -> None:
-        try:
-            record = json.loads(line)
-        except ValueError:  # the piece of a line at which reading began
-            return
-        if isinstance(record, dict):
-            self._now.recorded(record)
+        with contextlib.suppress(ValueError):  # the piece of a line at which reading began; another's file
+            self._now.recorded(record_of(line))
 
-    def picture(self, seq: int, eye: str) -> Path | None:
-        """The file of a picture of one of the last looks; None where there is none in the run's folder."""
+    def picture(self, seq: int, eye: str) -> bytes | None:
+        """A picture of one of the last looks, as its file has it; None where there is none in the run's folder."""
         name = self._now.pictures.get(seq, {}).get(eye)
         if self.folder is None or not name:
             return None
-        path = (self.folder / name).resolve()
-        return path if path.is_relative_to(self.folder.resolve()) and path.is_file() else None
+        try:
+            return read_below(self.folder, name, LARGEST_BYTES)
+        except FileError:
+            return None

@@ -13,6 +13,7 @@ from typing import Any
 from daemon.errors import FacetdError
 from daemon.live.follow import RunFollower, follow_daemon
 from daemon.live.now import Now
+from daemon.store.places import how_to_add
 
 LOOPBACK = "127.0.0.1"
 SEND_S, ALIVE_S = 0.3, 10.0
@@ -36,7 +37,7 @@ def serve(port: int, socket_path: Path | None) -> None:
     try:
         import uvicorn
     except ImportError:
-        raise LiveError("needs the extra `live`: pip install 'facetd[live]'") from None
+        raise LiveError(f"needs an extra: {how_to_add('live')}") from None
     config = uvicorn.Config(
         app(socket_path), LOOPBACK, port, log_level="error", access_log=False, timeout_graceful_shutdown=1
     )
@@ -54,10 +55,10 @@ def app(socket_path: Path | None) -> Any:
         from starlette.middleware import Middleware
         from starlette.middleware.trustedhost import TrustedHostMiddleware
         from starlette.requests import Request
-        from starlette.responses import FileResponse, Response, StreamingResponse
+        from starlette.responses import Response, StreamingResponse
         from starlette.routing import Route
     except ImportError:
-        raise LiveError("needs the extra `live`: pip install 'facetd[live]'") from None
+        raise LiveError(f"needs an extra: {how_to_add('live')}") from None
     now = Now()
     run = RunFollower(now)
 
@@ -78,10 +79,10 @@ def app(socket_path: Path | None) -> Any:
         return StreamingResponse(changes(now), media_type="text/event-stream", headers={"Cache-Control": "no-store"})
 
     async def picture(request: Request) -> Response:
-        path = run.picture(request.path_params["seq"], request.path_params["eye"])
-        if path is None:
+        content = run.picture(request.path_params["seq"], request.path_params["eye"])
+        if content is None:
             return Response(status_code=404)
-        return FileResponse(path, media_type="image/png", headers={"Cache-Control": "no-store"})
+        return Response(content, media_type="image/png", headers={"Cache-Control": "no-store"})
 
     live, review = resources.files("daemon.live") / "assets", resources.files("daemon.review") / "assets"
     routes = [

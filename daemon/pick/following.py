@@ -82,14 +82,16 @@ def follow(target: Target, look: Look, cell: Workcell, doubt: Doubt) -> bool:
 
 
 def fitted(target: Target, look: Look, cell: Workcell) -> Fit | None:
-    """The target's pose in a whole look, as it was named there or by the facets near it, and then by its edges; None
-    where neither show."""
+    """The target's pose in a whole look, as named there or by the facets near it, whichever is surer, and then by
+    its edges; None where neither show."""
     near = frames.inverse(look.world_from_cyclopean) @ target.world_from_part
     here = [p for p in seen_parts(look) if same_place(p.centre, target.centre, NEAR_MM)]
     named = [_as_named(p.part, target.shape, near) for p in here if p.named and p.label == target.label]
-    start = next(filter(None, named), None) or refit(target.shape, [f for p in here for f in p.facets], near)
-    if start is None:
+    by_facets = refit(target.shape, [f for p in here for f in p.facets], near)
+    found = [fit for fit in (*named, by_facets) if fit is not None]
+    if not found:
         return None
+    start = min(found, key=lambda fit: float(np.trace(fit.covariance[:3, :3])))
     return fit_edges(target.shape, eyes_of(look, cell), start.cyclopean_from_part, FACETS_REACH_MM) or start
 
 

@@ -5,64 +5,69 @@ A look's record is nine tenths corners; whoever compares runs wants none. The li
 
 from __future__ import annotations
 
+from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import msgspec
+from msgspec import Meta
 
 from daemon.review.digest import Digest, digest
 from daemon.store.files import being_written
-from daemon.store.records import Record
-from daemon.store.runs import RunError
+from daemon.store.outside import open_below
+from daemon.store.records import LONGEST_LINE, Count, Finite, Number, Pose, Record, Text
+from daemon.store.runs import RUN
 
 
 class _Part(msgspec.Struct, omit_defaults=True):
-    label: str | None = None
-    cause: str | None = None
-    cyclopean_from_part: Any = None
+    label: Text = None
+    cause: Text = None
+    cyclopean_from_part: Pose = None
 
 
 class _Scene(msgspec.Struct, omit_defaults=True):
-    ms: float | None = None
-    notes: list[str] = []
-    parts: list[_Part] = []
+    ms: Number = None
+    notes: list[str] | None = None
+    parts: list[_Part] | None = None
 
 
 class _Line(msgspec.Struct, omit_defaults=True):
+    """Of every kind at once; what a kind does not have is left out again."""
+
     kind: str
-    mono_s: float
-    t: str = ""
-    seq: int = 0
-    cycle: int | None = None
-    stop: int | None = None
-    purpose: str | None = None
-    outcome: str | None = None
-    label: str | None = None
-    event: str | None = None
-    to: str | None = None
-    code: str | None = None
-    rule: str | None = None
-    text: str | None = None
-    why: str | None = None
-    door: str | None = None
-    who: str | None = None
-    file: str | None = None
-    action: str | None = None
-    model: str | None = None
-    calibration: str | None = None
-    config: str | None = None
-    cell: str | None = None
-    name: str | None = None
-    utc_offset_s: int | None = None
-    version: Any = None
-    limits: Any = None
-    predicted: Any = None
-    predicted_mm: float | None = None
-    chi2: float | None = None
-    error_mm: float | None = None
-    error_deg: float | None = None
-    world_from_part: Any = None
-    world_from_cyclopean: Any = None
+    mono_s: Finite
+    t: datetime | None = None
+    seq: Annotated[int, Meta(ge=0, le=2**53)] = 0
+    cycle: Count = None
+    stop: Count = None
+    purpose: Text = None
+    outcome: Text = None
+    label: Text = None
+    event: Text = None
+    to: Text = None
+    code: Text = None
+    rule: Text = None
+    text: Text = None
+    why: Text = None
+    door: Text = None
+    who: Text = None
+    file: Text = None
+    action: Text = None
+    model: Text = None
+    calibration: Text = None
+    config: Text = None
+    cell: Text = None
+    name: Text = None
+    utc_offset_s: Annotated[int, Meta(ge=-86_400, le=86_400)] | None = None
+    version: Text | Count = None
+    limits: dict[str, Number] | None = None
+    predicted: dict[str, Number] | None = None
+    predicted_mm: Number = None
+    chi2: Number = None
+    error_mm: Number = None
+    error_deg: Number = None
+    world_from_part: Pose = None
+    world_from_cyclopean: Pose = None
     health: dict[str, Any] | None = None
     skipped: list[dict[str, Any]] | None = None
     scene: _Scene | None = None
@@ -72,15 +77,12 @@ _DECODER = msgspec.json.Decoder(_Line)
 
 
 def read_brief(folder: Path) -> Digest:
-    """The run in `folder` without its scenes; lines that cannot be read are left out. Raises RunError."""
-    path, records = folder / "run.jsonl", list[Record]()
-    try:
-        with path.open("rb") as file:
-            for line in file:
-                try:
-                    records.append(msgspec.to_builtins(_DECODER.decode(line)))
-                except msgspec.MsgspecError:
-                    continue
-    except OSError as error:
-        raise RunError(f"{path}: {error.strerror}") from None
-    return digest(folder.name, records, going=being_written(path))
+    """The run in `folder` without its scenes; lines that cannot be read are left out. Raises FileError."""
+    records = list[Record]()
+    with open_below(folder, RUN) as file:
+        for line in iter(lambda: file.readline(LONGEST_LINE + 1), b""):
+            try:
+                records.append(msgspec.to_builtins(_DECODER.decode(line)))
+            except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError):
+                continue
+    return digest(folder.name, records, going=being_written(folder / RUN))

@@ -122,4 +122,4 @@ def _drift(looks: Sequence[Record], zero: float) -> Strip:
 
 
 def _number(value: Any) -> float | None:
-    return float(value) if isinstance(value, (int, float)) else None
+    return float(value) if isinstance(value, (int, float)) and np.isfinite(value) else None

@@ -114,6 +114,9 @@ class _Start(_Any, total=False):
     seed: Count
     continues: Text
     cell: Text
+    name: Text
+    utc_offset_s: Annotated[int, Meta(ge=-86_400, le=86_400)] | None
+    limits: dict[str, Number] | None
 
 
 class _Model(_Any, total=False):
@@ -166,6 +169,12 @@ class _Move(_Any, total=False):
     seconds: Number
 
 
+class _Skipped(TypedDict, total=False):
+    label: Text
+    outcome: Text
+    why: Text
+
+
 class _Cycle(_Any, total=False):
     cycle: Count
     target: Text
@@ -175,6 +184,7 @@ class _Cycle(_Any, total=False):
     why: Text
     grasp: Pose
     predicted: _Predicted | None
+    skipped: list[_Skipped] | None
 
 
 class _Words(_Any, total=False):

@@ -25,6 +25,7 @@ APART_MM = 5.0
 """No ball of the body moves farther than this between two samples, unless all it could strike is twice as far away."""
 SAMPLE_S, SHORTEST_S = 0.05, 1e-4
 BALLS_APART_MM = 10.0
+HALF_TURN_OF_2 = np.array([0.0, np.pi, 0.0, 0.0, 0.0, 0.0])
 HAIR_MM = 0.5
 """A length beyond its limit by less is the arm's repeatability."""
 
@@ -76,7 +77,7 @@ class Body:
         self._arm, self._offsets, self._tool_from_flange = arm, joint_offsets_rad, inverse(arm.flange_from_tool)
         self.names = [rod.name for rod in rods for _ in _cut(rod)]
         self.radii_mm = np.array([rod.radius_mm for rod in rods for _ in _cut(rod)])
-        self._on_tool = np.array([rod.frame == "tool" for rod in rods for _ in _cut(rod)], bool)
+        self._frames = np.array([rod.frame for rod in rods for _ in _cut(rod)], str)[:, None]
         self._centres = np.array([ball for rod in rods for ball in _cut(rod)]).reshape(-1, 3)
 
     def at(self, motion: Motion, times_s: Array) -> tuple[Array, Array]:
@@ -84,11 +85,20 @@ class Body:
         joints = [motion.joints_at(moment_s) + self._offsets for moment_s in times_s]
         tools = np.array([forward(q, self._arm) for q in joints])
         wrists = (tools @ self._tool_from_flange)[:, :3, 3]
-        ups = np.array([elbow_mm(q, self._arm) for q in joints]) - wrists
-        ups /= np.linalg.norm(ups, axis=1)[:, None]
+        elbows = np.array([elbow_mm(q, self._arm) for q in joints])
+        ups = _directions(elbows - wrists)
         on_forearm = wrists[:, None] + self._centres[:, 2:] * ups[:, None]
         on_tool = self._centres @ tools[:, :3, :3].transpose(0, 2, 1) + tools[:, None, :3, 3]
-        return np.where(self._on_tool[:, None], on_tool, on_forearm), tools[:, :3, 3]
+        shoulders = (elbows + [elbow_mm(q + HALF_TURN_OF_2, self._arm) for q in joints]) / 2
+        outward, aside = _directions(elbows - shoulders), _directions(shoulders - self._arm.world_from_base[:3, 3])
+        on_upper_arm = elbows[:, None] + self._centres @ np.stack([outward, np.cross(aside, outward), aside], axis=1)
+        on_arm = np.where(self._frames == "upper_arm", on_upper_arm, on_forearm)
+        return np.where(self._frames == "tool", on_tool, on_arm), tools[:, :3, 3]
+
+
+def _directions(vectors: Array) -> Array:
+    """(N, 3) of length one."""
+    return np.asarray(vectors / np.linalg.norm(vectors, axis=1)[:, None])
 
 
 def _cut(rod: Rod) -> list[Array]:

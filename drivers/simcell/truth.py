@@ -147,11 +147,12 @@ class Gripper(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class Rod(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A round bar of the arm's body: from one end to the other, mm, in the frame it is fixed to.
 
-    frame: tool, or forearm (origin at the wrist centre, z from there towards the elbow).
+    frame: tool; forearm (origin at the wrist centre, z from there towards the elbow); or upper_arm (origin where the
+    forearm turns, x away from the shoulder, z along the elbow's axis away from the column).
     """
 
     name: str
-    frame: Literal["tool", "forearm"]
+    frame: Literal["tool", "forearm", "upper_arm"]
     from_mm: Vector3
     to_mm: Vector3
     radius_mm: Positive

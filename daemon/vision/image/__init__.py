@@ -10,7 +10,7 @@ from daemon.vision.image.one_eye import OneEye, find_outlines_in, fits
 from daemon.vision.image.outlines import Outline, probe, snap_near
 from daemon.vision.image.polygon_fit import MODEL_PX, Fitted
 from daemon.vision.image.regions import Scale
-from daemon.vision.image.segments import SegmentCorners, Segments, find_segments, segment_corners
+from daemon.vision.image.segments import SegmentCorners, Segments, find_segments, joined, pairs_within, segment_corners
 from daemon.vision.image.thesis_corners import find_corners
 
 __all__ = [
@@ -35,7 +35,9 @@ __all__ = [
     "find_sides",
     "fit_sides",
     "fits",
+    "joined",
     "open_eyes",
+    "pairs_within",
     "probe",
     "probe_sides",
     "segment_corners",

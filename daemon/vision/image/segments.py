@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 from daemon.arrays import Array
 from daemon.vision.image.grey import Grey
 
+Index = NDArray[np.intp]
+
 SHARE = 0.5
 """Of the image's size, at which segments are looked for: half the pixels a side, a quarter of the time."""
 SHORTEST_PX = 11.0
@@ -23,6 +25,10 @@ FAINT_SMOOTHING_PX, FAINT_WINDOW_PX, FAINT_GAIN = 0.8, 61, 4.0
 MOST_SEGMENTS = 800
 NEAR_PX, NEAR_SHARE = 12.0, 0.3
 """How far from its end a segment may meet another: px, and of its length."""
+GAP_PX, OVERLAP_PX, OFF_LINE_PX, END_OFF_LINE_PX = 14.0, 4.0, 1.5, 3.75
+SAME_WAY = np.cos(np.radians(4.0))
+"""How a segment may go on that was broken: px to the next piece, px both may overlap, px that begins and ends off the
+line of the first, and the angle between them."""
 LEAST_ANGLE = np.sin(np.radians(15.0))
 MOST_CORNERS = 1500
 
@@ -70,6 +76,24 @@ def _lsd(grey: Grey) -> Array:
     return np.zeros((0, 4)) if found is None else np.asarray(found, float).reshape(-1, 4)
 
 
+def joined(found: Segments) -> Segments:
+    """The segments, and as one every two of which the second goes on where the first ends: print and noise break
+    what is one edge, and its pieces end far from its corners. The longest first."""
+    start, end = found.start, found.end
+    unit = (end - start) / found.lengths_px[:, None]
+    first, second = pairs_within(end[:, 0], start[:, 0], GAP_PX)
+    normal = np.stack([-unit[first, 1], unit[first, 0]], 1)
+    across_gap, beyond = start[second] - end[first], end[second] - end[first]
+    along, off = (across_gap * unit[first]).sum(1), np.abs((across_gap * normal).sum(1))
+    straight = (unit[first] * unit[second]).sum(1) > SAME_WAY
+    on_line = (off < OFF_LINE_PX) & (np.abs((beyond * normal).sum(1)) < END_OFF_LINE_PX)
+    good = straight & on_line & (along > -OVERLAP_PX) & (along < GAP_PX)
+    first, second = first[good], second[good]
+    every = Segments(np.concatenate([start, start[first]]), np.concatenate([end, end[second]]))
+    longest = np.argsort(-every.lengths_px, kind="stable")[:MOST_SEGMENTS]
+    return Segments(every.start[longest], every.end[longest])
+
+
 def segment_corners(found: Segments) -> SegmentCorners:
     """Every two segments whose lines meet near an end of both, at an angle."""
     way, length = found.end - found.start, found.lengths_px
@@ -98,17 +122,24 @@ def segment_corners(found: Segments) -> SegmentCorners:
     return SegmentCorners(at[order], arms[order], np.where(away, 1, -1)[order])
 
 
-def _ends_near(found: Segments, reach_px: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def _ends_near(found: Segments, reach_px: Array) -> tuple[Index, Index]:
     """Every two segments, the earlier first, of which two ends are no farther apart than both may reach."""
     count = len(reach_px)
     (x, y), reach = np.concatenate([found.start, found.end]).T, np.tile(reach_px, 2)
-    order = np.argsort(x)
-    low, high = (np.searchsorted(x[order], x + side * 2 * reach) for side in (-1, 1))  # any that reaches less far
-    one = np.repeat(np.arange(2 * count), high - low)
-    other = order[np.arange(len(one)) + np.repeat(low - np.cumsum(high - low) + (high - low), high - low)]
+    one, other = pairs_within(x, x, 2 * reach)  # any that reaches less far
     near = (x[one] - x[other]) ** 2 + (y[one] - y[other]) ** 2 <= (reach[one] + reach[other]) ** 2
     one, other = one[near] % count, other[near] % count
     pairs = np.unique(np.minimum(one, other) * count + np.maximum(one, other))
     first, second = pairs // count, pairs % count
     apart = first != second
     return first[apart], second[apart]
+
+
+def pairs_within(ones: Array, others: Array, reach: Array | float) -> tuple[Index, Index]:
+    """Every two of numbers (N,), (M,) that are no farther apart than the reach, (N,) or one for all: which of the
+    first, in their order, and which of the second."""
+    order = np.argsort(others)
+    low, high = (np.searchsorted(others[order], ones + side * reach) for side in (-1, 1))
+    count = high - low
+    first = np.repeat(np.arange(len(ones)), count)
+    return first, order[np.arange(len(first)) + np.repeat(low - np.cumsum(count) + count, count)]

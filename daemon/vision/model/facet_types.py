@@ -8,7 +8,7 @@ what the library allows a real part to deviate from its drawing.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 
@@ -146,7 +146,7 @@ def _test(kind: FacetType, measures: Measures, covariance: Array) -> Typing | No
         if angles and np.abs(off[:angles]).max() > LEVEL_SIGMAS * np.sqrt(spread.diagonal()[:angles].max()):
             continue
         chi2 = float(off @ np.linalg.solve(spread, off))
-        if chi2 < _LIMITS[len(b)] and (best is None or chi2 < best.chi2):
+        if chi2 < _limit(len(b)) and (best is None or chi2 < best.chi2):
             best = Typing(kind.name, kind.number, chi2, len(b))
     return best
 
@@ -187,4 +187,7 @@ def _same(a: Array, b: Array, c: Array, d: Array) -> bool:
     return bool(np.linalg.matrix_rank(np.vstack([one, two])) == rank)
 
 
-_LIMITS = [chi_square_limit(d, FALSE_ALARM) for d in range(0, 65)]
+@cache
+def _limit(dof: int) -> float:
+    """What chi-square may be; kept, as a look asks for the same few again and again."""
+    return chi_square_limit(dof, FALSE_ALARM)

@@ -19,7 +19,7 @@ import numpy as np
 from daemon import frames
 from daemon.vision.facets import weld
 from daemon.vision.geometry import Polyhedron, Shape
-from daemon.vision.image import Eyes, segment_corners
+from daemon.vision.image import Eyes, joined, segment_corners
 from daemon.vision.model import Model
 from daemon.vision.recognition import Recognised, facet_hypotheses, typed_as
 from daemon.vision.registration.beside import COVERED, covered, lies_on
@@ -42,7 +42,7 @@ from daemon.vision.values import Group, NearestGuess, Part, Recognition
 
 Maps = tuple[DirectedMap, DirectedMap]
 
-LOOKED_AT, MOST, PER_PLACE, REACH_MM = 60, 14, 4, 2.5
+LOOKED_AT, MOST, PER_PLACE, REACH_MM = 60, 14, 6, 2.5
 """Guesses looked at in the order of what speaks for them; those of them laid onto the images, in all and at one place;
 and how far off these may be."""
 SEARCHED, FEWEST_LAID = 0.6, 5
@@ -144,8 +144,8 @@ def _likely(
     eyes: Eyes, model: Model, unnamed: Sequence[Group], named: Sequence[Shape], maps: Maps, spent: Callable[[], float]
 ) -> tuple[list[Different], tuple[str, ...]]:
     """The likeliest parts and places, and what there was no time to ask."""
-    left, right = eyes.views
-    corners = meet(segment_corners(left.segments), segment_corners(right.segments), eyes.geometry)
+    left, right = (segment_corners(joined(view.segments)) for view in eyes.views)
+    corners = meet(left, right, eyes.geometry)
     guesses = guesses_from_space(corners, eyes.geometry, model)
     guesses += [PoseGuess(h.label, h.pose[None]) for g in unnamed for f in g.facets for h in facet_hypotheses(f, model)]
     likely, left_out = list[Guesses](), set[str]()

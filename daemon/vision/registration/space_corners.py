@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from daemon import frames
 from daemon.arrays import Array
 from daemon.vision.geometry import Baseline, Eye, Polyhedron
-from daemon.vision.image import SegmentCorners
+from daemon.vision.image import SegmentCorners, pairs_within
 from daemon.vision.model import Model
 
 NEAREST_MM, FARTHEST_MM = 120.0, 1500.0  # where parts may be
@@ -82,7 +82,7 @@ class _Seen:
 def meet(left: SegmentCorners, right: SegmentCorners, geometry: Baseline) -> SpaceCorners:
     """Every two corners, one in each eye, that could be one."""
     in_left, in_right = _Seen.of(left, geometry.left), _Seen.of(right, geometry.right)
-    i, j = _on_one_row(in_left.at[:, 1], in_right.at[:, 1], ROW_PX / geometry.left.focal_px)
+    i, j = pairs_within(in_left.at[:, 1], in_right.at[:, 1], ROW_PX / geometry.left.focal_px)
     apart = in_left.at[i, 0] - in_right.at[j, 0]
     near = (apart * FARTHEST_MM > geometry.length_mm) & (apart * NEAREST_MM < geometry.length_mm)
     i, j = i[near], j[near]
@@ -110,15 +110,6 @@ def meet(left: SegmentCorners, right: SegmentCorners, geometry: Baseline) -> Spa
     ray = np.stack([one.at[:, 0], (one.at[:, 1] + other.at[:, 1]) / 2, np.ones(len(every))], 1)
     arms = np.stack([one.arms[each, 1 - firm], other.arms[each, 1 - firm]])
     return SpaceCorners(depth[:, None] * ray, direction, planes[every, 1 - firm], arms, other.at)
-
-
-def _on_one_row(left: Array, right: Array, off: float) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Every two places, one in each eye, whose rows (N,), (M,) are less than so far apart, in the order of the left."""
-    order = np.argsort(right)
-    low, high = (np.searchsorted(right[order], left + side * off) for side in (-1, 1))
-    i = np.repeat(np.arange(len(left)), high - low)
-    j = order[np.arange(len(i)) + np.repeat(low - np.cumsum(high - low) + (high - low), high - low)]
-    return i, j
 
 
 def _joined(parts: list[_Seen]) -> _Seen:

@@ -1,11 +1,12 @@
-"""Small wrongs put into what keeps the arm from surprising, one at a time: does a test notice each?
+"""Small wrongs put into what keeps the arm from surprising, or into files and doors: does a test notice each?
 
 usage: python -m tests.bench.long.mutations [--count N] [--seed N] [--workers N] [--only TEXT] [--each TEXT] [--named]
+                                            [--rooms ROOM ...]
 
-Each mutation is made in a copy of the tree; first the file's own tests run (by layout), then all of its room's and
-the daemon as a whole, the quickest first, up to the first that fails. One that no test notices is printed with its
-line. --only: those of the sample whose description (`file:line: kind: text`) holds the text; --each: all there are
-whose description does, instead of a sample.
+Each mutation is made in a copy of the tree; first the file's own tests run (by layout), then all of its room's (and of
+the arm's the daemon as a whole), the quickest first, up to the first that fails. One that no test notices is printed
+with its line. --rooms: arm and val2 unless said otherwise; --only: those of the sample whose description
+(`file:line: kind: text`) holds the text; --each: all there are whose description does, instead of a sample.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ import shutil
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import zip_longest
 from multiprocessing.connection import Connection
@@ -37,12 +38,22 @@ ROOT = Path(__file__).resolve().parents[3]
 FILES = (
     *(f"daemon/arm/{name}.py" for name in ("guard", "mover", "supervisor", "sweep", "route", "body")),
     *(f"drivers/val2/{name}.py" for name in ("link", "wire", "session", "conversation")),
-)
+    *(f"daemon/store/{name}.py" for name in (
+        "outside", "standing", "records", "runs", "runlog", "files", "npz", "pictures", "model_store", "yamlfile")),
+    *(f"daemon/doors/{name}.py" for name in ("socket", "rights", "turns", "client", "lineedit")),
+    *(f"daemon/review/{name}.py" for name in ("digest", "page", "pagedata", "replay", "export", "why", "tables")),
+)  # fmt: skip
 DAEMON = (
     *("tests/unit/pick/test_cycle_stops.py", "tests/unit/pick/test_take.py"),
     *("tests/unit/service/test_surprises_found.py", "tests/unit/service/test_whole_daemon.py"),
 )
-WHOLE = {"arm": ("tests/unit/arm", *DAEMON), "val2": ("tests/unit/val2", "tests/unit/cell", *DAEMON)}
+WHOLE = {
+    "arm": ("tests/unit/arm", *DAEMON),
+    "val2": ("tests/unit/val2", "tests/unit/cell", *DAEMON),
+    "store": ("tests/unit/store", "tests/unit/test_config.py", "tests/unit/test_hostile.py"),
+    "doors": ("tests/unit/doors", "tests/unit/console"),
+    "review": ("tests/unit/review", "tests/unit/store/test_records.py", "tests/unit/store/test_bombs.py"),
+}
 """What runs, by room, where the file's own tests notice nothing."""
 TOLD = "not the_property_notices"
 """Tests of a test take a rule away themselves, and notice no other wrong."""
@@ -199,11 +210,11 @@ def every() -> list[Mutation]:
     return list({m.source: m for file in FILES for m in mutations(file)}.values())
 
 
-def sample(count: int, seed: int) -> list[Mutation]:
-    """So many of all there are, each kind as often as the others while it lasts, in a random order: the first of them
+def sample(mutations: Iterable[Mutation], count: int, seed: int) -> list[Mutation]:
+    """So many of them, each kind as often as the others while it lasts, in a random order: the first of them
     are a sample as well."""
     kinds: dict[str, list[Mutation]] = {}
-    for mutation in every():
+    for mutation in mutations:
         kinds.setdefault(mutation.kind, []).append(mutation)
     rng = random.Random(seed)
     for of_kind in kinds.values():
@@ -367,6 +378,7 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=300)
     parser.add_argument("--seed", type=int, default=14)
     parser.add_argument("--workers", type=int, default=1)
+    parser.add_argument("--rooms", nargs="+", default=("arm", "val2"), choices=WHOLE)
     parser.add_argument("--only", default="")
     parser.add_argument("--each", default="")
     parser.add_argument("--named", action="store_true", help="only those that nobody noticed once")
@@ -374,7 +386,8 @@ def main() -> None:
     began_s = time.monotonic()
     chosen: list[Chosen] = [(mutation, [tests], ()) for mutation, tests in named() if args.named]
     if not args.named:
-        picked = [m for m in every() if args.each in str(m)] if args.each else sample(args.count, args.seed)
+        there_are = [m for m in every() if Path(m.file).parent.name in args.rooms and args.each in str(m)]
+        picked = there_are if args.each else sample(there_are, args.count, args.seed)
         picked = [m for m in picked if args.only in str(m)]
         chosen = [(m, own_tests(m.file), WHOLE[Path(m.file).parent.name]) for m in picked]
     report(run(chosen, args.workers), time.monotonic() - began_s)

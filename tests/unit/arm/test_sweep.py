@@ -11,7 +11,7 @@ from daemon import frames
 from daemon.arm import sweep
 from daemon.arm.body import Capsule, KeepOut, body_of
 from daemon.arm.guard import ArmState, Command, Limits, refuse
-from daemon.arm.sweep import SLACK_MM, reaches_mm, way_clear, way_of
+from daemon.arm.sweep import SLACK_MM, gaps_of, reaches_mm, way_clear, way_of
 from daemon.arm.workcell import Reading
 from daemon.pick.grasp import tool_rotation
 from drivers import puma560
@@ -68,12 +68,12 @@ def test_no_point_of_the_body_goes_farther_between_two_places_than_is_bounded(se
     joints = ROBOT.reachable(some.command.world_from_tool, some.start.joints_rad)
     way = way_of(some.start, some.command, joints, ROBOT, body)
     shares, fine = np.linspace(0, 1, 41), np.linspace(0, 1, 401)
-    links = way.links(fine)
+    links = way.links(fine, np.ones(len(fine), bool))
     if not np.isfinite(links).all():
         return
     gone = np.linalg.norm(np.diff(body.placed(links), axis=0), axis=-1).max(axis=-1)
     gone = gone.reshape(40, 10, -1).sum(axis=1)
-    assert (gone <= way.travel_mm(shares, links[::10]) + 1e-6).all()
+    assert (gone <= way.travel_mm(shares, way.levers_mm(links[::10])) + 1e-6).all()
 
 
 @settings(max_examples=100, deadline=None)
@@ -208,13 +208,28 @@ class OutAndBack:
     def stretches(self):
         return 4
 
-    def links(self, shares):
-        found = np.tile(np.eye(4), (len(shares), 8, 1, 1))
-        found[:, 7, 0, 3] = 500.0 + np.interp(shares, [0.0, 0.5, 1.0], [10.0, -50.0, self.back])
+    def links(self, shares, new):
+        found = np.tile(np.eye(4), (new.sum(), 8, 1, 1))
+        found[:, 7, 0, 3] = 500.0 + np.interp(shares[new], [0.0, 0.5, 1.0], [10.0, -50.0, self.back])
         return found
 
-    def travel_mm(self, shares, links):
+    def levers_mm(self, links):
+        return np.zeros(len(links))
+
+    def travel_mm(self, shares, levers_mm):
         return np.diff(shares)[:, None] * 140.0
+
+
+def test_what_asking_costs_is_bounded_and_a_way_too_tight_for_that_is_refused(monkeypatch):
+    """Along a wall at little more than the clearance: clear, but to prove it would take place after place."""
+    places = []
+    monkeypatch.setattr(sweep, "gaps_of", lambda links, *rest: places.append(len(links)) or gaps_of(links, *rest))
+    wall = KeepOut("wall", (400.0, -400.0, -250.0), (504.75, 400.0, 900.0))
+    close = replace(FINGER, clearance_mm=0.2, keep_out=(wall,))
+    for limits, told in ((close, "no_way"), (replace(close, keep_out=()), None)):
+        places.clear()
+        assert rule(travel(hand(510, -200, 0), hand(510, 200, 0), True, limits)) == told
+        assert sum(places) <= sweep.MOST_PLACES + 1
 
 
 @pytest.mark.parametrize(("back", "rules"), [(5.0, ["kept_out"]), (-20.0, [])])

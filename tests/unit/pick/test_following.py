@@ -58,7 +58,7 @@ def test_a_part_named_by_its_edges_is_followed_as_it_was_named_though_facets_of_
     truth = pose(np.array([0.75, 0.25, 0.6]), 0.3, 320.0)
     askew = frames.perturb(truth, np.array([0.0, 0.0, 2.0, *np.radians([-8.0, 1.0, 0.0])]))
     corners = frames.apply(askew, shape.corners_mm)
-    facets = tuple(measured(corners[shape.rings[k]], None) for k in np.flatnonzero(shape.facing(askew) > 0))
+    facets = tuple(measured(corners[shape.rings[k]], None, 3.0) for k in np.flatnonzero(shape.facing(askew) > 0))
     quarter = frames.rigid(turn([0, 0, 1], np.pi / 2), np.zeros(3))
     middle = frames.rigid(np.eye(3), shape.corners_mm.mean(0))
     turned = truth @ middle @ quarter @ frames.inverse(middle)

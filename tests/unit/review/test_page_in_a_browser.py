@@ -97,6 +97,19 @@ def test_a_bar_of_the_timeline_opens_its_cycle_and_a_click_its_pictures_large(br
     assert browser.get_log("browser") == []
 
 
+def test_the_cycle_under_the_pointer_is_marked_in_the_table_and_told_with_its_values(browser: Any, page: Path) -> None:
+    open_page(browser, page)
+    browser.execute_script(
+        "const bar = document.querySelector('#timeline i.missed').getBoundingClientRect();"
+        "document.getElementById('strips').dispatchEvent(new PointerEvent('pointermove',"
+        " {clientX: bar.left + bar.width / 2, clientY: bar.top, bubbles: true}))"
+    )
+    assert "cycle 2 pyramid missed" in browser.find_element("id", "cursor").text
+    (marked,) = browser.find_elements("css selector", "#table tr.under")
+    assert marked.get_attribute("data-cycle") == "2"
+    assert browser.get_log("browser") == []
+
+
 def test_charts_have_units_and_names(browser: Any, page: Path) -> None:
     open_page(browser, page)
     told = browser.find_element("id", "plots").text

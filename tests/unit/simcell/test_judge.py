@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import msgspec
 import numpy as np
 import pytest
 
-from drivers.puma560 import READY_RAD, ArmGeometry, elbow_mm, forward
+from drivers.puma560 import PUMA560, READY_RAD, ArmGeometry, elbow_mm, forward, link_frames
 from drivers.simcell.arm import Arm
 from drivers.simcell.cell import SimulatedCell
 from drivers.simcell.controller import Controller, Manners
 from drivers.simcell.history import KEPT, Drop, Leg, Stop
 from drivers.simcell.judge import APART_MM, Body, Judge
 from drivers.simcell.rigid import rigid, turn
-from drivers.simcell.truth import Box, load_truth, rigid_matrix
+from drivers.simcell.truth import Box, Rod, load_truth, rigid_matrix
 
 TRUTH = load_truth(Path(__file__).parents[3] / "etc" / "simcell.yaml")
 ABOVE_TABLE = "DO MOVE TRANS(520,0,-100,0,90,0)"
@@ -309,3 +310,29 @@ def test_where_a_person_sends_the_arm_is_theirs_but_that_it_may_go_and_stops_is_
     cell.judge.may_move(cell.now_s, False)
     cell.types(ABOVE_TABLE)
     assert cell.found()[before:] == ["not allowed"]
+
+
+def test_the_upper_arm_is_judged_from_behind_the_shoulder_to_the_elbow() -> None:
+    """A box that only the upper arm comes to: 300 mm from the shoulder, beside the column."""
+    cell = Cell(keep_out=[Box([220.0, -260.0, 150.0], [300.0, -180.0, 300.0])])
+    cell.types("DO DRIVE 2,-5,50")
+    assert cell.found() == []
+    cell.types("DO DRIVE 2,-60,50")
+    found = cell.judge.violations(cell.now_s)
+    assert {violation.rule for violation in found} == {"in keep-out box 1"}
+    assert all("the upper arm" in violation.text for violation in found)
+
+
+def test_the_judge_s_upper_arm_lies_where_the_arm_s_own_geometry_has_it() -> None:
+    rng = np.random.default_rng(0)
+    ends = [[-PUMA560.a2_mm, 0.0, -PUMA560.d3_mm], [0.0, 0.0, -PUMA560.d3_mm], [0.0, 0.0, 0.0]]
+    rods = [Rod("", "upper_arm", end, end, 1.0) for end in ends]
+    arm = Arm(joints_rad=READY_RAD)
+    body = Body(rods, arm.geometry, np.zeros(6))
+    for joints in rng.uniform(-2, 2, (20, 6)):
+        resting = SimpleNamespace(joints_at=lambda _, joints=joints: joints)
+        links = link_frames(joints[None])[0]
+        shoulder, beside, elbow = body.at(resting, np.zeros(1))[0][0, ::2]  # type: ignore[arg-type]
+        assert shoulder == pytest.approx(links[0, :3, 3], abs=1e-6)
+        assert beside == pytest.approx(links[2, :3, 3], abs=1e-6)
+        assert elbow == pytest.approx(elbow_mm(joints), abs=1e-6)

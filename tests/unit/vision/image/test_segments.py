@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from daemon.vision.image.segments import PATTERNED, Segments, _lsd, find_segments, segment_corners
+from daemon.vision.image.segments import PATTERNED, Segments, _lsd, find_segments, joined, segment_corners
 
 SQUARE = np.array([[150.0, 110.0], [330.0, 130.0], [310.0, 300.0], [135.0, 285.0]])
 
@@ -72,3 +72,20 @@ def test_segments_meet_near_an_end_of_both_and_their_arms_run_away_from_there() 
     assert np.allclose(corners.at, [[204.0, 100.0]])  # the third meets the first in its middle, which is no corner
     assert {tuple(arm) for arm in corners.arms[0]} == {(100.0, 100.0), (204.0, 190.0)}
     assert sorted(corners.sign[0]) == [-1, 1]
+
+
+def test_pieces_of_a_broken_edge_are_also_one_segment_that_reaches_its_corners() -> None:
+    pieces = Segments(
+        np.array([[118.0, 100.0], [145.0, 100.5], [100.0, 160.0]]),
+        np.array([[140.0, 100.2], [190.0, 101.0], [100.0, 100.0]]),
+    )
+    whole = joined(pieces)
+    assert whole.lengths_px.tolist() == pytest.approx([72.0, 60.0, 45.0, 22.0], abs=0.1)
+    assert len(segment_corners(pieces).at) == 0
+    assert np.allclose(segment_corners(whole).at, [[100.0, 100.0]], atol=0.5)
+
+
+def test_pieces_that_turn_or_step_aside_are_not_joined() -> None:
+    start = np.array([[100.0, 100.0], [135.0, 106.0], [135.0, 95.0], [200.0, 100.0]])
+    end = np.array([[130.0, 100.0], [170.0, 106.0], [165.0, 90.0], [230.0, 100.0]])
+    assert len(joined(Segments(start, end)).start) == len(start)
