@@ -37,6 +37,7 @@ class DaemonLink:
 
     def __init__(self, path: Path | None = None) -> None:
         """Connect to the socket at path, or to the first of the usual ones. Raises NotThereError."""
+        self._path = path
         self._paths = [path] if path is not None else socket_candidates()
         self.socket = _connect(self._paths)
         self._file = self.socket.makefile("rwb")
@@ -49,6 +50,10 @@ class DaemonLink:
         with contextlib.suppress(OSError):
             self._file.close()
         self.socket.close()
+
+    def beside(self) -> DaemonLink:
+        """A connection of its own, for what must be heard while this one waits. Raises NotThereError."""
+        return DaemonLink(self._path)
 
     def connect_again(self) -> None:
         """To the daemon that runs now, after the one before went away. Raises NotThereError."""

@@ -5,9 +5,12 @@ from __future__ import annotations
 import contextlib
 import shutil
 import sys
+import threading
+from queue import Empty, SimpleQueue
 
 from daemon.console.pages import NARROWEST, fold
-from daemon.doors.client import DaemonLink
+from daemon.console.phrases import means_stop
+from daemon.doors.client import DaemonLink, NotThereError
 
 
 def converse(link: DaemonLink) -> int:
@@ -25,30 +28,62 @@ def converse(link: DaemonLink) -> int:
 
 
 def _piped(link: DaemonLink) -> int:
-    """One line after the other, each when the one before is done. Control-C stops the arm."""
+    """One line after the other, each when the one before is done; but a stop is said as soon as it comes, and what came
+    before it and still waits is dropped. Control-C stops the arm.
+    """
+    typed = _Typed()
+    threading.Thread(target=typed.read, args=(link,), daemon=True, name="standard input").start()
     status = 0
     while True:
         try:
-            line = input()
-        except EOFError:
-            return status
+            line = typed.lines.get()
+            if line is None or line.strip() in ("quit", "exit"):
+                return status
+            done = link.do(line, "console", _say, typed.answer if sys.stdin.isatty() else None)
         except KeyboardInterrupt:
             _say(link.interrupt())
             continue
-        if line.strip() in ("quit", "exit"):
-            return status
-        done = link.do(line, "console", _say, _ask if sys.stdin.isatty() else None)
         if done["text"]:
             _say(done["text"])
         status = int(done["status"])
 
 
+class _Typed:
+    """Lines of standard input that wait to be said, None at its end. Read on a thread of its own: nobody knows when a
+    stop comes."""
+
+    def __init__(self) -> None:
+        self.lines: SimpleQueue[str | None] = SimpleQueue()
+        self._asked = threading.Event()
+
+    def read(self, link: DaemonLink) -> None:
+        """To its end; a stop is said beside whatever the link is waiting for, and takes its question away."""
+        for line in map(str.rstrip, sys.stdin):
+            if not means_stop(line):
+                self.lines.put(line)
+                continue
+            with contextlib.suppress(Empty):
+                while True:
+                    _say(f"not done: {self.lines.get_nowait()}")
+            try:
+                with link.beside() as another:
+                    _say(another.do(line, "console", _say)["text"])
+            except NotThereError as error:
+                print(f"facetctl: {error}", file=sys.stderr, flush=True)
+            if self._asked.is_set():
+                self.lines.put("")
+        self.lines.put(None)
+
+    def answer(self, question: str) -> str:
+        """The next line, as the answer to what is asked."""
+        _say(question)
+        self._asked.set()
+        try:
+            return self.lines.get() or ""
+        finally:
+            self._asked.clear()
+
+
 def _say(text: str) -> None:
     columns = shutil.get_terminal_size().columns if sys.stdout.isatty() else 0
     print("\n".join(fold(text, columns)) if columns > NARROWEST else text, flush=True)
-
-
-def _ask(question: str) -> str:
-    with contextlib.suppress(EOFError):
-        return input(f"{question} ")
-    return ""

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import io
 import json
+import os
 import shutil
 import socket
 import sys
 import tempfile
 import threading
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 
@@ -83,9 +85,47 @@ def test_a_daemon_killed_amid_a_command_is_told_and_the_next_one_found_without_s
 def test_a_script_ends_where_its_daemon_does(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     played = Played(place)
     played.live(1)
-    monkeypatch.setattr("builtins.input", lambda: "pick")
-    monkeypatch.setattr(sys, "stdin", SimpleNamespace(isatty=lambda: False))
+    monkeypatch.setattr(sys, "stdin", io.StringIO("pick\npick\n"))
     link = DaemonLink(place)
     with pytest.raises(NotThereError):
         prompt.converse(link)
     link.close()
+
+
+def test_a_stop_through_a_pipe_is_said_while_the_line_before_it_is_being_done_and_drops_what_waits(
+    place: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    heard: list[str] = []
+
+    def live(listening: socket.socket) -> None:
+        def hear(line: socket.socket, then: Callable[[], None]) -> None:
+            with line, line.makefile("rwb") as file:
+                text = json.loads(file.readline())["do"]
+                heard.append(text)
+                then()
+                file.write(json.dumps({"done": {"text": f"done: {text}", "data": {}, "status": 0}}).encode() + b"\n")
+
+        hear(listening.accept()[0], lambda: hear(listening.accept()[0], lambda: None))
+
+    with socket.socket(socket.AF_UNIX) as listening:
+        listening.bind(str(place))
+        listening.listen(2)
+        daemon = threading.Thread(target=live, args=(listening,), daemon=True)
+        daemon.start()
+        read, write = os.pipe()
+        with open(read, encoding="utf-8") as stdin, open(write, "w", encoding="utf-8") as program:
+            monkeypatch.setattr(sys, "stdin", stdin)
+            program.write("pick\n")
+            program.flush()
+            with DaemonLink(place) as link:
+                console = threading.Thread(target=prompt.converse, args=(link,), daemon=True)
+                console.start()
+                while not heard:
+                    time.sleep(0.001)
+                program.write("where\nstop\n")
+                program.close()
+                console.join(5)
+                daemon.join(5)
+    assert heard == ["pick", "stop"]
+    assert not console.is_alive()
+    assert capsys.readouterr().out.splitlines()[:2] == ["not done: where", "done: stop"]
