@@ -56,8 +56,8 @@ check: $(VENV)/.dev
 
 # What is slow runs by itself, so that the others have answered before; 5 says that a choice of TESTS has none of a kind.
 test: check
-	$(BIN)/pytest -n 3 --dist worksteal -m "not slow" $(TESTS) || [ $$? = 5 ]
-	$(BIN)/pytest -n 3 --dist worksteal -m slow $(TESTS) || [ $$? = 5 ]
+	$(BIN)/pytest -n 4 --dist worksteal -m "not slow" $(TESTS) || [ $$? = 5 ]
+	$(BIN)/pytest -n 4 --dist worksteal -m slow $(TESTS) || [ $$? = 5 ]
 
 rig: $(VENV)/.dev
 	$(BIN)/python tests/rig/run.py $(JOBS)

@@ -390,7 +390,7 @@ def make_room(config: Config) -> None:
 
 def _told(left: Standing) -> str:
     """What an operator must know of it, and do."""
-    what = f"run {left.run} was cut off in state {left.state or 'unknown'}"
+    what = f"run {left.run} " + ("ended" if left.ended else f"was cut off in state {left.state or 'unknown'}")
     if left.damage:
         what = f"{left.damage}: nobody knows how the daemon before ended"
     if left.fault is not None:

@@ -23,3 +23,8 @@ def browser() -> Iterator[Any]:
         pytest.skip("no selenium, chromium and chromedriver on this machine")
     yield driver
     driver.quit()
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """The longest test of all begins first: nobody waits for it at the end."""
+    items.sort(key=lambda item: item.path.name != "test_whole_daemon.py")

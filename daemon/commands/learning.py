@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from daemon.commands import simulated_hand
-from daemon.commands.looking import describe_facet, drawn, one_part
+from daemon.commands.looking import describe_facet, drawn
 from daemon.console.context import CommandContext
 from daemon.console.interpreter import (
     NOT_DONE,
@@ -75,24 +75,21 @@ async def _teach_what_is_shown(context: CommandContext, label: str, door: Door) 
     seen = await context.cycle.look(f"teach {label}")
     left, right = seen.pictures.left.pixels, seen.pictures.right.pixels
     table = context.table_in(seen)
-    group = await asyncio.to_thread(context.trainer.check, label, left, right, table)
+    group, others = await asyncio.to_thread(context.trainer.check, label, left, right, table)
     facets, sides = await asyncio.to_thread(context.trainer.with_view, label, group)
-    await door.say(_shown(seen, facets, sides, door.columns))
-    things = sum(len(part.facets) > 1 for part in seen.scene.parts)
-    if things > 1 and not door.asks:
-        raise CommandError(f"{things} separate things are seen; show the {label} alone, evenly lit")
+    await door.say(_shown(facets, sides, [f for other in others for f in other.facets], door.columns))
+    if any(len(other.facets) > 1 for other in others) and not door.asks:
+        raise CommandError(f"{len(others) + 1} separate things are seen; show the {label} alone, evenly lit")
     named = _named_otherwise(seen, label)
     if named:
         await door.say(f"The model in use takes this for {named}.")
     if door.asks and not await yes_or_no(door, f"Is this the {label}, alone and whole? [y/n]"):
         return Answer("Not kept. Turn it or light it better, and say `teach` again.", {"kept": False}, NOT_DONE)
-    note = teaching_note(door.who, _digest(context), table, seen.scene)
+    note = teaching_note(door.who, _digest(context), table, facets)
     view = await asyncio.to_thread(context.trainer.store, label, left, right, note)
     verdict, data = await _sufficiency(context, label)
-    text = f"Kept as view {view.name} ({plural(len(one_part(seen).facets), 'facet')}).\n{verdict}"
-    return Answer(
-        text, {"kept": True, "view": view.name, "facets": [facet.type for facet in one_part(seen).facets], **data}
-    )
+    text = f"Kept as view {view.name} ({plural(len(facets), 'facet')}).\n{verdict}"
+    return Answer(text, {"kept": True, "view": view.name, "facets": [facet.type for facet in facets], **data})
 
 
 async def _teach_drawing(context: CommandContext, words: list[str], door: Door) -> Answer:
@@ -234,12 +231,10 @@ def sufficiency_json(judged: Sufficiency) -> dict[str, Any]:
     }
 
 
-def _shown(seen: Look, facets: Sequence[Facet], sides: list[int | None], columns: int) -> str:
+def _shown(facets: Sequence[Facet], sides: list[int | None], others: Sequence[Facet], columns: int) -> str:
     """The facets in view as a drawing, numbered as the part's sides, and how long their edges are. Facets of other
     things have no number."""
     marks = ["?" if side is None else str(side + 1) for side in sides]
-    mine = {facet.left_px.tobytes() for facet in facets}
-    others = [f for other in seen.scene.view.groups for f in other.facets if f.left_px.tobytes() not in mine]
     outlines = [(f.left_px, "") for f in others]
     outlines += [(facet.left_px, mark) for facet, mark in zip(facets, marks, strict=True)]
     rows: dict[str, list[str]] = {}

@@ -12,7 +12,7 @@ import numpy as np
 from daemon.arrays import Array
 from daemon.commands.sketch import COLUMNS, sketch
 from daemon.console.context import CommandContext
-from daemon.console.interpreter import Answer, CommandError, Door, command, version
+from daemon.console.interpreter import Answer, Door, command, version
 from daemon.console.phrases import cut_off, duration, millimetres, plural
 from daemon.pick.looking import Look
 from daemon.vision.health import SAID, findings_json, troubles
@@ -186,13 +186,6 @@ def look_json(seen: Look) -> dict[str, Any]:
         "epipolar_px": None if np.isnan(seen.epipolar_px) else round(seen.epipolar_px, 4),
         "health": findings_json(seen.health),
     }
-
-
-def one_part(seen: Look) -> Part:
-    """The one part of a look with the most facets. Raises CommandError where there is none."""
-    if not seen.scene.parts:
-        raise CommandError("no part is seen; put it where both cameras see it (`look` shows what they see)")
-    return max(seen.scene.parts, key=lambda part: len(part.facets))
 
 
 def _timing(seen: Look) -> str:

@@ -101,7 +101,8 @@ def after(standing: Standing, kind: str, fields: Mapping[str, Any]) -> Standing:
             change = {"hand_closed": fields.get("held") is not False}
         case "run_end" if "holding" in fields:
             holding = fields["holding"] is not False
-            change = {"ended": True, "in_doubt": standing.in_doubt or holding, "hand_closed": holding}
+            doubt = standing.in_doubt or holding or standing.fault is not None
+            change = {"ended": True, "in_doubt": doubt, "hand_closed": holding}
     cut = {name: value[:LONGEST_TEXT] if isinstance(value, str) else value for name, value in change.items()}
     return msgspec.structs.replace(standing, **cut)
 

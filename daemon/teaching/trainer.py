@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import contextlib
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from time import perf_counter, thread_time
 from typing import Any, Literal
@@ -130,11 +130,12 @@ class Trainer:
         known = {view.source for view in self.model.views}
         return [view for view in self.model_store.views() if view.name not in known]
 
-    def check(self, label: str, left: Image, right: Image, table: Table | None) -> Group:
-        """The facets of the one part in view. Raises TeachError or VisionError where a view cannot be learnt from."""
-        group = self.only_group(left, right, table)
+    def check(self, label: str, left: Image, right: Image, table: Table | None) -> tuple[Group, tuple[Group, ...]]:
+        """The facets of the one part in view, and of what else is. Raises TeachError or VisionError where a view cannot
+        be learnt from."""
+        group, others = self.only_part(left, right, table)
         learn_view(empty_model(self.library), group, label)
-        return group
+        return group, others
 
     def store(self, label: str, left: Image, right: Image, note: dict[str, Any]) -> StoredView:
         """Keep a view on disk. Raises ModelStoreError, and TeachError or VisionError as check does."""
@@ -162,8 +163,8 @@ class Trainer:
         note = {"mesh": name, "unit": unit, "facets": [list(solid.types)], **note}
         return self.model_store.add_mesh(label, kind, content, note)
 
-    def only_group(self, left: Image, right: Image, table: Table | None) -> Group:
-        """The facets of the one part in view. Raises TeachError for none or several, VisionError."""
+    def only_part(self, left: Image, right: Image, table: Table | None) -> tuple[Group, tuple[Group, ...]]:
+        """As check, whatever it is; sought with the full effort. Raises TeachError for none or several, VisionError."""
         groups = look(left, right, self.rig, None, self.settings, table=table).view.groups
         if not groups:
             raise TeachError("no part is seen; put it where both cameras see it, lit from above, nothing else near")
@@ -171,7 +172,7 @@ class Trainer:
         largest = [g for g in groups if len(g.facets) == most]
         if len(largest) > 1 or (len(groups) > 1 and most == 1):
             raise TeachError(f"{len(groups)} parts are in view; show the one to be taught alone")
-        return largest[0]
+        return largest[0], tuple(g for g in groups if g is not largest[0])
 
     def with_view(self, label: str, group: Group) -> tuple[tuple[Facet, ...], list[int | None]]:
         """The facets of a view, typed; and which side of the part each is once the view is kept, None where that cannot
@@ -193,7 +194,7 @@ class Trainer:
                 if view.mesh is not None:
                     model = learn_solid(model, self._solid(view), self.rig, view.label, view.name)
                 else:
-                    group = self.only_group(*view.images(), _table_of(view.note))
+                    group, _ = self.only_part(*view.images(), _table_of(view.note))
                     model = learn_view(model, group, view.label, source=view.name)
             except (TeachError, VisionError, FileError, MeshError) as error:
                 left_out.append(f"{view.name}: {error}")
@@ -271,13 +272,13 @@ class Trainer:
         return ViewVerdict(view.name, view.label, worst.label, worst.confidence, worst.runner_up, worst.reason)
 
 
-def teaching_note(who: str, calibration: str, table: Table | None, scene: Scene) -> dict[str, Any]:
+def teaching_note(who: str, calibration: str, table: Table | None, facets: Sequence[Facet]) -> dict[str, Any]:
     """What is written beside a taught view: who showed it, the calibration's sha256, the table, the facets seen."""
     return {
         "who": who,
         "calibration": calibration,
         "table": None if table is None else {"up": table.up.tolist(), "level_mm": table.level_mm},
-        "facets": [[facet.type for facet in part.facets] for part in scene.parts],
+        "facets": [[facet.type for facet in facets]],
     }
 
 

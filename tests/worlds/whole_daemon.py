@@ -436,7 +436,6 @@ class Story:
         if self.alive:
             return
         for _ in range(STARTS):
-            self.words.stopped = False  # a daemon knows of no stop before it; it has to be enabled
             self._live = self.loop.create_task(Service(self.folder / "facetd.yaml", simulated=True).run())
             while self.alive and self.sockets[0].line is None:
                 self._run(0.5)

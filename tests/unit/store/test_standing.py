@@ -115,12 +115,13 @@ def test_a_run_that_goes_on_in_another_folder_keeps_what_stands(path: Path, tmp_
     assert (left.run, left.auto.count, left.hand_closed) == ("two", 5, True)
 
 
-def test_a_fault_that_stood_when_the_daemon_was_killed_is_told_and_one_that_was_resumed_is_not() -> None:
+def test_a_fault_that_stood_when_the_daemon_ended_or_was_killed_is_told_and_one_that_was_resumed_is_not() -> None:
     faulty = after(after(Standing("a"), "fault", {"text": "the cable"}), "state", {"from": "idle", "to": "fault"})
     assert (faulty.fault, faulty.to_be_told) == ("the cable", True)
     resumed = after(faulty, "state", {"from": "fault", "event": "resume", "to": "idle"})
     assert not resumed.to_be_told
-    assert not after(faulty, "run_end", {"holding": False}).to_be_told, "ended in order: a start enables nothing"
+    assert after(faulty, "run_end", {"holding": False}).to_be_told, "no end of a daemon is a resume"
+    assert not after(resumed, "run_end", {"holding": False}).to_be_told
 
 
 def test_a_text_of_any_length_fits(path: Path) -> None:
