@@ -95,6 +95,8 @@ class Words:
         self.enabled, self.stopped = False, False
         self._enabling: dict[Key, str] = {}
         self._resuming: set[Key] = set()
+        self._stopping: set[Key] = set()
+        """Stops that are not answered yet: the line carries them more than once."""
         self._by_hand: dict[Key, int | None] = {}
         """What may open the hand: lines that are not done yet, and those (with their status) that failed: they may yet
         be carried out."""
@@ -111,8 +113,12 @@ class Words:
         if is_word(word, "stop"):
             self.stop(f"`{text}`")
         alone = len(text.split()) == 1
-        if alone and is_word(word, "abort"):
+        aborts = alone and is_word(word, "abort")
+        if aborts:
             judge.stop_received(now_s, f"`{text}`")
+        if (aborts or is_word(word, "stop")) and isinstance(key[0], SocketDoor):  # a terminal tells no answers apart
+            self._stopping.add(key)
+            self._tell(False)
         if may == "look":
             return
         if alone and is_word(word, "disable"):
@@ -133,6 +139,7 @@ class Words:
 
     def answered(self, key: Key, text: str, status: int) -> None:
         """What came of a line."""
+        self._stopping.discard(key)
         if self._enabling.pop(key, None) is not None and status == 0:
             self.enabled = True
         if key in self._by_hand:
@@ -167,15 +174,23 @@ class Words:
         self.stopped = before
         self._tell(True)
 
+    def gone(self, door: SocketDoor) -> None:
+        """Nobody is there any more who could read what came of a stop."""
+        self._stopping = {key for key in self._stopping if key[0] is not door}
+        self._tell(False)
+
     def over(self) -> None:
         """The daemon ends, and what was said to it with it."""
         self.enabled = False
         self._enabling.clear()
         self._resuming.clear()
+        self._stopping.clear()
         self._tell(False)
 
     def _tell(self, wanted: bool) -> None:
-        self._story.cell.judge.stop_tried(self._story.stamp_s(), bool(self._enabling) and self.allowed)
+        self._story.cell.judge.stop_tried(
+            self._story.stamp_s(), bool(self._stopping or (self._enabling and self.allowed))
+        )
         self._story.may_move(self.allowed, wanted)
 
 
@@ -226,6 +241,9 @@ class SocketDoor:
             self.story.loop.remove_reader(self.line)
             self.line.close()
         self.line, self.question, self.heard = None, None, b""
+        self.story.words.gone(self)
+        if self.interrupts:  # nobody reads whether there was anything to stop; where there was, a fault is told all
+            self.story.words.nothing_moved(self.interrupts[0])
         self.interrupts.clear()
 
     def say(self, text: str) -> None:

@@ -159,9 +159,8 @@ class Controller:
 
     def _take_line(self, text: str) -> None:
         self.lines.append(text)
-        if self.faults.mute_answers > 0:
-            self.faults.mute_answers -= 1
-            self._muted = True
+        self._muted = self.faults.mute_answers > 0
+        self.faults.mute_answers -= self._muted
         if isinstance(self._waits_for, Ask):
             self._step(text)
         elif self._running is None:
