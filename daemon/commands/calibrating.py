@@ -41,7 +41,7 @@ SPEED_PCT = 60.0
 TOUCH_ABOVE_MM = 2.0
 
 
-@command(USAGE, "move", most=None, choices=(*KINDS, *KEPT), looks=frozenset({"list"}),
+@command(USAGE, "move", most=None, choices=(*KINDS, *KEPT), looks=lambda words: words[:1] == ["list"],
          further=lambda context, word: map(str, (CONFIGURED, *context.config.calibrations.numbers())) if word == "use"
          else ())  # fmt: skip
 async def calibrate(context: CommandContext, words: list[str], door: Door) -> Answer:

@@ -79,7 +79,8 @@ async def rollback(context: CommandContext, words: list[str], door: Door) -> Ans
     return Answer(f"Version {version} is in use again; the other one is the candidate.", {"version": version})
 
 
-@command(MODEL_USAGE, "change", most=2, choices=MODEL_WORDS, aliases=("models",), looks=frozenset({"", "list"}),
+@command(MODEL_USAGE, "change", most=2, choices=MODEL_WORDS, aliases=("models",),
+         looks=lambda words: words[:1] in ([], ["list"]),
          further=lambda context, word: _versions(context) if word == "use" else ())  # fmt: skip
 async def model(context: CommandContext, words: list[str], door: Door) -> Answer:
     """Which models there are, and take one of them into use.

@@ -138,18 +138,11 @@ async def here(context: CommandContext, words: list[str], door: Door) -> Answer:
     return Answer(f"{name} is x {x:.1f}  y {y:.1f}  z {z:.1f} mm; `go {name}` comes back here.", {"place": name})
 
 
-class _AnyBut(frozenset[str]):
-    """Every word but these."""
-
-    def __contains__(self, word: object) -> bool:
-        return not super().__contains__(word)
-
-
 @command(
     PLACES_USAGE,
     "change",
     most=2,
-    looks=_AnyBut({"drop"}),
+    looks=lambda words: words[:1] != ["drop"],
     choices=lambda context: ("drop", *kept(context).now()),
     further=lambda context, word: kept(context).now() if word == "drop" else (),
 )

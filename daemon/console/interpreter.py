@@ -85,10 +85,16 @@ class Door(Protocol):
 Handler = Callable[[CommandContext, list[str], Door], Awaitable[Answer]]
 Choices = tuple[str, ...] | Callable[[CommandContext], Iterable[str]]
 Further = Callable[[CommandContext, str], Iterable[str]]
+Looks = Callable[[list[str]], bool]
 HELP_WORDS, VERSION_WORDS = ("--help", "-h"), ("--version",)
 FIRST_WIDTH = 9
 MOST_ASKED = 5
 """How often a question is put that is answered by something else."""
+
+
+def never(_: list[str]) -> bool:
+    """A command that does what its grade says, whatever follows it."""
+    return False
 
 
 def nothing_further(_: CommandContext, __: str) -> Iterable[str]:
@@ -118,12 +124,12 @@ class Command:
     """What else people call it."""
     first: bool = False
     """On the first screen of `help`."""
-    looks: frozenset[str] = frozenset()
-    """First arguments (the empty one: none) with which it only looks, whatever its grade."""
+    looks: Looks = never
+    """Whether it only looks with these arguments, whatever its grade."""
 
     def does(self, words: list[str]) -> Grade:
         """What it does to the world with these arguments."""
-        return "look" if (words[0] if words else "") in self.looks else self.grade
+        return "look" if self.looks(words) else self.grade
 
     def offered(self, context: CommandContext) -> Iterable[str]:
         """What the first argument can be, now."""
@@ -144,7 +150,7 @@ def command(
     further: Further = nothing_further,
     aliases: tuple[str, ...] = (),
     first: bool = False,
-    looks: frozenset[str] = frozenset(),
+    looks: Looks = never,
 ) -> Callable[[Handler], Command]:
     """Make a handler the command that its usage begins with. `help` shows the handler's docstring: its first line in
     the list, the rest where help of that command is asked for.
