@@ -126,5 +126,8 @@ async def _blame(context: PickContext, world: WorldModel, target: Target, chi: f
     del target.sightings[:-1]
     if who == "part":
         return "part"
+    world.doubts += 1
+    if world.doubts > settings.tries:  # the table said each time that nothing else had moved
+        raise SuspectError(f"{text}, {world.doubts} approaches in one pick, and nothing else moved; suspect: hand-eye")
     world.questioned = [p for p in world.found if not same_place(p.centre, target.centre, 2 * SAME_PLACE_MM)]
     return "unclear"

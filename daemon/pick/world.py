@@ -79,7 +79,8 @@ class WorldModel:
     direction from it a look along its approach did not find it; last_target: stays when the target is given up;
     doubtful: to be looked at from another side; failures: of tries at a target; old_looks: how often a table was looked
     at again because its looks got old; unmatched: looks with outlines in both images; questioned: what was found before
-    two looks at the target disagreed. All in world, mm.
+    two looks at the target disagreed; doubts: how often they did and the whole table had to be looked at. All in world,
+    mm.
     """
 
     skipped: list[Skipped]
@@ -95,6 +96,7 @@ class WorldModel:
     old_looks: int = 0
     unmatched: int = 0
     questioned: list[Seen] | None = None
+    doubts: int = 0
     outcome: Outcome = Outcome.EMPTY
     why: str = "nothing on the table that can be picked"
 

@@ -146,3 +146,13 @@ def test_a_knocked_camera_and_a_second_disagreement_are_the_cells_fault():
     world.the_target().restarts = 1
     with pytest.raises(SuspectError, match="disagree"):
         step(context, world, State.ESTIMATING)
+
+
+def test_looks_that_disagree_approach_after_approach_while_nothing_else_moves_are_the_hand_eye_s_fault():
+    """Else a pick with a wrong hand-eye would go from doubt to survey for ever."""
+    fake = one_part()
+    fake.put("pyramid", 430, -200, 0.4)
+    context, world = twice_looked(fake, lambda: shifted(fake, "cube", 5, 0, 0))
+    world.doubts = context.settings.tries
+    with pytest.raises(SuspectError, match=r"3 approaches in one pick.*suspect: hand-eye"):
+        step(context, world, State.ESTIMATING)
