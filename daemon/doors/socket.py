@@ -101,10 +101,20 @@ class SocketServer:
                 )
             finally:
                 os.umask(before)
-            os.chown(self.path, -1, self._rights.group)
+            self._give_to(self._rights.group)
             os.chmod(self.path, self._rights.mode)
         except OSError as error:
             raise DoorError(f"{self.path}: cannot listen here: {error.strerror or error}") from None
+
+    def _give_to(self, group: int) -> None:
+        """Change the socket's group where it is another: the unit's filter of system calls lets nobody do that."""
+        if os.stat(self.path).st_gid == group:
+            return
+        try:
+            os.chown(self.path, -1, group)
+        except OSError as error:
+            what = f"{self.path}: cannot be given to console.group: {error.strerror}"
+            raise DoorError(f"{what}; make it the daemon's own group (`systemctl edit facetd`, Group=)") from None
 
     async def close(self) -> None:
         """Let go of the path and of every operator; safe to call twice."""

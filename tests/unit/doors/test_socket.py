@@ -506,3 +506,13 @@ def test_an_operator_who_reads_nothing_and_asks_for_ever_is_hung_up(
         return "heard for ever"
 
     assert listening(tmp_path, use) == "hung up"
+
+
+def test_a_socket_of_the_daemon_s_own_group_is_given_to_nobody(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The unit's filter of system calls refuses chown, whatever it would change."""
+
+    def refused(*_: object) -> None:
+        raise PermissionError(1, "Operation not permitted")
+
+    monkeypatch.setattr("daemon.doors.socket.os.chown", refused)
+    assert listening(tmp_path, lambda path: said(path, b'{"do": "status"}'))["done"]["status"] == 0
