@@ -276,7 +276,6 @@ def _model_without_daemon(words: list[str], as_json: bool) -> int:
         if len(words) != 2:
             raise FacetdError(f"usage: {MODEL_USAGE}")
         version = version_named(store, words[1])
-        store.load(version)
         hold(store.folder)
         store.use(version)
     except (FacetdError, OSError) as error:

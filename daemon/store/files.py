@@ -13,23 +13,43 @@ import tempfile
 import threading
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Protocol
 
 from daemon.errors import FacetdError
 
 
-class LineFile:
+class OpenFile:
+    """A file that is written for as long as it is open, and synced from another thread."""
+
+    def __init__(self, path: Path, handle: int) -> None:
+        self.path, self._handle = path, handle
+        self._closing = threading.Lock()
+
+    def sync(self) -> None:
+        """Bring it to the disk. Raises OSError; a closed file is on the disk already."""
+        with self._closing:
+            if self._handle >= 0:
+                os.fsync(self._handle)
+
+    def close(self) -> None:
+        """Bring it to the disk and let go; safe to call twice."""
+        with contextlib.suppress(OSError):
+            self.sync()
+        with self._closing:
+            if self._handle >= 0:
+                os.close(self._handle)
+            self._handle = -1
+
+
+class LineFile(OpenFile):
     """An append-only file that never keeps half a line: a short write is cut off again."""
 
     def __init__(self, path: Path) -> None:
         """Create it, and hold it while it is written (`being_written`). Raises OSError, FileExistsError where there is
         one already."""
-        self.path = path
-        self._handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND | os.O_CLOEXEC, 0o640)
+        super().__init__(path, os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND | os.O_CLOEXEC, 0o640))
         with contextlib.suppress(OSError):  # a file system without locks: readers will take it for ended
             fcntl.flock(self._handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         self._length = 0
-        self._closing = threading.Lock()
 
     @property
     def in_place(self) -> bool:
@@ -50,21 +70,6 @@ class LineFile:
             raise
         self._length += len(line)
 
-    def sync(self) -> None:
-        """Bring it to the disk. Raises OSError; a closed file is on the disk already."""
-        with self._closing:
-            if self._handle >= 0:
-                os.fsync(self._handle)
-
-    def close(self) -> None:
-        """Bring it to the disk and let go; safe to call twice."""
-        with contextlib.suppress(OSError):
-            self.sync()
-        with self._closing:
-            if self._handle >= 0:
-                os.close(self._handle)
-            self._handle = -1
-
 
 def being_written(path: Path) -> bool:
     """Whether a process still has this LineFile open; however it ends, the kernel lets go of it."""
@@ -83,26 +88,19 @@ def being_written(path: Path) -> bool:
     return False
 
 
-class Synced(Protocol):
-    """A file with something to be brought to the disk."""
-
-    def sync(self) -> None:
-        """Bring it there. Raises OSError; a closed file is on the disk already."""
-
-
 class Syncer:
     """Brings lines from the kernel to the disk: at once for urgent kinds, else at most every so often."""
 
     def __init__(self, every_s: float) -> None:
         self._every_s, self._stop = every_s, False
-        self._dirty: set[Synced] = set()
+        self._dirty: set[OpenFile] = set()
         self._wake, self._urgent, self._clean = threading.Event(), threading.Event(), threading.Event()
         self._lock = threading.Lock()
         self._clean.set()
         self._thread = threading.Thread(target=self._run, name="runlog-sync", daemon=True)
         self._thread.start()
 
-    def take(self, file: Synced) -> None:
+    def take(self, file: OpenFile) -> None:
         """Sync this file some time soon."""
         with self._lock:
             self._clean.clear()

@@ -7,9 +7,7 @@ and no other, and a full disk takes it all the same. A counter says which is the
 
 from __future__ import annotations
 
-import contextlib
 import os
-import threading
 import zlib
 from collections.abc import Mapping
 from pathlib import Path
@@ -17,7 +15,7 @@ from typing import Any
 
 import msgspec
 
-from daemon.store.files import naming
+from daemon.store.files import OpenFile, naming
 from daemon.store.outside import FileError, read_file
 
 SLOT = 4096
@@ -60,8 +58,8 @@ class Standing(msgspec.Struct, frozen=True, omit_defaults=True):
     @property
     def to_be_told(self) -> bool:
         """Whether somebody must look at the cell before anything moves."""
-        cut_off = self.cycle is not None or self.hand_closed or self.auto is not None or self.fault is not None
-        return self.in_doubt or (cut_off and not self.ended)
+        cut_off = self.cycle is not None or self.hand_closed or self.auto is not None
+        return self.in_doubt or self.fault is not None or (cut_off and not self.ended)
 
 
 class _Slot(msgspec.Struct):
@@ -101,20 +99,18 @@ def after(standing: Standing, kind: str, fields: Mapping[str, Any]) -> Standing:
             change = {"hand_closed": fields.get("held") is not False}
         case "run_end" if "holding" in fields:
             holding = fields["holding"] is not False
-            doubt = standing.in_doubt or holding or standing.fault is not None
-            change = {"ended": True, "in_doubt": doubt, "hand_closed": holding}
+            change = {"ended": True, "in_doubt": standing.in_doubt or holding, "hand_closed": holding}
     cut = {name: value[:LONGEST_TEXT] if isinstance(value, str) else value for name, value in change.items()}
     return msgspec.structs.replace(standing, **cut)
 
 
-class StandingFile:
+class StandingFile(OpenFile):
     """The file, open for writing: one process has it. Raises OSError."""
 
     def __init__(self, path: Path) -> None:
-        self.path = path
         with naming(path):
             path.parent.mkdir(parents=True, exist_ok=True)
-            self._handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o640)
+            super().__init__(path, os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o640))
             try:
                 os.posix_fallocate(self._handle, 0, 2 * SLOT)
             except OSError:
@@ -122,7 +118,6 @@ class StandingFile:
                 raise
         slots, _ = _slots(os.pread(self._handle, 2 * SLOT, 0))
         self._counter = max((slot.counter for slot in slots), default=0)
-        self._closing = threading.Lock()
 
     def write(self, standing: Standing) -> None:
         """Put it into the older slot. Raises OSError."""
@@ -131,21 +126,6 @@ class StandingFile:
         with naming(self.path):
             os.pwrite(self._handle, slot.ljust(SLOT - 1) + b"\n", SLOT * ((self._counter + 1) % 2))
         self._counter += 1
-
-    def sync(self) -> None:
-        """Bring it to the disk. Raises OSError."""
-        with self._closing:
-            if self._handle >= 0:
-                os.fdatasync(self._handle)
-
-    def close(self) -> None:
-        """Bring it to the disk and let go; safe to call twice."""
-        with contextlib.suppress(OSError):
-            self.sync()
-        with self._closing:
-            if self._handle >= 0:
-                os.close(self._handle)
-            self._handle = -1
 
 
 def left_behind(path: Path, ran_before: bool) -> Standing | None:

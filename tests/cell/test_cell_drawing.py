@@ -2,30 +2,22 @@
 
 from __future__ import annotations
 
-import shutil
-import tempfile
 from collections.abc import Iterator
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from drivers.simcell.parts import part_shape
-from tests.worlds.running import Running
+from tests.worlds.running import Running, judged_daemon
 
 pytestmark = pytest.mark.slow
 
 
 @pytest.fixture
 def daemon() -> Iterator[Running]:
-    folder = Path(tempfile.mkdtemp(prefix="facetd-drawing-"))
-    daemon = Running(folder, "", seed=11, time_scale=20.0)
-    daemon.start()
-    yield daemon
-    daemon.kill()
-    assert daemon.judged() == []
-    shutil.rmtree(folder, ignore_errors=True)
+    with judged_daemon(seed=11, time_scale=20.0) as daemon:
+        yield daemon
 
 
 def stl(label: str) -> bytes:

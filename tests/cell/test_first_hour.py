@@ -3,28 +3,20 @@
 from __future__ import annotations
 
 import re
-import shutil
-import tempfile
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 
-from daemon.doors.client import DaemonLink
 from daemon.store import places
-from tests.worlds.running import Running
+from tests.worlds.running import Running, judged_daemon
 
 pytestmark = pytest.mark.slow
 
 
 @pytest.fixture
 def daemon() -> Iterator[Running]:
-    folder = Path(tempfile.mkdtemp(prefix="facetd-hour-"))
-    daemon = Running(folder, "", seed=7, time_scale=40.0)
-    daemon.start()
-    yield daemon
-    daemon.kill()
-    shutil.rmtree(folder, ignore_errors=True)
+    with judged_daemon(seed=7, time_scale=40.0) as daemon:
+        yield daemon
 
 
 def lines() -> list[str]:
@@ -40,8 +32,7 @@ def test_every_line_of_the_first_hour_does_what_it_is_there_for(
     monkeypatch.chdir(places.HOUSE)
     said: dict[str, str] = {}
     for line in lines():
-        with DaemonLink(daemon.folder / "facetd.sock") as link:
-            done = link.do(line, "console", lambda _: None, lambda _: "y")
+        done = daemon.do(line, answer="y")
         said[line] = done["text"]
         assert done["status"] == 0, f"{line}: {done['text']}"
     assert said["pick bracket"].startswith("picked: bracket")

@@ -11,8 +11,10 @@ import shutil
 import socket
 import subprocess
 import sys
+import tempfile
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -87,12 +89,12 @@ class Running:
         self.kill()
         raise RuntimeError(f"not ready: {(self.folder / 'stderr').read_text(errors='replace')[-300:]}")
 
-    def do(self, text: str) -> dict[str, Any]:
-        """Say one command; {text, data, status}."""
+    def do(self, text: str, answer: str | None = None) -> dict[str, Any]:
+        """Say one command; {text, data, status}. answer: to each question (None: as somebody whom nobody asks)."""
         if text in ("enable", "resume"):
             self._allowed.append((time.monotonic(), True))
         with DaemonLink(self.folder / "facetd.sock") as link:
-            done = link.do(text, "bench", lambda _: None)
+            done = link.do(text, "bench", lambda _: None, None if answer is None else lambda _: answer)
         if text in ("stop", "disable"):
             self._allowed.append((time.monotonic(), False))
         return done
@@ -152,3 +154,20 @@ class Running:
         assert self.process is not None
         self.process.terminate()
         return self.process.wait(timeout_s)
+
+
+@contextmanager
+def judged_daemon(seed: int, time_scale: float, excused: str | None = None) -> Iterator[Running]:
+    """One that runs in a folder of its own, and is judged when it is done with. excused: the beginning of what a person
+    has to answer for, and not the daemon."""
+    folder = Path(tempfile.mkdtemp(prefix="facetd-"))
+    daemon = Running(folder, "", seed, time_scale)
+    daemon.start()
+    try:
+        yield daemon
+        found = daemon.judged()
+    finally:
+        daemon.kill()
+        shutil.rmtree(folder, ignore_errors=True)
+    found = [line for line in found if excused is None or not line.startswith(excused)]
+    assert found == [], "\n".join(found)

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-import shutil
-import tempfile
 import time
 from collections.abc import Iterator
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 from unittest.mock import Mock
@@ -28,7 +25,7 @@ from drivers.val2.link import Link
 from tests.worlds.fake_cell import World, build
 from tests.worlds.fake_context import FakeDoor, FakeLog
 from tests.worlds.person import Person
-from tests.worlds.running import Running
+from tests.worlds.running import Running, judged_daemon
 
 
 def standing(fault: str | None = None, enabled: bool = True) -> Any:
@@ -170,15 +167,9 @@ def test_the_property_above_sees_an_arm_that_may_move_moving() -> None:
 
 @pytest.fixture
 def daemon() -> Iterator[Running]:
-    folder = Path(tempfile.mkdtemp(prefix="facetd-monitor-"))
-    daemon = Running(folder, "", seed=3, time_scale=20.0)
-    daemon.start()
-    yield daemon
     # How far a person sends the arm at the controller's own terminal is theirs to answer for.
-    found = [line for line in daemon.judged() if not line.startswith("step too long")]
-    daemon.kill()
-    shutil.rmtree(folder, ignore_errors=True)
-    assert found == []
+    with judged_daemon(seed=3, time_scale=20.0, excused="step too long") as daemon:
+        yield daemon
 
 
 def test_a_person_talks_to_the_controller_and_comes_back(daemon: Running) -> None:

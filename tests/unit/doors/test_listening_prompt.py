@@ -20,19 +20,13 @@ import pytest
 sys.path.insert(0, str(Path(__file__).resolve().parents[3]))
 
 from tests.worlds.person import Person
-from tests.worlds.running import Running
+from tests.worlds.running import Running, judged_daemon
 
 
 @pytest.fixture(scope="module")
 def daemon() -> Iterator[Running]:
-    folder = Path(tempfile.mkdtemp(prefix="facetd-prompt-"))
-    daemon = Running(folder, "", seed=3, time_scale=4.0)
-    daemon.start()
-    yield daemon
-    found = daemon.judged()
-    daemon.kill()
-    shutil.rmtree(folder, ignore_errors=True)
-    assert found == []
+    with judged_daemon(seed=3, time_scale=4.0) as daemon:
+        yield daemon
 
 
 @pytest.fixture
