@@ -6,8 +6,7 @@ The model is the one that was in use at that look (kept in the run), or another 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from math import inf
+from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
 from time import thread_time
@@ -88,7 +87,7 @@ def replay(
     now_ms: list[float] = []
     looks = identical = 0
     untaught = empty_model(library)
-    unhurried = replace(settings or VisionSettings(), budget_s=inf)
+    unhurried = (settings or VisionSettings()).unhurried()
     for record, in_use in looks_with_models(folder, run):
         pair = _pictures(folder, record)
         if pair is None:

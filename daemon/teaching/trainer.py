@@ -226,7 +226,7 @@ class Trainer:
                 "there are no views to train on: `teach LABEL` first" + "".join(f"; {x}" for x in left_out)
             )
         version = self.model_store.put_candidate(model, self._codes(model))
-        tried = Recogniser(model, self.rig, self.settings)
+        tried = Recogniser(model, self.rig, (self.settings or VisionSettings()).unhurried())
         unlearnt = {line.split(":")[0] for line in left_out}
         verdicts = [self._verdict(tried, view) for view in self.model_store.views() if view.name not in unlearnt]
         return Trained(version, tuple(verdicts), tuple(left_out), perf_counter() - began)

@@ -6,6 +6,7 @@ Thresholds are in units of the measured noise, of pixels, or of predicted errors
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from math import inf
 from typing import Annotated, Literal
 
 from msgspec import Meta
@@ -62,3 +63,7 @@ class VisionSettings:
         what that leaves unnamed is looked for by straight edges.
         """
         return replace(self, shrinks=(2,), levels=(4.5, 8.0, 18.0), max_regions=12, alike=2)
+
+    def unhurried(self) -> VisionSettings:
+        """The same for a look that nobody waits for: what it names must not hang on how fast the computer is."""
+        return replace(self, budget_s=inf)

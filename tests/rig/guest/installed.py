@@ -71,6 +71,7 @@ def configure(travel_pct: float) -> None:
     configuration["cameras"] |= {"left": "left", "right": "right", "fps": beside.FPS, "max_skew_ms": 60}
     configuration["arm"] |= {"port": "/dev/ttyS1", "dialect": PATIENT}
     configuration["pick"] |= {"travel_pct": travel_pct, "settling": {"timeout_s": 30.0}, "arrival": {"slack_s": 20.0}}
+    configuration["vision"] = {**(configuration.get("vision") or {}), "budget_s": 60.0}
     configuration["pick"]["limits"]["max_look_age_s"] = 120
     configuration["health"] |= {"camera_silence_s": 20.0}
     configuration["log"] |= {"keep_free_mb": 5}

@@ -98,7 +98,7 @@ def test_a_part_is_taught_from_what_real_devices_show(person: Person) -> None:
     assert taught.get("kept"), taught
     person.do("clear")
     trained = command("train")
-    assert trained["status"] == 0, trained
+    assert trained["status"] == 0, trained["text"]
     assert command("status")["model"]["labels"] == [PART]
 
 

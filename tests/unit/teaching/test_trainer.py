@@ -7,7 +7,9 @@ import pytest
 
 from daemon.teaching.trainer import Trainer
 from daemon.vision.model.model import TeachError
-from tests.worlds.taught import taught
+from daemon.vision.settings import VisionSettings
+from tests.worlds import rendered
+from tests.worlds.taught import scenes, taught
 
 
 def test_taught_views_make_a_candidate_and_the_model_in_use_is_not_touched(trainer: Trainer) -> None:
@@ -41,3 +43,16 @@ def test_a_view_that_can_no_longer_be_read_is_left_out_and_named(trainer: Traine
     trained = trainer.train()
     assert len(trained.left_out) == 1
     assert "not an image" in trained.left_out[0]
+
+
+def test_what_a_candidate_names_does_not_hang_on_how_fast_the_computer_is(trainer: Trainer) -> None:
+    """On an emulated computer a view that a look names by straight edges only was taught, and failed its own check."""
+    scene = scenes("printed")[3]
+    hurried = VisionSettings(budget_s=1e-9)
+    slow = Trainer(trainer.model_store, trainer.rig, trainer.library, trainer.parts, hurried)
+    slow.store("part", *rendered.pair(scene), {})
+    (verdict,) = slow.train().verdicts
+    assert verdict.right, verdict
+    candidate = slow.candidate()
+    assert candidate is not None
+    assert not candidate.see(*rendered.pair(scene)).parts, "the look itself keeps to its budget"
