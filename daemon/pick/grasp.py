@@ -1,18 +1,19 @@
 """How to take hold of a part: antipodal grasps from its corners, its pose and the table. Pure.
 
 A grasp is where the tool must be, world frame; whether the arm gets there and what the cameras see is plan.py's.
-The solid is the convex hull of the taught corners: what a gripper with two flat fingers feels of it.
+The solid is the part where all its sides are known, and else the convex hull of the corners that are.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from itertools import combinations, product
-from typing import Annotated
+from dataclasses import dataclass, replace
+from itertools import combinations, pairwise, product
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from msgspec import Meta
+from numpy.typing import NDArray
 
 from daemon import frames
 from daemon.arrays import Array
@@ -22,11 +23,15 @@ from daemon.vision.geometry import Polyhedron, exact
 UP = np.array([0.0, 0.0, 1.0])
 TOUCHING_MM = 0.6
 """Soft pads and taught corners: what is this near to the finger touches it."""
+LEAST_BITE_MM = 4.5
+"""How deep the part must reach between the fingers at the least."""
 MEETING_MM = 2.0
 """Faces that are reached within this of one another meet there in an edge or a corner."""
 NEAR_RAD = 0.25
 LEAST_SIZE_MM2, SAME_PLANE = 20.0, float(np.cos(np.radians(6.0)))
 """Twice the area of three corners that give a plane, and the cosine above which two planes are one."""
+LEAST_SLOPE, LEG_FACES = 1e-6, 0.9
+"""The least that a face faces the fingers by to be met at all, and the least by which two are the sides of a leg."""
 ALONG_DEG = 9.0
 """A face this near to parallel lies along a finger; the closing finger turns the part the rest."""
 
@@ -81,8 +86,14 @@ def tool_rotation(heading: Array, tilt_rad: float) -> Array:
     return np.array([[-cosine * u, -v, sine * u], [-cosine * v, u, sine * v], [-sine, 0.0, -cosine]])
 
 
-def hull_planes(corners_mm: Array, flat_mm: float = 1.5) -> tuple[Array, Array]:
-    """Planes of the convex hull of (N, 3) corners: outward unit normals (F, 3) and offsets (F,), inside n.x <= d.
+def felt(shape: Polyhedron) -> Polyhedron:
+    """What two flat fingers feel of a part: itself where every side of it is known, else the convex hull of the corners
+    that are. Raises ValueError where those span no volume."""
+    return shape if len(shape.facets) >= 4 and len(shape.across) == len(shape.edges) else hull(shape.corners_mm)
+
+
+def hull(corners_mm: Array, flat_mm: float = 1.5) -> Polyhedron:
+    """The convex hull of (N, 3) corners.
 
     Corners within flat_mm of a plane lie on it, so that taught (noisy) faces come out whole. For the few corners a
     part has, trying each three is quick. Raises ValueError where the corners span no volume.
@@ -98,15 +109,31 @@ def hull_planes(corners_mm: Array, flat_mm: float = 1.5) -> tuple[Array, Array]:
     above, below = heights.max(axis=1) > flat_mm, heights.min(axis=1) < -flat_mm
     every, heights = np.where(above[:, None], -every, every), np.where(above[:, None], -heights, heights)
     normals: list[Array] = []
-    offsets: list[float] = []
+    rings: list[tuple[int, ...]] = []
     for k in np.flatnonzero(above != below):
-        if any(float(n @ every[k]) > SAME_PLANE for n in normals):
-            continue
-        normals.append(every[k])
-        offsets.append(float((corners_mm[heights[k] > -flat_mm] @ every[k]).max()))
+        if not any(float(n @ every[k]) > SAME_PLANE for n in normals):
+            normals.append(every[k])
+            rings.append(_ring(corners_mm, np.flatnonzero(heights[k] > -flat_mm), every[k]))
     if len(normals) < 4:
         raise ValueError(f"{len(corners_mm)} corners span no solid")
-    return np.array(normals), np.array(offsets)
+    return exact(corners_mm, rings)
+
+
+def _ring(corners_mm: Array, which: NDArray[np.intp], normal: Array) -> tuple[int, ...]:
+    """Corners of a convex face, anticlockwise as seen from where its normal points."""
+    flat = corners_mm[which] - corners_mm[which].mean(axis=0)
+    right = flat[np.linalg.norm(flat, axis=1).argmax()]
+    angles = np.arctan2(flat @ np.cross(normal, right), flat @ right)
+    return tuple(int(k) for k in which[np.argsort(angles)])
+
+
+def centre_of_mass(solid: Polyhedron) -> Array:
+    """(3,) of a closed solid of one stuff: its sides cut into triangles, each with the middle a tetrahedron."""
+    middle = solid.corners_mm.mean(axis=0)
+    fans = [(r[0], b, c) for r in solid.facets for b, c in pairwise(r[1:])]
+    spread = solid.corners_mm[np.array(fans)] - middle
+    volumes = np.linalg.det(spread)
+    return np.asarray(middle + volumes @ spread.sum(axis=1) / (4.0 * volumes.sum()))
 
 
 def closing_directions(normals: Array, corners_mm: Array) -> list[Array]:
@@ -138,35 +165,92 @@ class Contact:
     line_mm: Array
 
 
-def contacts(normals: Array, offsets: Array, up: Array, gripper: Gripper) -> Contact | None:
-    """Close the fingers on a convex solid given by its planes in the tool frame; None where they meet nothing, or
-    nothing that lies along them (a part gripped by two opposite edges turns away). up (3,): world up, tool frame.
+class _Sides(NamedTuple):
+    """A solid as the fingers meet it: outlines (F, K, 3), filled up with their last corners; outward normals (F, 3)."""
 
-    Lines along tool y are laid over the fingers; each meets the solid between an entry and an exit face. A finger rests
-    where the solid reaches farthest; where several faces meet there, it holds any direction between their normals.
-    """
+    outlines: Array
+    normals: Array
+
+    def seen_from(self, rotation: Array, origin: Array) -> _Sides:
+        """The same in a frame with these axes (3, 3) in columns and this origin (3,)."""
+        return _Sides((self.outlines - origin) @ rotation, self.normals @ rotation)
+
+
+def _sides(solid: Polyhedron) -> _Sides:
+    longest = max(map(len, solid.facets))
+    filled = np.array([[*ring, *ring[-1:] * (longest - len(ring))] for ring in solid.facets])
+    return _Sides(solid.corners_mm[filled], solid.normals)
+
+
+class _Lines(NamedTuple):
+    """Lines along tool y, laid over the fingers. base (L, 2): their x and z; high, low (F, L): how far along y each
+    leaves and enters the solid through each side, -inf and inf where it does not."""
+
+    base: Array
+    high: Array
+    low: Array
+
+    def free(self, low_mm: float, high_mm: float) -> bool:
+        """Whether no line meets the solid between two places along y."""
+        met = ((self.high > low_mm) & (self.high < high_mm)) | ((self.low > low_mm) & (self.low < high_mm))
+        left = (self.high > low_mm).sum(axis=0)
+        entered = (np.isfinite(self.low) & (self.low > low_mm)).sum(axis=0)
+        return not (met.any() or (left > entered).any())
+
+
+def _lines(sides: _Sides, gripper: Gripper) -> _Lines:
+    """sides: in the tool frame."""
     half = gripper.finger_width_mm / 2
     x, z = np.meshgrid(np.linspace(-half, half, 9), np.linspace(-gripper.pad_back_mm, gripper.tip_mm, 31))
-    base = np.column_stack([x.ravel(), np.zeros(x.size), z.ravel()])
-    room, slope = offsets[None] - base @ normals.T, normals[:, 1]
+    base = np.column_stack([x.ravel(), z.ravel()])
+    met = _within(base, sides.outlines[..., [0, 2]])
+    normals = sides.normals
+    offsets = np.einsum("fi,fi->f", sides.outlines[:, 0], normals)
     with np.errstate(divide="ignore", invalid="ignore"):
-        reach = room / slope
-    high = np.where(slope > 1e-9, reach, np.inf)
-    low = np.where(slope < -1e-9, reach, -np.inf)
-    outside = ((np.abs(slope) <= 1e-9) & (room < 0)).any(axis=1)
-    top, bottom = high.min(axis=1), low.max(axis=1)
-    inside = ~outside & (top > bottom)
-    if inside.sum() < 4:
+        reach = (offsets[:, None] - normals[:, [0, 2]] @ base.T) / normals[:, 1:2]
+    out = normals[:, 1:2]
+    return _Lines(
+        base, np.where(met & (out > LEAST_SLOPE), reach, -np.inf), np.where(met & (out < -LEAST_SLOPE), reach, np.inf)
+    )
+
+
+def _within(points: Array, outlines: Array) -> NDArray[np.bool_]:
+    """(F, P) which points (P, 2) lie within each of the rings of corners (F, K, 2), convex or not; of two rings with a
+    side in common, a point on it lies in one."""
+    ax, ay = np.moveaxis(outlines, -1, 0)[..., None]
+    bx, by = np.moveaxis(np.roll(outlines, -1, axis=1), -1, 0)[..., None]
+    px, py = points.T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        left = px < ax + (py - ay) * ((bx - ax) / (by - ay))
+    return np.asarray((((ay > py) != (by > py)) & left).sum(axis=1) % 2 == 1)
+
+
+def contacts(sides: _Sides, up: Array, gripper: Gripper) -> Contact | None:
+    """Close the open fingers on a solid, its sides in the tool frame; None where a finger would stand in it, where they
+    meet nothing, or nothing that lies along them (a part gripped by two opposite edges turns away), or by their tips
+    only. up (3,): world up, tool frame.
+
+    Lines along tool y are laid over the fingers. A finger rests where the solid reaches farthest; where several faces
+    meet there, it holds any direction between their normals.
+    """
+    lines, half = _lines(sides, gripper), gripper.opening_mm / 2
+    top = np.where(lines.high < half, lines.high, -np.inf)
+    bottom = np.where(lines.low > -half, lines.low, np.inf)
+    met = (top.max(axis=0) > -np.inf) & (bottom.min(axis=0) < np.inf)
+    if met.sum() < 4 or gripper.tip_mm - lines.base[met, 1].min() < LEAST_BITE_MM:
         return None
-    upper = _touch(high[inside], base[inside], normals, up, 1.0)
-    lower = _touch(-low[inside], base[inside], normals, up, -1.0)
+    upper = _touch(top[:, met], lines.base[met], sides.normals, up, 1.0)
+    lower = _touch(-bottom[:, met], lines.base[met], sides.normals, up, -1.0)
     if not (upper.flat or lower.flat):
         return None
-    width = float(top[inside].max() - bottom[inside].min())
+    high_mm, low_mm = float(top.max()), float(bottom.min())
+    middle, out = (high_mm + low_mm) / 2, half + gripper.finger_thick_mm
+    roomy = half - gripper.side_clearance_mm
+    if not (lines.free(middle + roomy, middle + out) and lines.free(middle - out, middle - roomy)):
+        return None
     ends = np.maximum(upper.low, lower.low), np.minimum(upper.high, lower.high)
-    askew = float(np.degrees(np.arctan2(np.linalg.norm(np.maximum(ends[0] - ends[1], 0.0)), width)))
-    slip = max(upper.slip_deg, lower.slip_deg, askew)
-    return Contact(float(bottom[inside].min()), float(top[inside].max()), slip, (ends[0] + ends[1]) / 2)
+    askew = float(np.degrees(np.arctan2(np.linalg.norm(np.maximum(ends[0] - ends[1], 0.0)), high_mm - low_mm)))
+    return Contact(low_mm, high_mm, max(upper.slip_deg, lower.slip_deg, askew), (ends[0] + ends[1]) / 2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,14 +265,14 @@ class _Touch:
 
 
 def _touch(reach: Array, base: Array, normals: Array, up: Array, sign: float) -> _Touch:
-    """reach (L, F): how far along sign * y each line gets to each face."""
-    least = reach.min(axis=1)
-    best = np.flatnonzero(least > least.max() - TOUCHING_MM)
-    faces = np.flatnonzero((reach[best] < least[best, None] + MEETING_MM).any(axis=0))
+    """reach (F, L): how far along sign * y each line gets to each side it leaves the solid by."""
+    farthest = reach.max(axis=0)
+    most = farthest.max()
+    faces = np.unique(reach.argmax(axis=0)[farthest > most - MEETING_MM])
     closing = np.array([0.0, sign, 0.0])
     level = normals[faces] - np.outer(normals[faces] @ up, up)
     along = level @ closing > np.cos(np.radians(ALONG_DEG)) * np.maximum(np.linalg.norm(level, axis=1), 0.3)
-    spots = base[best][:, [0, 2]]
+    spots = base[farthest > most - TOUCHING_MM]
     return _Touch(_off_cone_deg(closing, normals[faces]), bool(along.any()), spots.min(axis=0), spots.max(axis=0))
 
 
@@ -204,7 +288,7 @@ def _off_cone_deg(direction: Array, normals: Array) -> float:
 
 
 def grasps(
-    corners_mm: Array,
+    shape: Polyhedron,
     world_from_part: Array,
     table_z_mm: float,
     gripper: Gripper,
@@ -213,48 +297,69 @@ def grasps(
 ) -> list[Grasp]:
     """All grasps that hold, firmest first (unblocked before blocked).
 
-    corners_mm (N, 3) in the part frame; neighbours: (M, 3) world corners of other parts on the table; near (3, 3): only
+    shape: in the part frame; neighbours: (M, 3) world corners of other parts on the table; near (3, 3): only
     grasps whose tool is turned within some 15 degrees of it. Grasps
     through the table, wider than the opening or needing more friction than the pads have are left out.
+    Raises ValueError where the shape's corners span no volume.
     """
-    world = frames.apply(world_from_part, corners_mm)
-    normals, offsets = hull_planes(world)
+    solid = felt(shape)
+    solid = replace(solid, corners_mm=frames.apply(world_from_part, solid.corners_mm))
+    mass, sides = centre_of_mass(solid), _sides(solid)
     found: list[Grasp] = []
-    for along in closing_directions(normals, world):
-        for closing in (along, -along):
-            for tilt_deg in gripper.tilts_deg:
-                rotation = tool_rotation(np.cross(closing, UP), float(np.radians(tilt_deg)))
-                if near is not None and float((rotation * near).sum()) < 1.0 + 2.0 * np.cos(NEAR_RAD):
-                    continue
-                grasp = _placed(rotation, tilt_deg, world, normals, offsets, table_z_mm, gripper)
+    for along in closing_directions(solid.normals, solid.corners_mm):
+        middles = [mass, *_legs(solid, along, gripper)]
+        for closing, tilt_deg in product((along, -along), gripper.tilts_deg):
+            rotation = tool_rotation(np.cross(closing, UP), float(np.radians(tilt_deg)))
+            if near is not None and float((rotation * near).sum()) < 1.0 + 2.0 * np.cos(NEAR_RAD):
+                continue
+            for middle in middles:
+                grasp = _placed(rotation, tilt_deg, middle, mass, sides, table_z_mm, gripper)
                 if grasp is not None:
                     blocked = any(_in_the_way(grasp.world_from_tool, n, gripper) for n in neighbours)
-                    found.append(Grasp(grasp.world_from_tool, grasp.width_mm, grasp.slip_deg, tilt_deg, blocked))
+                    found.append(replace(grasp, blocked=blocked))
     return sorted(found, key=lambda g: (g.blocked, round(g.slip_deg / 5.0), g.tilt_deg))
 
 
+def _legs(solid: Polyhedron, along: Array, gripper: Gripper) -> list[Array]:
+    """(3,) middles between sides that look away from each other along the closing direction: where a part that is not
+    convex has a leg to be held by."""
+    heights = solid.normals @ solid.corners_mm.T - np.einsum("fi,fi->f", solid.normals, solid.centres_mm)[:, None]
+    if heights.max() < MEETING_MM:
+        return []
+    facing, legs = solid.normals @ along, []
+    for a, b in product(np.flatnonzero(facing > LEG_FACES), np.flatnonzero(facing < -LEG_FACES)):
+        gap = solid.centres_mm[a] - solid.centres_mm[b]
+        if 0.0 < float(gap @ along) < gripper.opening_mm:
+            legs.append((solid.centres_mm[a] + solid.centres_mm[b]) / 2)
+    return legs
+
+
 def _placed(
-    rotation: Array, tilt_deg: float, world: Array, normals: Array, offsets: Array, table_z_mm: float, gripper: Gripper
+    rotation: Array, tilt_deg: float, middle: Array, mass: Array, sides: _Sides, table_z_mm: float, gripper: Gripper
 ) -> Grasp | None:
-    """The grasp with this orientation: at the solid's centre or as low as the tips allow, centred."""
-    low, high = world.min(axis=0), world.max(axis=0)
+    """The grasp with this orientation: at this middle (3,) or as low as the tips allow, centred."""
     tips = np.array([[sx * gripper.finger_width_mm / 2, 0.0, gripper.tip_mm] for sx in (-1, 1)])
     least_z = table_z_mm + gripper.tip_clearance_mm - float((tips @ rotation.T)[:, 2].min())
-    centre = world.mean(axis=0)
-    centre[2] = max(centre[2], least_z)
-    if centre[2] > high[2] - 3.0 or low[2] > high[2]:
+    centre = np.array([*middle[:2], max(middle[2], least_z)])
+    in_hand = sides.seen_from(rotation, centre)
+    if centre[2] > sides.outlines[..., 2].max() - 3.0 or _in_the_palm(in_hand.outlines, gripper):
         return None
-    here = frames.rigid(rotation, centre)
-    contact = contacts(normals @ rotation, offsets - normals @ centre, UP @ rotation, gripper)
+    contact = contacts(in_hand, UP @ rotation, gripper)
     if contact is None or contact.slip_deg > np.degrees(np.arctan(gripper.friction)):
         return None
-    if np.linalg.norm((rotation.T @ (world.mean(axis=0) - centre))[[0, 2]] - contact.line_mm) > gripper.swing_mm:
+    if np.linalg.norm(((mass - centre) @ rotation)[[0, 2]] - contact.line_mm) > gripper.swing_mm:
         return None
     width = contact.high_mm - contact.low_mm
     if width > gripper.opening_mm - 2 * gripper.side_clearance_mm:
         return None
-    here[:3, 3] += rotation[:, 1] * (contact.high_mm + contact.low_mm) / 2
+    here = frames.rigid(rotation, centre + rotation[:, 1] * (contact.high_mm + contact.low_mm) / 2)
     return Grasp(here, width, contact.slip_deg, tilt_deg)
+
+
+def _in_the_palm(corners: Array, gripper: Gripper) -> bool:
+    """Whether corners (..., 3), tool frame, lie where the fingers come from; a palm as wide as they open is there."""
+    wide = gripper.opening_mm / 2 + gripper.finger_thick_mm
+    return bool(((corners[..., 2] < -gripper.pad_back_mm) & (np.abs(corners[..., :2]) < wide).all(axis=-1)).any())
 
 
 def _in_the_way(world_from_tool: Array, neighbour: Array, gripper: Gripper, back_mm: float = 80.0) -> bool:

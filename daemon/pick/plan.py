@@ -80,7 +80,7 @@ def plan_part(
     camera stood that did not find it.
     """
     try:
-        found = grasps(shape.corners_mm, world_from_part, settings.limits.table_z_mm, settings.gripper, neighbours)
+        found = grasps(shape, world_from_part, settings.limits.table_z_mm, settings.gripper, neighbours)
     except ValueError as error:
         return f"taught corners give no solid to grasp: {error}"
     if not found:
@@ -146,7 +146,7 @@ def regrasp(shape: Polyhedron, world_from_part: Array, before: Plan, settings: S
     where none is near (the part lies otherwise than was thought: plan again)."""
     old = before.grasp.world_from_tool
     table_z_mm, gripper = settings.limits.table_z_mm, settings.gripper
-    found = grasps(shape.corners_mm, world_from_part, table_z_mm, gripper, near=old[:3, :3])
+    found = grasps(shape, world_from_part, table_z_mm, gripper, near=old[:3, :3])
 
     def away(grasp: Grasp) -> float:
         gap_mm = apart_mm(grasp.world_from_tool[:3, 3], old[:3, 3])
