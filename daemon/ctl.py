@@ -60,9 +60,14 @@ def main(arguments: list[str] | None = None) -> int:
     if VERSION in words:
         print(f"facetctl {importlib.metadata.version('facetd')}")
         return DONE
-    if not words or any(word in HELP for word in words):
-        return _help([word for word in words if word not in HELP], NOT_UNDERSTOOD if not words else DONE)
     try:
+        if not words or any(word in HELP for word in words):
+            return _help([word for word in words if word not in HELP], NOT_UNDERSTOOD if not words else DONE)
+        if words[0].startswith("-"):
+            print(
+                f"facetctl: {words[0]}: no such option before a command; `facetctl --help` lists them", file=sys.stderr
+            )
+            return NOT_UNDERSTOOD
         if words[0] == "completion":
             return _completion(words[1:], socket_path)
         if _needs_no_daemon(words):

@@ -47,7 +47,8 @@ async def robot(context: CommandContext, words: list[str], door: Door) -> Answer
     if what == "cal":
         no_more(words, 1, "robot cal")
         reply = context.config.values.arm.calibrate_answer
-        return _replies(await with_questions(context, by_hand("CAL", lambda: arm.calibrate(reply)), door))
+        said = await with_questions(context, by_hand("CAL", lambda: arm.calibrate(reply)), door)
+        return _replies([*said, f"(answered {reply}) The arm has found its zero and is at rest."])
     if not text:
         return await monitor(context, door)
     arm.check_typable(text)

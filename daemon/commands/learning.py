@@ -172,7 +172,7 @@ async def _label(context: CommandContext, words: list[str], door: Door, shown: b
     if not LABEL.fullmatch(label) or label in ("unknown", "nothing"):
         raise CommandError(f"{label}: a label is small letters, digits and _, as in hex_bolt", NOT_UNDERSTOOD)
     close = difflib.get_close_matches(label, context.parts, 1)
-    hint = f"; did you mean {close[0]}?" if close else f" (known: {', '.join(context.parts)})"
+    hint = f"; did you mean {close[0]}?" if close else f" (known: {', '.join(context.parts)})."
     if (shown and context.hardware.hand is not None) or not door.asks:
         raise CommandError(f"{label}: no such part{hint} Add a new one to parts.yaml.", NOT_UNDERSTOOD)
     if not await yes_or_no(door, f"{label} is not in parts.yaml{hint} Teach it as a new part? [y/n]"):

@@ -20,8 +20,8 @@ from daemon.pick.world import (
     WorldModel,
     look,
     skip,
-    skip_unreachable,
     travel,
+    unreachable,
 )
 
 
@@ -36,7 +36,7 @@ async def stop_n(context: PickContext, world: WorldModel) -> Literal[Event.THERE
         purpose = f"stand-off {distance:g} mm"
         await travel(context, world, pose, purpose, target.look, straight=bool(target.sightings))
     except MOVE_ERRORS as error:
-        skip_unreachable(context, world, error)
+        await unreachable(context, world, error)
         return Event.UNREACHABLE
     return Event.THERE
 

@@ -15,7 +15,7 @@ from daemon.pick.outcome import Outcome
 from daemon.pick.plan import last_stretch
 from daemon.pick.seen import Seen, same_place, seen_parts
 from daemon.pick.transitions import Event
-from daemon.pick.world import MOVE_ERRORS, PickContext, WorldModel, look, skip, skip_unreachable, travel
+from daemon.pick.world import MOVE_ERRORS, PickContext, WorldModel, look, skip, travel, unreachable
 
 HAND_REACH_MM = 70.0
 """What is seen within this of the tool's centre point is in the hand, and not on the table."""
@@ -36,7 +36,7 @@ async def final(context: PickContext, world: WorldModel) -> Literal[Event.THERE,
         await travel(context, world, stretch.before, "before the grasp", target.look, straight=True)
         await travel(context, world, stretch.at, "grasp", target.look, straight=True)
     except MOVE_ERRORS as error:
-        skip_unreachable(context, world, error)
+        await unreachable(context, world, error)
         return Event.UNREACHABLE
     if context.mover.dry:
         world.outcome, world.why = Outcome.DRY, f"{target.label} would be grasped now"

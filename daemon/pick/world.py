@@ -14,9 +14,9 @@ from daemon.arm import Mover, MoveRefusedError, OutOfReachError, Reading, Workce
 from daemon.arrays import Array
 from daemon.errors import FacetdError
 from daemon.pick.following import Target
-from daemon.pick.looking import Expected, Look, Recogniser, log_look, relight, take_look
+from daemon.pick.looking import Expected, Look, Recogniser, log_look, relight, take_look, whole_look
 from daemon.pick.outcome import Observer, Outcome, Skipped, tell
-from daemon.pick.seen import Seen, apart_mm, ordered, same_place
+from daemon.pick.seen import Seen, apart_mm, ordered, same_place, seen_parts
 from daemon.pick.settings import Settings
 from daemon.pick.transitions import Event
 
@@ -129,11 +129,18 @@ def skip(context: PickContext, world: WorldModel, outcome: Outcome, part: Seen |
     context.decide(f"skip {part.label}", f"{outcome}: {why}")
 
 
-def skip_unreachable(context: PickContext, world: WorldModel, error: MoveError) -> None:
-    """A move was refused: give the target up where its place is to blame, raise where all motion is closed."""
+async def unreachable(context: PickContext, world: WorldModel, error: MoveError) -> None:
+    """A move was refused: raise where all motion is closed. Where the target was looked at on the way, its place is
+    known better than when its approach was chosen: choose again, but not for ever; else leave it alone."""
     if isinstance(error, MoveRefusedError) and error.refusal.rule in STANDING_RULES:
         raise error
-    skip(context, world, Outcome.UNREACHABLE, world.the_target(), str(error))
+    target = world.the_target()
+    if not target.sightings or world.replans >= context.settings.tries:
+        skip(context, world, Outcome.UNREACHABLE, target, str(error))
+        return
+    world.replans += 1
+    context.decide(f"plan {target.label} again", str(error))
+    world.found = seen_parts(await whole_look(context.recogniser, target.look))
 
 
 async def travel(

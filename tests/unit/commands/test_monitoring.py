@@ -244,7 +244,11 @@ def test_cal_needs_an_arm_that_may_move_is_shown_while_it_runs_and_is_stopped_li
     assert daemon.do("where")["data"]["joints_deg"] == before
     assert daemon.do("robot cal")["status"] == 1, "a fault stands"
     daemon.do("resume")
-    assert daemon.do("robot cal")["status"] == 0
+    done = daemon.do("robot cal")
+    assert (done["status"], done["text"].splitlines()[-1]) == (
+        0,
+        "(answered Y) The arm has found its zero and is at rest.",
+    )
 
 
 def test_what_the_controller_says_does_not_steer_the_terminal_it_is_shown_at() -> None:

@@ -30,6 +30,19 @@ def test_a_part_whose_stop_turns_out_of_reach_is_skipped():
     assert world.outcome == "unreachable"
 
 
+def test_a_stop_out_of_reach_once_the_part_was_seen_nearer_is_planned_again_from_that_look():
+    fake = one_part()
+    context, world = begun(fake)
+    brought_to(State.ESTIMATING, context, world)
+    assert step(context, world, State.ESTIMATING) is Event.UNSURE
+    reach_mm, fake.reach_mm = fake.reach_mm, 100.0
+    assert step(context, world, State.STOP_N) is Event.UNREACHABLE
+    assert not world.skipped
+    assert [part.look for part in world.found] == [world.the_target().look]
+    fake.reach_mm = reach_mm
+    assert step(context, world, State.CHOOSE) is Event.CHOSEN
+
+
 @pytest.mark.parametrize("known", [None, True, False])
 def test_fingers_that_are_not_known_to_be_open_are_opened_before_the_first_stop(known):
     fake = one_part()

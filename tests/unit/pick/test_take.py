@@ -41,9 +41,16 @@ def test_a_part_looked_at_from_the_side_is_gone_round_to_before_and_after():
     assert purposes(fake)[-1] == "where it was seen from"
 
 
-def test_a_grasp_that_turns_out_of_reach_skips_the_part_with_the_hand_open():
+def test_a_grasp_that_turns_out_of_reach_is_planned_again_with_the_hand_open_but_not_for_ever():
     fake = one_part()
     context, world = begun(fake)
+    for _ in range(context.settings.tries):
+        brought_to(State.FINAL, context, world)
+        fake.unreached = world.the_target().plan.grasp.world_from_tool[:3, 3]
+        assert step(context, world, State.FINAL) is Event.UNREACHABLE
+        assert not world.skipped
+        assert [part.label for part in world.found] == ["cube"]
+        fake.unreached = None
     brought_to(State.FINAL, context, world)
     fake.unreached = world.the_target().plan.grasp.world_from_tool[:3, 3]
     assert step(context, world, State.FINAL) is Event.UNREACHABLE
@@ -58,8 +65,9 @@ def test_a_look_on_an_old_estimate_is_not_driven_on_blindly():
     fake.now_s += context.settings.limits.max_look_age_s + 1
     sent = len(fake.wire)
     assert step(context, world, State.FINAL) is Event.UNREACHABLE
-    assert "stale_look" in world.why
+    assert "stale_look" in fake.said("decision")[-1]["why"]
     assert len(fake.wire) == sent
+    assert step(context, world, State.CHOOSE) is Event.STALE
 
 
 @pytest.mark.parametrize("empty", [True, False])
