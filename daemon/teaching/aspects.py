@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon.arrays import Array
-from daemon.teaching.sufficiency import imagined_group, spread, visible_facets
+from daemon.teaching.sufficiency import imagined_group, spread, visible_from
 from daemon.vision.geometry import Polyhedron, StereoRig
-from daemon.vision.model import MATRIX_SIZE, MetricModel, Model, TeachError, learn_view, merge_views
+from daemon.vision.model import MATRIX_SIZE, MetricModel, Model, TeachError, learn_pattern, merge_views
 from daemon.vision.values import Group
 
 Pattern = tuple[tuple[str, tuple[str, ...]], ...]
@@ -30,9 +30,10 @@ def aspects(solid: Polyhedron, rig: StereoRig) -> tuple[Group, ...]:
     """
     touching = solid.touching
     found: dict[Pattern, tuple[float, tuple[int, ...], Array]] = {}
-    for towards in spread(DIRECTIONS):
+    directions = spread(DIRECTIONS)
+    for towards, seen in zip(directions, visible_from(solid, directions, OBLIQUE), strict=True):
         facing = solid.normals @ towards
-        shown = _together(visible_facets(solid, towards, OBLIQUE), facing, touching)
+        shown = _together(tuple(np.flatnonzero(seen).tolist()), facing, touching)
         if len(shown) < 2:
             continue
         pattern = _pattern(solid, shown, touching)
@@ -52,7 +53,7 @@ def learn_solid(model: Model, solid: Polyhedron, rig: StereoRig, label: str, sou
     if not views:
         raise TeachError(f"{label}: no two of its {len(solid.facets)} facets that share an edge are in view together")
     for view in views:
-        model = learn_view(model, view, label, source)
+        model = learn_pattern(model, view, label, source)
     drawn = merge_views((solid,), model.library)
     count = sum(view.label == label for view in model.views)
     return replace(model, metric={**model.metric, label: MetricModel(drawn.solid, tuple(range(count)))})

@@ -11,9 +11,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from daemon.arrays import Array
-from daemon.vision.geometry import Polyhedron, StereoRig
+from daemon.vision.geometry import Polyhedron, StereoRig, area_vector
 from daemon.vision.model import Model
 from daemon.vision.recognition import recognise_group
 from daemon.vision.values import Facet, Group
@@ -102,8 +103,16 @@ def visible_facets(solid: Polyhedron, towards: Array, least_facing: float = FACI
 
     least_facing: cosine below which a facet is too oblique to be seen.
     """
-    facing = np.flatnonzero(solid.normals @ towards > least_facing).tolist()
-    return tuple(k for k in facing if not _covered(solid, k, towards))
+    return tuple(np.flatnonzero(visible_from(solid, towards[None], least_facing)[0]).tolist())
+
+
+def visible_from(solid: Polyhedron, directions: Array, least_facing: float = FACING) -> NDArray[np.bool_]:
+    """(D, F) visible_facets for many directions (D, 3) at once."""
+    seen = directions @ solid.normals.T > least_facing
+    for facet, ring in enumerate(solid.rings):
+        for other in _before(solid, facet):
+            seen[:, facet] &= ~_in_front(solid.corners_mm[other], _tried(solid.corners_mm[ring]), directions)
+    return np.asarray(seen)
 
 
 def imagined_group(solid: Polyhedron, shown: Sequence[int], towards: Array, rig: StereoRig) -> Group:
@@ -114,39 +123,34 @@ def imagined_group(solid: Polyhedron, shown: Sequence[int], towards: Array, rig:
     return Group(facets, tuple(solid.facets[k] for k in shown))
 
 
-def _covered(solid: Polyhedron, facet: int, towards: Array) -> bool:
-    """Whether another facet lies before one, seen from `towards`: in front of its corners, drawn in a little."""
-    corners = solid.corners_mm[list(solid.facets[facet])]
-    beyond = (solid.corners_mm - corners[0]) @ solid.normals[facet] > BEFORE_MM
-    others = [solid.corners_mm[list(ring)] for ring in solid.facets if beyond[list(ring)].any()]
-    if not others:
-        return False
+def _before(solid: Polyhedron, facet: int) -> list[NDArray[np.intp]]:
+    """The rings of facets that reach to where they could cover one: in front of its plane."""
+    corners = solid.corners_mm[solid.rings[facet][0]]
+    beyond = (solid.corners_mm - corners) @ solid.normals[facet] > BEFORE_MM
+    return [ring for ring in solid.rings if beyond[ring].any()]
+
+
+def _tried(corners: Array) -> Array:
+    """(2N, 3) where a facet is tried for being covered: its corners and the middles of its sides, drawn in a little."""
+    middles = (corners + np.roll(corners, -1, axis=0)) / 2
     middle = corners.mean(axis=0)
-    along = np.roll(corners, -1, axis=0)
-    points = np.concatenate([middle + INSIDE * (corners - middle), middle + INSIDE * ((corners + along) / 2 - middle)])
-    return any(_in_front(ring, points, towards) for ring in others)
+    return np.asarray(middle + INSIDE * (np.concatenate([corners, middles]) - middle))
 
 
-def _in_front(ring: Array, points: Array, towards: Array) -> bool:
-    """Whether a ray from any of the points (N, 3) in direction `towards` goes through the polygon (M, 3)."""
-    normal = np.cross(ring, np.roll(ring, -1, axis=0)).sum(axis=0)
-    slope = float(normal @ towards)
-    if abs(slope) < EDGE_ON * float(np.linalg.norm(normal)):
-        return False
-    reach = ((ring[0] - points) @ normal) / slope
-    met = points + reach[:, None] * towards
-    x, y = _turned_to(towards)[:2]
-    across = np.stack([ring @ x, ring @ y], axis=1)
-    return any(r > BEFORE_MM and _inside(across, float(p @ x), float(p @ y)) for r, p in zip(reach, met, strict=True))
-
-
-def _inside(polygon: Array, x: float, y: float) -> bool:
-    """Whether a point lies in a plane polygon (M, 2): a ray to the right crosses its border an odd number of times."""
-    after = np.roll(polygon, -1, axis=0)
-    spans = (polygon[:, 1] > y) != (after[:, 1] > y)
-    rise = np.where(spans, after[:, 1] - polygon[:, 1], 1.0)
-    crossing = polygon[:, 0] + (y - polygon[:, 1]) / rise * (after[:, 0] - polygon[:, 0])
-    return bool((spans & (crossing > x)).sum() % 2)
+def _in_front(ring: Array, points: Array, directions: Array) -> NDArray[np.bool_]:
+    """(D,) whether a ray from any of the points (N, 3) in each of the directions (D, 3) goes through a polygon (M, 3):
+    from where it meets the plane, a line to the right crosses the border an odd number of times."""
+    normal = area_vector(ring)
+    slope = directions @ normal
+    through = np.abs(slope) >= EDGE_ON * np.linalg.norm(normal)
+    reach = ((ring[0] - points) @ normal) / np.where(through, slope, 1.0)[:, None]
+    level = np.delete(np.arange(3), np.abs(normal).argmax())
+    x, y = np.moveaxis(points[:, level] + reach[..., None] * directions[:, None, level], -1, 0)
+    inside = np.zeros(x.shape, bool)
+    for (ax, ay), (bx, by) in zip(ring[:, level], np.roll(ring[:, level], -1, axis=0), strict=True):
+        if ay != by:
+            inside ^= ((ay > y) != (by > y)) & (ax + (y - ay) / (by - ay) * (bx - ax) > x)
+    return np.asarray(through & (inside & (reach > BEFORE_MM)).any(axis=1))
 
 
 def open_edges(solid: Polyhedron) -> int:

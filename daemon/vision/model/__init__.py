@@ -11,7 +11,15 @@ from daemon.vision.model.facet_types import (
     type_number,
 )
 from daemon.vision.model.merge import TOLERANCE_MM, MetricModel, merge_views
-from daemon.vision.model.model import Model, Parameters, TaughtView, TeachError, empty_model, learn_view
+from daemon.vision.model.model import (
+    Model,
+    Parameters,
+    TaughtView,
+    TeachError,
+    empty_model,
+    learn_pattern,
+    learn_view,
+)
 from daemon.vision.model.patterns import Answer, by_label, recall, typed
 from daemon.vision.model.regularise import regularise
 from daemon.vision.model.relation_matrix import MATRIX_SIZE
@@ -34,6 +42,7 @@ __all__ = [
     "conditions",
     "correspondences",
     "empty_model",
+    "learn_pattern",
     "learn_view",
     "merge_views",
     "recall",

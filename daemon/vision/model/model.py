@@ -96,11 +96,19 @@ def empty_model(library: FacetLibrary, parameters: Parameters = Parameters()) ->
 
 
 def learn_view(model: Model, group: Group, label: str, source: str = "") -> Model:
-    """The model with one more view of a part. What it knew stays as it was.
+    """The model with one more view of a part, its pattern and its shape. What it knew stays as it was.
 
     group: the facets of the one part in view, typed or not. Raises TeachError for a view of fewer than two facets
     (it could not be told from other parts), for facets that do not share an edge, and for the label `unknown`.
     """
+    taught = learn_pattern(model, group, label, source)
+    solids = tuple(v.solid for v in taught.views if v.label == label)
+    merged = merge_views(solids, model.library, model.parameters.tolerance_mm)
+    return replace(taught, metric={**model.metric, label: merged})
+
+
+def learn_pattern(model: Model, group: Group, label: str, source: str = "") -> Model:
+    """As learn_view, without the shape: for a part whose shape is known from elsewhere. Raises TeachError."""
     if not label or label == "unknown":
         raise TeachError(f"a part cannot be called {label!r}: choose another name")
     facets = tuple(typed(f, model.library) for f in group.facets)
@@ -112,34 +120,33 @@ def learn_view(model: Model, group: Group, label: str, source: str = "") -> Mode
     numbers = np.array([f.type_number for f in facets])
     view = TaughtView(label, solid, numbers, solid.touching, -1, source)
     if len(facets) > model.matrix_size:
-        return _retaught(replace(model, matrix_size=len(facets)), (*model.views, view))
-    return _with_view(model, view)
+        return _with_patterns(replace(model, matrix_size=len(facets)), (*model.views, view))
+    return _with_pattern(model, view)
 
 
 def forget(model: Model, label: str) -> Model:
     """The model without a part; the others are as if it had never been taught. Raises TeachError for one not known."""
     if label not in model.labels:
         raise TeachError(f"no part called {label!r} was taught; known: {', '.join(model.labels) or 'none'}")
-    return _retaught(model, tuple(v for v in model.views if v.label != label))
+    without = replace(model, metric={name: metric for name, metric in model.metric.items() if name != label})
+    return _with_patterns(without, tuple(v for v in model.views if v.label != label))
 
 
-def _retaught(model: Model, views: tuple[TaughtView, ...]) -> Model:
-    bare = Model(model.library, model.parameters, matrix_size=model.matrix_size)
+def _with_patterns(model: Model, views: tuple[TaughtView, ...]) -> Model:
+    """Every pattern learnt anew."""
+    bare = replace(model, views=(), artmap=None)
     for view in views:
-        bare = _with_view(bare, view)
+        bare = _with_pattern(bare, view)
     return bare
 
 
-def _with_view(model: Model, view: TaughtView) -> Model:
+def _with_pattern(model: Model, view: TaughtView) -> Model:
     matrix = relation_matrix(view.numbers, view.touching, model.matrix_size)
     order = _known_numbering(model, view)
     matrix = matrix[np.ix_(order, order)]
     artmap = _copied(model)
     node = int(artmap.learn(matrix.reshape(1, -1), [view.label])[0])
-    views = (*model.views, replace(view, node=node))
-    solids = tuple(v.solid for v in views if v.label == view.label)
-    metric = {**model.metric, view.label: merge_views(solids, model.library, model.parameters.tolerance_mm)}
-    return replace(model, views=views, artmap=artmap, metric=metric)
+    return replace(model, views=(*model.views, replace(view, node=node)), artmap=artmap)
 
 
 def _known_numbering(model: Model, view: TaughtView) -> list[int]:

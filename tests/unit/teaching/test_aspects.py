@@ -7,8 +7,8 @@ import numpy as np
 from daemon.store.library import load_facets
 from daemon.store.model import from_bytes, to_bytes
 from daemon.teaching.aspects import aspects, learn_solid
-from daemon.teaching.sufficiency import judge
-from daemon.vision.model.model import empty_model
+from daemon.teaching.sufficiency import imagined_view, judge
+from daemon.vision.model.model import empty_model, learn_view
 from tests.worlds import drawn, rendered
 from tests.worlds.drawn import block, solid
 
@@ -42,3 +42,16 @@ def test_a_learnt_drawing_names_the_part_from_everywhere_and_survives_the_file()
         assert told.complete
         assert told.unseen == 0
         assert all(len(mistake.facets) == 1 for mistake in told.mistakes), "only a single facet is no proof"
+
+
+def test_a_drawn_shape_stays_the_drawings_when_a_view_of_many_facets_makes_the_matrix_larger() -> None:
+    model = learn_solid(empty_model(LIBRARY), block(40, 50, 60), RIG, "brick", "brick/1")
+    angles = np.arange(16) * np.pi / 8
+    drum = solid("drum.obj", drawn.obj(*drawn.prism([(30 * np.cos(a), 30 * np.sin(a)) for a in angles], 40)))
+    view = imagined_view(drum, np.array([0.6, 0.0, 0.8]), RIG)
+    assert view is not None
+    assert len(view.facets) > model.matrix_size
+    larger = learn_view(model, view, "drum")
+    assert larger.matrix_size == len(view.facets)
+    assert larger.metric["brick"] is model.metric["brick"]
+    assert [v.label for v in larger.views] == [*(v.label for v in model.views), "drum"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from daemon.teaching.sufficiency import imagined_view, judge, open_edges, spread
+from daemon.teaching.sufficiency import imagined_view, judge, open_edges, spread, visible_facets, visible_from
 from daemon.teaching.trainer import Trainer
 from daemon.vision.geometry.polyhedron import Polyhedron
 from tests.worlds import drawn
@@ -53,3 +53,11 @@ def test_what_was_never_seen_and_what_it_could_be_taken_for_is_told(trainer: Tra
     assert cube.named > 0
     alone = [mistake for mistake in cube.mistakes if mistake.facets == ("square",)]
     assert alone, "a single square is no proof of a cube"
+
+
+def test_many_directions_at_once_see_what_each_alone_sees() -> None:
+    solid = drawn.solid("l.obj", drawn.obj(*drawn.prism(drawn.L_BLOCK, 40)))
+    directions = spread(50)
+    seen = visible_from(solid, directions)
+    assert [tuple(np.flatnonzero(row)) for row in seen] == [visible_facets(solid, towards) for towards in directions]
+    assert 0 < seen.sum() < (directions @ solid.normals.T > 0.3).sum(), "one arm hides some of the step"
