@@ -164,7 +164,7 @@ class Supervisor:
     def enable(self, stops: int | None = None, let: Let = Let.ALL) -> None:
         """Let the arm move. stops: as many as there had been when it was asked for; a later stop or disable voids it.
         Raises RefusedError."""
-        self._not_while_stopping("enable")
+        self.not_while_stopping("enable")
         self._not_after(stops, "enable")
         if not self.mover.cell.robot.stop_seen:
             raise RefusedError("no stop of this arm was seen to work since the line was opened; say `enable` once more")
@@ -191,7 +191,7 @@ class Supervisor:
         """Go on after pause; clear a fault (what was going on does not go on). stops: as many as there had been when
         it was decided; a later one stands. Raises RefusedError."""
         if self.fault is not None:
-            self._not_while_stopping("resume", busy=self._task is not None)
+            self.not_while_stopping("resume", busy=self._task is not None)
             self._not_after(stops, "resume")
             self.fault = None
             self.mover.forget()
@@ -414,7 +414,8 @@ class Supervisor:
         if not task.cancelled():
             task.exception()  # whoever awaits the job hears of it; nobody has to
 
-    def _not_while_stopping(self, word: str, busy: bool = False) -> None:
+    def not_while_stopping(self, word: str, busy: bool = False) -> None:
+        """Raise RefusedError where a stop is under way: this word is not heard then."""
         if self.stopping or busy:
             doubt = f" ({self.fault})" if self._alarmed else ""
             raise RefusedError(f"the arm is still being stopped{doubt}; say `{word}` once more when it is at rest")

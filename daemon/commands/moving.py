@@ -100,6 +100,7 @@ async def resume(context: CommandContext, words: list[str], door: Door) -> Answe
     if before["fault"] is None:
         supervisor.resume()
         return Answer("Going on." if before["paused"] else "Nothing was held.")
+    supervisor.not_while_stopping("resume")
     lines = [f"The fault is cleared: {before['fault']}."]
     if before["holding"] is None and door.asks:
         held = await yes_or_no(door, "Is a part in the gripper? [y/n]")

@@ -56,7 +56,8 @@ class Watch:
     def _tick(self) -> None:
         now = time.monotonic()
         health = self._context.config.values.health
-        busy = self._context.cycle.status()["doing"] is not None
+        state = self._context.cycle.status()
+        busy = state["doing"] is not None
         if self._may_ask("cameras", busy, health.camera_silence_s):
             self._start("cameras", self._check_cameras, now, health.camera_silence_s / 2)
         if self._may_ask("controller", busy, health.arm_check_s):
@@ -64,7 +65,7 @@ class Watch:
         if now >= self._quota_s:
             self._quota_s = now + QUOTA_S
             self._start("quota", self._keep_quota, now, 0.0)
-        if self._context.cycle.status()["fault"] is None:
+        if state["fault"] is None:
             self._context.troubles.tell("restart", None)
         self._check_clock()
         self._check_folder()

@@ -19,12 +19,13 @@ from drivers.simcell.arm import Motion
 class Leg:
     """One motion of the arm, as it was begun or, after a halt, as it was cut short.
 
-    by: the typed line it came of. speed_percent (of CAL: 0), flange_from_tool (4, 4) mm, hand_closed: what was in force
-    at its start.
+    by: the typed line it came of, and given_s: when the controller had the whole of it (of a question: the answer).
+    speed_percent (of CAL: 0), flange_from_tool (4, 4) mm, hand_closed: what was in force at its start.
     """
 
     motion: Motion
     by: str
+    given_s: float
     speed_percent: float
     flange_from_tool: Array
     hand_closed: bool
@@ -45,10 +46,11 @@ class Stop:
 
 @dataclass(frozen=True)
 class HandAct:
-    """The jaws were driven."""
+    """The jaws were driven. by, given_s: see Leg."""
 
     began_s: float
     by: str
+    given_s: float
     closed: bool
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from math import ceil
+from math import ceil, isfinite
 
 import numpy as np
 
@@ -185,11 +185,12 @@ class Judge:
     def _unallowed(self, event: Leg | HandAct) -> Iterator[Violation]:
         """Begun while nothing may move, or after a stop that nobody has lifted."""
         what = "the arm set out" if isinstance(event, Leg) else "the hand was driven"
-        if not self._may.at(event.began_s):
-            yield Violation("not allowed", event.began_s, event.by, f"{what} while nothing may move")
         lifted_s = self._may.said_before(event.began_s, True)
+        withdrawn_s = self._may.said_within(lifted_s, event.began_s, False) if isfinite(lifted_s) else lifted_s
+        if not (self._may.at(event.began_s) or self._out_of_reach(event, withdrawn_s)):
+            yield Violation("not allowed", event.began_s, event.by, f"{what} while nothing may move")
         self._stops = [stop for stop in self._stops if stop[0] >= lifted_s]
-        before = [stop for stop in self._stops if stop[0] < event.began_s]
+        before = [stop for stop in self._stops if stop[0] < event.began_s and not self._out_of_reach(event, stop[0])]
         if before:
             at_s, by = max(before)
             text = f"{what} {event.began_s - at_s:.3f} s after the stop `{by}`"
@@ -205,6 +206,11 @@ class Judge:
         at_s, why = min(((self._heard_s(at_s), why) for at_s, why in told), default=(ends_s, ""))
         if ends_s - at_s > self._safety.rest_within_s:
             yield Violation("not at rest", ends_s, leg.by, f"still moving {ends_s - at_s:.3f} s after {why}")
+
+    def _out_of_reach(self, event: Leg | HandAct, forbidden_s: float | None) -> bool:
+        """Whether the controller had the whole line already when it was forbidden, and could not be told before it
+        began with it."""
+        return forbidden_s is not None and event.given_s < forbidden_s and event.began_s < self._heard_s(forbidden_s)
 
     def _heard_s(self, at_s: float) -> float:
         """When the controller could first be told of what was so at a moment."""

@@ -5,6 +5,7 @@ Values and their bounds only; what they do is in render.py (light), world.py (pa
 
 from __future__ import annotations
 
+from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -206,11 +207,18 @@ class Truth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 def load_truth(path: Path | str) -> Truth:
     """Read etc/simcell.yaml. Raises TruthError with file, value and what was expected."""
     try:
-        truth = msgspec.yaml.decode(Path(path).read_bytes(), type=Truth)
+        truth = _decoded(Path(path).read_bytes())
     except OSError as error:
         raise TruthError(f"{path}: cannot be read: {error.strerror}") from error
     except msgspec.DecodeError as error:
         raise TruthError(f"{path}: {error}") from error
     if truth.version != 1:
         raise TruthError(f"{path}: version: expected 1, found {truth.version}")
+    return truth
+
+
+@lru_cache(maxsize=1)
+def _decoded(content: bytes) -> Truth:
+    """A daemon reads the same file at each reload."""
+    truth: Truth = msgspec.yaml.decode(content, type=Truth)
     return truth

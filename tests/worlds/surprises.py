@@ -17,7 +17,14 @@ from typing import Any
 import yaml
 from hypothesis import HealthCheck, Phase, settings
 from hypothesis import strategies as st
-from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule, run_state_machine_as_test
+from hypothesis.stateful import (
+    RuleBasedStateMachine,
+    initialize,
+    invariant,
+    precondition,
+    rule,
+    run_state_machine_as_test,
+)
 
 from daemon.commands import every_command
 from drivers.simcell.controller import LineFault, Mishap
@@ -39,6 +46,7 @@ USUAL = (
     "pick cube", "auto on 2", "auto off", "auto resume", "holding no", "holding yes", "dry on", "dry off", "reload",
     "status", "where", "look", "scatter cube", "clear", "robot power-up", "robot cal",
 )  # fmt: skip
+GOES = (*["go home", "go bin", "go survey"] * 2, "pick", "hand open", "hand close", "robot cal")
 MONITOR = ("WHERE", "STATUS", "SPEED 100", "SPEED 5", "TOOL TRANS(0,0,0,0,0,0)", "DO READY", "DO OPENI", "DO CLOSEI",
            "CAL", "CALI", "D MOVE TRANS(420,0,60,0,90,0)", "DO MOVE TRANS(420,0,0,0,90,0)", "EXEC PROG", "ABORT",
            "DO BREAK", "Y", "DO DRIVE 1,20,100", "BASE 0,0,100", "!!")  # fmt: skip
@@ -48,6 +56,8 @@ SLOW = ("train", "bundle", "doctor", "calibrate", "preview")
 """Of the command table, what takes seconds of this computer and moves nothing that others do not."""
 HEARD_S = 0.02
 """After control-C an operator first reads whether there was anything to stop."""
+CAL_S = 20.0
+"""How long CAL takes at most."""
 SECONDS = st.sampled_from([0.0, 0.02, 0.1, 0.3, 0.7, 1.5, 4.0, 10.0])
 ODD = (b"\x00", b"\x15", b"\x1b[A", b"\xff\xfe", b"{", b'{"do"', b"[]\n", b"null\n", b'{"answer": 1}\n',
        b'{"keys": "DO READY\\r"}\n', b'{"do": "stop \\u0000"}\n', b"\x1d", b"\t", b"\r\r")  # fmt: skip
@@ -68,11 +78,14 @@ def words() -> st.SearchStrategy[str]:
     return st.one_of(usual, usual, usual, usual, table, begun, monitor, shouted, spoiled)
 
 
-DOOR = st.integers(0, 3)
+DOOR, AT_WORK = st.integers(0, 3), st.sampled_from([True, True, False])
+GOING = st.none() | st.tuples(st.sampled_from(GOES), SECONDS)
+"""What the arm was sent to do, and how long ago."""
 STOPS = ("stop", "STOP", "sto", "stop now", "stop '", "stop \u00e9", "control-C", "disable", "abort", "SIGTERM")
 
 
 Call = tuple[str, dict[str, Any]]
+Going = tuple[str, float] | None
 
 
 def kept(act: Callable[..., None]) -> Callable[..., None]:
@@ -111,27 +124,28 @@ class Surprises(RuleBasedStateMachine):
             self.there.doors[0].say("enable")
             self.there.wait(0.1)
 
-    @rule(door=DOOR, text=words(), seconds=SECONDS)
+    @rule(door=DOOR, text=words(), seconds=SECONDS, first=AT_WORK)
     @kept
-    def do(self, door: int, text: str, seconds: float) -> None:
+    def do(self, door: int, text: str, seconds: float, first: bool) -> None:
         """An operator types a line."""
+        self.set_to_work(first)
         self.there.doors[door].say(text)
         self.there.wait(seconds)
 
-    @rule(door=DOOR, texts=st.lists(st.sampled_from(USUAL), min_size=2, max_size=4), seconds=SECONDS)
+    @rule(door=DOOR, texts=st.lists(st.sampled_from(USUAL), min_size=2, max_size=4), seconds=SECONDS, first=AT_WORK)
     @kept
-    def do_at_once(self, door: int, texts: list[str], seconds: float) -> None:
+    def do_at_once(self, door: int, texts: list[str], seconds: float, first: bool) -> None:
         """Lines typed ahead."""
+        self.set_to_work(first)
         for text in texts:
             self.there.doors[door].say(text)
         self.there.wait(seconds)
 
-    @rule(place=st.sampled_from(["home", "bin", "survey"]), door=DOOR, after=SECONDS, how=st.sampled_from(STOPS))
+    @rule(door=DOOR, how=st.sampled_from(STOPS), going=GOING)
     @kept
-    def stop_on_the_way(self, place: str, door: int, after: float, how: str) -> None:
+    def stop_on_the_way(self, door: int, how: str, going: Going) -> None:
         """The arm goes somewhere and is stopped, mostly before it is there."""
-        self.there.doors[0].say(f"go {place}")
-        self.there.wait(after)
+        self.send_off(going)
         if how == "control-C":
             self.there.doors[door].interrupt()
             self.there.wait(HEARD_S)
@@ -148,59 +162,71 @@ class Surprises(RuleBasedStateMachine):
         self.there.doors[door].answer(text)
         self.there.wait(seconds)
 
-    @rule(door=DOOR, seconds=SECONDS)
+    @rule(door=DOOR, seconds=SECONDS, going=GOING)
     @kept
-    def interrupt(self, door: int, seconds: float) -> None:
+    def interrupt(self, door: int, seconds: float, going: Going) -> None:
         """Control-C."""
+        self.send_off(going)
         self.there.doors[door].interrupt()
         self.there.wait(max(seconds, HEARD_S))
 
-    @rule(door=DOOR, data=st.one_of(st.sampled_from(ODD), st.binary(max_size=6)))
+    @rule(door=DOOR, data=st.one_of(st.sampled_from(ODD), st.binary(max_size=6)), going=GOING)
     @kept
-    def odd_bytes(self, door: int, data: bytes) -> None:
+    def odd_bytes(self, door: int, data: bytes, going: Going) -> None:
         """What nobody types, and its end: the rest of a line would be taken for the beginning of the next."""
+        self.send_off(going)
         if b"\x03" not in data:
             self.there.doors[door].send_bytes(data + (b"\n" if door < 3 else b"\x15"))
             self.there.wait(0.02)
 
-    @rule(door=st.integers(0, 2))
+    @rule(door=st.integers(0, 2), going=GOING)
     @kept
-    def come_again(self, door: int) -> None:
+    def come_again(self, door: int, going: Going) -> None:
         """An operator leaves, and comes again."""
+        self.send_off(going)
         self.there.doors[door].close()
         self.there.wait(0.05)
         self.there.doors[door].open()
 
-    @rule(way=st.sampled_from(["to_host", "to_controller"]), harm=st.sampled_from(["drop", "double", "flip", "insert"]),
-          after=st.integers(0, 40), count=st.integers(1, 3))  # fmt: skip
+    @rule(
+        way=st.sampled_from(["to_host", "to_controller"]),
+        harm=st.sampled_from(["drop", "double", "flip", "insert"]),
+        after=st.integers(0, 40),
+        count=st.integers(1, 3),
+        going=GOING,
+    )
     @kept
-    def spoil(self, way: Any, harm: Any, after: int, count: int) -> None:
+    def spoil(self, way: Any, harm: Any, after: int, count: int, going: Going) -> None:
         """Some bytes of the line will be harmed."""
+        self.send_off(going)
         self.there.harm(lambda: self.there.cell.controller.faults.line.append(LineFault(way, harm, after, count)))
 
-    @rule(seed=st.integers(0, 99), seconds=st.sampled_from([1.0, 5.0]))
+    @rule(seed=st.integers(0, 99), seconds=st.sampled_from([1.0, 5.0]), going=GOING)
     @kept
-    def noise(self, seed: int, seconds: float) -> None:
+    def noise(self, seed: int, seconds: float, going: Going) -> None:
         """Noise on the line for a while."""
+        self.send_off(going)
         faults = self.there.cell.controller.faults
         self.there.harm(lambda: faults.seed_noise(seed, 0.01))
         self.there.wait(seconds)
         faults.noise_rate = 0.0
 
-    @rule(what=st.sampled_from(list(Mishap)), share=st.sampled_from([None, 0.1, 0.5, 0.9]))
+    @rule(what=st.sampled_from(list(Mishap)), share=st.sampled_from([None, 0.1, 0.5, 0.9]), going=GOING)
     @kept
-    def mishap(self, what: Mishap, share: float | None) -> None:
+    def mishap(self, what: Mishap, share: float | None, going: Going) -> None:
         """Power, emergency stop, controller: now, or in the next move."""
+        self.send_off(going)
         if share is None:
             self.there.mishap(what)
         else:
             faults = self.there.cell.controller.faults
             self.there.harm(lambda: faults.in_move.append((share, what)))
 
-    @rule(what=st.sampled_from(["refusal", "mute", "split"]))
+    @rule(what=st.sampled_from(["refusal", "mute", "split"]), going=GOING)
     @kept
-    def odd_controller(self, what: str) -> None:
+    def odd_controller(self, what: str, going: Going) -> None:
         """The controller refuses the next motion, or its next answer is lost, or its prompt comes in two halves."""
+        self.send_off(going)
         faults = self.there.cell.controller.faults
         if what == "refusal":
             faults.refusals.append("*Location out of range*")
@@ -209,39 +235,62 @@ class Surprises(RuleBasedStateMachine):
                 lambda: setattr(faults, *(("mute_answers", 1) if what == "mute" else ("split_prompt_s", 0.3)))
             )
 
-    @rule()
+    @rule(going=GOING)
     @kept
-    def unplug(self) -> None:
+    def unplug(self, going: Going) -> None:
         """The line's adapter is pulled out."""
+        self.send_off(going)
         self.there.harm(self.there.cell.server.unplug)  # type: ignore[union-attr]
 
+    @precondition(lambda machine: not machine.there.at_work)
     @rule()
     @kept
     def repair(self) -> None:
         """Somebody puts line and controller right, and says what is to be said then."""
-        self.there.repair()
-        for text in ("robot power-up", "resume", "enable"):
-            self.there.doors[0].say(text)
-            self.there.wait(2.0)
-            self.there.doors[0].answer("y")
-            self.there.wait(2.0)
+        self.set_to_work()
 
-    @rule(seconds=st.sampled_from([0.5, 3.0, 30.0]))
+    def send_off(self, going: Going) -> None:
+        """The arm is put to work, and sent off some time ago."""
+        if going is not None:
+            self.set_to_work()
+            self.there.doors[0].say(going[0])
+            self.there.wait(going[1])
+
+    def set_to_work(self, wanted: bool = True) -> None:
+        """See repair."""
+        if not wanted or self.there.at_work:
+            return
+        self.there.repair()
+        door, machine = self.there.sockets[0], self.there.cell.controller.machine
+        for text in ("robot power-up", "resume", "enable", "robot cal", "step off", "dry off"):
+            if text == "robot cal" and machine.calibrated:
+                continue
+            door.say(text)
+            self.there.wait_for(door, 2.0)
+            door.answer("y")
+            self.there.wait_for(door, CAL_S if text == "robot cal" else 2.0)
+
+    @rule(seconds=st.sampled_from([0.5, 3.0, 30.0]), going=GOING)
     @kept
-    def hang(self, seconds: float) -> None:
+    def hang(self, seconds: float, going: Going) -> None:
         """The computer stands still for a while."""
+        self.send_off(going)
         self.there.hang(seconds)
 
-    @rule(seconds=st.sampled_from([-1e5, -3.0, 3.0, 1e5]))
+    @rule(seconds=st.sampled_from([-1e5, -3.0, 3.0, 1e5]), going=GOING)
     @kept
-    def set_clock(self, seconds: float) -> None:
+    def set_clock(self, seconds: float, going: Going) -> None:
         """Somebody sets the computer's clock."""
+        self.send_off(going)
         self.there.set_by_s += seconds
 
-    @rule(what=st.sampled_from(["same", "slow", "tool", "box", "bad", "no hand-eye"]), signal=st.booleans())
+    @rule(
+        what=st.sampled_from(["same", "slow", "tool", "box", "bad", "no hand-eye"]), signal=st.booleans(), going=GOING
+    )
     @kept
-    def reload(self, what: str, signal: bool) -> None:
+    def reload(self, what: str, signal: bool, going: Going) -> None:
         """Another configuration or calibration is read."""
+        self.send_off(going)
         story = self.there
         changes: dict[str, Any] = {
             "slow": {"travel_pct": SLOWEST},
@@ -265,10 +314,11 @@ class Surprises(RuleBasedStateMachine):
         if what == "bad":
             story.write_config()
 
-    @rule()
+    @rule(going=GOING)
     @kept
-    def terminate(self) -> None:
+    def terminate(self, going: Going) -> None:
         """SIGTERM, its end, and another start."""
+        self.send_off(going)
         self.end_and_start()
 
     def end_and_start(self) -> None:

@@ -39,6 +39,7 @@ from daemon.cell.build import Hardware
 from daemon.cell.cameras import ThreadedEyes
 from daemon.cell.sections import arm_geometry, dialect
 from daemon.cell.simulated_hand import SimulatedHand
+from daemon.commands import moving
 from daemon.config import Config
 from daemon.jobs.demo import VIEWS
 from daemon.service import NO_DEVICE, Service
@@ -70,7 +71,8 @@ MOMENT_S = 1e-7
 """What is typed at a moment counts from just after it, one after the other: what left at that very moment had left
 before."""
 SLICE_S = 0.25
-"""How often somebody looks whether the line is clear. What the daemon says at its sockets is read as it comes."""
+"""How often somebody looks whether the line is clear, and how often a command that may ask looks whether it must. What
+the daemon says at its sockets is read as it comes."""
 TAUGHT = ("cube", "pentagonal_prism")
 STARTS, TRIES = 5, 4
 """How often a view is shown again that was not seen whole."""
@@ -219,6 +221,7 @@ class SocketDoor:
     question: tuple[int, str] | None = None
     heard: bytes = b""
     number: int = 0
+    answered: int = 0
     interrupts: list[bool] = field(default_factory=list)
 
     def open(self) -> None:
@@ -245,6 +248,11 @@ class SocketDoor:
         if self.interrupts:  # nobody reads whether there was anything to stop; where there was, a fault is told all
             self.story.words.nothing_moved(self.interrupts[0])
         self.interrupts.clear()
+
+    @property
+    def waits(self) -> bool:
+        """Whether something typed here is not answered yet."""
+        return self.line is not None and self.answered < self.number
 
     def say(self, text: str) -> None:
         """Type a command."""
@@ -316,6 +324,7 @@ class SocketDoor:
             done = message["done"]
             self.story.told(done["text"])
             key = (self, message.get("id", self.number))
+            self.answered = max(self.answered, key[1])
             self.story.words.answered(key, done["text"], done["status"])
         elif "notice" in message:
             self.story.told(message["notice"])
@@ -396,6 +405,26 @@ class AtOnce:
         return True
 
 
+class NoSyncer:
+    """What is written is on the disk, without a thread that sees to it."""
+
+    def __init__(self, every_s: float) -> None:
+        pass
+
+    def take(self, file: object) -> None:
+        """It is there."""
+
+    def hurry(self) -> None:
+        """It is there."""
+
+    def settled(self, timeout_s: float) -> bool:
+        """It is."""
+        return True
+
+    def stop(self) -> None:
+        """Nothing is left to do."""
+
+
 class Story:
     """A daemon, its cell and its operators, from the first to the last of what happens to them."""
 
@@ -409,7 +438,9 @@ class Story:
             patch.object(time, "time", lambda: 1.8e9 + self.set_by_s + self.loop.time()),
             patch.object(build_room, "build", self._build),
             patch.object(journal, "tell", lambda *_, **__: None),
+            patch.object(moving, "POLL_S", SLICE_S),
             patch.object(runlog, "_Worker", AtOnce),
+            patch.object(runlog, "Syncer", NoSyncer),
         ]
         for each in self._patches:
             each.start()
@@ -449,12 +480,23 @@ class Story:
         """Whether a daemon runs."""
         return self._live is not None and not self._live.done()
 
+    @property
+    def at_work(self) -> bool:
+        """Whether the arm would go where it is sent. Nothing is judged by this."""
+        context, machine = self._service.context, self.cell.controller.machine
+        if not self.alive or context is None or self.cell.controller.question is not None:
+            return False
+        state = context.cycle.status()
+        held = state["fault"] or state["stopping"] or state["paused"] or state["step"] or state["dry"]
+        return bool(state["enabled"]) and not held and machine.arm_power and machine.calibrated
+
     def start(self) -> None:
         """Start the daemon, as systemd would: again, where a device could not be had."""
         if self.alive:
             return
         for _ in range(STARTS):
-            self._live = self.loop.create_task(Service(self.folder / "facetd.yaml", simulated=True).run())
+            self._service = Service(self.folder / "facetd.yaml", simulated=True)
+            self._live = self.loop.create_task(self._service.run())
             while self.alive and self.sockets[0].line is None:
                 self._run(0.5)
                 self.sockets[0].open()
@@ -471,11 +513,18 @@ class Story:
         """Time passes."""
         until_s = self.now_s + seconds
         while True:
-            self._run(max(0.0, min(SLICE_S, until_s - self.now_s)))
+            left_s = max(0.0, until_s - self.now_s)
+            self._run(min(SLICE_S, left_s) if self._may_be_deaf else left_s)
             self.terminal.hear()
             self._see_the_line()
             if self.now_s >= until_s - 1e-6:
                 return
+
+    def wait_for(self, door: SocketDoor, seconds: float) -> None:
+        """Time passes until what was typed at a door is answered, or it asks; no more than so much."""
+        until_s = self.now_s + seconds
+        while door.waits and door.question is None and self.now_s < until_s:
+            self.wait(SLICE_S)
 
     def hang(self, seconds: float) -> None:
         """The computer does nothing for a while."""
@@ -567,7 +616,12 @@ class Story:
             shutil.rmtree(self.folder, ignore_errors=True)
 
     def _run(self, seconds: float) -> None:
-        self.loop.run_until_complete(asyncio.sleep(seconds))
+        self.loop.call_later(seconds, self.loop.stop)
+        self.loop.run_forever()
+
+    @property
+    def _may_be_deaf(self) -> bool:
+        return self._deaf or bool(self.cell.controller.faults.in_move)
 
     def _see_the_line(self) -> None:
         faults, machine = self.cell.controller.faults, self.cell.controller.machine
@@ -608,17 +662,17 @@ def _write_config(folder: Path, terminal: SerialDoor, **pick: Any) -> None:
         "health": {"camera_silence_s": 600},
         "log": {"keep_free_mb": 0, "sync_s": 60},
     }
-    (folder / "facetd.yaml").write_text(yaml.safe_dump(values), encoding="utf-8")
+    (folder / "facetd.yaml").write_bytes(yaml.dump(values, Dumper=yaml.CSafeDumper, encoding="utf-8"))
 
 
 def _write_files(folder: Path, terminal: SerialDoor) -> None:
-    for name, content in _cell_files().items():
+    for name, content in cell_files().items():
         (folder / name).write_bytes(content)
     _write_config(folder, terminal)
 
 
 @cache
-def _cell_files() -> dict[str, bytes]:
+def cell_files() -> dict[str, bytes]:
     """The cell of etc/ with smaller images, a post in it, and the parts of the demo taught."""
     truth = yaml.safe_load((ETC / "simcell.yaml").read_text(encoding="utf-8"))
     believed = yaml.safe_load((ETC / "calibration.yaml").read_text(encoding="utf-8"))

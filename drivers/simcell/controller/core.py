@@ -57,7 +57,8 @@ class Controller:
         self._terminal = Terminal(how.line_editing, how.line_ends, self._newline)
         self._typed_s = float("-inf")
         self._second_prompts = 0
-        self._ahead: deque[str] = deque(maxlen=TYPE_AHEAD_LINES)
+        self._ahead: deque[tuple[str, float]] = deque(maxlen=TYPE_AHEAD_LINES)
+        """Lines, and when each was ended."""
         self._running: Command | None = None
         self._waits_for: Wait | Ask | None = None
         self._output: deque[tuple[float, bytes]] = deque()
@@ -162,15 +163,15 @@ class Controller:
         self._muted = self.faults.mute_answers > 0
         self.faults.mute_answers -= self._muted
         if isinstance(self._waits_for, Ask):
-            self._step(text)
+            self._answer(text, self.now_s)
         elif self._running is None:
-            self._carry_out(text)
+            self._carry_out(text, self.now_s)
         elif monitor.stops(text, self.machine.manners):
             self.abort(text.strip())
         elif monitor.is_abort(text, self.machine.manners):
             self._ahead.clear()
         else:
-            self._ahead.append(text)
+            self._ahead.append((text, self.now_s))
 
     def _take_second_end(self) -> None:
         """An empty line of its own, answered by a prompt right behind the first."""
@@ -179,8 +180,8 @@ class Controller:
         elif isinstance(self._waits_for, Wait):
             self._second_prompts += 1
 
-    def _carry_out(self, text: str) -> None:
-        self.machine.by = text.strip()
+    def _carry_out(self, text: str, given_s: float) -> None:
+        self.machine.by, self.machine.given_s = text.strip(), given_s
         self._start(monitor.run(self.machine, text))
 
     def _start(self, command: Command) -> None:
@@ -210,16 +211,20 @@ class Controller:
     def _finish(self) -> None:
         self._running = self._waits_for = None
         if self._ahead:
-            self._carry_out(self._ahead.popleft())
+            self._carry_out(*self._ahead.popleft())
         else:
             self._print_prompt()
 
     def _ask(self, ask: Ask) -> None:
         if self._ahead:
-            self._step(self._ahead.popleft())
+            self._answer(*self._ahead.popleft())
             return
         self._begin_line()
         self._emit(ask.question.encode("ascii") + b" ")
+
+    def _answer(self, text: str, given_s: float) -> None:
+        self.machine.given_s = given_s
+        self._step(text)
 
     def _again(self) -> None:
         """After a line was taken back: the prompt or the question once more."""

@@ -39,8 +39,8 @@ class Machine:
         self.alive = True
         self.arm_power = self.calibrated = not cold
         self.hand_closed = False
-        self.by = ""
-        """What was typed last to be carried out; what happens from now on comes of it."""
+        self.by, self.given_s = "", float("-inf")
+        """What was typed last to be carried out, and when; what happens from now on comes of it."""
         self.history = History()
         self._on_hand = on_hand or (lambda closed: None)
         self._mishap: tuple[float, Mishap] | None = None
@@ -139,7 +139,7 @@ class Machine:
     def hand(self, closed: bool) -> None:
         """Close or open the hand."""
         self.hand_closed = closed
-        self.history.add(HandAct(self.now_s, self.by, closed))
+        self.history.add(HandAct(self.now_s, self.by, self.given_s, closed))
         self._on_hand(closed)
 
     def _set_out(self, percent: float) -> None:
@@ -150,7 +150,7 @@ class Machine:
             self._mishap = self.now_s + share * (self.arm.rests_s - self.now_s), what
 
     def _note(self, motion: Motion, percent: float) -> None:
-        self.history.add(Leg(motion, self.by, percent, self.arm.tool, self.hand_closed))
+        self.history.add(Leg(motion, self.by, self.given_s, percent, self.arm.tool, self.hand_closed))
 
     # What may befall it
 

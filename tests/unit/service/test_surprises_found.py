@@ -65,6 +65,33 @@ def test_a_move_typed_ahead_behind_an_enable_goes_once_the_stop_was_tried(door: 
     assert story.close() == ()
 
 
+def test_a_resume_said_while_the_arm_is_being_stopped_asks_nothing_and_clears_nothing_later(story: Story) -> None:
+    """Its question was answered once the arm was at rest: the stop of somebody else was cleared by a word before it."""
+    for text, seconds in (("hand close", 1.0), ("go bin", 0.5)):
+        story.sockets[0].say(text)
+        story.wait(seconds)
+    story.sockets[1].say("stop")
+    story.sockets[0].say("resume")
+    story.wait(0.02)
+    assert any("still being stopped" in text for text in story.texts)
+    assert story.sockets[0].question is None
+    story.wait(2.0)
+    assert story.violations() == ()
+
+
+def test_a_hand_word_that_left_before_the_stop_is_carried_out_by_a_controller_whose_line_was_pulled() -> None:
+    story = Story(holds=True, prompt_at_end=True)
+    story.sockets[0].say("enable")
+    story.wait(0.1)
+    story.sockets[0].say("hand open")
+    story.wait(0.1)
+    story.harm(story.cell.server.unplug)  # type: ignore[union-attr]
+    story.sockets[0].say("abort")
+    story.wait(1.0)
+    assert not story.cell.controller.machine.hand_closed, "nobody could tell it not to"
+    assert story.close() == ()
+
+
 def test_a_hand_told_to_open_before_something_else_was_typed_may_drop_what_it_holds() -> None:
     story = Story(holds=True)
     story.sockets[0].say("enable")

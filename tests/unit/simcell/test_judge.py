@@ -297,6 +297,39 @@ def test_a_stop_is_late_only_from_when_it_could_get_through(again_s: float | Non
     assert cell.found() == [*rules, "not allowed", "after a stop"], "that something sets out is another matter"
 
 
+@pytest.mark.parametrize("line", ["DO OPENI", "DO DRIVE 1,5,50"])
+@pytest.mark.parametrize(
+    ("hears", "typed_s", "rules"),
+    [
+        (False, 0.0, []),
+        (True, 0.0, ["not allowed", "after a stop"]),
+        (False, 0.2, ["not allowed", "after a stop"]),
+    ],
+)
+def test_what_sets_out_after_a_stop_is_excused_where_the_controller_had_its_line_before_and_could_not_be_told(
+    line: str, hears: bool, typed_s: float, rules: list[str]
+) -> None:
+    """A stop is received 0.1 s from now; the line waits for the end of the motion before it."""
+    cell = Cell(rest_within_s=30.0)
+    cell.types("DO DRIVE 2,-10,20", 0.1)
+    now_s = cell.now_s
+    cell.judge.line(now_s, hears)
+    cell.judge.stop_received(now_s + 0.1, "a stop")
+    cell.judge.may_move(now_s + 0.1, False)
+    cell.now_s += typed_s
+    cell.types(line)
+    assert cell.found() == rules
+
+
+def test_the_answer_to_a_question_counts_as_what_was_typed_and_not_the_question() -> None:
+    cell = Cell()
+    cell.types("CAL", 1.0)
+    cell.judge.line(cell.now_s, hears=False)
+    cell.judge.may_move(cell.now_s, False)
+    cell.types("Y")
+    assert cell.found() == ["not allowed"]
+
+
 def test_where_a_person_sends_the_arm_is_theirs_but_that_it_may_go_and_stops_is_not() -> None:
     cell = Cell(longest_step_mm=50.0)
     cell.judge.no_faster_than(cell.now_s, 20.0)
