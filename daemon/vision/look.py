@@ -34,8 +34,9 @@ def look(
     """See, name and locate everything in one stereo pair.
 
     left, right: images as find_facets takes them, of the size the rig was calibrated for. Without a model every part is
-    `unknown`. With one, closed outlines come first, with a brief effort; what they leave unnamed is looked for by
-    straight edges, as the taught parts would show them, as far as the budget of time goes. clock: seconds of processor,
+    `unknown`. With one, what both eyes outline comes first, with a brief effort; where that is not all named, what one
+    eye outlines as well, and then straight edges, as the taught parts would show them, as far as the budget of time
+    goes. clock: seconds of processor,
     for the budget and for Scene.seconds by stage; without it there is neither. table: where it is, for whoever knows;
     what lies in it is no part.
     Raises VisionError where an image cannot be used.
@@ -44,13 +45,18 @@ def look(
     known = model or empty_model(FacetLibrary(()))
     full = settings or VisionSettings()
     eyes = open_eyes(left, right, rig)
-    start = began = now()
-    view = facets_seen(eyes, full.brief() if known.labels else full)
-    if table is not None:
-        view = without_table(view, table)
-    seen = now()
-    found = recognise(view.groups, known)
-    seconds = {"facets": seen - start, "recognise": now() - seen}
+    began, seconds = now(), {"facets": 0.0, "recognise": 0.0}
+    for in_one in (False, True) if known.labels else (True,):
+        start = now()
+        view = facets_seen(eyes, full.brief() if known.labels else full, in_one=in_one)
+        if table is not None:
+            view = without_table(view, table)
+        seen = now()
+        found = recognise(view.groups, known)
+        seconds["facets"] += seen - start
+        seconds["recognise"] += now() - seen
+        if _all_named(found):
+            break
     guesses, left_out = tuple[NearestGuess, ...](), tuple[str, ...]()
     if known.labels and not _all_named(found):
         start = now()

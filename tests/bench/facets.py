@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon.arrays import Array
-from daemon.vision.facets.candidates import choose, find_candidates
+from daemon.vision.facets.candidates import choose, find_candidates, outlines_of
 from daemon.vision.facets.reconstruct import find_facets
 from daemon.vision.geometry.rig import StereoRig
 from daemon.vision.image.both_eyes import open_eyes
@@ -167,10 +167,9 @@ def print_stages() -> None:
         pair = rendered.pair(scene)
         t = [time.process_time()]
         eyes = open_eyes(*pair, rig)
-        for view in eyes.views:
-            view.outlines(settings)
+        outlines = outlines_of(eyes, settings, in_one=True)
         t.append(time.process_time())
-        candidates = find_candidates(eyes, settings)
+        candidates = find_candidates(outlines, eyes, settings)
         t.append(time.process_time())
         choose(candidates, settings)
         t.append(time.process_time())

@@ -34,8 +34,8 @@ SETS = ("clean", "shadow", "textured", "multi")
 EVERY_S, ROUNDS = 0.001, 5
 EYE = one_eye.OneEye
 BEGINNINGS: dict[str, tuple[Any, ...]] = {
-    "pixels": (both_eyes.open_eyes, EYE.noise, EYE.smooth, EYE.scale, EYE.exposure, EYE.closed_regions),
-    "outlines": (one_eye.find_outlines_in,),
+    "pixels": (both_eyes.open_eyes, EYE.noise, EYE.unit, EYE.smooth, EYE.scale, EYE.exposure, EYE.closed_regions),
+    "outlines": (one_eye.outlines_near, EYE.rough),
     "corners": (one_eye.fits,),
     "matching": (matching.match_polygons, candidates.candidates, candidates.choose),
     "completing": (completion.complete,),

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import compress
 
 import numpy as np
 
 from daemon.arrays import Array
-from daemon.vision.facets.matching import Match, match_polygons
+from daemon.vision.facets.matching import Match, in_both, match_polygons
 from daemon.vision.geometry import Baseline, Shape, disparity, fit_plane, planarities, rings, weighted_plane
-from daemon.vision.image import Eyes, Fitted, Outline, find_outlines_in, fits
+from daemon.vision.image import Eyes, Fitted, Outline, fits, outlines_near
 from daemon.vision.settings import VisionSettings
 from daemon.vision.values import Facet, Polygon
 
@@ -42,11 +43,21 @@ class Candidate:
         return max(self.left_shape.covers(other.left_shape), self.right_shape.covers(other.right_shape))
 
 
-def find_candidates(eyes: Eyes, settings: VisionSettings) -> list[Candidate]:
-    """Pairs of outlines that fit along the epipolar lines, fitted and triangulated; of similar pairs only the
-    best few.
+def outlines_of(eyes: Eyes, settings: VisionSettings, *, in_one: bool) -> list[tuple[Outline, ...]]:
+    """The left and the right eye's outlines, best supported first; in_one: those as well that one eye alone shows."""
+    rough = [view.rough(settings) for view in eyes.views]
+    if not in_one:
+        left, right = ([p.corners for p in own] for own in rough)
+        both = in_both(left, right, eyes.geometry, settings)
+        rough = [list(compress(own, there)) for own, there in zip(rough, both, strict=True)]
+    return outlines_near(list(zip(eyes.views, rough, strict=True)), settings)
+
+
+def find_candidates(outlines: Sequence[Sequence[Outline]], eyes: Eyes, settings: VisionSettings) -> list[Candidate]:
+    """Pairs of the left and the right eye's outlines that fit along the epipolar lines, fitted and triangulated; of
+    similar pairs only the best few.
     """
-    left, right = find_outlines_in(eyes.views, settings)
+    left, right = outlines
     matches = match_polygons([o.corners for o in left], [o.corners for o in right], eyes.geometry, settings)
     matches = _best_few(matches, left, right)
     asked = (eyes.left, [left[m.left] for m in matches]), (eyes.right, [right[m.right] for m in matches])

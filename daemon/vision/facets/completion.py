@@ -7,6 +7,7 @@ turns about that edge. The turn whose sides show best in the other image is take
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,7 +16,7 @@ from daemon.arrays import Array
 from daemon.vision.facets.candidates import Candidate, candidates, flatness_sigmas
 from daemon.vision.facets.grouping import same_edges
 from daemon.vision.geometry import Baseline, areas, rings
-from daemon.vision.image import Eyes, OneEye, Outline, fits, probe, probe_sides, snap_near
+from daemon.vision.image import Eyes, OneEye, Outline, fits, outlined, probe_sides
 from daemon.vision.settings import VisionSettings
 from daemon.vision.values import Polygon
 
@@ -34,12 +35,14 @@ class _Hinge:
     other_px: Array
 
 
-def complete(chosen: list[Candidate], eyes: Eyes, settings: VisionSettings) -> list[Candidate]:
-    """Further facets, none of which covers a chosen one or another."""
+def complete(
+    chosen: list[Candidate], outlines: Sequence[Sequence[Outline]], eyes: Eyes, settings: VisionSettings
+) -> list[Candidate]:
+    """Further facets, none of which covers a chosen one or another; outlines: of the left and the right eye."""
     added: list[Candidate] = []
-    for seen, other, is_left in ((*eyes.views, True), (*eyes.views[::-1], False)):
+    for own, seen, other, is_left in zip(outlines, eyes.views, eyes.views[::-1], (True, False), strict=True):
         tried = 0
-        for outline in seen.outlines(settings):
+        for outline in own:
             if tried >= _MOST_TRIED:
                 break
             hinge = _hinge(outline, chosen + added, is_left)
@@ -95,8 +98,8 @@ def _swing(
     if not np.all(np.isfinite(agree[best])):
         return None
     image = [(other.smooth, polygons.shape[1])]
-    there = snap_near(image, rings([polygons[best]]), _REACH_PX, _SIGMA_PX)
-    (found,) = probe(image, [other.grain], there, [outline.border], settings)
+    near = rings([polygons[best]])
+    (found,) = outlined(image, [other.grain], near, [outline.border], settings, _REACH_PX, _SIGMA_PX)
     if found is None:
         return None
     (here,), (far,) = fits(((seen, [outline]), (other, [found])))

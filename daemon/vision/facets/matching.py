@@ -16,6 +16,8 @@ from daemon.vision.geometry import Baseline, Eye
 from daemon.vision.settings import VisionSettings
 
 Index = NDArray[np.intp]
+_ROUGH_PX = 2.0
+"""How much farther than an outline's the ends of a rough polygon may be from their epipolar lines; set by eye."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +55,28 @@ def match_polygons(left: list[Array], right: list[Array], geometry: Baseline, se
         good = np.isfinite(cost)
         found += map(Match, *(column[good].tolist() for column in (i, j, shift, cost)))
     return sorted(found, key=lambda m: (m.cost, m.left, m.right))
+
+
+def in_both(
+    left: list[Array], right: list[Array], geometry: Baseline, settings: VisionSettings
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Which rough polygons of the left (P,) and of the right eye (Q,) the other eye may have outlined as well: along
+    the epipolar lines one of its own spans as much, at a depth where parts may be.
+
+    left, right: corners (N, 2) px of each polygon.
+    """
+    if not left or not right:
+        return np.zeros(len(left), bool), np.zeros(len(right), bool)
+    nearest, farthest = settings.depth_range_mm
+    one, other = (
+        np.array([(*p.min(0), *p.max(0)) for p in _ideal(polygons, eye)])
+        for polygons, eye in ((left, geometry.left), (right, geometry.right))
+    )
+    apart = one[:, None] - other  # of the least x, y, of the greatest x, y
+    near = np.abs(apart[:, :, 1::2]).max(2) < (settings.search_epipolar_px + _ROUGH_PX) / geometry.left.focal_px
+    shift = apart[:, :, ::2]
+    near &= (shift.max(2) > geometry.length_mm / farthest) & (shift.min(2) < geometry.length_mm / nearest)
+    return near.any(1), near.any(0)
 
 
 def _ideal(polygons: list[Array], eye: Eye) -> list[Array]:

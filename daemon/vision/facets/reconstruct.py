@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.vision.facets.candidates import Candidate, choose, find_candidates, triangulate
+from daemon.vision.facets.candidates import Candidate, choose, find_candidates, outlines_of, triangulate
 from daemon.vision.facets.completion import complete
 from daemon.vision.facets.grouping import connected, lying_under, nearest_first
 from daemon.vision.facets.joining import settled
@@ -34,10 +34,13 @@ def find_facets(
     return facets_seen(open_eyes(left, right, rig), settings or VisionSettings())
 
 
-def facets_seen(eyes: Eyes, settings: VisionSettings) -> FacetView:
-    """The same of images already opened; what they were asked for before is not made again."""
-    chosen, refused = choose(find_candidates(eyes, settings), settings)
-    chosen += complete(chosen, eyes, settings)
+def facets_seen(eyes: Eyes, settings: VisionSettings, *, in_one: bool = True) -> FacetView:
+    """The same of images already opened; what they were asked for before is not made again. in_one: facets as well
+    that one eye alone outlines."""
+    outlines = outlines_of(eyes, settings, in_one=in_one)
+    chosen, refused = choose(find_candidates(outlines, eyes, settings), settings)
+    if in_one:
+        chosen += complete(chosen, outlines, eyes, settings)
     if settings.corner_detector != "line_fit":
         chosen = [_with_detected_corners(c, eyes, settings) for c in chosen]
     groups = list[Group]()
@@ -53,8 +56,8 @@ def facets_seen(eyes: Eyes, settings: VisionSettings) -> FacetView:
     if settings.stereo_formula != "exact":
         groups = [replace(g, facets=tuple(_by_formula(g.facets, eyes.rig, settings))) for g in groups]
     polygons = tuple(c.left.polygon for c in chosen), tuple(c.right.polygon for c in chosen)
-    rejected = _unmatched(eyes.left.outlines(settings), polygons[0], "left")
-    rejected += _unmatched(eyes.right.outlines(settings), polygons[1], "right")
+    rejected = _unmatched(outlines[0], polygons[0], "left")
+    rejected += _unmatched(outlines[1], polygons[1], "right")
     rejected += tuple(Rejected(c.facet.left_px, "left", why) for c, why in refused)
     sigma, blur = _noise_at_parts(eyes, chosen)
     return FacetView(nearest_first(groups), rejected, *polygons, sigma, blur_px=blur)

@@ -6,8 +6,8 @@ both_eyes.py only keeps the two together: what a look prepares once, and everyth
 from daemon.vision.image.both_eyes import Eyes, open_eyes
 from daemon.vision.image.edge_lines import Sides, edge_sigmas, find_sides, fit_sides, probe_sides
 from daemon.vision.image.grey import BLOCK_PX, SATURATED, VisionError, as_grey, block_means
-from daemon.vision.image.one_eye import OneEye, find_outlines_in, fits
-from daemon.vision.image.outlines import Outline, probe, snap_near
+from daemon.vision.image.one_eye import OneEye, fits, outlines_near
+from daemon.vision.image.outlines import Outline, outlined
 from daemon.vision.image.polygon_fit import MODEL_PX, Fitted
 from daemon.vision.image.regions import Scale
 from daemon.vision.image.segments import SegmentCorners, Segments, find_segments, joined, pairs_within, segment_corners
@@ -30,16 +30,15 @@ __all__ = [
     "block_means",
     "edge_sigmas",
     "find_corners",
-    "find_outlines_in",
     "find_segments",
     "find_sides",
     "fit_sides",
     "fits",
     "joined",
     "open_eyes",
+    "outlined",
+    "outlines_near",
     "pairs_within",
-    "probe",
     "probe_sides",
     "segment_corners",
-    "snap_near",
 ]

@@ -21,6 +21,7 @@ from daemon.vision.image.calipers import (
     IN_BLOCK,
     Calipers,
     Images,
+    Real,
     lay_calipers,
     lens_bow,
     profiles,
@@ -88,12 +89,13 @@ class Sides:
 
 def find_sides(
     images: Images, start: Array, end: Array, reach_px: Array | float, expected_px: Array, sigma_px: Array
-) -> tuple[Array, Array]:
+) -> tuple[Array, Array, Array]:
     """Move rough sides (S, 2), (S, 2) px onto the strongest straight gradient near them, seen over their whole length.
 
     images: of unit noise, after a Gaussian of SMOOTHING_PX. Looks up to reach_px, (S,) or one for all, either way of
     expected_px (S,) outwards, and at tilts that move either end by a few pixels; gradients count by how near they are
-    to what is expected, with sigma_px (S,). Returns moved ends.
+    to what is expected, with sigma_px (S,). Returns moved ends, and (S, BLOCKS) the slopes
+    across the moved sides, stretch by stretch, over a pixel (over two where it looks farther than two).
     """
     length, at = stretches(start, end, _TRIM_PX)
     farthest = float(np.max(reach_px))
@@ -110,14 +112,16 @@ def find_sides(
     shifted = np.rint(at[:, :, None] * (tilts / pitch)[:, None, :]).astype(np.int32)[:, :, :, None]
     shifted = np.minimum(np.maximum(shifted + np.arange(width, dtype=np.int32), 0), last)
     shifted += (np.arange(len(start) * BLOCKS, dtype=np.int32) * width).reshape(len(start), -1, 1, 1)
-    lines = np.abs(slopes.ravel().take(shifted).sum(1))
+    across = slopes.ravel().take(shifted)
+    lines = np.abs(across.sum(1))
     lines *= (np.exp(-0.5 * (places / sigma_px[:, None]) ** 2) * within).astype(np.float32)[:, None]
     best, each = lines.reshape(len(start), -1).argmax(1), np.arange(len(start))
     tilt, offset = tilts[each, best // width], places[each, best % width] + expected_px
     chord = end - start
     normal = np.stack([-chord[:, 1], chord[:, 0]], 1) / length[:, None]
     slope = tilt / np.maximum(1 - 2 * _TRIM_PX / length, 0.5)
-    return start + (offset - slope)[:, None] * normal, end + (offset + slope)[:, None] * normal
+    moved = start + (offset - slope)[:, None] * normal, end + (offset + slope)[:, None] * normal
+    return *moved, across.reshape(len(start), BLOCKS, -1)[each, :, best]
 
 
 def probe_sides(images: Images, start: Array, end: Array, grain: Array | float = 1.0) -> tuple[Array, Array]:
@@ -129,7 +133,11 @@ def probe_sides(images: Images, start: Array, end: Array, grain: Array | float =
     """
     length = np.maximum(np.hypot(*(end - start).T), 1e-6)
     values = stretch_profiles(images, start, end, 1.0, np.array([-0.5, 0.5]), np.zeros(len(start)))
-    slopes = values[:, :, 1] - values[:, :, 0]
+    return strengths(values[:, :, 1] - values[:, :, 0], length, grain)
+
+
+def strengths(slopes: Real, length: Array, grain: Array | float = 1.0) -> tuple[Array, Array]:
+    """probe_sides of sides (S,) px long across which these are the slopes (S, BLOCKS) over a pixel."""
     one = grain * _SLOPE_NOISE
     rows = np.clip(length / _ROW_PX, 1.0, BLOCKS * IN_BLOCK)
     mean = slopes.mean(1)

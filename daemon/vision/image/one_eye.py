@@ -14,17 +14,20 @@ import numpy as np
 from daemon.vision.geometry import Eye
 from daemon.vision.image.edge_lines import Exposure
 from daemon.vision.image.grey import FINE, Fine, Grey, Noise, measure_noise
-from daemon.vision.image.outlines import Outline, Wanted, find_outlines
+from daemon.vision.image.outlines import Outline, Wanted, best_first, find_outlines, rough_polygons
 from daemon.vision.image.polygon_fit import Fitted, fit_polygons
 from daemon.vision.image.regions import (
     Image32,
     Region,
+    RoughPolygon,
     Scale,
+    Stretched,
     closed_regions,
     edge_window,
     full_size,
     shrunk,
     smoothed,
+    unit_noise,
 )
 from daemon.vision.image.segments import Segments, find_segments
 from daemon.vision.settings import VisionSettings
@@ -34,14 +37,15 @@ GRAIN_PX = 5
 
 @dataclass(frozen=True, eq=False)
 class OneEye:
-    """One eye's camera and its checked image (H, W); scales by their shrink, outlines by what was asked for, and what
-    was fitted to outlines.
+    """One eye's camera and its checked image (H, W); scales by their shrink, rough polygons by what was asked for, what
+    outlines lie near these, and what was fitted to outlines.
     """
 
     eye: Eye
     grey: Grey
     scales: dict[int, Scale] = field(default_factory=dict)
-    outlined: dict[VisionSettings, tuple[Outline, ...]] = field(default_factory=dict)
+    sketched: dict[VisionSettings, list[RoughPolygon]] = field(default_factory=dict)
+    outlined: dict[RoughPolygon, list[Outline]] = field(default_factory=dict)
     fitted: dict[Outline, Fitted | None] = field(default_factory=dict)
 
     @cached_property
@@ -50,9 +54,14 @@ class OneEye:
         return measure_noise(self.grey)
 
     @cached_property
+    def unit(self) -> Stretched:
+        """The image (H, W) stretched to a noise of sigma 1 everywhere."""
+        return unit_noise(self.grey, self.noise)
+
+    @cached_property
     def smooth(self) -> Fine:
-        """The image (H, W) stretched to a noise of sigma 1 everywhere, after a Gaussian of SMOOTHING_PX."""
-        return smoothed(self.grey, self.noise)
+        """The same after a Gaussian of SMOOTHING_PX."""
+        return smoothed(self.unit)
 
     @cached_property
     def grainless(self) -> Image32:
@@ -67,12 +76,14 @@ class OneEye:
     def scale(self, shrink: int) -> Scale:
         """The gradient of all of the image where pixels are `shrink` full-size ones wide, two or more."""
         if shrink not in self.scales:
-            self.scales[shrink] = shrunk(self.grey, self.noise, shrink)
+            self.scales[shrink] = shrunk(self.unit, shrink)
         return self.scales[shrink]
 
-    def outlines(self, settings: VisionSettings) -> tuple[Outline, ...]:
-        """Outlines of what the image shows, best supported first."""
-        return find_outlines_in((self,), settings)[0]
+    def rough(self, settings: VisionSettings) -> list[RoughPolygon]:
+        """Polygons of closed regions, the largest first."""
+        if settings not in self.sketched:
+            self.sketched[settings] = rough_polygons(self.closed_regions(settings), settings)
+        return self.sketched[settings]
 
     def closed_regions(self, settings: VisionSettings) -> list[Region]:
         """Closed regions at every scale and level, the largest of each; at full size only where scale 2 shows edges,
@@ -82,7 +93,7 @@ class OneEye:
         if window is None:
             return []
         if 1 in settings.shrinks and 1 not in self.scales:
-            self.scales[1] = full_size(self.grey, self.noise, window, self.grain)
+            self.scales[1] = full_size(self.smooth, window, self.grain)
         largest = settings.max_area_fraction * self.grey.size
         found = list[Region]()
         for shrink, level in product(settings.shrinks, settings.levels):
@@ -107,14 +118,15 @@ class OneEye:
         return median(blurs) if blurs else None
 
 
-def find_outlines_in(views: Sequence[OneEye], settings: VisionSettings) -> list[tuple[Outline, ...]]:
-    """OneEye.outlines of each eye, all eyes' side by side."""
-    new = [(view, view.closed_regions(settings)) for view in views if settings not in view.outlined]
-    wanted = [Wanted(view.smooth, view.grain, regions) for view, regions in new if regions]
-    found = iter(find_outlines(wanted, settings))
-    for view, regions in new:
-        view.outlined[settings] = next(found) if regions else ()
-    return [view.outlined[settings] for view in views]
+def outlines_near(
+    asked: Sequence[tuple[OneEye, Sequence[RoughPolygon]]], settings: VisionSettings
+) -> list[tuple[Outline, ...]]:
+    """Each eye's outlines near rough polygons, best supported first; all eyes' side by side."""
+    new = [(view, [p for p in rough if p not in view.outlined]) for view, rough in asked]
+    found = iter(find_outlines([Wanted(view.smooth, view.grain, own) for view, own in new if own], settings))
+    for view, own in new:
+        view.outlined.update((p, next(found)) for p in own)
+    return [best_first([o for p in rough for o in view.outlined[p]]) for view, rough in asked]
 
 
 def fits(asked: Sequence[tuple[OneEye, Sequence[Outline]]]) -> list[list[Fitted | None]]:

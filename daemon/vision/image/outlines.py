@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from daemon.arrays import Array
 from daemon.vision.geometry import Point, Rings, Shape, areas, convex, different, drop_side, is_simple, met, rings, tidy
 from daemon.vision.image.calipers import Images
-from daemon.vision.image.edge_lines import find_sides, probe_sides
+from daemon.vision.image.edge_lines import find_sides, strengths
 from daemon.vision.image.grey import Fine
 from daemon.vision.image.regions import Border, Region, RoughPolygon
 from daemon.vision.settings import VisionSettings
@@ -60,90 +60,73 @@ class Outline:
 
 @dataclass(frozen=True, eq=False)
 class Wanted:
-    """One image in which outlines of closed regions are wanted: smooth, of unit noise, after a Gaussian; grain: its
+    """One image in which outlines of rough polygons are wanted: smooth, of unit noise, after a Gaussian; grain: its
     noise over that of white noise.
     """
 
     smooth: Fine
     grain: float
-    regions: list[Region]
+    rough: Sequence[RoughPolygon]
 
 
-def find_outlines(wanted: Sequence[Wanted], settings: VisionSettings) -> list[tuple[Outline, ...]]:
-    """Outlines of closed regions in each image, without repeats, best supported first; all images' side by side."""
-    rough = [_cleanest([p for r in w.regions for p in r.rough if len(p.corners) <= settings.max_corners], settings)
-             for w in wanted]  # fmt: skip
-    flat = [p for own in rough for p in own]
-    if not flat:
-        return [() for _ in wanted]
-    start = rings([p.corners for p in flat])
-    shrink = np.repeat([float(p.shrink) for p in flat], start.count)
-    sides = [sum(len(p.corners) for p in own) for own in rough]
-    images = [(w.smooth, count) for w, count in zip(wanted, sides, strict=True)]
-    moved = iter(snap(images, start, _FIRST_REACH_PX, _INSIDE_PX * shrink, _UNSURE_PX * shrink).split())
-    variants = [[(v, p.border) for p in own for v in _variants(next(moved), settings)] for own in rough]
-    variants = [[own[k] for k in first_of_each([v for v, _ in own], _SAME_PX)] for own in variants]
-    found = iter(_probed(wanted, variants, settings))
-    outlines = []
-    for tried in variants:
-        mine = sorted((o for o in (next(found) for _ in tried) if o is not None), key=lambda o: -o.support)
-        outlines.append(tuple(mine[k] for k in first_of_each([o.corners for o in mine], _SAME_PX)))
-    return outlines
-
-
-def _probed(
-    wanted: Sequence[Wanted], variants: list[list[tuple[Array, Border]]], settings: VisionSettings
-) -> list[Outline | None]:
-    """All images' polygons brought onto the gradient, those as outlines that it shows."""
-    flat = [v for own in variants for v in own]
+def find_outlines(wanted: Sequence[Wanted], settings: VisionSettings) -> list[list[Outline]]:
+    """Outlines near each rough polygon, image after image; what several would give, the first of an image gives."""
+    flat = [p for w in wanted for p in w.rough]
     if not flat:
         return []
-    images = [(w.smooth, sum(len(c) for c, _ in own)) for w, own in zip(wanted, variants, strict=True)]
-    shape = snap_near(images, rings([c for c, _ in flat]), _SECOND_REACH_PX, 1.0)
-    return probe(images, [w.grain for w in wanted], shape, [border for _, border in flat], settings)
+    start = rings([p.corners for p in flat])
+    shrink = np.repeat([float(p.shrink) for p in flat], start.count)
+    images = [(w.smooth, sum(len(p.corners) for p in w.rough)) for w in wanted]
+    moved = iter(snap(images, start, _FIRST_REACH_PX, _INSIDE_PX * shrink, _UNSURE_PX * shrink).split())
+    variants, known = list[tuple[Array, int]](), 0
+    images = []
+    for w in wanted:
+        own = [(v, k) for k in range(known, known + len(w.rough)) for v in _variants(next(moved), settings)]
+        own = [own[k] for k in first_of_each([v for v, _ in own], _SAME_PX)]
+        images.append((w.smooth, sum(len(v) for v, _ in own)))
+        variants += own
+        known += len(w.rough)
+    found: list[list[Outline]] = [[] for _ in flat]
+    if variants:
+        borders = [flat[k].border for _, k in variants]
+        made = outlined(images, [w.grain for w in wanted], rings([v for v, _ in variants]), borders, settings)
+        for outline, (_, k) in zip(made, variants, strict=True):
+            if outline is not None:
+                found[k].append(outline)
+    return found
+
+
+def best_first(outlines: Sequence[Outline]) -> tuple[Outline, ...]:
+    """Outlines of one image without repeats, best supported first."""
+    ranked = sorted(outlines, key=lambda o: -o.support)
+    return tuple(ranked[k] for k in first_of_each([o.corners for o in ranked], _SAME_PX))
 
 
 def snap(images: Images, shape: Rings, reach_px: float, expected_px: Array, sigma_px: Array) -> Rings:
     """Polygons with their sides moved onto the gradient, expected so far outwards (M,), and met again in corners."""
-    start, end = find_sides(images, shape.corners, shape.corners[shape.next], reach_px, expected_px, sigma_px)
+    start, end, _ = find_sides(images, shape.corners, shape.corners[shape.next], reach_px, expected_px, sigma_px)
     return shape.moved(met(shape, start, end))
 
 
-def snap_near(images: Images, shape: Rings, reach_px: float, sigma_px: float) -> Rings:
-    """The same where the gradient is expected to be where the sides are; each different side is moved once."""
-    own, start, end, which, turned = _once(images, shape, _SAME_SIDE_PX)
-    near = np.zeros(len(start))
-    one, other = find_sides(own, start, end, reach_px, near, near + sigma_px)
-    one, other, back = one[which], other[which], turned[:, None]
-    return shape.moved(met(shape, np.where(back, other, one), np.where(back, one, other)))
-
-
-def _once(images: Images, shape: Rings, tolerance_px: float) -> tuple[Images, Array, Array, Index, NDArray[np.bool_]]:
-    """The different sides of polygons in several images: how many are in each, their ends; for each side of the
-    polygons which of them it is, and whether it runs the other way.
-    """
-    start, end = shape.corners, shape.corners[shape.next]
-    own, every, first, known = [], [], 0, 0
-    for image, count in images:
-        here = slice(first, first + count)
-        kept, which, turned = different(start[here], end[here], tolerance_px)
-        own.append((image, len(kept)))
-        every.append((kept + first, which + known, turned))
-        first, known = first + count, known + len(kept)
-    kept, which, turned = (np.concatenate(values) for values in zip(*every, strict=True))
-    return own, start[kept], end[kept], which, turned
-
-
-def probe(
-    images: Images, grains: Sequence[float], shape: Rings, borders: Sequence[Border], settings: VisionSettings
+def outlined(
+    images: Images,
+    grains: Sequence[float],
+    shape: Rings,
+    borders: Sequence[Border],
+    settings: VisionSettings,
+    reach_px: float = _SECOND_REACH_PX,
+    sigma_px: float = 1.0,
 ) -> list[Outline | None]:
-    """The polygons as outlines; None for one of which a side does not show in the gradient."""
-    own, first, last, which, turned = _once(images, shape, _SAME_SIDE_PX / 2)
-    grain = np.repeat(grains, [count for _, count in own])
-    strength, seen = (v[which] for v in probe_sides(own, first, last, grain))
+    """Polygons near the gradient as outlines, their sides moved onto it, each different side once; None for one of
+    which a side does not show in it."""
+    own, start, end, which, turned = _once(images, shape)
+    expected = np.zeros(len(start))
+    one, other, slopes = find_sides(own, start, end, reach_px, expected, expected + sigma_px)
+    length = np.hypot(*(other - one).T)
+    strength, seen = (v[which] for v in strengths(slopes, length, np.repeat(grains, [count for _, count in own])))
+    one, other, length, back = one[which], other[which], length[which], turned[:, None]
+    shape = shape.moved(met(shape, np.where(back, other, one), np.where(back, one, other)))
     strength = np.where(turned, -strength, strength)
-    chord = shape.corners[shape.next] - shape.corners
-    length = np.hypot(chord[:, 0], chord[:, 1])
     support = shape.sums(length * seen) / shape.sums(length)
     good = (
         np.isfinite(support)
@@ -153,20 +136,37 @@ def probe(
         & (areas(shape) < -settings.min_area_px)
     )
     sound = convex(shape)
-    polygons, strengths, seens = shape.split(), shape.split(strength), shape.split(seen)
+    polygons, shown, seens = shape.split(), shape.split(strength), shape.split(seen)
     return [
-        Outline(polygons[k], border, strengths[k], seens[k], float(support[k]))
+        Outline(polygons[k], border, shown[k], seens[k], float(support[k]))
         if good[k] and (sound[k] or is_simple(polygons[k]))
         else None
         for k, border in enumerate(borders)
     ]
 
 
-def _cleanest(rough: list[RoughPolygon], settings: VisionSettings) -> list[RoughPolygon]:
-    """Of polygons in much the same place, which are one region at several levels and scales, the few cleanest.
+def _once(images: Images, shape: Rings) -> tuple[Images, Array, Array, Index, NDArray[np.bool_]]:
+    """The different sides of polygons in several images: how many are in each, their ends; for each side of the
+    polygons which of them it is, and whether it runs the other way.
+    """
+    start, end = shape.corners, shape.corners[shape.next]
+    own, every, first, known = [], [], 0, 0
+    for image, count in images:
+        here = slice(first, first + count)
+        kept, which, turned = different(start[here], end[here], _SAME_SIDE_PX)
+        own.append((image, len(kept)))
+        every.append((kept + first, which + known, turned))
+        first, known = first + count, known + len(kept)
+    kept, which, turned = (np.concatenate(values) for values in zip(*every, strict=True))
+    return own, start[kept], end[kept], which, turned
+
+
+def rough_polygons(regions: Sequence[Region], settings: VisionSettings) -> list[RoughPolygon]:
+    """Of closed regions in much the same place, which are one at several levels and scales, the few cleanest.
 
     A clean border fills its polygon; noise eats into it, and a coarse scale is trusted less than a fine one.
     """
+    rough = [p for r in regions for p in r.rough if len(p.corners) <= settings.max_corners]
     if not rough:
         return []
     shape = rings([p.corners for p in rough])

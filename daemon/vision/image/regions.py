@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache, cached_property
-from typing import Any
 
 import cv2
 import numpy as np
@@ -22,6 +21,8 @@ from daemon.vision.image.grey import FINE, Fine, Grey, Noise
 
 Image32 = NDArray[np.float32]
 Border = NDArray[np.int32]
+Stretched = NDArray[np.int16]
+"""An image (H, W) of unit noise, in steps of 1 / FINE of its sigma."""
 
 SMOOTHING_PX = 1.0
 _KERNEL = (7, 7)
@@ -30,8 +31,6 @@ _LEAST_SOLIDITY, _CONVEX_SOLIDITY = 0.55, 0.88
 """Share of its hull that a region must fill, and that one fills whose border is convex but for noise."""
 _LEAST_AREA, _LEAST_BORDER = 12.0, 10
 """Pixels of its scale in a region, and in its border."""
-_STRIP = 32
-"""Rows of a scale that are made at once."""
 _SPECKLED = 0.3
 """Share of pixels on edges that is more than parts have: grain, print, a rough table."""
 _MOST_HOLES = 40
@@ -105,27 +104,28 @@ class RoughPolygon:
     shrink: int
 
 
-def smoothed(image: Grey, noise: Noise) -> Fine:
-    """The image stretched to a noise of sigma 1 at every grey level, after a Gaussian of SMOOTHING_PX."""
-    unit = cv2.LUT(image, np.rint(FINE * noise.stretch).astype(np.int16))
+def unit_noise(image: Grey, noise: Noise) -> Stretched:
+    """The image stretched to a noise of sigma 1 at every grey level."""
+    return np.asarray(cv2.LUT(image, np.rint(FINE * noise.stretch).astype(np.int16)))
+
+
+def smoothed(unit: Stretched) -> Fine:
+    """An image of unit noise after a Gaussian of SMOOTHING_PX."""
     # OpenCV's Gaussian of uint16 takes three times as long as that of int16, which has room for these values.
     return np.asarray(cv2.GaussianBlur(unit, _KERNEL, SMOOTHING_PX)).view(np.uint16)
 
 
-def shrunk(image: Grey, noise: Noise, shrink: int) -> Scale:
-    """The gradient of all of an image stretched to a noise of sigma 1, at pixels of shrink x shrink."""
-    step = _STRIP * shrink  # in strips: a whole image of float32 is fresh memory, whose page faults cost more than all
-    strips = (cv2.LUT(image[top : top + step], noise.stretch) for top in range(0, len(image), step))
-    small = [cv2.resize(s, None, fx=1 / shrink, fy=1 / shrink, interpolation=cv2.INTER_AREA) for s in strips]
-    strength = _gradient(np.concatenate(small), shrink)
+def shrunk(unit: Stretched, shrink: int) -> Scale:
+    """The gradient of all of an image of unit noise, at pixels of shrink x shrink."""
+    small = np.asarray(cv2.resize(unit, None, fx=1 / shrink, fy=1 / shrink, interpolation=cv2.INTER_AREA), np.int16)
+    strength = _gradient(smoothed(small), shrink)
     return Scale(shrink, np.full(2, (shrink - 1) / 2), strength, _grain(strength))
 
 
-def full_size(image: Grey, noise: Noise, window: tuple[Array, Array], grain: float) -> Scale:
-    """The same at full size, of a part of the image; grain: its noise over that of white noise."""
+def full_size(smooth: Fine, window: tuple[Array, Array], grain: float) -> Scale:
+    """The same at full size, of a part of the smoothed image; grain: its noise over that of white noise."""
     (left, top), (right, bottom) = window
-    strength = _gradient(cv2.LUT(image, noise.stretch))[top:bottom, left:right]
-    return Scale(1, np.array([left, top], float), strength, grain)
+    return Scale(1, np.array([left, top], float), _gradient(smooth)[top:bottom, left:right], grain)
 
 
 def _grain(strength: Image32) -> float:
@@ -141,12 +141,10 @@ def _grain(strength: Image32) -> float:
     return min(max(excess, 1.0), _MOST_GRAIN)
 
 
-def _gradient(unit: NDArray[Any], shrink: int = 1) -> Image32:
-    """Its size in sigmas of white noise, after a Gaussian of SMOOTHING_PX, of an image of unit noise in which one pixel
-    is the mean of shrink x shrink.
-    """
-    smooth, scale = cv2.GaussianBlur(unit, _KERNEL, SMOOTHING_PX), 0.125 * shrink / gradient_noise(SMOOTHING_PX)
-    gx, gy = (cv2.Sobel(smooth, cv2.CV_32F, x, 1 - x, scale=scale) for x in (1, 0))
+def _gradient(smooth: Fine, shrink: int = 1) -> Image32:
+    """Its size in sigmas of white noise, of a smoothed image in which one pixel is the mean of shrink x shrink."""
+    scale = 0.125 * shrink / gradient_noise(SMOOTHING_PX) / FINE
+    gx, gy = (cv2.Sobel(smooth.view(np.int16), cv2.CV_32F, x, 1 - x, scale=scale) for x in (1, 0))
     return np.asarray(cv2.magnitude(gx, gy), np.float32)
 
 

@@ -189,7 +189,7 @@ def _searched(edges: ExpectedEdges, view: OneEye, reach_mm: float) -> EdgeObserv
         return _nothing(edges)
     reach_px = np.clip(reach_mm * edges.px_per_mm, FEWEST_PX, MOST_PX)
     image = [(view.smooth, count)]
-    start, end = find_sides(image, edges.start, edges.end, reach_px, np.zeros(count), reach_px / 2)
+    start, end, _ = find_sides(image, edges.start, edges.end, reach_px, np.zeros(count), reach_px / 2)
     strength, seen = probe_sides(image, start, end)
     there = (np.abs(strength) > LEAST_EVIDENCE) & (seen > LEAST_SUPPORT)
     weight = np.eye(2) / (np.maximum(1.0, reach_px / 6) ** 2)[:, None, None]

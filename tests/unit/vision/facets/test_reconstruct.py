@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -12,17 +10,16 @@ from numpy.typing import NDArray
 
 from daemon import frames
 from daemon.arrays import Array
-from daemon.vision.facets.candidates import choose, find_candidates
+from daemon.vision.facets.candidates import choose, find_candidates, outlines_of
 from daemon.vision.facets.completion import complete
 from daemon.vision.facets.corner_adjustment import EdgeObservations, settle
 from daemon.vision.facets.grouping import lying_under
-from daemon.vision.facets.matching import Match, match_polygons
+from daemon.vision.facets.matching import Match, in_both, match_polygons
 from daemon.vision.facets.reconstruct import find_facets
 from daemon.vision.geometry.converging import by_formula, converging
 from daemon.vision.geometry.rectified import baseline
 from daemon.vision.geometry.rig import Camera, StereoRig
 from daemon.vision.image.both_eyes import open_eyes
-from daemon.vision.image.one_eye import OneEye
 from daemon.vision.settings import VisionSettings
 from daemon.vision.values import Facet, FacetView
 from tests.worlds.limit import limit
@@ -228,10 +225,37 @@ def test_a_shadow_that_the_part_stands_on_is_told_from_its_faces() -> None:
 def test_a_facet_outlined_by_one_eye_only_is_found_in_the_other() -> None:
     settings_ = VisionSettings()
     eyes = open_eyes(*paint_pair([(CUBE, pose(DIRECTION, 0.4))], np.random.default_rng(11)), rig())
-    chosen, _ = choose(find_candidates(eyes, settings_), settings_)
+    left, right = outlines_of(eyes, settings_, in_one=False)
+    chosen, _ = choose(find_candidates((left, right), eyes, settings_), settings_)
     assert len(chosen) == 3
-    blind = OneEye(eyes.right.eye, eyes.right.grey, outlined={settings_: ()})
-    found = complete(chosen[:2], replace(eyes, right=blind), settings_)
+    found = complete(chosen[:2], (left, ()), eyes, settings_)
     assert len(found) == 1
     middle = found[0].facet.corners_mm.mean(0)
     assert middle == pytest.approx(chosen[2].facet.corners_mm.mean(0), abs=1.0)
+
+
+def test_what_one_eye_alone_outlines_is_left_for_a_second_look() -> None:
+    settings_ = VisionSettings()
+    left, right = paint_pair([(CUBE, pose(DIRECTION, 0.4))], np.random.default_rng(11))
+    right[:, 320:] = right[:, 320:].mean()
+    eyes = open_eyes(left, right, rig())
+    both, alone = (outlines_of(eyes, settings_, in_one=in_one) for in_one in (False, True))
+    assert len(both[0]) < len(alone[0])
+    assert set(both[0]) <= set(alone[0])
+
+
+def test_rough_polygons_are_compared_by_the_epipolar_band_they_span_and_by_depth() -> None:
+    settings_, geometry = VisionSettings(), baseline(rig())
+    square = np.array([[200.0, 200], [200, 260], [260, 260], [260, 200]])
+    ideal = geometry.left.ideal(square)
+    shift = geometry.length_mm / 350.0
+
+    def there(disparity: float, down_px: float = 0.0) -> Array:
+        return geometry.right.pixels(ideal - [disparity, -down_px / geometry.left.focal_px])
+
+    others = [there(shift), there(shift, 20.0), there(-shift), there(geometry.length_mm / 10.0)]
+    left, right = in_both([square], others, geometry, settings_)
+    assert left.tolist() == [True]
+    assert right.tolist() == [True, False, False, False]
+    assert in_both([square], others[1:], geometry, settings_)[0].tolist() == [False]
+    assert [flags.tolist() for flags in in_both([square], [], geometry, settings_)] == [[False], []]

@@ -7,7 +7,7 @@ import pytest
 
 from daemon.vision.image.both_eyes import open_eyes
 from daemon.vision.image.grey import VisionError
-from daemon.vision.image.one_eye import OneEye, fits
+from daemon.vision.image.one_eye import OneEye, fits, outlines_near
 from daemon.vision.settings import VisionSettings
 from tests.worlds.painted import paint_pair
 from tests.worlds.rigs import rig
@@ -21,10 +21,11 @@ def cube_seen() -> OneEye:
 
 def test_outlines_and_what_was_fitted_to_them_are_kept() -> None:
     view, brief = cube_seen(), VisionSettings().brief()
-    outlines = view.outlines(brief)
+    (outlines,) = outlines_near([(view, view.rough(brief))], brief)
     first = fits([(view, outlines)])[0]
     assert len(outlines) >= 3
-    assert view.outlines(brief) is outlines
+    assert view.rough(brief) is view.rough(brief)
+    assert outlines_near([(view, view.rough(brief))], brief) == [outlines]
     assert all(a is b for a, b in zip(fits([(view, outlines)])[0], first, strict=True))
 
 
@@ -38,7 +39,7 @@ def test_nothing_is_measured_before_it_is_asked_for_and_nothing_twice() -> None:
 def test_an_eye_that_sees_nothing_is_not_smoothed() -> None:
     grey = np.random.default_rng(2).normal(120, 2, (480, 640)).round().astype(np.uint8)
     view = OneEye(cube_seen().eye, grey)
-    assert view.outlines(VisionSettings()) == ()
+    assert view.rough(VisionSettings()) == []
     assert "smooth" not in vars(view)
 
 
