@@ -29,7 +29,8 @@ def check(config: Config) -> None:
     """Type every one of them, and ask whether the geometry can be meant. Raises ConfigError."""
     dialect(config)
     arm = arm_geometry(config)
-    for wrong in (*plausible.tool(arm.flange_from_tool), *plausible.limits(config.values.pick.limits, arm.reach_mm)):
+    shoulder_mm, limits = arm.world_from_base[:3, 3], config.values.pick.limits
+    for wrong in (*plausible.tool(arm.flange_from_tool), *plausible.limits(limits, arm.reach_mm, shoulder_mm)):
         raise config.document.error(wrong.keys, wrong.problem)
     if config.kind == "real":
         camera_settings(config)
