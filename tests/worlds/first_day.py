@@ -30,7 +30,7 @@ from tests.worlds.strange_controllers import Strange, draw
 ETC = Path(__file__).resolve().parents[2] / "etc"
 READY_DEG = (0.0, 60.0, -150.0, 0.0, -40.0, 0.0)
 """Elbow and wrist bent, clear of everything."""
-INTRODUCED_AT, PICKED_AT = 5.0, 20.0
+INTRODUCED_AT, PICKED_AT = 1.0, 20.0
 """How much faster than life the cell is while a stop is being tried by the clock, and afterwards."""
 PANEL_S = 2.0
 
