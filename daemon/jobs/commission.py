@@ -29,7 +29,8 @@ HAND_EYE_MM, HAND_EYE_DEG = 0.5, 0.15
 TABLE_MM = 4.0
 """How far the table may be from where pick.limits has it: less than a finger tip keeps from it."""
 TEACHING_TRIES, PICKING_TRIES = 6, 3
-POWER_UP, NO_POWER, NO_ZERO = "robot power-up", "Arm power off", "Not calibrated"
+ASKS, NO_POWER, NO_ZERO = "the controller asks", "Arm power off", "Not calibrated"
+"""What the daemon says of a controller that was just switched on."""
 PLACES = re.compile(r"home|bin|survey\d*")
 """Those of facetd.yaml."""
 
@@ -120,8 +121,9 @@ class Talk:
 
 def _arm(talk: Talk) -> str:
     where = talk.said("where")
-    if where["status"] != DONE and POWER_UP in where["text"]:
-        talk.do(POWER_UP)
+    if where["status"] != DONE and ASKS in where["text"]:
+        talk.need(f"It was just switched on: {where['text']}. Shall it be answered Y to all it asks?")
+        talk.do("robot power-up")
         where = talk.said("where")
     if where["status"] != DONE:
         raise NotProvenError(where["text"])

@@ -252,6 +252,8 @@ def _line(known: Acquaintance) -> Steps:
     for name, typed in (("lower_case", "where"), ("abbreviations", "WHER")):
         answer = yield from _ask(known, typed, 5.0)
         known.found(name, answer.where is not None, f"{typed!r} was {'taken' if answer.where else 'refused'}")
+    if not known.findings["abbreviations"].value:
+        known.found("calibrate_word", "CALIBRATE", "it wants words whole; nothing that moves is tried", "assumed")
     yield Exchange(POISON + b"\x15", 0.3, 1.0, CAREFUL_S)
     answer = yield from _ask(known, "WHERE", 5.0)
     cancels = answer.where is not None
@@ -260,7 +262,9 @@ def _line(known: Acquaintance) -> Steps:
     )
     answer = yield from _listen(known, b"\r\n", b"", PATIENCE_S)
     dots = answer.raw.count(b".")
-    known.found("two_prompts", dots > len(known.findings["prompt"].value), f"CR LF was answered by {answer.raw!r}")
+    known.found(
+        "two_prompts", dots > known.findings["prompt"].value.count("."), f"CR LF was answered by {answer.raw!r}"
+    )
     yield from _pace(known)
     answer = yield from _ask(known, "DO BREAK")
     known.found("break_after_move", not answer.errors, f"DO BREAK was {'refused' if answer.errors else 'taken'}")

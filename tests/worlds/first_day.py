@@ -6,6 +6,7 @@ deploy/FIRST-DAY.md. What such a person reads off a plate or measures is taken f
 
 from __future__ import annotations
 
+import json
 import re
 import subprocess
 import sys
@@ -21,7 +22,7 @@ import yaml
 
 from daemon import frames
 from daemon.arrays import Array
-from drivers.puma560 import PUMA560, ArmGeometry
+from drivers.puma560 import ArmGeometry
 from drivers.simcell.controller import Manners
 from drivers.val2.dialect import Dialect
 from tests.worlds.person import Person
@@ -33,6 +34,8 @@ READY_DEG = (0.0, 60.0, -150.0, 0.0, -40.0, 0.0)
 INTRODUCED_AT, PICKED_AT = 1.0, 20.0
 """How much faster than life the cell is while a stop is being tried by the clock, and afterwards."""
 PANEL_S = 2.0
+READY_S, INTRODUCING_S, DAY_S = 120.0, 1800.0, 3000.0
+"""The longest that a daemon takes to start, a first contact and all of commissioning, on a slow and busy computer."""
 
 
 @dataclass(frozen=True)
@@ -228,28 +231,73 @@ def lives_through(person: Person, within_s: float) -> str:
     raise AssertionError(f"still there after {within_s:g} s: {seen[-2000:]}")
 
 
+def written_down(folder: Path, strange: Strange, arm: ArmGeometry, seed: int, found: dict[str, Any]) -> None:
+    """What FIRST-DAY.md says to write after the first contact: the limits into arm.yaml, the cell into facetd.yaml."""
+    known = {name: entry["value"] for name, entry in found["dialect"].items()}
+    names = ("joint_signs", "joint_zeros_deg", "joint_3_against_horizon")
+    limits = limits_deg(strange, Dialect(**{name: known[name] for name in names}))
+    found["geometry"]["limits_deg"] = {"value": limits, "found": "the plate"}
+    (folder / "first-day" / "arm.yaml").write_text(yaml.safe_dump(found, sort_keys=False))
+    flange = np.array(found["geometry"]["controller_flange"]["value"])
+    measured = frames.inverse(arm.controller_flange) @ arm.flange_from_tool
+    config = configuration(arm, seed, "first-day/arm.yaml", flange @ measured)
+    (folder / "facetd.yaml").write_text(yaml.safe_dump(config, sort_keys=False))
+
+
 def introduced(folder: Path, strange: Strange, arm: ArmGeometry, seed: int) -> str:
     """`facetctl arm introduce`, and what FIRST-DAY.md says to write afterwards; what was on the screen."""
     lay_down(folder, truth(arm, strange.manners, strange.joints_deg, strange.baud, strange.cold), {})
     with controller(folder, INTRODUCED_AT) as port:
         person = Person(folder, "arm", "introduce", str(port), "--out", str(folder / "first-day"))
-        seen = lives_through(person, 600.0)
-    file = folder / "first-day" / "arm.yaml"
-    found = yaml.safe_load(file.read_text())
-    known = {name: entry["value"] for name, entry in found["dialect"].items()}
-    names = ("joint_signs", "joint_zeros_deg", "joint_3_against_horizon")
-    found["geometry"]["limits_deg"] = {
-        "value": limits_deg(strange, Dialect(**{name: known[name] for name in names})), "found": "the plate",
-    }  # fmt: skip
-    file.write_text(yaml.safe_dump(found, sort_keys=False))
-    flange = np.array(found["geometry"]["controller_flange"]["value"])
-    measured = frames.inverse(arm.controller_flange) @ arm.flange_from_tool
-    config = configuration(arm, seed, "first-day/arm.yaml", flange @ measured)
-    (folder / "facetd.yaml").write_text(yaml.safe_dump(config, sort_keys=False))
+        seen = lives_through(person, INTRODUCING_S)
+    written_down(folder, strange, arm, seed, yaml.safe_load((folder / "first-day" / "arm.yaml").read_text()))
     return seen
 
 
+@dataclass(frozen=True)
+class Day:
+    """How one ended: what was on the screen, what the simulated cell's judge found, the part in the bin or not."""
+
+    seen: str
+    judged: tuple[str, ...]
+
+    @property
+    def wrong(self) -> str:
+        """What is not as it should be; nothing where a part was picked and nobody surprised."""
+        if self.judged:
+            return "; ".join(self.judged)
+        return "" if "proven: picked: " in self.seen else self.seen[-1500:]
+
+
+def commissioned(folder: Path) -> Day:
+    """`facetd`, and `facetctl commission` beside it, with the files as they are in the folder."""
+    with (folder / "stderr").open("wb") as errors:
+        command = [sys.executable, "-m", "daemon.main", "--config", str(folder / "facetd.yaml")]
+        daemon = subprocess.Popen(command, stderr=errors)
+    try:
+        deadline = time.monotonic() + READY_S
+        while not (folder / "facetd.sock").exists():
+            said = (folder / "stderr").read_text(errors="replace")
+            assert daemon.poll() is None, said
+            assert time.monotonic() < deadline, said
+            time.sleep(0.1)
+        seen = lives_through(Person(folder, "commission", "--keep", str(folder)), DAY_S)
+    finally:
+        daemon.terminate()
+        daemon.wait(30.0)
+    lines = map(json.loads, (folder / "verdict.jsonl").read_text(encoding="utf-8").splitlines())
+    return Day(seen, tuple(f"{line['rule']}: {line['text']} (`{line['by']}`)" for line in lines if "rule" in line))
+
+
+def first_day(folder: Path, seed: int) -> Day:
+    """All of it, from a controller and an arm nobody knows to a part in the bin."""
+    strange, arm = strange_cell(seed)
+    seen = introduced(folder, strange, arm, seed)
+    day = commissioned(folder)
+    return replace(day, seen=seen + day.seen)
+
+
 __all__ = [
-    "PICKED_AT", "PUMA560", "READY_DEG", "ROOMS", "arm_yaml", "configuration", "controller", "introduced", "lay_down",
-    "lives_through", "strange_cell", "truth",
+    "PICKED_AT", "READY_DEG", "ROOMS", "Day", "arm_yaml", "commissioned", "configuration", "controller", "first_day",
+    "introduced", "lay_down", "lives_through", "strange_cell", "truth", "written_down",
 ]  # fmt: skip
