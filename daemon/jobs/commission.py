@@ -29,8 +29,8 @@ HAND_EYE_MM, HAND_EYE_DEG = 0.5, 0.15
 TABLE_MM = 4.0
 """How far the table may be from where pick.limits has it: less than a finger tip keeps from it."""
 TEACHING_TRIES, PICKING_TRIES = 6, 3
-ASKS, NO_POWER, NO_ZERO = "the controller asks", "Arm power off", "Not calibrated"
-"""What the daemon says of a controller that was just switched on."""
+ASKS, NO_POWER, NO_ZERO = "the controller asks", "arm power off", "not calibrated"
+"""What the daemon and the controller, in whatever letters, say when it was just switched on."""
 PLACES = re.compile(r"home|bin|survey\d*")
 """Those of facetd.yaml."""
 
@@ -152,7 +152,7 @@ def _zero(talk: Talk) -> None:
         done = talk.said("robot cal", lambda _: "y")
         if done["status"] == DONE:
             return
-        if NO_POWER not in done["text"]:
+        if NO_POWER not in done["text"].lower():
             raise NotProvenError(done["text"])
         talk.need(f"{done['text']}. Switch arm power on. Is it on?")
         talk.said("resume")
@@ -162,7 +162,8 @@ def _survey(talk: Talk) -> None:
     """Go where the board is in view."""
     talk.do("enable")
     there = talk.said("go survey")
-    if there["status"] != DONE and (NO_ZERO in there["text"] or NO_POWER in there["text"]):
+    said = there["text"].lower()
+    if there["status"] != DONE and (NO_ZERO in said or NO_POWER in said):
         talk.said("resume")
         _zero(talk)
         there = talk.said("go survey")

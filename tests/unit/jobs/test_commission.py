@@ -143,7 +143,7 @@ def test_a_controller_that_was_switched_on_is_answered_and_finds_its_zero() -> N
             if text == "robot cal":
                 self.said.append(text)
                 self.zero, self.power = self.power, True
-                return done("calibrated") if self.zero else done("*Arm power off*", status=1)
+                return done("calibrated") if self.zero else done("*ARM POWER OFF*", status=1)
             if text == "go survey" and not self.zero:
                 return done("*Not calibrated*", status=1)
             return super().do(text, door, say, ask)
