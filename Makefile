@@ -16,7 +16,7 @@ help:
 	@echo "make test         unit, property and simulated-cell tests, after lint, types and import rules"
 	@echo "make rig          the daemon under real systemd with real V4L2 devices and a serial line, in a guest"
 	@echo "make bench        accuracy, time and memory, measured (FACETD_SCENES=FOLDER: on more rendered scenes)"
-	@echo "make bench-faults faults at every moment of a pick, kill -9, random travels and operators, mutations: tables (a night)"
+	@echo "make bench-faults faults at every moment of a pick, kill -9, random travels, operators and first days, mutations: tables (a night)"
 	@echo "make bench-soak   2,000 accelerated cycles: memory and file handles over time (hours)"
 
 setup: $(VENV)/.runtime
@@ -71,6 +71,7 @@ bench-faults: $(VENV)/.dev
 	$(BIN)/python -m tests.bench.long.travels 100000
 	$(BIN)/python -m tests.bench.long.surprises 1000000
 	$(BIN)/python -m tests.bench.long.hostile 1000000
+	$(BIN)/python -m tests.bench.long.firstdays 10
 	$(BIN)/python -m tests.bench.long.mutations
 	$(BIN)/python -m tests.bench.long.mutations --rooms store doors review
 

@@ -43,6 +43,10 @@ OFFLINE: dict[str, str] = {
 OWN: dict[str, tuple[str, str]] = {
     "console": ("console", "a prompt with completion and history (control-C stops the arm)"),
     "script": ("script FILE", "commands from a file (- for stdin), one a line; ends at the first that is not done"),
+    "commission": (
+        "commission [STEP]",
+        "from a known arm to the first pick, every check in order; goes on where it was left",
+    ),
     "completion": ("completion bash|zsh", 'Tab for your shell: eval "$(facetctl completion bash)" in ~/.bashrc'),
 }
 """The tool's own words: how they are used, what they do."""
@@ -198,6 +202,10 @@ def _online(words: list[str], socket_path: Path | None, as_json: bool) -> int:
             from daemon.doors.prompt import converse
 
             return converse(link)
+        if words[0] == "commission":
+            from daemon.jobs.commission import run
+
+            return run(link, words[1:])
         if words[0] == "script":
             return _script(link, words[1:], as_json)
         return _one_shot(link, shlex.join(words), as_json, "one-shot")

@@ -52,6 +52,11 @@ class ArmGeometry:
     limits_rad: Array = field(default_factory=_standard_limits)
 
     @property
+    def lengths_mm(self) -> tuple[float, float, float, float]:
+        """a2, a3, d3, d4."""
+        return self.a2_mm, self.a3_mm, self.d3_mm, self.d4_mm
+
+    @property
     def forearm_mm(self) -> float:
         """From the elbow's axis to the wrist centre."""
         return hypot(self.a3_mm, self.d4_mm)

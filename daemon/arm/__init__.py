@@ -3,7 +3,7 @@
 Nothing here knows what a pick is; whoever wants the arm moved comes through this door.
 """
 
-from daemon.arm.body import capsule_around
+from daemon.arm.body import ARM, body_like, capsule_around
 from daemon.arm.guard import Limits, Point
 from daemon.arm.mover import Arrival, Mover, MoveRefusedError, OutOfReachError
 from daemon.arm.route import PATH_MM
@@ -13,6 +13,7 @@ from daemon.arm.workcell import Log, Pictures, Reading, StopRefusedError, Workce
 
 __all__ = [
     "ABORT_S",
+    "ARM",
     "PATH_MM",
     "Arrival",
     "Interruption",
@@ -33,6 +34,7 @@ __all__ = [
     "StopRefusedError",
     "Supervisor",
     "Workcell",
+    "body_like",
     "capsule_around",
     "settled_pair",
 ]

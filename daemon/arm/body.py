@@ -65,6 +65,25 @@ ARM: tuple[Capsule, ...] = (
 link 3 from 149 behind the elbow, 150 x 92 mm, tapering to 90 x 92; links 4 to 6 within 45 mm of the wrist's axis; the
 flange 56 mm out). Palm and fingers: those the simulated cell has; the bar: the points of body_mm."""
 
+ARM_LENGTHS_MM = 431.8, 150.05, 431.8
+"""a2, d3 and d4 (drivers/puma560.py) of the arm that ARM is of."""
+
+
+def body_like(a2_mm: float, d3_mm: float, d4_mm: float) -> tuple[Capsule, ...]:
+    """ARM of an arm of other lengths, a PUMA's shape: along each link by that link's length, aside by the shoulder's
+    offset, to its side; as thick as the longest of them asks. The hand stays as it is."""
+    a2, d3, d4 = (abs(mm) / of for mm, of in zip((a2_mm, d3_mm, d4_mm), ARM_LENGTHS_MM, strict=True))
+    thick, side = max(a2, d3, d4), d3 if d3_mm >= 0 else -d3
+    along = {"upper_arm": (a2, thick, side), "forearm": (thick, thick, d4), "wrist": (thick, thick, thick)}
+
+    def scaled(capsule: Capsule) -> Capsule:
+        if capsule.link not in along:
+            return capsule
+        start, end = (_point(np.array(end) * along[capsule.link]) for end in (capsule.from_mm, capsule.to_mm))
+        return Capsule(capsule.name, capsule.link, start, end, capsule.radius_mm * thick)
+
+    return tuple(map(scaled, ARM))
+
 
 @dataclass(frozen=True, eq=False)
 class Body:

@@ -18,6 +18,7 @@ from daemon.arrays import Array
 Keys = tuple[str | int, ...]
 
 ORTHONORMAL = 1e-4
+ORIGIN = np.zeros(3)
 METRES_MM = 2.0
 """What is shorter than this altogether was written in metres: the shortest length that is meant is some 50 mm."""
 LONGEST_HAND_MM = 500.0
@@ -93,10 +94,10 @@ def hand_eye(
         yield _found(keys, "cameras behind the tool centre point (z < 0)", found, "invert the matrix?")
 
 
-def limits(guard: Limits, reach_mm: float) -> Iterator[Implausible]:
-    """pick.limits for an arm that reaches reach_mm from the world's origin."""
+def limits(guard: Limits, reach_mm: float, shoulder_mm: Array = ORIGIN) -> Iterator[Implausible]:
+    """pick.limits for an arm that reaches reach_mm from shoulder_mm (3,), world."""
     low, high = np.array(guard.box_low_mm), np.array(guard.box_high_mm)
-    smallest, nearest = float((high - low).min()), float(np.linalg.norm(np.clip(0.0, low, high)))
+    smallest, nearest = float((high - low).min()), float(np.linalg.norm(np.clip(shoulder_mm, low, high) - shoulder_mm))
     if smallest < SMALLEST_BOX_MM:
         side = "xyz"[int((high - low).argmin())]
         yield _found((*LIMITS, "box_high_mm"), "a workspace", f"one {smallest:g} mm long in {side}", AS_METRES)

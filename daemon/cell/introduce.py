@@ -173,7 +173,7 @@ async def _unless_stopped(doing: Awaitable[Any], known: Acquaintance, line: _Lin
         if person.wants_stop.is_set():
             line.note("stop", text="wanted by the person")
             for _ in range(2):
-                line.send(known.stop_bytes)
+                await _typed(known.stop_bytes, known.pace_s, line)
                 await asyncio.sleep(STOP_TWICE_S)
             raise StoppedByPersonError(f"stopped: {known.stop_word} was sent, twice. Look whether the arm rests")
         return task.result()
@@ -199,12 +199,16 @@ async def _do(step: Step, line: _Line, person: Person) -> Heard | str | None:
     return None
 
 
-async def _exchange(step: Exchange, line: _Line) -> Heard:
-    parts = [step.data] if step.pace_s <= 0 else [step.data[k : k + 1] for k in range(len(step.data))]
-    for part in filter(None, parts):
+async def _typed(data: bytes, pace_s: float, line: _Line) -> None:
+    """All of it, or pace_s between its characters."""
+    for part in filter(None, [data] if pace_s <= 0 else [data[k : k + 1] for k in range(len(data))]):
         line.send(part)
-        if step.pace_s > 0:
-            await asyncio.sleep(step.pace_s)
+        if pace_s > 0:
+            await asyncio.sleep(pace_s)
+
+
+async def _exchange(step: Exchange, line: _Line) -> Heard:
+    await _typed(step.data, step.pace_s, line)
     sent_s = line.clock()
     while True:
         now_s = line.clock()

@@ -8,11 +8,12 @@ from statistics import median
 
 import numpy as np
 
-from daemon.arm import Log, Workcell
+from daemon.arm import ARM, Limits, Log, Workcell, body_like
 from daemon.calibration.file import Calibration, Quality
 from daemon.calibration.session import EPIPOLAR_LIMIT_PX, SPREAD_LIMIT_MM
 from daemon.calibration.tour import DISTANCES_MM
 from daemon.cell.build import Hardware
+from daemon.cell.sections import arm_geometry
 from daemon.config import Config
 from daemon.pick.fusion import Doubt
 from daemon.pick.settings import Settings
@@ -28,7 +29,14 @@ def pick_cell(config: Config, calibration: Calibration, hardware: Hardware, log:
     tool_from_cyclopean = np.eye(4) if calibration.tool_from_cyclopean is None else calibration.tool_from_cyclopean
     workcell = Workcell(hardware.robot, hardware.eyes, log, hardware.clock, calibration.rig, tool_from_cyclopean)
     settings = config.values.pick
-    return workcell, replace(settings, doubt=doubt_of(calibration.quality, settings.doubt))
+    return workcell, replace(settings, limits=guarded(config), doubt=doubt_of(calibration.quality, settings.doubt))
+
+
+def guarded(config: Config) -> Limits:
+    """pick.limits; capsules that the file leaves as they are become those of the arm that stands there."""
+    limits = config.values.pick.limits
+    arm = arm_geometry(config)
+    return replace(limits, capsules=body_like(arm.a2_mm, arm.d3_mm, arm.d4_mm)) if limits.capsules == ARM else limits
 
 
 def doubt_of(quality: Quality, doubt: Doubt) -> Doubt:

@@ -18,18 +18,22 @@ from daemon.calibration.file import Calibration, rigid
 from daemon.config import Config, Matrix4
 from daemon.store.yamlfile import Document, read
 from drivers.camera.settings import CameraSettings
-from drivers.puma560 import ArmGeometry
+from drivers.puma560 import PUMA560, ArmGeometry
 from drivers.val2.dialect import Dialect
 
 Angle = Annotated[float, Meta(ge=-720, le=720)]
 Limits = tuple[Angle, Angle]
+SHY_DEG = 0.2
+"""So far from its end each joint of an arm is kept whose zeros were found, and not told: to the last digits they are
+not the controller's, and what is reached by the one may be refused by the other."""
 
 
 def check(config: Config) -> None:
     """Type every one of them, and ask whether the geometry can be meant. Raises ConfigError."""
     dialect(config)
     arm = arm_geometry(config)
-    for wrong in (*plausible.tool(arm.flange_from_tool), *plausible.limits(config.values.pick.limits, arm.reach_mm)):
+    shoulder_mm, limits = arm.world_from_base[:3, 3], config.values.pick.limits
+    for wrong in (*plausible.tool(arm.flange_from_tool), *plausible.limits(limits, arm.reach_mm, shoulder_mm)):
         raise config.document.error(wrong.keys, wrong.problem)
     if config.kind == "real":
         camera_settings(config)
@@ -73,6 +77,7 @@ def arm_geometry(config: Config) -> ArmGeometry:
         return ArmGeometry(flange_from_tool=tool)
     document = replace(file[0], data={"geometry": {name: each.value for name, each in file[1].geometry.items()}})
     values = document.convert(_Geometry, at=("geometry",))
+    limits = np.degrees(PUMA560.limits_rad) if values.limits_deg is None else np.array(values.limits_deg, float)
     return ArmGeometry(
         values.a2_mm,
         values.a3_mm,
@@ -81,7 +86,7 @@ def arm_geometry(config: Config) -> ArmGeometry:
         rigid(document, ("geometry", "world_from_base"), values.world_from_base),
         tool,
         rigid(document, ("geometry", "controller_flange"), values.controller_flange),
-        **({} if values.limits_deg is None else {"limits_rad": np.radians(values.limits_deg)}),
+        np.radians(limits + np.array([SHY_DEG, -SHY_DEG])),
     )
 
 

@@ -206,7 +206,9 @@ def _verified(views: list[View], board: Board, calibration: Calibration) -> Answ
 
 async def _touch(context: CommandContext, view: View, board: Board, door: Door) -> Answer:
     """Bring the closed gripper over the board's first corner; the operator says how far off it is."""
-    corner = board_in_world(view, board, context.calibration)[:3, 3]
+    world_from_board = board_in_world(view, board, context.calibration)
+    heights_mm = frames.apply(world_from_board, board.points_mm())[:, 2]
+    corner, table_mm = world_from_board[:3, 3], context.config.values.pick.limits.table_z_mm
     tip_mm = context.config.values.pick.gripper.tip_mm
     for above_mm in (60.0, TOUCH_ABOVE_MM):
         down = frames.rigid(np.diag([-1.0, 1.0, -1.0]), corner + np.array([0.0, 0.0, tip_mm + above_mm]))
@@ -222,7 +224,13 @@ async def _touch(context: CommandContext, view: View, board: Board, door: Door) 
     distance = float(np.linalg.norm(off))
     context.log.record("touch", off_mm=off.tolist(), distance_mm=distance, corner=corner.tolist())
     verdict = "good" if distance <= 1.0 else "not fit for picking: calibrate hand-eye, check the TOOL transform"
-    return Answer(f"{distance:.2f} mm off: {verdict}.", {"off_mm": off.tolist()}, 0 if distance <= 1.0 else NOT_DONE)
+    lines = [
+        f"{distance:.2f} mm off: {verdict}.",
+        f"The board's face is at z {heights_mm.min():.1f} to {heights_mm.max():.1f} mm; "
+        f"the table is told to be at {table_mm:g}.",
+    ]
+    data = {"off_mm": off.tolist(), "board_z_mm": [heights_mm.min(), heights_mm.max()], "table_z_mm": table_mm}
+    return Answer("\n".join(lines), data, 0 if distance <= 1.0 else NOT_DONE)
 
 
 COMMANDS = (calibrate,)

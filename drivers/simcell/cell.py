@@ -13,7 +13,6 @@ from zlib import crc32
 import numpy as np
 
 from drivers.arrays import Array
-from drivers.puma560 import ArmGeometry
 from drivers.simcell.arm import Arm
 from drivers.simcell.boards import BoardPrint, board_thing
 from drivers.simcell.camera import Scene, SimulatedPair
@@ -72,7 +71,8 @@ class SimulatedCell:
         self._prints: dict[str, tuple[Pattern, ...]] = {}
         settings = self._settings.arm
         self.arm = Arm(
-            ArmGeometry(flange_from_tool=rigid_matrix(settings.flange_from_tool)),
+            settings.geometry(),
+            np.radians(settings.start_deg),
             joint_offsets_rad=np.radians(settings.joint_offset_deg),
             repeatability_mm=settings.repeatability_mm,
             rng=settling,
@@ -80,14 +80,16 @@ class SimulatedCell:
         self.world = World(self._settings)
         self._tool_from_cyclopean = rigid_matrix(self._settings.tool_from_cyclopean)
         self._board: tuple[Thing, ...] = ()
-        self.controller = Controller(self.arm, manners, self._hand, faults, cold)
+        self.controller = Controller(
+            self.arm, manners or settings.controller_manners(), self._hand, faults, cold or settings.cold
+        )
         self._machine = self.controller.machine
         safety = self._settings.safety
         body = Body(safety.body, self.arm.true_geometry, self.arm.joint_offsets_rad)
         self.judge = Judge(self._machine.history, body, safety, self._settings.table)
         self.server: PtyServer | MemoryLine
         if loop is None:
-            self.server = PtyServer(self.controller, time_scale=time_scale)
+            self.server = PtyServer(self.controller, settings.baud, time_scale)
         else:
             self.server = MemoryLine(self.controller, loop)
         self.port = self.server.port

@@ -5,15 +5,18 @@ Values and their bounds only; what they do is in render.py (light), world.py (pa
 
 from __future__ import annotations
 
+from dataclasses import fields
 from functools import lru_cache
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import msgspec
 import numpy as np
 from msgspec import Meta
 
 from drivers.arrays import Array
+from drivers.puma560 import NEST_RAD, PUMA560, ArmGeometry
+from drivers.simcell.controller.manners import Manners
 from drivers.simcell.optics import Eye
 
 Positive = Annotated[float, Meta(gt=0)]
@@ -21,6 +24,7 @@ NotNegative = Annotated[float, Meta(ge=0)]
 Fraction = Annotated[float, Meta(ge=0, le=1)]
 Vector2 = Annotated[list[float], Meta(min_length=2, max_length=2)]
 Vector3 = Annotated[list[float], Meta(min_length=3, max_length=3)]
+Four = Annotated[list[float], Meta(min_length=4, max_length=4)]
 Six = Annotated[list[float], Meta(min_length=6, max_length=6)]
 Distortion = Annotated[list[float], Meta(min_length=5, max_length=5)]
 Matrix3 = Annotated[list[Vector3], Meta(min_length=3, max_length=3)]
@@ -59,18 +63,43 @@ class EyeTruth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class ArmTruth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What the arm has that its controller does not know.
+    """Which arm stands there, behind which controller, and what it has that its controller does not know.
 
-    flange_from_tool: where the tool centre point is (the controller does know that one); joint_offset_deg: true minus
-    believed angle of each joint; repeatability_mm: standard deviation of where the tool comes to rest, along each axis.
+    flange_from_tool: where the tool centre point is, from the wrist centre (the controller does know that one);
+    joint_offset_deg: true minus believed angle of each joint; repeatability_mm: standard deviation of where the tool
+    comes to rest, along each axis. lengths_mm: a2, a3, d3, d4; world_from_base, controller_flange, as in ArmGeometry;
+    start_deg: the joints as the controller is switched on, in the angles of our kinematics. manners: of Manners, those
+    that are not as usual. baud: of its line. cold: switched on with the cell, else long before.
     """
 
     flange_from_tool: Matrix4
     joint_offset_deg: Six
     repeatability_mm: NotNegative
+    lengths_mm: Four = msgspec.field(default_factory=lambda: list(PUMA560.lengths_mm))
+    world_from_base: Matrix4 = msgspec.field(default_factory=lambda: np.eye(4).tolist())
+    controller_flange: Matrix4 = msgspec.field(default_factory=lambda: np.eye(4).tolist())
+    start_deg: Six = msgspec.field(default_factory=lambda: np.degrees(NEST_RAD).tolist())
+    manners: dict[str, Any] = {}
+    baud: Annotated[int, Meta(ge=50, le=4_000_000)] = 9600
+    cold: bool = False
 
     def __post_init__(self) -> None:
-        rigid_matrix(self.flange_from_tool, "flange_from_tool")
+        for name in ("flange_from_tool", "world_from_base", "controller_flange"):
+            rigid_matrix(getattr(self, name), name)
+        unknown = self.manners.keys() - {field.name for field in fields(Manners)}
+        if unknown:
+            raise ValueError(f"manners: {', '.join(sorted(unknown))}: no such manner")
+        self.controller_manners()
+
+    def geometry(self) -> ArmGeometry:
+        """The arm as geometry."""
+        a2, a3, d3, d4 = self.lengths_mm
+        frames = (self.world_from_base, self.flange_from_tool, self.controller_flange)
+        return ArmGeometry(a2, a3, d3, d4, *(rigid_matrix(rows) for rows in frames))
+
+    def controller_manners(self) -> Manners:
+        """Its controller's."""
+        return msgspec.convert(self.manners, Manners)
 
 
 class Sensor(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

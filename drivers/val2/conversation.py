@@ -115,12 +115,14 @@ class Conversation:
     async def resynchronise(self, attempts: int = 3) -> list[Event]:
         """Get the controller to an empty line and its prompt or question; what it said, that last.
 
-        First the half-typed line is cancelled. Should that not bring a prompt, characters that make any line an error
-        are typed and ended. Raises NoAnswer; Busy where something came back, but neither prompt nor question.
+        First the half-typed line is cancelled. Should that not bring a prompt, or the controller know no such key,
+        characters that make any line an error are typed and ended. Raises NoAnswer; Busy where something came back, but
+        neither prompt nor question.
         """
         said: list[Event] = []
+        cancel = self.dialect.cancel_line
         for attempt in range(attempts):
-            self.send_raw(self.dialect.cancel_line if attempt == 0 else self.dialect.cancel_line + POISON + b"\r")
+            await self.type_raw(cancel if cancel and attempt == 0 else cancel + POISON + self.dialect.line_end)
             try:
                 await self.next_prompt_or_question(self.dialect.resync_s, said)
             except NoAnswer:
@@ -133,6 +135,11 @@ class Conversation:
     def send_raw(self, data: bytes) -> None:
         """Send bytes as they are, their echo unchecked. Raises Preempted, PortError."""
         self._put(data)
+        self._reader.line_ended(echoed=False)
+
+    async def type_raw(self, data: bytes) -> None:
+        """Type bytes as they are, no faster than the controller reads, their echo unchecked. Raises as send_raw."""
+        await self._send_paced(data)
         self._reader.line_ended(echoed=False)
 
     async def _type_line(self, text: str) -> None:

@@ -39,6 +39,8 @@ CAREFUL_S = 0.05
 QUIET_S, PATIENCE_S, MOTION_S = 0.15, 3.0, 30.0
 STEP_DEG, ROUNDS, SPEED, SHARE = 2.0, (1.0, 1.0, -1.0, -1.0), 20, 1
 """A move: so many degrees; there and back; at so many percent of the monitor speed of so many percent."""
+FINE_DIGITS = 2
+"""WHERE with fewer behind its points is read to the other side as well: twice as far apart, twice as often."""
 FIRST_JOINT, CUT_AFTER_S = 6, 0.2
 OFF_DEG, REST_MM, REST_DEG = 0.15, 0.15, 0.02
 
@@ -176,6 +178,8 @@ def _wake(known: Acquaintance, bauds: Sequence[int]) -> Steps:
             yield Speed(baud)
             yield Exchange(b"", 0.5, 0.5)
         answer = yield from _ask(known, POISON.decode())
+        if answer.prompt:  # one that was on its way when this was typed is no answer to it
+            answer = yield from _ask(known, POISON.decode())
         if answer.prompt or answer.question:
             break
         heard = heard or answer.raw
@@ -194,7 +198,8 @@ def _wake(known: Acquaintance, bauds: Sequence[int]) -> Steps:
         answer = yield from _ask(known, said, 60.0)
     known.found("power_up", asked, "asked before the first prompt" if asked else "it asked nothing: it was on already",
                 "certain" if asked else "assumed")  # fmt: skip
-    answer = yield from _ask(known, POISON.decode())
+    if asked:
+        answer = yield from _ask(known, POISON.decode())
     if not answer.prompt:
         raise UnclearError(f"no prompt after a line; it said {answer.raw!r}. Is a program running, or the arm at work?")
     if not answer.errors:
@@ -247,6 +252,8 @@ def _line(known: Acquaintance) -> Steps:
     for name, typed in (("lower_case", "where"), ("abbreviations", "WHER")):
         answer = yield from _ask(known, typed, 5.0)
         known.found(name, answer.where is not None, f"{typed!r} was {'taken' if answer.where else 'refused'}")
+    if not known.findings["abbreviations"].value:
+        known.found("calibrate_word", "CALIBRATE", "it wants words whole; nothing that moves is tried", "assumed")
     yield Exchange(POISON + b"\x15", 0.3, 1.0, CAREFUL_S)
     answer = yield from _ask(known, "WHERE", 5.0)
     cancels = answer.where is not None
@@ -255,7 +262,9 @@ def _line(known: Acquaintance) -> Steps:
     )
     answer = yield from _listen(known, b"\r\n", b"", PATIENCE_S)
     dots = answer.raw.count(b".")
-    known.found("two_prompts", dots > len(known.findings["prompt"].value), f"CR LF was answered by {answer.raw!r}")
+    known.found(
+        "two_prompts", dots > known.findings["prompt"].value.count("."), f"CR LF was answered by {answer.raw!r}"
+    )
     yield from _pace(known)
     answer = yield from _ask(known, "DO BREAK")
     known.found("break_after_move", not answer.errors, f"DO BREAK was {'refused' if answer.errors else 'taken'}")
@@ -327,7 +336,8 @@ def _moves(known: Acquaintance) -> Steps:
         )
     known.readings[:] = [here]
     early: list[bool] = []
-    for sign in ROUNDS:
+    coarse = min(known.findings["digits"].value) < FINE_DIGITS
+    for sign in ROUNDS + tuple(-sign for sign in ROUNDS) * coarse:
         for joint in range(1, 7):
             here = yield from _step(known, here, joint, sign * STEP_DEG, early)
             known.readings.append(here)

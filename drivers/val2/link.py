@@ -240,9 +240,12 @@ class Link:
         return self.dialect.answer_s if self.dialect.prompt_after_move == "start" else self.dialect.motion_s
 
     async def _come_to_a_still_arm(self, session: Session) -> None:
-        """To the prompt, with the arm at rest, or to a power-up question: nothing moves then. Raises NoAnswer."""
+        """To the prompt, with the arm at rest, or to a power-up question: nothing moves then. Raises NoAnswer.
+
+        Where nothing is echoed, silence may be an arm at work as well: it is told to stop before it is asked again.
+        """
         try:
-            await session.find_prompt()
+            await session.find_prompt(attempts=3 if self.dialect.echo else 1)
             if CONFIRMS in (session.question or "").lower():
                 await self._decline(session)
             if session.question is None:
@@ -253,13 +256,13 @@ class Link:
             await self.abort()
             return
         except NoAnswer as problem:
-            if not isinstance(problem, Busy):
+            if self.dialect.echo and not isinstance(problem, Busy):
                 raise
-            busy = problem
+            silent = problem
         try:
             await self.abort()
         except (NoAnswer, Garbled):
-            raise busy from None
+            raise silent from None
         self.stopped_on_opening = True
 
     async def _decline(self, session: Session) -> None:
@@ -394,7 +397,7 @@ class Link:
         end = self.dialect.line_end
         word = self.dialect.abort_word.encode("ascii") + end
         talk.unheard()
-        talk.send_raw(before + POISON + end + word + end + word)
+        await talk.type_raw(before + POISON + end + word + end + word)
         return await talk.last_prompt_or_question(self.dialect.resync_s)
 
     async def _stopped(self, talk: Conversation) -> Where:

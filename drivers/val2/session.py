@@ -89,10 +89,10 @@ class Session:
                     while talk.unheard():  # nor what was still on its way
                         await asyncio.sleep(self.dialect.prompt_silence_s)
 
-    async def find_prompt(self) -> list[Event]:
+    async def find_prompt(self, attempts: int = 3) -> list[Event]:
         """Get to the prompt, or to the question the controller asks (kept in `question`). Raises NoAnswer."""
         self.line_may_hold_rest = True
-        events = await self.talk.resynchronise()
+        events = await self.talk.resynchronise(attempts)
         last = events[-1]
         self.question = last.text if isinstance(last, Question) else None
         return events

@@ -20,6 +20,8 @@ class Person:
 
     def __init__(self, folder: Path, *words: str) -> None:
         self.seen, self._raw = "", b""
+        self.gone = False
+        """Whether facetctl was seen to have ended."""
         self._pid, self._handle = pty.fork()
         if self._pid == 0:
             os.environ.update(FACETD_SOCKET=str(folder / "facetd.sock"), HOME=str(folder), TERM="xterm")
@@ -64,6 +66,7 @@ class Person:
         try:
             self._raw += os.read(self._handle, 4096)
         except OSError:
+            self.gone = True
             return False
         whole, begun = BEGUN.match(self._raw).groups()  # type: ignore[union-attr]
         self.seen, self._raw = self.seen + SEQUENCE.sub(b"", whole).decode("utf-8", "replace"), begun

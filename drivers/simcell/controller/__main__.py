@@ -16,6 +16,7 @@ from drivers.simcell.arm import Arm
 from drivers.simcell.controller.core import Controller
 from drivers.simcell.controller.manners import Manners, drawn
 from drivers.simcell.controller.server import PtyServer
+from drivers.simcell.truth import TruthError, load_truth
 
 PERSON_AT_THE_PANEL_S = 2.0
 
@@ -23,6 +24,39 @@ PERSON_AT_THE_PANEL_S = 2.0
 def main(arguments: list[str] | None = None) -> int:
     """Serve until SIGINT or SIGTERM. Exit status 2 when PATH cannot be made."""
     options = _parser().parse_args(arguments)
+    try:
+        controller, baud = _of_cell(options) if options.truth else (_alone(options), options.baud)
+    except TruthError as error:
+        print(error, file=sys.stderr)
+        return 2
+    over = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, lambda *_: over.set())
+    with PtyServer(controller, baud, options.time_scale, at_any_speed=options.truth is None) as server:
+        try:
+            _link(options.pty, server.port)
+        except OSError as error:
+            print(f"--pty {options.pty}: {error.strerror}; name a path that can be created", file=sys.stderr)
+            return 2
+        print(f"VAL II controller on {options.pty} ({server.port}), {baud} baud", flush=True)
+        over.wait()
+        if options.pty.is_symlink() and os.readlink(options.pty) == server.port:
+            options.pty.unlink()
+    return 0
+
+
+def _of_cell(options: argparse.Namespace) -> tuple[Controller, int]:
+    """The one of a simulated cell's file, calibrated at its panel, told of no TOOL; its line's speed. Raises
+    TruthError."""
+    settings = load_truth(options.truth).arm
+    arm = Arm(settings.geometry(), np.radians(settings.start_deg))
+    arm.tool = np.eye(4)
+    made = Controller(arm, settings.controller_manners(), cold=settings.cold or options.cold)
+    made.machine.calibrated = True
+    return made, settings.baud
+
+
+def _alone(options: argparse.Namespace) -> Controller:
     manners = Manners(
         prompt_after_move=options.prompt_after_move,
         arm_power_after_s=PERSON_AT_THE_PANEL_S,
@@ -30,25 +64,12 @@ def main(arguments: list[str] | None = None) -> int:
     )
     if options.manners is not None:
         manners = replace(drawn(np.random.default_rng(options.manners)), arm_power_after_s=PERSON_AT_THE_PANEL_S)
-    over = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, lambda *_: over.set())
-    with PtyServer(Controller(Arm(), manners, cold=options.cold), options.baud, options.time_scale) as server:
-        try:
-            _link(options.pty, server.port)
-        except OSError as error:
-            print(f"--pty {options.pty}: {error.strerror}; name a path that can be created", file=sys.stderr)
-            return 2
-        print(f"VAL II controller on {options.pty} ({server.port}), {options.baud} baud", flush=True)
-        over.wait()
-        if options.pty.is_symlink() and os.readlink(options.pty) == server.port:
-            options.pty.unlink()
-    return 0
+    return Controller(Arm(), manners, cold=options.cold)
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog="python -m drivers.simcell.controller", description="A simulated VAL II controller with a PUMA 560."
+        prog="python -m drivers.simcell.controller", description="A simulated VAL II controller with a PUMA."
     )
     parser.add_argument("--pty", type=Path, required=True, metavar="PATH", help="becomes a link to the terminal")
     parser.add_argument("--time-scale", type=_positive, default=1.0, metavar="X", help="seconds of its time per second")
@@ -59,6 +80,12 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         "--line-ends", choices=("cr", "lf", "both"), default="cr", help="what ends a line; both: LF CR gets two prompts"
+    )
+    parser.add_argument(
+        "--truth",
+        type=Path,
+        metavar="FILE",
+        help="the arm, manners and speed of a simulated cell's file (simcell.yaml)",
     )
     parser.add_argument("--manners", type=int, metavar="SEED", help="manners drawn at random")
     return parser

@@ -101,6 +101,7 @@ class Machine:
     def check_ready(self) -> None:
         """Raise MonitorError where the arm cannot move now."""
         if not self.arm_power:
+            self.miss_arm_power()
             raise MonitorError("*Arm power off*")
         if not self.calibrated:
             raise MonitorError("*Not calibrated*")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import select
+import termios
 import threading
 import time
 import tty
@@ -24,9 +25,15 @@ class PtyServer:
     The slave side stays open here, so that clients may come and go and the line keeps its raw mode between them.
     """
 
-    def __init__(self, controller: Controller, baud: int = 9600, time_scale: float = 1.0) -> None:
-        """time_scale: how many seconds pass for the controller in one real second; the line's pace goes with it."""
+    def __init__(
+        self, controller: Controller, baud: int = 9600, time_scale: float = 1.0, at_any_speed: bool = True
+    ) -> None:
+        """time_scale: how many seconds pass for the controller in one real second; the line's pace goes with it.
+
+        at_any_speed: whether a client may set its end to another speed; else every byte is spoilt then, as on a wire.
+        """
         self._controller = controller
+        self._speed = None if at_any_speed else getattr(termios, f"B{baud}")
         self._lock = threading.RLock()
         self._bytes_per_s = baud / BITS_PER_BYTE * time_scale
         self._time_scale, self._began_s = time_scale, time.monotonic()
@@ -76,8 +83,14 @@ class PtyServer:
                 os.read(self._wake_read, 4096)
             if self._master in ready:
                 with contextlib.suppress(BlockingIOError):
-                    self._incoming.put(os.read(self._master, 4096), time.monotonic())
+                    self._incoming.put(self._carried(os.read(self._master, 4096)), time.monotonic())
             self._turn()
+
+    def _carried(self, data: bytes) -> bytes:
+        """What arrives of bytes, whichever way they go."""
+        if self._speed in (None, termios.tcgetattr(self._slave)[4]):
+            return data
+        return bytes(byte ^ 0xA5 for byte in data)
 
     def _turn(self) -> None:
         """Let due bytes through, both ways."""
@@ -92,7 +105,7 @@ class PtyServer:
         if due:
             # A client that does not read loses bytes, as on a line without flow control.
             with contextlib.suppress(BlockingIOError):
-                os.write(self._master, due)
+                os.write(self._master, self._carried(due))
 
     def _pause_s(self) -> float:
         if self._incoming or self._outgoing:

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from daemon.arm.body import ARM, Capsule, KeepOut, above_mm, away_mm, body_of, capsule_around, within_mm
+from daemon.arm.body import ARM, Capsule, KeepOut, above_mm, away_mm, body_like, body_of, capsule_around, within_mm
 from daemon.arm.guard import BODY_MM
 from drivers import puma560
 
@@ -126,3 +126,31 @@ def test_the_capsule_around_a_cube_is_little_larger_than_the_cube():
     capsule = capsule_around(cube, "cube")
     assert capsule.radius_mm <= 20.0 * np.sqrt(3.0) + 1e-9
     assert depth_mm(cube, capsule).max() == pytest.approx(0.0, abs=1e-6)
+
+
+def test_an_arm_of_the_same_lengths_has_the_same_body_and_a_mirrored_one_the_mirrored() -> None:
+    usual = puma560.PUMA560
+    assert body_like(usual.a2_mm, usual.d3_mm, usual.d4_mm) == ARM
+    for mirrored, own in zip(body_like(usual.a2_mm, -usual.d3_mm, usual.d4_mm), ARM, strict=True):
+        aside = -1.0 if own.link == "upper_arm" else 1.0
+        assert mirrored.from_mm == pytest.approx((*own.from_mm[:2], aside * own.from_mm[2]))
+        assert mirrored.radius_mm == own.radius_mm
+
+
+@given(st.floats(0.3, 2.0), st.floats(0.3, 2.0), st.floats(0.3, 2.0))
+def test_the_links_of_an_arm_of_other_lengths_stay_inside_its_capsules(upper, aside, fore) -> None:
+    """From shoulder to elbow in the upper arm's, from elbow to wrist in the forearm's, whatever the proportions."""
+    arm = puma560.ArmGeometry(431.8 * upper, 20.3, 150.05 * aside, 431.8 * fore)
+    body = body_of(body_like(arm.a2_mm, arm.d3_mm, arm.d4_mm), ())
+    links = puma560.link_frames(np.radians([[20.0, 40.0, -70.0, 10.0, 30.0, 5.0]]), arm)
+    placed = body.placed(links)[0]
+    beside = [name in ("elbow", "forearm") for name in body.names]
+    along = np.linspace(puma560.elbow_mm(np.radians([20.0, 40.0, -70.0, 0, 0, 0]), arm), links[0, 6, :3, 3], 20)
+    gaps = [_to_axis(point, placed[beside]) - body.radius_mm[beside] for point in along]
+    assert max(gap.min() for gap in gaps) < 0.0
+
+
+def _to_axis(point, axes):
+    start, way = axes[:, 0], axes[:, 1] - axes[:, 0]
+    share = np.clip(np.einsum("ci,ci->c", point - start, way) / np.einsum("ci,ci->c", way, way), 0.0, 1.0)
+    return np.linalg.norm(start + share[:, None] * way - point, axis=1)

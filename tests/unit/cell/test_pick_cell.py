@@ -8,13 +8,18 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pytest
+import yaml
 
+from daemon.arm import ARM
 from daemon.calibration.file import Quality, load_calibration
 from daemon.calibration.session import SPREAD_LIMIT_MM
-from daemon.cell.pick_cell import doubt_of, pick_cell
+from daemon.cell.pick_cell import doubt_of, guarded, pick_cell
 from daemon.config import load_config
 from daemon.pick.fusion import Doubt
+from drivers.puma560 import ArmGeometry
 from drivers.simcell.truth import load_truth
+from tests.worlds.first_day import arm_yaml
 
 CONFIG = Path(__file__).resolve().parents[3] / "etc" / "facetd.yaml"
 
@@ -53,3 +58,20 @@ def test_the_simulated_bin_catches_what_is_let_go_over_it_however_it_is_held() -
     place = load_config(CONFIG).values.pick.bin.pose()[:2, 3]
     room_mm = np.array(truth.bin.size_mm) / 2 - np.abs(place - truth.bin.centre_mm)
     assert room_mm.min() > 80.0 / 2, "half of the longest taught part may stand out to any side of the hand"
+
+
+def test_the_guard_s_body_is_of_the_arm_that_stands_there_and_what_was_typed_stays(tmp_path) -> None:
+    for path in CONFIG.parent.glob("*.yaml"):
+        (tmp_path / path.name).write_bytes(path.read_bytes())
+    (tmp_path / "arm.yaml").write_text(yaml.safe_dump(arm_yaml(ArmGeometry(203.2, 0.0, -127.0, 203.2))))
+    (tmp_path / "facetd.yaml").write_text("version: 1\narm: {file: arm.yaml}\n")
+    guard = guarded(load_config(tmp_path / "facetd.yaml"))
+    shoulder, usual = guard.capsules[0], ARM[0]
+    assert shoulder.from_mm[0] == pytest.approx(usual.from_mm[0] * 203.2 / 431.8)
+    assert shoulder.from_mm[2] == pytest.approx(-usual.from_mm[2] * 127.0 / 150.05)
+    assert guard.capsules[-1] == ARM[-1]
+    mine = "{name: mine, link: %s, from_mm: [0, 0, 0], to_mm: [9, 0, 0], radius_mm: 50}"
+    typed = ", ".join(mine % link for link in ("upper_arm", "forearm", "wrist", "tool"))
+    own = f"version: 1\narm: {{file: arm.yaml}}\npick: {{limits: {{capsules: [{typed}]}}}}\n"
+    (tmp_path / "facetd.yaml").write_text(own)
+    assert {capsule.name for capsule in guarded(load_config(tmp_path / "facetd.yaml")).capsules} == {"mine"}

@@ -165,3 +165,36 @@ def test_what_is_typed_beside_the_daemon_is_known_to_the_truth(cell: SimulatedCe
     machine = cell.truth.machine
     assert (machine.speed_percent, machine.hand_closed, machine.arm_power) == (35.0, True, True)
     assert machine.arm.tool[2, 3] == 60.0
+
+
+def written(tmp_path: Path, **arm: object) -> Path:
+    made = yaml.safe_load(TRUTH.read_text())
+    made["arm"] |= arm
+    (tmp_path / "cell.yaml").write_text(yaml.safe_dump(made))
+    return tmp_path / "cell.yaml"
+
+
+def test_the_file_says_which_arm_stands_there_how_its_controller_counts_and_where_it_begins(tmp_path: Path) -> None:
+    file = written(
+        tmp_path, lengths_mm=[203.2, 0.0, -127.0, 203.2], start_deg=[0, 60, -150, 0, -40, 0],
+        manners={"joint_signs": [1, -1, 1, 1, 1, 1], "newline": "\r"}, cold=True,
+    )  # fmt: skip
+    with SimulatedCell(file, seed=1) as cell:
+        assert cell.arm.geometry.lengths_mm == (203.2, 0.0, -127.0, 203.2)
+        with cell.server.controller() as controller:
+            assert controller.question is not None
+            printed = controller.machine.manners.printed_deg(controller.machine.joints())
+    np.testing.assert_allclose(printed, [0, -60, -150, 0, -40, 0], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("arm", "told"),
+    [
+        ({"manners": {"ehco": False}}, "ehco: no such manner"),
+        ({"manners": {"prompt_after_move": "never"}}, "prompt_after_move|Invalid enum"),
+        ({"lengths_mm": [1.0, 2.0]}, "lengths_mm"),
+    ],
+)
+def test_an_arm_that_cannot_be_is_told_with_its_file(tmp_path: Path, arm: dict[str, object], told: str) -> None:
+    with pytest.raises(TruthError, match=rf"cell.yaml: .*{told}"):
+        load_truth(written(tmp_path, **arm))
