@@ -62,6 +62,9 @@ class FakeCycle:
     def places(self) -> dict[str, Any]:
         return {"home": np.eye(4), "bin": np.eye(4), "survey": np.eye(4)}
 
+    def not_while_stopping(self, word: str, busy: bool = False) -> None:
+        """No stop of this one takes time."""
+
     async def prove_stop(self) -> None:
         if self.stop_refused_with:
             raise StopRefusedError(self.stop_refused_with)
