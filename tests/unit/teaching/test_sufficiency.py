@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from daemon.teaching.sufficiency import imagined_view, judge, open_edges, spread
+from daemon.teaching.sufficiency import Mistake, Sufficiency, alike, imagined_view, judge, open_edges, spread
 from daemon.teaching.trainer import Trainer
 from daemon.vision.geometry.polyhedron import Polyhedron
 from tests.worlds import drawn
@@ -53,3 +53,19 @@ def test_what_was_never_seen_and_what_it_could_be_taken_for_is_told(trainer: Tra
     assert cube.named > 0
     alone = [mistake for mistake in cube.mistakes if mistake.facets == ("square",)]
     assert alone, "a single square is no proof of a cube"
+
+
+def test_two_parts_are_as_alike_as_the_view_of_most_facets_that_leaves_them_open() -> None:
+    def one(label: str, *mistakes: Mistake) -> Sufficiency:
+        return Sufficiency(label, ("square",) * 6, 0, 0.0, 0.5, mistakes, None)
+
+    pairs = alike(
+        [
+            one("a", Mistake(("a", "b"), ("square",), 9), Mistake(("unknown",), ("triangle",), 5)),
+            one("b", Mistake(("a", "b", "c"), ("square", "square"), 2), Mistake(("a",), ("square", "square"), 4)),
+        ]
+    )
+    assert [(p.labels, p.facets, p.viewpoints) for p in pairs] == [
+        (("a", "b"), ("square", "square"), 4),
+        (("b", "c"), ("square", "square"), 2),
+    ]
