@@ -30,12 +30,14 @@ from daemon.pick.looking import Look
 from daemon.store.outside import read_file
 from daemon.store.yamlfile import LARGEST_BYTES
 from daemon.teaching.mesh import UNITS_MM, MeshError
-from daemon.teaching.sufficiency import VIEWPOINTS, Sufficiency
+from daemon.teaching.sufficiency import VIEWPOINTS, Alike, Sufficiency
 from daemon.teaching.trainer import teaching_note
 from daemon.vision.model import TeachError
 from daemon.vision.values import Facet
 
 LABEL = re.compile(r"[a-z][a-z0-9_]{0,39}")
+MOST_ALIKE = 3
+"""Pairs of look-alikes that `accept` tells of."""
 MESH_USAGE = "teach LABEL --mesh FILE.stl|FILE.obj [mm|cm|m|inch]"
 
 
@@ -208,13 +210,31 @@ def describe_sufficiency(judged: Sufficiency, brief: bool = False) -> str:
     for mistake in judged.mistakes:
         others = [name for name in mistake.taken_for if name not in (judged.label, "unknown")]
         what = f"could be {' or '.join(others)}" if others else "is not named"
-        alone = " and ".join(f"one {kind}" for kind in mistake.facets)
+        alone = _counted(mistake.facets)
         seen = f"Seen as {alone} alone" if len(mistake.facets) < 3 else "From some sides"
         told[f"{seen}, it {what}"] = told.get(f"{seen}, it {what}", 0) + mistake.viewpoints
     for text, directions in list(told.items())[:3]:
         count = f"{plural(directions, 'direction')} of {VIEWPOINTS}"
         lines.append(f"  {text} ({count}); a look from elsewhere settles it.")
     return "\n".join(lines)
+
+
+def describe_alike(pairs: Sequence[Alike]) -> str:
+    """In one line: which parts could be taken for each other, and what is then seen of them; the likeliest few."""
+    told = [
+        f"{' and '.join(two.labels)} seen as {_counted(two.facets)} alone"
+        f" ({plural(two.viewpoints, 'direction')} of {VIEWPOINTS})"
+        for two in pairs[:MOST_ALIKE]
+    ]
+    if len(pairs) > MOST_ALIKE:
+        told.append(f"{plural(len(pairs) - MOST_ALIKE, 'pair')} more by less")
+    return f"Could be taken for each other: {'; '.join(told)}. A look from elsewhere settles it."
+
+
+def _counted(kinds: Sequence[str]) -> str:
+    return " and ".join(
+        f"one {kind}" if number == 1 else f"{number} {kind}s" for kind, number in Counter(kinds).items()
+    )
 
 
 def sufficiency_json(judged: Sufficiency) -> dict[str, Any]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from typing import Any
 
-from daemon.commands.learning import describe_sufficiency, sufficiency_json
+from daemon.commands.learning import describe_alike, describe_sufficiency, sufficiency_json
 from daemon.console.context import CommandContext
 from daemon.console.interpreter import (
     NOT_DONE,
@@ -21,6 +21,7 @@ from daemon.console.interpreter import (
 )
 from daemon.console.phrases import plural
 from daemon.store.model_store import ModelStore
+from daemon.teaching.sufficiency import alike
 from daemon.teaching.trainer import ViewVerdict
 
 MODEL_WORDS = ("list", "use")
@@ -40,13 +41,11 @@ async def train(context: CommandContext, words: list[str], door: Door) -> Answer
     lines = [f"{text} ({trained.seconds:.1f} s)."]
     lines += [f"  {_describe_verdict(v)}" for v in wrong]
     lines += [f"  left out: {line}" for line in trained.left_out]
-    candidate = context.trainer.candidate()
+    judged = await asyncio.to_thread(context.trainer.judge_candidate)
     data: dict[str, Any] = {"version": trained.version, "right": right, "views": len(trained.verdicts)}
     data["seconds"] = round(trained.seconds, 2)
-    if candidate is not None:
-        judged = [await asyncio.to_thread(context.trainer.judge, candidate.model, label) for label in candidate.labels]
-        lines += [describe_sufficiency(judgement, brief=True) for judgement in judged]
-        data["parts"] = {judgement.label: sufficiency_json(judgement) for judgement in judged}
+    lines += [describe_sufficiency(judgement, brief=True) for judgement in judged]
+    data["parts"] = {judgement.label: sufficiency_json(judgement) for judgement in judged}
     lines.append("`try` looks with it; `accept` puts it into use.")
     first = context.trainer.model_store.current is None and not context.trainer.model.labels
     if first and not wrong:
@@ -59,14 +58,20 @@ async def train(context: CommandContext, words: list[str], door: Door) -> Answer
 
 @command("accept", "change")
 async def accept(context: CommandContext, words: list[str], door: Door) -> Answer:
-    """Put the candidate model into use."""
+    """Put the candidate model into use.
+
+    It says which parts could be taken for each other, and from what is seen of them.
+    """
     model_store = context.trainer.model_store
     if model_store.candidate is None and model_store.current is not None:
         raise CommandError(f"version {model_store.current} is in use and no other waits; `train` makes a candidate")
     await _not_amid_a_pick(context, door)
+    pairs = alike(await asyncio.to_thread(context.trainer.judge_candidate))
     version = await asyncio.to_thread(context.trainer.accept)
     context.use_model("accept", version)
-    return Answer(f"Version {version} is in use; `rollback` goes back.", {"version": version})
+    lines = [f"Version {version} is in use; `rollback` goes back.", *([describe_alike(pairs)] if pairs else [])]
+    data = [{"labels": two.labels, "facets": two.facets, "viewpoints": two.viewpoints} for two in pairs]
+    return Answer("\n".join(lines), {"version": version, "alike": data})
 
 
 @command("rollback", "change")

@@ -7,7 +7,7 @@ what it then answers is what it would answer in the cell.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,7 +17,7 @@ from daemon.arrays import Array
 from daemon.vision.geometry import Polyhedron, StereoRig, area_vector
 from daemon.vision.model import Model
 from daemon.vision.recognition import recognise_group
-from daemon.vision.values import Facet, Group
+from daemon.vision.values import UNKNOWN, Facet, Group
 
 VIEWPOINTS = 60
 DISTANCE_MM = 400.0
@@ -58,6 +58,16 @@ class Sufficiency:
         return self.open_edges == 0
 
 
+@dataclass(frozen=True, eq=False)
+class Alike:
+    """Two parts that could be taken for each other: the view that shows the most facets of which that is so, these by
+    type, and from how many of the viewpoints of one of them."""
+
+    labels: tuple[str, str]
+    facets: tuple[str, ...]
+    viewpoints: int
+
+
 def judge(model: Model, label: str, rig: StereoRig) -> Sufficiency:
     """Try a taught part from all round. Raises KeyError for a label that was not taught."""
     solid = model.metric[label].solid
@@ -89,6 +99,23 @@ def judge(model: Model, label: str, rig: StereoRig) -> Sufficiency:
         mistakes=tuple(Mistake(taken, facets, n) for (taken, facets), n in mistakes.most_common()),
         turn_away=None if best[1] is None else _opposite(solid, best[1]),
     )
+
+
+def alike(judged: Iterable[Sufficiency]) -> tuple[Alike, ...]:
+    """Every two parts that could be taken for each other, those first of which the most facets do not tell them
+    apart."""
+    worst: dict[tuple[str, str], Alike] = {}
+    for one in judged:
+        for mistake in one.mistakes:
+            for other in set(mistake.taken_for) - {one.label, UNKNOWN}:
+                first, second = sorted((one.label, other))
+                found = Alike((first, second), mistake.facets, mistake.viewpoints)
+                worst[first, second] = max(worst.get((first, second), found), found, key=_how_alike)
+    return tuple(sorted(worst.values(), key=_how_alike, reverse=True))
+
+
+def _how_alike(two: Alike) -> tuple[int, int]:
+    return len(two.facets), two.viewpoints
 
 
 def imagined_view(solid: Polyhedron, towards: Array, rig: StereoRig) -> Group | None:

@@ -107,6 +107,7 @@ class Trainer:
     ) -> None:
         """start: the model to use while none was accepted here. Raises ModelError, ModelStoreError."""
         self.model_store, self.rig, self.library, self.parts, self.settings = model_store, rig, library, parts, settings
+        self._judged: dict[int, tuple[Sufficiency, ...]] = {}
         self._start = start or empty_model(library)
         self.model = self._start if model_store.current is None else model_store.load(model_store.current)
 
@@ -253,6 +254,15 @@ class Trainer:
     def judge(self, model: Model, label: str) -> Sufficiency:
         """What is still missing of a part, and what it could be taken for."""
         return judge(model, label, self.rig)
+
+    def judge_candidate(self) -> tuple[Sufficiency, ...]:
+        """Every part of the candidate, judged once a version; none where there is no candidate. Raises ModelError."""
+        version, candidate = self.model_store.candidate, self.candidate()
+        if version is None or candidate is None:
+            return ()
+        if version not in self._judged:
+            self._judged = {version: tuple(self.judge(candidate.model, label) for label in candidate.labels)}
+        return self._judged[version]
 
     def _verdict(self, tried: Recogniser, view: StoredView) -> ViewVerdict:
         if view.mesh is not None:

@@ -11,7 +11,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from daemon.vision.facets import Table, facets_seen, without_table
+from daemon.vision.facets import Table, facets_step_by_step, without_table
 from daemon.vision.geometry import StereoRig
 from daemon.vision.health import SAID, Pictures, cause_of_nothing, with_causes
 from daemon.vision.image import open_eyes
@@ -45,18 +45,17 @@ def look(
     known = model or empty_model(FacetLibrary(()))
     full = settings or VisionSettings()
     eyes = open_eyes(left, right, rig)
-    began, seconds = now(), {"facets": 0.0, "recognise": 0.0}
-    for in_one in (False, True) if known.labels else (True,):
+    began, naming = now(), 0.0
+    groups, found = None, tuple[Recognised, ...]()
+    for seen in facets_step_by_step(eyes, full.brief() if known.labels else full):
         start = now()
-        view = facets_seen(eyes, full.brief() if known.labels else full, in_one=in_one)
-        if table is not None:
-            view = without_table(view, table)
-        seen = now()
-        found = recognise(view.groups, known)
-        seconds["facets"] += seen - start
-        seconds["recognise"] += now() - seen
-        if _all_named(found):
+        view = seen if table is None else without_table(seen, table)
+        if seen.groups is not groups:
+            groups, found = seen.groups, recognise(view.groups, known)
+        naming += now() - start
+        if known.labels and _all_named(found):
             break
+    seconds = {"facets": now() - began - naming, "recognise": naming}
     guesses, left_out = tuple[NearestGuess, ...](), tuple[str, ...]()
     if known.labels and not _all_named(found):
         start = now()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from statistics import median
 from typing import Any
@@ -34,16 +34,36 @@ def find_facets(
     return facets_seen(open_eyes(left, right, rig), settings or VisionSettings())
 
 
-def facets_seen(eyes: Eyes, settings: VisionSettings, *, in_one: bool = True) -> FacetView:
-    """The same of images already opened; what they were asked for before is not made again. in_one: facets as well
-    that one eye alone outlines."""
-    outlines = outlines_of(eyes, settings, in_one=in_one)
+def facets_seen(eyes: Eyes, settings: VisionSettings) -> FacetView:
+    """The same of images already opened; what they were asked for before is not made again."""
+    *_, view = facets_step_by_step(eyes, settings)
+    return view
+
+
+def facets_step_by_step(eyes: Eyes, settings: VisionSettings) -> Iterator[FacetView]:
+    """The facets that both eyes outline, where each has a neighbour: a lone one is no proof of anything. Then, for who
+    asks on, with those that one eye alone outlines: the same groups again where there are none."""
+    outlines = outlines_of(eyes, settings, in_one=False)
     chosen, refused = choose(find_candidates(outlines, eyes, settings), settings)
-    if in_one:
-        chosen += complete(chosen, outlines, eyes, settings)
+    view = None
+    if chosen and all(len(members) > 1 for members, _ in _welded(chosen)):
+        view = _grouped(chosen, refused, eyes, settings)
+        yield _with_unmatched(view, outlines)
+    outlines = outlines_of(eyes, settings, in_one=True)
+    added = complete(chosen, outlines, eyes, settings)
+    if added or view is None:
+        view = _grouped(chosen + added, refused, eyes, settings)
+    yield _with_unmatched(view, outlines)
+
+
+def _grouped(
+    chosen: list[Candidate], refused: list[tuple[Candidate, str]], eyes: Eyes, settings: VisionSettings
+) -> FacetView:
+    """The chosen candidates as groups of facets, less those that a part stands on; these, and those refused, with the
+    reason."""
     if settings.corner_detector != "line_fit":
         chosen = [_with_detected_corners(c, eyes, settings) for c in chosen]
-    groups = list[Group]()
+    groups, refused = list[Group](), list(refused)
     for members, group in _welded(chosen):
         whole = _settled(members, group, eyes.geometry, settings)
         under = lying_under(whole.facets)
@@ -56,11 +76,15 @@ def facets_seen(eyes: Eyes, settings: VisionSettings, *, in_one: bool = True) ->
     if settings.stereo_formula != "exact":
         groups = [replace(g, facets=tuple(_by_formula(g.facets, eyes.rig, settings))) for g in groups]
     polygons = tuple(c.left.polygon for c in chosen), tuple(c.right.polygon for c in chosen)
-    rejected = _unmatched(outlines[0], polygons[0], "left")
-    rejected += _unmatched(outlines[1], polygons[1], "right")
-    rejected += tuple(Rejected(c.facet.left_px, "left", why) for c, why in refused)
+    rejected = tuple(Rejected(c.facet.left_px, "left", why) for c, why in refused)
     sigma, blur = _noise_at_parts(eyes, chosen)
     return FacetView(nearest_first(groups), rejected, *polygons, sigma, blur_px=blur)
+
+
+def _with_unmatched(view: FacetView, outlines: Sequence[Sequence[Outline]]) -> FacetView:
+    """The view with the left and the right eye's outlines that no facet uses among what is refused."""
+    alone = _unmatched(outlines[0], view.polygons_left, "left") + _unmatched(outlines[1], view.polygons_right, "right")
+    return replace(view, rejected=alone + view.rejected)
 
 
 def _welded(candidates: list[Candidate]) -> list[tuple[list[Candidate], Group]]:

@@ -1,6 +1,6 @@
 """What was taught: facet types, relation matrix, views, the part merged from them. Values; no image."""
 
-from daemon.vision.model.correspond import Correspondence, correspondences, spread_from
+from daemon.vision.model.correspond import Correspondence, correspondences, spread_from, symmetries
 from daemon.vision.model.facet_types import (
     LARGEST_NUMBER,
     FacetLibrary,
@@ -48,6 +48,7 @@ __all__ = [
     "recall",
     "regularise",
     "spread_from",
+    "symmetries",
     "type_facet",
     "type_number",
     "typed",

@@ -17,7 +17,7 @@ import numpy as np
 
 from daemon import frames
 from daemon.vision.geometry import Polyhedron
-from daemon.vision.model import MetricModel, Model
+from daemon.vision.model import MetricModel, Model, symmetries
 from daemon.vision.recognition.free_sizes import FreeSizes, bonds
 from daemon.vision.recognition.hypotheses import Hypothesis
 
@@ -55,7 +55,8 @@ def probability(seen: Polyhedron, fits: Sequence[Hypothesis], model: Model) -> d
     odds: dict[str, float] = {}
     for h in fits:
         better = (best.chi2 - h.chi2) / (2 * noise2) if (h.astray >= 0) == (best.astray >= 0) else np.log(ASTRAY)
-        odds[h.label] = odds.get(h.label, 0.0) + float(np.exp(min(better, 0.0)))
+        as_many = len(symmetries(model.metric[h.label].solid)[0])
+        odds[h.label] = odds.get(h.label, 0.0) + as_many * float(np.exp(min(better, 0.0)))
     if best.astray >= 0:
         stranger *= len(seen.corners_mm) / ASTRAY
     stranger *= STRANGER / (1 - STRANGER)

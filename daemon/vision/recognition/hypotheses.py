@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from daemon.arrays import Array
 from daemon.vision.geometry import Fits, Polyhedron, chi_square_tail, fit_poses, rough_rms
-from daemon.vision.model import Correspondence, MetricModel, spread_from
+from daemon.vision.model import Correspondence, MetricModel, spread_from, symmetries
 
 Way = tuple[str, Correspondence]
 SIGMA_SCALE = 1.3  # how much larger than predicted the corner errors may be, taken together
@@ -61,7 +61,8 @@ class Hypothesis:
 def hypotheses(
     seen: Polyhedron, metric: Mapping[str, MetricModel], tolerance_mm: float, rough_mm: float = ROUGH_MM
 ) -> tuple[Hypothesis, ...]:
-    """Every label in every numbering that lengths allow, most facets explained first, then the smallest chi-square.
+    """Every label in every numbering that lengths allow, one of those that a turn of the part takes onto each other,
+    most facets explained first, then the smallest chi-square.
 
     rough_mm: how badly an unweighted fit may be off where none is close. Where nothing fits, what came nearest. May be
     empty.
@@ -144,8 +145,16 @@ def _places(
 
 @lru_cache(maxsize=4096)
 def _spans(solid: Polyhedron, sides: int) -> tuple[list[tuple[int, int]], Array]:
-    """(facet, turn) of each facet with so many sides, and the distances between its corners from there on."""
-    places = [(g, turn) for g, ring in enumerate(solid.rings) if len(ring) == sides for turn in range(sides)]
+    """(facet, turn) of each facet with so many sides, and the distances between its corners from there on; of those
+    that turns of the solid take onto each other one."""
+    every = symmetries(solid)[0]
+    places = [
+        (g, turn)
+        for g, ring in enumerate(solid.rings)
+        if len(ring) == sides
+        for turn in range(sides)
+        if [ring[turn], ring[(turn + 1) % sides]] == min(every[:, [ring[turn], ring[(turn + 1) % sides]]].tolist())
+    ]
     rows = [_distances(solid.corners_mm[np.roll(solid.rings[g], -turn)]) for g, turn in places]
     return places, np.array(rows).reshape(-1, sides * (sides - 1) // 2)
 
@@ -196,14 +205,15 @@ def _hypothesis(way: Way, fits: Fits, i: int) -> Hypothesis:
     )  # fmt: skip
 
 
-def equivalents(best: Hypothesis, others: tuple[Hypothesis, ...]) -> Array:
-    """(E, 4, 4) the poses of the same label that fit as well, the best first."""
+def equivalents(best: Hypothesis, others: tuple[Hypothesis, ...], taught: Polyhedron) -> Array:
+    """(E, 4, 4) the poses of the same part, of which there are as many as it has symmetries, that fit as well, the best
+    first."""
     same = [
         h.pose
         for h in others
         if h is not best and h.label == best.label and h.explained == best.explained and h.chi2 < best.chi2 + EQUAL_CHI2
     ]
-    return np.stack([best.pose, *same])
+    return (np.stack([best.pose, *same])[:, None] @ symmetries(taught)[1]).reshape(-1, 4, 4)
 
 
 def _matched(

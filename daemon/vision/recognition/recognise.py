@@ -141,7 +141,7 @@ def recognise_group(group: Group, model: Model) -> Part:
         winner.covariance,
         winner.rms_mm,
         tuple(fitted[list(ring)] for ring in seen.polyhedron.facets),
-        equivalents(winner, fits),
+        equivalents(winner, fits, taught),
     )
 
 

@@ -4,7 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from daemon.teaching.sufficiency import imagined_view, judge, open_edges, spread, visible_facets, visible_from
+from daemon.teaching.sufficiency import (
+    Mistake,
+    Sufficiency,
+    alike,
+    imagined_view,
+    judge,
+    open_edges,
+    spread,
+    visible_facets,
+    visible_from,
+)
 from daemon.teaching.trainer import Trainer
 from daemon.vision.geometry.polyhedron import Polyhedron
 from tests.worlds import drawn
@@ -61,3 +71,19 @@ def test_many_directions_at_once_see_what_each_alone_sees() -> None:
     seen = visible_from(solid, directions)
     assert [tuple(np.flatnonzero(row)) for row in seen] == [visible_facets(solid, towards) for towards in directions]
     assert 0 < seen.sum() < (directions @ solid.normals.T > 0.3).sum(), "one arm hides some of the step"
+
+
+def test_two_parts_are_as_alike_as_the_view_of_most_facets_that_leaves_them_open() -> None:
+    def one(label: str, *mistakes: Mistake) -> Sufficiency:
+        return Sufficiency(label, ("square",) * 6, 0, 0.0, 0.5, mistakes, None)
+
+    pairs = alike(
+        [
+            one("a", Mistake(("a", "b"), ("square",), 9), Mistake(("unknown",), ("triangle",), 5)),
+            one("b", Mistake(("a", "b", "c"), ("square", "square"), 2), Mistake(("a",), ("square", "square"), 4)),
+        ]
+    )
+    assert [(p.labels, p.facets, p.viewpoints) for p in pairs] == [
+        (("a", "b"), ("square", "square"), 4),
+        (("b", "c"), ("square", "square"), 2),
+    ]

@@ -9,8 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from daemon import frames
 from daemon.vision.geometry.polyhedron import Polyhedron, exact
-from daemon.vision.model.correspond import Correspondence, correspondences
+from daemon.vision.model.correspond import Correspondence, correspondences, symmetries
 from tests.worlds.solids import CUBE, KNOWN, L_BASE, PENTAGONAL, PYRAMID, TETRAHEDRON, TRIANGULAR, Body, prism
 
 BODIES = {**KNOWN, "tetrahedron": TETRAHEDRON, "l_block": prism(L_BASE, 40.0)}
@@ -118,3 +119,20 @@ def test_two_facets_that_share_an_edge_are_never_laid_on_two_that_do_not() -> No
     seen, _, _ = view(CUBE, [1, 2], np.random.default_rng(1))
     apart = [pair for pair in combinations(range(6), 2) if not solid_of(CUBE).touching[pair]]
     assert {tuple(sorted(c.facets)) for c in correspondences(seen, solid_of(CUBE))}.isdisjoint(apart)
+
+
+@pytest.mark.parametrize(
+    ("body", "count"), [(CUBE, 24), (PYRAMID, 4), (TRIANGULAR, 6), (PENTAGONAL, 10), (BODIES["l_block"], 2)]
+)
+def test_the_symmetries_of_a_drawn_part_take_its_corners_onto_each_other(body: Body, count: int) -> None:
+    solid = solid_of(body)
+    every, turns = symmetries(solid)
+    assert len(every) == len(turns) == count
+    assert every[0].tolist() == list(range(len(body.corners_mm)))
+    for corners, turn in zip(every, turns, strict=True):
+        assert frames.apply(turn, body.corners_mm[corners]) == pytest.approx(body.corners_mm, abs=1e-6)
+
+
+def test_a_part_that_was_measured_has_no_symmetry() -> None:
+    off = np.random.default_rng(3).normal(0, 0.1, CUBE.corners_mm.shape)
+    assert len(symmetries(exact(CUBE.corners_mm + off, CUBE.facets))[0]) == 1

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from daemon import frames
 from daemon.vision.geometry.polyhedron import Polyhedron, exact
-from daemon.vision.model.correspond import spread_from
+from daemon.vision.model.correspond import spread_from, symmetries
 from daemon.vision.model.merge import MetricModel
 from daemon.vision.recognition.hypotheses import Hypothesis, equivalents, hypotheses, without_one_corner
 from tests.worlds.drawn import block
@@ -38,8 +38,10 @@ def test_the_true_part_in_its_true_pose_is_among_them_and_fits_as_predicted(labe
     where = pose(np.array(direction), roll)
     seen = seen_of(KNOWN[label], where, np.random.default_rng(seed))
     same = [h for h in hypotheses(seen, TAUGHT, TAU_MM) if h.label == label and h.explained == len(seen.facets)]
-    off = [np.abs(frames.apply(h.pose, KNOWN[label].corners_mm) - frames.apply(where, KNOWN[label].corners_mm)).max()
-           for h in same]  # fmt: skip
+    there, turns = frames.apply(where, KNOWN[label].corners_mm), symmetries(TAUGHT[label].solid)[1]
+    off = [
+        min(np.abs(frames.apply(h.pose @ turn, KNOWN[label].corners_mm) - there).max() for turn in turns) for h in same
+    ]
     true = same[int(np.argmin(off))]
     assert min(off) < 6.0
     assert true.tail > 1e-4
@@ -108,6 +110,26 @@ def test_poses_that_fit_as_well_are_a_symmetric_part_s_and_the_best_stands_first
         at = frames.rigid(np.eye(3), np.array([x, 0, 0]))
         return Hypothesis(label, facets, np.arange(6), at, np.eye(6), chi2, 12, 0.1)
 
-    best = one("cube", 10.0, 0.0)
-    others = (best, one("cube", 12.0, 1.0), one("cube", 40.0, 2.0), one("prism", 10.5, 3.0), one("cube", 11.0, 4.0, 1))
-    assert equivalents(best, others)[:, 0, 3] == pytest.approx([0.0, 1.0])
+    best = one("brick", 10.0, 0.0)
+    others = (
+        best,
+        one("brick", 12.0, 9.0),
+        one("brick", 40.0, 2.0),
+        one("cube", 10.5, 3.0),
+        one("brick", 11.0, 4.0, 1),
+    )
+    brick = block(20.0, 30.0, 40.0)
+    poses = equivalents(best, others, brick)
+    assert poses[0] == pytest.approx(best.pose)
+    assert len(poses) == 2 * 4
+    for pose_, x in zip(poses, [0.0] * 4 + [9.0] * 4, strict=True):
+        there = frames.apply(pose_, brick.corners_mm) - [x, 0, 0]
+        assert np.allclose(np.linalg.norm(there[:, None] - brick.corners_mm, axis=2).min(1), 0)
+
+
+def test_a_part_is_laid_once_in_all_its_symmetric_ways() -> None:
+    seen = seen_of(KNOWN["cube"], pose(np.array(VIEWS[0]), 0.4), np.random.default_rng(1))
+    measured_cube = measured(KNOWN["cube"].corners_mm, np.random.default_rng(2)).corners_mm
+    uneven = {"cube": MetricModel(exact(measured_cube, KNOWN["cube"].facets), (0,))}
+    assert len(hypotheses(seen, {"cube": TAUGHT["cube"]}, TAU_MM)) == 1
+    assert len(hypotheses(seen, uneven, TAU_MM)) > 1

@@ -1,0 +1,60 @@
+"""Commands about models: what `accept` tells of parts that could be taken for each other."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+
+import pytest
+
+from daemon.commands.learning import describe_alike
+from daemon.commands.models import accept
+from daemon.store.library import load_facets, load_parts
+from daemon.store.model_store import ModelStore
+from daemon.teaching.sufficiency import VIEWPOINTS, Alike
+from daemon.teaching.trainer import Trainer
+from tests.worlds import drawn, fake_context, rendered
+
+
+class Nobody:
+    """A door at which nobody is asked."""
+
+    name, who, may, asks = "test", "tester", "all", False
+
+
+def accepted(folder: Path, **drawings: tuple[float, float, float]) -> tuple[str, list[dict[str, object]]]:
+    trainer = Trainer(ModelStore(folder), rendered.rig(rendered.HERE, "B"), load_facets(), load_parts())
+    for label, size in drawings.items():
+        trainer.store_mesh(label, f"{label}.stl", drawn.binary_stl(*drawn.box(*size)), "mm", {})
+    trainer.train()
+    context = fake_context.fake_context(folder)
+    context.trainer = trainer
+    context.use_model = lambda action, version: None
+    answer = asyncio.run(accept.run(context, [], Nobody()))  # type: ignore[arg-type]
+    return answer.text, answer.data["alike"]
+
+
+@pytest.mark.slow
+def test_parts_that_could_be_taken_for_each_other_are_told_of_with_what_is_then_seen(tmp_path: Path) -> None:
+    text, pairs = accepted(tmp_path, brick=(40, 50, 60), copy=(40, 50, 60.2))
+    assert pairs[0]["labels"] == ("brick", "copy")
+    assert pairs[0]["facets"] == ("rectangle",) * 3
+    told = text.splitlines()
+    assert told[0] == "Version 1 is in use; `rollback` goes back."
+    assert told[1].startswith("Could be taken for each other: brick and copy seen as 3 rectangles alone (")
+    assert told[1].endswith(f" directions of {VIEWPOINTS}). A look from elsewhere settles it.")
+
+
+@pytest.mark.slow
+def test_parts_that_differ_in_every_side_are_not(tmp_path: Path) -> None:
+    assert accepted(tmp_path, brick=(40, 50, 60), plank=(25, 70, 90)) == (
+        "Version 1 is in use; `rollback` goes back.", []
+    )  # fmt: skip
+
+
+def test_the_likeliest_few_pairs_are_told_and_how_many_more_there_are() -> None:
+    pairs = [Alike((f"a{k}", f"b{k}"), ("square", "rectangle", "square"), 9 - k) for k in range(5)]
+    told = describe_alike(pairs)
+    assert "a0 and b0 seen as 2 squares and one rectangle alone (9 directions of 60); " in told
+    assert "a3" not in told
+    assert told.endswith("; 2 pairs more by less. A look from elsewhere settles it.")
