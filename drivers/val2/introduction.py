@@ -233,6 +233,11 @@ def _silent(raw: bytes) -> str:
 
 def _line(known: Acquaintance) -> Steps:
     heard: Heard = yield Exchange(b"WHERE", 0.3, 1.0, CAREFUL_S)
+    if b"WWHHEERREE" in heard.data:
+        raise UnclearError(
+            "what is typed comes back twice: the converter on the line echoes by itself, and what the controller read "
+            "cannot be told from it. Where is the converter's switch for that?"
+        )
     echo = b"WHERE" in heard.data
     known.found("echo", echo, "what was typed " + ("came back" if echo else "did not come back"))
     answer = yield from _listen(known, known.end, b"", 5.0)

@@ -39,8 +39,19 @@ class PlainClient:
         os.close(self._descriptor)
 
     def types(self, text: str) -> bytes:
-        os.write(self._descriptor, text.encode() + b"\n\r")
+        self.sends(text)
         return self.reads()
+
+    def sends(self, text: str) -> None:
+        os.write(self._descriptor, text.encode() + b"\n\r")
+
+    def reads_up_to(self, end: bytes, patience_s: float = 15.0) -> None:
+        """Character by character, without a look at silence."""
+        heard, deadline_s = b"", time.monotonic() + patience_s
+        while not heard.endswith(end):
+            assert time.monotonic() < deadline_s, f"no {end!r}; heard {heard!r}"
+            if select.select([self._descriptor], [], [], SILENCE_S)[0]:
+                heard += os.read(self._descriptor, 1)
 
     def reads(self, until: bytes = b".?", patience_s: float = 15.0) -> bytes:
         heard, deadline_s = b"", time.monotonic() + patience_s
@@ -167,6 +178,18 @@ def test_a_cold_start_is_brought_up_as_a_client_written_elsewhere_does(path: Pat
     np.testing.assert_allclose(client.where()[1], np.degrees(READY_RAD), atol=1e-3)
     client.close()
     assert program.ends() == 0
+
+
+def test_a_public_driver_s_start_up_comes_to_its_end(path: Path) -> None:
+    """`cal`, `y`, `do ready`, LF CR behind each; over when a dot stands directly behind a dot."""
+    program = Program(path, "--time-scale", "20", "--line-ends", "both")
+    client = PlainClient(path)
+    for text, until in (("cal", b"? "), ("y", b".."), ("do ready", b"..")):
+        client.sends(text)
+        client.reads_up_to(until)
+    client.travels_to(location_from_matrix(forward(READY_RAD)))
+    client.close()
+    program.ends()
 
 
 def test_the_line_keeps_the_pace_of_its_baud(path: Path) -> None:
