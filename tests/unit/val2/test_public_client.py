@@ -16,7 +16,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import serial
+import yaml
 
+from daemon.store import places
 from drivers.puma560 import NEST_RAD, READY_RAD, forward
 from drivers.val2.location import Location, apart, location_from_matrix
 
@@ -238,3 +241,32 @@ def test_a_time_scale_that_makes_no_sense_is_refused(path: Path, scale: str) -> 
     program = Program(path, "--time-scale", scale)
     program.process.communicate(timeout=10)
     assert program.process.returncode == 2
+
+
+def test_a_cell_s_file_says_which_arm_and_how_it_speaks_and_at_another_speed_nothing_is_understood(
+    path: Path, tmp_path: Path
+) -> None:
+    made = yaml.safe_load((places.HOUSE / "etc" / "simcell.yaml").read_text())
+    made["arm"] |= {
+        "start_deg": [0, 60, -150, 0, -40, 0],
+        "baud": 4800,
+        "manners": {"joint_signs": [1, -1, 1, 1, 1, 1]},
+    }
+    (tmp_path / "cell.yaml").write_text(yaml.safe_dump(made))
+    program = Program(path, "--truth", str(tmp_path / "cell.yaml"), "--time-scale", "20")
+    with serial.Serial(str(path), 9600, timeout=0.5) as line:
+        line.write(b"WHERE\r")
+        assert b"JT1" not in line.read(400)
+    with serial.Serial(str(path), 4800, timeout=0.5) as line:
+        line.write(b"!!\rWHERE\r")
+        answer = line.read(400)
+    assert [float(word) for word in answer.split(b"JT6")[1].split()[:6]] == [0, -60, -150, 0, -40, 0]
+    program.ends()
+
+
+def test_a_cell_s_file_that_cannot_be_used_is_told_in_one_line(path: Path, tmp_path: Path) -> None:
+    program = Program(path, "--truth", str(tmp_path / "none.yaml"))
+    _, said = program.process.communicate(timeout=10)
+    assert program.process.returncode == 2
+    assert "none.yaml: cannot be read" in said
+    assert said.count("\n") == 1
