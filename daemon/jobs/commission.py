@@ -69,11 +69,12 @@ class Order:
     square_mm: float
     board_mm: float
     part: str
+    charuco: bool = False
 
     @property
     def calibrate(self) -> str:
         """The board in the words of `calibrate`."""
-        return f"{self.board} {self.square_mm:g}"
+        return f"{self.board} {self.square_mm:g}" + " charuco" * self.charuco
 
 
 class Talk:
@@ -103,6 +104,14 @@ class Talk:
         """The person's yes. Raises NotProvenError."""
         if not self.person.answer(f"{question} [y/n]").strip().lower().startswith("y"):
             raise NotProvenError(f"no yes to: {question}")
+
+    def enable(self) -> None:
+        """Let the arm move; a fault that stands is for the person to put right first. Raises NotProvenError."""
+        fault = self._status()["fault"]
+        if fault is not None:
+            self.need(f"A fault stands: {fault}. Is what led to it put right?")
+            self.do("resume")
+        self.do("enable")
 
     @property
     def simulated(self) -> bool:
@@ -136,7 +145,7 @@ def _stop(talk: Talk) -> str:
     talk.need(
         "Everybody out of the arm's reach, a hand on the emergency stop? The arm is enabled next; it does not move."
     )
-    talk.do("enable")
+    talk.enable()
     return "the controller takes the word that stops the arm"
 
 
@@ -160,7 +169,7 @@ def _zero(talk: Talk) -> None:
 
 def _survey(talk: Talk) -> None:
     """Go where the board is in view."""
-    talk.do("enable")
+    talk.enable()
     there = talk.said("go survey")
     said = there["text"].lower()
     if there["status"] != DONE and (NO_ZERO in said or NO_POWER in said):
@@ -235,7 +244,7 @@ def _table(talk: Talk) -> str:
 
 def _workspace(talk: Talk) -> str:
     talk.need("The table clear? The arm goes to home, bin and survey next.")
-    talk.do("enable")
+    talk.enable()
     places = [name for name in talk.do("places")["places"] if PLACES.fullmatch(name)]
     for place in places:
         talk.do(f"go {place}")
@@ -244,7 +253,7 @@ def _workspace(talk: Talk) -> str:
 
 def _gripper(talk: Talk) -> str:
     talk.need("Nothing between the fingers? They close and open next.")
-    talk.do("enable")
+    talk.enable()
     for word in ("close", "open"):
         talk.do(f"hand {word}")
         talk.need(f"Did the hand {word}?")
@@ -274,7 +283,7 @@ def _pick(talk: Talk) -> str:
         talk.do(f"scatter {part}")
     else:
         talk.need(f"One {part} on the table, any way it lies? The arm moves next.")
-    talk.do("enable")
+    talk.enable()
     for _ in range(PICKING_TRIES):
         done = talk.said(f"pick {part}")
         if done["status"] == DONE:
@@ -368,7 +377,7 @@ def run(link: DaemonLink, words: list[str]) -> int:
             proofs = {name: proof for name, proof in proofs.items() if name in names[: names.index(options.step)]}
         options.keep.mkdir(parents=True, exist_ok=True)
         person = Person(lambda text: print(text, flush=True), _answer)
-        order = Order(options.board, options.square_mm, options.board_mm, options.part)
+        order = Order(options.board, options.square_mm, options.board_mm, options.part, options.charuco)
         all_proven = commission(Talk(link, person, order), proofs, lambda now: _keep(path, now))
     except (FileError, OSError) as error:
         print(f"facetctl: {error}", flush=True)
@@ -386,6 +395,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--board", default="9x6", help="the calibration board's inner corners (9x6)")
     parser.add_argument("--square-mm", type=float, default=16.0, help="its squares, measured (16)")
     parser.add_argument("--board-mm", type=float, default=4.0, help="how thick it is (4)")
+    parser.add_argument("--charuco", action="store_true", help="it is a ChArUco board")
     parser.add_argument("--part", default="cube", help="the first part, by its label (cube)")
     parser.add_argument("--keep", type=Path, default=Path(), metavar="DIR", help=f"where {FILE} is (default: here)")
     return parser

@@ -313,7 +313,7 @@ def _may_move(known: Acquaintance) -> Steps:
     said = yield Consult(
         "move",
         f"May I turn one joint after the other by {STEP_DEG:g} degrees, there and back, slowly? It takes some minutes. "
-        "The arm must stand clear of everything by a hand's breadth, its wrist bent, nobody within reach, your hand on "
+        "The arm must stand clear of everything by 20 cm, its wrist bent, nobody within reach, your hand on "
         "the emergency stop. (yes or no)",
     )
     return str(said).strip().lower() in ("y", "yes")

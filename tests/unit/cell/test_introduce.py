@@ -13,9 +13,10 @@ from daemon import config as configs
 from daemon.cell import sections
 from daemon.cell.introduce import StoppedByPersonError, again, arm_file, arm_of, page, read_transcript
 from daemon.store import places
-from drivers.puma560 import forward
+from drivers.puma560 import ArmGeometry, forward
+from drivers.pumas import PUBLISHED
 from drivers.simcell.history import Leg
-from drivers.val2.introduction import STEP_DEG, UnclearError
+from drivers.val2.introduction import ROUNDS, STEP_DEG, UnclearError
 from tests.bench.introductions import one
 from tests.worlds.strange_controllers import Contact, draw, in_simulated_time, meet, strangers, willing
 
@@ -149,3 +150,20 @@ def test_today_s_driver_says_what_it_said_in_the_recorded_introductions(path: Pa
 def test_a_line_that_is_no_record_is_named() -> None:
     with pytest.raises(ValueError, match="line 2"):
         list(read_transcript(['{"t_s": 0, "way": "in", "bytes": ""}', "{}"]))
+
+
+@pytest.mark.parametrize("arm", PUBLISHED, ids=lambda arm: arm.name)
+def test_the_hand_of_no_arm_goes_farther_than_the_person_is_told(arm) -> None:
+    """Every joint as far to both sides as the steps come to, in poses as they are asked for, a hand of 20 cm."""
+    hand = np.eye(4)
+    hand[2, 3] = 200.0
+    geometry, rng, worst_mm = ArmGeometry(*arm.lengths_mm, flange_from_tool=hand), np.random.default_rng(0), 0.0
+    farthest = np.radians(STEP_DEG * np.abs(np.cumsum(ROUNDS)).max())
+    for _ in range(400):
+        bent = rng.uniform(30.0, 90.0)
+        pose = np.radians([0.0, rng.uniform(0, 120), rng.uniform(-180, -40), rng.uniform(-90, 90), -bent, 0.0])
+        for _ in range(10):
+            turned = pose + rng.choice([-1.0, 1.0], 6) * farthest
+            way = forward(turned, geometry) - forward(pose, geometry)
+            worst_mm = max(worst_mm, float(np.linalg.norm(way[:3, 3])))
+    assert worst_mm < 200.0

@@ -28,14 +28,15 @@ class ToldLink:
 
     def __init__(self, **fails: str) -> None:
         self.fails = {command.replace("_", " "): text for command, text in fails.items()}
-        self.said, self.calibration, self.model = [], 0, None
+        self.said, self.calibration, self.model, self.fault = [], 0, None, None
 
     def do(self, text, door, say, ask=None):
         if text == "status":
-            return done(data={"cell": "real", "model": {"version": self.model}})
+            return done(data={"cell": "real", "model": {"version": self.model}, "fault": self.fault})
         if text == "calibrate list":
             return done(data={"current": self.calibration})
         self.said.append(text)
+        self.fault = None if text == "resume" else self.fault
         if text in self.fails:
             return done(self.fails[text], status=1)
         self.calibration += text.startswith("calibrate stereo")
@@ -151,6 +152,16 @@ def test_a_controller_that_was_switched_on_is_answered_and_finds_its_zero() -> N
     link = Cold()
     assert sitting(link)[0]
     assert link.said.count("robot cal") == 2
+
+
+def test_a_fault_that_stands_is_for_the_person_to_put_right() -> None:
+    link = ToldLink()
+    link.fault = "*Envelope error* Joint 2"
+    assert sitting(link)[0]
+    assert link.said.index("resume") < link.said.index("enable")
+    link.fault, link.said[:] = "*Envelope error* Joint 2", []
+    assert not sitting(link, answer="n")[0]
+    assert "resume" not in link.said
 
 
 def test_the_file_is_read_back_and_a_spoilt_one_is_told_in_one_line(tmp_path: Path, capsys) -> None:
