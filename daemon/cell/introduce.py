@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from daemon.arrays import Array
-from daemon.calibration.arm_from_readings import LENGTHS, ArmFound, find_arm, settle
+from daemon.calibration.arm_from_readings import LENGTHS, ArmFound, NoArmError, find_arm, settle
 from daemon.errors import FacetdError
 from drivers.puma560 import PUMA560
 from drivers.pumas import PUBLISHED, Likeness, likeness
@@ -243,6 +243,11 @@ def arm_of(known: Acquaintance) -> Arm:
     found = find_arm(places, printed, digits)
     sigma = found.sigma["a2"], found.sigma["a3"], found.sigma["d3"], found.sigma["d4"]
     alike = likeness(found.lengths_mm, sigma)
+    if alike is not None and alike.unit_mm != 1.0:
+        raise NoArmError(
+            f"WHERE counts in units of {alike.unit_mm:g} mm: its lengths are a {alike.arm.name}'s so, and facetd moves "
+            "in millimetres. Can the controller be set to millimetres?"
+        )
     if max(sigma) < 0.1 or alike is None:
         return Arm(found, alike, (), "least squares over WHERE's places and joints")
     settled = sorted(_like_published(found, places, printed, digits, sigma), key=lambda each: each[0])

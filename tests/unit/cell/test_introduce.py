@@ -10,15 +10,18 @@ import pytest
 import yaml
 
 from daemon import config as configs
+from daemon.calibration.arm_from_readings import NoArmError
 from daemon.cell import sections
 from daemon.cell.introduce import StoppedByPersonError, again, arm_file, arm_of, page, read_transcript
 from daemon.store import places
 from drivers.puma560 import ArmGeometry, forward
 from drivers.pumas import PUBLISHED
 from drivers.simcell.history import Leg
-from drivers.val2.introduction import ROUNDS, STEP_DEG, UnclearError
+from drivers.val2.introduction import ROUNDS, STEP_DEG, Acquaintance, UnclearError
+from drivers.val2.location import Location, location_from_matrix
+from drivers.val2.wire import Where
 from tests.bench.introductions import one
-from tests.worlds.strange_controllers import Contact, draw, in_simulated_time, meet, strangers, willing
+from tests.worlds.strange_controllers import START_DEG, Contact, draw, in_simulated_time, meet, strangers, willing
 
 HERE = Path(__file__).resolve().parents[2] / "data" / "introductions"
 
@@ -167,3 +170,18 @@ def test_the_hand_of_no_arm_goes_farther_than_the_person_is_told(arm) -> None:
             way = forward(turned, geometry) - forward(pose, geometry)
             worst_mm = max(worst_mm, float(np.linalg.norm(way[:3, 3])))
     assert worst_mm < 200.0
+
+
+def test_a_controller_that_counts_in_inches_ends_with_a_question_and_no_geometry() -> None:
+    inches = PUBLISHED[0].lengths_mm[0] / 25.4, PUBLISHED[0].lengths_mm[1] / 25.4, 150.05 / 25.4, 431.8 / 25.4
+    geometry = ArmGeometry(*inches)
+    rng = np.random.default_rng(3)
+    readings = []
+    for _ in range(14):
+        degrees = np.round(START_DEG + rng.uniform(-25, 25, 6), 3)
+        place = location_from_matrix(forward(np.radians(degrees), geometry))
+        readings.append(Where(Location(*(round(value, 4) for value in place.values())), tuple(degrees)))
+    known = Acquaintance(readings=readings)
+    known.found("digits", (4, 3), "WHERE")
+    with pytest.raises(NoArmError, match=r"units of 25.4 mm: its lengths are a PUMA 560.*millimetres\?"):
+        arm_of(known)
