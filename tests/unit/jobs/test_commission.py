@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from daemon.jobs.commission import FILE, STEPS, Order, Person, Talk, _keep, _kept, commission, run
+from daemon.jobs.commission import FILE, _keep, _kept, commission, run
+from daemon.jobs.commission_steps import STEPS, Order, Person, Talk
 from daemon.store.outside import FileError
 
 WHERE = {"world_from_tool": [[1, 0, 0, 420.0], [0, 1, 0, 0.0], [0, 0, 1, 60.0], [0, 0, 0, 1]]}
@@ -122,6 +123,13 @@ def test_a_table_elsewhere_than_the_guard_has_it_is_told_with_both_heights(monke
     all_proven, told, _ = sitting(ToldLink())
     assert not all_proven
     assert "the table is at z -285.0 to -284.0 mm, pick.limits.table_z_mm says -300" in told
+
+
+def test_a_board_whose_thickness_is_no_number_proves_no_table() -> None:
+    told: list[str] = []
+    talk = Talk(ToldLink(), Person(told.append, lambda _: "y"), Order("9x6", 16.0, float("nan"), "cube"))
+    assert not commission(talk, {}, lambda _: None)
+    assert "NOT PROVEN: the table is at z nan" in told[-1]
 
 
 def test_a_doubtful_hand_eye_has_a_tour_of_its_own(monkeypatch) -> None:
