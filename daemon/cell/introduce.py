@@ -346,7 +346,7 @@ def page(known: Acquaintance, arm: Arm | None) -> str:
     if arm is not None:
         lines += ["", "Which arm it is", "", *_about(arm)]
     lines += ["", "What nobody can find out from here", "",
-              "  the joints' limits (type them from the plate or the manual: arm.yaml, geometry.limits_deg)",
+              "  the joints' limits (type them from the plate, counted as WHERE does: arm.yaml, geometry.limits_deg)",
               "  whether the arm was calibrated rightly: it counts from where CAL left it",
               "  where joint 6 ends and the tool begins: TOOL's turn about the flange is in joint 6's zero",
               "  how high the shoulder stands, and what is in reach"]  # fmt: skip

@@ -21,6 +21,7 @@ from drivers.val2.introduction import ROUNDS, STEP_DEG, Acquaintance, UnclearErr
 from drivers.val2.location import Location, location_from_matrix
 from drivers.val2.wire import Where
 from tests.bench.introductions import one
+from tests.worlds.first_day import arm_yaml
 from tests.worlds.strange_controllers import START_DEG, Contact, draw, in_simulated_time, meet, strangers, willing
 
 HERE = Path(__file__).resolve().parents[2] / "data" / "introductions"
@@ -124,6 +125,20 @@ def test_what_is_written_is_what_the_cell_then_works_with(tmp_path: Path) -> Non
     text = page(contact.known, arm)
     assert strange.name in text
     assert "What nobody can find out" in text
+
+
+def test_limits_are_typed_as_the_plate_has_them_and_a_little_is_kept_from_them(tmp_path: Path) -> None:
+    made = arm_yaml(ArmGeometry())
+    made["dialect"] = {
+        "joint_signs": {"value": [1, -1, 1, 1, 1, 1]}, "joint_zeros_deg": {"value": [0, 0, -180, 0, 0, 90]},
+    }  # fmt: skip
+    plate = [[-160, 160], [-225, 45], [-45, 225], [-110, 170], [-100, 100], [-266, 266]]
+    made["geometry"]["limits_deg"] = {"value": plate}
+    (tmp_path / "arm.yaml").write_text(yaml.safe_dump(made))
+    config = configs.load_config(beside_the_others(tmp_path, "version: 1\narm: {file: arm.yaml}\n"))
+    found = np.degrees(sections.arm_geometry(config).limits_rad)
+    meant = [[-160, 160], [-45, 225], [-225, 45], [-110, 170], [-100, 100], [-176, 356]]
+    np.testing.assert_allclose(found, np.array(meant) + [[0.2, -0.2]] * 6, atol=1e-9)
 
 
 def test_an_arm_file_with_a_wrong_value_is_told_with_its_line(tmp_path: Path) -> None:
