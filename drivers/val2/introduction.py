@@ -152,7 +152,7 @@ class Acquaintance:
 
 
 SEEN_ALONE = frozenset(
-    {"prompt", "prompt_late_s", "newline", "lower_case", "abbreviations", "where", "digits", "errors", "power_up",
+    {"prompt", "newline", "lower_case", "abbreviations", "where", "digits", "errors", "power_up",
      "two_prompts", "stop_s"}
 )  # fmt: skip
 """What is told, and is no key of the dialect: the driver is right either way."""
