@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from daemon.arrays import Array
-from daemon.calibration.arm_from_readings import LENGTHS, ArmFound, find_arm, settle
+from daemon.calibration.arm_from_readings import LENGTHS, ArmFound, NoArmError, find_arm, settle
 from daemon.errors import FacetdError
 from drivers.puma560 import PUMA560
 from drivers.pumas import PUBLISHED, Likeness, likeness
@@ -243,6 +243,11 @@ def arm_of(known: Acquaintance) -> Arm:
     found = find_arm(places, printed, digits)
     sigma = found.sigma["a2"], found.sigma["a3"], found.sigma["d3"], found.sigma["d4"]
     alike = likeness(found.lengths_mm, sigma)
+    if alike is not None and alike.unit_mm != 1.0:
+        raise NoArmError(
+            f"WHERE counts in units of {alike.unit_mm:g} mm: its lengths are a {alike.arm.name}'s so, and facetd moves "
+            "in millimetres. Can the controller be set to millimetres?"
+        )
     if max(sigma) < 0.1 or alike is None:
         return Arm(found, alike, (), "least squares over WHERE's places and joints")
     settled = sorted(_like_published(found, places, printed, digits, sigma), key=lambda each: each[0])
@@ -341,7 +346,7 @@ def page(known: Acquaintance, arm: Arm | None) -> str:
     if arm is not None:
         lines += ["", "Which arm it is", "", *_about(arm)]
     lines += ["", "What nobody can find out from here", "",
-              "  the joints' limits (type them from the plate or the manual: arm.yaml, geometry.limits_deg)",
+              "  the joints' limits (type them from the plate, counted as WHERE does: arm.yaml, geometry.limits_deg)",
               "  whether the arm was calibrated rightly: it counts from where CAL left it",
               "  where joint 6 ends and the tool begins: TOOL's turn about the flange is in joint 6's zero",
               "  how high the shoulder stands, and what is in reach"]  # fmt: skip

@@ -77,7 +77,11 @@ def arm_geometry(config: Config) -> ArmGeometry:
         return ArmGeometry(flange_from_tool=tool)
     document = replace(file[0], data={"geometry": {name: each.value for name, each in file[1].geometry.items()}})
     values = document.convert(_Geometry, at=("geometry",))
-    limits = np.degrees(PUMA560.limits_rad) if values.limits_deg is None else np.array(values.limits_deg, float)
+    limits = np.degrees(PUMA560.limits_rad)
+    if values.limits_deg is not None:
+        how = dialect(config)
+        ends = np.array(values.limits_deg) * np.array(how.joint_signs)[:, None] + np.array(how.joint_zeros_deg)[:, None]
+        limits = np.sort(ends, axis=1)
     return ArmGeometry(
         values.a2_mm,
         values.a3_mm,
@@ -108,8 +112,8 @@ class _ArmFile:
 
 @dataclass(frozen=True, kw_only=True)
 class _Geometry:
-    """Lengths and frames as ArmGeometry has them. limits_deg: lowest and highest angle of each joint, in the angles of
-    our kinematics."""
+    """Lengths and frames as ArmGeometry has them. limits_deg: lowest and highest angle of each joint as the plate has
+    them, counted as WHERE counts; joint 3's against the upper arm."""
 
     a2_mm: Annotated[float, Meta(ge=10, le=5000)]
     a3_mm: Annotated[float, Meta(ge=-1000, le=1000)]

@@ -35,7 +35,10 @@ class Answer:
 class Conversation:
     """The two directions of the line: what comes is heard here, what goes out is typed and checked here."""
 
-    def __init__(self, dialect: Dialect, reader: Reader, send: Callable[[bytes], None], clock: Callable[[], float]):
+    def __init__(
+        self, dialect: Dialect, reader: Reader, send: Callable[[bytes, bytes], None], clock: Callable[[], float]
+    ):
+        """send: bytes, and what of them the ledger is to have."""
         self.dialect, self.clock = dialect, clock
         self._reader, self._send = reader, send
         self._inbox: asyncio.Queue[Event | None] = asyncio.Queue()
@@ -105,7 +108,7 @@ class Conversation:
         next_event."""
         last = await self.next_prompt_or_question(timeout_s)
         while True:
-            await asyncio.sleep(self.dialect.prompt_silence_s)
+            await asyncio.sleep(max(self.dialect.prompt_silence_s, 2.0 * self.dialect.prompt_late_s))
             more = self.unheard()
             if not more:
                 return last
@@ -138,9 +141,17 @@ class Conversation:
         self._reader.line_ended(echoed=False)
 
     async def type_raw(self, data: bytes) -> None:
-        """Type bytes as they are, no faster than the controller reads, their echo unchecked. Raises as send_raw."""
-        await self._send_paced(data)
-        self._reader.line_ended(echoed=False)
+        """Type bytes as they are, no faster than the controller reads, their echo unchecked; one record in the ledger.
+        Raises as send_raw."""
+        if self.dialect.character_pause_s <= 0 or not data:
+            self.send_raw(data)
+            return
+        for k in range(len(data)):
+            self._check()
+            self._send(data[k : k + 1], data if k == 0 else b"")
+            if k == 0:
+                self._reader.line_ended(echoed=False)
+            await asyncio.sleep(self.dialect.character_pause_s)
 
     async def _type_line(self, text: str) -> None:
         """Send the characters, compare what comes back, and only then send the line end.
@@ -182,7 +193,7 @@ class Conversation:
 
     def _put(self, data: bytes) -> None:
         self._check()
-        self._send(data)
+        self._send(data, data)
 
     def _check(self) -> None:
         if self._over is not None:

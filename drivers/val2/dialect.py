@@ -40,6 +40,8 @@ class Dialect:
     """How long after a whole echo a further (doubled) character may still arrive before the line end is sent."""
     prompt_silence_s: Seconds = 0.02
     """A dot at the start of a line is a prompt once nothing followed it for this long."""
+    prompt_late_s: Pause = 0.0
+    """How long after what it says the controller may take to its prompt: so long one that is owed is waited for."""
     prompt_after_move: Literal["start", "end", "either"] = "either"
     """When DO MOVE gives the prompt back; "either" waits as long as "end" does before it calls the answer lost."""
     break_after_move: bool = True

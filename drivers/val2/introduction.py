@@ -152,7 +152,7 @@ class Acquaintance:
 
 
 SEEN_ALONE = frozenset(
-    {"prompt", "prompt_late_s", "newline", "lower_case", "abbreviations", "where", "digits", "errors", "power_up",
+    {"prompt", "newline", "lower_case", "abbreviations", "where", "digits", "errors", "power_up",
      "two_prompts", "stop_s"}
 )  # fmt: skip
 """What is told, and is no key of the dialect: the driver is right either way."""
@@ -233,6 +233,11 @@ def _silent(raw: bytes) -> str:
 
 def _line(known: Acquaintance) -> Steps:
     heard: Heard = yield Exchange(b"WHERE", 0.3, 1.0, CAREFUL_S)
+    if b"WWHHEERREE" in heard.data:
+        raise UnclearError(
+            "what is typed comes back twice: the converter on the line echoes by itself, and what the controller read "
+            "cannot be told from it. Where is the converter's switch for that?"
+        )
     echo = b"WHERE" in heard.data
     known.found("echo", echo, "what was typed " + ("came back" if echo else "did not come back"))
     answer = yield from _listen(known, known.end, b"", 5.0)
@@ -308,7 +313,7 @@ def _may_move(known: Acquaintance) -> Steps:
     said = yield Consult(
         "move",
         f"May I turn one joint after the other by {STEP_DEG:g} degrees, there and back, slowly? It takes some minutes. "
-        "The arm must stand clear of everything by a hand's breadth, its wrist bent, nobody within reach, your hand on "
+        "The arm must stand clear of everything by 20 cm, its wrist bent, nobody within reach, your hand on "
         "the emergency stop. (yes or no)",
     )
     return str(said).strip().lower() in ("y", "yes")

@@ -97,10 +97,11 @@ class Session:
         self.question = last.text if isinstance(last, Question) else None
         return events
 
-    def send(self, data: bytes) -> None:
-        """Send bytes, then keep them in the ledger. Raises PortError."""
+    def send(self, data: bytes, kept: bytes) -> None:
+        """Send bytes, then keep `kept` of them in the ledger. Raises PortError."""
         self._port.write(data)
-        self._ledger.sent(data, self.clock())
+        if kept:
+            self._ledger.sent(kept, self.clock())
 
     def _refuse_unheard(self, answers_question: bool) -> None:
         """Errors and questions that came while nobody listened (an emergency stop, a power cycle) come first."""

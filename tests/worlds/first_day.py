@@ -24,7 +24,6 @@ from daemon import frames
 from daemon.arrays import Array
 from drivers.puma560 import ArmGeometry
 from drivers.simcell.controller import Manners
-from drivers.val2.dialect import Dialect
 from tests.worlds.person import Person
 from tests.worlds.strange_controllers import Strange, draw
 
@@ -173,17 +172,12 @@ def strange_cell(seed: int) -> tuple[Strange, ArmGeometry]:
     return strange, replace(strange.geometry, flange_from_tool=hand)
 
 
-def limits_deg(strange: Strange, dialect: Dialect) -> list[list[float]]:
-    """The joints' limits from the plate, in the angles of our kinematics."""
-    found = []
-    for joint, ends in enumerate(strange.geometry.limits_rad):
-        ours = []
-        for end in ends:
-            joints = np.radians(strange.joints_deg)
-            joints[joint] = end
-            ours.append(dialect.our_angles_deg(tuple(strange.manners.printed_deg(joints)))[joint])
-        found.append([round(float(end), 3) for end in sorted(ours)])
-    return found
+def limits_deg(strange: Strange) -> list[list[float]]:
+    """The joints' limits on the plate, counted as its controller counts."""
+    how = strange.manners
+    ends = np.degrees(strange.geometry.limits_rad) - np.array(how.joint_zeros_deg)[:, None]
+    limits: list[list[float]] = np.sort(ends * np.array(how.joint_signs)[:, None], axis=1).round(3).tolist()
+    return limits
 
 
 @contextmanager
@@ -233,10 +227,7 @@ def lives_through(person: Person, within_s: float) -> str:
 
 def written_down(folder: Path, strange: Strange, arm: ArmGeometry, seed: int, found: dict[str, Any]) -> None:
     """What FIRST-DAY.md says to write after the first contact: the limits into arm.yaml, the cell into facetd.yaml."""
-    known = {name: entry["value"] for name, entry in found["dialect"].items()}
-    names = ("joint_signs", "joint_zeros_deg", "joint_3_against_horizon")
-    limits = limits_deg(strange, Dialect(**{name: known[name] for name in names}))
-    found["geometry"]["limits_deg"] = {"value": limits, "found": "the plate"}
+    found["geometry"]["limits_deg"] = {"value": limits_deg(strange), "found": "the plate"}
     (folder / "first-day" / "arm.yaml").write_text(yaml.safe_dump(found, sort_keys=False))
     flange = np.array(found["geometry"]["controller_flange"]["value"])
     measured = frames.inverse(arm.controller_flange) @ arm.flange_from_tool

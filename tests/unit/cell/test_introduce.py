@@ -10,14 +10,19 @@ import pytest
 import yaml
 
 from daemon import config as configs
+from daemon.calibration.arm_from_readings import NoArmError
 from daemon.cell import sections
 from daemon.cell.introduce import StoppedByPersonError, again, arm_file, arm_of, page, read_transcript
 from daemon.store import places
-from drivers.puma560 import forward
+from drivers.puma560 import ArmGeometry, forward
+from drivers.pumas import PUBLISHED
 from drivers.simcell.history import Leg
-from drivers.val2.introduction import STEP_DEG, UnclearError
+from drivers.val2.introduction import ROUNDS, STEP_DEG, Acquaintance, UnclearError
+from drivers.val2.location import Location, location_from_matrix
+from drivers.val2.wire import Where
 from tests.bench.introductions import one
-from tests.worlds.strange_controllers import Contact, draw, in_simulated_time, meet, strangers, willing
+from tests.worlds.first_day import arm_yaml
+from tests.worlds.strange_controllers import START_DEG, Contact, draw, in_simulated_time, meet, strangers, willing
 
 HERE = Path(__file__).resolve().parents[2] / "data" / "introductions"
 
@@ -122,6 +127,20 @@ def test_what_is_written_is_what_the_cell_then_works_with(tmp_path: Path) -> Non
     assert "What nobody can find out" in text
 
 
+def test_limits_are_typed_as_the_plate_has_them_and_a_little_is_kept_from_them(tmp_path: Path) -> None:
+    made = arm_yaml(ArmGeometry())
+    made["dialect"] = {
+        "joint_signs": {"value": [1, -1, 1, 1, 1, 1]}, "joint_zeros_deg": {"value": [0, 0, -180, 0, 0, 90]},
+    }  # fmt: skip
+    plate = [[-160, 160], [-225, 45], [-45, 225], [-110, 170], [-100, 100], [-266, 266]]
+    made["geometry"]["limits_deg"] = {"value": plate}
+    (tmp_path / "arm.yaml").write_text(yaml.safe_dump(made))
+    config = configs.load_config(beside_the_others(tmp_path, "version: 1\narm: {file: arm.yaml}\n"))
+    found = np.degrees(sections.arm_geometry(config).limits_rad)
+    meant = [[-160, 160], [-45, 225], [-225, 45], [-110, 170], [-100, 100], [-176, 356]]
+    np.testing.assert_allclose(found, np.array(meant) + [[0.2, -0.2]] * 6, atol=1e-9)
+
+
 def test_an_arm_file_with_a_wrong_value_is_told_with_its_line(tmp_path: Path) -> None:
     (tmp_path / "arm.yaml").write_text("version: 1\ndialect:\n  echo: {value: perhaps}\n")
     file = beside_the_others(tmp_path, "version: 1\narm: {file: arm.yaml}\n")
@@ -149,3 +168,35 @@ def test_today_s_driver_says_what_it_said_in_the_recorded_introductions(path: Pa
 def test_a_line_that_is_no_record_is_named() -> None:
     with pytest.raises(ValueError, match="line 2"):
         list(read_transcript(['{"t_s": 0, "way": "in", "bytes": ""}', "{}"]))
+
+
+@pytest.mark.parametrize("arm", PUBLISHED, ids=lambda arm: arm.name)
+def test_the_hand_of_no_arm_goes_farther_than_the_person_is_told(arm) -> None:
+    """Every joint as far to both sides as the steps come to, in poses as they are asked for, a hand of 20 cm."""
+    hand = np.eye(4)
+    hand[2, 3] = 200.0
+    geometry, rng, worst_mm = ArmGeometry(*arm.lengths_mm, flange_from_tool=hand), np.random.default_rng(0), 0.0
+    farthest = np.radians(STEP_DEG * np.abs(np.cumsum(ROUNDS)).max())
+    for _ in range(400):
+        bent = rng.uniform(30.0, 90.0)
+        pose = np.radians([0.0, rng.uniform(0, 120), rng.uniform(-180, -40), rng.uniform(-90, 90), -bent, 0.0])
+        for _ in range(10):
+            turned = pose + rng.choice([-1.0, 1.0], 6) * farthest
+            way = forward(turned, geometry) - forward(pose, geometry)
+            worst_mm = max(worst_mm, float(np.linalg.norm(way[:3, 3])))
+    assert worst_mm < 200.0
+
+
+def test_a_controller_that_counts_in_inches_ends_with_a_question_and_no_geometry() -> None:
+    inches = PUBLISHED[0].lengths_mm[0] / 25.4, PUBLISHED[0].lengths_mm[1] / 25.4, 150.05 / 25.4, 431.8 / 25.4
+    geometry = ArmGeometry(*inches)
+    rng = np.random.default_rng(3)
+    readings = []
+    for _ in range(14):
+        degrees = np.round(START_DEG + rng.uniform(-25, 25, 6), 3)
+        place = location_from_matrix(forward(np.radians(degrees), geometry))
+        readings.append(Where(Location(*(round(value, 4) for value in place.values())), tuple(degrees)))
+    known = Acquaintance(readings=readings)
+    known.found("digits", (4, 3), "WHERE")
+    with pytest.raises(NoArmError, match=r"units of 25.4 mm: its lengths are a PUMA 560.*millimetres\?"):
+        arm_of(known)

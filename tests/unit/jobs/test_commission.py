@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from daemon.jobs.commission import FILE, STEPS, Order, Person, Talk, _keep, _kept, commission, run
+from daemon.jobs.commission import FILE, _keep, _kept, commission, run
+from daemon.jobs.commission_steps import STEPS, Order, Person, Talk
 from daemon.store.outside import FileError
 
 WHERE = {"world_from_tool": [[1, 0, 0, 420.0], [0, 1, 0, 0.0], [0, 0, 1, 60.0], [0, 0, 0, 1]]}
@@ -28,14 +29,15 @@ class ToldLink:
 
     def __init__(self, **fails: str) -> None:
         self.fails = {command.replace("_", " "): text for command, text in fails.items()}
-        self.said, self.calibration, self.model = [], 0, None
+        self.said, self.calibration, self.model, self.fault = [], 0, None, None
 
     def do(self, text, door, say, ask=None):
         if text == "status":
-            return done(data={"cell": "real", "model": {"version": self.model}})
+            return done(data={"cell": "real", "model": {"version": self.model}, "fault": self.fault})
         if text == "calibrate list":
             return done(data={"current": self.calibration})
         self.said.append(text)
+        self.fault = None if text == "resume" else self.fault
         if text in self.fails:
             return done(self.fails[text], status=1)
         self.calibration += text.startswith("calibrate stereo")
@@ -123,6 +125,13 @@ def test_a_table_elsewhere_than_the_guard_has_it_is_told_with_both_heights(monke
     assert "the table is at z -285.0 to -284.0 mm, pick.limits.table_z_mm says -300" in told
 
 
+def test_a_board_whose_thickness_is_no_number_proves_no_table() -> None:
+    told: list[str] = []
+    talk = Talk(ToldLink(), Person(told.append, lambda _: "y"), Order("9x6", 16.0, float("nan"), "cube"))
+    assert not commission(talk, {}, lambda _: None)
+    assert "NOT PROVEN: the table is at z nan" in told[-1]
+
+
 def test_a_doubtful_hand_eye_has_a_tour_of_its_own(monkeypatch) -> None:
     doubtful = {**HAND_EYE, "sigma_mm": 0.9}
     monkeypatch.setitem(SAYS, "calibrate stereo 9x6 16", {"stereo": {"rms_px": 0.1}, "hand_eye": doubtful})
@@ -151,6 +160,16 @@ def test_a_controller_that_was_switched_on_is_answered_and_finds_its_zero() -> N
     link = Cold()
     assert sitting(link)[0]
     assert link.said.count("robot cal") == 2
+
+
+def test_a_fault_that_stands_is_for_the_person_to_put_right() -> None:
+    link = ToldLink()
+    link.fault = "*Envelope error* Joint 2"
+    assert sitting(link)[0]
+    assert link.said.index("resume") < link.said.index("enable")
+    link.fault, link.said[:] = "*Envelope error* Joint 2", []
+    assert not sitting(link, answer="n")[0]
+    assert "resume" not in link.said
 
 
 def test_the_file_is_read_back_and_a_spoilt_one_is_told_in_one_line(tmp_path: Path, capsys) -> None:

@@ -16,7 +16,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import serial
+import yaml
 
+from daemon.store import places
 from drivers.puma560 import NEST_RAD, READY_RAD, forward
 from drivers.val2.location import Location, apart, location_from_matrix
 
@@ -39,8 +42,19 @@ class PlainClient:
         os.close(self._descriptor)
 
     def types(self, text: str) -> bytes:
-        os.write(self._descriptor, text.encode() + b"\n\r")
+        self.sends(text)
         return self.reads()
+
+    def sends(self, text: str) -> None:
+        os.write(self._descriptor, text.encode() + b"\n\r")
+
+    def reads_up_to(self, end: bytes, patience_s: float = 15.0) -> None:
+        """Character by character, without a look at silence."""
+        heard, deadline_s = b"", time.monotonic() + patience_s
+        while not heard.endswith(end):
+            assert time.monotonic() < deadline_s, f"no {end!r}; heard {heard!r}"
+            if select.select([self._descriptor], [], [], SILENCE_S)[0]:
+                heard += os.read(self._descriptor, 1)
 
     def reads(self, until: bytes = b".?", patience_s: float = 15.0) -> bytes:
         heard, deadline_s = b"", time.monotonic() + patience_s
@@ -169,6 +183,18 @@ def test_a_cold_start_is_brought_up_as_a_client_written_elsewhere_does(path: Pat
     assert program.ends() == 0
 
 
+def test_a_public_driver_s_start_up_comes_to_its_end(path: Path) -> None:
+    """`cal`, `y`, `do ready`, LF CR behind each; over when a dot stands directly behind a dot."""
+    program = Program(path, "--time-scale", "20", "--line-ends", "both")
+    client = PlainClient(path)
+    for text, until in (("cal", b"? "), ("y", b".."), ("do ready", b"..")):
+        client.sends(text)
+        client.reads_up_to(until)
+    client.travels_to(location_from_matrix(forward(READY_RAD)))
+    client.close()
+    program.ends()
+
+
 def test_the_line_keeps_the_pace_of_its_baud(path: Path) -> None:
     program = Program(path)
     client = PlainClient(path)
@@ -215,3 +241,32 @@ def test_a_time_scale_that_makes_no_sense_is_refused(path: Path, scale: str) -> 
     program = Program(path, "--time-scale", scale)
     program.process.communicate(timeout=10)
     assert program.process.returncode == 2
+
+
+def test_a_cell_s_file_says_which_arm_and_how_it_speaks_and_at_another_speed_nothing_is_understood(
+    path: Path, tmp_path: Path
+) -> None:
+    made = yaml.safe_load((places.HOUSE / "etc" / "simcell.yaml").read_text())
+    made["arm"] |= {
+        "start_deg": [0, 60, -150, 0, -40, 0],
+        "baud": 4800,
+        "manners": {"joint_signs": [1, -1, 1, 1, 1, 1]},
+    }
+    (tmp_path / "cell.yaml").write_text(yaml.safe_dump(made))
+    program = Program(path, "--truth", str(tmp_path / "cell.yaml"), "--time-scale", "20")
+    with serial.Serial(str(path), 9600, timeout=0.5) as line:
+        line.write(b"WHERE\r")
+        assert b"JT1" not in line.read(400)
+    with serial.Serial(str(path), 4800, timeout=0.5) as line:
+        line.write(b"!!\rWHERE\r")
+        answer = line.read(400)
+    assert [float(word) for word in answer.split(b"JT6")[1].split()[:6]] == [0, -60, -150, 0, -40, 0]
+    program.ends()
+
+
+def test_a_cell_s_file_that_cannot_be_used_is_told_in_one_line(path: Path, tmp_path: Path) -> None:
+    program = Program(path, "--truth", str(tmp_path / "none.yaml"))
+    _, said = program.process.communicate(timeout=10)
+    assert program.process.returncode == 2
+    assert "none.yaml: cannot be read" in said
+    assert said.count("\n") == 1

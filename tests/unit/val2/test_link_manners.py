@@ -1,0 +1,98 @@
+"""The link to controllers with manners drawn at random, each on a line at its own pace: asked, moved, stopped. In
+simulated time."""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+
+from daemon.cell.arm_on_link import belongs_together
+from drivers.puma560 import forward
+from drivers.simcell.arm import Arm
+from drivers.simcell.controller import Controller
+from drivers.simcell.history import Stop
+from drivers.val2.dialect import Dialect
+from drivers.val2.introduction import PACES_S
+from drivers.val2.link import Link
+from drivers.val2.location import apart, location_from_matrix
+from tests.worlds.strange_controllers import PacedLine, Strange, draw, in_simulated_time
+
+HEARD_WITHIN_S = 1.0
+"""Of the stop, at most: the half line that may stand before it, and the word, at the slowest pace and speed."""
+
+
+def dialect(strange: Strange) -> Dialect:
+    """What a first contact finds."""
+    how = strange.manners
+    return Dialect(
+        baud=strange.baud,
+        echo=how.echo,
+        line_end=b"\n" if how.line_ends == "lf" else b"\r",
+        cancel_line=b"\x15" if how.line_editing else b"",
+        character_pause_s=next(p for p in PACES_S if p == how.lost_within_s == 0.0 or p > how.lost_within_s),
+        prompt_late_s=how.prompt_late_s,
+        resync_s=max(1.0, 2 * how.prompt_late_s + 0.5),
+        prompt_after_move=how.prompt_after_move,
+        break_after_move=how.knows_break,
+        abort_word="ABORT" if how.stops_at_once else "PANIC",
+        joint_signs=how.joint_signs,
+        joint_zeros_deg=how.joint_zeros_deg,
+        joint_3_against_horizon=how.against_horizon,
+        same_place_mm=max(0.03, 2 * 10.0 ** -how.decimals[0]),
+    )
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_it_is_asked_moved_and_stopped_on_its_way(seed: int) -> None:
+    strange = draw(seed)
+
+    async def story() -> None:
+        arm = Arm(strange.geometry, np.radians(strange.joints_deg))
+        controller = Controller(arm, strange.manners)
+        line = PacedLine(controller, asyncio.get_running_loop(), strange.baud)
+        clock = asyncio.get_running_loop().time
+        whole = partial(belongs_together, strange.geometry)
+        link = Link("memory", dialect(strange), clock, belongs_together=whole, open_port=line.open)
+        await link.open()
+        here = await link.where()
+        np.testing.assert_allclose(here.joints_deg, strange.joints_deg, atol=0.02)
+        near = location_from_matrix(forward(np.radians(strange.joints_deg + 5.0), strange.geometry))
+        await link.speed(50)
+        await link.move(near)
+        assert apart((await link.rest(near)).location, near)[0] < 0.2
+        await link.speed(2)
+        going = asyncio.ensure_future(link.move(here.location))
+        await asyncio.sleep(1.5)
+        asked_s = clock()
+        place = await link.abort()
+        await asyncio.gather(going, return_exceptions=True)
+        stops = [event for event in controller.machine.history.since(0)[1] if isinstance(event, Stop)]
+        assert min(stop.began_s for stop in stops if stop.began_s > asked_s) < asked_s + HEARD_WITHIN_S
+        assert place is not None
+        assert controller.machine.at_rest()
+        assert apart(place.location, here.location)[0] > 5.0
+        await link.close()
+        line.stop()
+
+    in_simulated_time(story)
+
+
+def test_a_pace_that_is_too_quick_is_no_stop_and_is_told() -> None:
+    """The limit bites: the same controller, told at full speed, does not hear the word."""
+    strange = replace(draw(0), baud=9600)
+    strange = replace(strange, manners=replace(strange.manners, lost_within_s=0.02, echo=False))
+
+    async def story() -> None:
+        controller = Controller(Arm(strange.geometry, np.radians(strange.joints_deg)), strange.manners)
+        line = PacedLine(controller, asyncio.get_running_loop(), strange.baud)
+        quick = replace(dialect(strange), character_pause_s=0.0)
+        link = Link("memory", quick, asyncio.get_running_loop().time, open_port=line.open)
+        with pytest.raises(Exception, match=r"no prompt|no answer"):
+            await link.open()
+        line.stop()
+
+    in_simulated_time(story)
