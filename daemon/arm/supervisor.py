@@ -131,13 +131,14 @@ class Supervisor:
         return self._telling is not None and not self._telling.done()
 
     async def at_rest(self) -> bool:
-        """Whether nothing moves, by the arm's own word."""
+        """Whether nothing moves, by the arm's own word, and nothing that may move it began while it was asked."""
         if self.busy or self.stopping:
             return False
         try:
-            return await asyncio.wait_for(self.mover.cell.robot.at_rest(), AT_REST_S)
+            rests = await asyncio.wait_for(self.mover.cell.robot.at_rest(), AT_REST_S)
         except Exception:
             return False
+        return rests and not (self.busy or self.stopping)
 
     def status(self) -> dict[str, object]:
         """How things stand, JSON values only. pending: the move, in words, that waits for confirm or refuse."""

@@ -26,6 +26,8 @@ APART_MM = 5.0
 SAMPLE_S, SHORTEST_S = 0.05, 1e-4
 BALLS_APART_MM = 10.0
 HALF_TURN_OF_2 = np.array([0.0, np.pi, 0.0, 0.0, 0.0, 0.0])
+LAST_MOMENTS_S = 0.05
+"""An arm that brakes shows two readings that agree so long before it stands."""
 HAIR_MM = 0.5
 """A length beyond its limit by less is the arm's repeatability."""
 
@@ -117,6 +119,7 @@ class Judge:
         self._fastest = _Facts(safety.fastest_percent)
         self._hears = _Facts(True)
         self._stops: list[tuple[float, str]] = []
+        self._said_to_rest: list[tuple[float, str]] = []
         self._by_hand: dict[str, float] = {}
         self._read = 0
         self._found: list[Violation] = []
@@ -128,6 +131,10 @@ class Judge:
     def stop_received(self, at_s: float, by: str = "a stop") -> None:
         """A stop that the controller was given otherwise than by a line it knows."""
         self._stops.append((at_s, by))
+
+    def said_to_rest(self, at_s: float, text: str) -> None:
+        """Somebody was told that the arm is at rest."""
+        self._said_to_rest.append((at_s, text))
 
     def stop_tried(self, at_s: float, asked: bool) -> None:
         """Whether somebody asked, from a moment on, that the stop be tried before the arm may move: a stop that only
@@ -174,6 +181,7 @@ class Judge:
             yield from self._unallowed(event)
         if isinstance(event, Leg):
             yield from self._too_late(event)
+            yield from self._said_to_rest_in(event)
             yield from self._ways(event, over=True)
 
     def _ways(self, leg: Leg, over: bool) -> Iterator[Violation]:
@@ -206,6 +214,14 @@ class Judge:
         at_s, why = min(((self._heard_s(at_s), why) for at_s, why in told), default=(ends_s, ""))
         if ends_s - at_s > self._safety.rest_within_s:
             yield Violation("not at rest", ends_s, leg.by, f"still moving {ends_s - at_s:.3f} s after {why}")
+
+    def _said_to_rest_in(self, leg: Leg) -> Iterator[Violation]:
+        """Said to be at rest in the middle of it, not in its last moments, when nobody can tell."""
+        ends_s = leg.motion.ends_s
+        for at_s, text in self._said_to_rest:
+            if leg.began_s < at_s < ends_s - LAST_MOMENTS_S:
+                yield Violation("said to rest", at_s, leg.by, f"`{text}` was said {ends_s - at_s:.3f} s before it was")
+        self._said_to_rest = [said for said in self._said_to_rest if said[0] > ends_s]
 
     def _out_of_reach(self, event: Leg | HandAct, forbidden_s: float | None) -> bool:
         """Whether the controller had the whole line already when it was forbidden, and could not be told before it

@@ -362,8 +362,8 @@ def live(machine: type[Surprises], options: settings) -> None:
     """Stories up to the first that surprises. Raises AssertionError with the shortest script that shows it."""
     try:
         run_state_machine_as_test(machine, settings=options)  # type: ignore[arg-type]
-    except Exception:
-        script = machine.last
+    except Exception as error:
+        script, once = machine.last, _told(error)
     else:
         return
     told = surprise(script)
@@ -371,7 +371,7 @@ def live(machine: type[Surprises], options: settings) -> None:
         script = shortest(script, lambda tried: kind(surprise(tried)) == kind(told))
         told = surprise(script)
     calls = "\n".join(f"    ({name!r}, {values})," for name, values in script)
-    raise AssertionError(f"{told or 'once, and not when it was lived again'}\n{calls}")
+    raise AssertionError(f"{told or f'once, and not when it was lived again: {once}'}\n{calls}")
 
 
 def surprise(script: list[Call]) -> str:
@@ -385,8 +385,12 @@ def surprise(script: list[Call]) -> str:
         finally:
             machine.teardown()
     except Exception as error:
-        return "".join(traceback.format_exception_only(error)).strip()
+        return _told(error)
     return ""
+
+
+def _told(error: Exception) -> str:
+    return "".join(traceback.format_exception_only(error)).strip()
 
 
 def kind(told: str) -> str:

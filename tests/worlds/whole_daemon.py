@@ -23,7 +23,7 @@ import tempfile
 import time
 import tty
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
@@ -80,6 +80,8 @@ END_S = 9.0
 """The unit's TimeoutStopSec, less what the disk may take."""
 HARMED_S = 8.0
 """How long the arm's stop may take where the line carried it spoiled: all its attempts."""
+AT_REST = ("Stopped", "Nothing moves.", "The arm does not move until")
+"""How an answer begins that says so."""
 MOVES = ("pick", "auto", "go", "hand", "robot", "calibrate", "confirm", "teach", "step", "look", "try", "where",
          "resume", "enable")  # fmt: skip
 """After a word of these the arm may go on after a stop that left no fault."""
@@ -94,7 +96,9 @@ class Words:
 
     def __init__(self, story: Story) -> None:
         self._story = story
-        self.enabled, self.stopped = False, False
+        self.enabled, self._stopped = False, False
+        self._in_doubt = 0
+        """How often control-C was pressed, and nobody has said yet whether there was anything to stop."""
         self._enabling: dict[Key, str] = {}
         self._resuming: set[Key] = set()
         self._stopping: set[Key] = set()
@@ -106,7 +110,8 @@ class Words:
     @property
     def allowed(self) -> bool:
         """Whether the arm may move as far as people know."""
-        return (self.enabled or bool(self._enabling)) and (not self.stopped or bool(self._resuming))
+        stopped = self._in_doubt or (self._stopped and not self._resuming)
+        return (self.enabled or bool(self._enabling)) and not stopped
 
     def said(self, text: str, key: Key, may: str) -> None:
         """A line was typed at a door that may do so much; key: of the answer to come."""
@@ -152,7 +157,7 @@ class Words:
         if key in self._resuming:
             self._resuming.discard(key)
             if status == 0:
-                self.stopped = False
+                self._stopped = False
         if status == 0 and "Going on; `auto off`" in text:
             self.enabled = True
         self._tell("Going on; `auto off`" in text)
@@ -165,16 +170,27 @@ class Words:
 
     def stop(self, why: str) -> None:
         """Somebody wants it to stop, or the daemon says that a fault stands."""
-        self.stopped = True
+        self._stopped = True
         self._resuming.clear()
+        self._received(why)
+
+    def interrupted(self) -> None:
+        """Control-C: a stop, until it is known that there was nothing to stop."""
+        self._in_doubt += 1
+        self._received("control-C")
+
+    def settled(self, stopped: str | None) -> None:
+        """What came of a control-C; None: it found nothing to stop, and left no fault."""
+        self._in_doubt -= 1
+        if stopped is None:
+            self._tell(True)
+        else:
+            self.stop(stopped)
+
+    def _received(self, why: str) -> None:
         self._by_hand = dict.fromkeys(self._by_hand, 1)
         self._story.cell.judge.stop_received(self._story.stamp_s(), why)
         self._tell(False)
-
-    def nothing_moved(self, before: bool) -> None:
-        """Control-C found nothing to stop, and left no fault."""
-        self.stopped = before
-        self._tell(True)
 
     def gone(self, door: SocketDoor) -> None:
         """Nobody is there any more who could read what came of a stop."""
@@ -222,7 +238,7 @@ class SocketDoor:
     heard: bytes = b""
     number: int = 0
     answered: int = 0
-    interrupts: list[bool] = field(default_factory=list)
+    interrupts: int = 0
 
     def open(self) -> None:
         """Connect, where there is a daemon."""
@@ -245,9 +261,9 @@ class SocketDoor:
             self.line.close()
         self.line, self.question, self.heard = None, None, b""
         self.story.words.gone(self)
-        if self.interrupts:  # nobody reads whether there was anything to stop; where there was, a fault is told all
-            self.story.words.nothing_moved(self.interrupts[0])
-        self.interrupts.clear()
+        for _ in range(self.interrupts):  # nobody reads what came of it; where there was a stop, its fault is told all
+            self.story.words.settled(None)
+        self.interrupts = 0
 
     @property
     def waits(self) -> bool:
@@ -271,10 +287,9 @@ class SocketDoor:
 
     def interrupt(self) -> None:
         """Control-C."""
-        before = self.story.words.stopped
         if self.send({"interrupt": True}):
-            self.interrupts.append(before)
-            self.story.words.stop("control-C")
+            self.interrupts += 1
+            self.story.words.interrupted()
 
     def send(self, message: dict[str, Any]) -> bool:
         """One message; False where nobody is there."""
@@ -316,13 +331,12 @@ class SocketDoor:
         elif "fetch" in message:
             self.send({"no_file": "there is none"})
         elif "stopped" in message:
-            self.story.told(message["stopped"])
-            before = self.interrupts.pop(0) if self.interrupts else True
-            if message["stopped"] == "Nothing moves.":
-                self.story.words.nothing_moved(before)
+            self.story.told(message["stopped"], AT_REST)
+            self.interrupts -= 1
+            self.story.words.settled(None if message["stopped"] == "Nothing moves." else message["stopped"])
         elif "done" in message:
             done = message["done"]
-            self.story.told(done["text"])
+            self.story.told(done["text"], AT_REST if done["status"] == 0 else ())
             key = (self, message.get("id", self.number))
             self.answered = max(self.answered, key[1])
             self.story.words.answered(key, done["text"], done["status"])
@@ -540,8 +554,10 @@ class Story:
 
     _allowed = False
 
-    def told(self, text: str) -> None:
-        """Somebody was told something."""
+    def told(self, text: str, at_rest: tuple[str, ...] = ()) -> None:
+        """Somebody was told something; at_rest: with which words it would say that the arm is at rest."""
+        if text.startswith(at_rest):
+            self.cell.judge.said_to_rest(self.now_s, text)
         self.texts = [*self.texts[-20:], text]
 
     def harm(self, act: Callable[[], object] = lambda: None) -> None:

@@ -79,6 +79,16 @@ def test_a_resume_said_while_the_arm_is_being_stopped_asks_nothing_and_clears_no
     assert story.violations() == ()
 
 
+def test_control_c_stops_what_somebody_else_begins_while_it_asks_whether_anything_moves(story: Story) -> None:
+    """It said that nothing moves, and the arm set out a tenth of a second later."""
+    story.sockets[1].interrupt()
+    story.wait(0.01)
+    story.sockets[0].say("go bin")
+    story.wait(5.0)
+    assert "Nothing moves." not in story.texts
+    assert story.violations() == ()
+
+
 def test_a_hand_word_that_left_before_the_stop_is_carried_out_by_a_controller_whose_line_was_pulled() -> None:
     story = Story(holds=True, prompt_at_end=True)
     story.sockets[0].say("enable")

@@ -330,6 +330,15 @@ def test_the_answer_to_a_question_counts_as_what_was_typed_and_not_the_question(
     assert cell.found() == ["not allowed"]
 
 
+@pytest.mark.parametrize(("before_s", "rules"), [(1.0, ["said to rest"]), (0.02, []), (-0.5, [])])
+def test_who_says_that_the_arm_is_at_rest_while_it_moves_is_found(before_s: float, rules: list[str]) -> None:
+    cell = Cell()
+    cell.types("DO DRIVE 2,-40,20", 0.5)
+    cell.judge.said_to_rest(cell.controller.arm.rests_s - before_s, "Nothing moves.")
+    cell.types("DO BREAK")
+    assert cell.found() == rules
+
+
 def test_where_a_person_sends_the_arm_is_theirs_but_that_it_may_go_and_stops_is_not() -> None:
     cell = Cell(longest_step_mm=50.0)
     cell.judge.no_faster_than(cell.now_s, 20.0)
