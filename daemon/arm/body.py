@@ -24,8 +24,6 @@ Link = Literal["upper_arm", "forearm", "wrist", "tool"]
 LINK_FRAME: dict[Link, int] = {"upper_arm": 2, "forearm": 3, "wrist": 6, "tool": 7}
 """Which of the Robot's frames a link goes with (daemon/arm/workcell.py). The wrist's is the flange's, its origin the
 wrist centre, so that wrist and tool move as one."""
-NARROWINGS, PLACES = 5, 9
-"""How often, and by how many places, the nearest of a capsule's axis is looked for: to a two thousandth of it."""
 
 
 @dataclass(frozen=True)
@@ -163,8 +161,8 @@ def within_mm(points: Array, low_mm: Point, high_mm: Point) -> Array:
 
 
 def away_mm(ends: Array, radius_mm: Array, boxes: Sequence[KeepOut], near_mm: float) -> Array:
-    """(N, B, C): how far each capsule (N, C, 2, 3) is from each box, never more than it truly is; exact to a two
-    thousandth of a capsule's length where that is under near_mm. Negative: how deep inside, to the nearest side."""
+    """(N, B, C): how far each capsule (N, C, 2, 3) is from each box, never more than it truly is; exact where
+    that is under near_mm. Negative: how deep inside, to the nearest side."""
     low, high = np.array([box.low_mm for box in boxes], float), np.array([box.high_mm for box in boxes], float)
     start, end = ends[:, :, 0], ends[:, :, 1]
     way = end - start
@@ -176,26 +174,43 @@ def away_mm(ends: Array, radius_mm: Array, boxes: Sequence[KeepOut], near_mm: fl
     gaps = np.minimum(middle, (np.minimum(first, last) + middle - half_mm[:, None]) / 2)
     place, box, capsule = np.nonzero((gaps - radius_mm < near_mm) & (half_mm > 0.0)[:, None])
     if len(place):
-        axes, halves = ends[place, capsule], half_mm[place, capsule]
-        gaps[place, box, capsule] = _axis_away(axes, halves, low[box], high[box])
+        gaps[place, box, capsule] = _axis_away(start[place, capsule], way[place, capsule], low[box], high[box])
     distances: Array = gaps - radius_mm
     return distances
 
 
-def _axis_away(ends: Array, half_mm: Array, low: Array, high: Array) -> Array:
-    """(M,) of (M, 2, 3) axes and each one's box. The distance to a box is convex along a line: nine places, narrowed
-    about the least.
+def _axis_away(start: Array, way: Array, low: Array, high: Array) -> Array:
+    """(M,) of M axes, (M, 3) where they start and their ways, to each one's box.
 
-    What is left between the last places is taken off, so that the answer is never too large.
+    The squared distance to a box is convex along a line, and its slope a line from knot to knot, where the axis passes
+    the planes of the sides: it is least where the slope passes zero.
     """
-    start, way = ends[:, 0], ends[:, 1] - ends[:, 0]
-    middle, reach = np.full(len(ends), 0.5), 0.5
-    for _ in range(NARROWINGS):
-        shares = np.clip(middle[:, None] + reach * np.linspace(-1.0, 1.0, PLACES), 0.0, 1.0)
-        distances = _signed(start[:, None] + shares[..., None] * way[:, None], low[:, None], high[:, None])
-        best = distances.argmin(axis=1)
-        middle, reach = shares[np.arange(len(ends)), best], 2 * reach / (PLACES - 1)
-    return np.asarray(distances.min(axis=1) - half_mm * 2 * reach)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        planes = np.nan_to_num(np.concatenate([low - start, high - start], axis=1) / np.tile(way, 2))
+    knots = np.clip(np.column_stack([planes, np.zeros(len(way)), np.ones(len(way))]), 0.0, 1.0)
+    points = start[:, None] + knots[..., None] * way[:, None]
+    beyond = np.maximum(points - high[:, None], 0.0) - np.maximum(low[:, None] - points, 0.0)
+    slopes = np.einsum("mki,mi->mk", beyond, way)
+    falls, each = slopes <= 0.0, np.arange(len(way))
+    last, first = np.where(falls, knots, -1.0).argmax(axis=1), np.where(falls, 2.0, knots).argmin(axis=1)
+    fall, rise = slopes[each, last], slopes[each, first]
+    share = np.where(rise > 0.0, np.where(fall > 0.0, 1.0, fall / np.where(rise > fall, fall - rise, -1.0)), 0.0)
+    least = knots[each, last] + share * (knots[each, first] - knots[each, last])
+    distances = _signed(start + least[:, None] * way, low, high)
+    through = distances <= 0.0
+    distances[through] = _deepest(start[through], way[through], low[through], high[through])
+    return distances
+
+
+def _deepest(start: Array, way: Array, low: Array, high: Array) -> Array:
+    """(M,) of axes that pass through their boxes: how deep, negative; at an end, or where two sides are as near."""
+    at_start, rates = np.concatenate([low - start, start - high], axis=1), np.concatenate([-way, way], axis=1)
+    a, b = np.triu_indices(6, 1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        as_near = np.nan_to_num((at_start[:, a] - at_start[:, b]) / (rates[:, b] - rates[:, a]))
+    shares = np.clip(np.column_stack([as_near, np.zeros(len(way)), np.ones(len(way))]), 0.0, 1.0)
+    beyond = at_start[:, None] + shares[..., None] * rates[:, None]
+    return np.asarray(beyond.max(axis=2).min(axis=1))
 
 
 def _signed(points: Array, low: Array, high: Array) -> Array:

@@ -26,32 +26,31 @@ from daemon.arrays import Array
 
 SLACK_MM = 0.5
 """How far between places a gap may be below its limit; half the clearance where that is less."""
-FIRST_JOINTS_MM, FIRST_STRAIGHT_MM = 25.0, 6.0
-"""How far the hand goes, at most, in a stretch to begin with."""
+FIRST_MM, FOLLOWED_MM = 25.0, 6.0
+"""How far anything goes, at most, in a stretch to begin with; how far the hand between two places where it is asked
+whether the arm can follow it on a line, so that a wrist that comes near to straight on the way is seen."""
 NEAR_MM = 30.0
 """What comes nearer than this to its limit in a keep-out box is measured exactly."""
 FINEST_MM = 0.2
 """A stretch this short that is not proven clear is not clear."""
-MOST_AT_FIRST, MOST_PARTS, MOST_PLACES = 120, 6, 500
+MOST_AT_FIRST, MOST_PARTS, MOST_PLACES = 120, 12, 500
 """Stretches to begin with; parts of one at a time; places after which it is given up: what asking costs is bounded, and
 a way so tight, or so near to where joints turn fast for little, is better gone otherwise."""
+MOST_FALL = 0.75
+"""A stretch of a line where the least lever arm, squared, may fall by a greater share is looked at more closely."""
 TCP, FLANGE, WRIST_JOINTS, SIDES = -1, 6, 3, 6
 
 
 class Way(Protocol):
     """One move from its start (share 0) to its end (share 1)."""
 
-    def stretches(self) -> int:
-        """In how many stretches it is looked at to begin with."""
+    def first(self) -> Array:
+        """(N,) the rising shares at which it is looked at to begin with."""
 
-    def links(self, shares: Array, new: NDArray[np.bool_]) -> Array:
-        """(M, 8, 4, 4): the Robot's frames at the M new ones of rising (N,) shares; nan where the arm does not get
-        there."""
+    def links(self, shares: Array) -> Array:
+        """(N, 8, 4, 4): the Robot's frames at (N,) shares; nan where the arm does not get there."""
 
-    def levers_mm(self, links: Array) -> Array:
-        """(M,): what `travel_mm` asks of each place."""
-
-    def travel_mm(self, shares: Array, levers_mm: Array) -> Array:
+    def travel_mm(self, shares: Array) -> Array:
         """(N - 1, C): no point of a capsule moves farther than this between two neighbouring shares."""
 
 
@@ -64,69 +63,66 @@ class JointWay:
     change_rad: Array
     speed_mm: Array
 
-    def stretches(self) -> int:
+    def first(self) -> Array:
         """See Way."""
-        return _stretches(float(self.speed_mm.max()), FIRST_JOINTS_MM)
+        return np.linspace(0.0, 1.0, _stretches(float(self.speed_mm.max()), FIRST_MM) + 1)
 
-    def links(self, shares: Array, new: NDArray[np.bool_]) -> Array:
+    def links(self, shares: Array) -> Array:
         """See Way."""
-        return self.robot.frames(self.start_rad + shares[new, None] * self.change_rad)
+        return self.robot.frames(self.start_rad + shares[:, None] * self.change_rad)
 
-    def levers_mm(self, links: Array) -> Array:
-        """See Way. Nothing: all joints turn evenly."""
-        return np.zeros(len(links))
-
-    def travel_mm(self, shares: Array, levers_mm: Array) -> Array:
+    def travel_mm(self, shares: Array) -> Array:
         """See Way."""
         return np.diff(shares)[:, None] * self.speed_mm
 
 
 @dataclass(frozen=True, eq=False)
 class StraightWay:
-    """The tool goes on a line and turns evenly; the joints follow. speed_mm (C,) for what moves as the tool does;
-    arm (C,): what does not; reaches_mm (3, C): how far its points can be from joints 1 to 3; wrist_mm: the wrist
-    centre's way; bend_mm: how fast, per radian of joints 2 and 3, the wrist's lever arms can change."""
+    """The tool goes on a line and turns evenly; the joints follow. shares (G,): where they were asked for to begin
+    with; places (G, 8, 4, 4): the Robot's frames there; gone_mm (G, C): no point of a capsule goes farther up to there,
+    and between two of them none goes faster than evenly."""
 
     robot: Robot
     start: Reading
     motion: Array
-    speed_mm: Array
-    arm: NDArray[np.bool_]
-    reaches_mm: Array
-    wrist_mm: float
-    bend_mm: float
+    shares: Array
+    places: Array
+    gone_mm: Array
 
-    def stretches(self) -> int:
-        """See Way. Shorter ones, so that a wrist that comes near to straight on the way is seen."""
-        return _stretches(float(self.speed_mm[~self.arm].max()), FIRST_STRAIGHT_MM)
+    def first(self) -> Array:
+        """See Way."""
+        return self.shares
 
-    def links(self, shares: Array, new: NDArray[np.bool_]) -> Array:
+    def links(self, shares: Array) -> Array:
         """See Way. The joints of all places: each follows the one before."""
-        poses = np.tile(np.eye(4), (len(shares), 1, 1))
-        poses[:, :3, :3] = _turns(self.motion[3:], shares) @ self.start.world_from_tool[:3, :3]
-        poses[:, :3, 3] = self.start.world_from_tool[:3, 3] + shares[:, None] * self.motion[:3]
-        joints = self.robot.along(poses, self.start.joints_rad)
-        joints[shares == 0.0] = self.start.joints_rad
-        return self.robot.frames(joints[new])
+        known = np.searchsorted(self.shares, shares)
+        if (self.shares[known] == shares).all():
+            return self.places[known]
+        every = np.union1d(self.shares, shares)
+        return _following(self.robot, self.start, self.motion, every)[np.searchsorted(every, shares)]
 
-    def levers_mm(self, links: Array) -> Array:
-        """See Way. The least lever arm of joints 1 to 3: the least singular value of the wrist's Jacobian."""
-        axes, origins, wrist = links[:, :3, :3, 2], links[:, :3, :3, 3], links[:, None, FLANGE, :3, 3]
-        return np.asarray(np.linalg.svd(np.cross(axes, wrist - origins), compute_uv=False)[:, -1], float)
+    def travel_mm(self, shares: Array) -> Array:
+        """See Way."""
+        before = np.minimum(np.searchsorted(self.shares, shares, side="right") - 1, len(self.shares) - 2)
+        part = (shares - self.shares[before]) / np.diff(self.shares)[before]
+        gone = self.gone_mm[before] + part[:, None] * (self.gone_mm[before + 1] - self.gone_mm[before])
+        return np.asarray(np.diff(gone, axis=0))
 
-    def travel_mm(self, shares: Array, levers_mm: Array) -> Array:
-        """See Way. The hand: its own line and turn. The arm: how fast joints 1 to 3 turn for the wrist centre's way.
 
-        Their least lever arm s at a place falls by at most bend_mm for each radian turned (joint 1 turns all of the
-        Jacobian, and changes none), so that after a way w from there the joints have turned by no more than the u with
-        s u - bend u^2 / 2 = w.
-        """
-        stretch = np.diff(shares)
-        travel = stretch[:, None] * self.speed_mm
-        half_mm = stretch * self.wrist_mm / 2
-        turned = _turned(levers_mm[:-1], half_mm, self.bend_mm) + _turned(levers_mm[1:], half_mm, self.bend_mm)
-        travel[:, self.arm] = turned[:, None] * np.linalg.norm(self.reaches_mm[:, self.arm], axis=0)
-        return travel
+def _following(robot: Robot, start: Reading, motion: Array, shares: Array) -> Array:
+    """(N, 8, 4, 4): frames of the joints that follow a line (6,) from the start, at rising (N,) shares from 0."""
+    poses = np.tile(np.eye(4), (len(shares), 1, 1))
+    poses[:, :3, :3] = _turns(motion[3:], shares) @ start.world_from_tool[:3, :3]
+    poses[:, :3, 3] = start.world_from_tool[:3, 3] + shares[:, None] * motion[:3]
+    joints = robot.along(poses, start.joints_rad)
+    joints[shares == 0.0] = start.joints_rad
+    return robot.frames(joints)
+
+
+def _jacobians_mm(links: Array) -> Array:
+    """(N, 3, 3): how the wrist centre moves for joints 1 to 3, a row each."""
+    axes, origins, wrist = links[:, :3, :3, 2], links[:, :3, :3, 3], links[:, None, FLANGE, :3, 3]
+    return np.cross(axes, wrist - origins)
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,12 +155,6 @@ def _stretches(longest_mm: float, each_mm: float) -> int:
     return int(np.clip(np.ceil(longest_mm / each_mm), 2, MOST_AT_FIRST))
 
 
-def _turned(least_mm: Array, way_mm: Array, bend_mm: float) -> Array:
-    """(N,) rad; inf where nothing is proven. See StraightWay.travel_mm."""
-    room = least_mm**2 - 2 * bend_mm * way_mm
-    return np.where(room > 0, (least_mm - np.sqrt(np.maximum(room, 0.0))) / bend_mm, np.inf)
-
-
 def _turns(vector: Array, shares: Array) -> Array:
     """(N, 3, 3): rotations by shares of an axis times angle (3,)."""
     angle = float(np.linalg.norm(vector))
@@ -177,48 +167,82 @@ def _turns(vector: Array, shares: Array) -> Array:
 def reaches_mm(links: Array, body: Body) -> Array:
     """(6, C): no point of a capsule is ever farther than this from the axis of a joint, 0 where that does not move it.
 
-    From frames (8, 4, 4) of any moment: what lies between an axis and a point is one rigid length after the other.
+    From frames (8, 4, 4) of any moment.
     """
-    origins = links[:7, :3, 3]
-    legs = np.diff(origins, axis=0)
-    lengths = np.linalg.norm(legs, axis=1)
-    across = np.linalg.norm(np.cross(links[:6, :3, 2], legs), axis=1)
     ends = body.placed(links[None])[0]
     last = np.minimum(body.frame, FLANGE)
-    tips = np.linalg.norm(ends - origins[last][:, None], axis=-1).max(axis=1) + body.radius_mm
-    joints = np.arange(6)[:, None]
-    whole = np.concatenate([[0.0], np.cumsum(lengths)])
-    reach = across[:, None] + whole[last] - whole[1:, None] + tips
-    return np.where(joints < last, reach, 0.0)
+    tips = np.linalg.norm(ends - links[last, None, :3, 3], axis=-1).max(axis=1) + body.radius_mm
+    return np.where(np.arange(6)[:, None] < last, _origins_off_mm(links)[:, last] + tips, 0.0)
+
+
+def _origins_off_mm(links: Array) -> Array:
+    """(6, 7): no farther is the origin of a frame ever from the axis of a joint that moves it: what lies between is one
+    rigid length after the other."""
+    legs = np.diff(links[:7, :3, 3], axis=0)
+    across = np.linalg.norm(np.cross(links[:6, :3, 2], legs), axis=1)
+    whole = np.concatenate([[0.0], np.cumsum(np.linalg.norm(legs, axis=1))])
+    return np.asarray(across[:, None] + whole - whole[1:, None])
 
 
 def way_of(
     start: Reading, command: Command, joints_rad: Array | None, robot: Robot, body: Body
-) -> JointWay | StraightWay | None:
-    """The way of a command; joints_rad (6,): where a joint-interpolated one ends. None where that is not known."""
+) -> JointWay | StraightWay | Strike:
+    """The way of a command; joints_rad (6,): where a joint-interpolated one ends. A Strike where there is none."""
     links = robot.frames(start.joints_rad[None])[0]
     reaches = reaches_mm(links, body)
     if not command.straight:
         if joints_rad is None:
-            return None
+            return Strike("no_way", "the arm, as it is configured, does not get there")
         change = joints_rad - start.joints_rad
         return JointWay(robot, start.joints_rad, change, np.abs(change) @ reaches)
+    return _straight_way(start, command, robot, body, links, reaches)
+
+
+def _straight_way(
+    start: Reading, command: Command, robot: Robot, body: Body, links: Array, reaches: Array
+) -> StraightWay | Strike:
+    """The hand goes its own line and turns evenly. How fast joints 1 to 3 turn for that, between two places:
+
+    s, the least singular value of the wrist centre's Jacobian J, falls by at most bend_mm for each radian turned (joint
+    1 turns all of J, and changes none), and they turn by no more than w / s on a way w: s^2 falls by no more than
+    2 bend w. It is least where the falls from both places meet. That bounds q' = v / J by v / s, and how much it can be
+    more than at the nearer place: |q''| <= (|v'| + |J'| |q'|) / s.
+    """
     motion = frames.difference(command.world_from_tool, start.world_from_tool)
     ends = body.placed(links[None])[0] - links[7, :3, 3]
     tips = np.linalg.norm(ends, axis=-1).max(axis=1) + body.radius_mm
     far, turn = float(np.linalg.norm(motion[:3])), float(np.linalg.norm(motion[3:]))
-    wrist_mm = far + turn * float(np.linalg.norm(links[FLANGE, :3, 3] - links[7, :3, 3]))
     arm = body.frame <= WRIST_JOINTS
-    levers = _wrist_reaches_mm(links)
+    speed_mm, arm_mm = np.where(arm, 0.0, far + turn * tips), np.where(arm, reaches[:3], 0.0)
+    hand_mm = float(np.linalg.norm(links[FLANGE, :3, 3] - links[7, :3, 3]))
     # d J[i] / d q[j] is as long as the lever arm of the later of the two joints.
-    bend = float(np.sqrt(sum(levers[max(i, j)] ** 2 for j in (1, 2) for i in range(3))))
-    return StraightWay(robot, start, motion, far + turn * tips, arm, reaches[:3], wrist_mm, bend)
-
-
-def _wrist_reaches_mm(links: Array) -> Array:
-    """(3,): no farther is the wrist centre ever from the axes of joints 1 to 3."""
-    wrist = Body(("wrist",), np.array([FLANGE]), np.zeros((1, 2, 3)), np.zeros(1))
-    return reaches_mm(links, wrist)[:3, 0]
+    first, second, third = _origins_off_mm(links)[:3, FLANGE] ** 2
+    bend_mm, whole_bend_mm = float(np.sqrt(2 * second + 4 * third)), float(np.sqrt(first + 3 * second + 5 * third))
+    shares = np.linspace(0.0, 1.0, _stretches(float(speed_mm.max()), FOLLOWED_MM) + 1)
+    for closer in (False, True):
+        places = _following(robot, start, motion, shares)
+        if (lost := _lost(shares, places)) is not None:
+            return lost
+        stretch, jacobians = np.diff(shares), _jacobians_mm(places)
+        squared = np.linalg.eigvalsh(jacobians @ jacobians.swapaxes(1, 2))[:, 0]
+        way_mm, middle = (far + turn * hand_mm) * stretch, (squared[:-1] + squared[1:]) / 2
+        falls = bend_mm * way_mm / np.maximum(middle, 1e-9)
+        if closer or falls.max() < MOST_FALL:
+            break
+        parts = np.where(falls < MOST_FALL, 1.0, np.ceil(np.minimum(2.0 * falls, MOST_PARTS)))
+        shares, _ = _parted(shares, parts.astype(int))
+    least = middle - bend_mm * way_mm
+    if arm.any() and least.min() <= 0.0:
+        return _no_way(shares[least.argmin()], "the arm is stretched out too far to know its elbow's way")
+    lever_mm = np.sqrt(np.maximum(least, 1e-9))
+    fastest = way_mm / lever_mm
+    faster = ((turn * stretch) ** 2 * hand_mm + whole_bend_mm * fastest**2) / lever_mm / 2
+    speeds = motion[:3] + np.cross(motion[3:], places[:, FLANGE, :3, 3] - places[:, 7, :3, 3])
+    rates = np.abs(np.linalg.solve(jacobians.swapaxes(1, 2), speeds[..., None])[..., 0])
+    turned = np.maximum(rates[:-1], rates[1:]) * stretch[:, None] + faster[:, None]
+    turned = np.minimum(turned, fastest[:, None])
+    gone = np.concatenate([np.zeros((1, len(arm))), np.cumsum(turned @ arm_mm + stretch[:, None] * speed_mm, axis=0)])
+    return StraightWay(robot, start, motion, shares, places, gone)
 
 
 @dataclass(frozen=True, eq=False)
@@ -252,50 +276,58 @@ def gaps_of(links: Array, body: Body, limits: Limits) -> Gaps:
 def strikes(way: Way, body: Body, limits: Limits) -> tuple[Strike, ...]:
     """What the way would break, the worst place seen of each rule; none where it is proven clear."""
     slack = min(SLACK_MM, limits.clearance_mm / 2)
-    shares = np.linspace(0.0, 1.0, way.stretches() + 1)
-    new, levers = np.ones(len(shares), bool), np.empty((0, 1))
-    tight = Tight(np.arange(len(body.names)), np.arange(len(limits.keep_out)))
+    shares = way.first()
+    new = np.ones(len(shares), bool)
+    links = way.links(shares)
+    tight = _not_far(body.placed(links), way.travel_mm(shares), body, limits)
     values = np.empty((0, len(tight.columns(body))))
     while True:
-        links = way.links(shares, new)
-        reached = np.isfinite(links).all(axis=(1, 2, 3))
-        if not reached.all():
-            place = 100 * shares[new][~reached].min()
-            return _no_way(f"after {place:.0f} % of the line the arm, as it is configured, cannot follow")
         gaps = tight.gaps_of(links, body, limits)
-        values, levers = _merged(values, gaps.values_mm, new), _merged(levers, way.levers_mm(links)[:, None], new)
+        values = _merged(values, gaps.values_mm, new)
         allowed = np.minimum(np.maximum.accumulate(values, axis=0)[:-1], 0.0)
         if (values[1:] < allowed - slack).any():
             how = [f"on the way ({100 * share:.0f} %)" for share in shares[1:]]
-            ends = body.placed(way.links(shares, np.ones(len(shares), bool)))
-            return _told(gaps, allowed - values[1:], ends[1:], how, slack)
-        travel = way.travel_mm(shares, levers[:, 0])[:, gaps.capsule]
+            return _told(gaps, allowed - values[1:], body.placed(way.links(shares[1:])), how, slack)
+        travel = way.travel_mm(shares)[:, gaps.capsule]
         each = travel / np.maximum(values[:-1] + values[1:] - 2 * (allowed - slack), 1e-9)
         need = each.max(axis=1)
         unproven = need > 1.0
         if not unproven.any():
             return ()
         parts = np.where(unproven, np.ceil(np.clip(need, 2.0, MOST_PARTS)), 1).astype(int)
-        finest = (np.where(np.isfinite(travel), travel, 0.0).max(axis=1) < FINEST_MM) & unproven
-        if finest.any() or parts.sum() > MOST_PLACES:
-            return _unproven(shares, unproven, need)
+        if ((travel.max(axis=1) < FINEST_MM) & unproven).any() or parts.sum() > MOST_PLACES:
+            return (_no_way(shares[need.argmax()], "it passes too closely"),)
         shares, new = _parted(shares, parts)
+        links = way.links(shares[new])
+        if (lost := _lost(shares[new], links)) is not None:
+            return (lost,)
         # What was proven all the way is not asked again; what was inside its limit is, as long as anything is.
         open_ones = np.asarray((each > 1.0).any(axis=0) | (values < 0.0).any(axis=0))
         before, tight = tight.columns(body), tight.where(open_ones, gaps.capsule, len(body.names))
         values = values[:, np.isin(before, tight.columns(body))]
 
 
-def _no_way(text: str) -> tuple[Strike, ...]:
-    return (Strike("no_way", text),)
+def _not_far(ends: Array, travel: Array, body: Body, limits: Limits) -> Tight:
+    """What could touch anything: by boxes that hold each capsule all the way. ends (N, C, 2, 3), travel (N - 1, C)."""
+    margin = (body.radius_mm + limits.clearance_mm + travel.max(axis=0) / 2)[:, None]
+    each = ends.reshape(len(ends), -1)
+    low = each.min(axis=0).reshape(ends.shape[1:]).min(axis=1) - margin
+    high = each.max(axis=0).reshape(ends.shape[1:]).max(axis=1) + margin
+    boxes = np.array([(box.low_mm, box.high_mm) for box in limits.keep_out], float).reshape(-1, 2, 1, 3)
+    meets = ((low < boxes[:, 1]) & (high > boxes[:, 0])).all(axis=2)
+    near = meets.any(axis=0) | (low[:, 2] < limits.table_z_mm)
+    near[TCP] = True
+    return Tight(np.flatnonzero(near), np.flatnonzero(meets.any(axis=1)))
 
 
-def _unproven(shares: Array, unproven: NDArray[np.bool_], need: Array) -> tuple[Strike, ...]:
-    place = shares[int(np.flatnonzero(unproven)[need[unproven].argmax()])]
-    why = (
-        "the arm is stretched out too far to know its elbow's way" if np.isinf(need).any() else "it passes too closely"
-    )
-    return _no_way(f"after {100 * place:.0f} % of the way {why}")
+def _no_way(share: float, why: str) -> Strike:
+    return Strike("no_way", f"after {100 * share:.0f} % of the way {why}")
+
+
+def _lost(shares: Array, links: Array) -> Strike | None:
+    """Where the arm does not get to, first; None where it gets to all (N,) shares, its frames there (N, 8, 4, 4)."""
+    reached = np.isfinite(links).all(axis=(1, 2, 3))
+    return None if reached.all() else _no_way(shares[~reached].min(), "the arm, as it is configured, cannot follow")
 
 
 def _parted(shares: Array, parts: NDArray[np.intp]) -> tuple[Array, NDArray[np.bool_]]:
@@ -350,5 +382,5 @@ def way_clear(
     joints = None if command.straight else robot.reachable(command.world_from_tool, start.joints_rad)
     body = body_of(limits.capsules, limits.body_mm)
     way = way_of(start, command, joints, robot, body)
-    met = _no_way("the arm, as it is configured, does not get there") if way is None else strikes(way, body, limits)
+    met = (way,) if isinstance(way, Strike) else strikes(way, body, limits)
     return refuse(command, replace(standing, strikes=met), limits) if met else None

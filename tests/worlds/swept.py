@@ -8,13 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
 from daemon import frames
-from daemon.arm.body import KeepOut
+from daemon.arm.body import Capsule, KeepOut, Point
 from daemon.arm.guard import ArmState, Command, Limits, refuse
 from daemon.arm.workcell import Reading
 from daemon.arrays import Array
@@ -174,41 +175,49 @@ def _links(travel: Travel, shares: Array) -> Array | None:
     return puma560.link_frames(joints, ARM) if np.isfinite(joints).all() else None
 
 
-def _balls(limits: Limits) -> tuple[list[tuple[str, int, Array, float]], Array]:
+@lru_cache(maxsize=4)
+def _balls(
+    capsules: tuple[Capsule, ...], points_mm: tuple[Point, ...]
+) -> tuple[list[tuple[str, int, Array, float]], Array]:
     """Each capsule as a row of balls: name, frame, middles (M, 3), radius; and the tool's points."""
     rows = []
-    for capsule in limits.capsules:
+    for capsule in capsules:
         a, b = np.array(capsule.from_mm), np.array(capsule.to_mm)
         count = int(np.ceil(np.linalg.norm(b - a) / BALLS_MM)) + 1
         rows.append((capsule.name, FRAME_OF[capsule.link], np.linspace(a, b, count), capsule.radius_mm))
-    return rows, np.array((*limits.body_mm, (0.0, 0.0, 0.0)))
+    return rows, np.array((*points_mm, (0.0, 0.0, 0.0)))
 
 
 def _moved_mm(links: Array, limits: Limits) -> Array:
     """(N - 1,): how far any ball's middle went from place to place, radius included by the turn of its row's ends."""
-    rows, points = _balls(limits)
+    rows, points = _balls(limits.capsules, limits.body_mm)
     every = [("tool", 7, points, 0.0), *rows]
     steps = [np.linalg.norm(np.diff(_at(links, f, m[[0, -1]] if r else m), axis=0), axis=2) for _, f, m, r in every]
     return np.asarray(np.concatenate(steps, axis=1).max(axis=1))
 
 
 def _at(links: Array, frame: int, middles: Array) -> Array:
-    """(N, M, 3) world."""
-    return np.asarray(middles @ links[:, frame, :3, :3].swapaxes(1, 2) + links[:, frame, None, :3, 3])
+    """(N, M, 3) world, each coordinate of all of them together in memory."""
+    at = np.empty((3, len(links), len(middles)))
+    for axis in range(3):
+        at[axis] = links[:, frame, axis, :3] @ middles.T + links[:, frame, axis, 3, None]
+    return at.transpose(1, 2, 0)
 
 
 def _gaps(links: Array, limits: Limits) -> tuple[Array, Array, Sequence[str]]:
     """(N, things) gaps to table and keep-outs, (N,) least gap of the tool centre point to its box, names of things."""
-    rows, points = _balls(limits)
+    rows, points = _balls(limits.capsules, limits.body_mm)
     columns, names = [], []
     for name, frame, middles, radius in [("tool", 7, points, 0.0), *rows]:
-        at = _at(links, frame, middles)
-        columns.append(at[..., 2].min(axis=1) - limits.table_z_mm - radius)
+        at = _at(links, frame, middles).transpose(2, 0, 1)
+        columns.append(at[2].min(axis=1) - limits.table_z_mm - radius)
         names.append(f"{name}: table")
         for box in limits.keep_out:
-            beyond = np.maximum(np.array(box.low_mm) - at, at - np.array(box.high_mm))
-            outside = np.sqrt((np.maximum(beyond, 0.0) ** 2).sum(axis=2)) + np.minimum(beyond.max(axis=2), 0.0)
-            columns.append(outside.min(axis=1) - radius)
+            sides = zip(at, box.low_mm, box.high_mm, strict=True)
+            x, y, z = (np.maximum(low - along, along - high) for along, low, high in sides)
+            outside = np.sqrt(np.maximum(x, 0.0) ** 2 + np.maximum(y, 0.0) ** 2 + np.maximum(z, 0.0) ** 2)
+            inside = np.minimum(np.maximum(np.maximum(x, y), z), 0.0)
+            columns.append((outside + inside).min(axis=1) - radius)
             names.append(f"{name}: {box.name}")
     tcp = links[:, 7, :3, 3]
     box_gap = np.minimum(tcp - np.array(limits.box_low_mm), np.array(limits.box_high_mm) - tcp).min(axis=1)

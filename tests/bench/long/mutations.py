@@ -1,12 +1,13 @@
 """Small wrongs put into what keeps the arm from surprising, or into files and doors: does a test notice each?
 
-usage: python -m tests.bench.long.mutations [--count N] [--seed N] [--workers N] [--only TEXT] [--each TEXT] [--named]
+usage: python -m tests.bench.long.mutations [--count N] [--seed N] [--only TEXT] [--each TEXT] [--named]
                                             [--rooms ROOM ...]
 
-Each mutation is made in a copy of the tree; first the file's own tests run (by layout), then all of its room's (and of
-the arm's the daemon as a whole), the quickest first, up to the first that fails. One that no test notices is printed
-with its line. --rooms: arm and val2 unless said otherwise; --only: those of the sample whose description
-(`file:line: kind: text`) holds the text; --each: all there are whose description does, instead of a sample.
+All tests are collected once and run once as they are: how long each takes, and which functions it runs. Each mutation
+is then made in what is loaded, in a process forked for it, and the tests that run its function are tried, the quickest
+first, up to the first that fails. One that no test notices is printed with its line. --rooms: arm and val2 unless said
+otherwise; --only: those of the sample whose description (`file:line: kind: text`) holds the text; --each: all there are
+whose description does, instead of a sample.
 """
 
 from __future__ import annotations
@@ -14,22 +15,23 @@ from __future__ import annotations
 import argparse
 import ast
 import copy
+import gc
+import importlib
 import multiprocessing
 import os
 import random
-import shutil
 import sys
-import tempfile
+import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
 from itertools import zip_longest
 from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
 from pathlib import Path
+from types import CodeType, FrameType, FunctionType, ModuleType
 
-import cv2  # noqa: F401  (what the tests import of others is loaded once, before each of their processes is forked)
-import msgspec  # noqa: F401
-import numpy as np  # noqa: F401
 import pytest
 import yaml
 
@@ -47,6 +49,7 @@ DAEMON = (
     *("tests/unit/pick/test_cycle_stops.py", "tests/unit/pick/test_take.py"),
     *("tests/unit/service/test_surprises_found.py", "tests/unit/service/test_whole_daemon.py"),
 )
+PATHS = {str(ROOT / file): file for file in FILES}
 WHOLE = {
     "arm": ("tests/unit/arm", *DAEMON),
     "val2": ("tests/unit/val2", "tests/unit/cell", *DAEMON),
@@ -60,8 +63,8 @@ TOLD = "not the_property_notices"
 STEPS = "1000"
 """Of the whole daemon's random ones."""
 OURS = ("daemon", "drivers", "tests")
-LONGEST, LEAST_S = 4.0, 60.0
-"""Tests that take so many times as long as without a wrong, and not less than this, are taken to hang; a hang is
+LONGEST, LEAST_S = 10.0, 30.0
+"""A test that takes so many times as long as without a wrong, and not less than this, is taken to hang; a hang is
 noticed."""
 NAMED = ROOT / "tests/bench/data/mutations.yaml"
 OTHER_WAY = {
@@ -243,121 +246,207 @@ def own_tests(file: str) -> list[str]:
 
 @dataclass(eq=False)
 class Watch:
-    """A plugin of pytest: the quickest tests first, how long each takes, which failed first; by no shortest example."""
+    """A plugin of pytest: collects the tests once, and then runs `then` with them instead of one after the other."""
 
-    known_s: Mapping[str, float]
-    took_s: dict[str, float] = field(default_factory=dict)
-    failed: str = ""
+    then: Callable[[list[pytest.Item]], None]
+    told: Callable[[pytest.TestReport], None] = lambda _: None
 
     def pytest_configure(self) -> None:
-        """Properties need not say why they failed."""
+        """Properties try the same examples each time, and need not say why they failed."""
         from hypothesis import Phase, settings  # not before pytest has asked for it
 
-        settings.register_profile("quick", phases=[Phase.explicit, Phase.generate], database=None)
+        settings.register_profile("quick", phases=[Phase.explicit, Phase.generate], database=None, derandomize=True)
         settings.load_profile("quick")
 
-    def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
-        """The quickest first; what is not known at the end."""
-        items.sort(key=lambda item: self.known_s.get(item.nodeid, float("inf")))
+    def pytest_runtestloop(self, session: pytest.Session) -> bool:
+        """In place of pytest's own."""
+        assert not session.testsfailed, "a file of tests cannot be imported"
+        self.then(session.items)
+        return True
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
-        """How long it took, and whether it failed."""
-        self.took_s[report.nodeid] = self.took_s.get(report.nodeid, 0.0) + report.duration
-        if report.failed:
-            self.failed = self.failed or report.nodeid
-
-    def pytest_collectreport(self, report: pytest.CollectReport) -> None:
-        """A file that cannot even be imported."""
-        if report.failed:
-            self.failed = self.failed or report.nodeid
+        """Each of the three parts of a test: set up, called, taken down."""
+        self.told(report)
 
 
-class Tests:
-    """The tests of a tree, each time in a process of their own, forked from this one."""
+@dataclass(frozen=True)
+class Known:
+    """What a test does without any wrong: how long it takes, s, and which functions (file, qualified name) it runs."""
 
-    def __init__(self, tree: Path, known_s: Mapping[str, float]) -> None:
-        self.tree, self.known_s = tree, known_s
+    took_s: float
+    runs: frozenset[tuple[str, str]]
 
-    def run(self, tests: Sequence[str]) -> tuple[str, dict[str, float]]:
-        """("" where all pass, else which failed first; what each took, s)."""
-        mine, its = FORK.Pipe(duplex=False)
-        process = FORK.Process(target=self._inside, args=(tests, its))
-        process.start()
-        its.close()
-        longest_s = max(LEAST_S, LONGEST * sum(s for name, s in self.known_s.items() if name.startswith(tuple(tests))))
-        told = mine.recv() if mine.poll(longest_s if self.known_s else None) else ("hangs", {})
-        process.kill()
+
+def _forked(work: Callable[[Connection], None]) -> tuple[Connection, BaseProcess]:
+    """A process like this one, its end of a pipe given to `work`; what it prints is nobody's."""
+    mine, its = FORK.Pipe(duplex=False)
+
+    def inside() -> None:
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, 1)
+        os.dup2(nowhere, 2)
+        work(its)
+
+    process = FORK.Process(target=inside)
+    process.start()
+    its.close()
+    return mine, process
+
+
+class Trials:
+    """Tests of a mutation, each mutation in a process forked from this one, where all is imported and collected."""
+
+    def __init__(self, watch: Watch, items: Sequence[pytest.Item]) -> None:
+        self.watch, self.items = watch, {item.nodeid: item for item in items}
+        self.known: dict[str, Known] = {}
+
+    def learn(self) -> None:
+        """Run every test as it is. One that fails would notice anything, and is left out."""
+        mine, process = _forked(self._learnt)
+        for _ in self.items:
+            nodeid, failed, known = mine.recv()
+            if failed:
+                print(f"left out, fails without any wrong: {nodeid}", flush=True)
+            else:
+                self.known[nodeid] = known
         process.join()
-        failed, took_s = told
-        return str(failed), dict(took_s)
 
-    def _inside(self, tests: Sequence[str], answer: Connection) -> None:
-        """Nothing of ours that is loaded already counts: all of it is imported from the tree."""
+    def _learnt(self, answer: Connection) -> None:
+        took_s, failed, runs = 0.0, False, set[tuple[str, str]]()
+
+        def told(report: pytest.TestReport) -> None:
+            nonlocal took_s, failed
+            took_s, failed = took_s + report.duration, failed or report.failed
+
+        def called(frame: FrameType, *_: object) -> None:
+            code = frame.f_code
+            runs.add((code.co_filename, code.co_qualname))
+
+        self.watch.told = told
+        for nodeid, item in self.items.items():
+            took_s, failed = 0.0, False
+            runs.clear()
+            sys.settrace(called)
+            threading.settrace(called)
+            item.ihook.pytest_runtest_protocol(item=item, nextitem=None)
+            sys.settrace(None)
+            ours = frozenset((PATHS[path], name) for path, name in runs if path in PATHS)
+            answer.send((nodeid, failed, Known(took_s, ours)))
+
+    def noticed(self, mutation: Mutation) -> str:
+        """Which test notices it, "" where none does: of those that run its function, the quickest first."""
+        names = {(mutation.file, name) for name in changed(mutation)}
+        those = [nodeid for nodeid, known in self.known.items() if not names or names & known.runs]
+        those.sort(key=lambda nodeid: self.known[nodeid].took_s)
+        mine, process = _forked(partial(self._tried, mutation, those))
         try:
-            os.chdir(self.tree)
-            os.environ |= {"PYTHONPATH": str(self.tree), "FACETD_STEPS": STEPS}
-            sys.path[:] = [str(self.tree), *(p for p in sys.path if Path(p).resolve() != ROOT)]
-            for name in [name for name in sys.modules if name.partition(".")[0] in OURS]:
-                del sys.modules[name]
-            sys.stdout = sys.stderr = open(os.devnull, "w")  # noqa: SIM115
-            watch = Watch(self.known_s)
-            status = pytest.main(["-x", "-q", "-p", "no:cacheprovider", "-p", "no:xdist", "-k", TOLD, *tests], [watch])
-            answer.send((watch.failed or ("" if status == 0 else f"pytest ends with {status}"), watch.took_s))
-        except BaseException as error:
-            answer.send((f"{type(error).__name__}: {error}", {}))
+            at = "putting it in"
+            while True:
+                known = self.known.get(at)
+                if not mine.poll(max(LEAST_S, LONGEST * known.took_s if known else 0.0)):
+                    return f"{at} hangs"
+                kind, at = mine.recv()
+                if kind != "begins":
+                    return str(at)
+        except EOFError:
+            return f"{at} ends the process"
+        finally:
+            process.kill()
+            process.join()
+
+    def _tried(self, mutation: Mutation, those: Sequence[str], answer: Connection) -> None:
+        def told(report: pytest.TestReport) -> None:
+            if report.failed:
+                answer.send(("failed", report.nodeid))
+                os._exit(0)
+
+        self.watch.told = told
+        put_in(mutation)
+        for nodeid in those:
+            answer.send(("begins", nodeid))
+            self.items[nodeid].ihook.pytest_runtest_protocol(item=self.items[nodeid], nextitem=None)
+        answer.send(("none", ""))
 
 
-Chosen = tuple[Mutation, Sequence[str], Sequence[str]]
-"""A mutation, the tests of its own, and those that run where they notice nothing."""
+def _functions_of(tree: ast.Module) -> dict[str, ast.FunctionDef | ast.AsyncFunctionDef]:
+    """Functions and methods by qualified name."""
+    found = {}
+    for owner in (tree, *(c for c in tree.body if isinstance(c, ast.ClassDef))):
+        prefix = "" if isinstance(owner, ast.Module) else f"{owner.name}."
+        found |= {prefix + f.name: f for f in owner.body if isinstance(f, ast.FunctionDef | ast.AsyncFunctionDef)}
+    return found
+
+
+def _both(mutation: Mutation) -> tuple[ast.Module, ast.Module]:
+    """The file as it is, and with the wrong."""
+    return ast.parse((ROOT / mutation.file).read_text(encoding="utf-8")), ast.parse(mutation.source)
+
+
+def changed(mutation: Mutation) -> set[str]:
+    """The qualified names of the functions it changes; none where it is in no function."""
+    old, new = (_functions_of(tree) for tree in _both(mutation))
+    return {name for name in old if ast.dump(old[name]) != ast.dump(new[name])}
+
+
+def put_in(mutation: Mutation) -> None:
+    """Change what is loaded: the code and the defaults of functions, wherever they are known; of a module's values the
+    one that is changed and all that come after it, wherever they were imported."""
+    module = importlib.import_module(mutation.file.removesuffix(".py").replace("/", "."))
+    old, new = _both(mutation)
+    names, path = changed(mutation), str(ROOT / mutation.file)
+    codes = dict(_codes(compile(new, path, "exec")))
+    for function in [f for f in gc.get_objects() if isinstance(f, FunctionType)]:
+        if function.__code__.co_filename == path and (name := function.__code__.co_qualname) in names:
+            given = _functions_of(new)[name].args
+            function.__code__ = codes[name]
+            function.__defaults__ = tuple(_value(d, module) for d in given.defaults) or None
+            by_name = {a.arg: d for a, d in zip(given.kwonlyargs, given.kw_defaults, strict=True) if d is not None}
+            function.__kwdefaults__ = {key: _value(d, module) for key, d in by_name.items()} or None
+    first = [ast.dump(a) == ast.dump(b) for a, b in zip(old.body, new.body, strict=True)].index(False)
+    if isinstance(new.body[first], ast.Assign | ast.AnnAssign):
+        before = dict(vars(module))
+        again = [s for s in new.body[first:] if isinstance(s, ast.Assign | ast.AnnAssign)]
+        exec(compile(ast.Module(again, []), path, "exec"), vars(module))
+        after = {key: value for key, value in vars(module).items() if before.get(key) is not value}
+        for other in [m for name, m in sys.modules.items() if name.partition(".")[0] in OURS]:
+            for key in [key for key in after if key in before and vars(other).get(key) is before[key]]:
+                setattr(other, key, after[key])
+    else:
+        assert names, f"{mutation}: neither in a function nor a value of the module"
+
+
+def _value(expression: ast.expr, module: ModuleType) -> object:
+    return eval(compile(ast.Expression(expression), str(module.__file__), "eval"), vars(module))
+
+
+def _codes(code: CodeType) -> Iterator[tuple[str, CodeType]]:
+    for constant in code.co_consts:
+        if isinstance(constant, CodeType):
+            yield constant.co_qualname, constant
+            yield from _codes(constant)
+
+
 Found = tuple[Mutation, str, str]
 """A mutation, "own", "others" or "LIVES", and which test noticed it."""
 
 
-def copied(to: Path) -> Path:
-    """The tree, to be spoiled."""
-    left_out = shutil.ignore_patterns(".git", ".venv", "__pycache__", ".hypothesis", ".mypy_cache")
-    shutil.copytree(ROOT, to, ignore=left_out)
-    return to
+def run(chosen: Sequence[Mutation], tests: Iterable[str]) -> list[Found]:
+    """What becomes of each."""
+    found: list[Found] = []
 
-
-def noticed(chosen: Chosen, tests: Tests) -> Found:
-    """Which tests noticed it."""
-    mutation, own, others = chosen
-    file = tests.tree / mutation.file
-    original = file.read_text(encoding="utf-8")
-    file.write_text(mutation.source, encoding="utf-8")
-    try:
-        for by, those in (("own", own), ("others", others)):
-            failed = tests.run(those)[0] if those else ""
-            if failed:
-                return mutation, by, failed
-        return mutation, "LIVES", ""
-    finally:
-        file.write_text(original, encoding="utf-8")
-
-
-def run(chosen: Sequence[Chosen], workers: int) -> list[Found]:
-    """What became of each. A worker has a tree, and every so-manieth mutation."""
-    # A wrong that is as long as what it replaces, in the same second, would be taken for the file compiled before.
-    sys.dont_write_bytecode = True
-    every_test = sorted({name for _, own, others in chosen for name in (*own, *others)})
-    with tempfile.TemporaryDirectory(prefix="facetd-mutations-") as folder:
-        failed, known_s = Tests(copied(Path(folder) / "whole"), {}).run(every_test)
-        assert not failed, f"without any wrong {failed} fails: it would notice anything"
-        queue = FORK.Queue()
-
-        def work(k: int) -> None:
-            tests = Tests(copied(Path(folder) / str(k)), known_s)
-            for each in chosen[k::workers]:
-                queue.put(noticed(each, tests))
-
-        for k in range(workers):
-            FORK.Process(target=work, args=(k,)).start()
-        found = []
-        for _ in chosen:
-            mutation, by, test = queue.get()
+    def each(items: list[pytest.Item]) -> None:
+        trials = Trials(watch, items)
+        trials.learn()
+        print(f"{len(items)} tests, {sum(known.took_s for known in trials.known.values()):.0f} s", flush=True)
+        for mutation in chosen:
+            test = trials.noticed(mutation)
+            by = "LIVES" if not test else "own" if test.startswith(tuple(own_tests(mutation.file))) else "others"
             print(f"{by:6} {mutation}    {test}", flush=True)
             found.append((mutation, by, test))
+
+    watch = Watch(each)
+    os.environ |= {"FACETD_STEPS": STEPS}
+    pytest.main(["-s", "-q", "-p", "no:cacheprovider", "-p", "no:xdist", "-k", TOLD, *tests], [watch])
     return found
 
 
@@ -377,20 +466,20 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m tests.bench.long.mutations")
     parser.add_argument("--count", type=int, default=300)
     parser.add_argument("--seed", type=int, default=14)
-    parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--rooms", nargs="+", default=("arm", "val2"), choices=WHOLE)
     parser.add_argument("--only", default="")
     parser.add_argument("--each", default="")
     parser.add_argument("--named", action="store_true", help="only those that nobody noticed once")
     args = parser.parse_args()
     began_s = time.monotonic()
-    chosen: list[Chosen] = [(mutation, [tests], ()) for mutation, tests in named() if args.named]
-    if not args.named:
+    if args.named:
+        chosen, tests = [mutation for mutation, _ in named()], {each for _, each in named()}
+    else:
         there_are = [m for m in every() if Path(m.file).parent.name in args.rooms and args.each in str(m)]
         picked = there_are if args.each else sample(there_are, args.count, args.seed)
-        picked = [m for m in picked if args.only in str(m)]
-        chosen = [(m, own_tests(m.file), WHOLE[Path(m.file).parent.name]) for m in picked]
-    report(run(chosen, args.workers), time.monotonic() - began_s)
+        chosen = [m for m in picked if args.only in str(m)]
+        tests = {each for m in chosen for each in (*own_tests(m.file), *WHOLE[Path(m.file).parent.name])}
+    report(run(chosen, sorted(tests)), time.monotonic() - began_s)
 
 
 if __name__ == "__main__":

@@ -92,7 +92,7 @@ def test_the_forearm_leads_from_the_elbow_to_the_wrist_centre():
 def depth_mm(points, capsule):
     """(N,): how far (N, 3) points are from a capsule's skin, negative inside."""
     start, way = np.array(capsule.from_mm), np.subtract(capsule.to_mm, capsule.from_mm)
-    share = np.clip((points - start) @ way / max(way @ way, 1e-9), 0.0, 1.0)
+    share = np.clip((points - start) @ way / max(way @ way, 1e-30), 0.0, 1.0)
     return np.linalg.norm(points - start - share[:, None] * way, axis=1) - capsule.radius_mm
 
 
