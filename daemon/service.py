@@ -26,7 +26,7 @@ from daemon.cell import build as cell
 from daemon.cell import sections
 from daemon.cell.no_arm import CellError
 from daemon.cell.pick_cell import pick_cell
-from daemon.commands import every_command
+from daemon.commands import every_command, eyes
 from daemon.commands.moving import tell_end
 from daemon.commands.simulated_hand import know_drawings
 from daemon.config import Config, load_config
@@ -37,6 +37,7 @@ from daemon.console.phrases import cut_off
 from daemon.doors.rights import DoorError, Rights
 from daemon.doors.socket import SocketServer
 from daemon.doors.terminal import SerialConsole
+from daemon.errors import FacetdError
 from daemon.pick.cycle import Cycle
 from daemon.pick.looking import Look
 from daemon.pick.order import PickOrder
@@ -271,10 +272,30 @@ class Service:
 
     def ended(self, end: CycleEnd) -> None:
         """What is to be done between two picks."""
-        if self.context is not None:
-            self._note_truth(self.context, end)
-            tell_end(self.context, end)
-            self.context.roll_if_due()
+        context = self.context
+        if context is None:
+            return
+        self._note_truth(context, end)
+        tell_end(context, end)
+        context.roll_if_due()
+        allowed = context.one_eye_allowed and context.config.values.pick.auto_degrade
+        if end.outcome == "fault" and allowed and context.cycle.pick_order is not None:
+            self.beside(self._go_on_with_one_eye(context), "one eye")
+
+    async def _go_on_with_one_eye(self, context: CommandContext) -> None:
+        """After a camera's fault in an auto, which an operator allowed beforehand: what `resume` would ask."""
+        supervisor, pick_order = context.cycle.supervisor, context.cycle.pick_order
+        stops, fault = supervisor.stops, supervisor.fault
+        while supervisor.busy:
+            await asyncio.sleep(0.05)
+        with contextlib.suppress(FacetdError):  # stopped meanwhile, or refused: it is left to the operator
+            left = None if fault is None else await eyes.remaining(context, fault)
+            if left is None or pick_order is None or context.cycle.hand_full is None or not supervisor.enabled:
+                return
+            await context.look_with(*left)
+            supervisor.resume(stops)
+            await context.begin_auto(pick_order.count, pick_order.every_s)
+            self._notice(f"Going on with the {left[0]} eye alone, as allowed (pick.auto_degrade): {left[1]}")
 
     def _note_truth(self, context: CommandContext, end: CycleEnd) -> None:
         """A simulated cell knows how well each grasp met the part, and the log keeps it beside the prediction."""

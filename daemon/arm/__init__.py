@@ -9,13 +9,14 @@ from daemon.arm.mover import Arrival, Mover, MoveRefusedError, OutOfReachError
 from daemon.arm.route import PATH_MM
 from daemon.arm.settling import NotSettledError, SettledPair, Settling, settled_pair
 from daemon.arm.supervisor import ABORT_S, Interruption, Let, OperatorRefusedError, RefusedError, Supervisor
-from daemon.arm.workcell import Log, Pictures, Reading, StopRefusedError, Workcell
+from daemon.arm.workcell import EyeName, Log, Picture, Pictures, Reading, StopRefusedError, Workcell
 
 __all__ = [
     "ABORT_S",
     "ARM",
     "PATH_MM",
     "Arrival",
+    "EyeName",
     "Interruption",
     "Let",
     "Limits",
@@ -25,6 +26,7 @@ __all__ = [
     "NotSettledError",
     "OperatorRefusedError",
     "OutOfReachError",
+    "Picture",
     "Pictures",
     "Point",
     "Reading",

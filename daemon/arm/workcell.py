@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 from daemon.arrays import Array
 from daemon.errors import FacetdError
 from daemon.vision.geometry import StereoRig
+
+EyeName = Literal["left", "right"]
 
 
 class StopRefusedError(FacetdError):
@@ -123,7 +125,11 @@ class Log(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Workcell:
-    """All of it. clock: seconds, monotonic, the one that stamps frames. tool_from_cyclopean: the hand-eye (4, 4) mm."""
+    """All of it. clock: seconds, monotonic, the one that stamps frames. tool_from_cyclopean: the hand-eye (4, 4) mm.
+
+    alone: the one eye that looks, where the other is not there: `eyes` give its picture twice, and a pair is taken from
+    two places of the arm (daemon/pick/moved_pair.py). rig and tool_from_cyclopean are then those of a usual such pair.
+    """
 
     robot: Robot
     eyes: Eyes
@@ -131,3 +137,4 @@ class Workcell:
     clock: Callable[[], float]
     rig: StereoRig
     tool_from_cyclopean: Array
+    alone: EyeName | None = None

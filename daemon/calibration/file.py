@@ -6,7 +6,7 @@ In: a path. Out: checked geometry, or a ConfigError that names file, line, key, 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 from pathlib import Path
 
@@ -14,7 +14,10 @@ import msgspec
 import numpy as np
 import yaml
 
+from daemon import frames
+from daemon.arm import EyeName
 from daemon.arrays import Array
+from daemon.pick.moved_pair import USUAL_MM
 from daemon.store.files import write_atomically
 from daemon.store.yamlfile import Document, Key, read
 from daemon.vision.geometry import Camera, StereoRig
@@ -37,11 +40,15 @@ class Quality(msgspec.Struct, forbid_unknown_fields=True, frozen=True, omit_defa
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """rig: both eyes; tool_from_cyclopean: (4, 4) mm, None until the hand-eye calibration is done; quality."""
+    """rig: both eyes; tool_from_cyclopean: (4, 4) mm, None until the hand-eye calibration is done; quality.
+
+    alone: the one eye there is; the rig's other is then the same eye where the arm usually takes it for a pair.
+    """
 
     rig: StereoRig
     tool_from_cyclopean: Array | None = None
     quality: Quality = field(default_factory=Quality)
+    alone: EyeName | None = None
 
 
 def same_geometry(a: Calibration, b: Calibration) -> bool:
@@ -73,7 +80,7 @@ class _File(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
     version: int
     image_size: list[int]
     left: _Eye
-    right: _Eye
+    right: _Eye | None = None
     hand_eye: _HandEye | None = None
     quality: Quality = Quality()
 
@@ -86,15 +93,22 @@ def load_calibration(path: Path) -> Calibration:
         raise document.error(("version",), f"expected 1, found {file.version}")
     if len(file.image_size) != 2 or min(file.image_size) < 16:
         raise document.error(("image_size",), f"expected [width, height] px, found {file.image_size}")
-    eyes = [_camera(document, name, getattr(file, name)) for name in ("left", "right")]
-    rig = StereoRig(eyes[0], eyes[1], (file.image_size[0], file.image_size[1]))
+    left, size = _camera(document, "left", file.left), (file.image_size[0], file.image_size[1])
+    rig = of_one(left, size) if file.right is None else StereoRig(left, _camera(document, "right", file.right), size)
     if rig.baseline_mm < 1.0:
         raise document.error(("right", "cyclopean_from_camera"), "the two eyes are less than 1 mm apart")
     if rig.left.cyclopean_from_camera[0, 3] > rig.right.cyclopean_from_camera[0, 3]:
         raise document.error(("left", "cyclopean_from_camera"), "left lies to the right of right: eyes swapped?")
     keys: tuple[Key, ...] = ("hand_eye", "tool_from_cyclopean")
     tool = None if file.hand_eye is None else rigid(document, keys, file.hand_eye.tool_from_cyclopean)
-    return Calibration(rig, tool, file.quality)
+    return Calibration(rig, tool, file.quality, "left" if file.right is None else None)
+
+
+def of_one(eye: Camera, image_size: tuple[int, int]) -> StereoRig:
+    """The rig of a usual moved pair of one eye, in the frame that it is calibrated in."""
+    place = eye.cyclopean_from_camera
+    beside = place @ frames.rigid(np.eye(3), np.array([USUAL_MM, 0.0, 0.0]))
+    return StereoRig(eye, replace(eye, cyclopean_from_camera=beside), image_size)
 
 
 def save_calibration(calibration: Calibration, path: Path) -> None:
@@ -110,7 +124,7 @@ def calibration_text(calibration: Calibration) -> bytes:
         version=1,
         image_size=list(rig.image_size),
         left=_eye(rig.left),
-        right=_eye(rig.right),
+        right=None if calibration.alone else _eye(rig.right),
         hand_eye=None if tool is None else _HandEye(tool.tolist()),
         quality=calibration.quality,
     )

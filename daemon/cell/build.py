@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from daemon.cell.arm_on_link import ArmOnLink, WireListener, arm_on_link
 from daemon.cell.cameras import HeldPairs, StereoCamera, ThreadedEyes
 from daemon.cell.no_arm import CellError, NoArm
-from daemon.cell.sections import arm_geometry, camera_settings, dialect, truth
+from daemon.cell.sections import alone, arm_geometry, camera_settings, dialect, truth
 from daemon.cell.simulated_hand import SimulatedHand
 from daemon.config import Config
 from drivers.camera.pair import CameraError
@@ -63,7 +63,7 @@ def build(config: Config, on_wire: WireListener, clock: Callable[[], float] = ti
         folder = config.file(config.values.recorded.pairs)
         eyes = ThreadedEyes(HeldPairs(folder, again=True, clock=clock), clock)
         return Hardware("recorded", NoArm(), eyes, clock, str(folder))
-    eyes = ThreadedEyes(V4L2StereoCamera(camera_settings(config), clock), clock)
+    eyes = ThreadedEyes(V4L2StereoCamera(camera_settings(config), clock), clock, alone(config))
     port = config.values.arm.port
     robot = arm_on_link(port, dialect(config), arm_geometry(config), on_wire, clock)
     return Hardware("real", robot, eyes, clock, port)
@@ -102,7 +102,8 @@ def _simulated(config: Config, on_wire: WireListener, clock: Callable[[], float]
     manners = dialect(config).on_a_faster_line(simulated.time_scale)
     robot = arm_on_link(cell.port, manners, arm_geometry(config), on_wire, clock)
     hand = SimulatedHand(cell, {label: len(views) for label, views in VIEWS.items()}, BoardPrint)
-    return Hardware("simulated", robot, ThreadedEyes(cell.camera, clock), clock, cell.port, seed, hand)
+    cell.camera.use(alone(config))
+    return Hardware("simulated", robot, ThreadedEyes(cell.camera, clock, alone(config)), clock, cell.port, seed, hand)
 
 
 def _advice(error: Exception, where: str) -> str:

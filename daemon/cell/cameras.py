@@ -9,6 +9,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
+from daemon.arm import EyeName
 from drivers.camera.pair import CameraError, Frame, StereoPair
 from drivers.camera.pair import StereoCamera as StereoCamera
 from drivers.camera.recorded import RecordedCamera
@@ -19,10 +20,14 @@ from drivers.camera.report import eye_rows as eye_rows
 class ThreadedEyes:
     """A stereo camera whose blocking calls run in a thread of their own; one caller after the other."""
 
-    def __init__(self, camera: StereoCamera, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self, camera: StereoCamera, clock: Callable[[], float] = time.monotonic, alone: EyeName | None = None
+    ) -> None:
         self.camera = camera
         self.heard_s: float | None = None
         """When the last pair was delivered, on the cell's clock."""
+        self.alone = alone
+        """The one eye that is looked with, where the other is not there."""
         self._clock = clock
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="cameras")
 
@@ -40,6 +45,11 @@ class ThreadedEyes:
         """See StereoCamera. Raises CameraError."""
         took: tuple[float, float] | None = await self._call(lambda: self.camera.expose(left, right))
         return took
+
+    async def use(self, alone: EyeName | None) -> None:
+        """Look with one eye from now on, or with both (None). Raises CameraError; then nothing has changed."""
+        await self._call(lambda: self.camera.use(alone))
+        self.alone = alone
 
     def step(self) -> bool:
         """Recorded pairs: show the next one. False where the cameras are not recorded."""

@@ -16,6 +16,7 @@ from daemon.cell.build import Hardware
 from daemon.cell.sections import arm_geometry
 from daemon.config import Config
 from daemon.pick.fusion import Doubt
+from daemon.pick.moved_pair import seen_by_one
 from daemon.pick.settings import Settings
 
 WORST_MM = SPREAD_LIMIT_MM / sqrt(3)
@@ -27,7 +28,10 @@ beside its place, or all from being turned about the two axes across the view, a
 def pick_cell(config: Config, calibration: Calibration, hardware: Hardware, log: Log) -> tuple[Workcell, Settings]:
     """What `Cycle` takes. Without a hand-eye yet the cameras count as being in the tool (no move is enabled then)."""
     tool_from_cyclopean = np.eye(4) if calibration.tool_from_cyclopean is None else calibration.tool_from_cyclopean
-    workcell = Workcell(hardware.robot, hardware.eyes, log, hardware.clock, calibration.rig, tool_from_cyclopean)
+    rig, alone = calibration.rig, hardware.eyes.alone
+    if alone is not None:
+        rig, tool_from_cyclopean = seen_by_one(rig, tool_from_cyclopean, alone)
+    workcell = Workcell(hardware.robot, hardware.eyes, log, hardware.clock, rig, tool_from_cyclopean, alone)
     settings = config.values.pick
     return workcell, replace(settings, limits=guarded(config), doubt=doubt_of(calibration.quality, settings.doubt))
 

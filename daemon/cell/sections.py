@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from msgspec import Meta
 
-from daemon.arm import plausible
+from daemon.arm import EyeName, plausible
 from daemon.calibration.file import Calibration, rigid
 from daemon.config import Config, Matrix4
 from daemon.store.yamlfile import Document, read
@@ -26,6 +26,7 @@ Limits = tuple[Angle, Angle]
 SHY_DEG = 0.2
 """So far from its end each joint of an arm is kept whose zeros were found, and not told: to the last digits they are
 not the controller's, and what is reached by the one may be refused by the other."""
+EYES: tuple[EyeName, EyeName] = ("left", "right")
 
 
 def check(config: Config) -> None:
@@ -44,6 +45,12 @@ def check(config: Config) -> None:
 def camera_settings(config: Config) -> CameraSettings:
     """The section `cameras`. Raises ConfigError."""
     return config.document.convert(CameraSettings, at=("cameras",))
+
+
+def alone(config: Config) -> EyeName | None:
+    """The one eye that the section `cameras` names; None where it names both, or none."""
+    named: list[EyeName] = [eye for eye in EYES if eye in config.values.cameras]
+    return named[0] if len(named) == 1 and config.kind != "recorded" else None
 
 
 def dialect(config: Config) -> Dialect:
@@ -134,7 +141,11 @@ def _arm_file(config: Config) -> tuple[Document, _ArmFile] | None:
 
 
 def check_hand_eye(config: Config, calibration: Calibration) -> None:
-    """Whether the cameras can be on the hand where the calibration has them. Raises ConfigError."""
+    """Whether the calibration is of the cameras there are, and has them where they can be on the hand. Raises
+    ConfigError."""
+    if calibration.alone is not None and alone(config) != calibration.alone:
+        problem = f"{config.calibration} is of one camera, the {calibration.alone}; expected {calibration.alone} alone"
+        raise config.document.error(("cameras",), problem)
     if calibration.tool_from_cyclopean is None:
         return
     for wrong in plausible.hand_eye(calibration.tool_from_cyclopean, arm_geometry(config).reach_mm):

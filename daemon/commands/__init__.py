@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from daemon.commands import calibrating, keeping, learning, looking, models, moving, placing, simulated_hand
+from daemon.commands import calibrating, eyes, keeping, learning, looking, models, moving, placing, simulated_hand
 from daemon.console.interpreter import Command
 
 
@@ -12,6 +12,7 @@ def every_command(kind: str = "real") -> list[Command]:
     return [
         *looking.COMMANDS,
         *moving.COMMANDS,
+        *eyes.COMMANDS,
         *placing.COMMANDS,
         *learning.COMMANDS,
         *models.COMMANDS,

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from daemon.commands import simulated_hand
-from daemon.commands.looking import describe_facet, drawn
+from daemon.commands.looking import describe_facet, drawn, look_of
 from daemon.console.context import CommandContext
 from daemon.console.interpreter import (
     NOT_DONE,
@@ -74,10 +74,11 @@ async def teach(context: CommandContext, words: list[str], door: Door) -> Answer
 
 
 async def _teach_what_is_shown(context: CommandContext, label: str, door: Door) -> Answer:
-    seen = await context.cycle.look(f"teach {label}")
+    seen = await look_of(context, door, f"teach {label}")
     left, right = seen.pictures.left.pixels, seen.pictures.right.pixels
     table = context.table_in(seen)
-    group, others = await asyncio.to_thread(context.trainer.check, label, left, right, table)
+    moved = seen.taken.moved
+    group, others = await asyncio.to_thread(context.trainer.check, label, left, right, table, moved)
     facets, sides = await asyncio.to_thread(context.trainer.with_view, label, group)
     await door.say(_shown(facets, sides, [f for other in others for f in other.facets], door.columns))
     if any(len(other.facets) > 1 for other in others) and not door.asks:
@@ -87,7 +88,7 @@ async def _teach_what_is_shown(context: CommandContext, label: str, door: Door) 
         await door.say(f"The model in use takes this for {named}.")
     if door.asks and not await yes_or_no(door, f"Is this the {label}, alone and whole? [y/n]"):
         return Answer("Not kept. Turn it or light it better, and say `teach` again.", {"kept": False}, NOT_DONE)
-    note = teaching_note(door.who, _digest(context), table, facets)
+    note = teaching_note(door.who, _digest(context), table, facets, moved)
     view = await asyncio.to_thread(context.trainer.store, label, left, right, note)
     verdict, data = await _sufficiency(context, label)
     text = f"Kept as view {view.name} ({plural(len(facets), 'facet')}).\n{verdict}"

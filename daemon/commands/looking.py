@@ -12,7 +12,7 @@ import numpy as np
 from daemon.arrays import Array
 from daemon.commands.sketch import COLUMNS, sketch
 from daemon.console.context import CommandContext
-from daemon.console.interpreter import Answer, Door, command, version
+from daemon.console.interpreter import Answer, CommandError, Door, command, version
 from daemon.console.phrases import cut_off, duration, millimetres, plural
 from daemon.pick.looking import Look
 from daemon.vision.health import SAID, findings_json, troubles
@@ -80,20 +80,29 @@ def _doing(context: CommandContext, state: dict[str, Any]) -> str:
 
 @command("look", first=True)
 async def look(context: CommandContext, words: list[str], door: Door) -> Answer:
-    """See what the cameras see; nothing moves."""
-    seen = await context.cycle.look("look")
+    """See what the cameras see; nothing moves.
+
+    With one eye the arm moves it by 40 to 120 mm between two pictures, so that it must be enabled.
+    """
+    seen = await look_of(context, door, "look")
     lines = [describe_scene(seen.scene, door.columns), _timing(seen), *troubles(seen.health)]
     return Answer("\n".join(lines), look_json(seen))
 
 
+async def look_of(context: CommandContext, door: Door, purpose: str) -> Look:
+    """A look; with one eye it moves the arm, which not every door may. Raises CommandError."""
+    if context.hardware.eyes.alone is not None and door.may == "look":
+        raise CommandError(f"with one eye a look moves the arm: this {door.name} may only look; use another door")
+    return await context.cycle.look(purpose)
+
+
 @command("try")
-async def try_now(context: CommandContext, words: list[str], _: Door) -> Answer:
+async def try_now(context: CommandContext, words: list[str], door: Door) -> Answer:
     """Recognise now, with the candidate model if there is one, with reasons."""
     candidate = context.trainer.candidate()
     recogniser = candidate or context.trainer.in_use
-    seen = await context.cycle.look("try")
-    left, right = seen.pictures.left.pixels, seen.pictures.right.pixels
-    scene = await asyncio.to_thread(recogniser.see, left, right, context.table_in(seen))
+    seen = await look_of(context, door, "try")
+    scene = await asyncio.to_thread(recogniser.see, *seen.taken.images, context.table_in(seen), seen.taken.rig)
     which = f"candidate {context.trainer.model_store.candidate}" if candidate else "the model in use"
     lines = [f"With {which}:"]
     for mark, part in zip(MARKS, scene.parts, strict=False):
@@ -181,7 +190,7 @@ def look_json(seen: Look) -> dict[str, Any]:
         **scene_json(seen.scene),
         "world_from_cyclopean": seen.world_from_cyclopean.tolist(),
         "seconds": round(seen.seconds, 4),
-        "settled_s": round(seen.settled_s, 4),
+        "settled_s": round(seen.taken.settled_s, 4),
         "from_light_s": round(seen.from_light_s, 4),
         "epipolar_px": None if np.isnan(seen.epipolar_px) else round(seen.epipolar_px, 4),
         "health": findings_json(seen.health),
@@ -191,7 +200,7 @@ def look_json(seen: Look) -> dict[str, Any]:
 def _timing(seen: Look) -> str:
     stages = "  ".join(f"{name} {1000 * s:.0f} ms" for name, s in seen.scene.seconds.items())
     return (
-        f"settled {1000 * seen.settled_s:.0f} ms, from light to answer {1000 * seen.from_light_s:.0f} ms, "
+        f"settled {1000 * seen.taken.settled_s:.0f} ms, from light to answer {1000 * seen.from_light_s:.0f} ms, "
         f"in all {1000 * seen.seconds:.0f} ms ({stages})"
     )
 

@@ -7,6 +7,7 @@ from collections.abc import Awaitable
 from typing import Any, TypeVar
 
 from daemon.arm import Let, StopRefusedError
+from daemon.commands import eyes
 from daemon.console.context import CommandContext
 from daemon.console.interpreter import (
     DONE,
@@ -93,6 +94,7 @@ async def resume(context: CommandContext, words: list[str], door: Door) -> Answe
 
     After a fault nothing goes on by itself: say `pick`, `auto on` or `auto resume`. Where an auto was cut
     off, and at a door that can ask, it is asked whether to take it up now; answered no, the fault stands.
+    After a camera's fault each eye is tried; where one is left, it is asked whether to go on with that alone.
     Not heard while a stop is under way: until the arm was seen at rest. Does not enable the arm.
     """
     supervisor = context.cycle.supervisor
@@ -102,6 +104,8 @@ async def resume(context: CommandContext, words: list[str], door: Door) -> Answe
         return Answer("Going on." if before["paused"] else "Nothing was held.")
     supervisor.not_while_stopping("resume")
     lines = [f"The fault is cleared: {before['fault']}."]
+    told = await eyes.offered(context, str(before["fault"]), door)
+    lines += [] if told is None else [told]
     if before["holding"] is None and door.asks:
         held = await yes_or_no(door, "Is a part in the gripper? [y/n]")
         if held is not None:

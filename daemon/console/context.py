@@ -14,9 +14,10 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
-from daemon.arm import Log
+from daemon.arm import EyeName, Log
 from daemon.calibration.file import Calibration
 from daemon.cell.build import EXPECTED_ERRORS, Hardware
+from daemon.cell.pick_cell import pick_cell
 from daemon.config import Config
 from daemon.console.notices import Level, Notices
 from daemon.console.phrases import plural
@@ -51,6 +52,8 @@ class CommandContext:
     started_s: float = field(default_factory=time.monotonic)
     roll_due: bool = False
     """The run's folder is large: the log goes on in a new one as soon as no pick is under way."""
+    one_eye_allowed: bool = False
+    """An operator let this daemon go on with one eye after a fault of the other."""
     _auto: asyncio.Task[list[CycleEnd]] | None = None
 
     @property
@@ -64,6 +67,18 @@ class CommandContext:
         world_from_cyclopean = seen.world_from_cyclopean
         height_mm = self.config.values.pick.limits.table_z_mm
         return Table(world_from_cyclopean[2, :3], height_mm - float(world_from_cyclopean[2, 3]))
+
+    async def look_with(self, alone: EyeName | None, why: str) -> None:
+        """Look with one eye from now on, or with both (None); only while nothing is being done. Raises CameraError."""
+        before, eyes = self.hardware.eyes.alone, self.hardware.eyes
+        await eyes.use(alone)
+        try:
+            self.cycle.refit(*pick_cell(self.config, self.calibration, self.hardware, self.log))
+        except FacetdError:
+            await eyes.use(before)
+            raise
+        self.log.record("eyes", alone=alone, why=why)
+        self.troubles.tell("eyes", None if alone is None else f"looking with the {alone} eye alone: {why}")
 
     async def begin_auto(self, count: int | None, every_s: float | None = None) -> None:
         """Pick in the background. Raises RefusedError where that may not begin."""

@@ -44,7 +44,7 @@ async def stop_n(context: PickContext, world: WorldModel) -> Literal[Event.THERE
 async def looking(context: PickContext, world: WorldModel) -> Literal[Event.LOOKED, Event.ELSEWHERE, Event.LOST]:
     """Look, and find the target again."""
     target = world.the_target()
-    seen = await look(context, world, "approach", expecting(target, context.cell))
+    seen = await look(context, world, "approach", expecting(target))
     if follow(target, seen, context.cell, context.settings.doubt):
         return Event.LOOKED
     near = [part for part in seen_parts(seen) if same_place(part.centre, target.centre, NEAR_MM)]

@@ -122,8 +122,9 @@ class Cycle:
         self._auto = False
 
     async def look(self, purpose: str = "look") -> Look:
-        """One settled look from where the arm stands; nothing moves, and nothing needs to be enabled."""
-        return await self.supervisor.run("look", self._look(purpose), moves=False)
+        """One settled look from where the arm stands; nothing moves, and nothing needs to be enabled, but with one eye,
+        which the arm moves between two pictures."""
+        return await self.supervisor.run("look", self._look(purpose), moves=self.cell.alone is not None)
 
     async def where(self) -> Reading:
         """Ask the controller where the arm is, for people: of one that moves, a place on the way."""

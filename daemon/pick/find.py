@@ -149,7 +149,7 @@ async def second_view(context: PickContext, world: WorldModel) -> Literal[Event.
     await travel(context, world, pose, "another view", part.look)
     seen = await look(context, world, "another view")
     if part.named:
-        gone = unconfirmed(world.found, seen, part.centre, context.cell.rig)
+        gone = unconfirmed(world.found, seen, part.centre)
         world.found = [p for p in world.found if p not in gone]
     world.found = merged(world.found, seen_parts(seen))
     return Event.SEEN

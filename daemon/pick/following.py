@@ -6,23 +6,22 @@ Values and geometry; nothing here moves, waits or writes a log.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from daemon import frames
 from daemon.arm import Workcell
 from daemon.arrays import Array
-from daemon.pick import fusion
+from daemon.pick import fusion, moved_pair
 from daemon.pick.fusion import Doubt, Estimate, Sighting
 from daemon.pick.grasp import Gripper, closed_fingers
-from daemon.pick.looking import Expected, Look
+from daemon.pick.looking import Expected, Look, Taken
 from daemon.pick.plan import Plan
 from daemon.pick.seen import SAME_PLACE_MM, Seen, same_place, seen_parts
 from daemon.vision.geometry import Polyhedron
-from daemon.vision.image import Eyes, open_eyes
-from daemon.vision.registration import Fit, fit_edges, refit, shown
+from daemon.vision.model import TOLERANCE_MM
+from daemon.vision.registration import Fit, fit_each, fit_edges, refit, shown
 from daemon.vision.values import Part
 
 NEAR_MM = 60.0
@@ -74,14 +73,14 @@ def follow(target: Target, look: Look, cell: Workcell, doubt: Doubt) -> bool:
     """Find the target in a new look and add the sighting; False where it is not where it should be."""
     target.looked_before, target.look = target.look, look
     target.looks += 1
-    fit = look.tracked or fitted(target, look, cell)
+    fit = look.tracked or fitted(target, look)
     if fit is None:
         return False
     target.sightings.append(sighted(look, fit, cell, doubt))
     return True
 
 
-def fitted(target: Target, look: Look, cell: Workcell) -> Fit | None:
+def fitted(target: Target, look: Look) -> Fit | None:
     """The target's pose in a whole look, as named there or by the facets near it, whichever is surer, and then by
     its edges; None where neither show."""
     near = frames.inverse(look.world_from_cyclopean) @ target.world_from_part
@@ -92,7 +91,7 @@ def fitted(target: Target, look: Look, cell: Workcell) -> Fit | None:
     if not found:
         return None
     start = min(found, key=lambda fit: float(np.trace(fit.covariance[:3, :3])))
-    return fit_edges(target.shape, eyes_of(look, cell), start.cyclopean_from_part, FACETS_REACH_MM) or start
+    return by_edges(target.shape, look.taken, start.cyclopean_from_part, FACETS_REACH_MM) or start
 
 
 def _as_named(part: Part, shape: Polyhedron, near: Array) -> Fit | None:
@@ -109,47 +108,64 @@ def _as_named(part: Part, shape: Polyhedron, near: Array) -> Fit | None:
     return Fit(pose, moved @ part.covariance @ moved.T, part.residual_mm, sum(map(len, part.fitted_mm)))
 
 
-def _in_its_place(target: Target, world_from_cyclopean: Array, eyes: Eyes) -> Fit | None:
+def by_edges(shape: Polyhedron, taken: Taken, near: Array, reach_mm: float) -> Fit | None:
+    """A known part's pose by its edges in a pair, near (4, 4) cyclopean_from_part; None where they do not show there.
+
+    In a pair of one eye each picture says by itself where the part is, and the arm's errors at both places count.
+    """
+    eyes = taken.eyes
+    if taken.moved is None:
+        return fit_edges(shape, eyes, near, reach_mm)
+    both = fit_each(shape, eyes, near, reach_mm)
+    if both is None:
+        return None
+    poses, covariances = [fit.cyclopean_from_part for fit in both], [fit.covariance for fit in both]
+    across_mm = float(np.linalg.norm(np.ptp(shape.corners_mm, axis=0)))
+    eyes_there = taken.rig.left, taken.rig.right
+    pose, covariance = moved_pair.weighed(poses, covariances, eyes_there, taken.moved.arm, TOLERANCE_MM / across_mm)
+    return replace(both[0], cyclopean_from_part=pose, covariance=covariance)
+
+
+def _in_its_place(target: Target, taken: Taken) -> Fit | None:
     """The target's pose by its edges about where it is thought to lie, None where they do not show there."""
-    return fit_edges(target.shape, eyes, frames.inverse(world_from_cyclopean) @ target.world_from_part, REACH_MM)
+    near = frames.inverse(taken.world_from_cyclopean) @ target.world_from_part
+    return by_edges(target.shape, taken, near, REACH_MM)
 
 
-def expecting(target: Target, cell: Workcell) -> Expected:
+def expecting(target: Target) -> Expected:
     """The target, looked for by its edges where it should be."""
-
-    def fit(left: NDArray[np.uint8], right: NDArray[np.uint8], world_from_cyclopean: Array) -> Fit | None:
-        return _in_its_place(target, world_from_cyclopean, open_eyes(left, right, cell.rig))
-
-    return Expected(target.label, target.confidence, target.shape, fit)
+    return Expected(target.label, target.confidence, target.shape, lambda taken: _in_its_place(target, taken))
 
 
-def eyes_of(look: Look, cell: Workcell) -> Eyes:
-    """A look's images made ready for edges."""
-    return open_eyes(look.pictures.left.pixels, look.pictures.right.pixels, cell.rig)
-
-
-def still_there(target: Target, look: Look, eyes: Eyes) -> bool:
+def still_there(target: Target, look: Look) -> bool:
     """Whether the target's edges still show where it lay."""
-    return _in_its_place(target, look.world_from_cyclopean, eyes) is not None
+    return _in_its_place(target, look.taken) is not None
 
 
-def came_back_empty(eyes: Eyes, cell: Workcell, gripper: Gripper) -> bool:
+def came_back_empty(look: Look, cell: Workcell, gripper: Gripper) -> bool:
     """Whether a look shows the fingers met with nothing between them. Where the cameras do not have them in view, or a
     part hides them, it does not."""
-    cyclopean_from_tool = frames.inverse(cell.tool_from_cyclopean)
-    return shown(closed_fingers(gripper), eyes, cyclopean_from_tool, FINGERS_REACH_MM) > FINGERS_SHOW
+    eyes, fingers = look.taken.eyes, closed_fingers(gripper)
+    if look.taken.moved is None:
+        return shown(fingers, eyes, frames.inverse(cell.tool_from_cyclopean), FINGERS_REACH_MM) > FINGERS_SHOW
+    # One eye took both pictures, and the fingers went with it: both show them in one place.
+    left, right = (replace(view, eye=replace(view.eye, camera=cell.rig.left)) for view in eyes.views)
+    both = replace(eyes, left=left, right=right)
+    return shown(fingers, both, frames.inverse(cell.tool_from_cyclopean), FINGERS_REACH_MM) > FINGERS_SHOW
 
 
 def sighted(look: Look, fit: Fit, cell: Workcell, doubt: Doubt) -> Sighting:
-    """A fit in a look, brought to the world with its errors."""
+    """A fit in a look, brought to the world with its errors. What is in a fit of a moved pair already does not count
+    again: the arm's errors, and no offset of one eye against another."""
+    one_moment = look.taken.moved is None
     return fusion.sighting(
         look.reading.world_from_tool,
-        cell.tool_from_cyclopean,
+        frames.inverse(look.reading.world_from_tool) @ look.world_from_cyclopean,
         fit.cyclopean_from_part,
         fit.covariance,
-        doubt,
+        doubt if one_moment else replace(doubt, arm_mm=0.0, arm_deg=0.0),
         float(cell.rig.left.matrix[0, 0]),
-        cell.rig.baseline_mm,
+        cell.rig.baseline_mm if one_moment else np.inf,
     )
 
 

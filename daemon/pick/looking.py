@@ -11,10 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon import frames
-from daemon.arm import Pictures, Reading, SettledPair, Settling, Workcell, settled_pair
+from daemon.arm import Pictures, Reading, Settling, Workcell, settled_pair
 from daemon.arrays import Array
+from daemon.pick.fusion import Doubt
+from daemon.pick.moved_pair import MovedPair, Places, hints, with_arm
 from daemon.vision.facets import Table
-from daemon.vision.geometry import Polyhedron, StereoRig
+from daemon.vision.geometry import Polyhedron, StereoRig, moved_rig
 from daemon.vision.health import (
     Clue,
     Finding,
@@ -26,7 +28,7 @@ from daemon.vision.health import (
     misleading,
     sharpness,
 )
-from daemon.vision.image import VisionError
+from daemon.vision.image import Eyes, VisionError, open_eyes
 from daemon.vision.registration import Fit
 from daemon.vision.values import FacetView, Scene
 
@@ -34,8 +36,11 @@ from daemon.vision.values import FacetView, Scene
 class Recogniser(Protocol):
     """What turns images into parts: the recogniser with its model (daemon/teaching/trainer.py), or a test's own."""
 
-    def see(self, left: NDArray[np.uint8], right: NDArray[np.uint8], table: Table | None) -> Scene:
-        """Parts in a stereo pair, in the cyclopean frame; table: where it is. May take a while; called in a thread."""
+    def see(
+        self, left: NDArray[np.uint8], right: NDArray[np.uint8], table: Table | None, rig: StereoRig | None = None
+    ) -> Scene:
+        """Parts in a stereo pair, in the cyclopean frame; table: where it is; rig: this pair's, where it is not the
+        usual one. May take a while; called in a thread."""
 
     def shape(self, label: str) -> Polyhedron | None:
         """The taught part's corners and facets, or None where there is no such part."""
@@ -49,14 +54,39 @@ class Recogniser(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
+class Taken:
+    """A pair that is still: the pair before it; reading: where the arm is after it; settled_s: from the arm's rest to
+    the first pair known to be still; rig and world_from_cyclopean: this pair's; moved: where the one eye was for each
+    picture, None where both are of one moment."""
+
+    before: Pictures
+    pictures: Pictures
+    reading: Reading
+    settled_s: float
+    rig: StereoRig
+    world_from_cyclopean: Array
+    moved: Places | None = None
+
+    @property
+    def images(self) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+        """Left and right."""
+        return self.pictures.left.pixels, self.pictures.right.pixels
+
+    @property
+    def eyes(self) -> Eyes:
+        """Both images made ready for edges."""
+        return open_eyes(*self.images, self.rig)
+
+
+@dataclass(frozen=True, eq=False)
 class Expected:
-    """The one part that a look should show: its name, how sure that is, its shape; fit: both images and
-    world_from_cyclopean (4, 4) in, its pose, or None, out."""
+    """The one part that a look should show: its name, how sure that is, its shape; fit: a pair in, its pose, or None,
+    out."""
 
     label: str
     confidence: float
     shape: Polyhedron
-    fit: Callable[[NDArray[np.uint8], NDArray[np.uint8], Array], Fit | None]
+    fit: Callable[[Taken], Fit | None]
 
 
 LEAST_CHANGE = 1.05
@@ -66,18 +96,15 @@ ONLY_TRACKED = Scene((), (), FacetView((), (), (), (), np.nan), ("only what was 
 
 @dataclass(frozen=True, eq=False)
 class Look:
-    """What one look saw. tracked: the pose of the part that was expected, where that was found and nothing else was
-    looked for (the scene is empty then); taken_s: when, on the cell's clock; settled_s: from the arm's rest to the
-    first pair known to be still; seconds: from the arm's rest to the answer; from_light_s: from mid-exposure to the
-    answer; epipolar_px: median distance of corners from their lines; table: where it was taken to be; health: what
-    there is to say of the images themselves; clue: what it hints at of the calibration."""
+    """What one look saw in a pair. tracked: the pose of the part that was expected, where that was found and nothing
+    else was looked for (the scene is empty then); taken_s: when the older picture was taken, on the cell's clock;
+    seconds: from the arm's rest to the answer; from_light_s: from mid-exposure to the answer; epipolar_px: median
+    distance of corners from their lines; table: where it was taken to be; health: what there is to say of the images
+    themselves; clue: what it hints at of the calibration."""
 
     scene: Scene
-    pictures: Pictures
-    reading: Reading
-    world_from_cyclopean: Array
+    taken: Taken
     taken_s: float
-    settled_s: float
     seconds: float
     from_light_s: float
     epipolar_px: float
@@ -86,6 +113,21 @@ class Look:
     health: tuple[Finding, ...] = ()
     tracked: Fit | None = None
 
+    @property
+    def pictures(self) -> Pictures:
+        """Both images."""
+        return self.taken.pictures
+
+    @property
+    def reading(self) -> Reading:
+        """Where the arm was after it."""
+        return self.taken.reading
+
+    @property
+    def world_from_cyclopean(self) -> Array:
+        """(4, 4) mm, of this pair."""
+        return self.taken.world_from_cyclopean
+
 
 def epipolar_px(scene: Scene) -> float:
     """Median distance of the matched corners from their epipolar lines; nan where nothing was matched."""
@@ -93,46 +135,67 @@ def epipolar_px(scene: Scene) -> float:
     return float(np.median(np.abs(np.concatenate(rows)))) if any(map(len, rows)) else float("nan")
 
 
+async def taken_here(cell: Workcell, reading: Reading, rest_s: float, settling: Settling) -> Taken:
+    """Wait until the images are still. reading: where the arm is; rest_s: since when, on the cell's clock. Raises what
+    settled_pair does."""
+    pair = await settled_pair(cell, rest_s, settling)
+    world_from_cyclopean = reading.world_from_tool @ cell.tool_from_cyclopean
+    return Taken(pair.before, pair.pictures, reading, pair.seconds, cell.rig, world_from_cyclopean)
+
+
+def moved_pair_of(cell: Workcell, first: Taken, second: Taken, doubt: Doubt) -> Taken:
+    """The pair of two pictures of a cell's one eye. Raises ValueError where the arm did not move between them."""
+    assert cell.alone is not None
+    tool_from_eye = cell.tool_from_cyclopean @ cell.rig.left.cyclopean_from_camera
+    from_eyes = [taken.reading.world_from_tool @ tool_from_eye for taken in (first, second)]
+    rig, world_from_cyclopean = moved_rig(cell.rig.left, cell.rig.image_size, (from_eyes[0], from_eyes[1]))
+    rightwards = float((from_eyes[1] - from_eyes[0])[:3, 3] @ from_eyes[0][:3, 0]) > 0
+    before, pictures = (
+        MovedPair(*((a.left, b.left) if rightwards else (b.left, a.left)))
+        for a, b in ((first.before, second.before), (first.pictures, second.pictures))
+    )
+    left, right = (eye.cyclopean_from_camera for eye in (rig.left, rig.right))
+    places = Places(cell.alone, left, right, doubt.arm_mm, doubt.arm_deg)
+    return Taken(
+        before, pictures, second.reading, max(first.settled_s, second.settled_s), rig, world_from_cyclopean, places
+    )
+
+
 async def take_look(
     cell: Workcell,
     recogniser: Recogniser,
-    reading: Reading,
+    taken: Taken,
     rest_s: float,
-    settling: Settling,
     table_z_mm: float | None,
     expected: Expected | None = None,
 ) -> Look:
-    """Wait until the images are still, then see. reading: where the arm is; rest_s: since when, on the cell's clock;
-    table_z_mm: the table's height in the world, None where what lies in it counts, too; expected: the part that should
-    be there; where that is found, nothing else is looked for. Raises VisionError on images
-    that mislead (frozen, covered, swapped, half), besides what settled_pair and see raise."""
-    pair = await settled_pair(cell, rest_s, settling)
-    pictures = pair.pictures
-    world_from_cyclopean = reading.world_from_tool @ cell.tool_from_cyclopean
+    """See what is in a pair. rest_s: since when the arm was at rest for it; table_z_mm: the table's height in the
+    world, None where what lies in it counts, too; expected: the part that should be there; where that is found, nothing
+    else is looked for. Raises VisionError on images that mislead (frozen, covered, swapped, half), besides what see
+    raises."""
     table = None
     if table_z_mm is not None:
-        table = Table(world_from_cyclopean[2, :3], table_z_mm - float(world_from_cyclopean[2, 3]))
-    images = pictures.left.pixels, pictures.right.pixels
+        up, level_mm = taken.world_from_cyclopean[2, :3], table_z_mm - float(taken.world_from_cyclopean[2, 3])
+        table = Table(up, level_mm)
 
     def see() -> tuple[Scene, tuple[Finding, ...], Fit | None, Clue]:
-        health = _health(cell, pair)
-        tracked = None if expected is None else expected.fit(*images, world_from_cyclopean)
-        scene = recogniser.see(*images, table) if tracked is None else ONLY_TRACKED
+        health = _health(taken)
+        tracked = None if expected is None else expected.fit(taken)
+        scene = _seen(recogniser, taken, table) if tracked is None else ONLY_TRACKED
         if tracked is None:
-            health = (*health, *sharpness(images), *drift(scene))
-        return scene, health, tracked, clue_of(scene, cell.rig, recogniser.shape)
+            health = (*health, *sharpness(taken.images), *drift(scene))
+        clue = clue_of(scene, taken.rig, recogniser.shape)
+        return scene, health, tracked, clue if taken.moved is None else hints(clue, taken.moved.arm)
 
     scene, health, tracked, clue = await asyncio.to_thread(see)
     now_s = cell.clock()
+    taken_s = min(taken.pictures.left.taken_s, taken.pictures.right.taken_s)
     return Look(
         scene=scene,
-        pictures=pictures,
-        reading=reading,
-        world_from_cyclopean=world_from_cyclopean,
-        taken_s=pictures.left.taken_s,
-        settled_s=pair.seconds,
+        taken=taken,
+        taken_s=taken_s,
         seconds=now_s - rest_s,
-        from_light_s=now_s - pictures.left.taken_s,
+        from_light_s=now_s - taken_s,
         epipolar_px=epipolar_px(scene),
         clue=clue,
         table=table,
@@ -141,12 +204,19 @@ async def take_look(
     )
 
 
+def _seen(recogniser: Recogniser, taken: Taken, table: Table | None) -> Scene:
+    scene = recogniser.see(*taken.images, table, taken.rig)
+    return scene if taken.moved is None else with_arm(scene, taken.rig, taken.moved.arm)
+
+
 async def relight(cell: Workcell, look: Look) -> str | None:
     """Set both eyes' exposure by what a whole look saw, where its light was wrong: what was done, or None.
 
     Looks from before stay true: exposure changes levels, not places.
     """
-    wanted = exposure_factors((look.pictures.left.pixels, look.pictures.right.pixels), look.scene.parts)
+    wanted = exposure_factors(look.taken.images, look.scene.parts)
+    if wanted is not None and cell.alone is not None:  # one eye took both
+        wanted = (float(np.sqrt(wanted[0] * wanted[1])),) * 2
     took = None if wanted is None else await cell.eyes.expose(*wanted)
     if took is None or max(abs(np.log(factor)) for factor in took) < np.log(LEAST_CHANGE):
         return None
@@ -157,17 +227,16 @@ async def whole_look(recogniser: Recogniser, look: Look) -> Look:
     """The same look with everything in view looked for."""
     if look.tracked is None:
         return look
-    images = look.pictures.left.pixels, look.pictures.right.pixels
-    scene = await asyncio.to_thread(recogniser.see, *images, look.table)
+    scene = await asyncio.to_thread(_seen, recogniser, look.taken, look.table)
     return replace(look, scene=scene, tracked=None, epipolar_px=epipolar_px(scene))
 
 
-def _health(cell: Workcell, pair: SettledPair) -> tuple[Finding, ...]:
+def _health(taken: Taken) -> tuple[Finding, ...]:
     """How well the pair itself is, but for its sharpness, which an expected part's edges prove when they are found.
     Raises VisionError where it misleads."""
-    earlier, images = ((p.left.pixels, p.right.pixels) for p in (pair.before, pair.pictures))
+    earlier, images = (taken.before.left.pixels, taken.before.right.pixels), taken.images
     shown_again = images[0] is earlier[0]  # a recorded pair held still, not a camera that repeats itself
-    health = examine(images, None if shown_again else earlier, cell.rig, sharp=False)
+    health = examine(images, None if shown_again else earlier, taken.rig, sharp=False)
     wrong = misleading(health)
     if wrong:
         raise VisionError("; ".join(wrong))
@@ -187,7 +256,7 @@ def log_look(
     """Write a look to the run log, with both images and what it hints at of the calibration."""
     scene = recogniser.report(look.scene)
     if look.tracked is not None and expected is not None:
-        scene |= {"parts": [tracked_json(expected, look.tracked, cell.rig)]}
+        scene |= {"parts": [tracked_json(expected, look.tracked, look.taken.rig)]}
     cell.log.record(
         "look",
         cycle=cycle,
@@ -197,7 +266,7 @@ def log_look(
         scene=scene,
         seconds={
             **look.scene.seconds,
-            "settled": look.settled_s,
+            "settled": look.taken.settled_s,
             "from_light": look.from_light_s,
             "total": look.seconds,
         },
@@ -213,6 +282,7 @@ def log_look(
         world_from_cyclopean=look.world_from_cyclopean,
         whole=look.tracked is None,
         table=None if look.table is None else {"up": look.table.up, "level_mm": look.table.level_mm},
+        **({} if look.taken.moved is None else {"moved": look.taken.moved.json()}),
     )
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from daemon import frames
 from daemon.arrays import Array
 from daemon.pick.looking import Look
-from daemon.vision.geometry import StereoRig, newell_normal
+from daemon.vision.geometry import newell_normal
 from daemon.vision.values import Facet, Part, Recognition
 
 SAME_PLACE_MM = 30.0
@@ -128,10 +128,10 @@ def merged(before: Sequence[Seen], now: Sequence[Seen]) -> list[Seen]:
     return kept
 
 
-def unconfirmed(before: Sequence[Seen], look: Look, around: Array, rig: StereoRig) -> list[Seen]:
+def unconfirmed(before: Sequence[Seen], look: Look, around: Array) -> list[Seen]:
     """The lone facets within NEIGHBOUR_MM of a point (3,) world that a look with their middle in both images does not
     show again."""
-    now, cyclopean_from_world = seen_parts(look), frames.inverse(look.world_from_cyclopean)
+    now, cyclopean_from_world, rig = seen_parts(look), frames.inverse(look.world_from_cyclopean), look.taken.rig
     found = []
     for old in before:
         middle = frames.apply(cyclopean_from_world, old.centre[None])

@@ -53,7 +53,8 @@ class Settings:
     before it is called empty; order: which part first; tries: how often one part is tried; views_of_doubtful: how often
     a part that cannot be named is looked at from another side; verify_mm: from how far the place is looked at
     afterwards; gone_mm: a part this near to where it lay still lies there; hand_s: what fingers need;
-    epipolar_limit_px: beyond it a camera was knocked."""
+    epipolar_limit_px: beyond it a camera was knocked; auto_degrade: after a camera's fault an auto goes on with the
+    other eye by itself, once an operator has allowed that since the daemon's start."""
 
     surveys: Annotated[tuple[View, ...], Meta(min_length=1)] = (
         View(heading_deg=50.0),
@@ -74,6 +75,7 @@ class Settings:
     gone_mm: Length = 30.0
     epipolar_limit_px: Pixels = 1.0
     hand_s: Annotated[float, Meta(ge=0, le=60)] = 0.0
+    auto_degrade: bool = False
     limits: Limits = field(default_factory=Limits)
     arrival: Arrival = field(default_factory=Arrival)
     stops: Stops = field(default_factory=Stops)

@@ -9,7 +9,7 @@ from typing import Literal
 from daemon import frames
 from daemon.arm import capsule_around
 from daemon.pick import viewpoints
-from daemon.pick.following import Target, came_back_empty, eyes_of, still_there
+from daemon.pick.following import Target, came_back_empty, still_there
 from daemon.pick.looking import Look
 from daemon.pick.outcome import Outcome
 from daemon.pick.plan import last_stretch
@@ -87,13 +87,12 @@ def _failed(context: PickContext, world: WorldModel, target: Target, seen: Look)
     """What a look says against the part's being in the hand; None where it says nothing."""
     hand, settings = seen.reading.world_from_tool[:3, 3], context.settings
     on_table = [p for p in seen_parts(seen) if not same_place(p.centre, hand, HAND_REACH_MM)]
-    eyes = eyes_of(seen, context.cell)
     left = any(same_place(p.centre, target.centre, settings.gone_mm + SEEN_OFF_MM) for p in on_table)
-    if left or still_there(target, seen, eyes):
+    if left or still_there(target, seen):
         return "still lies there"
     if _knocked_away(world, target, on_table):
         return "was knocked away"
-    if came_back_empty(eyes, context.cell, settings.gripper):
+    if came_back_empty(seen, context.cell, settings.gripper):
         return "is gone, and the hand came back empty"
     return None
 

@@ -10,11 +10,24 @@ from __future__ import annotations
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
 
-from daemon.arm import Mover, MoveRefusedError, OutOfReachError, Reading, Workcell, paths
+from daemon import frames
+from daemon.arm import Mover, MoveRefusedError, OutOfReachError, Reading, RefusedError, Workcell, paths
 from daemon.arrays import Array
 from daemon.errors import FacetdError
+from daemon.pick import moved_pair
 from daemon.pick.following import Target
-from daemon.pick.looking import Expected, Look, Recogniser, log_look, relight, take_look, whole_look
+from daemon.pick.looking import (
+    Expected,
+    Look,
+    Recogniser,
+    Taken,
+    log_look,
+    moved_pair_of,
+    relight,
+    take_look,
+    taken_here,
+    whole_look,
+)
 from daemon.pick.outcome import Observer, Outcome, Skipped, tell
 from daemon.pick.seen import Seen, apart_mm, ordered, same_place, seen_parts
 from daemon.pick.settings import Settings
@@ -49,25 +62,59 @@ class PickContext:
         """Log a decision."""
         self.cell.log.record("decision", cycle=self.cycle, text=text, why=why)
 
-    async def look(self, reading: Reading, purpose: str, stop: int = 0, expected: Expected | None = None) -> Look:
-        """A settled look from where the arm now is, logged; expected: see take_look."""
+    async def look(
+        self, reading: Reading, purpose: str, stop: int = 0, expected: Expected | None = None, back: bool = False
+    ) -> Look:
+        """A settled look from where the arm now is, logged; expected: see take_look; back: one eye goes to the left for
+        its second picture rather than to the right."""
         settings, cell = self.settings, self.cell
         rest_s, table_z_mm = cell.clock(), settings.limits.table_z_mm
-        look = await take_look(cell, self.recogniser, reading, rest_s, settings.settling, table_z_mm, expected)
+        taken = await taken_here(cell, reading, rest_s, settings.settling)
+        if cell.alone is not None:
+            rest_s, taken = await self._from_beside(taken, expected is not None, back)
+        look = await take_look(cell, self.recogniser, taken, rest_s, table_z_mm, expected)
         log_look(cell, self.recogniser, look, cycle=self.cycle, stop=stop, purpose=purpose, expected=expected)
         tell(self.observer, look)
         return look
 
+    async def _from_beside(self, first: Taken, known: bool, back: bool) -> tuple[float, Taken]:
+        """The second picture of a pair of one eye, from beside the first; since when the arm is at rest, and the pair.
+        Raises RefusedError where the arm cannot go beside."""
+        mover, settings, cell = self.mover, self.settings, self.cell
+        if mover.dry:
+            raise RefusedError("with one eye a look needs two places, and while `dry` is on nothing moves")
+        tool_from_eye = cell.tool_from_cyclopean @ cell.rig.left.cyclopean_from_camera
+        world_from_eye = first.reading.world_from_tool @ tool_from_eye
+        eye_from_tool, refused = frames.inverse(tool_from_eye), ""
+        away_mm = moved_pair.distance_mm(world_from_eye, settings.limits.table_z_mm)
+        for place in moved_pair.places_beside(world_from_eye, away_mm, known, back):
+            try:
+                await mover.travel(place @ eye_from_tool, "beside, for the pair", self._sideways, straight=True)
+            except MOVE_ERRORS as error:
+                if isinstance(error, MoveRefusedError) and error.refusal.rule in STANDING_RULES:
+                    raise
+                refused = str(error)
+                continue
+            assert mover.at is not None
+            rest_s = cell.clock()
+            second = await taken_here(cell, mover.at, rest_s, settings.settling)
+            return rest_s, moved_pair_of(cell, first, second, settings.doubt)
+        raise RefusedError(f"no second picture can be taken beside this place: {refused}")
+
+    def _sideways(self, _: Array) -> float:
+        return self.settings.near_pct
+
     async def lit_look(self, reading: Reading, purpose: str) -> Look:
         """A look at whatever is there, again with another exposure while its light is wrong. For looks that no grasp
         hangs on: those of an approach are never held up, and all see by one light."""
-        for _ in range(MOST_EXPOSURES):
-            seen = await self.look(reading, purpose)
+        seen = await self.look(reading, purpose)
+        for k in range(MOST_EXPOSURES):
             done = await relight(self.cell, seen)
             if done is None:
-                return seen
+                break
             self.decide(done, "eyes unequal, or too dark or burnt out where the parts are")
-        return await self.look(reading, purpose)
+            seen = await self.look(seen.reading, purpose, back=k % 2 == 0)
+        return seen
 
 
 @dataclass(eq=False)

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from daemon import frames
 from daemon.arrays import Array
 from daemon.calibration.file import load_calibration
+from daemon.pick.moved_pair import places_of, with_arm
 from daemon.review.digest import Digest
 from daemon.store.model import load
 from daemon.store.outside import FileError
@@ -93,7 +94,11 @@ def replay(
         if pair is None:
             skipped.append(f"look {record['seq']}: its pictures are not in the run folder")
             continue
-        scene = look(*pair, rig, model or in_use or untaught, unhurried, thread_time, _table(record))
+        moved = places_of(record.get("moved"))
+        taken_by = rig if moved is None else moved.rig(rig)
+        scene = look(*pair, taken_by, model or in_use or untaught, unhurried, thread_time, _table(record))
+        if moved is not None:
+            scene = with_arm(scene, taken_by, moved.arm)
         now, then = scene_json(scene), record.get("scene") or {}
         whole = record.get("whole", True)
         found = compare(then, now, whole)

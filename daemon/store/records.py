@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from datetime import datetime
-from typing import Annotated, Any, TypedDict
+from typing import Annotated, Any, Literal, TypedDict
 
 import msgspec
 from msgspec import Meta
@@ -91,6 +91,14 @@ class _Table(TypedDict):
     level_mm: Finite
 
 
+class _Moved(TypedDict):
+    eye: Literal["left", "right"]
+    left: Pose
+    right: Pose
+    arm_mm: Finite
+    arm_deg: Finite
+
+
 class _Health(TypedDict, total=False):
     findings: dict[str, Any] | None
     epipolar_px: Number
@@ -138,6 +146,7 @@ class _Look(_Any, total=False):
     world_from_cyclopean: Pose
     table: _Table | None
     whole: bool
+    moved: _Moved | None
 
 
 class _Estimate(_Any, total=False):
@@ -198,6 +207,7 @@ class _Words(_Any, total=False):
     who: Text
     door: Text
     to: Text
+    alone: Text
     event: Text
     run: Text
     label: Text

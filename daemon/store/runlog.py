@@ -43,7 +43,9 @@ KINDS: Mapping[str, str] = {
     "command": "who door text",
     "state": "from event to",
     "cycle_start": "cycle target",
-    "look": "cycle stop purpose images{left,right} scene seconds health where world_from_cyclopean whole",
+    "look": "cycle stop purpose images{left,right} scene seconds health where world_from_cyclopean whole "
+    "moved{eye,left,right,arm_mm,arm_deg} (a pair of one eye)",
+    "eyes": "alone why (which eye is looked with from now on; null: both)",
     "estimate": "cycle stop label world_from_part covariance predicted_mm predicted_deg chi2",
     "decision": "cycle text why",
     "move": "cycle how target speed_pct purpose",

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from daemon import frames
 from daemon.arrays import Array
+from daemon.pick.moved_pair import Places, places_of, with_arm
 from daemon.store.library import PartEntry
 from daemon.store.model_store import ModelStore, ModelStoreError, StoredView
 from daemon.store.outside import FileError, read_below
@@ -47,9 +48,10 @@ class Recogniser:
     def __init__(self, model: Model, rig: StereoRig, settings: VisionSettings | None = None) -> None:
         self.model, self.rig, self.settings = model, rig, settings
 
-    def see(self, left: Image, right: Image, table: Table | None = None) -> Scene:
-        """Parts in a stereo pair, in the cyclopean frame; what lies in the table is none. Raises VisionError."""
-        return look(left, right, self.rig, self.model, self.settings, thread_time, table)
+    def see(self, left: Image, right: Image, table: Table | None = None, rig: StereoRig | None = None) -> Scene:
+        """Parts in a stereo pair, in the cyclopean frame; what lies in the table is none; rig: this pair's, where it is
+        not the usual one. Raises VisionError."""
+        return look(left, right, rig or self.rig, self.model, self.settings, thread_time, table)
 
     def report(self, scene: Scene) -> dict[str, object]:
         """The scene as JSON values."""
@@ -131,16 +133,18 @@ class Trainer:
         known = {view.source for view in self.model.views}
         return [view for view in self.model_store.views() if view.name not in known]
 
-    def check(self, label: str, left: Image, right: Image, table: Table | None) -> tuple[Group, tuple[Group, ...]]:
+    def check(
+        self, label: str, left: Image, right: Image, table: Table | None, moved: Places | None = None
+    ) -> tuple[Group, tuple[Group, ...]]:
         """The facets of the one part in view, and of what else is. Raises TeachError or VisionError where a view cannot
         be learnt from."""
-        group, others = self.only_part(left, right, table)
+        group, others = self.only_part(left, right, table, moved)
         learn_view(empty_model(self.library), group, label)
         return group, others
 
     def store(self, label: str, left: Image, right: Image, note: dict[str, Any]) -> StoredView:
         """Keep a view on disk. Raises ModelStoreError, and TeachError or VisionError as check does."""
-        self.check(label, left, right, _table_of(note))
+        self.check(label, left, right, _table_of(note), places_of(note.get("moved")))
         return self.model_store.add_view(label, left, right, note)
 
     def odd_drawing(self, label: str, name: str, content: bytes, unit: str) -> str | None:
@@ -164,9 +168,14 @@ class Trainer:
         note = {"mesh": name, "unit": unit, "facets": [list(solid.types)], **note}
         return self.model_store.add_mesh(label, kind, content, note)
 
-    def only_part(self, left: Image, right: Image, table: Table | None) -> tuple[Group, tuple[Group, ...]]:
-        """As check, whatever it is; sought with the full effort. Raises TeachError for none or several, VisionError."""
-        groups = look(left, right, self.rig, None, self.settings, table=table).view.groups
+    def only_part(
+        self, left: Image, right: Image, table: Table | None, moved: Places | None = None
+    ) -> tuple[Group, tuple[Group, ...]]:
+        """As check, whatever it is; sought with the full effort. moved: where one eye took both from. Raises TeachError
+        for none or several, VisionError."""
+        rig = self.rig if moved is None else moved.rig(self.rig)
+        scene = look(left, right, rig, None, self.settings, table=table)
+        groups = (scene if moved is None else with_arm(scene, rig, moved.arm)).view.groups
         if not groups:
             raise TeachError("no part is seen; put it where both cameras see it, lit from above, nothing else near")
         most = max(len(g.facets) for g in groups)
@@ -195,7 +204,7 @@ class Trainer:
                 if view.mesh is not None:
                     model = learn_solid(model, self._solid(view), self.rig, view.label, view.name)
                 else:
-                    group, _ = self.only_part(*view.images(), _table_of(view.note))
+                    group, _ = self.only_part(*view.images(), _table_of(view.note), places_of(view.note.get("moved")))
                     model = learn_view(model, group, view.label, source=view.name)
             except (TeachError, VisionError, FileError, MeshError) as error:
                 left_out.append(f"{view.name}: {error}")
@@ -267,7 +276,9 @@ class Trainer:
     def _verdict(self, tried: Recogniser, view: StoredView) -> ViewVerdict:
         if view.mesh is not None:
             return self._drawing_verdict(tried, view)
-        parts = tried.see(*view.images(), _table_of(view.note)).parts
+        moved = places_of(view.note.get("moved"))
+        rig = None if moved is None else moved.rig(self.rig)
+        parts = tried.see(*view.images(), _table_of(view.note), rig).parts
         if not parts:
             return ViewVerdict(view.name, view.label, "nothing", 0.0, None, "no part was seen in it")
         best = max(parts, key=lambda p: len(p.facets)).recognition
@@ -282,9 +293,12 @@ class Trainer:
         return ViewVerdict(view.name, view.label, worst.label, worst.confidence, worst.runner_up, worst.reason)
 
 
-def teaching_note(who: str, calibration: str, table: Table | None, facets: Sequence[Facet]) -> dict[str, Any]:
-    """What is written beside a taught view: who showed it, the calibration's sha256, the table, the facets seen."""
-    return {
+def teaching_note(
+    who: str, calibration: str, table: Table | None, facets: Sequence[Facet], moved: Places | None = None
+) -> dict[str, Any]:
+    """What is written beside a taught view: who showed it, the calibration's sha256, the table, the facets seen, and
+    where one eye was for each picture."""
+    return ({} if moved is None else {"moved": moved.json()}) | {
         "who": who,
         "calibration": calibration,
         "table": None if table is None else {"up": table.up.tolist(), "level_mm": table.level_mm},

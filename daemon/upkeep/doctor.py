@@ -120,7 +120,7 @@ def _cameras(config: Config, running: bool) -> Iterator[Finding]:
     if config.kind != "real":
         return
     settings = sections.camera_settings(config)
-    for eye in (settings.left, settings.right):
+    for eye in settings.devices.values():
         yield from _device(f"camera {eye}", eye, "video", running) if eye.startswith("/") else ()
 
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+
+EyeName = Literal["left", "right"]
 
 
 class CameraError(Exception):
@@ -37,6 +39,10 @@ class StereoPair:
 
 class StereoCamera(Protocol):
     """The protocol. Blocking calls: the service runs them in a thread."""
+
+    def use(self, alone: EyeName | None) -> None:
+        """Look with one eye from now on, both frames of a pair being its one, or with both (None). Raises CameraError
+        where there is no such eye."""
 
     def open(self) -> None:
         """Claim the devices. Raises CameraError."""

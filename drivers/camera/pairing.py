@@ -53,13 +53,19 @@ def newest_pair(
 
 
 def why_no_pair(
-    left: Sequence[Exposure], right: Sequence[Exposure], not_before_s: float, max_skew_s: float, silent_since_s: float
+    left: Sequence[Exposure],
+    right: Sequence[Exposure],
+    not_before_s: float,
+    max_skew_s: float,
+    silent_since_s: float,
+    names: tuple[str, str] = ("left", "right"),
 ) -> str:
     """In words, what stands between these frames and a pair. The sequences hold whole frames only.
 
-    silent_since_s: a camera whose newest frame is older than that has fallen silent.
+    silent_since_s: a camera whose newest frame is older than that has fallen silent; names: of the eyes, one twice
+    where it looks alone.
     """
-    both = {"left": left, "right": right}
+    both = dict(zip(names, (left, right), strict=True))
     silent = [eye for eye, frames in both.items() if not frames or frames[-1].middle_s < silent_since_s]
     if silent:
         return f"no frame {'any more ' if any(both[eye] for eye in silent) else ''}from the {_cameras(silent)}"

@@ -14,7 +14,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from drivers.camera.pair import CameraError, Frame, StereoPair
+from drivers.camera.pair import CameraError, EyeName, Frame, StereoPair
 from drivers.camera.pixels import Image
 
 
@@ -76,6 +76,11 @@ class RecordedCamera:
         pair = StereoPair(*(Frame(read_image(path), taken_s, self._next) for path in (left, right)))
         self._next += 1
         return pair
+
+    def use(self, alone: EyeName | None) -> None:
+        """What is recorded are pairs of both. Raises CameraError for one eye."""
+        if alone is not None:
+            raise CameraError("recorded pairs are of both eyes")
 
     def expose(self, left: float, right: float) -> None:
         """What is recorded stays as it is."""

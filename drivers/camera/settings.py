@@ -8,6 +8,7 @@ from typing import Annotated
 
 from msgspec import Meta
 
+from drivers.camera.pair import EyeName
 from drivers.camera.pixels import FORMATS
 
 Device = Annotated[str, Meta(min_length=1, max_length=4096)]
@@ -18,7 +19,7 @@ Wish = Annotated[float, Meta(ge=-1e10, le=1e10)] | str
 
 @dataclass(frozen=True)
 class CameraSettings:
-    """Two V4L2 devices as one pair.
+    """Two V4L2 devices as one pair, or one alone, which the arm moves between two pictures.
 
     left, right: a path (/dev/video0, /dev/v4l/by-id/...), a bare name under by-id or by-path, a card name as
     `facetctl cameras` lists it, or a number. formats: names in order of preference. controls: wished values by name
@@ -27,8 +28,8 @@ class CameraSettings:
     frames of one moment may be.
     """
 
-    left: Device
-    right: Device
+    left: Device | None = None
+    right: Device | None = None
     width: Side = 640
     height: Side = 480
     fps: Annotated[float, Meta(gt=0, le=1000)] = 15.0
@@ -38,9 +39,17 @@ class CameraSettings:
 
     def __post_init__(self) -> None:
         """Refuse what no camera could do. Raises ValueError."""
+        if self.left is None and self.right is None:
+            raise ValueError("left: expected a camera, found none")
         unknown = [name for name in self.formats if name not in FORMATS]
         if unknown or not self.formats:
             raise ValueError(f"formats: expected some of {', '.join(FORMATS)}; found {', '.join(unknown) or 'none'}")
         for name in ("width", "height", "fps", "max_skew_ms"):
             if not getattr(self, name) > 0:
                 raise ValueError(f"{name}: expected above 0, found {getattr(self, name)}")
+
+    @property
+    def devices(self) -> dict[EyeName, Device]:
+        """The devices there are, by eye."""
+        both: dict[EyeName, Device | None] = {"left": self.left, "right": self.right}
+        return {name: device for name, device in both.items() if device is not None}

@@ -1,4 +1,4 @@
-"""Two V4L2 cameras as one stereo camera: pairs of one moment, never stale, and its own recovery from trouble.
+"""One or two V4L2 cameras as one stereo camera: pairs of one moment, never stale, and its own recovery from trouble.
 
 Belongs here: the pair's life. A look drains what the drivers queued since the last one and waits for light that fell
 after `not_before`; no thread runs between looks. Whatever goes wrong closes both streams and is said as a CameraError;
@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from drivers.camera import eye as eyes
 from drivers.camera.eye import Eye, RawFrame, Tally
 from drivers.camera.node import LINUX, System
-from drivers.camera.pair import CameraError, Frame, StereoPair
+from drivers.camera.pair import CameraError, EyeName, Frame, StereoPair
 from drivers.camera.pairing import newest_pair, why_no_pair
 from drivers.camera.pixels import DamagedFrameError
 from drivers.camera.settings import CameraSettings
@@ -41,24 +41,37 @@ class V4L2StereoCamera:
         self, settings: CameraSettings, clock: Callable[[], float] = time.monotonic, system: System = LINUX
     ) -> None:
         self._settings, self._clock, self._system = settings, clock, system
-        self._eyes: tuple[Eye, Eye] | None = None
+        self._eyes: tuple[Eye, ...] = ()
+        self._used = settings.devices
+
+    def use(self, alone: EyeName | None) -> None:
+        """See StereoCamera."""
+        devices = self._settings.devices
+        used = devices if alone is None else {name: device for name, device in devices.items() if name == alone}
+        if len(used) < (2 if alone is None else 1):
+            raise CameraError(f"there is no such camera: the configuration names {' and '.join(devices)} only")
+        if used != self._used:
+            self.close()
+        self._used = used
 
     def open(self) -> None:
-        """Claim both devices. Raises CameraError; then neither is held."""
+        """Claim the devices that are looked with. Raises CameraError; then none is held."""
         if self._eyes:
             return
-        left = eyes.start("left", self._settings.left, self._settings, self._system, self._clock)
+        started: list[Eye] = []
         try:
-            right = eyes.start("right", self._settings.right, self._settings, self._system, self._clock)
+            for name, device in self._used.items():
+                started.append(eyes.start(name, device, self._settings, self._system, self._clock))
         except CameraError:
-            left.stop()
+            for eye in started:
+                eye.stop()
             raise
-        self._eyes = (left, right)
+        self._eyes = tuple(started)
 
     def close(self) -> None:
         """Release the devices; safe to call twice."""
-        both, self._eyes = self._eyes, None
-        for eye in both or ():
+        started, self._eyes = self._eyes, ()
+        for eye in started:
             eye.stop()
 
     def grab(self, not_before_s: float, timeout_s: float) -> StereoPair:
@@ -70,7 +83,6 @@ class V4L2StereoCamera:
         deadline_s = self._clock() + timeout_s
         try:
             self.open()
-            assert self._eyes
             for eye in self._eyes:
                 eye.hold(self._settings)
             pair = self._await_pair(self._eyes, not_before_s, deadline_s, timeout_s)
@@ -83,15 +95,15 @@ class V4L2StereoCamera:
 
     def expose(self, left: float, right: float) -> tuple[float, float] | None:
         """See StereoCamera. Where the settings name exposure or gain, those are the operator's."""
-        if self._eyes is None or {"exposure_us", "gain"} & set(self._settings.controls):
+        if not self._eyes or {"exposure_us", "gain"} & set(self._settings.controls):
             return None
-        took = [eye.brighten(factor) for eye, factor in zip(self._eyes, (left, right), strict=True)]
-        return None if None in took else (took[0] or 1.0, took[1] or 1.0)
+        took = [eye.brighten(factor) for eye, factor in zip(self._eyes, (left, right), strict=False)]
+        return None if None in took else (took[0] or 1.0, took[-1] or 1.0)
 
     def _await_pair(
-        self, both: tuple[Eye, Eye], not_before_s: float, deadline_s: float, timeout_s: float
+        self, both: tuple[Eye, ...], not_before_s: float, deadline_s: float, timeout_s: float
     ) -> StereoPair:
-        seen = (both[0].waiting(), both[1].waiting())
+        seen = [eye.waiting() for eye in both]
         woken = False
         while True:
             came = [eye.take() for eye in both]
@@ -108,17 +120,16 @@ class V4L2StereoCamera:
             if not woken:
                 raise CameraError(self._why(both, seen, not_before_s, timeout_s))
 
-    def _choose(
-        self, both: tuple[Eye, Eye], seen: tuple[list[RawFrame], list[RawFrame]], not_before_s: float
-    ) -> StereoPair | None:
-        """The best pair among the frames seen; one that cannot be decoded is counted, forgotten, and looked past."""
+    def _choose(self, both: tuple[Eye, ...], seen: list[list[RawFrame]], not_before_s: float) -> StereoPair | None:
+        """The best pair among the frames seen, of one eye its frame twice; one that cannot be decoded is counted,
+        forgotten, and looked past."""
         while True:
-            left, right = ([f.exposure for f in frames] for frames in seen)
+            left, right = ([f.exposure for f in frames] for frames in (seen[0], seen[-1]))
             chosen = newest_pair(left, right, not_before_s, self._settings.max_skew_ms / 1000.0)
             if chosen is None:
                 return None
             frames = []
-            for eye, raws, k in zip(both, seen, chosen, strict=True):
+            for eye, raws, k in zip(both, seen, chosen, strict=False):
                 try:
                     frames.append(Frame(raws[k].image(), raws[k].exposure.middle_s, raws[k].sequence))
                 except DamagedFrameError as damage:
@@ -127,29 +138,29 @@ class V4L2StereoCamera:
                     eye.tally.last_damage = str(damage)
                     del raws[k]
                     break
-            if len(frames) == 2:
-                return StereoPair(*frames)
+            if len(frames) == len(both):
+                return StereoPair(frames[0], frames[-1])
 
-    def _why(
-        self, both: tuple[Eye, Eye], seen: tuple[list[RawFrame], list[RawFrame]], not_before_s: float, timeout_s: float
-    ) -> str:
-        left, right = ([f.exposure for f in frames] for frames in seen)
+    def _why(self, both: tuple[Eye, ...], seen: list[list[RawFrame]], not_before_s: float, timeout_s: float) -> str:
+        left, right = ([f.exposure for f in frames] for frames in (seen[0], seen[-1]))
         silent_since_s = self._clock() - SILENT_PERIODS * max(eye.period_s for eye in both)
-        why = why_no_pair(left, right, not_before_s, self._settings.max_skew_ms / 1000.0, silent_since_s)
+        names = both[0].name, both[-1].name
+        why = why_no_pair(left, right, not_before_s, self._settings.max_skew_ms / 1000.0, silent_since_s, names)
         damage = [
             f"{e.name}: {e.tally.damaged} damaged frames, the last {e.tally.last_damage} (cable, USB bandwidth?)"
             for e in both
             if e.tally.damaged
         ]
         where = " and ".join(f"{eye.path} `{eye.card}`" for eye in both)
-        return f"no stereo pair within {timeout_s:g} s from {where}: {'; '.join([why, *damage])}; streams restarted"
+        what = "stereo pair" if len(both) > 1 else "picture"
+        return f"no {what} within {timeout_s:g} s from {where}: {'; '.join([why, *damage])}; streams restarted"
 
     def reports(self) -> tuple[EyeReport, ...]:
         """What each open eye is doing."""
-        return tuple(EyeReport(e.describe(), e.settings_taken, e.tally) for e in self._eyes or ())
+        return tuple(EyeReport(e.describe(), e.settings_taken, e.tally) for e in self._eyes)
 
     def describe(self) -> str:
         """One line for people."""
         if self._eyes:
             return "; ".join(eye.describe() for eye in self._eyes)
-        return f"closed: left `{self._settings.left}`, right `{self._settings.right}`"
+        return f"closed: {', '.join(f'{name} `{device}`' for name, device in self._used.items())}"

@@ -10,13 +10,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import ceil, floor
 from threading import Lock
+from typing import Literal
 
 import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from drivers.arrays import Array
-from drivers.camera.pair import CameraError, Frame, StereoPair
+from drivers.camera.pair import CameraError, EyeName, Frame, StereoPair
 from drivers.simcell.light import CellLight
 from drivers.simcell.optics import Array32, turned
 from drivers.simcell.render import Retina, Thing, radiance
@@ -25,6 +26,8 @@ from drivers.simcell.truth import Truth
 
 EYES = ("left", "right")
 BLACK_LEVEL = 4.0
+Ailment = Literal["away", "frozen", "half"]
+"""How an eye fails: it gives no frame, its last one for ever, or half of each."""
 STILL_MM, STILL_RAD = 0.01, 2e-5
 BLUR_STEPS = 6
 SHORTEST, LONGEST = 1 / 64, 64.0
@@ -77,6 +80,9 @@ class SimulatedPair:
         self._vignette = _vignette(truth)
         self._covered: set[str] = set()
         self._opened = dict.fromkeys(EYES, 1.0)
+        self._alone: EyeName | None = None
+        self._ails: dict[str, Ailment] = {}
+        self._shown: dict[str, NDArray[np.uint8]] = {}
         self._unplugged = False
         self._is_open = False
         self._lock = Lock()
@@ -110,16 +116,25 @@ class SimulatedPair:
         first = ceil((not_before_s + lead - self._started_s) / self._period_s)
         number = max(newest, first, 0)
         middle_s = self._started_s + number * self._period_s
-        if self._unplugged or middle_s + tail - now > timeout_s:
+        used = EYES if self._alone is None else (self._alone,)
+        away = [eye for eye in used if self._ails.get(eye) == "away"]
+        if self._unplugged or away or middle_s + tail - now > timeout_s:
             self._sleep(max(timeout_s, 0.0))
-            cause = "unplugged" if self._unplugged else "no pair that late"
+            cause = "unplugged" if self._unplugged else f"{away[0]} eye unplugged" if away else "no pair that late"
             raise CameraError(f"simulated pair: no frame within {timeout_s:.2f} s ({cause})")
         if middle_s + tail > now:
             self._sleep(middle_s + tail - now)
         with self._lock:
+            if self._alone is not None:
+                only = self._frame(self._alone, middle_s, number)
+                return StereoPair(only, only)
             left = self._frame("left", middle_s, number)
             right = self._frame("right", middle_s + self._skew_s, number)
         return StereoPair(left, right)
+
+    def use(self, alone: EyeName | None) -> None:
+        """See StereoCamera."""
+        self._alone = alone
 
     def expose(self, left: float, right: float) -> tuple[float, float]:
         """Open the shutters so many times as long from the next frame on, within what such a sensor can."""
@@ -140,6 +155,13 @@ class SimulatedPair:
             self._retinas.pop(eye, None)
             self._seen.pop(eye, None)
 
+    def ail(self, eye: str, how: Ailment | None) -> None:
+        """Let an eye fail from the next frame on, or be well again."""
+        with self._lock:
+            self._ails.pop(eye, None)
+            if how is not None:
+                self._ails[eye] = how
+
     def unplug(self, unplugged: bool = True) -> None:
         """Pull the cable, or put it back."""
         self._unplugged = unplugged
@@ -147,6 +169,12 @@ class SimulatedPair:
     def _frame(self, eye: str, middle_s: float, number: int) -> Frame:
         light = np.full(self._vignette.shape, 0.0, np.float32) if eye in self._covered else self._light(eye, middle_s)
         pixels = self._expose(light, getattr(self._truth.sensor, f"gain_{eye}") * self._opened[eye])
+        how = self._ails.get(eye)
+        if how == "frozen":
+            pixels = self._shown.get(eye, pixels).copy()
+        elif how == "half":
+            pixels[len(pixels) // 2 :] = pixels[len(pixels) // 2]
+        self._shown[eye] = pixels
         pixels.setflags(write=False)
         return Frame(pixels, middle_s, number)
 

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from daemon.arm.settling import Settling
 from daemon.arm.workcell import Reading, Workcell
 from daemon.cell.cameras import ThreadedEyes
-from daemon.pick.looking import take_look
+from daemon.pick.looking import take_look, taken_here
 from daemon.store.library import load_facets
 from daemon.teaching.trainer import Recogniser
 from daemon.vision.model.model import empty_model
@@ -187,7 +187,9 @@ async def looks(scene: str, fps: float, count: int) -> str:
     seen, cpu_s = [], time.process_time()
     for _ in range(count):
         reading = await cell.robot.where()
-        seen.append(await take_look(cell, sight, reading, time.monotonic(), Settling(), None))
+        rest_s = time.monotonic()
+        taken = await taken_here(cell, reading, rest_s, Settling())
+        seen.append(await take_look(cell, sight, taken, rest_s, None))
     cpu_ms = 1000.0 * (time.process_time() - cpu_s) / count
     await eyes.close()
     light, rest, vision = (

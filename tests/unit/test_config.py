@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from daemon.calibration.file import load_calibration
 from daemon.cell import sections
 from daemon.config import load_config
 from daemon.main import main
@@ -70,7 +72,7 @@ def test_sections_with_every_key_commented_out_mean_their_defaults(path: Path) -
         ("version: 1\npick: {home: {point_mm: [1, 2]}}\n", ":2: pick.home.point_mm: expected array of length 3"),
         ("version: 1\nfiles:\n  calibration: none.yaml\n", ":3: files.calibration: expected a file, found none at"),
         ("version: 1\nmetrics: {port: 80}\n", ":2: metrics.port: expected int from 1024 to 65535, found 80"),
-        ("version: 1\ncameras: {left: a}\n", ":2: cameras: the key `right` is missing"),
+        ("version: 1\ncameras: {fps: 15}\n", ":2: cameras: left: expected a camera, found none"),
         ("version: 1\ncameras: {left: a, right: b, fsp: 15}\n", ":2: cameras.fsp: unknown key; did you mean `fps`?"),
         (
             "version: 1\ncameras: {left: a, right: b, formats: [XYZ]}\n",
@@ -140,3 +142,19 @@ def test_check_tells_of_keys_that_are_gone_and_is_content(path: Path, capsys: py
     assert told == f"facetd: {path}:4: vision.min_seen: no longer a key, and not looked at: it is fixed now; " + (
         "delete the line\n"
     )
+
+
+@pytest.mark.parametrize(
+    ("section", "eye"), [("{left: a}", "left"), ("{right: a}", "right"), ("{left: a, right: b}", None)]
+)
+def test_a_cell_with_one_camera_looks_with_that_alone(path: Path, section: str, eye: str | None) -> None:
+    path.write_text(f"version: 1\ncameras: {section}\n")
+    assert sections.alone(load_config(path)) == eye
+
+
+def test_a_calibration_of_one_camera_is_refused_where_there_are_two(path: Path) -> None:
+    path.write_text("version: 1\ncameras: {left: a, right: b}\n")
+    config = load_config(path)
+    calibration = replace(load_calibration(config.calibration), alone="left")
+    with pytest.raises(ConfigError, match=r":2: cameras: .* is of one camera, the left"):
+        sections.check_hand_eye(config, calibration)

@@ -238,7 +238,7 @@ class TruthRecogniser:
     def report(self, scene: Scene) -> dict[str, object]:
         return {"parts": [p.recognition.label for p in scene.parts]}
 
-    def see(self, left, right, table=None) -> Scene:
+    def see(self, left, right, table=None, rig=None) -> Scene:
         world = self.world
         world.before("see")
         cyclopean_from_world = frames.inverse(world.at @ world.tool_from_cyclopean)

@@ -157,7 +157,7 @@ def fake_context(folder: Path, reload: Callable[[], Any] | None = None) -> Any:
         trainer=trainer,
         troubles=Troubles(),
         notices=Notices(),
-        hardware=SimpleNamespace(kind="real", seed=None, hand=None),
+        hardware=SimpleNamespace(kind="real", seed=None, hand=None, eyes=SimpleNamespace(alone=None)),
         run_log=SimpleNamespace(folder=folder),
         calibration=SimpleNamespace(tool_from_cyclopean=1),
         config=SimpleNamespace(calibration=folder / "calibration.yaml", state=folder / "state"),

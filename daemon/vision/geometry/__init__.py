@@ -8,7 +8,7 @@ from daemon.vision.geometry.polygon import Point, Shape, drop_side, is_simple, t
 from daemon.vision.geometry.polygon_batch import Rings, areas, convex, different, met, rings
 from daemon.vision.geometry.polyhedron import Polyhedron, exact, united
 from daemon.vision.geometry.rectified import Baseline, Eye, baseline, disparity
-from daemon.vision.geometry.rig import Camera, StereoRig
+from daemon.vision.geometry.rig import Camera, StereoRig, moved_rig
 from daemon.vision.geometry.rigid_fit import Fits, cross_matrices, fit_poses, rough_rms
 
 __all__ = [
@@ -41,6 +41,7 @@ __all__ = [
     "is_simple",
     "measure",
     "met",
+    "moved_rig",
     "newell_normal",
     "planarities",
     "planarity",

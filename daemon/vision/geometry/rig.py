@@ -5,13 +5,14 @@ In: pixels or rays. Out: rays, pixels, points in the cyclopean frame (mm). No fi
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from daemon import frames
 from daemon.arrays import Array
 
 
@@ -62,3 +63,27 @@ class StereoRig:
         """Distance between the optical centres."""
         ends = [c.cyclopean_from_camera[:3, 3] for c in (self.left, self.right)]
         return float(np.linalg.norm(ends[1] - ends[0]))
+
+
+def moved_rig(
+    camera: Camera, image_size: tuple[int, int], world_from_cameras: tuple[Array, Array]
+) -> tuple[StereoRig, Array]:
+    """One camera at two places as a rig, and where that is: (StereoRig, world_from_cyclopean (4, 4) mm).
+
+    world_from_cameras: (4, 4) mm each, in either order: left is whichever lies to the left as the camera sees it. The
+    cyclopean frame is midway, its x axis the way from left to right, its z axis the mean view made normal to that.
+    Raises ValueError where the places are one.
+    """
+    first, second = world_from_cameras
+    way = second[:3, 3] - first[:3, 3]
+    if float(np.linalg.norm(way)) < 1.0:
+        raise ValueError("the camera did not move between the two pictures")
+    left, right = (first, second) if float(way @ first[:3, 0]) > 0 else (second, first)
+    x = right[:3, 3] - left[:3, 3]
+    x /= np.linalg.norm(x)
+    y = np.cross(left[:3, 2] + right[:3, 2], x)
+    y /= np.linalg.norm(y)
+    world_from_cyclopean = frames.rigid(np.stack([x, y, np.cross(x, y)], 1), (left[:3, 3] + right[:3, 3]) / 2)
+    cyclopean_from_world = frames.inverse(world_from_cyclopean)
+    eyes = [replace(camera, cyclopean_from_camera=cyclopean_from_world @ place) for place in (left, right)]
+    return StereoRig(eyes[0], eyes[1], image_size), world_from_cyclopean

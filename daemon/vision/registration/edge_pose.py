@@ -8,7 +8,7 @@ Whether that is enough for a name is by_segments.py's; what to make of a part th
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -128,6 +128,19 @@ def fit_edges(
     """
     found = locate([shape], eyes, near[None], reach_mm, tolerance_mm)[0]
     return None if found is None or clear_share(found, eyes) < LEAST_CLEAR else fit_of(found)
+
+
+def fit_each(
+    shape: Polyhedron, eyes: Eyes, near: Array, reach_mm: float = 5.0, tolerance_mm: float = TOLERANCE_MM
+) -> tuple[Fit, Fit] | None:
+    """As fit_edges, but what each eye says by itself, for eyes whose places against each other are in doubt."""
+    found = locate([shape], eyes, near[None], reach_mm, tolerance_mm)[0]
+    whole = None if found is None or clear_share(found, eyes) < LEAST_CLEAR else fit_of(found)
+    if found is None or whole is None:
+        return None
+    alone = (adjusted(shape, found.pose, [seen], tolerance_mm) for seen in found.observed)
+    left, right = (replace(whole, cyclopean_from_part=one.pose, covariance=one.covariance) for one in alone)
+    return left, right
 
 
 def fit_of(found: Located, least_outline: float = LEAST_OUTLINE) -> Fit | None:

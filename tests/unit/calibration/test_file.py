@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -103,3 +104,16 @@ def test_a_failed_write_leaves_the_old_file(path: Path, monkeypatch: pytest.Monk
         save_calibration(example(hand_eye=False), path)
     assert path.read_bytes() == before
     assert [p.name for p in path.parent.iterdir()] == [path.name]
+
+
+def test_a_calibration_of_one_camera_is_written_without_a_right_one_and_read_as_its_usual_pair(tmp_path: Path) -> None:
+    both = example()
+    save_calibration(replace(both, alone="left"), tmp_path / "one.yaml")
+    assert "right" not in (tmp_path / "one.yaml").read_text()
+    read = load_calibration(tmp_path / "one.yaml")
+    assert read.alone == "left"
+    assert np.array_equal(read.rig.left.matrix, both.rig.left.matrix)
+    assert read.rig.right.matrix is read.rig.left.matrix
+    assert read.rig.baseline_mm == pytest.approx(60.0)
+    assert np.array_equal(read.rig.right.cyclopean_from_camera[:3, :3], read.rig.left.cyclopean_from_camera[:3, :3])
+    assert load_calibration(tmp_path / "one.yaml").tool_from_cyclopean is not None

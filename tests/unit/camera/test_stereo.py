@@ -291,3 +291,41 @@ def test_waiting_for_a_pair_sleeps_instead_of_spinning() -> None:
 def test_settings_that_no_camera_could_meet_are_refused(wrong: dict[str, object], words: str) -> None:
     with pytest.raises(ValueError, match=words):
         replace(SETTINGS, **wrong)  # type: ignore[arg-type]
+
+
+def test_one_camera_alone_gives_its_frame_twice_and_the_other_device_is_not_touched() -> None:
+    system = machine()
+    del system.devices["/dev/video1"]
+    eyes = camera(system, replace(SETTINGS, right=None))
+    pair = eyes.grab(system.now_s, 2.0)
+    assert pair.left is pair.right
+    with pytest.raises(CameraError, match="names left only"):
+        eyes.use(None)
+
+
+def test_an_eye_that_is_torn_off_keeps_nobody_from_looking_with_the_other_and_is_opened_again_for_both() -> None:
+    system = machine()
+    eyes, torn = camera(system), system.devices.pop("/dev/video0")
+    with pytest.raises(CameraError, match="left camera"):
+        eyes.grab(system.now_s, 0.5)
+    eyes.use("right")
+    alone = eyes.grab(system.now_s, 0.5)
+    assert alone.left is alone.right
+    assert np.all(alone.left.pixels >= 100)
+    system.devices["/dev/video0"] = torn
+    eyes.use(None)
+    assert eyes.grab(system.now_s, 2.0).left.pixels.max() < 100
+
+
+def test_a_lone_eye_that_falls_silent_is_the_only_one_that_is_named() -> None:
+    system = machine(count=3)
+    eyes = camera(system)
+    eyes.use("left")
+    with pytest.raises(CameraError, match="no picture within") as told:
+        eyes.grab(system.now_s + 10.0, 11.0)
+    assert "right" not in str(told.value)
+
+
+def test_settings_without_any_camera_are_refused() -> None:
+    with pytest.raises(ValueError, match="expected a camera"):
+        CameraSettings()

@@ -24,8 +24,8 @@ from tests.worlds.first_day import arm_yaml
 CONFIG = Path(__file__).resolve().parents[3] / "etc" / "facetd.yaml"
 
 
-def built(calibration: Any) -> Any:
-    hardware: Any = SimpleNamespace(robot="robot", eyes="eyes", clock=None)
+def built(calibration: Any, alone: str | None = None) -> Any:
+    hardware: Any = SimpleNamespace(robot="robot", eyes=SimpleNamespace(alone=alone), clock=None)
     return pick_cell(load_config(CONFIG), calibration, hardware, "log")  # type: ignore[arg-type]
 
 
@@ -51,6 +51,19 @@ def test_without_a_hand_eye_there_is_still_a_workcell_to_look_with() -> None:
     calibration = load_calibration(CONFIG.parent / "calibration.yaml")
     workcell, _ = built(replace(calibration, tool_from_cyclopean=None))
     assert np.array_equal(workcell.tool_from_cyclopean, np.eye(4))
+
+
+@pytest.mark.parametrize("alone", ["left", "right"])
+def test_with_one_eye_places_are_planned_for_its_usual_pair_and_the_eye_stays_where_it_is(alone: str) -> None:
+    calibration = load_calibration(CONFIG.parent / "calibration.yaml")
+    workcell, _ = built(calibration, alone)
+    assert workcell.alone == alone
+    eye = getattr(calibration.rig, alone)
+    assert np.allclose(
+        workcell.tool_from_cyclopean @ workcell.rig.left.cyclopean_from_camera,
+        calibration.tool_from_cyclopean @ eye.cyclopean_from_camera,
+    )
+    assert workcell.rig.left.matrix is workcell.rig.right.matrix is eye.matrix
 
 
 def test_the_simulated_bin_catches_what_is_let_go_over_it_however_it_is_held() -> None:

@@ -68,7 +68,7 @@ def test_a_table_with_outlines_that_make_no_facet_is_not_called_empty(used):
     corners = np.array([[20.0, 20.0], [30.0, 20.0], [20.0, 35.0]])
     outline = Polygon(corners, np.tile(np.eye(2), (3, 1, 1)), np.ones(3), corners)
 
-    def outlined(left, right, table=None):
+    def outlined(left, right, table=None, rig=None):
         scene = see(left, right, table)
         if used:
             return replace(scene, view=replace(scene.view, polygons_left=(outline,), polygons_right=(outline,)))
@@ -171,7 +171,7 @@ def test_a_lone_facet_that_bars_the_way_must_show_again(lasts):
     see, looks = cycle.recogniser.see, []
     upright = np.array([[48.0, -30, -20], [48, 30, -20], [48, 30, 30], [48, -30, 30]])
 
-    def with_walls(left, right, table=None):
+    def with_walls(left, right, table=None, rig=None):
         scene, looks[len(looks) :] = see(left, right, table), [1]
         if not scene.parts or (len(looks) > 1 and not lasts):
             return scene

@@ -346,10 +346,10 @@ def test_a_look_waits_until_the_images_agree_and_the_settling_time_is_logged():
     cycle = cycle_of(world)
     cycle.cell.eyes.shaking = 3
     look = asyncio.run(cycle.look())
-    assert look.settled_s > 0.05
+    assert look.taken.settled_s > 0.05
     said = world.said("look")[0]
-    assert said["seconds"]["settled"] == look.settled_s
-    assert 0 < said["seconds"]["from_light"] == look.from_light_s <= look.seconds - look.settled_s + 1e-9
+    assert said["seconds"]["settled"] == look.taken.settled_s
+    assert 0 < said["seconds"]["from_light"] == look.from_light_s <= look.seconds - look.taken.settled_s + 1e-9
     assert said["health"]["skew_ms"] == 0.0
 
 

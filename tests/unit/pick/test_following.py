@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 
 from daemon import frames
+from daemon.arm import Reading
 from daemon.calibration.file import load_calibration
 from daemon.config import load_config
 from daemon.pick.following import came_back_empty, fitted
+from daemon.pick.looking import Taken
 from daemon.store import places
-from daemon.vision.geometry import exact
-from daemon.vision.image import open_eyes
+from daemon.vision.geometry import StereoRig, exact
 from daemon.vision.values import Part, Recognition
 from drivers.simcell.cell import SimulatedCell
 from drivers.simcell.rigid import rigid, turn
@@ -23,6 +24,11 @@ from tests.worlds.solids import CUBE, measured, pose
 
 ETC = places.HOUSE / "etc"
 CONFIG = load_config(ETC / "facetd.yaml", simulated=True)
+
+
+def taken(pair: Any, rig: StereoRig) -> Taken:
+    """A pair of both eyes, the arm at the world's origin."""
+    return Taken(pair, pair, Reading(np.eye(4), np.zeros(6)), 0.0, rig, np.eye(4))
 
 
 def seems_empty(seed: int, holds_cube: bool) -> bool:
@@ -36,9 +42,9 @@ def seems_empty(seed: int, holds_cube: bool) -> bool:
         cell.world.gap_mm = 50.0 if holds_cube else 0.0
         cell.camera.open()
         pair = cell.camera.grab(0.0, 1.0)
-    eyes = open_eyes(pair.left.pixels, pair.right.pixels, believed.rig)
+    look: Any = SimpleNamespace(taken=taken(pair, believed.rig))
     workcell = SimpleNamespace(tool_from_cyclopean=believed.tool_from_cyclopean)
-    return came_back_empty(eyes, workcell, CONFIG.values.pick.gripper)  # type: ignore[arg-type]
+    return came_back_empty(look, workcell, CONFIG.values.pick.gripper)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
@@ -65,15 +71,13 @@ def test_a_part_named_by_its_edges_is_followed_as_it_was_named_though_facets_of_
     name = Recognition("cube", 0.9, 0.0, 0.0, None, False, "its edges")
     part = Part(name, facets, turned, np.diag([0.04] * 3 + [1e-5] * 3), 0.2, (), np.stack([turned, truth]))
     grey = SimpleNamespace(pixels=np.full((480, 640), 90, np.uint8))
+    pair: Any = SimpleNamespace(left=grey, right=grey)
     look: Any = SimpleNamespace(
-        world_from_cyclopean=np.eye(4),
-        scene=SimpleNamespace(parts=(part,)),
-        pictures=SimpleNamespace(left=grey, right=grey),
+        world_from_cyclopean=np.eye(4), scene=SimpleNamespace(parts=(part,)), taken=taken(pair, believed.rig)
     )
     target: Any = SimpleNamespace(
         label="cube", shape=shape, world_from_part=frames.perturb(truth, np.full(6, 0.01)), centre=corners.mean(0)
     )
-    cell: Any = SimpleNamespace(rig=believed.rig)
-    fit = fitted(target, look, cell)
+    fit = fitted(target, look)
     assert fit is not None
     assert np.allclose(fit.cyclopean_from_part, truth, atol=1e-6)

@@ -7,7 +7,7 @@ import numpy as np
 from daemon import frames
 from daemon.arm.settling import Settling
 from daemon.arm.workcell import Reading
-from daemon.pick.looking import Expected, log_look, take_look, tracked_json, whole_look
+from daemon.pick.looking import Expected, log_look, take_look, taken_here, tracked_json, whole_look
 from daemon.vision.registration.corner_pose import Fit
 from tests.worlds.fake_cell import TruthRecogniser, World, build, rig, shape_of
 
@@ -16,7 +16,7 @@ FIT = Fit(POSE, np.diag([0.1, 0.1, 0.3, 1e-5, 1e-5, 1e-5]), 0.1, 9)
 
 
 def expected(fit, label="pyramid"):
-    return Expected(label, 0.9, shape_of(label), lambda left, right, at: fit)
+    return Expected(label, 0.9, shape_of(label), lambda taken: fit)
 
 
 def taken(expect):
@@ -27,7 +27,7 @@ def taken(expect):
 
     async def story():
         reading = Reading(world.at, np.zeros(6))
-        look = await take_look(cell, recogniser, reading, 0.0, Settling(), -300.0, expect)
+        look = await take_look(cell, recogniser, await taken_here(cell, reading, 0.0, Settling()), 0.0, -300.0, expect)
         return look, await whole_look(recogniser, look)
 
     look, whole = asyncio.run(story())

@@ -22,7 +22,9 @@ SQUARE = 25.0 * np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
 
 def look_of(*parts: Part) -> Any:
     """As much of a look as its parts need."""
-    return SimpleNamespace(world_from_cyclopean=WORLD_FROM_CYCLOPEAN, scene=SimpleNamespace(parts=parts))
+    return SimpleNamespace(
+        world_from_cyclopean=WORLD_FROM_CYCLOPEAN, scene=SimpleNamespace(parts=parts), taken=SimpleNamespace(rig=rig())
+    )
 
 
 def part_at(
@@ -89,10 +91,10 @@ def test_a_facet_shows_again_the_better_the_squarer_it_is_seen_and_not_from_behi
 def test_a_lone_facet_that_should_show_and_does_not_is_unconfirmed() -> None:
     lone, named = seen_at(0, 0, UNKNOWN), seen_at(0, 0, "cube")
     around, nothing = lone.centre + np.array([20.0, 0, 0]), look_of()
-    assert unconfirmed([lone, named], nothing, around, rig()) == [lone]
-    assert unconfirmed([lone], look_of(part_at(5, 5, UNKNOWN)), around, rig()) == [], "it shows again"
-    assert unconfirmed([lone], nothing, around + np.array([150.0, 0, 0]), rig()) == [], "it bars nothing"
-    assert unconfirmed([seen_at(160, 0, UNKNOWN)], nothing, seen_at(160, 0).centre, rig()) == [], "out of view"
+    assert unconfirmed([lone, named], nothing, around) == [lone]
+    assert unconfirmed([lone], look_of(part_at(5, 5, UNKNOWN)), around) == [], "it shows again"
+    assert unconfirmed([lone], nothing, around + np.array([150.0, 0, 0])) == [], "it bars nothing"
+    assert unconfirmed([seen_at(160, 0, UNKNOWN)], nothing, seen_at(160, 0).centre) == [], "out of view"
 
 
 def test_what_is_nearest_or_surest_comes_first_and_what_has_no_name_last() -> None:

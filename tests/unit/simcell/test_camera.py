@@ -197,3 +197,29 @@ def test_a_longer_exposure_gathers_as_much_more_light_in_that_eye_within_what_a_
         was, now = (np.median(getattr(got, eye).pixels.astype(float)) - unlit for got in (before, after))
         assert now / was == pytest.approx(factor, rel=0.08)
     assert pair.expose(1e-9, 1.0)[0] == pytest.approx(1 / 32)
+
+
+@pytest.mark.parametrize("how", ["away", "frozen", "half"])
+def test_an_eye_fails_as_it_is_told_and_is_well_again(how: str) -> None:
+    pair, clock = pair_of()
+    pair.grab(0.0, 1.0)
+    pair.ail("right", how)  # type: ignore[arg-type]
+    clock.now_s += 0.5
+    if how == "away":
+        with pytest.raises(CameraError, match="right eye unplugged"):
+            pair.grab(clock.now_s, 1.0)
+        pair.use("left")
+        assert pair.grab(clock.now_s, 1.0).left.pixels.any()
+        pair.use(None)
+    else:
+        first = pair.grab(clock.now_s, 1.0)
+        now = pair.grab(first.right.taken_s, 1.0)
+        assert np.array_equal(first.right.pixels, now.right.pixels) == (how == "frozen")
+        assert np.array_equal(now.right.pixels[-1], now.right.pixels[-2]) == (how == "half")
+        assert not np.array_equal(first.left.pixels, now.left.pixels)
+    pair.ail("right", None)
+    clock.now_s += 0.5
+    first = pair.grab(clock.now_s, 1.0)
+    now = pair.grab(first.right.taken_s, 1.0)
+    assert not np.array_equal(first.right.pixels, now.right.pixels)
+    assert not np.array_equal(now.right.pixels[-1], now.right.pixels[-2])

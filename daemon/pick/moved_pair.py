@@ -1,0 +1,179 @@
+"""A look with one eye: two pictures at rest, the arm's own places between them, and the errors of those places.
+
+Pure: places and pictures in, a rig and covariances out; who moves the arm and waits is world.py. The eye moves sideways
+and does not turn. What moves with it (the fingers, a part in the hand) then lies in both pictures in one place, as if
+far away, and is taken for nothing on the table; turned towards one point, it would seem to lie there.
+
+The arm stands a little off what it says, otherwise at each place. Three things are made of that. A corner that two
+rays fix has the doubt of their crossing on top of its own (`with_arm`). A part that is known is laid onto each picture
+by itself: its size says how far it is, so that the arm's error counts as that of two places, and not as that of a
+parallax (`weighed`). And a look says no more of the calibration than that error leaves (`hints`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from daemon import frames
+from daemon.arm import EyeName, Picture
+from daemon.arrays import Array
+from daemon.vision.geometry import Camera, StereoRig, moved_rig
+from daemon.vision.health import Clue
+from daemon.vision.values import Facet, FacetView, Group, Part, Scene
+
+USUAL_MM = 60.0
+"""The baseline that places to look from are planned for: the first picture is taken half of it to the left of them."""
+SHORTEST_MM, LONGEST_MM = 40.0, 120.0
+OF_DISTANCE, OF_KNOWN = 0.15, 0.25
+"""Of the distance looked at, what the eye is moved by. Where parts are to be found, both pictures must show the same
+sides of them, and all of the table; of one that is known, the farther apart the better
+(tests/bench/long/one_eye.py)."""
+USUAL_DISTANCE_MM = 350.0
+"""Where it is not known how far what is looked at is."""
+SIDES = ((1.0, True), (-1.0, True), (1.0, False), (-1.0, False))
+"""Which way the eye is moved, right before left, by the whole baseline before the shortest."""
+
+
+@dataclass(frozen=True, eq=False)
+class MovedPair:
+    """Two pictures of one eye (daemon/arm's Pictures)."""
+
+    left: Picture
+    right: Picture
+
+
+@dataclass(frozen=True, eq=False)
+class Places:
+    """Where one eye was for each picture of a moved pair: left and right, (4, 4) cyclopean_from_camera mm; and how far
+    the arm may have been off at each, standard deviations per axis."""
+
+    eye: EyeName
+    left: Array
+    right: Array
+    arm_mm: float
+    arm_deg: float
+
+    @property
+    def arm(self) -> Array:
+        """(6, 6) covariance of one place."""
+        return np.diag([self.arm_mm**2] * 3 + [np.radians(self.arm_deg) ** 2] * 3)
+
+    def rig(self, calibrated: StereoRig) -> StereoRig:
+        """The eye, as it is in a calibrated rig, at both places."""
+        camera: Camera = getattr(calibrated, self.eye)
+        eyes = [replace(camera, cyclopean_from_camera=place) for place in (self.left, self.right)]
+        return StereoRig(eyes[0], eyes[1], calibrated.image_size)
+
+    def json(self) -> dict[str, Any]:
+        """As JSON values; `places_of` reads them."""
+        return {name: np.asarray(value).tolist() for name, value in vars(self).items()}
+
+
+def places_of(json: dict[str, Any] | None) -> Places | None:
+    """What `Places.json` gave; None where a pair was one of both eyes."""
+    if not json:
+        return None
+    left, right = (np.array(json[name], float) for name in ("left", "right"))
+    return Places(json["eye"], left, right, float(json["arm_mm"]), float(json["arm_deg"]))
+
+
+def seen_by_one(rig: StereoRig, tool_from_cyclopean: Array, alone: EyeName) -> tuple[StereoRig, Array]:
+    """The rig of a usual moved pair of one of a rig's eyes, and where that is on the tool: (StereoRig, (4, 4) mm)."""
+    eye: Camera = getattr(rig, alone)
+    tool_from_eye = tool_from_cyclopean @ eye.cyclopean_from_camera
+    return moved_rig(eye, rig.image_size, (tool_from_eye, tool_from_eye @ _aside(USUAL_MM)))
+
+
+def distance_mm(world_from_eye: Array, table_z_mm: float | None) -> float:
+    """How far along its axis an eye at (4, 4) mm meets the table; a usual distance where it hardly looks down."""
+    if table_z_mm is None or world_from_eye[2, 2] > -0.2:
+        return USUAL_DISTANCE_MM
+    return float((table_z_mm - world_from_eye[2, 3]) / world_from_eye[2, 2])
+
+
+def places_beside(world_from_eye: Array, away_mm: float, known: bool, back: bool = False) -> Iterator[Array]:
+    """Where the eye (4, 4) mm may go for the second picture of what is so far away: (4, 4), the best first. known: it
+    is one part, and about where is known; back: to the left before the right."""
+    share = OF_KNOWN if known else OF_DISTANCE
+    most = float(np.clip(share * away_mm, SHORTEST_MM, LONGEST_MM))
+    for side, whole in SIDES:
+        yield world_from_eye @ _aside((-side if back else side) * (most if whole else SHORTEST_MM))
+
+
+def with_arm(scene: Scene, rig: StereoRig, arm: Array) -> Scene:
+    """A scene of a moved pair with the arm's errors in every covariance. arm: (6, 6) of one place."""
+
+    def facet(one: Facet) -> Facet:
+        added = np.stack([crossing @ (2 * arm) @ crossing.T for crossing in _crossings(rig, one.corners_mm)])
+        return replace(one, covariance_mm2=one.covariance_mm2 + added)
+
+    def group(one: Group) -> Group:
+        return replace(one, facets=tuple(map(facet, one.facets)))
+
+    view: FacetView = replace(scene.view, groups=tuple(map(group, scene.view.groups)))
+    parts = tuple(replace(p, facets=tuple(map(facet, p.facets)), covariance=of_pair(p, rig, arm)) for p in scene.parts)
+    return replace(scene, parts=parts, view=view)
+
+
+def of_pair(part: Part, rig: StereoRig, arm: Array) -> Array:
+    """A part's covariance (6, 6) in a moved pair: its own, and what the arm's errors move it and turn it by."""
+    crossing = _crossings(rig, part.cyclopean_from_part[None, :3, 3])[0]
+    added = np.zeros((6, 6))
+    added[:3, :3] = crossing @ (2 * arm) @ crossing.T
+    added[3:, 3:] = arm[3:, 3:] / 2
+    return part.covariance + added
+
+
+def weighed(
+    poses: Sequence[Array], covariances: Sequence[Array], eyes: Sequence[Camera], arm: Array, size_share: float
+) -> tuple[Array, Array]:
+    """One pose of what each of two pictures shows by itself: (cyclopean_from_part (4, 4), covariance (6, 6)).
+
+    poses: (4, 4), covariances: (6, 6), of the pictures; arm: (6, 6) of one place; size_share: by which share of itself
+    the part may be larger than it was taught. Where the pictures disagree by more than all that says, the covariance
+    grows by as much. Source: least squares over the pose and the part's size, which is one in both pictures and which
+    the parallax tells; each picture with the error of its own place.
+    """
+    total, right = np.zeros((7, 7)), np.zeros(7)
+    total[6, 6] = size_share**-2.0
+    rows = []
+    for pose, covariance, eye in zip(poses, covariances, eyes, strict=True):
+        eye_from_part = frames.inverse(eye.cyclopean_from_camera) @ pose
+        whole = covariance + frames.lever_covariance(eye_from_part, arm, eye.cyclopean_from_camera)
+        jacobian = np.eye(6, 7)
+        jacobian[:3, 6] = eye.cyclopean_from_camera[:3, 3] - pose[:3, 3]  # a larger part seems to be nearer
+        off = frames.difference(pose, poses[0])
+        rows.append((jacobian, np.linalg.inv(whole), off))
+        total += jacobian.T @ rows[-1][1] @ jacobian
+        right += jacobian.T @ rows[-1][1] @ off
+    every = np.asarray(np.linalg.inv(total), float)
+    found = every @ right
+    chi = sum(float((off - j @ found) @ w @ (off - j @ found)) for j, w, off in rows) + (found[6] / size_share) ** 2
+    return frames.perturb(poses[0], found[:6]), every[:6, :6] * max(1.0, chi / 6.0)
+
+
+def hints(clue: Clue, arm: Array) -> Clue:
+    """A clue of a moved pair: what the arm's errors at both places may have turned is no turn of an eye."""
+    turn = 2 * arm[3, 3] + 2 * arm[0, 0] / USUAL_DISTANCE_MM**2
+    return replace(clue, sigma=np.sqrt(clue.sigma**2 + turn))
+
+
+def _crossings(rig: StereoRig, points_mm: Array) -> Array:
+    """(N, 3, 6): how points (N, 3), cyclopean, where rays of both eyes cross, move along the left rays with an error of
+    the right eye's place (6,) against the left's."""
+    left, right = (eye.cyclopean_from_camera[:3, 3] for eye in (rig.left, rig.right))
+    found = []
+    for point in points_mm:
+        a, b = point - left, point - right
+        a, b = a / np.linalg.norm(a), b / np.linalg.norm(b)
+        along = np.linalg.pinv(np.stack([a, -b], 1))[0]
+        found.append(np.outer(a, along) @ frames.point_motion((point - right)[None])[0])
+    return np.array(found)
+
+
+def _aside(mm: float) -> Array:
+    return frames.rigid(np.eye(3), np.array([mm, 0.0, 0.0]))

@@ -1,0 +1,84 @@
+"""Which eye is to be trusted, by its own pictures: each alone after a fault, and both before they are looked with."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from daemon.calibration.file import load_calibration
+from daemon.cell.cameras import ThreadedEyes
+from daemon.cell.eye_trial import ailments, distrust
+from drivers.simcell.cell import SimulatedCell
+from drivers.simcell.simulated_time import SimulatedLoop
+from tests.worlds.simulated_cell import CONFIG
+
+RIG = load_calibration(CONFIG.parent / "calibration.yaml").rig
+
+
+def tried(
+    prepare: Callable[[SimulatedCell], None], ask: Callable[[ThreadedEyes, SimulatedLoop], Awaitable[Any]]
+) -> Any:
+    """What is answered over a table with parts, and which eyes are looked with afterwards."""
+    with asyncio.Runner(loop_factory=SimulatedLoop) as runner:
+        loop = runner.get_loop()
+        assert isinstance(loop, SimulatedLoop)
+        with SimulatedCell(CONFIG.parent / "simcell.yaml", 3, loop=loop) as cell:
+            cell.place_for_teaching("cube", 0)
+            eyes = ThreadedEyes(cell.camera, loop.time)
+
+            async def story() -> Any:
+                await eyes.open()
+                await eyes.grab(0.0, 1.0)
+                prepare(cell)
+                return await ask(eyes, loop), eyes.alone
+
+            return runner.run(story())
+
+
+def break_eye(how: str) -> Callable[[SimulatedCell], None]:
+    return lambda cell: cell.camera.cover("left") if how == "black" else cell.camera.ail("left", how)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("how", "told"), [("away", "unplugged"), ("black", "covered"), ("frozen", "frozen"), ("half", "half a frame")]
+)
+def test_the_eye_that_fails_is_named_with_what_it_has_and_the_other_is_not(how: str, told: str) -> None:
+    wrong, alone = tried(break_eye(how), lambda eyes, loop: ailments(eyes, loop.time))
+    assert list(wrong) == ["left"]
+    assert told in wrong["left"]
+    assert alone is None, "nobody said to look with one"
+
+
+def test_of_two_eyes_that_see_nothing_is_said() -> None:
+    assert tried(lambda _: None, lambda eyes, loop: ailments(eyes, loop.time)) == ({}, None)
+
+
+async def back(eyes: ThreadedEyes, loop: SimulatedLoop) -> Any:
+    await eyes.use("left")
+    return await distrust(eyes, RIG, loop.time)
+
+
+def test_both_eyes_are_trusted_where_they_show_one_scene_as_calibrated() -> None:
+    assert tried(lambda _: None, back) == (None, None)
+
+
+def test_an_eye_that_came_back_knocked_is_not_trusted() -> None:
+    wrong, alone = tried(lambda cell: cell.camera.knock("right", np.array([0.8, 0.0, 0.0])), back)
+    assert "knocked" in wrong
+    assert alone == "left"
+
+
+def test_an_eye_that_came_back_dark_is_not_trusted() -> None:
+    wrong, alone = tried(lambda cell: cell.camera.cover("right"), back)
+    assert "covered" in wrong
+    assert alone == "left"
+
+
+def test_over_an_empty_table_both_eyes_are_not_trusted_yet() -> None:
+    wrong, alone = tried(lambda cell: cell.clear(), back)
+    assert "nothing is in view" in wrong
+    assert alone == "left"

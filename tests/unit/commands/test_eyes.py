@@ -1,0 +1,182 @@
+"""After a camera's fault: which eye is offered, that nothing is looked with that was not allowed, and the way back."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from daemon.commands.eyes import eyes
+from daemon.commands.looking import look
+from daemon.commands.moving import resume
+from daemon.console.interpreter import CommandError
+from daemon.pick.order import PickOrder
+from daemon.service import Service
+from drivers.simcell.simulated_time import SimulatedLoop
+from tests.worlds.fake_context import FakeDoor
+from tests.worlds.simulated_cell import CONFIG
+from tests.worlds.simulated_hours import Hours, cell_in_time
+
+FAULT = "CameraError: simulated pair: no frame within 5.00 s (right eye unplugged)"
+
+
+def lived(story: Callable[[Hours], Awaitable[Any]]) -> Any:
+    async def life() -> Any:
+        async with cell_in_time(5) as here:
+            here.cell.place_for_teaching("cube", 0)
+            return await story(here)
+
+    with asyncio.Runner(loop_factory=SimulatedLoop) as runner:
+        return runner.run(life())
+
+
+def broken(here: Hours) -> None:
+    """The right eye was torn off, and the arm was stopped for it."""
+    here.cell.camera.ail("right", "away")
+    here.cycle.supervisor.latch(FAULT)
+
+
+def test_resume_offers_the_eye_that_is_left_says_what_it_costs_and_looks_with_it_after_a_yes() -> None:
+    async def story(here: Hours) -> None:
+        broken(here)
+        door = FakeDoor(answers=["y"])
+        answer = await resume.run(here.context, [], door)
+        assert "right eye does not see" in door.asked[0]
+        assert "half as long again" in door.asked[0]
+        assert "Looking with the left eye alone" in answer.text
+        assert here.cycle.supervisor.fault is None
+        assert (here.context.hardware.eyes.alone, here.cycle.cell.alone) == ("left", "left")
+        assert here.log.said("eyes")[0]["alone"] == "left"
+        assert "left eye alone" in here.context.troubles.standing["eyes"]
+        assert not here.log.said("move")
+
+    lived(story)
+
+
+def test_after_a_no_the_fault_stands_and_both_eyes_stay() -> None:
+    async def story(here: Hours) -> None:
+        broken(here)
+        with pytest.raises(CommandError, match="The fault stands"):
+            await resume.run(here.context, [], FakeDoor(answers=["n"]))
+        assert here.cycle.supervisor.fault == FAULT
+        assert here.cycle.cell.alone is None
+
+    lived(story)
+
+
+def test_a_door_that_cannot_ask_is_told_the_word_and_nothing_changes() -> None:
+    async def story(here: Hours) -> None:
+        broken(here)
+        answer = await resume.run(here.context, [], FakeDoor())
+        assert "`eyes left` goes on with it" in answer.text
+        assert here.cycle.cell.alone is None
+
+    lived(story)
+
+
+@pytest.mark.parametrize("fault", [FAULT, "stopped by tester"])
+def test_where_both_eyes_see_or_no_camera_was_to_blame_nothing_is_offered(fault: str) -> None:
+    async def story(here: Hours) -> None:
+        here.cycle.supervisor.latch(fault)
+        door = FakeDoor(answers=["y"])
+        await resume.run(here.context, [], door)
+        assert not door.asked
+        assert here.cycle.cell.alone is None
+
+    lived(story)
+
+
+def test_an_eye_is_looked_with_again_only_after_both_showed_one_scene() -> None:
+    async def story(here: Hours) -> None:
+        broken(here)
+        await resume.run(here.context, [], FakeDoor(answers=["y"]))
+        with pytest.raises(CommandError, match="not trusted yet"):
+            await eyes.run(here.context, ["both"], FakeDoor())
+        assert here.cycle.cell.alone == "left"
+        here.cell.camera.ail("right", None)
+        assert (await eyes.run(here.context, ["both"], FakeDoor())).text == "Looking with both eyes."
+        assert here.cycle.cell.alone is None
+        assert here.cycle.cell.rig is here.context.calibration.rig
+        assert "eyes" not in here.context.troubles.standing
+
+    lived(story)
+
+
+def test_an_eye_that_does_not_see_cannot_be_looked_with_alone() -> None:
+    async def story(here: Hours) -> None:
+        here.cell.camera.cover("right")
+        with pytest.raises(CommandError, match=r"right eye cannot be looked with.*covered"):
+            await eyes.run(here.context, ["right"], FakeDoor())
+        assert "The right eye:" in (await eyes.run(here.context, [], FakeDoor())).text
+        assert here.context.hardware.eyes.alone is None
+
+    lived(story)
+
+
+def test_a_door_that_may_only_look_does_not_move_the_arm_by_looking_with_one_eye() -> None:
+    async def story(here: Hours) -> None:
+        await eyes.run(here.context, ["left"], FakeDoor())
+        with pytest.raises(CommandError, match="with one eye a look moves the arm"):
+            await look.run(here.context, [], FakeDoor(may="look"))
+        assert not here.log.said("move")
+        assert (await look.run(here.context, [], FakeDoor())).text
+        assert len(here.log.said("move")) == len(here.log.said("look"))
+
+    lived(story)
+
+
+@pytest.mark.parametrize("hindrance", [None, "disabled", "hand", "stopped"])
+def test_auto_degrade_goes_on_by_itself_only_where_the_arm_may_move_and_nobody_stopped_it(
+    hindrance: str | None,
+) -> None:
+    async def story(here: Hours) -> None:
+        begun: list[Any] = []
+
+        async def begin_auto(*order: Any) -> None:
+            begun.append(order)
+
+        service, context = Service(CONFIG, simulated=True), here.context
+        context.begin_auto = begin_auto  # type: ignore[method-assign]
+        here.cycle.pick_order = PickOrder(3, None)
+        broken(here)
+        if hindrance == "disabled":
+            await here.cycle.supervisor.disable()
+        if hindrance == "hand":
+            here.cycle.hand_full = None
+        going = asyncio.create_task(service._go_on_with_one_eye(context))
+        if hindrance == "stopped":
+            await asyncio.sleep(0)
+            await here.cycle.supervisor.stop()
+        await going
+        assert begun == ([] if hindrance else [(3, None)])
+        assert (here.cycle.supervisor.fault is None) == (hindrance is None)
+
+    lived(story)
+
+
+def test_auto_degrade_waits_for_the_first_time_that_an_operator_allowed_it() -> None:
+    async def story(here: Hours) -> None:
+        service, started = Service(CONFIG, simulated=True), list[str]()
+        service.beside = lambda work, name: (work.close(), started.append(name))  # type: ignore[method-assign, assignment]
+        values = here.context.config.values
+        config = replace(here.context.config, values=replace(values, pick=replace(values.pick, auto_degrade=True)))
+        here.context.config, service.context = config, here.context
+        here.cycle.pick_order = PickOrder(3, None)
+        await here.cycle.supervisor.stop()
+        end = replace(await _end(here), outcome="fault")  # type: ignore[type-var]
+        service.ended(end)
+        assert started == []
+        here.context.one_eye_allowed = True
+        service.ended(end)
+        assert started == ["one eye"]
+
+    lived(story)
+
+
+async def _end(here: Hours) -> Any:
+    here.cycle.supervisor.resume()
+    here.cell.clear()
+    return await here.cycle._one(None, stay=True)

@@ -1,0 +1,190 @@
+"""One eye at two places: the rig of that, where it may go, and the arm's errors in what comes of it."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from daemon import frames
+from daemon.arm import Limits, RefusedError
+from daemon.pick import moved_pair
+from daemon.pick.cycle import Cycle
+from daemon.pick.fusion import Doubt
+from daemon.pick.settings import Settings
+from daemon.vision.geometry import StereoRig, baseline, moved_rig
+from daemon.vision.health import Clue
+from daemon.vision.values import FacetView, Group, Scene
+from tests.worlds.fake_cell import TruthRecogniser, World, build, one_part, rig
+
+ARM = Doubt(arm_mm=0.1, arm_deg=0.03).arm()
+DOWN = frames.rigid(np.diag([1.0, -1.0, -1.0]), np.array([500.0, 0.0, 50.0]))
+
+
+def pair_at(baseline_mm: float) -> StereoRig:
+    aside = DOWN @ frames.rigid(np.eye(3), np.array([baseline_mm, 0.0, 0.0]))
+    return moved_rig(rig().left, (640, 480), (DOWN, aside))[0]
+
+
+@given(st.floats(-120, 120).filter(lambda mm: abs(mm) > 5), st.floats(-0.02, 0.02), st.floats(-0.02, 0.02))
+def test_points_seen_from_two_places_are_met_where_they_are(mm: float, turn: float, roll: float) -> None:
+    second = DOWN @ frames.rigid(frames.rotation_from_vector(np.array([turn, roll, turn])), np.array([mm, 2.0, -1.0]))
+    both, world_from_cyclopean = moved_rig(rig().left, (640, 480), (DOWN, second))
+    points = np.array([[500.0, 0.0, -300.0], [520.0, 30.0, -280.0], [480.0, -20.0, -290.0]])
+    seen = frames.apply(frames.inverse(world_from_cyclopean), points)
+    line = baseline(both)
+    met = line.points(line.left.ideal(both.left.project(seen)), line.right.ideal(both.right.project(seen)))
+    np.testing.assert_allclose(frames.apply(world_from_cyclopean, met), points, atol=1e-6)
+    assert both.left.cyclopean_from_camera[0, 3] < both.right.cyclopean_from_camera[0, 3]
+
+
+def test_an_eye_that_did_not_move_makes_no_pair() -> None:
+    with pytest.raises(ValueError, match="did not move"):
+        moved_rig(rig().left, (640, 480), (DOWN, DOWN.copy()))
+
+
+@given(st.floats(50, 1500), st.booleans())
+def test_the_eye_goes_40_to_120_mm_aside_and_does_not_turn(away_mm: float, known: bool) -> None:
+    for place in moved_pair.places_beside(DOWN, away_mm, known):
+        moved = frames.difference(place, DOWN)
+        assert 40.0 - 1e-9 <= np.linalg.norm(moved[:3]) <= 120.0 + 1e-9
+        assert not moved[3:].any()
+
+
+def test_the_farther_the_table_the_longer_the_way_aside() -> None:
+    near, far, sought = (
+        next(moved_pair.places_beside(DOWN, mm, known))[0, 3] - DOWN[0, 3]
+        for mm, known in ((200.0, True), (450.0, True), (450.0, False))
+    )
+    assert (near, far, sought) == (50.0, 112.5, 67.5)
+    assert moved_pair.distance_mm(DOWN, -300.0) == 350.0
+    assert moved_pair.distance_mm(np.eye(4), -300.0) == moved_pair.USUAL_DISTANCE_MM, "it looks up"
+
+
+def test_a_corners_doubt_is_what_arms_that_err_make_of_it() -> None:
+    """Monte Carlo: the right place is off as said, twice over, and the rays are met as if it were not."""
+    both, rng = pair_at(80.0), np.random.default_rng(0)
+    point = np.array([[15.0, -10.0, 320.0]])
+    left_px, line = both.left.project(point), baseline(both)
+    spread = []
+    for _ in range(4000):
+        off = frames.perturb(both.right.cyclopean_from_camera, rng.normal(0, np.sqrt(2 * np.diag(ARM))))
+        right_px = type(both.right)(both.right.matrix, both.right.distortion, off).project(point)
+        spread.append(line.points(line.left.ideal(left_px), line.right.ideal(right_px))[0] - point[0])
+    part = TruthRecogniser(World(rng))._facet(np.repeat(point, 4, axis=0))
+    scene = Scene((), (), FacetView((Group((part,), ((0, 1, 2, 3),)),), (), (), (), 2.0))
+    part_mm = part.corners_mm[0]
+    added = moved_pair.with_arm(scene, both, ARM).view.groups[0].facets[0].covariance_mm2[0] - part.covariance_mm2[0]
+    along = part_mm - both.left.cyclopean_from_camera[:3, 3]
+    along /= np.linalg.norm(along)
+    assert np.sqrt(along @ added @ along) == pytest.approx(np.std(spread, axis=0)[2], rel=0.1)
+
+
+def laid(motions: list[Any]) -> tuple[list[Any], list[Any], StereoRig]:
+    """A pose from each picture alone, sure but in depth, and the pair."""
+    truth = frames.rigid(np.eye(3), np.array([0.0, 0.0, 300.0]))
+    covariance = np.diag([0.02**2] * 2 + [0.3**2] + [0.001**2] * 3)
+    return [frames.perturb(truth, motion) for motion in motions], [covariance] * 2, pair_at(75.0)
+
+
+def test_a_part_that_is_larger_than_taught_is_put_where_both_pictures_meet() -> None:
+    """0.5 % larger it seems 1.5 mm nearer to each eye by itself, and each puts it beside the other's ray."""
+    both = pair_at(75.0)
+    eyes, part = (both.left, both.right), np.array([0.0, 0.0, 300.0])
+    nearer = [0.005 * (eye.cyclopean_from_camera[:3, 3] - part) for eye in eyes]
+    poses, covariances, _ = laid([np.concatenate([shift, np.zeros(3)]) for shift in nearer])
+    pose, covariance = moved_pair.weighed(poses, covariances, eyes, 1e-4 * ARM, 0.005)
+    assert abs(pose[2, 3] - 300.0) < 0.1
+    arm_pose, with_arm = moved_pair.weighed(poses, covariances, eyes, ARM, 0.005)
+    assert abs(arm_pose[2, 3] - 300.0) < 3 * np.sqrt(with_arm[2, 2])
+    assert with_arm[2, 2] > covariance[2, 2]
+
+
+def test_pictures_that_disagree_by_more_than_the_arm_may_err_are_trusted_less() -> None:
+    poses, covariances, both = laid([np.zeros(6), np.array([3.0, 0, 0, 0, 0, 0])])
+    agreed, _, _ = laid([np.zeros(6), np.zeros(6)])
+    eyes = both.left, both.right
+    apart = moved_pair.weighed(poses, covariances, eyes, ARM, 0.004)[1]
+    one = moved_pair.weighed(agreed, covariances, eyes, ARM, 0.004)[1]
+    assert np.trace(apart[:3, :3]) > 10 * np.trace(one[:3, :3])
+
+
+def test_what_a_moved_pair_hints_at_is_as_vague_as_the_arm() -> None:
+    sharp = Clue(np.zeros(3), np.array([1e-5, 1e-5, np.inf]), "")
+    sigma = moved_pair.hints(sharp, ARM).sigma
+    assert np.degrees(sigma[0]) > 0.03
+    assert np.isinf(sigma[2])
+
+
+def test_places_are_read_as_they_were_written() -> None:
+    both = pair_at(60.0)
+    places = moved_pair.Places("left", both.left.cyclopean_from_camera, both.right.cyclopean_from_camera, 0.1, 0.02)
+    read = moved_pair.places_of(places.json())
+    assert read is not None
+    assert (read.eye, read.arm_mm, read.arm_deg) == ("left", 0.1, 0.02)
+    assert np.array_equal(read.rig(rig()).right.cyclopean_from_camera, both.right.cyclopean_from_camera)
+    assert moved_pair.places_of(None) is None
+
+
+def alone(world: World, settings: Settings | None = None) -> Cycle:
+    """A cycle with one eye, enabled."""
+    cell = build(world)
+    object.__setattr__(cell, "alone", "left")
+    cycle = Cycle(cell, settings or Settings(), TruthRecogniser(world))
+    cycle.supervisor.enable()
+    return cycle
+
+
+def test_a_look_with_one_eye_is_two_pictures_and_one_bounded_move_that_is_logged_with_its_places() -> None:
+    world = one_part()
+    look = asyncio.run(alone(world).look())
+    assert [act for act, _ in world.wire] == ["move"]
+    assert look.taken.moved is not None
+    assert 40.0 <= look.taken.rig.baseline_mm <= 120.0
+    assert world.said("look")[0]["moved"]["eye"] == "left"
+    assert look.taken_s == min(look.pictures.left.taken_s, look.pictures.right.taken_s)
+    assert look.pictures.left.taken_s != look.pictures.right.taken_s
+
+
+def test_with_one_eye_nothing_moves_for_a_look_before_the_arm_is_enabled() -> None:
+    world = one_part()
+    cycle = alone(world)
+    asyncio.run(cycle.supervisor.disable())
+    world.wire.clear()
+    with pytest.raises(Exception, match="not_enabled"):
+        asyncio.run(cycle.look())
+    assert not world.wire
+
+
+def test_where_the_arm_cannot_go_beside_it_is_said_and_is_no_fault() -> None:
+    world = one_part()
+    low, high = ([c + s for c in world.at[:3, 3]] for s in (-20.0, 20.0))
+    cycle = alone(world, Settings(limits=Limits(box_low_mm=tuple(low), box_high_mm=tuple(high))))
+    with pytest.raises(RefusedError, match="no second picture"):
+        asyncio.run(cycle.look())
+    assert not world.wire
+    assert cycle.supervisor.fault is None
+
+
+def test_with_dry_on_a_look_with_one_eye_is_refused() -> None:
+    cycle = alone(one_part())
+    cycle.supervisor.dry(True)
+    with pytest.raises(RefusedError, match="dry"):
+        asyncio.run(cycle.look())
+
+
+def test_a_look_taken_again_in_better_light_goes_back_and_is_of_where_the_arm_then_is() -> None:
+    world = one_part()
+    world.light = (0.4, 0.4)
+    cycle, start = alone(world), world.at.copy()
+    look = asyncio.run(cycle.look())
+    assert len(world.said("look")) > 1
+    places = [move for act, move in world.wire if act == "move"]
+    assert np.linalg.norm(places[0][:3, 3] - start[:3, 3]) > 39.0
+    assert np.linalg.norm(places[1][:3, 3] - start[:3, 3]) < 1.0
+    assert np.allclose(look.reading.world_from_tool, places[-1], atol=0.5)
+    assert [r["moved"]["left"][0][3] < 0 for r in world.said("look")]
