@@ -18,6 +18,7 @@ from daemon.review.replay import Seen, apart_mm, paired
 Json = dict[str, Any]
 LIGHTS = ((60.0, "under 60"), (120.0, "60 to 120"), (180.0, "120 to 180"), (float("inf"), "over 180"))
 """Grey levels of the brightest hundredth, of the darker eye."""
+_BRIGHTNESS = {name: number for number, (_, name) in enumerate(LIGHTS)}
 UNKNOWN = "unknown"
 TIMINGS = ("then_ms", "now_ms")
 
@@ -88,7 +89,10 @@ def summed(results: Sequence[tuple[str, Json]]) -> Json:
         "worse": sum(change["regression"] for _, look in looks for change in look["changes"]),
         "all": counted(every) | _times(look for _, look in looks),
         "by": {
-            kind: {name: counted(of) | _times(_unique(look for look, _ in of)) for name, of in sorted(found.items())}
+            kind: {
+                name: counted(of) | _times(_unique(look for look, _ in of))
+                for name, of in sorted(found.items(), key=lambda group: (_BRIGHTNESS.get(group[0], 0), group[0]))
+            }
             for kind, found in groups.items()
         },
         "skipped": [line for _, result in results for line in result["skipped"]],

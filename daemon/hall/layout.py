@@ -216,9 +216,11 @@ def _moves(run: Digest) -> list[Row]:
     for record in run.of("move", "moved"):
         if record["kind"] == "move":
             place = [row[3] for row in (record.get("target") or [])[:3]] or [None] * 3
-            same = ("seq", "cycle", "t", "how", "purpose", "sent", "speed_pct")
+            same = ("seq", "cycle", "t", "how", "purpose", "speed_pct")
             rows.append(
-                {name: record.get(name) for name in same} | dict(zip(("x_mm", "y_mm", "z_mm"), place, strict=True))
+                {name: record.get(name) for name in same}
+                | {"sent": record.get("sent", True)}
+                | dict(zip(("x_mm", "y_mm", "z_mm"), place, strict=True))
             )
         elif rows:
             rows[-1] |= {name: record.get(name) for name in ("seconds", "error_mm", "error_deg")}

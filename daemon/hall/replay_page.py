@@ -44,7 +44,7 @@ def write_replay_page(
     data = {
         "title": "a replay",
         "total": total,
-        "with": [Path(name).name for name in chosen] or ["today's release"],
+        "with": [_called(name) for name in chosen] or ["today's release"],
         "kinds": kinds_of(found),
         "differences": rows,
         "more": max(len(found) - SHOWN, 0),
@@ -52,6 +52,12 @@ def write_replay_page(
     out.mkdir(parents=True, exist_ok=True)
     write_atomically(out / REPORT, render("replay", data, pictures, "daemon.hall").encode())
     return out / REPORT
+
+
+def _called(name: str) -> str:
+    """A file's name; of one that is kept by its hash, the first digits."""
+    stem, _, suffix = Path(name).name.partition(".")
+    return f"{stem[:8]}.{suffix}" if len(stem) == 64 else Path(name).name
 
 
 def _recorded(one: Json, folders: Sequence[str]) -> tuple[Record | None, dict[str, bytes]]:

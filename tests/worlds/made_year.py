@@ -53,16 +53,17 @@ def picks_of(runs: Sequence[Mapping[str, pa.Table]]) -> Picks:
 
 
 def write_year(
-    store: Store, picks: Picks, cells: int, first: date, days: int, a_day: int, seed: int = 0
+    store: Store, picks: Picks, cells: int, first: date, days: int, a_day: int, only: Sequence[int] | None = None
 ) -> Iterator[int]:
-    """Write `cells` cells, `a_day` picks on each of `days` days; gives the number of rows after each cell and month."""
+    """Write `cells` cells, `a_day` picks on each of `days` days (only: on those, by number); gives how many rows each
+    cell and month has."""
     months: dict[str, list[date]] = {}
-    for day in (first + timedelta(k) for k in range(days)):
+    for day in (first + timedelta(k) for k in (range(days) if only is None else only)):
         months.setdefault(f"{day:%Y-%m}", []).append(day)
     for cell in range(cells):
         for month, of in months.items():
             of = of[:-3] if cell == SILENT and of[-1] == first + timedelta(days=days - 1) else of
-            rng = np.random.default_rng((seed, cell, of[0].toordinal()))
+            rng = np.random.default_rng((cell, of[0].toordinal()))
             tables = _month(picks, cell, (of[0] - first).days / 365, of, a_day, rng)
             for name, rows in tables.items():
                 add_month(store, name, f"cell{cell + 1:02d}", month, rows)

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from daemon.hall.store import Store, open_store
-from tests.worlds.made_run import MadeRun
-
-for needed in ("pyarrow", "fsspec", "duckdb"):
-    pytest.importorskip(needed, reason=f"{needed} is not installed: make extra-fleet")
+from tests.worlds.made_run import MadeRun, quiet
 
 CellMaker = Callable[..., Path]
 
@@ -37,11 +33,3 @@ def cell(tmp_path: Path) -> CellMaker:
         return runs
 
     return made
-
-
-def quiet(runs: Path) -> None:
-    """Nothing in these runs was written within the last hour."""
-    for file in runs.rglob("*"):
-        if file.is_file():
-            then = file.stat().st_mtime - 3600
-            os.utime(file, (then, then))

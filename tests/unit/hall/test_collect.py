@@ -14,8 +14,11 @@ from daemon import ctl
 from daemon.hall.collect import collect, source_of
 from daemon.hall.questions import opened
 from daemon.hall.store import Store, StoreError, open_store
-from tests.unit.hall.conftest import CellMaker, quiet
-from tests.worlds.made_run import MadeRun
+from tests.unit.hall.conftest import CellMaker
+from tests.worlds.made_run import MadeRun, quiet
+
+for needed in ("pyarrow", "fsspec", "duckdb"):
+    pytest.importorskip(needed, reason=f"{needed} is not installed: make extra-fleet")
 
 
 def picks(store: Store) -> list[tuple[str, int]]:

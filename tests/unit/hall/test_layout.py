@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.dataset
-import pyarrow.parquet as pq
 import pytest
 
 from daemon.hall.collect import collect, source_of
@@ -20,8 +18,13 @@ from daemon.review.page import read_digest
 from tests.unit.hall.conftest import CellMaker
 from tests.worlds.made_run import MadeRun, part
 
+pa = pytest.importorskip("pyarrow", reason="pyarrow is not installed: make extra-fleet")
+pq = pytest.importorskip("pyarrow.parquet")
+dataset = pytest.importorskip("pyarrow.dataset")
+pytest.importorskip("duckdb", reason="duckdb is not installed: make extra-fleet")
 
-def rows(tables: dict[str, pa.Table], name: str) -> list[dict[str, object]]:
+
+def rows(tables: dict[str, Any], name: str) -> list[dict[str, object]]:
     found: list[dict[str, object]] = tables[name].to_pylist()
     return found
 
@@ -140,7 +143,7 @@ def test_other_readers_find_the_documented_columns(store: Store, cell: CellMaker
     for name in TABLES:
         if name == "faults":
             continue
-        found = pyarrow.dataset.dataset(store.path("tables", name), partitioning="hive").to_table()
+        found = dataset.dataset(store.path("tables", name), partitioning="hive").to_table()
         assert set(found.column_names) == {c.name for c in TABLES[name].columns} | {"cell", "month"}
     pandas = pytest.importorskip("pandas", reason="pandas is not installed")
     assert set(pandas.read_parquet(store.path("tables", "cycles"))["outcome"]) == {"picked"}

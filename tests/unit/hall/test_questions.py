@@ -6,7 +6,6 @@ import re
 from datetime import date
 from pathlib import Path
 
-import duckdb
 import pytest
 
 from daemon.hall.document import document
@@ -16,7 +15,9 @@ from daemon.hall.store import Store, open_store
 from daemon.review.page import read_digest
 from daemon.store import places
 from tests.worlds.made_run import MadeRun, part
-from tests.worlds.made_year import picks_of, write_year
+
+duckdb = pytest.importorskip("duckdb", reason="duckdb is not installed: make extra-fleet")
+made_year = pytest.importorskip("tests.worlds.made_year", reason="pyarrow is not installed: make extra-fleet")
 
 DATA = (places.HOUSE / "docs" / "DATA.md").read_text()
 
@@ -37,8 +38,8 @@ def year(tmp_path_factory: pytest.TempPathFactory) -> Store:
     made.write("cycle_end", cycle=made.cycle, outcome="missed", label="pyramid", stops=0, why="it lies where it lay")
     made.close()
     store = open_store(str(folder / "store"))
-    picks = picks_of([rows_of(read_digest(made.folder))])
-    assert sum(write_year(store, picks, 8, date(2026, 5, 1), 60, 20)) > 90_000
+    picks = made_year.picks_of([rows_of(read_digest(made.folder))])
+    assert sum(made_year.write_year(store, picks, 8, date(2026, 5, 1), 60, 20)) > 90_000
     return store
 
 
