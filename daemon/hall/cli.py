@@ -96,7 +96,7 @@ def _collect(args: argparse.Namespace) -> int:
     say = (lambda _: None) if args.json else (lambda line: print(line, flush=True))
     told = collect(open_store(args.into), sources, args.free, say)
     if args.json:
-        print(json.dumps(vars(told)))
+        print(json.dumps({name: value for name, value in vars(told).items() if name != "say"}))
     else:
         print(
             f"{told.collected} runs collected ({told.bytes / 1e6:.1f} MB), {told.known} were there, {told.waiting} not "

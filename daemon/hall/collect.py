@@ -19,7 +19,7 @@ from pathlib import Path
 
 import msgspec
 
-from daemon.hall.layout import add_rows, rows_of
+from daemon.hall.layout import Rows, add_rows, rows_of
 from daemon.hall.soundness import damages, files_of, finished
 from daemon.hall.store import Collected, Store, StoreError, hashed_below, manifest_name
 from daemon.review.digest import digest
@@ -56,7 +56,7 @@ class Source:
 
 @dataclass
 class Told:
-    """What a collection came to; lines: what a person should know."""
+    """What a collection came to; lines: what a person should know; say: told of everything as it happens."""
 
     collected: int = 0
     known: int = 0
@@ -65,6 +65,12 @@ class Told:
     freed: int = 0
     bytes: int = 0
     lines: list[str] = field(default_factory=list)
+    say: Callable[[str], object] = lambda _: None
+
+    def warn(self, line: str) -> None:
+        """Something that a person should know."""
+        self.lines.append(line)
+        self.say(line)
 
 
 def source_of(text: str) -> Source:
@@ -88,55 +94,58 @@ def collect(
 
     A cell that cannot be reached is told of and passed over. Raises StoreError, OSError where the store fails.
     """
-    told = Told()
+    told = Told(say=say)
     for source in sources:
         try:
             names = _names(source)
-            _collect_cell(store, source, names, told, say, quiet_s)
+            _collect_cell(store, source, names, told, quiet_s)
             if free:
-                _free_cell(store, source, names, told, say)
+                _free_cell(store, source, names, told)
         except (FileError, _UnreachableError) as error:
-            told.lines.append(f"{source.cell}: {error}")
-            say(told.lines[-1])
+            told.warn(f"{source.cell}: {error}")
     return told
 
 
-def _collect_cell(
-    store: Store, source: Source, names: list[str], told: Told, say: Callable[[str], object], quiet_s: float
-) -> None:
+def _collect_cell(store: Store, source: Source, names: list[str], told: Told, quiet_s: float) -> None:
     known = store.collected()
     ids = {short: f"{cell}/{run}" for (cell, run), short in known.items()}
     fresh = [name for name in names if (source.cell, name) not in known]
     told.known += len(names) - len(fresh)
     for begin in range(0, len(fresh), AT_ONCE):
-        whole: list[tuple[Collected, RunRecords]] = []
-        for name in fresh[begin : begin + AT_ONCE]:
-            with _here(source, name) as folder:
-                run = read_run(folder)
-                if not finished(folder, run, name != names[-1]) or not _quiet(folder, quiet_s):
-                    told.waiting += 1
-                    continue
-                problems = damages(folder, run)
-                if problems:
-                    _set_apart(store, source.cell, folder, problems)
-                    told.apart += 1
-                    told.lines.append(f"{source.cell}/{name}: damaged, set apart: {'; '.join(problems[:3])}")
-                    say(told.lines[-1])
-                    continue
-                safe = _put(store, source.cell, folder, run)
-                if safe.id[:16] in ids:
-                    told.lines.append(f"{source.cell}/{name}: is {ids[safe.id[:16]]} again; not taken twice")
-                    say(told.lines[-1])
-                    store.fs.rm(store.path("runs", source.cell, name), recursive=True)
-                    continue
-                ids[safe.id[:16]] = f"{source.cell}/{name}"
-                whole.append((safe, run))
-                say(f"{source.cell}/{name}: {len(safe.files)} files")
-        add_rows(store, source.cell, [rows_of(digest(safe.run, run.records)) for safe, run in whole])
-        for safe, _ in whole:
+        taken = [
+            one
+            for name in fresh[begin : begin + AT_ONCE]
+            if (one := _taken(store, source, name, name != names[-1], ids, told, quiet_s)) is not None
+        ]
+        add_rows(store, source.cell, [rows for _, rows in taken])
+        for safe, _ in taken:
             store.write(msgspec.json.encode(safe), "collected", manifest_name(safe.id[:16], safe.cell, safe.run))
             told.collected += 1
             told.bytes += sum(size for size, _ in safe.files.values())
+
+
+def _taken(
+    store: Store, source: Source, name: str, later: bool, ids: dict[str, str], told: Told, quiet_s: float
+) -> tuple[Collected, Rows] | None:
+    """A sound run, copied, and its rows; None where it waits, is damaged, or is one of `ids` (id -> cell/run) again."""
+    with _here(source, name) as folder:
+        run = read_run(folder)
+        if not finished(folder, run, later) or not _quiet(folder, quiet_s):
+            told.waiting += 1
+            return None
+        if problems := damages(folder, run):
+            _set_apart(store, source.cell, folder, problems)
+            told.apart += 1
+            told.warn(f"{source.cell}/{name}: damaged, set apart: {'; '.join(problems[:3])}")
+            return None
+        short = hashed_below(folder, RUN)[1][:16]
+        if short in ids:
+            told.warn(f"{source.cell}/{name}: is {ids[short]} again; not taken twice")
+            return None
+        safe = _put(store, source.cell, folder, run)
+        ids[short] = f"{source.cell}/{name}"
+        told.say(f"{source.cell}/{name}: {len(safe.files)} files")
+        return safe, rows_of(digest(name, run.records))
 
 
 def _put(store: Store, cell: str, folder: Path, run: RunRecords) -> Collected:
@@ -157,7 +166,7 @@ def _quiet(folder: Path, quiet_s: float) -> bool:
     return time.time() - newest >= quiet_s
 
 
-def _free_cell(store: Store, source: Source, names: list[str], told: Told, say: Callable[[str], object]) -> None:
+def _free_cell(store: Store, source: Source, names: list[str], told: Told) -> None:
     """Remove from the cell what is the same there, to the last byte, as in the store; the newest run stays."""
     store.settle()
     known = store.collected()
@@ -172,8 +181,7 @@ def _free_cell(store: Store, source: Source, names: list[str], told: Told, say: 
                 told.freed += 1
                 continue
             what = f"{lost[0]} is damaged in the store" if lost else "is another than what was collected"
-            told.lines.append(f"{source.cell}/{name}: {what}; it stays on the cell")
-            say(told.lines[-1])
+            told.warn(f"{source.cell}/{name}: {what}; it stays on the cell")
 
 
 def _same(folder: Path, safe: Collected) -> bool:

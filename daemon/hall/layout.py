@@ -6,7 +6,7 @@ One file a cell and month, sorted by day so that a reader skips what it does not
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 Row = dict[str, Any]
+Rows = dict[str, Any]
+"""Of one run or of several: a pyarrow table by the name of the table."""
 FILE = "rows.parquet"
 VERSION_KEY = b"facetd.schema"
 ROWS_A_GROUP = 16_384
@@ -53,7 +55,7 @@ def schema_of(table: str) -> pa.Schema:
     return pa.schema(fields, metadata={VERSION_KEY: str(VERSION).encode()})
 
 
-def rows_of(run: Digest) -> dict[str, pa.Table]:
+def rows_of(run: Digest) -> Rows:
     """The rows of one run, by table."""
     pa, _ = arrow()
     made = {
@@ -240,17 +242,16 @@ def _health(look: Record) -> Row:
     return (look.get("health") or {}) | {name: look.get(name) for name in ("seq", "cycle", "t")}
 
 
-def add_rows(store: Store, cell: str, runs: Iterable[Mapping[str, pa.Table]]) -> None:
+def add_rows(store: Store, cell: str, runs: Iterable[Rows]) -> None:
     """Put runs into the table; one that is in it already is replaced. Raises StoreError, OSError."""
     pa, _ = arrow()
     given = list(runs)
     for name in TABLES if given else ():
         added = pa.concat_tables([run[name] for run in given])
         names = pa.concat_tables([run["runs"] for run in given])["run"]
-        for month in sorted({str(day)[:7] for day in added["day"].to_pylist()}):
-            first = np.datetime64(month)
-            days = added["day"].to_numpy()
-            add_month(store, name, cell, month, added.filter(days.astype("datetime64[M]") == first), names)
+        months = added["day"].to_numpy().astype("datetime64[M]")
+        for month in np.unique(months):
+            add_month(store, name, cell, str(month), added.filter(months == month), names)
 
 
 def add_month(store: Store, name: str, cell: str, month: str, rows: pa.Table, instead_of: Any = ()) -> None:

@@ -250,7 +250,7 @@ def _client(workers: int, cluster: str | None, memory: str) -> Iterator[tuple[An
                 n_workers=workers,
                 threads_per_worker=1,
                 memory_limit=memory,
-                dashboard_address=None,
+                dashboard_address="127.0.0.1:0",
                 local_directory=spare,
             )
             client = distributed.Client(here, timeout=20)

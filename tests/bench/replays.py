@@ -50,7 +50,7 @@ def simulated(store: str, workers: int, seconds: float) -> float:
         tempfile.TemporaryDirectory() as out,
         dask.config.set({"distributed.logging.distributed": "critical"}),
         distributed.LocalCluster(
-            n_workers=workers, threads_per_worker=1, processes=False, dashboard_address=None, memory_limit=0
+            n_workers=workers, threads_per_worker=1, processes=False, dashboard_address="127.0.0.1:0", memory_limit=0
         ) as cluster,
         distributed.Client(cluster) as client,
     ):
