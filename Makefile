@@ -40,7 +40,7 @@ $(VENV)/.runtime: pyproject.toml
 
 $(VENV)/.dev: $(VENV)/.runtime
 	@echo "== installing the test tools (once; a minute or two)"
-	@$(BIN)/pip install -q -e '.[dev,metrics,live,export]'
+	@$(BIN)/pip install -q -e '.[dev,metrics,live,export,fleet]'
 	@tests/browser.sh
 	@touch $@
 

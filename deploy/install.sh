@@ -3,7 +3,7 @@
 #
 #   install.sh install      also upgrades: the new release is built beside the old one and checked against your
 #                           configuration before it takes over; configuration, models and runs are kept
-#   install.sh extra NAME   add one of the program's extras to the release in use: live, export, metrics, systemd
+#   install.sh extra NAME   add one of the program's extras to the release in use: live, export, fleet, metrics, systemd
 #   install.sh rollback     back to the release before
 #   install.sh remove       everything but /etc/facetd, /var/lib/facetd and udev rules that you have edited
 #   install.sh purge        these, too
@@ -152,8 +152,8 @@ do_extra() {
     [ -L "$opt/current" ] || fail "nothing is installed in $opt"
     case ${1:-} in
     systemd) "$opt/current/deploy/systemd-extra.sh" "$opt/current/venv/bin/pip" && return 0 ;;
-    live | export | metrics) ;;
-    *) fail "which extra? live, export, metrics or systemd" ;;
+    live | export | fleet | metrics) ;;
+    *) fail "which extra? live, export, fleet, metrics or systemd" ;;
     esac
     # shellcheck disable=SC2086
     "$opt/current/venv/bin/pip" install -q ${FACETD_PIP:-} -e "$opt/current[$1]"

@@ -1,13 +1,11 @@
-"""`facetctl runs | review | replay | export | tail`: arguments in, files and tables out. Works without a daemon."""
+"""`facetctl review | export | tail`: arguments in, files and tables out. Works without a daemon."""
 
 from __future__ import annotations
 
 import argparse
-import json
 import socket
 import sys
 from collections.abc import Callable
-from dataclasses import asdict
 from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -15,44 +13,37 @@ from typing import Any
 from daemon.errors import FacetdError
 from daemon.store import places
 from daemon.store.records import Record
-from daemon.store.runs import find_run, follow, list_runs
+from daemon.store.runs import find_run, follow
 
-DONE, REGRESSED, UNUSABLE = 0, 1, 2
+DONE, UNUSABLE = 0, 2
 
 
 def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Add the commands to facetctl."""
-    runs = _command(subparsers, "runs", _runs, "a table of all runs")
-    runs.add_argument("--last", type=int, default=30, metavar="N", help="how many, newest last (30)")
-    runs.add_argument("--json", action="store_true", help="a line for machines each")
-    review = _with_run(_command(subparsers, "review", _review, "one HTML page of a run"))
+    review = with_run(command(subparsers, "review", _review, "one HTML page of a run"))
     review.add_argument(
         "--out", type=Path, metavar="PAGE.html", help="where to write it (default: into the run folder)"
     )
     review.add_argument("--against", metavar="RUN", help="lay another run beside it")
     review.add_argument("--week", action="store_true", help="one page for the week that ended with it, in runs/")
-    replay = _with_run(
-        _command(subparsers, "replay", _replay, "every look through today's recogniser; 1 on a regression")
-    )
-    replay.add_argument("--model", type=Path, help="this model (a file, 3, or latest) instead of the run's own")
-    replay.add_argument("--json", action="store_true", help="one line for machines")
-    export = _with_run(_command(subparsers, "export", _export, "a run for other tools"))
+    export = with_run(command(subparsers, "export", _export, "a run for other tools"))
     kind = export.add_mutually_exclusive_group(required=True)
     kind.add_argument("--csv", action="store_true", help="cycles.csv and looks.csv")
     kind.add_argument("--mcap", action="store_true", help="for Foxglove: images, transforms, log (extra `export`)")
-    kind.add_argument("--parquet", action="store_true", help="into a fleet's store by cell and day (extra `export`)")
     export.add_argument("--out", type=Path, help="folder, or file for --mcap (default: in the run folder)")
     export.add_argument("--cell", default=socket.gethostname(), help="this cell's name in the tables")
-    tail = _with_run(_command(subparsers, "tail", _tail, "follow a run live, a line a step"))
+    tail = with_run(command(subparsers, "tail", _tail, "follow a run live, a line a step"))
     tail.add_argument("--once", action="store_true", help="print what is there and end")
 
 
-def _command(
+def command(
     subparsers: argparse._SubParsersAction[argparse.ArgumentParser],
     name: str,
     job: Callable[[argparse.Namespace], int],
     text: str,
 ) -> argparse.ArgumentParser:
+    """A command that reads runs; what cannot be used is one line and status 2."""
+
     def run(args: argparse.Namespace) -> int:
         try:
             return job(args)
@@ -66,114 +57,50 @@ def _command(
     return parser
 
 
-def _with_run(parser: argparse.ArgumentParser) -> argparse.ArgumentParser:
+def with_run(parser: argparse.ArgumentParser) -> argparse.ArgumentParser:
+    """The same with one run as its argument."""
     parser.add_argument(
         "folder", metavar="RUN", nargs="?", default="latest", help="a run folder, its name, or `latest`"
     )
     return parser
 
 
-def _folder(args: argparse.Namespace, name: str | None = None) -> Path:
+def folder_of(args: argparse.Namespace, name: str | None = None) -> Path:
+    """The run that was named. Raises RunError."""
     return find_run(args.runs or places.runs_folder(), name or args.folder)
-
-
-def _runs(args: argparse.Namespace) -> int:
-    from daemon.review.page import read_digest
-
-    rows = []
-    for folder in list_runs(args.runs or places.runs_folder())[-args.last :]:
-        try:
-            rows.append(read_digest(folder).statistics())
-        except FacetdError as error:  # one bad run keeps nobody from seeing the others
-            print(f"facetctl runs: {error}", file=sys.stderr)
-    if args.json:
-        for row in rows:
-            print(json.dumps(row))
-        return DONE
-    if not rows:
-        print("no runs yet")
-        return DONE
-    columns = ("run", "cycles", "picked", "missed", "refusals", "faults", "mean_looks", "predicted_mm", "true_mm",
-               "model", "calibration", "ended")  # fmt: skip
-    cells: list[list[str]] = [
-        [name.replace("_", " ") for name in columns],
-        *([_cell(row[c]) for c in columns] for row in rows),
-    ]
-    widths = [max(len(line[k]) for line in cells) for k in range(len(columns))]
-    for line in cells:
-        print("  ".join(text.ljust(width) for text, width in zip(line, widths, strict=True)).rstrip())
-    return DONE
-
-
-def _cell(value: Any) -> str:
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    return "-" if value is None else str(value)
 
 
 def _review(args: argparse.Namespace) -> int:
     from daemon.review.page import write_page
 
-    folder = _folder(args)
+    folder = folder_of(args)
     if args.week:
         from daemon.review.week import write_week
 
         print(write_week(folder.parent, folder, args.out or folder.parent / "week.html"))
         return DONE
-    against = _folder(args, args.against) if args.against else None
+    against = folder_of(args, args.against) if args.against else None
     print(write_page(folder, args.out or folder / "report.html", against))
     return DONE
-
-
-def _replay(args: argparse.Namespace) -> int:
-    from daemon.review.page import read_digest
-    from daemon.review.replay import replay
-    from daemon.store.library import FACETS, load_facets
-    from daemon.store.model import load
-    from daemon.store.model_store import model_file
-
-    folder = _folder(args)
-    model = load(model_file(args.model)) if args.model else None
-    result = replay(folder, read_digest(folder), load_facets(FACETS), model=model)
-    if args.json:
-        changes = [asdict(c) for c in result.changes]
-        print(json.dumps({"run": folder.name, "looks": result.looks, "identical": result.identical,
-                          "regressions": result.regressions, "changes": changes, "then_ms": result.then_ms,
-                          "now_ms": result.now_ms, "skipped": list(result.skipped)}))  # fmt: skip
-    else:
-        for change in result.changes:
-            mark = "worse " if change.regression else "other "
-            print(f"{mark} look {change.seq:>5}  cycle {_cell(change.cycle):>3}  {change.part}: {change.what}")
-        for line in result.skipped:
-            print(f"skipped {line}")
-        times = (
-            ""
-            if None in (result.then_ms, result.now_ms)
-            else f", {result.then_ms:.1f} ms then, {result.now_ms:.1f} ms now"
-        )
-        print(f"{result.looks} looks: {result.identical} identical, {result.regressions} worse{times}")
-    return REGRESSED if result.regressions else DONE
 
 
 def _export(args: argparse.Namespace) -> int:
     from daemon.review import export
     from daemon.review.page import read_digest
 
-    folder = _folder(args)
+    folder = folder_of(args)
     run = read_digest(folder)
     if args.mcap:
         written = [export.to_mcap(folder, run, args.out or folder / f"{folder.name}.mcap")]
-    elif args.csv:
-        written = export.to_csv(run, args.out or folder, args.cell)
     else:
-        written = export.to_parquet(run, args.out or folder.parent.parent / "fleet", args.cell)
+        written = export.to_csv(run, args.out or folder, args.cell)
     for path in written:
         print(path)
     return DONE
 
 
 def _tail(args: argparse.Namespace) -> int:
-    folder = _folder(args)
+    folder = folder_of(args)
     colour = sys.stdout.isatty()
     print(f"{folder}")
     try:

@@ -1,4 +1,4 @@
-"""A run in other tools' formats: CSV tables, MCAP for Foxglove, Parquet for a fleet. Each optional library is an extra.
+"""A run in other tools' formats: CSV tables, MCAP for Foxglove (an extra).
 
 What the columns mean is in tables.py; nothing is computed here.
 """
@@ -19,7 +19,7 @@ from daemon import frames
 from daemon.arrays import Array
 from daemon.errors import FacetdError
 from daemon.review.digest import Digest
-from daemon.review.tables import Row, tables
+from daemon.review.tables import tables
 from daemon.store.outside import FileError, read_below
 from daemon.store.pictures import LARGEST_BYTES
 from daemon.store.places import how_to_add
@@ -40,38 +40,6 @@ def to_csv(run: Digest, out: Path, cell: str) -> list[Path]:
             writer.writeheader()
             writer.writerows(rows)
     return written
-
-
-def to_parquet(run: Digest, out: Path, cell: str) -> list[Path]:
-    """Add the run to a fleet's store: out/{cycles,looks}/cell=.../day=.../<run>.parquet. Writing it again replaces it.
-
-    Raises ExportError without pyarrow, OSError.
-    """
-    try:
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-    except ImportError:
-        raise ExportError(f"Parquet needs pyarrow: {how_to_add('export')}") from None
-    kinds = {"string": pa.string(), "int64": pa.int64(), "float64": pa.float64()}
-    written = []
-    for name, (columns, rows) in tables(run, cell).items():
-        schema = pa.schema([(c, kinds[k]) for c, k in columns.items() if c not in ("cell", "day")])
-        for day in sorted({r["day"] for r in rows}):
-            folder = out / name / f"cell={cell}" / f"day={day}"
-            folder.mkdir(parents=True, exist_ok=True)
-            path = folder / f"{run.name}.parquet"
-            pq.write_table(pa.Table.from_pylist([_typed(r, columns) for r in rows if r["day"] == day], schema), path)
-            written.append(path)
-    return written
-
-
-def _typed(row: Row, columns: dict[str, str]) -> Row:
-    """Numbers of a float column as floats: a JSON 0 is an int."""
-    return {
-        k: float(v) if columns[k] == "float64" and v is not None else v
-        for k, v in row.items()
-        if k not in ("cell", "day")
-    }
 
 
 def to_mcap(folder: Path, run: Digest, out: Path) -> Path:

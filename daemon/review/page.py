@@ -82,14 +82,15 @@ def read_digest(folder: Path) -> Digest:
     return digest(folder.name, found.records, found.skipped, being_written(folder / "run.jsonl"))
 
 
-def render(name: str, data: dict[str, Any], pictures: dict[str, str]) -> str:
-    """A page as text: its template and program (`name`) with the shared style and parts, data and pictures put in."""
-    assets = resources.files("daemon.review") / "assets"
-    page = (assets / f"{name}.html").read_text()
+def render(name: str, data: dict[str, Any], pictures: dict[str, str], room: str = "daemon.review") -> str:
+    """A page as text: its template and program (`name`, of `room`) with the shared style and parts, data and pictures
+    put in."""
+    assets, own = (resources.files(package) / "assets" for package in ("daemon.review", room))
+    page = (own / f"{name}.html").read_text()
     parts = {
         "STYLE": (assets / "style.css").read_text(),
         "SHARED": (assets / "shared.js").read_text(),
-        "PROGRAM": (assets / f"{name}.js").read_text(),
+        "PROGRAM": (own / f"{name}.js").read_text(),
         "DATA": _embedded(data),
         "PICTURES": _embedded(pictures),
         "TITLE": html.escape(str(data.get("run") or data.get("title") or "")),

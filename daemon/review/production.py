@@ -24,7 +24,7 @@ Json = dict[str, Any]
 
 def production(runs: Sequence[Digest]) -> Json:
     """Of one run, or of several taken together. Rates are None where nothing says them."""
-    cycles = [c for run in runs for c in run.cycles if _tried(c, run.going)]
+    cycles = [c for run in runs for c in run.cycles if tried(c, run.going)]
     picked = [c for c in cycles if c.outcome == "picked"]
     seconds = [c.seconds for c in picked]
     worked_s = sum(filter(None, map(_worked_s, runs)))
@@ -46,11 +46,12 @@ def production(runs: Sequence[Digest]) -> Json:
         "looks": _median(c.looks for c in picked),
         "stops": dict(Counter(chain.from_iterable(map(_stops, runs))).most_common()),
         "nameless": sum(map(_nameless, cycles)),
-        "interventions": sum(map(_interventions, runs)),
+        "interventions": sum(map(interventions, runs)),
     }
 
 
-def _tried(cycle: Cycle, going: bool) -> bool:
+def tried(cycle: Cycle, going: bool) -> bool:
+    """Whether there was something to be picked."""
     return cycle.outcome not in ("empty", "dry", "placed") and not (going and cycle.end is None)
 
 
@@ -77,7 +78,7 @@ def _nameless(cycle: Cycle) -> int:
     return sum(s.get("outcome") in NAMELESS for s in skipped) or int(cycle.outcome in NAMELESS)
 
 
-def _interventions(run: Digest) -> int:
+def interventions(run: Digest) -> int:
     """What people had to tell it while it picked."""
     if not run.cycles:
         return 0

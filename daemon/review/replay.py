@@ -1,14 +1,14 @@
 """A recorded run as a test: every look through today's recogniser, and what came out differently.
 
-The model is the one that was in use at that look (kept in the run), or another one, to ask what it would have done.
+Model and calibration are those that were in use at that look (kept in the run), or others, to ask what they would have
+done.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from statistics import median
 from time import thread_time
 from typing import Any
 
@@ -26,6 +26,7 @@ from daemon.store.pictures import read_as_stored
 from daemon.store.records import Record
 from daemon.store.runs import RunError, kept_file
 from daemon.vision.facets import Table
+from daemon.vision.geometry import StereoRig
 from daemon.vision.look import look
 from daemon.vision.model import FacetLibrary, Model, empty_model
 from daemon.vision.report import scene_json
@@ -54,67 +55,63 @@ class Change:
 
 
 @dataclass(frozen=True)
-class Replayed:
-    """looks replayed, how many came out identical to the last digit, all changes, median ms of a look then and now,
-    and one line for each look that could not be replayed."""
+class Using:
+    """What is replayed with; None: what the run itself was done with, and usual settings."""
 
-    looks: int
-    identical: int
+    model: Model | None = None
+    rig: StereoRig | None = None
+    settings: VisionSettings | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """One look again: its record, the scene as scene_json has it now, what came out differently; identical: to the last
+    digit (of a look that only followed a part: as far as it can be compared)."""
+
+    record: Record
+    now: Json
     changes: tuple[Change, ...]
-    then_ms: float | None
-    now_ms: float | None
-    skipped: tuple[str, ...]
+    identical: bool
 
     @property
-    def regressions(self) -> int:
-        """How many of the changes are for the worse."""
-        return sum(c.regression for c in self.changes)
+    def then(self) -> Json:
+        """The scene as it was recorded."""
+        return self.record.get("scene") or {}
 
 
-def replay(
-    folder: Path, run: Digest, library: FacetLibrary, settings: VisionSettings | None = None, model: Model | None = None
-) -> Replayed:
-    """Replay every look of a run. library: facet types for looks before there was a model; model: not the run's own.
+def replayed_looks(
+    folder: Path, run: Digest, library: FacetLibrary, using: Using, chosen: Container[int] | None = None
+) -> Iterator[Seen | str]:
+    """Each look of a run again, or a line that says why it cannot be. chosen: the looks by seq (None: all); library:
+    facet types for looks before there was a model.
 
     Raises RunError where the run keeps no calibration, ConfigError or ModelError where a kept file is not usable.
     """
     kept = (run.start or {}).get("calibration")
-    if not kept:
+    if not kept and using.rig is None:
         raise RunError(f"{folder}: no calibration was kept with this run; it cannot be replayed")
-    rig = load_calibration(kept_file(folder, kept)).rig
-    changes: list[Change] = []
-    skipped: list[str] = []
-    then_ms: list[float] = []
-    now_ms: list[float] = []
-    looks = identical = 0
+    rig = using.rig or load_calibration(kept_file(folder, kept)).rig
     untaught = empty_model(library)
-    unhurried = (settings or VisionSettings()).unhurried()
+    unhurried = (using.settings or VisionSettings()).unhurried()
     for record, in_use in looks_with_models(folder, run):
+        if chosen is not None and record["seq"] not in chosen:
+            continue
         pair = _pictures(folder, record)
         if pair is None:
-            skipped.append(f"look {record['seq']}: its pictures are not in the run folder")
+            yield f"look {record['seq']}: its pictures are not in the run folder"
             continue
         moved = places_of(record.get("moved"))
         taken_by = rig if moved is None else moved.rig(rig)
-        scene = look(*pair, taken_by, model or in_use or untaught, unhurried, thread_time, _table(record))
+        scene = look(*pair, taken_by, using.model or in_use or untaught, unhurried, thread_time, _table(record))
         if moved is not None:
             scene = with_arm(scene, taken_by, moved.arm)
         now, then = scene_json(scene), record.get("scene") or {}
         whole = record.get("whole", True)
-        found = compare(then, now, whole)
-        looks += 1
-        identical += _same(then, now) if whole else not found
-        changes += [Change(int(record["seq"]), record.get("cycle"), part, what, worse) for part, what, worse in found]
-        then_ms += [then["ms"]] if then.get("ms") else []
-        now_ms += [now["ms"]] if now.get("ms") else []
-    return Replayed(
-        looks,
-        identical,
-        tuple(changes),
-        median(then_ms) if then_ms else None,
-        median(now_ms) if now_ms else None,
-        tuple(skipped),
-    )
+        found = compare(then, now, whole, using.model is None)
+        changes = tuple(
+            Change(int(record["seq"]), record.get("cycle"), part, what, worse) for part, what, worse in found
+        )
+        yield Seen(record, now, changes, _same(then, now) if whole else not found)
 
 
 def looks_with_models(folder: Path, run: Digest) -> Iterator[tuple[Record, Model | None]]:
@@ -130,29 +127,55 @@ def looks_with_models(folder: Path, run: Digest) -> Iterator[tuple[Record, Model
             yield record, loaded.get(current) if current else None
 
 
-def compare(then: Json, now: Json, whole: bool = True) -> list[tuple[str, str, bool]]:
+def compare(then: Json, now: Json, whole: bool = True, one_model: bool = True) -> list[tuple[str, str, bool]]:
     """(part, what changed, whether for the worse) between two looks as scene_json has them. whole: both looked for
     everything in view; a look that only followed a part knew its name and measured it by its edges, where a replay has
-    nothing but its facets: it need not be named by those, and both measurements have an error of their own.
+    nothing but its facets: it need not be named by those, and both measurements have an error of their own. one_model:
+    a part has the same origin in both; else its corners are compared instead of its pose.
     """
+    moved_by = _moved if one_model else _corners_moved
     found: list[tuple[str, str, bool]] = []
+    for part, match in paired(then, now):
+        if part is None or match is None:
+            one = part or match or {}
+            if whole and one["label"] != UNKNOWN:
+                found.append((one["label"], NO_LONGER if match is None else NOT_BEFORE, match is None))
+        elif match["label"] != part["label"]:
+            if whole or match["label"] != UNKNOWN:
+                found.append((part["label"], f"now {match['label']}: {match.get('reason')}", part["label"] != UNKNOWN))
+        elif part["label"] != UNKNOWN and (moved := moved_by(part, match, whole)) is not None:
+            found.append((part["label"], moved, True))
+    return found
+
+
+def paired(then: Json, now: Json) -> list[tuple[Json | None, Json | None]]:
+    """The parts of two scenes as they belong together by where they are; None where one has no other."""
+    pairs: list[tuple[Json | None, Json | None]] = []
     left = list(now.get("parts") or [])
     for part in then.get("parts") or []:
         match = min(left, key=lambda p: _gap_mm(part, p), default=None)
-        named = part["label"] != UNKNOWN
         if match is None or _gap_mm(part, match) > NEAR_MM:
-            if named and whole:
-                found.append((part["label"], NO_LONGER, True))
-            continue
-        left.remove(match)
-        if not whole and match["label"] == UNKNOWN:
-            continue
-        if match["label"] != part["label"]:
-            found.append((part["label"], f"now {match['label']}: {match.get('reason')}", named))
-        elif named and (moved := _moved(part, match, whole)) is not None:
-            found.append((part["label"], moved, True))
-    found += [(p["label"], NOT_BEFORE, False) for p in left if whole and p["label"] != UNKNOWN]
-    return found
+            match = None
+        else:
+            left.remove(match)
+        pairs.append((part, match))
+    return [*pairs, *((None, part) for part in left)]
+
+
+def apart_mm(then: Json, now: Json) -> float | None:
+    """How far apart two parts lie: the median distance of the corners of the one to the nearest of the other.
+
+    Asks no pose: where another model was taught from other sides, its part has another origin. None without corners.
+    """
+    fewer, more = sorted((_corners(then), _corners(now)), key=len)
+    if not len(fewer):
+        return None
+    return float(np.median(np.linalg.norm(fewer[:, None] - more[None], axis=2).min(axis=1)))
+
+
+def _corners(part: Json) -> Array:
+    corners = [c for f in part.get("facets") or [] for c in f["corners_mm"]]
+    return np.array(corners, float).reshape(-1, 3)
 
 
 def _same(then: Json, now: Json) -> bool:
@@ -163,8 +186,8 @@ def _same(then: Json, now: Json) -> bool:
 
 
 def _centre(part: Json) -> Array:
-    corners = [c for f in part.get("facets") or [] for c in f["corners_mm"]]
-    return np.mean(corners, axis=0) if corners else np.full(3, np.inf)
+    corners = _corners(part)
+    return np.asarray(corners.mean(axis=0)) if len(corners) else np.full(3, np.inf)
 
 
 def _gap_mm(a: Json, b: Json) -> float:
@@ -187,6 +210,16 @@ def _moved(then: Json, now: Json, whole: bool) -> str | None:
         return None
     mm, deg = np.linalg.norm(motion[:3]), np.degrees(np.linalg.norm(motion[3:]))
     return f"moved by {mm:.2f} mm and {deg:.2f} degrees, {worst:.1f} sigma"
+
+
+def _corners_moved(then: Json, now: Json, _: bool) -> str | None:
+    """The same by the corners, of two measurements with an error each."""
+    mm = apart_mm(then, now)
+    if mm is None or any(one.get("covariance") is None for one in (then, now)):
+        return None
+    spread = sum(np.array(one["covariance"], float)[:3, :3] for one in (then, now))
+    sigma = float(np.sqrt(max(np.linalg.eigvalsh(spread)[-1], 1e-12)))
+    return None if mm <= SIGMAS * sigma else f"moved by {mm:.2f} mm at its corners, {mm / sigma:.1f} sigma"
 
 
 def _table(record: Record) -> Table | None:

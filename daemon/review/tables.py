@@ -1,7 +1,4 @@
-"""Rows of looks and of cycles, the same for CSV and for Parquet: what a fleet of cells is compared by.
-
-The columns and their units are the documented schema (deploy/RUNS.md, "Many cells"); a new one goes at the end.
-"""
+"""Rows of looks and of cycles, for a spreadsheet. A new column goes at the end."""
 
 from __future__ import annotations
 

@@ -94,10 +94,11 @@ async def rig(
     settings: Settings | None = None,
     believed: Calibration | None = None,
     truth: Path | None = None,
+    log: ListLog | None = None,
 ) -> AsyncIterator[Rig]:
     """Build, open, enable; close at the end, where the judge must have found nothing.
 
-    believed: the daemon's calibration (None: its file).
+    believed: the daemon's calibration (None: its file); log: one that keeps more than its records.
     """
     config = load_config(CONFIG, simulated=True)
     simulated = replace(config.values.simulated, seed=seed, time_scale=time_scale)
@@ -105,7 +106,7 @@ async def rig(
         simulated = replace(simulated, truth=str(truth))
     config = replace(config, values=replace(config.values, simulated=simulated))
     believed = believed or load_calibration(config.calibration)
-    log = ListLog()
+    log = log or ListLog()
     hardware = cells.build(config, log.wire.append)
     assert hardware.hand is not None
     try:

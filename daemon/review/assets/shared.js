@@ -107,7 +107,7 @@ function curve(points, [x0, x1], [y0, y1], width, height, gap = Infinity) {
   return { path: sorted.map(([x, [low, high]], k) => `${k && x - sorted[k - 1][0] < gap ? "L" : "M"}${x.toFixed(1)} ${py(high).toFixed(1)}${low < high ? `L${x.toFixed(1)} ${py(low).toFixed(1)}` : ""}`).join(""),
     dots: sorted.length <= 60 ? sorted.map(([x, [, high]]) => [x, py(high)]) : [], px, py };
 }
-// A chart with axes, units and its limit. series: [{name, points, colour}]; options: x, y titles, limit, on(point index)
+// A chart with axes, units and its limit. series: [{name, points, colour, dotless}]; options: x, y titles, limit, on(point index)
 function chart(title, series, options) {
   const width = 460, height = 190, box = el("figure", { class: "chart" }, el("figcaption", {}, title));
   const every = series.flatMap((s) => s.points).filter((p) => known(p[1]));
@@ -134,7 +134,7 @@ function chart(title, series, options) {
   series.forEach((s, k) => {
     const { path } = curve(s.points, span, [low, top], width, height), name = `line c${s.colour ?? k}`;
     if (!s.dotsOnly) layer.append(svg("path", { d: path, class: name }));
-    if (s.points.length > 200) return;
+    if (s.dotless || s.points.length > 200) return;
     s.points.forEach((p, i) => {
       if (!known(p[1])) return;
       const dot = svg("circle", { cx: scale.px(p[0]), cy: scale.py(p[1]), r: options.on ? 4 : 2.5, class: `dot c${s.colour ?? k}` });

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from daemon.review.replay import compare
-from tests.worlds.made_run import part
+import pytest
+
+from daemon.review.replay import apart_mm, compare
+from tests.worlds.made_run import FACET, part
 
 
 def scene(*parts: dict[str, object]) -> dict[str, object]:
@@ -40,3 +42,24 @@ def test_a_look_that_only_followed_a_part_is_held_against_a_whole_one_as_two_mea
     assert compare(then, scene(part("unknown", reason="one facet")), whole=False) == []
     assert compare(then, scene(part("pyramid")), whole=False)[0][2]
     assert compare(then, scene(), whole=False) == []
+
+
+def test_a_part_of_another_model_is_held_against_the_old_by_its_corners_not_by_its_pose() -> None:
+    """Another model's part has another origin: where the part lies is the same, its pose is not."""
+    turned = [[0.0, -1.0, 0, 30.0], [1.0, 0, 0, 0], [0, 0, 1.0, 0], [0, 0, 0, 1.0]]
+
+    def beside(mm: float) -> dict[str, object]:
+        facet = {**FACET, "corners_mm": [[x + mm, y, z] for x, y, z in FACET["corners_mm"]]}  # type: ignore[attr-defined]
+        return part("cube", cyclopean_from_part=turned, facets=[facet])
+
+    then = scene(part("cube"))
+    assert compare(then, scene(beside(0.0)))[0][2]
+    assert compare(then, scene(beside(0.0)), one_model=False) == []
+    assert compare(then, scene(beside(0.4)), one_model=False) == []
+    assert "moved by 0.45 mm at its corners" in compare(then, scene(beside(0.45)), one_model=False)[0][1]
+
+
+def test_how_far_apart_two_parts_lie_is_told_by_the_corners_that_both_show() -> None:
+    fewer = part("cube", facets=[{**FACET, "corners_mm": [[0.3, 0, 300], [0.3, 50, 300]]}])
+    assert apart_mm(part("cube"), fewer) == apart_mm(fewer, part("cube")) == pytest.approx(0.3)
+    assert apart_mm(part("cube"), part("cube", facets=[])) is None

@@ -14,7 +14,7 @@ import pytest
 
 from daemon.config import load_config
 from daemon.review.page import read_digest, write_page
-from daemon.review.replay import replay
+from daemon.review.replay import Using, replayed_looks
 from daemon.store.library import load_facets
 from daemon.store.model import LARGEST_UNFOLDED, ModelError, load
 from daemon.store.npz import ArchiveError, pack, unpack
@@ -140,7 +140,7 @@ def test_pictures_outside_of_the_run_are_neither_shown_nor_replayed(run: Path, n
     calibration = next((run / "kept").iterdir())
     calibration.write_bytes((HOUSE / "etc" / "calibration.yaml").read_bytes())
     with pytest.raises(RunError, match="changed since it was kept"):
-        replay(run, read_digest(run), load_facets())
+        list(replayed_looks(run, read_digest(run), load_facets(), Using()))
 
 
 def test_a_kept_file_must_lie_in_the_run(run: Path) -> None:

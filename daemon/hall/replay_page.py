@@ -1,0 +1,91 @@
+"""The report of a replay: one offline page, each difference with its pictures, in the style of the run's page."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from daemon.hall.judged import Json, kinds_of
+from daemon.hall.store import StoreError, open_store
+from daemon.review.digest import Stop
+from daemon.review.page import JPEG_QUALITY, PICTURE_BUDGET, render
+from daemon.review.pagedata import stop_json
+from daemon.store.files import write_atomically
+from daemon.store.outside import FileError, open_below
+from daemon.store.records import Record, record_of
+from daemon.store.runs import RUN
+
+REPORT = "report.html"
+SHOWN = 300
+"""Differences with a row of their own on the page; the others are in the counts."""
+
+
+def write_replay_page(
+    out: Path, total: Json, found: Sequence[Json], folders: Sequence[str], chosen: Sequence[str]
+) -> Path:
+    """Write out/report.html. folders: run folders and stores the runs are in; chosen: what was replayed with.
+
+    A difference whose run is not to be had any more is told without its pictures. Raises OSError.
+    """
+    rows, pictures, spent = [], {}, 0
+    for number, one in enumerate(found[:SHOWN]):
+        row: Json = {k: v for k, v in one.items() if k != "now"} | {"looks": None}
+        record, images = _recorded(one, folders) if spent < PICTURE_BUDGET else (None, {})
+        if record is not None:
+            row["looks"] = [stop_json(Stop(None, "", r, None, ())) for r in (record, record | {"scene": one["now"]})]
+        for eye, image in images.items():
+            pictures[f"{number}-{eye}"] = "data:image/jpeg;base64," + base64.b64encode(image).decode()
+            spent += len(image)
+        rows.append(row)
+    data = {
+        "title": "a replay",
+        "total": total,
+        "with": [_called(name) for name in chosen] or ["today's release"],
+        "kinds": kinds_of(found),
+        "differences": rows,
+        "more": max(len(found) - SHOWN, 0),
+    }
+    out.mkdir(parents=True, exist_ok=True)
+    write_atomically(out / REPORT, render("replay", data, pictures, "daemon.hall").encode())
+    return out / REPORT
+
+
+def _called(name: str) -> str:
+    """A file's name; of one that is kept by its hash, the first digits."""
+    stem, _, suffix = Path(name).name.partition(".")
+    return f"{stem[:8]}.{suffix}" if len(stem) == 64 else Path(name).name
+
+
+def _recorded(one: Json, folders: Sequence[str]) -> tuple[Record | None, dict[str, bytes]]:
+    """The look's record and both its pictures as JPEG."""
+    for where in folders:
+        try:
+            if Path(where).name == one["run"]:
+                return _look(Path(where), one["seq"])
+            if not (Path(where) / RUN).exists():
+                store = open_store(where)
+                if store.local:
+                    return _look(Path(store.path("runs", one["cell"], one["run"])), one["seq"])
+        except (FileError, StoreError):
+            continue
+    return None, {}
+
+
+def _look(folder: Path, seq: int) -> tuple[Record | None, dict[str, bytes]]:
+    mark = b'"seq":%d,' % seq
+    with open_below(folder, RUN) as file:
+        line = next((line for line in file if mark in line[:64]), None)
+    if line is None:
+        return None, {}
+    record = record_of(line)
+    images = {}
+    for eye, name in (record.get("images") or {}).items():
+        with open_below(folder, name) as file:
+            pixels = cv2.imdecode(np.frombuffer(file.read(), np.uint8), cv2.IMREAD_GRAYSCALE)
+        if pixels is not None:
+            images[eye] = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1].tobytes()
+    return record, images

@@ -1,0 +1,82 @@
+"""Whether a run is what its cell wrote: numbers without a gap, the ledger's chain, kept files, pictures. Reads only.
+
+What a killed daemon or a full disk leaves behind is no damage: a torn last line, and what the run itself says it lost.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from pathlib import Path
+
+from daemon.store.files import being_written
+from daemon.store.outside import FileError, open_below
+from daemon.store.runs import RUN, RunRecords, check_wire, kept_file
+
+PNG_BEGIN, PNG_END = b"\x89PNG\r\n\x1a\n", b"IEND\xaeB`\x82"
+WIRE = "wire.jsonl"
+
+
+def files_of(folder: Path) -> list[str]:
+    """The files that are the run, by their names in its folder; pages and exports made of it are not."""
+    found = [folder / RUN, folder / WIRE, *(folder / "images").glob("*"), *(folder / "kept").glob("*")]
+    return sorted(f.relative_to(folder).as_posix() for f in found if f.is_file() and not f.is_symlink())
+
+
+def finished(folder: Path, run: RunRecords, later: bool) -> bool:
+    """Whether nothing more will be written: it ended, or was cut off and its cell began another (later) since."""
+    ended = any(r["kind"] == "run_end" for r in run.records[-1:])
+    return (ended or later) and not being_written(folder / RUN)
+
+
+def damages(folder: Path, run: RunRecords) -> list[str]:
+    """One line for each thing that is not as it was written; none of a sound run."""
+    gap = any(r["kind"] == "gap" for r in run.records)
+    found = [line.removeprefix(f"{folder}/") for line in run.skipped if "torn last line" not in line]
+    found += [] if gap else _missing(run)
+    torn_end = _torn_end(folder)
+    found += [
+        problem
+        for problem in check_wire(folder)
+        if not (gap and "are missing" in problem) and not problem.startswith(f"{torn_end}:")
+    ]
+    for name in files_of(folder):
+        try:
+            if name.startswith("kept/"):
+                kept_file(folder, name)
+            elif name.startswith("images/") and not _whole_picture(folder, name):
+                found.append(f"{name}: not a whole picture")
+        except FileError as error:
+            found.append(str(error).removeprefix(f"{folder}/"))
+    ended = any(r["kind"] == "run_end" for r in run.records)
+    return found + ([] if gap or not ended else _without_picture(folder, run))
+
+
+def _missing(run: RunRecords) -> list[str]:
+    numbers = [r["seq"] for r in run.records]
+    return [
+        f"{RUN}: after record {before} comes {now}" for before, now in pairwise([-1, *numbers]) if now != before + 1
+    ]
+
+
+def _torn_end(folder: Path) -> str | None:
+    """`wire.jsonl:<number>` of a last line without its end."""
+    try:
+        with open_below(folder, WIRE) as file:
+            lines, last = 0, b"\n"
+            for last in file:  # noqa: B007
+                lines += 1
+    except FileError:
+        return None
+    return None if last.endswith(b"\n") else f"{WIRE}:{lines}"
+
+
+def _whole_picture(folder: Path, name: str) -> bool:
+    with open_below(folder, name) as file:
+        begin = file.read(len(PNG_BEGIN))
+        file.seek(-len(PNG_END), 2) if file.seek(0, 2) > len(PNG_END) else None
+        return begin == PNG_BEGIN and file.read() == PNG_END
+
+
+def _without_picture(folder: Path, run: RunRecords) -> list[str]:
+    names = [n for r in run.records if r["kind"] == "look" for n in (r.get("images") or {}).values()]
+    return [f"{name}: its look is there, the picture is not" for name in names if not (folder / name).is_file()]

@@ -1,0 +1,86 @@
+"""How a replay by many workers scales: one and two of them in earnest, up to 200 with the work slept. Prints a table.
+
+usage: python -m tests.bench.replays STORE
+In earnest every look of STORE is replayed. Then scheduler, messages and files are as they are, on this computer, and
+each piece sleeps as long as the measured one took: what is lost is what sending and taking back costs.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import tempfile
+import time
+from pathlib import Path
+
+import dask
+import distributed
+
+from daemon.hall import replay_many
+from daemon.hall.replay_many import Job, With, jobs_of, runs_in_store
+from daemon.hall.store import open_store
+
+WORKERS = (1, 2, 20, 50, 100, 200)
+PIECES_A_WORKER = 8
+LOOKS = 10
+
+
+def in_earnest(store: str, workers: int) -> tuple[float, int, int]:
+    """Wall s, looks, pieces."""
+    with tempfile.TemporaryDirectory() as out:
+        replay_many.LOOKS_A_JOB = LOOKS
+        jobs = jobs_of(runs_in_store(open_store(store)), With(), out)
+        began = time.perf_counter()
+        results, failed = replay_many.replay_many(jobs, workers, None)
+        assert not failed, failed
+        return time.perf_counter() - began, sum(len(r["looks"]) for _, r in results), len(jobs)
+
+
+def slept(job: Job, seconds: float) -> str:
+    """A piece whose work is sleeping; its result is written as a real one."""
+    time.sleep(seconds)
+    open_store(job.out).write(json.dumps({"looks": [{}] * 40}).encode(), "done", f"{job.key}.json")
+    return job.key
+
+
+def simulated(store: str, workers: int, seconds: float) -> float:
+    """Wall s for PIECES_A_WORKER pieces a worker, once they are there."""
+    run = runs_in_store(open_store(store))[0]
+    with (
+        tempfile.TemporaryDirectory() as out,
+        dask.config.set({"distributed.logging.distributed": "critical"}),
+        distributed.LocalCluster(
+            n_workers=workers, threads_per_worker=1, processes=False, dashboard_address="127.0.0.1:0", memory_limit=0
+        ) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+        client.wait_for_workers(workers)
+        jobs = [Job(f"{k:024x}", run, run.looks, out, With(), "0") for k in range(workers * PIECES_A_WORKER)]
+        began = time.perf_counter()
+        futures = client.map(slept, jobs, [seconds] * len(jobs), key=[f"slept-{job.key}" for job in jobs])
+        for future in distributed.as_completed(futures):
+            future.release()
+        assert len(list((Path(out) / "done").iterdir())) == len(jobs)
+        return time.perf_counter() - began
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("store")
+    parser.add_argument("--seconds", type=float, help="of a piece; else measured in earnest with one worker")
+    args = parser.parse_args()
+    seconds = args.seconds
+    if seconds is None:
+        for workers in (1, 2):
+            wall, looks, pieces = in_earnest(args.store, workers)
+            print(f"{workers} worker{'s' * (workers > 1)}: {looks} looks in {pieces} pieces, {wall:.1f} s, "
+                  f"{looks / wall:.2f} looks a second, the start of the processes included")  # fmt: skip
+            seconds = seconds or wall / pieces
+    print(f"{'workers':>8} {'pieces':>7} {'wall s':>7} {'ideal s':>8} {'used':>6}   pieces of {seconds:.1f} s, slept")
+    for workers in WORKERS:
+        wall, ideal = simulated(args.store, workers, seconds), seconds * PIECES_A_WORKER
+        print(f"{workers:8} {workers * PIECES_A_WORKER:7} {wall:7.1f} {ideal:8.1f} {ideal / wall:6.0%}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,103 @@
+"""What the hall's page says of each cell, and that it opens."""
+
+from __future__ import annotations
+
+from datetime import date, timedelta
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from daemon.hall.layout import rows_of
+from daemon.hall.page import _worse, hall_data, write_hall
+from daemon.hall.store import Store, StoreError, open_store
+from daemon.review.page import read_digest
+from tests.worlds.made_run import MadeRun
+
+pytest.importorskip("duckdb", reason="duckdb is not installed: make extra-fleet")
+made_year = pytest.importorskip("tests.worlds.made_year", reason="pyarrow is not installed: make extra-fleet")
+
+DAYS, CELLS = 365, 32
+LAST = date(2026, 12, 31)
+
+
+@pytest.fixture(scope="module")
+def store(tmp_path_factory: pytest.TempPathFactory) -> Store:
+    """The first week of a year of many cells, and its last six."""
+    folder = tmp_path_factory.mktemp("hall")
+    made = MadeRun(folder / "20260102T030405Z", pictures=False)
+    eyes = {"darkness_left": 200.0, "darkness_right": 190.0, "epipolar_pair": 0.08}
+    turns = {f"{axis}_deg": 0.01 for axis in ("pitch", "roll", "vergence")}
+    turns |= {f"{axis}_sigma_deg": 0.02 for axis in ("pitch", "roll", "vergence")}
+    look = made.look
+    made.look = lambda *args, **more: look(*args, **(eyes | turns | more))  # type: ignore[method-assign]
+    for label in ("cube", "pyramid", "pentagonal_prism"):
+        made.pick(label=label)
+    made.close()
+    store = open_store(str(folder / "store"))
+    picks = made_year.picks_of([rows_of(read_digest(made.folder))])
+    first = LAST - timedelta(days=DAYS - 1)
+    for begin, days in ((0, 7), (DAYS - 42, 42)):
+        list(made_year.write_year(store, picks, CELLS, first, DAYS, 40, only=range(begin, begin + days)))
+    return store
+
+
+@pytest.fixture(scope="module")
+def data(store: Store) -> Any:
+    return hall_data(store, 7)
+
+
+def named(data: Any, number: int) -> Any:
+    return next(cell for cell in data["cells"] if cell["name"] == f"cell{number + 1:02d}")
+
+
+def test_each_cell_that_suffers_is_told_of_by_what_it_suffers_from(data: Any) -> None:
+    assert named(data, made_year.FAULTY)["state"] == "faults"
+    assert named(data, made_year.WORSE)["state"] == "misses"
+    assert named(data, made_year.SILENT)["state"] == "silent"
+    assert [text for kind, text in named(data, 6)["told"] if kind == "drifts"] == [
+        f"right eye: pitch {named(data, 6)['turn']['pitch'][-1] - named(data, 6)['usual']['pitch']:+.2f} degrees "
+        "since it was calibrated"
+    ]
+    assert named(data, 4)["state"] == "dark"
+
+
+def test_the_others_are_well_and_come_last(data: Any) -> None:
+    states = [cell["state"] for cell in data["cells"]]
+    assert states == sorted(states, key=("faults", "misses", "drifts", "dark", "silent", "well").index)
+    slips, fades, turns = set(range(3, CELLS, 7)), set(range(4, CELLS, 9)), set(range(6, CELLS, 13))
+    ill = {made_year.FAULTY, made_year.WORSE, made_year.SILENT} | slips | fades | turns
+    assert {f"cell{n + 1:02d}" for n in range(CELLS)} - {c["name"] for c in data["cells"] if c["state"] != "well"} >= {
+        f"cell{n + 1:02d}" for n in range(CELLS) if n not in ill
+    }
+
+
+def test_counts_of_the_page_are_those_of_the_days_it_shows(data: Any) -> None:
+    well = named(data, 0)
+    assert (len(data["days"]), data["days"][-1]) == (7, str(LAST))
+    assert well["tried"] == 7 * 40
+    assert sum(of for _, of in well["parts"].values()) == well["tried"]
+    assert named(data, made_year.SILENT)["tried"] == 4 * 40
+
+
+def test_less_than_others_by_chance_is_nothing_to_be_told() -> None:
+    assert not _worse([95, 100], [970, 1000])
+    assert _worse([80, 100], [970, 1000])
+    assert not _worse([99_000, 100_000], [991_000, 1_000_000])
+    assert not _worse([0, 0], [10, 10])
+
+
+def test_a_store_without_runs_is_one_line(tmp_path: Path) -> None:
+    with pytest.raises(StoreError, match="no runs in it yet: `facetctl runs collect"):
+        hall_data(open_store(str(tmp_path)), 7)
+
+
+def test_the_page_opens_and_a_cell_in_it(store: Store, browser: Any, tmp_path: Path) -> None:
+    browser.get(write_hall(store, 7, tmp_path / "hall.html").as_uri())
+    assert browser.execute_script("return document.documentElement.dataset.ready") == "yes"
+    assert len(browser.find_elements("css selector", "#cells .cell")) == CELLS
+    browser.find_element("css selector", "#ill button").click()
+    assert "arm_lost" in browser.find_element("id", "one").text
+    assert browser.find_elements("css selector", "#one figure")
+    assert "null" not in browser.find_element("css selector", "body").text
+    assert browser.get_log("browser") == []

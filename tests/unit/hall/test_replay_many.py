@@ -1,0 +1,78 @@
+"""What there is to replay, with what, and when two pieces are the same. In earnest: tests/cell/test_cell_hall.py."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from daemon.hall.replay_many import Run, With, jobs_of, run_in_folder, with_of
+from daemon.hall.store import StoreError
+from daemon.store import places
+from tests.worlds.made_run import MadeRun
+
+RUN = Run("north", "20260102T030405Z", "ab" * 32, "/runs/x", False, tuple(range(100)))
+CALIBRATION = places.HOUSE / "etc" / "calibration.yaml"
+
+
+def test_a_run_is_cut_into_pieces_that_hold_each_look_once() -> None:
+    jobs = jobs_of([RUN], With(), "/out")
+    assert [seq for job in jobs for seq in job.looks] == list(RUN.looks)
+    assert max(len(job.looks) for job in jobs) == 40
+    assert len({job.key for job in jobs}) == len(jobs)
+
+
+def test_a_piece_is_another_for_another_run_and_another_model(tmp_path: Path) -> None:
+    def keys(run: Run, chosen: With) -> set[str]:
+        return {job.key for job in jobs_of([run], chosen, "/out")}
+
+    model = tmp_path / "model.npz"
+    model.write_bytes(b"1")
+    one = With((("model", str(model)),))
+    first = keys(RUN, one)
+    assert first == keys(RUN, one)
+    assert not first & keys(RUN, With())
+    assert not first & keys(Run("north", RUN.name, "cd" * 32, "/runs/x", False, RUN.looks), one)
+    model.write_bytes(b"2")
+    assert not first & keys(RUN, one)
+
+
+def test_what_to_replay_with_is_told_by_its_kind(tmp_path: Path) -> None:
+    model = tmp_path / "m.npz"
+    model.write_bytes(b"")
+    chosen = with_of([str(model), str(CALIBRATION), str(places.HOUSE / "etc" / "facetd.yaml")])
+    assert dict(chosen.files) == {"model": str(model), "calibration": str(CALIBRATION)}
+    assert chosen.settings is not None
+    with pytest.raises(StoreError, match="a second calibration"):
+        with_of([str(CALIBRATION), str(CALIBRATION)])
+
+
+def test_a_run_in_a_folder_is_known_by_its_content_and_its_computer(tmp_path: Path) -> None:
+    made = MadeRun(tmp_path / "north" / "20260102T030405Z")
+    made.pick()
+    made.close()
+    run = run_in_folder(made.folder)
+    assert (run.cell, run.name, len(run.looks), len(run.id)) == ("north", "20260102T030405Z", 3, 64)
+
+
+def test_without_the_extra_a_cell_replays_its_own_runs_and_many_workers_are_refused_in_a_line(tmp_path: Path) -> None:
+    made = MadeRun(tmp_path / "20260102T030405Z", pictures=False)
+    made.pick()
+    kept = made.log.keep(CALIBRATION)
+    text = (made.close() / "run.jsonl").read_text()
+    (made.folder / "run.jsonl").write_text(text.replace(text.split('"calibration":"')[1].split('"')[0], kept))
+    code = "import sys\nfor n in ('fsspec','pyarrow','distributed','duckdb'): sys.modules[n] = None\n"
+    code += "from daemon import ctl; sys.exit(ctl.main(sys.argv[1:]))"
+
+    def said(*words: str) -> subprocess.CompletedProcess[str]:
+        words = (sys.executable, "-c", code, "replay", str(made.folder), *words)
+        return subprocess.run(words, capture_output=True, text=True, check=False, cwd=tmp_path)
+
+    alone = said()
+    assert (alone.returncode, alone.stderr) == (0, "")
+    assert "0 looks of 1 runs" in alone.stdout
+    many = said("--workers", "2")
+    assert (many.returncode, many.stderr.count("\n")) == (2, 1)
+    assert "extra-fleet" in many.stderr
