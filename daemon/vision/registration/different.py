@@ -18,6 +18,10 @@ Flags = NDArray[np.bool_]
 ROOM_PX = 12
 SAME_MM = 2.0  # poses that put every corner this near to the same place look the same
 
+CELL_MM, CELL_TURN = 8.0, 0.4
+"""Guesses whose middles and axes round to the same in these are one bundle."""
+_BUNDLE = np.random.default_rng(2).integers(1, 2**40, 9)
+
 
 @dataclass(frozen=True, eq=False)
 class Guesses:
@@ -45,6 +49,16 @@ class Different(NamedTuple):
     label: str
     pose: Array
     against: float
+
+
+def thinned(one: Guesses) -> Guesses:
+    """The likeliest of every bundle of guesses at much the same pose."""
+    middle_mm = one.poses[:, :3, :3] @ one.solid.corners_mm.mean(0) + one.poses[:, :3, 3]
+    cells = np.concatenate([middle_mm / CELL_MM, one.poses[:, :3, :2].reshape(-1, 6) / CELL_TURN], 1)
+    bundle = np.rint(cells).astype(np.int64) @ _BUNDLE
+    order = np.argsort(one.against, kind="stable")
+    kept = order[np.unique(bundle[order], return_index=True)[1]]
+    return Guesses(one.label, one.solid, one.poses[kept], one.against[kept])
 
 
 def different(guesses: Sequence[Guesses], eyes: Eyes) -> Iterator[Different]:

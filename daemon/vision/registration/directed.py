@@ -16,7 +16,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon import frames
 from daemon.arrays import Array
 from daemon.vision.geometry import Baseline, Polyhedron
 from daemon.vision.image import OneEye
@@ -31,7 +30,7 @@ PLACES, SPACING_PX = 10, 5.0
 """Where along an edge is looked, and how far apart places are that say something of their own."""
 SHOWS, LEAST_CHANCE, MOST_CHANCE = 0.75, 0.02, 0.7
 """How much of an edge that is there shows as segments; limits of what a picture's own chance is taken for."""
-GLANCED, GLANCE_NATS, MOST_PROMISING = (0.2, 0.5, 0.8), 10.0, 4000
+GLANCED, GLANCE_NATS, MOST_PROMISING = (0.2, 0.5, 0.8), 25.0, 600
 """Shares of an edge at which many poses are looked at first, in one eye, what must speak for one of them to be looked
 at in earnest (half of what chosen ones ever had), and how many may."""
 SIZES, PARALLEL = (0.75, 0.8, 0.85, 0.9, 1.1, 1.15, 1.2, 1.25), 0.98
@@ -84,16 +83,15 @@ def in_view(solid: Polyhedron, poses: Array) -> NDArray[np.bool_]:
 
 
 def evidence(
-    solid: Polyhedron, poses: Array, geometry: Baseline, maps: tuple[DirectedMap, DirectedMap], *, sharp: bool = False
+    solid: Polyhedron, poses: Array, geometry: Baseline, maps: tuple[DirectedMap, DirectedMap]
 ) -> tuple[Array, Array]:
     """(P,) log likelihood ratio of the part being there against chance, nats, and (P,) what it would be if every edge
-    were found; poses (P, 4, 4) cyclopean_from_part. sharp: an edge half on a segment counts half, to
-    tell near poses apart.
+    were found; poses (P, 4, 4) cyclopean_from_part.
     """
     shown = _Shown.of(solid, poses)
     along = (np.arange(PLACES) + 0.5) / PLACES
     left, right = (
-        _of_one_eye(shown, ideal, seen, along, sharp)
+        _of_one_eye(shown, ideal, seen, along)
         for ideal, seen in zip(geometry.project(shown.corners_mm), maps, strict=True)
     )
     return left[0] + right[0], left[1] + right[1]
@@ -103,7 +101,7 @@ def promising(solid: Polyhedron, poses: Array, geometry: Baseline, maps: tuple[D
     """The poses (Q, 4, 4) of many for which a few places of the left eye already speak, the likeliest where there are
     more than MOST_PROMISING."""
     shown = _Shown.of(solid, poses)
-    nats, _ = _of_one_eye(shown, geometry.project(shown.corners_mm)[0], maps[0], np.array(GLANCED), False)
+    nats, _ = _of_one_eye(shown, geometry.project(shown.corners_mm)[0], maps[0], np.array(GLANCED))
     good = np.flatnonzero(nats > GLANCE_NATS)
     if len(good) > MOST_PROMISING:
         good = good[np.argpartition(-nats[good], MOST_PROMISING)[:MOST_PROMISING]]
@@ -130,7 +128,7 @@ class _Shown:
         return cls(len(poses), pose, first + pairs[edge, 0], first + pairs[edge, 1], corners.reshape(-1, 3))
 
 
-def _of_one_eye(shown: _Shown, ideal: Array, seen: DirectedMap, along: Array, sharp: bool) -> tuple[Array, Array]:
+def _of_one_eye(shown: _Shown, ideal: Array, seen: DirectedMap, along: Array) -> tuple[Array, Array]:
     """(P,) nats, and (P,) the most there could be, that one eye gives; ideal: its corners; along (N,) shares of an edge
     at which is looked."""
     at = ((ideal - seen.origin) * seen.scale).astype(np.float32)
@@ -142,7 +140,7 @@ def _of_one_eye(shown: _Shown, ideal: Array, seen: DirectedMap, along: Array, sh
     x = np.clip(start[:, :1] + share * way[:, :1] + 0.5, 0, width - 1).astype(np.intp)
     y = np.clip(start[:, 1:] + share * way[:, 1:] + 0.5, 0, height - 1).astype(np.intp)
     hit = seen.near.reshape(-1)[(which[:, None] * height + y) * width + x] / np.float32(255)
-    hit = (hit if sharp else np.minimum(1.5 * hit, 1.0)).mean(1)
+    hit = np.minimum(1.5 * hit, 1.0).mean(1)
     chance = seen.chance[which]
     count = np.hypot(way[:, 0], way[:, 1]) * (SHRINK / SPACING_PX)
     there, missing = np.log(SHOWS / chance), np.log((1 - SHOWS) / (1 - chance))
@@ -151,24 +149,13 @@ def _of_one_eye(shown: _Shown, ideal: Array, seen: DirectedMap, along: Array, sh
     return nats, most
 
 
-def nudged(solid: Polyhedron, pose: Array, geometry: Baseline, maps: tuple[DirectedMap, DirectedMap]) -> Array:
-    """The pose (4, 4) near this one for which most speaks: the best of some that differ from it as those do that a
-    corner seen to half a pixel says, twice."""
-    for share, turns in _TURNS:
-        depth = pose[2, 3]
-        off = share * _NUDGES[:, :3] * [depth / 400.0, depth / 400.0, 0.0]
-        along = share * _NUDGES[:, 2] * 0.5 * depth**2 / (geometry.left.focal_px * geometry.length_mm)
-        tried = np.tile(pose, (len(off), 1, 1))
-        tried[:, :3, :3] = turns @ pose[:3, :3]
-        tried[:, :3, 3] += off + along[:, None] * pose[:3, 3] / depth
-        pose = tried[evidence(solid, tried, geometry, maps, sharp=True)[0].argmax()]
-    return pose
-
-
 def other_sizes(solid: Polyhedron, pose: Array, geometry: Baseline, maps: tuple[DirectedMap, DirectedMap]) -> float:
-    """The most that speaks for a part of the same kind but another size at this pose (4, 4), nats: longer or shorter by
-    a tenth to a quarter along an edge or across a face, either end of it staying where it is."""
-    return float(evidence(solid, pose @ _stretches(solid), geometry, maps)[0].max())
+    """How many times more speaks for a part of the same kind but another size at this pose (4, 4), in nats and in share
+    of what there could be, whichever is less: longer or shorter by a tenth to a quarter along an edge or across a face,
+    either end of it staying where it is."""
+    nats, most = evidence(solid, pose @ np.concatenate([np.eye(4)[None], _stretches(solid)]), geometry, maps)
+    share = nats / np.maximum(most, 1.0)
+    return float(np.minimum(nats[1:] / max(nats[0], 1.0), share[1:] / max(share[0], 1e-3)).max())
 
 
 @lru_cache(maxsize=256)
@@ -188,10 +175,3 @@ def _stretches(solid: Polyhedron) -> Array:
                     map_[:3, 3] = (1 - factor) * end * way
                     maps.append(map_)
     return np.array(maps)
-
-
-_NUDGES = np.concatenate([np.zeros((1, 6)), np.random.default_rng(1).normal(size=(59, 6))])
-_TURNS = [
-    (share, np.stack([frames.rotation_from_vector(turn) for turn in share * np.radians(1.2) * _NUDGES[:, 3:]]))
-    for share in (0.6, 0.3)
-]

@@ -36,6 +36,8 @@ HOPELESS = 0.4
 """Of the length of all edges, what a search must have found, and a second measurement on its place, to go on."""
 MOST_ROUNDS, SMALL_MM = 5, 0.3
 """How often edges are measured anew, and a motion after which that would change nothing more."""
+AGAIN = 3
+"""How often edges are measured of a part that is known to be there."""
 SEARCH_DEG = 3.0
 LEAST_EVIDENCE, LEAST_SUPPORT = 6.0, 0.5
 """What an edge must show to be there: step over its noise, and share of its length."""
@@ -143,12 +145,12 @@ def fit_each(
     return left, right
 
 
-def fit_of(found: Located, least_outline: float = LEAST_OUTLINE) -> Fit | None:
+def fit_of(found: Located) -> Fit | None:
     """The located pose moved a last time, with its covariance, if so much of its outline is on its place in both
     eyes."""
     on_place = [seen.on_place & seen.edges.sharp for seen in found.observed]
     shares = map(_outline_share, (seen.edges for seen in found.observed), on_place)
-    if min(shares) < least_outline:
+    if min(shares) < LEAST_OUTLINE:
         return None
     solved = found.solved
     if np.linalg.cond(solved.information * np.outer(SCALE, SCALE)) > SAFE_CONDITION:
@@ -157,6 +159,22 @@ def fit_of(found: Located, least_outline: float = LEAST_OUTLINE) -> Fit | None:
     residual_mm = float(np.sqrt((off_px**2).mean()) / found.observed[0].edges.px_per_mm[0])
     final = adjusted(found.shape, found.pose, found.observed, found.tolerance_mm)
     return Fit(final.pose, final.covariance, residual_mm, len(off_px))
+
+
+def fit_at(
+    shape: Polyhedron, eyes: Eyes, pose: Array, tolerance_mm: float
+) -> tuple[Fit, tuple[EdgeObservation, EdgeObservation]]:
+    """Where the edges of a part have it that is at a pose (4, 4) cyclopean_from_part to a px or so; and those edges."""
+    laid, once = Placements.of([shape]), np.ones(1, bool)
+    for _ in range(AGAIN):
+        left, right = measured([expected(laid, view, pose[None], once, tolerance_mm) for view in eyes.views], eyes)
+        final = adjusted(shape, pose, (left, right), tolerance_mm)
+        pose = final.pose
+        if np.linalg.norm(final.motion / SCALE) < SMALL_MM:
+            break
+    off_px = np.concatenate([seen.off[seen.on_place] for seen in (left, right)])
+    residual_mm = float(np.sqrt((off_px**2).mean()) / left.edges.px_per_mm[0]) if len(off_px) else 0.0
+    return Fit(final.pose, final.covariance, residual_mm, len(off_px)), (left, right)
 
 
 def shown(shape: Polyhedron, eyes: Eyes, pose: Array, reach_mm: float) -> float:
@@ -182,15 +200,15 @@ def clear_share(found: Located, eyes: Eyes) -> float:
     return float(_shares(found.observed, good, 1)[0])
 
 
-def facets_laid(shape: Polyhedron, found: Located, eyes: Eyes) -> list[ConfirmedFacet]:
+def facets_laid(shape: Polyhedron, observed: Sequence[EdgeObservation]) -> list[ConfirmedFacet]:
     """Every facet that both eyes see, none of them edge-on: its corners from the sides that show where they should, and
     from the pose where they do not."""
     laid = Placements.of([shape])
-    thick = [laid.thickness(seen.edges.corners_px) >= THIN_PX[1] for seen in found.observed]
+    thick = [laid.thickness(seen.edges.corners_px) >= THIN_PX[1] for seen in observed]
     found_facets = []
     for index in np.flatnonzero(np.all(thick, axis=0)).tolist():
         ring = shape.facets[index]
-        outlines = (_outline(ring, seen, *_sides_of(ring, seen.edges, seen.on_place)) for seen in found.observed)
+        outlines = (_outline(ring, seen, *_sides_of(ring, seen.edges, seen.on_place)) for seen in observed)
         found_facets.append(ConfirmedFacet(index, *outlines))
     return found_facets
 

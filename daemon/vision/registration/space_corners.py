@@ -23,6 +23,7 @@ from daemon.vision.model import Model
 NEAREST_MM, FARTHEST_MM = 120.0, 1500.0  # where parts may be
 ROW_PX = 2.0  # how far apart the rows may be in which two eyes see a corner
 MOST_MET = 800  # of corners seen by both eyes those with the longest arms: each is a guess for every taught corner
+MOST_GUESSES = 12000  # of one part: what the corners with the longest arms say
 TURNED = np.radians(28.0)  # by how much a corner's arm may point elsewhere in the other eye
 OFF = np.radians(7.0)  # and by how much elsewhere than the taught angle says
 MOST_COSINE = 1.03  # what a taught angle may ask of a direction in a plane, by a little that measuring leaves open
@@ -185,7 +186,8 @@ def guesses_from_space(corners: SpaceCorners, geometry: Baseline, model: Model) 
             other = np.cos(bend)[..., None] * along + sign * np.sin(bend)[..., None] * beside
             ahead = ((other[..., :2] - at_l * other[..., 2:]) * corners.other[0]).sum(-1) > 0
             off = _angle(other[..., :2] - at_r * other[..., 2:], corners.other[1])
-            which, where = np.nonzero(ahead & (off < OFF) & (np.abs(share) < MOST_COSINE))
+            where, which = np.nonzero((ahead & (off < OFF) & (np.abs(share) < MOST_COSINE)).T)
+            where, which = where[: MOST_GUESSES // 2], which[: MOST_GUESSES // 2]
             cyclopean_from_corner = np.zeros((len(where), 4, 4))
             cyclopean_from_corner[:, :3, :3] = _basis(corners.firm[where], other[which, where])
             cyclopean_from_corner[:, :3, 3], cyclopean_from_corner[:, 3, 3] = middle[where], 1.0

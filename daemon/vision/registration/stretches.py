@@ -1,0 +1,151 @@
+"""Stretch by stretch, how the grey levels change across every edge that parts at their poses should show: where poses
+are better, and how much more speaks for each than chance would give beside these very edges.
+
+In: eyes, taught solids at near poses. Out: poses and evidence. Print or wear beside an edge pulls some of its stretches
+aside; as one line they would be lost. Source: moving edges (Bouthemy 1989) with Tukey's weights for the pose; for the
+evidence an a contrario count (Desolneux, Moisan and Morel 2000) whose chance is taken on the parallels of each edge.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daemon import frames
+from daemon.arrays import Array
+from daemon.vision.image import Eyes, stretch_slopes
+from daemon.vision.registration.expected_edges import ExpectedEdges, Placements, expected
+
+REACH_PX = 8
+"""How far across its edge each stretch is looked at."""
+LEAST_SIGMAS = 4.0
+"""What a slope must be to be one, in sigmas of the noise."""
+ROUNDS_PX = (4.0, 3.0, 2.0, 1.2, 0.8), (1.5, 1.0, 0.8)
+"""How near what is expected slopes count, round by round; between those the images are read anew."""
+PULLED = 2.5
+"""So many of those away, a slope pulls no more."""
+ON_PLACE_PX, BESIDE_PX = 1.25, 3.0
+"""Within this an edge shows where it should; beyond this, what shows is chance."""
+SPACING_PX, INNER = 3.75, 0.5
+"""An edge so long weighs one, a longer one as the root of its length: what lies along all of it is one chance. An edge
+between two faces that are seen weighs so much of that: often they are alike."""
+MOST_SURPRISE = 2.5
+"""Of an edge, on average: more, and it is merely strong."""
+WIDTH_PX, OTHERS = 3.0, 0.5
+"""How wide the place of an edge is; slopes as strong that are thought beside it more than were seen."""
+SHOWS = 1.5
+"""Of mean surprise, which is 1 by chance: from here on an edge is said to show."""
+PRIOR_MM, PRIOR_RAD = 4.0, 0.06
+
+
+_OFF = np.abs(np.arange(1 - REACH_PX, REACH_PX))
+
+
+@dataclass(frozen=True, eq=False)
+class Stretches:
+    """What the stretches of E expected edges show: sigmas (E, S, C) of the slope at C offsets across; surprise (E, S),
+    minus the log of the chance that a slope as strong as the one on the edge's place were there; 0 where none is."""
+
+    edges: ExpectedEdges
+    sigmas: NDArray[np.float32]
+    surprise: Array
+
+    @property
+    def shows(self) -> NDArray[np.bool_]:
+        """(E,) which edges show, more than by chance."""
+        return np.asarray(self.surprise.mean(1) > SHOWS)
+
+    def only(self, placement: int, laid: Placements) -> Stretches:
+        """Those of one placement."""
+        own = np.flatnonzero(self.edges.owner == placement)
+        edges = self.edges.only(own, slice(*laid.begins[placement : placement + 2].tolist()))
+        return Stretches(edges, self.sigmas[own], self.surprise[own])
+
+
+class Borne(NamedTuple):
+    """What grey levels say of a part at a pose: nats of evidence against chance, and their share of the most."""
+
+    nats: float
+    share: float
+
+
+def stretches_of(laid: Placements, eyes: Eyes, poses: Array, tolerance_mm: float) -> list[Stretches]:
+    """What each eye shows along the edges of parts at poses (P, 4, 4) cyclopean_from_part."""
+    wanted = np.ones(len(poses), bool)
+    found = []
+    for view in eyes.views:
+        edges = expected(laid, view, poses, wanted, tolerance_mm)
+        sigmas = stretch_slopes(view.smooth, edges.end, edges.start, REACH_PX)[:, ::-1]  # outwards as across() has it
+        size = np.abs(sigmas)
+        inner = size[..., 1:-1]
+        peak = (inner >= LEAST_SIGMAS) & (inner >= size[..., :-2]) & (inner > size[..., 2:])
+        peaks = np.where(peak, inner, np.float32(0))
+        own = peaks[..., _OFF <= ON_PLACE_PX].max(2)
+        beside = peaks[..., _OFF > BESIDE_PX]
+        many = (beside[:, None] >= own[..., None, None]).sum((2, 3)) + OTHERS
+        places = beside.shape[1] * beside.shape[2]
+        chance = np.where(own > 0, np.minimum(many * (WIDTH_PX / places), 1.0), 1.0)
+        found.append(Stretches(edges, sigmas, -np.log(chance)))
+    return found
+
+
+def borne_out(both: Sequence[Stretches]) -> Borne:
+    """What the stretches of both eyes say of one placement."""
+    nats = most = 0.0
+    for seen in both:
+        weight = np.sqrt(seen.edges.lengths_px / SPACING_PX) * np.where(seen.edges.outline, 1.0, INNER)
+        nats += float(weight @ (np.minimum(seen.surprise.mean(1), MOST_SURPRISE) - 1))
+        most += float(weight.sum()) * (MOST_SURPRISE - 1)
+    return Borne(nats, nats / max(most, 1e-9))
+
+
+def settled(laid: Placements, eyes: Eyes, poses: Array, tolerance_mm: float) -> Array:
+    """The poses (P, 4, 4) moved to where the stretches of both eyes have the edges."""
+    for rounds in ROUNDS_PX:
+        poses = _moved(laid, eyes, poses, tolerance_mm, rounds)
+    return poses
+
+
+def _moved(laid: Placements, eyes: Eyes, poses: Array, tolerance_mm: float, rounds_px: Sequence[float]) -> Array:
+    both = stretches_of(laid, eyes, poses, tolerance_mm)
+    count = len(poses)
+    rows, sigmas, owner, weight = [], [], [], []
+    for seen in both:
+        stretches = seen.surprise.shape[1]
+        at = ((np.arange(stretches) + 0.5) / stretches)[None, :, None]
+        jacobian = seen.edges.jacobian
+        rows.append(((1 - at) * jacobian[:, None, 0] + at * jacobian[:, None, 1]).reshape(-1, 6))
+        sigmas.append(np.abs(seen.sigmas).reshape(-1, 2 * REACH_PX + 1))
+        owner.append(np.repeat(seen.edges.owner, stretches))
+        weight.append(np.repeat(seen.edges.lengths_px * seen.edges.sharp / (15.0 * stretches), stretches))
+    row, size, own, each = (np.concatenate(x) for x in (rows, sigmas, owner, weight))
+    order = np.argsort(own, kind="stable")
+    row, size, own, each = row[order], size[order], own[order], each[order]
+    present = np.unique(own)
+    begins = np.searchsorted(own, present)
+    if not len(present):
+        return poses
+    prior = np.diag([PRIOR_MM**-2.0] * 3 + [PRIOR_RAD**-2.0] * 3)
+    motion = np.zeros((count, 6))
+    offsets = np.arange(-REACH_PX, REACH_PX + 1, dtype=np.float32)
+    size = np.where(size >= LEAST_SIGMAS, np.sqrt(size), 0.0)
+    far = np.arange(len(row))
+    for near in rounds_px:
+        here = (row * motion[own]).sum(1)
+        likely = size * np.exp(-0.5 * ((offsets - here[:, None].astype(np.float32)) / near) ** 2)
+        best = np.clip(likely.argmax(1), 1, len(offsets) - 2)
+        low, top, high = (size[far, best + k] for k in (-1, 0, 1))
+        bend = low - 2 * top + high
+        found = offsets[best] + np.where(bend < -1e-6, 0.5 * (low - high) / np.minimum(bend, -1e-6), 0.0).clip(-1, 1)
+        for _ in range(2):
+            off = found - (row * motion[own]).sum(1)
+            trust = each * (top > 0) * np.maximum(1 - (off / (PULLED * near)) ** 2, 0.0) ** 2
+            pull = row * trust[:, None]
+            normal = np.add.reduceat(pull[:, :, None] * row[:, None, :], begins) + prior
+            towards = np.add.reduceat(pull * found[:, None], begins)
+            motion[present] = np.linalg.solve(normal, towards[..., None])[..., 0]
+    return np.stack([frames.perturb(pose, one) for pose, one in zip(poses, motion, strict=True)])
