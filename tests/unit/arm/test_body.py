@@ -72,6 +72,19 @@ def test_the_body_is_every_capsule_every_point_and_the_tool_centre_point():
     assert [tuple(p) for p in body.ends_mm[len(ARM) : -1, 0].tolist()] == list(BODY_MM)
 
 
+def test_the_points_of_the_hand_are_as_far_to_one_side_as_to_the_other_and_the_fingers_tips_among_them():
+    points = set(BODY_MM)
+    assert {(x, -y, z) for x, y, z in points} == points
+    tips = {point for point in points if point[2] == 10.0}
+    assert {(-x, y, z) for x, y, z in tips} == tips
+    assert len(tips) == len(points - tips) == 4
+    fingers = [capsule for capsule in ARM if "finger" in capsule.name]
+    bar = [capsule for capsule in ARM if capsule.name == "camera bar"]
+    for some, by in ((tips, fingers), (points - tips, bar)):
+        off_mm = np.min([depth_mm(np.array(list(some)), capsule) for capsule in by], axis=0)
+        assert off_mm.max() < 5.0, "beside what stands for the same"
+
+
 def test_each_capsule_goes_with_its_link():
     joints = np.radians([[20.0, 40.0, -120.0, 30.0, -50.0, 10.0]])
     links = puma560.link_frames(joints)

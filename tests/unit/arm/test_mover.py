@@ -193,14 +193,17 @@ def test_dry_a_move_leaves_from_where_the_one_before_would_have_ended_and_no_arm
     for pose in (NEAR, farther):
         asyncio.run(mover.go(command(pose, False, 50.0)))
     np.testing.assert_allclose(mover.here.world_from_tool, farther)
+    asyncio.run(mover.hand(closed=True))
     assert not asked
     assert not world.wire
+    assert [record["sent"] for kind in ("move", "hand") for record in world.said(kind)] == [False] * 3
 
 
 def test_what_is_carried_is_guarded_until_the_hand_was_opened():
     world = World(np.random.default_rng(0))
     mover = mover_in(world)
     asyncio.run(mover.hand(closed=True))
+    assert [record["sent"] for record in world.said("hand")] == [True]
     mover.carried = (CARRIED,)
     asyncio.run(mover.hand(closed=True))
     assert CARRIED in mover.bounds.capsules

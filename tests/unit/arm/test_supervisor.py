@@ -222,6 +222,28 @@ def test_a_no_to_a_pending_move_leaves_it_unsent_and_no_fault():
     assert (world.wire, supervisor.fault) == ([], None)
 
 
+def test_step_said_once_more_is_no_yes_to_the_move_that_waits_and_step_off_is():
+    world, supervisor, _ = supervised()
+
+    async def story() -> None:
+        supervisor.step(True)
+        task = asyncio.create_task(supervisor.run("travel", travelling(supervisor)))
+        while supervisor.status()["pending"] is None:
+            await asyncio.sleep(0)
+        supervisor.step(True)
+        for _ in range(20):
+            await asyncio.sleep(0)
+        assert not world.wire
+        supervisor.step(False)
+        while not world.wire:
+            await asyncio.sleep(0)
+        await supervisor.abort()
+        with pytest.raises(RefusedError):
+            await task
+
+    asyncio.run(story())
+
+
 async def endless(world: World) -> None:
     """A foreign motion: CAL, or a line typed at the monitor."""
     world.wire.append(("foreign", None))

@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import gc
 import os
 import re
 import time
@@ -24,6 +25,7 @@ from drivers.val2.link import (
     Preempted,
     Where,
 )
+from drivers.val2.link import _heard_of as heard_of
 from drivers.val2.location import Location, apart, location_from_matrix
 from tests.worlds.arm_line import MakesLine
 
@@ -186,9 +188,15 @@ def test_a_question_nobody_has_a_reply_for_is_kept_and_blocks_motion(arm_line: M
         async with cell.link() as link:
             with pytest.raises(ControllerError, match="Are you sure"):
                 await link.command("CAL")
+            before = cell.sent()
             with pytest.raises(ControllerError, match="Are you sure"):
                 await link.move(GOAL)
+            assert cell.sent() == before, "nothing is typed at a question"
             await link.power_up(("N",))
+            before = cell.sent()
+            with pytest.raises(ControllerError, match="asks nothing"):
+                await link.power_up()
+            assert cell.sent() == before, "no Y is typed at a prompt"
             await link.move(GOAL)
             await link.rest(GOAL)
 
@@ -712,9 +720,12 @@ def test_a_line_without_echo_is_served_by_its_setting(arm_line: MakesLine) -> No
 
 def test_characters_can_be_typed_slowly(arm_line: MakesLine) -> None:
     async def scene() -> None:
-        async with arm_line().link(quick(character_pause_s=0.002)) as link:
+        cell = arm_line()
+        async with cell.link(quick(character_pause_s=0.002)) as link:
             await link.speed(40)
             await link.where()
+        assert "WHERE" in cell.sent()
+        assert not [record for record in cell.records if record["way"] == "out" and "WHERE" in record["bytes"]]
 
     asyncio.run(scene())
 
@@ -797,3 +808,48 @@ def test_an_arm_stopped_by_hand_is_at_rest_elsewhere(arm_line: MakesLine) -> Non
             assert problem.value.where is not None
 
     asyncio.run(scene())
+
+
+def test_an_arm_that_only_lingers_elsewhere_is_waited_for_and_one_that_stays_is_told(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    async def scene(seconds: list[float]) -> Where:
+        at, link = iter(seconds), Link("nowhere", quick(break_after_move=False), clock=lambda: now[0])
+
+        async def still(timeout_s: float, any_place: bool = False) -> Where:
+            now[0] = next(at)
+            return Where(GOAL if now[0] == seconds[-1] else NEARBY, (0.0,) * 6)
+
+        monkeypatch.setattr(link, "still", still)
+        return await link.rest(GOAL)
+
+    now = [0.0]
+    assert asyncio.run(scene([0.0, 0.1, 0.2])).location == GOAL
+    now = [0.0]
+    with pytest.raises(Elsewhere):
+        asyncio.run(scene([0.0, 0.1, 0.3, 0.4]))
+
+
+def test_a_stop_that_nobody_waits_for_any_more_is_nobodys_unhandled_error() -> None:
+    async def scene() -> list[dict[str, Any]]:
+        told: list[dict[str, Any]] = []
+        asyncio.get_running_loop().set_exception_handler(lambda _, context: told.append(context))
+
+        async def failing() -> None:
+            raise NoAnswer("no answer to ABORT")
+
+        for task, ended in ((asyncio.create_task(failing()), False), (asyncio.create_task(asyncio.sleep(9.0)), True)):
+            task.add_done_callback(heard_of)
+            if ended:
+                task.cancel()
+            await asyncio.wait([task])
+            await asyncio.sleep(0)
+            del task
+        gc.collect()
+        return told
+
+    assert asyncio.run(scene()) == []
+
+
+def test_a_link_that_was_never_opened_has_seen_no_stop() -> None:
+    assert not Link("nowhere").stop_seen
