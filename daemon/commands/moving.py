@@ -6,7 +6,7 @@ import asyncio
 from collections.abc import Awaitable
 from typing import Any, TypeVar
 
-from daemon.arm import Let, StopRefusedError
+from daemon.arm import Let, RefusedError, StopRefusedError
 from daemon.commands import eyes
 from daemon.console.context import CommandContext
 from daemon.console.interpreter import (
@@ -120,7 +120,10 @@ async def resume(context: CommandContext, words: list[str], door: Door) -> Answe
         await supervisor.prove_stop()
         supervisor.resume(stops)
         supervisor.enable(stops)
-        await context.begin_auto(pick_order.count, pick_order.every_s)
+        try:
+            await context.begin_auto(pick_order.count, pick_order.every_s)
+        except RefusedError as refused:  # somebody else was faster; the fault is gone all the same, and is told so
+            return Answer("\n".join([*lines, f"{left}, and does not go on: {refused}; then say `auto resume`."]))
         return Answer("\n".join([*lines, "Going on; `auto off` ends it after a part."]))
     supervisor.resume(stops)
     if not known:

@@ -7,9 +7,10 @@ from math import isfinite
 from drivers.val2.location import Location
 
 LISTINGS = frozenset({"STATUS", "LISTF", "LISTL", "LISTP", "LISTR", "LISTS", "DIRECTORY", "FREE"})
-HARMLESS = LISTINGS | {"WHERE", "HERE", "ABORT", "SPEED", "TOOL", "BASE", "Y", "N", "YES", "NO"}
+HARMLESS = LISTINGS | {"WHERE", "HERE", "ABORT", "PANIC", "SPEED", "TOOL", "BASE", "Y", "N", "YES", "NO"}
 """Monitor words, and answers to the controller's questions, that set nothing in motion by themselves. A question whose
-yes begins a motion is only open where a word that is not among these was typed before."""
+yes begins a motion is only open where a word that is not among these was typed before. PANIC stops the arm where ABORT
+lets it finish its motion: whoever types it is not asked whether it may be sent."""
 HARMLESS_DO = frozenset({"BREAK", "SET"})
 """Program instructions of which the same is true, spelled out."""
 SHORTEST = 3

@@ -79,7 +79,7 @@ def words() -> st.SearchStrategy[str]:
 
 
 DOOR, AT_WORK = st.integers(0, 3), st.sampled_from([True, True, False])
-GOING = st.none() | st.tuples(st.sampled_from(GOES), SECONDS)
+GOING = st.one_of(st.none(), st.none(), st.tuples(st.sampled_from(GOES), SECONDS))
 """What the arm was sent to do, and how long ago."""
 STOPS = ("stop", "STOP", "sto", "stop now", "stop '", "stop \u00e9", "control-C", "disable", "abort", "SIGTERM")
 

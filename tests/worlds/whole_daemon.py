@@ -80,6 +80,8 @@ END_S = 9.0
 """The unit's TimeoutStopSec, less what the disk may take."""
 HARMED_S = 8.0
 """How long the arm's stop may take where the line carried it spoiled: all its attempts."""
+STOPPED_S = 2.0
+"""How long a stop typed at a terminal may be on the line."""
 AT_REST = ("Stopped", "Nothing moves.", "The arm does not move until")
 """How an answer begins that says so."""
 MOVES = ("pick", "auto", "go", "hand", "robot", "calibrate", "confirm", "teach", "step", "look", "try", "where",
@@ -123,9 +125,11 @@ class Words:
         aborts = alone and is_word(word, "abort")
         if aborts:
             judge.stop_received(now_s, f"`{text}`")
-        if (aborts or is_word(word, "stop")) and isinstance(key[0], SocketDoor):  # a terminal tells no answers apart
+        if aborts or is_word(word, "stop"):
             self._stopping.add(key)
             self._tell(False)
+            if not isinstance(key[0], SocketDoor):  # a terminal tells no answers apart
+                self._story.loop.call_later(STOPPED_S, self._stop_over, key)
         if may == "look":
             return
         if alone and is_word(word, "disable"):
@@ -192,6 +196,10 @@ class Words:
         self._story.cell.judge.stop_received(self._story.stamp_s(), why)
         self._tell(False)
 
+    def _stop_over(self, key: Key) -> None:
+        self._stopping.discard(key)
+        self._tell(False)
+
     def gone(self, door: SocketDoor) -> None:
         """Nobody is there any more who could read what came of a stop."""
         self._stopping = {key for key in self._stopping if key[0] is not door}
@@ -239,6 +247,8 @@ class SocketDoor:
     number: int = 0
     answered: int = 0
     interrupts: int = 0
+    stops: int = 0
+    """Control-Cs, and stops typed as answers, of which nothing was said yet."""
 
     def open(self) -> None:
         """Connect, where there is a daemon."""
@@ -261,9 +271,9 @@ class SocketDoor:
             self.line.close()
         self.line, self.question, self.heard = None, None, b""
         self.story.words.gone(self)
-        for _ in range(self.interrupts):  # nobody reads what came of it; where there was a stop, its fault is told all
-            self.story.words.settled(None)
-        self.interrupts = 0
+        while self.interrupts:  # nobody reads what came of it; where there was a stop, its fault is told all
+            self._settled(None)
+        self.stops = 0
 
     @property
     def waits(self) -> bool:
@@ -281,6 +291,7 @@ class SocketDoor:
         number, question = self.question or (None, "")
         if self.send({"answer": text, "id": number}):
             if is_word(first_word(text), "stop"):
+                self.stops += 1
                 self.story.words.stop("an answer")
             elif text.lower().startswith("y"):
                 self.story.words.agreed(question)
@@ -290,6 +301,10 @@ class SocketDoor:
         if self.send({"interrupt": True}):
             self.interrupts += 1
             self.story.words.interrupted()
+
+    def _settled(self, stopped: str | None) -> None:
+        self.interrupts -= 1
+        self.story.words.settled(stopped)
 
     def send(self, message: dict[str, Any]) -> bool:
         """One message; False where nobody is there."""
@@ -332,8 +347,12 @@ class SocketDoor:
             self.send({"no_file": "there is none"})
         elif "stopped" in message:
             self.story.told(message["stopped"], AT_REST)
-            self.interrupts -= 1
-            self.story.words.settled(None if message["stopped"] == "Nothing moves." else message["stopped"])
+            if message["stopped"] == "Nothing moves.":
+                self._settled(None)
+            elif self.stops:  # one that was typed as an answer
+                self.stops -= 1
+            else:
+                self._settled(message["stopped"])
         elif "done" in message:
             done = message["done"]
             self.story.told(done["text"], AT_REST if done["status"] == 0 else ())

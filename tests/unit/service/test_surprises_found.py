@@ -89,6 +89,20 @@ def test_control_c_stops_what_somebody_else_begins_while_it_asks_whether_anythin
     assert story.violations() == ()
 
 
+def test_a_resume_whose_auto_cannot_go_on_says_that_the_fault_is_cleared(story: Story) -> None:
+    """It said `busy`, as if nothing had been done: the fault was gone, and the hand opened."""
+    for text in ("auto on 2", "stop"):
+        story.sockets[0].say(text)
+        story.wait(1.0)
+    story.sockets[0].say("resume")
+    story.wait(0.1)
+    story.sockets[0].answer("y")
+    story.sockets[1].say("hand open")
+    story.wait(2.0)
+    assert any("The fault is cleared" in text for text in story.texts)
+    assert story.violations() == ()
+
+
 def test_a_hand_word_that_left_before_the_stop_is_carried_out_by_a_controller_whose_line_was_pulled() -> None:
     story = Story(holds=True, prompt_at_end=True)
     story.sockets[0].say("enable")

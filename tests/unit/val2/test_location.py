@@ -98,7 +98,8 @@ def test_a_speed_that_is_no_percentage_is_never_written(percent: float) -> None:
     "text",
     ["DO MOVE P", "do moves p", " DO  READY", "EX prog", "CAL", "DO CLOSEI", "do drive 1,2,3", "DO APPRO P,50",
      "D MOVE P", "DO", "DO MOV P", "DO LEFTY", "DO SPEED 100", "EXEC PROG", "EXECUTE", "CALI", "calib", "PROCEED",
-     "RETRY", "NEXT", "XSTEP", "ST", "S", "NEST", "PROG", "1", "CAL;WHERE", "WHEREVER", "\x00DO READY", "WHERE,DO"],
+     "RETRY", "NEXT", "XSTEP", "ST", "S", "NEST", "PROG", "PA", "PANICKED", "1", "CAL;WHERE", "WHEREVER",
+     "\x00DO READY", "WHERE,DO"],
 )  # fmt: skip
 def test_whatever_moves_arm_or_hand_is_known_to(text: str) -> None:
     assert commands.moves_the_arm(text)
@@ -107,7 +108,7 @@ def test_whatever_moves_arm_or_hand_is_known_to(text: str) -> None:
 @pytest.mark.parametrize(
     "text",
     ["WHERE", "DO SET P=TRANS(1,2,3,4,5,6)", "SPEED 50", "DO BREAK", "ABORT", "wher", "STAT", " status", "LISTL",
-     "LISTP PROG", "DIR", "TOOL TRANS(0,0,130,0,0,0)", "HERE P1", "Y", "n", "", "FREE"],
+     "LISTP PROG", "DIR", "TOOL TRANS(0,0,130,0,0,0)", "HERE P1", "Y", "n", "", "FREE", "PANIC", "pan"],
 )  # fmt: skip
 def test_whatever_moves_nothing_is_known_to(text: str) -> None:
     assert not commands.moves_the_arm(text)
