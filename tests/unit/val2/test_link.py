@@ -351,23 +351,6 @@ def test_a_dead_controller_without_echo_is_told_as_one_once_it_did_not_answer_th
     asyncio.run(scene())
 
 
-def test_the_stop_is_typed_no_faster_than_the_controller_reads(arm_line: MakesLine) -> None:
-    async def scene() -> None:
-        cell = arm_line(Manners(lost_within_s=0.02), time_scale=1.0)
-        dialect = quick(character_pause_s=0.03)
-        async with cell.link(dialect) as link:
-            await link.speed(1)
-            await link.move(location_from_matrix(forward(READY_RAD - 0.5)))
-            await asyncio.sleep(0.3)
-            place = await link.abort()
-            assert place is not None
-            with cell.server.controller() as controller:
-                assert controller.machine.at_rest()
-            assert apart(place.location, location_from_matrix(forward(READY_RAD - 0.5)))[0] > 10.0
-
-    asyncio.run(scene())
-
-
 @pytest.mark.parametrize("line_editing", [True, False])
 def test_a_calibration_somebody_else_began_and_did_not_confirm_is_declined_on_opening(
     arm_line: MakesLine, line_editing: bool
