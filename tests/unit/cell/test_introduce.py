@@ -99,6 +99,18 @@ def test_a_stop_at_any_moment_of_it_is_sent_at_once_and_no_motion_begins_after_i
     assert re.search(r"ABORT", sent[-60:])
 
 
+@pytest.mark.parametrize("seed", [3, 9])
+def test_the_person_s_stop_is_read_by_a_controller_that_loses_what_follows_too_closely(seed: int) -> None:
+    async def story():
+        with pytest.raises(StoppedByPersonError):
+            await meet(draw(seed), stop_s=60.0)
+        await asyncio.sleep(3.0)
+
+    assert draw(seed).manners.lost_within_s == 0.02
+    in_simulated_time(story)
+    assert typed(strangers[-1])[-1] in ("ABORT", "PANIC")
+
+
 def beside_the_others(folder: Path, text: str) -> Path:
     for path in (places.HOUSE / "etc").glob("*.yaml"):
         (folder / path.name).write_bytes(path.read_bytes())
