@@ -238,17 +238,21 @@ def _teach(talk: Talk) -> str:
     part = talk.order.part
     talk.need(f"One {part}, alone, where the cameras see it from `go survey`? The arm moves next.")
     _survey(talk)
+    kept: list[str] = []
     for _ in range(TEACHING_TRIES):
         done = talk.said(f"teach {part}")
-        if done["status"] == DONE:
-            break
         talk.person.tell(f"  {done['text']}")
-        talk.need("Once more?")
-    else:
+        if done["status"] != DONE:
+            talk.need("Once more?")
+            continue
+        kept.append(done["data"]["view"])
+        if not talk.person.answer("Turn it and show another side, or is it enough? [more/enough]").startswith("m"):
+            break
+    if not kept:
         raise NotProvenError(done["text"])
     talk.do("train")
     talk.said("accept")
-    return f"the {part} is known from {done['data']['view']}"
+    return f"the {part} is known from {', '.join(kept)}"
 
 
 def _pick(talk: Talk) -> str:

@@ -242,10 +242,11 @@ class Link:
     async def _come_to_a_still_arm(self, session: Session) -> None:
         """To the prompt, with the arm at rest, or to a power-up question: nothing moves then. Raises NoAnswer.
 
-        Where nothing is echoed, silence may be an arm at work as well: it is told to stop before it is asked again.
+        A controller that says something and gives no prompt may have an arm at work; where nothing is echoed, one that
+        says nothing may as well: it is told to stop before it is asked again.
         """
         try:
-            await session.find_prompt(attempts=3 if self.dialect.echo else 1)
+            await self._prompt_on_opening(session)
             if CONFIRMS in (session.question or "").lower():
                 await self._decline(session)
             if session.question is None:
@@ -264,6 +265,15 @@ class Link:
         except (NoAnswer, Garbled):
             raise silent from None
         self.stopped_on_opening = True
+
+    async def _prompt_on_opening(self, session: Session) -> None:
+        """To the prompt or question; asked again only where that keeps no arm moving. Raises NoAnswer."""
+        try:
+            await session.find_prompt(attempts=1)
+        except NoAnswer as problem:
+            if isinstance(problem, Busy) or not self.dialect.echo:
+                raise
+            await session.find_prompt()
 
     async def _decline(self, session: Session) -> None:
         """No to what somebody before us began; typed twice where something stood in the line before it."""

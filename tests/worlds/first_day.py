@@ -203,6 +203,7 @@ ANSWERS = (
     (re.compile(r"What shall I answer\?"), "Y"),
     (re.compile(r"How far off are they.*\)"), "0.1 -0.2"),
     (re.compile(r"\[y/n\]"), "y"),
+    (re.compile(r"\[more/enough\]"), "enough"),
     (re.compile(r"\(yes or no\)"), "yes"),
 )
 """What somebody says who does what is asked for, as far as the cell is real enough to do it in."""

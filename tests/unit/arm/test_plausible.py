@@ -76,6 +76,16 @@ def test_a_hand_eye_that_cannot_be_meant_is_told(matrix, told):
     assert told in found.problem
 
 
+def test_a_box_is_held_against_the_reach_from_where_the_shoulder_is_in_the_world():
+    away = np.array([1500.0, -200.0, 700.0])
+    box = replace(
+        Limits(), box_low_mm=tuple(np.array(Limits().box_low_mm) + away), table_z_mm=400.0,
+        box_high_mm=tuple(np.array(Limits().box_high_mm) + away),
+    )  # fmt: skip
+    assert list(plausible.limits(box, REACH_MM, away)) == []
+    assert "a box the arm gets into" in next(plausible.limits(box, REACH_MM)).problem
+
+
 def test_cameras_farther_off_than_half_of_what_the_arm_reaches_are_not_on_its_hand():
     (found,) = plausible.hand_eye(moved(EYES, -300, 0, -110), 600.0)
     assert "the arm's reach is 600" in found.problem

@@ -21,7 +21,7 @@ from drivers.val2.introduction import ROUNDS, STEP_DEG, Acquaintance, UnclearErr
 from drivers.val2.location import Location, location_from_matrix
 from drivers.val2.wire import Where
 from tests.bench.introductions import one
-from tests.worlds.first_day import arm_yaml
+from tests.worlds.first_day import ROOMS, arm_yaml
 from tests.worlds.strange_controllers import START_DEG, Contact, draw, in_simulated_time, meet, strangers, willing
 
 HERE = Path(__file__).resolve().parents[2] / "data" / "introductions"
@@ -97,6 +97,18 @@ def test_a_stop_at_any_moment_of_it_is_sent_at_once_and_no_motion_begins_after_i
     assert all(not isinstance(event, Leg) or event.began_s <= stop_s + 0.1 for event in events)
     sent = "".join(record.get("bytes", "") for record in strangers[-1].transcript if record["way"] == "out")
     assert re.search(r"ABORT", sent[-60:])
+
+
+@pytest.mark.parametrize("seed", [3, 9])
+def test_the_person_s_stop_is_read_by_a_controller_that_loses_what_follows_too_closely(seed: int) -> None:
+    async def story():
+        with pytest.raises(StoppedByPersonError):
+            await meet(draw(seed), stop_s=60.0)
+        await asyncio.sleep(3.0)
+
+    assert draw(seed).manners.lost_within_s == 0.02
+    in_simulated_time(story)
+    assert typed(strangers[-1])[-1] in ("ABORT", "PANIC")
 
 
 def beside_the_others(folder: Path, text: str) -> Path:
@@ -185,6 +197,18 @@ def test_the_hand_of_no_arm_goes_farther_than_the_person_is_told(arm) -> None:
             way = forward(turned, geometry) - forward(pose, geometry)
             worst_mm = max(worst_mm, float(np.linalg.norm(way[:3, 3])))
     assert worst_mm < 200.0
+
+
+def test_the_rooms_that_the_page_tells_of_are_those_that_arms_pick_in() -> None:
+    page = (places.HOUSE / "deploy" / "FIRST-DAY.md").read_text(encoding="utf-8")
+    told = re.findall(r"^ *\| (PUMA \d+) \| (\d+) \| (\d+) \| (\d+) \| ([\d, ]+) \| (\d+) \|$", page, re.MULTILINE)
+    assert len(told) == len(ROOMS)
+    for series, *numbers, stand_offs, hand in told:
+        room = ROOMS[next(arm.lengths_mm[0] for arm in PUBLISHED if arm.name.startswith(series))]
+        assert [float(number) for number in (*numbers, hand)] == [
+            room.below_mm, room.before_mm, room.look_mm, room.hand_mm,
+        ]  # fmt: skip
+        assert tuple(map(float, stand_offs.split(","))) == room.stand_offs_mm
 
 
 def test_a_controller_that_counts_in_inches_ends_with_a_question_and_no_geometry() -> None:

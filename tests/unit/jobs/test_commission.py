@@ -162,6 +162,19 @@ def test_a_controller_that_was_switched_on_is_answered_and_finds_its_zero() -> N
     assert link.said.count("robot cal") == 2
 
 
+def test_a_part_is_shown_from_as_many_sides_as_the_person_wants() -> None:
+    link, told = ToldLink(), []
+    left = ["more, please", "more", "enough"]
+
+    def answer(question: str) -> str:
+        return left.pop(0) if "another side" in question else "y"
+
+    proofs = {}
+    assert commission(Talk(link, Person(told.append, answer), Order("9x6", 16.0, 4.0, "cube")), proofs, lambda _: None)
+    assert link.said.count("teach cube") == 3
+    assert proofs["teach"].shown == "the cube is known from cube/1, cube/1, cube/1"
+
+
 def test_a_fault_that_stands_is_for_the_person_to_put_right() -> None:
     link = ToldLink()
     link.fault = "*Envelope error* Joint 2"

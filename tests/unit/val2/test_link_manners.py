@@ -6,6 +6,7 @@ from __future__ import annotations
 import asyncio
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ import pytest
 from daemon.cell.arm_on_link import belongs_together
 from drivers.puma560 import forward
 from drivers.simcell.arm import Arm
-from drivers.simcell.controller import Controller
+from drivers.simcell.controller import Controller, Manners
 from drivers.simcell.history import Stop
 from drivers.val2.dialect import Dialect
 from drivers.val2.introduction import PACES_S
@@ -93,6 +94,39 @@ def test_a_pace_that_is_too_quick_is_no_stop_and_is_told() -> None:
         link = Link("memory", quick, asyncio.get_running_loop().time, open_port=line.open)
         with pytest.raises(Exception, match=r"no prompt|no answer"):
             await link.open()
+        line.stop()
+
+    in_simulated_time(story)
+
+
+STOPPED_WITHIN_S = 3.0
+"""Of opening the line: deploy/SAFETY.md says so."""
+
+
+@pytest.mark.parametrize("echo", [True, False])
+@pytest.mark.parametrize("line_ends", ["cr", "lf"])
+@pytest.mark.parametrize("pause_s", [0.0, 0.03])
+def test_an_arm_at_work_behind_a_controller_that_gives_no_prompt_is_stopped_on_opening(
+    echo: bool, line_ends: Any, pause_s: float
+) -> None:
+    """No prompt until the motion is over, perhaps no echo: what tells it from a dead one is what it says once it
+    stops."""
+
+    async def story() -> None:
+        manners = Manners(echo=echo, line_editing=False, prompt_after_move="end", line_ends=line_ends)
+        controller = Controller(Arm(joints_rad=np.radians([0.0, 90.0, -90.0, 0.0, -30.0, 0.0])), manners)
+        loop, end = asyncio.get_running_loop(), b"\n" if line_ends == "lf" else b"\r"
+        line = PacedLine(controller, loop, 9600)
+        controller.output(0.0)
+        controller.receive(b"DO DRIVE 1,90,2" + end, 0.0)
+        own = Dialect(echo=echo, cancel_line=b"", line_end=end, character_pause_s=pause_s, prompt_after_move="end")
+        link = Link("memory", own, loop.time, open_port=line.open)
+        opened_s = loop.time()
+        await link.open()
+        assert link.stopped_on_opening
+        assert controller.arm.rests_s < opened_s + STOPPED_WITHIN_S
+        assert (await link.where()).joints_deg[0] < 80.0
+        await link.close()
         line.stop()
 
     in_simulated_time(story)
