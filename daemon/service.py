@@ -264,6 +264,9 @@ class Service:
         context = self.context
         if context is None:
             return
+        eye = None if look.taken.moved is None else look.taken.moved.eye
+        if eye != self._drift.alone:
+            self._drift = DriftWatch(alone=eye)
         drift = self._drift.seen(look.clue, datetime.now().strftime("%H:%M"))
         context.troubles.tell("calibration", None if drift is None else drift.text)
         if drift is not None and drift.stops and context.cycle.status()["auto"]:

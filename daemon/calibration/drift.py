@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from daemon.arm import EyeName
 from daemon.arrays import Array
 from daemon.vision.health import AXES, Clue
 
@@ -67,8 +68,9 @@ def fresh() -> Watch:
     return Watch(zero, np.zeros(3, np.int64), zero, zero, zero, zero, zero, zero)
 
 
-def observe(watch: Watch, seen: Clue, settings: Watching) -> tuple[Watch, Drift | None]:
-    """Take one look into account. The Drift is the largest that stands, or None."""
+def observe(watch: Watch, seen: Clue, settings: Watching, alone: EyeName | None = None) -> tuple[Watch, Drift | None]:
+    """Take one look into account. The Drift is the largest that stands, or None; alone: the one eye, whose second place
+    counts as the right eye."""
     strange = (watch.learnt >= settings.settled) & (np.abs(_standardised(watch, seen)) > settings.wild)
     unsettled = (watch.learnt < settings.learn) & (watch.fresh_known == 0)
     learning = np.isfinite(seen.sigma) & unsettled & ~strange
@@ -77,7 +79,7 @@ def observe(watch: Watch, seen: Clue, settings: Watching) -> tuple[Watch, Drift 
     far = _too_far(watch, settings)
     since = tuple((old or seen.at) if now else None for old, now in zip(watch.since, far, strict=True))
     watch = replace(watch, since=since)
-    return watch, _drift(watch, far, settings)
+    return watch, _drift(watch, far, settings, alone)
 
 
 def _learnt(watch: Watch, seen: Clue, learning: NDArray[np.bool_]) -> Watch:
@@ -131,13 +133,16 @@ def _too_far(watch: Watch, settings: Watching) -> NDArray[np.bool_]:
     return far & (watch.fresh_known > 0)
 
 
-def _drift(watch: Watch, far: NDArray[np.bool_], settings: Watching) -> Drift | None:
+def _drift(watch: Watch, far: NDArray[np.bool_], settings: Watching, alone: EyeName | None) -> Drift | None:
     if not far.any():
         return None
     worst = int(np.argmax(np.where(far, np.abs(watch.mean), 0.0)))
     degrees = float(np.degrees(watch.mean[worst]))
     since = watch.since[worst] or ""
     stops = abs(degrees) >= settings.stop_deg
-    text = f"right camera {AXES[worst]} by {degrees:+.2f} degrees against the left since {since}: "
+    what = f"right camera {AXES[worst]} by {degrees:+.2f} degrees against the left"
+    if alone is not None:
+        what = f"{alone} camera no longer as calibrated on the hand ({AXES[worst]} by {degrees:+.2f} degrees)"
+    text = f"{what} since {since}: "
     text += "calibrate before picking goes on" if stops else "see that its mount is tight, and calibrate soon"
     return Drift(AXES[worst], degrees, since, stops, text)

@@ -34,13 +34,13 @@ class HandEyeError(FacetdError):
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """The board seen by both eyes while the arm stood: world_from_tool (4, 4) by the controller's word; points_mm
-    (N, 3) in the board frame; left_px and right_px (N, 2)."""
+    """The board seen while the arm stood: world_from_tool (4, 4) by the controller's word; points_mm (N, 3) in the
+    board frame; left_px and right_px (N, 2), None where there is one eye, the left."""
 
     world_from_tool: Array
     points_mm: Array
     left_px: Array
-    right_px: Array
+    right_px: Array | None
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ def diversity_deg(poses: Sequence[Array]) -> float:
 
 
 def cyclopean_from_board(sample: Sample, rig: StereoRig) -> Array:
-    """The board's pose from one look by both eyes, (4, 4) mm: PnP on the left, refined on all corners of both."""
+    """The board's pose from one look, (4, 4) mm: PnP on the left, refined on all corners of both eyes."""
     start = _pnp(rig.left, sample.points_mm, sample.left_px)
 
     def problem(x: Array) -> tuple[Array, Array]:
@@ -250,8 +250,9 @@ def _eye_rows(eye: Camera, cyclopean_pose: Array, points: Array, px: Array) -> t
     return (np.asarray(image, float).reshape(-1, 2) - px).ravel(), np.asarray(jacobian[:, :6], float) @ by_pose
 
 
-def _views(rig: StereoRig, sample: Sample) -> tuple[tuple[Camera, Array], tuple[Camera, Array]]:
-    return (rig.left, sample.left_px), (rig.right, sample.right_px)
+def _views(rig: StereoRig, sample: Sample) -> list[tuple[Camera, Array]]:
+    right = [] if sample.right_px is None else [(rig.right, sample.right_px)]
+    return [(rig.left, sample.left_px), *right]
 
 
 def _pnp(eye: Camera, points: Array, px: Array) -> Array:

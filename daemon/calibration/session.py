@@ -7,9 +7,10 @@ What to look from is tour.py's, solving is stereo.py's and hand_eye.py's; here t
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Awaitable, Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from itertools import pairwise
 
 import numpy as np
 
@@ -17,9 +18,11 @@ from daemon import frames
 from daemon.arm import MoveRefusedError, NotSettledError, OutOfReachError, Reading, Settling, Supervisor, settled_pair
 from daemon.arrays import Array
 from daemon.calibration.board import Board, BoardError, find_board
-from daemon.calibration.file import Calibration, Quality
+from daemon.calibration.camera import CameraResult, calibrate_camera
+from daemon.calibration.file import Calibration, Quality, of_one
 from daemon.calibration.guide import Shown, is_new, missing
-from daemon.calibration.hand_eye import HandEyeResult, Sample, calibrate_hand_eye, cyclopean_from_board
+from daemon.calibration.hand_eye import ArmDoubt, HandEyeResult, Sample, calibrate_hand_eye, cyclopean_from_board
+from daemon.calibration.least_squares import Match
 from daemon.calibration.stereo import (
     FEWEST_PAIRS,
     Pair,
@@ -31,6 +34,7 @@ from daemon.calibration.stereo import (
 )
 from daemon.calibration.tour import in_order, looks_at, spread_out
 from daemon.errors import FacetdError
+from daemon.pick.moved_pair import SHORTEST_MM
 from daemon.vision.geometry import StereoRig
 
 Say = Callable[[str], Awaitable[None]]
@@ -42,7 +46,7 @@ class SessionError(FacetdError):
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """The board seen by both eyes from one pose: world_from_tool (4, 4) as WHERE gave it."""
+    """The board seen from one pose by the eyes there are: world_from_tool (4, 4) as WHERE gave it."""
 
     world_from_tool: Array
     pair: Pair
@@ -128,8 +132,11 @@ async def _see(session: Session, reading: Reading, name: str) -> View:
         images={"left": pictures.left.pixels, "right": pictures.right.pixels},
         where=reading.world_from_tool,
     )
-    boards = [await asyncio.to_thread(find_board, eye.pixels, session.board) for eye in (pictures.left, pictures.right)]
-    return View(reading.world_from_tool, Pair(name, boards[0], boards[1]))
+    left = await asyncio.to_thread(find_board, pictures.left.pixels, session.board)
+    right = None
+    if cell.alone is None:
+        right = await asyncio.to_thread(find_board, pictures.right.pixels, session.board)
+    return View(reading.world_from_tool, Pair(name, left, right))
 
 
 async def show_by_hand(session: Session, say: Say, most: int = 40) -> list[View]:
@@ -199,6 +206,14 @@ def solve_stereo(views: Sequence[View], board: Board, before: Calibration) -> tu
     return Calibration(result.rig, before.tool_from_cyclopean, quality), result
 
 
+def solve_camera(views: Sequence[View], board: Board, before: Calibration) -> tuple[Calibration, CameraResult]:
+    """The one eye from the views; the hand-eye needs solving anew. Raises StereoError."""
+    result = calibrate_camera([(v.pair.name, v.pair.left) for v in views], board, before.rig.image_size)
+    quality = Quality(reprojection_px=round(result.rms_px, 4), views=len(result.used), method="one camera", made=_now())
+    rig = of_one(result.camera, before.rig.image_size)
+    return Calibration(rig, before.tool_from_cyclopean, quality, "left"), result
+
+
 def solve_hand_eye(views: Sequence[View], board: Board, before: Calibration) -> tuple[Calibration, HandEyeResult]:
     """The hand-eye from the views. Raises HandEyeError."""
     result = calibrate_hand_eye([sample_of(v, board) for v in views], before.rig)
@@ -237,19 +252,24 @@ LENGTH_LIMIT_MM, EPIPOLAR_LIMIT_PX, SPREAD_LIMIT_MM = 0.3, 0.3, 0.6
 
 
 def verify(views: Sequence[View], board: Board, calibration: Calibration) -> Verified:
-    """Hold the calibration against looks at a board of known size. Raises SessionError with fewer than 4 views."""
+    """Hold the calibration against looks at a board of known size. Of one eye, each two poses next to each other are a
+    pair, and the arm's error at both may show in it. Raises SessionError with fewer than 4 views."""
     if len(views) < 4:
         raise SessionError(f"{len(views)} poses show the board, 4 are needed to verify")
     ratios, errors, gaps, corners = [], [], [], []
-    for view in views:
-        match = matched(view.pair, board)
-        seen = meet(calibration.rig, match.left_px, match.right_px)
+    for rig, match in _met(views, board, calibration):
+        seen = meet(rig, match.left_px, match.right_px)
         found, known = _distances(seen), _distances(match.points_mm)
         ratios.append(found.sum() / known.sum())
         errors.append(found - known)
-        gaps.append(epipolar_distances(calibration.rig, match.left_px, match.right_px))
+        gaps.append(epipolar_distances(rig, match.left_px, match.right_px))
+    for view in views:
         corners.append(frames.apply(board_in_world(view, board, calibration), board.points_mm()))
     placed = np.array(corners)
+    epipolar_px = EPIPOLAR_LIMIT_PX
+    if calibration.alone is not None:
+        turned = np.sqrt(2) * np.radians(ArmDoubt().deg) * calibration.rig.left.matrix[0, 0]
+        epipolar_px = float(np.hypot(epipolar_px, turned))
     figures = {
         "length": float(np.sqrt(np.mean(np.concatenate(errors) ** 2))),
         "epipolar": float(np.mean(np.concatenate(gaps))),
@@ -257,16 +277,32 @@ def verify(views: Sequence[View], board: Board, calibration: Calibration) -> Ver
     }
     limits = (
         ("length", LENGTH_LIMIT_MM, "mm", "calibrate stereo, and check the board's square size"),
-        ("epipolar", EPIPOLAR_LIMIT_PX, "px", "an eye has moved: calibrate stereo"),
+        ("epipolar", epipolar_px, "px", "an eye has moved: calibrate stereo, or camera where there is one"),
         ("spread", SPREAD_LIMIT_MM, "mm", "calibrate hand-eye; is the bracket tight?"),
     )
     failures = tuple(
-        f"{name} {figures[name]:.2f} {unit}, {limit:g} is the most: {remedy}"
+        f"{name} {figures[name]:.2f} {unit}, {limit:.2g} is the most: {remedy}"
         for name, limit, unit, remedy in limits
         if figures[name] > limit
     )
     scale = float(np.mean(ratios)) - 1.0
     return Verified(len(views), scale, figures["length"], figures["epipolar"], figures["spread"], failures)
+
+
+def _met(views: Sequence[View], board: Board, calibration: Calibration) -> Iterator[tuple[StereoRig, Match]]:
+    """Each pair there is of a board's corners, and where its eyes were."""
+    if calibration.alone is None:
+        for view in views:
+            yield calibration.rig, matched(view.pair, board)
+        return
+    assert calibration.tool_from_cyclopean is not None
+    eye = calibration.rig.left
+    tool_from_eye = calibration.tool_from_cyclopean @ eye.cyclopean_from_camera
+    for one, next_ in pairwise(views):
+        eyes = [replace(eye, cyclopean_from_camera=view.world_from_tool @ tool_from_eye) for view in (one, next_)]
+        rig = StereoRig(eyes[0], eyes[1], calibration.rig.image_size)
+        if rig.baseline_mm >= SHORTEST_MM:
+            yield rig, matched(replace(one.pair, right=next_.pair.left), board)
 
 
 def meet(rig: StereoRig, left_px: Array, right_px: Array) -> Array:
@@ -296,6 +332,9 @@ def board_in_world(view: View, board: Board, calibration: Calibration) -> Array:
 
 def sample_of(view: View, board: Board) -> Sample:
     """The view as the hand-eye solver takes it. Raises StereoError where the eyes share too few corners."""
+    if view.pair.right is None:
+        seen = view.pair.left
+        return Sample(view.world_from_tool, board.points_mm()[seen.corner_ids], seen.corners_px, None)
     match = matched(view.pair, board)
     return Sample(view.world_from_tool, match.points_mm, match.left_px, match.right_px)
 

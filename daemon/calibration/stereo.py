@@ -41,11 +41,11 @@ class StereoError(FacetdError):
 
 @dataclass(frozen=True, eq=False)
 class Pair:
-    """One board seen by both eyes; its name is for messages."""
+    """One board seen by both eyes, or by the one there is (right None); its name is for messages."""
 
     name: str
     left: SeenBoard
-    right: SeenBoard
+    right: SeenBoard | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +67,9 @@ class StereoResult:
 
 
 def matched(pair: Pair, board: Board) -> Match:
-    """The corners both eyes saw. Raises StereoError where they are fewer than 8."""
+    """The corners both eyes saw. Raises StereoError where they are fewer than 8, or there is one eye."""
+    if pair.right is None:
+        raise StereoError(f"{pair.name}: one eye saw the board, both are needed")
     ids, left, right = np.intersect1d(pair.left.corner_ids, pair.right.corner_ids, return_indices=True)
     if len(ids) < 8:
         raise StereoError(f"{pair.name}: the eyes share {len(ids)} corners, 8 are needed")

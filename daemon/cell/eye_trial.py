@@ -17,8 +17,6 @@ from daemon.vision.geometry import StereoRig
 from daemon.vision.health import MEASURES, Finding, examine, misleading, troubles
 
 EYES: tuple[EyeName, EyeName] = ("left", "right")
-OF_A_PAIR = ("doubled", "swapped", "knocked")
-"""What is asked of two eyes, and not of one that is tried alone."""
 TRIAL_S = 2.0
 """How long a camera may take for a picture when it is tried."""
 
@@ -46,8 +44,7 @@ async def _ailment(eyes: ThreadedEyes, eye: EyeName, clock: Callable[[], float])
     except EXPECTED_ERRORS as error:
         return " ".join(str(error).split())
     pictures = [(pair.left.pixels, pair.left.pixels) for pair in (now, first)]
-    asked = [f for f in examine(pictures[0], pictures[1], sharp=False) if f.name not in OF_A_PAIR and f.eye != "right"]
-    wrong = misleading(tuple(asked))
+    wrong = misleading(examine(pictures[0], pictures[1], sharp=False))
     return wrong[0].partition(": ")[2] if wrong else None
 
 

@@ -21,21 +21,23 @@ from daemon.calibration.session import (
     View,
     board_in_world,
     show_by_hand,
+    solve_camera,
     solve_hand_eye,
     solve_stereo,
     verify,
     view_tour,
 )
 from daemon.calibration.stereo import StereoError, StereoResult
+from daemon.cell import sections
 from daemon.console.context import CommandContext
 from daemon.console.interpreter import NOT_DONE, NOT_UNDERSTOOD, Answer, CommandError, Door, command, no_more, one_of
 from daemon.errors import FacetdError
 from daemon.store.calibrations import CONFIGURED
 
-KINDS = ("stereo", "by-hand", "hand-eye", "verify", "touch")
+KINDS = ("stereo", "camera", "by-hand", "hand-eye", "verify", "touch")
 KEPT = ("list", "use")
-USAGE = "calibrate stereo|by-hand|hand-eye|verify|touch [CxR SQUARE_MM [charuco]] | list | use N"
-POSES = {"stereo": 28, "hand-eye": 24, "verify": 8, "touch": 0}
+USAGE = "calibrate stereo|camera|by-hand|hand-eye|verify|touch [CxR SQUARE_MM [charuco]] | list | use N"
+POSES = {"stereo": 28, "camera": 28, "hand-eye": 24, "verify": 8, "touch": 0}
 USUAL_BOARD = ("9x6", "16")
 SPEED_PCT = 60.0
 TOUCH_ABOVE_MM = 2.0
@@ -48,6 +50,7 @@ async def calibrate(context: CommandContext, words: list[str], door: Door) -> An
     """Find out how the cameras see and where they sit.
 
     stereo    both eyes and hand-eye, from one tour of some 28 poses (about ten minutes on a real arm)
+    camera    the same in a cell with one camera
     by-hand   both eyes, from a board that you hold; nothing moves, you are told which view is missing
     hand-eye  where the cameras sit on the hand; the eyes stay as they are
     verify    8 new poses: errors in mm and px, passed or failed
@@ -59,6 +62,7 @@ async def calibrate(context: CommandContext, words: list[str], door: Door) -> An
     kind = one_of(words, 0, (*KINDS, *KEPT), "kind of calibration", USAGE)
     if kind in KEPT:
         return await _use(context, words) if kind == "use" else _list(context, words)
+    _check_eyes(context, kind)
     if kind not in ("verify", "touch"):
         await asyncio.to_thread(context.config.calibrations.check)
     board = _board(words[1:])
@@ -80,6 +84,21 @@ async def calibrate(context: CommandContext, words: list[str], door: Door) -> An
     finally:
         if hand is not None:
             hand.put_back()
+
+
+def _check_eyes(context: CommandContext, kind: str) -> None:
+    """Raises CommandError where the eyes that are looked with are not those to be calibrated."""
+    one = sections.alone(context.config)
+    if context.hardware.eyes.alone != one:
+        raise CommandError(f"calibrate {kind}: one eye is away; mend it and say `eyes both` first", NOT_DONE)
+    wrong = {"stereo": "camera", "by-hand": "camera"} if one else {"camera": "stereo"}
+    if kind in wrong:
+        cameras = "one camera" if one else "two cameras"
+        raise CommandError(f"calibrate {kind}: this cell has {cameras}: `calibrate {wrong[kind]}`", NOT_DONE)
+    if one == "right":
+        raise CommandError("calibrate: the one camera of a cell is its left one: name it cameras.left", NOT_DONE)
+    if one and kind != "camera" and context.calibration.alone is None:
+        raise CommandError("calibrate: the calibration in use is of two eyes: `calibrate camera` first", NOT_DONE)
 
 
 def _session(context: CommandContext, board: Board) -> Session:
@@ -104,6 +123,12 @@ async def _solved(context: CommandContext, kind: str, views: list[View], board: 
         after, stereo = await asyncio.to_thread(solve_stereo, views, board, after)
         lines += _stereo_lines(stereo)
         data["stereo"] = {"rms_px": stereo.stereo_rms_px, "epipolar_px": stereo.epipolar_px, "sigmas": stereo.sigmas}
+    if kind == "camera":
+        after, camera = await asyncio.to_thread(solve_camera, views, board, after)
+        lines += [f"not used: {name}: {reason}" for name, reason in camera.dropped.items()]
+        focal = f"focal length {camera.camera.matrix[0, 0]:.2f} +- {camera.focal_sigma_px:.2f} px"
+        lines.append(f"eye: residual {camera.rms_px:.3f} px rms, {focal}")
+        data["camera"] = {"rms_px": camera.rms_px, "focal_sigma_px": camera.focal_sigma_px}
     # A new rig has a new cyclopean frame: a hand-eye of the old one would be wrong by their difference.
     after, hand_eye = await asyncio.to_thread(solve_hand_eye, views, board, after)
     lines += _hand_eye_lines(hand_eye)

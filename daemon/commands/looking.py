@@ -82,7 +82,7 @@ def _doing(context: CommandContext, state: dict[str, Any]) -> str:
 async def look(context: CommandContext, words: list[str], door: Door) -> Answer:
     """See what the cameras see; nothing moves.
 
-    With one eye the arm moves it by 40 to 120 mm between two pictures, so that it must be enabled.
+    With one eye the arm moves it by 40 to 120 mm between two pictures, and back, so that it must be enabled.
     """
     seen = await look_of(context, door, "look")
     lines = [describe_scene(seen.scene, door.columns), _timing(seen), *troubles(seen.health)]

@@ -123,7 +123,7 @@ class Cycle:
 
     async def look(self, purpose: str = "look") -> Look:
         """One settled look from where the arm stands; nothing moves, and nothing needs to be enabled, but with one eye,
-        which the arm moves between two pictures."""
+        which the arm moves between two pictures, and back."""
         return await self.supervisor.run("look", self._look(purpose), moves=self.cell.alone is not None)
 
     async def where(self) -> Reading:
@@ -218,7 +218,12 @@ class Cycle:
     async def _look(self, purpose: str) -> Look:
         if self.recogniser is None:
             raise RefusedError("there is no recogniser to look with")
-        return await self._context(self.recogniser).lit_look(await self.supervisor.mover.rest(), purpose)
+        mover = self.supervisor.mover
+        before = await mover.rest()
+        look = await self._context(self.recogniser).lit_look(before, purpose)
+        if self.cell.alone is not None:  # who looks ten times finds the arm where it was
+            await mover.travel(before.world_from_tool, "back from beside", lambda _: self.settings.near_pct, True)
+        return look
 
     async def _travel(self, target: Array, purpose: str) -> None:
         await self.supervisor.mover.rest()

@@ -183,7 +183,7 @@ async def take_look(
         tracked = None if expected is None else expected.fit(taken)
         scene = _seen(recogniser, taken, table) if tracked is None else ONLY_TRACKED
         if tracked is None:
-            health = (*health, *sharpness(taken.images), *drift(scene))
+            health = (*health, *sharpness(taken.images), *(() if taken.moved else drift(scene)))  # the arm errs, too
         clue = clue_of(scene, taken.rig, recogniser.shape)
         return scene, health, tracked, clue if taken.moved is None else hints(clue, taken.moved.arm)
 

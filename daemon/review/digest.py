@@ -94,6 +94,12 @@ class Cycle:
         """Looks at the part it went for."""
         return sum(s.estimate is not None for s in self.stops)
 
+    @property
+    def eyes(self) -> str | None:
+        """Which eyes looked: both, left, right, or several in turn; None where nothing was looked at."""
+        used = [(stop.look.get("moved") or {}).get("eye") or "both" for stop in self.stops]
+        return ", ".join(dict.fromkeys(used)) or None
+
     def of(self, *kinds: str) -> list[Record]:
         """Its records of these kinds, in order."""
         return [r for r in self.records if r["kind"] in kinds]

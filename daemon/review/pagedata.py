@@ -53,6 +53,7 @@ def cycle_json(cycle: Cycle, all_of_run: Sequence[Cycle], going: bool) -> Json:
         "label": cycle.label,
         "outcome": "going on" if going and cycle.end is None else cycle.outcome,
         "looks": cycle.looks,
+        "eyes": cycle.eyes,
         "s": round(cycle.seconds, 2),
         "mm": _short(cycle.predicted_mm),
         "deg": _short(cycle.predicted_deg),
@@ -187,7 +188,7 @@ def events(digest: Digest) -> list[Json]:
         kind = record["kind"]
         if kind == "cycle_start":
             cycle = record.get("cycle")
-        if kind in ("fault", "refusal", "gap", "clock", "model", "run_end"):
+        if kind in ("fault", "refusal", "gap", "clock", "model", "eyes", "run_end"):
             event = {
                 "t": record.get("t"),
                 "s": round(float(record["mono_s"]) - zero, 2),
@@ -207,6 +208,8 @@ def events(digest: Digest) -> list[Json]:
 
 def _event_text(record: Json) -> str:
     kind = record["kind"]
+    if kind == "eyes":
+        return f"looking with {record.get('alone') or 'both'}: {record.get('why')}"
     parts = [str(record[k]) for k in ("code", "rule", "action", "purpose", "text", "why", "to") if record.get(k)]
     if len(parts) > 1 and parts[1].startswith(parts[0]):
         parts = parts[1:]  # a fault's text begins with its code

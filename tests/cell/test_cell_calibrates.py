@@ -2,14 +2,19 @@
 
 import asyncio
 
+import numpy as np
 import pytest
 
+from daemon import frames
 from daemon.calibration.board import Board
 from daemon.calibration.drift_watch import DriftWatch
-from daemon.calibration.session import Session, SessionError, verify, view_tour
+from daemon.calibration.file import load_calibration
+from daemon.calibration.session import Session, SessionError, solve_camera, solve_hand_eye, verify, view_tour
 from daemon.jobs.demo import PARTS
+from drivers.simcell.simulated_time import SimulatedLoop
 from tests.worlds import simulated_cell
 from tests.worlds.simulated_cell import rig
+from tests.worlds.simulated_hours import cell_in_time
 
 pytestmark = pytest.mark.slow
 
@@ -76,3 +81,34 @@ def test_a_knock_of_a_fifth_of_a_degree_is_noticed_within_twenty_looks_at_ordina
     assert looks is not None
     assert drift.axis == "pitched"
     assert "since 09:12" in drift.text
+
+
+def test_a_cell_with_one_camera_is_calibrated_by_a_tour_and_verified_from_new_poses():
+    believed = load_calibration(simulated_cell.CONFIG.parent / "calibration.yaml")
+    truth = simulated_cell.true_calibration()
+
+    async def story():
+        async with cell_in_time(14, alone="left") as here:
+            await here.cycle.go("survey")
+            here.cell.show_board()
+            views = await view_tour(session(here, believed), 20, silence, 100.0)
+            after, result = solve_camera(views, BOARD, believed)
+            after, hand_eye = solve_hand_eye(views, BOARD, after)
+            await here.cycle.go("survey")
+            return (
+                after,
+                result,
+                hand_eye,
+                verify(await view_tour(session(here, after), 6, silence, 100.0), BOARD, after),
+            )
+
+    with asyncio.Runner(loop_factory=SimulatedLoop) as runner:
+        after, result, hand_eye, verified = runner.run(story())
+    assert after.alone == "left"
+    assert result.rms_px < 0.2
+    assert abs(after.rig.left.matrix[0, 0] - truth.rig.left.matrix[0, 0]) < 4 * result.focal_sigma_px + 0.3
+    assert verified.passed, verified.failures
+    eye = after.tool_from_cyclopean @ after.rig.left.cyclopean_from_camera
+    off = frames.difference(eye, truth.tool_from_cyclopean @ truth.rig.left.cyclopean_from_camera)
+    assert np.linalg.norm(off[:3]) < 4 * hand_eye.sigma_mm
+    assert np.degrees(np.linalg.norm(off[3:])) < 4 * hand_eye.sigma_deg

@@ -47,6 +47,7 @@ class MadeRun:
         self.folder = folder
         self.cycle = 0
         self.image = np.full((120, 160), 90, np.uint8) if pictures else None
+        self.moved: dict[str, Any] | None = None
         kept = folder / "made.yaml"
         kept.write_text("version: 1\n")
         self.log.record("run_start", config=self.log.keep(kept), calibration=self.log.keep(kept), seed=1)
@@ -63,7 +64,7 @@ class MadeRun:
         self.write(
             "look", cycle=self.cycle, stop=stop, purpose=purpose, scene=scene, seconds={"facets": 0.01},
             health={"epipolar_px": 0.05, "noise": 2.0, **health}, world_from_cyclopean=np.eye(4), where=np.eye(4),
-            **images,
+            **images, **({} if self.moved is None else {"moved": self.moved}),
         )  # fmt: skip
 
     def pick(

@@ -134,7 +134,8 @@ function nearest(sorted, s) {
 
 // ---- table
 const simulated = data.cycles.some((c) => known(c.true_mm));
-const columns = [["n", "cycle"], ["t", "at"], ["label", "part"], ["outcome", "outcome"], ["looks", "looks"], ["s", "time"], ["mm", "predicted mm"],
+const oneEyed = data.cycles.some((c) => c.eyes && c.eyes !== "both");
+const columns = [["n", "cycle"], ["t", "at"], ["label", "part"], ["outcome", "outcome"], ["looks", "looks"], ...(oneEyed ? [["eyes", "eyes"]] : []), ["s", "time"], ["mm", "predicted mm"],
   ...(simulated ? [["true_mm", "true mm"]] : []), ["cause", "why"]];
 const NUMBERS = ["n", "looks", "s", "mm", "true_mm"];
 let order = "n", ascending = true, wanted = "all", opened = null;
@@ -188,7 +189,7 @@ function open(number_) {
   place.hidden = false;
   place.replaceChildren(...[
     el("h2", {}, `Cycle ${cycle.n}: ${cycle.label || "no part"} `, el("span", { class: `o ${cycle.outcome.replace(" ", "-")}` }, cycle.outcome)),
-    el("p", { class: "dim" }, time(cycle.t, offset), `, ${duration(cycle.s)}, ${plural(cycle.looks, "look")} at the part. ${cycle.why || ""}`),
+    el("p", { class: "dim" }, time(cycle.t, offset), `, ${duration(cycle.s)}, ${plural(cycle.looks, "look")} at the part${cycle.eyes && cycle.eyes !== "both" ? ` (eyes: ${cycle.eyes})` : ""}. ${cycle.why || ""}`),
     ...cycle.causes.map((c, k) => el("div", { class: `cause${k ? " less" : ""}` }, el("b", {}, c.name), k ? " (perhaps)" : "", `: ${c.e}`, el("br"), el("small", {}, c.r))),
     el("div", { class: "stops" }, el("button", { type: "button", id: "previous", onclick: step(-1) }, "‹"), ...buttons,
       el("button", { type: "button", id: "next", onclick: step(1) }, "next ›")), body,

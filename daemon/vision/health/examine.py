@@ -93,7 +93,8 @@ def _finding(name: str, eye: str, value: float) -> Finding:
 def examine(
     pair: Pair, before: Pair | None = None, rig: StereoRig | None = None, sharp: bool = True
 ) -> tuple[Finding, ...]:
-    """Every measure that can be taken of a pair of grey images (H, W); what cannot be measured is left out.
+    """Every measure that can be taken of a pair of grey images (H, W), or of one image given twice; what cannot be
+    measured is left out.
 
     before: the pair grabbed before this one (frozen). rig: finds swapped eyes and a camera knocked by much; a small
     knock is for drift() and for daemon/calibration/drift.py to tell, from measured corners. sharp: whether sharpness()
@@ -107,6 +108,8 @@ def examine(
         findings += sharpness(pair)
     same = sum(np.array_equal(now, then) for now, then in zip(pair, before, strict=True)) if before else 0
     findings.append(_finding("frozen", "pair", float(same)))
+    if pair[0] is pair[1]:  # one camera's picture, twice
+        return tuple(findings)
     findings.append(_finding("doubled", "pair", float(np.array_equal(*pair))))
     if rig is not None and all(f.good for f in findings):
         verdict, off_px = assignment(*pair, rig)

@@ -130,19 +130,26 @@ async def teach() -> Model:
         return await simulated_cell.taught(here)
 
 
+def table(tallies: dict[EyeName | None, Tally]) -> None:
+    """What the picks have come to so far."""
+    print("eyes   picked        mm   95 %   deg  of predicted  s  looks   (medians, but for the looks)")
+    for alone, tally in tallies.items():
+        print(f"{alone or 'both':5s}  {tally.row()}", flush=True)
+    both = np.median(tallies[None].seconds)
+    for eye, tally in tallies.items():
+        if eye is not None:
+            print(f"{eye} alone takes {np.median(tally.seconds) / both:.2f} times as long as both", flush=True)
+
+
 def main(picks: int = PICKS, faults: int = FAULTS) -> None:
+    """Measure and print; the table of picks after each twenty."""
     model = run(teach())
     tallies = {alone: Tally() for alone in WAYS}
     for k in range(picks):
         for alone in WAYS:
             run(pick(1000 + k, TAUGHT[k % len(TAUGHT)], alone, model, tallies[alone]))
-    if picks:
-        print("eyes   picked        mm   95 %   deg  of predicted  s  looks   (medians, but for the looks)")
-        for alone, tally in tallies.items():
-            print(f"{alone or 'both':5s}  {tally.row()}", flush=True)
-        both = np.median(tallies[None].seconds)
-        for eye in ("left", "right"):
-            print(f"{eye} alone takes {np.median(tallies[eye].seconds) / both:.2f} times as long as both")  # type: ignore[index]
+        if (k + 1) % 20 == 0 or k + 1 == picks:
+            table(tallies)
     told = []
     for k in range(faults):
         told.append(run(broken(2000 + k, model)))

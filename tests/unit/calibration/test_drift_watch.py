@@ -40,3 +40,13 @@ def test_looks_that_say_nothing_raise_nothing() -> None:
     watch = DriftWatch()
     nothing = Clue(np.zeros(3), np.full(3, np.inf), "")
     assert all(watch.seen(nothing, "08:00") is None for _ in range(50))
+
+
+def test_of_one_eye_it_is_told_that_it_sits_otherwise_on_the_hand():
+    watch, drift = DriftWatch(alone="left"), None
+    for k in range(60):
+        turn = np.radians([0.3 if k > 30 else 0.0, 0.0, 0.0])
+        drift = watch.seen(Clue(turn, np.radians([0.02, 0.02, np.inf]), ""), "10:00")
+    assert drift is not None
+    assert "left camera no longer as calibrated on the hand" in drift.text
+    assert drift.stops

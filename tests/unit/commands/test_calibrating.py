@@ -52,3 +52,25 @@ def test_calibrations_are_listed_and_gone_back_to(context: Any) -> None:
     assert calibrations.current == 1, "what cannot be used is not taken over"
     assert say(context, "calibrate use 7").status == 2
     assert "may only look" in say(context, "calibrate use 0", FakeDoor(may="look")).text
+
+
+@pytest.mark.parametrize(
+    ("cameras", "alone", "kind", "told"),
+    [
+        ("left right", "left", "hand-eye", "one eye is away"),
+        ("left right", None, "camera", "this cell has two cameras: `calibrate stereo`"),
+        ("left", "left", "stereo", "this cell has one camera: `calibrate camera`"),
+        ("left", "left", "by-hand", "this cell has one camera: `calibrate camera`"),
+        ("left", "left", "verify", "`calibrate camera` first"),
+        ("right", "right", "camera", "name it cameras.left"),
+    ],
+)
+def test_only_the_eyes_that_are_there_are_calibrated(
+    context: Any, cameras: str, alone: str | None, kind: str, told: str
+) -> None:
+    context.config.values.cameras = dict.fromkeys(cameras.split(), "x")
+    context.hardware.eyes.alone = alone
+    answer = say(context, f"calibrate {kind}")
+    assert answer.status == 1
+    assert told in answer.text
+    assert context.cycle.told == []

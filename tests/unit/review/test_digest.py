@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
 from daemon.review.digest import digest
 from daemon.review.page import read_digest
 from daemon.review.pagedata import page_data
@@ -49,3 +51,15 @@ def test_every_prefix_of_a_run_makes_a_digest(made: MadeRun) -> None:
         data = page_data(digest("prefix", records[:count]))
         assert len(data["cycles"]) <= 2
     assert page_data(digest("prefix", records[:-2]))["cycles"][-1]["outcome"] == "unfinished"
+
+
+def test_the_page_tells_which_picks_were_made_with_which_eyes_and_when_that_changed(made: MadeRun) -> None:
+    made.pick()
+    made.write("eyes", alone="left", why="right eye: frozen")
+    made.moved = {"eye": "left", "left": np.eye(4), "right": np.eye(4), "arm_mm": 0.1, "arm_deg": 0.02}
+    made.pick()
+    run = read_digest(made.close())
+    assert [c.eyes for c in run.cycles] == ["both", "left"]
+    data = page_data(run)
+    assert [c["eyes"] for c in data["cycles"]] == ["both", "left"]
+    assert "looking with left: right eye: frozen" in [e["text"] for e in data["events"]]

@@ -25,8 +25,8 @@ def told(drift: Drift | None, auto: bool) -> tuple[dict[str, str], list[tuple[st
         service: Any = Service(Path("facetd.yaml"))
         cycle = SimpleNamespace(status=lambda: {"auto": auto}, supervisor=SimpleNamespace(fail=fail))
         service.context = SimpleNamespace(cycle=cycle, troubles=Troubles())
-        service._drift = SimpleNamespace(seen=lambda clue, at: drift)
-        service.looked(SimpleNamespace(clue=None))
+        service._drift = SimpleNamespace(seen=lambda clue, at: drift, alone=None)
+        service.looked(SimpleNamespace(clue=None, taken=SimpleNamespace(moved=None)))
         await asyncio.sleep(0.01)
         standing: dict[str, str] = service.context.troubles.standing
         return standing

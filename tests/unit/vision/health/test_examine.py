@@ -79,7 +79,13 @@ def test_a_pair_that_repeats_is_frozen_even_when_only_one_eye_does() -> None:
 
 
 def test_one_camera_named_twice_is_found() -> None:
-    assert "doubled" in bad(LEFT, LEFT)
+    assert "doubled" in bad(LEFT, LEFT.copy())
+
+
+def test_one_picture_that_is_given_twice_is_one_eye_and_nothing_that_two_would_be_asked_is_asked_of_it() -> None:
+    asked = {f.name for f in examine((LEFT, LEFT), None, rig())}
+    assert "covered" in asked
+    assert not {"doubled", "swapped", "knocked"} & asked
 
 
 def test_an_empty_bright_table_is_not_a_covered_lens_but_one_blind_eye_is() -> None:
