@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import resource
 import tempfile
 import time
 from pathlib import Path
@@ -76,6 +77,7 @@ def main() -> None:
             print(f"{workers} worker{'s' * (workers > 1)}: {looks} looks in {pieces} pieces, {wall:.1f} s, "
                   f"{looks / wall:.2f} looks a second, the start of the processes included")  # fmt: skip
             seconds = seconds or wall / pieces
+    print(f"the largest worker took {resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1e3:.0f} MB")
     print(f"{'workers':>8} {'pieces':>7} {'wall s':>7} {'ideal s':>8} {'used':>6}   pieces of {seconds:.1f} s, slept")
     for workers in WORKERS:
         wall, ideal = simulated(args.store, workers, seconds), seconds * PIECES_A_WORKER
