@@ -111,7 +111,7 @@ def _replay(args: argparse.Namespace) -> int:
 
     chosen = with_of(args.chosen)
     failed: list[str] = []
-    out: Path | None = args.out
+    out: str | None = args.out
     if out is None and args.workers is None and args.cluster is None and not any(map(_is_store, args.folders)):
         results = _replay_here(args, chosen)
     else:
@@ -119,8 +119,9 @@ def _replay(args: argparse.Namespace) -> int:
     total, found = summed(results), differences(results)
     if out is not None:
         from daemon.hall.replay_page import write_replay_page
+        from daemon.hall.store import open_store
 
-        page = write_replay_page(out, total, found, _folders_of(args), args.chosen)
+        page = write_replay_page(open_store(out), total, found, _folders_of(args), args.chosen)
     if args.json:
         changes = [{"run": one["run"], **change} for one in found for change in one["changes"]]
         print(json.dumps({**total, "regressions": total["worse"], "changes": changes, "failed": failed}))
@@ -174,15 +175,16 @@ def _folders_of(args: argparse.Namespace) -> list[str]:
             for name in args.folders or ["latest"]]  # fmt: skip
 
 
-def _replay_many(args: argparse.Namespace, chosen: Any) -> tuple[list[tuple[str, Any]], list[str], Path]:
+def _replay_many(args: argparse.Namespace, chosen: Any) -> tuple[list[tuple[str, Any]], list[str], str]:
     from daemon.hall.replay_many import jobs_of, replay_many, run_in_folder, runs_in_store
     from daemon.hall.store import open_store
 
     runs = []
     for name in _folders_of(args):
         runs += runs_in_store(open_store(name)) if _is_store(name) else [run_in_folder(Path(name))]
-    out = (args.out or Path(f"replay-{chosen.digest()[:8]}")).resolve()
-    jobs = jobs_of(runs, chosen, str(out))
+    out = args.out or f"replay-{chosen.digest()[:8]}"
+    out = out if "://" in out else str(Path(out).resolve())
+    jobs = jobs_of(runs, chosen, out)
 
     def say(done: int, of: int) -> None:
         if not args.json and sys.stderr.isatty():
