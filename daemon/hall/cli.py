@@ -40,9 +40,7 @@ def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         "--workers", type=int, metavar="N", help="by so many processes of this computer (extra `fleet`)"
     )
     replay.add_argument("--cluster", metavar="ADDRESS", help="by the workers of this dask scheduler")
-    replay.add_argument(
-        "--out", type=Path, metavar="DIR", help="results and report.html; called again, it goes on there"
-    )
+    replay.add_argument("--out", metavar="DIR", help="results and report.html; called again, it goes on there")
     replay.add_argument("--json", action="store_true", help="one line for machines")
     hall = command(subparsers, "hall", _hall, "one HTML page for all cells of a store (extra `fleet`)")
     hall.add_argument("store", metavar="STORE", help="what `facetctl runs collect` made")

@@ -27,7 +27,8 @@ SHOWN = 300
 def write_replay_page(
     out: Store, total: Json, found: Sequence[Json], folders: Sequence[str], chosen: Sequence[str]
 ) -> str:
-    """Write report.html into the folder of the replay; gives its path. folders: run folders and stores the runs are in; chosen: what was replayed with.
+    """Write report.html into the folder of the replay; gives its path. folders: run folders and stores the runs are in;
+    chosen: what was replayed with.
 
     A difference whose run is not to be had any more is told without its pictures. Raises OSError.
     """
