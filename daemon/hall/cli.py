@@ -98,7 +98,7 @@ def _collect(args: argparse.Namespace) -> int:
     else:
         print(
             f"{told.collected} runs collected ({told.bytes / 1e6:.1f} MB), {told.known} were there, {told.waiting} not "
-            f"finished, {told.apart} damaged and set apart, {told.freed} removed from the cells"
+            f"finished for a minute, {told.apart} damaged and set apart, {told.freed} removed from the cells"
         )
     return NOT_ALL if told.lines else DONE
 
