@@ -23,6 +23,9 @@ from daemon.hall.store import open_store
 
 WORKERS = (1, 2, 20, 50, 100, 200)
 PIECES_A_WORKER = 8
+PATIENT = {"distributed.logging.distributed": "critical", "distributed.comm.timeouts.connect": "300s",
+           "distributed.scheduler.worker-ttl": "600s"}  # fmt: skip
+"""All workers are threads of this process: they begin one after the other."""
 LOOKS = 10
 
 
@@ -49,7 +52,7 @@ def simulated(store: str, workers: int, seconds: float) -> float:
     run = runs_in_store(open_store(store))[0]
     with (
         tempfile.TemporaryDirectory() as out,
-        dask.config.set({"distributed.logging.distributed": "critical"}),
+        dask.config.set(PATIENT),
         distributed.LocalCluster(
             n_workers=workers, threads_per_worker=1, processes=False, dashboard_address="127.0.0.1:0", memory_limit=0
         ) as cluster,
