@@ -40,9 +40,7 @@ def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         "--workers", type=int, metavar="N", help="by so many processes of this computer (extra `fleet`)"
     )
     replay.add_argument("--cluster", metavar="ADDRESS", help="by the workers of this dask scheduler")
-    replay.add_argument(
-        "--out", type=Path, metavar="DIR", help="results and report.html; called again, it goes on there"
-    )
+    replay.add_argument("--out", metavar="DIR", help="results and report.html; called again, it goes on there")
     replay.add_argument("--json", action="store_true", help="one line for machines")
     hall = command(subparsers, "hall", _hall, "one HTML page for all cells of a store (extra `fleet`)")
     hall.add_argument("store", metavar="STORE", help="what `facetctl runs collect` made")
@@ -100,7 +98,7 @@ def _collect(args: argparse.Namespace) -> int:
     else:
         print(
             f"{told.collected} runs collected ({told.bytes / 1e6:.1f} MB), {told.known} were there, {told.waiting} not "
-            f"finished, {told.apart} damaged and set apart, {told.freed} removed from the cells"
+            f"finished for a minute, {told.apart} damaged and set apart, {told.freed} removed from the cells"
         )
     return NOT_ALL if told.lines else DONE
 
@@ -111,7 +109,7 @@ def _replay(args: argparse.Namespace) -> int:
 
     chosen = with_of(args.chosen)
     failed: list[str] = []
-    out: Path | None = args.out
+    out: str | None = args.out
     if out is None and args.workers is None and args.cluster is None and not any(map(_is_store, args.folders)):
         results = _replay_here(args, chosen)
     else:
@@ -119,8 +117,9 @@ def _replay(args: argparse.Namespace) -> int:
     total, found = summed(results), differences(results)
     if out is not None:
         from daemon.hall.replay_page import write_replay_page
+        from daemon.hall.store import open_store
 
-        page = write_replay_page(out, total, found, _folders_of(args), args.chosen)
+        page = write_replay_page(open_store(out), total, found, _folders_of(args), args.chosen)
     if args.json:
         changes = [{"run": one["run"], **change} for one in found for change in one["changes"]]
         print(json.dumps({**total, "regressions": total["worse"], "changes": changes, "failed": failed}))
@@ -174,15 +173,16 @@ def _folders_of(args: argparse.Namespace) -> list[str]:
             for name in args.folders or ["latest"]]  # fmt: skip
 
 
-def _replay_many(args: argparse.Namespace, chosen: Any) -> tuple[list[tuple[str, Any]], list[str], Path]:
+def _replay_many(args: argparse.Namespace, chosen: Any) -> tuple[list[tuple[str, Any]], list[str], str]:
     from daemon.hall.replay_many import jobs_of, replay_many, run_in_folder, runs_in_store
     from daemon.hall.store import open_store
 
     runs = []
     for name in _folders_of(args):
         runs += runs_in_store(open_store(name)) if _is_store(name) else [run_in_folder(Path(name))]
-    out = (args.out or Path(f"replay-{chosen.digest()[:8]}")).resolve()
-    jobs = jobs_of(runs, chosen, str(out))
+    out = args.out or f"replay-{chosen.digest()[:8]}"
+    out = out if "://" in out else str(Path(out).resolve())
+    jobs = jobs_of(runs, chosen, out)
 
     def say(done: int, of: int) -> None:
         if not args.json and sys.stderr.isatty():

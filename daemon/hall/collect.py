@@ -19,6 +19,7 @@ from pathlib import Path
 
 import msgspec
 
+from daemon.errors import FacetdError
 from daemon.hall.layout import Rows, add_rows, rows_of
 from daemon.hall.soundness import damages, files_of, finished
 from daemon.hall.store import Collected, Store, StoreError, hashed_below, manifest_name
@@ -115,13 +116,25 @@ def _collect_cell(store: Store, source: Source, names: list[str], told: Told, qu
         taken = [
             one
             for name in fresh[begin : begin + AT_ONCE]
-            if (one := _taken(store, source, name, name != names[-1], ids, told, quiet_s)) is not None
+            if (one := _tried(store, source, name, name != names[-1], ids, told, quiet_s)) is not None
         ]
         add_rows(store, source.cell, [rows for _, rows in taken])
         for safe, _ in taken:
             store.write(msgspec.json.encode(safe), "collected", manifest_name(safe.id[:16], safe.cell, safe.run))
             told.collected += 1
             told.bytes += sum(size for size, _ in safe.files.values())
+
+
+def _tried(
+    store: Store, source: Source, name: str, later: bool, ids: dict[str, str], told: Told, quiet_s: float
+) -> tuple[Collected, Rows] | None:
+    """As _taken; a run with a file that cannot be read keeps nobody from the cell's others."""
+    try:
+        return _taken(store, source, name, later, ids, told, quiet_s)
+    except FileError as error:
+        told.apart += 1
+        told.warn(f"{source.cell}/{name}: damaged, stays on its cell: {error}")
+        return None
 
 
 def _taken(
@@ -191,7 +204,7 @@ def _same(folder: Path, safe: Collected) -> bool:
     )
 
 
-class _UnreachableError(Exception):
+class _UnreachableError(FacetdError):
     """A cell does not answer, or does not let us in."""
 
 

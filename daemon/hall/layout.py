@@ -7,6 +7,7 @@ One file a cell and month, sorted by day so that a reader skips what it does not
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -59,7 +60,7 @@ def rows_of(run: Digest) -> Rows:
     """The rows of one run, by table."""
     pa, _ = arrow()
     made = {
-        "runs": [_run(run)],
+        "runs": [_run(run)] if run.records else [],
         "cycles": [_cycle(c, run) for c in run.cycles],
         "looks": _looks(run),
         "parts": _parts(run),
@@ -73,7 +74,7 @@ def rows_of(run: Digest) -> Rows:
 def _table(pa: Any, name: str, run: str, rows: Sequence[Row]) -> pa.Table:
     """What a record does not say is null, and so is what is of another kind than its column."""
     columns = TABLES[name].columns
-    times = np.array([str(row["t"])[:23] for row in rows], "datetime64[ms]")
+    times = np.array([_utc(str(row["t"])) for row in rows], "datetime64[ms]")
     given = {"t": times, "day": times.astype("datetime64[D]"), "run": [run] * len(rows)}
     schema = schema_of(name)
     arrays = [
@@ -81,6 +82,12 @@ def _table(pa: Any, name: str, run: str, rows: Sequence[Row]) -> pa.Table:
         for c, kind in zip(columns, schema, strict=True)
     ]
     return pa.Table.from_arrays(arrays, schema=schema)
+
+
+def _utc(t: str) -> datetime:
+    """Without a zone it is UTC."""
+    at = datetime.fromisoformat(t)
+    return at if at.tzinfo is None else at.astimezone(UTC).replace(tzinfo=None)
 
 
 def _valued(value: Any, column: Column) -> Any:

@@ -233,13 +233,10 @@ def _judge(cells: Sequence[Json], last: date) -> None:
 def _misses(cell: Json, total: Sequence[int], all_parts: Mapping[str, list[int]]) -> list[tuple[str, str]]:
     own = [cell["picked"], cell["tried"]]
     weak = [name for name, of in cell["parts"].items() if _worse(of, _without(all_parts[name], of))]
-    told = [
-        ("misses", f"{name}: {_percent(of)} picked, {_percent(_without(all_parts[name], of))} elsewhere")
-        for name in weak
-        for of in [cell["parts"][name]]
-    ]
-    if _worse(own, _without(total, own)) and len(weak) != 1:
-        told.insert(0, ("misses", f"{_percent(own)} picked, {_percent(_without(total, own))} elsewhere"))
+    of_part = [(name, cell["parts"][name], _without(all_parts[name], cell["parts"][name])) for name in weak]
+    told = [("misses", f"{name}: {_percent(of)} picked, {_percent(others)} elsewhere") for name, of, others in of_part]
+    if _worse(own, _without(total, own)) and not 0 < len(weak) <= len(cell["parts"]) / 2:
+        told = [("misses", f"{_percent(own)} picked, {_percent(_without(total, own))} elsewhere")]
     if _worse(own, cell["before"]):
         told.append(("misses", f"{_percent(own)} picked, {_percent(cell['before'])} in the four weeks before"))
     return told

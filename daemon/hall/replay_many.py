@@ -162,7 +162,7 @@ def work(job: Job) -> str:
         return job.key
     with tempfile.TemporaryDirectory(prefix="facetd-replay-") as spare:
         folder = _folder(job, Path(spare))
-        run = read_digest(folder)
+        run = read_digest(folder, frozenset(job.looks))
         found = replayed_looks(folder, run, load_facets(FACETS), _using(job, out, Path(spare)), frozenset(job.looks))
         result = judged(run, found) | {"run": job.run.name, "cell": job.run.cell}
     out.write(json.dumps(result).encode(), "done", f"{job.key}.json")

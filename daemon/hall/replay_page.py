@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -10,11 +11,10 @@ import cv2
 import numpy as np
 
 from daemon.hall.judged import Json, kinds_of
-from daemon.hall.store import StoreError, open_store
+from daemon.hall.store import Store, StoreError, open_store
 from daemon.review.digest import Stop
 from daemon.review.page import JPEG_QUALITY, PICTURE_BUDGET, render
 from daemon.review.pagedata import stop_json
-from daemon.store.files import write_atomically
 from daemon.store.outside import FileError, open_below
 from daemon.store.records import Record, record_of
 from daemon.store.runs import RUN
@@ -25,9 +25,10 @@ SHOWN = 300
 
 
 def write_replay_page(
-    out: Path, total: Json, found: Sequence[Json], folders: Sequence[str], chosen: Sequence[str]
-) -> Path:
-    """Write out/report.html. folders: run folders and stores the runs are in; chosen: what was replayed with.
+    out: Store, total: Json, found: Sequence[Json], folders: Sequence[str], chosen: Sequence[str]
+) -> str:
+    """Write report.html into the folder of the replay; gives its path. folders: run folders and stores the runs are in;
+    chosen: what was replayed with.
 
     A difference whose run is not to be had any more is told without its pictures. Raises OSError.
     """
@@ -49,9 +50,8 @@ def write_replay_page(
         "differences": rows,
         "more": max(len(found) - SHOWN, 0),
     }
-    out.mkdir(parents=True, exist_ok=True)
-    write_atomically(out / REPORT, render("replay", data, pictures, "daemon.hall").encode())
-    return out / REPORT
+    out.write(render("replay", data, pictures, "daemon.hall").encode(), REPORT)
+    return out.path(REPORT)
 
 
 def _called(name: str) -> str:
@@ -67,9 +67,9 @@ def _recorded(one: Json, folders: Sequence[str]) -> tuple[Record | None, dict[st
             if Path(where).name == one["run"]:
                 return _look(Path(where), one["seq"])
             if not (Path(where) / RUN).exists():
-                store = open_store(where)
-                if store.local:
-                    return _look(Path(store.path("runs", one["cell"], one["run"])), one["seq"])
+                names = [RUN, *(f"images/{one['seq']:06d}-{eye}.png" for eye in ("left", "right"))]
+                with tempfile.TemporaryDirectory() as spare:
+                    return _look(open_store(where).fetch(one["cell"], one["run"], names, Path(spare)), one["seq"])
         except (FileError, StoreError):
             continue
     return None, {}

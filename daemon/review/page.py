@@ -8,7 +8,7 @@ from __future__ import annotations
 import base64
 import html
 import json
-from collections.abc import Iterable
+from collections.abc import Container, Iterable
 from datetime import datetime, timedelta
 from importlib import resources
 from pathlib import Path
@@ -76,9 +76,9 @@ def run_time(name: str) -> datetime | None:
         return None
 
 
-def read_digest(folder: Path) -> Digest:
-    """Read and digest one run. Raises RunError."""
-    found = read_run(folder)
+def read_digest(folder: Path, scenes_of: Container[int] | None = None) -> Digest:
+    """Read and digest one run; scenes_of as in read_run. Raises RunError."""
+    found = read_run(folder, scenes_of)
     return digest(folder.name, found.records, found.skipped, being_written(folder / "run.jsonl"))
 
 

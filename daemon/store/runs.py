@@ -9,7 +9,7 @@ import hashlib
 import os
 import shutil
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Container, Iterator
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -70,14 +70,18 @@ def find_run(runs: Path, name: str) -> Path:
     raise RunError(f"{name}: no such run (neither a folder with run.jsonl nor a name in {runs})")
 
 
-def read_run(folder: Path) -> RunRecords:
-    """All records of a run; what cannot be read is skipped and named. Raises RunError where there is no run."""
+def read_run(folder: Path, scenes_of: Container[int] | None = None) -> RunRecords:
+    """All records of a run; what cannot be read is skipped and named. scenes_of: the looks, by seq, that keep their
+    scene, which is nine tenths of a record (None: all). Raises RunError where there is no run."""
     records: list[Record] = []
     skipped: list[str] = []
     with open_below(folder, RUN) as file:
         for number, line, whole in _lines(file):
             try:
-                records.append(record_of(line))
+                record = record_of(line)
+                if scenes_of is not None and record["kind"] == "look" and record["seq"] not in scenes_of:
+                    record.pop("scene", None)
+                records.append(record)
             except ValueError as error:
                 what = f"unreadable line ({error})" if whole else "torn last line"
                 skipped.append(f"{folder}/{RUN}:{number}: {what}, {len(line)} bytes skipped")

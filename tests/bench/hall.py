@@ -12,10 +12,14 @@ import time
 from datetime import date
 from pathlib import Path
 
+import numpy as np
+
 from daemon.hall.layout import rows_of
+from daemon.hall.page import write_hall
 from daemon.hall.questions import QUESTIONS, opened
 from daemon.hall.store import open_store
 from daemon.review.page import read_digest
+from tests.bench.runs import opened_ms
 from tests.worlds.made_year import picks_of, write_year
 
 TIMES = 3
@@ -46,6 +50,12 @@ def main() -> None:
                 spent.append((time.perf_counter() - wall, time.process_time() - cpu))
             best = min(spent)
             print(f"{best[0]:8.2f} {best[1]:12.2f}  {question.text} ({len(rows)} rows, first {rows[:1]})")
+        wall, cpu = time.perf_counter(), time.process_time()
+        page = write_hall(store, 7, Path(spare) / "hall.html")
+        wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
+        found = opened_ms(page)
+        print(f"a week: {page.stat().st_size / 1e3:.0f} kB, made in {wall:.1f} s ({cpu:.1f} s of processor), "
+              f"opened in Chromium in {'none here' if found is None else np.round(found)} ms")  # fmt: skip
 
 
 def write(args: argparse.Namespace, store: object) -> None:

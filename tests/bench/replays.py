@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import resource
 import tempfile
 import time
 from pathlib import Path
@@ -22,6 +23,9 @@ from daemon.hall.store import open_store
 
 WORKERS = (1, 2, 20, 50, 100, 200)
 PIECES_A_WORKER = 8
+PATIENT = {"distributed.logging.distributed": "critical", "distributed.comm.timeouts.connect": "300s",
+           "distributed.scheduler.worker-ttl": "600s"}  # fmt: skip
+"""All workers are threads of this process: they begin one after the other."""
 LOOKS = 10
 
 
@@ -48,7 +52,7 @@ def simulated(store: str, workers: int, seconds: float) -> float:
     run = runs_in_store(open_store(store))[0]
     with (
         tempfile.TemporaryDirectory() as out,
-        dask.config.set({"distributed.logging.distributed": "critical"}),
+        dask.config.set(PATIENT),
         distributed.LocalCluster(
             n_workers=workers, threads_per_worker=1, processes=False, dashboard_address="127.0.0.1:0", memory_limit=0
         ) as cluster,
@@ -76,6 +80,7 @@ def main() -> None:
             print(f"{workers} worker{'s' * (workers > 1)}: {looks} looks in {pieces} pieces, {wall:.1f} s, "
                   f"{looks / wall:.2f} looks a second, the start of the processes included")  # fmt: skip
             seconds = seconds or wall / pieces
+    print(f"the largest worker took {resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1e3:.0f} MB")
     print(f"{'workers':>8} {'pieces':>7} {'wall s':>7} {'ideal s':>8} {'used':>6}   pieces of {seconds:.1f} s, slept")
     for workers in WORKERS:
         wall, ideal = simulated(args.store, workers, seconds), seconds * PIECES_A_WORKER

@@ -140,7 +140,6 @@ def test_results_are_the_same_from_one_process_and_from_two_workers_one_of_them_
     one, failed = replay_many(jobs(store, tmp_path / "one", monkeypatch), 1, None)
     assert failed == []
     assert sum(len(result["looks"]) for _, result in one) > 12
-    assert all(look["identical"] for _, result in one for look in result["looks"])
     out = tmp_path / "two"
     with cluster(tmp_path, 2) as (address, workers):
         killed: list[int] = []

@@ -51,7 +51,8 @@ function open(c) {
       own("Error predicted at the grasp", "mm", [["", c.mm]]), own("A pick, median", "s", [["", c.seconds]])].filter(Boolean)));
   one.hidden = false;
   document.querySelectorAll("#cells .cell").forEach((card) => card.setAttribute("aria-pressed", String(card.dataset.cell === c.name)));
-  one.scrollIntoView({ block: "nearest", behavior: "smooth" });
+  history.replaceState(null, "", `#${encodeURIComponent(c.name)}`);  // a cell's own address, to be sent to somebody
+  one.scrollIntoView({ block: "nearest" });
 }
 
 // ---- who misses what
@@ -92,5 +93,7 @@ by("causes").tBodies[0].append(...Object.entries(data.causes).map(([name, n]) =>
   const most = cells.filter((c) => c.causes[name]).sort((a, b) => b.causes[name] - a.causes[name]).slice(0, 4);
   return el("tr", {}, el("td", {}, name), el("td", {}, thousands(n)), el("td", { class: "k-cause" }, ...most.flatMap((c, k) => [k ? ", " : "", el("b", {}, c.name), ` ${c.causes[name]}`])));
 }));
+const asked = cells.find((c) => c.name === decodeURIComponent(window.location.hash.slice(1)));
+if (asked) open(asked);
 document.documentElement.dataset.ready = "yes";
 })();

@@ -195,6 +195,39 @@ def test_a_cell_that_is_not_there_keeps_nobody_from_the_others(store: Store, cel
     assert told.lines == [f"gone: {tmp_path}/none: no such folder of runs"]
 
 
+def test_a_run_that_cannot_be_read_keeps_nobody_from_the_cells_others(store: Store, cell: CellMaker) -> None:
+    runs = cell("north", "20260102", "20260103")
+    (runs / "20260102T030405Z" / "wire.jsonl").unlink()
+    (runs / "20260102T030405Z" / "run.jsonl").unlink()
+    os.symlink("/dev/zero", runs / "20260102T030405Z" / "run.jsonl")
+    file = runs / "20260101T030405Z" / "run.jsonl"
+    file.parent.mkdir()
+    file.write_bytes(b"")
+    quiet(runs)
+    told = collect(store, [source_of(f"north={runs}")])
+    assert (told.collected, told.lines) == (2, []), (
+        "what is not a file is no run; a daemon that died at once left nothing"
+    )
+    assert picks(store) == [("north", 2)]
+
+
+def test_a_file_that_goes_away_meanwhile_is_told_of(
+    store: Store, cell: CellMaker, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    runs = cell("north", "20260102", "20260103")
+    put = Store.put
+
+    def gone(self: Store, folder: Path, name: str, *parts: str) -> tuple[int, str]:
+        if folder.name.startswith("20260102") and name.startswith("kept/"):
+            (folder / name).unlink()
+        return put(self, folder, name, *parts)
+
+    monkeypatch.setattr(Store, "put", gone)
+    told = collect(store, [source_of(f"north={runs}")])
+    assert told.collected == 1
+    assert told.lines[0].startswith("north/20260102T030405Z: damaged, stays on its cell: ")
+
+
 def test_a_bucket_is_a_store_as_a_folder_is(cell: CellMaker) -> None:
     bucket = open_store(f"memory://plant{time.monotonic_ns()}/facetd")
     sources = [source_of(f"north={cell('north', '20260102', '20260103')}")]

@@ -18,6 +18,7 @@ from daemon.review.page import read_digest
 from tests.unit.hall.conftest import CellMaker
 from tests.worlds.made_run import MadeRun, part
 
+pytest.importorskip("fsspec", reason="fsspec is not installed: make extra-fleet")
 pa = pytest.importorskip("pyarrow", reason="pyarrow is not installed: make extra-fleet")
 pq = pytest.importorskip("pyarrow.parquet")
 dataset = pytest.importorskip("pyarrow.dataset")

@@ -14,6 +14,7 @@ from daemon.hall.store import Store, StoreError, open_store
 from daemon.review.page import read_digest
 from tests.worlds.made_run import MadeRun
 
+pytest.importorskip("fsspec", reason="fsspec is not installed: make extra-fleet")
 pytest.importorskip("duckdb", reason="duckdb is not installed: make extra-fleet")
 made_year = pytest.importorskip("tests.worlds.made_year", reason="pyarrow is not installed: make extra-fleet")
 

@@ -16,6 +16,7 @@ from daemon.review.page import read_digest
 from daemon.store import places
 from tests.worlds.made_run import MadeRun, part
 
+pytest.importorskip("fsspec", reason="fsspec is not installed: make extra-fleet")
 duckdb = pytest.importorskip("duckdb", reason="duckdb is not installed: make extra-fleet")
 made_year = pytest.importorskip("tests.worlds.made_year", reason="pyarrow is not installed: make extra-fleet")
 

@@ -4,13 +4,18 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
 
+from daemon.hall.collect import collect, source_of
+from daemon.hall.judged import summed
 from daemon.hall.replay_many import Run, With, jobs_of, run_in_folder, with_of
-from daemon.hall.store import StoreError
+from daemon.hall.replay_page import write_replay_page
+from daemon.hall.store import StoreError, open_store
 from daemon.store import places
+from tests.unit.hall.conftest import CellMaker
 from tests.worlds.made_run import MadeRun
 
 RUN = Run("north", "20260102T030405Z", "ab" * 32, "/runs/x", False, tuple(range(100)))
@@ -76,3 +81,18 @@ def test_without_the_extra_a_cell_replays_its_own_runs_and_many_workers_are_refu
     many = said("--workers", "2")
     assert (many.returncode, many.stderr.count("\n")) == (2, 1)
     assert "extra-fleet" in many.stderr
+
+
+def test_a_report_lies_in_a_bucket_and_has_pictures_from_one(cell: CellMaker) -> None:
+    for needed in ("fsspec", "pyarrow"):
+        pytest.importorskip(needed, reason=f"{needed} is not installed: make extra-fleet")
+    bucket = open_store(f"memory://pictures{time.monotonic_ns()}")
+    collect(bucket, [source_of(f"north={cell('north')}")])
+    change = {"seq": 3, "cycle": 1, "part": "cube", "what": "now unknown: one facet", "regression": True}
+    one = {"cell": "north", "run": "20260102T030405Z", "seq": 3, "cycle": 1, "purpose": "survey 1", "whole": True,
+           "light": "over 180", "changes": [change], "parts": [], "now": {"parts": []}}  # fmt: skip
+    gone = one | {"run": "20250102T030405Z"}
+    write_replay_page(bucket, summed([]), [one, gone], [bucket.url], [])
+    page = bucket.read("report.html").decode()
+    assert page.count("data:image/jpeg;base64,") == 2
+    assert "now unknown: one facet" in page

@@ -17,6 +17,7 @@ from daemon.store.runs import (
     has_failure,
     list_runs,
     new_folder,
+    read_run,
 )
 
 NOW = datetime(2026, 11, 21, 10, tzinfo=UTC)
@@ -67,3 +68,13 @@ def test_runs_are_found_by_latest_by_name_and_by_path(tmp_path: Path) -> None:
     assert find_run(Path("/nonexistent"), str(folders[1])) == folders[1]
     with pytest.raises(RunError, match="such-a-run: no such run"):
         find_run(tmp_path, "such-a-run")
+
+
+def test_scenes_that_nobody_asks_for_are_let_go_while_a_run_is_read(tmp_path: Path) -> None:
+    log = RunLog(tmp_path / "run")
+    for _ in range(3):
+        log.record("look", scene={"parts": []}, purpose="survey")
+    log.close()
+    looks = [r for r in read_run(tmp_path / "run", frozenset({1})).records if r["kind"] == "look"]
+    assert [("scene" in look, look["purpose"]) for look in looks] == [(k == 1, "survey") for k in range(3)]
+    assert all("scene" in r for r in read_run(tmp_path / "run").records if r["kind"] == "look")
