@@ -446,7 +446,9 @@ def run(chosen: Sequence[Mutation], tests: Iterable[str]) -> list[Found]:
 
     watch = Watch(each)
     os.environ |= {"FACETD_STEPS": STEPS}
-    pytest.main(["-s", "-q", "-p", "no:cacheprovider", "-p", "no:xdist", "-k", TOLD, *tests], [watch])
+    pytest.main(
+        ["-s", "-q", "-p", "no:cacheprovider", "-p", "no:xdist", "-o", "timeout=0", "-k", TOLD, *tests], [watch]
+    )
     return found
 
 

@@ -85,6 +85,29 @@ def test_the_points_of_the_hand_are_as_far_to_one_side_as_to_the_other_and_the_f
         assert off_mm.max() < 5.0, "beside what stands for the same"
 
 
+def test_the_hand_s_capsules_are_as_far_to_one_side_as_to_the_other():
+    of_hand = {(c.link, frozenset((c.from_mm, c.to_mm)), c.radius_mm) for c in ARM if c.link == "tool"}
+    assert {(link, frozenset((x, -y, z) for x, y, z in ends), r) for link, ends, r in of_hand} == of_hand
+    assert [c.from_mm[1] for c in ARM if "finger" in c.name] == [49.0, -49.0]
+
+
+@pytest.mark.parametrize(
+    ("start", "end", "away"),
+    [
+        ((-5.0, 20.0, 5.0), (5.0, 40.0, 5.0), np.hypot(5.0, 10.0)),  # leaves, though past a side's plane
+        ((5.0, 40.0, 5.0), (-5.0, 20.0, 5.0), np.hypot(5.0, 10.0)),  # comes, and ends before it is nearest
+        ((-10.0, 5.0, 12.0), (20.0, 5.0, 12.0), 2.0),  # along a side
+        ((15.0, -5.0, 5.0), (25.0, 5.0, 5.0), np.hypot(5.0, 5.0)),  # nearest is an end
+        ((5.0, 25.0, 5.0), (25.0, 5.0, 5.0), np.sqrt(50.0)),  # past an edge
+        ((2.0, -10.0, 5.0), (2.0, 20.0, 5.0), -2.0),  # through it, two millimetres under a side
+    ],
+)
+def test_the_nearest_of_an_axis_is_found_wherever_on_it_that_is(start, end, away):
+    box = KeepOut("box", (0.0, 0.0, 0.0), (10.0, 10.0, 10.0))
+    told = away_mm(np.array([[[start, end]]]), np.zeros(1), [box], 100.0)
+    assert told[0, 0, 0] == pytest.approx(away)
+
+
 def test_each_capsule_goes_with_its_link():
     joints = np.radians([[20.0, 40.0, -120.0, 30.0, -50.0, 10.0]])
     links = puma560.link_frames(joints)

@@ -75,6 +75,7 @@ def test_every_rule_of_the_table_is_shown_refusing():
 def test_a_sound_command_goes():
     assert refuse(command(), STANDING, LIMITS) is None
     assert refuse(command(look=None), STANDING, LIMITS) is None
+    assert refuse(command(look=STANDING.now_s), STANDING, LIMITS) is None
 
 
 def test_the_cameras_may_not_dip_into_the_table_even_when_the_fingers_are_clear():

@@ -201,6 +201,23 @@ def test_what_stands_in_a_keep_out_may_leave_it_and_go_no_deeper(to, told):
     assert rule(travel(hand(520, 0, 0), to, True, FINGER)) == told
 
 
+def test_a_way_is_proven_to_within_half_the_clearance_where_that_is_little():
+    wall = KeepOut("wall", (400.0, -400.0, -250.0), (504.9, 400.0, 900.0))
+    for clearance_mm, told in ((0.4, "kept_out"), (0.15, None)):
+        limits = replace(FINGER, clearance_mm=clearance_mm, keep_out=(wall,))
+        assert rule(travel(hand(530, -200, 0), hand(510, -190, 0), True, limits)) == told
+
+
+def test_where_the_hand_turns_about_its_own_axis_its_points_go_as_far_as_they_reach_out():
+    start = hand(560, 0, 0)
+    target = start @ frames.rigid(frames.rotation_from_vector(np.array([0.0, 0.0, 1.0])), np.zeros(3))
+    some, body = travel(start, target), body_of(LIMITS.capsules, LIMITS.body_mm)
+    way = way_of(some.start, some.command, None, ROBOT, body)
+    gone = way.travel_mm(np.array([0.0, 1.0]))[0]
+    reach_mm = np.linalg.norm(body.ends_mm[..., :2], axis=-1).max(axis=1)
+    assert (gone >= reach_mm)[body.frame == 7].all()
+
+
 class OutAndBack:
     """The tool's x over the shares: ten inside INSIDE, fifty before it, and `back` inside."""
 

@@ -249,6 +249,7 @@ def test_a_port_that_goes_away_is_told_to_whoever_waits(arm_line: MakesLine) -> 
         cell.server.stop()
         with pytest.raises(PortError, match="gone"):
             await breaking
+        assert not link.connected
         with pytest.raises(PortError):
             await link.where()
         await link.close()
