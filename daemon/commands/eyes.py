@@ -13,7 +13,7 @@ from daemon.console.interpreter import NOT_DONE, Answer, CommandError, Door, com
 WORDS = ("left", "right", "both")
 USAGE = "eyes [left|right|both]"
 OTHER: dict[EyeName, EyeName] = {"left": "right", "right": "left"}
-COST = "each look then takes two pictures and a move of 40 to 120 mm between them: picks take about half as long again"
+COST = "each look then takes two pictures and a move of 40 to 120 mm between them: picks take about a third longer"
 CAMERA_FAULTS = ("CameraError", "VisionError", "cameras")
 """Codes of the faults that a camera may be to blame for."""
 

@@ -45,7 +45,7 @@ def test_resume_offers_the_eye_that_is_left_says_what_it_costs_and_looks_with_it
         door = FakeDoor(answers=["y"])
         answer = await resume.run(here.context, [], door)
         assert "right eye does not see" in door.asked[0]
-        assert "half as long again" in door.asked[0]
+        assert "a third longer" in door.asked[0]
         assert "Looking with the left eye alone" in answer.text
         assert here.cycle.supervisor.fault is None
         assert (here.context.hardware.eyes.alone, here.cycle.cell.alone) == ("left", "left")
