@@ -136,7 +136,8 @@ class Turns:
                 return await work
         finally:
             self._unasked()
-            self.beside(_tell_dropped(dropped))
+            if dropped:
+                self.beside(_tell_dropped(dropped))
 
     def _unasked(self) -> None:
         if self._asked is not None and not self._asked.done():

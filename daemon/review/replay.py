@@ -129,11 +129,11 @@ def looks_with_models(folder: Path, run: Digest) -> Iterator[tuple[Record, Model
 
 def compare(then: Json, now: Json, whole: bool = True, one_model: bool = True) -> list[tuple[str, str, bool]]:
     """(part, what changed, whether for the worse) between two looks as scene_json has them. whole: both looked for
-    everything in view; a look that only followed a part knew its name and measured it by its edges, where a replay has
-    nothing but its facets: it need not be named by those, and both measurements have an error of their own. one_model:
-    a part has the same origin in both; else its corners are compared instead of its pose.
+    everything in view; a look that only followed a part knew its name and which way it lies, where a replay has
+    nothing but what is in view: it need not be named by that, nor told from lying another way that shows the same.
+    one_model: a part has the same origin in both; else its corners are compared instead of its pose.
     """
-    moved_by = _moved if one_model else _corners_moved
+    moved_by = _moved if one_model and whole else _corners_moved
     found: list[tuple[str, str, bool]] = []
     for part, match in paired(then, now):
         if part is None or match is None:
@@ -143,7 +143,7 @@ def compare(then: Json, now: Json, whole: bool = True, one_model: bool = True) -
         elif match["label"] != part["label"]:
             if whole or match["label"] != UNKNOWN:
                 found.append((part["label"], f"now {match['label']}: {match.get('reason')}", part["label"] != UNKNOWN))
-        elif part["label"] != UNKNOWN and (moved := moved_by(part, match, whole)) is not None:
+        elif part["label"] != UNKNOWN and (moved := moved_by(part, match)) is not None:
             found.append((part["label"], moved, True))
     return found
 
@@ -195,13 +195,12 @@ def _gap_mm(a: Json, b: Json) -> float:
     return gap if np.isfinite(gap) else np.inf
 
 
-def _moved(then: Json, now: Json, whole: bool) -> str | None:
+def _moved(then: Json, now: Json) -> str | None:
     """In words, where the pose differs by more than SIGMAS of what was predicted, over all equal poses of the part."""
     if any(one.get("cyclopean_from_part") is None or one.get("covariance") is None for one in (then, now)):
         return None
     reference = np.array(then["cyclopean_from_part"], float)
-    spread = [np.diag(np.array(one["covariance"], float)) for one in ((then,) if whole else (then, now))]
-    sigma = np.sqrt(np.maximum(np.sum(spread, axis=0), 1e-12))
+    sigma = np.sqrt(np.maximum(np.diag(np.array(then["covariance"], float)), 1e-12))
     poses = [now["cyclopean_from_part"], *(now.get("equivalents") or [])]
     motions = [frames.difference(np.array(p, float), reference) for p in poses]
     motion = min(motions, key=lambda m: float(np.max(np.abs(m) / sigma)))
@@ -212,7 +211,7 @@ def _moved(then: Json, now: Json, whole: bool) -> str | None:
     return f"moved by {mm:.2f} mm and {deg:.2f} degrees, {worst:.1f} sigma"
 
 
-def _corners_moved(then: Json, now: Json, _: bool) -> str | None:
+def _corners_moved(then: Json, now: Json) -> str | None:
     """The same by the corners, of two measurements with an error each."""
     mm = apart_mm(then, now)
     if mm is None or any(one.get("covariance") is None for one in (then, now)):

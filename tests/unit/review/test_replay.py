@@ -31,14 +31,18 @@ def test_replay_takes_a_pose_within_three_sigma_for_the_same_and_one_beyond_for_
     assert compare(scene(part("cube")), scene(shifted(0.35)))[0][2]
 
 
-def test_a_look_that_only_followed_a_part_is_held_against_a_whole_one_as_two_measurements() -> None:
-    def shifted(mm: float) -> dict[str, object]:
-        pose = [[1.0, 0, 0, mm], [0, 1.0, 0, 0], [0, 0, 1.0, 0], [0, 0, 0, 1.0]]
-        return part("cube", cyclopean_from_part=pose)
+def beside(mm: float) -> dict[str, object]:
+    """A cube whose corners lie so far off, and that is said to lie another way round."""
+    turned = [[0.0, -1.0, 0, 30.0], [1.0, 0, 0, 0], [0, 0, 1.0, 0], [0, 0, 0, 1.0]]
+    facet = {**FACET, "corners_mm": [[x + mm, y, z] for x, y, z in FACET["corners_mm"]]}  # type: ignore[attr-defined]
+    return part("cube", cyclopean_from_part=turned, facets=[facet])
 
+
+def test_a_look_that_only_followed_a_part_is_held_against_a_whole_one_by_the_corners() -> None:
+    """Which of several ways that show the same it lies, the look before had told it."""
     then = scene(part("cube"))
-    assert compare(then, scene(shifted(0.41)), whole=False) == []
-    assert compare(then, scene(shifted(0.44)), whole=False)[0][2]
+    assert compare(then, scene(beside(0.41)), whole=False) == []
+    assert compare(then, scene(beside(0.44)), whole=False)[0][2]
     assert compare(then, scene(part("unknown", reason="one facet")), whole=False) == []
     assert compare(then, scene(part("pyramid")), whole=False)[0][2]
     assert compare(then, scene(), whole=False) == []
@@ -46,12 +50,6 @@ def test_a_look_that_only_followed_a_part_is_held_against_a_whole_one_as_two_mea
 
 def test_a_part_of_another_model_is_held_against_the_old_by_its_corners_not_by_its_pose() -> None:
     """Another model's part has another origin: where the part lies is the same, its pose is not."""
-    turned = [[0.0, -1.0, 0, 30.0], [1.0, 0, 0, 0], [0, 0, 1.0, 0], [0, 0, 0, 1.0]]
-
-    def beside(mm: float) -> dict[str, object]:
-        facet = {**FACET, "corners_mm": [[x + mm, y, z] for x, y, z in FACET["corners_mm"]]}  # type: ignore[attr-defined]
-        return part("cube", cyclopean_from_part=turned, facets=[facet])
-
     then = scene(part("cube"))
     assert compare(then, scene(beside(0.0)))[0][2]
     assert compare(then, scene(beside(0.0)), one_model=False) == []
