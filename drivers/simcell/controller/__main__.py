@@ -6,7 +6,6 @@ import argparse
 import os
 import signal
 import sys
-import threading
 from dataclasses import replace
 from pathlib import Path
 
@@ -29,9 +28,9 @@ def main(arguments: list[str] | None = None) -> int:
     except TruthError as error:
         print(error, file=sys.stderr)
         return 2
-    over = threading.Event()
+    over, told = os.pipe()  # and no Event: a handler may come while the lock is held that it would take
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, lambda *_: over.set())
+        signal.signal(number, lambda *_: os.write(told, b"!"))
     with PtyServer(controller, baud, options.time_scale, at_any_speed=options.truth is None) as server:
         try:
             _link(options.pty, server.port)
@@ -39,7 +38,7 @@ def main(arguments: list[str] | None = None) -> int:
             print(f"--pty {options.pty}: {error.strerror}; name a path that can be created", file=sys.stderr)
             return 2
         print(f"VAL II controller on {options.pty} ({server.port}), {baud} baud", flush=True)
-        over.wait()
+        os.read(over, 1)
         if options.pty.is_symlink() and os.readlink(options.pty) == server.port:
             options.pty.unlink()
     return 0
