@@ -7,13 +7,14 @@ export OMP_NUM_THREADS := 1
 export OPENBLAS_NUM_THREADS := 1
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: all help setup demo test check rig bench bench-faults bench-soak clean
+.PHONY: all help setup demo test test-long check rig bench bench-faults bench-soak clean
 
 all: setup help
 
 help:
 	@echo "make demo         the simulated cell: teach, train, pick every part, write the report"
 	@echo "make test         unit, property and simulated-cell tests, after lint, types and import rules"
+	@echo "make test-long    10,000 random steps against the judge, whole first days, a hall of cells: minutes"
 	@echo "make rig          the daemon under real systemd with real V4L2 devices and a serial line, in a guest"
 	@echo "make bench        accuracy, time and memory, measured (FACETD_SCENES=FOLDER: on more rendered scenes)"
 	@echo "make bench-faults faults at every moment of a pick, kill -9, random travels, operators and first days, mutations: tables (a night)"
@@ -56,8 +57,11 @@ check: $(VENV)/.dev
 
 # What is slow runs by itself, so that the others have answered before; 5 says that a choice of TESTS has none of a kind.
 test: check
-	$(BIN)/pytest -n 4 --dist worksteal -m "not slow" $(TESTS) || [ $$? = 5 ]
+	$(BIN)/pytest -n 4 --dist worksteal -m "not slow and not long" $(TESTS) || [ $$? = 5 ]
 	$(BIN)/pytest -n 4 --dist worksteal -m slow $(TESTS) || [ $$? = 5 ]
+
+test-long: $(VENV)/.dev
+	$(BIN)/pytest -n 4 --dist worksteal -m long $(TESTS) || [ $$? = 5 ]
 
 rig: $(VENV)/.dev
 	$(BIN)/python tests/rig/run.py $(JOBS)

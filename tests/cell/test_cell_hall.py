@@ -26,7 +26,7 @@ from daemon.vision.model.model import forget
 from tests.worlds.cells_recorded import record_pick
 from tests.worlds.made_run import quiet
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
+pytestmark = [pytest.mark.long, pytest.mark.timeout(900)]
 for needed in ("pyarrow", "fsspec", "duckdb", "distributed"):
     pytest.importorskip(needed, reason=f"{needed} is not installed: make extra-fleet")
 

@@ -16,7 +16,7 @@ from drivers.pumas import PUBLISHED
 from drivers.simcell.controller import Manners
 from tests.worlds.first_day import READY_DEG, ROOMS, arm_yaml, commissioned, configuration, first_day, lay_down, truth
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(5000)]
+pytestmark = [pytest.mark.long, pytest.mark.timeout(5000)]
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ from hypothesis import settings
 
 from tests.worlds.surprises import HOUSE, STEPS, Surprises, live, shortest
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.long
 
 ALL_STEPS = int(os.environ.get("FACETD_STEPS", "10000"))
 
