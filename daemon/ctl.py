@@ -17,6 +17,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from daemon.doors.client import DaemonLink, NotThereError
+from daemon.errors import DONE as DONE
+from daemon.errors import NOT_DONE as NOT_DONE
+from daemon.errors import NOT_UNDERSTOOD as NOT_UNDERSTOOD
 from daemon.store.outside import FileError, read_file
 
 if TYPE_CHECKING:
@@ -53,7 +56,6 @@ OWN: dict[str, tuple[str, str]] = {
 """The tool's own words: how they are used, what they do."""
 BOTH = ("train", "calibrate", "model", "doctor", "bundle")
 """Words of the daemon's that are jobs without it as well."""
-DONE, NOT_DONE, NOT_UNDERSTOOD = 0, 1, 2
 HELP, VERSION = ("-h", "--help"), "--version"
 LARGEST_SCRIPT = 1_000_000
 

@@ -2,6 +2,9 @@
 is for that person; anything else raised is a fault of the program.
 """
 
+DONE, NOT_DONE, NOT_UNDERSTOOD = 0, 1, 2
+"""How a command ended, at every door and as a tool's exit status."""
+
 
 def printable(text: str) -> str:
     """The same on one line, with what cannot be shown or kept as question marks."""

@@ -9,11 +9,12 @@ from daemon.arm.mover import Arrival, Mover, MoveRefusedError, OutOfReachError
 from daemon.arm.route import PATH_MM
 from daemon.arm.settling import NotSettledError, SettledPair, Settling, settled_pair
 from daemon.arm.supervisor import ABORT_S, Interruption, Let, OperatorRefusedError, RefusedError, Supervisor
-from daemon.arm.workcell import EyeName, Log, Picture, Pictures, Reading, StopRefusedError, Workcell
+from daemon.arm.workcell import EYES, EyeName, Log, Picture, Pictures, Reading, StopRefusedError, Workcell
 
 __all__ = [
     "ABORT_S",
     "ARM",
+    "EYES",
     "PATH_MM",
     "Arrival",
     "EyeName",

@@ -18,6 +18,7 @@ from daemon.errors import FacetdError
 from daemon.vision.geometry import StereoRig
 
 EyeName = Literal["left", "right"]
+EYES: tuple[EyeName, EyeName] = ("left", "right")
 
 
 class StopRefusedError(FacetdError):

@@ -10,13 +10,12 @@ from collections.abc import Callable
 
 import numpy as np
 
-from daemon.arm import EyeName
+from daemon.arm import EYES, EyeName
 from daemon.cell.build import EXPECTED_ERRORS
 from daemon.cell.cameras import ThreadedEyes
 from daemon.vision.geometry import StereoRig
 from daemon.vision.health import MEASURES, Finding, examine, misleading, troubles
 
-EYES: tuple[EyeName, EyeName] = ("left", "right")
 TRIAL_S = 2.0
 """How long a camera may take for a picture when it is tried."""
 

@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from msgspec import Meta
 
-from daemon.arm import EyeName, plausible
+from daemon.arm import EYES, EyeName, plausible
 from daemon.calibration.file import Calibration, rigid
 from daemon.config import Config, Matrix4
 from daemon.store.yamlfile import Document, read
@@ -26,7 +26,6 @@ Limits = tuple[Angle, Angle]
 SHY_DEG = 0.2
 """So far from its end each joint of an arm is kept whose zeros were found, and not told: to the last digits they are
 not the controller's, and what is reached by the one may be refused by the other."""
-EYES: tuple[EyeName, EyeName] = ("left", "right")
 
 
 def check(config: Config) -> None:

@@ -21,11 +21,13 @@ from typing import Any, Literal, Protocol
 from daemon.console.context import ANSWERABLE, CommandContext
 from daemon.console.pages import by_pages, table
 from daemon.console.phrases import is_no, is_yes, means_stop
+from daemon.errors import DONE as DONE
+from daemon.errors import NOT_DONE as NOT_DONE
+from daemon.errors import NOT_UNDERSTOOD as NOT_UNDERSTOOD
 from daemon.errors import FacetdError, printable
 from daemon.upkeep import journal
 
 Grade = Literal["look", "move", "change"]
-DONE, NOT_DONE, NOT_UNDERSTOOD = 0, 1, 2
 
 
 class CommandError(FacetdError):

@@ -69,6 +69,10 @@ def _health() -> tuple[Column, ...]:
     return tuple(columns)
 
 
+def _place(what: str) -> tuple[Column, ...]:
+    return tuple(Column(f"{axis}_mm", "real", f"{what} in world coordinates", "mm") for axis in "xyz")
+
+
 TABLES: Mapping[str, Table] = {
     "runs": Table("a run", _where(
         TIME,
@@ -137,9 +141,7 @@ TABLES: Mapping[str, Table] = {
         Column("residual_mm", "real", "worst distance of a corner to the taught part", "mm"),
         Column("sigma_mm", "real", "standard deviation of its place", "mm"),
         Column("depth_mm", "real", "distance from the cameras", "mm"),
-        Column("x_mm", "real", "of its origin in world coordinates", "mm"),
-        Column("y_mm", "real", "of its origin in world coordinates", "mm"),
-        Column("z_mm", "real", "of its origin in world coordinates", "mm"),
+        *_place("of its origin"),
     )),
     "moves": Table("a move of the arm", _where(
         SEQ,
@@ -149,9 +151,7 @@ TABLES: Mapping[str, Table] = {
         Column("purpose", "text", "where to: stand-off, grasp, bin, home, ..."),
         Column("sent", "flag", "false: only planned"),
         Column("speed_pct", "real", "of full speed", "%"),
-        Column("x_mm", "real", "of the hand's target in world coordinates", "mm"),
-        Column("y_mm", "real", "of the hand's target in world coordinates", "mm"),
-        Column("z_mm", "real", "of the hand's target in world coordinates", "mm"),
+        *_place("of the hand's target"),
         Column("seconds", "real", "until the arm was at rest; null: it did not arrive", "s"),
         Column("error_mm", "real", "WHERE against the target", "mm"),
         Column("error_deg", "real", "the same in angle", "degrees"),

@@ -30,9 +30,8 @@ from daemon.cell.introduce import (
     read_transcript,
     serial_port,
 )
+from daemon.errors import DONE, NOT_DONE, NOT_UNDERSTOOD
 from daemon.store.files import write_atomically
-
-DONE, NOT_DONE, NOT_UNDERSTOOD = 0, 1, 2
 
 
 def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:

@@ -14,11 +14,11 @@ from pathlib import Path
 import msgspec
 
 from daemon.doors.client import DaemonLink
+from daemon.errors import DONE, NOT_DONE, NOT_UNDERSTOOD
 from daemon.jobs.commission_steps import STEPS, NotProvenError, Order, Person, Step, Talk
 from daemon.store.files import write_atomically
 from daemon.store.outside import FileError, read_file
 
-DONE, NOT_DONE, NOT_UNDERSTOOD = 0, 1, 2
 FILE, LARGEST_BYTES = "commission.json", 100_000
 
 

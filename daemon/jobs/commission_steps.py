@@ -9,9 +9,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from daemon.doors.client import DaemonLink
-from daemon.errors import FacetdError
+from daemon.errors import DONE, FacetdError
 
-DONE = 0
 HAND_EYE_MM = 0.5
 """A hand-eye known no better than this is calibrated once more by itself; the guide has the same number."""
 TABLE_MM = 4.0

@@ -19,6 +19,7 @@ from daemon.pick.world import (
     SuspectError,
     WorldModel,
     look,
+    plan_again,
     skip,
     travel,
     unreachable,
@@ -49,7 +50,7 @@ async def looking(context: PickContext, world: WorldModel) -> Literal[Event.LOOK
         return Event.LOOKED
     near = [part for part in seen_parts(seen) if same_place(part.centre, target.centre, NEAR_MM)]
     if any(part.label == target.label for part in near):
-        return await _elsewhere(context, world, target, "its corners are not where the look before had them")
+        return await _elsewhere(context, world, "its corners are not where the look before had them")
     world.failures += 1
     why = f"not seen where it was at look {target.looks}"
     if len(world.sides_unseen(target.centre)) >= context.settings.views_of_doubtful:
@@ -60,17 +61,9 @@ async def looking(context: PickContext, world: WorldModel) -> Literal[Event.LOOK
     return Event.ELSEWHERE
 
 
-async def _elsewhere(
-    context: PickContext, world: WorldModel, target: Target, why: str
-) -> Literal[Event.ELSEWHERE, Event.LOST]:
-    """The target lies otherwise than was thought: choose and plan again from the newest look, but not for ever."""
-    world.replans += 1
-    if world.replans > context.settings.tries:
-        skip(context, world, Outcome.LOST, target, why)
-        return Event.LOST
-    context.decide(f"plan {target.label} again", why)
-    world.found = seen_parts(await whole_look(context.recogniser, target.look))
-    return Event.ELSEWHERE
+async def _elsewhere(context: PickContext, world: WorldModel, why: str) -> Literal[Event.ELSEWHERE, Event.LOST]:
+    """The target lies otherwise than was thought."""
+    return Event.ELSEWHERE if await plan_again(context, world, Outcome.LOST, why) else Event.LOST
 
 
 async def estimating(
@@ -88,7 +81,7 @@ async def estimating(
     plan = regrasp(target.shape, target.world_from_part, target.plan, settings)
     if plan is None:
         why = "the grasp that was planned does not hold it as it lies"
-        return await _elsewhere(context, world, target, why)
+        return await _elsewhere(context, world, why)
     target.plan = plan
     context.cell.log.record(
         "estimate",

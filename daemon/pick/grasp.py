@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import combinations, pairwise, product
 from typing import Annotated, NamedTuple
 
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 from daemon import frames
 from daemon.arrays import Array
 from daemon.quantities import Lean, Length, Room
-from daemon.vision.geometry import Polyhedron, exact
+from daemon.vision.geometry import Polyhedron, exact, inside
 
 UP = np.array([0.0, 0.0, 1.0])
 TOUCHING_MM = 0.6
@@ -89,7 +90,7 @@ def tool_rotation(heading: Array, tilt_rad: float) -> Array:
 def felt(shape: Polyhedron) -> Polyhedron:
     """What two flat fingers feel of a part: itself where every side of it is known, else the convex hull of the corners
     that are. Raises ValueError where those span no volume."""
-    return shape if len(shape.facets) >= 4 and len(shape.across) == len(shape.edges) else hull(shape.corners_mm)
+    return hull(shape.corners_mm) if len(shape.facets) < 4 or shape.open_edges else shape
 
 
 def hull(corners_mm: Array, flat_mm: float = 1.5) -> Polyhedron:
@@ -198,12 +199,18 @@ class _Lines(NamedTuple):
         return not (met.any() or (left > entered).any())
 
 
-def _lines(sides: _Sides, gripper: Gripper) -> _Lines:
-    """sides: in the tool frame."""
+@lru_cache(maxsize=2)
+def _base(gripper: Gripper) -> Array:
+    """(L, 2) x and z of the lines."""
     half = gripper.finger_width_mm / 2
     x, z = np.meshgrid(np.linspace(-half, half, 9), np.linspace(-gripper.pad_back_mm, gripper.tip_mm, 31))
-    base = np.column_stack([x.ravel(), z.ravel()])
-    met = _within(base, sides.outlines[..., [0, 2]])
+    return np.column_stack([x.ravel(), z.ravel()])
+
+
+def _lines(sides: _Sides, gripper: Gripper) -> _Lines:
+    """sides: in the tool frame."""
+    base = _base(gripper)
+    met = inside(base, sides.outlines[..., [0, 2]])
     normals = sides.normals
     offsets = np.einsum("fi,fi->f", sides.outlines[:, 0], normals)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -212,17 +219,6 @@ def _lines(sides: _Sides, gripper: Gripper) -> _Lines:
     return _Lines(
         base, np.where(met & (out > LEAST_SLOPE), reach, -np.inf), np.where(met & (out < -LEAST_SLOPE), reach, np.inf)
     )
-
-
-def _within(points: Array, outlines: Array) -> NDArray[np.bool_]:
-    """(F, P) which points (P, 2) lie within each of the rings of corners (F, K, 2), convex or not; of two rings with a
-    side in common, a point on it lies in one."""
-    ax, ay = np.moveaxis(outlines, -1, 0)[..., None]
-    bx, by = np.moveaxis(np.roll(outlines, -1, axis=1), -1, 0)[..., None]
-    px, py = points.T
-    with np.errstate(divide="ignore", invalid="ignore"):
-        left = px < ax + (py - ay) * ((bx - ax) / (by - ay))
-    return np.asarray((((ay > py) != (by > py)) & left).sum(axis=1) % 2 == 1)
 
 
 def contacts(sides: _Sides, up: Array, gripper: Gripper) -> Contact | None:

@@ -182,12 +182,23 @@ async def unreachable(context: PickContext, world: WorldModel, error: MoveError)
     if isinstance(error, MoveRefusedError) and error.refusal.rule in STANDING_RULES:
         raise error
     target = world.the_target()
-    if not target.sightings or world.replans >= context.settings.tries:
+    if target.sightings:
+        await plan_again(context, world, Outcome.UNREACHABLE, str(error))
+    else:
         skip(context, world, Outcome.UNREACHABLE, target, str(error))
-        return
+
+
+async def plan_again(context: PickContext, world: WorldModel, outcome: Outcome, why: str) -> bool:
+    """Choose and plan again from the target's newest look, but not for ever: False where it is left alone, with this
+    outcome."""
+    target = world.the_target()
     world.replans += 1
-    context.decide(f"plan {target.label} again", str(error))
+    if world.replans > context.settings.tries:
+        skip(context, world, outcome, target, why)
+        return False
+    context.decide(f"plan {target.label} again", why)
     world.found = seen_parts(await whole_look(context.recogniser, target.look))
+    return True
 
 
 async def travel(

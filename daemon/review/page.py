@@ -83,19 +83,21 @@ def read_digest(folder: Path, scenes_of: Container[int] | None = None) -> Digest
 
 
 def render(name: str, data: dict[str, Any], pictures: dict[str, str], room: str = "daemon.review") -> str:
-    """A page as text: its template and program (`name`, of `room`) with the shared style and parts, data and pictures
-    put in."""
+    """A page as text: its main part, style and program (`name`, of `room`) in the frame, style and parts that all pages
+    share, with data and pictures put in."""
     assets, own = (resources.files(package) / "assets" for package in ("daemon.review", room))
-    page = (own / f"{name}.html").read_text()
+    style, run = own / f"{name}.css", data.get("run")
     parts = {
         "STYLE": (assets / "style.css").read_text(),
+        "OWN": style.read_text() if style.is_file() else "",
+        "MAIN": (own / f"{name}.html").read_text(),
         "SHARED": (assets / "shared.js").read_text(),
         "PROGRAM": (own / f"{name}.js").read_text(),
         "DATA": _embedded(data),
         "PICTURES": _embedded(pictures),
-        "TITLE": html.escape(str(data.get("run") or data.get("title") or "")),
+        "TITLE": html.escape(f"run {run}" if run else str(data.get("title") or "")),
     }
-    head, *rest = page.split("@@")
+    head, *rest = (assets / "frame.html").read_text().split("@@")
     return head + "".join(parts[piece] if k % 2 == 0 else piece for k, piece in enumerate(rest))
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon.arrays import Array
-from daemon.vision.geometry import Polyhedron, StereoRig, area_vector
+from daemon.vision.geometry import Polyhedron, StereoRig, area_vector, inside
 from daemon.vision.model import Model
 from daemon.vision.recognition import recognise_group
 from daemon.vision.values import UNKNOWN, Facet, Group
@@ -93,7 +93,7 @@ def judge(model: Model, label: str, rig: StereoRig) -> Sufficiency:
     return Sufficiency(
         label=label,
         facets=solid.types,
-        open_edges=open_edges(solid),
+        open_edges=solid.open_edges,
         unseen=unseen / len(directions),
         named=named / len(directions),
         mistakes=tuple(Mistake(taken, facets, n) for (taken, facets), n in mistakes.most_common()),
@@ -165,25 +165,15 @@ def _tried(corners: Array) -> Array:
 
 
 def _in_front(ring: Array, points: Array, directions: Array) -> NDArray[np.bool_]:
-    """(D,) whether a ray from any of the points (N, 3) in each of the directions (D, 3) goes through a polygon (M, 3):
-    from where it meets the plane, a line to the right crosses the border an odd number of times."""
+    """(D,) whether a ray from any of the points (N, 3) in each direction (D, 3) goes through a polygon (M, 3)."""
     normal = area_vector(ring)
     slope = directions @ normal
     through = np.abs(slope) >= EDGE_ON * np.linalg.norm(normal)
     reach = ((ring[0] - points) @ normal) / np.where(through, slope, 1.0)[:, None]
     level = np.delete(np.arange(3), np.abs(normal).argmax())
-    x, y = np.moveaxis(points[:, level] + reach[..., None] * directions[:, None, level], -1, 0)
-    inside = np.zeros(x.shape, bool)
-    for (ax, ay), (bx, by) in zip(ring[:, level], np.roll(ring[:, level], -1, axis=0), strict=True):
-        if ay != by:
-            inside ^= ((ay > y) != (by > y)) & (ax + (y - ay) / (by - ay) * (bx - ax) > x)
-    return np.asarray(through & (inside & (reach > BEFORE_MM)).any(axis=1))
-
-
-def open_edges(solid: Polyhedron) -> int:
-    """Edges with a known facet on one side only."""
-    edges = solid.edges
-    return sum((b, a) not in edges for a, b in edges)
+    met = points[:, level] + reach[..., None] * directions[:, None, level]
+    within = inside(met.reshape(-1, 2), ring[None, :, level])[0].reshape(reach.shape)
+    return np.asarray(through & (within & (reach > BEFORE_MM)).any(axis=1))
 
 
 def spread(count: int) -> Array:

@@ -135,3 +135,15 @@ def is_simple(corners: Array) -> bool:
     i, j = np.indices((n, n))
     apart = (i != j) & ((i + 1) % n != j) & ((j + 1) % n != i)
     return not bool(np.any(apart & (s > 0) & (s < 1) & (t > 0) & (t < 1)))
+
+
+def inside(points: Array, outlines: Array) -> NDArray[np.bool_]:
+    """(F, P) which points (P, 2) lie inside each of the rings of corners (F, K, 2), convex or not, corners repeated or
+    not: a line to the right crosses the border an odd number of times. Of two rings with a side in common, a point on
+    it lies in one."""
+    ax, ay = np.moveaxis(outlines, -1, 0)[..., None]
+    bx, by = np.moveaxis(np.roll(outlines, -1, axis=1), -1, 0)[..., None]
+    px, py = points.T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        left = px < ax + (py - ay) * ((bx - ax) / (by - ay))
+    return np.asarray((((ay > py) != (by > py)) & left).sum(axis=1) % 2 == 1)

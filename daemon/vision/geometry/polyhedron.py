@@ -45,6 +45,11 @@ class Polyhedron:
         """{(facet, place of an edge in it): the same of the facet beyond that edge}, where there is one."""
         return {place: self.edges[b, a] for (a, b), place in self.edges.items() if (b, a) in self.edges}
 
+    @property
+    def open_edges(self) -> int:
+        """Edges with a facet on one side only; 0: closed."""
+        return len(self.edges) - len(self.across)
+
     @cached_property
     def seams(self) -> tuple[tuple[int, int], ...]:
         """Pairs of facets that share an edge (run through in opposite directions), the smaller index first."""

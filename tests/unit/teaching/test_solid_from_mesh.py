@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 
 from daemon.store.library import load_facets
 from daemon.teaching.mesh import LARGEST_BYTES, MeshError
-from daemon.teaching.sufficiency import open_edges
 from tests.worlds import drawn
 from tests.worlds.drawn import solid
 
@@ -28,7 +27,7 @@ def test_every_format_gives_the_same_solid(name: str) -> None:
     assert len(found.corners_mm) == 8
     assert sorted(map(len, found.facets)) == [4] * 6
     assert set(found.types) == {"rectangle"}
-    assert open_edges(found) == 0
+    assert found.open_edges == 0
     assert np.allclose(found.areas_mm2.sum(axis=0), 0, atol=1e-3)
     extent = found.corners_mm.max(axis=0) - found.corners_mm.min(axis=0)
     assert np.allclose(extent, [40, 50, 60], atol=1e-3)
@@ -47,7 +46,7 @@ def test_turning_shuffling_and_winding_a_mesh_changes_nothing(seed: int, flip: b
     wound = [ring[::-1] if flip or rng.random() < 0.3 else ring for ring in rings]
     found = solid("l.stl", drawn.binary_stl(corners @ turn.T + rng.uniform(-200, 200, 3), wound))
     assert sorted(map(len, found.facets)) == [4] * 6 + [6] * 2
-    assert open_edges(found) == 0
+    assert found.open_edges == 0
     areas = found.areas_mm2
     volume = sum(found.corners_mm[ring[0]] @ area for ring, area in zip(found.facets, areas, strict=True)) / 3
     assert volume == pytest.approx(40 * (60 * 25 + 25 * 35), rel=1e-4), "the rings run anticlockwise from outside"
@@ -128,4 +127,4 @@ def test_a_polygon_with_a_notch_is_one_facet_wherever_its_ring_begins(first: int
     turned = [(*ring[first:], *ring[:first]) if len(ring) == 6 else ring for ring in rings]
     found = solid("l.obj", drawn.obj(corners, turned))
     assert sorted(map(len, found.facets)) == [4] * 6 + [6] * 2
-    assert open_edges(found) == 0
+    assert found.open_edges == 0

@@ -10,7 +10,6 @@ from daemon.teaching.sufficiency import (
     alike,
     imagined_view,
     judge,
-    open_edges,
     spread,
     visible_facets,
     visible_from,
@@ -29,8 +28,8 @@ def box(a: float, b: float, c: float, faces: int = 6) -> Polyhedron:
 
 def test_areas_of_a_closed_solid_cancel_and_open_edges_are_counted() -> None:
     assert np.allclose(box(50, 60, 70).areas_mm2.sum(axis=0), 0)
-    assert open_edges(box(50, 60, 70)) == 0
-    assert open_edges(box(50, 60, 70, faces=5)) == 4
+    assert box(50, 60, 70).open_edges == 0
+    assert box(50, 60, 70, faces=5).open_edges == 4
 
 
 def test_directions_are_unit_vectors_all_round() -> None:
