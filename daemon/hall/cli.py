@@ -20,14 +20,20 @@ COLLECTED = "collected"
 def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Add the commands to facetctl."""
     runs = command(subparsers, "runs", _runs, "a table of all runs; `runs collect`: many cells' runs into one store")
-    runs.add_argument("what", nargs="?", choices=["collect"], help="take finished runs into a store (extra `fleet`)")
-    runs.add_argument(
-        "cells", nargs="*", metavar="CELL=RUNS", help="a cell's name and its folder of runs, or HOST:FOLDER over ssh"
-    )
-    runs.add_argument("--into", metavar="STORE", help="the store: a folder, or a bucket such as s3://plant/facetd")
-    runs.add_argument("--free", action="store_true", help="then remove from the cells what is safe in the store")
     runs.add_argument("--last", type=int, default=30, metavar="N", help="how many, newest last (30)")
     runs.add_argument("--json", action="store_true", help="a line for machines each")
+    collect = runs.add_subparsers(metavar="[collect ...]").add_parser(
+        "collect", help="take finished runs into a store (extra `fleet`)"
+    )
+    collect.set_defaults(job=_collect)
+    collect.add_argument(
+        "cells", nargs="+", metavar="CELL=RUNS", help="a cell's name and its folder of runs, or HOST:FOLDER over ssh"
+    )
+    collect.add_argument(
+        "--into", metavar="STORE", required=True, help="the store: a folder, or a bucket such as s3://plant/facetd"
+    )
+    collect.add_argument("--free", action="store_true", help="then remove from the cells what is safe in the store")
+    collect.add_argument("--json", action="store_true", help="one line for machines")
     replay = command(subparsers, "replay", _replay, "every look through today's recogniser; 1 on a regression")
     replay.add_argument(
         "folders", metavar="RUN", nargs="*", help="run folders, their names, `latest`, or a store: all runs in it"
@@ -49,8 +55,8 @@ def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) ->
 
 
 def _runs(args: argparse.Namespace) -> int:
-    if args.what == "collect":
-        return _collect(args)
+    if "job" in args:
+        return int(args.job(args))
     from daemon.review.page import read_digest
 
     rows = []
@@ -86,10 +92,8 @@ def _cell(value: Any) -> str:
 
 def _collect(args: argparse.Namespace) -> int:
     from daemon.hall.collect import collect, source_of
-    from daemon.hall.store import StoreError, open_store
+    from daemon.hall.store import open_store
 
-    if not args.cells or not args.into:
-        raise StoreError("usage: facetctl runs collect CELL=RUNS... --into STORE")
     sources = [source_of(text) for text in args.cells]
     say = (lambda _: None) if args.json else (lambda line: print(line, flush=True))
     told = collect(open_store(args.into), sources, args.free, say)

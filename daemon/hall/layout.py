@@ -14,7 +14,7 @@ import numpy as np
 
 from daemon.hall.schema import TABLES, VERSION, Column
 from daemon.hall.store import Store, StoreError
-from daemon.review.digest import Cycle, Digest, duration_s, parts_of, short_hash
+from daemon.review.digest import Cycle, Digest, duration_s, eyes_of, parts_of, short_hash
 from daemon.review.production import interventions, tried
 from daemon.review.replay import NEAR_MM
 from daemon.review.why import NOTHING_WRONG, causes
@@ -126,7 +126,7 @@ def _cycle(cycle: Cycle, run: Digest) -> Row:
     found = causes(cycle, [c for c in run.cycles if c is not cycle], False)[:1] if wrong else []
     plain = ("seconds", "label", "outcome", "why", "looks", "predicted_mm", "predicted_deg", "true_mm", "true_deg")
     return {
-        **{name: getattr(cycle, name) for name in plain},
+        **{name: getattr(cycle, name) for name in (*plain, "eyes")},
         "t": cycle.started,
         "cycle": cycle.number,
         "target": cycle.records[0].get("target"),
@@ -159,6 +159,7 @@ def _looks(run: Digest) -> list[Row]:
                 "left": images.get("left"),
                 "right": images.get("right"),
                 "model": short_hash(model),
+                "eyes": eyes_of(record),
             }
         )
     return rows

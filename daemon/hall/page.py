@@ -31,7 +31,7 @@ SIGMAS = 4.0
 """Of forty cells with five parts each one in a hundred pages says something that is chance."""
 LEAST_SHARE = 0.01
 """A difference of shares that nobody would walk over for."""
-STATES = ("faults", "misses", "drifts", "dark", "silent", "well")
+STATES = ("faults", "misses", "one eye", "drifts", "dark", "silent", "well")
 """The first that holds is the cell's."""
 
 
@@ -111,7 +111,12 @@ def _cells(
         WHERE {between} GROUP BY cell, day""")
     )
     rest = _by(of(f"SELECT cell, {_turns()} FROM health WHERE {begun} GROUP BY cell"))
-    looks = _by(of(f"SELECT cell, median(ms::DOUBLE) FROM looks WHERE {between} GROUP BY cell"))
+    looks = _by(
+        of(
+            f"SELECT cell, median(ms::DOUBLE), arg_max(eyes, t), count(*) FILTER (eyes <> 'both') FROM looks "
+            f"WHERE {between} GROUP BY cell"
+        )
+    )
     parts = _nested(
         of(f"""SELECT cell, label, [{picked}, count(*)] FROM cycles
         WHERE tried AND label IS NOT NULL AND {between} GROUP BY cell, label ORDER BY label""")
@@ -129,6 +134,7 @@ def _cells(
         of_day = [daily.get((cell, day), (0, 0, None, None)) for day in shown]
         measured = [health.get((cell, day), (None,) * 5) for day in shown]
         at, count, hands, version = told.get(cell, (None, 0, 0, None))
+        ms, eyes, one_eyed = looks.get(cell, (None, None, 0))
         found.append(
             {
                 "name": cell,
@@ -145,7 +151,8 @@ def _cells(
                 "parts": parts.get(cell, {}),
                 "causes": causes.get(cell, {}),
                 "faults": faults.get(cell, {}),
-                "ms": _short(looks.get(cell, (None,))[0]),
+                "ms": _short(ms),
+                "eyes": [eyes, one_eyed],
                 "turn": {axis: [_short(m[k]) for m in measured] for k, axis in enumerate(AXES)},
                 "usual": {axis: _short(rest.get(cell, (None,) * 3)[k]) for k, axis in enumerate(AXES)},
                 "light": [_short(m[3]) for m in measured],
@@ -223,6 +230,7 @@ def _judge(cells: Sequence[Json], last: date) -> None:
         if sum(cell["faults"].values()):
             told.append(("faults", ", ".join(f"{count} times {name}" for name, count in cell["faults"].items())))
         told += _misses(cell, total, all_parts)
+        told += _one_eyed(cell)
         told += _turned(cell)
         told += _dark(cell)
         cell["told"] = [list(one) for one in told]
@@ -240,6 +248,14 @@ def _misses(cell: Json, total: Sequence[int], all_parts: Mapping[str, list[int]]
     if _worse(own, cell["before"]):
         told.append(("misses", f"{_percent(own)} picked, {_percent(cell['before'])} in the four weeks before"))
     return told
+
+
+def _one_eyed(cell: Json) -> list[tuple[str, str]]:
+    eyes, count = cell["eyes"]
+    if not count:
+        return []
+    now = "both look again" if eyes == "both" else f"the {eyes} one looks alone"
+    return [("one eye", f"{count} looks with one eye; {now}")]
 
 
 def _turned(cell: Json) -> list[tuple[str, str]]:

@@ -93,13 +93,12 @@ def opened(store: Store, months: Sequence[str] | None = None) -> Any:
         connection.register_filesystem(store.fs)
     for table, spec in TABLES.items():
         there = _files(store, table, months)
+        columns = ", ".join(f"NULL::{SQL_KINDS[c.kind]} AS {c.name}" for c in spec.columns)
+        none = f"SELECT {columns}, NULL::VARCHAR AS cell, NULL::VARCHAR AS month WHERE false"
         if there:
-            connection.execute(VIEW.format(table=table, files=there))
+            connection.execute(f"{VIEW.format(table=table, files=there)} UNION ALL BY NAME {none}")
         else:
-            columns = ", ".join(f"NULL::{SQL_KINDS[c.kind]} AS {c.name}" for c in spec.columns)
-            connection.execute(
-                f"CREATE VIEW {table} AS SELECT {columns}, NULL::VARCHAR AS cell, NULL::VARCHAR AS month WHERE false"
-            )
+            connection.execute(f"CREATE VIEW {table} AS {none}")
     return connection
 
 

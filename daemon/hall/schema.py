@@ -14,8 +14,9 @@ from typing import Literal
 from daemon.review.strips import AXES
 from daemon.vision.health import MEASURES
 
-VERSION = 2
-"""Written into every file as `facetd.schema`. Version 1 had cycles and looks alone, and a file a run."""
+VERSION = 3
+"""Written into every file as `facetd.schema`. Version 1 had cycles and looks alone, and a file a run; 2 did not say
+which eyes looked."""
 Kind = Literal["text", "integer", "real", "flag", "time", "day"]
 OF_PAIR = ("frozen", "doubled", "swapped", "knocked", "epipolar")
 """Measures of both eyes together; the others are taken of each eye."""
@@ -29,7 +30,7 @@ class Column:
     kind: Kind
     meaning: str
     unit: str = ""
-    since: int = VERSION
+    since: int = 2
 
 
 @dataclass(frozen=True)
@@ -106,8 +107,9 @@ TABLES: Mapping[str, Table] = {
         Column("true_deg", "real", "the same in angle", "degrees", 1),
         MODEL,
         CALIBRATION,
+        Column("eyes", "text", "which looked: both, left or right, or several in turn", since=3),
     )),
-    "looks": Table("a look, both eyes", _where(
+    "looks": Table("a look: a pair of pictures", _where(
         SEQ,
         CYCLE,
         TIME,
@@ -123,6 +125,7 @@ TABLES: Mapping[str, Table] = {
         Column("left", "text", "file of the left picture in the run folder"),
         Column("right", "text", "file of the right picture in the run folder"),
         MODEL,
+        Column("eyes", "text", "which looked: both; or left or right, from two places", since=3),
     )),
     "parts": Table("a part in a look", _where(
         SEQ,

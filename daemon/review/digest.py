@@ -97,7 +97,7 @@ class Cycle:
     @property
     def eyes(self) -> str | None:
         """Which eyes looked: both, left, right, or several in turn; None where nothing was looked at."""
-        used = [(stop.look.get("moved") or {}).get("eye") or "both" for stop in self.stops]
+        used = [eyes_of(stop.look) for stop in self.stops]
         return ", ".join(dict.fromkeys(used)) or None
 
     def of(self, *kinds: str) -> list[Record]:
@@ -233,6 +233,11 @@ def duration_s(records: Sequence[Record]) -> float:
 def short_hash(kept: str | None) -> str | None:
     """`kept/<sha256>.yaml` -> its first 8 digits."""
     return None if not kept else kept.rsplit("/", 1)[-1].split(".")[0][:8]
+
+
+def eyes_of(look: Record) -> str:
+    """Which eyes took a look's pictures: both, or the one that was moved."""
+    return (look.get("moved") or {}).get("eye") or "both"
 
 
 def parts_of(look: Record) -> list[dict[str, Any]]:

@@ -9,12 +9,13 @@ const all = [sum(cells.map((c) => c.picked)), sum(cells.map((c) => c.tried))];
 const percent = ([part, of]) => (of ? `${(100 * part / of).toFixed(1)} %` : "–");
 const rate = ([part, of]) => (of ? 100 * part / of : null);
 const thousands = (n) => n.toLocaleString("en").replaceAll(",", "\u202f");
+const kindOf = (c) => c.state.replaceAll(" ", "-");
 const lasts = (list) => [...list].reverse().find(known);
 
 by("verdict").textContent = ill.length ? `${well} of ${plural(cells.length, "cell")} are well, ${ill.length} ${ill.length === 1 ? "needs" : "need"} somebody` : `All ${plural(cells.length, "cell")} are well`;
 by("verdict").className = ill.some((c) => c.state === "misses" || c.state === "faults") ? "bad" : ill.length ? "" : "good";
 by("summary").append(...[data.simulated ? el("b", { class: "tag" }, "simulated") : null, `${days[0]} to ${days[days.length - 1]} (UTC)`].filter(Boolean));
-by("ill").append(...ill.flatMap((c) => [el("button", { type: "button", onclick: () => open(c) }, c.name), el("span", { class: `state ${c.state}` }, c.state),
+by("ill").append(...ill.flatMap((c) => [el("button", { type: "button", onclick: () => open(c) }, c.name), el("span", { class: `state ${kindOf(c)}` }, c.state),
   el("span", {}, c.told.map(([, text]) => text).join("; "))]));
 
 const tile = (name, value, under, kind) => el("div", { class: `tile ${kind || ""}` }, el("span", {}, name), el("b", {}, value), under ? el("small", {}, under) : null);
@@ -32,7 +33,7 @@ const rates = cells.flatMap((c) => c.success.map(rate)).filter(known), low = Mat
 by("cells").append(...cells.map((c) => {
   const layer = svg("svg", { viewBox: "0 0 100 26", preserveAspectRatio: "none" });
   layer.append(svg("path", { d: curve(c.success.map((of, k) => [k, rate(of)]), [0, Math.max(days.length - 1, 1)], [low, 100], 100, 26).path }));
-  return el("button", { type: "button", class: `cell ${c.state}`, "data-cell": c.name, "aria-pressed": "false", onclick: () => open(c) },
+  return el("button", { type: "button", class: `cell ${kindOf(c)}`, "data-cell": c.name, "aria-pressed": "false", onclick: () => open(c) },
     el("b", {}, el("span", {}, c.name), el("span", {}, percent([c.picked, c.tried]))), layer, el("small", {}, c.told.length ? c.told[0][1] : `${thousands(c.tried)} tried`));
 }));
 
@@ -41,7 +42,7 @@ function open(c) {
   const one = by("one"), at = days.map((_, k) => k);
   const points = (list) => list.map((y, k) => [k, y, days[k]]);
   const own = (title, y, series, limit, fit) => chart(title, series.map(([name, list]) => ({ name, points: points(list) })), { x: "day", y, limit, fit, xs: at, xName: (k) => days[k].slice(5) });
-  one.replaceChildren(el("h2", {}, `${c.name} `, el("span", { class: `state ${c.state}` }, c.state)),
+  one.replaceChildren(el("h2", {}, `${c.name} `, el("span", { class: `state ${kindOf(c)}` }, c.state)),
     ...(c.told.length ? c.told.map(([kind, text]) => el("div", { class: `cause ${kind === "misses" || kind === "faults" ? "" : "less"}` }, `${kind}: ${text}`)) : [el("p", {}, "Nothing that chance does not explain, and no measure near its limit.")]),
     el("dl", {}, ...[["picked", `${thousands(c.picked)} of ${thousands(c.tried)}, ${percent([c.picked, c.tried])}${c.before[1] ? `; ${percent(c.before)} in the four weeks before` : ""}`],
       ["parts", Object.entries(c.parts).map(([label, of]) => `${label.replaceAll("_", " ")} ${percent(of)}`).join(", ")], ["stopped by", Object.entries(c.causes).map(([name, n]) => `${n} ${name}`).join(", ") || "nothing"],

@@ -267,7 +267,9 @@ def test_the_command_says_what_it_did(cell: CellMaker, tmp_path: Path, capsys: p
     runs = cell("north", "20260102", "20260103")
     assert ctl.main(["runs", "collect", f"north={runs}", "--into", str(tmp_path / "plant"), "--free"]) == 0
     assert "2 runs collected" in capsys.readouterr().out
-    assert ctl.main(["runs", "collect", f"north={runs}"]) == 2
+    assert ctl.main(["runs", "collect", "--free", f"north={runs}", "--into", str(tmp_path / "plant")]) == 0
+    with pytest.raises(SystemExit, match="2"):
+        ctl.main(["runs", "collect", f"north={runs}"])
     assert "usage: facetctl runs collect" in capsys.readouterr().err
 
 

@@ -106,6 +106,25 @@ def test_files_of_an_older_schema_are_read_with_those_of_today(store: Store, cel
     assert opened(store).execute(asked).fetchall() == [("north", "missed", None, 1), ("south", "picked", True, 2)]
 
 
+def test_a_column_that_no_file_of_the_store_has_yet_is_null(store: Store) -> None:
+    older(store, "north", "2025-12")
+    assert opened(store).execute("SELECT outcome, eyes FROM cycles").fetchall() == [("missed", None)]
+
+
+def test_which_eyes_looked_stands_with_each_look_and_each_pick(tmp_path: Path) -> None:
+    made = MadeRun(tmp_path / "20260102T030405Z")
+    made.cycle = 1
+    made.write("cycle_start", cycle=1, target=None)
+    made.look("survey 1", part("cube"))
+    made.moved = {"eye": "right", "left": np.eye(4), "right": np.eye(4), "arm_mm": 0.1, "arm_deg": 0.02}
+    made.look("approach", part("cube"), stop=1)
+    made.write("cycle_end", cycle=1, outcome="picked", label="cube", stops=1, why="gone", grasp=None)
+    made.close()
+    tables = rows_of(read_digest(made.folder))
+    assert [row["eyes"] for row in rows(tables, "looks")] == ["both", "right"]
+    assert [row["eyes"] for row in rows(tables, "cycles")] == ["both, right"]
+
+
 def test_a_month_that_an_older_release_began_goes_on_as_todays(store: Store, cell: CellMaker) -> None:
     run = rows_of(read_digest(cell("north") / "20260102T030405Z"))
     day = run["cycles"]["day"][0].as_py()
@@ -124,7 +143,7 @@ def test_a_month_that_a_newer_release_began_is_left_alone(store: Store, cell: Ce
     newer = pq.ParquetFile(path).read().replace_schema_metadata({b"facetd.schema": b"99"})
     pq.write_table(newer, path)
     before = path.read_bytes()
-    with pytest.raises(StoreError, match="is of schema 99, this release knows 2: collect with a newer one"):
+    with pytest.raises(StoreError, match="is of schema 99, this release knows 3: collect with a newer one"):
         add_month(store, "cycles", "north", month, run["cycles"])
     assert path.read_bytes() == before
 

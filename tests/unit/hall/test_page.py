@@ -6,10 +6,11 @@ from datetime import date, timedelta
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
-from daemon.hall.layout import rows_of
-from daemon.hall.page import _worse, hall_data, write_hall
+from daemon.hall.layout import add_rows, rows_of
+from daemon.hall.page import STATES, _worse, hall_data, write_hall
 from daemon.hall.store import Store, StoreError, open_store
 from daemon.review.page import read_digest
 from tests.worlds.made_run import MadeRun
@@ -65,7 +66,7 @@ def test_each_cell_that_suffers_is_told_of_by_what_it_suffers_from(data: Any) ->
 
 def test_the_others_are_well_and_come_last(data: Any) -> None:
     states = [cell["state"] for cell in data["cells"]]
-    assert states == sorted(states, key=("faults", "misses", "drifts", "dark", "silent", "well").index)
+    assert states == sorted(states, key=STATES.index)
     slips, fades, turns = set(range(3, CELLS, 7)), set(range(4, CELLS, 9)), set(range(6, CELLS, 13))
     ill = {made_year.FAULTY, made_year.WORSE, made_year.SILENT} | slips | fades | turns
     assert {f"cell{n + 1:02d}" for n in range(CELLS)} - {c["name"] for c in data["cells"] if c["state"] != "well"} >= {
@@ -79,6 +80,22 @@ def test_counts_of_the_page_are_those_of_the_days_it_shows(data: Any) -> None:
     assert well["tried"] == 7 * 40
     assert sum(of for _, of in well["parts"].values()) == well["tried"]
     assert named(data, made_year.SILENT)["tried"] == 4 * 40
+
+
+@pytest.mark.parametrize(("back", "told"), [(False, "the left one looks alone"), (True, "both look again")])
+def test_a_cell_that_looked_with_one_eye_is_told_of(tmp_path: Path, back: bool, told: str) -> None:
+    made = MadeRun(tmp_path / "20260102T030405Z", pictures=False)
+    made.pick()
+    made.moved = {"eye": "left", "left": np.eye(4), "right": np.eye(4), "arm_mm": 0.1, "arm_deg": 0.02}
+    made.pick()
+    if back:
+        made.moved = None
+        made.pick()
+    made.close()
+    store = open_store(str(tmp_path / "store"))
+    add_rows(store, "north", [rows_of(read_digest(made.folder))])
+    (north,) = hall_data(store, 7)["cells"]
+    assert (north["state"], north["told"]) == ("one eye", [["one eye", f"3 looks with one eye; {told}"]])
 
 
 def test_less_than_others_by_chance_is_nothing_to_be_told() -> None:
