@@ -90,6 +90,19 @@ def test_the_fault_stands_and_the_place_is_forgotten_before_the_arm_is_told_to_s
     assert standing == [(fault, None, 0)], "the fault, then the stop, then the report"
 
 
+def test_a_burst_of_stops_is_told_once_for_each_who_stopped_and_a_later_one_again():
+    """Six hundred from two doors were six hundred faults at every door and in the log."""
+    world, supervisor, _ = supervised()
+
+    async def burst() -> None:
+        await asyncio.gather(*(supervisor.stop(f"by {who}") for who in ("ann", "bob") * 100))
+        await supervisor.stop("by ann")
+
+    asyncio.run(burst())
+    assert [record["text"] for record in world.said("fault")] == ["stopped by ann", "stopped by bob", "stopped by ann"]
+    assert [name for name, _ in world.wire] == ["abort"] * 2
+
+
 def test_an_arm_that_is_being_stopped_is_told_no_further_move():
     world, supervisor, _ = supervised()
 
