@@ -56,7 +56,7 @@ DAEMON = (
 )
 CODE = (f"{ROOT}/daemon/", f"{ROOT}/drivers/")
 WHOLE = {
-    "arm": ("tests/unit/arm", *DAEMON),
+    "arm": ("tests/unit/arm", "tests/unit/test_config.py", "tests/unit/test_safety.py", *DAEMON),
     "val2": ("tests/unit/val2", "tests/unit/cell", *DAEMON),
     "store": ("tests/unit/store", "tests/unit/test_config.py", "tests/unit/test_hostile.py"),
     "doors": ("tests/unit/doors", "tests/unit/console"),
