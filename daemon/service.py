@@ -63,6 +63,8 @@ AT_START = ("cell", "cameras", "arm", "folders", "console", "files", "simulated"
 GUARDING = ("limits", "gripper")
 """Keys of `pick` that say how hand and cell stand to each other."""
 AT_WORK = "at work: the controller was still carrying out what it was told before this start; it was stopped (ABORT)"
+RELOAD_S = 1.0
+"""Between two reloads that hang-ups (SIGHUP) ask for."""
 HALT_S = 8.4
 """What the arm's stop may take of the time that systemd gives the end (TimeoutStopSec): the alarm where no rest is seen
 (arm/supervisor.py, ABORT_S), and more tries after it. What comes after it takes at most 1.5 s."""
@@ -84,6 +86,8 @@ class Service:
         self._run_log: RunLog | None = None
         self._lock: int | None = None
         self._started = self._ready = False
+        self._hung_up = 0
+        """How often, since the first of the hang-ups that are being answered."""
         self._tasks: set[asyncio.Task[Any]] = set()
         self._drift = DriftWatch()
 
@@ -232,12 +236,24 @@ class Service:
         loop.add_signal_handler(signal.SIGHUP, self._hang_up)
 
     def _hang_up(self) -> None:
-        if self.context is not None:
+        if self.context is None:
+            return
+        if not self._hung_up:
             self.beside(self._reload_quietly(), "reload")
+        self._hung_up += 1
 
     async def _reload_quietly(self) -> None:
-        with contextlib.suppress(FileError):
-            await self.reload()
+        """Once for all hang-ups of a while: reading takes the loop's whole time, and a burst of them kept a stop from
+        being heard for seconds."""
+        try:
+            heard = 0
+            while heard < self._hung_up:
+                heard = self._hung_up
+                with contextlib.suppress(FileError):
+                    await self.reload()
+                await asyncio.sleep(RELOAD_S)
+        finally:
+            self._hung_up = 0
 
     async def _interrupt(self, who: str, about_to_move: bool) -> str:
         """Control-C at any door."""

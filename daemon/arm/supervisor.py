@@ -83,6 +83,8 @@ class Supervisor:
         self._ending = 0
         self._telling: asyncio.Task[None] | None = None
         self._alarm: asyncio.Future[str] | None = None
+        self._told: set[str] = set()
+        """The faults told of in the present stop: whoever joins in with the same one need not tell it again."""
         self.stops = 0
         """How often the arm was stopped or disabled: what was asked for before the last of them is void."""
         self._going = asyncio.Event()
@@ -347,6 +349,7 @@ class Supervisor:
     async def _brought_to_rest(self) -> str | None:
         """Tell the arm to stop, or join in; comes back when it was seen at rest, or else with the alarm."""
         if not self._being_told:
+            self._told.clear()
             self._alarm = asyncio.get_running_loop().create_future()
             self._telling = asyncio.create_task(self._tell_until_at_rest(self._alarm), name="stop")
         assert self._telling is not None
@@ -386,7 +389,8 @@ class Supervisor:
         self._report(Interruption.ERROR, text)
 
     def _report(self, event: Interruption, fault: str | None) -> None:
-        if fault is not None:
+        if fault is not None and fault not in self._told:
+            self._told.add(fault)
             fields = {"code": fault.partition(":")[0], "text": fault, "while": self._doing}
             self._tell(lambda: self.mover.cell.log.record("fault", cycle=self.mover.cycle, **fields))
         self._tell(lambda: self._interrupted(event))

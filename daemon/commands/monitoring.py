@@ -7,7 +7,6 @@ is kept back: while the arm may not move, or is held by `pause`; and else until 
 from __future__ import annotations
 
 import asyncio
-import time
 from collections.abc import Callable
 
 from daemon.cell.arm_on_link import moves_the_arm
@@ -60,8 +59,8 @@ _SHOWN = [
 class Typist:
     """Follows what is typed, line by line: records each line, and keeps back the end of one that may not be sent."""
 
-    def __init__(self, context: CommandContext, door: Door, clock: Callable[[], float] = time.monotonic) -> None:
-        self._context, self._door, self._clock = context, door, clock
+    def __init__(self, context: CommandContext, door: Door) -> None:
+        self._context, self._door, self._clock = context, door, context.hardware.clock
         self._line = bytearray()
         self._asked: tuple[str, float] | None = None
         """The line that waits for a yes, and when it was asked for."""

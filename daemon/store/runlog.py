@@ -200,7 +200,7 @@ class RunLog:
             self._tell(None)
         except OSError as error:
             self._lost += 1
-            self._tell(f"{file.path}: {error.strerror}")
+            self._tell(f"{file.path.parent}: {error.strerror}")
         written.set()
         self._behind = self._behind and self._lines.waiting > 0
         self._syncer.take(file)

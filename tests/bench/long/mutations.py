@@ -1,13 +1,15 @@
 """Small wrongs put into what keeps the arm from surprising, or into files and doors: does a test notice each?
 
 usage: python -m tests.bench.long.mutations [--count N] [--seed N] [--only TEXT] [--each TEXT] [--named]
-                                            [--rooms ROOM ...]
+                                            [--rooms ROOM ...] [--from N]
 
 All tests are collected once and run once as they are: how long each takes, and which functions it runs. Each mutation
-is then made in what is loaded, in a process forked for it, and the tests that run its function are tried, the quickest
-first, up to the first that fails. One that no test notices is printed with its line. --rooms: arm and val2 unless said
-otherwise; --only: those of the sample whose description (`file:line: kind: text`) holds the text; --each: all there are
-whose description does, instead of a sample.
+of a function is then made in what is loaded, in a process forked for it, and the tests that run the function are tried,
+the quickest first, up to the first that fails. One of a module's value or a class's default is made in the file as it
+is imported, in a process forked before anything was: all tests run there, the file's own first. One that no test
+notices is printed with its line. --rooms: arm and val2 unless said otherwise; --only: those of the sample whose
+description (`file:line: kind: text`) holds the text; --each: all there are whose description does, instead of a sample;
+--from: the sample without its first so many, which were tried before.
 """
 
 from __future__ import annotations
@@ -26,6 +28,9 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
+from importlib.abc import Loader, MetaPathFinder
+from importlib.machinery import ModuleSpec
+from importlib.util import spec_from_file_location
 from itertools import zip_longest
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
@@ -51,7 +56,7 @@ DAEMON = (
 )
 CODE = (f"{ROOT}/daemon/", f"{ROOT}/drivers/")
 WHOLE = {
-    "arm": ("tests/unit/arm", *DAEMON),
+    "arm": ("tests/unit/arm", "tests/unit/test_config.py", "tests/unit/test_safety.py", *DAEMON),
     "val2": ("tests/unit/val2", "tests/unit/cell", *DAEMON),
     "store": ("tests/unit/store", "tests/unit/test_config.py", "tests/unit/test_hostile.py"),
     "doors": ("tests/unit/doors", "tests/unit/console"),
@@ -62,10 +67,11 @@ TOLD = "not the_property_notices"
 """Tests of a test take a rule away themselves, and notice no other wrong."""
 STEPS = "1000"
 """Of the whole daemon's random ones."""
-OURS = ("daemon", "drivers", "tests")
 LONGEST, LEAST_S = 10.0, 30.0
 """A test that takes so many times as long as without a wrong, and not less than this, is taken to hang; a hang is
 noticed."""
+ANEW_S = 3600.0
+"""All tests together, where nobody knows yet how long each takes."""
 NAMED = ROOT / "tests/bench/data/mutations.yaml"
 OTHER_WAY = {
     ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq,
@@ -106,10 +112,11 @@ def _changes(tree: ast.Module) -> Iterator[Change]:
         for node in ast.walk(function):
             yield from _of_expression(node)
         yield from _of_body(function)
-    for statement in tree.body:
-        if isinstance(statement, ast.Assign | ast.AnnAssign) and statement.value is not None:
-            for node in ast.walk(statement.value):
-                yield from _of_expression(node)
+    for body in (tree.body, *(c.body for c in ast.walk(tree) if isinstance(c, ast.ClassDef))):
+        for statement in body:
+            if isinstance(statement, ast.Assign | ast.AnnAssign) and statement.value is not None:
+                for node in ast.walk(statement.value):
+                    yield from _of_expression(node)
 
 
 def _functions(tree: ast.Module) -> Iterator[ast.FunctionDef | ast.AsyncFunctionDef]:
@@ -389,10 +396,9 @@ def changed(mutation: Mutation) -> set[str]:
 
 
 def put_in(mutation: Mutation) -> None:
-    """Change what is loaded: the code and the defaults of functions, wherever they are known; of a module's values the
-    one that is changed and all that come after it, wherever they were imported."""
-    module = importlib.import_module(mutation.file.removesuffix(".py").replace("/", "."))
-    old, new = _both(mutation)
+    """Change what is loaded: the code and the defaults of functions, wherever they are known."""
+    module = importlib.import_module(_module(mutation.file))
+    _, new = _both(mutation)
     names, path = changed(mutation), str(ROOT / mutation.file)
     codes = dict(_codes(compile(new, path, "exec")))
     for function in [f for f in gc.get_objects() if isinstance(f, FunctionType)]:
@@ -402,17 +408,62 @@ def put_in(mutation: Mutation) -> None:
             function.__defaults__ = tuple(_value(d, module) for d in given.defaults) or None
             by_name = {a.arg: d for a, d in zip(given.kwonlyargs, given.kw_defaults, strict=True) if d is not None}
             function.__kwdefaults__ = {key: _value(d, module) for key, d in by_name.items()} or None
-    first = [ast.dump(a) == ast.dump(b) for a, b in zip(old.body, new.body, strict=True)].index(False)
-    if isinstance(new.body[first], ast.Assign | ast.AnnAssign):
-        before = dict(vars(module))
-        again = [s for s in new.body[first:] if isinstance(s, ast.Assign | ast.AnnAssign)]
-        exec(compile(ast.Module(again, []), path, "exec"), vars(module))
-        after = {key: value for key, value in vars(module).items() if before.get(key) is not value}
-        for other in [m for name, m in sys.modules.items() if name.partition(".")[0] in OURS]:
-            for key in [key for key in after if key in before and vars(other).get(key) is before[key]]:
-                setattr(other, key, after[key])
-    else:
-        assert names, f"{mutation}: neither in a function nor a value of the module"
+
+
+def _module(file: str) -> str:
+    return file.removesuffix(".py").replace("/", ".")
+
+
+@dataclass(frozen=True)
+class Imported(MetaPathFinder, Loader):
+    """A mutation's file, found with the wrong in it by whoever imports it."""
+
+    mutation: Mutation
+
+    def find_spec(self, name: str, path: object = None, target: object = None) -> ModuleSpec | None:
+        """See MetaPathFinder."""
+        if name != _module(self.mutation.file):
+            return None
+        return spec_from_file_location(name, ROOT / self.mutation.file, loader=self)
+
+    def exec_module(self, module: ModuleType) -> None:
+        """See Loader."""
+        exec(compile(self.mutation.source, str(module.__file__), "exec"), vars(module))
+
+
+def noticed_anew(mutation: Mutation, tests: Sequence[str]) -> str:
+    """Which of the tests, in this order, notices a wrong that is there from the import on, "" where none does. Only
+    from a process that imported nothing of ours."""
+
+    def tried(answer: Connection) -> None:
+        def told(report: pytest.TestReport) -> None:
+            if report.failed:
+                answer.send(report.nodeid)
+                os._exit(0)
+
+        def each(items: list[pytest.Item]) -> None:
+            for item in items:
+                item.ihook.pytest_runtest_protocol(item=item, nextitem=None)
+            answer.send("")
+
+        sys.meta_path.insert(0, Imported(mutation))
+        _pytest(Watch(each, told), tests)
+
+    mine, process = _forked(tried)
+    try:
+        return str(mine.recv()) if mine.poll(ANEW_S) else "hangs"
+    except EOFError:
+        return "its tests cannot be imported"
+    finally:
+        process.kill()
+        process.join()
+
+
+def _pytest(watch: Watch, tests: Iterable[str]) -> None:
+    os.environ |= {"FACETD_STEPS": STEPS}
+    pytest.main(
+        ["-s", "-q", "-p", "no:cacheprovider", "-p", "no:xdist", "-o", "timeout=0", "-k", TOLD, *tests], [watch]
+    )
 
 
 def _value(expression: ast.expr, module: ModuleType) -> object:
@@ -430,25 +481,28 @@ Found = tuple[Mutation, str, str]
 """A mutation, "own", "others" or "LIVES", and which test noticed it."""
 
 
-def run(chosen: Sequence[Mutation], tests: Iterable[str]) -> list[Found]:
-    """What becomes of each."""
+def run(chosen: Sequence[Mutation], tests: Callable[[Mutation], Sequence[str]]) -> list[Found]:
+    """What becomes of each; tests: of a mutation, the file's own first."""
     found: list[Found] = []
+
+    def judged(mutation: Mutation, test: str) -> None:
+        by = "LIVES" if not test else "own" if test.startswith(tuple(own_tests(mutation.file))) else "others"
+        print(f"{by:6} {mutation}    {test}", flush=True)
+        found.append((mutation, by, test))
 
     def each(items: list[pytest.Item]) -> None:
         trials = Trials(watch, items)
         trials.learn()
         print(f"{len(items)} tests, {sum(known.took_s for known in trials.known.values()):.0f} s", flush=True)
-        for mutation in chosen:
-            test = trials.noticed(mutation)
-            by = "LIVES" if not test else "own" if test.startswith(tuple(own_tests(mutation.file))) else "others"
-            print(f"{by:6} {mutation}    {test}", flush=True)
-            found.append((mutation, by, test))
+        for mutation in in_functions:
+            judged(mutation, trials.noticed(mutation))
 
+    in_functions = [mutation for mutation in chosen if changed(mutation)]
+    for mutation in [m for m in chosen if m not in in_functions]:
+        judged(mutation, noticed_anew(mutation, tests(mutation)))
     watch = Watch(each)
-    os.environ |= {"FACETD_STEPS": STEPS}
-    pytest.main(
-        ["-s", "-q", "-p", "no:cacheprovider", "-p", "no:xdist", "-o", "timeout=0", "-k", TOLD, *tests], [watch]
-    )
+    if in_functions:
+        _pytest(watch, sorted({test for mutation in in_functions for test in tests(mutation)}))
     return found
 
 
@@ -463,11 +517,17 @@ def report(found: Sequence[Found], seconds: float) -> None:
     print(f"{seconds:.0f} s")
 
 
+def _those_of(mutation: Mutation) -> list[str]:
+    """All tests that may notice it, the file's own first."""
+    return [*own_tests(mutation.file), *WHOLE[Path(mutation.file).parent.name]]
+
+
 def main() -> None:
     """Run and print."""
     parser = argparse.ArgumentParser(prog="python -m tests.bench.long.mutations")
     parser.add_argument("--count", type=int, default=300)
     parser.add_argument("--seed", type=int, default=14)
+    parser.add_argument("--from", type=int, default=0, dest="skip")
     parser.add_argument("--rooms", nargs="+", default=("arm", "val2"), choices=WHOLE)
     parser.add_argument("--only", default="")
     parser.add_argument("--each", default="")
@@ -475,13 +535,14 @@ def main() -> None:
     args = parser.parse_args()
     began_s = time.monotonic()
     if args.named:
-        chosen, tests = [mutation for mutation, _ in named()], {each for _, each in named()}
+        by_name = dict(named())
+        chosen = list(by_name)
     else:
         there_are = [m for m in every() if Path(m.file).parent.name in args.rooms and args.each in str(m)]
-        picked = there_are if args.each else sample(there_are, args.count, args.seed)
+        picked = there_are if args.each else sample(there_are, args.count, args.seed)[args.skip :]
         chosen = [m for m in picked if args.only in str(m)]
-        tests = {each for m in chosen for each in (*own_tests(m.file), *WHOLE[Path(m.file).parent.name])}
-    report(run(chosen, sorted(tests)), time.monotonic() - began_s)
+        by_name = {}
+    report(run(chosen, lambda m: [by_name[m]] if m in by_name else _those_of(m)), time.monotonic() - began_s)
 
 
 if __name__ == "__main__":

@@ -111,11 +111,23 @@ def test_the_nearest_of_an_axis_is_found_wherever_on_it_that_is(start, end, away
 def test_each_capsule_goes_with_its_link():
     joints = np.radians([[20.0, 40.0, -120.0, 30.0, -50.0, 10.0]])
     links = puma560.link_frames(joints)
-    capsules = tuple(Capsule(link, link, (1.0, 2.0, 3.0), (4.0, 5.0, 6.0), 7.0) for link in ("upper_arm", "forearm"))
+    of_link = ("upper_arm", "forearm", "wrist", "tool")
+    capsules = tuple(Capsule(link, link, (1.0, 2.0, 3.0), (4.0, 5.0, 6.0), 7.0) for link in of_link)
     placed = body_of(capsules, ()).placed(links)[0]
-    for row, frame in zip(placed[:2], (2, 3), strict=True):
+    for row, frame in zip(placed[:4], (2, 3, 6, 7), strict=True):
         assert row[0] == pytest.approx((links[0, frame] @ [1.0, 2.0, 3.0, 1.0])[:3])
         assert row[1] == pytest.approx((links[0, frame] @ [4.0, 5.0, 6.0, 1.0])[:3])
+
+
+def test_the_arm_s_own_capsules_lie_on_their_links_each_beginning_where_the_one_before_ends():
+    shoulder, upper, elbow, forearm, wrist = ARM[:5]
+    assert shoulder.to_mm == upper.from_mm
+    assert elbow.to_mm == forearm.from_mm
+    assert upper.to_mm[:2] == elbow.from_mm[:2] == wrist.from_mm[:2] == (0.0, 0.0), "on the axes of joints 3 to 6"
+    assert wrist.from_mm == (0.0, 0.0, 0.0), "from where these meet"
+    for capsule in ARM[:5]:
+        along = np.subtract(capsule.to_mm, capsule.from_mm)
+        assert np.count_nonzero(along) == 1, f"{capsule.name} is aslant"
 
 
 def test_the_forearm_leads_from_the_elbow_to_the_wrist_centre():

@@ -8,8 +8,9 @@ import pytest
 from daemon import frames
 from daemon.arm.guard import Command, Limits
 from daemon.arm.mover import Arrival, MoveRefusedError
-from daemon.arm.supervisor import Interruption, Let, OperatorRefusedError, RefusedError, Supervisor
+from daemon.arm.supervisor import ABORT_S, Interruption, Let, OperatorRefusedError, RefusedError, Supervisor
 from daemon.arm.workcell import StopRefusedError
+from drivers.simcell.simulated_time import SimulatedLoop
 from tests.worlds.fake_cell import HEAD_DOWN, World, build
 
 NEAR = frames.perturb(HEAD_DOWN, np.array([30.0, 0, 0, 0, 0, 0]))
@@ -88,6 +89,19 @@ def test_the_fault_stands_and_the_place_is_forgotten_before_the_arm_is_told_to_s
     world.before = hook
     asyncio.run(act(supervisor))
     assert standing == [(fault, None, 0)], "the fault, then the stop, then the report"
+
+
+def test_a_burst_of_stops_is_told_once_for_each_who_stopped_and_a_later_one_again():
+    """Six hundred from two doors were six hundred faults at every door and in the log."""
+    world, supervisor, _ = supervised()
+
+    async def burst() -> None:
+        await asyncio.gather(*(supervisor.stop(f"by {who}") for who in ("ann", "bob") * 100))
+        await supervisor.stop("by ann")
+
+    asyncio.run(burst())
+    assert [record["text"] for record in world.said("fault")] == ["stopped by ann", "stopped by bob", "stopped by ann"]
+    assert [name for name, _ in world.wire] == ["abort"] * 2
 
 
 def test_an_arm_that_is_being_stopped_is_told_no_further_move():
@@ -521,6 +535,22 @@ def test_the_arm_is_told_to_stop_until_it_was_seen_at_rest_and_the_alarm_sounds_
     assert len(world.said("rest")) == 1
     both = [Interruption.ERROR, Interruption.RESUME, Interruption.STOP, Interruption.RESUME]
     assert [what for what, _ in heard] == both
+
+
+def test_an_arm_that_is_not_seen_at_rest_is_told_to_stop_eight_times_before_the_alarm():
+    world, supervisor, _ = supervised()
+    told = failing_aborts(world, OSError("no answer"), 100)
+
+    async def story() -> None:
+        began_s = asyncio.get_running_loop().time()
+        await supervisor.stop()
+        assert asyncio.get_running_loop().time() - began_s == pytest.approx(ABORT_S, abs=0.1)
+        supervisor._telling.cancel()
+
+    loop = SimulatedLoop()
+    loop.run_until_complete(story())
+    loop.close()
+    assert 8 <= len(told) <= 9
 
 
 def test_a_refused_stop_is_told_at_once_and_not_after_the_time_that_a_lost_one_has():

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Iterator
+from itertools import count
 from types import SimpleNamespace
 from typing import Any
 from unittest.mock import Mock
@@ -34,7 +35,8 @@ def standing(fault: str | None = None, enabled: bool = True) -> Any:
     if enabled:
         supervisor.enable()
     supervisor.fault = fault
-    return SimpleNamespace(cycle=SimpleNamespace(supervisor=supervisor, hand_full=False), log=FakeLog())
+    cycle, hardware = SimpleNamespace(supervisor=supervisor, hand_full=False), SimpleNamespace(clock=count().__next__)
+    return SimpleNamespace(cycle=cycle, hardware=hardware, log=FakeLog())
 
 
 class Shown(FakeDoor):
@@ -46,8 +48,8 @@ class Shown(FakeDoor):
 
 def typed(context: Any, *keys: bytes, apart_s: float = 1.0) -> tuple[bytes, Shown]:
     sent, door = bytearray(), Shown()
-    now_s = iter(np.arange(10_000) * apart_s)
-    typist = Typist(context, door, lambda: float(next(now_s)))
+    context.hardware.clock = count(0.0, apart_s).__next__
+    typist = Typist(context, door)
     for some in keys:
         typist.typed(some, sent.extend)
     return bytes(sent), door
@@ -108,8 +110,7 @@ def test_a_line_that_may_move_the_arm_is_held_like_a_move_also_after_the_yes(mea
     context = standing()
     supervisor = context.cycle.supervisor
     sent, door = bytearray(), Shown()
-    now_s = iter(range(100))
-    typist = Typist(context, door, lambda: float(next(now_s)))
+    typist = Typist(context, door)
     typist.typed(b"DO READY\r", sent.extend)
     if meanwhile == "pause":
         supervisor.pause()

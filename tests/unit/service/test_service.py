@@ -23,8 +23,10 @@ import yaml
 from daemon.arm.supervisor import ABORT_S
 from daemon.config import load_config
 from daemon.doors.client import DaemonLink, NotThereError
-from daemon.service import HALT_S, Service, make_room
+from daemon.service import HALT_S, RELOAD_S, Service, make_room
 from daemon.store.runs import check_wire, list_runs, read_run
+from daemon.store.yamlfile import ConfigError
+from drivers.simcell.simulated_time import SimulatedLoop
 from drivers.val2.dialect import Dialect
 
 ETC = Path(__file__).resolve().parents[3] / "etc"
@@ -371,3 +373,29 @@ def test_what_was_asked_by_a_signal_is_forgotten_once_it_is_done(folder: Path) -
         return len(service._tasks)
 
     assert asyncio.run(reloads()) == 0
+
+
+def test_a_burst_of_hang_ups_reads_the_files_once_and_once_more_for_those_that_came_meanwhile() -> None:
+    """Each read them for itself, and a stop waited for seconds until three hundred had."""
+    read: list[float] = []
+
+    async def burst() -> None:
+        service: Any = Service(Path("facetd.yaml"))
+        service.context = SimpleNamespace()
+
+        async def reload() -> None:
+            read.append(asyncio.get_running_loop().time())
+            raise ConfigError("facetd.yaml: not taken over while busy")
+
+        service.reload = reload
+        for seconds in (0.0, 0.5, 10.0):
+            for _ in range(300):
+                service._hang_up()
+            await asyncio.sleep(seconds)
+        service._hang_up()
+        await asyncio.sleep(5.0)
+
+    loop = SimulatedLoop()
+    loop.run_until_complete(burst())
+    loop.close()
+    assert read == pytest.approx([0.0, RELOAD_S, 10.5], abs=0.1)

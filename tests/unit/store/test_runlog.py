@@ -179,6 +179,19 @@ def test_a_full_disk_is_told_and_the_gap_is_in_the_log_when_there_is_room_again(
     assert len(told) == 2, "each change is told once"
 
 
+def test_a_full_disk_is_told_once_whatever_it_does_not_take(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Log and ledger told it by turns, at every door, ten times a move."""
+    disk, told = Disk(monkeypatch), []
+    log = RunLog(tmp_path / "run", on_trouble=told.append)
+    disk.full = True
+    for n in range(5):
+        log.record("decision", n=n)
+        log.wire({"seq": n, "sent": "where"})
+    assert log.settle()
+    assert told == [f"{tmp_path / 'run'}: No space left on device"]
+    log.close()
+
+
 def test_a_hanging_disk_does_not_hold_up_the_one_who_records(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     disk = Disk(monkeypatch)
     log = RunLog(tmp_path / "run", patience_s=0.01)

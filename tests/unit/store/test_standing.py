@@ -86,7 +86,7 @@ def test_a_full_disk_still_takes_what_the_hand_did(path: Path, tmp_path: Path, m
     monkeypatch.setattr("os.write", full)
     log.record("hand", closed=True)
     log.settle()
-    assert told == [f"{tmp_path / 'run' / 'run.jsonl'}: No space left on device"]
+    assert told == [f"{tmp_path / 'run'}: No space left on device"]
     left = left_behind(path, ran_before=True)
     assert left is not None
     assert left.hand_closed
