@@ -29,6 +29,7 @@ from daemon.calibration.session import (
 )
 from daemon.calibration.stereo import StereoError, StereoResult
 from daemon.cell import sections
+from daemon.commands.moving import with_questions
 from daemon.console.context import CommandContext
 from daemon.console.interpreter import NOT_DONE, NOT_UNDERSTOOD, Answer, CommandError, Door, command, no_more, one_of
 from daemon.errors import FacetdError
@@ -57,7 +58,7 @@ async def calibrate(context: CommandContext, words: list[str], door: Door) -> An
     touch     the gripper goes over a corner of the board, you say how far off it is
     list      the calibrations made here, and the one the configuration names (0); use N goes back to one
     Lay the board flat where all of it is in view, `enable` the arm. Inner corners and square: 9x6 16 unless said.
-    With `step on`, each pose waits for `confirm`.
+    With `step on`, each move waits for your yes.
     """
     kind = one_of(words, 0, (*KINDS, *KEPT), "kind of calibration", USAGE)
     if kind in KEPT:
@@ -73,7 +74,8 @@ async def calibrate(context: CommandContext, words: list[str], door: Door) -> An
     try:
         if kind == "by-hand":
             return await _eyes_alone(context, board, door)
-        views = await view_tour(_session(context, board), POSES[kind], door.say, SPEED_PCT)
+        tour = view_tour(_session(context, board), POSES[kind], door.say, SPEED_PCT)
+        views = await with_questions(context, tour, door)
         if kind == "verify":
             return _verified(views, board, context.calibration)
         if kind == "touch":
@@ -237,7 +239,8 @@ async def _touch(context: CommandContext, view: View, board: Board, door: Door) 
     tip_mm = context.config.values.pick.gripper.tip_mm
     for above_mm in (60.0, TOUCH_ABOVE_MM):
         down = frames.rigid(np.diag([-1.0, 1.0, -1.0]), corner + np.array([0.0, 0.0, tip_mm + above_mm]))
-        await context.cycle.move_to(down, f"touch test, {above_mm:g} mm above the corner")
+        work = context.cycle.move_to(down, f"touch test, {above_mm:g} mm above the corner")
+        await with_questions(context, work, door)
     await door.say(f"The finger tips should be {TOUCH_ABOVE_MM:g} mm above the first inner corner of the board.")
     answer = await door.ask("How far off are they, along world x and y, in mm? (e.g. 0.5 -0.3) ")
     try:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from daemon.arrays import Array
+from daemon.commands.moving import with_questions
 from daemon.commands.sketch import COLUMNS, sketch
 from daemon.console.context import CommandContext
 from daemon.console.interpreter import Answer, CommandError, Door, command, version
@@ -93,7 +94,7 @@ async def look_of(context: CommandContext, door: Door, purpose: str) -> Look:
     """A look; with one eye it moves the arm, which not every door may. Raises CommandError."""
     if context.hardware.eyes.alone is not None and door.may == "look":
         raise CommandError(f"with one eye a look moves the arm: this {door.name} may only look; use another door")
-    return await context.cycle.look(purpose)
+    return await with_questions(context, context.cycle.look(purpose), door)
 
 
 @command("try")

@@ -32,6 +32,9 @@ from daemon.cell.introduce import (
 )
 from daemon.errors import DONE, NOT_DONE, NOT_UNDERSTOOD
 from daemon.store.files import write_atomically
+from daemon.store.outside import FileError, read_file
+
+LARGEST_TRANSCRIPT = 50_000_000
 
 
 def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -113,10 +116,15 @@ async def _ask(consult: Consult) -> str:
 
 def _replay(args: argparse.Namespace) -> int:
     try:
-        with args.transcript.open(encoding="utf-8") as file:
-            differences = list(again(read_transcript(file)))
-    except (OSError, ValueError) as error:
-        return _told(f"{args.transcript}: {getattr(error, 'strerror', None) or error}", NOT_UNDERSTOOD)
+        text = read_file(args.transcript, LARGEST_TRANSCRIPT).decode()
+        whole, _, torn = text.rpartition("\n")
+        differences = list(again(read_transcript(whole.splitlines())))
+    except FileError as error:
+        return _told(str(error), NOT_UNDERSTOOD)
+    except ValueError as error:
+        return _told(f"{args.transcript}: {error}", NOT_UNDERSTOOD)
+    if torn:
+        print("its last line lost its end, and is left out")
     print("\n".join(differences) or "today's driver says the same, word for word")
     return NOT_DONE if differences else DONE
 

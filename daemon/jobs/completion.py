@@ -28,7 +28,7 @@ SCRIPT = """{before}_facetctl() {{
         -*) ;;
         *) case " {asked} " in
             *" ${{COMP_WORDS[1]}} "*) [ "$COMP_CWORD" -gt 1 ] &&
-                words="$words $(facetctl completion of "${{COMP_WORDS[@]:1:COMP_CWORD}}" 2>/dev/null)" ;;
+                words="$words $(facetctl completion of "${{COMP_WORDS[@]:1:$COMP_CWORD}}" 2>/dev/null)" ;;
            esac ;;
     esac
     COMPREPLY=($(compgen -W "$words" -- "$cur"))

@@ -209,18 +209,21 @@ ANSWERS = (
 """What somebody says who does what is asked for, as far as the cell is real enough to do it in."""
 
 
+def answer_to(asked: str) -> str | None:
+    """What such a person says to a question; None where nothing is asked."""
+    return next((answer for question, answer in ANSWERS if question.search(asked)), None)
+
+
 def lives_through(person: Person, within_s: float) -> str:
     """Answer whatever is asked until facetctl ends; all that was on the screen."""
     deadline, seen = time.monotonic() + within_s, ""
     while time.monotonic() < deadline:
         here = person.sees_for(0.2)
         seen += here
-        waiting = seen.rsplit("\n", 1)[-1]
-        for asked, answer in ANSWERS:
-            if asked.search(waiting):
-                person.types(answer + "\n")
-                seen += "\n"
-                break
+        answer = answer_to(seen.rsplit("\n", 1)[-1])
+        if answer is not None:
+            person.types(answer + "\n")
+            seen += "\n"
         if person.gone:
             return seen
     raise AssertionError(f"still there after {within_s:g} s: {seen[-2000:]}")
@@ -290,6 +293,6 @@ def first_day(folder: Path, seed: int) -> Day:
 
 
 __all__ = [
-    "PICKED_AT", "READY_DEG", "ROOMS", "Day", "arm_yaml", "commissioned", "configuration", "controller", "first_day",
-    "introduced", "lay_down", "lives_through", "strange_cell", "truth", "written_down",
+    "PICKED_AT", "READY_DEG", "ROOMS", "Day", "answer_to", "arm_yaml", "commissioned", "configuration", "controller",
+    "first_day", "introduced", "lay_down", "lives_through", "strange_cell", "truth", "written_down",
 ]  # fmt: skip

@@ -16,9 +16,10 @@ BEGUN = re.compile(rb"(.*?)((?:\x1b(?:\[[0-9;?]*)?)?)\Z", re.DOTALL)
 
 
 class Person:
-    """One `facetctl` with these words on a pty of its own, beside the daemon whose socket lies in `folder`."""
+    """One `facetctl` (or another program) with these words on a pty of its own, beside the daemon whose socket lies in
+    `folder`."""
 
-    def __init__(self, folder: Path, *words: str) -> None:
+    def __init__(self, folder: Path, *words: str, program: str = "daemon.ctl") -> None:
         self.seen, self._raw = "", b""
         self.gone = False
         """Whether facetctl was seen to have ended."""
@@ -27,7 +28,7 @@ class Person:
             os.environ.update(FACETD_SOCKET=str(folder / "facetd.sock"), HOME=str(folder), TERM="xterm")
             os.environ.pop("XDG_STATE_HOME", None)
             os.environ["PROMPT_TOOLKIT_NO_CPR"] = "1"  # nobody answers where the cursor is
-            os.execv(sys.executable, [sys.executable, "-m", "daemon.ctl", *words])
+            os.execv(sys.executable, [sys.executable, "-m", program, *words])
 
     def types(self, keys: str) -> None:
         """Press keys."""

@@ -8,9 +8,17 @@ from pathlib import Path
 
 import pytest
 
+from daemon.commands import every_command
+from daemon.config import Console
+from daemon.console.interpreter import Answer, Door
+from daemon.console.interpreter import Console as Interpreter
+from daemon.console.notices import Level
+from daemon.doors.rights import Rights
+from daemon.doors.socket import SocketServer
 from daemon.live import follow
 from daemon.live.follow import RunFollower, follow_daemon
 from daemon.live.now import Now
+from tests.worlds.fake_context import fake_context
 from tests.worlds.made_run import MadeRun
 from tests.worlds.told_daemon import ToldDaemon
 
@@ -54,6 +62,39 @@ def test_it_outlives_the_daemon_and_only_ever_asks_how_things_stand(
     asyncio.run(story())
     first.close()
     second.close()
+
+
+def test_whoever_may_only_look_may_watch(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """All that is ever said is heard at a door that lets nothing move: the page asks for no more than that."""
+    monkeypatch.setattr(follow, "ASK_S", 0.02)
+    context = fake_context(tmp_path)
+    rights = Rights(Console())
+    monkeypatch.setattr(rights, "of", lambda peer: "look")
+    doors: list[str] = []
+
+    async def nothing_moves(who: str, about_to_move: bool) -> str:
+        return "Nothing moves."
+
+    async def story() -> None:
+        now, console = Now(), Interpreter(context, every_command())
+        interpret = console.interpret
+
+        async def heard(text: str, door: Door) -> Answer:
+            doors.append(door.may)
+            return await interpret(text, door)
+
+        monkeypatch.setattr(console, "interpret", heard)
+        server = SocketServer(tmp_path / "sock", rights, console, nothing_moves)
+        await server.open()
+        following = asyncio.create_task(follow_daemon(now, RunFollower(now), tmp_path / "sock"))
+        await until(lambda: bool(now.daemon))
+        context.notices.tell("missed: cube", Level.OUTCOMES)
+        await until(lambda: "missed: cube" in now.lines)
+        following.cancel()
+        await server.close()
+
+    asyncio.run(story())
+    assert set(doors) == {"look"}
 
 
 def test_a_record_that_names_a_file_elsewhere_shows_no_file(tmp_path: Path) -> None:
