@@ -25,7 +25,8 @@ WireListener = Callable[[dict[str, Any]], None]
 REST_S = 5.0
 """How long an arm that was told nothing by us may go on moving before what was asked of it is refused."""
 NEAR_SINGULAR_RAD = float(np.radians(3.0))
-"""A wrist this near to straight is kept out of: joints 4 and 6 would turn far for little."""
+"""A wrist this near to straight is kept out of: joints 4 and 6 would turn far for little. On a line it is asked at
+places no part of the hand goes farther than 6 mm between (sweep.py): there it may come nearer by tenths of a degree."""
 
 
 class ArmOnLink:

@@ -26,7 +26,8 @@ CLOSE_MM = 10.0
 """A stretch of COARSE_MM that comes no nearer than this to anything holds nothing to look at in fine."""
 ARM = puma560.ArmGeometry(flange_from_tool=frames.rigid(np.eye(3), np.array([0.0, 0.0, 130.0])))
 FRAME_OF = {"upper_arm": 2, "forearm": 3, "wrist": 6, "tool": 7}
-NEAR_SINGULAR = np.sin(np.radians(3.0))
+NEAR_SINGULAR, NEARER = 3.0, 2.5
+"""Degrees: no wrist nearer to straight than that where the sweep asks; between two such places it may come nearer."""
 
 
 def _reachable(pose: Array, joints_rad: Array) -> Array | None:
@@ -34,12 +35,12 @@ def _reachable(pose: Array, joints_rad: Array) -> Array | None:
         found = puma560.inverse(pose, puma560.configuration_of(joints_rad), ARM, joints_rad)
     except puma560.UnreachableError:
         return None
-    return None if abs(np.sin(found[4])) < NEAR_SINGULAR else found
+    return None if puma560.wrist_is_singular(found, within_rad=np.radians(NEAR_SINGULAR)) else found
 
 
-def _along(poses: Array, joints_rad: Array) -> Array:
+def _along(poses: Array, joints_rad: Array, least_deg: float = NEAR_SINGULAR) -> Array:
     joints = puma560.inverse_along(poses, joints_rad, ARM)
-    joints[np.abs(np.sin(joints[:, 4])) < NEAR_SINGULAR] = np.nan
+    joints[np.abs(np.sin(joints[:, 4])) < np.sin(np.radians(least_deg))] = np.nan
     return joints
 
 
@@ -115,7 +116,11 @@ def _place(rng: np.random.Generator, limits: Limits, near: Reading | None = None
             if joints is not None:
                 return Reading(pose, joints)
             continue
-        ways = [joints for _, joints in puma560.solutions(pose, ARM) if abs(np.sin(joints[4])) > NEAR_SINGULAR]
+        ways = [
+            joints
+            for _, joints in puma560.solutions(pose, ARM)
+            if not puma560.wrist_is_singular(joints, within_rad=np.radians(NEAR_SINGULAR))
+        ]
         if ways:
             return Reading(pose, ways[int(rng.integers(len(ways)))])
 
@@ -134,11 +139,12 @@ def _stands(reading: Reading, limits: Limits) -> bool:
     return bool(touch.min() >= limits.clearance_mm)
 
 
-def truth_of(travel: Travel) -> Truth:
-    """Look along it: every half millimetre where it is close to anything, every four where it is not."""
+def truth_of(travel: Travel, least_deg: float = NEAR_SINGULAR) -> Truth:
+    """Look along it: every half millimetre where it is close to anything, every four where it is not. least_deg: no
+    wrist nearer to straight than that."""
     shares = np.linspace(0.0, 1.0, 9)
     while True:
-        links = _links(travel, shares)
+        links = _links(travel, shares, least_deg)
         if links is None:
             return Truth(False, np.nan, np.nan)
         moved = _moved_mm(links, travel.limits)
@@ -150,7 +156,7 @@ def truth_of(travel: Travel) -> Truth:
     close = np.minimum(nearest[:-1], nearest[1:]) < CLOSE_MM
     if close.any():
         shares = _finer(shares, np.where(close, np.ceil(moved / (0.9 * FINE_MM)), 1))
-        links = _links(travel, shares)
+        links = _links(travel, shares, least_deg)
         if links is None:
             return Truth(False, np.nan, np.nan)
         touch, box, names = _gaps(links, travel.limits)
@@ -162,7 +168,7 @@ def _finer(shares: Array, parts: Array) -> Array:
     return np.concatenate([*new, shares[-1:]])
 
 
-def _links(travel: Travel, shares: Array) -> Array | None:
+def _links(travel: Travel, shares: Array, least_deg: float) -> Array | None:
     """(N, 8, 4, 4), None where the arm does not follow."""
     start, command = travel.start, travel.command
     if not command.straight:
@@ -171,7 +177,7 @@ def _links(travel: Travel, shares: Array) -> Array | None:
         return puma560.link_frames(start.joints_rad + shares[:, None] * (end - start.joints_rad), ARM)
     motion = frames.difference(command.world_from_tool, start.world_from_tool)
     poses = np.array([frames.perturb(start.world_from_tool, share * motion) for share in shares])
-    joints = _along(poses, start.joints_rad)
+    joints = _along(poses, start.joints_rad, least_deg)
     return puma560.link_frames(joints, ARM) if np.isfinite(joints).all() else None
 
 

@@ -1,16 +1,19 @@
 """Random travels past the guard against a look at every half millimetre of each: does it let one through that strikes,
 does it refuse one that does not, what does asking it cost, and how long does the longest it allows take?
 
-usage: python -m tests.bench.long.travels [COUNT [SEED [WORKERS [SECONDS]]]]   (`python -m tests.bench travels`: 2,000)
+usage: python -m tests.bench.long.travels [COUNT [SEED [WORKERS [SECONDS [FILE]]]]]  (`python -m tests.bench travels`:
+2,000). FILE keeps what was looked along: said again, it goes on from there.
 """
 
 from __future__ import annotations
 
+import json
 import sys
 import time
 from collections import Counter
 from functools import partial
 from multiprocessing import Pool
+from pathlib import Path
 
 import numpy as np
 
@@ -18,7 +21,7 @@ from daemon.arm.guard import refuse
 from daemon.arm.sweep import SLACK_MM, way_clear
 from drivers.puma560 import UnreachableError
 from drivers.simcell.arm import Arm
-from tests.worlds.swept import ARM, ROBOT, Travel, Truth, random_travel, truth_of
+from tests.worlds.swept import ARM, NEARER, ROBOT, Travel, Truth, random_travel, truth_of
 
 CHUNK = 100
 SCENES = (0, 0, 1, 3)
@@ -52,8 +55,9 @@ def lasts_s(travel: Travel) -> float:
     return arm.rests_s
 
 
-def judged(seed: int, chunk: int) -> list[Judged]:
-    """(straight, kind, rule or "allowed", processor ms of the check, least gap mm, s it takes) of a chunk's travels."""
+def judged(seed: int, chunk: int) -> tuple[int, list[Judged]]:
+    """The chunk's number; of its travels (straight, kind, rule or "allowed", processor ms of the check, least gap mm,
+    s it takes)."""
     rng = np.random.default_rng([seed, chunk])
     found = []
     for number in range(CHUNK):
@@ -63,11 +67,13 @@ def judged(seed: int, chunk: int) -> list[Judged]:
         ms = 1000.0 * (time.process_time() - began)
         assert refuse(travel.command, travel.standing, travel.limits) is None, "its end alone is allowed"
         truth = truth_of(travel)
+        if refusal is None and not truth.reached:
+            truth = truth_of(travel, NEARER)
         told = "allowed" if refusal is None else refusal.rule
         found.append((travel.command.straight, kind_of(travel, truth), told, ms, truth.touch_mm, lasts_s(travel)))
         if refusal is None and found[-1][1] in ("strikes", "no way"):
             print(f"WRONG: chunk {chunk} travel {number}: {truth}", flush=True)
-    return found
+    return chunk, found
 
 
 def report(every: list[Judged], seconds: float) -> None:
@@ -98,14 +104,17 @@ def report(every: list[Judged], seconds: float) -> None:
     print(f"nearest that an allowed one came to anything: {least:.2f} mm")
 
 
-def main(count: int = 2000, seed: int = 14, workers: int = 1, most_s: int = 100_000) -> None:
+def main(count: int = 2000, seed: int = 14, workers: int = 1, most_s: int = 100_000, kept: str = "/dev/null") -> None:
     """Run and print; after most_s with what there is."""
-    began = time.perf_counter()
-    chunks = range((count + CHUNK - 1) // CHUNK)
-    every: list[Judged] = []
-    with Pool(workers) as pool:
-        for some in pool.imap_unordered(partial(judged, seed), chunks):
+    began, file = time.perf_counter(), Path(kept)
+    lines = file.read_text(encoding="ascii").splitlines() if file.exists() else []
+    known = {(of, chunk): rows for of, chunk, rows in map(json.loads, lines)}
+    every = [tuple(row) for (of, _), rows in known.items() if of == seed for row in rows]
+    chunks = [k for k in range((count + CHUNK - 1) // CHUNK) if (seed, k) not in known]
+    with Pool(workers) as pool, file.open("a", encoding="ascii") as keeping:
+        for chunk, some in pool.imap_unordered(partial(judged, seed), chunks):
             every += some
+            print(json.dumps([seed, chunk, some]), file=keeping, flush=True)
             if len(every) % (20 * CHUNK) == 0:
                 print(f"  {len(every)} looked along", file=sys.stderr, flush=True)
             if time.perf_counter() - began > most_s:
@@ -114,4 +123,4 @@ def main(count: int = 2000, seed: int = 14, workers: int = 1, most_s: int = 100_
 
 
 if __name__ == "__main__":
-    main(*(int(word) for word in sys.argv[1:]))
+    main(*map(int, sys.argv[1:5]), *sys.argv[5:])
