@@ -25,13 +25,15 @@ from daemon.vision.image import Eyes, joined, segment_corners
 from daemon.vision.model import Model
 from daemon.vision.recognition import Recognised, facet_hypotheses, typed_as
 from daemon.vision.registration.beside import COVERED, covered, lies_on
-from daemon.vision.registration.different import Different, Guesses, different, pixels, thinned
+from daemon.vision.registration.corner_guesses import guesses_from_space
+from daemon.vision.registration.different import Guesses, different, thinned
 from daemon.vision.registration.directed import DirectedMap, directed_map, evidence, other_sizes, promising
 from daemon.vision.registration.edge_pose import facets_in_view, facets_laid, fit_at
 from daemon.vision.registration.expected_edges import Placements
 from daemon.vision.registration.faces import likeness
-from daemon.vision.registration.measured import measured_facet, silhouette
-from daemon.vision.registration.space_corners import PoseGuess, guesses_from_space, lookalikes, meet
+from daemon.vision.registration.measured import hull, measured_facet, silhouette
+from daemon.vision.registration.posed import Posed, pixels, taught_solids
+from daemon.vision.registration.space_corners import lookalikes, meet
 from daemon.vision.registration.stretches import Borne, Stretches, borne_out, settled, stretches_of
 from daemon.vision.values import Group, NearestGuess, Part, Recognition
 
@@ -82,6 +84,13 @@ class Laid:
     def overlaps(self, other: Laid) -> bool:
         """Whether both cannot be there."""
         return self.covers.covers(other.covers) > COVERED
+
+
+class Likely(NamedTuple):
+    """A part and where it could be: its pose (4, 4) cyclopean_from_part."""
+
+    label: str
+    pose: Array
 
 
 class Straight(NamedTuple):
@@ -140,36 +149,35 @@ def _guess(one: Laid) -> NearestGuess:
 
 def _likely(
     eyes: Eyes, model: Model, unnamed: Sequence[Group], named: Sequence[Shape], maps: Maps, spent: Callable[[], float]
-) -> tuple[list[Different], int, tuple[str, ...]]:
+) -> tuple[list[Likely], int, tuple[str, ...]]:
     """The likeliest parts and places, of how many, and what there was no time to ask."""
     left, right = (segment_corners(joined(view.segments)) for view in eyes.views)
-    corners = meet(left, right, eyes.geometry)
-    guesses = guesses_from_space(corners, eyes.geometry, model)
-    guesses += [PoseGuess(h.label, h.pose[None]) for g in unnamed for f in g.facets for h in facet_hypotheses(f, model)]
-    likely, left_out = list[Guesses](), set[str]()
-    for guess in guesses:
-        if spent() > SEARCHED:
-            left_out.add(guess.label)
-            continue
-        solid = model.metric[guess.label].solid
-        poses = promising(solid, guess.poses, eyes.geometry, maps)
-        nats, _ = evidence(solid, poses, eyes.geometry, maps)
-        good = nats > LEAST_NATS / 3
-        middle = poses[:, :3, :3] @ solid.corners_mm.mean(0) + poses[:, :3, 3]
-        middle_px = pixels(middle, eyes.geometry)[0]
-        for shape in named:
-            good &= shape.depth(middle_px) <= 0
-        likely.append(thinned(Guesses(guess.label, solid, poses[good], -nats[good])))
-    kept = _worth(likely, eyes, model)
-    tests = sum(len(guess.poses) for guess in guesses)
-    told = (f"not everywhere was looked for {', '.join(sorted(left_out))}",) if left_out else ()
+    if spent() > SEARCHED:
+        return [], 1, ("where taught parts could be was not looked for",)
+    solids = taught_solids(model)
+    guessed, tests = guesses_from_space(meet(left, right, eyes.geometry), eyes.geometry, maps, solids)
+    by_facet = [h for g in unnamed for f in g.facets for h in facet_hypotheses(f, model)]
+    part = np.array([solids.labels.index(h.label) for h in by_facet], np.intp)
+    posed = Posed(
+        solids,
+        np.concatenate([guessed.part, part]),
+        np.concatenate([guessed.poses, *(h.pose[None] for h in by_facet)]),
+    )
+    posed = posed.chosen(promising(posed, eyes.geometry, maps))
+    nats, _ = evidence(posed, eyes.geometry, maps)
+    good = nats > LEAST_NATS / 3
+    if named:
+        middle_px = pixels(posed.middles_mm(), eyes.geometry)[0]
+        good &= np.all([shape.depth(middle_px) <= 0 for shape in named], axis=0)
+    kept = _worth(thinned(Guesses(posed.chosen(good), -nats[good])), eyes)
+    told = tuple[str, ...]()
     if spent() > SEARCHED and len(kept) > FEWEST_LAID:
-        told = (*told, f"{len(kept) - FEWEST_LAID} of {len(kept)} guesses were not compared with the pictures")
+        told = (f"{len(kept) - FEWEST_LAID} of {len(kept)} guesses were not compared with the pictures",)
         kept = kept[:FEWEST_LAID]
-    return kept, tests, told
+    return kept, tests + len(by_facet), told
 
 
-def _laid(eyes: Eyes, model: Model, likely: Sequence[Different]) -> Iterator[Laid]:
+def _laid(eyes: Eyes, model: Model, likely: Sequence[Likely]) -> Iterator[Laid]:
     """Parts laid where their edges lie, near likely places."""
     if not likely:
         return
@@ -192,15 +200,15 @@ def _contradicts(group: Group, one: Laid) -> bool:
     )
 
 
-def _worth(likely: Sequence[Guesses], eyes: Eyes, model: Model) -> list[Different]:
+def _worth(guesses: Guesses, eyes: Eyes) -> list[Likely]:
     """The best guesses: a few at each place, for which nearly as much speaks as for the best there."""
-    kept, shapes = list[Different](), list[Shape]()
-    for one in islice(different(likely, eyes), LOOKED_AT):
-        shape = silhouette(model.metric[one.label].solid, one.pose, eyes)
-        there = [k for k, other in enumerate(shapes) if other.covers(shape) > COVERED]
-        if not there or (len(there) < PER_PLACE and one.against < WORTH * kept[there[0]].against):
-            kept.append(one)
-            shapes.append(shape)
+    kept, shapes, posed = list[Likely](), list[tuple[Shape, float]](), guesses.posed
+    for k, corners_px in islice(different(guesses, eyes), LOOKED_AT):
+        shape, against = hull(corners_px), float(guesses.against[k])
+        there = [worst for other, worst in shapes if other.covers(shape) > COVERED]
+        if not there or (len(there) < PER_PLACE and against < WORTH * there[0]):
+            kept.append(Likely(posed.solids.labels[posed.part[k]], posed.poses[k]))
+            shapes.append((shape, against))
         if len(kept) == MOST:
             break
     return kept

@@ -10,15 +10,16 @@ Source: directional chamfer matching (Liu, Tuzel, Veeraraghavan and Chellappa 20
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from daemon.arrays import Array
-from daemon.vision.geometry import Baseline, Polyhedron
+from daemon.vision.geometry import Baseline, Polyhedron, exact
 from daemon.vision.image import OneEye
+from daemon.vision.registration.posed import Image32, Index, Posed, Real, Solids, ideal
 
 SHRINK = 2
 """A pixel of a map is as wide as so many of the camera's."""
@@ -26,6 +27,9 @@ DIRECTIONS, NEAR = 12, (-1.0, -0.5, 0.5, 1.0)
 """How many directions half a turn is cut into; a segment counts for those so many steps from its own."""
 REACH_PX, FARTHEST_PX = 5.0, 7.5
 """Half of the first off, an edge still lies on a segment; by the second, no more."""
+SURE = 1.5
+"""So many times what is left of the reach is how surely a place is on a segment, at most 1."""
+MOST_ROWS = 32000  # of a map that cv2.remap takes
 PLACES, SPACING_PX = 10, 5.0
 """Where along an edge is looked, and how far apart places are that say something of their own."""
 SHOWS, LEAST_CHANCE, MOST_CHANCE = 0.75, 0.02, 0.7
@@ -34,20 +38,42 @@ GLANCED, GLANCE_NATS, MOST_PROMISING = (0.2, 0.5, 0.8), 25.0, 600
 """Shares of an edge at which many poses are looked at first, in one eye, what must speak for one of them to be looked
 at in earnest (half of what chosen ones ever had), and how many may."""
 SIZES, PARALLEL = (0.75, 0.8, 0.85, 0.9, 1.1, 1.15, 1.2, 1.25), 0.98
-LEAST_FACING = 0.08
-"""Cosine below which a facet is too thin in the image to be looked for."""
+STEP, STEPS, BEYOND = 4, 34, (1, 3)
+"""Along a ray is looked so many pixels of a map apart, so often; an edge that goes on this many steps past its end, to
+that many, is another."""
 
 
 @dataclass(frozen=True, eq=False)
 class DirectedMap:
-    """near (D, H, W): how near a segment of about each direction is, 255 on it, 0 out of reach or outside the image;
-    chance (D,): how often one is there. Map pixels are scale times ideal coordinates less the origin (2,).
+    """hit (D, H, W): how surely a place lies on a segment of about each direction, 255 near it, 0 out of reach or
+    outside the image; chance (D,): how often one is there. Map pixels are scale times ideal coordinates less the
+    origin (2,).
     """
 
-    near: NDArray[np.uint8]
+    hit: NDArray[np.uint8]
     chance: Array
     scale: float
     origin: Array
+
+    @cached_property
+    def nats(self) -> tuple[Image32, Image32]:
+        """(D,), (D,) log likelihood ratio of an edge that is there against chance where a segment of its direction is
+        near, and where none is."""
+        chance = self.chance
+        return np.log(SHOWS / chance).astype(np.float32), np.log((1 - SHOWS) / (1 - chance)).astype(np.float32)
+
+    def hits(self, way: Image32, x: Real, y: Real) -> tuple[NDArray[np.uint8], Index]:
+        """(N, M) how surely, of 255, segments of the directions of ways (N, 2) lie at (N, M), (N, M) px of the map; and
+        the number of each direction (N,)."""
+        which = np.rint(np.arctan2(way[:, 1], way[:, 0]) * np.float32(DIRECTIONS / np.pi)).astype(np.intp) % DIRECTIONS
+        _, height, width = self.hit.shape
+        every = self.hit.reshape(-1, width)
+        y = np.clip(y, 0, height - 1) + (which * height).astype(np.float32)[:, None]
+        found = np.empty(x.shape, np.uint8)
+        for k in range(0, len(x), MOST_ROWS):
+            rows = slice(k, k + MOST_ROWS)
+            cv2.remap(every, x[rows], y[rows], cv2.INTER_NEAREST, found[rows], cv2.BORDER_CONSTANT, 0)
+        return found, which
 
 
 def directed_map(view: OneEye) -> DirectedMap:
@@ -61,7 +87,7 @@ def directed_map(view: OneEye) -> DirectedMap:
     way = ends[1] - ends[0]
     direction = np.arctan2(way[:, 1], way[:, 0]) / np.pi * DIRECTIONS
     fixed = np.round(ends.transpose(1, 0, 2) * 16).astype(np.int32)
-    near = np.zeros((DIRECTIONS, height, width), np.uint8)
+    hit = np.zeros((DIRECTIONS, height, width), np.uint8)
     wanted = np.stack([np.round(direction + step).astype(int) % DIRECTIONS for step in NEAR])
     reach = FARTHEST_PX / SHRINK
     for k in range(DIRECTIONS):
@@ -70,82 +96,87 @@ def directed_map(view: OneEye) -> DirectedMap:
             none = np.full((height, width), 255, np.uint8)
             cv2.polylines(none, list(own[:, :, None]), False, 0, 1, cv2.LINE_8, 4)
             away = cv2.distanceTransform(none, cv2.DIST_L2, 3)
-            near[k] = np.clip(255 * (1 - away / reach), 0, 255)
-    near[:, [0, -1]] = 0
-    near[:, :, [0, -1]] = 0
-    chance = (near > 255 * (1 - REACH_PX / FARTHEST_PX)).mean((1, 2))
-    return DirectedMap(near, np.clip(chance, LEAST_CHANCE, MOST_CHANCE), scale, origin)
+            cv2.convertScaleAbs(np.minimum(away, np.float32(reach)), hit[k], -SURE * 255 / reach, SURE * 255)
+    hit[:, [0, -1]] = 0
+    hit[:, :, [0, -1]] = 0
+    near = np.uint8(255 * SURE * (1 - REACH_PX / FARTHEST_PX))
+    chance = np.count_nonzero(hit > near, (1, 2)) / hit[0].size
+    return DirectedMap(hit, np.clip(chance, LEAST_CHANCE, MOST_CHANCE), scale, origin)
 
 
-def in_view(solid: Polyhedron, poses: Array) -> NDArray[np.bool_]:
-    """(P, F) which facets are turned to the cameras in each pose (P, 4, 4) cyclopean_from_part."""
-    return np.asarray(solid.facing(poses) > LEAST_FACING)
+@dataclass(frozen=True, eq=False)
+class Rays:
+    """What one eye shows along N straight lines in space that begin at points: nats (N, STEPS + 1) of a segment there
+    against chance, summed from its beginning step by step; reach, fall (N,): how far along a line t mm show in the map,
+    t reach / (1 + t fall) px."""
+
+    nats: Image32
+    reach: Image32
+    fall: Image32
+
+    @classmethod
+    def of(cls, at: Array, way: Array, eye_x_mm: float, seen: DirectedMap) -> Rays:
+        """at, way (N, 3): points and unit directions, mm, in axes of the baseline; the eye lies eye_x_mm along it."""
+        depth = at[:, 2:]
+        ideal = (at[:, :2] - [eye_x_mm, 0.0]) / depth
+        shift = ((way[:, :2] - ideal * way[:, 2:]) * (seen.scale / depth)).astype(np.float32)
+        reach = np.hypot(shift[:, 0], shift[:, 1])
+        unit = np.asarray(shift / np.maximum(reach, np.float32(1e-6))[:, None], np.float32)
+        start = ((ideal - seen.origin) * seen.scale).astype(np.float32)
+        far = np.asarray((np.arange(STEPS) + 0.5) * STEP, np.float32)
+        hit, which = seen.hits(unit, start[:, :1] + far * unit[:, :1], start[:, 1:] + far * unit[:, 1:])
+        there, missing = (each[which, None] * np.float32(STEP * SHRINK / SPACING_PX) for each in seen.nats)
+        nats = np.zeros((len(at), STEPS + 1), np.float32)
+        np.cumsum(missing + hit * ((there - missing) * np.float32(1 / 255)), 1, out=nats[:, 1:])
+        return cls(nats, reach, (way[:, 2] / at[:, 2]).astype(np.float32))
+
+    def of_edges(self, ray: Index, length_mm: Image32) -> Image32:
+        """(M,) nats of edges of so many mm that begin where rays (M,) do, less what goes on beyond their ends."""
+        px = self.reach[ray] * length_mm / np.maximum(1 + self.fall[ray] * length_mm, np.float32(0.1))
+        step = np.minimum(px * np.float32(1 / STEP) + np.float32(0.5), STEPS - BEYOND[1]).astype(np.intp)
+        step += ray * (STEPS + 1)
+        nats = self.nats.reshape(-1)
+        beyond = nats[step + BEYOND[1]] - nats[step + BEYOND[0]]
+        return np.asarray(nats[step] - np.maximum(beyond, np.float32(0)))
 
 
-def evidence(
-    solid: Polyhedron, poses: Array, geometry: Baseline, maps: tuple[DirectedMap, DirectedMap]
-) -> tuple[Array, Array]:
-    """(P,) log likelihood ratio of the part being there against chance, nats, and (P,) what it would be if every edge
-    were found; poses (P, 4, 4) cyclopean_from_part.
-    """
-    shown = _Shown.of(solid, poses)
-    along = (np.arange(PLACES) + 0.5) / PLACES
+def evidence(posed: Posed, geometry: Baseline, maps: tuple[DirectedMap, DirectedMap]) -> tuple[Array, Array]:
+    """(G,) log likelihood ratio of each part being there against chance, nats, and (G,) what it would be if every edge
+    were found."""
+    pose, ends = posed.edges()
+    along = np.asarray((np.arange(PLACES) + 0.5) / PLACES, np.float32)
     left, right = (
-        _of_one_eye(shown, ideal, seen, along)
-        for ideal, seen in zip(geometry.project(shown.corners_mm), maps, strict=True)
+        _of_one_eye(len(posed.part), pose, ends, corners, seen, along)
+        for corners, seen in zip(ideal(posed.corners_mm(geometry), geometry), maps, strict=True)
     )
     return left[0] + right[0], left[1] + right[1]
 
 
-def promising(solid: Polyhedron, poses: Array, geometry: Baseline, maps: tuple[DirectedMap, DirectedMap]) -> Array:
-    """The poses (Q, 4, 4) of many for which a few places of the left eye already speak, the likeliest where there are
-    more than MOST_PROMISING."""
-    shown = _Shown.of(solid, poses)
-    nats, _ = _of_one_eye(shown, geometry.project(shown.corners_mm)[0], maps[0], np.array(GLANCED))
+def promising(posed: Posed, geometry: Baseline, maps: tuple[DirectedMap, DirectedMap]) -> Index:
+    """Which (Q,) of many poses a few places of the left eye already speak for, the likeliest where there are more than
+    MOST_PROMISING."""
+    left = ideal(posed.corners_mm(geometry), geometry)[0]
+    nats, _ = _of_one_eye(len(posed.part), *posed.edges(), left, maps[0], np.array(GLANCED, np.float32))
     good = np.flatnonzero(nats > GLANCE_NATS)
     if len(good) > MOST_PROMISING:
         good = good[np.argpartition(-nats[good], MOST_PROMISING)[:MOST_PROMISING]]
-    return np.asarray(poses[good])
+    return np.asarray(good)
 
 
-@dataclass(frozen=True, eq=False)
-class _Shown:
-    """The edges that a solid shows in each of P poses: pose, start, end (E,): the pose, and the places of both ends
-    among corners_mm (P * K, 3), cyclopean."""
-
-    poses: int
-    pose: NDArray[np.intp]
-    start: NDArray[np.intp]
-    end: NDArray[np.intp]
-    corners_mm: Array
-
-    @classmethod
-    def of(cls, solid: Polyhedron, poses: Array) -> _Shown:
-        pairs, bounds = solid.lines
-        pose, edge = np.nonzero(in_view(solid, poses) @ bounds)
-        corners = solid.corners_mm @ poses[:, :3, :3].transpose(0, 2, 1) + poses[:, None, :3, 3]
-        first = pose * len(solid.corners_mm)
-        return cls(len(poses), pose, first + pairs[edge, 0], first + pairs[edge, 1], corners.reshape(-1, 3))
-
-
-def _of_one_eye(shown: _Shown, ideal: Array, seen: DirectedMap, along: Array) -> tuple[Array, Array]:
-    """(P,) nats, and (P,) the most there could be, that one eye gives; ideal: its corners; along (N,) shares of an edge
-    at which is looked."""
-    at = ((ideal - seen.origin) * seen.scale).astype(np.float32)
-    start = at[shown.start]
-    way = at[shown.end] - start
-    which = np.round(np.arctan2(way[:, 1], way[:, 0]) * np.float32(DIRECTIONS / np.pi)).astype(np.intp) % DIRECTIONS
-    _, height, width = seen.near.shape
-    share = along.astype(np.float32)
-    x = np.clip(start[:, :1] + share * way[:, :1] + 0.5, 0, width - 1).astype(np.intp)
-    y = np.clip(start[:, 1:] + share * way[:, 1:] + 0.5, 0, height - 1).astype(np.intp)
-    hit = seen.near.reshape(-1)[(which[:, None] * height + y) * width + x] / np.float32(255)
-    hit = np.minimum(1.5 * hit, 1.0).mean(1)
-    chance = seen.chance[which]
-    count = np.hypot(way[:, 0], way[:, 1]) * (SHRINK / SPACING_PX)
-    there, missing = np.log(SHOWS / chance), np.log((1 - SHOWS) / (1 - chance))
-    by_edge = count * (hit * there + (1 - hit) * missing), count * there
-    nats, most = (np.asarray(np.bincount(shown.pose, each, shown.poses), float) for each in by_edge)
+def _of_one_eye(
+    count: int, pose: Index, ends: Index, corners: Image32, seen: DirectedMap, along: Image32
+) -> tuple[Array, Array]:
+    """(G,) nats, and (G,) the most there could be, that one eye gives to so many poses; pose (N,), ends (N, 2) of the
+    edges that show; corners: all, in ideal coordinates; along (M,) shares of an edge at which is looked."""
+    at = (corners - seen.origin.astype(np.float32)) * np.float32(seen.scale)
+    start = at[ends[:, 0]]
+    way = at[ends[:, 1]] - start
+    hits, which = seen.hits(way, start[:, :1] + along * way[:, :1], start[:, 1:] + along * way[:, 1:])
+    hit = hits.sum(1, dtype=np.uint16) * np.float32(1 / 255 / len(along))
+    there, missing = seen.nats
+    length = np.hypot(way[:, 0], way[:, 1]) * (SHRINK / SPACING_PX)
+    by_edge = length * (hit * there[which] + (1 - hit) * missing[which]), length * there[which]
+    nats, most = (np.asarray(np.bincount(pose, each, count), float) for each in by_edge)
     return nats, most
 
 
@@ -153,25 +184,24 @@ def other_sizes(solid: Polyhedron, pose: Array, geometry: Baseline, maps: tuple[
     """How many times more speaks for a part of the same kind but another size at this pose (4, 4), in nats and in share
     of what there could be, whichever is less: longer or shorter by a tenth to a quarter along an edge or across a face,
     either end of it staying where it is."""
-    nats, most = evidence(solid, pose @ np.concatenate([np.eye(4)[None], _stretches(solid)]), geometry, maps)
+    sizes = _in_sizes(solid)
+    each = np.arange(len(sizes.shapes))
+    nats, most = evidence(Posed(sizes, each, pose[None].repeat(len(each), 0)), geometry, maps)
     share = nats / np.maximum(most, 1.0)
     return float(np.minimum(nats[1:] / max(nats[0], 1.0), share[1:] / max(share[0], 1e-3)).max())
 
 
 @lru_cache(maxsize=256)
-def _stretches(solid: Polyhedron) -> Array:
-    """(S, 4, 4) affine maps of a solid."""
+def _in_sizes(solid: Polyhedron) -> Solids:
+    """A solid as it is, then in other sizes."""
     pairs = solid.lines[0]
     edges = solid.corners_mm[pairs[:, 1]] - solid.corners_mm[pairs[:, 0]]
     ways = np.concatenate([solid.normals, edges / np.linalg.norm(edges, axis=1)[:, None]])
-    maps = list[Array]()
+    found = [solid]
     for k, way in enumerate(ways):
         if (np.abs(ways[:k] @ way) < PARALLEL).all():
             height = solid.corners_mm @ way
             for end in (height.min(), height.max()):
-                for factor in SIZES:
-                    map_ = np.eye(4)
-                    map_[:3, :3] += (factor - 1) * np.outer(way, way)
-                    map_[:3, 3] = (1 - factor) * end * way
-                    maps.append(map_)
-    return np.array(maps)
+                longer = [(factor - 1) * (height - end)[:, None] * way for factor in SIZES]
+                found += [exact(solid.corners_mm + one, solid.facets) for one in longer]
+    return Solids.of([""] * len(found), found)

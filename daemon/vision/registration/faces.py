@@ -14,7 +14,7 @@ from daemon import frames
 from daemon.arrays import Array
 from daemon.vision.geometry import Polyhedron, Shape
 from daemon.vision.image import Eyes
-from daemon.vision.registration.different import pixels
+from daemon.vision.registration.posed import pixels
 
 SPACING_MM, MARGIN_PX, LEAST_FACING = 1.0, 5.0, 0.3
 FEWEST = 24

@@ -10,8 +10,8 @@ from daemon.arrays import Array
 from daemon.vision.facets import corner_covariance
 from daemon.vision.geometry import Baseline, Polyhedron, Shape, planarity
 from daemon.vision.image import Eyes
-from daemon.vision.registration.different import pixels
 from daemon.vision.registration.edge_pose import ConfirmedFacet
+from daemon.vision.registration.posed import pixels
 from daemon.vision.values import Facet
 
 
@@ -27,6 +27,9 @@ def measured_facet(seen: ConfirmedFacet, geometry: Baseline) -> Facet:
 
 def silhouette(solid: Polyhedron, pose: Array, eyes: Eyes) -> Shape:
     """What a part at cyclopean_from_part (4, 4) covers in the left eye."""
-    corners = frames.apply(pose, solid.corners_mm)
-    hull = cv2.convexHull(pixels(corners, eyes.geometry)[0].astype(np.float32))
-    return Shape.of(hull[:, 0].astype(float))
+    return hull(pixels(frames.apply(pose, solid.corners_mm), eyes.geometry)[0])
+
+
+def hull(corners_px: Array) -> Shape:
+    """What a part covers whose corners are seen at (K, 2) px."""
+    return Shape.of(cv2.convexHull(corners_px.astype(np.float32))[:, 0].astype(float))

@@ -1,15 +1,13 @@
-"""Where two straight edges meet in space, and where taught parts would be that have such a corner.
+"""Where two straight edges meet in space, and which such corners taught solids have.
 
-In: segment corners of both eyes, taught solids. Out: pose guesses, to be laid onto both images. A guess is no
-recognition. The corner's place is met by two rays, the firmer of its edges by two planes; the other lies in the left
-eye's plane at the angle that the taught corner has, and is borne out by the right eye.
+In: segment corners of both eyes; solids. Out: corners in space. A corner's place is met by two rays, the firmer of its
+edges by two planes; of the other the left eye's plane is known, and where it points in either eye.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import permutations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,25 +16,13 @@ from daemon import frames
 from daemon.arrays import Array
 from daemon.vision.geometry import Baseline, Eye, Polyhedron
 from daemon.vision.image import SegmentCorners, pairs_within
-from daemon.vision.model import Model
 
 NEAREST_MM, FARTHEST_MM = 120.0, 1500.0  # where parts may be
 ROW_PX = 2.0  # how far apart the rows may be in which two eyes see a corner
 MOST_MET = 800  # of corners seen by both eyes those with the longest arms: each is a guess for every taught corner
-MOST_GUESSES = 12000  # of one part: what the corners with the longest arms say
 TURNED = np.radians(28.0)  # by how much a corner's arm may point elsewhere in the other eye
-OFF = np.radians(7.0)  # and by how much elsewhere than the taught angle says
-MOST_COSINE = 1.03  # what a taught angle may ask of a direction in a plane, by a little that measuring leaves open
 FIRM = np.sin(np.radians(1.2))  # of the angle between the planes of an edge; less, and its direction is anyone's
 ALIKE_MM = 1.5  # corners of a solid this near to others' places after a turn make the turn one of its symmetries
-
-
-@dataclass(frozen=True, eq=False)
-class PoseGuess:
-    """A part and where it could be: label, cyclopean_from_part (G, 4, 4) mm."""
-
-    label: str
-    poses: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +38,12 @@ class SpaceCorners:
     plane: Array
     other: Array
     right: Array
+
+    def chosen(self, which: NDArray[np.intp]) -> SpaceCorners:
+        """Some of them."""
+        return SpaceCorners(
+            self.at[which], self.firm[which], self.plane[which], self.other[:, which], self.right[which]
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +82,7 @@ def meet(left: SegmentCorners, right: SegmentCorners, geometry: Baseline) -> Spa
     pairs = []
     for swapped in (False, True):
         one, other = in_left.chosen(i), in_right.chosen(j, swapped)
-        good = np.flatnonzero((_angle(one.arms, other.arms) < TURNED).all(1) & (one.sign == other.sign).all(1))
+        good = np.flatnonzero((angle(one.arms, other.arms) < TURNED).all(1) & (one.sign == other.sign).all(1))
         pairs.append((one.chosen(good), other.chosen(good)))
     one, other = (_joined([pair[k] for pair in pairs]) for k in (0, 1))
     planes = one.planes()
@@ -118,48 +110,53 @@ def _joined(parts: list[_Seen]) -> _Seen:
 
 
 @lru_cache(maxsize=256)
-def taught_corners(solid: Polyhedron) -> tuple[Array, Array]:
+def taught_corners(solid: Polyhedron) -> tuple[Array, Array, Array]:
     """Every two edges at every corner of a solid, in either order, those left out that a turn of the solid makes of
-    others: (K, 4, 4) corner_from_part, x along the first edge, the second in x y; cosines (K,) between them.
+    others: (K, 4, 4) corner_from_part, x along the first edge, the second in x y; cosines (K,) between them; lengths
+    (K, 2) of both, mm.
     """
-    found, cosines = list[Array](), list[float]()
-    for frame, cosine in _corner_frames(solid):
-        if not any(_turned_onto(solid, known @ frames.inverse(frame)) for known in found):
-            found.append(frame)
-            cosines.append(cosine)
-    return np.array([frames.inverse(frame) for frame in found]).reshape(-1, 4, 4), np.array(cosines)
+    every, cosines, lengths = _corner_frames(solid)
+    corner_from_part = np.linalg.inv(every)
+    seen = solid.corners_mm @ corner_from_part[:, :3, :3].transpose(0, 2, 1) + corner_from_part[:, None, :3, 3]
+    found, left = list[int](), np.arange(len(every))
+    while len(left):
+        found.append(int(left[0]))
+        left = left[~_as_near(seen[left], seen[left[0]])]
+    return corner_from_part[found], cosines[found], lengths[found]
 
 
 @lru_cache(maxsize=1024)
 def lookalikes(solid: Polyhedron, seen: tuple[int, ...]) -> Array:
     """(S, 4, 4) the turns after which every corner that is seen lies where a corner of the solid was, as far as that is
     known; the first is none. Where all are seen, these are the solid's symmetries."""
-    every = _corner_frames(solid)
-    first = next(frame for frame, _ in every if (frame[:3, 3] == solid.corners_mm[seen[0]]).all())
-    turns = [frame @ frames.inverse(first) for frame, _ in every if frame is not first]
-    return np.array([np.eye(4), *(turn for turn in turns if _turned_onto(solid, turn, list(seen)))])
+    every = _corner_frames(solid)[0]
+    own = np.flatnonzero((every[:, :3, 3] == solid.corners_mm[seen[0]]).all(1))[0]
+    turns = np.delete(every, own, 0) @ frames.inverse(every[own])
+    moved = solid.corners_mm[list(seen)] @ turns[:, :3, :3].transpose(0, 2, 1) + turns[:, None, :3, 3]
+    return np.concatenate([np.eye(4)[None], turns[_as_near(moved, solid.corners_mm)]])
 
 
-def _corner_frames(solid: Polyhedron) -> list[tuple[Array, float]]:
-    """Every two edges at every corner, in either order: part_from_corner (4, 4), and the cosine between them."""
-    pairs = solid.lines[0]
-    found = []
-    for corner in range(len(solid.corners_mm)):
-        ends = [int(b if a == corner else a) for a, b in pairs if corner in (a, b)]
-        ways = [solid.corners_mm[e] - solid.corners_mm[corner] for e in ends]
-        for x, to in permutations([w / np.linalg.norm(w) for w in ways], 2):
-            found.append((frames.rigid(_basis(x[None], to[None])[0], solid.corners_mm[corner]), float(x @ to)))
-    return found
+def _corner_frames(solid: Polyhedron) -> tuple[Array, Array, Array]:
+    """Every two edges at every corner, in either order: part_from_corner (K, 4, 4), the cosine between them (K,), and
+    how long both are (K, 2), mm."""
+    ends = np.concatenate([solid.lines[0], solid.lines[0][:, ::-1]])
+    pairs = [(k, m) for k in range(len(ends)) for m in range(len(ends)) if k != m and ends[k, 0] == ends[m, 0]]
+    which = np.array(pairs, np.intp).reshape(-1, 2)
+    ways = solid.corners_mm[ends[:, 1]] - solid.corners_mm[ends[:, 0]]
+    length = np.linalg.norm(ways, axis=1)
+    x, to = (ways[own] / length[own, None] for own in which.T)
+    found: Array = np.tile(np.eye(4), (len(which), 1, 1))
+    found[:, :3, :3], found[:, :3, 3] = basis(x, to), solid.corners_mm[ends[which[:, 0], 0]]
+    return found, (x * to).sum(1), np.asarray(length[which])
 
 
-def _turned_onto(solid: Polyhedron, motion: Array, seen: list[int] | None = None) -> bool:
-    """Whether a motion takes every corner of a solid, or those seen, onto one of its corners."""
-    moved = frames.apply(motion, solid.corners_mm if seen is None else solid.corners_mm[seen])
-    apart = np.linalg.norm(moved[:, None] - solid.corners_mm, axis=2)
-    return bool(apart.min(1).max() < ALIKE_MM)
+def _as_near(many: Array, one: Array) -> NDArray[np.bool_]:
+    """(M,) of which sets of points (M, N, 3) each lies near one of points (K, 3)."""
+    apart2 = ((many[:, :, None] - one) ** 2).sum(3)
+    return np.asarray(apart2.min(2).max(1) < ALIKE_MM**2)
 
 
-def _basis(x: Array, to: Array) -> Array:
+def basis(x: Array, to: Array) -> Array:
     """(N, 3, 3) rotations whose columns are unit x (N, 3), the rest of `to` (N, 3) at right angles to it, and their
     cross product."""
     y = to - (x * to).sum(1, keepdims=True) * x
@@ -167,36 +164,7 @@ def _basis(x: Array, to: Array) -> Array:
     return np.stack([x, y, np.cross(x, y)], 2)
 
 
-def guesses_from_space(corners: SpaceCorners, geometry: Baseline, model: Model) -> list[PoseGuess]:
-    """Every taught corner laid onto every corner in space whose arms could make its angle."""
-    along = corners.firm - (corners.firm * corners.plane).sum(1, keepdims=True) * corners.plane
-    size = np.maximum(np.linalg.norm(along, axis=1), 1e-9)
-    along = along / size[:, None]
-    beside = np.cross(corners.plane, along)
-    at_l, at_r = corners.at[:, :2] / corners.at[:, 2:], corners.right
-    turn = frames.rigid(geometry.cyclopean_from_baseline, geometry.middle_mm)
-    middle = corners.at - [geometry.length_mm / 2, 0.0, 0.0]
-    found = []
-    for label, metric in model.metric.items():
-        from_part, cosines = taught_corners(metric.solid)
-        share = cosines[:, None] / size
-        bend = np.arccos(np.clip(share, -1.0, 1.0))
-        poses = [np.zeros((0, 4, 4))]
-        for sign in (1.0, -1.0):
-            other = np.cos(bend)[..., None] * along + sign * np.sin(bend)[..., None] * beside
-            ahead = ((other[..., :2] - at_l * other[..., 2:]) * corners.other[0]).sum(-1) > 0
-            off = _angle(other[..., :2] - at_r * other[..., 2:], corners.other[1])
-            where, which = np.nonzero((ahead & (off < OFF) & (np.abs(share) < MOST_COSINE)).T)
-            where, which = where[: MOST_GUESSES // 2], which[: MOST_GUESSES // 2]
-            cyclopean_from_corner = np.zeros((len(where), 4, 4))
-            cyclopean_from_corner[:, :3, :3] = _basis(corners.firm[where], other[which, where])
-            cyclopean_from_corner[:, :3, 3], cyclopean_from_corner[:, 3, 3] = middle[where], 1.0
-            poses.append(turn @ cyclopean_from_corner @ from_part[which])
-        found.append(PoseGuess(label, np.concatenate(poses)))
-    return found
-
-
-def _angle(one: Array, other: Array) -> Array:
+def angle(one: Array, other: Array) -> Array:
     """Angles (...) between directions (..., 2)."""
     cross = one[..., 0] * other[..., 1] - one[..., 1] * other[..., 0]
     return np.asarray(np.abs(np.arctan2(cross, (one * other).sum(-1))))

@@ -12,8 +12,9 @@ from daemon import frames
 from daemon.vision.geometry import exact
 from daemon.vision.image.both_eyes import Eyes, open_eyes
 from daemon.vision.registration.different import Guesses, different
-from daemon.vision.registration.directed import DirectedMap, directed_map, evidence, other_sizes, promising
+from daemon.vision.registration.directed import DirectedMap, Rays, directed_map, evidence, other_sizes, promising
 from daemon.vision.registration.faces import likeness
+from daemon.vision.registration.posed import Posed, Solids
 from tests.worlds.printed import print_pair, straight_rig
 from tests.worlds.solids import KNOWN, STRANGERS, pose
 
@@ -35,6 +36,19 @@ def maps(eyes: Eyes):
     return directed_map(eyes.left), directed_map(eyes.right)
 
 
+def posed(solid, poses) -> Posed:
+    return Posed(Solids.of(("part",), (solid,)), np.zeros(len(poses), np.intp), np.asarray(poses))
+
+
+def seen_edge() -> tuple[int, int]:
+    """Two corners of the cube that bound two faces in view."""
+    solid = shape("cube")
+    faces = np.flatnonzero(solid.facing(WHERE) > 0.3)
+    one, other = (set(solid.facets[k]) for k in faces[:2])
+    first, second = sorted(one & other)
+    return first, second
+
+
 def often(seen: DirectedMap, chance: float) -> DirectedMap:
     return replace(seen, chance=np.full_like(seen.chance, chance))
 
@@ -49,7 +63,7 @@ def moved(mm: float, axis: int = 0):
 def test_most_speaks_for_a_part_where_it_is(name: str) -> None:
     eyes, solid = eyes_on(name), shape(name)
     poses = np.stack([WHERE, moved(8.0), moved(-8.0, 1), moved(40.0, 2)])
-    nats, most = evidence(solid, poses, eyes.geometry, maps(eyes))
+    nats, most = evidence(posed(solid, poses), eyes.geometry, maps(eyes))
     assert nats[0] > 2 * max(nats[1:].max(), 0.0)
     assert (nats <= most).all()
     assert nats[0] > 0.75 * most[0]
@@ -61,20 +75,47 @@ def test_of_many_poses_a_glance_leaves_those_that_much_speaks_for(monkeypatch: p
     rng = np.random.default_rng(3)
     poses = np.stack([frames.perturb(WHERE, rng.normal(size=6) * ([15.0] * 3 + [0.3] * 3)) for _ in range(300)])
     poses[::50] = WHERE
-    nats, _ = evidence(solid, poses, eyes.geometry, seen)
-    left = promising(solid, poses, eyes.geometry, seen)
+    nats, _ = evidence(posed(solid, poses), eyes.geometry, seen)
+    left = promising(posed(solid, poses), eyes.geometry, seen)
     assert len(left) < 150
-    assert evidence(solid, left, eyes.geometry, seen)[0].tolist().count(nats.max()) == 6
-    assert (nats > 180).sum() == (evidence(solid, left, eyes.geometry, seen)[0] > 180).sum()
+    assert nats[left].tolist().count(nats.max()) == 6
+    assert (nats > 180).sum() == (nats[left] > 180).sum()
     monkeypatch.setattr("daemon.vision.registration.directed.MOST_PROMISING", 6)
-    assert np.array_equal(promising(solid, poses, eyes.geometry, seen), poses[::50])
+    assert sorted(promising(posed(solid, poses), eyes.geometry, seen)) == list(range(0, 300, 50))
+
+
+def test_solids_of_other_shapes_beside_it_leave_a_part_what_speaks_for_it() -> None:
+    eyes, names = eyes_on("cube"), ("cube", "pentagonal_prism", "pyramid")
+    side_by_side = Solids.of(names, [shape(name) for name in names])
+    together = Posed(side_by_side, np.array([2, 0, 1, 0]), np.stack([WHERE, WHERE, moved(8.0), moved(8.0)]))
+    nats, most = evidence(together, eyes.geometry, maps(eyes))
+    for k, part in enumerate(together.part):
+        alone = evidence(posed(shape(names[part]), together.poses[k : k + 1]), eyes.geometry, maps(eyes))
+        assert (nats[k], most[k]) == pytest.approx((alone[0][0], alone[1][0]), rel=1e-4)
+
+
+def test_an_edge_of_the_right_length_has_most_evidence_along_its_ray() -> None:
+    """Shorter, less of it shows; longer, some is missing; and what goes on beyond its end is another's."""
+    eyes, body = eyes_on("cube"), KNOWN["cube"]
+    corners = frames.apply(WHERE, body.corners_mm)
+    first, second = seen_edge()
+    geometry = eyes.geometry
+    for seen, x_mm in zip(maps(eyes), (0.0, geometry.length_mm), strict=True):
+        at = (corners - geometry.middle_mm) @ geometry.cyclopean_from_baseline + [geometry.length_mm / 2, 0, 0]
+        way = at[second] - at[first]
+        length = np.linalg.norm(way)
+        rays = Rays.of(at[first][None], way[None] / length, x_mm, seen)
+        nats = rays.of_edges(np.zeros(5, np.intp), (length * np.array([0.5, 0.7, 1.0, 1.3, 1.6])).astype(np.float32))
+        assert nats.argmax() == 2
 
 
 def test_edges_that_abound_speak_for_less() -> None:
     eyes = eyes_on("cube")
     seen = maps(eyes)
     nats = [
-        evidence(shape("cube"), WHERE[None], eyes.geometry, (often(seen[0], chance), often(seen[1], chance)))[0][0]
+        evidence(posed(shape("cube"), WHERE[None]), eyes.geometry, (often(seen[0], chance), often(seen[1], chance)))[0][
+            0
+        ]
         for chance in (0.02, 0.3)
     ]
     assert 0 < nats[1] < 0.5 * nats[0]
@@ -88,13 +129,13 @@ def test_a_cloth_has_chances_along_its_stripes() -> None:
 
 def test_what_lies_outside_the_images_is_not_there() -> None:
     eyes = eyes_on("cube")
-    nats, _ = evidence(shape("cube"), moved(900.0)[None], eyes.geometry, maps(eyes))
+    nats, _ = evidence(posed(shape("cube"), moved(900.0)[None]), eyes.geometry, maps(eyes))
     assert nats[0] < 0
 
 
 def test_no_pose_has_no_evidence() -> None:
     eyes = eyes_on("cube")
-    nats, most = evidence(shape("cube"), np.zeros((0, 4, 4)), eyes.geometry, maps(eyes))
+    nats, most = evidence(posed(shape("cube"), np.zeros((0, 4, 4))), eyes.geometry, maps(eyes))
     assert nats.shape == most.shape == (0,)
 
 
@@ -122,6 +163,6 @@ def test_of_poses_that_look_the_same_only_one_is_looked_at_and_none_outside_the_
     middle = solid.corners_mm.mean(0)
     about = frames.rigid(np.eye(3), middle) @ quarter @ frames.rigid(np.eye(3), -middle)
     poses = np.stack([WHERE @ about, WHERE, moved(30.0), moved(500.0)])
-    kept = list(different([Guesses("cube", solid, poses, np.array([2.0, 1.0, 3.0, 0.0]))], eyes))
-    assert [one.against for one in kept] == [1.0, 3.0]
-    assert np.array_equal(kept[0].pose, WHERE)
+    kept = list(different(Guesses(posed(solid, poses), np.array([2.0, 1.0, 3.0, 0.0])), eyes))
+    assert [which for which, _ in kept] == [1, 2]
+    assert np.allclose(kept[0][1], eyes.rig.left.project(frames.apply(WHERE, solid.corners_mm)), atol=1e-3)
