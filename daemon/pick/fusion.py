@@ -18,6 +18,7 @@ from msgspec import Meta
 from daemon import frames
 from daemon.arrays import Array
 from daemon.quantities import Few, Length, Sigma, Turn
+from daemon.vision.facets import shared_motion
 
 CHI_SQUARE_6 = 22.46
 """What a chi-square with 6 degrees of freedom passes once in a thousand times."""
@@ -98,16 +99,10 @@ def sighting(
     turn = world_from_tool[:3, :3]
     shared[:3, :3] = shared[3:, 3:6] = turn
     shared[:3, 3:6] = -lever @ turn
-    shared[:3, 6:] = world_from_cyclopean[:3, :3] @ _pixel_motion(cyclopean_from_part[:3, 3], focal_px, baseline_mm)
+    pixels = shared_motion(cyclopean_from_part[None, :3, 3], focal_px, baseline_mm)[0, :, 6:]
+    shared[:3, 6:] = world_from_cyclopean[:3, :3] @ pixels
     distance = float(np.linalg.norm(cyclopean_from_part[:3, 3]))
     return Sighting(world_from_part, anew, shared, distance)
-
-
-def _pixel_motion(point: Array, focal_px: float, baseline_mm: float) -> Array:
-    """(3, 3) mm per px: how a point moves with u and v offsets of both eyes and with a disparity offset."""
-    x, y, z = point
-    depth = z * z / (focal_px * baseline_mm)
-    return np.array([[z / focal_px, 0, -x / z * depth], [0, z / focal_px, -y / z * depth], [0, 0, -depth]])
 
 
 def fuse(sightings: Sequence[Sighting], doubt: Doubt) -> Estimate:

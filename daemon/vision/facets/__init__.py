@@ -1,16 +1,24 @@
-"""Two sets of outlines -> facets in space, grouped, corners welded once. Nothing is named."""
+"""Two sets of outlines -> facets in space, grouped, corners welded once; several looks fused. Nothing is named."""
 
 from daemon.vision.facets.candidates import corner_covariance
+from daemon.vision.facets.fusing import Fused, SeenFrom, fuse, group_of, only
+from daemon.vision.facets.looks_adjustment import shared_motion
 from daemon.vision.facets.reconstruct import facets_seen, facets_step_by_step, find_facets
 from daemon.vision.facets.table import Table, without_table
 from daemon.vision.facets.weld import weld
 
 __all__ = [
+    "Fused",
+    "SeenFrom",
     "Table",
     "corner_covariance",
     "facets_seen",
     "facets_step_by_step",
     "find_facets",
+    "fuse",
+    "group_of",
+    "only",
+    "shared_motion",
     "weld",
     "without_table",
 ]

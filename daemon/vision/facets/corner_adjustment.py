@@ -84,7 +84,7 @@ def settle(
         residual = _offsets(points, both, shift_mm)
         if turn_number < _LINEARISED:
             slopes = _slopes(points, both, shift_mm)
-            flat = np.concatenate([np.zeros((0, count)), *(_flatness(points, alike) for alike in by_size)])
+            flat = np.concatenate([np.zeros((0, count)), *(flatness(points, alike) for alike in by_size)])
             held = flat.T @ flat + 1e-9 * np.eye(count)
         size = (residual**2).sum(1)
         squares, say = float(trust @ size), 2 * float(trust.sum())
@@ -134,7 +134,7 @@ def _slopes(points: Array, seen: EdgeObservations, shift_mm: Array) -> Array:
     return slopes.transpose(0, 2, 1, 3).reshape(sides, 2, 3 * n)
 
 
-def _flatness(points: Array, planes: Index) -> Array:
+def flatness(points: Array, planes: Index) -> Array:
     """Rows (P K, 3 V) that take all corners' coordinates to how far those of each plane (P, K) are off it, in PLANE_MM;
     the plane is free to move and tilt.
     """

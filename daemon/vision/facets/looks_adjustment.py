@@ -1,0 +1,131 @@
+"""Corners that several looks measured, the places they were measured from and the errors that all of them share,
+estimated together. Pure; which corners are one is association.py's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daemon import frames
+from daemon.arrays import Array
+from daemon.vision.facets.corner_adjustment import flatness
+from daemon.vision.geometry import cross_matrices
+
+Index = NDArray[np.intp]
+
+OUTLIER = 4.0  # sigmas beyond which a corner counts less
+ROUNDS = 6
+LEAST_MM2 = 1e-6  # keeps the weight of a corner known exactly finite
+FREE_MM = 30.0  # how far a corner may lie from where it began, for what nothing holds
+NONE = np.zeros((0, 3))
+
+
+@dataclass(frozen=True, eq=False)
+class LookCorners:
+    """Corners of one look: points_mm (N, 3), cyclopean, with covariance_mm2 (N, 3, 3); owner (N,) which corner of the
+    thing each is; base_from_cyclopean (4, 4) as the arm says, covariance (6, 6) of what errs in it anew each time;
+    focal_px, baseline_mm of the rig."""
+
+    points_mm: Array
+    covariance_mm2: Array
+    owner: Index
+    base_from_cyclopean: Array
+    covariance: Array
+    focal_px: float
+    baseline_mm: float
+
+
+@dataclass(frozen=True, eq=False)
+class Adjusted:
+    """corners_mm (V, 3) base; covariance_mm2 (3 V, 3 V) of all together; places (L, 4, 4) base_from_cyclopean; error
+    (9,), which all looks share; misfit: rms of what is left, sigmas."""
+
+    corners_mm: Array
+    covariance_mm2: Array
+    places: Array
+    error: Array
+    misfit: float
+
+
+def shared_motion(points_mm: Array, focal_px: float, baseline_mm: float) -> Array:
+    """(N, 3, 9) how points (N, 3), cyclopean, move with the errors that all looks share: hand-eye (6), in the cyclopean
+    frame, then u, v and disparity offsets of the cameras, px."""
+    x, y, z = points_mm.T
+    rows = np.zeros((len(points_mm), 3, 9))
+    rows[:, range(3), range(3)] = 1.0
+    rows[:, :, 3:6] = -cross_matrices(points_mm)
+    rows[:, 0, 6] = rows[:, 1, 7] = z / focal_px
+    rows[:, :, 8] = -np.stack([x, y, z], 1) * (z / (focal_px * baseline_mm))[:, None]
+    return rows
+
+
+def adjusted(looks: Sequence[LookCorners], planes: Sequence[Index], shared: Array, unseen: Array = NONE) -> Adjusted:
+    """Least-squares corners, places and shared errors. planes: corner numbers of each facet of four or more; shared
+    (9, 9): covariance of the shared errors; unseen (U, 3): where corners begin that no look measured, which come behind
+    the others, and which planes alone hold.
+
+    Source: Gauss-Newton with priors; a corner that stays off by more than four sigmas loses its say.
+    """
+    owner = np.concatenate([one.owner for one in looks])
+    own = np.repeat(np.arange(len(looks)), [len(one.points_mm) for one in looks])
+    measured, here = int(owner.max()) + 1, np.arange(len(owner))
+    count = measured + len(unseen)
+    corners = np.concatenate([np.zeros((measured, 3)), unseen])
+    np.add.at(corners, owner, np.concatenate([frames.apply(k.base_from_cyclopean, k.points_mm) for k in looks]))
+    corners[:measured] /= np.bincount(owner, minlength=measured)[:, None]
+    first, last = 3 * count, 3 * count + 6 * len(looks)
+    prior = np.zeros((last + 9, last + 9))
+    for k, one in enumerate(looks):
+        at = slice(first + 6 * k, first + 6 * k + 6)
+        prior[at, at] = np.linalg.inv(one.covariance)
+    prior[last:, last:] = np.linalg.inv(shared)
+    by_size = [np.array([p for p in planes if len(p) == n]) for n in sorted({len(p) for p in planes})]
+    places, off, trust = [one.base_from_cyclopean for one in looks], np.zeros(last + 9), np.ones(len(owner))
+    hessian, squares = prior, 0.0
+    for turn in range(ROUNDS):
+        seen = [_seen(one, place, off[last:]) for one, place in zip(looks, places, strict=True)]
+        moved, slopes, information = (np.concatenate(every) for every in zip(*seen, strict=True))
+        residual = moved - corners[owner]
+        far = np.einsum("ni,nij,nj->n", residual, information, residual)
+        squares = float(trust @ far)
+        if turn:
+            far = far / OUTLIER**2 / max(1.0, squares / (3 * trust.sum()))
+            trust = 1 / np.maximum(far, 1.0) ** 2
+        rows = np.zeros((len(owner), 3, last + 9))
+        rows[here[:, None, None], np.arange(3)[:, None], (3 * owner[:, None] + np.arange(3))[:, None]] = -np.eye(3)
+        rows[here[:, None, None], np.arange(3)[:, None], (first + 6 * own[:, None] + np.arange(6))[:, None]] = slopes[
+            :, :, :6
+        ]
+        rows[:, :, last:] = slopes[:, :, 6:]
+        weighed = (trust[:, None, None] * information @ rows).reshape(-1, last + 9)
+        flat = np.concatenate([np.zeros((0, first)), *(flatness(corners, alike) for alike in by_size)])
+        hessian = prior + weighed.T @ rows.reshape(-1, last + 9)
+        hessian[:first, :first] += flat.T @ flat + np.eye(first) / FREE_MM**2
+        gradient = prior @ off + weighed.T @ residual.ravel()
+        gradient[:first] += flat.T @ (flat @ corners.ravel())
+        step = -np.linalg.solve(hessian, gradient)
+        corners = corners + step[:first].reshape(-1, 3)
+        off[first:] += step[first:]
+        moves = off[first:last].reshape(-1, 6)
+        places = [frames.perturb(k.base_from_cyclopean, move) for k, move in zip(looks, moves, strict=True)]
+        if turn > 1 and np.abs(step[:first]).max() < 1e-4:
+            break
+    free = max(3 * float(trust.sum()) - first + sum(len(p) - 3 for p in planes), 1.0)
+    misfit = float(np.sqrt(squares / free))
+    covariance = np.asarray(np.linalg.inv(hessian), float)[:first, :first] * max(1.0, misfit**2)
+    return Adjusted(corners, covariance, np.array(places), off[last:], misfit)
+
+
+def _seen(one: LookCorners, place: Array, error: Array) -> tuple[Array, Array, Array]:
+    """A look's corners in the base (N, 3), how they move with its place and the shared errors (N, 3, 15), and the
+    information of each (N, 3, 3)."""
+    turn = place[:3, :3]
+    shared = shared_motion(one.points_mm, one.focal_px, one.baseline_mm)
+    moved = frames.apply(place, one.points_mm + shared @ error)
+    slopes = np.concatenate([frames.point_motion(one.points_mm @ turn.T), turn @ shared], axis=2)
+    information = np.linalg.inv(turn @ one.covariance_mm2 @ turn.T + LEAST_MM2 * np.eye(3))
+    return moved, slopes, np.asarray(information, float)
