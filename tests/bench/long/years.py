@@ -171,11 +171,22 @@ def clients(folder: Path, done: int, count: int, _: Progress) -> Iterator[tuple[
 
 
 ODD = (
-    b'{"do": "status"}\n', b'{"do": "sta', b"", b"[" * 60_000 + b"\n", b"\xff\xfe\n", b"x" * 70_000,
-    b'{"notices": true}\n', b'{"do": "auto wait"}\n', b'{"interrupt": true}\n', b'{"do": "stop"}\n',
-    b'{"complete": "sta"}\n', b'{"do": "help", "asks": true, "size": [20, 3]}\n', b'{"do": "reload"}\n', b'{"answer": "y"}\n' * 50,
+    b'{"do": "status"}\n',
+    b'{"do": "sta',
+    b"",
+    b"[" * 60_000 + b"\n",
+    b"\xff\xfe\n",
+    b"x" * 70_000,
+    b'{"notices": true}\n',
+    b'{"do": "auto wait"}\n',
+    b'{"interrupt": true}\n',
+    b'{"do": "stop"}\n',
+    b'{"complete": "sta"}\n',
+    b'{"do": "help", "asks": true, "size": [20, 3]}\n',
+    b'{"do": "reload"}\n',
+    b'{"answer": "y"}\n' * 50,
     b'{"notices": true}\n{"do": "status"}\n{"do": "views"}\n',
-)  # fmt: skip
+)
 
 
 async def _client(path: Path, chance: random.Random) -> None:
