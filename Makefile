@@ -17,7 +17,7 @@ help:
 	@echo "make test-long    10,000 random steps against the judge, whole first days, a hall of cells: minutes"
 	@echo "make rig          the daemon under real systemd with real V4L2 devices and a serial line, in a guest"
 	@echo "make bench        accuracy, time and memory, measured (FACETD_SCENES=FOLDER: on more rendered scenes)"
-	@echo "make bench-faults faults at every moment of a pick, kill -9, random travels, operators and first days, mutations: tables (a night)"
+	@echo "make bench-faults faults at every moment of a pick, kill -9, random travels, operators, first days and years, mutations: tables (a night)"
 	@echo "make bench-soak   2,000 accelerated cycles: memory and file handles over time (hours)"
 
 setup: $(VENV)/.runtime
@@ -76,6 +76,7 @@ bench-faults: $(VENV)/.dev
 	$(BIN)/python -m tests.bench.long.one_eye
 	$(BIN)/python -m tests.bench.long.surprises 1000000
 	$(BIN)/python -m tests.bench.long.hostile 1000000
+	$(BIN)/python -m tests.bench.long.years
 	$(BIN)/python -m tests.bench.long.firstdays 10
 	$(BIN)/python -m tests.bench.long.mutations
 	$(BIN)/python -m tests.bench.long.mutations --rooms store doors review

@@ -25,10 +25,9 @@ from daemon.hall.soundness import damages, files_of, finished
 from daemon.hall.store import Collected, Store, StoreError, hashed_below, manifest_name
 from daemon.review.digest import digest
 from daemon.store.outside import FileError
-from daemon.store.runs import RUN, RunRecords, list_runs, read_run
+from daemon.store.runs import RUN, RUN_NAME, RunRecords, list_runs, read_run
 
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
-RUN_NAME = re.compile(r"\d{8}T\d{6}Z(-\d+)?")
 AT_ONCE = 20
 """Runs of a cell whose rows go into the table together."""
 QUIET_S = 60.0

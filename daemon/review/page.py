@@ -57,10 +57,11 @@ def write_page(folder: Path, out: Path, against: Path | None = None) -> Path:
 
 def _before(folder: Path) -> dict[str, Any]:
     """What the last run, and the runs of the week before, brought: {last, week}, None where there is none such."""
-    began, earlier = run_time(folder.name), [f for f in list_runs(folder.parent) if f.name < folder.name]
+    began, known = run_time(folder.name), list_runs(folder.parent)
+    earlier = known[: known.index(folder)] if folder in known else []
     week = {f for f in earlier if began and (t := run_time(f.name)) and began - t <= WEEK}
-    runs = {f: run for f in sorted({*week, *earlier[-1:]}) if (run := read_brief(f)).cycles}
-    last = max(runs, default=None)
+    runs = {f: run for f in earlier if (f in week or f is earlier[-1]) and (run := read_brief(f)).cycles}
+    last = next(reversed(runs), None)
     of_week = [run for f, run in runs.items() if f in week]
     return {
         "last": None if last is None else production([runs[last]]) | {"run": last.name},

@@ -5,8 +5,10 @@ Nothing here writes into a run; `enforce_quota` removes whole runs.
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import os
+import re
 import shutil
 import time
 from collections.abc import Callable, Container, Iterator
@@ -24,6 +26,9 @@ from daemon.store.runlog import LARGEST_KEPT
 RUN = "run.jsonl"
 LARGEST_RUN = 256_000_000
 """Of the lines in one run: a run goes on in a new folder long before (log.roll_mb counts its pictures, too)."""
+MOST_RUNS = 5_000
+"""However small they are: each is looked through at every start and every minute."""
+RUN_NAME = re.compile(r"\d{8}T\d{6}Z(-\d{1,9})?")
 FAILURE_MARKS = (b'"kind":"fault"', b'"kind":"refusal"', b'"outcome":"missed"', b'"outcome":"failed"')
 PICKED_MARK = b'"outcome":"picked"'
 
@@ -42,12 +47,12 @@ class RunRecords:
 
 
 def new_folder(runs: Path, now: datetime) -> Path:
-    """A name for a run that starts now (UTC), free in `runs`; names sort by time."""
-    stem = now.strftime("%Y%m%dT%H%M%SZ")
-    number = 0
-    while (folder := runs / (f"{stem}-{number}" if number else stem)).exists():
-        number += 1
-    return folder
+    """A name for a run that starts now (UTC), behind all that are in `runs`: names sort by which run was made first.
+    Where the clock was set back, a run is numbered after the last one."""
+    began = now.strftime("%Y%m%dT%H%M%SZ"), 0
+    last, number = max((_age_key(f) for f in runs.glob("*") if RUN_NAME.fullmatch(f.name)), default=("", 0))
+    stem, number = max(began, (last, number + 1))
+    return runs / (f"{stem}-{number}" if number else stem)
 
 
 def list_runs(runs: Path) -> list[Path]:
@@ -153,18 +158,24 @@ def check_wire(folder: Path) -> list[str]:
 def enforce_quota(runs: Path, limit_bytes: int, current: Path | None, min_free_bytes: int = 0) -> list[Path]:
     """Remove runs until the rest fits: oldest first, runs in which something failed last, never the current one.
 
-    Also when the disk has less than min_free_bytes left. Returns what was removed; an OSError on one run skips it.
+    Also when the disk has less than min_free_bytes left, or there are more than MOST_RUNS. Returns what was removed; an
+    OSError on one run skips it.
     """
     if not runs.is_dir():
         return []
     sizes = {folder: folder_bytes(folder) for folder in list_runs(runs)}
     total = sum(sizes.values())
     removed: list[Path] = []
-    if total <= limit_bytes and shutil.disk_usage(runs).free >= min_free_bytes:
+
+    def fits() -> bool:
+        count = len(sizes) - len(removed)
+        return total <= limit_bytes and count <= MOST_RUNS and shutil.disk_usage(runs).free >= min_free_bytes
+
+    if fits():
         return removed
     candidates = [folder for folder in sizes if folder != current]
     for folder in sorted(candidates, key=lambda f: (has_failure(f), _age_key(f))):
-        if total <= limit_bytes and shutil.disk_usage(runs).free >= min_free_bytes:
+        if fits():
             break
         try:
             shutil.rmtree(folder)
@@ -175,14 +186,15 @@ def enforce_quota(runs: Path, limit_bytes: int, current: Path | None, min_free_b
     return removed
 
 
-def folder_bytes(folder: Path) -> int:
+def folder_bytes(folder: str | Path) -> int:
     """Bytes on disk of a folder and all below; a file that goes away meanwhile counts nothing."""
     total = 0
-    for path in folder.rglob("*"):
-        try:
-            total += path.lstat().st_blocks * 512
-        except OSError:
-            continue
+    with contextlib.suppress(OSError), os.scandir(folder) as entries:
+        for entry in entries:
+            with contextlib.suppress(OSError):
+                total += entry.stat(follow_symlinks=False).st_blocks * 512
+                if entry.is_dir(follow_symlinks=False):
+                    total += folder_bytes(entry.path)
     return total
 
 

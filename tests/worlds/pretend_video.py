@@ -248,3 +248,10 @@ class PretendSystem:
         for device in self.devices.values():
             device.advance(self.now_s)
         return bool(due) and min(due) <= until_s
+
+
+def whole_frames(system: PretendSystem, count: int, period_s: float = 0.1) -> None:
+    """So many whole frames from every device, from now on."""
+    for device in system.devices.values():
+        size = device.size[0] * device.size[1]
+        device.schedule[:] = [Arrival(system.now_s + 0.02 + k * period_s, bytes(size), k) for k in range(count)]

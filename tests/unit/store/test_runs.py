@@ -70,6 +70,41 @@ def test_runs_are_found_by_latest_by_name_and_by_path(tmp_path: Path) -> None:
         find_run(tmp_path, "such-a-run")
 
 
+def test_where_the_clock_was_set_back_a_run_is_still_the_latest(tmp_path: Path) -> None:
+    made = []
+    for at in (
+        NOW,
+        NOW.replace(year=2027),
+        NOW,
+        NOW,
+        NOW.replace(year=2027, second=1),
+        datetime(1970, 1, 1, tzinfo=UTC),
+    ):
+        made.append(new_folder(tmp_path, at))
+        RunLog(made[-1]).close()
+        assert find_run(tmp_path, "latest") == made[-1]
+    assert list_runs(tmp_path) == made
+    assert [f.name for f in made[1:4]] == ["20271121T100000Z", "20271121T100000Z-1", "20271121T100000Z-2"]
+    assert enforce_quota(tmp_path, 0, made[-1]) == made[:-1], "the first made goes first, whatever the clock said"
+
+
+def test_what_is_no_run_names_none(tmp_path: Path) -> None:
+    for name in ("zzz", "99991231T235959Z.part", "20300101T000000Z-", "20300101T000000Z-1234567890"):
+        (tmp_path / name).mkdir()
+    assert new_folder(tmp_path, NOW).name == "20261121T100000Z"
+
+
+def test_runs_are_no_more_than_can_be_looked_through_in_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("daemon.store.runs.MOST_RUNS", 3)
+    made = [new_folder(tmp_path, NOW.replace(second=k)) for k in range(5)]
+    for folder in made[:3]:
+        RunLog(folder).close()
+    assert enforce_quota(tmp_path, 10**9, made[2]) == []
+    for folder in made[3:]:
+        RunLog(folder).close()
+    assert enforce_quota(tmp_path, 10**9, made[0]) == made[1:3]
+
+
 def test_scenes_that_nobody_asks_for_are_let_go_while_a_run_is_read(tmp_path: Path) -> None:
     log = RunLog(tmp_path / "run")
     for _ in range(3):
