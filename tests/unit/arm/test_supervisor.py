@@ -738,6 +738,83 @@ def test_an_arm_counts_as_at_rest_by_its_own_word_only():
     asyncio.run(story())
 
 
+def test_an_arm_at_work_or_being_stopped_is_not_asked_whether_it_rests():
+    """It would be answered when the work is done, and whoever asks waits for a word of comfort until then."""
+    world, supervisor, _ = supervised()
+    asked = []
+
+    async def at_rest() -> bool:
+        asked.append(supervisor.busy)
+        return True
+
+    async def slow_abort() -> None:
+        await asyncio.sleep(0.05)
+
+    supervisor.mover.cell.robot.at_rest, supervisor.mover.cell.robot.abort = at_rest, slow_abort
+
+    async def story() -> None:
+        task = asyncio.create_task(supervisor.run("travel", endless(world)))
+        await eventually(lambda: supervisor.busy)
+        assert not await supervisor.at_rest()
+        stopping = asyncio.create_task(supervisor.stop())
+        await eventually(lambda: supervisor.stopping)
+        assert not await supervisor.at_rest()
+        await stopping
+        with pytest.raises(RefusedError):
+            await task
+        assert await supervisor.at_rest()
+
+    asyncio.run(story())
+    assert asked == [False]
+
+
+def test_a_stop_is_tried_once_while_a_line_is_open_and_one_that_is_not_taken_is_no_fault():
+    world, supervisor, heard = supervised(enabled=False)
+    robot, tried = supervisor.mover.cell.robot, []
+
+    async def prove_stop() -> None:
+        tried.append(True)
+        raise StopRefusedError("the controller does not take the word HALT")
+
+    robot.stop_seen, robot.prove_stop = False, prove_stop
+
+    async def story() -> None:
+        with pytest.raises(StopRefusedError, match="HALT"):
+            await supervisor.prove_stop()
+        robot.stop_seen = True
+        await supervisor.prove_stop()
+
+    asyncio.run(story())
+    assert len(tried) == 1
+    assert (supervisor.fault, world.wire, list(heard)) == (None, [], [])
+
+
+def test_an_error_in_a_job_replaces_no_fault_that_stands_already():
+    world, supervisor, _ = supervised()
+
+    async def broken() -> None:
+        supervisor.latch("cameras: no pair")
+        raise OSError("the cable came out")
+
+    with pytest.raises(OSError, match="cable"):
+        asyncio.run(supervisor.run("work", broken()))
+    assert supervisor.fault == "cameras: no pair"
+    assert (world.wire, world.said("fault")) == ([], [])
+
+
+def test_a_stop_whose_telling_was_ended_with_the_daemon_is_not_called_confirmed():
+    world, supervisor, _ = supervised()
+    failing_aborts(world, OSError("no answer"), 100)
+
+    async def story() -> None:
+        stopping = asyncio.create_task(supervisor.stop("by ann"))
+        await eventually(lambda: supervisor._telling is not None)
+        supervisor._telling.cancel()
+        assert "NOT CONFIRMED: the daemon has ended: press the emergency stop" in str(await stopping)
+
+    asyncio.run(story())
+
+
 def test_the_end_waits_for_rest_beyond_the_alarm(soon):
     world, supervisor, _ = supervised()
     told = failing_aborts(world, OSError("no answer"), 12)

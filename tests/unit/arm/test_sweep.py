@@ -312,3 +312,33 @@ def test_the_bound_is_what_keeps_it_true(monkeypatch):
     honest = sweep.JointWay.travel_mm
     monkeypatch.setattr(sweep.JointWay, "travel_mm", lambda way, *at: 0.0 * honest(way, *at))
     assert rule(through) is None
+
+
+class Dip:
+    """A point that goes straight down by so much and up again, seen at its ends only to begin with."""
+
+    def __init__(self, gap_mm, dip_mm):
+        self.high_mm, self.dip_mm, self.asked = LIMITS.table_z_mm + LIMITS.clearance_mm + gap_mm, dip_mm, []
+
+    def first(self):
+        return np.array([0.0, 1.0])
+
+    def links(self, shares):
+        self.asked += list(shares)
+        frames = np.tile(np.eye(4), (len(shares), 8, 1, 1))
+        frames[:, :, 0, 3] = 400.0
+        frames[:, :, 2, 3] = (self.high_mm - self.dip_mm * (1.0 - np.abs(2.0 * shares - 1.0)))[:, None]
+        return frames
+
+    def travel_mm(self, shares):
+        return 2.0 * self.dip_mm * np.diff(shares)[:, None]
+
+
+@pytest.mark.parametrize(("dip_mm", "strike"), [(10.4, False), (10.6, True), (15.0, True), (40.0, True)])
+def test_between_two_places_nothing_is_trusted_that_could_have_gone_farther_than_its_gaps(dip_mm, strike):
+    """Ten millimetres to spare at both ends, and half a millimetre of slack: beyond that it is looked at."""
+    point = Limits(body_mm=(), capsules=())
+    way = Dip(10.0, dip_mm)
+    found = sweep.strikes(way, body_of((), ()), point)
+    assert (len(way.asked) > 2) is strike
+    assert ("below_table" in [each.rule for each in found]) is strike
