@@ -12,7 +12,7 @@ import os
 import shutil
 import signal
 import time
-from collections.abc import Coroutine
+from collections.abc import Awaitable, Coroutine
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -85,6 +85,8 @@ class Service:
         self._hardware: cell.Hardware | None = None
         self._run_log: RunLog | None = None
         self._lock: int | None = None
+        self._opening: asyncio.Task[None] | None = None
+        """May be stopping an arm that was found at work: told to end meanwhile, the daemon waits for it."""
         self._started = self._ready = False
         self._hung_up = 0
         """How often, since the first of the hang-ups that are being answered."""
@@ -181,7 +183,8 @@ class Service:
             run_log.record("left", run=left.run, cycle=left.cycle, state=left.state, hand_closed=left.hand_closed,
                            label=left.label, auto=auto, fault=left.fault)  # fmt: skip
         self._hardware = cell.build(config, run_log.wire)
-        await self._hardware.open()
+        self._opening = asyncio.create_task(self._hardware.open(), name="open the devices")
+        await asyncio.shield(self._opening)
         context = self._furnish(config, calibration, trainer, troubles, run_log)
         if left is not None:
             pick_order = None if auto is None else PickOrder(**auto)
@@ -373,6 +376,8 @@ class Service:
         """The arm first. One step that fails or hangs cannot keep the others from being taken."""
         if self.context is not None:
             await _within(HALT_S, _bring_to_rest(self.context.cycle.supervisor))
+        elif self._opening is not None and not self._opening.done():
+            await _within(HALT_S, self._opening)
         journal.notify("STOPPING=1", f"STATUS={self._why}")
         for task in self._tasks:
             task.cancel()
@@ -455,7 +460,7 @@ def _tell_unheard(_: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None
         journal.tell("trouble", f"{context['message']}: {type(error).__name__}: {error}", journal.ERROR)
 
 
-async def _within(seconds: float, work: Coroutine[Any, Any, Any]) -> None:
+async def _within(seconds: float, work: Awaitable[Any]) -> None:
     """One step of the end: what it raises is told, what it takes is bounded."""
     try:
         await asyncio.wait_for(work, seconds)

@@ -6,7 +6,7 @@ fixed to a link; a point is a capsule without length or radius. When a way is cl
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import chain
@@ -142,6 +142,13 @@ def capsule_around(points_mm: Array, name: str) -> Capsule:
         found.append((volume, middle + low * axis, middle + high * axis, radius))
     _, start, end, radius = min(found, key=lambda each: each[0])
     return Capsule(name, "tool", _point(start), _point(end), radius)
+
+
+def ball_of(parts_mm: Iterable[Array], name: str) -> Capsule:
+    """A ball about the tool centre point that holds any of the parts, corners (N, 3) each, wherever it is gripped."""
+    longest = (float(np.linalg.norm(part[:, None] - part, axis=-1).max()) for part in parts_mm)
+    middle = (0.0, 0.0, 0.0)
+    return Capsule(name, "tool", middle, middle, max(longest, default=0.0))
 
 
 def _point(place: Array) -> Point:

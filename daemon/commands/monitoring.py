@@ -61,7 +61,8 @@ class Typist:
 
     def __init__(self, context: CommandContext, door: Door) -> None:
         self._context, self._door, self._clock = context, door, context.hardware.clock
-        self._line = bytearray()
+        self._line, self._plain = bytearray(), bytearray()
+        """What the controller has of the line; and all that was typed, whatever it was taken for."""
         self._asked: tuple[str, float] | None = None
         """The line that waits for a yes, and when it was asked for."""
         self._stopping: asyncio.Task[str | None] | None = None
@@ -71,7 +72,10 @@ class Typist:
         """Take some keys and send on what may be sent: plain characters and the keys known here. Others could edit the
         line past our knowledge: a controller may pass over a byte that is no ASCII, and read a motion behind it."""
         for key in (bytes([k]) for k in keys):
-            if self._asked is not None:
+            self._plain += key
+            if key in ENDS and self._stops():
+                self._withdraw(send)
+            elif self._asked is not None:
                 self._answered(key, *self._asked, send)
             elif key in ENDS:
                 self._end_line(send)
@@ -85,12 +89,28 @@ class Typist:
                 self._line += key
                 send(key)
 
+    def _stops(self) -> bool:
+        """Whether the line that ends here is a stop, also where its letters were taken for an answer, or came too soon
+        for one; then the arm is stopped."""
+        text = self._plain.decode("latin-1")
+        self._plain.clear()
+        stops = means_stop(text) or means_stop(self._line.decode("latin-1"))
+        if stops:
+            self._stopping = asyncio.ensure_future(self._context.cycle.supervisor.stop(f"by {self._door.who}"))
+        return stops
+
+    def _withdraw(self, send: Callable[[bytes], None]) -> None:
+        """Nothing of what was typed is sent, and nothing waits for a yes."""
+        self._line.clear()
+        if self._asked is not None:
+            text, _ = self._asked
+            self._asked = None
+            self._keep_back(text, "stopped", send)
+
     def _end_line(self, send: Callable[[bytes], None]) -> None:
         text = self._line.decode("latin-1").strip()
         self._line.clear()
-        if means_stop(text):
-            self._stopping = asyncio.ensure_future(self._context.cycle.supervisor.stop(f"by {self._door.who}"))
-        elif not moves_the_arm(text):
+        if not moves_the_arm(text):
             self._send(text, send)
         elif (why := self._held()) is not None:
             self._keep_back(text, why, send)

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from daemon import frames
-from daemon.arm import Interruption, OperatorRefusedError, Reading, RefusedError, Supervisor, Workcell
+from daemon.arm import Interruption, OperatorRefusedError, Reading, RefusedError, Supervisor, Workcell, ball_of
 from daemon.arrays import Array
 from daemon.pick import approach, find, take
 from daemon.pick.looking import Look, Recogniser
@@ -146,7 +146,7 @@ class Cycle:
         where that is, (4, 4) mm."""
 
         async def small_move() -> Array:
-            target = there((await self.supervisor.mover.rest()).world_from_tool)
+            target = there((await self._set_out()).world_from_tool)
             await self.supervisor.mover.travel(target, purpose, lambda _: self.settings.near_pct, straight=True)
             return target
 
@@ -219,15 +219,24 @@ class Cycle:
         if self.recogniser is None:
             raise RefusedError("there is no recogniser to look with")
         mover = self.supervisor.mover
-        before = await mover.rest()
+        before = await self._set_out()
         look = await self._context(self.recogniser).lit_look(before, purpose)
         if self.cell.alone is not None:  # who looks ten times finds the arm where it was
             await mover.travel(before.world_from_tool, "back from beside", lambda _: self.settings.near_pct, True)
         return look
 
     async def _travel(self, target: Array, purpose: str) -> None:
-        await self.supervisor.mover.rest()
+        await self._set_out()
         await self.supervisor.mover.travel(target, purpose, lambda _: self.settings.travel_pct)
+
+    async def _set_out(self) -> Reading:
+        """Where the arm is at rest, from where it may go. What may be in the hand, and nobody saw how, is guarded any
+        way round: as a ball that the longest of the parts known fits in, wherever it is held."""
+        mover = self.supervisor.mover
+        if self.hand_full is not False and not mover.carried and self.recogniser is not None:
+            known = [shape.corners_mm for label in self.recogniser.labels if (shape := self.recogniser.shape(label))]
+            mover.carried = (ball_of(known, "what may be in the hand"),)
+        return await mover.rest()
 
     def _order(self, pick_order: PickOrder | None) -> None:
         """What auto has to bring from now on; None: it is done, or given up."""
@@ -291,7 +300,7 @@ class Cycle:
         return end
 
     async def _through(self, context: PickContext, world: WorldModel) -> None:
-        await context.mover.rest()
+        await self._set_out()
         if self.hand_full:
             world.outcome, world.why = Outcome.PLACED, "put down what was in the hand"
         self._enter(Event.FULL_HAND if self.hand_full else Event.BEGIN)

@@ -143,7 +143,7 @@ class Conversation:
     async def type_raw(self, data: bytes) -> None:
         """Type bytes as they are, no faster than the controller reads, their echo unchecked; one record in the ledger.
         Raises as send_raw."""
-        if self.dialect.character_pause_s <= 0 or not data:
+        if self.dialect.character_pause_s <= 0:
             self.send_raw(data)
             return
         for k in range(len(data)):

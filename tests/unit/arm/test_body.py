@@ -8,7 +8,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from daemon.arm.body import ARM, Capsule, KeepOut, above_mm, away_mm, body_like, body_of, capsule_around, within_mm
+from daemon.arm.body import (
+    ARM,
+    Capsule,
+    KeepOut,
+    above_mm,
+    away_mm,
+    ball_of,
+    body_like,
+    body_of,
+    capsule_around,
+    within_mm,
+)
 from daemon.arm.guard import BODY_MM
 from drivers import puma560
 
@@ -167,6 +178,12 @@ def test_the_capsule_around_a_part_holds_every_corner_and_no_less_than_it_must(p
     assert capsule.link == "tool"
     assert depth_mm(corners, capsule).max() < 1e-4  # of a mm: corners nearer than that count as one
     assert capsule.radius_mm <= np.linalg.norm(corners - corners.mean(axis=0), axis=1).max() + 1e-9
+
+
+def test_the_ball_of_parts_is_as_large_as_the_longest_of_them_is_long_and_about_the_tool_centre_point():
+    rod, cube = np.array([[0.0, 0, 0], [0, 0, 90], [0, 5, 40]]), 20.0 * np.eye(3)
+    assert ball_of([cube, rod], "held") == Capsule("held", "tool", (0, 0, 0), (0, 0, 0), 90.0)
+    assert ball_of([], "held").radius_mm == 0.0
 
 
 def test_the_capsule_around_a_cube_is_little_larger_than_the_cube():

@@ -76,6 +76,7 @@ def test_a_sound_command_goes():
     assert refuse(command(), STANDING, LIMITS) is None
     assert refuse(command(look=None), STANDING, LIMITS) is None
     assert refuse(command(look=STANDING.now_s), STANDING, LIMITS) is None
+    assert refuse(command(look=STANDING.now_s - LIMITS.max_look_age_s), STANDING, LIMITS) is None
 
 
 def test_the_cameras_may_not_dip_into_the_table_even_when_the_fingers_are_clear():

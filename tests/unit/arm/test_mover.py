@@ -193,6 +193,9 @@ def test_dry_a_move_leaves_from_where_the_one_before_would_have_ended_and_no_arm
     for pose in (NEAR, farther):
         asyncio.run(mover.go(command(pose, False, 50.0)))
     np.testing.assert_allclose(mover.here.world_from_tool, farther)
+    there = mover.cell.robot.reachable(farther, mover.at.joints_rad)
+    np.testing.assert_allclose(mover.here.joints_rad, there)
+    assert np.abs(there - mover.at.joints_rad).max() > 0.01, "or it shows nothing"
     asyncio.run(mover.hand(closed=True))
     assert not asked
     assert not world.wire

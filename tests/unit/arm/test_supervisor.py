@@ -1,6 +1,7 @@
 """Who has the arm: one job at a time; the fault, then the stop, then the report."""
 
 import asyncio
+import gc
 
 import numpy as np
 import pytest
@@ -734,6 +735,144 @@ def test_an_arm_counts_as_at_rest_by_its_own_word_only():
         for word in (moving, deaf):
             robot.at_rest = word
             assert not await supervisor.at_rest()
+
+    asyncio.run(story())
+
+
+def test_an_arm_at_work_or_being_stopped_is_not_asked_whether_it_rests():
+    """It would be answered when the work is done, and whoever asks waits for a word of comfort until then."""
+    world, supervisor, _ = supervised()
+    asked = []
+
+    async def at_rest() -> bool:
+        asked.append(supervisor.busy)
+        return True
+
+    async def slow_abort() -> None:
+        await asyncio.sleep(0.05)
+
+    supervisor.mover.cell.robot.at_rest, supervisor.mover.cell.robot.abort = at_rest, slow_abort
+
+    async def story() -> None:
+        task = asyncio.create_task(supervisor.run("travel", endless(world)))
+        await eventually(lambda: supervisor.busy)
+        assert not await supervisor.at_rest()
+        stopping = asyncio.create_task(supervisor.stop())
+        await eventually(lambda: supervisor.stopping)
+        assert not await supervisor.at_rest()
+        await stopping
+        with pytest.raises(RefusedError):
+            await task
+        assert await supervisor.at_rest()
+
+    asyncio.run(story())
+    assert asked == [False]
+
+
+@pytest.mark.parametrize("begins", ["a job", "a stop"])
+def test_what_begins_while_the_arm_is_asked_whether_it_rests_counts_against_it(begins):
+    world, supervisor, _ = supervised()
+    tasks = []
+
+    async def at_rest() -> bool:
+        tasks.append(
+            asyncio.create_task(supervisor.run("foreign", endless(world)) if begins == "a job" else supervisor.stop())
+        )
+        await asyncio.sleep(0)
+        await asyncio.sleep(0)
+        return True
+
+    async def slow_abort() -> None:
+        await asyncio.sleep(0.05)
+
+    supervisor.mover.cell.robot.at_rest, supervisor.mover.cell.robot.abort = at_rest, slow_abort
+
+    async def story() -> None:
+        assert not await supervisor.at_rest()
+        await supervisor.stop()
+        await asyncio.gather(*tasks, return_exceptions=True)
+
+    asyncio.run(story())
+
+
+def test_an_error_of_a_job_that_nobody_waits_for_any_more_is_nobodys_unhandled_error():
+    _, supervisor, _ = supervised()
+    unhandled = []
+
+    async def broken() -> None:
+        await asyncio.sleep(0.01)
+        raise OSError("the cable came out")
+
+    async def story() -> None:
+        asyncio.get_running_loop().set_exception_handler(lambda _, context: unhandled.append(context))
+        asker = asyncio.create_task(supervisor.run("look", broken(), moves=False))
+        await asyncio.sleep(0)
+        asker.cancel()
+        await eventually(lambda: not supervisor.busy)
+        asker = asyncio.create_task(supervisor.run("look", broken(), moves=False))
+        await asyncio.sleep(0)
+        await supervisor.abort()
+        await asyncio.gather(asker, return_exceptions=True)
+        del asker
+        gc.collect()
+        await asyncio.sleep(0)
+
+    asyncio.run(story())
+    assert unhandled == []
+
+
+def test_it_is_paused_from_pause_to_resume():
+    _, supervisor, _ = supervised()
+    said = [supervisor.paused]
+    for word in (supervisor.pause, supervisor.resume):
+        word()
+        said.append(supervisor.paused)
+    assert said == [False, True, False]
+
+
+def test_a_stop_is_tried_once_while_a_line_is_open_and_one_that_is_not_taken_is_no_fault():
+    world, supervisor, heard = supervised(enabled=False)
+    robot, tried = supervisor.mover.cell.robot, []
+
+    async def prove_stop() -> None:
+        tried.append(True)
+        raise StopRefusedError("the controller does not take the word HALT")
+
+    robot.stop_seen, robot.prove_stop = False, prove_stop
+
+    async def story() -> None:
+        with pytest.raises(StopRefusedError, match="HALT"):
+            await supervisor.prove_stop()
+        robot.stop_seen = True
+        await supervisor.prove_stop()
+
+    asyncio.run(story())
+    assert len(tried) == 1
+    assert (supervisor.fault, world.wire, list(heard)) == (None, [], [])
+
+
+def test_an_error_in_a_job_replaces_no_fault_that_stands_already():
+    world, supervisor, _ = supervised()
+
+    async def broken() -> None:
+        supervisor.latch("cameras: no pair")
+        raise OSError("the cable came out")
+
+    with pytest.raises(OSError, match="cable"):
+        asyncio.run(supervisor.run("work", broken()))
+    assert supervisor.fault == "cameras: no pair"
+    assert (world.wire, world.said("fault")) == ([], [])
+
+
+def test_a_stop_whose_telling_was_ended_with_the_daemon_is_not_called_confirmed():
+    world, supervisor, _ = supervised()
+    failing_aborts(world, OSError("no answer"), 100)
+
+    async def story() -> None:
+        stopping = asyncio.create_task(supervisor.stop("by ann"))
+        await eventually(lambda: supervisor._telling is not None)
+        supervisor._telling.cancel()
+        assert "NOT CONFIRMED: the daemon has ended: press the emergency stop" in str(await stopping)
 
     asyncio.run(story())
 

@@ -1,6 +1,7 @@
 """The whole way of a move: proven clear or refused, against a look at every half millimetre (tests/worlds/swept.py)."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -63,19 +64,62 @@ def test_what_is_allowed_keeps_clear_all_the_way_and_what_is_refused_does_not(se
 @settings(max_examples=60, deadline=None)
 @given(seed=SEEDS, straight=st.booleans())
 def test_no_point_of_the_body_goes_farther_between_two_places_than_is_bounded(seed, straight):
-    some = random_travel(np.random.default_rng(seed), 0, straight)
+    goes_no_farther_than_bounded(random_travel(np.random.default_rng(seed), 0, straight))
+
+
+def goes_no_farther_than_bounded(some):
+    """The way, None where there is none."""
     body = body_of(some.limits.capsules, some.limits.body_mm)
     joints = ROBOT.reachable(some.command.world_from_tool, some.start.joints_rad)
     way = way_of(some.start, some.command, joints, ROBOT, body)
     shares, fine = np.linspace(0, 1, 41), np.linspace(0, 1, 401)
     if isinstance(way, Strike):
-        return
+        return None
     links = way.links(fine)
     if not np.isfinite(links).all():
-        return
+        return None
     gone = np.linalg.norm(np.diff(body.placed(links), axis=0), axis=-1).max(axis=-1)
     gone = gone.reshape(40, 10, -1).sum(axis=1)
     assert (gone <= way.travel_mm(shares) + 1e-6).all()
+    return way
+
+
+def test_an_elbow_that_goes_farther_than_the_hand_is_bounded_as_an_elbow():
+    """From a stretched arm the hand comes in evenly, and the elbow rises fast."""
+    way = goes_no_farther_than_bounded(travel(hand(835, -150, -130), hand(735, -150, -130)))
+    assert way is not None
+    fine = way.links(np.linspace(0, 1, 200))
+    elbow_mm, hand_mm = (np.linalg.norm(np.diff(fine[:, k, :3, 3], axis=0), axis=1).sum() for k in (2, 7))
+    assert elbow_mm > 1.1 * hand_mm, "or it shows nothing"
+
+
+@pytest.mark.parametrize(
+    "axis", [(1.0, 0, 0), (0, 1.0, 0), (-1.0, 0, 0), (0, -1.0, 0), (0.6, 0.6, 0.5), (-0.5, 0.7, 1.0)]
+)
+@pytest.mark.parametrize("y_mm", [-300.0, 0.0, 300.0])
+def test_where_the_hand_turns_in_its_place_the_arm_goes_round_it_no_farther_than_bounded(axis, y_mm):
+    start = hand(500, y_mm, -100, 20.0, 40.0)
+    target = start.copy()
+    target[:3, :3] = frames.rotation_from_vector(np.array(axis) * 0.6) @ start[:3, :3]
+    goes_no_farther_than_bounded(travel(start, target))
+
+
+def test_a_line_that_is_easy_is_followed_once_and_one_near_the_stretched_arm_more_closely_where_it_must(monkeypatch):
+    asked_for = []
+
+    def along(poses, joints_rad):
+        asked_for.append(len(poses))
+        return ROBOT.along(poses, joints_rad)
+
+    robot = SimpleNamespace(**vars(ROBOT) | {"along": along})
+    body = body_of(LIMITS.capsules, LIMITS.body_mm)
+    for some, count in (
+        (travel(hand(500, -100, 100), hand(500, 100, 100)), 1),
+        (travel(hand(835, -150, -130), hand(665, -150, -130)), 2),
+    ):
+        asked_for.clear()
+        assert not isinstance(way_of(some.start, some.command, None, robot, body), Strike)
+        assert len(asked_for) == count
 
 
 @settings(max_examples=100, deadline=None)
@@ -312,3 +356,33 @@ def test_the_bound_is_what_keeps_it_true(monkeypatch):
     honest = sweep.JointWay.travel_mm
     monkeypatch.setattr(sweep.JointWay, "travel_mm", lambda way, *at: 0.0 * honest(way, *at))
     assert rule(through) is None
+
+
+class Dip:
+    """A point that goes straight down by so much and up again, seen at its ends only to begin with."""
+
+    def __init__(self, gap_mm, dip_mm):
+        self.high_mm, self.dip_mm, self.asked = LIMITS.table_z_mm + LIMITS.clearance_mm + gap_mm, dip_mm, []
+
+    def first(self):
+        return np.array([0.0, 1.0])
+
+    def links(self, shares):
+        self.asked += list(shares)
+        frames = np.tile(np.eye(4), (len(shares), 8, 1, 1))
+        frames[:, :, 0, 3] = 400.0
+        frames[:, :, 2, 3] = (self.high_mm - self.dip_mm * (1.0 - np.abs(2.0 * shares - 1.0)))[:, None]
+        return frames
+
+    def travel_mm(self, shares):
+        return 2.0 * self.dip_mm * np.diff(shares)[:, None]
+
+
+@pytest.mark.parametrize(("dip_mm", "strike"), [(10.4, False), (10.6, True), (15.0, True), (40.0, True)])
+def test_between_two_places_nothing_is_trusted_that_could_have_gone_farther_than_its_gaps(dip_mm, strike):
+    """Ten millimetres to spare at both ends, and half a millimetre of slack: beyond that it is looked at."""
+    point = Limits(body_mm=(), capsules=())
+    way = Dip(10.0, dip_mm)
+    found = sweep.strikes(way, body_of((), ()), point)
+    assert (len(way.asked) > 2) is strike
+    assert ("below_table" in [each.rule for each in found]) is strike

@@ -138,6 +138,24 @@ def test_a_stop_typed_at_the_controllers_terminal_is_ours(line: bytes) -> None:
     assert context.cycle.supervisor.fault == "stopped by tester"
 
 
+@pytest.mark.parametrize("apart_s", [0.01, 1.0])
+@pytest.mark.parametrize("line", [b"stop", b"STOP!", b"sto", b"halt", b"\x7fstop"])
+def test_a_stop_typed_at_the_question_whether_a_line_may_be_sent_stops_the_arm(line: bytes, apart_s: float) -> None:
+    """Its first letter was taken for a no, or all of it came too soon for an answer; what was left was no stop."""
+    context = standing()
+    wire = context.cycle.supervisor.mover.cell.robot.world.wire
+
+    async def story() -> bytes:
+        sent, door = typed(context, b"DO OPENI\r" + line + b"\r", apart_s=apart_s)
+        assert "not sent" in door.said[-1]
+        await asyncio.sleep(0.01)
+        return sent
+
+    assert b"\r" not in asyncio.run(story()).replace(SPOIL, b"")
+    assert wire == [("abort", None)]
+    assert context.cycle.supervisor.fault == "stopped by tester"
+
+
 WORDS = [b"DO MOVE TRANS(400,0,0,0,90,0)", b"DO READY", b"EXECUTE", b"CAL", b"Y", b"WHERE", b"SPEED 50", b"DO ",
          b"READY", b"\r", b"\n", b"\x15", b"\x7f", b"\x08", b"\x1b[A", b"\x00", b"\x11", b"P", b"!!", b" ",
          b"D READY", b"CALI"]  # fmt: skip

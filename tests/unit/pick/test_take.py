@@ -97,6 +97,26 @@ def test_a_part_in_the_hand_is_guarded_as_the_hand_is_until_it_is_let_go():
     assert context.mover.allows(low)
 
 
+@pytest.mark.parametrize("held", [True, None])
+def test_a_part_that_may_be_in_the_hand_and_nobody_saw_how_is_guarded_any_way_round(held):
+    """After a restart, or a hand closed by a word: what hung below the fingers was not guarded at all."""
+    cycle = cycle_of(one_part())
+    cycle.hand_full = held
+    asyncio.run(cycle.go("home"))
+    mover = cycle.supervisor.mover
+    (carried,) = mover.carried
+    corners = np.concatenate([cycle.recogniser.shape(label).corners_mm for label in cycle.recogniser.labels])
+    assert carried.link == "tool"
+    assert carried.radius_mm <= np.linalg.norm(np.ptp(corners, axis=0))
+    low = mover.at.world_from_tool.copy()
+    low[2, 3] = mover.limits.table_z_mm + carried.radius_mm
+    assert not mover.allows(low)
+    cycle.holding(False)
+    asyncio.run(cycle.go("home"))
+    assert mover.carried == ()
+    assert mover.allows(low)
+
+
 def test_what_an_operator_sees_to_be_empty_carries_nothing():
     cycle = cycle_of(one_part())
     cycle.supervisor.mover.carried = (capsule_around(np.eye(3), "a part"),)

@@ -21,6 +21,8 @@ import pytest
 import yaml
 
 from daemon.arm.supervisor import ABORT_S
+from daemon.cell import build as build_room
+from daemon.cell.no_arm import CellError
 from daemon.config import load_config
 from daemon.doors.client import DaemonLink, NotThereError
 from daemon.service import HALT_S, RELOAD_S, Service, make_room
@@ -399,3 +401,29 @@ def test_a_burst_of_hang_ups_reads_the_files_once_and_once_more_for_those_that_c
     loop.run_until_complete(burst())
     loop.close()
     assert read == pytest.approx([0.0, RELOAD_S, 10.5], abs=0.1)
+
+
+@pytest.mark.parametrize("fails", [False, True])
+def test_a_daemon_told_to_end_while_it_opens_its_devices_lets_it_bring_an_arm_at_work_to_rest(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, fails: bool
+) -> None:
+    """The one before was killed in a move: its successor let go of the line in the middle of the stop."""
+    for name in ("calibration.yaml", "facets.yaml", "parts.yaml", "simcell.yaml"):
+        shutil.copy(ETC / name, folder)
+    (folder / "facetd.yaml").write_text(f"version: 1\nfolders: {{state: state, runtime: .}}\n{SIMULATED}")
+    service, done = Service(folder / "facetd.yaml", simulated=True), list[str]()
+
+    async def opened() -> None:
+        service.end("signal SIGTERM")
+        await asyncio.sleep(0.2)
+        done.append("at rest")
+        if fails:
+            raise CellError("the camera is gone")
+
+    async def closed() -> None:
+        done.append("closed")
+
+    hardware = SimpleNamespace(open=opened, close=closed)
+    monkeypatch.setattr(build_room, "build", lambda *_: hardware)
+    assert asyncio.run(service.run()) == 0
+    assert done == ["at rest", "closed"]

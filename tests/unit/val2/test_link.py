@@ -812,3 +812,24 @@ def test_a_stop_that_nobody_waits_for_any_more_is_nobodys_unhandled_error() -> N
 
 def test_a_link_that_was_never_opened_has_seen_no_stop() -> None:
     assert not Link("nowhere").stop_seen
+
+
+@pytest.mark.parametrize(("prompt", "usual_s"), [("start", 3.0), ("end", 50.0), ("either", 50.0)])
+def test_the_answer_to_a_move_is_waited_for_as_long_as_was_said_or_as_its_controller_takes(
+    prompt: Any, usual_s: float
+) -> None:
+    link = Link("nowhere", Dialect(prompt_after_move=prompt, answer_s=3.0, motion_s=50.0))
+    waited_s = []
+
+    async def carry_out(lines: Any, replies: Any, timeout_s: float | None) -> None:
+        waited_s.append(timeout_s)
+
+    link._carry_out = carry_out  # type: ignore[assignment,method-assign]
+
+    async def moves() -> None:
+        for move in (link.move, link.move_straight):
+            await move(GOAL)
+            await move(GOAL, 0.7)
+
+    asyncio.run(moves())
+    assert waited_s == [usual_s, 0.7] * 2

@@ -1,0 +1,184 @@
+"""An open line, in simulated time: whose turn it is, who is pre-empted, and what came while nobody listened."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from typing import Any
+
+import pytest
+
+from drivers.simcell.simulated_time import SimulatedLoop
+from drivers.val2.dialect import Dialect
+from drivers.val2.errors import ControllerError, PortError, Preempted
+from drivers.val2.ledger import Ledger
+from drivers.val2.session import Session
+from drivers.val2.wire import Prompt
+
+PROMPT = b"\r\n."
+
+
+class Wire:
+    """A port on which a test is the controller."""
+
+    def __init__(self) -> None:
+        self.loop, self.sent, self.open = asyncio.get_running_loop(), b"", True
+        self.answers: list[tuple[float, bytes]] = []
+        """What is said to the next thing that is typed, and how long after it."""
+        self.records: list[dict[str, Any]] = []
+        self.session = Session("wire", Dialect(), self.loop.time, Ledger(self.records.append), self._opened)
+
+    def _opened(self, path: str, dialect: Dialect, on_bytes: Any, on_lost: Any) -> Any:
+        self.hear, self.lose = on_bytes, on_lost
+        return self
+
+    def write(self, data: bytes) -> None:
+        """See Port."""
+        self.sent += data
+        for late_s, said in self.answers:
+            self.loop.call_later(late_s, self.hear, said)
+        self.answers = []
+
+    def close(self) -> None:
+        """See Port."""
+        self.open = False
+
+
+def lived(story: Callable[[], Awaitable[Any]]) -> Any:
+    loop = SimulatedLoop()
+    try:
+        return loop.run_until_complete(asyncio.ensure_future(story(), loop=loop))
+    finally:
+        loop.close()
+
+
+def test_one_has_the_line_at_a_time_in_the_order_they_asked() -> None:
+    async def story() -> list[str]:
+        session, order = Wire().session, list[str]()
+
+        async def has(name: str) -> None:
+            async with session.turn():
+                order.append(f"{name} begins")
+                await asyncio.sleep(1.0)
+                order.append(f"{name} ends")
+
+        await asyncio.gather(has("a"), has("b"))
+        return order
+
+    assert lived(story) == ["a begins", "a ends", "b begins", "b ends"]
+
+
+def test_a_preemption_ends_who_has_the_line_and_who_waited_for_it_and_lets_who_comes_later_wait() -> None:
+    async def story() -> None:
+        wire = Wire()
+        session, came = wire.session, list[str]()
+
+        async def has(name: str, seconds: float = 1.0, moves: bool = False) -> None:
+            try:
+                async with session.turn(moves=moves) as talk:
+                    await asyncio.sleep(seconds)
+                    talk.send_raw(name.encode())
+                came.append(f"{name} done")
+            except Preempted as error:
+                came.append(f"{name}: {error}")
+
+        first, waiting = asyncio.ensure_future(has("first")), asyncio.ensure_future(has("waiting"))
+        await asyncio.sleep(0.1)
+        async with session.preemption() as talk:
+            later, motion = asyncio.ensure_future(has("later", 0.0)), asyncio.ensure_future(has("motion", 0.0, True))
+            await asyncio.sleep(2.0)
+            talk.send_raw(b"ABORT")
+            assert "later done" not in came
+        await asyncio.gather(first, waiting, later, motion)
+        assert wire.sent == b"ABORTlater"
+        assert sorted(came) == [
+            "first: aborted", "later done", "motion: an abort is under way", "waiting: aborted",
+        ]  # fmt: skip
+
+    lived(story)
+
+
+def test_an_error_that_came_while_nobody_listened_is_told_once_before_the_next_line_is_typed() -> None:
+    async def story() -> None:
+        wire = Wire()
+        wire.hear(b"\r\n*Arm power off*\r\nand more\r\n*Emergency stop*\r\n.")
+        await asyncio.sleep(0.1)
+        with pytest.raises(ControllerError, match=r"\*Arm power off\*; \*Emergency stop\*"):
+            async with wire.session.turn():
+                raise AssertionError("nothing may be typed")
+        async with wire.session.turn():
+            pass
+
+    lived(story)
+
+
+def test_a_question_that_came_while_nobody_listened_keeps_the_line_until_it_is_answered() -> None:
+    async def story() -> None:
+        session = (wire := Wire()).session
+        wire.hear(b"\r\nLoad VAL-II from floppy (Y/N)? ")
+        await asyncio.sleep(0.1)
+        for _ in range(2):
+            with pytest.raises(ControllerError, match="the controller asks 'Load VAL-II from floppy"):
+                async with session.turn():
+                    raise AssertionError("nothing may be typed")
+        async with session.turn(answers_question=True):
+            session.question = None
+        async with session.turn():
+            pass
+
+    lived(story)
+
+
+def test_what_a_person_was_still_being_told_when_they_left_is_no_error_of_ours() -> None:
+    async def story() -> None:
+        wire, shown = Wire(), bytearray()
+        async with wire.session.terminal(shown.extend) as type_in:
+            type_in(b"FOO\r")
+            wire.answers = [
+                (0.001, PROMPT),
+                (0.03, b"\r\n*Illegal command*\r\n."),
+                (0.07, b"\r\n*Illegal command*\r\n."),
+            ]
+        heard = bytes(shown)
+        async with wire.session.turn():
+            assert wire.sent == b"FOO\r\x15"
+        wire.hear(b"no more of it")
+        assert bytes(shown) == heard, "whoever left is shown nothing more"
+
+    lived(story)
+
+
+def test_a_lost_port_is_told_to_who_waits_and_who_comes_and_nothing_is_lost_twice() -> None:
+    async def story() -> None:
+        wire = Wire()
+        session = wire.session
+
+        async def waits() -> None:
+            async with session.turn() as talk:
+                await talk.next_event(60.0, "")
+
+        waiting = asyncio.ensure_future(waits())
+        await asyncio.sleep(0.1)
+        wire.hear(b"\r\n.")  # its silence is being waited for
+        wire.lose(PortError("the adapter was pulled"))
+        assert session.lost
+        session.close()
+        assert not wire.open
+        for act in (lambda: waiting, waits):
+            with pytest.raises(PortError, match="pulled"):
+                await act()
+        await asyncio.sleep(1.0)
+
+    lived(story)
+
+
+def test_what_is_sent_and_heard_is_in_the_ledger() -> None:
+    async def story() -> list[dict[str, Any]]:
+        wire = Wire()
+        wire.answers = [(0.001, b"\r\nhello\r\n.")]
+        assert isinstance((await wire.session.find_prompt())[-1], Prompt)
+        return wire.records
+
+    records = lived(story)
+    assert "hello" in str(records)
+    assert "x15" in str(records)
