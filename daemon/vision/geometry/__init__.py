@@ -9,7 +9,7 @@ from daemon.vision.geometry.polygon_batch import Rings, areas, convex, different
 from daemon.vision.geometry.polyhedron import Polyhedron, exact, united
 from daemon.vision.geometry.rectified import Baseline, Eye, baseline, disparity
 from daemon.vision.geometry.rig import Camera, StereoRig, moved_rig
-from daemon.vision.geometry.rigid_fit import Fits, cross_matrices, fit_poses, rough_rms
+from daemon.vision.geometry.rigid_fit import Fits, cross_matrices, fit_poses, rough_fit
 
 __all__ = [
     "Baseline",
@@ -47,7 +47,7 @@ __all__ = [
     "planarities",
     "planarity",
     "rings",
-    "rough_rms",
+    "rough_fit",
     "tidy",
     "united",
     "weighted_plane",

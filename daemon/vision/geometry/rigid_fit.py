@@ -66,11 +66,14 @@ def fit_poses(
     return Fits(poses, np.asarray(np.linalg.inv(normal)), misses.sum(1), 3 * count - 6, rms, misses)
 
 
-def rough_rms(seen_mm: Array, seen_covariance: Array, model_mm: Array, used: NDArray[np.bool_]) -> Array:
-    """(B,) rms distance in mm after the closed form alone: enough to see which of many models are far off."""
+def rough_fit(
+    seen_mm: Array, seen_covariance: Array, model_mm: Array, used: NDArray[np.bool_]
+) -> tuple[Array, Array, Array]:
+    """Rotations (B, 3, 3), shifts (B, 3) and rms distances (B,) in mm after the closed form alone: enough to see which
+    of many models are far off."""
     rotation, shift = closed_form(seen_mm, seen_covariance, model_mm, used)
     residual = seen_mm - model_mm @ rotation.transpose(0, 2, 1) - shift[:, None, :]
-    return np.asarray(np.sqrt(((residual**2).sum(2) * used).sum(1) / used.sum(1)))
+    return rotation, shift, np.asarray(np.sqrt(((residual**2).sum(2) * used).sum(1) / used.sum(1)))
 
 
 def _information(seen: Array, model: Array, rotation: Array, tau_mm: float) -> Array:

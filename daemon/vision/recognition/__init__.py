@@ -3,19 +3,19 @@
 from daemon.vision.recognition.hypotheses import hypotheses
 from daemon.vision.recognition.recognise import (
     Recognised,
-    facet_hypotheses,
     joined,
     recognise,
     recognise_group,
+    suspected,
     typed_as,
 )
 
 __all__ = [
     "Recognised",
-    "facet_hypotheses",
     "hypotheses",
     "joined",
     "recognise",
     "recognise_group",
+    "suspected",
     "typed_as",
 ]

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon.arrays import Array
-from daemon.vision.geometry import Fits, Polyhedron, chi_square_tail, fit_poses, rough_rms
+from daemon.vision.geometry import Fits, Polyhedron, chi_square_tail, fit_poses, rough_fit
 from daemon.vision.model import Correspondence, MetricModel, spread_from, symmetries
 
 Way = tuple[str, Correspondence]
@@ -58,22 +58,36 @@ class Hypothesis:
         return chi_square_tail(self.chi2 / SIGMA_SCALE**2, self.dof)
 
 
-def hypotheses(
-    seen: Polyhedron, metric: Mapping[str, MetricModel], tolerance_mm: float, rough_mm: float = ROUGH_MM
-) -> tuple[Hypothesis, ...]:
+def hypotheses(seen: Polyhedron, metric: Mapping[str, MetricModel], tolerance_mm: float) -> tuple[Hypothesis, ...]:
     """Every label in every numbering that lengths allow, one of those that a turn of the part takes onto each other,
     most facets explained first, then the smallest chi-square.
 
-    rough_mm: how badly an unweighted fit may be off where none is close. Where nothing fits, what came nearest. May be
-    empty.
+    Where nothing fits, what came nearest. May be empty.
     """
     if not metric:
         return ()
-    for reach_mm in (CLOSE_MM, rough_mm):
+    for reach_mm in (CLOSE_MM, ROUGH_MM):
         found = _fitted(seen, metric, _whole_ways(seen, metric, reach_mm), tolerance_mm)
         if found and found[0].tail > FITS:
             return found
     return found or _fitted(seen, metric, _nearest_ways(seen, metric), tolerance_mm)
+
+
+def facet_poses(seen: Polyhedron, metric: Mapping[str, MetricModel], rms_mm: float) -> list[tuple[str, Array]]:
+    """Every taught facet in every turn whose corners come so near to those of a lone seen one, the nearest first: the
+    part, and its pose (4, 4)."""
+    places, off = _places(seen, 0, metric)
+    near = np.flatnonzero(off < SPREAD * rms_mm)
+    if not len(near):
+        return []
+    ways = [(metric[label].solid, *place) for label, place in (places[k] for k in near.tolist())]
+    taught = np.stack([solid.corners_mm[np.roll(solid.rings[g], -turn)] for solid, g, turn in ways])
+    ring = seen.rings[0]
+    used = np.ones(taught.shape[:2], bool)
+    rotation, shift, rms = rough_fit(seen.corners_mm[ring], seen.covariance_mm2[ring], taught, used)
+    poses = np.tile(np.eye(4), (len(near), 1, 1))
+    poses[:, :3, :3], poses[:, :3, 3] = rotation, shift
+    return [(places[near[k]][0], poses[k]) for k in np.argsort(rms, kind="stable").tolist() if rms[k] < rms_mm]
 
 
 def _fitted(
@@ -97,7 +111,7 @@ def _whole_ways(seen: Polyhedron, metric: Mapping[str, MetricModel], reach_mm: f
     if not ways:
         return []
     seen_mm, covariance, corners, _, used = _matched(seen, metric, ways)
-    rms = rough_rms(seen_mm, covariance, corners, used)
+    rms = rough_fit(seen_mm, covariance, corners, used)[2]
     unsure = SURE * float(np.sqrt(covariance.reshape(-1, 9)[:, ::4].sum(1).mean()))
     return [w for w, r in zip(ways, rms, strict=True) if r <= max(reach_mm, unsure)]
 

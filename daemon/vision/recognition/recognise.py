@@ -13,6 +13,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from daemon.arrays import Array
 from daemon.vision.facets import weld
 from daemon.vision.geometry import newell_normal
 from daemon.vision.model import (
@@ -27,7 +28,13 @@ from daemon.vision.model import (
     typed,
 )
 from daemon.vision.recognition.confidence import probability
-from daemon.vision.recognition.hypotheses import Hypothesis, equivalents, hypotheses, without_one_corner
+from daemon.vision.recognition.hypotheses import (
+    Hypothesis,
+    equivalents,
+    facet_poses,
+    hypotheses,
+    without_one_corner,
+)
 from daemon.vision.recognition.posterior import most_likely_corners
 from daemon.vision.values import UNKNOWN, Facet, Group, Part, Recognition
 
@@ -110,11 +117,9 @@ def _hollow(facets: tuple[Facet, ...], touching: NDArray[np.bool_], facet: Facet
     return all(float(newell_normal(g.corners_mm) @ (middle - g.corners_mm.mean(0))) > HOLLOW_MM for g in beside)
 
 
-def facet_hypotheses(facet: Facet, model: Model) -> tuple[Hypothesis, ...]:
-    """Every taught part and pose that a facet may belong to, measured well or not; the nearest first."""
-    seen = _typed(weld([facet]), model)
-    found = hypotheses(seen.polyhedron, model.metric, model.parameters.tolerance_mm, SUSPECT_MM)
-    return tuple(sorted((h for h in found if h.rms_mm < SUSPECT_MM), key=lambda h: h.rms_mm))
+def suspected(facet: Facet, model: Model) -> list[tuple[str, Array]]:
+    """Every taught part and pose (4, 4) that a facet may belong to, measured well or not; the nearest first."""
+    return facet_poses(weld([facet]).polyhedron, model.metric, SUSPECT_MM)
 
 
 def recognise_group(group: Group, model: Model) -> Part:

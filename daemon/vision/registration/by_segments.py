@@ -23,7 +23,7 @@ from daemon.vision.facets import weld
 from daemon.vision.geometry import Polyhedron, Shape
 from daemon.vision.image import Eyes, joined, segment_corners
 from daemon.vision.model import Model
-from daemon.vision.recognition import Recognised, facet_hypotheses, typed_as
+from daemon.vision.recognition import Recognised, suspected, typed_as
 from daemon.vision.registration.beside import COVERED, covered, lies_on
 from daemon.vision.registration.corner_guesses import guesses_from_space
 from daemon.vision.registration.different import Guesses, different, thinned
@@ -156,12 +156,12 @@ def _likely(
         return [], 1, ("where taught parts could be was not looked for",)
     solids = taught_solids(model)
     guessed, tests = guesses_from_space(meet(left, right, eyes.geometry), eyes.geometry, maps, solids)
-    by_facet = [h for g in unnamed for f in g.facets for h in facet_hypotheses(f, model)]
-    part = np.array([solids.labels.index(h.label) for h in by_facet], np.intp)
+    by_facet = [one for group in unnamed for facet in group.facets for one in suspected(facet, model)]
+    part = np.array([solids.labels.index(label) for label, _ in by_facet], np.intp)
     posed = Posed(
         solids,
         np.concatenate([guessed.part, part]),
-        np.concatenate([guessed.poses, *(h.pose[None] for h in by_facet)]),
+        np.concatenate([guessed.poses, *(pose[None] for _, pose in by_facet)]),
     )
     posed = posed.chosen(promising(posed, eyes.geometry, maps))
     nats, _ = evidence(posed, eyes.geometry, maps)

@@ -25,10 +25,11 @@ SHRINK = 2
 """A pixel of a map is as wide as so many of the camera's."""
 DIRECTIONS, NEAR = 12, (-1.0, -0.5, 0.5, 1.0)
 """How many directions half a turn is cut into; a segment counts for those so many steps from its own."""
-REACH_PX, FARTHEST_PX = 5.0, 7.5
-"""Half of the first off, an edge still lies on a segment; by the second, no more."""
-SURE = 1.5
-"""So many times what is left of the reach is how surely a place is on a segment, at most 1."""
+_NEARBY = np.ones((5, 5), np.uint8)
+_NEARBY[::4, ::4] = 0
+RIM = 3
+"""Pixels of a map this near to a segment's lie on it: less surely from 2 on, the mean of a pixel's neighbours, and no
+more from 4 on."""
 MOST_ROWS = 32000  # of a map that cv2.remap takes
 PLACES, SPACING_PX = 10, 5.0
 """Where along an edge is looked, and how far apart places are that say something of their own."""
@@ -87,20 +88,18 @@ def directed_map(view: OneEye) -> DirectedMap:
     way = ends[1] - ends[0]
     direction = np.arctan2(way[:, 1], way[:, 0]) / np.pi * DIRECTIONS
     fixed = np.round(ends.transpose(1, 0, 2) * 16).astype(np.int32)
-    hit = np.zeros((DIRECTIONS, height, width), np.uint8)
     wanted = np.stack([np.round(direction + step).astype(int) % DIRECTIONS for step in NEAR])
-    reach = FARTHEST_PX / SHRINK
+    lines = np.zeros((DIRECTIONS, height, width), np.uint8)
     for k in range(DIRECTIONS):
         own = fixed[(wanted == k).any(0)]
         if len(own):
-            none = np.full((height, width), 255, np.uint8)
-            cv2.polylines(none, list(own[:, :, None]), False, 0, 1, cv2.LINE_8, 4)
-            away = cv2.distanceTransform(none, cv2.DIST_L2, 3)
-            cv2.convertScaleAbs(np.minimum(away, np.float32(reach)), hit[k], -SURE * 255 / reach, SURE * 255)
+            cv2.polylines(lines[k], list(own[:, :, None]), False, 255, 1, cv2.LINE_8, 4)
+    lines[:, [*range(-RIM, RIM)]] = 0  # one map lies above the other
+    near = cv2.blur(cv2.dilate(lines.reshape(-1, width), _NEARBY), (3, 3))
+    hit = np.asarray(near, np.uint8).reshape(lines.shape)
     hit[:, [0, -1]] = 0
     hit[:, :, [0, -1]] = 0
-    near = np.uint8(255 * SURE * (1 - REACH_PX / FARTHEST_PX))
-    chance = np.count_nonzero(hit > near, (1, 2)) / hit[0].size
+    chance = np.count_nonzero(hit > 127, (1, 2)) / hit[0].size
     return DirectedMap(hit, np.clip(chance, LEAST_CHANCE, MOST_CHANCE), scale, origin)
 
 

@@ -116,7 +116,7 @@ def taught_corners(solid: Polyhedron) -> tuple[Array, Array, Array]:
     (K, 2) of both, mm.
     """
     every, cosines, lengths = _corner_frames(solid)
-    corner_from_part = np.linalg.inv(every)
+    corner_from_part = np.asarray(np.linalg.inv(every), float)
     seen = solid.corners_mm @ corner_from_part[:, :3, :3].transpose(0, 2, 1) + corner_from_part[:, None, :3, 3]
     found, left = list[int](), np.arange(len(every))
     while len(left):
@@ -143,11 +143,11 @@ def _corner_frames(solid: Polyhedron) -> tuple[Array, Array, Array]:
     pairs = [(k, m) for k in range(len(ends)) for m in range(len(ends)) if k != m and ends[k, 0] == ends[m, 0]]
     which = np.array(pairs, np.intp).reshape(-1, 2)
     ways = solid.corners_mm[ends[:, 1]] - solid.corners_mm[ends[:, 0]]
-    length = np.linalg.norm(ways, axis=1)
+    length = np.sqrt((ways * ways).sum(1))
     x, to = (ways[own] / length[own, None] for own in which.T)
-    found: Array = np.tile(np.eye(4), (len(which), 1, 1))
-    found[:, :3, :3], found[:, :3, 3] = basis(x, to), solid.corners_mm[ends[which[:, 0], 0]]
-    return found, (x * to).sum(1), np.asarray(length[which])
+    found = np.zeros((len(which), 4, 4))
+    found[:, :3, :3], found[:, :3, 3], found[:, 3, 3] = basis(x, to), solid.corners_mm[ends[which[:, 0], 0]], 1.0
+    return found, (x * to).sum(1), length[which]
 
 
 def _as_near(many: Array, one: Array) -> NDArray[np.bool_]:
