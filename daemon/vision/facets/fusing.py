@@ -139,6 +139,10 @@ class _Pieces:
         """Of one facet, (N, 3) base."""
         return [self.moved[k][list(self.rings[k][f])] for k, f in self.facets[facet]]
 
+    def looks(self, facet: int) -> int:
+        """How many saw any of them."""
+        return len({k for k, _ in self.facets[facet]})
+
     def doubts(self, facet: int) -> list[Array]:
         """How far each corner of those may be off, (N,) mm."""
         spreads = [self.spread[k][list(self.rings[k][f])] for k, f in self.facets[facet]]
@@ -150,7 +154,7 @@ def _shapes(pieces: _Pieces, unseen: Sequence[Plane]) -> list[tuple[Array, int]]
     found = []
     marks = [{mark for k, f in one for mark in pieces.marks(k, f)} for one in pieces.facets]
     for members in one_thing(marks):
-        planes = [plane_of(pieces.outlines(k), pieces.doubts(k)) for k in members]
+        planes = [plane_of(pieces.outlines(k), pieces.doubts(k), pieces.looks(k)) for k in members]
         found += [(ring, k) for k, rings in zip(members, outlines(planes, unseen), strict=True) for ring in rings]
     return found
 

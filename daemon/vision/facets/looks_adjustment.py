@@ -20,7 +20,7 @@ Index = NDArray[np.intp]
 OUTLIER = 4.0  # sigmas beyond which a corner counts less
 ROUNDS = 6
 LEAST_MM2 = 1e-6  # keeps the weight of a corner known exactly finite
-FREE_MM = 30.0  # how far a corner may lie from where it began, for what nothing holds
+FREE_MM = 1.0  # how far a corner that nothing holds may lie from where it began
 NONE = np.zeros((0, 3))
 
 
@@ -74,6 +74,7 @@ def adjusted(looks: Sequence[LookCorners], planes: Sequence[Index], shared: Arra
     own = np.repeat(np.arange(len(looks)), [len(one.points_mm) for one in looks])
     measured, here = int(owner.max()) + 1, np.arange(len(owner))
     count = measured + len(unseen)
+    held = np.where(np.arange(count) < measured, 1e-9, FREE_MM**-2)
     corners = np.concatenate([np.zeros((measured, 3)), unseen])
     np.add.at(corners, owner, np.concatenate([frames.apply(k.base_from_cyclopean, k.points_mm) for k in looks]))
     corners[:measured] /= np.bincount(owner, minlength=measured)[:, None]
@@ -104,7 +105,7 @@ def adjusted(looks: Sequence[LookCorners], planes: Sequence[Index], shared: Arra
         weighed = (trust[:, None, None] * information @ rows).reshape(-1, last + 9)
         flat = np.concatenate([np.zeros((0, first)), *(flatness(corners, alike) for alike in by_size)])
         hessian = prior + weighed.T @ rows.reshape(-1, last + 9)
-        hessian[:first, :first] += flat.T @ flat + np.eye(first) / FREE_MM**2
+        hessian[:first, :first] += flat.T @ flat + np.diag(np.repeat(held, 3))
         gradient = prior @ off + weighed.T @ residual.ravel()
         gradient[:first] += flat.T @ (flat @ corners.ravel())
         step = -np.linalg.solve(hessian, gradient)

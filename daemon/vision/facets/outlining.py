@@ -19,7 +19,9 @@ from daemon.vision.geometry import area_vector, inside
 LINE_MM, OF_WIDTH = 2.0, 0.15
 """A piece's side this near to a line lies on it, and so two sides to each other; less in a narrow facet."""
 LEAST_SINE = 0.12  # planes that meet at a smaller angle share no line that is known
-COVERED = 0.5  # share of a cell that pieces cover where it is the facet's
+COVERED, OF_LOOKS = 0.5, 0.25
+"""Share of a cell that pieces cover where it is the facet's; and of the looks that saw the facet at all, how many must
+agree: shadows and what hides a part of it leave the rest to some, a side that was measured wrongly is one look's."""
 REACHED = 0.7
 """Share of a cell's edges beyond which facets were seen, where it is the facet's though no piece covers it."""
 MARGIN = 0.4  # of the pieces' extent: what none of them shows may lie beyond them all
@@ -38,7 +40,8 @@ _Met = tuple[Array, list[_Side]]
 @dataclass(frozen=True, eq=False)
 class Plane:
     """A facet's plane: origin (3,), axes (2, 3) in it, outward normal (3,); pieces: outlines in it, (N, 2) mm each;
-    doubts: how far each corner of those may be off, (N,) mm; solid: the pieces' corners in space, (N, 3)."""
+    doubts: how far each corner of those may be off, (N,) mm; solid: the pieces' corners in space, (N, 3); looks: how
+    many saw any."""
 
     origin: Array
     axes: Array
@@ -46,6 +49,7 @@ class Plane:
     pieces: tuple[Array, ...]
     doubts: tuple[Array, ...]
     solid: tuple[Array, ...]
+    looks: int
 
     def down(self, points: Array) -> tuple[Array, Array]:
         """(N, 3) to (N, 2) in the plane, and (N,) how far they are off it."""
@@ -56,8 +60,9 @@ class Plane:
         return points @ self.axes + self.origin
 
 
-def plane_of(pieces: Sequence[Array], doubts: Sequence[Array]) -> Plane:
-    """The plane of pieces of one facet: outlines (N, 3) mm, and how far each corner may be off (N,) mm."""
+def plane_of(pieces: Sequence[Array], doubts: Sequence[Array], looks: int) -> Plane:
+    """The plane of pieces of one facet: outlines (N, 3) mm, how far each corner may be off (N,) mm, and how many looks
+    they are of."""
     points, weight = np.concatenate(pieces), np.concatenate(doubts) ** -2
     origin = weight @ points / weight.sum()
     outward = np.sum([area_vector(piece) for piece in pieces], axis=0)
@@ -65,15 +70,14 @@ def plane_of(pieces: Sequence[Array], doubts: Sequence[Array]) -> Plane:
     normal = axes[2] if axes[2] @ outward > 0 else -axes[2]
     x = axes[0]
     frame = np.stack([x, np.cross(normal, x)])
-    return Plane(
-        origin, frame, normal, tuple((piece - origin) @ frame.T for piece in pieces), tuple(doubts), tuple(pieces)
-    )
+    level = tuple((piece - origin) @ frame.T for piece in pieces)
+    return Plane(origin, frame, normal, level, tuple(doubts), tuple(pieces), looks)
 
 
 def supposed(origin: Array, normal: Array) -> Plane:
     """A plane that no piece was seen of: through a point (3,), with a normal (3,) of any length."""
     axes = np.linalg.svd(normal[None])[2][1:]
-    return Plane(origin, axes, normal / np.linalg.norm(normal), (), (), ())
+    return Plane(origin, axes, normal / np.linalg.norm(normal), (), (), (), 0)
 
 
 def outlines(planes: Sequence[Plane], unseen: Sequence[Plane] = ()) -> list[list[Array]]:
@@ -93,7 +97,7 @@ def _facets(plane: Plane, others: Sequence[Plane]) -> list[Array]:
     cells = [box]
     for line in (*lines, *_own_sides(plane, lines, near_mm)):
         cells = [half for cell in cells for half in _halves(cell, line)]
-    shares = np.array([_covered(cell, plane.pieces) for cell in cells])
+    shares = np.array([_covered(cell, plane) for cell in cells])
     rims = np.array([bool(((cell < low + 1e-6) | (cell > high - 1e-6)).any()) for cell in cells])
     reached = np.array([_reached(cell, met) for cell in cells])
     taken = np.where(shares > COVERED, reached >= 0, (reached > REACHED) & ~rims)
@@ -200,13 +204,13 @@ def _halves(cell: Array, line: Array) -> list[Array]:
     return found
 
 
-def _covered(cell: Array, pieces: Sequence[Array]) -> float:
-    """Share of a convex cell that lies in any piece, by points between its middle and its border."""
+def _covered(cell: Array, plane: Plane) -> float:
+    """Share of a convex cell that pieces of looks enough cover, by points between its middle and its border."""
     middle = cell.mean(0)
     rim = np.concatenate([cell, (cell + np.roll(cell, -1, axis=0)) / 2])
     points = np.concatenate([middle + depth * (rim - middle) for depth in DEPTHS])
     weight = np.repeat([max(depth, 0.05) for depth in DEPTHS], len(rim))
-    hit = np.any([inside(points, piece[None])[0] for piece in pieces], axis=0)
+    hit = np.sum([inside(points, piece[None])[0] for piece in plane.pieces], axis=0) >= OF_LOOKS * plane.looks
     return float(weight @ hit / weight.sum())
 
 
