@@ -6,6 +6,7 @@ import os
 from collections.abc import Iterator
 from datetime import UTC, datetime
 from pathlib import Path
+from unittest.mock import patch
 
 import pytest
 
@@ -14,6 +15,7 @@ from daemon.store.runs import (
     RunError,
     enforce_quota,
     find_run,
+    folder_bytes,
     has_failure,
     list_runs,
     new_folder,
@@ -103,6 +105,18 @@ def test_runs_are_no_more_than_can_be_looked_through_in_time(tmp_path: Path, mon
     for folder in made[3:]:
         RunLog(folder).close()
     assert enforce_quota(tmp_path, 10**9, made[0]) == made[1:3]
+
+
+def test_a_run_that_has_ended_is_looked_through_once_and_again_where_something_was_put_in(tmp_path: Path) -> None:
+    old = run_with(tmp_path / "20260101T000000Z", {"kind": "cycle_end", "outcome": "picked"}, size=100_000)
+    new = run_with(tmp_path / "20260102T000000Z", size=0)
+    with patch("daemon.store.runs.folder_bytes", side_effect=folder_bytes) as looked:
+        for _ in range(3):
+            assert enforce_quota(tmp_path, 500_000, new) == []
+        assert [f for call in looked.call_args_list if (f := call.args[0]) in (old, new)] == [old, new, new, new]
+        os.utime(old, ns=(0, 0))
+        (old / "report.html").write_bytes(bytes(600_000))
+        assert enforce_quota(tmp_path, 500_000, new) == [old]
 
 
 def test_scenes_that_nobody_asks_for_are_let_go_while_a_run_is_read(tmp_path: Path) -> None:
