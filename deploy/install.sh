@@ -102,8 +102,8 @@ system_files() {
     mkdir -p "$root/usr/local/bin"
     ln -sfn /opt/facetd/current/venv/bin/facetctl "$root/usr/local/bin/facetctl"
     ln -sfn /opt/facetd/current/venv/bin/facetd "$root/usr/local/bin/facetd"
-    mkdir -p "$root${completion%/*}"
-    PYTHONPATH=$release "$release/venv/bin/python" -m daemon.ctl completion bash >"$root$completion"
+    PYTHONPATH=$release "$release/venv/bin/python" -m daemon.ctl completion bash >"$release/completion"
+    put "$release/completion" "$root$completion"
     [ -n "$root" ] && return 0
     systemd-sysusers facetd.conf
     systemd-tmpfiles --create facetd.conf
@@ -115,6 +115,7 @@ system_files() {
 }
 
 switch_to() {
+    sync -f "$opt/releases/$(basename "$1")"  # all of it on the disk before anything leads to it
     ln -sfn "releases/$(basename "$1")" "$opt/.current"
     mv -T "$opt/.current" "$opt/current"
 }

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import shutil
 import sys
 from collections import Counter
 from collections.abc import Sequence
@@ -15,8 +14,10 @@ from pathlib import Path
 from daemon.calibration.board import Board, BoardError, Grey, find_board, parse_board
 from daemon.calibration.file import Calibration, Quality, load_calibration, save_calibration
 from daemon.calibration.stereo import Pair, StereoError, StereoResult, calibrate_stereo
-from daemon.store.outside import FileError
+from daemon.store.files import write_atomically
+from daemon.store.outside import FileError, read_file
 from daemon.store.pictures import read_grey
+from daemon.store.yamlfile import LARGEST_BYTES
 
 
 def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -117,12 +118,13 @@ def to_calibration(result: StereoResult) -> Calibration:
 
 
 def keep_old(path: Path) -> Path | None:
-    """Copy the file that is there to one with its time in the name; returns that, or None where there was none."""
+    """Copy the file that is there to one with its time in the name; returns that, or None where there was none. Raises
+    FileError, OSError."""
     if not path.exists():
         return None
     stamp = datetime.fromtimestamp(path.stat().st_mtime, UTC).strftime("%Y%m%dT%H%M%SZ")
     kept = path.with_name(f"{path.stem}-{stamp}{path.suffix}")
-    shutil.copy2(path, kept)
+    write_atomically(kept, read_file(path, LARGEST_BYTES))
     return kept
 
 

@@ -140,6 +140,8 @@ class ModelStore:
         try:
             for view in gone:
                 doomed = view.folder.with_name(f".gone-{view.folder.name}")
+                if doomed.exists():  # the power went in the middle of this
+                    shutil.rmtree(doomed)
                 view.folder.rename(doomed)
                 shutil.rmtree(doomed)
             parent = self.folder / "views" / label

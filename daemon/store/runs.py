@@ -14,6 +14,7 @@ import time
 from collections.abc import Callable, Container, Iterator
 from dataclasses import dataclass
 from datetime import datetime
+from functools import lru_cache
 from pathlib import Path
 from typing import BinaryIO
 
@@ -163,7 +164,7 @@ def enforce_quota(runs: Path, limit_bytes: int, current: Path | None, min_free_b
     """
     if not runs.is_dir():
         return []
-    sizes = {folder: folder_bytes(folder) for folder in list_runs(runs)}
+    sizes = {folder: (folder_bytes if folder == current else _ended_bytes)(folder) for folder in list_runs(runs)}
     total = sum(sizes.values())
     removed: list[Path] = []
 
@@ -196,6 +197,19 @@ def folder_bytes(folder: str | Path) -> int:
                 if entry.is_dir(follow_symlinks=False):
                     total += folder_bytes(entry.path)
     return total
+
+
+def _ended_bytes(folder: Path) -> int:
+    """As folder_bytes, of a run that is written no more: looked through once, and again where something was put in."""
+    try:
+        return _bytes_then(folder, *(os.stat(folder / name).st_mtime_ns for name in ("", "images", "kept")))
+    except OSError:
+        return folder_bytes(folder)
+
+
+@lru_cache(MOST_RUNS)
+def _bytes_then(folder: Path, *_: int) -> int:
+    return folder_bytes(folder)
 
 
 def has_failure(folder: Path) -> bool:

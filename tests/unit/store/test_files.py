@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import errno
 import os
+import stat
+import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from daemon.store.files import hold, plain, write_atomically
+from daemon.store.files import InUseError, LineFile, OpenFile, Syncer, being_written, hold, plain, write_atomically
 from daemon.store.standing import StandingFile
 
 
@@ -38,3 +41,134 @@ def test_room_for_what_must_be_known_is_taken_at_the_start_or_the_file_is_named(
 def test_a_full_disk_keeps_nobody_from_claiming_a_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("os.pwrite", full)
     os.close(hold(tmp_path))
+
+
+def test_a_file_and_its_folder_are_on_the_disk_before_anybody_is_told_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    synced: list[bool] = []
+    monkeypatch.setattr("os.fsync", lambda handle: synced.append(stat.S_ISDIR(os.fstat(handle).st_mode)))
+    write_atomically(tmp_path / "a" / "file", b"new")
+    assert synced == [False, True]
+    write_atomically(tmp_path / "file", b"new", synced=False)
+    assert synced == [False, True]
+    assert [(tmp_path / name).read_bytes() for name in ("a/file", "file")] == [b"new", b"new"]
+
+
+def test_a_file_that_is_replaced_keeps_who_may_read_it_and_a_new_one_is_everybodys_to_read(tmp_path: Path) -> None:
+    write_atomically(tmp_path / "file", b"old")
+    assert stat.S_IMODE((tmp_path / "file").stat().st_mode) == 0o644
+    (tmp_path / "file").chmod(0o600)
+    write_atomically(tmp_path / "file", b"new")
+    assert stat.S_IMODE((tmp_path / "file").stat().st_mode) == 0o600
+
+
+def test_writing_leaves_no_handle_open(tmp_path: Path) -> None:
+    before = len(os.listdir("/proc/self/fd"))
+    for _ in range(5):
+        write_atomically(tmp_path / "file", b"new")
+        being_written(tmp_path / "file")
+    assert len(os.listdir("/proc/self/fd")) == before
+
+
+def test_a_short_write_is_cut_off_again_and_told_as_a_full_disk(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = LineFile(tmp_path / "lines")
+    file.append(b"one")
+    write = os.write
+    with monkeypatch.context() as patched:
+        patched.setattr("os.write", lambda handle, line: write(handle, line[:2]))
+        with pytest.raises(OSError, match="No space left"):
+            file.append(b"two")
+    file.append(b"three")
+    assert (tmp_path / "lines").read_bytes() == b"one\nthree\n"
+    with pytest.raises(FileExistsError):
+        LineFile(tmp_path / "lines")
+    file.close()
+
+
+def test_who_writes_a_file_holds_it_until_it_is_closed(tmp_path: Path) -> None:
+    file = LineFile(tmp_path / "lines")
+    assert stat.S_IMODE((tmp_path / "lines").stat().st_mode) == 0o640
+    assert file.in_place
+    assert being_written(tmp_path / "lines")
+    (tmp_path / "lines").rename(tmp_path / "moved")
+    assert not file.in_place
+    (tmp_path / "lines").touch()
+    assert not file.in_place
+    file.close()
+    file.close()
+    file.sync()
+    assert file.in_place, "a closed file is nobody's to look for"
+    assert not being_written(tmp_path / "moved")
+    assert not being_written(tmp_path / "none")
+
+
+class Watched(OpenFile):
+    """Counts how often it is synced; fails while it is told to."""
+
+    def __init__(self, fails: bool = False) -> None:
+        self.synced, self.fails = 0, fails
+
+    def sync(self) -> None:
+        self.synced += 1
+        if self.fails:
+            raise OSError(errno.EIO, "I/O error")
+
+
+def settled(syncer: Syncer, file: Any, count: int) -> bool:
+    deadline = time.monotonic() + 5
+    while file.synced < count and time.monotonic() < deadline:
+        time.sleep(0.005)
+    return bool(file.synced == count) and syncer.settled(5)
+
+
+def test_what_is_urgent_is_synced_now_and_the_rest_at_the_end() -> None:
+    syncer, file, broken = Syncer(600.0), Watched(), Watched(fails=True)
+    assert syncer.settled(0)
+    syncer.take(broken)
+    syncer.take(file)
+    assert not syncer.settled(0.05)
+    assert file.synced == 0
+    syncer.hurry()
+    assert settled(syncer, file, 1)
+    syncer.take(file)
+    syncer.stop()
+    assert file.synced == 2
+    assert not syncer._thread.is_alive()
+
+
+def test_what_is_not_urgent_is_synced_every_so_often() -> None:
+    syncer, file = Syncer(0.05), Watched()
+    for count in (1, 2):
+        syncer.take(file)
+        syncer.take(file)
+        assert settled(syncer, file, count)
+    syncer.stop()
+    assert file.synced == 2
+
+
+def test_errors_are_one_line_for_people() -> None:
+    assert plain(OSError(errno.EIO, "I/O error", "/x")) == "/x: I/O error"
+    assert plain(OSError(errno.EDQUOT, "Quota", "/x")) == "/x: Quota; free some space there"
+    assert plain(OSError(errno.EIO, "I/O error")) == "[Errno 5] I/O error"
+    assert plain(OSError("odd")) == "odd"
+    assert plain(ValueError("two\n  lines ")) == "two lines"
+    assert plain(KeyError()) == "KeyError"
+
+
+def test_a_folder_is_held_by_one_and_the_other_is_told_by_whom(tmp_path: Path) -> None:
+    lock = hold(tmp_path / "state")
+    assert (tmp_path / "state/lock").read_text() == f"{os.getpid()}\n"
+    with pytest.raises(
+        InUseError, match=rf"state: another facetd \(process {os.getpid()}\) works in it; stop that one"
+    ):
+        hold(tmp_path / "state")
+    (tmp_path / "state/lock").write_text("")
+    with pytest.raises(InUseError, match=r"process unknown"):
+        hold(tmp_path / "state")
+    os.close(lock)
+    (tmp_path / "state/lock").write_text("1234567890123\n")
+    os.close(hold(tmp_path / "state"))
+    assert (tmp_path / "state/lock").read_text() == f"{os.getpid()}\n"

@@ -12,10 +12,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from daemon.calibration.file import load_calibration, same_geometry, save_calibration
+from daemon.calibration.file import calibration_text, load_calibration, same_geometry, save_calibration
 from daemon.calibration.recorded import keep_old
+from daemon.store.calibrations import Calibrations
 from daemon.store.library import load_facets
 from daemon.store.model_store import ModelStore
+from daemon.store.named_places import NamedPlaces
 from daemon.store.places import HOUSE
 from daemon.store.runlog import RunLog
 from daemon.store.standing import Standing, StandingFile, left_behind
@@ -135,6 +137,29 @@ def test_a_calibration(tmp_path: Path) -> None:
     assert cut_at_every_step(tmp_path, prepare, calibrate, found) >= 4
 
 
+def test_a_calibration_that_is_made_by_the_daemon(tmp_path: Path) -> None:
+    def of(folder: Path) -> Calibrations:
+        return Calibrations(folder / "state", "real", folder / "c.yaml")
+
+    def prepare(folder: Path) -> None:
+        save_calibration(OLD, folder / "c.yaml")
+        of(folder).keep(calibration_text(OLD))
+
+    def found(folder: Path) -> bool:
+        kept = of(folder)
+        assert kept.current in (1, 2)
+        assert same_geometry(load_calibration(kept.in_use), NEW if kept.current == 2 else OLD)
+        is_new = kept.current == 2
+        assert kept.keep(calibration_text(NEW)) == kept.current, "another can be made"
+        assert same_geometry(load_calibration(kept.in_use), NEW)
+        return is_new
+
+    def calibrate(folder: Path) -> None:
+        of(folder).keep(calibration_text(NEW))
+
+    assert cut_at_every_step(tmp_path, prepare, calibrate, found) >= 8
+
+
 @pytest.mark.parametrize("word", ["train", "accept", "rollback", "use"])
 def test_a_model(word: str, tmp_path: Path) -> None:
     model = empty_model(load_facets())
@@ -180,6 +205,40 @@ def test_a_taught_view(tmp_path: Path) -> None:
         ModelStore(folder).add_view("cube", EYE, EYE, {"who": "x"})
 
     assert cut_at_every_step(tmp_path, teach, teach, found) >= 10
+
+
+def test_a_view_that_is_forgotten(tmp_path: Path) -> None:
+    def prepare(folder: Path) -> None:
+        for _ in range(2):
+            ModelStore(folder).add_view("cube", EYE, EYE, {})
+
+    def found(folder: Path) -> bool:
+        store = ModelStore(folder)
+        views = store.views()
+        for view in views:
+            view.images()
+        assert [view.number for view in views] in ([1, 2], [2])
+        if len(views) == 1:  # what is left of the one must not keep the next of its number from being forgotten
+            (folder / "views/cube/2").rename(folder / "views/cube/1")
+        assert store.drop_views("cube", 1) == 1
+        return len(views) == 1
+
+    assert cut_at_every_step(tmp_path, prepare, lambda folder: ModelStore(folder).drop_views("cube", 1), found) >= 3
+
+
+def test_a_place_that_is_given_a_name(tmp_path: Path) -> None:
+    """It is a line at the end of a file: cut off at any of its bytes the places before are known, and the next."""
+    places = NamedPlaces(tmp_path)
+    places.keep("bench", np.eye(4), "x")
+    old = places.path.read_bytes()
+    places.keep("bench", None, "x")
+    new = places.path.read_bytes()
+    for length in range(len(old), len(new) + 1):
+        places.path.write_bytes(new[:length])
+        known = set(places.now())
+        assert known == (set() if length >= len(new) - 1 else {"bench"})
+        places.keep("tray", np.eye(4), "x")
+        assert set(places.now()) == known | {"tray"}
 
 
 def test_what_a_restart_must_know(tmp_path: Path) -> None:

@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 from collections.abc import Iterator
 from datetime import UTC, datetime
 from pathlib import Path
+from unittest.mock import patch
 
 import pytest
 
 from daemon.store.runlog import RunLog
 from daemon.store.runs import (
     RunError,
+    check_wire,
     enforce_quota,
     find_run,
+    folder_bytes,
+    follow,
     has_failure,
+    kept_file,
     list_runs,
     new_folder,
     read_run,
@@ -105,6 +111,18 @@ def test_runs_are_no_more_than_can_be_looked_through_in_time(tmp_path: Path, mon
     assert enforce_quota(tmp_path, 10**9, made[0]) == made[1:3]
 
 
+def test_a_run_that_has_ended_is_looked_through_once_and_again_where_something_was_put_in(tmp_path: Path) -> None:
+    old = run_with(tmp_path / "20260101T000000Z", {"kind": "cycle_end", "outcome": "picked"}, size=100_000)
+    new = run_with(tmp_path / "20260102T000000Z", size=0)
+    with patch("daemon.store.runs.folder_bytes", side_effect=folder_bytes) as looked:
+        for _ in range(3):
+            assert enforce_quota(tmp_path, 500_000, new) == []
+        assert [f for call in looked.call_args_list if (f := call.args[0]) in (old, new)] == [old, new, new, new]
+        os.utime(old, ns=(0, 0))
+        (old / "report.html").write_bytes(bytes(600_000))
+        assert enforce_quota(tmp_path, 500_000, new) == [old]
+
+
 def test_scenes_that_nobody_asks_for_are_let_go_while_a_run_is_read(tmp_path: Path) -> None:
     log = RunLog(tmp_path / "run")
     for _ in range(3):
@@ -113,3 +131,103 @@ def test_scenes_that_nobody_asks_for_are_let_go_while_a_run_is_read(tmp_path: Pa
     looks = [r for r in read_run(tmp_path / "run", frozenset({1})).records if r["kind"] == "look"]
     assert [("scene" in look, look["purpose"]) for look in looks] == [(k == 1, "survey") for k in range(3)]
     assert all("scene" in r for r in read_run(tmp_path / "run").records if r["kind"] == "look")
+
+
+def ledger(folder: Path, *lines: bytes) -> list[str]:
+    (folder / "wire.jsonl").write_bytes(b"".join(line + b"\n" for line in lines))
+    return check_wire(folder)
+
+
+def test_where_the_ledgers_chain_does_not_hold_is_said_line_by_line(tmp_path: Path) -> None:
+    assert check_wire(tmp_path) == []
+    one = b'{"seq":0,"chain":""}'
+    two = b'{"seq":1,"chain":"%s"}' % hashlib.sha256(one).hexdigest().encode()
+    three = b'{"seq":2,"chain":"%s"}' % hashlib.sha256(two).hexdigest().encode()
+    assert ledger(tmp_path, one, two, three) == []
+    assert ledger(tmp_path, one, three) == ["wire.jsonl:2: 1 entries are missing before it"]
+    not_from = "does not follow from the line before it"
+    assert ledger(tmp_path, two, three) == [f"wire.jsonl:1: {not_from}"]
+    assert ledger(tmp_path, one, two.replace(b"1,", b"1, "), three) == [f"wire.jsonl:3: {not_from}"]
+    assert ledger(tmp_path, one, b'{"seq":1,"chain":"x"}') == [f"wire.jsonl:2: {not_from}"]
+    assert ledger(tmp_path, one, b'{"chain":"x"}') == [f"wire.jsonl:2: {not_from}"]
+    assert ledger(tmp_path, one, b'{"seq"', two) == ["wire.jsonl:2: torn or unreadable line"]
+    (tmp_path / "wire.jsonl").unlink()
+    (tmp_path / "wire.jsonl").mkdir()
+    assert "not a regular file" in check_wire(tmp_path)[0]
+
+
+def test_a_kept_file_must_be_what_its_name_says(tmp_path: Path) -> None:
+    (tmp_path / "kept").mkdir()
+    name = f"kept/{hashlib.sha256(b'x').hexdigest()}.yaml"
+    (tmp_path / name).write_bytes(b"x")
+    assert kept_file(tmp_path, name) == tmp_path / name
+    (tmp_path / name).write_bytes(b"y")
+    with pytest.raises(RunError, match="changed since it was kept"):
+        kept_file(tmp_path, name)
+
+
+@pytest.mark.parametrize(
+    ("lines", "failed"),
+    [
+        (['{"kind":"run_end"}'], False),
+        (['{"kind":"cycle_end","outcome":"picked"}', '{"kind":"run_end"}'], False),
+        (['{"kind":"cycle_end","outcome":"picked"}'], True),
+        (['{"kind":"cycle_end","outcome":"empty"}', '{"kind":"run_end"}'], True),
+        (['{"kind":"fault"}', '{"kind":"run_end"}'], True),
+        (['{"kind":"refusal"}', '{"kind":"run_end"}'], True),
+        ([], True),
+    ],
+)
+def test_a_run_in_which_something_failed_or_that_has_no_end_is_kept_longer(
+    lines: list[str], failed: bool, tmp_path: Path
+) -> None:
+    (tmp_path / "run.jsonl").write_text("\n".join(lines))
+    assert has_failure(tmp_path) is failed
+    assert has_failure(tmp_path / "none") is True
+
+
+def test_a_run_is_followed_past_bad_lines_to_its_end(tmp_path: Path) -> None:
+    line = '{"v":1,"seq":%d,"t":"2026-01-01T00:00:00Z","mono_s":1,"kind":"%s"}\n'
+    text = line % (0, "rest") + "nothing\n\n" + line % (1, "rest") + "x" * 1_100_000 + "\n" + line % (2, "run_end")
+    (tmp_path / "run.jsonl").write_text(text + line % (3, "rest"))
+    assert [r["seq"] for r in follow(tmp_path, lambda: True)] == [0, 1, 2]
+    (tmp_path / "run.jsonl").write_text(line % (0, "rest") + (line % (1, "rest")).strip())
+    going = iter([True, True, False])
+    assert [r["seq"] for r in follow(tmp_path, lambda: next(going))] == [0], "half a line is none yet"
+
+
+def test_what_was_skipped_is_named_by_its_line_and_the_last_may_be_torn(tmp_path: Path) -> None:
+    line = b'{"v":1,"seq":0,"t":"2026-01-01T00:00:00Z","mono_s":1,"kind":"rest"}\n'
+    (tmp_path / "run.jsonl").write_bytes(line + b"\n[]\n" + line + line[:20])
+    run = read_run(tmp_path)
+    assert len(run.records) == 2
+    at = f"{tmp_path}/run.jsonl"
+    assert run.skipped == (
+        f"{at}:3: unreadable line (not a record), 2 bytes skipped", f"{at}:5: torn last line, 20 bytes skipped",
+    )  # fmt: skip
+    (tmp_path / "run.jsonl").write_bytes(line * 2)
+    with patch("daemon.store.runs.LARGEST_RUN", len(line)):
+        cut = read_run(tmp_path)
+    assert len(cut.records) == 1
+    assert "too large: only 0 MB of it are read" in cut.skipped[0]
+    with patch("daemon.store.runs.LARGEST_RUN", 2 * len(line) + 1):
+        assert read_run(tmp_path).skipped == ()
+
+
+def test_folders_that_are_no_runs_are_none(tmp_path: Path) -> None:
+    (tmp_path / "20260101T000000Z").mkdir()
+    (tmp_path / "file").touch()
+    assert list_runs(tmp_path) == []
+    assert list_runs(tmp_path / "none") == []
+    assert enforce_quota(tmp_path / "none", 0, None) == []
+
+
+def test_a_disk_without_room_takes_runs_away_until_there_is(tmp_path: Path) -> None:
+    made = [run_with(tmp_path / f"2026010{k}T000000Z", {"kind": "cycle_end", "outcome": "picked"}) for k in (1, 2, 3)]
+    free = iter([5, 5, 5, 10])
+    with patch("shutil.disk_usage", lambda _: type("Usage", (), {"free": next(free)})):
+        assert enforce_quota(tmp_path, 10**12, made[2], 10) == made[:2]
+    with patch("shutil.disk_usage", lambda _: type("Usage", (), {"free": 10})):
+        assert enforce_quota(tmp_path, 10**12, None, 10) == []
+    with patch("shutil.rmtree", side_effect=OSError):
+        assert enforce_quota(tmp_path, 0, None) == []

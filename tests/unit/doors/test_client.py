@@ -1,0 +1,194 @@
+"""The operator's end of the socket, against a daemon that says what it is told to, line by line."""
+
+from __future__ import annotations
+
+import base64
+import json
+import socket
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+from unittest.mock import patch
+
+import pytest
+
+from daemon.doors.client import PIECE, DaemonLink, NotThereError, file_in_pieces
+
+
+class Scripted:
+    """A daemon that answers each message with lines it was given, and remembers what it heard."""
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.heard = path, list[dict[str, Any]]()
+        self.answers: dict[str, list[dict[str, Any]]] = {}
+        self.gone = threading.Event()
+        self._listener = socket.socket(socket.AF_UNIX)
+        self._listener.bind(str(path))
+        self._listener.listen()
+        self._thread = threading.Thread(target=self._serve, daemon=True)
+        self._thread.start()
+
+    def _serve(self) -> None:
+        while True:
+            try:
+                connection, _ = self._listener.accept()
+            except OSError:
+                return
+            with connection, connection.makefile("rwb") as file:
+                for line in file:
+                    message = json.loads(line)
+                    self.heard.append(message)
+                    key = next(iter(message))
+                    told = self.answers.get(str(message[key]), self.answers.get(key, []))
+                    if told is None:
+                        break
+                    file.write(b"".join(json.dumps(one).encode() + b"\n" for one in told))
+                    file.flush()
+            self.gone.set()
+
+    def close(self) -> None:
+        self._listener.close()
+
+
+@pytest.fixture
+def daemon(tmp_path: Path) -> Iterator[Scripted]:
+    daemon = Scripted(tmp_path / "s")
+    yield daemon
+    daemon.close()
+
+
+DONE = {"done": {"text": "well", "data": {}, "status": 0}}
+
+
+def test_what_is_said_meanwhile_is_shown_and_the_answer_given(daemon: Scripted) -> None:
+    daemon.answers["look"] = [{"say": "first"}, {"notice": "unasked"}, {"stopped": "Stopped."}, {"say": "last"}, DONE]
+    said: list[str] = []
+    with DaemonLink(daemon.path) as link:
+        assert link.do("look", "here", said.append) == DONE["done"]
+    assert said == ["first", "Stopped.", "last"]
+    (heard,) = daemon.heard
+    assert (heard["do"], heard["door"], heard["asks"], heard["size"][1]) == ("look", "here", False, None)
+
+
+def test_a_question_is_answered_by_its_number_and_where_nobody_is_asked_it_is_not(daemon: Scripted) -> None:
+    daemon.answers |= {
+        "forget": [{"ask": "sure?", "id": 3}],
+        "answer": [DONE],
+        "other": [{"ask": "sure?", "id": 4}, DONE],
+    }
+    with DaemonLink(daemon.path) as link:
+        link.do("forget", "here", print, lambda question: f"to {question}")
+        link.do("other", "here", print)
+    assert daemon.heard[1] == {"answer": "to sure?", "id": 3}
+    assert [message.get("asks") for message in daemon.heard] == [True, None, False]
+
+
+def test_a_daemon_that_goes_away_is_told(daemon: Scripted) -> None:
+    daemon.answers["look"] = None  # type: ignore[assignment]
+    with DaemonLink(daemon.path) as link, pytest.raises(NotThereError, match="ended before it answered"):
+        link.do("look", "here", print)
+
+
+def test_control_c_stops_and_the_command_is_waited_for_and_then_the_stop(daemon: Scripted) -> None:
+    pressed = iter([KeyboardInterrupt()])
+    daemon.answers |= {"go": [{"say": "going"}], "True": [DONE, {"stopped": "Stopped."}]}
+
+    def say(text: str) -> None:
+        said.append(text)
+        for key in pressed:
+            raise key
+
+    said: list[str] = []
+    with DaemonLink(daemon.path) as link:
+        assert link.do("go", "here", say) == DONE["done"]
+        assert said == ["going", "Stopped."]
+    assert daemon.heard[1] == {"interrupt": True}
+
+
+def test_options_and_an_interrupt_are_the_next_answers_of_their_kind(daemon: Scripted) -> None:
+    daemon.answers |= {"complete": [{"notice": "x"}, {"options": ["stop", "status"]}],
+                       "interrupt": [{"say": "x"}, {"stopped": "Nothing moves."}]}  # fmt: skip
+    with DaemonLink(daemon.path) as link:
+        assert link.options("st") == ["stop", "status"]
+        assert link.interrupt() == "Nothing moves."
+
+
+def test_hanging_up_is_heard_at_once_though_the_link_is_kept(daemon: Scripted) -> None:
+    link = DaemonLink(daemon.path)
+    link.close()
+    assert daemon.gone.wait(5)
+    link.close()
+    link.connect_again()
+    daemon.answers["look"] = [DONE]
+    assert link.do("look", "here", print) == DONE["done"]
+    link.close()
+    with pytest.raises(NotThereError, match="hung up"):
+        link.do("look", "here", print)
+
+
+def test_a_connection_beside_is_another_one_to_the_same_daemon(daemon: Scripted) -> None:
+    daemon.answers["look"] = [DONE]
+    with DaemonLink(daemon.path) as link:
+        beside = link.beside()
+        assert beside.socket is not link.socket
+        beside.close()
+
+
+def test_a_file_that_the_command_names_is_sent_in_pieces_and_no_other(daemon: Scripted, tmp_path: Path) -> None:
+    mine = tmp_path / "mine.stl"
+    mine.write_bytes(bytes(range(256)) * (PIECE // 128))
+    daemon.answers |= {f"teach x --mesh {mine}": [{"fetch": str(mine)}], "file": []}
+    pieces = list(file_in_pieces(str(mine), [f"teach x --mesh {mine}"]))
+    assert [piece["more"] for piece in pieces] == [True, False]
+    assert b"".join(base64.b64decode(piece["file"]) for piece in pieces) == mine.read_bytes()
+    assert [set(piece) for piece in pieces] == [{"file", "more"}] * 2
+    for commands in ([], ["teach x"], ["teach 'x"], [f"teach x # {mine}"]):
+        ((refused),) = file_in_pieces(str(mine), commands)
+        assert refused == {"no_file": f"{mine}: not sent: the command does not name it"}
+    (missing,) = file_in_pieces(str(tmp_path / "none"), [f"x {tmp_path / 'none'}"])
+    assert "cannot be read" in missing["no_file"]
+    (tmp_path / "empty").touch()
+    assert list(file_in_pieces(str(tmp_path / "empty"), [f"x {tmp_path / 'empty'}"])) == [{"file": "", "more": False}]
+
+
+def test_where_it_was_sought_is_said(tmp_path: Path) -> None:
+    with pytest.raises(NotThereError, match=rf"no daemon answers at {tmp_path}/none; start it"):
+        DaemonLink(tmp_path / "none")
+    with patch("daemon.doors.client.socket_candidates", lambda: [tmp_path / "a", tmp_path / "b"]), \
+            pytest.raises(NotThereError, match=f"at {tmp_path}/a nor {tmp_path}/b;"):  # fmt: skip
+        DaemonLink()
+
+
+def test_the_first_that_answers_is_spoken_to(daemon: Scripted, tmp_path: Path) -> None:
+    daemon.answers["look"] = [DONE]
+    with patch("daemon.doors.client.socket_candidates", lambda: [tmp_path / "none", daemon.path]), DaemonLink() as link:
+        assert link.do("look", "here", print) == DONE["done"]
+
+
+class Keyboard:
+    """In place of the real one: what is typed and shown."""
+
+    def __init__(self, send: Callable[[dict[str, Any]], None], stop: Callable[[], None]) -> None:
+        self.events = EVENTS
+        self.events.clear()
+        self.events.append("open")
+
+    def show(self, text: str) -> None:
+        self.events.append(text)
+
+    def close(self) -> None:
+        self.events.append("closed")
+
+
+EVENTS: list[str] = []
+
+
+@pytest.mark.parametrize("ends", [True, False])
+def test_a_terminal_is_shown_between_its_beginning_and_its_end(daemon: Scripted, ends: bool) -> None:
+    end = [{"terminal": False}] if ends else []
+    daemon.answers["monitor"] = [{"show": "early"}, {"terminal": True}, {"show": "inside"}, *end, {"show": "x"}, DONE]
+    with patch("daemon.doors.keyboard.Keyboard", Keyboard), DaemonLink(daemon.path) as link:
+        link.do("monitor", "here", print, lambda _: "")
+    later = [] if ends else ["x"]
+    assert ["open", "inside", *later, "closed"] == EVENTS
