@@ -65,8 +65,8 @@ class Session:
 async def view_tour(session: Session, count: int, say: Say, speed_pct: float) -> list[View]:
     """Go to `count` poses round the board and see it from each. One job of the arm: stop and step work as ever.
 
-    The view from where the arm stands comes first; with a count of 0 it is the only one. Raises SessionError where the
-    board is not in view from here or hardly any pose shows it, and what the arm raises.
+    The view from where the arm stands comes first, and there the arm ends; with a count of 0 it is the only one. Raises
+    SessionError where the board is not in view from here or hardly any pose shows it, and what the arm raises.
     """
     return await session.supervisor.run("calibrate", _tour(session, count, say, speed_pct))
 
@@ -98,6 +98,10 @@ async def _tour(session: Session, count: int, say: Say, speed_pct: float) -> lis
             await say(f"pose {number} of {len(poses)}: seen")
         except BoardError as error:
             await say(f"pose {number} of {len(poses)}: not used: {error}")
+    try:  # from there the whole board was seen: whatever calibrates next begins so, too
+        await mover.travel(first.world_from_tool, "back from the calibration poses", lambda _: speed_pct)
+    except (OutOfReachError, MoveRefusedError) as error:
+        await say(f"not back to where it began: {error}")
     return views
 
 

@@ -113,9 +113,9 @@ function chart(title, series, options) {
   const every = series.flatMap((s) => s.points).filter((p) => known(p[1]));
   if (!every.length) return null;
   const xs = every.map((p) => p[0]), ys = every.map((p) => p[1]);
-  const span = [Math.min(...xs), Math.max(...xs)], top = options.fit || Math.max(...ys, options.limit || 0) * 1.1 || 1, low = options.fit ? Math.min(...ys) - Math.max(1, (top - Math.min(...ys)) / 5) : Math.min(0, ...ys);
+  const span = [Math.min(...xs), Math.max(...xs)], top = options.fit || Math.max(...ys, options.limit || 0) * 1.1 || 1, low = options.fit ? Math.min(...ys) - Math.max(5, (top - Math.min(...ys)) / 5) : Math.min(0, ...ys);
   if (span[0] === span[1]) { span[0] -= 0.5; span[1] += 0.5; }
-  const layer = svg("svg", { viewBox: `-46 -8 ${width + 62} ${height + 44}`, role: "img" });
+  const layer = svg("svg", { viewBox: `-46 -24 ${width + 62} ${height + 60}`, role: "img" });
   const scale = curve([], span, [low, top], width, height);
   for (const y of ticks(low, top)) {
     layer.append(svg("line", { x1: 0, x2: width, y1: scale.py(y), y2: scale.py(y), class: "grid" }),
@@ -128,7 +128,7 @@ function chart(title, series, options) {
     layer.append(svg("text", { x: scale.px(x), y: height + 16, "text-anchor": "middle" }, options.xName ? options.xName(x) : number(x)));
   }
   layer.append(svg("text", { x: width / 2, y: height + 33, "text-anchor": "middle", class: "axis" }, options.x));
-  layer.append(svg("text", { x: -40, y: 4, class: "axis" }, options.y));
+  layer.append(svg("text", { x: -40, y: -11, class: "axis" }, options.y));
   if (known(options.limit)) layer.append(svg("line", { x1: 0, x2: width, y1: scale.py(options.limit), y2: scale.py(options.limit), class: "limit" }),
     svg("text", { x: width, y: scale.py(options.limit) - 4, "text-anchor": "end", class: "limit" }, `limit ${number(options.limit)}`));
   series.forEach((s, k) => {
