@@ -126,6 +126,13 @@ class Cycle:
         which the arm moves between two pictures, and back."""
         return await self.supervisor.run("look", self._look(purpose), moves=self.cell.alone is not None)
 
+    async def look_around(self, most: int) -> WorldModel:
+        """Look from where the arm stands, and from up to so many places more, each the one that settles most, until
+        all that lies there has a name and another side shows nothing new; what is known then. RefusedError when it may
+        not start."""
+        self._may_pick()
+        return await self.supervisor.run("look around", self._around(most))
+
     async def where(self) -> Reading:
         """Ask the controller where the arm is, for people: of one that moves, a place on the way."""
         return await self.supervisor.run("where", self.cell.robot.where(), moves=False)
@@ -224,6 +231,18 @@ class Cycle:
         if self.cell.alone is not None:  # who looks ten times finds the arm where it was
             await mover.travel(before.world_from_tool, "back from beside", lambda _: self.settings.near_pct, True)
         return look
+
+    async def _around(self, most: int) -> WorldModel:
+        assert self.recogniser is not None
+        context, world = self._context(self.recogniser), WorldModel([])
+        world.take_in(context, await context.lit_look(await context.mover.rest(), "look around"))
+        for _ in range(0 if context.mover.dry else most):
+            world.doubtful, before = find.least_known(context, world), len(world.found)
+            if world.doubtful is not None:
+                await find.second_view(context, world)
+            elif not await find.other_side(context, world) or len(world.found) == before:
+                break
+        return world
 
     async def _travel(self, target: Array, purpose: str) -> None:
         await self.supervisor.mover.rest()

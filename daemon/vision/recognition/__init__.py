@@ -3,19 +3,23 @@
 from daemon.vision.recognition.hypotheses import hypotheses
 from daemon.vision.recognition.recognise import (
     Recognised,
+    Standing,
     facet_hypotheses,
     joined,
     recognise,
     recognise_group,
+    standing,
     typed_as,
 )
 
 __all__ = [
     "Recognised",
+    "Standing",
     "facet_hypotheses",
     "hypotheses",
     "joined",
     "recognise",
     "recognise_group",
+    "standing",
     "typed_as",
 ]

@@ -13,6 +13,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from daemon.arrays import Array
 from daemon.vision.facets import weld
 from daemon.vision.geometry import newell_normal
 from daemon.vision.model import (
@@ -26,7 +27,7 @@ from daemon.vision.model import (
     type_number,
     typed,
 )
-from daemon.vision.recognition.confidence import probability
+from daemon.vision.recognition.confidence import probability, weighed
 from daemon.vision.recognition.hypotheses import Hypothesis, equivalents, hypotheses, without_one_corner
 from daemon.vision.recognition.posterior import most_likely_corners
 from daemon.vision.values import UNKNOWN, Facet, Group, Part, Recognition
@@ -56,6 +57,19 @@ class Recognised:
     def named(self) -> bool:
         """Whether it was taken for a taught part."""
         return self.part.named
+
+
+@dataclass(frozen=True, eq=False)
+class Standing:
+    """One way in which a group of facets may be a taught part, of those that turns of the part take onto each other
+    one: pose (4, 4) group_from_part with covariance (6, 6); facets: the taught one behind each seen one; probability:
+    what recognition gives it against the others and against something that was not taught."""
+
+    label: str
+    pose: Array
+    covariance: Array
+    facets: tuple[int, ...]
+    probability: float
 
 
 def recognise(groups: Iterable[Group], model: Model) -> tuple[Recognised, ...]:
@@ -115,6 +129,16 @@ def facet_hypotheses(facet: Facet, model: Model) -> tuple[Hypothesis, ...]:
     seen = _typed(weld([facet]), model)
     found = hypotheses(seen.polyhedron, model.metric, model.parameters.tolerance_mm, SUSPECT_MM)
     return tuple(sorted((h for h in found if h.rms_mm < SUSPECT_MM), key=lambda h: h.rms_mm))
+
+
+def standing(group: Group, model: Model) -> tuple[Standing, ...]:
+    """Every taught part and pose that a group's facets allow, the likeliest first; what their probabilities lack of 1
+    is that of something not taught."""
+    seen = _typed(group, model)
+    fits = [h for h in _fits(seen, model) if _stands(h, seen)]
+    chances = weighed(seen.polyhedron, fits, model) if fits else []
+    found = [Standing(h.label, h.pose, h.covariance, h.facets, p) for h, p in zip(fits, chances, strict=True)]
+    return tuple(sorted(found, key=lambda one: -one.probability))
 
 
 def recognise_group(group: Group, model: Model) -> Part:
