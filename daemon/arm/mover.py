@@ -58,11 +58,19 @@ class Arrival:
 
     def longest_s(self, start: Reading, command: Command, joints_rad: Array | None) -> float:
         """How long this move may take; joints_rad (6,): where the joints end, if that is known."""
-        motion = frames.difference(command.world_from_tool, start.world_from_tool)
+        way_s = self._way_s(start, command.world_from_tool, joints_rad)
+        return min(self.timeout_s, self.slack_s + way_s / max(command.speed_pct / 100.0, 0.01))
+
+    def usual_s(self, start: Reading, world_from_tool: Array, joints_rad: Array | None, speed_pct: float) -> float:
+        """About how long a way takes, its stops left out."""
+        return self._way_s(start, world_from_tool, joints_rad) / 2 / (speed_pct / 100.0)
+
+    def _way_s(self, start: Reading, world_from_tool: Array, joints_rad: Array | None) -> float:
+        """At the slowest, and a speed of 100 percent."""
+        motion = frames.difference(world_from_tool, start.world_from_tool)
         turned = motion[3:] if joints_rad is None else np.append(joints_rad - start.joints_rad, motion[3:])
         way_s = float(np.linalg.norm(motion[:3])) / self.slowest_mm_s
-        way_s += float(np.degrees(np.abs(turned).max())) / self.slowest_deg_s
-        return min(self.timeout_s, self.slack_s + way_s / max(command.speed_pct / 100.0, 0.01))
+        return way_s + float(np.degrees(np.abs(turned).max())) / self.slowest_deg_s
 
 
 class Leave(Protocol):
@@ -143,6 +151,12 @@ class Mover:
         command = Command(world_from_tool, straight=True, speed_pct=self.limits.max_speed_pct, purpose="plan")
         there = Reading(world_from_tool, joints)
         return place_clear(command, there, self.cell.robot, self.bounds) is None
+
+    def takes_s(self, world_from_tool: Array, speed_pct: float) -> float:
+        """About how long it takes to go there from here."""
+        assert self.here is not None
+        joints = self.cell.robot.reachable(world_from_tool, self.here.joints_rad)
+        return self.arrival.usual_s(self.here, world_from_tool, joints, min(speed_pct, self.limits.max_speed_pct))
 
     async def go(self, command: Command) -> Reading:
         """One move, to rest. Raises MoveRefusedError before, NotThereError after, or what the robot raises."""

@@ -1,8 +1,9 @@
-"""Commands that only look: status, look, try, where, parts. Nothing moves, no model changes."""
+"""Commands that only look: status, look, try, where, parts. Nothing moves but for `look around`, no model changes."""
 
 from __future__ import annotations
 
 import asyncio
+import textwrap
 import time
 from collections.abc import Sequence
 from typing import Any
@@ -13,13 +14,16 @@ from daemon.arrays import Array
 from daemon.commands.moving import with_questions
 from daemon.commands.sketch import COLUMNS, sketch
 from daemon.console.context import CommandContext
-from daemon.console.interpreter import Answer, CommandError, Door, command, version
+from daemon.console.interpreter import Answer, CommandError, Door, command, number, one_of, version
 from daemon.console.phrases import cut_off, duration, millimetres, plural
+from daemon.pick.find import in_all
 from daemon.pick.looking import Look
+from daemon.pick.world import WorldModel
 from daemon.vision.health import SAID, findings_json, troubles
 from daemon.vision.report import scene_json
 from daemon.vision.values import Facet, Part, Scene
 
+PLACES, MOST_PLACES = 3, 20
 MARKS = "abcdefghijklmnopqrstuvwxyz"
 
 
@@ -79,15 +83,38 @@ def _doing(context: CommandContext, state: dict[str, Any]) -> str:
     return text
 
 
-@command("look", first=True)
+@command("look [around [N]]", "move", most=2, choices=("around",), first=True, looks=lambda words: not words)
 async def look(context: CommandContext, words: list[str], door: Door) -> Answer:
     """See what the cameras see; nothing moves.
 
     With one eye the arm moves it by 40 to 120 mm between two pictures, and back, so that it must be enabled.
+    look around moves the arm: it looks from where it stands and then from up to N places more (3), each the one
+    that is expected to settle most for its time, until all has a name and another side shows nothing new. It
+    tells look by look what was thought before and what is known now. The arm stays where it looked last.
     """
+    if words:
+        one_of(words, 0, ("around",), "word", look.usage)
+        most = number(words[1], "N", 1, MOST_PLACES) if len(words) > 1 else PLACES
+        return around_told(await with_questions(context, context.cycle.look_around(most), door), door.columns)
     seen = await look_of(context, door, "look")
     lines = [describe_scene(seen.scene, door.columns), _timing(seen), *troubles(seen.health)]
     return Answer("\n".join(lines), look_json(seen))
+
+
+def around_told(known: WorldModel, columns: int) -> Answer:
+    """What each look has brought, and what is known at the end."""
+    told = [f"Look {n}, at {g.about}: was {g.before}; now {g.after}." for n, g in enumerate(known.gained, start=2)]
+    lines = [line for text in told for line in textwrap.wrap(text, columns - 1, subsequent_indent="  ")]
+    for part in known.found:
+        x, y, z = part.centre
+        name = f"{part.label} ({100 * part.taken_for.confidence:.1f} %)" if part.named else "without a name"
+        why = "" if part.named else f": {part.taken_for.reason}"
+        lines += textwrap.wrap(f"{name} at {x:.0f}, {y:.0f}, {z:.0f} mm{why}", columns - 1, subsequent_indent="  ")
+    end = f"{plural(len(known.looks), 'look')}: {in_all(known.found)}."
+    lines += textwrap.wrap(end, columns - 1, subsequent_indent="  ")
+    data = {"looks": len(known.looks), "gained": [vars(g) for g in known.gained]}
+    parts = [{"label": p.label, "confidence": p.taken_for.confidence, "at": p.centre.tolist()} for p in known.found]
+    return Answer("\n".join(lines), {**data, "parts": parts}, 0 if all(p.named for p in known.found) else 1)
 
 
 async def look_of(context: CommandContext, door: Door, purpose: str) -> Look:

@@ -134,6 +134,13 @@ class Cycle:
         context = self._context(recogniser)
         return await self.supervisor.run("walk round", self._walk(context, count, told))
 
+    async def look_around(self, most: int) -> WorldModel:
+        """Look from where the arm stands, and from up to so many places more, each the one that settles most, until
+        all that lies there has a name and another side shows nothing new; what is known then. RefusedError when it may
+        not start."""
+        self._may_pick()
+        return await self.supervisor.run("look around", self._around(most))
+
     async def where(self) -> Reading:
         """Ask the controller where the arm is, for people: of one that moves, a place on the way."""
         return await self.supervisor.run("where", self.cell.robot.where(), moves=False)
@@ -234,8 +241,20 @@ class Cycle:
         return look
 
     async def _walk(self, context: PickContext, count: int, told: Told) -> tuple[Thing, list[Look]]:
-        await self.supervisor.mover.rest()
+        await self._set_out()
         return await walk_round(context, count, told)
+
+    async def _around(self, most: int) -> WorldModel:
+        assert self.recogniser is not None
+        context, world = self._context(self.recogniser), WorldModel([])
+        world.take_in(context, await context.lit_look(await self._set_out(), "look around"))
+        for _ in range(0 if context.mover.dry else most):
+            world.doubtful, before = find.least_known(context, world), len(world.found)
+            if world.doubtful is not None:
+                await find.second_view(context, world)
+            elif not await find.other_side(context, world) or len(world.found) == before:
+                break
+        return world
 
     async def _travel(self, target: Array, purpose: str) -> None:
         await self._set_out()

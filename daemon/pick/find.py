@@ -2,17 +2,43 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Sequence
 from typing import Literal
+
+import numpy as np
 
 from daemon.arrays import Array
 from daemon.pick import fusion, viewpoints
 from daemon.pick.following import Target, beside
 from daemon.pick.looking import Look
+from daemon.pick.next_view import (
+    Gain,
+    Hypothesis,
+    freshest,
+    hypotheses_of,
+    in_words,
+    next_best,
+    outlook,
+    places_round,
+    strange,
+)
 from daemon.pick.outcome import Outcome
-from daemon.pick.plan import Plan, other_view, plan_part
-from daemon.pick.seen import NEIGHBOUR_MM, Seen, facings, is_own, merged, same_place, seen_parts, unconfirmed
+from daemon.pick.plan import Plan, plan_part
+from daemon.pick.seen import NEIGHBOUR_MM, Seen, apart_mm, facings, is_own, same_place, unconfirmed
+from daemon.pick.things import outlines_of
 from daemon.pick.transitions import Event
-from daemon.pick.world import PickContext, SuspectError, WorldModel, look, skip, travel
+from daemon.pick.world import (
+    MOVE_ERRORS,
+    Gained,
+    PickContext,
+    SuspectError,
+    WorldModel,
+    look,
+    raise_if_closed,
+    skip,
+    travel,
+)
 from daemon.vision.geometry import Polyhedron
 from daemon.vision.look import outlines
 
@@ -24,14 +50,14 @@ async def survey(context: PickContext, world: WorldModel) -> Literal[Event.SEEN,
     """Look at the table from each survey view until one shows a part that can be named and was not skipped; where
     none shows any part, from the last ones, too."""
     settings = context.settings
-    world.target, world.found = None, []
+    world.target, world.found, world.looks, world.ghosts = None, [], [], []
     for number, view in enumerate((*settings.surveys, *settings.last_surveys), start=1):
         if number > len(settings.surveys) and (world.left(context) or world.skipped):
             break
         await travel(context, world, view.pose(context.cell.tool_from_cyclopean), f"survey {number}")
         assert context.mover.at is not None
         seen = await context.lit_look(context.mover.at, f"survey {number}")
-        world.found = merged(world.found, seen_parts(seen))
+        world.take_in(context, seen)
         world.unmatched += all(outlines(seen.scene.view))
         _settle_question(context, world)
         if any(part.named for part in world.left(context)):
@@ -135,21 +161,116 @@ def _planned(
     )
 
 
+def least_known(context: PickContext, world: WorldModel) -> Seen | None:
+    """What has no name and may be looked at again, what was looked at least first; None: nothing."""
+
+    def looks(part: Seen) -> int:
+        return sum(same_place(part.centre, centre) for centre in world.looked_again)
+
+    some = [part for part in world.left(context) if not part.named and _may_look_again(context, world, part)]
+    return min(some, key=looks, default=None)
+
+
 async def second_view(context: PickContext, world: WorldModel) -> Literal[Event.SEEN]:
-    """Look at a part that could not be named from where its candidates differ most, or from another side; at one
-    that has a name, whether what bars the way to it shows again."""
-    part, tool_from_cyclopean = world.doubtful, context.cell.tool_from_cyclopean
+    """Look at a part that could not be named from where a look is expected to settle most for its time; at one that has
+    a name, from far of all looks before, whether what bars the way to it shows again."""
+    part, cell = world.doubtful, context.cell
     assert part is not None
     world.looked_again.append(part.centre)
-    pose, why = other_view(part, context.recogniser.shape, world.eyes, tool_from_cyclopean, context.mover.allows)
-    context.decide(f"another view of {part.label}", "does what bars the way show again?" if part.named else why)
-    if pose is None:
+    table_z_mm = context.settings.limits.table_z_mm
+    before = () if part.named else hypotheses_of(part, context.recogniser, table_z_mm)
+    poses = [p for p in places_round(part.centre, cell.tool_from_cyclopean) if context.mover.allows(p)]
+    for gain in _next_best(context, world, part, before, poses):
+        why = (
+            "does what bars the way show again?"
+            if part.named
+            else f"{in_words(before)}: {gain.bits:.2f} bits hoped for"
+        )
+        context.decide(f"another view of {part.label}", why)
+        try:
+            await travel(context, world, poses[gain.place], "another view", part.look)
+        except MOVE_ERRORS as error:
+            raise_if_closed(error)
+            continue
+        break
+    else:
+        context.decide(f"another view of {part.label}", "no other view of it is in reach")
         return Event.SEEN
-    world.eyes.append((pose @ tool_from_cyclopean)[:3, 3])
-    await travel(context, world, pose, "another view", part.look)
+    if context.mover.dry:
+        return Event.SEEN
     seen = await look(context, world, "another view")
     if part.named:
-        gone = unconfirmed(world.found, seen, part.centre)
-        world.found = [p for p in world.found if p not in gone]
-    world.found = merged(world.found, seen_parts(seen))
+        world.ghosts += [p.centre for p in unconfirmed(world.found, seen, part.centre)]
+    world.take_in(context, seen)
+    if before:
+        _tell_gain(context, world, part, before, gain)
     return Event.SEEN
+
+
+def in_all(parts: Sequence[Seen]) -> str:
+    """`2 cube, 1 pyramid, 1 without a name`, or `nothing`."""
+    named = Counter(part.label for part in parts if part.named)
+    nameless = sum(not part.named for part in parts)
+    told = [f"{count} {label}" for label, count in sorted(named.items())]
+    return ", ".join([*told, *([f"{nameless} without a name"] if nameless else [])]) or "nothing"
+
+
+async def other_side(context: PickContext, world: WorldModel) -> bool:
+    """Look at all that was found from far of all looks before, for what it hides; False where that cannot be."""
+    if not world.found:
+        return False
+    middle = np.mean([part.centre for part in world.found], axis=0)
+    poses = places_round(middle, context.cell.tool_from_cyclopean, context.settings.surveys[0].distance_mm)
+    poses = [pose for pose in poses if context.mover.allows(pose)]
+    eyes = [(pose @ context.cell.tool_from_cyclopean)[:3, 3] for pose in poses]
+    before = [one.world_from_cyclopean[:3, 3] for one in world.looks]
+    for place in freshest(middle, eyes, before):
+        try:
+            await travel(context, world, poses[place], "another side", world.looks[-1])
+        except MOVE_ERRORS as error:
+            raise_if_closed(error)
+            continue
+        was = in_all(world.found)
+        world.take_in(context, await look(context, world, "another side"))
+        world.tell(context, Gained("what they hide", was, in_all(world.found), 0.0, 0.0, 0.0, 0.0))
+        return True
+    return False
+
+
+def _next_best(
+    context: PickContext, world: WorldModel, part: Seen, before: Sequence[Hypothesis], poses: Sequence[Array]
+) -> list[Gain]:
+    """The places in the order in which to try them."""
+    eyes = [(pose @ context.cell.tool_from_cyclopean)[:3, 3] for pose in poses]
+    if not eyes:
+        return []
+    looked = {id(one): one for one in (*world.looks, part.look)}.values()
+    seconds = [context.mover.takes_s(pose, context.settings.travel_pct) + part.look.seconds for pose in poses]
+    return next_best(
+        before or (strange(part),),
+        context.cell.rig,
+        part.centre,
+        np.array(eyes),
+        seconds,
+        np.array([one.world_from_cyclopean[:3, 3] for one in looked]),
+        [ring for other in world.found if other is not part for ring in outlines_of(other, context.recogniser)],
+    )
+
+
+def _tell_gain(context: PickContext, world: WorldModel, part: Seen, before: Sequence[Hypothesis], gain: Gain) -> None:
+    """What the look has brought, to the log and to whoever asked."""
+    recogniser, table_z_mm = context.recogniser, context.settings.limits.table_z_mm
+    now = min(world.found, key=lambda p: apart_mm(p.centre, part.centre), default=None)
+    if now is None or not same_place(now.centre, part.centre):
+        told, bits = "nothing is there any more", 0.0
+    elif now.named:
+        told, bits = f"{now.label} {now.taken_for.confidence:.1%}".replace("%", " %"), 0.0
+    else:
+        after = hypotheses_of(now, recogniser, table_z_mm)
+        told, bits = in_words(after), outlook(after, context.cell.rig).entropy
+    x, y, _ = part.centre
+    about, view = f"what lies at {x:.0f}, {y:.0f}", context.cell.rig
+    world.tell(
+        context,
+        Gained(about, in_words(before), told, outlook(before, view).entropy, bits, gain.bits, gain.seconds),
+    )

@@ -29,8 +29,9 @@ from daemon.vision.health import (
     sharpness,
 )
 from daemon.vision.image import Eyes, VisionError, open_eyes
+from daemon.vision.recognition import Standing
 from daemon.vision.registration import Fit
-from daemon.vision.values import FacetView, Scene
+from daemon.vision.values import FacetView, Group, Part, Scene
 
 
 class Recogniser(Protocol):
@@ -41,6 +42,12 @@ class Recogniser(Protocol):
     ) -> Scene:
         """Parts in a stereo pair, in the cyclopean frame; table: where it is; rig: this pair's, where it is not the
         usual one. May take a while; called in a thread."""
+
+    def recognise(self, group: Group) -> tuple[Part, ...]:
+        """Facets that hang together, of one look or of many, as parts, in the frame they are in."""
+
+    def standing(self, group: Group) -> tuple[Standing, ...]:
+        """Every taught part and pose that facets which hang together allow, the likeliest first."""
 
     def shape(self, label: str) -> Polyhedron | None:
         """The taught part's corners and facets, or None where there is no such part."""

@@ -1,30 +1,25 @@
-"""How a part will be taken: a grasp whose whole approach is checked before its first move, or from where to look again.
+"""How a part will be taken: a grasp whose whole approach is checked before its first move.
 
 Pure: what is seen and what the arm can reach in, plans out. Doing them is approach.py's and take.py's.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple
-
-import numpy as np
 
 from daemon import frames
 from daemon.arm import PATH_MM, paths
 from daemon.arrays import Array
 from daemon.pick import viewpoints
 from daemon.pick.grasp import Grasp, grasps
-from daemon.pick.seen import Facing, Seen, apart_mm, seen_again
-from daemon.pick.settings import Settings, View
+from daemon.pick.seen import Facing, apart_mm, seen_again
+from daemon.pick.settings import Settings
 from daemon.pick.viewpoints import Reachable
 from daemon.vision.geometry import Polyhedron
-from daemon.vision.registration import poses_that_fit
 
-CLOSE_MM = 340.0
-"""From how far a part that could not be named is looked at again."""
 MOST_CHANGE_MM = 25.0
 """How far a grasp may change from look to look (a radian of turn counts as 50 mm)."""
 SAME_SIDE_RAD = 0.5
@@ -107,38 +102,6 @@ def plan_part(
                 return plan
     blocked = sum(p.grasp.blocked for p in plans)
     return f"none of its {len(plans)} grasps can be reached all the way ({blocked} blocked by a neighbour)"
-
-
-def other_view(
-    part: Seen,
-    shape_of: Callable[[str], Polyhedron | None],
-    eyes_before: Sequence[Array],
-    tool_from_cyclopean: Array,
-    allowed: Reachable,
-) -> tuple[Array | None, str]:
-    """Where to look at a part that could not be named, and why: from where its candidates would show most facets and
-    look most unlike, away from every look before. world_from_tool, or None where no view of it is allowed."""
-    x, y, z = (float(v) for v in part.centre)
-    views = [View((x, y, z), CLOSE_MM, float(h), float(t)) for h in range(-180, 180, 30) for t in (20, 35, 50)]
-    poses = [p for p in (v.pose(tool_from_cyclopean) for v in views) if allowed(p)]
-    eyes = [(p @ tool_from_cyclopean)[:3, 3] for p in poses]
-    if not poses:
-        return None, "no other view of it is in reach"
-    candidates = []
-    for label in part.taken_for.candidates:
-        shape = shape_of(label)
-        fits = poses_that_fit(shape, part.facets) if shape is not None else []
-        if shape is not None and fits:
-            candidates.append((shape, part.look.world_from_cyclopean @ fits[0].cyclopean_from_part))
-    before = [*eyes_before, part.look.world_from_cyclopean[:3, 3]]
-    fresh = [min(viewpoints.angle_at(part.centre, eye, old) for old in before) for eye in eyes]
-    if not candidates:
-        return poses[int(np.argmax(fresh))], f"from another side: {part.taken_for.reason}"
-    unlike = [viewpoints.unlikeness(candidates, eye) for eye in eyes]
-    worth = [min(viewpoints.view_worth(shape, pose, eye) for shape, pose in candidates) for eye in eyes]
-    told = f"to tell whether it is {' or '.join(part.taken_for.candidates)}: {part.taken_for.reason}"
-    scores = [w + u / 2 + min(f, 0.6) for w, u, f in zip(worth, unlike, fresh, strict=True)]
-    return poses[int(np.argmax(scores))], told
 
 
 def regrasp(shape: Polyhedron, world_from_part: Array, before: Plan, settings: Settings) -> Plan | None:

@@ -119,15 +119,6 @@ def seen_parts(look: Look) -> list[Seen]:
     return [Seen(part, look) for part in look.scene.parts if part.facets]
 
 
-def merged(before: Sequence[Seen], now: Sequence[Seen]) -> list[Seen]:
-    """What is known to lie there after another look: the newest sight of each place, but a name is not unlearnt."""
-    kept = [old for old in before if not any(same_place(old.centre, new.centre) for new in now)]
-    for new in now:
-        named = [old for old in before if old.named and same_place(old.centre, new.centre)]
-        kept.append(named[0] if named and not new.named else new)
-    return kept
-
-
 def unconfirmed(before: Sequence[Seen], look: Look, around: Array) -> list[Seen]:
     """The lone facets within NEIGHBOUR_MM of a point (3,) world that a look with their middle in both images does not
     show again."""

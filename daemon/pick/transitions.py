@@ -93,7 +93,7 @@ TABLE: tuple[Row, ...] = (
         State.SECOND_VIEW,
         Event.SEEN,
         State.CHOOSE,
-        "looked at from where its candidates differ, or from afar of the looks before",
+        "looked at from where a look settles most for its time, or from afar of the looks before",
     ),
     Row(State.STOP_N, Event.THERE, State.LOOKING, "at the next stand-off, at rest"),
     Row(State.STOP_N, Event.UNREACHABLE, State.CHOOSE, "the guard refused the move: plan again, or skip"),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 
@@ -35,20 +35,3 @@ def angle_at(point: Array, a: Array, b: Array) -> float:
     """Angle in rad at which a and b (3,) are seen from point (3,)."""
     u, v = a - point, b - point
     return float(np.arccos(np.clip(u @ v / (np.linalg.norm(u) * np.linalg.norm(v)), -1.0, 1.0)))
-
-
-def unlikeness(candidates: Sequence[tuple[Polyhedron, Array]], eye: Array, least_cosine: float = 0.3) -> float:
-    """How unlike the two most alike of the candidates (shape, world_from_part) look from the eye (3,), world.
-
-    Counted in facets: for each number of sides, how many would be seen. 0 for fewer than two candidates.
-    """
-    counts = [_seen_facets(shape, pose, eye, least_cosine) for shape, pose in candidates]
-    return min((float(np.abs(a - b).sum()) for i, a in enumerate(counts) for b in counts[:i]), default=0.0)
-
-
-def _seen_facets(shape: Polyhedron, world_from_part: Array, eye: Array, least_cosine: float) -> Array:
-    """(8,) by number of sides, how much facet the eye would see (each facet 0 to 1, soft at the rim)."""
-    counts = np.zeros(9)
-    for facet, cosine in zip(shape.facets, shape.facing(world_from_part, eye), strict=True):
-        counts[min(len(facet), 8)] += float(np.clip((cosine - least_cosine) / 0.3, 0.0, 1.0))
-    return counts

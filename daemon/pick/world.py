@@ -31,6 +31,7 @@ from daemon.pick.looking import (
 from daemon.pick.outcome import Observer, Outcome, Skipped, tell
 from daemon.pick.seen import Seen, apart_mm, ordered, same_place, seen_parts
 from daemon.pick.settings import Settings
+from daemon.pick.things import ONE_MM, known
 from daemon.pick.transitions import Event
 
 STANDING_RULES = ("fault_stands", "not_enabled", "arm_lost")
@@ -91,8 +92,7 @@ class PickContext:
             try:
                 await mover.travel(place @ eye_from_tool, "beside, for the pair", self._sideways, straight=True)
             except MOVE_ERRORS as error:
-                if isinstance(error, MoveRefusedError) and error.refusal.rule in STANDING_RULES:
-                    raise
+                raise_if_closed(error)
                 refused = str(error)
                 continue
             assert mover.at is not None
@@ -117,23 +117,41 @@ class PickContext:
         return seen
 
 
-@dataclass(eq=False)
+@dataclass(frozen=True)
+class Gained:
+    """What one more look has brought. about: what was looked at; before, after: what is thought of it, in the
+    operator's words, and the bits that are open; expected: those that the look was to settle; seconds: what the way and
+    the look were to take."""
+
+    about: str
+    before: str
+    after: str
+    bits_before: float
+    bits_after: float
+    expected: float
+    seconds: float
+
+
+@dataclass(eq=False, repr=False)
 class WorldModel:
     """What a pick knows of the table. The running pick has one, and its handlers keep it.
 
-    skipped: parts left alone, from pick to pick; found: what lies there; looked_again: (3,) centres of parts that were
-    looked at from another side, and eyes: (3,) from where; unseen_from: (3,) where a part lay and (3,) in which
-    direction from it a look along its approach did not find it; last_target: stays when the target is given up;
-    doubtful: to be looked at from another side; failures: of tries at a target; old_looks: how often a table was looked
-    at again because its looks got old; unmatched: looks with outlines in both images; questioned: what was found before
-    two looks at the target disagreed; doubts: how often they did and the whole table had to be looked at. All in world,
-    mm.
+    skipped: parts left alone, from pick to pick; looks: at the whole table since it was last surveyed; found: what lies
+    there by them; looked_again: (3,) centres of parts that were looked at from another side; gained: what each further
+    look brought; ghosts: (3,) middles of lone facets that did not show again; unseen_from: (3,) where a part lay and
+    (3,) in which direction from it a look along its approach did not find it; last_target: stays when the target is
+    given up; doubtful: to be looked at from another side; failures: of tries at a target; old_looks: how often a table
+    was looked at again because its looks got old; unmatched: looks with outlines in both images; questioned: what was
+    found before two looks at the target disagreed; doubts: how often they did and the whole table had to be looked at.
+    All in world, mm.
     """
 
     skipped: list[Skipped]
     found: list[Seen] = field(default_factory=list)
+    looks: list[Look] = field(default_factory=list)
     looked_again: list[Array] = field(default_factory=list)
-    eyes: list[Array] = field(default_factory=list)
+    gained: list[Gained] = field(default_factory=list)
+    ghosts: list[Array] = field(default_factory=list)
     unseen_from: list[tuple[Array, Array]] = field(default_factory=list)
     target: Target | None = None
     last_target: Target | None = None
@@ -151,6 +169,17 @@ class WorldModel:
         """The target, where a state has one."""
         assert self.target is not None
         return self.target
+
+    def take_in(self, context: PickContext, look: Look) -> None:
+        """One more look at the whole table, or at a part of it."""
+        self.looks.append(look)
+        found = known(self.looks, context.recogniser, context.settings.doubt)
+        self.found = [p for p in found if not (p.lone and any(same_place(p.centre, g, ONE_MM) for g in self.ghosts))]
+
+    def tell(self, context: PickContext, gained: Gained) -> None:
+        """Keep what a look has brought, and log it."""
+        self.gained.append(gained)
+        context.cell.log.record("gained", cycle=context.cycle, look=len(self.looks), **vars(gained))
 
     def left(self, context: PickContext) -> list[Seen]:
         """What was found, is or may be wanted, and was not skipped, in order."""
@@ -176,11 +205,16 @@ def skip(context: PickContext, world: WorldModel, outcome: Outcome, part: Seen |
     context.decide(f"skip {part.label}", f"{outcome}: {why}")
 
 
+def raise_if_closed(error: MoveError) -> None:
+    """Raise a refusal where no other move would be allowed either."""
+    if isinstance(error, MoveRefusedError) and error.refusal.rule in STANDING_RULES:
+        raise error
+
+
 async def unreachable(context: PickContext, world: WorldModel, error: MoveError) -> None:
     """A move was refused: raise where all motion is closed. Where the target was looked at on the way, its place is
     known better than when its approach was chosen: choose again, but not for ever; else leave it alone."""
-    if isinstance(error, MoveRefusedError) and error.refusal.rule in STANDING_RULES:
-        raise error
+    raise_if_closed(error)
     target = world.the_target()
     if target.sightings:
         await plan_again(context, world, Outcome.UNREACHABLE, str(error))

@@ -188,7 +188,7 @@ def events(digest: Digest) -> list[Json]:
         kind = record["kind"]
         if kind == "cycle_start":
             cycle = record.get("cycle")
-        if kind in ("fault", "refusal", "gap", "clock", "model", "eyes", "run_end"):
+        if kind in ("fault", "refusal", "gap", "clock", "model", "eyes", "gained", "run_end"):
             event = {
                 "t": record.get("t"),
                 "s": round(float(record["mono_s"]) - zero, 2),
@@ -210,6 +210,10 @@ def _event_text(record: Json) -> str:
     kind = record["kind"]
     if kind == "eyes":
         return f"looking with {record.get('alone') or 'both'}: {record.get('why')}"
+    if kind == "gained":
+        return (
+            f"look {record.get('look')} at {record.get('about')}: was {record.get('before')}; now {record.get('after')}"
+        )
     parts = [str(record[k]) for k in ("code", "rule", "action", "purpose", "text", "why", "to") if record.get(k)]
     if len(parts) > 1 and parts[1].startswith(parts[0]):
         parts = parts[1:]  # a fault's text begins with its code

@@ -48,6 +48,7 @@ KINDS: Mapping[str, str] = {
     "eyes": "alone why (which eye is looked with from now on; null: both)",
     "estimate": "cycle stop label world_from_part covariance predicted_mm predicted_deg chi2",
     "decision": "cycle text why",
+    "gained": "cycle look about before after bits_before bits_after expected seconds (what one more look has brought)",
     "move": "cycle how target speed_pct purpose",
     "moved": "cycle where joints error_mm error_deg seconds",
     "refusal": "rule text",

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon.arrays import Array
-from daemon.teaching.sufficiency import imagined_group, spread, visible_from
-from daemon.vision.geometry import Polyhedron, StereoRig
+from daemon.teaching.sufficiency import imagined_group, spread
+from daemon.vision.geometry import Polyhedron, StereoRig, visible_from
 from daemon.vision.model import MATRIX_SIZE, MetricModel, Model, TeachError, learn_pattern, merge_views
 from daemon.vision.values import Group
 

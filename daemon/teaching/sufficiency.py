@@ -11,22 +11,16 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from daemon.arrays import Array
-from daemon.vision.geometry import Polyhedron, StereoRig, area_vector, inside
+from daemon.vision.geometry import FACING, Polyhedron, StereoRig, corner_covariance, visible_from
 from daemon.vision.model import Model
 from daemon.vision.recognition import recognise_group
 from daemon.vision.values import UNKNOWN, Facet, Group
 
 VIEWPOINTS = 60
 DISTANCE_MM = 400.0
-CORNER_PX = 0.15
-FACING = 0.3  # cosine below which a facet is too oblique to count on
 HIDDEN_SHARE = 0.9
-INSIDE = 0.95  # where a facet is tried for being covered: its corners and the middles of its sides, drawn in so far
-BEFORE_MM = 1.0
-EDGE_ON = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,47 +127,12 @@ def visible_facets(solid: Polyhedron, towards: Array, least_facing: float = FACI
     return tuple(np.flatnonzero(visible_from(solid, towards[None], least_facing)[0]).tolist())
 
 
-def visible_from(solid: Polyhedron, directions: Array, least_facing: float = FACING) -> NDArray[np.bool_]:
-    """(D, F) visible_facets for many directions (D, 3) at once."""
-    seen = directions @ solid.normals.T > least_facing
-    for facet, ring in enumerate(solid.rings):
-        for other in _before(solid, facet):
-            seen[:, facet] &= ~_in_front(solid.corners_mm[other], _tried(solid.corners_mm[ring]), directions)
-    return np.asarray(seen)
-
-
 def imagined_group(solid: Polyhedron, shown: Sequence[int], towards: Array, rig: StereoRig) -> Group:
     """These facets as they would be measured from there, untyped by the measurement: they keep their own types."""
     corners = (solid.corners_mm - solid.corners_mm.mean(axis=0)) @ _turned_to(towards).T + [0.0, 0.0, DISTANCE_MM]
-    spread_mm2 = _corner_covariance(rig)
+    spread_mm2 = corner_covariance(rig, DISTANCE_MM)
     facets = tuple(_facet(corners[list(solid.facets[k])], solid.types[k], spread_mm2, rig) for k in shown)
     return Group(facets, tuple(solid.facets[k] for k in shown))
-
-
-def _before(solid: Polyhedron, facet: int) -> list[NDArray[np.intp]]:
-    """The rings of facets that reach to where they could cover one: in front of its plane."""
-    corners = solid.corners_mm[solid.rings[facet][0]]
-    beyond = (solid.corners_mm - corners) @ solid.normals[facet] > BEFORE_MM
-    return [ring for ring in solid.rings if beyond[ring].any()]
-
-
-def _tried(corners: Array) -> Array:
-    """(2N, 3) where a facet is tried for being covered: its corners and the middles of its sides, drawn in a little."""
-    middles = (corners + np.roll(corners, -1, axis=0)) / 2
-    middle = corners.mean(axis=0)
-    return np.asarray(middle + INSIDE * (np.concatenate([corners, middles]) - middle))
-
-
-def _in_front(ring: Array, points: Array, directions: Array) -> NDArray[np.bool_]:
-    """(D,) whether a ray from any of the points (N, 3) in each direction (D, 3) goes through a polygon (M, 3)."""
-    normal = area_vector(ring)
-    slope = directions @ normal
-    through = np.abs(slope) >= EDGE_ON * np.linalg.norm(normal)
-    reach = ((ring[0] - points) @ normal) / np.where(through, slope, 1.0)[:, None]
-    level = np.delete(np.arange(3), np.abs(normal).argmax())
-    met = points[:, level] + reach[..., None] * directions[:, None, level]
-    within = inside(met.reshape(-1, 2), ring[None, :, level])[0].reshape(reach.shape)
-    return np.asarray(through & (within & (reach > BEFORE_MM)).any(axis=1))
 
 
 def spread(count: int) -> Array:
@@ -190,13 +149,6 @@ def _turned_to(towards: Array) -> Array:
     x = np.cross([0.0, 1.0, 0.0] if abs(z[1]) < 0.9 else [1.0, 0.0, 0.0], z)
     x /= np.linalg.norm(x)
     return np.array([x, np.cross(z, x), z])
-
-
-def _corner_covariance(rig: StereoRig) -> Array:
-    focal_px = float(rig.left.matrix[0, 0])
-    across = CORNER_PX * DISTANCE_MM / focal_px
-    along = np.sqrt(2) * CORNER_PX * DISTANCE_MM**2 / (focal_px * rig.baseline_mm)
-    return np.diag([across**2, across**2, along**2])
 
 
 def _facet(corners_mm: Array, kind: str, covariance: Array, rig: StereoRig) -> Facet:

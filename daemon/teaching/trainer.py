@@ -31,7 +31,7 @@ from daemon.vision.geometry import Polyhedron, StereoRig
 from daemon.vision.image import VisionError
 from daemon.vision.look import look
 from daemon.vision.model import FacetLibrary, Model, TeachError, empty_model, learn_view, merge_views
-from daemon.vision.recognition import recognise_group
+from daemon.vision.recognition import Standing, recognise, recognise_group, standing
 from daemon.vision.report import scene_json
 from daemon.vision.settings import VisionSettings
 from daemon.vision.values import UNKNOWN, Facet, Group, Part, Scene
@@ -55,6 +55,14 @@ class Recogniser:
         """Parts in a stereo pair, in the cyclopean frame; what lies in the table is none; rig: this pair's, where it is
         not the usual one. Raises VisionError."""
         return look(left, right, rig or self.rig, self.model, self.settings, thread_time, table)
+
+    def recognise(self, group: Group) -> tuple[Part, ...]:
+        """Facets that hang together, as parts."""
+        return tuple(found.part for found in recognise((group,), self.model))
+
+    def standing(self, group: Group) -> tuple[Standing, ...]:
+        """Every taught part and pose that facets which hang together allow."""
+        return standing(group, self.model)
 
     def report(self, scene: Scene) -> dict[str, object]:
         """The scene as JSON values."""

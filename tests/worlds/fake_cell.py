@@ -235,6 +235,15 @@ class TruthRecogniser:
     def shape(self, label: str) -> Polyhedron | None:
         return shape_of(label) if label in self.labels else None
 
+    def recognise(self, group):
+        facets, pose = group.facets, np.eye(4)
+        pose[:3, 3] = group.polyhedron.corners_mm.mean(0)
+        unknown = Recognition("unknown", 0.0, 0.0, 0.0, None, False, "facets alone have no name here")
+        return (Part(unknown, facets, pose, np.eye(6), float("nan")),)
+
+    def standing(self, group):
+        return ()
+
     def report(self, scene: Scene) -> dict[str, object]:
         return {"parts": [p.recognition.label for p in scene.parts]}
 
@@ -272,8 +281,8 @@ class TruthRecogniser:
         sigmas = np.column_stack([z, z, z * corners[:, 2] / 60.0 * 1.4])
         noisy = corners + self.world.rng.normal(0, 1, corners.shape) * sigmas
         covariance = np.array([np.diag(s**2) for s in sigmas])
-        px = np.zeros((len(corners), 2))
-        return Facet(noisy, covariance, px, px, np.full(len(corners), self.world.epipolar), 0.1)
+        left, right = (eye.project(noisy) for eye in (rig().left, rig().right))
+        return Facet(noisy, covariance, left, right, np.full(len(corners), self.world.epipolar), 0.1)
 
 
 def build(world: World) -> Workcell:

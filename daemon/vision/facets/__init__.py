@@ -2,6 +2,7 @@
 
 from daemon.vision.facets.candidates import corner_covariance
 from daemon.vision.facets.fusing import Fused, SeenFrom, fuse, group_of, only
+from daemon.vision.facets.grouping import connected
 from daemon.vision.facets.looks_adjustment import shared_motion
 from daemon.vision.facets.reconstruct import facets_seen, facets_step_by_step, find_facets
 from daemon.vision.facets.table import Table, without_table
@@ -11,6 +12,7 @@ __all__ = [
     "Fused",
     "SeenFrom",
     "Table",
+    "connected",
     "corner_covariance",
     "facets_seen",
     "facets_step_by_step",

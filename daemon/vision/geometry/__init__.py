@@ -8,10 +8,12 @@ from daemon.vision.geometry.polygon import Point, Shape, drop_side, inside, is_s
 from daemon.vision.geometry.polygon_batch import Rings, areas, convex, different, met, rings
 from daemon.vision.geometry.polyhedron import Polyhedron, exact, united
 from daemon.vision.geometry.rectified import Baseline, Eye, baseline, disparity
-from daemon.vision.geometry.rig import Camera, StereoRig, moved_rig
+from daemon.vision.geometry.rig import Camera, StereoRig, corner_covariance, moved_rig
 from daemon.vision.geometry.rigid_fit import Fits, cross_matrices, fit_poses, rough_fit
+from daemon.vision.geometry.visibility import FACING, visible_from
 
 __all__ = [
+    "FACING",
     "Baseline",
     "Camera",
     "Converging",
@@ -31,6 +33,7 @@ __all__ = [
     "chi_square_tail",
     "converging",
     "convex",
+    "corner_covariance",
     "cross_matrices",
     "different",
     "disparity",
@@ -50,5 +53,6 @@ __all__ = [
     "rough_fit",
     "tidy",
     "united",
+    "visible_from",
     "weighted_plane",
 ]

@@ -15,6 +15,9 @@ from numpy.typing import NDArray
 from daemon import frames
 from daemon.arrays import Array
 
+CORNER_PX = 0.15
+"""By how much a corner of a whole facet is found off in one image."""
+
 
 @dataclass(frozen=True, eq=False)
 class Camera:
@@ -87,3 +90,11 @@ def moved_rig(
     cyclopean_from_world = frames.inverse(world_from_cyclopean)
     eyes = [replace(camera, cyclopean_from_camera=cyclopean_from_world @ place) for place in (left, right)]
     return StereoRig(eyes[0], eyes[1], image_size), world_from_cyclopean
+
+
+def corner_covariance(rig: StereoRig, distance_mm: float) -> Array:
+    """(3, 3) mm2, cyclopean, of a corner straight ahead at that distance, where either eye is off by CORNER_PX."""
+    focal_px = float(rig.left.matrix[0, 0])
+    across = CORNER_PX * distance_mm / focal_px
+    along = np.sqrt(2) * CORNER_PX * distance_mm**2 / (focal_px * rig.baseline_mm)
+    return np.diag([across**2, across**2, along**2])

@@ -3,19 +3,23 @@
 from daemon.vision.recognition.hypotheses import hypotheses
 from daemon.vision.recognition.recognise import (
     Recognised,
+    Standing,
     joined,
     recognise,
     recognise_group,
+    standing,
     suspected,
     typed_as,
 )
 
 __all__ = [
     "Recognised",
+    "Standing",
     "hypotheses",
     "joined",
     "recognise",
     "recognise_group",
+    "standing",
     "suspected",
     "typed_as",
 ]

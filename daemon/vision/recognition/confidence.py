@@ -48,20 +48,29 @@ def _places(solid: Polyhedron, typed: bool) -> Counter[tuple[str, ...]]:
     return Counter([*((kind,) for kind in kinds), *pairs])
 
 
-def probability(seen: Polyhedron, fits: Sequence[Hypothesis], model: Model) -> dict[str, float]:
-    """Probability of each label of the fits, which explain every facet: against each other and against strangers."""
+def weighed(seen: Polyhedron, fits: Sequence[Hypothesis], model: Model) -> list[float]:
+    """Probability of each of the fits, which explain every facet: against each other and against strangers, whose it is
+    what is left."""
     best = min(fits, key=lambda h: (h.astray >= 0, h.chi2))
     stranger, noise2 = by_chance(seen, best, model)
-    odds: dict[str, float] = {}
+    odds = list[float]()
     for h in fits:
         better = (best.chi2 - h.chi2) / (2 * noise2) if (h.astray >= 0) == (best.astray >= 0) else np.log(ASTRAY)
         as_many = len(symmetries(model.metric[h.label].solid)[0])
-        odds[h.label] = odds.get(h.label, 0.0) + as_many * float(np.exp(min(better, 0.0)))
+        odds.append(as_many * float(np.exp(min(better, 0.0))))
     if best.astray >= 0:
         stranger *= len(seen.corners_mm) / ASTRAY
     stranger *= STRANGER / (1 - STRANGER)
-    total = sum(odds.values()) + stranger
-    return {label: weight / total for label, weight in odds.items()}
+    total = sum(odds) + stranger
+    return [weight / total for weight in odds]
+
+
+def probability(seen: Polyhedron, fits: Sequence[Hypothesis], model: Model) -> dict[str, float]:
+    """Probability of each label of the fits, in whatever pose."""
+    chances: dict[str, float] = {}
+    for h, chance in zip(fits, weighed(seen, fits, model), strict=True):
+        chances[h.label] = chances.get(h.label, 0.0) + chance
+    return chances
 
 
 def by_chance(seen: Polyhedron, fit: Hypothesis, model: Model) -> tuple[float, float]:

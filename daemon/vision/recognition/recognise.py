@@ -27,7 +27,7 @@ from daemon.vision.model import (
     type_number,
     typed,
 )
-from daemon.vision.recognition.confidence import probability
+from daemon.vision.recognition.confidence import probability, weighed
 from daemon.vision.recognition.hypotheses import (
     Hypothesis,
     equivalents,
@@ -63,6 +63,19 @@ class Recognised:
     def named(self) -> bool:
         """Whether it was taken for a taught part."""
         return self.part.named
+
+
+@dataclass(frozen=True, eq=False)
+class Standing:
+    """One way in which a group of facets may be a taught part, of those that turns of the part take onto each other
+    one: pose (4, 4) group_from_part with covariance (6, 6); facets: the taught one behind each seen one; probability:
+    what recognition gives it against the others and against something that was not taught."""
+
+    label: str
+    pose: Array
+    covariance: Array
+    facets: tuple[int, ...]
+    probability: float
 
 
 def recognise(groups: Iterable[Group], model: Model) -> tuple[Recognised, ...]:
@@ -120,6 +133,16 @@ def _hollow(facets: tuple[Facet, ...], touching: NDArray[np.bool_], facet: Facet
 def suspected(facet: Facet, model: Model) -> list[tuple[str, Array]]:
     """Every taught part and pose (4, 4) that a facet may belong to, measured well or not; the nearest first."""
     return facet_poses(weld([facet]).polyhedron, model.metric, SUSPECT_MM)
+
+
+def standing(group: Group, model: Model) -> tuple[Standing, ...]:
+    """Every taught part and pose that a group's facets allow, the likeliest first; what their probabilities lack of 1
+    is that of something not taught."""
+    seen = _typed(group, model)
+    fits = [h for h in _fits(seen, model) if _stands(h, seen)]
+    chances = weighed(seen.polyhedron, fits, model) if fits else []
+    found = [Standing(h.label, h.pose, h.covariance, h.facets, p) for h, p in zip(fits, chances, strict=True)]
+    return tuple(sorted(found, key=lambda one: -one.probability))
 
 
 def recognise_group(group: Group, model: Model) -> Part:

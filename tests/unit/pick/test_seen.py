@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from daemon import frames
-from daemon.pick.seen import Facing, Seen, facings, is_own, merged, ordered, seen_again, seen_parts, unconfirmed
+from daemon.pick.seen import Facing, Seen, facings, is_own, ordered, seen_again, seen_parts, unconfirmed
 from daemon.vision.recognition.recognise import UNKNOWN
 from daemon.vision.values import Part, Recognition
 from tests.worlds.rigs import rig
@@ -52,21 +52,6 @@ def test_a_part_is_brought_to_the_world_with_its_corners_and_its_facets_look_out
 
 def test_a_part_without_facets_is_not_told() -> None:
     assert len(seen_parts(look_of(part_at(0, 0), replace(part_at(60, 0), facets=())))) == 1
-
-
-def test_the_newest_sight_of_a_place_counts_but_a_name_is_not_unlearnt() -> None:
-    named, elsewhere = seen_at(0, 0, "cube"), seen_at(80, 0, "pyramid")
-    again, nameless, renamed = seen_at(5, 0, "cube"), seen_at(5, 0, UNKNOWN), seen_at(5, 0, "pyramid")
-    assert merged([named, elsewhere], [again]) == [elsewhere, again]
-    assert merged([named, elsewhere], [nameless]) == [elsewhere, named]
-    assert merged([named], [renamed]) == [renamed]
-    assert merged([nameless], [again]) == [again]
-
-
-def test_two_parts_farther_apart_than_a_part_is_wide_stay_two() -> None:
-    one, other = seen_at(0, 0), seen_at(31, 0)
-    assert merged([one], [other]) == [one, other]
-    assert merged([one], [seen_at(29, 0)]) != [one, other]
 
 
 def test_a_lone_facet_within_a_part_is_its_own_and_one_beside_it_is_not() -> None:

@@ -1,0 +1,304 @@
+"""The next best view: where a look is expected to settle most for its time.
+
+What lies there is one of some hypotheses: a taught part in a pose, or something that was not taught. Each says which
+facets a look from a place shows, those left out that are turned away or covered; a facet that shows is found as often
+as it was measured to be. Where hypotheses say the same, a look says nothing; where they differ, by more than the
+cameras err, it tells them apart. Pure: hypotheses and places in, bits and an order out.
+Source: expected entropy after an observation (Lindley 1956); of views, Denzler and Brown (2002).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from daemon import frames
+from daemon.arrays import Array
+from daemon.pick import viewpoints
+from daemon.pick.looking import Recogniser
+from daemon.pick.seen import Seen
+from daemon.pick.settings import View
+from daemon.vision.facets import weld
+from daemon.vision.geometry import (
+    Polyhedron,
+    StereoRig,
+    area_vector,
+    chi_square_limit,
+    corner_covariance,
+    visible_from,
+)
+from daemon.vision.values import UNKNOWN, Group
+
+CLOSE_MM = 340.0
+"""From how far a part that could not be named is looked at again."""
+COSINES, FOUND = (0.1, 0.15, 0.25, 0.35, 0.5, 0.85, 0.95), (0.0, 0.15, 0.6, 0.85, 0.9, 0.87, 0.5)
+"""How often a facet that shows whole is found, by its cosine to the cameras (tests/bench/long/looks.py)."""
+OF_COVERED = 0.55
+"""Of these, how many are found where another thing covers a little of it, or all."""
+LEAST_CHANCE, MOST_HYPOTHESES = 1e-3, 24
+"""Hypotheses less likely than this, and beyond so many, are not asked for places."""
+TELLING = 8
+"""Of the facets by which hypotheses differ, how many are reckoned with."""
+LEAST_TOLD = 0.005
+IN_TABLE_MM = 6.0
+"""So far into the table a part may be thought to reach, its pose being in doubt."""
+LEAST_BITS = 0.02
+"""What a look is expected to settle at least to be worth it."""
+UNLIKE = 1e-3
+"""Facets whose corners lie as far apart as so few do that are the same are two."""
+
+
+@dataclass(frozen=True, eq=False)
+class Hypothesis:
+    """What may lie there: solid at world_from_part (4, 4), whose covariance is (6, 6); facets: the solid's behind each
+    facet that was seen. Of something not taught, UNKNOWN, the solid is what was seen of it."""
+
+    label: str
+    solid: Polyhedron
+    world_from_part: Array
+    covariance: Array
+    facets: tuple[int, ...]
+    probability: float
+
+
+@dataclass(frozen=True, eq=False)
+class Outlook:
+    """Hypotheses that look different, each once, and which of their facets are one: numbers, for each hypothesis one a
+    facet; the first `seen` of them were seen."""
+
+    hypotheses: tuple[Hypothesis, ...]
+    numbers: tuple[Array, ...]
+    seen: int
+
+    @property
+    def chances(self) -> Array:
+        """(H,) probabilities, of 1 together."""
+        every = np.array([h.probability for h in self.hypotheses])
+        return np.asarray(every / every.sum())
+
+    @property
+    def entropy(self) -> float:
+        """Bits."""
+        return entropy(self.chances)
+
+
+@dataclass(frozen=True)
+class Gain:
+    """What a look from a place, by its number, is expected to bring: bits, and after how many seconds."""
+
+    place: int
+    bits: float
+    seconds: float
+
+
+def hypotheses_of(part: Seen, recogniser: Recogniser, table_z_mm: float | None) -> tuple[Hypothesis, ...]:
+    """What a part without a name may be, in world: all that recognition lets stand and the table leaves room for, and
+    something not taught, last. Where nothing that was taught explains all its facets together, what explains one of
+    them, the largest first."""
+    world_from_look = part.look.world_from_cyclopean
+    facets = sorted(part.facets, key=lambda f: -float(np.linalg.norm(area_vector(f.corners_mm))))
+    for some in (part.facets, *((f,) for f in facets)):
+        group = weld(some)
+        found = [
+            Hypothesis(
+                one.label,
+                solid,
+                world_from_look @ one.pose,
+                frames.transport_covariance(world_from_look, one.covariance),
+                one.facets,
+                one.probability,
+            )
+            for one in recogniser.standing(group)
+            if (solid := recogniser.shape(one.label)) is not None
+        ]
+        left = max(1.0 - sum(h.probability for h in found), 0.0)
+        found = [h for h in found if table_z_mm is None or _above(h, table_z_mm)]
+        if found:
+            break
+    else:
+        group, left = weld(part.facets), 1.0
+    here = strange(part, group, left)
+    whole = left + sum(h.probability for h in found)
+    return tuple(replace(h, probability=h.probability / whole) for h in (*found, here))
+
+
+def strange(part: Seen, group: Group | None = None, probability: float = 1.0) -> Hypothesis:
+    """That a part, or a group of its facets, is something not taught."""
+    seen = (group or weld(part.facets)).polyhedron
+    every = tuple(range(len(seen.facets)))
+    return Hypothesis(UNKNOWN, seen, part.look.world_from_cyclopean, np.zeros((6, 6)), every, probability)
+
+
+def _above(h: Hypothesis, table_z_mm: float) -> bool:
+    """Whether the part would not lie in the table."""
+    return bool(frames.apply(h.world_from_part, h.solid.corners_mm)[:, 2].min() > table_z_mm - IN_TABLE_MM)
+
+
+def in_words(hypotheses: Sequence[Hypothesis]) -> str:
+    """`cube 62 %, pyramid 30 %, not taught 8 %`: by label, the likeliest first, what was not taught last."""
+    shares: dict[str, float] = {}
+    for h in hypotheses:
+        shares[h.label] = shares.get(h.label, 0.0) + h.probability
+    not_taught = shares.pop(UNKNOWN, 0.0)
+    ranked_shares = sorted(shares.items(), key=lambda one: -one[1])
+    told = [f"{label} {100 * share:.0f} %" for label, share in ranked_shares if share >= LEAST_TOLD]
+    return ", ".join([*told, f"not taught {100 * not_taught:.0f} %"])
+
+
+def entropy(chances: Array) -> float:
+    """Bits of probabilities (H,)."""
+    some = chances[chances > 0]
+    return float(-(some * np.log2(some)).sum())
+
+
+def expected_entropy(chances: Array, shows: Array) -> float:
+    """Bits that are left on average after a look that finds each of some facets or does not. chances (H,); shows (H, C)
+    how often each is found under each hypothesis, independently of the others.
+
+    Never more than before: what is reckoned with is a part of what the look will show.
+    """
+    mean = chances @ shows
+    tells = chances @ (shows - mean) ** 2
+    columns = np.argsort(-tells)[: min(TELLING, int((tells > 1e-12).sum()))]
+    ways = (np.arange(2 ** len(columns))[:, None] >> np.arange(len(columns))) & 1
+    each = np.where(ways[:, None, :] == 1, shows[None, :, columns], 1 - shows[None, :, columns])
+    joint = each.prod(axis=2) * chances
+    total = joint.sum(axis=1, keepdims=True)
+    share = joint / np.maximum(total, 1e-300)
+    logs = np.log2(np.maximum(share, 1e-300))
+    return float(-(joint * logs).sum())
+
+
+def outlook(hypotheses: Sequence[Hypothesis], rig: StereoRig, distance_mm: float = CLOSE_MM) -> Outlook:
+    """Which facets of hypotheses (the last: something not taught) the cameras could not tell apart from so far; those
+    that have the same label and the same facets count once, with the sum of what they were given."""
+    *taught, stranger = hypotheses
+    taught = sorted((h for h in taught if h.probability >= LEAST_CHANCE), key=lambda h: -h.probability)
+    kept = [stranger, *taught[:MOST_HYPOTHESES]]
+    noise_mm2 = float(np.trace(corner_covariance(rig, distance_mm))) / 3
+    known = _Facets()
+    numbers = [known.numbers(h, noise_mm2) for h in kept]
+    once: dict[tuple[str, frozenset[int]], tuple[Hypothesis, Array]] = {}
+    for h, own in zip(kept, numbers, strict=True):
+        key = h.label, frozenset(own.tolist())
+        before = once[key][0].probability if key in once else 0.0
+        first, numbered = once.get(key, (h, own))
+        once[key] = replace(first, probability=before + h.probability), numbered
+    found, theirs = zip(*once.values(), strict=True)
+    return Outlook(tuple(found), tuple(theirs), len(stranger.facets))
+
+
+class _Facets:
+    """Facets in space, each once, as they are met."""
+
+    def __init__(self) -> None:
+        self.corners: list[Array] = []
+        self.covariances: list[Array] = []
+
+    def numbers(self, h: Hypothesis, noise_mm2: float) -> Array:
+        """(F,) the number of each of a hypothesis's facets: that of the seen one it explains, of one that is where it
+        is, or a new one."""
+        placed = frames.apply(h.world_from_part, h.solid.corners_mm)
+        motion = frames.point_motion(placed - h.world_from_part[:3, 3])
+        spread = motion @ h.covariance @ np.swapaxes(motion, 1, 2) + noise_mm2 * np.eye(3)
+        explains = {facet: k for k, facet in enumerate(h.facets) if facet >= 0}
+        found = []
+        for f, ring in enumerate(h.solid.rings):
+            number = explains.get(f, -1) if self.corners else -1
+            if number < 0:
+                number = self._same(placed[ring], spread[ring])
+            if number < 0:
+                number = len(self.corners)
+                self.corners.append(placed[ring])
+                self.covariances.append(spread[ring])
+            found.append(number)
+        return np.array(found, np.intp)
+
+    def _same(self, corners: Array, covariance: Array) -> int:
+        """The first facet that is in this place, -1 where there is none."""
+        count = len(corners)
+        most, middle = chi_square_limit(3 * count, UNLIKE), corners.mean(0)
+        for number, (other, its) in enumerate(zip(self.corners, self.covariances, strict=True)):
+            off = middle - other.mean(0)
+            widest = float(np.trace(covariance + its, axis1=1, axis2=2).max()) if len(other) == count else 0.0
+            if len(other) != count or float(off @ off) > most * widest:
+                continue
+            for turn in range(count):
+                apart = corners - np.roll(other, turn, axis=0)
+                both = covariance + np.roll(its, turn, axis=0)
+                if float(np.einsum("ni,ni->", apart, np.linalg.solve(both, apart[..., None])[..., 0])) < most:
+                    return number
+        return -1
+
+
+def shown(look: Outlook, centre: Array, eyes: Array, beside: Sequence[Array] = ()) -> Array:
+    """(V, H, C) how often each facet is found from eyes (V, 3), under each hypothesis; the last is whatever something
+    not taught shows besides what was seen, wherever one that was taught would show a new facet. centre (3,): what is
+    looked at; beside: polygons (N, 3) of other things that may cover it. All world, mm."""
+    towards = eyes - centre
+    towards = towards / np.linalg.norm(towards, axis=1, keepdims=True)
+    count = 1 + max(int(own.max()) for own in look.numbers)
+    found = np.zeros((len(eyes), len(look.hypotheses), count + 1))
+    for k, (h, own) in enumerate(zip(look.hypotheses, look.numbers, strict=True)):
+        turned = towards @ h.world_from_part[:3, :3]
+        part_from_world = frames.inverse(h.world_from_part)
+        others = [frames.apply(part_from_world, ring) for ring in beside]
+        often = np.interp(turned @ h.solid.normals.T, COSINES, FOUND)
+        alone, free = (visible_from(h.solid, turned, COSINES[0], some) for some in ((), others))
+        found[:, k, own] = often * np.where(free, 1.0, np.where(alone, OF_COVERED, 0.0))
+    strange = [h.label == UNKNOWN for h in look.hypotheses]
+    found[:, strange, -1] = found[:, :, look.seen : count].max(axis=(1, 2), initial=0.0)[:, None]
+    return found
+
+
+def missed(look: Outlook, shows: Array) -> Outlook:
+    """The same hypotheses, each less likely by what it says that earlier looks should have found, shows (V, H, C), and
+    that was not seen."""
+    speaks = np.prod(1 - shows[:, :, look.seen :], axis=(0, 2))
+    weights = look.chances * speaks
+    weights = weights / weights.sum() if weights.sum() > 0 else look.chances
+    told = [replace(h, probability=float(w)) for h, w in zip(look.hypotheses, weights, strict=True)]
+    return replace(look, hypotheses=tuple(told))
+
+
+def ranked(look: Outlook, shows: Array, seconds: Sequence[float]) -> list[Gain]:
+    """Places, by their numbers, the one first that is expected to settle most bits a second. shows (V, H, C)."""
+    before, chances = look.entropy, look.chances
+    gains = [Gain(v, max(before - expected_entropy(chances, one), 0.0), seconds[v]) for v, one in enumerate(shows)]
+    return sorted(gains, key=lambda g: -g.bits / g.seconds)
+
+
+def places_round(centre: Array, tool_from_cyclopean: Array, distance_mm: float = CLOSE_MM) -> list[Array]:
+    """Where a thing that lies at centre (3,), world, may be looked at from: world_from_tool (4, 4) each."""
+    x, y, z = (float(v) for v in centre)
+    views = [View((x, y, z), distance_mm, float(h), float(t)) for h in range(-180, 180, 30) for t in (5, 20, 35, 50)]
+    return [view.pose(tool_from_cyclopean) for view in views]
+
+
+def next_best(
+    hypotheses: Sequence[Hypothesis],
+    rig: StereoRig,
+    centre: Array,
+    eyes: Array,
+    seconds: Sequence[float],
+    eyes_before: Array,
+    beside: Sequence[Array] = (),
+) -> list[Gain]:
+    """Places the cameras may be brought to, eyes (V, 3), in the order in which to try them: by what a look from there
+    settles for its seconds; where none settles anything, the farthest from all looks before, eyes_before (L, 3), first.
+    beside: polygons (N, 3) of other things. All world, mm."""
+    look = outlook(hypotheses, rig)
+    look = missed(look, shown(look, centre, eyes_before, beside))
+    gains = ranked(look, shown(look, centre, eyes, beside), seconds)
+    if gains and max(g.bits for g in gains) >= LEAST_BITS:
+        return gains
+    by_place = {g.place: g for g in gains}
+    return [by_place[place] for place in freshest(centre, eyes, eyes_before)]
+
+
+def freshest(centre: Array, eyes: Sequence[Array] | Array, eyes_before: Sequence[Array] | Array) -> list[int]:
+    """Places, by their numbers, the farthest round a point from all looks before first."""
+    away = [min(viewpoints.angle_at(centre, eye, old) for old in eyes_before) for eye in eyes]
+    return sorted(range(len(away)), key=lambda place: -away[place])

@@ -1,0 +1,134 @@
+"""What lies there, as all looks so far have it: parts with a name, and what has none yet. Pure.
+
+A name that one look gave stays. The facets of all looks are fused; those that no named part explains are put to the
+recogniser together, and where they hang together over a hollow edge, as parts that touch do, piece by piece. Fusing is
+vision's, and so is naming.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import combinations
+
+import numpy as np
+
+from daemon import frames
+from daemon.arrays import Array
+from daemon.pick.fusion import Doubt
+from daemon.pick.looking import Look, Recogniser
+from daemon.pick.seen import Seen, apart_mm, seen_parts
+from daemon.vision.facets import Fused, SeenFrom, connected, fuse, group_of, only, weld
+from daemon.vision.geometry import Polyhedron, inside
+
+ONE_MM = 15.0
+"""Named parts whose middles are this near are one."""
+ON_FACE_MM, ON_FACE_RAD = 4.0, 0.25
+"""A facet that lies this near to a face of a named part, and so parallel, is of that part."""
+HOLLOW_MM = 2.0
+"""So far in front of each other's planes lie the middles of facets that meet in a hollow edge."""
+
+
+def known(looks: Sequence[Look], recogniser: Recogniser, doubt: Doubt) -> list[Seen]:
+    """Everything that the looks, in order, show: what has a name as the newest look that named it has it; what has none
+    as all of them together do, in the newest look's frame."""
+    every = [part for look in looks for part in seen_parts(look)]
+    named = _agreed([part for part in every if part.named], recogniser)
+    if len(looks) < 2:
+        return [*named, *(part for part in every if not part.named)]
+    fused = fuse([_seen_from(look, doubt) for look in looks], doubt.shared())
+    if fused is None:
+        return named
+    newest = looks[-1]
+    for piece in _pieces(fused, _unexplained(fused, named, recogniser)):
+        named += [part for part in _recognised(fused, piece, newest, recogniser) if part.named]
+    named = _agreed(named, recogniser)
+    left = _unexplained(fused, named, recogniser)
+    return [*named, *(part for piece in _whole(fused, left) for part in _recognised(fused, piece, newest, recogniser))]
+
+
+def _seen_from(look: Look, doubt: Doubt) -> SeenFrom:
+    rig = look.taken.rig
+    groups = tuple(weld(part.facets) for part in look.scene.parts if part.facets)
+    return SeenFrom(groups, look.world_from_cyclopean, doubt.arm(), float(rig.left.matrix[0, 0]), rig.baseline_mm)
+
+
+def _agreed(named: Sequence[Seen], recogniser: Recogniser) -> list[Seen]:
+    """Each named part once, as it was seen last; those left out that looks gave different names to."""
+    middles = [_middle(part, recogniser) for part in named]
+    out = set[int]()
+    for i, j in combinations(range(len(named)), 2):
+        if apart_mm(middles[i], middles[j]) < ONE_MM:
+            out |= {i} if named[i].label == named[j].label else {i, j}
+    return [part for k, part in enumerate(named) if k not in out]
+
+
+def _middle(part: Seen, recogniser: Recogniser) -> Array:
+    """(3,) world: of the part's corners, seen or not."""
+    shape = recogniser.shape(part.label)
+    return part.centre if shape is None else frames.apply(part.world_from_part, shape.corners_mm).mean(axis=0)
+
+
+def _unexplained(fused: Fused, named: Sequence[Seen], recogniser: Recogniser) -> list[int]:
+    """The facets that lie in no face of a named part."""
+    left = list(range(len(fused.polyhedron.facets)))
+    for part in named:
+        shape = recogniser.shape(part.label)
+        if shape is not None:
+            left = [k for k in left if not _on_face(fused.polyhedron, k, shape, part.world_from_part)]
+    return left
+
+
+def _on_face(seen: Polyhedron, facet: int, shape: Polyhedron, world_from_part: Array) -> bool:
+    corners = frames.apply(frames.inverse(world_from_part), seen.corners_mm[seen.rings[facet]])
+    normal = world_from_part[:3, :3].T @ seen.normals[facet]
+    for ring, face in zip(shape.rings, shape.normals, strict=True):
+        outline = shape.corners_mm[ring]
+        if face @ normal < np.cos(ON_FACE_RAD) or np.abs((corners - outline[0]) @ face).max() > ON_FACE_MM:
+            continue
+        across = np.linalg.svd(face[None])[2][1:]
+        if inside(corners.mean(0)[None] @ across.T, (outline @ across.T)[None])[0, 0]:
+            return True
+    return False
+
+
+def _whole(fused: Fused, facets: list[int]) -> list[list[int]]:
+    """Some of the facets, those together that share edges."""
+    return [[facets[k] for k in thing] for thing in only(fused, facets).things()] if facets else []
+
+
+def _pieces(fused: Fused, facets: list[int]) -> list[list[int]]:
+    """What of the facets may be one part: what hangs together; of that, what hangs together over no hollow edge; and of
+    that the facets whose corners are seen to be corners, from two places."""
+    found = list[list[int]]()
+    for thing in _whole(fused, facets):
+        for piece in (thing, *_convex(fused.polyhedron, thing)):
+            sure = [k for k in piece if fused.confirmed[k]]
+            found += [piece, *([sure] if sure else [])]
+    return [piece for k, piece in enumerate(found) if piece not in found[:k]]
+
+
+def _convex(seen: Polyhedron, thing: list[int]) -> list[list[int]]:
+    """A thing's facets, those together that hang together over no hollow edge."""
+    touch = seen.touching[np.ix_(thing, thing)].copy()
+    for a, b in np.argwhere(touch).tolist():
+        before = [
+            float(seen.normals[thing[f]] @ (seen.centres_mm[thing[g]] - seen.centres_mm[thing[f]]))
+            for f, g in ((a, b), (b, a))
+        ]
+        touch[a, b] = min(before) < HOLLOW_MM
+    return [[thing[k] for k in piece] for piece in connected(touch)]
+
+
+def _recognised(fused: Fused, piece: Sequence[int], newest: Look, recogniser: Recogniser) -> list[Seen]:
+    """Some facets as the newest look would have measured them all, and what they are taken for."""
+    group = group_of(fused, piece, frames.inverse(newest.world_from_cyclopean), newest.taken.rig)
+    return [Seen(part, newest) for part in recogniser.recognise(group)]
+
+
+def outlines_of(part: Seen, recogniser: Recogniser) -> list[Array]:
+    """(N, 3) world: every face of a named part, every facet that was seen of another."""
+    shape = recogniser.shape(part.label) if part.named else None
+    if shape is None:
+        return [frames.apply(part.look.world_from_cyclopean, f.corners_mm) for f in part.facets]
+    corners = frames.apply(part.world_from_part, shape.corners_mm)
+    return [corners[ring] for ring in shape.rings]

@@ -1,0 +1,56 @@
+"""Which facets of a solid an eye sees whole: those that face it and that nothing else covers in part. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daemon.arrays import Array
+from daemon.vision.geometry.facet_measures import area_vector
+from daemon.vision.geometry.polygon import inside
+from daemon.vision.geometry.polyhedron import Polyhedron
+
+FACING = 0.3  # cosine below which a facet is too oblique to count on
+INSIDE = 0.95  # where a facet is tried for being covered: its corners and the middles of its sides, drawn in so far
+BEFORE_MM = 1.0
+EDGE_ON = 1e-3
+
+
+def visible_from(
+    solid: Polyhedron, directions: Array, least_facing: float = FACING, beside: Sequence[Array] = ()
+) -> NDArray[np.bool_]:
+    """(D, F) the facets that face a camera in each of the directions (D, 3), far away, and that no other facet covers
+    in part.
+
+    least_facing: cosine below which a facet is too oblique to be seen; beside: polygons (N, 3) of other things, in the
+    solid's frame, that may cover it as well.
+    """
+    seen = directions @ solid.normals.T > least_facing
+    rings = [*(solid.corners_mm[ring] for ring in solid.rings), *beside]
+    for facet, ring in enumerate(solid.rings):
+        corners = solid.corners_mm[ring]
+        for other in rings:
+            if ((other - corners[0]) @ solid.normals[facet] > BEFORE_MM).any():  # reaches to where it could cover it
+                seen[:, facet] &= ~_in_front(other, _tried(corners), directions)
+    return np.asarray(seen)
+
+
+def _tried(corners: Array) -> Array:
+    """(2N, 3) where a facet is tried for being covered: its corners and the middles of its sides, drawn in a little."""
+    middles = (corners + np.roll(corners, -1, axis=0)) / 2
+    middle = corners.mean(axis=0)
+    return np.asarray(middle + INSIDE * (np.concatenate([corners, middles]) - middle))
+
+
+def _in_front(ring: Array, points: Array, directions: Array) -> NDArray[np.bool_]:
+    """(D,) whether a ray from any of the points (N, 3) in each direction (D, 3) goes through a polygon (M, 3)."""
+    normal = area_vector(ring)
+    slope = directions @ normal
+    through = np.abs(slope) >= EDGE_ON * np.linalg.norm(normal)
+    reach = ((ring[0] - points) @ normal) / np.where(through, slope, 1.0)[:, None]
+    level = np.delete(np.arange(3), np.abs(normal).argmax())
+    met = points[:, level] + reach[..., None] * directions[:, None, level]
+    within = inside(met.reshape(-1, 2), ring[None, :, level])[0].reshape(reach.shape)
+    return np.asarray(through & (within & (reach > BEFORE_MM)).any(axis=1))

@@ -1,0 +1,142 @@
+"""Looking around: it ends, tells what each look brought, and is held by all that holds the arm."""
+
+from __future__ import annotations
+
+import asyncio
+
+import numpy as np
+import pytest
+
+from daemon.arm.supervisor import OperatorRefusedError, RefusedError
+from daemon.pick.cycle import Cycle
+from daemon.pick.world import WorldModel
+from daemon.vision.values import Recognition
+from tests.worlds.fake_cell import World, cycle_of, one_part
+
+NAMELESS = Recognition("unknown", 0.9, 0.0, 0.0, None, False, "fits nothing taught")
+
+
+def nameless() -> tuple[World, Cycle]:
+    """A cube whose facets nobody names, and the cycle before it, looking at it."""
+    world = one_part()
+    world.labels["cube"] = NAMELESS
+    cycle = cycle_of(world)
+    asyncio.run(cycle.go("survey"))
+    world.wire.clear()
+    return world, cycle
+
+
+def moves(world: World) -> int:
+    return sum(name == "move" for name, _ in world.wire)
+
+
+def test_what_has_no_name_is_looked_at_from_so_many_places_and_each_look_tells_what_it_brought() -> None:
+    world, cycle = nameless()
+    known = asyncio.run(cycle.look_around(2))
+    assert (len(known.looks), len(known.gained)) == (3, 2)
+    told = world.said("gained")
+    assert [record["look"] for record in told] == [2, 3]
+    assert told[0]["before"] == told[0]["after"] == "not taught 100 %"
+    places = [look.world_from_cyclopean[:3, 3] for look in known.looks]
+    assert min(float(np.linalg.norm(a - b)) for k, a in enumerate(places) for b in places[:k]) > 100.0
+
+
+def test_where_all_has_a_name_one_look_at_the_other_side_is_enough() -> None:
+    world = one_part()
+    cycle = cycle_of(world)
+    asyncio.run(cycle.go("survey"))
+    known = asyncio.run(cycle.look_around(5))
+    assert [part.label for part in known.found] == ["cube"]
+    assert len(known.looks) == 2
+    assert world.said("gained")[0]["about"] == "what they hide"
+
+
+def test_an_empty_table_is_looked_at_once() -> None:
+    world = World(np.random.default_rng(0))
+    known = asyncio.run(cycle_of(world).look_around(3))
+    assert (known.found, len(known.looks), moves(world)) == ([], 1, 0)
+
+
+def test_a_place_the_arm_is_refused_is_left_for_the_next() -> None:
+    world, cycle = nameless()
+    world.reach_mm = 640.0
+    known = asyncio.run(cycle.look_around(1))
+    assert len(known.looks) == 2
+    assert np.linalg.norm(world.at[:3, 3]) <= 640.0 + 1.0
+    world.reach_mm = 100.0
+    assert len(asyncio.run(cycle.look_around(1)).looks) == 1, "none is in reach: that is no fault"
+    assert cycle.status()["fault"] is None
+
+
+def test_it_may_not_start_where_a_pick_may_not() -> None:
+    world, cycle = nameless()
+    cycle.supervisor.latch("something")
+    with pytest.raises(RefusedError):
+        asyncio.run(cycle.look_around(1))
+    assert moves(world) == 0
+
+
+def test_dry_it_looks_once_and_nothing_moves() -> None:
+    world, cycle = nameless()
+    cycle.supervisor.dry(True)
+    known = asyncio.run(cycle.look_around(3))
+    assert (len(known.looks), moves(world)) == (1, 0)
+
+
+def test_a_stop_on_the_way_stops_the_arm_and_nothing_moves_after_it() -> None:
+    world, cycle = nameless()
+    stops = []
+
+    def stop(name: str) -> None:
+        if name == "moving" and not stops:
+            stops.append(asyncio.get_running_loop().create_task(cycle.supervisor.stop()))
+
+    async def around() -> None:
+        with pytest.raises((asyncio.CancelledError, RefusedError)):
+            await cycle.look_around(3)
+        await asyncio.gather(*stops)
+
+    world.before = stop
+    asyncio.run(around())
+    names = [name for name, _ in world.wire]
+    assert "move" not in names[names.index("abort") :]
+    assert cycle.status()["fault"] is not None
+
+
+async def _waiting(cycle: Cycle, key: str) -> None:
+    while not cycle.status()[key]:
+        await asyncio.sleep(0)
+
+
+def test_a_pause_holds_it_before_its_next_move_until_resume() -> None:
+    world, cycle = nameless()
+
+    async def around() -> WorldModel:
+        cycle.supervisor.pause()
+        work = asyncio.ensure_future(cycle.look_around(1))
+        for _ in range(2000):
+            await asyncio.sleep(0.001)
+            if world.said("look"):
+                break
+        await asyncio.sleep(0.05)
+        assert moves(world) == 0
+        cycle.supervisor.resume()
+        return await work
+
+    assert len(asyncio.run(around()).looks) == 2
+    assert moves(world) > 0
+
+
+def test_step_by_step_a_move_that_is_refused_ends_it_and_is_not_sent() -> None:
+    world, cycle = nameless()
+
+    async def around() -> None:
+        cycle.supervisor.step(True)
+        work = asyncio.ensure_future(cycle.look_around(2))
+        await asyncio.wait_for(_waiting(cycle, "pending"), 30.0)
+        cycle.supervisor.refuse()
+        with pytest.raises(OperatorRefusedError):
+            await work
+
+    asyncio.run(around())
+    assert moves(world) == 0

@@ -1,0 +1,152 @@
+"""The next best view: what a look is expected to settle, and where hypotheses look the same."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from daemon import frames
+from daemon.arrays import Array
+from daemon.pick.next_view import (
+    Hypothesis,
+    entropy,
+    expected_entropy,
+    freshest,
+    in_words,
+    next_best,
+    outlook,
+    places_round,
+    ranked,
+    shown,
+)
+from daemon.vision.geometry import Polyhedron, exact
+from daemon.vision.values import UNKNOWN
+from tests.worlds import drawn
+from tests.worlds.fake_cell import TOOL_FROM_CYCLOPEAN, rig
+
+AT = np.array([520.0, 0.0, -280.0])
+
+
+def block(bevelled: bool = False) -> Polyhedron:
+    """60 x 40 x 30 mm about its middle; bevelled: an edge on the side of +y is cut off."""
+    outline = (
+        [(0.0, 0.0), (60, 0), (60, 40), (15, 40), (0, 25)] if bevelled else [(0.0, 0.0), (60, 0), (60, 40), (0, 40)]
+    )
+    corners, rings = drawn.prism(outline, 30)
+    return exact(corners - [30.0, 20.0, 15.0], rings)
+
+
+def turned(angle: float) -> Array:
+    return frames.rigid(frames.rotation_from_vector(np.array([0.0, 0.0, angle])), AT)
+
+
+def hypothesis(label: str, solid: Polyhedron, pose: Array, share: float, seen: tuple[int, ...] = (2,)) -> Hypothesis:
+    """The seen facets are the solid's of these numbers."""
+    return Hypothesis(label, solid, pose, np.diag([0.01] * 3 + [1e-6] * 3), seen, share)
+
+
+def stranger(of: Polyhedron, pose: Array, share: float, seen: tuple[int, ...] = (2,)) -> Hypothesis:
+    corners = frames.apply(pose, of.corners_mm)
+    rings = [of.facets[k] for k in seen]
+    used = sorted({c for ring in rings for c in ring})
+    flat = exact(corners[used], [[used.index(c) for c in ring] for ring in rings])
+    return Hypothesis(UNKNOWN, flat, np.eye(4), np.zeros((6, 6)), tuple(range(len(seen))), share)
+
+
+def eye(heading_deg: float, up_deg: float = 45.0) -> Array:
+    h, u = np.radians([heading_deg, up_deg])
+    return AT + 340.0 * np.array([np.cos(u) * np.cos(h), np.cos(u) * np.sin(h), np.sin(u)])
+
+
+TWINS = (
+    hypothesis("block", block(), turned(0), 0.5),
+    hypothesis("bevelled", block(True), turned(0), 0.5),
+    stranger(block(), turned(0), 0.0),
+)
+"""Seen: the side to -y, which both have."""
+
+chances = st.lists(st.floats(0.001, 1.0), min_size=2, max_size=6)
+
+
+@given(chances, st.integers(1, 10), st.randoms(use_true_random=False))
+@settings(max_examples=200, deadline=None)
+def test_a_look_is_never_expected_to_leave_more_open_than_before(weights, facets, random) -> None:
+    share = np.array(weights) / sum(weights)
+    shows = np.array([[random.choice((0.0, random.random(), 1.0)) for _ in range(facets)] for _ in share])
+    after = expected_entropy(share, shows)
+    assert -1e-9 <= after <= entropy(share) + 1e-9
+
+
+@given(chances, st.lists(st.floats(0, 1), min_size=1, max_size=12))
+@settings(max_examples=100, deadline=None)
+def test_a_place_from_which_all_look_the_same_gains_nothing(weights, row) -> None:
+    share = np.array(weights) / sum(weights)
+    shows = np.tile(row, (len(share), 1))
+    assert expected_entropy(share, shows) == pytest.approx(entropy(share), abs=1e-9)
+
+
+def test_a_facet_that_only_one_of_two_shows_and_is_always_found_settles_all() -> None:
+    assert expected_entropy(np.array([0.5, 0.5]), np.array([[1.0], [0.0]])) == pytest.approx(0.0, abs=1e-9)
+    assert expected_entropy(np.array([0.5, 0.5]), np.array([[0.5], [0.0]])) == pytest.approx(0.75 * 0.9183, abs=1e-4)
+
+
+def test_symmetric_poses_of_one_part_count_once_and_those_of_two_parts_do_not() -> None:
+    half = frames.rigid(frames.rotation_from_vector(np.array([0.0, 0.0, np.pi])), np.zeros(3))
+    both = hypothesis("block", block(), turned(0) @ half, 0.3, seen=(4,))
+    look = outlook([hypothesis("block", block(), turned(0), 0.3), both, stranger(block(), turned(0), 0.4)], rig())
+    assert [h.label for h in look.hypotheses] == [UNKNOWN, "block"]
+    assert look.chances == pytest.approx([0.4, 0.6])
+    other = hypothesis("another", block(), turned(0), 0.3)
+    assert len(outlook([hypothesis("block", block(), turned(0), 0.3), other, TWINS[2]], rig()).hypotheses) == 3
+
+
+def test_twins_are_told_apart_from_the_side_on_which_they_differ() -> None:
+    look = outlook(TWINS, rig())
+    eyes = np.array([eye(-90), eye(0), eye(135)])
+    gains = {g.place: g.bits for g in ranked(look, shown(look, AT, eyes), [1.0] * 3)}
+    assert gains[2] > 0.8
+    assert gains[0] < gains[2], "the tops differ as well, by a corner"
+    low = ranked(look, shown(look, AT, np.array([eye(-90, 2.0)])), [1.0])
+    assert low[0].bits == pytest.approx(0.0, abs=1e-9)
+
+
+def test_what_hides_the_side_on_which_twins_differ_makes_a_look_worth_less() -> None:
+    look = outlook(TWINS, rig())
+    eyes, wall = np.array([eye(135)]), AT + np.array([[-80.0, 30, -60], [20, 130, -60], [20, 130, 200], [-80, 30, 200]])
+    free, hidden = (ranked(look, shown(look, AT, eyes, beside), [1.0])[0].bits for beside in ((), (wall,)))
+    assert hidden < free
+
+
+def test_the_same_gain_in_less_time_comes_first() -> None:
+    eyes = np.array([eye(135), eye(134)])
+    order = next_best(TWINS, rig(), AT, eyes, [5.0, 1.0], np.array([eye(-90)]))
+    assert order[0].place == 1
+
+
+def test_a_look_that_should_have_shown_a_difference_and_did_not_makes_it_less_worth_to_look_again() -> None:
+    eyes = np.array([eye(135)])
+    unseen = next_best(TWINS, rig(), AT, eyes, [1.0], np.array([eye(-90, 2.0)]))[0].bits
+    seen = next_best(TWINS, rig(), AT, eyes, [1.0], np.array([eye(-90, 2.0), eye(135)]))[0].bits
+    assert seen < unseen
+
+
+def test_where_nothing_is_to_be_settled_the_farthest_from_all_looks_comes_first() -> None:
+    eyes = np.array([eye(0), eye(90), eye(180)])
+    assert freshest(AT, eyes, [eye(10)])[0] == 2
+    order = next_best([stranger(block(), turned(0), 1.0)], rig(), AT, eyes, [1.0] * 3, np.array([eye(10)]))
+    assert [g.place for g in order] == [2, 1, 0]
+
+
+def test_places_look_at_the_point_from_all_round() -> None:
+    poses = places_round(AT, TOOL_FROM_CYCLOPEAN)
+    seen = [frames.apply(frames.inverse(p @ TOOL_FROM_CYCLOPEAN), AT) for p in poses]
+    assert np.allclose(seen, [0, 0, 340.0], atol=1e-6)
+    assert len(poses) == 48
+
+
+def test_what_it_may_be_is_told_by_label_the_likeliest_first() -> None:
+    some = [hypothesis("a", block(), turned(0), 0.1), hypothesis("b", block(), turned(0), 0.5)]
+    some += [hypothesis("a", block(), turned(1), 0.2), stranger(block(), turned(0), 0.2)]
+    assert in_words(some) == "b 50 %, a 30 %, not taught 20 %"

@@ -1,0 +1,89 @@
+"""What lies there by all looks: names stay, what none names alone many may, names that differ are asked anew."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from daemon.arrays import Array
+from daemon.pick.fusion import Doubt
+from daemon.pick.looking import Look
+from daemon.pick.seen import seen_parts
+from daemon.pick.things import known, outlines_of
+from daemon.store.library import load_facets
+from daemon.teaching.aspects import learn_solid
+from daemon.teaching.trainer import Recogniser
+from daemon.vision.model.model import empty_model
+from daemon.vision.values import Part
+from tests.worlds import drawn
+from tests.worlds.looked_around import looked_at, place
+from tests.worlds.rigs import rig
+
+BLOCK = drawn.prism([(-30.0, -20.0), (30, -20), (30, 20), (-30, 20)], 30)
+CUT = drawn.prism([(-30.0, -20.0), (30, -20), (30, 20), (-15, 20), (-30, 5)], 30)
+
+
+@pytest.fixture(scope="module")
+def recogniser() -> Recogniser:
+    model = empty_model(load_facets())
+    for label, (corners, rings) in (("block", BLOCK), ("cut", CUT)):
+        model = learn_solid(model, drawn.solid(f"{label}.obj", drawn.obj(corners, rings)), rig(), label)
+    return Recogniser(model, rig())
+
+
+def look_from(recogniser: Recogniser, azimuth_deg: float, elevation_deg: float, seed: int = 0) -> Look:
+    """As much of a look at the block from there as things are made of."""
+    at, rng = place(np.radians(azimuth_deg), np.radians(elevation_deg)), np.random.default_rng(seed)
+    body = drawn.solid("block.obj", drawn.obj(*BLOCK))
+    seen = looked_at(body, at, rng, np.zeros(9))
+    parts = tuple(part for group in seen.groups for part in recogniser.recognise(group))
+    return as_look(parts, seen.base_from_cyclopean)
+
+
+def as_look(parts: tuple[Part, ...], world_from_cyclopean: Array) -> Look:
+    made: Any = SimpleNamespace(
+        scene=SimpleNamespace(parts=parts), world_from_cyclopean=world_from_cyclopean, taken=SimpleNamespace(rig=rig())
+    )
+    return made
+
+
+def labels(looks: list[Look], recogniser: Recogniser) -> list[str]:
+    return [part.label for part in known(looks, recogniser, Doubt())]
+
+
+def test_what_neither_of_two_looks_names_alone_both_together_do(recogniser: Recogniser) -> None:
+    top, side = look_from(recogniser, 90, 88), look_from(recogniser, 90, 3, 1)
+    assert [p.named for one in (top, side) for p in seen_parts(one)] == [False, False]
+    assert labels([top, side], recogniser) == ["block"]
+
+
+def test_a_name_is_not_unlearnt_by_a_look_that_shows_less(recogniser: Recogniser) -> None:
+    whole, less = look_from(recogniser, 135, 40), look_from(recogniser, 0, 3, 1)
+    assert labels([whole], recogniser) == ["block"]
+    assert labels([whole, less], recogniser) == ["block"], "the facet that it shows is the block's"
+
+
+def test_names_that_contradict_each_other_are_asked_anew_of_all_facets(recogniser: Recogniser) -> None:
+    one, other = look_from(recogniser, 135, 40), look_from(recogniser, 100, 50, 1)
+    part = one.scene.parts[0]
+    wrong = replace(part, recognition=replace(part.recognition, label="cut"))
+    assert labels([as_look((wrong,), one.world_from_cyclopean), other], recogniser) == ["block"]
+
+
+def test_one_look_alone_is_what_it_is(recogniser: Recogniser) -> None:
+    look = look_from(recogniser, 0, 3)
+    assert [part.part for part in known([look], recogniser, Doubt())] == list(look.scene.parts)
+    assert known([as_look((), np.eye(4))], recogniser, Doubt()) == []
+    assert known([as_look((), np.eye(4))] * 2, recogniser, Doubt()) == []
+
+
+def test_a_named_part_hides_by_all_its_faces_and_another_by_what_was_seen(recogniser: Recogniser) -> None:
+    named, nameless = (known([look_from(recogniser, *way)], recogniser, Doubt())[0] for way in ((135, 40), (0, 3)))
+    assert (len(outlines_of(named, recogniser)), len(outlines_of(nameless, recogniser))) == (6, 1)
+    placed = np.concatenate(outlines_of(named, recogniser))
+    assert placed.max(0) == pytest.approx([30, 20, 15], abs=1.5)
+    assert placed.min(0) == pytest.approx([-30, -20, -15], abs=1.5)
