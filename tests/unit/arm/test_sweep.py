@@ -104,6 +104,27 @@ def test_where_the_hand_turns_in_its_place_the_arm_goes_round_it_no_farther_than
     goes_no_farther_than_bounded(travel(start, target))
 
 
+def test_what_is_bounded_is_the_same_wherever_the_arm_faces():
+    """Arm and way turned about the arm's foot together: no length in between is taken along one axis of the world."""
+    start, target = hand(500, -150, -100, 30.0, 40.0), hand(600, 100, 50, 10.0, 75.0)
+    found = []
+    for angle in (0.0, 0.5, 1.3):
+        about = frames.rigid(frames.rotation_from_vector(np.array([0.0, 0.0, angle])), np.zeros(3))
+        some = travel(about @ start, about @ target)
+        way = way_of(some.start, some.command, None, ROBOT, body_of(LIMITS.capsules, LIMITS.body_mm))
+        found.append(way.gone_mm[-1])
+    for turned in found[1:]:
+        np.testing.assert_allclose(turned, found[0], rtol=1e-6)
+
+
+def test_how_the_wrist_centre_goes_for_a_turn_of_each_joint_is_as_it_goes():
+    joints, step = np.radians([20.0, 40.0, -70.0, 10.0, 30.0, 5.0]), 1e-6
+    told = sweep._jacobians_mm(ROBOT.frames(joints[None]))[0]
+    for joint in range(3):
+        ends = ROBOT.frames(joints + np.array([[-0.5], [0.5]]) * step * np.eye(6)[joint])[:, sweep.FLANGE, :3, 3]
+        np.testing.assert_allclose(told[joint], (ends[1] - ends[0]) / step, atol=1e-3)
+
+
 def test_a_line_that_is_easy_is_followed_once_and_one_near_the_stretched_arm_more_closely_where_it_must(monkeypatch):
     asked_for = []
 
