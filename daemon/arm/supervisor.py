@@ -83,6 +83,8 @@ class Supervisor:
         self._ending = 0
         self._telling: asyncio.Task[None] | None = None
         self._alarm: asyncio.Future[str] | None = None
+        self._asking: asyncio.Future[bool] | None = None
+        """Whether it rests, while it is being asked."""
         self._told: set[str] = set()
         """The faults told of in the present stop: whoever joins in with the same one need not tell it again."""
         self.stops = 0
@@ -133,11 +135,15 @@ class Supervisor:
         return self._telling is not None and not self._telling.done()
 
     async def at_rest(self) -> bool:
-        """Whether nothing moves, by the arm's own word, and nothing that may move it began while it was asked."""
+        """Whether nothing moves, by the arm's own word, and nothing that may move it began while it was asked. Who asks
+        while it is being asked waits for the same word: a key held down would have the line busy for a minute."""
         if self.busy or self.stopping:
             return False
+        if self._asking is None or self._asking.done():
+            self._asking = asyncio.ensure_future(self.mover.cell.robot.at_rest())
+            self._asking.add_done_callback(lambda asking: asking.cancelled() or asking.exception())
         try:
-            rests = await asyncio.wait_for(self.mover.cell.robot.at_rest(), AT_REST_S)
+            rests = await asyncio.wait_for(asyncio.shield(self._asking), AT_REST_S)
         except Exception:
             return False
         return rests and not (self.busy or self.stopping)

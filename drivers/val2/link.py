@@ -52,6 +52,8 @@ __all__ = [
 ABORT_ATTEMPTS = 5
 WHERE_CHARACTERS = 300
 """What WHERE prints, and some."""
+BRAKES_S = 0.5
+"""Of an arm whose power went, until they hold it."""
 CONFIRMS = "are you sure"
 """How a controller asks whether a command is meant; found open, it was typed by somebody who is gone."""
 
@@ -391,6 +393,7 @@ class Link:
                     if isinstance(last, Question):
                         if last.text == asked and _of_power_up(asked):
                             session.question, self.stop_seen = asked, False
+                            await asyncio.sleep(BRAKES_S)
                             return None
                         before, asked = b"" if _of_power_up(last.text) else no, last.text
                         continue

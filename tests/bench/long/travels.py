@@ -1,8 +1,8 @@
 """Random travels past the guard against a look at every half millimetre of each: does it let one through that strikes,
 does it refuse one that does not, what does asking it cost, and how long does the longest it allows take?
 
-usage: python -m tests.bench.long.travels [COUNT [SEED [WORKERS [SECONDS [FILE]]]]]  (`python -m tests.bench travels`:
-2,000). FILE keeps what was looked along: said again, it goes on from there.
+usage: python -m tests.bench.long.travels [COUNT [SEED [WORKERS [SECONDS [FILE]]]]]
+COUNT: 2,000 unless said otherwise. FILE keeps what was looked along: said again, it goes on from there.
 """
 
 from __future__ import annotations

@@ -769,6 +769,28 @@ def test_an_arm_at_work_or_being_stopped_is_not_asked_whether_it_rests():
     assert asked == [False]
 
 
+def test_who_asks_whether_the_arm_rests_while_it_is_being_asked_waits_for_the_same_word():
+    """Control-C held down on an arm at rest had so many questions on the line that the last were answered by a stop."""
+    _, supervisor, _ = supervised()
+    asked, words = [], [True, False]
+
+    async def at_rest() -> bool:
+        asked.append(True)
+        await asyncio.sleep(0.3)
+        return words.pop(0)
+
+    supervisor.mover.cell.robot.at_rest = at_rest
+
+    async def story() -> None:
+        assert await asyncio.gather(*(supervisor.at_rest() for _ in range(60))) == [True] * 60
+        assert not await supervisor.at_rest()
+
+    loop = SimulatedLoop()
+    loop.run_until_complete(story())
+    loop.close()
+    assert len(asked) == 2
+
+
 @pytest.mark.parametrize("begins", ["a job", "a stop"])
 def test_what_begins_while_the_arm_is_asked_whether_it_rests_counts_against_it(begins):
     world, supervisor, _ = supervised()

@@ -104,6 +104,27 @@ def test_where_the_hand_turns_in_its_place_the_arm_goes_round_it_no_farther_than
     goes_no_farther_than_bounded(travel(start, target))
 
 
+def test_what_is_bounded_is_the_same_wherever_the_arm_faces():
+    """Arm and way turned about the arm's foot together: no length in between is taken along one axis of the world."""
+    start, target = hand(500, -150, -100, 30.0, 40.0), hand(600, 100, 50, 10.0, 75.0)
+    found = []
+    for angle in (0.0, 0.5, 1.3):
+        about = frames.rigid(frames.rotation_from_vector(np.array([0.0, 0.0, angle])), np.zeros(3))
+        some = travel(about @ start, about @ target)
+        way = way_of(some.start, some.command, None, ROBOT, body_of(LIMITS.capsules, LIMITS.body_mm))
+        found.append(way.gone_mm[-1])
+    for turned in found[1:]:
+        np.testing.assert_allclose(turned, found[0], rtol=1e-6)
+
+
+def test_how_the_wrist_centre_goes_for_a_turn_of_each_joint_is_as_it_goes():
+    joints, step = np.radians([20.0, 40.0, -70.0, 10.0, 30.0, 5.0]), 1e-6
+    told = sweep._jacobians_mm(ROBOT.frames(joints[None]))[0]
+    for joint in range(3):
+        ends = ROBOT.frames(joints + np.array([[-0.5], [0.5]]) * step * np.eye(6)[joint])[:, sweep.FLANGE, :3, 3]
+        np.testing.assert_allclose(told[joint], (ends[1] - ends[0]) / step, atol=1e-3)
+
+
 def test_a_line_that_is_easy_is_followed_once_and_one_near_the_stretched_arm_more_closely_where_it_must(monkeypatch):
     asked_for = []
 
@@ -358,11 +379,17 @@ def test_the_bound_is_what_keeps_it_true(monkeypatch):
     assert rule(through) is None
 
 
-class Dip:
-    """A point that goes straight down by so much and up again, seen at its ends only to begin with."""
+LOW = Capsule("finger", "tool", (0.0, 0.0, -50.0), (0.0, 0.0, -50.0), 0.0)
 
-    def __init__(self, gap_mm, dip_mm):
-        self.high_mm, self.dip_mm, self.asked = LIMITS.table_z_mm + LIMITS.clearance_mm + gap_mm, dip_mm, []
+
+class Dip:
+    """A hand that goes straight down by so much and up again, seen at its ends only to begin with, where what is lowest
+    of it has so much to spare."""
+
+    def __init__(self, gap_mm, dip_mm, limits):
+        self.parts, below_mm = len(limits.capsules) + 1, 50.0 * len(limits.capsules)
+        self.high_mm = limits.table_z_mm + limits.clearance_mm + below_mm + gap_mm
+        self.dip_mm, self.asked = dip_mm, []
 
     def first(self):
         return np.array([0.0, 1.0])
@@ -375,14 +402,31 @@ class Dip:
         return frames
 
     def travel_mm(self, shares):
-        return 2.0 * self.dip_mm * np.diff(shares)[:, None]
+        return np.tile(2.0 * self.dip_mm * np.diff(shares)[:, None], self.parts)
 
 
+@pytest.mark.parametrize("capsules", [(), (LOW,)])
 @pytest.mark.parametrize(("dip_mm", "strike"), [(10.4, False), (10.6, True), (15.0, True), (40.0, True)])
-def test_between_two_places_nothing_is_trusted_that_could_have_gone_farther_than_its_gaps(dip_mm, strike):
+def test_between_two_places_nothing_is_trusted_that_could_have_gone_farther_than_its_gaps(dip_mm, strike, capsules):
     """Ten millimetres to spare at both ends, and half a millimetre of slack: beyond that it is looked at."""
-    point = Limits(body_mm=(), capsules=())
-    way = Dip(10.0, dip_mm)
-    found = sweep.strikes(way, body_of((), ()), point)
+    limits = Limits(body_mm=(), capsules=capsules)
+    way = Dip(10.0, dip_mm, limits)
+    found = sweep.strikes(way, body_of(capsules, ()), limits)
     assert (len(way.asked) > 2) is strike
     assert ("below_table" in [each.rule for each in found]) is strike
+
+
+def test_what_is_not_proven_at_the_second_look_is_looked_at_again():
+    """A dip in the fourth part of the way: the middle, where it is looked at first, is as high as the ends."""
+
+    class Later(Dip):
+        def links(self, shares):
+            return super().links(np.interp(shares, [0.0, 0.5, 0.75, 1.0], [0.0, 0.0, 0.5, 1.0]))
+
+        def travel_mm(self, shares):
+            return 2.0 * super().travel_mm(shares)
+
+    for capsules in ((), (LOW,)):
+        limits = Limits(body_mm=(), capsules=capsules)
+        found = sweep.strikes(Later(10.0, 12.0, limits), body_of(capsules, ()), limits)
+        assert "below_table" in [each.rule for each in found]

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import pytest
 
+from drivers.simcell.controller import Mishap
 from tests.worlds.whole_daemon import Story
 
 pytestmark = pytest.mark.slow
@@ -123,4 +124,20 @@ def test_a_hand_told_to_open_before_something_else_was_typed_may_drop_what_it_ho
     for text in ("hand open", "enable"):
         story.sockets[0].say(text)
     story.wait(2.0)
+    assert story.close() == ()
+
+
+@pytest.mark.parametrize("prompt_at_end", [False, True])
+def test_an_arm_whose_controller_was_switched_off_in_a_stop_is_not_called_stopped_before_its_brakes_hold_it(
+    prompt_at_end: bool,
+) -> None:
+    story = Story(prompt_at_end=prompt_at_end)
+    for text, seconds in (("enable", 0.1), ("go bin", 0.5)):
+        story.sockets[0].say(text)
+        story.wait(seconds)
+    story.sockets[0].interrupt()
+    story.wait(0.02)
+    story.mishap(Mishap.POWER_CYCLED)
+    story.wait(3.0)
+    assert "Stopped. Nothing moves until `resume`." in story.texts
     assert story.close() == ()
