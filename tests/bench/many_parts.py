@@ -1,8 +1,11 @@
 """Four, sixteen and sixty-four taught parts and as many strangers of the same families: names, confidence, time.
 
+usage: python -m tests.bench.many_parts [PICTURES [COUNT...]]
+
 Each part lies alone on the simulated cell's table and is taught from its drawing. Half the pictures of a row show a
-taught part, half one of the same families that was not taught: what confidence says is measured at that share.
-The rendered scenes follow, once as they are taught (four parts) and once with sixty drawings more.
+taught part, half one of the same families that was not taught: what confidence says is measured at that share. How it
+stands is told as it goes. The rendered scenes follow, once as they are taught (four parts) and once with sixty drawings
+more, unless counts of taught parts are given.
 """
 
 from __future__ import annotations
@@ -17,6 +20,7 @@ import cv2
 import numpy as np
 
 from daemon.arrays import Array
+from daemon.main import tame_malloc
 from daemon.teaching.sufficiency import visible_facets
 from daemon.vision.geometry.rig import StereoRig
 from daemon.vision.look import look
@@ -35,7 +39,9 @@ from tests.worlds.many_parts import DrawnPart, drawn_parts, taught
 
 COUNTS = (4, 16, 64)
 PICTURES = 24
-"""Of taught parts and as many of strangers; for more: `python -m tests.bench.many_parts 200`."""
+"""Of taught parts and as many of strangers; `200 64` shows 200 of each to 64 taught parts alone."""
+TOLD_S = 20.0
+"""So often is told how a row stands."""
 DISTANCE_MM, ELEVATION_DEG = (300.0, 400.0), (30.0, 70.0)
 FACETS, FACING = 3, 0.25
 """How many facets the eyes have whole before them in each picture, turned to them by what cosine."""
@@ -54,8 +60,9 @@ class Answer(NamedTuple):
     ms: float
 
 
-def main(pictures: int = PICTURES) -> None:
+def main(pictures: int = PICTURES, *only: int) -> None:
     cv2.setNumThreads(1)
+    tame_malloc()
     truth = load_truth(ETC / "simcell.yaml")
     rig = true_rig(truth)
     parts = drawn_parts(2 * max(COUNTS))
@@ -64,16 +71,30 @@ def main(pictures: int = PICTURES) -> None:
     print(f"{'taught':>6}{'right':>9}{'silent':>9}{'wrong':>9}{'strangers named':>17}"
           f"{'ms 50 %':>9}{'95 %':>7}{'worst':>7}{'strangers 50 %':>16}{'95 %':>7}{'worst':>7}")  # fmt: skip
     answers = dict[int, list[Answer]]()
-    for count in COUNTS:
+    for count in only or COUNTS:
         model = taught(known[:count], rig)
         others = [part for part in strangers if part.family in {p.family for p in known[:count]}]
-        shown = [*_cycled(known[:count], pictures), *_cycled(others, pictures)]
-        answers[count] = [answer(model, rig, *one) for one in photographed(shown, truth)]
+        mine, theirs = _cycled(known[:count], pictures), _cycled(others, pictures)
+        shown = [part for both in zip(mine, theirs, strict=True) for part in both]
+        answers[count] = list(_told(answer(model, rig, *one) for one in photographed(shown, truth)))
         print(_line(count, answers[count]), flush=True)
     for count, found in answers.items():
         _reliability(count, found)
-    if rendered.ALL.is_dir():
+    if rendered.ALL.is_dir() and not only:
         _rendered(known)
+
+
+def _told(answers: Iterator[Answer]) -> Iterator[Answer]:
+    """The same answers; every now and then it is told how they stand."""
+    found, last = list[Answer](), time.monotonic()
+    for one in answers:
+        yield one
+        found.append(one)
+        if time.monotonic() - last > TOLD_S:
+            last = time.monotonic()
+            mine, others = ([a for a in found if a.taught is taught] for taught in (True, False))
+            right, named = sum(a.right for a in mine), sum(bool(a.named) for a in others)
+            print(f"        {right} of {len(mine)} right, {named} of {len(others)} strangers named", flush=True)
 
 
 def _cycled(parts: list[DrawnPart] | tuple[DrawnPart, ...], number: int) -> list[DrawnPart]:
@@ -162,4 +183,4 @@ def _rendered(parts: tuple[DrawnPart, ...]) -> None:
 
 
 if __name__ == "__main__":
-    main(*map(int, sys.argv[1:2]))
+    main(*map(int, sys.argv[1:]))

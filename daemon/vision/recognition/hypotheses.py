@@ -17,6 +17,7 @@ from daemon.vision.geometry import Fits, Polyhedron, chi_square_tail, fit_poses,
 from daemon.vision.model import Correspondence, MetricModel, spread_from, symmetries
 
 Way = tuple[str, Correspondence]
+Place = tuple[str, tuple[int, int]]  # a part's facet, and by how many corners it is turned
 SIGMA_SCALE = 1.3  # how much larger than predicted the corner errors may be, taken together
 ROUGH_MM = 4.0  # an unweighted fit may be this bad where the weighted one is good: depth is what errs
 CLOSE_MM, FITS = 1.0, 1e-2  # how near fits are looked for first, and the tail that ends the search
@@ -76,13 +77,11 @@ def hypotheses(seen: Polyhedron, metric: Mapping[str, MetricModel], tolerance_mm
 def facet_poses(seen: Polyhedron, metric: Mapping[str, MetricModel], rms_mm: float) -> list[tuple[str, Array]]:
     """Every taught facet in every turn whose corners come so near to those of a lone seen one, the nearest first: the
     part, and its pose (4, 4)."""
-    places, off = _places(seen, 0, metric)
+    places, off, corners = _places(seen, 0, metric)
     near = np.flatnonzero(off < SPREAD * rms_mm)
     if not len(near):
         return []
-    ways = [(metric[label].solid, *place) for label, place in (places[k] for k in near.tolist())]
-    taught = np.stack([solid.corners_mm[np.roll(solid.rings[g], -turn)] for solid, g, turn in ways])
-    ring = seen.rings[0]
+    taught, ring = corners[near], seen.rings[0]
     used = np.ones(taught.shape[:2], bool)
     rotation, shift, rms = rough_fit(seen.corners_mm[ring], seen.covariance_mm2[ring], taught, used)
     poses = np.tile(np.eye(4), (len(near), 1, 1))
@@ -102,9 +101,9 @@ def _fitted(
 
 def _whole_ways(seen: Polyhedron, metric: Mapping[str, MetricModel], reach_mm: float) -> list[Way]:
     """The ways that explain every facet and that an unweighted fit does not rule out."""
-    near = list[list[tuple[str, tuple[int, int]]]]()
+    near = list[list[Place]]()
     for k in range(len(seen.facets)):
-        places, off = _places(seen, k, metric)
+        places, off, _ = _places(seen, k, metric)
         near.append([places[i] for i in np.nonzero(off < SPREAD * reach_mm)[0]])
     start = min(range(len(near)), key=lambda k: len(near[k]))
     ways = [way for way in _spread(seen, metric, start, near[start]) if way[1].explained == len(seen.facets)]
@@ -120,17 +119,17 @@ def _nearest_ways(seen: Polyhedron, metric: Mapping[str, MetricModel]) -> list[W
     """Those that explain most, of the few ways for each facet that lie nearest by its own lengths."""
     ways = list[Way]()
     for k in range(len(seen.facets)):
-        places, off = _places(seen, k, metric)
+        places, off, _ = _places(seen, k, metric)
         near = np.argsort(off, kind="stable")[:NEAREST]
         ways += _spread(seen, metric, k, [places[i] for i in near])
     most = max((laid.explained for _, laid in ways), default=0)
     return [way for way in ways if way[1].explained == most]
 
 
-def _spread(
-    seen: Polyhedron, metric: Mapping[str, MetricModel], start: int, places: Sequence[tuple[str, tuple[int, int]]]
-) -> list[Way]:
+def _spread(seen: Polyhedron, metric: Mapping[str, MetricModel], start: int, places: Sequence[Place]) -> list[Way]:
     """The ways that lay one seen facet onto (label, (taught facet, turn))."""
+    if len(seen.facets) == 1:
+        return [(label, _alone(seen, metric[label].solid, *place)) for label, place in places]
     by_label: dict[str, list[tuple[int, tuple[int, int]]]] = {}
     for label, place in places:
         by_label.setdefault(label, []).append((start, place))
@@ -142,35 +141,53 @@ def _spread(
     ]
 
 
-def _places(
-    seen: Polyhedron, facet: int, metric: Mapping[str, MetricModel]
-) -> tuple[list[tuple[str, tuple[int, int]]], Array]:
-    """Every taught facet, in every turn, that has as many sides as a seen one, and by how much their corners' distances
-    from each other differ at most, beyond what they may have been measured wrongly, mm."""
+def _alone(seen: Polyhedron, taught: Polyhedron, facet: int, turn: int) -> Correspondence:
+    """A lone seen facet laid onto a taught one."""
+    corners = np.empty(len(seen.corners_mm), np.intp)
+    corners[seen.rings[0]] = np.roll(taught.rings[facet], -turn)
+    return Correspondence((facet,), corners)
+
+
+def _places(seen: Polyhedron, facet: int, metric: Mapping[str, MetricModel]) -> tuple[list[Place], Array, Array]:
+    """Every taught facet, in every turn, that has as many sides as a seen one (N of them); by how much their corners'
+    distances from each other differ at most, beyond what they may have been measured wrongly, mm; and the corners
+    (N, sides, 3) that take the place of the seen ones."""
     ring = seen.rings[facet]
-    spans = [_spans(known.solid, len(ring)) for known in metric.values()]
-    places = [(label, place) for label, (some, _) in zip(metric, spans, strict=True) for place in some]
+    places, spans, corners = _every_place(tuple(metric), tuple(known.solid for known in metric.values()), len(ring))
     wanted = _distances(seen.corners_mm[ring])
     variance = seen.covariance_mm2[ring].reshape(-1, 9)[:, ::4].sum(1)
     one, other = _pairs(len(ring))
-    excess = np.abs(np.concatenate([s for _, s in spans]) - wanted) - SURE * np.sqrt(variance[one] + variance[other])
-    return places, excess.max(1)
+    excess = np.abs(spans - wanted) - SURE * np.sqrt(variance[one] + variance[other])
+    return places, excess.max(1), corners
+
+
+@lru_cache(maxsize=64)
+def _every_place(
+    labels: tuple[str, ...], solids: tuple[Polyhedron, ...], sides: int
+) -> tuple[list[Place], Array, Array]:
+    """Every facet with so many sides of each solid, in each turn, of those that turns of the solid take onto each other
+    one; the distances between its corners from there on, and these (N, sides, 3)."""
+    places, corners = list[Place](), [np.zeros((0, sides, 3))]
+    for label, solid in zip(labels, solids, strict=True):
+        own = _own_places(solid, sides)
+        places += [(label, place) for place in own]
+        corners += [solid.corners_mm[np.roll(solid.rings[g], -turn)][None] for g, turn in own]
+    found = np.concatenate(corners)
+    one, other = _pairs(sides)
+    return places, np.sqrt(((found[:, one] - found[:, other]) ** 2).sum(2)), found
 
 
 @lru_cache(maxsize=4096)
-def _spans(solid: Polyhedron, sides: int) -> tuple[list[tuple[int, int]], Array]:
-    """(facet, turn) of each facet with so many sides, and the distances between its corners from there on; of those
-    that turns of the solid take onto each other one."""
+def _own_places(solid: Polyhedron, sides: int) -> list[tuple[int, int]]:
+    """(facet, turn) of each facet of a solid with so many sides."""
     every = symmetries(solid)[0]
-    places = [
+    return [
         (g, turn)
         for g, ring in enumerate(solid.rings)
         if len(ring) == sides
         for turn in range(sides)
         if [ring[turn], ring[(turn + 1) % sides]] == min(every[:, [ring[turn], ring[(turn + 1) % sides]]].tolist())
     ]
-    rows = [_distances(solid.corners_mm[np.roll(solid.rings[g], -turn)]) for g, turn in places]
-    return places, np.array(rows).reshape(-1, sides * (sides - 1) // 2)
 
 
 def _distances(corners: Array) -> Array:

@@ -16,7 +16,7 @@ import numpy as np
 from daemon.arrays import Array
 from daemon.vision.geometry import Baseline, Polyhedron
 from daemon.vision.registration.directed import DirectedMap, Rays
-from daemon.vision.registration.posed import Flags, Index, Posed, Solids
+from daemon.vision.registration.posed import Flags, Image32, Index, Posed, Solids
 from daemon.vision.registration.space_corners import SpaceCorners, angle, basis, taught_corners
 
 OFF = np.radians(7.0)  # by how much a corner's arm may point elsewhere in the right eye than the taught angle says
@@ -57,7 +57,7 @@ def corner_kinds(shapes: tuple[Polyhedron, ...]) -> Kinds:
     each = [taught_corners(shape) for shape in shapes]
     part = np.repeat(np.arange(len(each)), [len(found[1]) for found in each])
     from_part, cosines, lengths = (np.concatenate([found[k] for found in each]) for k in range(3))
-    angles, which = np.unique((np.arccos(cosines) / ANGLE).round(), return_inverse=True)
+    angles, which = np.unique((np.arccos(np.clip(cosines, -1, 1)) / ANGLE).round(), return_inverse=True)
     first_mm, first = np.unique((lengths[:, 0] / LENGTH_MM).round() * LENGTH_MM, return_inverse=True)
     second_mm = (lengths[:, 1] / LENGTH_MM).round() * LENGTH_MM
     seconds, second = np.unique(np.stack([which, second_mm], 1), axis=0, return_inverse=True)
@@ -75,14 +75,14 @@ def guesses_from_space(
 ) -> tuple[Posed, int]:
     """Taught corners laid onto corners in space whose arms could make their angle, those MOST_GUESSES for which most
     speaks; and how many could."""
-    if not solids.shapes or not len(corners.at):
+    kinds = corner_kinds(solids.shapes) if solids.shapes else None
+    if kinds is None or not len(kinds.part) or not len(corners.at):
         return Posed(solids, np.zeros(0, np.intp), np.zeros((0, 4, 4))), 0
-    kinds = corner_kinds(solids.shapes)
     could, other = _could_be(corners, kinds.cosines[:, None])
     counts = np.minimum(
         [np.bincount(kinds.part, could[side].sum(1)[kinds.about]) for side in (0, 1)], MOST_COUNTED
     ).sum()
-    side, which, where = _likeliest(corners, geometry, maps, kinds, could, other)
+    where, side, which = _likeliest(_nats(corners, geometry, maps, kinds, could, other), kinds)
     cyclopean_from_corner = np.zeros((len(which), 4, 4))
     turn = geometry.cyclopean_from_baseline
     seconds = _second_edges(corners.chosen(where), kinds.cosine[which])[side, np.arange(len(which))]
@@ -114,42 +114,44 @@ def _could_be(corners: SpaceCorners, cosines: Array) -> tuple[Flags, Array]:
     return ahead & (off < OFF) & (np.abs(asked) < MOST_ASKED), other
 
 
-def _likeliest(
+def _nats(
     corners: SpaceCorners, geometry: Baseline, maps: tuple[DirectedMap, DirectedMap], kinds: Kinds,
     could: Flags, other: Array,
-) -> tuple[Index, Index, Index]:  # fmt: skip
-    """Side, taught corner and corner in space of the guesses for whose two edges most speaks in both eyes, a few at
-    each corner in space, the likeliest first; (N,) each."""
+) -> Image32:  # fmt: skip
+    """(C, 2, T) what speaks in both eyes for the two edges of every kind of corner at every corner in space, its second
+    edge on either side; minus infinity where that could not be."""
     count = len(corners.at)
-    ray = np.cumsum(could.reshape(-1)).reshape(could.shape) - 1
     begin = np.nonzero(could)[2]
+    ray = np.cumsum(could.reshape(-1)).reshape(could.shape) - 1
     side, second, where = np.nonzero(could[:, kinds.at])
     every = np.repeat(np.arange(count), len(kinds.first_mm))
     lengths = np.tile(kinds.first_mm.astype(np.float32), count)
     first = np.zeros(len(every), np.float32)
-    seconds = np.zeros(len(where), np.float32)
+    rest = np.zeros(len(where), np.float32)
     for eye_x_mm, seen in zip((0.0, geometry.length_mm), maps, strict=True):
         first += Rays.of(corners.at, corners.firm, eye_x_mm, seen).of_edges(every, lengths)
         rays = Rays.of(corners.at[begin], other[could], eye_x_mm, seen)
-        seconds += rays.of_edges(ray[side, kinds.at[second], where], kinds.second_mm[second].astype(np.float32))
-    rest = np.full((count, 2, len(kinds.at)), -np.inf, np.float32)
-    rest[where, side, second] = seconds
-    both = first.reshape(count, 1, -1)[:, :, kinds.kinds[:, 0]] + rest[:, :, kinds.kinds[:, 1]]
-    both = both.reshape(count, -1)
-    few = min(MOST_OF_ONE, both.shape[1])
-    best = np.argpartition(-both, few - 1, axis=1)[:, :few]
-    nats = np.take_along_axis(both, best, 1)
-    order = np.argsort(-nats, axis=1, kind="stable")
-    best, nats = np.take_along_axis(best, order, 1), np.take_along_axis(nats, order, 1)
-    begins, each = kinds.begins[:-1], np.diff(kinds.begins)
-    side, kind = np.divmod(best, len(begins))
-    before = np.cumsum(each[kind], 1) - each[kind]
-    where, rank = np.nonzero((nats > LEAST_NATS) & (before < MOST_OF_ONE))
-    order = np.argsort(-nats[where, rank], kind="stable")
-    where, rank = where[order], rank[order]
-    each, begins, side = each[kind[where, rank]], begins[kind[where, rank]], side[where, rank]
-    last = np.cumsum(each)
-    which = np.arange(each.sum()) + np.repeat(begins - last + each, each)
-    return (
-        np.repeat(side, each)[:MOST_GUESSES], which[:MOST_GUESSES], np.repeat(where, each)[:MOST_GUESSES],
-    )  # fmt: skip
+        rest += rays.of_edges(ray[side, kinds.at[second], where], kinds.second_mm[second].astype(np.float32))
+    seconds = np.full((count, 2, len(kinds.at)), -np.inf, np.float32)
+    seconds[where, side, second] = rest
+    return np.asarray(first.reshape(count, 1, -1)[:, :, kinds.kinds[:, 0]] + seconds[:, :, kinds.kinds[:, 1]])
+
+
+def _likeliest(nats: Image32, kinds: Kinds) -> tuple[Index, Index, Index]:
+    """Corner in space, side and taught corner of the guesses for which most speaks, of nats (C, 2, T), a few at each
+    corner in space, the likeliest first; (N,) each."""
+    every = nats.reshape(len(nats), -1)
+    few = min(MOST_OF_ONE, every.shape[1])
+    best = np.argpartition(-every, few - 1, axis=1)[:, :few]
+    order = np.argsort(-np.take_along_axis(every, best, 1), axis=1, kind="stable")
+    best = np.take_along_axis(best, order, 1)
+    value = np.take_along_axis(every, best, 1)
+    side, kind = np.divmod(best, nats.shape[2])
+    each = np.diff(kinds.begins)[kind]
+    where, rank = np.nonzero((value > LEAST_NATS) & (np.cumsum(each, 1) - each < MOST_OF_ONE))
+    order = np.argsort(-value[where, rank], kind="stable")
+    place = where[order], rank[order]
+    each, kind = each[place], kind[place]
+    which = np.arange(each.sum()) + np.repeat(kinds.begins[kind] - np.cumsum(each) + each, each)
+    found = np.repeat(place[0], each), np.repeat(side[place], each), which
+    return found[0][:MOST_GUESSES], found[1][:MOST_GUESSES], found[2][:MOST_GUESSES]

@@ -16,8 +16,8 @@ from daemon.vision.geometry import Polyhedron, Shape
 from daemon.vision.image import Eyes
 from daemon.vision.registration.posed import pixels
 
-SPACING_MM, MARGIN_PX, LEAST_FACING = 1.0, 5.0, 0.3
-FEWEST = 24
+SPACING_MM, MARGIN_PX, LEAST_FACING = 1.5, 5.0, 0.3
+FEWEST = 12
 LEAST_PRINT = 25.0
 """Mean square of what is left of a face's grey levels without its shading, in sigmas of the noise: less is no print."""
 

@@ -13,7 +13,13 @@ from daemon import frames
 from daemon.vision.geometry.polyhedron import Polyhedron, exact
 from daemon.vision.model.correspond import spread_from, symmetries
 from daemon.vision.model.merge import MetricModel
-from daemon.vision.recognition.hypotheses import Hypothesis, equivalents, hypotheses, without_one_corner
+from daemon.vision.recognition.hypotheses import (
+    Hypothesis,
+    equivalents,
+    facet_poses,
+    hypotheses,
+    without_one_corner,
+)
 from tests.worlds.drawn import block
 from tests.worlds.solids import KNOWN, Body, measured, pose, seen_facets
 
@@ -71,6 +77,23 @@ def test_of_many_parts_only_those_are_laid_whose_lengths_could_be_the_seen_ones(
     seen = seen_of(body, pose(np.array(VIEWS[0]), 0.4), np.random.default_rng(1))
     assert hypotheses(seen, many, TAU_MM)[0].label == "brick 7"
     assert len(laid) < 20 * 24 / 10
+
+
+def test_a_lone_facet_could_be_any_that_comes_near_the_nearest_first() -> None:
+    sizes = [(30 + 3 * k, 40 + 2 * k, 90 - 2 * k) for k in range(20)]
+    many = {f"brick {k}": MetricModel(block(*size), (0,)) for k, size in enumerate(sizes)}
+    body, where = Body(many["brick 7"].solid.corners_mm, many["brick 7"].solid.facets), pose(np.array(VIEWS[0]), 0.4)
+    seen = exact(frames.apply(where, body.corners_mm[list(body.facets[0])]), [range(4)])
+    found = facet_poses(seen, many, 8.0)
+    assert found[0][0] == "brick 7"
+    off = []
+    for label, there in found:
+        corners = frames.apply(there, many[label].solid.corners_mm)
+        off.append(np.linalg.norm(corners[:, None] - seen.corners_mm, axis=2).min(0).max())
+    assert off[0] < 1e-6
+    assert 1.0 < max(off) < 16.0
+    assert len({label for label, _ in found}) > 3
+    assert facet_poses(exact(2 * seen.corners_mm, seen.facets), many, 8.0) == []
 
 
 @given(st.sampled_from(["pyramid", "triangular_prism", "pentagonal_prism"]), seeds)
