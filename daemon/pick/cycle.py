@@ -40,6 +40,8 @@ HANDLERS: dict[State, Handler] = {
 HAND_IN_DOUBT = frozenset({State.CLOSING, State.RETREAT, State.VERIFY, State.PLACE})
 """Whoever is stopped here may have a part in the hand."""
 FAILED = (Outcome.MISSED, Outcome.LOST, Outcome.FAULT)
+IDLE_LOOKS = 2
+"""After so many looks in turn that show nothing new, what has a name is taken for all there is."""
 KEPT_ENDS = 1000
 """How many ended picks are kept in memory (the run log has all): a daemon runs for years."""
 
@@ -128,7 +130,7 @@ class Cycle:
 
     async def look_around(self, most: int) -> WorldModel:
         """Look from where the arm stands, and from up to so many places more, each the one that settles most, until
-        all that lies there has a name and another side shows nothing new; what is known then. RefusedError when it may
+        all that lies there has a name and two sides more show nothing new; what is known then. RefusedError when it may
         not start."""
         self._may_pick()
         return await self.supervisor.run("look around", self._around(most))
@@ -236,11 +238,15 @@ class Cycle:
         assert self.recogniser is not None
         context, world = self._context(self.recogniser), WorldModel([])
         world.take_in(context, await context.lit_look(await context.mover.rest(), "look around"))
+        idle = 0
         for _ in range(0 if context.mover.dry else most):
-            world.doubtful, before = find.least_known(context, world), len(world.found)
+            world.doubtful, before = find.least_known(context, world), find.in_all(world.found)
             if world.doubtful is not None:
                 await find.second_view(context, world)
-            elif not await find.other_side(context, world) or len(world.found) == before:
+            elif not await find.other_side(context, world):
+                break
+            idle = idle + 1 if find.in_all(world.found) == before else 0
+            if world.doubtful is None and idle == IDLE_LOOKS:
                 break
         return world
 
