@@ -58,6 +58,11 @@ class SimulatedHand:
         self.cell.place_for_teaching(label, view)
         return view
 
+    def lay(self, label: str) -> None:
+        """Lay one part alone amid the table."""
+        self._remember()
+        self.cell.lay(label)
+
     def scatter(self, labels: Sequence[str] = USUAL) -> None:
         """Strew parts over the table."""
         self._set_aside = None

@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
-from daemon.commands import simulated_hand
+from daemon.commands import simulated_hand, walking_round
 from daemon.commands.looking import describe_facet, drawn, look_of
 from daemon.console.context import CommandContext
 from daemon.console.interpreter import (
@@ -31,7 +31,7 @@ from daemon.store.outside import read_file
 from daemon.store.yamlfile import LARGEST_BYTES
 from daemon.teaching.mesh import UNITS_MM, MeshError
 from daemon.teaching.sufficiency import VIEWPOINTS, Alike, Sufficiency
-from daemon.teaching.trainer import teaching_note
+from daemon.teaching.trainer import ROUND, teaching_note
 from daemon.vision.model import TeachError
 from daemon.vision.values import Facet
 
@@ -50,8 +50,8 @@ def _numbers(context: CommandContext, label: str) -> list[str]:
     return [str(view.number) for view in context.trainer.model_store.views(label)]
 
 
-@command("teach LABEL [--mesh FILE]", "change", most=None, choices=lambda context: context.parts, first=True,
-         further=lambda _, __: ("--mesh",))  # fmt: skip
+@command("teach LABEL [--mesh FILE | --around [PLACES]]", "change", most=None, choices=lambda context: context.parts,
+         first=True, further=lambda _, __: ("--mesh", "--around"))  # fmt: skip
 async def teach(context: CommandContext, words: list[str], door: Door) -> Answer:
     """Keep what is seen as that part.
 
@@ -59,9 +59,13 @@ async def teach(context: CommandContext, words: list[str], door: Door) -> Answer
     Then you are told which sides are still unseen and what it could be taken for.
     With --mesh FILE.stl or FILE.obj [mm|cm|m|inch] the part is learnt from its drawing, without being
     shown: every characteristic view of it, and its exact shape. The file is read where you sit.
+    With --around the arm walks round it, to 6 to 12 places (10), as it lies alone amid the table: the whole part but
+    for what it lies on, an STL of it, and how far it is from its drawing where there is one. Asked first.
     """
     if "--mesh" in words:
         return await _teach_drawing(context, words, door)
+    if "--around" in words:
+        return await _teach_around(context, words, door)
     label = await _label(context, words, door)
     hand = context.hardware.hand
     if hand is None:
@@ -93,6 +97,34 @@ async def _teach_what_is_shown(context: CommandContext, label: str, door: Door) 
     verdict, data = await _sufficiency(context, label)
     text = f"Kept as view {view.name} ({plural(len(facets), 'facet')}).\n{verdict}"
     return Answer(text, {"kept": True, "view": view.name, "facets": [facet.type for facet in facets], **data})
+
+
+async def _teach_around(context: CommandContext, words: list[str], door: Door) -> Answer:
+    """Learn a part by walking round it as it lies on the table."""
+    at = words.index("--around")
+    no_more(words[at:], 2, walking_round.USAGE)
+    count = walking_round.places_asked(words[at + 1 :])
+    label = await _label(context, words[:at], door)
+    hand = context.hardware.hand
+    if hand is not None:
+        await door.say(simulated_hand.lay(context, label))
+    try:
+        part = await walking_round.learnt(context, label, count, door)
+    finally:
+        if hand is not None:
+            hand.put_back()
+    if part is None:
+        return Answer("Nothing moves, nothing is kept.", {"kept": False}, NOT_DONE)
+    lines, beside = walking_round.beside_drawing(part, context.trainer.drawings().get(label))
+    if lines:
+        await door.say("\n".join(lines))
+    if door.asks and not await yes_or_no(door, f"Is this the {label}? [y/n]"):
+        return Answer("Not kept. Light it better or go to more places, and say it again.", {"kept": False}, NOT_DONE)
+    note = {"who": door.who, "calibration": _digest(context), "places": count}
+    view = await asyncio.to_thread(context.trainer.store_round, label, part.solid, note)
+    verdict, data = await _sufficiency(context, label)
+    more = [verdict, "`train` makes a candidate with it."]
+    return walking_round.answered(label, view.name, str(view.mesh), part, more, {"beside_drawing": beside, **data})
 
 
 async def _teach_drawing(context: CommandContext, words: list[str], door: Door) -> Answer:
@@ -143,7 +175,7 @@ async def views(context: CommandContext, words: list[str], _: Door) -> Answer:
     label = one_of(words, 0, context.trainer.model_store.labels(), "label with views", views.usage) if words else None
     found = context.trainer.model_store.views(label)
     rows = [f"{view.name:<24} {view.damage or _taught(view.note)}" for view in found]
-    data = [{"view": view.name, **view.note} for view in found]
+    data = [{"view": view.name, **{k: v for k, v in view.note.items() if k != ROUND}} for view in found]
     return Answer("\n".join(rows) or "No view is stored: `teach LABEL`.", {"views": data})
 
 
@@ -280,6 +312,8 @@ def _taught(note: dict[str, Any]) -> str:
 
 
 def _what_of(note: dict[str, Any]) -> str:
+    if ROUND in note:
+        return f"walked round, {plural(len(note['facets'][0]), 'facet')}"
     if "mesh" in note:
         return f"drawing {note['mesh']} in {note.get('unit', 'mm')}, {plural(len(note['facets'][0]), 'facet')}"
     groups: list[list[str]] = note.get("facets") or [[]]

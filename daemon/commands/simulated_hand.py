@@ -27,6 +27,15 @@ def show(context: CommandContext, label: str) -> str:
     return f"(simulated) A hand shows the {label}, characteristic view {view + 1}."
 
 
+def lay(context: CommandContext, label: str) -> str:
+    """Lay the part alone amid the table; gives a line about it."""
+    hand = _hand(context)
+    if label not in hand.labels:
+        raise CommandError(f"the simulated cell has no {label}; it has {', '.join(hand.labels)}")
+    hand.lay(label)
+    return f"(simulated) A hand lays the {label} on the table."
+
+
 async def know_drawings(context: CommandContext) -> dict[str, str]:
     """Give a simulated cell the parts that were drawn, as they are now; gives why for each that it cannot show."""
     hand = context.hardware.hand

@@ -16,6 +16,7 @@ from daemon import frames
 from daemon.arm import Interruption, OperatorRefusedError, Reading, RefusedError, Supervisor, Workcell
 from daemon.arrays import Array
 from daemon.pick import approach, find, take
+from daemon.pick.around import Thing, Told, walk_round
 from daemon.pick.looking import Look, Recogniser
 from daemon.pick.order import PickOrder
 from daemon.pick.outcome import CycleEnd, Observer, Outcome, Skipped, tell
@@ -135,6 +136,13 @@ class Cycle:
         self._may_pick()
         return await self.supervisor.run("look around", self._around(most))
 
+    async def walk_round(self, recogniser: Recogniser, count: int, told: Told) -> tuple[Thing, list[Look]]:
+        """Look at the one thing there is from `count` places round it; recogniser: what the looks are made with. Raises
+        NoThingError, RefusedError."""
+        self.supervisor.may_move()
+        context = self._context(recogniser)
+        return await self.supervisor.run("walk round", self._walk(context, count, told))
+
     async def where(self) -> Reading:
         """Ask the controller where the arm is, for people: of one that moves, a place on the way."""
         return await self.supervisor.run("where", self.cell.robot.where(), moves=False)
@@ -249,6 +257,10 @@ class Cycle:
             if world.doubtful is None and idle == IDLE_LOOKS:
                 break
         return world
+
+    async def _walk(self, context: PickContext, count: int, told: Told) -> tuple[Thing, list[Look]]:
+        await self.supervisor.mover.rest()
+        return await walk_round(context, count, told)
 
     async def _travel(self, target: Array, purpose: str) -> None:
         await self.supervisor.mover.rest()

@@ -63,13 +63,13 @@ def _welded(mesh: Mesh) -> tuple[Array, list[Triangle]]:
     triangles = []
     for polygon in mesh.polygons:
         ring = [int(owner[k]) for k in polygon]
-        triangles += [one for one in _triangles(corners, ring) if len(set(one)) == 3]
+        triangles += [one for one in in_triangles(corners, ring) if len(set(one)) == 3]
     if len(triangles) < 4:
         raise MeshError(f"{len(triangles)} triangles bound no solid")
     return corners, triangles
 
 
-def _triangles(corners: Array, ring: list[int]) -> list[Triangle]:
+def in_triangles(corners: Array, ring: list[int]) -> list[Triangle]:
     """A polygon cut into triangles, ear by ear: one with a notch is no fan. Source: Meisters, 1975."""
     points = corners[ring]
     normal = np.sum(np.cross(points - points[0], np.roll(points, -1, axis=0) - points[0]), axis=0)

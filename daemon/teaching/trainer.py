@@ -25,17 +25,20 @@ from daemon.teaching.aspects import aspects, learn_solid
 from daemon.teaching.mesh import LARGEST_BYTES, MeshError
 from daemon.teaching.solid_from_mesh import solid_drawn
 from daemon.teaching.sufficiency import Sufficiency, judge
+from daemon.teaching.walked_round import solid_from, solid_json, stl_of
 from daemon.vision.facets import Table
 from daemon.vision.geometry import Polyhedron, StereoRig
 from daemon.vision.image import VisionError
 from daemon.vision.look import look
-from daemon.vision.model import FacetLibrary, Model, TeachError, empty_model, learn_view
+from daemon.vision.model import FacetLibrary, Model, TeachError, empty_model, learn_view, merge_views
 from daemon.vision.recognition import Standing, recognise, recognise_group, standing
 from daemon.vision.report import scene_json
 from daemon.vision.settings import VisionSettings
 from daemon.vision.values import UNKNOWN, Facet, Group, Part, Scene
 
 Image = NDArray[np.uint8]
+ROUND = "around"
+"""What the note of a view is known by that was learnt by walking round, and where its solid is."""
 SAME_SIZE_MM = 2.0
 """How far apart the largest lengths of one part may come out, drawn and seen."""
 SAME_SIDE_MM = 5.0
@@ -176,6 +179,12 @@ class Trainer:
         note = {"mesh": name, "unit": unit, "facets": [list(solid.types)], **note}
         return self.model_store.add_mesh(label, kind, content, note)
 
+    def store_round(self, label: str, learnt: Polyhedron, note: dict[str, Any]) -> StoredView:
+        """Keep what was learnt of a part by walking round it, with an STL of it. Raises ModelStoreError, TeachError."""
+        learn_solid(empty_model(self.library), learnt, self.rig, label)
+        note = {"mesh": "mesh.stl", "facets": [list(learnt.types)], ROUND: solid_json(learnt), **note}
+        return self.model_store.add_mesh(label, "stl", stl_of(learnt), note)
+
     def only_part(
         self, left: Image, right: Image, table: Table | None, moved: Places | None = None
     ) -> tuple[Group, tuple[Group, ...]]:
@@ -202,14 +211,22 @@ class Trainer:
     def learnt(self) -> tuple[Model, list[str]]:
         """A model of every stored view, in order, and one line for each view that could not be learnt.
 
-        Drawings come last: the shape they give a part is not changed by what was measured.
+        Drawings come last: the shape they give a part is not changed by what was measured. Before them comes what was
+        walked round, all of one part joined: it may have lain on another side each time.
         """
-        model, left_out = empty_model(self.library), []
-        for view in sorted(self.model_store.views(), key=lambda view: view.mesh is not None):
+        model, left_out, walked = empty_model(self.library), [], dict[str, tuple[Polyhedron, ...]]()
+        for view in sorted(
+            self.model_store.views(),
+            key=lambda view: (view.mesh is not None) + (view.mesh is not None and ROUND not in view.note),
+        ):
             try:
                 if view.damage:
                     raise ModelStoreError(view.damage)
-                if view.mesh is not None:
+                if ROUND in view.note:
+                    walked[view.label] = (*walked.get(view.label, ()), self._solid(view))
+                    whole = merge_views(walked[view.label], self.library).solid
+                    model = learn_solid(model, whole, self.rig, view.label, view.name)
+                elif view.mesh is not None:
                     model = learn_solid(model, self._solid(view), self.rig, view.label, view.name)
                 else:
                     group, _ = self.only_part(*view.images(), _table_of(view.note), places_of(view.note.get("moved")))
@@ -222,14 +239,16 @@ class Trainer:
         """The solid of each part that was drawn, by its newest drawing; what cannot be read any more is left out."""
         solids = {}
         for view in self.model_store.views():
-            if view.mesh is not None:
+            if view.mesh is not None and ROUND not in view.note:
                 with contextlib.suppress(FileError, MeshError):
                     solids[view.label] = self._solid(view)
         return solids
 
     def _solid(self, view: StoredView) -> Polyhedron:
-        """The solid of a stored drawing. Raises FileError, MeshError."""
+        """The solid of a stored drawing, or of what was walked round. Raises FileError, MeshError, TeachError."""
         assert view.mesh is not None
+        if ROUND in view.note:
+            return solid_from(view.note[ROUND])
         return solid_drawn(view.mesh.name, _drawing(view), str(view.note.get("unit", "mm")), self.library)
 
     def train(self) -> Trained:

@@ -133,6 +133,13 @@ class SimulatedCell:
         self.clear()
         self.world.scatter(labels, self._strewing if rng is None else rng)
 
+    def lay(self, label: str) -> PlacedPart:
+        """Clear the table and lay one part amid it, at random on a stable face. Raises KeyError."""
+        self.clear()
+        x_mm, y_mm = self._settings.table.centre_mm
+        rest = int(self._strewing.integers(len(self.world.shape(label).rests)))
+        return self.world.stand(label, rest, x_mm, y_mm, float(self._strewing.uniform(0, 2 * np.pi)))
+
     def clear(self) -> None:
         """Take all parts and the board away."""
         self._board = ()

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon.arrays import Array
+from daemon.vision.facets.grouping import connected
 from daemon.vision.geometry import area_vector, inside, newell_normal
 
 Index = NDArray[np.intp]
@@ -16,9 +17,7 @@ Ring = tuple[int, ...]
 LEAST_MM, MOST_MM, SIGMAS = 1.0, 4.0, 4.0
 """Corners this near are one, farther apart never; in between, those within so many predicted errors."""
 OF_SHORTEST = 1 / 3  # the same as a share of the shorter of the sides that end there
-TILT_DEG, OVERLAP = 12.0, 0.3
-"""Facets of one plane: how far their normals may differ, and how much of the smaller lies in the larger."""
-GRID = 12
+TILT_DEG = 12.0  # how far the normals of pieces of one facet may differ
 
 
 def one_corner(moved: list[Array], spread: list[Array], outlines: list[list[Ring]]) -> list[Index]:
@@ -65,18 +64,15 @@ def _widths(points: Array, rings: list[Ring]) -> Array:
     return widths
 
 
-def one_facet(moved: list[Array], outlines: list[list[Ring]], owner: list[Index]) -> list[list[tuple[int, int]]]:
-    """The looks' facets (look, facet) in sets of what is one, each set the largest first."""
+def one_facet(moved: list[Array], outlines: list[list[Ring]]) -> list[list[tuple[int, int]]]:
+    """The looks' facets (look, facet) in sets of what is one facet or a piece of it, each set the largest first."""
     every = [(look, f) for look, rings in enumerate(outlines) for f in range(len(rings))]
     shapes = {(look, f): moved[look][list(outlines[look][f])] for look, f in every}
     every.sort(key=lambda at: -float(np.linalg.norm(area_vector(shapes[at]))))
     found = list[list[tuple[int, int]]]()
     for at in every:
-        mine = {int(k) for k in owner[at[0]][list(outlines[at[0]][at[1]])]}
         for one in found:
-            first = one[0]
-            common = mine & {int(k) for k in owner[first[0]][list(outlines[first[0]][first[1]])]}
-            if _same_plane(shapes[first], shapes[at], len(common)):
+            if _same_plane(shapes[one[0]], shapes[at]) and any(_touch(shapes[k], shapes[at]) for k in one):
                 one.append(at)
                 break
         else:
@@ -84,25 +80,31 @@ def one_facet(moved: list[Array], outlines: list[list[Ring]], owner: list[Index]
     return found
 
 
-def _same_plane(large: Array, small: Array, common: int) -> bool:
-    """Whether two outlines (N, 3), (M, 3) are of one facet. common: how many corners they have in common."""
+def one_thing(marks: list[set[tuple[int, int]]]) -> list[list[int]]:
+    """The sets of facets that hang together: whose marks, of corners and of groups that they were seen in, have one in
+    common."""
+    return connected(np.array([[one is other or not one.isdisjoint(other) for other in marks] for one in marks], bool))
+
+
+def _same_plane(large: Array, small: Array) -> bool:
+    """Whether two outlines (N, 3), (M, 3) lie in one plane."""
     normal, other = newell_normal(large), newell_normal(small)
-    if normal @ other < np.cos(np.radians(TILT_DEG)):
-        return False
-    if common > 2:
+    level = normal @ other > np.cos(np.radians(TILT_DEG))
+    return bool(level and np.abs((small - large.mean(0)) @ normal).max() < MOST_MM)
+
+
+def _touch(large: Array, small: Array) -> bool:
+    """Whether two outlines of one plane overlap, or lie within MOST_MM of each other."""
+    axes = np.linalg.svd(newell_normal(large)[None])[2][1:]
+    one, other = (points @ axes.T for points in (large, small))
+    if inside(np.vstack([other, other.mean(0)]), one[None]).any() or inside(one, other[None]).any():
         return True
-    off = (small - large.mean(0)) @ normal
-    if np.abs(off).max() > MOST_MM:
-        return False
-    across = np.linalg.svd(normal[None])[2][1:]
-    a, b = (p @ across.T for p in (large, small))
-    return _overlap(a, b) > OVERLAP
+    return min(_gap_mm(one, other), _gap_mm(other, one)) < MOST_MM
 
 
-def _overlap(large: Array, small: Array) -> float:
-    """Share of the smaller outline (M, 2) that lies in the larger (N, 2), by a grid of points."""
-    low, high = small.min(0), small.max(0)
-    steps = (np.arange(GRID) + 0.5) / GRID
-    points = low + np.stack(np.meshgrid(steps, steps), -1).reshape(-1, 2) * (high - low)
-    own = points[inside(points, small[None])[0]]
-    return float(inside(own, large[None])[0].mean()) if len(own) else 0.0
+def _gap_mm(ring: Array, points: Array) -> float:
+    """Distance of the nearest of the points (M, 2) from the border of a ring (N, 2)."""
+    way = np.roll(ring, -1, axis=0) - ring
+    to = points[:, None] - ring
+    along = np.clip((to * way).sum(2) / np.maximum((way * way).sum(1), 1e-12), 0.0, 1.0)
+    return float(np.linalg.norm(to - along[..., None] * way, axis=2).min())

@@ -6,22 +6,24 @@ several sides tell, and a facet's corners lie in one plane. Nothing is named; fr
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
 from daemon import frames
 from daemon.arrays import Array
-from daemon.vision.facets.association import Ring, one_corner, one_facet
+from daemon.vision.facets.association import OF_SHORTEST, Ring, one_corner, one_facet, one_thing
 from daemon.vision.facets.grouping import connected
-from daemon.vision.facets.looks_adjustment import Adjusted, LookCorners, adjusted, shared_motion
+from daemon.vision.facets.looks_adjustment import LEAST_MM2, Adjusted, LookCorners, adjusted, shared_motion
+from daemon.vision.facets.outlining import LEAST_SINE, Plane, outlines, plane_of, supposed
 from daemon.vision.geometry import Polyhedron, StereoRig, area_vector, planarity
 from daemon.vision.values import Facet, Group
 
 Index = NDArray[np.intp]
+WELD_MM = 1.5  # how far a measured corner may lie from where the planes meet in it
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +46,8 @@ class Fused:
     looks: as they were given; base_from_cyclopean (L, 4, 4): their places as all looks together have them; polyhedron:
     the facets, corners welded once, in the base frame, untyped, open where nothing was seen; covariance_mm2
     (3 K, 3 K) of all its corners together, everything in it; seen_mm2 (L, F): how much of each facet's plane each look
-    outlined, 0 where it did not see it; looks_at (K,): from how many looks each corner was measured; misfit: rms of
+    outlined, 0 where it did not see it; looks_at (K,): from how many looks each corner was
+    measured, 0 where planes alone say where it is; misfit: rms of
     what is left, sigmas.
     """
 
@@ -69,38 +72,149 @@ class Fused:
 
     @property
     def confirmed(self) -> NDArray[np.bool_]:
-        """(F,) the facets of which every corner was measured from two places or more: a corner that is none, where one
-        facet hides part of another, moves as the eye does."""
-        return np.array([bool((self.looks_at[ring] > 1).all()) for ring in self.polyhedron.rings], bool)
+        """(F,) the facets that were seen from two places or more."""
+        return np.asarray(self.seen.sum(0) > 1)
 
     def things(self) -> list[list[int]]:
         """Facets that hang together by shared edges."""
         return connected(self.polyhedron.touching)
 
 
-def fuse(looks: Sequence[SeenFrom], shared: Array) -> Fused | None:
+def fuse(looks: Sequence[SeenFrom], shared: Array, table_mm: float | None = None) -> Fused | None:
     """Everything the looks measured, as one; None where they measured nothing.
 
     One more look is one more in the sequence: the answer is that of all of them, whatever their order. shared (9, 9):
-    covariance of what errs in every look alike: hand-eye (6) in the cyclopean frame, then u, v and disparity, px.
+    covariance of what errs in every look alike: hand-eye (6) in the cyclopean frame, then u, v and disparity, px;
+    table_mm: the height, base, of the table that it lies on.
     """
-    outlines = [_rings(one.groups) for one in looks]
-    if not any(outlines):
+    rings = [_rings(one.groups) for one in looks]
+    if not any(rings):
         return None
     seen = [_corners(one) for one in looks]
-    places, error = [one.base_from_cyclopean for one in looks], np.zeros(9)
+    places, error, owner = [one.base_from_cyclopean for one in looks], np.zeros(9), list[Index]()
+    moved, spread, facets = list[Array](), list[Array](), list[list[tuple[int, int]]]()
+    whole: Adjusted | None = None
     for doubted in (True, False):
         moved = [_based(one, place, error) for one, place in zip(seen, places, strict=True)]
         spread = [place[:3, :3] @ one.covariance_mm2 @ place[:3, :3].T for one, place in zip(seen, places, strict=True)]
-        if doubted:
-            spread = [c + _doubt(one, shared) for c, one in zip(spread, seen, strict=True)]
-        owner = one_corner(moved, spread, outlines)
-        facets = one_facet(moved, outlines, owner)
+        wide = [c + _doubt(one, shared) for c, one in zip(spread, seen, strict=True)] if doubted else spread
+        owner, facets = one_corner(moved, wide, rings), one_facet(moved, rings)
         seen = [replace(one, owner=numbers) for one, numbers in zip(seen, owner, strict=True)]
-        planes = [np.unique(np.concatenate([owner[k][list(outlines[k][f])] for k, f in one])) for one in facets]
-        whole = adjusted(seen, [p for p in planes if len(p) > 3], shared)
-        places, error = list(whole.places), whole.error
-    return _fused(looks, whole, outlines, owner, facets, moved)
+        if doubted:
+            whole = adjusted(seen, _planes(facets, rings, owner), shared)
+            places, error = list(whole.places), whole.error
+    assert whole is not None
+    groups = [[k for k, group in enumerate(one.groups) for _ in group.facets] for one in looks]
+    pieces = _Pieces(rings, groups, owner, facets, moved, spread)
+    floor = () if table_mm is None else (supposed(np.array([0.0, 0.0, table_mm]), np.array([0.0, 0.0, 1.0])),)
+    shapes = _shapes(pieces, floor)
+    shapes = _shapes(pieces, (*floor, *_behind(*_numbered(pieces, [ring for ring, _ in shapes]))))
+    numbered, corners = _numbered(pieces, [ring for ring, _ in shapes])
+    unseen = corners[1 + max(int(numbers.max()) for numbers in owner if len(numbers)) :]
+    flat = _planes(facets, rings, owner, [(k, ring) for (_, k), ring in zip(shapes, numbered, strict=True)])
+    final = adjusted(seen, flat, shared, unseen)
+    return _fused(looks, final, pieces, [(k, ring) for (_, k), ring in zip(shapes, numbered, strict=True)])
+
+
+@dataclass(frozen=True, eq=False)
+class _Pieces:
+    """What the looks saw, by look: rings of corners, the group of each, what number each corner has, where it is in the
+    base (N, 3), and its covariance (N, 3, 3); facets: which (look, ring) are one facet."""
+
+    rings: list[list[Ring]]
+    groups: list[list[int]]
+    owner: list[Index]
+    facets: list[list[tuple[int, int]]]
+    moved: list[Array]
+    spread: list[Array]
+
+    def marks(self, look: int, ring: int) -> list[tuple[int, int]]:
+        """What a piece has in common with those beside it: (-1, number of a corner), (look, group)."""
+        return [
+            (look, self.groups[look][ring]),
+            *((-1, int(n)) for n in self.owner[look][list(self.rings[look][ring])]),
+        ]
+
+    def outlines(self, facet: int) -> list[Array]:
+        """Of one facet, (N, 3) base."""
+        return [self.moved[k][list(self.rings[k][f])] for k, f in self.facets[facet]]
+
+    def looks(self, facet: int) -> int:
+        """How many saw any of them."""
+        return len({k for k, _ in self.facets[facet]})
+
+    def doubts(self, facet: int) -> list[Array]:
+        """How far each corner of those may be off, (N,) mm."""
+        spreads = [self.spread[k][list(self.rings[k][f])] for k, f in self.facets[facet]]
+        return [np.sqrt(np.trace(spread, axis1=1, axis2=2) + LEAST_MM2) for spread in spreads]
+
+
+def _shapes(pieces: _Pieces, unseen: Sequence[Plane]) -> list[tuple[Array, int]]:
+    """Outlines (N, 3) base of all facets, and which set of pieces each is of. unseen: planes that may bound them."""
+    found = []
+    marks = [{mark for k, f in one for mark in pieces.marks(k, f)} for one in pieces.facets]
+    for members in one_thing(marks):
+        planes = [plane_of(pieces.outlines(k), pieces.doubts(k), pieces.looks(k)) for k in members]
+        found += [(ring, k) for k, rings in zip(members, outlines(planes, unseen), strict=True) for ring in rings]
+    return found
+
+
+def _behind(rings: Sequence[Ring], places: Array) -> list[Plane]:
+    """Planes that may lie beyond what was seen: each through two edges, of two facets, that meet and have nothing on
+    their other side."""
+    edges = {(a, b): k for k, ring in enumerate(rings) for a, b in zip(ring, (*ring[1:], ring[0]), strict=True)}
+    after = {edge: k for edge, k in edges.items() if edge[::-1] not in edges}
+    found = []
+    for (a, b), (c, d) in combinations(after, 2):
+        middle = {a, b} & {c, d}
+        if after[a, b] == after[c, d] or len(middle) != 1:
+            continue
+        at = places[middle.pop()]
+        normal = np.cross(places[b] - places[a], places[d] - places[c])
+        size = np.linalg.norm(places[b] - places[a]) * np.linalg.norm(places[d] - places[c])
+        if np.linalg.norm(normal) > LEAST_SINE * size:
+            found.append(supposed(at, normal))
+    return found
+
+
+def _numbered(pieces: _Pieces, shapes: Sequence[Array]) -> tuple[list[Ring], Array]:
+    """The outlines' corners by number: that of the measured corner which lies there, else a new one; and where all
+    are, (K, 3)."""
+    numbers = np.concatenate(pieces.owner)
+    count = int(numbers.max()) + 1
+    known = np.zeros((count, 3))
+    np.add.at(known, numbers, np.concatenate(pieces.moved))
+    places = [*(known / np.bincount(numbers, minlength=count)[:, None])]
+    found = list[Ring]()
+    for shape in shapes:
+        side = float(np.linalg.norm(np.roll(shape, -1, axis=0) - shape, axis=1).min())
+        ring, taken = list[int](), set[int]()
+        for corner in shape:
+            apart = np.linalg.norm(np.array(places) - corner, axis=1)
+            apart[list(taken)] = np.inf
+            k = int(np.argmin(apart))
+            if apart[k] > min(WELD_MM, OF_SHORTEST * side):
+                k = len(places)
+                places.append(corner)
+            taken.add(k)
+            ring.append(k)
+        found.append(tuple(ring))
+    return found, np.array(places)
+
+
+def _planes(
+    facets: list[list[tuple[int, int]]],
+    rings: list[list[Ring]],
+    owner: list[Index],
+    shapes: Sequence[tuple[int, Ring]] = (),
+) -> list[Index]:
+    """The corners of each plane: those of its pieces, and of its outlines (set of pieces, ring); of four and more."""
+    found = []
+    for number, one in enumerate(facets):
+        corners = [owner[k][list(rings[k][f])] for k, f in one]
+        corners += [np.array(ring, np.intp) for k, ring in shapes if k == number]
+        found.append(np.unique(np.concatenate(corners)))
+    return [plane for plane in found if len(plane) > 3]
 
 
 def group_of(fused: Fused, members: Sequence[int], cyclopean_from_base: Array, rig: StereoRig) -> Group:
@@ -172,51 +286,27 @@ def _doubt(one: LookCorners, shared: Array) -> Array:
     return np.asarray(own @ one.covariance @ own.swapaxes(1, 2) + alike @ shared @ alike.swapaxes(1, 2))
 
 
-def _fused(
-    looks: Sequence[SeenFrom],
-    whole: Adjusted,
-    outlines: list[list[Ring]],
-    owner: list[Index],
-    facets: list[list[tuple[int, int]]],
-    moved: list[Array],
-) -> Fused:
-    """Each facet with the outline most looks agree on, the largest of those; two that claim one side of an edge: the
-    one seen oftener."""
-    measured = np.bincount(np.concatenate([np.unique(numbers) for numbers in owner]), minlength=len(whole.corners_mm))
-    chosen = list[tuple[tuple[int, float], Ring, list[tuple[int, int]]]]()
-    for one in facets:
-        rings = [_from_least(tuple(int(n) for n in owner[k][list(outlines[k][f])])) for k, f in one]
-        rings = [ring for ring in rings if len(set(ring)) == len(ring)]
-        if not rings:
-            continue
-        votes = Counter(rings)
-        worth = {ring: (votes[ring], _area(whole.corners_mm, ring)) for ring in votes}
-        best = max(worth, key=lambda ring: worth[ring])
-        chosen.append((worth[best], best, one))
-    edges, kept = set[tuple[int, int]](), list[tuple[Ring, list[tuple[int, int]]]]()
-    for _, ring, one in sorted(chosen, key=lambda c: c[0], reverse=True):
+def _fused(looks: Sequence[SeenFrom], whole: Adjusted, pieces: _Pieces, shapes: Sequence[tuple[int, Ring]]) -> Fused:
+    """shapes: (set of pieces, ring); of two that claim one side of an edge that which was seen oftener stays."""
+    edges, kept = set[tuple[int, int]](), list[tuple[int, Ring]]()
+    for k, ring in sorted(shapes, key=lambda shape: -len(pieces.facets[shape[0]])):
         own = set(zip(ring, (*ring[1:], ring[0]), strict=True))
         if not own & edges:
             edges |= own
-            kept.append((ring, one))
+            kept.append((k, ring))
     seen = np.zeros((len(looks), len(kept)))
-    for place, (_, one) in enumerate(kept):
-        for k, f in one:
-            seen[k, place] += _area(moved[k], outlines[k][f])
+    middles = np.array([whole.corners_mm[list(ring)].mean(0) for _, ring in kept])
+    for number, one in enumerate(pieces.facets):
+        mine = [place for place, (k, _) in enumerate(kept) if k == number]
+        for (k, _), outline in zip(one, pieces.outlines(number), strict=True):
+            if mine:
+                nearest = mine[int(np.argmin(np.linalg.norm(middles[mine] - outline.mean(0), axis=1)))]
+                seen[k, nearest] += float(np.linalg.norm(area_vector(outline)))
+    counts = np.bincount(np.concatenate([np.unique(numbers) for numbers in pieces.owner]))
+    measured = np.zeros(len(whole.corners_mm), np.intp)
+    measured[: len(counts)] = counts
     here = np.arange(len(whole.corners_mm))
     blocks = whole.covariance_mm2.reshape(len(here), 3, len(here), 3)[here, :, here, :]
-    solid = Polyhedron(whole.corners_mm, tuple(ring for ring, _ in kept), blocks)
-    every = Fused(
-        tuple(looks), whole.places, solid, whole.covariance_mm2, seen, np.asarray(measured, np.intp), whole.misfit
-    )
+    solid = Polyhedron(whole.corners_mm, tuple(ring for _, ring in kept), blocks)
+    every = Fused(tuple(looks), whole.places, solid, whole.covariance_mm2, seen, measured, whole.misfit)
     return only(every, range(len(kept)))
-
-
-def _from_least(ring: Ring) -> Ring:
-    """The ring begun at its least number."""
-    at = ring.index(min(ring))
-    return ring[at:] + ring[:at]
-
-
-def _area(points: Array, ring: Sequence[int]) -> float:
-    return float(np.linalg.norm(area_vector(points[list(ring)])))

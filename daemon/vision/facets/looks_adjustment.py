@@ -20,6 +20,8 @@ Index = NDArray[np.intp]
 OUTLIER = 4.0  # sigmas beyond which a corner counts less
 ROUNDS = 6
 LEAST_MM2 = 1e-6  # keeps the weight of a corner known exactly finite
+FREE_MM = 1.0  # how far a corner that nothing holds may lie from where it began
+NONE = np.zeros((0, 3))
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,18 +63,21 @@ def shared_motion(points_mm: Array, focal_px: float, baseline_mm: float) -> Arra
     return rows
 
 
-def adjusted(looks: Sequence[LookCorners], planes: Sequence[Index], shared: Array) -> Adjusted:
+def adjusted(looks: Sequence[LookCorners], planes: Sequence[Index], shared: Array, unseen: Array = NONE) -> Adjusted:
     """Least-squares corners, places and shared errors. planes: corner numbers of each facet of four or more; shared
-    (9, 9): covariance of the shared errors.
+    (9, 9): covariance of the shared errors; unseen (U, 3): where corners begin that no look measured, which come behind
+    the others, and which planes alone hold.
 
     Source: Gauss-Newton with priors; a corner that stays off by more than four sigmas loses its say.
     """
     owner = np.concatenate([one.owner for one in looks])
     own = np.repeat(np.arange(len(looks)), [len(one.points_mm) for one in looks])
-    count, here = int(owner.max()) + 1, np.arange(len(owner))
-    corners = np.zeros((count, 3))
+    measured, here = int(owner.max()) + 1, np.arange(len(owner))
+    count = measured + len(unseen)
+    held = np.where(np.arange(count) < measured, 1e-9, FREE_MM**-2)
+    corners = np.concatenate([np.zeros((measured, 3)), unseen])
     np.add.at(corners, owner, np.concatenate([frames.apply(k.base_from_cyclopean, k.points_mm) for k in looks]))
-    corners /= np.bincount(owner, minlength=count)[:, None]
+    corners[:measured] /= np.bincount(owner, minlength=measured)[:, None]
     first, last = 3 * count, 3 * count + 6 * len(looks)
     prior = np.zeros((last + 9, last + 9))
     for k, one in enumerate(looks):
@@ -100,7 +105,7 @@ def adjusted(looks: Sequence[LookCorners], planes: Sequence[Index], shared: Arra
         weighed = (trust[:, None, None] * information @ rows).reshape(-1, last + 9)
         flat = np.concatenate([np.zeros((0, first)), *(flatness(corners, alike) for alike in by_size)])
         hessian = prior + weighed.T @ rows.reshape(-1, last + 9)
-        hessian[:first, :first] += flat.T @ flat + 1e-9 * np.eye(first)
+        hessian[:first, :first] += flat.T @ flat + np.diag(np.repeat(held, 3))
         gradient = prior @ off + weighed.T @ residual.ravel()
         gradient[:first] += flat.T @ (flat @ corners.ravel())
         step = -np.linalg.solve(hessian, gradient)

@@ -1,0 +1,175 @@
+"""A part learnt by walking round it: from what all looks measured to its solid, what of it was never seen, how far
+it is from a drawing, and an STL of it. Pure; the tour is daemon/pick/around.py's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daemon import frames
+from daemon.arrays import Array
+from daemon.teaching.solid_from_mesh import in_triangles
+from daemon.vision.facets import Fused, only
+from daemon.vision.geometry import Fits, Polyhedron, fit_poses, measure
+from daemon.vision.model import FacetLibrary, TeachError, correspondences, type_facet
+
+AT_TABLE_MM = 3.0
+"""An edge whose ends are this near to the table is where the part lies on it."""
+LEAST_SEEN, LEAST_OPEN = 2, 4
+"""From how many places a side must be seen to be learnt, but for one that others close in: what shows once may be a
+shadow. The second where nothing is known beyond one of its edges above the table: that may be a shadow's end."""
+DOUBTFUL_MM = 1.5  # a side with a corner no better known than this is not learnt
+FIT_MM = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class WalkedRound:
+    """A part as it was learnt. solid: in the base frame's axes, about its middle, typed; looks (F,): from how many
+    places each side was seen; lain: how many of its edges end at the table; open_edges: (facet, how many) others beyond
+    which nothing was seen; left_out: how many sides were seen too little; sigma_mm: of its corners, the median
+    over them against their common middle."""
+
+    solid: Polyhedron
+    looks: tuple[int, ...]
+    lain: int
+    open_edges: tuple[tuple[int, int], ...]
+    left_out: int
+    sigma_mm: float
+
+
+def learnt_round(fused: Fused | None, table_mm: float, library: FacetLibrary) -> WalkedRound:
+    """The one part that looks from all round measured. Raises TeachError where they show none."""
+    if fused is None:
+        raise TeachError("none of the places showed a facet of it")
+    sides = fused.seen.sum(0)
+    doubt_mm = np.sqrt(np.trace(fused.polyhedron.covariance_mm2, axis1=1, axis2=2) / 3)
+    sure = [k for k, ring in enumerate(fused.polyhedron.rings) if doubt_mm[ring].max() < DOUBTFUL_MM]
+    part = only(fused, [k for k in sure if sides[k] >= LEAST_SEEN or k in _closed_in(fused.polyhedron, table_mm)])
+    closed, seen = _closed_in(part.polyhedron, table_mm), part.seen.sum(0)
+    part = only(part, [k for k in range(len(seen)) if seen[k] >= LEAST_OPEN or k in closed])
+    whole = max(part.things(), key=len, default=[])
+    if len(whole) < 2:
+        raise TeachError("hardly two sides of it were seen well enough; light it from above, from several sides")
+    part = only(part, whole)
+    solid = part.polyhedron
+    alone = [edge for edge in solid.edges if edge[::-1] not in solid.edges]
+    lain = [edge for edge in alone if _at_table(solid, edge, table_mm)]
+    others = [solid.edges[edge][0] for edge in alone if edge not in lain]
+    middle = solid.corners_mm.mean(0)
+    count = len(solid.corners_mm)
+    centring = np.kron(np.eye(count) - 1 / count, np.eye(3))
+    every = (centring @ part.covariance_mm2 @ centring.T).reshape(count, 3, count, 3)
+    blocks = np.asarray(every[range(count), :, range(count), :])
+    types = tuple(type_facet(solid.corners_mm[r], blocks[r], library)[0].name for r in solid.rings)
+    return WalkedRound(
+        Polyhedron(solid.corners_mm - middle, solid.facets, blocks, types),
+        tuple(int(n) for n in part.seen.sum(0)),
+        len(lain),
+        tuple((k, others.count(k)) for k in sorted(set(others))),
+        len(sides) - len(whole),
+        float(np.median(np.sqrt(np.trace(blocks, axis1=1, axis2=2) / 3))),
+    )
+
+
+def _at_table(solid: Polyhedron, edge: tuple[int, int], table_mm: float) -> bool:
+    return bool(np.abs(solid.corners_mm[list(edge), 2] - table_mm).max() < AT_TABLE_MM)
+
+
+def _closed_in(solid: Polyhedron, table_mm: float) -> set[int]:
+    """The facets all of whose edges others share, or the table ends."""
+    open_ones = {
+        facet
+        for edge, (facet, _) in solid.edges.items()
+        if edge[::-1] not in solid.edges and not _at_table(solid, edge, table_mm)
+    }
+    return set(range(len(solid.facets))) - open_ones
+
+
+@dataclass(frozen=True, eq=False)
+class Deviation:
+    """One learnt side beside a drawing: which of the drawing's it is; off_mm: how far its corner that is farthest off
+    lies from the drawn one, the two solids laid onto each other; length_mm, angle_deg: of its sides and angles."""
+
+    facet: int
+    off_mm: float
+    length_mm: float
+    angle_deg: float
+
+
+def deviations(learnt: Polyhedron, drawn: Polyhedron) -> tuple[Deviation | None, ...]:
+    """Each learnt side beside the drawing's, None for one that the drawing does not have; all None where the two cannot
+    be laid onto each other."""
+    ways = [way for way in correspondences(learnt, drawn, may_add=True) if (way.corners >= 0).sum() > 2]
+    if not ways:
+        return (None,) * len(learnt.facets)
+    fits = [(_fit(learnt, drawn, way.corners), way) for way in ways]
+    fit, way = min(fits, key=lambda pair: (-pair[1].explained, float(pair[0].rms_mm[0])))
+    there = frames.apply(fit.poses[0], drawn.corners_mm)
+    found = list[Deviation | None]()
+    for ring, facet in zip(learnt.rings, way.facets, strict=True):
+        to = way.corners[ring]
+        if facet < 0 or (to < 0).any():
+            found.append(None)
+            continue
+        one, other = learnt.corners_mm[ring], there[to]
+        lengths, angles = (np.abs(a - b) for a, b in zip(_measures(one), _measures(other), strict=True))
+        off = np.linalg.norm(one - other, axis=1)
+        found.append(Deviation(facet, float(off.max()), float(lengths.max()), float(np.degrees(angles.max()))))
+    return tuple(found)
+
+
+def stl_of(solid: Polyhedron) -> bytes:
+    """A binary STL of the facets there are, mm; open where nothing was seen."""
+    fans = [solid.corners_mm[list(one)] for ring in solid.facets for one in in_triangles(solid.corners_mm, list(ring))]
+    rows = np.zeros(len(fans), [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("colour", "<u2")])
+    if fans:
+        rows["corners"] = np.array(fans)
+        normals = np.cross(rows["corners"][:, 1] - rows["corners"][:, 0], rows["corners"][:, 2] - rows["corners"][:, 0])
+        rows["normal"] = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+    return bytes(80) + len(fans).to_bytes(4, "little") + rows.tobytes()
+
+
+def solid_json(solid: Polyhedron) -> dict[str, Any]:
+    """A solid as JSON values, to a micrometre; `solid_from` reads them."""
+    return {
+        "corners_mm": solid.corners_mm.round(4).tolist(),
+        "covariance_mm2": solid.covariance_mm2.round(8).tolist(),
+        "facets": [list(ring) for ring in solid.facets],
+        "types": list(solid.types),
+    }
+
+
+def solid_from(values: Mapping[str, Any]) -> Polyhedron:
+    """What solid_json gave. Raises TeachError where it is not that."""
+    try:
+        corners, covariance = np.array(values["corners_mm"], float), np.array(values["covariance_mm2"], float)
+        rings = tuple(tuple(int(k) for k in ring) for ring in values["facets"])
+        types = tuple(str(name) for name in values["types"])
+        inside = all(0 <= k < len(corners) for ring in rings for k in ring)
+        if corners.shape != (len(corners), 3) or covariance.shape != (len(corners), 3, 3) or not rings or not inside:
+            raise ValueError
+        if len(types) != len(rings) or min(map(len, rings)) < 3 or not np.isfinite(corners).all():
+            raise ValueError
+    except (KeyError, TypeError, ValueError):
+        raise TeachError("what was learnt by walking round cannot be read; forget it and walk again") from None
+    return Polyhedron(corners, rings, covariance, types)
+
+
+def _fit(learnt: Polyhedron, drawn: Polyhedron, corners: NDArray[np.intp]) -> Fits:
+    """learnt_from_drawn by the corners both have."""
+    both = np.flatnonzero(corners >= 0)
+    to = corners[both]
+    used = np.ones((1, len(both)), bool)
+    model, spread = drawn.corners_mm[to][None], drawn.covariance_mm2[to][None]
+    return fit_poses(learnt.corners_mm[both], learnt.covariance_mm2[both], model, spread, used, FIT_MM)
+
+
+def _measures(ring: Array) -> tuple[Array, Array]:
+    """Lengths of sides (N,), mm, and angles (N,), rad."""
+    found = measure(ring)
+    return found.sides, found.angles

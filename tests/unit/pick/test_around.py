@@ -1,0 +1,55 @@
+"""From where a thing is looked at all round."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from daemon import frames
+from daemon.pick.around import LEAST_PLACES, MOST_PLACES, NEAREST_MM, Thing, places_round
+from daemon.vision.facets import weld
+from tests.worlds.solids import CUBE, pose, view_of
+
+TOOL_FROM_CYCLOPEAN = frames.rigid(np.eye(3), np.array([-70.0, 0.0, -100.0]))
+THING = Thing(np.array([520.0, 0.0, -280.0]), 40.0)
+
+
+def eyes(poses: list[np.ndarray]) -> np.ndarray:
+    return np.array([(p @ TOOL_FROM_CYCLOPEAN)[:3, 3] - THING.middle for p in poses])
+
+
+@pytest.mark.parametrize("count", [LEAST_PLACES, 9, MOST_PLACES])
+def test_the_places_lie_all_round_and_look_at_the_middle(count: int) -> None:
+    poses = places_round(THING, count, TOOL_FROM_CYCLOPEAN, lambda _: True)
+    assert len(poses) == count
+    away = eyes(poses)
+    assert np.linalg.norm(away, axis=1) == pytest.approx(NEAREST_MM, abs=1e-6)
+    axes = np.array([(p @ TOOL_FROM_CYCLOPEAN)[:3, 2] for p in poses])
+    assert np.abs(axes + away / NEAREST_MM).max() < 1e-9
+    turns = np.sort(np.arctan2(away[:, 1], away[:, 0]))
+    gaps = np.diff([*turns, turns[0] + 2 * np.pi])
+    assert gaps.max() < 1.6 * 2 * np.pi / count
+
+
+def test_only_allowed_places_are_chosen_each_once() -> None:
+    def allowed(world_from_tool: np.ndarray) -> bool:
+        return bool((world_from_tool @ TOOL_FROM_CYCLOPEAN)[1, 3] > 20.0)
+
+    poses = places_round(THING, 12, TOOL_FROM_CYCLOPEAN, allowed)
+    assert all(allowed(p) for p in poses)
+    assert len({p.tobytes() for p in poses}) == len(poses) == 12
+    assert places_round(THING, 12, TOOL_FROM_CYCLOPEAN, lambda _: False) == []
+
+
+def test_a_large_thing_is_looked_at_from_farther_away() -> None:
+    far = places_round(Thing(THING.middle, 80.0), 6, TOOL_FROM_CYCLOPEAN, lambda _: True)
+    assert np.linalg.norm(eyes(far), axis=1).min() > 1.3 * NEAREST_MM
+
+
+def test_what_lies_beside_the_thing_is_not_its() -> None:
+    group = view_of(CUBE, pose(np.array([1.0, 1.0, 1.0]), 0.3))
+    group = weld(group.facets)
+    world_from_cyclopean = np.eye(4)
+    middle = group.polyhedron.corners_mm.mean(0)
+    assert Thing(middle, 45.0).holds(group, world_from_cyclopean)
+    assert not Thing(middle + np.array([120.0, 0.0, 0.0]), 45.0).holds(group, world_from_cyclopean)
