@@ -44,6 +44,7 @@ IN_HEAP, LOOKS, MORE = 5, 4, 2
 SIZES = ((60, 45, 40), (50, 50, 35), (70, 40, 30))
 TILTS, HEADINGS = (5.0, 25.0, 45.0), (50.0, -50.0, 90.0)
 NEAR_MM, FAR_OFF_MM = 12.0, 480.0
+EVERY = 5
 WAYS = "next best, fused", "survey views, fused", "survey views, each by itself"
 COSINES = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.01)
 TABLE = load_truth(ETC / "simcell.yaml").table
@@ -182,7 +183,7 @@ def _apart(a: Array, b: Array) -> float:
 
 
 def main(some: int = TWINS, heaps: int = HEAPS, found: int = FOUND) -> None:
-    """Measure and print; a line after each twenty."""
+    """Measure and print; a table after each five."""
     model, shapes = twins()
     tally, looks = defaultdict[str, list[tuple[int, int]]](list), list[int]()
     for k in range(some):
@@ -191,7 +192,7 @@ def main(some: int = TWINS, heaps: int = HEAPS, found: int = FOUND) -> None:
             looks.append(one[2])
             for way, answer in one[1].items():
                 tally[way].append(answer)
-        if looks and ((k + 1) % 20 == 0 or k + 1 == some):
+        if looks and ((k + 1) % EVERY == 0 or k + 1 == some):
             print(f"\n{len(looks)} of {k + 1} first looks at twins leave them open; up to {MORE} more each:")
             _table(tally, 1)
     model, tally, looks = usual(), defaultdict(list), []
@@ -200,7 +201,7 @@ def main(some: int = TWINS, heaps: int = HEAPS, found: int = FOUND) -> None:
         looks.append(count)
         for way, answer in answers.items():
             tally[way].append(answer)
-        if (k + 1) % 20 == 0 or k + 1 == heaps:
+        if (k + 1) % EVERY == 0 or k + 1 == heaps:
             print(f"\n{k + 1} heaps of {IN_HEAP}, at most {LOOKS} looks each (next best: {np.mean(looks):.2f}):")
             _table(tally, IN_HEAP)
     rows = list[tuple[float, bool, bool]]()
