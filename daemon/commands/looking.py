@@ -89,7 +89,7 @@ async def look(context: CommandContext, words: list[str], door: Door) -> Answer:
 
     With one eye the arm moves it by 40 to 120 mm between two pictures, and back, so that it must be enabled.
     look around moves the arm: it looks from where it stands and then from up to N places more (3), each the one
-    that is expected to settle most for its time, until all has a name and another side shows nothing new. It
+    that is expected to settle most for its time, until all has a name and two sides more show nothing new. It
     tells look by look what was thought before and what is known now. The arm stays where it looked last.
     """
     if words:

@@ -272,8 +272,9 @@ class Console:
 
     def moves(self, text: str) -> bool:
         """Whether a line is about moving the arm."""
-        command = self._meant(text.split())
-        return command is not None and command.grade == "move"
+        words = text.split()
+        command = self._meant(words)
+        return command is not None and command.does(words[1:]) == "move"
 
     def _meant(self, words: list[str]) -> Command | None:
         try:

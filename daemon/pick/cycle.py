@@ -41,6 +41,8 @@ HANDLERS: dict[State, Handler] = {
 HAND_IN_DOUBT = frozenset({State.CLOSING, State.RETREAT, State.VERIFY, State.PLACE})
 """Whoever is stopped here may have a part in the hand."""
 FAILED = (Outcome.MISSED, Outcome.LOST, Outcome.FAULT)
+IDLE_LOOKS = 2
+"""After so many looks in turn that show nothing new, what has a name is taken for all there is."""
 KEPT_ENDS = 1000
 """How many ended picks are kept in memory (the run log has all): a daemon runs for years."""
 
@@ -127,19 +129,19 @@ class Cycle:
         which the arm moves between two pictures, and back."""
         return await self.supervisor.run("look", self._look(purpose), moves=self.cell.alone is not None)
 
+    async def look_around(self, most: int) -> WorldModel:
+        """Look from where the arm stands, and from up to so many places more, each the one that settles most, until
+        all that lies there has a name and two sides more show nothing new; what is known then. RefusedError when it may
+        not start."""
+        self._may_pick()
+        return await self.supervisor.run("look around", self._around(most))
+
     async def walk_round(self, recogniser: Recogniser, count: int, told: Told) -> tuple[Thing, list[Look]]:
         """Look at the one thing there is from `count` places round it; recogniser: what the looks are made with. Raises
         NoThingError, RefusedError."""
         self.supervisor.may_move()
         context = self._context(recogniser)
         return await self.supervisor.run("walk round", self._walk(context, count, told))
-
-    async def look_around(self, most: int) -> WorldModel:
-        """Look from where the arm stands, and from up to so many places more, each the one that settles most, until
-        all that lies there has a name and another side shows nothing new; what is known then. RefusedError when it may
-        not start."""
-        self._may_pick()
-        return await self.supervisor.run("look around", self._around(most))
 
     async def where(self) -> Reading:
         """Ask the controller where the arm is, for people: of one that moves, a place on the way."""
@@ -240,21 +242,25 @@ class Cycle:
             await mover.travel(before.world_from_tool, "back from beside", lambda _: self.settings.near_pct, True)
         return look
 
-    async def _walk(self, context: PickContext, count: int, told: Told) -> tuple[Thing, list[Look]]:
-        await self._set_out()
-        return await walk_round(context, count, told)
-
     async def _around(self, most: int) -> WorldModel:
         assert self.recogniser is not None
         context, world = self._context(self.recogniser), WorldModel([])
         world.take_in(context, await context.lit_look(await self._set_out(), "look around"))
+        idle = 0
         for _ in range(0 if context.mover.dry else most):
-            world.doubtful, before = find.least_known(context, world), len(world.found)
+            world.doubtful, before = find.least_known(context, world), find.in_all(world.found)
             if world.doubtful is not None:
                 await find.second_view(context, world)
-            elif not await find.other_side(context, world) or len(world.found) == before:
+            elif not await find.other_side(context, world):
+                break
+            idle = idle + 1 if find.in_all(world.found) == before else 0
+            if world.doubtful is None and idle == IDLE_LOOKS:
                 break
         return world
+
+    async def _walk(self, context: PickContext, count: int, told: Told) -> tuple[Thing, list[Look]]:
+        await self._set_out()
+        return await walk_round(context, count, told)
 
     async def _travel(self, target: Array, purpose: str) -> None:
         await self._set_out()

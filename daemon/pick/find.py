@@ -42,6 +42,9 @@ from daemon.pick.world import (
 from daemon.vision.geometry import Polyhedron
 from daemon.vision.look import outlines
 
+SIDES_DEG = (20, 35)
+"""How much a look leans that is to show what others hide: of facets of parts that touch most are found from there
+(tests/bench/long/looks.py)."""
 MOST_OLD = 3
 """How often a table is looked at again because looks got old; after that the guard has its say."""
 
@@ -216,11 +219,11 @@ def in_all(parts: Sequence[Seen]) -> str:
 
 
 async def other_side(context: PickContext, world: WorldModel) -> bool:
-    """Look at all that was found from far of all looks before, for what it hides; False where that cannot be."""
-    if not world.found:
-        return False
-    middle = np.mean([part.centre for part in world.found], axis=0)
-    poses = places_round(middle, context.cell.tool_from_cyclopean, context.settings.surveys[0].distance_mm)
+    """Look at all that was found, or where the table is surveyed, from far of all looks before, for what was hidden;
+    False where that cannot be."""
+    survey = context.settings.surveys[0]
+    middle = np.mean([part.centre for part in world.found] or [np.array(survey.centre_mm)], axis=0)
+    poses = places_round(middle, context.cell.tool_from_cyclopean, survey.distance_mm, tilts=SIDES_DEG)
     poses = [pose for pose in poses if context.mover.allows(pose)]
     eyes = [(pose @ context.cell.tool_from_cyclopean)[:3, 3] for pose in poses]
     before = [one.world_from_cyclopean[:3, 3] for one in world.looks]

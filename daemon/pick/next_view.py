@@ -33,6 +33,8 @@ from daemon.vision.values import UNKNOWN, Group
 
 CLOSE_MM = 340.0
 """From how far a part that could not be named is looked at again."""
+TILTS_DEG = (5, 20, 35, 50)
+"""How far from straight down."""
 COSINES, FOUND = (0.1, 0.15, 0.25, 0.35, 0.5, 0.85, 0.95), (0.0, 0.15, 0.6, 0.85, 0.9, 0.87, 0.5)
 """How often a facet that shows whole is found, by its cosine to the cameras (tests/bench/long/looks.py)."""
 OF_COVERED = 0.55
@@ -270,10 +272,12 @@ def ranked(look: Outlook, shows: Array, seconds: Sequence[float]) -> list[Gain]:
     return sorted(gains, key=lambda g: -g.bits / g.seconds)
 
 
-def places_round(centre: Array, tool_from_cyclopean: Array, distance_mm: float = CLOSE_MM) -> list[Array]:
+def places_round(
+    centre: Array, tool_from_cyclopean: Array, distance_mm: float = CLOSE_MM, tilts: Sequence[float] = TILTS_DEG
+) -> list[Array]:
     """Where a thing that lies at centre (3,), world, may be looked at from: world_from_tool (4, 4) each."""
     x, y, z = (float(v) for v in centre)
-    views = [View((x, y, z), distance_mm, float(h), float(t)) for h in range(-180, 180, 30) for t in (5, 20, 35, 50)]
+    views = [View((x, y, z), distance_mm, float(h), float(t)) for h in range(-180, 180, 30) for t in tilts]
     return [view.pose(tool_from_cyclopean) for view in views]
 
 

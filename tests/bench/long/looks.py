@@ -2,9 +2,10 @@
 
 `python -m tests.bench.long.looks [TWINS [HEAPS [FOUND]]]`, in the simulated cell with its hand-eye and arm errors.
 Twins: a block, the same with an edge cut off and with a step, of three sizes, nine taught; one lies there, and only
-first looks that name nothing count. Heaps: five of the four usual parts pushed together on the table until they touch.
-Each is looked at by `look around`, and from the survey views, where looks are told by themselves and fused. FOUND heaps
-are looked at from all round to count how many of the facets that show are found (daemon/pick/next_view.py, FOUND).
+first looks that show something and name nothing count. Heaps: five of the four usual parts pushed together on the table
+until they touch. Each is looked at by `look around`, and from the survey views, where looks are told by themselves and
+fused. FOUND heaps are looked at from all round to count how many of the facets that show are found
+(daemon/pick/next_view.py, FOUND).
 """
 
 from __future__ import annotations
@@ -43,6 +44,7 @@ IN_HEAP, LOOKS, MORE = 5, 4, 2
 SIZES = ((60, 45, 40), (50, 50, 35), (70, 40, 30))
 TILTS, HEADINGS = (5.0, 25.0, 45.0), (50.0, -50.0, 90.0)
 NEAR_MM, FAR_OFF_MM = 12.0, 480.0
+EVERY = 5
 WAYS = "next best, fused", "survey views, fused", "survey views, each by itself"
 COSINES = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.01)
 TABLE = load_truth(ETC / "simcell.yaml").table
@@ -106,15 +108,17 @@ async def by_themselves(here: Hours, first: View, more: Sequence[View]) -> tuple
 
 
 async def compared(here: Hours, first: View, more: int) -> tuple[bool, dict[str, tuple[int, int]], int]:
-    """Whether the first look names something; right and wrong by each way; how many looks the next best took."""
+    """Whether the first look shows something and names nothing; right and wrong by each way; how many looks the next
+    best took."""
     settings = here.cycle.settings
     await here.cycle.move_to(first.pose(here.cycle.cell.tool_from_cyclopean), "first")
     best = await here.cycle.look_around(more)
     views = [v for v in (*settings.surveys, *settings.last_surveys) if v.heading_deg != first.heading_deg][:more]
     _, alone, together = await by_themselves(here, first, views)
     answers = zip(WAYS, (best.found, together, alone), strict=True)
-    named = any(part.named for part in best.looks[0].scene.parts)
-    return named, {way: right_and_wrong(here, found) for way, found in answers}, len(best.looks)
+    shown = best.looks[0].scene.parts
+    ambiguous = bool(shown) and not any(part.named for part in shown)
+    return ambiguous, {way: right_and_wrong(here, found) for way, found in answers}, len(best.looks)
 
 
 async def twin(seed: int, model: Model, shapes: list[Shape]) -> tuple[bool, dict[str, tuple[int, int]], int] | None:
@@ -179,17 +183,17 @@ def _apart(a: Array, b: Array) -> float:
 
 
 def main(some: int = TWINS, heaps: int = HEAPS, found: int = FOUND) -> None:
-    """Measure and print; a line after each twenty."""
+    """Measure and print; a table after each five."""
     model, shapes = twins()
     tally, looks = defaultdict[str, list[tuple[int, int]]](list), list[int]()
     for k in range(some):
         one = run(twin(7000 + k, model, shapes))
-        if one is not None and not one[0]:
+        if one is not None and one[0]:
             looks.append(one[2])
             for way, answer in one[1].items():
                 tally[way].append(answer)
-        if looks and ((k + 1) % 20 == 0 or k + 1 == some):
-            print(f"\n{len(looks)} of {k + 1} first looks at twins name nothing; up to {MORE} more each:")
+        if looks and ((k + 1) % EVERY == 0 or k + 1 == some):
+            print(f"\n{len(looks)} of {k + 1} first looks at twins leave them open; up to {MORE} more each:")
             _table(tally, 1)
     model, tally, looks = usual(), defaultdict(list), []
     for k in range(heaps):
@@ -197,7 +201,7 @@ def main(some: int = TWINS, heaps: int = HEAPS, found: int = FOUND) -> None:
         looks.append(count)
         for way, answer in answers.items():
             tally[way].append(answer)
-        if (k + 1) % 20 == 0 or k + 1 == heaps:
+        if (k + 1) % EVERY == 0 or k + 1 == heaps:
             print(f"\n{k + 1} heaps of {IN_HEAP}, at most {LOOKS} looks each (next best: {np.mean(looks):.2f}):")
             _table(tally, IN_HEAP)
     rows = list[tuple[float, bool, bool]]()

@@ -63,6 +63,15 @@ def test_a_fault_is_told_once(made: MadeRun) -> None:
     assert [e["text"] for e in data["events"] if e["kind"] == "fault"] == ["fault CameraError: gone"]
 
 
+def test_what_one_more_look_brought_is_on_the_page(made: MadeRun) -> None:
+    made.write(
+        "gained", cycle=1, look=2, about="what lies at 520, 10", before="cube 84 %, pyramid 16 %", after="cube 99.9 %"
+    )
+    data = data_of(write_page(made.close(), made.folder / "page.html").read_text())
+    told = "look 2 at what lies at 520, 10: was cube 84 %, pyramid 16 %; now cube 99.9 %"
+    assert [e["text"] for e in data["events"] if e["kind"] == "gained"] == [told]
+
+
 def test_texts_of_a_run_cannot_break_out_of_the_page(made: MadeRun) -> None:
     made.pick("missed", why="</script><script>alert(1)</script>")
     text = write_page(made.close(), made.folder / "page.html").read_text()

@@ -14,7 +14,7 @@ from daemon import frames
 from daemon.store.library import load_facets
 from daemon.vision.facets.weld import weld
 from daemon.vision.model.model import Model, empty_model, forget, learn_view
-from daemon.vision.recognition.recognise import recognise, recognise_group
+from daemon.vision.recognition.recognise import recognise, recognise_group, standing
 from daemon.vision.values import Facet, Part
 from tests.worlds.solids import CUBE, KNOWN, PENTAGONAL, PYRAMID, STRANGERS, TRIANGULAR, Body, measured, pose, view_of
 
@@ -69,6 +69,24 @@ def test_a_taught_part_keeps_its_name_under_any_rigid_motion(
 ) -> None:
     part = look(KNOWN[label], direction, roll, seed)
     assert named_or_silent(part, label), part.recognition.reason
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.sampled_from(sorted(KNOWN | STRANGERS)), directions, st.floats(-3, 3), seeds)
+def test_what_stands_leaves_a_share_to_what_was_not_taught_and_a_name_has_the_sum_of_its_poses(
+    label: str, direction: tuple[float, ...], roll: float, seed: int
+) -> None:
+    seen = view_of({**KNOWN, **STRANGERS}[label], pose(np.array(direction), roll), np.random.default_rng(seed))
+    found, told = standing(seen, taught()), recognise_group(seen, taught()).recognition
+    shares = [one.probability for one in found]
+    assert shares == sorted(shares, reverse=True)
+    assert 0 <= sum(shares) < 1 + 1e-9
+    if told.label != "unknown":
+        assert sum(one.probability for one in found if one.label == told.label) == pytest.approx(told.confidence)
+    for one in found:
+        there = frames.apply(one.pose, taught().metric[one.label].solid.centres_mm[list(one.facets)])
+        middles = np.array([f.corners_mm.mean(axis=0) for f in seen.facets])
+        assert np.linalg.norm(there - middles, axis=1).max() < 8.0, "each seen facet lies where the taught one does"
 
 
 @settings(max_examples=150, deadline=None)

@@ -1,0 +1,28 @@
+"""Which facets an eye sees whole: what faces it, and is covered by nothing."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from daemon.vision.geometry import visible_from
+from tests.worlds import drawn
+
+UP, ASLANT = np.array([0.0, 0, 1]), np.array([0.6, 0, 0.8])
+
+
+def test_only_facets_that_face_the_eye_show() -> None:
+    cube = drawn.block(50, 50, 50)
+    shown = visible_from(cube, np.array([UP, ASLANT, -UP]))
+    assert cube.normals[shown[0]] == pytest.approx(UP[None])
+    assert sorted(map(tuple, cube.normals[shown[1]].round(6))) == [(0, 0, 1), (1, 0, 0)]
+    assert cube.normals[shown[2]] == pytest.approx(-UP[None])
+
+
+def test_another_thing_in_the_line_of_sight_covers_and_one_behind_or_beside_does_not() -> None:
+    cube = drawn.block(50, 50, 50)
+    middle = cube.corners_mm.mean(axis=0)
+    sheet = middle + np.array([[-10.0, -10, 0], [10, -10, 0], [10, 10, 0], [-10, 10, 0]])
+    corner = np.array([25.0, 25, 0])
+    for at, covers in ((UP * 100 + corner, True), (UP * 100 - UP * 400, False), (UP * 100 + [200, 0, 0], False)):
+        assert visible_from(cube, UP[None], beside=[sheet + at]).any() != covers
