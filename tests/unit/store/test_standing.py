@@ -224,3 +224,13 @@ def test_an_auto_counts_down_to_nothing() -> None:
 )
 def test_somebody_is_asked_where_something_was_cut_off_in_doubt_or_at_fault(standing: Standing, told: bool) -> None:
     assert standing.to_be_told is told
+
+
+def test_who_opens_it_again_writes_over_the_older_slot(path: Path) -> None:
+    for count in range(1, 6):
+        stood(path, *(Standing(f"run {k}", cycle=k) for k in range(count)))
+        stood(path, Standing("last", cycle=9))
+        content = path.read_bytes()
+        assert content.count(b'"last"') == 1
+        assert f'"run {count - 1}"'.encode() in content, "the one before it is still whole"
+        path.unlink()
