@@ -185,14 +185,9 @@ def _same(then: Json, now: Json) -> bool:
     return bare(then) == bare(now)
 
 
-def _centre(part: Json) -> Array:
-    corners = _corners(part)
-    return np.asarray(corners.mean(axis=0)) if len(corners) else np.full(3, np.inf)
-
-
 def _gap_mm(a: Json, b: Json) -> float:
-    gap = float(np.linalg.norm(_centre(a) - _centre(b)))
-    return gap if np.isfinite(gap) else np.inf
+    one, other = _corners(a), _corners(b)
+    return float(np.linalg.norm(one.mean(axis=0) - other.mean(axis=0))) if len(one) and len(other) else np.inf
 
 
 def _moved(then: Json, now: Json) -> str | None:

@@ -79,7 +79,8 @@ def year(folder: Path, done: int, count: int, progress: Progress) -> Iterator[tu
         patch.object(watch, "TICK_S", TICK_S),
         light_daemon(folder, BEGIN_S + done * DAY_S + progress.get("set_by_s", 0.0)) as daemon,
     ):
-        made = progress.setdefault("made", [])
+        cut_off = frozenset(folder.name for folder in list_runs(daemon.runs))
+        made = progress["made"] = [name for name in progress.get("made", []) if name in cut_off]
         daemon.run(daemon.start())
         for day in range(done, count):
             daemon.run(_day(daemon, day))
@@ -88,7 +89,7 @@ def year(folder: Path, done: int, count: int, progress: Progress) -> Iterator[tu
             jumped = sum(text.startswith("the clock was set") for _, text in daemon.told)
             if jumped != (abs(CLOCK.get(day, 0.0)) > watch.CLOCK_JUMP_S):
                 raise LostError(f"day {day}: {jumped} jumps of the clock were told")
-            _keep_books(daemon, made)
+            _keep_books(daemon, made, cut_off)
             progress["set_by_s"] = progress.get("set_by_s", 0.0) + CLOCK.get(day, 0.0)
             yield day + 1, daemon.held()
         daemon.run(daemon.stop())
@@ -116,9 +117,9 @@ async def _restart(daemon: LightDaemon) -> None:
     await daemon.start()
 
 
-def _keep_books(daemon: LightDaemon, made: list[str]) -> None:
+def _keep_books(daemon: LightDaemon, made: list[str], cut_off: frozenset[str] = frozenset()) -> None:
     """Every run that was begun is there, whole, in the order in which they were made, or it was told that it went.
-    Raises LostError."""
+    cut_off: those of before this process, which somebody may have ended in their midst. Raises LostError."""
     told = "\n".join(text for _, text in daemon.told)
     daemon.told.clear()
     there = list_runs(daemon.runs)
@@ -129,7 +130,7 @@ def _keep_books(daemon: LightDaemon, made: list[str]) -> None:
     kept = [name for name in made if name not in gone]
     if names[: len(kept)] != kept:
         raise LostError(f"runs are not in the order in which they were made: {names}, {kept}")
-    for folder in there[max(len(kept) - 1, 0) :]:
+    for folder in [f for f in there[max(len(kept) - 1, 0) :] if f.name not in cut_off]:
         run, going = read_run(folder), being_written(folder / "run.jsonl")
         numbers = [record["seq"] for record in run.records]
         problems = [*run.skipped, *check_wire(folder)]

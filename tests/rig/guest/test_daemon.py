@@ -7,6 +7,7 @@ memory, hang, stop.
 from __future__ import annotations
 
 import math
+import re
 import shutil
 import statistics
 import subprocess
@@ -20,7 +21,7 @@ from typing import Any
 import loopback
 import pytest
 from beside import FPS, Person
-from installed import STATE, command, configure, install, journal, looks, processor_s, run, unit, until
+from installed import CHECKOUT, STATE, command, configure, install, journal, looks, processor_s, run, unit, until
 
 from daemon.doors.client import NotThereError
 from daemon.store.runs import check_wire, list_runs, read_run
@@ -78,6 +79,17 @@ def test_it_runs_without_privileges_and_sees_no_other_device() -> None:
     status = Path(f"/proc/{unit('MainPID')}/status").read_text()
     assert "CapEff:\t0000000000000000" in status
     assert "NoNewPrivs:\t1" in status
+
+
+def test_the_unit_as_it_is_deployed_is_exposed_to_no_more_than_it_says() -> None:
+    """Judged by the systemd that runs it, without the rig's own additions."""
+    shutil.copy(CHECKOUT / "deploy/facetd.service", "/run/systemd/system/exposed.service")
+    run("systemctl", "daemon-reload")
+    judged = run("systemd-analyze", "security", "--no-pager", "exposed.service")
+    found = re.search(r"Overall exposure level for exposed.service: ([\d.]+)", judged.stdout)
+    assert found, judged.stderr
+    write_down(f"exposure {found[1]}")
+    assert float(found[1]) <= 1.5
 
 
 def test_it_looks_through_real_devices(person: Person) -> None:

@@ -120,3 +120,12 @@ def test_what_is_no_base64_is_answered_and_the_daemon_goes_on(tmp_path: Path) ->
     told, after = said(tmp_path, use)
     assert b"not a message" in told
     assert b"x: gone" in after
+
+
+@pytest.mark.parametrize(("size", "taken"), [(10, True), (11, False)])
+def test_a_file_as_large_as_it_may_be_is_taken_and_one_byte_more_is_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, size: int, taken: bool
+) -> None:
+    monkeypatch.setattr("daemon.doors.socket.LONGEST_FILE", 10)
+    (tmp_path / "file").write_bytes(bytes(size))
+    assert (said(tmp_path, do(f"digest {tmp_path / 'file'}"))["status"] == 0) is taken

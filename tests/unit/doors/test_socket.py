@@ -19,7 +19,7 @@ import pytest
 from daemon.commands import every_command
 from daemon.config import Console as ConsoleConfig
 from daemon.config import Terminal
-from daemon.console.interpreter import Console
+from daemon.console.interpreter import Answer, Command, Console
 from daemon.doors.client import DaemonLink, NotThereError
 from daemon.doors.rights import DoorError, Rights
 from daemon.doors.socket import MOST_EACH, MOST_TO_STOP, SocketServer
@@ -39,19 +39,23 @@ def interrupter(context: Any) -> Callable[[str, bool], Awaitable[str]]:
     return interrupt
 
 
-def with_socket(path: Path, use: Callable[[Path], Any]) -> tuple[Any, Any]:
-    """Serve a socket while `use(path)` runs in a thread; its result and the context."""
+def with_socket(path: Path, use: Callable[[Path], Any], commands: list[Command] | None = None) -> tuple[Any, Any]:
+    """Serve a socket while `use(path)` runs in a thread; its result and the context. Nothing may go wrong unheard."""
     context = fake_context(path.parent)
+    unheard: list[dict[str, Any]] = []
 
     async def serve() -> Any:
-        server = SocketServer(path, EVERYBODY, Console(context, every_command()), interrupter(context))
+        asyncio.get_running_loop().set_exception_handler(lambda _, what: unheard.append(what))
+        server = SocketServer(path, EVERYBODY, Console(context, commands or every_command()), interrupter(context))
         await server.open()
         try:
             return await asyncio.wait_for(asyncio.to_thread(use, path), 20)
         finally:
             await server.close()
 
-    return asyncio.run(serve()), context
+    found = asyncio.run(serve())
+    assert unheard == []
+    return found, context
 
 
 def test_a_command_over_the_socket_is_answered_and_the_kernel_says_who_it_was(tmp_path: Path) -> None:
@@ -516,3 +520,85 @@ def test_a_socket_of_the_daemon_s_own_group_is_given_to_nobody(tmp_path: Path, m
 
     monkeypatch.setattr("daemon.doors.socket.os.chown", refused)
     assert listening(tmp_path, lambda path: said(path, b'{"do": "status"}'))["done"]["status"] == 0
+
+
+def asked(path: Path, *messages: dict[str, Any], answers: int) -> list[dict[str, Any]]:
+    """Say some things at once; so many lines of what comes back."""
+    with socket.socket(socket.AF_UNIX) as raw, raw.makefile("rb") as file:
+        raw.settimeout(10)
+        raw.connect(str(path))
+        raw.sendall(b"".join(json.dumps(message).encode() + b"\n" for message in messages))
+        return [json.loads(file.readline()) for _ in range(answers)]
+
+
+def test_a_door_s_name_is_cut_to_twenty_plain_characters_and_kept(tmp_path: Path) -> None:
+    name = "a\nb" + "x" * 40
+    said = ({"do": "enable", "door": name}, {"do": "disable"})
+    _, context = with_socket(
+        tmp_path / "s", lambda path: [asked(path, said[0], answers=1), asked(path, *said, answers=2)]
+    )
+    doors = [record["door"] for kind, record in context.log.records if kind == "command"]
+    assert len(doors) == 3
+    assert {door[-17:] for door in doors} == {"x" * 17}
+    assert {"\n" in door or len(door) > 20 for door in doors} == {False}
+
+
+def test_each_answer_has_the_number_of_its_question_and_only_where_there_was_one(tmp_path: Path) -> None:
+    answers, _ = with_socket(tmp_path / "s", lambda path: [
+        *asked(path, {"do": "status", "id": 7}, answers=1), *asked(path, {"do": "status", "id": None}, answers=1),
+        *asked(path, {"do": "status"}, answers=1)])  # fmt: skip
+    assert [answer.get("id", "none") for answer in answers] == [7, None, "none"]
+    assert [set(answer["done"]) for answer in answers] == [{"text", "data", "status"}] * 3
+
+
+def test_notices_go_to_those_who_listen_once_each_and_a_stop_s_answer_too(tmp_path: Path) -> None:
+    def use(path: Path) -> Any:
+        listening = {"notices": True}
+        return asked(path, listening, listening, {"interrupt": True}, answers=1)
+
+    answers, _ = with_socket(tmp_path / "s", use)
+    assert answers == [{"stopped": "Nothing moves."}]
+
+
+def test_keys_and_what_is_shown_pass_while_a_terminal_is_open(tmp_path: Path) -> None:
+    typed: list[bytes] = []
+
+    async def monitor(_: Any, __: list[str], door: Any) -> Answer:
+        def keys(data: bytes) -> None:
+            typed.append(data)
+            door.show(data.upper())
+
+        await door.terminal(keys)
+        return Answer("back")
+
+    def use(path: Path) -> Any:
+        with socket.socket(socket.AF_UNIX) as raw, raw.makefile("rwb") as file:
+            raw.settimeout(10)
+            raw.connect(str(path))
+
+            def say(**message: Any) -> None:
+                file.write(json.dumps(message).encode() + b"\n")
+                file.flush()
+
+            def next_of(kind: str) -> Any:
+                while kind not in (message := json.loads(file.readline())):
+                    continue
+                return message[kind]
+
+            say(do="monitor", asks=False)
+            refused = next_of("done")["status"]
+            say(keys="lost")
+            say(do="monitor", asks=True)
+            began = next_of("terminal")
+            say(keys="xy\u0144")
+            shown = next_of("show")
+            say(leave=True)
+            ended, done = next_of("terminal"), next_of("done")["text"]
+            say(keys="late")
+            say(do="monitor", asks=False)
+            return refused, began, shown, ended, done, next_of("done")["status"]
+
+    commands = [*every_command(), Command("monitor", "monitor", "", monitor)]
+    found, _ = with_socket(tmp_path / "s", use, commands)
+    assert found == (2, True, "XY?", False, "back", 2)
+    assert typed == [b"xy?"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from daemon.review.replay import apart_mm, compare
+from daemon.review.replay import _table, apart_mm, compare, paired
 from tests.worlds.made_run import FACET, part
 
 
@@ -61,3 +61,28 @@ def test_how_far_apart_two_parts_lie_is_told_by_the_corners_that_both_show() -> 
     fewer = part("cube", facets=[{**FACET, "corners_mm": [[0.3, 0, 300], [0.3, 50, 300]]}])
     assert apart_mm(part("cube"), fewer) == apart_mm(fewer, part("cube")) == pytest.approx(0.3)
     assert apart_mm(part("cube"), part("cube", facets=[])) is None
+
+
+def test_parts_belong_together_that_lie_within_so_much_and_each_has_one_other() -> None:
+    near, far = beside(24.9), beside(25.1)
+    then = scene(part("cube"))
+    assert paired(then, scene(near)) == [(then["parts"][0], near)]  # type: ignore[index]
+    assert paired(then, scene(far)) == [(then["parts"][0], None), (None, far)]  # type: ignore[index]
+    two = paired(scene(part("cube"), beside(1.0)), scene(beside(0.9)))
+    assert [match is None for _, match in two] == [False, True]
+    assert paired(scene(part("cube", facets=[])), scene(part("cube", facets=[])))[0][1] is None
+
+
+def test_what_is_new_or_gone_is_told_only_where_all_was_looked_for_and_it_has_a_name() -> None:
+    named, nameless = scene(part("cube")), scene(part("unknown"))
+    assert compare(named, scene()) == [("cube", "no longer found", True)]
+    assert compare(scene(), named) == [("cube", "was not found before", False)]
+    assert compare(nameless, scene()) == compare(scene(), nameless) == []
+    assert compare(scene(), named, whole=False) == []
+
+
+def test_the_table_of_a_look_is_the_one_it_was_taken_over() -> None:
+    table = _table({"table": {"up": [0, 0, 1], "level_mm": 3}})
+    assert table is not None
+    assert (table.up.tolist(), table.level_mm) == ([0, 0, 1], 3.0)
+    assert _table({}) is _table({"table": None}) is None

@@ -10,6 +10,7 @@ from typing import Any, get_args, get_type_hints
 
 import numpy as np
 import pytest
+import yaml
 
 from daemon.commands import every_command
 from daemon.commands.calibrating import KINDS
@@ -20,6 +21,7 @@ from daemon.review.page import read_digest
 from daemon.review.pagedata import page_data
 from daemon.review.remedies import KNOWN
 from daemon.review.why import causes
+from daemon.store.places import HOUSE
 from daemon.vision.health import MEASURES, SAID
 from drivers.camera.controls import KNOWN as CONTROLS
 from drivers.camera.settings import CameraSettings
@@ -298,6 +300,18 @@ def test_a_planted_cause_is_named_first(planted: str, made: MadeRun) -> None:
     assert found[0].name == name, [(c.name, round(c.weight, 2), c.evidence) for c in found]
     assert found[0].evidence
     assert len({c.name for c in found}) == len(found)
+
+
+TOLD = yaml.safe_load((HOUSE / "tests/data/causes.yaml").read_text(encoding="utf-8"))
+"""Every cause that is told of each, looked over line by line when it was written down."""
+
+
+@pytest.mark.parametrize("planted", PLANTED)
+def test_what_is_told_of_it_is_told_so_to_the_word(planted: str, made: MadeRun) -> None:
+    PLANTED[planted][1](made)
+    *others, cycle = read_digest(made.close()).cycles
+    told = [f"{c.weight:.2f} {c.name} (record {c.at}): {c.evidence}" for c in causes(cycle, others)]
+    assert told == TOLD[planted]
 
 
 def test_a_cycle_that_is_still_going_on_is_not_said_to_have_been_killed(made: MadeRun) -> None:

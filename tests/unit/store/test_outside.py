@@ -49,6 +49,11 @@ def test_a_name_that_leads_out_of_its_folder_is_refused(folder: Path, name: obje
         read_below(folder, name, 100)
 
 
+def test_a_link_is_called_no_file_before_it_is_followed(folder: Path) -> None:
+    with pytest.raises(FileError, match="link: cannot be read: not a regular file"):
+        read_below(folder, "link", 100)
+
+
 def test_more_than_may_be_is_not_read_whatever_the_file_says_of_its_length(tmp_path: Path) -> None:
     (tmp_path / "long").write_bytes(bytes(1001))
     with pytest.raises(FileError, match=r"long: too large: 0\.001 MB, at most 0\.001 MB are read"):

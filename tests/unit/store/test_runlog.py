@@ -175,6 +175,7 @@ def test_a_full_disk_is_told_and_the_gap_is_in_the_log_when_there_is_room_again(
     assert run.skipped == ()
     assert [r.get("n") for r in run.records] == [0, None, 6, None]
     assert run.records[1]["lost"] == 5
+    assert run.records[1]["why"] == told[0]
     assert told[-1] is None
     assert len(told) == 2, "each change is told once"
 
@@ -190,6 +191,18 @@ def test_a_full_disk_is_told_once_whatever_it_does_not_take(tmp_path: Path, monk
     assert log.settle()
     assert told == [f"{tmp_path / 'run'}: No space left on device"]
     log.close()
+
+
+def test_pictures_that_pile_up_are_let_go_and_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("daemon.store.runlog.PICTURES_WAITING", -1)
+    log = RunLog(tmp_path / "run")
+    log.record("look", images={"left": image(), "right": image()})
+    log.record("decision")
+    log.close()
+    gaps = [record for record in read_run(log.folder).records if record["kind"] == "gap"]
+    assert sum(gap["lost"] for gap in gaps) == 2
+    assert {gap["why"] for gap in gaps} == {"the disk did not keep up"}
+    assert list((tmp_path / "run" / "images").iterdir()) == []
 
 
 def test_a_hanging_disk_does_not_hold_up_the_one_who_records(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,11 +5,13 @@ from __future__ import annotations
 import errno
 import os
 from pathlib import Path
+from typing import Any
 
+import msgspec
 import pytest
 
 from daemon.store.runlog import RunLog
-from daemon.store.standing import SLOT, Standing, StandingFile, after, left_behind
+from daemon.store.standing import SLOT, Auto, Standing, StandingFile, after, left_behind
 
 HELD = Standing("a", cycle=4, state="retreat", hand_closed=True, label="cube")
 
@@ -144,3 +146,91 @@ def test_only_a_resume_from_a_fault_settles_a_doubt(event: dict[str, str]) -> No
     doubtful = after(Standing("b"), "left", {"run": "a", "cycle": 2, "hand_closed": True})
     assert after(doubtful, "state", {**event, "to": "survey"}).in_doubt
     assert not after(doubtful, "state", {"from": "fault", "event": "resume", "to": "idle"}).in_doubt
+
+
+def test_the_room_for_both_slots_is_there_from_the_first_moment(path: Path) -> None:
+    StandingFile(path).close()
+    assert path.stat().st_size == 2 * SLOT
+    assert path.stat().st_blocks * 512 >= 2 * SLOT
+    assert left_behind(path, ran_before=True) is None
+
+
+PICKING = Standing("a", cycle=4, state="retreat", label="cube", auto=Auto(3, 2.5), fault="x", in_doubt=True)
+
+
+@pytest.mark.parametrize(
+    ("kind", "fields", "change"),
+    [
+        ("cycle_start", {"cycle": 5, "target": "prism"}, {"cycle": 5, "label": "prism"}),
+        ("cycle_end", {"cycle": 4, "label": "cube"}, {"cycle": None, "label": None}),
+        ("estimate", {"label": "prism"}, {"label": "prism"}),
+        ("fault", {"text": "y" * 300}, {"fault": "y" * 200}),
+        ("state", {"from": "a", "to": "b", "event": "resume"}, {"state": "b"}),
+        ("state", {"from": "fault", "to": "idle", "event": "stop"}, {"state": "idle"}),
+        ("state", {"from": "fault", "to": "idle", "event": "resume"},
+         {"state": "idle", "cycle": None, "in_doubt": False, "fault": None}),
+        ("state", {"from": "place", "to": "home", "event": "placed"}, {"state": "home", "auto": Auto(2, 2.5)}),
+        ("auto", {"on": True, "count": None, "every_s": 9.0}, {"auto": Auto(None, 9.0)}),
+        ("auto", {"on": False, "count": 3}, {"auto": None}),
+        ("hand", {"closed": True}, {"hand_closed": True}),
+        ("hand", {"closed": False}, {"hand_closed": False}),
+        ("holding", {"held": None}, {"hand_closed": True}),
+        ("holding", {"held": True}, {"hand_closed": True}),
+        ("holding", {"held": False}, {"hand_closed": False}),
+        ("run_end", {"why": "continues in b"}, {}),
+        ("run_end", {"holding": False}, {"ended": True}),
+        ("run_end", {"holding": None}, {"ended": True, "hand_closed": True}),
+        ("left", {"run": "b", "cycle": 1, "state": "s", "label": "l", "fault": "f", "hand_closed": True,
+                  "auto": {"count": 1, "every_s": None}},
+         {"run": "b", "cycle": 1, "state": "s", "label": "l", "fault": "f", "hand_closed": True,
+          "auto": Auto(1, None)}),
+        ("left", {}, {"cycle": None, "state": None, "label": None, "fault": None, "auto": None}),
+        ("look", {"cycle": 9, "label": "z"}, {}),
+    ],
+)  # fmt: skip
+def test_what_each_record_says_of_how_things_stand(kind: str, fields: dict[str, Any], change: dict[str, Any]) -> None:
+    assert after(PICKING, kind, fields) == msgspec.structs.replace(PICKING, **change)
+
+
+def test_a_doubt_of_before_is_not_settled_by_an_end_in_order_and_a_part_in_the_hand_is_one() -> None:
+    sure = msgspec.structs.replace(PICKING, in_doubt=False)
+    assert after(sure, "run_end", {"holding": False}).in_doubt is False
+    assert after(sure, "run_end", {"holding": None}).in_doubt is True
+    assert after(PICKING, "run_end", {"holding": False}).in_doubt is True
+
+
+def test_an_auto_counts_down_to_nothing() -> None:
+    assert [Auto(count, 1.0).one_less() for count in (None, 3, 2, 1)] == [
+        Auto(None, 1.0),
+        Auto(2, 1.0),
+        Auto(1, 1.0),
+        None,
+    ]
+    assert after(Standing("a"), "state", {"event": "placed", "to": "home"}) == Standing("a", state="home")
+
+
+@pytest.mark.parametrize(
+    ("standing", "told"),
+    [
+        (Standing("a"), False),
+        (Standing("a", cycle=1), True),
+        (Standing("a", hand_closed=True), True),
+        (Standing("a", auto=Auto(1, None)), True),
+        (Standing("a", cycle=1, ended=True), False),
+        (Standing("a", fault="x", ended=True), True),
+        (Standing("a", in_doubt=True, ended=True), True),
+        (Standing("a", state="survey", label="cube"), False),
+    ],
+)
+def test_somebody_is_asked_where_something_was_cut_off_in_doubt_or_at_fault(standing: Standing, told: bool) -> None:
+    assert standing.to_be_told is told
+
+
+def test_who_opens_it_again_writes_over_the_older_slot(path: Path) -> None:
+    for count in range(1, 6):
+        stood(path, *(Standing(f"run {k}", cycle=k) for k in range(count)))
+        stood(path, Standing("last", cycle=9))
+        content = path.read_bytes()
+        assert content.count(b'"last"') == 1
+        assert f'"run {count - 1}"'.encode() in content, "the one before it is still whole"
+        path.unlink()
