@@ -77,6 +77,26 @@ def _far(here: Rig) -> None:
         here.cell.world.nudge(part.name, 230.0, 0.0)
 
 
+def _knock_left(here: Rig) -> None:
+    here.cell.camera.knock("left", (0.5, 0.3, 0.0))
+
+
+def _cover_right(here: Rig) -> None:
+    here.cell.camera.cover("right")
+
+
+def _noise(here: Rig) -> None:
+    here.cell.controller.faults.seed_noise(1, 0.5)
+
+
+def _mute(here: Rig) -> None:
+    here.cell.controller.faults.mute_answers = 1000
+
+
+def _disable(here: Rig) -> None:
+    here.later = asyncio.get_running_loop().create_task(here.cycle.supervisor.disable())  # type: ignore[attr-defined]
+
+
 def _dark(factor: float) -> Callable[[Truth], None]:
     def change(truth: Truth) -> None:
         light = truth["lighting"]
@@ -127,6 +147,13 @@ PLANTS: dict[str, Plant] = {
     "out of focus": Plant("lens out of focus or dirty", truth=_sensor(blur_px=4.5)),
     "light off": Plant("light off", truth=_dark(0.02)),
     "wrong part": Plant("not taught", label="l_block"),
+    "noise, more than it can be typed through": Plant("noise on the line", "stop_n", _noise),
+    "controller heard and never answering": Plant("controller silent", "final", _mute),
+    "disabled in mid-approach": Plant("operator's abort", "stop_n", _disable),
+    "right lens covered": Plant("lens covered", "stop_n", _cover_right),
+    "left camera knocked": Plant("camera knocked", "looking", _knock_left),
+    "dusk": Plant("too dark", truth=_dark(0.05)),
+    "part farther than the arm goes": Plant("out of the arm's reach", act=_far),
 }  # fmt: skip
 
 

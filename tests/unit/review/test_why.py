@@ -219,6 +219,14 @@ PLANTED: dict[str, tuple[str, Callable[[MadeRun], None]]] = {
     ),
     "torn serial cable": ("controller silent", fault("NoAnswer: no echo of 'DO BREAK' within 2.0 s; then no prompt")),
     "serial adapter pulled": ("controller silent", fault("PortError: /dev/facetd-arm: gone", "controller")),
+    "noise that leaves nothing of a word": (
+        "noise on the line",
+        fault("NoAnswer: typed 'DO OPENI', echoed 'D\xd3'; then no prompt after 3 attempts"),
+    ),
+    "a line that carries nothing back": (
+        "controller silent",
+        fault("NoAnswer: typed 'DO OPENI', echoed ''; then no prompt after 3 attempts"),
+    ),
     "noise on the line": ("noise on the line", fault("Garbled: 'WHERF' came back for 'WHERE'")),
     "drifting arm": (
         "arm not where it was sent",
