@@ -51,7 +51,9 @@ def test_an_upgrade_that_nothing_disturbs(installer: Installer, before: Path, tm
 
 def cut(installer: Installer, before: Path | None, root: Path, word: str, step: int) -> list[str]:
     """What is wrong after the power went at a step, and after what people do then."""
-    if before is not None:
+    if before is None:
+        root.mkdir()
+    else:
         shutil.copytree(before, root, symlinks=True)
     installer.run(root, word, now=NEW if word == "install" else NEXT, cut=step)
     found = installer.faults(root, MINE if before else {})

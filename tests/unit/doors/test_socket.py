@@ -602,3 +602,13 @@ def test_keys_and_what_is_shown_pass_while_a_terminal_is_open(tmp_path: Path) ->
     found, _ = with_socket(tmp_path / "s", use, commands)
     assert found == (2, True, "XY?", False, "back", 2)
     assert typed == [b"xy?"]
+
+
+def test_who_has_typed_too_far_ahead_is_refused_all_but_a_stop(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("daemon.doors.turns.MOST_AHEAD", 0)
+    (refused, stopped), context = with_socket(
+        tmp_path / "s", lambda path: asked(path, {"do": "enable"}, {"do": "stop"}, answers=2)
+    )
+    assert "too many commands wait for their turn" in refused["done"]["text"]
+    assert stopped["done"]["status"] == 0
+    assert [told for told in context.cycle.told if told.startswith("stop")]

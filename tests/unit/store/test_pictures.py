@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from daemon.store.outside import FileError
-from daemon.store.pictures import PNG, PictureError, read_as_stored, read_grey
+from daemon.store.pictures import PNG, PictureError, claimed_pixels, read_as_stored, read_grey
 
 GREY = np.random.default_rng(0).integers(0, 255, (60, 80), np.uint8)
 COLOUR = np.dstack([GREY, GREY // 2, 255 - GREY])
@@ -101,3 +101,10 @@ def test_what_follows_the_end_of_a_png_does_not_matter(tmp_path: Path) -> None:
     path = tmp_path / "longer.png"
     path.write_bytes(PACKED + b"and more")
     assert np.array_equal(read_grey(path), GREY)
+
+
+def test_a_size_is_taken_from_a_png_only_where_its_header_stands() -> None:
+    header = b"\0\0\0\rIHDR" + (3).to_bytes(4, "big") + (5).to_bytes(4, "big")
+    assert claimed_pixels(PNG + header) == 15
+    assert claimed_pixels(PNG + header.replace(b"IHDR", b"IDAT")) is None
+    assert claimed_pixels(bytes(8) + header) is None
