@@ -910,3 +910,14 @@ def test_the_end_waits_for_rest_beyond_the_alarm(soon):
 
     asyncio.run(story())
     assert len(told) == 13
+
+
+@pytest.mark.parametrize("let", [Let.ALL, Let.BY_HAND, None])
+def test_an_arm_that_may_move_is_told_to_stop_when_it_is_disabled_though_no_job_of_ours_has_it(let):
+    """A program that an operator started at the controller goes on without any job of ours."""
+    world, supervisor, _ = supervised(enabled=False)
+    if let is not None:
+        supervisor.enable(let=let)
+    asyncio.run(supervisor.disable())
+    assert [name for name, _ in world.wire] == ([] if let is None else ["abort"])
+    assert not supervisor.enabled
