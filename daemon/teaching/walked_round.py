@@ -22,7 +22,9 @@ AT_TABLE_MM = 3.0
 """An edge whose ends are this near to the table is where the part lies on it."""
 LEAST_SEEN, LEAST_OPEN = 2, 4
 """From how many places a side must be seen to be learnt, but for one that others close in: what shows once may be a
-shadow. The second where nothing is known beyond one of its edges above the table: that may be a shadow's end."""
+shadow. The second where nothing is known beyond one of its edges above the table, and something of the part stands
+before it, whose shadow may end there: then all its corners must have been measured, too."""
+IN_PLANE_MM = 1.0
 DOUBTFUL_MM = 1.5  # a side with a corner no better known than this is not learnt
 FIT_MM = 0.5
 
@@ -51,7 +53,7 @@ def learnt_round(fused: Fused | None, table_mm: float, library: FacetLibrary) ->
     sure = [k for k, ring in enumerate(fused.polyhedron.rings) if doubt_mm[ring].max() < DOUBTFUL_MM]
     part = only(fused, [k for k in sure if sides[k] >= LEAST_SEEN or k in _closed_in(fused.polyhedron, table_mm)])
     closed, seen = _closed_in(part.polyhedron, table_mm), part.seen.sum(0)
-    part = only(part, [k for k in range(len(seen)) if seen[k] >= LEAST_OPEN or k in closed])
+    part = only(part, [k for k in range(len(seen)) if k in closed or _ends(part, k, int(seen[k]))])
     whole = max(part.things(), key=len, default=[])
     if len(whole) < 2:
         raise TeachError("hardly two sides of it were seen well enough; light it from above, from several sides")
@@ -88,6 +90,21 @@ def _closed_in(solid: Polyhedron, table_mm: float) -> set[int]:
         if edge[::-1] not in solid.edges and not _at_table(solid, edge, table_mm)
     }
     return set(range(len(solid.facets))) - open_ones
+
+
+def _ends(part: Fused, facet: int, seen: int) -> bool:
+    """Whether a facet that others do not close in ends where it was seen to: nothing stands before it, and no open edge
+    of another one lies in its plane; or it was measured often."""
+    solid = part.polyhedron
+    ring, normal = solid.rings[facet], solid.normals[facet]
+    off = (solid.corners_mm - solid.centres_mm[facet]) @ normal
+    goes_on = any(
+        max(abs(off[list(edge)])) < IN_PLANE_MM
+        for edge, (owner, _) in solid.edges.items()
+        if owner != facet and edge[::-1] not in solid.edges
+    )
+    free = off.max() < IN_PLANE_MM and not goes_on
+    return bool(free or (seen >= LEAST_OPEN and part.looks_at[ring].all()))
 
 
 @dataclass(frozen=True, eq=False)

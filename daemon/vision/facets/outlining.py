@@ -24,7 +24,7 @@ COVERED, OF_LOOKS = 0.5, 0.25
 agree: shadows and what hides a part of it leave the rest to some, a side that was measured wrongly is one look's."""
 REACHED = 0.7
 """Share of a cell's edges beyond which facets were seen, where it is the facet's though no piece covers it."""
-MARGIN = 0.4  # of the pieces' extent: what none of them shows may lie beyond them all
+MARGIN = 0.8  # of the pieces' extent: what none of them shows may lie beyond them all
 SAME_MM = 0.2
 STRAIGHT = 0.05  # sine of the least turn at a corner
 LEAST_MM2 = 20.0
@@ -90,7 +90,8 @@ def _facets(plane: Plane, others: Sequence[Plane]) -> list[Array]:
     every = np.concatenate(plane.pieces)
     low, high = every.min(0), every.max(0)
     near_mm = min(LINE_MM, OF_WIDTH * float((high - low).min()))
-    low, high = low - MARGIN * (high - low), high + MARGIN * (high - low)
+    reach_mm = MARGIN * float((high - low).max())
+    low, high = low - reach_mm, high + reach_mm
     met = _lines_met(plane, others, low, high, near_mm)
     lines = [line for line, _ in met]
     box = np.array([low, (high[0], low[1]), high, (low[0], high[1])])
