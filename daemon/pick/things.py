@@ -35,9 +35,12 @@ def known(looks: Sequence[Look], recogniser: Recogniser, doubt: Doubt) -> list[S
     named = _agreed([part for part in every if part.named], recogniser)
     if len(looks) < 2:
         return [*named, *(part for part in every if not part.named)]
-    fused = fuse([_seen_from(look, doubt) for look in looks], doubt.shared())
+    try:
+        fused = fuse([_seen_from(look, doubt) for look in looks], doubt.shared())
+    except np.linalg.LinAlgError:  # facets of no extent: what each look says by itself stands
+        fused = None
     if fused is None:
-        return named
+        return [*named, *(part for part in seen_parts(looks[-1]) if not part.named)]
     newest = looks[-1]
     for piece in _pieces(fused, _unexplained(fused, named, recogniser)):
         named += [part for part in _recognised(fused, piece, newest, recogniser) if part.named]

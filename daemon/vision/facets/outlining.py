@@ -98,6 +98,8 @@ def _facets(plane: Plane, others: Sequence[Plane]) -> list[Array]:
     cells = [box]
     for line in (*lines, *_own_sides(plane, lines, near_mm)):
         cells = [half for cell in cells for half in _halves(cell, line)]
+    if not cells:  # pieces of no extent
+        return []
     shares = np.array([_covered(cell, plane) for cell in cells])
     rims = np.array([bool(((cell < low + 1e-6) | (cell > high - 1e-6)).any()) for cell in cells])
     reached = np.array([_reached(cell, met) for cell in cells])

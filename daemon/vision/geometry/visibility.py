@@ -48,7 +48,7 @@ def _in_front(ring: Array, points: Array, directions: Array) -> NDArray[np.bool_
     """(D,) whether a ray from any of the points (N, 3) in each direction (D, 3) goes through a polygon (M, 3)."""
     normal = area_vector(ring)
     slope = directions @ normal
-    through = np.abs(slope) >= EDGE_ON * np.linalg.norm(normal)
+    through = np.abs(slope) > EDGE_ON * np.linalg.norm(normal)
     reach = ((ring[0] - points) @ normal) / np.where(through, slope, 1.0)[:, None]
     level = np.delete(np.arange(3), np.abs(normal).argmax())
     met = points[:, level] + reach[..., None] * directions[:, None, level]

@@ -324,7 +324,7 @@ def test_in_step_mode_the_move_is_shown_and_sent_only_after_a_yes(context: objec
 def test_completion_offers_commands_and_then_what_they_can_be_given(context: object) -> None:
     console = Console(context, every_command())  # type: ignore[arg-type]
     assert console.complete("ste") == ["step"]
-    assert console.complete("teach cube --") == ["teach cube --mesh"]
+    assert console.complete("teach cube --") == ["teach cube --around", "teach cube --mesh"]
     context.trainer.model_store.views = lambda _: [SimpleNamespace(number=n) for n in (1, 2, 11)]  # type: ignore[attr-defined]
     assert console.complete("forget cube 1") == ["forget cube 1", "forget cube 11"]
     assert console.complete("model u") == ["model use"]
