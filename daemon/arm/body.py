@@ -192,7 +192,7 @@ def _axis_away(start: Array, way: Array, low: Array, high: Array) -> Array:
     The squared distance to a box is convex along a line, and its slope a line from knot to knot, where the axis passes
     the planes of the sides: it is least where the slope passes zero.
     """
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
         planes = np.nan_to_num(np.concatenate([low - start, high - start], axis=1) / np.tile(way, 2))
     knots = np.clip(np.column_stack([planes, np.zeros(len(way)), np.ones(len(way))]), 0.0, 1.0)
     points = start[:, None] + knots[..., None] * way[:, None]
@@ -213,7 +213,7 @@ def _deepest(start: Array, way: Array, low: Array, high: Array) -> Array:
     """(M,) of axes that pass through their boxes: how deep, negative; at an end, or where two sides are as near."""
     at_start, rates = np.concatenate([low - start, start - high], axis=1), np.concatenate([-way, way], axis=1)
     a, b = np.triu_indices(6, 1)
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
         as_near = np.nan_to_num((at_start[:, a] - at_start[:, b]) / (rates[:, b] - rates[:, a]))
     shares = np.clip(np.column_stack([as_near, np.zeros(len(way)), np.ones(len(way))]), 0.0, 1.0)
     beyond = at_start[:, None] + shares[..., None] * rates[:, None]

@@ -94,11 +94,11 @@ def job_problem(words: list[str]) -> str | None:
     """Which option or kind a job does not have."""
     parser = jobs()[words[0]]
     rest = words[1:]
-    kinds = next((a.choices for a in parser._actions if isinstance(a, argparse._SubParsersAction)), None)
-    if kinds is not None:
-        if not rest or rest[0] not in kinds:
-            return f"no such kind of {words[0]}: {rest[:1]}"
-        parser, rest = kinds[rest[0]], rest[1:]
+    kinds = next((a for a in parser._actions if isinstance(a, argparse._SubParsersAction)), None)
+    if kinds is not None and rest and rest[0] in kinds.choices:
+        parser, rest = kinds.choices[rest[0]], rest[1:]
+    elif kinds is not None and kinds.required:
+        return f"no such kind of {words[0]}: {rest[:1]}"
     unknown = [word for word in rest if word.startswith("--") and word not in parser._option_string_actions]
     return f"no such option: {unknown}" if unknown else None
 

@@ -15,7 +15,7 @@ import shutil
 import time
 from collections.abc import Callable, Coroutine, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeVar
 from unittest.mock import patch
@@ -30,7 +30,7 @@ from daemon.console import context
 from daemon.service import Service
 from daemon.store import runlog
 from daemon.upkeep import journal
-from daemon.vision.values import Scene
+from daemon.vision.values import Facet, Scene
 from drivers.simcell.simulated_time import SimulatedLoop
 from tests.worlds.fake_cell import FakeEyes, FakePair, FakePicture, FakeRobot, TruthRecogniser, World
 
@@ -106,6 +106,10 @@ class Eyes(FakeEyes):
 
 class Sees(TruthRecogniser):
     """Without a scene in the log."""
+
+    def _facet(self, corners: np.ndarray) -> Facet:
+        facet = super()._facet(corners)
+        return replace(facet, left_px=facet.left_px / SMALL, right_px=facet.right_px / SMALL)
 
     def report(self, scene: Scene) -> dict[str, object]:
         """Nothing of it."""
