@@ -12,7 +12,7 @@ import pytest
 
 from tests.bench.long.kill import Sentry, harm
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.long
 
 
 KILLS = int(os.environ.get("FACETD_KILLS", "4"))

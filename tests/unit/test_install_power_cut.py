@@ -94,13 +94,13 @@ def cut_everywhere(
     return installer.steps(root)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("first", range(1, PARTS + 1))
 def test_an_upgrade_is_cut_off_at_every_step(installer: Installer, before: Path, first: int, tmp_path: Path) -> None:
     assert cut_everywhere(installer, before, tmp_path, "install", first, PARTS) >= 50
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("first", range(1, PARTS + 1))
 def test_a_first_installation_is_cut_off_at_every_step(installer: Installer, first: int, tmp_path: Path) -> None:
     assert cut_everywhere(installer, None, tmp_path, "install", first, PARTS) >= 50

@@ -41,7 +41,7 @@ def test_a_few_of_each_leave_nothing_behind(
     assert live(part, folder, count) == []
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_days_on_which_the_clock_is_set_lose_nothing(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A day back, a leap second, a year forward and back again, and past the end of 32 bits of seconds; the daemon is
     started anew every other day."""

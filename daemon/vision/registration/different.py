@@ -64,6 +64,8 @@ def different(guesses: Guesses, eyes: Eyes) -> Iterator[tuple[int, Array]]:
             return
         against[best] = np.inf
         yield best, seen[0][best][own[best]]
-        near = np.flatnonzero((((middle_mm - middle_mm[best]) ** 2).sum(1) < SAME_MM**2) & (count == count[best]))
+        own_part = posed.part == posed.part[best]
+        alike = own_part & (((middle_mm - middle_mm[best]) ** 2).sum(1) < SAME_MM**2) & (count == count[best])
+        near = np.flatnonzero(alike)
         apart2 = ((corners_mm[near, :, None] - corners_mm[best, shows[best]]) ** 2).sum(3).min(2)
         against[near[((apart2 < SAME_MM**2) | ~shows[near]).all(1)]] = np.inf
