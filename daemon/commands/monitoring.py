@@ -12,7 +12,8 @@ from collections.abc import Callable
 from daemon.cell.arm_on_link import moves_the_arm
 from daemon.console.context import ANSWERABLE, CommandContext
 from daemon.console.interpreter import Answer, CommandError, Door
-from daemon.console.phrases import is_yes, means_stop
+from daemon.console.phrases import is_yes
+from daemon.console.stop_words import means_stop
 from daemon.errors import FacetdError
 
 ENDS, RUBOUTS, CANCEL = b"\r\n", b"\x08\x7f", b"\x15"

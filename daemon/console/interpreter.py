@@ -20,7 +20,8 @@ from typing import Any, Literal, Protocol
 
 from daemon.console.context import ANSWERABLE, CommandContext
 from daemon.console.pages import by_pages, table
-from daemon.console.phrases import is_no, is_yes, means_stop
+from daemon.console.phrases import is_no, is_yes
+from daemon.console.stop_words import means_stop
 from daemon.errors import DONE as DONE
 from daemon.errors import NOT_DONE as NOT_DONE
 from daemon.errors import NOT_UNDERSTOOD as NOT_UNDERSTOOD

@@ -2,13 +2,7 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable
-
-STOP_WORDS = ("stop", "halt")
-SHORTEST_STOP = 3
-"""Letters from which on the beginning of a stop word is that of no other."""
-ESCAPES = re.compile(r"\x1b(\[[0-9;?]*[@-~])?")
 
 
 def plural(count: int, noun: str) -> str:
@@ -34,16 +28,6 @@ def cut_off(count: int | None) -> str:
     if count is None:
         return "`auto on` was cut off before the table was empty"
     return f"`auto on` was cut off with {plural(count, 'part')} still to pick"
-
-
-def means_stop(text: str) -> bool:
-    """Whether a line, whatever it is typed for, is to stop the arm: it begins with a stop word, or a beginning of one,
-    however a person in haste wrote it (case, blanks, quotes, what a bad line or another key put in between)."""
-    plain = "".join(c for c in ESCAPES.sub("", text) if " " <= c <= "~").lstrip()
-    word = re.sub("^[^a-zA-Z#]*", "", plain)
-    letters = re.match("[a-zA-Z]*", word)
-    begun = letters[0].lower() if letters else ""
-    return len(begun) >= SHORTEST_STOP and any(w.startswith(begun) or begun.startswith(w) for w in STOP_WORDS)
 
 
 def is_yes(answer: str) -> bool:

@@ -9,7 +9,7 @@ import threading
 from queue import Empty, SimpleQueue
 
 from daemon.console.pages import NARROWEST, fold
-from daemon.console.phrases import means_stop
+from daemon.console.stop_words import means_stop
 from daemon.doors.client import DaemonLink, NotThereError
 
 

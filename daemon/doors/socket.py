@@ -33,7 +33,7 @@ from msgspec import UNSET, UnsetType
 
 from daemon.console.interpreter import NOT_DONE, NOT_UNDERSTOOD, Answer, CommandError, Console
 from daemon.console.pages import LOWEST, NARROWEST, WIDEST
-from daemon.console.phrases import means_stop
+from daemon.console.stop_words import means_stop
 from daemon.doors.client import LONGEST_FILE
 from daemon.doors.lineedit import COLUMNS
 from daemon.doors.rights import DoorError, May, Peer, Rights, peer_of

@@ -112,8 +112,8 @@ def _joined(parts: list[_Seen]) -> _Seen:
 @lru_cache(maxsize=256)
 def taught_corners(solid: Polyhedron) -> tuple[Array, Array, Array]:
     """Every two edges at every corner of a solid, in either order, those left out that a turn of the solid makes of
-    others: (K, 4, 4) corner_from_part, x along the first edge, the second in x y; cosines (K,) between them; lengths
-    (K, 2) of both, mm.
+    others, facets and all (a part that was not taught from all round has sides that nobody knows): (K, 4, 4)
+    corner_from_part, x along the first edge, the second in x y; cosines (K,) between them; lengths (K, 2) of both, mm.
     """
     every, cosines, lengths = _corner_frames(solid)
     corner_from_part = np.asarray(np.linalg.inv(every), float)
@@ -121,7 +121,9 @@ def taught_corners(solid: Polyhedron) -> tuple[Array, Array, Array]:
     found, left = list[int](), np.arange(len(every))
     while len(left):
         found.append(int(left[0]))
-        left = left[~_as_near(seen[left], seen[left[0]])]
+        alike = _as_near(seen[left], seen[left[0]])
+        alike[alike] = [_same_facets(solid, seen[one], seen[left[0]]) for one in left[alike]]
+        left = left[~alike]
     return corner_from_part[found], cosines[found], lengths[found]
 
 
@@ -154,6 +156,12 @@ def _as_near(many: Array, one: Array) -> NDArray[np.bool_]:
     """(M,) of which sets of points (M, N, 3) each lies near one of points (K, 3)."""
     apart2 = ((many[:, :, None] - one) ** 2).sum(3)
     return np.asarray(apart2.min(2).max(1) < ALIKE_MM**2)
+
+
+def _same_facets(solid: Polyhedron, one: Array, other: Array) -> bool:
+    """Whether the facets of a solid whose corners lie at (N, 3) are where those of the same at others (N, 3) are."""
+    to = np.linalg.norm(one[:, None] - other, axis=2).argmin(1)
+    return {frozenset(to[ring].tolist()) for ring in solid.rings} == {frozenset(ring) for ring in solid.facets}
 
 
 def basis(x: Array, to: Array) -> Array:

@@ -47,6 +47,23 @@ def test_a_solid_has_each_kind_of_corner_once(name: str, count: int) -> None:
     assert len(taught_corners(shape(name))[0]) == count
 
 
+def test_a_solid_taught_from_one_side_has_no_turn_that_takes_a_known_side_where_none_is_known() -> None:
+    """By its corners alone a cube of three faces turns as a whole one does; it was then guessed with its unknown
+    sides to the front."""
+    whole = shape("cube")
+    corner = next(iter(whole.facets[0]))
+    known = exact(whole.corners_mm, [ring for ring in whole.facets if corner in ring])
+    assert len(taught_corners(known)[0]) > len(taught_corners(whole)[0])
+    from_part, _, _ = taught_corners(known)
+    for one in range(len(from_part)):
+        for other in range(one):
+            turn = np.linalg.inv(from_part[other]) @ from_part[one]
+            at = frames.apply(turn, known.corners_mm)
+            to = np.linalg.norm(at[:, None] - known.corners_mm, axis=2).argmin(1)
+            moved = {frozenset(to[list(ring)].tolist()) for ring in known.facets}
+            assert moved != {frozenset(ring) for ring in known.facets} or not np.allclose(known.corners_mm[to], at)
+
+
 TURNS = [("cube", 24), ("pyramid", 4), ("triangular_prism", 6), ("pentagonal_prism", 10), ("l_block", 2)]
 
 

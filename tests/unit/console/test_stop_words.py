@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from daemon.commands import every_command
-from daemon.console.phrases import STOP_WORDS, means_stop
+from daemon.console.stop_words import STOP_WORDS, means_stop
 
 STOPS = [
     "stop", "STOP", " stop", "stop.", "stop;", "stop!!", "sto", "Sto", "stopp", "stop '", '"stop', "stop now", "halt",
