@@ -18,7 +18,7 @@ import pytest
 import yaml
 
 from daemon.commands import every_command
-from daemon.console.phrases import means_stop
+from daemon.console.stop_words import means_stop
 from daemon.doors.client import DaemonLink
 from daemon.store import places
 from tests.worlds.drawn import binary_stl, box, prism
