@@ -105,6 +105,7 @@ async def _teach_around(context: CommandContext, words: list[str], door: Door) -
     no_more(words[at:], 2, walking_round.USAGE)
     count = walking_round.places_asked(words[at + 1 :])
     label = await _label(context, words[:at], door)
+    context.cycle.supervisor.may_move()
     hand = context.hardware.hand
     if hand is not None:
         await door.say(simulated_hand.lay(context, label))

@@ -91,7 +91,7 @@ def different(start: Array, end: Array, tolerance_px: float) -> tuple[Index, Ind
     crossed = _near(one, other, tolerance_px)
     back = crossed & crossed.T
     here = np.arange(len(start))
-    first = (same | back).argmax(1)
+    first = (same | back).argmax(1) if len(start) else here
     first = np.where(first[first] == first, first, here)
     kept, which = np.unique(first, return_inverse=True)
     return kept, which, ~same[here, first]
