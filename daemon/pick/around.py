@@ -10,14 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from daemon import frames
-from daemon.arm import MoveRefusedError, RefusedError
+from daemon.arm import RefusedError
 from daemon.arrays import Array
 from daemon.pick import viewpoints
-from daemon.pick.fusion import Doubt
 from daemon.pick.looking import Look
 from daemon.pick.settings import View
-from daemon.pick.world import MOVE_ERRORS, STANDING_RULES, PickContext
-from daemon.vision.facets import SeenFrom
+from daemon.pick.world import MOVE_ERRORS, PickContext, raise_if_closed
 from daemon.vision.values import Group
 
 LEAST_PLACES, MOST_PLACES, USUAL_PLACES = 6, 12, 10
@@ -53,6 +51,10 @@ class Thing:
         reach_mm = REACH * self.radius_mm + BESIDE_MM
         return bool(np.linalg.norm(corners - self.middle, axis=1).max() < reach_mm)
 
+    def groups_in(self, look: Look) -> list[Group]:
+        """The groups of facets that a look saw of it."""
+        return [group for group in look.scene.view.groups if self.holds(group, look.world_from_cyclopean)]
+
 
 def thing_in(look: Look) -> Thing:
     """The one thing that a look shows. Raises NoThingError for none or several."""
@@ -66,7 +68,7 @@ def thing_in(look: Look) -> Thing:
     return Thing(middle, float(np.linalg.norm(corners - middle, axis=1).max()))
 
 
-def places_round(thing: Thing, count: int, tool_from_cyclopean: Array, allowed: viewpoints.Reachable) -> list[Array]:
+def tour_round(thing: Thing, count: int, tool_from_cyclopean: Array, allowed: viewpoints.Reachable) -> list[Array]:
     """At most `count` poses world_from_tool (4, 4) from which the thing is looked at, evenly round it, by turns low and
     higher up, as near to that as the arm comes; in the order of their headings."""
     distance_mm = max(NEAREST_MM, thing.radius_mm / FILLED)
@@ -95,7 +97,7 @@ async def walk_round(context: PickContext, count: int, told: Told) -> tuple[Thin
     """
     thing = await _found(context)
     tool_from_cyclopean = context.cell.tool_from_cyclopean
-    poses = places_round(thing, count, tool_from_cyclopean, context.mover.allows)
+    poses = tour_round(thing, count, tool_from_cyclopean, context.mover.allows)
     if len(poses) < LEAST_PLACES:
         raise RefusedError(f"the arm reaches only {len(poses)} places round it; put it nearer to the middle")
     looks = list[Look]()
@@ -104,23 +106,15 @@ async def walk_round(context: PickContext, count: int, told: Told) -> tuple[Thin
         try:
             await context.mover.travel(pose, f"round it, {name}", lambda _: context.settings.travel_pct)
         except MOVE_ERRORS as error:
-            if isinstance(error, MoveRefusedError) and error.refusal.rule in STANDING_RULES:
-                raise
+            raise_if_closed(error)
             await told(f"{name}: left out: {error}")
             continue
         if context.mover.dry or context.mover.at is None:
             continue
         looks.append(await context.look(context.mover.at, f"round it, {name}"))
-        seen = sum(len(g.facets) for g in looks[-1].scene.view.groups if thing.holds(g, looks[-1].world_from_cyclopean))
+        seen = sum(len(group.facets) for group in thing.groups_in(looks[-1]))
         await told(f"{name}: {seen} facets")
     return thing, looks
-
-
-def seen_from(look: Look, thing: Thing, doubt: Doubt) -> SeenFrom:
-    """What a look measured of the thing, and from where."""
-    rig, here = look.taken.rig, look.world_from_cyclopean
-    groups = tuple(group for group in look.scene.view.groups if thing.holds(group, here))
-    return SeenFrom(groups, here, doubt.arm(), float(rig.left.matrix[0, 0]), rig.baseline_mm)
 
 
 async def _found(context: PickContext) -> Thing:

@@ -18,7 +18,8 @@ from daemon.pick.fusion import Doubt
 from daemon.pick.looking import Look, Recogniser
 from daemon.pick.seen import Seen, apart_mm, seen_parts
 from daemon.vision.facets import Fused, SeenFrom, connected, fuse, group_of, only, weld
-from daemon.vision.geometry import Polyhedron, inside
+from daemon.vision.geometry import Polyhedron, axes_in, inside
+from daemon.vision.values import Group
 
 ONE_MM = 15.0
 """Named parts whose middles are this near are one."""
@@ -36,7 +37,7 @@ def known(looks: Sequence[Look], recogniser: Recogniser, doubt: Doubt) -> list[S
     if len(looks) < 2:
         return [*named, *(part for part in every if not part.named)]
     try:
-        fused = fuse([_seen_from(look, doubt) for look in looks], doubt.shared())
+        fused = fuse([_seen_whole(look, doubt) for look in looks], doubt.shared())
     except np.linalg.LinAlgError:  # facets of no extent: what each look says by itself stands
         fused = None
     if fused is None:
@@ -49,10 +50,14 @@ def known(looks: Sequence[Look], recogniser: Recogniser, doubt: Doubt) -> list[S
     return [*named, *(part for piece in _whole(fused, left) for part in _recognised(fused, piece, newest, recogniser))]
 
 
-def _seen_from(look: Look, doubt: Doubt) -> SeenFrom:
-    rig = look.taken.rig
-    groups = tuple(weld(part.facets) for part in look.scene.parts if part.facets)
-    return SeenFrom(groups, look.world_from_cyclopean, doubt.arm(), float(rig.left.matrix[0, 0]), rig.baseline_mm)
+def seen_from(look: Look, groups: Sequence[Group], doubt: Doubt) -> SeenFrom:
+    """Groups of facets that a look measured, and from where."""
+    rig, here = look.taken.rig, look.world_from_cyclopean
+    return SeenFrom(tuple(groups), here, doubt.arm(), float(rig.left.matrix[0, 0]), rig.baseline_mm)
+
+
+def _seen_whole(look: Look, doubt: Doubt) -> SeenFrom:
+    return seen_from(look, [weld(part.facets) for part in look.scene.parts if part.facets], doubt)
 
 
 def _agreed(named: Sequence[Seen], recogniser: Recogniser) -> list[Seen]:
@@ -88,7 +93,7 @@ def _on_face(seen: Polyhedron, facet: int, shape: Polyhedron, world_from_part: A
         outline = shape.corners_mm[ring]
         if face @ normal < np.cos(ON_FACE_RAD) or np.abs((corners - outline[0]) @ face).max() > ON_FACE_MM:
             continue
-        across = np.linalg.svd(face[None])[2][1:]
+        across = axes_in(face)
         if inside(corners.mean(0)[None] @ across.T, (outline @ across.T)[None])[0, 0]:
             return True
     return False

@@ -12,7 +12,7 @@ import numpy as np
 
 from daemon.arrays import Array
 from daemon.teaching.mesh import Mesh, MeshError, read_mesh
-from daemon.vision.geometry import Polyhedron
+from daemon.vision.geometry import Polyhedron, border_loops
 from daemon.vision.model import FacetLibrary, type_facet
 
 Triangle = tuple[int, int, int]
@@ -161,23 +161,7 @@ def _flat_regions(corners: Array, triangles: list[Triangle]) -> list[list[int]]:
 def _outline(corners: Array, triangles: list[Triangle]) -> list[int]:
     """The outer border of a flat region; holes in it are not looked at."""
     own = {edge for triangle in triangles for edge in _edges(triangle)}
-    after: dict[int, list[int]] = {}
-    for a, b in own:
-        if (b, a) not in own:
-            after.setdefault(a, []).append(b)
-    loops = []
-    while after:
-        first = here = next(iter(after))
-        loop = []
-        while True:
-            loop.append(here)
-            follows = after[here]
-            here = follows.pop()
-            if not follows:
-                del after[loop[-1]]
-            if here == first:
-                break
-        loops.append(loop)
+    loops = border_loops((a, b) for a, b in own if (b, a) not in own)
     return max(loops, key=lambda ring: _area(corners[ring]))
 
 

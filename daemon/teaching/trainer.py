@@ -215,10 +215,7 @@ class Trainer:
         walked round, all of one part joined: it may have lain on another side each time.
         """
         model, left_out, walked = empty_model(self.library), [], dict[str, tuple[Polyhedron, ...]]()
-        for view in sorted(
-            self.model_store.views(),
-            key=lambda view: (view.mesh is not None) + (view.mesh is not None and ROUND not in view.note),
-        ):
+        for view in sorted(self.model_store.views(), key=lambda view: (view.mesh is not None, _is_drawn(view))):
             try:
                 if view.damage:
                     raise ModelStoreError(view.damage)
@@ -239,7 +236,7 @@ class Trainer:
         """The solid of each part that was drawn, by its newest drawing; what cannot be read any more is left out."""
         solids = {}
         for view in self.model_store.views():
-            if view.mesh is not None and ROUND not in view.note:
+            if _is_drawn(view):
                 with contextlib.suppress(FileError, MeshError):
                     solids[view.label] = self._solid(view)
         return solids
@@ -362,6 +359,10 @@ def _apart_mm(solid: Polyhedron) -> Array:
 def _table_of(note: Mapping[str, Any]) -> Table | None:
     table = note.get("table") or None
     return None if table is None else Table(np.array(table["up"], float), float(table["level_mm"]))
+
+
+def _is_drawn(view: StoredView) -> bool:
+    return view.mesh is not None and ROUND not in view.note
 
 
 def _drawing(view: StoredView) -> bytes:

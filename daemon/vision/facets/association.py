@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from daemon.arrays import Array
 from daemon.vision.facets.grouping import connected
-from daemon.vision.geometry import area_vector, inside, newell_normal
+from daemon.vision.geometry import area_vector, axes_in, inside, newell_normal
 
 Index = NDArray[np.intp]
 Ring = tuple[int, ...]
@@ -95,7 +95,7 @@ def _same_plane(large: Array, small: Array) -> bool:
 
 def _touch(large: Array, small: Array) -> bool:
     """Whether two outlines of one plane overlap, or lie within MOST_MM of each other."""
-    axes = np.linalg.svd(newell_normal(large)[None])[2][1:]
+    axes = axes_in(newell_normal(large))
     one, other = (points @ axes.T for points in (large, small))
     if inside(np.vstack([other, other.mean(0)]), one[None]).any() or inside(one, other[None]).any():
         return True

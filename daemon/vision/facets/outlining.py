@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from daemon.arrays import Array
-from daemon.vision.geometry import area_vector, inside
+from daemon.vision.geometry import area_vector, axes_in, border_loops, inside
 
 LINE_MM, OF_WIDTH = 2.0, 0.15
 """A piece's side this near to a line lies on it, and so two sides to each other; less in a narrow facet."""
@@ -76,8 +76,7 @@ def plane_of(pieces: Sequence[Array], doubts: Sequence[Array], looks: int) -> Pl
 
 def supposed(origin: Array, normal: Array) -> Plane:
     """A plane that no piece was seen of: through a point (3,), with a normal (3,) of any length."""
-    axes = np.linalg.svd(normal[None])[2][1:]
-    return Plane(origin, axes, normal / np.linalg.norm(normal), (), (), (), 0)
+    return Plane(origin, axes_in(normal), normal / np.linalg.norm(normal), (), (), (), 0)
 
 
 def outlines(planes: Sequence[Plane], unseen: Sequence[Plane] = ()) -> list[list[Array]]:
@@ -236,25 +235,8 @@ def _united(cells: Sequence[Array]) -> list[Array]:
                 edges.discard((b, a))
             elif a != b:
                 edges.add((a, b))
-    after: dict[int, list[int]] = {}
-    for a, b in sorted(edges):
-        after.setdefault(a, []).append(b)
-    loops = list[Array]()
-    while after:
-        first = here = next(iter(after))
-        loop = list[int]()
-        while here in after:
-            loop.append(here)
-            follows = after[here]
-            here = follows.pop()
-            if not follows:
-                del after[loop[-1]]
-            if here == first:
-                break
-        ring2 = _straightened(np.array([corners[k] for k in loop]))
-        if len(ring2) > 2 and _area(ring2) > LEAST_MM2:
-            loops.append(ring2)
-    return loops
+    rings = [_straightened(np.array([corners[k] for k in loop])) for loop in border_loops(sorted(edges))]
+    return [ring for ring in rings if len(ring) > 2 and _area(ring) > LEAST_MM2]
 
 
 def _straightened(ring: Array) -> Array:

@@ -3,8 +3,8 @@
 from daemon.vision.geometry.chisquare import chi_square_limit, chi_square_tail
 from daemon.vision.geometry.converging import Converging, by_formula, converging
 from daemon.vision.geometry.facet_measures import Measures, area_vector, measure, newell_normal
-from daemon.vision.geometry.planes import fit_plane, planarities, planarity, weighted_plane
-from daemon.vision.geometry.polygon import Point, Shape, drop_side, inside, is_simple, tidy
+from daemon.vision.geometry.planes import axes_in, fit_plane, planarities, planarity, weighted_plane
+from daemon.vision.geometry.polygon import Point, Shape, border_loops, drop_side, inside, is_simple, tidy
 from daemon.vision.geometry.polygon_batch import Rings, areas, convex, different, met, rings
 from daemon.vision.geometry.polyhedron import Polyhedron, exact, united
 from daemon.vision.geometry.rectified import Baseline, Eye, baseline, disparity
@@ -27,7 +27,9 @@ __all__ = [
     "StereoRig",
     "area_vector",
     "areas",
+    "axes_in",
     "baseline",
+    "border_loops",
     "by_formula",
     "chi_square_limit",
     "chi_square_tail",

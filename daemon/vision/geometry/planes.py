@@ -17,6 +17,11 @@ def fit_plane(points: Array) -> tuple[Array, float]:
     return normal, float(normal @ centre)
 
 
+def axes_in(normal: Array) -> Array:
+    """(2, 3) unit axes, at right angles to each other, in a plane with a normal (3,) of any length."""
+    return np.asarray(np.linalg.svd(normal[None])[2][1:])
+
+
 def weighted_plane(points: Array, covariance: Array) -> tuple[Array, float, Array]:
     """Plane n . p = d with each corner weighted by how well it is known along the normal, and residuals in sigmas (N,).
 

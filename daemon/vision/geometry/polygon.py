@@ -5,6 +5,7 @@ looked at.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import cv2
@@ -147,3 +148,25 @@ def inside(points: Array, outlines: Array) -> NDArray[np.bool_]:
     with np.errstate(divide="ignore", invalid="ignore"):
         left = px < ax + (py - ay) * ((bx - ax) / (by - ay))
     return np.asarray((((ay > py) != (by > py)) & left).sum(axis=1) % 2 == 1)
+
+
+def border_loops(edges: Iterable[tuple[int, int]]) -> list[list[int]]:
+    """Edges from corner to corner, in order, as the rings they make; what does not close is a ring up to where it
+    ends."""
+    after: dict[int, list[int]] = {}
+    for a, b in edges:
+        after.setdefault(a, []).append(b)
+    loops = list[list[int]]()
+    while after:
+        first = here = next(iter(after))
+        loop = list[int]()
+        while here in after:
+            loop.append(here)
+            follows = after[here]
+            here = follows.pop()
+            if not follows:
+                del after[loop[-1]]
+            if here == first:
+                break
+        loops.append(loop)
+    return loops

@@ -32,10 +32,10 @@ from daemon.vision.geometry import exact, visible_from
 from daemon.vision.model.model import Model, empty_model
 from drivers.simcell.parts import TAUGHT, Shape, part_shape, shape
 from drivers.simcell.truth import load_truth
-from tests.bench.long.one_eye import run
 from tests.bench.simulated_looks import ETC
 from tests.worlds.drawn import obj, prism, solid
 from tests.worlds.heaps import heap
+from tests.worlds.in_time import lived
 from tests.worlds.simulated_cell import true_calibration
 from tests.worlds.simulated_hours import Hours, cell_in_time
 
@@ -187,7 +187,7 @@ def main(some: int = TWINS, heaps: int = HEAPS, found: int = FOUND) -> None:
     model, shapes = twins()
     tally, looks = defaultdict[str, list[tuple[int, int]]](list), list[int]()
     for k in range(some):
-        one = run(twin(7000 + k, model, shapes))
+        one = lived(twin(7000 + k, model, shapes))
         if one is not None and one[0]:
             looks.append(one[2])
             for way, answer in one[1].items():
@@ -197,7 +197,7 @@ def main(some: int = TWINS, heaps: int = HEAPS, found: int = FOUND) -> None:
             _table(tally, 1)
     model, tally, looks = usual(), defaultdict(list), []
     for k in range(heaps):
-        _, answers, count = run(pile(5000 + k, model))
+        _, answers, count = lived(pile(5000 + k, model))
         looks.append(count)
         for way, answer in answers.items():
             tally[way].append(answer)
@@ -206,7 +206,7 @@ def main(some: int = TWINS, heaps: int = HEAPS, found: int = FOUND) -> None:
             _table(tally, IN_HEAP)
     rows = list[tuple[float, bool, bool]]()
     for k in range(found):
-        run(facets_found(6000 + k, model, rows))
+        lived(facets_found(6000 + k, model, rows))
     every = np.array(rows, float).reshape(-1, 3)
     for low, high in pairwise(COSINES):
         here = every[(every[:, 0] >= low) & (every[:, 0] < high)]

@@ -21,9 +21,9 @@ from daemon.commands.moving import resume
 from daemon.pick.outcome import Outcome
 from daemon.vision.model.model import Model
 from drivers.simcell.parts import TAUGHT
-from drivers.simcell.simulated_time import SimulatedLoop
 from tests.worlds import simulated_cell
 from tests.worlds.fake_context import FakeDoor
+from tests.worlds.in_time import lived
 from tests.worlds.simulated_hours import Hours, cell_in_time
 
 PICKS, FAULTS = 40, 40
@@ -120,11 +120,6 @@ async def broken(seed: int, model: Model) -> dict[str, Any]:
         }  # fmt: skip
 
 
-def run(work: Any) -> Any:
-    with asyncio.Runner(loop_factory=SimulatedLoop) as runner:
-        return runner.run(work)
-
-
 async def teach() -> Model:
     async with cell_in_time(100) as here:
         return await simulated_cell.taught(here)
@@ -143,16 +138,16 @@ def table(tallies: dict[EyeName | None, Tally]) -> None:
 
 def main(picks: int = PICKS, faults: int = FAULTS) -> None:
     """Measure and print; the table of picks after each twenty."""
-    model = run(teach())
+    model = lived(teach())
     tallies = {alone: Tally() for alone in WAYS}
     for k in range(picks):
         for alone in WAYS:
-            run(pick(1000 + k, TAUGHT[k % len(TAUGHT)], alone, model, tallies[alone]))
+            lived(pick(1000 + k, TAUGHT[k % len(TAUGHT)], alone, model, tallies[alone]))
         if (k + 1) % 20 == 0 or k + 1 == picks:
             table(tallies)
     told = []
     for k in range(faults):
-        told.append(run(broken(2000 + k, model)))
+        told.append(lived(broken(2000 + k, model)))
         one = told[-1]
         binned = sum(place in ("bin", "nowhere") for place in one["lie"])
         print(f"  {one['eye']} {one['how']} at {one['at_s']:.1f} s: {'fault' if one['fault'] else 'no fault'}, "

@@ -11,8 +11,8 @@ from daemon.arm.guard import Command, Limits
 from daemon.arm.mover import Arrival, MoveRefusedError
 from daemon.arm.supervisor import ABORT_S, Interruption, Let, OperatorRefusedError, RefusedError, Supervisor
 from daemon.arm.workcell import StopRefusedError
-from drivers.simcell.simulated_time import SimulatedLoop
 from tests.worlds.fake_cell import HEAD_DOWN, World, build
+from tests.worlds.in_time import lived
 
 NEAR = frames.perturb(HEAD_DOWN, np.array([30.0, 0, 0, 0, 0, 0]))
 
@@ -548,9 +548,7 @@ def test_an_arm_that_is_not_seen_at_rest_is_told_to_stop_eight_times_before_the_
         assert asyncio.get_running_loop().time() - began_s == pytest.approx(ABORT_S, abs=0.1)
         supervisor._telling.cancel()
 
-    loop = SimulatedLoop()
-    loop.run_until_complete(story())
-    loop.close()
+    lived(story())
     assert 8 <= len(told) <= 9
 
 
@@ -785,9 +783,7 @@ def test_who_asks_whether_the_arm_rests_while_it_is_being_asked_waits_for_the_sa
         assert await asyncio.gather(*(supervisor.at_rest() for _ in range(60))) == [True] * 60
         assert not await supervisor.at_rest()
 
-    loop = SimulatedLoop()
-    loop.run_until_complete(story())
-    loop.close()
+    lived(story())
     assert len(asked) == 2
 
 

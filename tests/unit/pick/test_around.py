@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from daemon import frames
-from daemon.pick.around import LEAST_PLACES, MOST_PLACES, NEAREST_MM, Thing, places_round
+from daemon.pick.around import LEAST_PLACES, MOST_PLACES, NEAREST_MM, Thing, tour_round
 from daemon.vision.facets import weld
 from tests.worlds.solids import CUBE, pose, view_of
 
@@ -20,7 +20,7 @@ def eyes(poses: list[np.ndarray]) -> np.ndarray:
 
 @pytest.mark.parametrize("count", [LEAST_PLACES, 9, MOST_PLACES])
 def test_the_places_lie_all_round_and_look_at_the_middle(count: int) -> None:
-    poses = places_round(THING, count, TOOL_FROM_CYCLOPEAN, lambda _: True)
+    poses = tour_round(THING, count, TOOL_FROM_CYCLOPEAN, lambda _: True)
     assert len(poses) == count
     away = eyes(poses)
     assert np.linalg.norm(away, axis=1) == pytest.approx(NEAREST_MM, abs=1e-6)
@@ -35,14 +35,14 @@ def test_only_allowed_places_are_chosen_each_once() -> None:
     def allowed(world_from_tool: np.ndarray) -> bool:
         return bool((world_from_tool @ TOOL_FROM_CYCLOPEAN)[1, 3] > 20.0)
 
-    poses = places_round(THING, 12, TOOL_FROM_CYCLOPEAN, allowed)
+    poses = tour_round(THING, 12, TOOL_FROM_CYCLOPEAN, allowed)
     assert all(allowed(p) for p in poses)
     assert len({p.tobytes() for p in poses}) == len(poses) == 12
-    assert places_round(THING, 12, TOOL_FROM_CYCLOPEAN, lambda _: False) == []
+    assert tour_round(THING, 12, TOOL_FROM_CYCLOPEAN, lambda _: False) == []
 
 
 def test_a_large_thing_is_looked_at_from_farther_away() -> None:
-    far = places_round(Thing(THING.middle, 80.0), 6, TOOL_FROM_CYCLOPEAN, lambda _: True)
+    far = tour_round(Thing(THING.middle, 80.0), 6, TOOL_FROM_CYCLOPEAN, lambda _: True)
     assert np.linalg.norm(eyes(far), axis=1).min() > 1.3 * NEAREST_MM
 
 

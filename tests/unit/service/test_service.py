@@ -28,8 +28,8 @@ from daemon.doors.client import DaemonLink, NotThereError
 from daemon.service import HALT_S, RELOAD_S, Service, make_room
 from daemon.store.runs import check_wire, list_runs, read_run
 from daemon.store.yamlfile import ConfigError
-from drivers.simcell.simulated_time import SimulatedLoop
 from drivers.val2.dialect import Dialect
+from tests.worlds.in_time import lived
 
 ETC = Path(__file__).resolve().parents[3] / "etc"
 SIMULATED = "simulated: {truth: simcell.yaml, time_scale: 20.0, seed: 7}\n"
@@ -397,9 +397,7 @@ def test_a_burst_of_hang_ups_reads_the_files_once_and_once_more_for_those_that_c
         service._hang_up()
         await asyncio.sleep(5.0)
 
-    loop = SimulatedLoop()
-    loop.run_until_complete(burst())
-    loop.close()
+    lived(burst())
     assert read == pytest.approx([0.0, RELOAD_S, 10.5], abs=0.1)
 
 

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable
+from collections.abc import Callable
 from typing import Any
 
 import pytest
 
-from drivers.simcell.simulated_time import SimulatedLoop
 from drivers.val2.conversation import Answer, Conversation
 from drivers.val2.dialect import Dialect
 from drivers.val2.errors import Busy, Garbled, NoAnswer, Preempted
 from drivers.val2.wire import Prompt, Question, Reader
+from tests.worlds.in_time import lived
 
 TABLE = b"X Y Z O A T\r\n1 2 3 4 5 6\r\nJT1 JT2 JT3 JT4 JT5 JT6\r\n1 2 3 4 5 6\r\n"
 LATER_S = 0.001
@@ -63,14 +63,6 @@ class Line:
             self.talk.hear(event)
 
 
-def lived(story: Callable[[], Awaitable[Any]]) -> Any:
-    loop = SimulatedLoop()
-    try:
-        return loop.run_until_complete(asyncio.ensure_future(story(), loop=loop))
-    finally:
-        loop.close()
-
-
 def asked(line_of: Callable[[], Line], command: str, replies: tuple[str, ...] = (), timeout_s: float = 5.0) -> Any:
     """The line afterwards, what came of it, and how long it took, s."""
 
@@ -83,7 +75,7 @@ def asked(line_of: Callable[[], Line], command: str, replies: tuple[str, ...] = 
             came = error
         return line, came, line.loop.time() - began_s
 
-    return lived(story)
+    return lived(story())
 
 
 def test_a_command_is_ended_once_its_echo_is_whole_and_answered_up_to_the_prompt() -> None:
@@ -196,7 +188,7 @@ def test_raw_bytes_go_out_at_the_pace_of_the_controller_in_one_record_of_the_led
         await line.talk.type_raw(b"!!\r")
         return line
 
-    paced, whole = lived(lambda: story(0.05)), lived(lambda: story(0.0))
+    paced, whole = lived(story(0.05)), lived(story(0.0))
     assert [(data, kept) for _, data, kept in paced.sent] == [(b"!", b"!!\r"), (b"!", b""), (b"\r", b"")]
     assert [at_s for at_s, _, _ in paced.sent] == pytest.approx([0.0, 0.05, 0.1])
     assert [(data, kept) for _, data, kept in whole.sent] == [(b"!!\r", b"!!\r")]
@@ -212,12 +204,12 @@ def test_the_prompt_is_sought_by_a_cancelled_line_first_and_then_by_one_that_can
             came = error
         return line, came, line.loop.time() - began_s
 
-    line, said, _ = lived(lambda: story({b"!!": b"*Illegal command*\r\n."}))
+    line, said, _ = lived(story({b"!!": b"*Illegal command*\r\n."}))
     assert line.typed == b"\x15" + b"\x15!!\r"
     assert isinstance(said[-1], Prompt)
-    line, said, _ = lived(lambda: story({b"!!": b"*Illegal command*\r\n."}, cancel_line=b""))
+    line, said, _ = lived(story({b"!!": b"*Illegal command*\r\n."}, cancel_line=b""))
     assert line.typed == b"!!\r"
-    line, error, took_s = lived(lambda: story({b"!!": b"moving\r\n"}))
+    line, error, took_s = lived(story({b"!!": b"moving\r\n"}))
     assert isinstance(error, Busy), "it said something, and gave no prompt: an arm at work may be behind it"
     assert took_s == pytest.approx(3.0, abs=0.1), "three attempts"
     assert line.typed == b"\x15" + 2 * b"\x15!!\r"
@@ -233,7 +225,7 @@ def test_a_controller_that_says_nothing_at_all_is_not_busy() -> None:
             await line.talk.resynchronise(2)
         return told.value
 
-    assert not isinstance(lived(story), Busy)
+    assert not isinstance(lived(story()), Busy)
 
 
 def test_a_prompt_that_was_on_its_way_is_not_the_one_that_answers() -> None:
@@ -243,7 +235,7 @@ def test_a_prompt_that_was_on_its_way_is_not_the_one_that_answers() -> None:
         line.loop.call_later(0.31, lambda: line.hear(b"\r\nAre you sure (Y/N)? "))
         return await line.talk.last_prompt_or_question(1.0)
 
-    assert isinstance(lived(story), Question)
+    assert isinstance(lived(story()), Question)
 
 
 def test_what_is_said_after_a_prompt_is_waited_for_up_to_the_next() -> None:
@@ -255,7 +247,7 @@ def test_what_is_said_after_a_prompt_is_waited_for_up_to_the_next() -> None:
         await line.talk.last_prompt_or_question(1.0)
         return line.loop.time()
 
-    assert lived(story) > 0.5
+    assert lived(story()) > 0.5
 
 
 def test_a_conversation_that_was_ended_sends_nothing_more_and_says_why_to_all() -> None:
@@ -279,4 +271,4 @@ def test_a_conversation_that_was_ended_sends_nothing_more_and_says_why_to_all() 
         assert len(line.sent) == count
         assert line.loop.time() < 0.1
 
-    lived(story)
+    lived(story())

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable
 from typing import Any
 
 import pytest
 
-from drivers.simcell.simulated_time import SimulatedLoop
 from drivers.val2.dialect import Dialect
 from drivers.val2.errors import ControllerError, PortError, Preempted
 from drivers.val2.ledger import Ledger
 from drivers.val2.session import Session
 from drivers.val2.wire import Prompt
+from tests.worlds.in_time import lived
 
 PROMPT = b"\r\n."
 
@@ -44,14 +43,6 @@ class Wire:
         self.open = False
 
 
-def lived(story: Callable[[], Awaitable[Any]]) -> Any:
-    loop = SimulatedLoop()
-    try:
-        return loop.run_until_complete(asyncio.ensure_future(story(), loop=loop))
-    finally:
-        loop.close()
-
-
 def test_one_has_the_line_at_a_time_in_the_order_they_asked() -> None:
     async def story() -> list[str]:
         session, order = Wire().session, list[str]()
@@ -65,7 +56,7 @@ def test_one_has_the_line_at_a_time_in_the_order_they_asked() -> None:
         await asyncio.gather(has("a"), has("b"))
         return order
 
-    assert lived(story) == ["a begins", "a ends", "b begins", "b ends"]
+    assert lived(story()) == ["a begins", "a ends", "b begins", "b ends"]
 
 
 def test_a_preemption_ends_who_has_the_line_and_who_waited_for_it_and_lets_who_comes_later_wait() -> None:
@@ -95,7 +86,7 @@ def test_a_preemption_ends_who_has_the_line_and_who_waited_for_it_and_lets_who_c
             "first: aborted", "later done", "motion: an abort is under way", "waiting: aborted",
         ]  # fmt: skip
 
-    lived(story)
+    lived(story())
 
 
 def test_an_error_that_came_while_nobody_listened_is_told_once_before_the_next_line_is_typed() -> None:
@@ -109,7 +100,7 @@ def test_an_error_that_came_while_nobody_listened_is_told_once_before_the_next_l
         async with wire.session.turn():
             pass
 
-    lived(story)
+    lived(story())
 
 
 def test_a_question_that_came_while_nobody_listened_keeps_the_line_until_it_is_answered() -> None:
@@ -126,7 +117,7 @@ def test_a_question_that_came_while_nobody_listened_keeps_the_line_until_it_is_a
         async with session.turn():
             pass
 
-    lived(story)
+    lived(story())
 
 
 def test_what_a_person_was_still_being_told_when_they_left_is_no_error_of_ours() -> None:
@@ -145,7 +136,7 @@ def test_what_a_person_was_still_being_told_when_they_left_is_no_error_of_ours()
         wire.hear(b"no more of it")
         assert bytes(shown) == heard, "whoever left is shown nothing more"
 
-    lived(story)
+    lived(story())
 
 
 def test_a_lost_port_is_told_to_who_waits_and_who_comes_and_nothing_is_lost_twice() -> None:
@@ -169,7 +160,7 @@ def test_a_lost_port_is_told_to_who_waits_and_who_comes_and_nothing_is_lost_twic
                 await act()
         await asyncio.sleep(1.0)
 
-    lived(story)
+    lived(story())
 
 
 def test_what_is_sent_and_heard_is_in_the_ledger() -> None:
@@ -179,6 +170,6 @@ def test_what_is_sent_and_heard_is_in_the_ledger() -> None:
         assert isinstance((await wire.session.find_prompt())[-1], Prompt)
         return wire.records
 
-    records = lived(story)
+    records = lived(story())
     assert "hello" in str(records)
     assert "x15" in str(records)
