@@ -31,7 +31,8 @@ DEPTHS = (0.4, 0.8)  # of the way from a facet's middle to its corners
 
 def one_corner(moved: list[Array], spread: list[Array], outlines: list[list[Ring]]) -> list[Index]:
     """For each look its corners' numbers, one number where looks measured one corner: the surest corners first, each
-    the nearest that is near enough and is not of its own outline already. moved (N, 3) base, spread (N, 3, 3)."""
+    the nearest that is near enough and is not of its own outline already. What one look told apart only another's
+    corner makes one. moved (N, 3) base, spread (N, 3, 3)."""
     owner = [np.full(len(points), -1, np.intp) for points in moved]
     widths = [_widths(points, rings) for points, rings in zip(moved, outlines, strict=True)]
     doubts = [np.trace(covariance, axis1=1, axis2=2) + LEAST_MM2 for covariance in spread]
@@ -41,17 +42,20 @@ def one_corner(moved: list[Array], spread: list[Array], outlines: list[list[Ring
     ]
     every = sorted((float(doubt[k]), look, k) for look, doubt in enumerate(doubts) for k in range(len(doubt)))
     centres, weights, narrowest = np.zeros((len(every), 3)), np.zeros(len(every)), np.full(len(every), np.inf)
+    seen_by = np.zeros((len(moved), len(every)), bool)
     count = 0
     for doubt, look, k in every:
         at, width = moved[look][k], widths[look][k]
         limit = np.clip(SIGMAS * np.sqrt(doubt + 1 / weights[:count]), LEAST_MM, MOST_MM)
         limit = np.minimum(limit, OF_SHORTEST * np.minimum(width, narrowest[:count]))
         apart = np.linalg.norm(centres[:count] - at, axis=1)
+        apart[seen_by[look, :count] & (seen_by[:, :count].sum(0) == 1)] = np.inf
         apart[[j for j in {int(owner[look][other]) for other in beside[look][k]} if j >= 0]] = np.inf
         near = np.flatnonzero(apart < limit)
         j = int(near[np.argmin(apart[near])]) if len(near) else count
         count = max(count, j + 1)
         owner[look][k] = j
+        seen_by[look, j] = True
         weights[j] += 1 / doubt
         centres[j] += (at - centres[j]) / (doubt * weights[j])
         narrowest[j] = min(narrowest[j], width)

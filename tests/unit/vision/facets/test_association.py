@@ -32,9 +32,12 @@ def test_a_corner_hardly_known_moves_none_that_is_known_whatever_the_order_of_th
         assert {tuple(one.tolist()) for one in one_corner(moved, spread, [RING] * 3)} == {(0, 1, 2, 3)}
 
 
-def test_corners_of_two_facets_of_one_look_may_be_one_but_not_those_of_one_outline() -> None:
+def test_corners_of_two_facets_of_one_look_are_one_where_another_look_says_so_but_not_those_of_one_outline() -> None:
     twice, rings = np.vstack([SQUARE, SQUARE + 0.3]), [(0, 1, 2, 3), (4, 5, 6, 7)]
-    (owner,) = one_corner([twice], [np.vstack([SURE, SURE])], [rings])
+    both, surer = np.vstack([SURE, SURE]), SURE / 4
+    (alone,) = one_corner([twice], [both], [rings])
+    assert len(set(alone.tolist())) == 8
+    owner, _ = one_corner([twice, SQUARE], [both, surer], [rings, RING])
     assert owner.tolist() == [0, 1, 2, 3, 0, 1, 2, 3]
 
 
