@@ -13,7 +13,7 @@ import time
 from daemon.cell.build import EXPECTED_ERRORS
 from daemon.store.files import plain
 from daemon.store.outside import FileError
-from daemon.store.runs import enforce_quota, folder_bytes
+from daemon.store.runs import enforce_quota, run_bytes
 from daemon.upkeep import journal
 from daemon.upkeep.watched import Watched
 
@@ -141,7 +141,7 @@ class Watch:
             else None
         )
         context.troubles.tell("disk", low)
-        size = await asyncio.to_thread(folder_bytes, current)
+        size = await asyncio.to_thread(run_bytes, current)
         if size > limits.roll_mb * 1_000_000:
             context.roll_due = True
             if context.cycle.status()["doing"] is None:
