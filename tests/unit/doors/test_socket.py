@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import os
 import pty
@@ -13,6 +14,7 @@ import time
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any
+from unittest.mock import AsyncMock, Mock
 
 import pytest
 
@@ -22,7 +24,7 @@ from daemon.config import Terminal
 from daemon.console.interpreter import Answer, Command, Console
 from daemon.doors.client import DaemonLink, NotThereError
 from daemon.doors.rights import DoorError, Rights
-from daemon.doors.socket import MOST_EACH, MOST_TO_STOP, SocketServer
+from daemon.doors.socket import MOST_EACH, MOST_TO_STOP, SocketServer, _Message, _Operator
 from daemon.doors.terminal import SerialConsole
 from tests.worlds.fake_context import fake_context
 
@@ -612,3 +614,75 @@ def test_who_has_typed_too_far_ahead_is_refused_all_but_a_stop(tmp_path: Path, m
     assert "too many commands wait for their turn" in refused["done"]["text"]
     assert stopped["done"]["status"] == 0
     assert [told for told in context.cycle.told if told.startswith("stop")]
+
+
+def test_what_lies_where_the_socket_goes_and_is_none_is_somebodys(tmp_path: Path) -> None:
+    path = tmp_path / "s"
+    path.write_text("a person's own")
+
+    async def come() -> None:
+        await SocketServer(path, EVERYBODY, Console(fake_context(tmp_path), []), interrupter(None)).open()
+
+    with pytest.raises(DoorError, match="no socket; move it"):
+        asyncio.run(come())
+    assert path.read_text() == "a person's own"
+
+
+def test_a_daemon_that_hangs_with_a_full_queue_of_clients_lives_all_the_same(tmp_path: Path) -> None:
+    path = tmp_path / "s"
+    with socket.socket(socket.AF_UNIX) as hung, contextlib.ExitStack() as queue:
+        hung.bind(str(path))
+        hung.listen(0)
+        for _ in range(4):
+            one = queue.enter_context(socket.socket(socket.AF_UNIX))
+            one.setblocking(False)
+            with contextlib.suppress(BlockingIOError):
+                one.connect(str(path))
+
+        async def come() -> None:
+            await SocketServer(path, EVERYBODY, Console(fake_context(tmp_path), []), interrupter(None)).open()
+
+        with pytest.raises(DoorError, match="another facetd answers there"):
+            asyncio.run(come())
+
+
+def test_who_never_reads_is_let_go(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Who has said good-bye, and who is there and idle: nobody holds the daemon's descriptors by not reading."""
+    monkeypatch.setattr("daemon.doors.socket.STOP_S", 0.2)
+    monkeypatch.setattr("daemon.doors.socket.IDLE_S", 0.2)
+
+    def use(path: Path) -> int:
+        before = len(os.listdir("/proc/self/fd"))
+        with contextlib.ExitStack() as stack:
+            for k in range(6):
+                one = stack.enter_context(socket.socket(socket.AF_UNIX))
+                one.connect(str(path))
+                one.sendall(b'{"complete": ""}\n' * 1500 + b'{"do": "help", "waits": true}\n' * 300)
+                if k % 2:
+                    one.shutdown(socket.SHUT_WR)
+                one.recv(1, socket.MSG_PEEK)
+            until = time.monotonic() + 15.0
+            while (held := len(os.listdir("/proc/self/fd")) - before) > 6 and time.monotonic() < until:
+                time.sleep(0.05)
+            return held
+
+    assert listening(tmp_path, use) == 6, "their own ends"
+
+
+def test_a_file_may_come_in_pieces_of_nothing(tmp_path: Path) -> None:
+    """Each costs no more than the one before it."""
+    operator = _Operator(Mock(), Mock(), Mock(), Mock(), Mock(), "all")
+
+    async def come() -> bytes:
+        operator._writer.drain = AsyncMock()  # type: ignore[method-assign]
+        operator._writer.transport.get_write_buffer_size.return_value = 0  # type: ignore[attr-defined]
+        file = asyncio.create_task(operator.fetch("part.stl"))
+        await asyncio.sleep(0)
+        for _ in range(20_000):
+            operator._hear(_Message(file="", more=True))
+        operator._hear(_Message(file="QQ=="))
+        return await file
+
+    began_s = time.thread_time()
+    assert asyncio.run(come()) == b"A"
+    assert time.thread_time() - began_s < 5.0
