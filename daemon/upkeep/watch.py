@@ -128,13 +128,17 @@ class Watch:
     async def _keep_quota(self) -> None:
         context, limits = self._context, self._context.config.values.log
         runs, current = context.config.runs, context.run_log.folder
-        removed = await asyncio.to_thread(
-            enforce_quota, runs, limits.quota_mb * 1_000_000, current, limits.keep_free_mb * 1_000_000
-        )
-        journal.tell_removed(removed)
-        if not runs.is_dir():
+        try:
+            removed = await asyncio.to_thread(
+                enforce_quota, runs, limits.quota_mb * 1_000_000, current, limits.keep_free_mb * 1_000_000
+            )
+            journal.tell_removed(removed)
+            if not runs.is_dir():
+                return
+            free = shutil.disk_usage(runs).free
+        except OSError as error:
+            context.troubles.tell("disk", f"disk: the quota is not kept: {plain(error)}")
             return
-        free = shutil.disk_usage(runs).free
         low = (
             f"disk: {free / 1e6:.0f} MB free below {runs}; looks may soon not be kept"
             if free < limits.keep_free_mb * 1e6

@@ -146,3 +146,22 @@ def test_what_is_accepted_is_what_was_read(model_store: ModelStore, model: Model
     with pytest.raises(ModelError):
         model_store.accept()
     assert (model_store.current, model_store.candidate) == (None, 1)
+
+
+@pytest.mark.parametrize("kind", ["file", "link"])
+def test_what_lies_among_the_views_and_is_no_folder_can_be_forgotten(
+    model_store: ModelStore, tmp_path: Path, kind: str
+) -> None:
+    """As `views` advises; a link's own end is left alone, and the next view of that number can be forgotten, too."""
+    model_store.add_view("cube", picture(1), picture(2), {})
+    odd = model_store.folder / "views" / "cube" / "2"
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "elsewhere" / "own").touch()
+    odd.touch() if kind == "file" else odd.symlink_to(tmp_path / "elsewhere")
+    assert "`forget cube 2`" in model_store.views("cube")[1].damage
+    assert model_store.drop_views("cube", 2) == 1
+    assert [view.name for view in model_store.views()] == ["cube/1"]
+    model_store.add_view("cube", picture(1), picture(2), {})
+    assert model_store.drop_views("cube") == 2
+    assert list((model_store.folder / "views").iterdir()) == []
+    assert (tmp_path / "elsewhere" / "own").exists()
