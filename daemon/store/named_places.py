@@ -102,11 +102,9 @@ class NamedPlaces:
         """Long before it is too large to be read: what counts stays, and the newer half of the rest."""
         lines = read_file(self.path, LARGEST_BYTES).splitlines()
         read = [(line, one) for line in lines if (one := _read(line)) is not None]
-        counts = {one.name: k for k, (_, one) in enumerate(read)}
-        newer = len(read) // 2
-        kept = [
-            line for k, (line, one) in enumerate(read) if k >= newer or (k == counts[one.name] and one.world_from_tool)
-        ]
+        last = {one.name: k for k, (_, one) in enumerate(read)}
+        counts = {k for k in last.values() if read[k][1].world_from_tool is not None}
+        kept = [line for k, (line, _) in enumerate(read) if k in counts or k >= len(read) // 2]
         write_atomically(self.path, b"".join(line + b"\n" for line in kept))
 
     def _ends_whole(self) -> bool:

@@ -158,7 +158,7 @@ def test_a_wait_that_nothing_can_end_is_an_error_and_no_hang() -> None:
 @pytest.mark.timeout(20)
 @pytest.mark.parametrize("days", [1.0, 194.0, 195.0, 3650.0])
 def test_timers_end_however_long_it_has_run(days: float) -> None:
-    """Seconds have fewer digits left after the point the more there are: past 2^24 of them no nanosecond can be added."""
+    """Seconds have fewer digits left after the point the more there are: past 2^24 of them, no nanoseconds."""
 
     async def wait() -> float:
         loop = asyncio.get_running_loop()
