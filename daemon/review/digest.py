@@ -116,8 +116,8 @@ class Digest:
     cycles: tuple[Cycle, ...]
     outside: tuple[Record, ...]
     records: tuple[Record, ...]
-    skipped: tuple[str, ...] = field(default=())
-    going: bool = False
+    skipped: tuple[str, ...]
+    going: bool
 
     def of(self, *kinds: str) -> list[Record]:
         """All records of these kinds, in order."""

@@ -185,3 +185,39 @@ def test_a_stray_byte_eats_nothing_of_what_follows(stray: bytes) -> None:
 def test_control_c_and_return_are_heard_in_the_middle_of_an_escape(begun: bytes) -> None:
     assert editor().feed(begun + b"\x03").events == [Key.INTERRUPT]
     assert editor().feed(b"stop" + begun + b"\r").events == ["stop"]
+
+
+@pytest.mark.parametrize(
+    ("key", "same_as"),
+    [
+        (b"\x01", HOME), (b"\x02", LEFT), (b"\x05", b"\x1b[F"), (b"\x06", RIGHT), (b"\x04", DELETE), (b"\x08", b"\x7f"),
+        (b"\x0c", b"\x12"), (b"\x0e", DOWN), (b"\x10", UP), (b"\x01", b"\x1bOH"),
+    ],
+)  # fmt: skip
+def test_what_a_terminal_has_no_key_for_a_letter_with_control_does(key: bytes, same_as: bytes) -> None:
+    before = b"first\rsecond\rthird\r" + UP * 2 + LEFT * 2
+    lines = [editor().feed(before + one + b"x" + one + b"y\r") for one in (key, same_as)]
+    assert lines[0] == lines[1]
+
+
+@pytest.mark.parametrize(
+    ("said", "size"),
+    [(b"30;100", (30, 100)), (b"4;20", (4, 20)), (b"3;100", None), (b"30;19", None), (b"3;19", None), (b"0;0", None)],
+)
+def test_a_terminal_is_as_large_as_it_says_unless_nothing_could_be_read_there(
+    said: bytes, size: tuple[int, int] | None
+) -> None:
+    edit = editor()
+    usual = edit.rows, edit.columns
+    assert edit.feed(b"a\x1b[" + said + b"Rb\r").events == ["ab"]
+    assert (edit.rows, edit.columns) == (size or usual)
+
+
+def test_what_belongs_to_a_sequence_that_nobody_knows_is_not_typed() -> None:
+    assert editor().feed(b"\x1b[ Ax\r").events == ["x"]
+    assert editor().feed(b"\x1b[1\ry\r").events == ["", "y"], "and what ends a line ends it"
+
+
+def test_tab_types_what_all_that_may_be_meant_have_in_common() -> None:
+    edit = LineEditor("> ", lambda typed: [word for word in ("stat", "status") if word.startswith(typed)])
+    assert edit.feed(b"s\tus\r").events == ["status"]

@@ -172,3 +172,20 @@ def test_a_stop_in_haste_waits_for_nothing_either(text: str) -> None:
         await a_moment()
 
     assert play(script).answers == ["now", "sure?: ''"]
+
+
+@pytest.mark.parametrize("typed", [("read 1", "read 2", "read 3"), ("read 1", "resume a")])
+def test_too_much_is_what_waits_or_what_is_done_beside_each_other(
+    typed: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("daemon.doors.turns.MOST_AHEAD", 2)
+
+    async def script(operator: Operator) -> None:
+        for text in typed:
+            assert not operator.turns.crowded
+            operator.turns.take(text, operator.answered)
+            await asyncio.sleep(0)
+        assert operator.turns.crowded
+        operator.turns.leave()
+
+    play(script)
