@@ -101,8 +101,12 @@ class SocketServer:
                 )
             finally:
                 os.umask(before)
-            self._give_to(self._rights.group)
-            os.chmod(self.path, self._rights.mode)
+            try:
+                self._give_to(self._rights.group)
+                os.chmod(self.path, self._rights.mode)
+            except (DoorError, OSError):
+                await self.close()
+                raise
         except OSError as error:
             raise DoorError(f"{self.path}: cannot listen here: {error.strerror or error}") from None
 

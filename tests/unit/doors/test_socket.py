@@ -24,8 +24,9 @@ from daemon.config import Terminal
 from daemon.console.interpreter import Answer, Command, Console
 from daemon.doors.client import DaemonLink, NotThereError
 from daemon.doors.rights import DoorError, Rights
-from daemon.doors.socket import MOST_EACH, MOST_TO_STOP, SocketServer, _Message, _Operator
+from daemon.doors.socket import MOST_EACH, MOST_TO_STOP, MOST_TOGETHER, SocketServer, _Message, _Operator
 from daemon.doors.terminal import SerialConsole
+from daemon.store.places import HOUSE
 from tests.worlds.fake_context import fake_context
 
 EVERYBODY = Rights(ConsoleConfig())
@@ -126,6 +127,7 @@ def test_what_is_no_message_is_answered_so_and_the_daemon_goes_on(tmp_path: Path
 def test_a_message_without_end_is_refused(tmp_path: Path) -> None:
     (answer,), _ = with_socket(tmp_path / "s", lambda path: speak(path, b"x" * 200_000 + b"\n"))
     assert "too long" in answer["done"]["text"]
+    assert answer["done"]["status"] == 2
 
 
 def test_stop_is_heard_while_another_command_is_being_done_and_a_second_move_is_not(tmp_path: Path) -> None:
@@ -554,12 +556,34 @@ def test_each_answer_has_the_number_of_its_question_and_only_where_there_was_one
 
 
 def test_notices_go_to_those_who_listen_once_each_and_a_stop_s_answer_too(tmp_path: Path) -> None:
-    def use(path: Path) -> Any:
-        listening = {"notices": True}
-        return asked(path, listening, listening, {"interrupt": True}, answers=1)
+    context = fake_context(tmp_path)
 
-    answers, _ = with_socket(tmp_path / "s", use)
-    assert answers == [{"stopped": "Nothing moves."}]
+    def use(path: Path) -> Any:
+        with socket.socket(socket.AF_UNIX) as deaf, socket.socket(socket.AF_UNIX) as hears:
+            for one, lines in ((deaf, b""), (hears, b'{"notices": true}\n' * 2)):
+                one.connect(str(path))
+                one.sendall(lines + b'{"complete": "sta"}\n')
+                assert one.recv(65536).startswith(b'{"options"')
+            context.loop.call_soon_threadsafe(context.notices.tell, "first")
+            context.loop.call_soon_threadsafe(context.notices.tell, "second")
+            heard = hears.makefile("rb")
+            told = [json.loads(heard.readline()) for _ in range(2)]
+            for one in (deaf, hears):
+                one.sendall(b'{"interrupt": true}\n')
+            return told, deaf.recv(65536), heard.readline()
+
+    async def serve() -> Any:
+        context.loop = asyncio.get_running_loop()
+        server = SocketServer(tmp_path / "s", EVERYBODY, Console(context, every_command()), interrupter(context))
+        await server.open()
+        try:
+            return await asyncio.to_thread(use, tmp_path / "s")
+        finally:
+            await server.close()
+
+    told, deaf, heard = asyncio.run(serve())
+    assert told == [{"notice": "first"}, {"notice": "second"}]
+    assert json.loads(deaf) == json.loads(heard) == {"stopped": "Nothing moves."}
 
 
 def test_keys_and_what_is_shown_pass_while_a_terminal_is_open(tmp_path: Path) -> None:
@@ -686,3 +710,87 @@ def test_a_file_may_come_in_pieces_of_nothing(tmp_path: Path) -> None:
     began_s = time.thread_time()
     assert asyncio.run(come()) == b"A"
     assert time.thread_time() - began_s < 5.0
+
+
+def test_the_guide_says_how_many_may_be_connected() -> None:
+    guide = (HOUSE / "deploy" / "README.md").read_text()
+    assert f"one user has {MOST_EACH}, or all together {MOST_TOGETHER} |" in guide
+
+
+def test_beyond_the_limit_the_oldest_of_those_who_came_to_stop_goes_first(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("daemon.doors.socket.MOST_TOGETHER", 2)
+    monkeypatch.setattr("daemon.doors.socket.MOST_TO_STOP", 2)
+
+    def still_there(one: socket.socket) -> bool:
+        one.settimeout(0.5)
+        try:
+            return one.recv(1) != b""
+        except TimeoutError:
+            return True
+
+    def use(path: Path) -> Any:
+        with contextlib.ExitStack() as stack:
+            crowd = [stack.enter_context(socket.socket(socket.AF_UNIX)) for _ in range(5)]
+            for one in crowd:
+                one.connect(str(path))
+            there = [still_there(one) for one in crowd]
+            crowd[4].sendall(b'{"do": "stop"}\n')
+            return there, json.loads(crowd[4].recv(65536))["done"]["status"]
+
+    assert listening(tmp_path, use) == ([True, True, False, True, True], 0)
+
+
+def test_who_is_connected_when_the_door_closes_is_hung_up(tmp_path: Path) -> None:
+    async def close() -> int:
+        context = fake_context(tmp_path)
+        server = SocketServer(tmp_path / "s", EVERYBODY, Console(context, every_command()), interrupter(context))
+        await server.open()
+        reader, writer = await asyncio.open_unix_connection(tmp_path / "s")
+        await asyncio.sleep(0.05)
+        await server.close()
+        assert await asyncio.wait_for(reader.read(), 5) == b""
+        writer.close()
+        return len(asyncio.all_tasks())
+
+    assert asyncio.run(close()) == 1
+
+
+@pytest.mark.parametrize("refused", [False, True])
+def test_the_socket_is_given_to_the_group_that_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, refused: bool
+) -> None:
+    given: list[tuple[object, ...]] = []
+
+    def chown(*what: object) -> None:
+        given.append(what)
+        if refused:
+            raise PermissionError(1, "Operation not permitted")
+
+    rights = Rights(ConsoleConfig())
+    rights.group += 1
+    monkeypatch.setattr("daemon.doors.socket.os.chown", chown)
+    if refused:
+        with pytest.raises(DoorError, match=r"cannot be given to console\.group: Operation not permitted; make it"):
+            listening(tmp_path, lambda _: None, rights)
+    else:
+        listening(tmp_path, lambda _: None, rights)
+    assert given == [(tmp_path / "s", -1, rights.group)]
+    assert not (tmp_path / "s").exists()
+
+
+@pytest.mark.parametrize(
+    ("messages", "why"),
+    [
+        ([{"do": "enable", "size": [100, 30], "door": "x"}], ""),
+        ([{"answer": "y"}, {"file": "AA=="}, {"no_file": "x"}, {"keys": "a"}, {"leave": True}, {"do": "enable"}], ""),
+        ([{"door": "x"}], "it holds neither do, answer, file, keys, leave, interrupt, complete nor notices"),
+    ],
+)
+def test_what_is_said_out_of_turn_is_passed_over_and_what_says_nothing_refused(
+    tmp_path: Path, messages: list[dict[str, Any]], why: str
+) -> None:
+    (answer,), _ = with_socket(tmp_path / "s", lambda path: asked(path, *messages, answers=1))
+    assert answer["done"]["text"] == (f"not a message: {why}" if why else answer["done"]["text"])
+    assert answer["done"]["status"] == (2 if why else 0)

@@ -122,7 +122,9 @@ def recorded(tmp_path: Path, *looks: dict[str, Any], calibration: bool = True) -
     log.record("run_start", **kept)
     nothing = np.full((480, 640), 90, np.uint8)
     for more in looks:
-        log.record("look", cycle=1, stop=0, purpose="survey", **({"images": {"left": nothing, "right": nothing}} | more))
+        log.record(
+            "look", cycle=1, stop=0, purpose="survey", **({"images": {"left": nothing, "right": nothing}} | more)
+        )
     log.close()
     return log.folder, read_digest(log.folder)
 
