@@ -209,16 +209,13 @@ def _bytes_then(folder: str, _: int) -> int:
 def has_failure(folder: Path) -> bool:
     """Whether a run holds a fault, a refusal or a cycle that picked nothing, or has no run_end."""
     ended = False
-    try:
-        with open_below(folder, RUN) as file:
-            for _, line, _ in _lines(file):
-                if any(mark in line for mark in FAILURE_MARKS):
-                    return True
-                if b'"kind":"cycle_end"' in line and PICKED_MARK not in line:
-                    return True
-                ended = ended or b'"kind":"run_end"' in line
-    except (FileError, OSError):
-        return True
+    with contextlib.suppress(FileError, OSError), open_below(folder, RUN) as file:
+        for _, line, _ in _lines(file):
+            if any(mark in line for mark in FAILURE_MARKS):
+                return True
+            if b'"kind":"cycle_end"' in line and PICKED_MARK not in line:
+                return True
+            ended = ended or b'"kind":"run_end"' in line
     return not ended
 
 

@@ -259,16 +259,25 @@ def test_a_stalled_disk_is_waited_for_once_and_one_that_is_full_not_at_all(
     disk = Disk(monkeypatch)
     monkeypatch.setattr(threading, "Event", Counted)
     log = RunLog(tmp_path / "run", patience_s=patience_s)
-    disk.delay_s = 0.5
-    for n in range(4):
+    disk.delay_s = 0.05
+    for n in range(20):
         log.record("move", n=n)
-    assert len(waits) == 1
-    disk.delay_s, disk.full = 0.0, True
+    while log._lines.waiting > 17:
+        time.sleep(0.005)
+    log.record("move", n=20)
+    assert len(waits) == 1, "no more until it has caught up"
+    disk.delay_s = 0.0
+    while log._behind:
+        time.sleep(0.005)
+    log.record("move", n=21)
+    assert len(waits) == 2
+    disk.full = True
+    log.record("move", n=23)
     assert log.settle()
+    assert log.trouble is not None
     waits.clear()
     for n in range(4):
         log.record("move", n=n)
-    assert log.trouble is not None
     assert waits == []
     disk.full = False
     log.close()
