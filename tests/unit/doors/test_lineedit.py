@@ -225,7 +225,9 @@ def test_tab_types_what_all_that_may_be_meant_have_in_common() -> None:
     assert edit.feed(b"s\tus\r").events == ["status"]
 
 
-@pytest.mark.parametrize("keys", [b"\x7f", b"\x04", b"\x17", LEFT, RIGHT, UP, DOWN, b"\x0b", b"\x1b[5~", b"qqq\t", b"\x80"])
+@pytest.mark.parametrize(
+    "keys", [b"\x7f", b"\x04", b"\x17", LEFT, RIGHT, UP, DOWN, b"\x0b", b"\x1b[5~", b"qqq\t", b"\x80"]
+)
 def test_what_cannot_be_done_rings(keys: bytes) -> None:
     edit = editor()
     edit.feed(b"x" + LEFT if keys != b"\x04" else b"x")
