@@ -280,11 +280,11 @@ PLANTED: dict[str, tuple[str, Callable[[MadeRun], None]]] = {
     "estimate never good": ("estimate too uncertain", ended("unsure", "cube: 2.30 mm predicted after 8 looks")),
     "neighbours too near": (
         "blocked by a neighbour",
-        ended("unreachable", "cube: none of its 12 grasps can be reached all the way (10 blocked by a neighbour)"),
+        ended("unreachable", "cube: none of its 12 grasps can be reached all the way (6 blocked by a neighbour)"),
     ),
     "out of reach": (
         "out of the arm's reach",
-        ended("unreachable", "cube: none of its 12 grasps can be reached all the way (0 blocked by a neighbour)"),
+        ended("unreachable", "cube: none of its 12 grasps can be reached all the way (5 blocked by a neighbour)"),
     ),
     "too large to grasp": ("no grasp holds it", ended("unreachable", "cube: no grasp holds it as it lies")),
     "table height wrong": ("below the table", refused("below_table", "the tool would be 0.4 mm above the table")),

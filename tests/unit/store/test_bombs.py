@@ -102,7 +102,7 @@ def test_an_archive_that_lies_about_its_sizes_is_refused() -> None:
 @pytest.mark.parametrize("side", [4473, 30_000, 60_000, 2**31 - 1])
 def test_a_picture_that_claims_too_many_pixels_is_not_unfolded(side: int, tmp_path: Path) -> None:
     (tmp_path / "p.png").write_bytes(claiming(side))
-    with pytest.raises(PictureError, match=r"p\.png: too large: \d+ million pixels, at most 20"):
+    with pytest.raises(PictureError, match=rf"p\.png: too large: {side**2 / 1e6:.0f} million pixels, at most 20$"):
         read_grey(tmp_path / "p.png")
 
 
