@@ -285,9 +285,9 @@ class Waits:
     """The move that waits for a yes: whether it is time to tell of it."""
 
     def __init__(self) -> None:
-        self._told: tuple[str | None, float] = None, 0.0
+        self._told: tuple[object, float] = None, 0.0
 
-    def due(self, pending: str | None) -> str | None:
+    def due(self, pending: object) -> str | None:
         """The line to tell, once as it begins to wait and again every REMIND_S; None where there is none."""
         now_s, (told, told_s) = time.monotonic(), self._told
         if pending == told and (pending is None or now_s < told_s + REMIND_S):
@@ -303,7 +303,7 @@ async def tell_what_waits(context: CommandContext) -> None:
     while True:
         await asyncio.sleep(UNASKED_S)
         pending = None if context.notices.asked else context.cycle.status()["pending"]
-        if (line := waits.due(None if pending is None else str(pending))) is not None:
+        if (line := waits.due(pending)) is not None:
             context.notices.tell(line)
 
 
