@@ -27,7 +27,7 @@ from daemon.cell import sections
 from daemon.cell.no_arm import CellError
 from daemon.cell.pick_cell import pick_cell
 from daemon.commands import every_command, eyes
-from daemon.commands.moving import tell_end
+from daemon.commands.moving import tell_end, tell_what_waits
 from daemon.commands.simulated_hand import know_drawings
 from daemon.config import Config, load_config
 from daemon.console.context import CommandContext
@@ -201,6 +201,7 @@ class Service:
         context.use_model("start", trainer.model_store.current)
         watch = Watch(context)
         self.beside(self._guarded(watch.run()), "watch")
+        self.beside(self._guarded(tell_what_waits(context)), "what waits for a yes")
         self._ready = True
         journal.notify("READY=1", f"STATUS={watch.status_line()}")
         journal.tell("run_start", f"ready: {config.kind} cell, socket {config.socket}, run {run_log.folder}")

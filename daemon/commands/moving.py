@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from collections.abc import Awaitable
 from typing import Any, TypeVar
 
@@ -28,6 +29,10 @@ from daemon.pick.outcome import CycleEnd, Outcome
 
 T = TypeVar("T")
 POLL_S = 0.05
+REMIND_S = 20.0
+"""How long a move waits for a yes before it is told once more, where nobody is asked."""
+UNASKED_S = 0.5
+"""How often it is looked whether one waits so."""
 MOST_PICKS = 1_000_000
 AUTO_WORDS = ("on", "off", "wait", "resume")
 AUTO_USAGE = "auto on [N] [every S] | auto resume | auto off | auto wait"
@@ -258,9 +263,10 @@ async def dry(context: CommandContext, words: list[str], _: Door) -> Answer:
 
 
 async def with_questions(context: CommandContext, work: Awaitable[T], door: Door) -> T:
-    """Wait for a motion's end; in step mode show each move at this door and ask."""
+    """Wait for a motion's end; in step mode show each move at this door and ask, or tell that somebody must say so."""
     task = asyncio.ensure_future(work)
     told: Any = None
+    waits = Waits()
     with context.notices.answered(door):
         while not task.done():
             await asyncio.wait([task], timeout=POLL_S)
@@ -270,7 +276,35 @@ async def with_questions(context: CommandContext, work: Awaitable[T], door: Door
                 await door.say(_progress(state))
             if state["pending"] is not None and door.asks:
                 await _ask_to_send(context, str(state["pending"]), task, door)
+            elif (line := waits.due(state["pending"])) is not None:
+                await door.say(line)
         return await task
+
+
+class Waits:
+    """The move that waits for a yes: whether it is time to tell of it."""
+
+    def __init__(self) -> None:
+        self._told: tuple[object, float] = None, 0.0
+
+    def due(self, pending: object) -> str | None:
+        """The line to tell, once as it begins to wait and again every REMIND_S; None where there is none."""
+        now_s, (told, told_s) = time.monotonic(), self._told
+        if pending == told and (pending is None or now_s < told_s + REMIND_S):
+            return None
+        self._told = pending, now_s
+        return None if pending is None else f"Waits for a yes: {pending}; `confirm` sends it, `refuse` gives it up."
+
+
+async def tell_what_waits(context: CommandContext) -> None:
+    """For as long as the daemon runs: a move that waits for a yes while nobody is asked for it is told at every
+    door."""
+    waits = Waits()
+    while True:
+        await asyncio.sleep(UNASKED_S)
+        pending = None if context.notices.asked else context.cycle.status()["pending"]
+        if (line := waits.due(pending)) is not None:
+            context.notices.tell(line)
 
 
 async def _ask_to_send(context: CommandContext, pending: str, work: asyncio.Future[Any], door: Door) -> None:
