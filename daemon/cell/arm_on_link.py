@@ -80,6 +80,8 @@ class ArmOnLink:
     async def move(self, world_from_tool: Array, *, straight: bool, speed_pct: float, timeout_s: float) -> Reading:
         """One move; returns when the arm is at rest, there or elsewhere. Raises LinkError."""
         location = location_from_matrix(world_from_tool, self._o_deg)
+        if self._speed_pct is None:
+            await self.link.own_speed_only()
         if speed_pct != self._speed_pct:
             self._speed_pct = None
             await self.link.speed(speed_pct)

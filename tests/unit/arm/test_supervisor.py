@@ -259,6 +259,29 @@ def test_step_said_once_more_is_no_yes_to_the_move_that_waits_and_step_off_is():
     asyncio.run(story())
 
 
+@pytest.mark.parametrize("yes", ["confirm", "step off"])
+def test_a_pause_holds_also_the_move_that_waited_for_a_yes_when_it_was_said(yes):
+    """Somebody was told that the arm holds before its next move, and the yes of another sent it off."""
+    world, supervisor, heard = supervised()
+
+    async def story() -> None:
+        supervisor.step(True)
+        task = asyncio.create_task(supervisor.run("travel", travelling(supervisor)))
+        await eventually(lambda: supervisor.status()["pending"] is not None)
+        supervisor.pause()
+        supervisor.confirm() if yes == "confirm" else supervisor.step(False)
+        await eventually(lambda: bool(heard))
+        assert (world.wire, supervisor.status()["pending"]) == ([], None)
+        supervisor.resume()
+        await eventually(lambda: bool(world.wire))
+        await supervisor.abort()
+        with pytest.raises(RefusedError):
+            await task
+
+    asyncio.run(asyncio.wait_for(story(), 10.0))
+    assert [what for what, _ in heard] == [Interruption.PAUSE, Interruption.RESUME, Interruption.ABORT]
+
+
 async def endless(world: World) -> None:
     """A foreign motion: CAL, or a line typed at the monitor."""
     world.wire.append(("foreign", None))
