@@ -21,7 +21,7 @@ import pytest
 from daemon.commands import every_command
 from daemon.config import Console as ConsoleConfig
 from daemon.config import Terminal
-from daemon.console.interpreter import Answer, Command, Console
+from daemon.console.interpreter import Answer, Command, CommandError, Console
 from daemon.doors.client import DaemonLink, NotThereError
 from daemon.doors.rights import DoorError, Rights
 from daemon.doors.socket import MOST_EACH, MOST_TO_STOP, MOST_TOGETHER, SocketServer, _Message, _Operator
@@ -794,3 +794,24 @@ def test_what_is_said_out_of_turn_is_passed_over_and_what_says_nothing_refused(
     (answer,), _ = with_socket(tmp_path / "s", lambda path: asked(path, *messages, answers=1))
     assert answer["done"]["text"] == (f"not a message: {why}" if why else answer["done"]["text"])
     assert answer["done"]["status"] == (2 if why else 0)
+
+
+def test_who_goes_away_in_the_middle_of_a_file_ends_the_command_that_asked_for_it() -> None:
+    operator = _Operator(Mock(), Mock(), Mock(), Mock(), Mock(), "all")
+
+    async def come(*pieces: _Message) -> bytes:
+        operator._writer.drain = AsyncMock()  # type: ignore[method-assign]
+        operator._writer.transport.get_write_buffer_size.return_value = 0  # type: ignore[attr-defined]
+        file = asyncio.create_task(operator.fetch("part.stl"))
+        await asyncio.sleep(0)
+        for piece in pieces:
+            operator._hear(piece)
+        operator.leave()
+        return await file
+
+    assert asyncio.run(come(_Message(file="QQ=="))) == b"A", "it was all there before"
+    operator._turns.gone = False
+    with pytest.raises(CommandError, match="the operator went away"):
+        asyncio.run(come(_Message(file="QQ==", more=True)))
+    with pytest.raises(CommandError, match="the operator went away"):
+        asyncio.run(come())

@@ -87,7 +87,7 @@ def test_how_far_apart_two_parts_lie_is_told_by_the_corners_that_both_show() -> 
 
 
 def test_parts_belong_together_that_lie_within_so_much_and_each_has_one_other() -> None:
-    near, far = beside(24.9), beside(25.1)
+    near, far = beside(25.0), beside(25.1)
     then = scene(part("cube"))
     assert paired(then, scene(near)) == [(then["parts"][0], near)]  # type: ignore[index]
     assert paired(then, scene(far)) == [(then["parts"][0], None), (None, far)]  # type: ignore[index]

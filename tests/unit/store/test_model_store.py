@@ -201,3 +201,8 @@ def test_why_the_state_is_not_written_is_said_in_the_systems_words_where_it_has_
         model_store.accept()
     with pytest.raises(ModelStoreError, match=rf"cube: the view is not stored: {words[-1]}$"):
         model_store.add_view("cube", picture(1), picture(2), {})
+    monkeypatch.undo()
+    model_store.add_view("cube", picture(1), picture(2), {})
+    monkeypatch.setattr("daemon.store.model_store.shutil.rmtree", failing)
+    with pytest.raises(ModelStoreError, match=rf"cube: not removed: {words[-1]}$"):
+        model_store.drop_views("cube")
