@@ -21,7 +21,7 @@ def fold(text: str, columns: int) -> list[str]:
             folded.append(line)
         else:
             indent = " " * (len(line) - len(line.lstrip()) + 4)
-            folded += textwrap.wrap(line, columns, subsequent_indent=indent, drop_whitespace=True)
+            folded += textwrap.wrap(line, columns, subsequent_indent=indent, break_on_hyphens=False)
     return folded
 
 

@@ -200,6 +200,8 @@ def test_long_lines_are_folded_between_words_and_nothing_is_lost() -> None:
     assert max(map(len, lines)) <= COLUMNS
     assert " ".join(text.split()) == " ".join(" ".join(lines).split())
     assert to_terminal("grün\n").endswith(b"gr?n\r\n")
+    path = "/var/lib/facetd/runs/a-b-c"
+    assert fold(f"kept in the folder {path}", 30)[1].strip() == path, "as it can be copied"
 
 
 @pytest.mark.parametrize("stray", [b"\x1b", b"\x1b\x1b", b"\x00", b"\xfc", b"\xff", b"\x80\x1b"])
