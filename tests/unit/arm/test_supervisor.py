@@ -988,3 +988,17 @@ def test_an_enable_asked_for_before_the_line_was_opened_anew_is_void():
     supervisor.line_opened_anew()
     with pytest.raises(RefusedError, match="say `enable` once more"):
         supervisor.enable(asked)
+
+
+def test_other_limits_and_another_cell_hold_from_the_next_move_on():
+    world, supervisor, _ = supervised()
+    other, arrival = build(world), Arrival(timeout_s=7.0)
+    supervisor.refit(other, Limits(max_speed_pct=10.0), arrival)
+    assert (supervisor.mover.cell, supervisor.mover.arrival) == (other, arrival)
+
+    async def one_move() -> None:
+        await supervisor.mover.rest()
+        await supervisor.mover.travel(NEAR, "there", lambda _: 50.0)
+
+    asyncio.run(supervisor.run("travel", one_move()))
+    assert [move["speed_pct"] for move in world.said("move")] == [10.0]
