@@ -13,44 +13,52 @@ from daemon.vision.geometry import area_vector, axes_in, inside, newell_normal
 
 Index = NDArray[np.intp]
 Ring = tuple[int, ...]
+Pieces = list[tuple[int, int]]
+"""(look, facet) of what is one facet or a piece of it."""
 
-LEAST_MM, MOST_MM, SIGMAS = 1.0, 4.0, 4.0
+LEAST_MM, MOST_MM, SIGMAS = 1.0, 8.0, 4.0
 """Corners this near are one, farther apart never; in between, those within so many predicted errors."""
+GAP_MM = 4.0
+"""Pieces of one facet lie this near to its plane, or within so many predicted errors, and to each other."""
 OF_SHORTEST = 1 / 3  # the same as a share of the shorter of the sides that end there
-TILT_DEG = 12.0  # how far the normals of pieces of one facet may differ
+LEAST_MM2 = 1e-6  # keeps the weight of a corner known exactly finite
+TILT_DEG, MOST_TILT_DEG = 12.0, 30.0
+"""How far the normals of pieces of one facet may differ, beside what their doubt says; and farther never."""
+FACING = 0.2
+"""Cosine to its normal from where a facet would have been seen."""
+DEPTHS = (0.4, 0.8)  # of the way from a facet's middle to its corners
 
 
 def one_corner(moved: list[Array], spread: list[Array], outlines: list[list[Ring]]) -> list[Index]:
-    """For each look its corners' numbers, one number where looks measured one corner. moved (N, 3) base."""
-    centres, doubts, widths, counts = list[Array](), list[Array](), list[float](), list[int]()
-    owner = []
-    for points, covariance, rings in zip(moved, spread, outlines, strict=True):
-        widths_here = _widths(points, rings)
-        pairs = list[tuple[float, int, int]]()
-        if centres and len(points):
-            apart = np.linalg.norm(points[:, None] - np.array(centres), axis=2)
-            both = np.trace(covariance, axis1=1, axis2=2)[:, None] + np.trace(np.array(doubts), axis1=1, axis2=2)
-            limit = np.clip(SIGMAS * np.sqrt(both), LEAST_MM, MOST_MM)
-            limit = np.minimum(limit, OF_SHORTEST * np.minimum(widths_here[:, None], np.array(widths)))
-            pairs = sorted((float(apart[k, j]), int(k), int(j)) for k, j in np.argwhere(apart < limit))
-        numbers, taken = np.full(len(points), -1, np.intp), set[int]()
-        for _, k, j in pairs:
-            if numbers[k] < 0 and j not in taken:
-                numbers[k] = j
-                taken.add(j)
-        for k in range(len(points)):
-            j = int(numbers[k])
-            if j < 0:
-                numbers[k] = len(centres)
-                centres.append(points[k])
-                doubts.append(covariance[k])
-                widths.append(float(widths_here[k]))
-                counts.append(1)
-                continue
-            counts[j] += 1
-            centres[j] = centres[j] + (points[k] - centres[j]) / counts[j]
-            widths[j] = min(widths[j], float(widths_here[k]))
-        owner.append(numbers)
+    """For each look its corners' numbers, one number where looks measured one corner: the surest corners first, each
+    the nearest that is near enough and is not of its own outline already. What one look told apart only another's
+    corner makes one. moved (N, 3) base, spread (N, 3, 3)."""
+    owner = [np.full(len(points), -1, np.intp) for points in moved]
+    widths = [_widths(points, rings) for points, rings in zip(moved, outlines, strict=True)]
+    doubts = [np.trace(covariance, axis1=1, axis2=2) + LEAST_MM2 for covariance in spread]
+    beside = [
+        [{k for ring in rings if corner in ring for k in ring} for corner in range(len(points))]
+        for points, rings in zip(moved, outlines, strict=True)
+    ]
+    every = sorted((float(doubt[k]), look, k) for look, doubt in enumerate(doubts) for k in range(len(doubt)))
+    centres, weights, narrowest = np.zeros((len(every), 3)), np.zeros(len(every)), np.full(len(every), np.inf)
+    seen_by = np.zeros((len(moved), len(every)), bool)
+    count = 0
+    for doubt, look, k in every:
+        at, width = moved[look][k], widths[look][k]
+        limit = np.clip(SIGMAS * np.sqrt(doubt + 1 / weights[:count]), LEAST_MM, MOST_MM)
+        limit = np.minimum(limit, OF_SHORTEST * np.minimum(width, narrowest[:count]))
+        apart = np.linalg.norm(centres[:count] - at, axis=1)
+        apart[seen_by[look, :count] & (seen_by[:, :count].sum(0) == 1)] = np.inf
+        apart[[j for j in {int(owner[look][other]) for other in beside[look][k]} if j >= 0]] = np.inf
+        near = np.flatnonzero(apart < limit)
+        j = int(near[np.argmin(apart[near])]) if len(near) else count
+        count = max(count, j + 1)
+        owner[look][k] = j
+        seen_by[look, j] = True
+        weights[j] += 1 / doubt
+        centres[j] += (at - centres[j]) / (doubt * weights[j])
+        narrowest[j] = min(narrowest[j], width)
     return owner
 
 
@@ -64,20 +72,70 @@ def _widths(points: Array, rings: list[Ring]) -> Array:
     return widths
 
 
-def one_facet(moved: list[Array], outlines: list[list[Ring]]) -> list[list[tuple[int, int]]]:
-    """The looks' facets (look, facet) in sets of what is one facet or a piece of it, each set the largest first."""
+def one_facet(moved: list[Array], spread: list[Array], outlines: list[list[Ring]]) -> list[Pieces]:
+    """The looks' facets (look, facet) in sets of what is one facet or a piece of it, each set with the one first whose
+    plane is known best. moved (N, 3) base with spread (N, 3, 3)."""
     every = [(look, f) for look, rings in enumerate(outlines) for f in range(len(rings))]
     shapes = {(look, f): moved[look][list(outlines[look][f])] for look, f in every}
-    every.sort(key=lambda at: -float(np.linalg.norm(area_vector(shapes[at]))))
-    found = list[list[tuple[int, int]]]()
+    doubts = {(k, f): np.sqrt(np.trace(spread[k][list(outlines[k][f])], axis1=1, axis2=2)) for k, f in every}
+    tilts = {at: _tilt(shapes[at], doubts[at]) for at in every}
+    every.sort(key=lambda at: tilts[at])
+    found = list[Pieces]()
     for at in every:
         for one in found:
-            if _same_plane(shapes[one[0]], shapes[at]) and any(_touch(shapes[k], shapes[at]) for k in one):
+            level = _same_plane(shapes[one[0]], shapes[at], doubts[at])
+            if level and any(_touch(shapes[k], shapes[at]) for k in one):
                 one.append(at)
                 break
         else:
             found.append([at])
     return found
+
+
+def uncontradicted(facets: list[Pieces], moved: list[Array], outlines: list[list[Ring]], eyes: Array) -> list[Pieces]:
+    """The sets without those that more looks deny than saw them, the most denied one left out first. A look denies a
+    facet that is turned to it when it saw another one where that is, or through it: such a facet was put together
+    wrongly in the look that it is of. eyes (L, 3) base: where the looks were taken from."""
+    shapes = [[points[list(ring)] for ring in rings] for points, rings in zip(moved, outlines, strict=True)]
+    kept = list(facets)
+    while kept:
+        over = [_more_deny(kept, one, shapes, eyes) for one in kept]
+        worst = int(np.argmax(over))
+        if over[worst] <= 0:
+            break
+        kept.pop(worst)
+    return kept
+
+
+def _more_deny(
+    facets: list[list[tuple[int, int]]], one: list[tuple[int, int]], shapes: list[list[Array]], eyes: Array
+) -> int:
+    """By how many more looks deny a facet than saw it."""
+    saw = {look for look, _ in one}
+    outline = shapes[one[0][0]][one[0][1]]
+    denied = 0
+    for k, eye in enumerate(eyes):
+        if k not in saw:
+            others = [shapes[look][ring] for other in facets if other is not one for look, ring in other if look == k]
+            denied += _denies(others, outline, eye)
+    return denied - len(saw)
+
+
+def _denies(others: list[Array], outline: Array, eye: Array) -> bool:
+    """Whether one of the outlines (N, 3) that were seen from there lies where most of this one should be, or behind."""
+    if newell_normal(outline) @ (eye - outline.mean(0)) < FACING * np.linalg.norm(eye - outline.mean(0)):
+        return False
+    middle = outline.mean(0)
+    rays = np.vstack([middle, *(middle + depth * (outline - middle) for depth in DEPTHS)]) - eye
+    denied = np.zeros(len(rays), bool)
+    for other in others:
+        normal = newell_normal(other)
+        towards = rays @ normal
+        share = np.divide((other.mean(0) - eye) @ normal, towards, out=np.zeros(len(rays)), where=towards < -1e-9)
+        axes = axes_in(normal)
+        hit = inside((eye + share[:, None] * rays) @ axes.T, (other @ axes.T)[None])[0]
+        denied |= hit & ((share - 1.0) * np.linalg.norm(rays, axis=1) > -GAP_MM)
+    return bool(denied.mean() > 0.5)
 
 
 def one_thing(marks: list[set[tuple[int, int]]]) -> list[list[int]]:
@@ -86,20 +144,26 @@ def one_thing(marks: list[set[tuple[int, int]]]) -> list[list[int]]:
     return connected(np.array([[one is other or not one.isdisjoint(other) for other in marks] for one in marks], bool))
 
 
-def _same_plane(large: Array, small: Array) -> bool:
-    """Whether two outlines (N, 3), (M, 3) lie in one plane."""
-    normal, other = newell_normal(large), newell_normal(small)
-    level = normal @ other > np.cos(np.radians(TILT_DEG))
-    return bool(level and np.abs((small - large.mean(0)) @ normal).max() < MOST_MM)
+def _tilt(outline: Array, doubt: Array) -> float:
+    """How far, about, the normal of an outline (N, 3) may be off whose corners may be by doubt (N,) mm, radians."""
+    return float((LEAST_MM + doubt.max()) / np.sqrt(max(float(np.linalg.norm(area_vector(outline))), 1e-9)))
+
+
+def _same_plane(sure: Array, other: Array, doubt: Array) -> bool:
+    """Whether outlines (N, 3), (M, 3) lie in one plane, the corners of the other known to doubt (M,) mm."""
+    normal = newell_normal(sure)
+    most = np.radians(TILT_DEG) + _tilt(other, doubt)
+    level = normal @ newell_normal(other) > np.cos(min(most, np.radians(MOST_TILT_DEG)))
+    return bool(level and (np.abs((other - sure.mean(0)) @ normal) < np.maximum(GAP_MM, SIGMAS * doubt)).all())
 
 
 def _touch(large: Array, small: Array) -> bool:
-    """Whether two outlines of one plane overlap, or lie within MOST_MM of each other."""
+    """Whether two outlines of one plane overlap, or lie within GAP_MM of each other."""
     axes = axes_in(newell_normal(large))
     one, other = (points @ axes.T for points in (large, small))
     if inside(np.vstack([other, other.mean(0)]), one[None]).any() or inside(one, other[None]).any():
         return True
-    return min(_gap_mm(one, other), _gap_mm(other, one)) < MOST_MM
+    return min(_gap_mm(one, other), _gap_mm(other, one)) < GAP_MM
 
 
 def _gap_mm(ring: Array, points: Array) -> float:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from daemon import frames
 from daemon.arrays import Array
-from daemon.vision.facets.association import OF_SHORTEST, Ring, one_corner, one_facet, one_thing
+from daemon.vision.facets.association import OF_SHORTEST, Pieces, Ring, one_corner, one_facet, one_thing, uncontradicted
 from daemon.vision.facets.grouping import connected
 from daemon.vision.facets.looks_adjustment import LEAST_MM2, Adjusted, LookCorners, adjusted, shared_motion
 from daemon.vision.facets.outlining import LEAST_SINE, Plane, outlines, plane_of, supposed
@@ -92,23 +92,25 @@ def fuse(looks: Sequence[SeenFrom], shared: Array, table_mm: float | None = None
         return None
     seen = [_corners(one) for one in looks]
     places, error, owner = [one.base_from_cyclopean for one in looks], np.zeros(9), list[Index]()
-    moved, spread, facets = list[Array](), list[Array](), list[list[tuple[int, int]]]()
+    moved, spread, facets = list[Array](), list[Array](), list[Pieces]()
     whole: Adjusted | None = None
     for doubted in (True, False):
         moved = [_based(one, place, error) for one, place in zip(seen, places, strict=True)]
         spread = [place[:3, :3] @ one.covariance_mm2 @ place[:3, :3].T for one, place in zip(seen, places, strict=True)]
         wide = [c + _doubt(one, shared) for c, one in zip(spread, seen, strict=True)] if doubted else spread
-        owner, facets = one_corner(moved, wide, rings), one_facet(moved, rings)
+        owner, facets = one_corner(moved, wide, rings), one_facet(moved, spread, rings)
         seen = [replace(one, owner=numbers) for one, numbers in zip(seen, owner, strict=True)]
         if doubted:
             whole = adjusted(seen, _planes(facets, rings, owner), shared)
             places, error = list(whole.places), whole.error
     assert whole is not None
+    facets = uncontradicted(facets, moved, rings, whole.places[:, :3, 3])
     groups = [[k for k, group in enumerate(one.groups) for _ in group.facets] for one in looks]
     pieces = _Pieces(rings, groups, owner, facets, moved, spread)
     floor = () if table_mm is None else (supposed(np.array([0.0, 0.0, table_mm]), np.array([0.0, 0.0, 1.0])),)
     shapes = _shapes(pieces, floor)
-    shapes = _shapes(pieces, (*floor, *_behind(*_numbered(pieces, [ring for ring, _ in shapes]))))
+    often = [ring for ring, k in shapes if pieces.looks(k) > 1] or [ring for ring, _ in shapes]
+    shapes = _shapes(pieces, (*floor, *_behind(*_numbered(pieces, often))))
     numbered, corners = _numbered(pieces, [ring for ring, _ in shapes])
     unseen = corners[1 + max(int(numbers.max()) for numbers in owner if len(numbers)) :]
     flat = _planes(facets, rings, owner, [(k, ring) for (_, k), ring in zip(shapes, numbered, strict=True)])
@@ -124,7 +126,7 @@ class _Pieces:
     rings: list[list[Ring]]
     groups: list[list[int]]
     owner: list[Index]
-    facets: list[list[tuple[int, int]]]
+    facets: list[Pieces]
     moved: list[Array]
     spread: list[Array]
 
@@ -203,7 +205,7 @@ def _numbered(pieces: _Pieces, shapes: Sequence[Array]) -> tuple[list[Ring], Arr
 
 
 def _planes(
-    facets: list[list[tuple[int, int]]],
+    facets: list[Pieces],
     rings: list[list[Ring]],
     owner: list[Index],
     shapes: Sequence[tuple[int, Ring]] = (),

@@ -81,8 +81,12 @@ def supposed(origin: Array, normal: Array) -> Plane:
 
 def outlines(planes: Sequence[Plane], unseen: Sequence[Plane] = ()) -> list[list[Array]]:
     """For each plane the facets in it, outlines (N, 3) mm anticlockwise from outside; mostly one, none where the pieces
-    cover nothing. unseen: planes that may bound them though no piece of those was seen."""
-    return [_facets(plane, [other for other in (*planes, *unseen) if other is not plane]) for plane in planes]
+    cover nothing. unseen: planes that may bound them though no piece of those was seen. What one look alone saw bounds
+    nothing that several did: those have sides of their own there."""
+    return [
+        _facets(plane, [k for k in (*planes, *unseen) if k is not plane and (k.looks != 1 or plane.looks == 1)])
+        for plane in planes
+    ]
 
 
 def _facets(plane: Plane, others: Sequence[Plane]) -> list[Array]:

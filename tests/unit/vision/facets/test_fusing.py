@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from daemon import frames
-from daemon.vision.facets import Fused, SeenFrom, fuse, group_of, only
+from daemon.vision.facets import Fused, SeenFrom, fuse, group_of, only, weld
 from daemon.vision.geometry import Polyhedron, chi_square_tail
 from daemon.vision.values import Group
 from tests.worlds.looked_around import DOUBT, beside_truth, looked_at, place, solid, tour
@@ -153,6 +153,23 @@ def test_what_one_look_alone_saw_is_not_confirmed() -> None:
     assert len(fused.polyhedron.facets) == 3
     assert not fused.confirmed.any()
     assert fused.seen.all()
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_facet_that_one_look_put_together_wrongly_spoils_none(seed: int) -> None:
+    looks = tour(solid(CUBE), 8, np.random.default_rng(seed))
+    (group,) = looks[0].groups
+    turned = group.polyhedron.normals @ looks[0].base_from_cyclopean[2, :3]
+    top = int(np.argmax(turned))
+    facet = group.facets[top]
+    a, b, c, d = facet.corners_mm
+    wrong = np.array([a, b, b + 1.1 * (c - b), a + 1.1 * (d - a)]) + np.outer([0, 0, 7.0, 7.0], [0.0, 0.0, 1.0])
+    others = [one for k, one in enumerate(group.facets) if k != top]
+    bad = weld([replace(facet, corners_mm=wrong)]), *([weld(others)] if others else [])
+    fused = known([replace(looks[0], groups=tuple(bad)), *looks[1:]])
+    kept = only(fused, np.flatnonzero(fused.confirmed).tolist())
+    assert len(kept.polyhedron.facets) == 5
+    assert lengths_off(kept, solid(CUBE)).max() < 0.3
 
 
 def test_nothing_measured_is_nothing_known() -> None:

@@ -80,3 +80,13 @@ def test_a_plane_nobody_saw_ends_a_facet_only_where_pieces_end() -> None:
     through = supposed(facet.mean(0), facet[1] - facet[0])
     ((ring,),) = outlines([seen(BOX, 1)], [through])
     assert same(ring, facet)
+
+
+def test_what_one_look_saw_cuts_nothing_from_what_several_saw() -> None:
+    several = [seen(BOX, k, looks=3) for k in range(6)]
+    a, b, c, d = BOX.corners_mm[BOX.rings[0]]
+    into = 8.0 * BOX.normals[0]
+    false = plane_of([np.array([a, b, c - into, d - into])], [np.full(4, 0.1)], 1)
+    for rings, true in zip(outlines([*several, false])[:6], BOX.rings, strict=True):
+        (ring,) = rings
+        assert same(ring, BOX.corners_mm[true])
