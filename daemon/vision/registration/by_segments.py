@@ -77,7 +77,8 @@ NEAREST = 0.4
 @dataclass(frozen=True, eq=False)
 class Laid:
     """A taught part laid onto both images at a pose (4, 4) cyclopean_from_part: what its edges show there; nats of
-    evidence and their share of what there could be; covers: what it covers in the left eye."""
+    evidence and their share of what there could be; covers: what it covers in the left eye; tries: of how many at one
+    guess it is the best."""
 
     label: str
     solid: Polyhedron
@@ -85,11 +86,13 @@ class Laid:
     seen: tuple[Stretches, Stretches]
     borne: Borne
     covers: Shape
+    tries: float = 1.0
 
     @property
     def odds(self) -> float:
         """Log odds of its being there by its edges alone, before all guesses that were made share them."""
-        return BY_NATS * self.borne.nats + BY_WHOLE * max(self.borne.share, 0.0) ** 3 + ELSE
+        by_edges = BY_NATS * self.borne.nats + BY_WHOLE * max(self.borne.share, 0.0) ** 3 + ELSE
+        return by_edges - float(np.log(self.tries))
 
     def overlaps(self, other: Laid) -> bool:
         """Whether both cannot be there."""
@@ -97,10 +100,11 @@ class Laid:
 
 
 class Likely(NamedTuple):
-    """A part and where it could be: its pose (4, 4) cyclopean_from_part."""
+    """A part and where it could be: its pose (4, 4) cyclopean_from_part, the best of so many tries at one guess."""
 
     label: str
     pose: Array
+    tries: float = 1.0
 
 
 class Straight(NamedTuple):
@@ -183,7 +187,8 @@ def _likely(
     if named:
         middle_px = pixels(posed.middles_mm(), eyes.geometry)[0]
         good &= np.all([shape.depth(middle_px) <= 0 for shape in named], axis=0)
-    kept = _worth(best_turned(Guesses(posed.chosen(good), -nats[good]), hinges[good], eyes.geometry, maps), eyes)
+    guesses = Guesses(posed.chosen(good), -nats[good])
+    kept = _worth(*best_turned(guesses, hinges[good], eyes.geometry, maps), eyes)
     told = tuple[str, ...]()
     if spent() > SEARCHED and len(kept) > FEWEST_LAID:
         told = (f"{len(kept) - FEWEST_LAID} of {len(kept)} guesses were not compared with the pictures",)
@@ -201,7 +206,7 @@ def _laid(eyes: Eyes, model: Model, likely: Sequence[Likely]) -> Iterator[Laid]:
     seen = stretches_of(laid, eyes, poses, tolerance)
     for k, (one, solid, pose) in enumerate(zip(likely, solids, poses, strict=True)):
         own = seen[0].only(k, laid), seen[1].only(k, laid)
-        yield Laid(one.label, solid, pose, own, borne_out(own), silhouette(solid, pose, eyes))
+        yield Laid(one.label, solid, pose, own, borne_out(own), silhouette(solid, pose, eyes), one.tries)
 
 
 def _undecided(laid: Sequence[Laid], tests: int, eyes: Eyes) -> list[Likely]:
@@ -215,7 +220,7 @@ def _undecided(laid: Sequence[Laid], tests: int, eyes: Eyes) -> list[Likely]:
             continue
         places.append(one)
         if odds < UNDECIDED[1]:
-            found += [Likely(one.label, pose) for pose in nearby(one.solid, one.pose)]
+            found += [Likely(one.label, pose, one.tries) for pose in nearby(one.solid, one.pose)]
     return found
 
 
@@ -229,7 +234,7 @@ def _contradicts(group: Group, one: Laid) -> bool:
     )
 
 
-def _worth(guesses: Guesses, eyes: Eyes) -> list[Likely]:
+def _worth(guesses: Guesses, tries: Array, eyes: Eyes) -> list[Likely]:
     """The best guesses: a few at each place, for which nearly as much speaks as for the best there."""
     kept, shapes, posed = list[Likely](), list[tuple[Shape, float, str]](), guesses.posed
     for k, corners_px in islice(different(guesses, eyes), LOOKED_AT):
@@ -237,7 +242,7 @@ def _worth(guesses: Guesses, eyes: Eyes) -> list[Likely]:
         there = [(worst, own) for other, worst, own in shapes if other.covers(shape) > COVERED]
         own = [one for _, one in there].count(label)
         if not there or ((len(there) < PER_PLACE or own < PER_LABEL) and against < WORTH * there[0][0]):
-            kept.append(Likely(label, posed.poses[k]))
+            kept.append(Likely(label, posed.poses[k], float(tries[k])))
             shapes.append((shape, against, label))
         if len(kept) == MOST:
             break

@@ -19,14 +19,18 @@ from daemon.vision.registration.posed import Posed
 MOST_TURNED, TURNS = 100, np.radians([-24.0, -16.0, -8.0, 8.0, 16.0, 24.0])
 """Of the likeliest guesses, and by how much each is turned: what maps of segments and the pictures take for one pose
 lies between two of them."""
+WORTH_TURNING = 1.1
+"""So many times the evidence for a guess as it is must speak for it turned."""
 FARTHER_MM, TILT = 5.0, np.radians(7.0)
 """By how much a laid part is moved along the sight, and tilted against it."""
 
 
-def best_turned(guesses: Guesses, hinges: Array, geometry: Baseline, maps: tuple[DirectedMap, DirectedMap]) -> Guesses:
-    """The likeliest of every bundle of guesses, each turned to where most speaks for it; hinges (G, 2, 3): a point and
-    the direction of the line it turns about, cyclopean, no direction where there is none. What speaks against guesses
-    is less the evidence of the maps."""
+def best_turned(
+    guesses: Guesses, hinges: Array, geometry: Baseline, maps: tuple[DirectedMap, DirectedMap]
+) -> tuple[Guesses, Array]:
+    """The likeliest of every bundle of guesses, each turned to where most speaks for it, and of how many tries each is
+    the best: 1 for those that stay as they are. hinges (G, 2, 3): a point and the direction of the line that each turns
+    about, cyclopean, no direction where there is none. What speaks against guesses is less the evidence of the maps."""
     few = thinned(guesses)
     few = few[np.argsort(guesses.against[few], kind="stable")[:MOST_TURNED]]
     posed, against = guesses.posed.chosen(few), guesses.against[few]
@@ -39,9 +43,10 @@ def best_turned(guesses: Guesses, hinges: Array, geometry: Baseline, maps: tuple
     every = Posed(posed.solids, np.tile(posed.part, len(TURNS)), poses[1:].reshape(-1, 4, 4))
     nats, _ = evidence(every, geometry, maps)
     each = np.concatenate([against[None], -nats.reshape(len(TURNS), -1)])
-    best = each.argmin(0), np.arange(len(few))
+    best = np.concatenate([WORTH_TURNING * against[None], each[1:]]).argmin(0), np.arange(len(few))
     found = Guesses(Posed(posed.solids, posed.part, poses[best]), each[best])
-    return found.chosen(thinned(found))
+    kept = thinned(found)
+    return found.chosen(kept), np.where(best[0] > 0, len(TURNS) + 1.0, 1.0)[kept]
 
 
 def nearby(solid: Polyhedron, pose: Array) -> list[Array]:

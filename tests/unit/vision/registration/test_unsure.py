@@ -17,7 +17,7 @@ from daemon.vision.registration.different import Guesses
 from daemon.vision.registration.directed import directed_map, evidence
 from daemon.vision.registration.posed import Posed, Solids
 from daemon.vision.registration.space_corners import angle, meet
-from daemon.vision.registration.unsure import TILT, best_turned, nearby
+from daemon.vision.registration.unsure import TILT, TURNS, best_turned, nearby
 from tests.worlds.printed import print_pair, straight_rig
 from tests.worlds.solids import KNOWN, pose
 
@@ -39,7 +39,9 @@ def turned_best(guess: Array, hinge: Array) -> Array:
     maps = directed_map(eyes().left), directed_map(eyes().right)
     posed = Posed(Solids.of(("pyramid",), (PYRAMID,)), np.zeros(1, np.intp), guess[None])
     nats, _ = evidence(posed, eyes().geometry, maps)
-    return best_turned(Guesses(posed, -nats), hinge[None], eyes().geometry, maps).posed.poses[0]
+    found, tries = best_turned(Guesses(posed, -nats), hinge[None], eyes().geometry, maps)
+    assert tries[0] == (1.0 if np.array_equal(found.posed.poses[0], guess) else len(TURNS) + 1)
+    return found.posed.poses[0]
 
 
 @pytest.mark.parametrize("by", [-16.0, 0.0, 8.0, 24.0])
