@@ -10,9 +10,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from daemon.vision.registration.stretches import BESIDE_PX, Stretches
+from daemon.vision.registration.stretches import Stretches
 
 ALONG = np.cos(np.radians(12.0))  # an edge that lies on another one points so nearly the same way
+SAME_PX = 2.0  # an edge no farther off shows by the same slopes
 PLACES = (np.arange(8) + 0.5) / 8
 
 
@@ -30,6 +31,6 @@ def _alone(one: Stretches, other: Stretches) -> float:
     at = edges.start[:, None] + PLACES[:, None] * way[:, None]
     away = at[:, :, None] - others.start
     ahead, aside = (away * unit).sum(3), away[..., 0] * unit[:, 1] - away[..., 1] * unit[:, 0]
-    on = (ahead > -BESIDE_PX) & (ahead < others.lengths_px + BESIDE_PX) & (np.abs(aside) < BESIDE_PX)
+    on = (ahead > -SAME_PX) & (ahead < others.lengths_px + SAME_PX) & (np.abs(aside) < SAME_PX)
     shared = (on & (np.abs(way_unit @ unit.T) > ALONG)[:, None]).any(2).mean(1)
     return float((1 - shared) @ one.nats)
