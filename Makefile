@@ -5,6 +5,8 @@ BIN := $(VENV)/bin
 # OpenCV and BLAS would start a thread a core for arrays of a few kilobytes; one is faster, and leaves the other core to the cell.
 export OMP_NUM_THREADS := 1
 export OPENBLAS_NUM_THREADS := 1
+# Every worker of the tests and every daemon they start would compile all of it anew: half of what a start takes.
+export PYTHONDONTWRITEBYTECODE :=
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .PHONY: all help setup demo test test-long check rig bench bench-faults bench-soak clean
@@ -55,10 +57,9 @@ check: $(VENV)/.dev
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-cache
 
-# What is slow runs by itself, so that the others have answered before; 5 says that a choice of TESTS has none of a kind.
+# 5 says that a choice of TESTS has none of a kind.
 test: check
-	$(BIN)/pytest -n 4 --dist worksteal -m "not slow and not long" $(TESTS) || [ $$? = 5 ]
-	$(BIN)/pytest -n 4 --dist worksteal -m slow $(TESTS) || [ $$? = 5 ]
+	$(BIN)/pytest -n 4 --dist worksteal -m "not long" $(TESTS) || [ $$? = 5 ]
 
 test-long: $(VENV)/.dev
 	$(BIN)/pytest -n 4 --dist worksteal -m long $(TESTS) || [ $$? = 5 ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from typing import Any
 
@@ -25,6 +26,16 @@ def browser() -> Iterator[Any]:
     driver.quit()
 
 
+@pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """The longest test of all begins first: nobody waits for it at the end."""
+    """The longest test of all begins first: nobody waits for it at the end. What is slow comes last at each of
+    pytest-xdist's workers, who begin with a share each of the whole list: the others have answered before."""
     items.sort(key=lambda item: item.path.name != "test_whole_daemon.py")
+    slow = [item for item in items if item.get_closest_marker("slow")]
+    others = [item for item in items if not item.get_closest_marker("slow")]
+    workers = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
+    items[:] = [item for k in range(workers) for kind in (others, slow) for item in _share(kind, k, workers)]
+
+
+def _share(items: list[pytest.Item], k: int, of: int) -> list[pytest.Item]:
+    return items[len(items) * k // of : len(items) * (k + 1) // of]

@@ -127,11 +127,12 @@ def list_of(store: ModelStore) -> Answer:
     for version in store.versions():
         told = store.told(version)
         state = {current: "in use", candidate: "candidate"}.get(version, "before" if version in before else "")
-        rows.append(f"{version:>4}  {told.trained or '-':<20}  {state:<9}  {told.knows}")
+        when = told.trained.replace("T", " ")[:16] or "-"
+        rows.append(f"{version:>4}  {when:<16}  {state:<9}  {told.knows}")
         data.append({"version": version, "trained": told.trained, "state": state, "labels": list(told.labels)})
     if not rows:
         return Answer("No model was trained here yet: `teach`, then `train`.", {"models": []})
-    return Answer("\n".join([f"{'':>4}  {'trained (UTC)':<20}  {'':<9}  knows", *rows]), {"models": data})
+    return Answer("\n".join([f"{'':>4}  {'trained (UTC)':<16}  {'':<9}  knows", *rows]), {"models": data})
 
 
 def _versions(context: CommandContext) -> list[str]:

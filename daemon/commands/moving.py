@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from collections.abc import Awaitable
 from typing import Any, TypeVar
 
@@ -28,6 +29,10 @@ from daemon.pick.outcome import CycleEnd, Outcome
 
 T = TypeVar("T")
 POLL_S = 0.05
+REMIND_S = 20.0
+"""How long a move waits for a yes before it is told once more, where nobody is asked."""
+UNASKED_S = 0.5
+"""How often it is looked whether one waits so."""
 MOST_PICKS = 1_000_000
 AUTO_WORDS = ("on", "off", "wait", "resume")
 AUTO_USAGE = "auto on [N] [every S] | auto resume | auto off | auto wait"
@@ -45,7 +50,7 @@ async def enable(context: CommandContext, words: list[str], door: Door) -> Answe
         raise CommandError("this cell is recorded: there is no arm to move")
     supervisor = context.cycle.supervisor
     asked = supervisor.stops
-    let = Let.ALL if context.calibration.tool_from_cyclopean is not None else await _by_hand_only(context, door)
+    let = Let.ALL if _eyes_on_hand(context) else await _by_hand_only(context, door)
     try:
         await supervisor.prove_stop()
     except StopRefusedError as refused:
@@ -54,6 +59,11 @@ async def enable(context: CommandContext, words: list[str], door: Door) -> Answe
     fault = context.cycle.status()["fault"]
     may = "The arm may move." if let is Let.ALL else "`robot` may move the arm; nothing else may."
     return Answer(may + (f" First the fault must go: {fault}; say `resume`." if fault else ""))
+
+
+def _eyes_on_hand(context: CommandContext) -> bool:
+    """Whether it is known how the cameras sit on the hand: without that no move may be let."""
+    return context.calibration.tool_from_cyclopean is not None
 
 
 async def _by_hand_only(context: CommandContext, door: Door) -> Let:
@@ -111,13 +121,15 @@ async def resume(context: CommandContext, words: list[str], door: Door) -> Answe
         if held is not None:
             lines.append(_take_word(context, held))
     known, pick_order = context.cycle.status()["holding"] is not None, context.cycle.pick_order
-    if known and pick_order is not None and door.asks:
+    if known and pick_order is not None and door.asks and _eyes_on_hand(context):
         left = cut_off(pick_order.count)
         if not await yes_or_no(door, f"{left}. Let the arm move and go on? [y/n]"):
             lines[0] = f"The fault stands: {before['fault']}. `resume` asks again."
             lines.append(f"{left}: `auto resume` takes it up after that, `auto off` gives it up.")
             return Answer("\n".join(lines), status=NOT_DONE)
         await supervisor.prove_stop()
+        if not _eyes_on_hand(context):
+            raise CommandError("the fault stands: meanwhile a calibration without hand_eye was taken over")
         supervisor.resume(stops)
         supervisor.enable(stops)
         try:
@@ -258,9 +270,10 @@ async def dry(context: CommandContext, words: list[str], _: Door) -> Answer:
 
 
 async def with_questions(context: CommandContext, work: Awaitable[T], door: Door) -> T:
-    """Wait for a motion's end; in step mode show each move at this door and ask."""
+    """Wait for a motion's end; in step mode show each move at this door and ask, or tell that somebody must say so."""
     task = asyncio.ensure_future(work)
     told: Any = None
+    waits = Waits()
     with context.notices.answered(door):
         while not task.done():
             await asyncio.wait([task], timeout=POLL_S)
@@ -270,7 +283,35 @@ async def with_questions(context: CommandContext, work: Awaitable[T], door: Door
                 await door.say(_progress(state))
             if state["pending"] is not None and door.asks:
                 await _ask_to_send(context, str(state["pending"]), task, door)
+            elif (line := waits.due(state["pending"])) is not None:
+                await door.say(line)
         return await task
+
+
+class Waits:
+    """The move that waits for a yes: whether it is time to tell of it."""
+
+    def __init__(self) -> None:
+        self._told: tuple[object, float] = None, 0.0
+
+    def due(self, pending: object) -> str | None:
+        """The line to tell, once as it begins to wait and again every REMIND_S; None where there is none."""
+        now_s, (told, told_s) = time.monotonic(), self._told
+        if pending == told and (pending is None or now_s < told_s + REMIND_S):
+            return None
+        self._told = pending, now_s
+        return None if pending is None else f"Waits for a yes: {pending}; `confirm` sends it, `refuse` gives it up."
+
+
+async def tell_what_waits(context: CommandContext) -> None:
+    """For as long as the daemon runs: a move that waits for a yes while nobody is asked for it is told at every
+    door."""
+    waits = Waits()
+    while True:
+        await asyncio.sleep(UNASKED_S)
+        pending = None if context.notices.asked else context.cycle.status()["pending"]
+        if (line := waits.due(pending)) is not None:
+            context.notices.tell(line)
 
 
 async def _ask_to_send(context: CommandContext, pending: str, work: asyncio.Future[Any], door: Door) -> None:

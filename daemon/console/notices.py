@@ -23,7 +23,9 @@ class Level(IntEnum):
 
 
 class Listener(Protocol):
-    """A door with somebody before it."""
+    """A door with somebody before it; asks: whether questions can be put there."""
+
+    asks: bool
 
     def notice(self, text: str) -> None:
         """Show some lines that nobody there asked for; returns at once."""
@@ -36,7 +38,7 @@ class Notices:
     def __init__(self) -> None:
         self._doors: list[Listener] = []
         self._levels: dict[int, Level] = {}
-        self._waiting: list[object] = []
+        self._waiting: list[Listener] = []
         self._stopping: list[tuple[object, tuple[str, ...]]] = []
 
     def listen(self, door: Listener) -> None:
@@ -70,9 +72,14 @@ class Notices:
             except Exception as error:  # one door that fails keeps none of the others from hearing it
                 journal.tell("trouble", f"a notice was not shown: {type(error).__name__}: {error}", journal.WARNING)
 
+    @property
+    def asked(self) -> bool:
+        """Whether somebody who waits for the end of a motion is asked about its moves."""
+        return any(door.asks for door in self._waiting)
+
     @contextlib.contextmanager
-    def answered(self, door: object) -> Iterator[None]:
-        """While somebody at this door waits for the end of a pick."""
+    def answered(self, door: Listener) -> Iterator[None]:
+        """While somebody at this door waits for the end of a motion."""
         self._waiting.append(door)
         try:
             yield

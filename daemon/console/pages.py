@@ -21,7 +21,7 @@ def fold(text: str, columns: int) -> list[str]:
             folded.append(line)
         else:
             indent = " " * (len(line) - len(line.lstrip()) + 4)
-            folded += textwrap.wrap(line, columns, subsequent_indent=indent, drop_whitespace=True)
+            folded += textwrap.wrap(line, columns, subsequent_indent=indent, break_on_hyphens=False)
     return folded
 
 
@@ -43,13 +43,16 @@ async def by_pages(text: str, door: Door) -> str:
 
 
 def table(rows: list[tuple[str, str]], columns: int) -> str:
-    """Words and what is said of each, beside them in one column, or below them where they are too long for that."""
+    """Words and what is said of each, beside them in one column, or below them where they are too long for that; folded
+    within that column."""
     narrow = columns < 60
     width = 0 if narrow else max((len(word) for word, _ in rows if len(word) <= 24), default=0)
     lines = []
     for word, said in rows:
+        beside, *below = textwrap.wrap(said, max(columns - width - 2, NARROWEST)) or [""]
         if len(word) <= width:
-            lines.append(f"{word:<{width}}  {said}")
+            lines.append(f"{word:<{width}}  {beside}")
         else:
-            lines += [word, " " * (width + 2) + said]
+            lines += [word, " " * (width + 2) + beside]
+        lines += [" " * (width + 2) + line for line in below]
     return "\n".join(lines)

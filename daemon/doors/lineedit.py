@@ -24,6 +24,8 @@ SIZE = re.compile(rb"(\d{1,4});(\d{1,4})R")
 HISTORY = 200
 BELL = b"\x07"
 CLEAR_TO_END = b"\x1b[K"
+BEFORE, BEHIND = "<", ">"
+"""Where a line is longer than the row that shows it."""
 
 
 class Key(Enum):
@@ -56,6 +58,8 @@ class LineEditor:
         self.remember = True
         self.columns, self.rows = COLUMNS, ROWS
         self._text, self._cursor, self._back = "", 0, 0
+        self._first, self._whole = 0, True
+        """The first character that stands on the row, and whether all behind it does."""
         self._kept = ""
         self._escape = b""
         self._after_cr = False
@@ -77,12 +81,38 @@ class LineEditor:
         return typed
 
     def show_prompt(self) -> bytes:
-        """The prompt and what is typed so far, on a line of its own."""
-        return b"\r" + (self.prompt + self._text).encode() + CLEAR_TO_END + b"\b" * (len(self._text) - self._cursor)
+        """The prompt and what is typed so far, on a row of its own; of a line too long for that, what is around the
+        cursor, with a mark where there is more."""
+        room = self._scrolled()
+        shown = list(self._text[self._first : self._first + room])
+        if self._first:
+            shown[0] = BEFORE
+        if not self._whole:
+            shown[-1] = BEHIND
+        back = b"\b" * (self._first + len(shown) - self._cursor)
+        return b"\r" + (self.prompt + "".join(shown)).encode() + CLEAR_TO_END + back
 
     def notice(self, text: str) -> bytes:
         """Some lines of text above the line being typed, which is drawn again below them."""
         return b"\r" + CLEAR_TO_END + to_terminal(text, self.columns - 1) + self.show_prompt()
+
+    def _scrolled(self) -> int:
+        """Move the part of the line that is shown to where the cursor is; gives how many characters fit."""
+        room = max(4, self.columns - 1 - len(self.prompt))
+        at, length = self._cursor - self._first, len(self._text)
+        seen = (at > 0 or self._first == 0) and (at < room - 1 or (at <= room and self._first + room >= length))
+        if length <= room:
+            self._first = 0
+        elif not seen:
+            self._first = max(0, self._cursor - room // 2)
+        self._whole = length - self._first <= room
+        return room
+
+    def _drawn(self, changed: bytes) -> bytes:
+        """What shows a change: these few bytes, as long as all from the first character on stands on the row."""
+        before = self._first, self._whole
+        self._scrolled()
+        return changed if before == (self._first, True) and self._whole else self.show_prompt()
 
     def _take(self, byte: int, typed: Typed) -> None:
         if self._escape and (byte < 0x20 or (self._escape == b"\x1b" and byte not in b"[O")):
@@ -137,6 +167,7 @@ class LineEditor:
 
     def _start_over(self) -> None:
         self._text, self._cursor, self._back, self._kept = "", 0, 0, ""
+        self._first, self._whole = 0, True
 
     def _insert(self, text: str) -> bytes:
         if len(self._text) + len(text) > LONGEST_LINE:
@@ -144,7 +175,7 @@ class LineEditor:
         tail = self._text[self._cursor :]
         self._text = self._text[: self._cursor] + text + tail
         self._cursor += len(text)
-        return (text + tail).encode() + b"\b" * len(tail)
+        return self._drawn((text + tail).encode() + b"\b" * len(tail))
 
     def _cut(self, start: int, end: int) -> bytes:
         """Take characters out; the cursor ends up at start, having been at start or end."""
@@ -153,7 +184,7 @@ class LineEditor:
         tail = self._text[end:]
         moved = b"\b" * (self._cursor - start)
         self._text, self._cursor = self._text[:start] + tail, start
-        return moved + tail.encode() + CLEAR_TO_END + b"\b" * len(tail)
+        return self._drawn(moved + tail.encode() + CLEAR_TO_END + b"\b" * len(tail))
 
     def _backspace(self) -> bytes:
         return self._cut(max(0, self._cursor - 1), self._cursor)
@@ -170,23 +201,23 @@ class LineEditor:
 
     def _home(self) -> bytes:
         moved, self._cursor = b"\b" * self._cursor, 0
-        return moved
+        return self._drawn(moved)
 
     def _end(self) -> bytes:
         tail, self._cursor = self._text[self._cursor :], len(self._text)
-        return tail.encode()
+        return self._drawn(tail.encode())
 
     def _left(self) -> bytes:
         if self._cursor == 0:
             return BELL
         self._cursor -= 1
-        return b"\b"
+        return self._drawn(b"\b")
 
     def _right(self) -> bytes:
         if self._cursor == len(self._text):
             return BELL
         self._cursor += 1
-        return self._text[self._cursor - 1].encode()
+        return self._drawn(self._text[self._cursor - 1].encode())
 
     def _redraw(self) -> bytes:
         return b"\r\n" + ASK_SIZE + self.show_prompt()

@@ -175,7 +175,8 @@ def _disk(config: Config, _: bool) -> Iterator[Finding]:
         mend = "Free some space; old runs go by themselves (log.quota_mb)"
         yield Finding("bad", "disk", f"{free_mb:.0f} MB free in {folder}", mend)
     else:
-        yield Finding("good", "disk", f"{free_mb:.0f} MB free, {len(runs)} runs kept in {config.runs}")
+        kept = "1 run" if len(runs) == 1 else f"{len(runs)} runs"
+        yield Finding("good", "disk", f"{free_mb:.0f} MB free, {kept} kept in {config.runs}")
 
 
 def _clock(config: Config, _: bool) -> Iterator[Finding]:

@@ -104,8 +104,8 @@ class Watch:
                 return
             if "controller" in context.troubles.standing:
                 await robot.close()
-                await robot.open()
                 context.cycle.supervisor.line_opened_anew()
+                await robot.open()
             if robot.question is not None:
                 context.troubles.tell("controller", f"the controller asks `{robot.question}`: say `robot power-up`")
             else:

@@ -4,13 +4,16 @@ import asyncio
 
 import pytest
 
+from daemon.store.model import load, save
 from tests.worlds import simulated_cell
+from tests.worlds.once import made_once
 
 
 @pytest.fixture(scope="session")
-def model():
+def model(tmp_path_factory):
     async def teach():
         async with simulated_cell.rig(seed=100) as here:
             return await simulated_cell.taught(here)
 
-    return asyncio.run(teach())
+    folder = made_once(tmp_path_factory, "taught", lambda folder: save(asyncio.run(teach()), folder / "model.npz"))
+    return load(folder / "model.npz")

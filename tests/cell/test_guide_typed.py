@@ -3,6 +3,7 @@ by somebody who also does with their hands what the text around it says; every k
 
 from __future__ import annotations
 
+import os
 import re
 import shlex
 import shutil
@@ -23,11 +24,14 @@ from daemon.doors.client import DaemonLink
 from daemon.store import places
 from tests.worlds.drawn import binary_stl, box, prism
 from tests.worlds.first_day import answer_to, lives_through
+from tests.worlds.made_run import quiet
 from tests.worlds.person import Person
 from tests.worlds.running import Running
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(3000)]
 
+SEED = int(os.environ.get("FACETD_SEED", "7"))
+"""What the simulated cell's dice begin with: how parts fall, what the cameras' noise is."""
 PATIENCE_S = 600.0
 """The longest that a line takes, on a slow and busy computer."""
 COMMANDS = {name for command in every_command("simulated") for name in (command.name, *command.aliases)} | {"help"}
@@ -58,8 +62,10 @@ REFUSED = {
     "recognise": "the following arguments are required",
     "teach": "LABEL",
     "go": "PLACE",
+    "look around": "without a name",
+    "replay": " worse; named",
 }
-"""What may be refused, and in which words: a command named without its word; what is past."""
+"""What may be refused, and in which words: a command named without its word; what is past; what is found and told."""
 RUN_ON = {"facetctl live": "http://127.0.0.1", "facetctl tail": "command", "facetctl console": "facetd>"}
 """What does not end by itself, and what it shows first."""
 MOVES = ("pick", "auto on", "auto resume", "auto wait", "go", "jog", "hand", "calibrate", "robot cal", "confirm",
@@ -104,9 +110,6 @@ def stand_in(text: str) -> tuple[str, str] | None:
     return next(((test, why) for begins, test, why in ELSEWHERE if re.match(begins, text)), None)
 
 
-UNTYPED_FROM = "A knock"
-"""This page of the first guide and what follows it are typed by hand so far: its tours ask for every move, which nobody
-answers here."""
 GUIDES = tuple(places.HOUSE / "deploy" / name for name in ("README.md", "RUNS.md"))
 
 
@@ -143,11 +146,11 @@ class Operator:
     def filled_in(self, text: str) -> str:
         """With what a person puts where the guide has capitals."""
         models = sorted((self.daemon.folder / "state" / "models").glob("*.npz"))
-        runs = sorted(self.daemon.runs.iterdir())
+        runs = sorted(run for run in self.daemon.runs.iterdir() if run.is_dir())
         stands_for = {
             "COMMAND": "status", "FILE": "words.txt", "PART": "cube", "RUN": runs[-1].name,
             "NEW.npz": str(models[-1]) if models else "", "~/pairs": "pairs",
-            "/srv/hall": "hall",            "/srv/north/runs": "state/runs",
+            "/srv/hall": "hall", "/srv/north/runs": "state/runs",
         }  # fmt: skip
         for name, value in stands_for.items():
             text = re.sub(rf"(?<![\w/]){re.escape(name)}(?!\w)", value, text)
@@ -176,8 +179,8 @@ class Operator:
         return self.daemon.do("status")["data"]
 
     def says(self, text: str) -> str:
-        """A line that must be done, by somebody whom nobody asks."""
-        done = self.daemon.do(text)
+        """A line that must be done, by somebody who says yes to each move where `step` is on."""
+        done = self.daemon.do(text, "y")
         assert done["status"] == 0, f"{text}: {done['text']}"
         return str(done["text"])
 
@@ -188,7 +191,9 @@ class Operator:
             self.waits_until_idle()
         if text.startswith(MOVES) and words[1:2] not in (["list"], ["use"], ["off"]):
             self.lets_it_move()
-        if words[0] in ("look", "try", "eyes"):
+        if text.startswith("look around"):
+            self.says("scatter cube")
+        elif words[0] in ("look", "try", "eyes"):
             self.says("show cube")
         if words[0] in ("pick", "auto"):
             self.says(f"scatter {words[1] if words[0] == 'pick' and words[1:] else 'cube'}")
@@ -209,6 +214,7 @@ class Operator:
                 self.says("train")
         if text.startswith("calibrate use") and words[2] != "0":
             while len(self.daemon.do("calibrate list")["data"]["numbers"]) < int(words[2]):
+                self.says("go survey")
                 self.says("calibrate hand-eye")
                 self.lets_it_move()
         if words[0] == "forget" and words[2:]:
@@ -225,7 +231,11 @@ class Operator:
 
     def begins_anew(self, section: str) -> None:
         """A page of the guide is begun with moves that neither wait nor are only planned; the first hour, with nothing
-        learnt."""
+        learnt; many cells, with runs that ended long ago."""
+        if section == "Many cells":
+            self.daemon.end()
+            quiet(self.daemon.runs)
+            self.daemon.start()
         if section == "The first hour":
             self.daemon.end()
             shutil.rmtree(self.daemon.folder / "state")
@@ -260,7 +270,7 @@ class Operator:
 @pytest.fixture
 def operator(monkeypatch: pytest.MonkeyPatch) -> Iterator[Operator]:
     folder = Path(tempfile.mkdtemp(prefix="facetd-"))
-    daemon = Running(folder, "", seed=7, time_scale=10.0)
+    daemon = Running(folder, "", seed=SEED, time_scale=10.0)
     truth = yaml.safe_load((folder / "simcell.yaml").read_text())
     truth["arm"] |= {"cold": True, "manners": {"arm_power_after_s": 1.0}}  # somebody presses the button, once asked
     (folder / "simcell.yaml").write_text(yaml.safe_dump(truth, sort_keys=False))
@@ -284,9 +294,6 @@ def test_every_command_of_the_guide_is_done_in_its_order(operator: Operator) -> 
     wrong, before = [], ""
     for guide in GUIDES:
         for section, text in typed_in(guide):
-            if section == UNTYPED_FROM:
-                assert wrong == [], "\n".join(wrong)
-                return
             if stand_in(text) is not None:
                 continue
             if section != before:

@@ -49,16 +49,11 @@ def test_composed_covariance_is_what_sampling_shows() -> None:
     a, b = pose(np.array([0.3, -0.5, 1.0]), np.array([1.0, -2, 0.5])), pose(np.array([-1.0, 0.2, 0.4]), np.ones(3))
     cov_a = np.diag([0.1, 0.2, 0.3, 1e-3, 2e-3, 1e-3]) ** 2
     cov_b = np.diag([0.3, 0.1, 0.2, 2e-3, 1e-3, 3e-3]) ** 2
-    draws = np.array(
-        [
-            frames.difference(
-                frames.perturb(a, rng.multivariate_normal(np.zeros(6), cov_a))
-                @ frames.perturb(b, rng.multivariate_normal(np.zeros(6), cov_b)),
-                a @ b,
-            )
-            for _ in range(20000)
-        ]
-    )
+    of_a, of_b = (rng.multivariate_normal(np.zeros(6), cov, 8000) for cov in (cov_a, cov_b))
+    draws = np.array([
+        frames.difference(frames.perturb(a, da) @ frames.perturb(b, db), a @ b)
+        for da, db in zip(of_a, of_b, strict=True)
+    ])  # fmt: skip
     predicted = frames.transport_covariance(a, cov_b) + frames.lever_covariance(b, cov_a, a)
     scale = np.sqrt(np.outer(np.diag(predicted), np.diag(predicted)))
     np.testing.assert_allclose(np.cov(draws.T) / scale, predicted / scale, atol=0.04)

@@ -6,6 +6,7 @@ import os
 import pty
 import re
 import select
+import signal
 import sys
 import time
 from pathlib import Path
@@ -25,6 +26,7 @@ class Person:
         """Whether facetctl was seen to have ended."""
         self._pid, self._handle = pty.fork()
         if self._pid == 0:
+            signal.signal(signal.SIGINT, signal.SIG_DFL)  # whoever began the tests in the background ignores it
             os.environ.update(FACETD_SOCKET=str(folder / "facetd.sock"), HOME=str(folder), TERM="xterm")
             os.environ.pop("XDG_STATE_HOME", None)
             os.environ["PROMPT_TOOLKIT_NO_CPR"] = "1"  # nobody answers where the cursor is
@@ -53,7 +55,7 @@ class Person:
 
     def leaves(self) -> int:
         """Wait for the end of facetctl; its status."""
-        deadline = time.monotonic() + 10.0
+        deadline = time.monotonic() + 30.0
         while self._read(0.1):
             assert time.monotonic() < deadline, f"still there; what came: {self.seen!r}"
         _, status = os.waitpid(self._pid, 0)

@@ -160,6 +160,11 @@ def test_help_all_is_shown_page_by_page_and_no_page_is_higher_than_the_terminal(
     assert all(len(page.splitlines()) <= rows - 1 for page in pages)
     assert max(len(line) for page in pages for line in page.splitlines()) <= columns
     assert set(door.asked) == {"-- more (Enter, q) --"}
+    if columns >= 60:
+        (beside,) = {
+            len(line) - len(line.lstrip()) for page in pages for line in page.splitlines() if line[:12] == " " * 12
+        }
+        assert beside > 12, "what is said of a word stays in its column where it is folded"
     told = " ".join(" ".join(pages).split())
     assert all(" ".join(c.summary.split()) in told for c in every_command("simulated"))
     left = FakeDoor(answers=["q"], columns=columns, rows=rows)

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
 
-from daemon.commands.moving import tell_end, with_questions
+import pytest
+
+from daemon.commands import moving
+from daemon.commands.moving import tell_end, tell_what_waits, with_questions
 from daemon.console.context import CommandContext
 from daemon.console.notices import Level, Notices
 
@@ -19,10 +23,14 @@ class Door:
     def __init__(self) -> None:
         self.heard: list[str] = []
         self.asked: list[str] = []
+        self.said: list[str] = []
         self.withdrawn = 0
 
     def notice(self, text: str) -> None:
         self.heard.append(text)
+
+    async def say(self, text: str) -> None:
+        self.said.append(text)
 
     async def ask(self, question: str) -> str:
         self.asked.append(question)
@@ -149,3 +157,38 @@ def test_a_door_that_fails_keeps_no_other_from_hearing() -> None:
     notices.listen(door)
     notices.tell("FAULT")
     assert door.heard == ["FAULT"]
+
+
+def test_a_move_that_waits_where_nobody_is_asked_is_told_there_and_at_every_door_and_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A script, or an auto, in step mode would hang without a word of what is waited for."""
+    monkeypatch.setattr(moving, "UNASKED_S", 0.0)
+    monkeypatch.setattr(moving, "REMIND_S", 0.1)
+    state: dict[str, Any] = {"pending": "home: joints", "predicted_mm": None}
+    context: Any = SimpleNamespace(cycle=SimpleNamespace(status=lambda: dict(state)), notices=Notices())
+    script, console = Door(), Door()
+    script.asks = False
+    context.notices.listen(console)
+    line = "Waits for a yes: home: joints; `confirm` sends it, `refuse` gives it up."
+
+    async def until(so: Callable[[], bool]) -> None:
+        while not so():
+            await asyncio.sleep(0.001)
+
+    async def run() -> None:
+        confirmed = asyncio.Event()
+        watching = asyncio.create_task(tell_what_waits(context))
+        moving_on = asyncio.create_task(with_questions(context, confirmed.wait(), script))  # type: ignore[arg-type]
+        await until(lambda: script.said[:2] == console.heard[:2] == [line, line])
+        asked = asyncio.create_task(with_questions(context, confirmed.wait(), console))  # type: ignore[arg-type]
+        await until(lambda: bool(console.asked))
+        heard, said = len(console.heard), len(script.said)
+        await until(lambda: len(script.said) > said + 2)
+        assert len(console.heard) == heard, "who is asked is not told as well"
+        state["pending"] = None
+        confirmed.set()
+        await asyncio.gather(moving_on, asked)
+        watching.cancel()
+
+    asyncio.run(asyncio.wait_for(run(), 20))

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from daemon.console.pages import fold
-from daemon.doors.lineedit import BELL, COLUMNS, Key, LineEditor, to_terminal
+from daemon.doors.lineedit import ASK_SIZE, BELL, COLUMNS, Key, LineEditor, to_terminal
 
 WORDS = ["status", "stop", "step", "teach cube", "teach pyramid"]
 UP, DOWN, LEFT, RIGHT, HOME, DELETE = b"\x1b[A", b"\x1b[B", b"\x1b[D", b"\x1b[C", b"\x1b[H", b"\x1b[3~"
@@ -17,11 +17,12 @@ def editor() -> LineEditor:
     return LineEditor("> ", lambda typed: [word for word in WORDS if word.startswith(typed)])
 
 
-def screen(received: bytes) -> str:
-    """The last line of a terminal that was sent these bytes: enough of a VT100 for the editor's own repertoire."""
+def screen(received: bytes, columns: int = COLUMNS) -> tuple[str, int]:
+    """The last row of a terminal that was sent these bytes, and the cursor's column: enough of a VT100 for the editor's
+    own repertoire."""
     line: list[str] = []
     column = 0
-    text = received.decode()
+    text = received.replace(ASK_SIZE, b"").decode()
     while text:
         if text.startswith("\x1b[K"):
             line, text = line[:column], text[3:]
@@ -37,7 +38,8 @@ def screen(received: bytes) -> str:
             line[column : column + 1] = [character]
             column += 1
         assert column >= 0, "the cursor ran off the left edge"
-    return "".join(line)
+        assert column < columns, "it ran on into the next row, from where no key comes back"
+    return "".join(line), column
 
 
 @pytest.mark.parametrize(
@@ -102,14 +104,14 @@ def test_control_d_ends_only_on_an_empty_line() -> None:
 def test_several_completions_are_listed_and_the_line_drawn_again() -> None:
     typed = editor().feed(b"teach \t")
     assert b"cube  pyramid" in typed.echo
-    assert screen(typed.echo) == "> teach "
+    assert screen(typed.echo)[0] == "> teach "
 
 
 def test_a_notice_stands_above_the_line_being_typed() -> None:
     edit = editor()
     shown = edit.show_prompt() + edit.feed(b"pick").echo + edit.notice("FAULT arm power off")
     assert b"FAULT arm power off\r\n" in shown
-    assert screen(shown) == "> pick"
+    assert screen(shown)[0] == "> pick"
 
 
 def test_an_answer_to_a_question_is_not_remembered() -> None:
@@ -153,9 +155,35 @@ def test_whatever_is_pressed_the_screen_shows_what_return_will_send(keys: list[b
         shown += typed.echo
         if typed.events:
             shown += edit.show_prompt()
-    before_return = screen(shown)
+    before_return, _ = screen(shown)
     (line,) = edit.feed(b"\r").events
     assert before_return == f"> {line}"
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.integers(20, 30), st.lists(st.sampled_from([*KEYS, b"pick the cube "]), min_size=6, max_size=40))
+def test_of_a_line_longer_than_the_terminal_is_wide_the_row_shows_what_is_around_the_cursor(
+    columns: int, keys: list[bytes]
+) -> None:
+    edit = editor()
+    edit.feed(b"\x1b[24;%dR" % columns)
+    shown = edit.show_prompt()
+    for key in keys:
+        typed = edit.feed(key)
+        shown += typed.echo
+        if typed.events:
+            shown += edit.show_prompt()
+    row, column = screen(shown, columns)
+    edit.feed(b"@")  # where the cursor stood
+    (line,) = edit.feed(b"\r").events
+    before, _, behind = str(line).partition("@")
+    left, right = row[2:column], row[column:]
+    assert row.startswith("> ")
+    assert before.endswith(left.removeprefix("<"))
+    assert behind.startswith(right.removesuffix(">"))
+    assert left.startswith("<") or left == before
+    assert right.endswith(">") or right == behind
+    assert left or not before
 
 
 @given(st.binary(max_size=80))
@@ -172,6 +200,8 @@ def test_long_lines_are_folded_between_words_and_nothing_is_lost() -> None:
     assert max(map(len, lines)) <= COLUMNS
     assert " ".join(text.split()) == " ".join(" ".join(lines).split())
     assert to_terminal("grün\n").endswith(b"gr?n\r\n")
+    path = "/var/lib/facetd/runs/a-b-c"
+    assert fold(f"kept in the folder {path}", 30)[1].strip() == path, "as it can be copied"
 
 
 @pytest.mark.parametrize("stray", [b"\x1b", b"\x1b\x1b", b"\x00", b"\xfc", b"\xff", b"\x80\x1b"])

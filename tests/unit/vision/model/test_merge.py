@@ -48,7 +48,7 @@ def whole(merged: MetricModel, body: Body) -> bool:
     return (len(solid.facets), len(solid.corners_mm)) == (len(body.facets), len(body.corners_mm))
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(st.permutations(range(len(ROUND))), st.integers(0, 2**31))
 def test_views_from_all_round_make_the_whole_part_in_any_order(order: list[int], seed: int) -> None:
     shown = views(WEDGE, ROUND, seed)
@@ -58,7 +58,7 @@ def test_views_from_all_round_make_the_whole_part_in_any_order(order: list[int],
     np.testing.assert_allclose(edge_lengths(merged.solid), true_lengths(WEDGE), atol=1.2)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=10, deadline=None)
 @given(st.permutations(range(len(ROUND))), st.integers(0, 2**31))
 def test_the_order_changes_the_shape_by_less_than_the_noise(order: list[int], seed: int) -> None:
     shown = views(WEDGE, ROUND, seed)
