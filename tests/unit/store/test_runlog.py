@@ -341,3 +341,11 @@ def test_a_job_that_fails_ends_no_thread_and_is_told(log: RunLog, caplog: pytest
     assert log.settle()
     assert (log.folder / "images" / "000001-left.png").exists()
     assert caplog.text.count("KeyError: 'nothing'") == 2
+
+
+@pytest.mark.parametrize(("kind", "at_once"), [("fault", True), ("hand", True), ("decision", False), ("look", False)])
+def test_what_a_restart_must_know_is_brought_to_the_disk_at_once(log: RunLog, kind: str, at_once: bool) -> None:
+    hurried: list[str] = []
+    log._syncer.hurry = lambda: hurried.append(kind)  # type: ignore[method-assign]
+    log.record(kind)
+    assert hurried == ([kind] if at_once else [])
