@@ -16,5 +16,10 @@ def visible(text: str) -> str:
     return "".join(c if c.isprintable() or c in "\n\t" else f"^{chr(ord(c) ^ 64)}" if c < "\x80" else "?" for c in text)
 
 
+def spelt(text: str) -> str:
+    """A text that may hold a file's name, which need not be UTF-8, as it can be written to a file."""
+    return text.encode(errors="replace").decode()
+
+
 class FacetdError(Exception):
     """What happened, where, and what to do: one line. Drivers have roots of their own (they know no daemon)."""

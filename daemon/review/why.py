@@ -80,7 +80,7 @@ class Cause:
     name: str
     weight: float
     evidence: str
-    at: int = 0
+    at: int
 
     @property
     def stage(self) -> str:
@@ -106,7 +106,7 @@ def causes(cycle: Cycle, others: Sequence[Cycle] = (), going: bool = False) -> l
         key=lambda c: (-c.weight, c.at),
     )
     if not found:
-        found = [Cause("cause not known", 0.1, str(cycle.why or cycle.outcome))]
+        found = [Cause("cause not known", 0.1, str(cycle.why or cycle.outcome), _last(cycle))]
     first: dict[str, Cause] = {}
     for cause in found:
         first.setdefault(cause.name, cause)

@@ -11,6 +11,7 @@ the table KINDS. wire.jsonl beside it holds the serial line's ledger: there each
 from __future__ import annotations
 
 import hashlib
+import logging
 import queue
 import threading
 import time
@@ -25,6 +26,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from daemon.errors import spelt
 from daemon.store.files import LineFile, Syncer, write_atomically
 from daemon.store.outside import read_file
 from daemon.store.standing import Standing, StandingFile, after
@@ -264,7 +266,10 @@ class _Worker:
 
     def _run(self) -> None:
         while (job := self._jobs.get()) is not None:
-            job()
+            try:
+                job()
+            except Exception:  # whatever one cannot be written for, the next one is
+                logging.getLogger(__name__).exception("the run log")
 
 
 class _Run:
@@ -290,7 +295,18 @@ class _Run:
 
 def encode(content: Mapping[str, Any]) -> bytes:
     """One JSON object without newlines."""
-    return msgspec.json.encode(content, enc_hook=_plain)
+    try:
+        return msgspec.json.encode(content, enc_hook=_plain)
+    except UnicodeEncodeError:  # a file's name that is no UTF-8 is in it
+        return msgspec.json.encode(_spelt(content), enc_hook=lambda value: _spelt(_plain(value)))
+
+
+def _spelt(value: Any) -> Any:
+    if isinstance(value, str):
+        return spelt(value)
+    if isinstance(value, Mapping):
+        return {key: _spelt(one) for key, one in value.items()}
+    return [_spelt(one) for one in value] if isinstance(value, list | tuple) else value
 
 
 def _plain(value: Any) -> Any:

@@ -15,6 +15,7 @@ from typing import Any
 
 import msgspec
 
+from daemon.errors import spelt
 from daemon.store.files import OpenFile, naming
 from daemon.store.outside import FileError, read_file
 
@@ -100,7 +101,7 @@ def after(standing: Standing, kind: str, fields: Mapping[str, Any]) -> Standing:
         case "run_end" if "holding" in fields:
             holding = fields["holding"] is not False
             change = {"ended": True, "in_doubt": standing.in_doubt or holding, "hand_closed": holding}
-    cut = {name: value[:LONGEST_TEXT] if isinstance(value, str) else value for name, value in change.items()}
+    cut = {name: spelt(value[:LONGEST_TEXT]) if isinstance(value, str) else value for name, value in change.items()}
     return msgspec.structs.replace(standing, **cut)
 
 

@@ -422,3 +422,12 @@ def test_the_hand_eye_is_blamed_where_parts_lie_otherwise_from_everywhere(
     blamed = [(cause.name, cause.evidence.split(" lay")[0], cause.at) for cause in _all_moves(cycle, ())]
     last = max((k for k, (_, why) in enumerate(decisions) if why == ELSEWHERE), default=0)
     assert blamed == ([] if named is None else [("hand-eye", named, 10 + last)])
+
+
+def test_where_no_cause_is_known_the_end_of_the_pick_is_shown(made: MadeRun) -> None:
+    made.pick("as nobody knows", why="")
+    made.close()
+    run = read_digest(made.folder)
+    (cycle,) = run.cycles
+    unknown = [cause for cause in causes(cycle, ()) if cause.name == "cause not known"]
+    assert [cause.at for cause in unknown] == [cycle.end["seq"]]  # type: ignore[index]

@@ -20,6 +20,7 @@ import pytest
 
 from daemon.store.runlog import RunLog
 from daemon.store.runs import check_wire, read_run
+from daemon.store.standing import StandingFile, left_behind
 
 NOW = datetime(2026, 11, 21, 10, tzinfo=UTC)
 
@@ -313,3 +314,38 @@ def test_a_picture_that_the_disk_does_not_take_is_told_with_its_file(
     assert f"{tmp_path}/run/images/000000-left.png: No space left on device" in told
     (gap,) = [record for record in read_run(log.folder).records if record["kind"] == "gap"]
     assert gap["lost"] == 1
+
+
+def test_a_file_s_name_that_is_no_utf_8_does_not_keep_a_fault_out_of_the_log(tmp_path: Path) -> None:
+    """Nor does it end the thread that writes, and with it every record after."""
+    odd = os.fsdecode(b"/media/caf\xe9.yaml")
+    log = RunLog(tmp_path / "run", standing=StandingFile(tmp_path / "standing"))
+    log.record("fault", code="files", text=f"{odd}: cannot be read", more={"files": [Path(odd), odd]})
+    log.record("decision", text="goes on")
+    assert log.settle()
+    log.close()
+    fault, after, end = read_run(log.folder).records
+    assert fault["text"] == "/media/caf?.yaml: cannot be read"
+    assert fault["more"] == {"files": ["/media/caf?.yaml"] * 2}
+    assert (after["text"], end["kind"]) == ("goes on", "run_end")
+    left = left_behind(tmp_path / "standing", True)
+    assert left is not None
+    assert left.fault == "/media/caf?.yaml: cannot be read"
+
+
+def test_a_job_that_fails_ends_no_thread_and_is_told(log: RunLog, caplog: pytest.LogCaptureFixture) -> None:
+    log.record("look", images={"left": np.zeros((0, 0), np.uint8)})
+    for worker in (log._lines, log._pictures):
+        worker.do(lambda: {}["nothing"])
+    log.record("look", images={"left": image()})
+    assert log.settle()
+    assert (log.folder / "images" / "000001-left.png").exists()
+    assert caplog.text.count("KeyError: 'nothing'") == 2
+
+
+@pytest.mark.parametrize(("kind", "at_once"), [("fault", True), ("hand", True), ("decision", False), ("look", False)])
+def test_what_a_restart_must_know_is_brought_to_the_disk_at_once(log: RunLog, kind: str, at_once: bool) -> None:
+    hurried: list[str] = []
+    log._syncer.hurry = lambda: hurried.append(kind)  # type: ignore[method-assign]
+    log.record(kind)
+    assert hurried == ([kind] if at_once else [])
