@@ -94,7 +94,7 @@ class Files:
 
 @dataclass(frozen=True, kw_only=True)
 class Folders:
-    """state: runs, models, taught views; runtime: the socket. None: where systemd says, else var/ of the checkout.
+    """state: runs, models, taught views; runtime: the socket. None: as daemon/store/places.py says.
 
     runs: the run folders, where they are to lie elsewhere than in runs/ of the state.
     """

@@ -137,25 +137,23 @@ class Service:
             moved = _moved((old, context.calibration), (config, calibration))
             if not context.cycle.status()["enabled"]:
                 moved = []
+            disabled = f"The arm is no longer enabled: {', '.join(moved)} changed." if moved else ""
             if moved:
                 await context.cycle.supervisor.disable()
+                self._notice(disabled)
+            context.cycle.refit(*pick_cell(config, calibration, context.hardware, context.log))
             context.config, context.calibration = config, calibration
             context.trainer.rig, context.trainer.settings = calibration.rig, config.values.vision
-            context.cycle.refit(*pick_cell(config, calibration, context.hardware, context.log))
             context.cycle.use(context.trainer.in_use)
             self._drift = DriftWatch()
             context.troubles.tell("calibration", None)
-        except FileError as error:
+        except FacetdError as error:
             journal.tell("reload", f"refused, the old configuration stays: {error}", journal.ERROR)
             raise
         finally:
             journal.notify("READY=1")
         late = [name for name in AT_START if getattr(config.values, name) != getattr(old.values, name)]
-        text = "The configuration is taken over."
-        if moved:
-            disabled = f"The arm is no longer enabled: {', '.join(moved)} changed."
-            text += f" {disabled}"
-            self._notice(disabled)
+        text = f"The configuration is taken over. {disabled}".rstrip()
         if late:
             text += f" Only after a restart: {', '.join(late)}."
         context.record_start(reloaded=True)
@@ -253,7 +251,7 @@ class Service:
             heard = 0
             while heard < self._hung_up:
                 heard = self._hung_up
-                with contextlib.suppress(FileError):
+                with contextlib.suppress(FacetdError):
                     await self.reload()
                 await asyncio.sleep(RELOAD_S)
         finally:
@@ -307,15 +305,18 @@ class Service:
 
     async def _go_on_with_one_eye(self, context: CommandContext) -> None:
         """After a camera's fault in an auto, which an operator allowed beforehand: what `resume` would ask."""
-        supervisor, pick_order = context.cycle.supervisor, context.cycle.pick_order
+        supervisor = context.cycle.supervisor
         stops, fault = supervisor.stops, supervisor.fault
         while supervisor.busy:
             await asyncio.sleep(0.05)
         with contextlib.suppress(FacetdError):  # stopped meanwhile, or refused: it is left to the operator
             left = None if fault is None else await eyes.remaining(context, fault)
-            if left is None or pick_order is None or context.cycle.hand_full is None or not supervisor.enabled:
+            if left is None or context.cycle.hand_full is None or not supervisor.enabled:
                 return
             await context.look_with(*left)
+            pick_order = context.cycle.pick_order
+            if pick_order is None or supervisor.paused:
+                return
             supervisor.resume(stops)
             await context.begin_auto(pick_order.count, pick_order.every_s)
             self._notice(f"Going on with the {left[0]} eye alone, as allowed (pick.auto_degrade): {left[1]}")

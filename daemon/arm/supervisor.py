@@ -449,21 +449,28 @@ class Supervisor:
         return await self._hold(f"{command.purpose}: {how} to x {x:g} y {y:g} z {z:g} mm at {command.speed_pct:g} %")
 
     async def _hold(self, text: str, ask: bool = False) -> bool:
-        """Wait out a pause, ask in step mode (or where told to); whether there was any waiting. text: what is to be
-        done."""
-        held = self._step or ask or not self._going.is_set()
-        if not self._going.is_set():
-            self._interrupted(Interruption.PAUSE)
-            await self._going.wait()
-            self._interrupted(Interruption.RESUME)
-        if self._step or ask:
-            self._pending = _Pending(text, asyncio.get_running_loop().create_future(), ask)
-            try:
-                if not await self._pending.answer:
-                    raise OperatorRefusedError(f"the operator refused: {text}")
-            finally:
-                self._pending = None
+        """Wait out a pause, also one that began while it was asked; ask in step mode (or where told to). Whether there
+        was any waiting. text: what is to be done."""
+        held = agreed = False
+        while self.paused or ((self._step or ask) and not agreed):
+            held = True
+            if self.paused:
+                self._interrupted(Interruption.PAUSE)
+                await self._going.wait()
+                self._interrupted(Interruption.RESUME)
+            else:
+                await self._agreed(text, ask)
+                agreed = True
         return held
+
+    async def _agreed(self, text: str, by_hand: bool) -> None:
+        """Wait for a yes. Raises OperatorRefusedError on a no."""
+        self._pending = _Pending(text, asyncio.get_running_loop().create_future(), by_hand)
+        try:
+            if not await self._pending.answer:
+                raise OperatorRefusedError(f"the operator refused: {text}")
+        finally:
+            self._pending = None
 
     def _answer(self, yes: bool) -> None:
         if self._pending is None or self._pending.answer.done():

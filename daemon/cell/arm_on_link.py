@@ -80,6 +80,8 @@ class ArmOnLink:
     async def move(self, world_from_tool: Array, *, straight: bool, speed_pct: float, timeout_s: float) -> Reading:
         """One move; returns when the arm is at rest, there or elsewhere. Raises LinkError."""
         location = location_from_matrix(world_from_tool, self._o_deg)
+        if self._speed_pct is None:
+            await self.link.own_speed_only()
         if speed_pct != self._speed_pct:
             self._speed_pct = None
             await self.link.speed(speed_pct)
@@ -183,7 +185,7 @@ class ArmOnLink:
     def check_typable(self, text: str) -> None:
         """Raise CellError where a line cannot be typed to this controller."""
         most = self.link.dialect.line_limit
-        if len(text) > most or not text.isascii() or not (text.isprintable() or not text):
+        if len(text) > most or not (text.isascii() and text.isprintable()):
             raise CellError(f"the controller takes lines of up to {most} plain characters (ASCII), not {text[:40]!r}")
 
     async def monitor(self, text: str) -> list[str]:

@@ -15,8 +15,8 @@ from daemon.calibration.tour import DISTANCES_MM
 from daemon.cell.build import Hardware
 from daemon.cell.sections import arm_geometry
 from daemon.config import Config
-from daemon.pick.fusion import Doubt
 from daemon.pick.moved_pair import seen_by_one
+from daemon.pick.pose_fusion import Doubt
 from daemon.pick.settings import Settings
 
 WORST_MM = SPREAD_LIMIT_MM / sqrt(3)

@@ -50,7 +50,7 @@ async def enable(context: CommandContext, words: list[str], door: Door) -> Answe
         raise CommandError("this cell is recorded: there is no arm to move")
     supervisor = context.cycle.supervisor
     asked = supervisor.stops
-    let = Let.ALL if context.calibration.tool_from_cyclopean is not None else await _by_hand_only(context, door)
+    let = Let.ALL if _eyes_on_hand(context) else await _by_hand_only(context, door)
     try:
         await supervisor.prove_stop()
     except StopRefusedError as refused:
@@ -59,6 +59,11 @@ async def enable(context: CommandContext, words: list[str], door: Door) -> Answe
     fault = context.cycle.status()["fault"]
     may = "The arm may move." if let is Let.ALL else "`robot` may move the arm; nothing else may."
     return Answer(may + (f" First the fault must go: {fault}; say `resume`." if fault else ""))
+
+
+def _eyes_on_hand(context: CommandContext) -> bool:
+    """Whether it is known how the cameras sit on the hand: without that no move may be let."""
+    return context.calibration.tool_from_cyclopean is not None
 
 
 async def _by_hand_only(context: CommandContext, door: Door) -> Let:
@@ -116,13 +121,15 @@ async def resume(context: CommandContext, words: list[str], door: Door) -> Answe
         if held is not None:
             lines.append(_take_word(context, held))
     known, pick_order = context.cycle.status()["holding"] is not None, context.cycle.pick_order
-    if known and pick_order is not None and door.asks:
+    if known and pick_order is not None and door.asks and _eyes_on_hand(context):
         left = cut_off(pick_order.count)
         if not await yes_or_no(door, f"{left}. Let the arm move and go on? [y/n]"):
             lines[0] = f"The fault stands: {before['fault']}. `resume` asks again."
             lines.append(f"{left}: `auto resume` takes it up after that, `auto off` gives it up.")
             return Answer("\n".join(lines), status=NOT_DONE)
         await supervisor.prove_stop()
+        if not _eyes_on_hand(context):
+            raise CommandError("the fault stands: meanwhile a calibration without hand_eye was taken over")
         supervisor.resume(stops)
         supervisor.enable(stops)
         try:

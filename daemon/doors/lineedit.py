@@ -120,8 +120,7 @@ class LineEditor:
         if self._escape:
             typed.echo += self._continue_escape(byte)
         elif byte == 0x0A and self._after_cr:
-            self._after_cr = False
-            return
+            pass  # the other half of a line's end
         elif byte in (0x0D, 0x0A):
             typed.echo += b"\r\n"
             typed.events.append(self._finish())

@@ -52,7 +52,7 @@ WAITING = 16
 """Connections taken in one turn of the loop: fewer than would push out one for a stop before it is read."""
 FIRST_WORD_S, IDLE_S, STOP_S = 30.0, 600.0, 5.0
 """After how long of silence somebody is hung up: who never said anything; who has nothing to wait for, neither an
-answer nor notices; who came only to stop."""
+answer nor notices, or does not read what they wait for; who came only to stop, or has said good-bye."""
 SHOWN = ("say", "ask", "notice", "stopped")
 
 
@@ -101,8 +101,12 @@ class SocketServer:
                 )
             finally:
                 os.umask(before)
-            self._give_to(self._rights.group)
-            os.chmod(self.path, self._rights.mode)
+            try:
+                self._give_to(self._rights.group)
+                os.chmod(self.path, self._rights.mode)
+            except (DoorError, OSError):
+                await self.close()
+                raise
         except OSError as error:
             raise DoorError(f"{self.path}: cannot listen here: {error.strerror or error}") from None
 
@@ -129,13 +133,20 @@ class SocketServer:
         await asyncio.gather(*tasks, return_exceptions=True)
 
     def _take_over(self) -> None:
-        """Remove the socket of a daemon that died. Raises DoorError where one is alive."""
+        """Remove the socket of a daemon that died. Raises DoorError where one is alive, or it is no socket."""
         with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
+            probe.setblocking(False)  # one that hangs takes nobody in, and is there all the same
             try:
                 probe.connect(str(self.path))
             except FileNotFoundError:
                 return
+            except BlockingIOError:
+                pass
             except ConnectionRefusedError:
+                if not self.path.is_socket():
+                    raise DoorError(
+                        f"{self.path}: lies where the socket goes, and is no socket; move it away"
+                    ) from None
                 self.path.unlink()
                 return
         raise DoorError(f"{self.path}: another facetd answers there; stop it first")
@@ -158,12 +169,10 @@ class SocketServer:
         except (ConnectionError, TimeoutError, asyncio.CancelledError):
             pass
         finally:
+            operator.leave()
+            await _hang_up(writer)
             self._operators.pop(task, None)
             self._to_stop.pop(task, None)
-            operator.leave()
-            writer.close()
-            with contextlib.suppress(ConnectionError, asyncio.CancelledError):
-                await writer.wait_closed()
 
     def _crowded(self, peer: Peer) -> bool:
         return len(self._operators) >= MOST_TOGETHER or Counter(self._operators.values())[peer.user] >= MOST_EACH
@@ -195,7 +204,7 @@ class _Operator:
         self._spoke = self._listens = False
         self._turns = Turns(console, self, interrupt, self._show_question)
         self._file: asyncio.Future[bytes] | None = None
-        self._pieces: list[bytes] = []
+        self._content = bytearray()
         self._typed: Callable[[bytes], None] | None = None
         self._left = asyncio.Event()
 
@@ -251,7 +260,7 @@ class _Operator:
         """A file at the operator's end. Raises CommandError."""
         if self._turns.gone:
             raise CommandError("the operator went away")
-        self._file, self._pieces = asyncio.get_running_loop().create_future(), []
+        self._file, self._content = asyncio.get_running_loop().create_future(), bytearray()
         await self._send({"fetch": path})
         return await self._file
 
@@ -335,11 +344,11 @@ class _Operator:
         if piece is UNSET:
             self._file.set_exception(CommandError(printable(str(no_file)), NOT_UNDERSTOOD))
             return
-        self._pieces.append(base64.b64decode(piece, validate=True))
-        if sum(map(len, self._pieces)) > LONGEST_FILE:
+        self._content += base64.b64decode(piece, validate=True)
+        if len(self._content) > LONGEST_FILE:
             self._file.set_exception(CommandError(f"a file may have {LONGEST_FILE // 1_000_000} MB at most"))
         elif not more:
-            self._file.set_result(b"".join(self._pieces))
+            self._file.set_result(bytes(self._content))
 
     async def _stop(self) -> None:
         await self._send({"stopped": await self._turns.stop(f"{self.who}, {self.name}")})
@@ -359,9 +368,23 @@ class _Operator:
             self._writer.write(json.dumps(seen, default=str).encode() + b"\n")
 
     async def _send(self, message: dict[str, Any]) -> None:
-        with contextlib.suppress(ConnectionError):
-            self._write(message)
-            await self._writer.drain()
+        self._write(message)
+        try:
+            async with asyncio.timeout(IDLE_S):
+                await self._writer.drain()
+        except TimeoutError:
+            self._writer.transport.abort()
+        except ConnectionError:
+            pass
+
+
+async def _hang_up(writer: asyncio.StreamWriter) -> None:
+    """What is on its way is read soon, or by nobody."""
+    writer.close()
+    with contextlib.suppress(ConnectionError, TimeoutError, asyncio.CancelledError):
+        async with asyncio.timeout(STOP_S):
+            await writer.wait_closed()
+    writer.transport.abort()
 
 
 def _message(line: bytes) -> _Message:

@@ -106,14 +106,13 @@ def _variety(args: argparse.Namespace) -> dict[str, str]:
 
 
 def _configuration(args: argparse.Namespace, seed: int, runs: Path, folder: str) -> dict[str, Any]:
-    """facetd.yaml of the demo's daemon: the files of the one that is here, all else as shipped. Raises ConfigError.
+    """facetd.yaml of the demo's daemon: the program's own files, all else as shipped. Raises ConfigError.
 
     Idle cameras are not asked for signs of life: each frame draws noise, and a seed would not give the same run again.
     """
     from daemon.config import load_config
 
-    own = places.HOUSE / "etc" / "facetd.yaml"
-    config = load_config(own if own.exists() else places.config_file(), simulated=True)
+    config = load_config(places.ETC / "facetd.yaml", simulated=True)
     files = {name: str(config.file(getattr(config.values.files, name))) for name in ("calibration", "facets", "parts")}
     truth = str(config.file(config.values.simulated.truth))
     return {

@@ -5,12 +5,12 @@ from __future__ import annotations
 
 from typing import Literal
 
-from daemon.pick import fusion, viewpoints
+from daemon.pick import pose_fusion, viewpoints
 from daemon.pick.following import NEAR_MM, Target, beside, expecting, follow, others
-from daemon.pick.fusion import CHI_SQUARE_6
 from daemon.pick.looking import whole_look
 from daemon.pick.outcome import Outcome
 from daemon.pick.plan import regrasp
+from daemon.pick.pose_fusion import CHI_SQUARE_6
 from daemon.pick.seen import SAME_PLACE_MM, same_place, seen_parts
 from daemon.pick.transitions import Event
 from daemon.pick.world import (
@@ -29,7 +29,7 @@ from daemon.pick.world import (
 async def stop_n(context: PickContext, world: WorldModel) -> Literal[Event.THERE, Event.UNREACHABLE]:
     """Go to the next stand-off."""
     target, settings = world.the_target(), context.settings
-    distance = fusion.next_stand_off(target.sightings, settings.doubt, settings.stops)
+    distance = pose_fusion.next_stand_off(target.sightings, settings.doubt, settings.stops)
     pose = viewpoints.look_pose(target.look_rotation, target.centre, distance, context.cell.tool_from_cyclopean)
     try:
         if context.mover.closed is not False:
@@ -73,10 +73,10 @@ async def estimating(
     target, settings = world.the_target(), context.settings
     chi = 0.0
     if len(target.sightings) > 1:
-        chi = fusion.disagreement(target.sightings[-2], target.sightings[-1], settings.doubt)
+        chi = pose_fusion.disagreement(target.sightings[-2], target.sightings[-1], settings.doubt)
     if chi > CHI_SQUARE_6 and await _blame(context, world, target, chi) == "unclear":
         return Event.DOUBT
-    estimate = fusion.fuse(target.sightings, settings.doubt)
+    estimate = pose_fusion.fuse(target.sightings, settings.doubt)
     target.estimate, target.world_from_part = estimate, estimate.world_from_part
     plan = regrasp(target.shape, target.world_from_part, target.plan, settings)
     if plan is None:
@@ -94,7 +94,7 @@ async def estimating(
         predicted_deg=estimate.predicted_deg,
         chi2=chi,
     )
-    if context.mover.dry or fusion.enough(estimate, len(target.sightings), settings.stops):
+    if context.mover.dry or pose_fusion.enough(estimate, len(target.sightings), settings.stops):
         return Event.SURE
     if target.looks < settings.stops.most_looks:
         return Event.UNSURE
@@ -110,7 +110,7 @@ async def _blame(context: PickContext, world: WorldModel, target: Target, chi: f
     settings, recogniser = context.settings, context.recogniser
     before, now = [await whole_look(recogniser, seen) for seen in (target.looked_before, target.look)]
     moved = beside(others(target, before), others(target, now), recogniser.shape, context.cell, settings.doubt)
-    who = fusion.suspect(moved, now.epipolar_px, settings.epipolar_limit_px)
+    who = pose_fusion.suspect(moved, now.epipolar_px, settings.epipolar_limit_px)
     text = f"looks {target.looks - 1} and {target.looks} disagree (chi-square {chi:.0f}, {CHI_SQUARE_6:g} is the most)"
     context.decide(f"suspect: {who}", text)
     if who in ("camera", "hand-eye") or target.restarts:

@@ -13,7 +13,16 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from daemon import frames
-from daemon.arm import Interruption, OperatorRefusedError, Reading, RefusedError, Supervisor, Workcell, ball_of
+from daemon.arm import (
+    Interruption,
+    MoveRefusedError,
+    OperatorRefusedError,
+    Reading,
+    RefusedError,
+    Supervisor,
+    Workcell,
+    ball_of,
+)
 from daemon.arrays import Array
 from daemon.pick import approach, find, take
 from daemon.pick.around import Thing, Told, walk_round
@@ -120,7 +129,7 @@ class Cycle:
 
     def auto_off(self) -> None:
         """End auto after the part in hand; where it was cut off, give up what is left."""
-        if not self.supervisor.busy:
+        if not self._auto:
             self._order(None)
         self._auto = False
 
@@ -176,9 +185,7 @@ class Cycle:
 
     async def hand(self, closed: bool) -> None:
         """Open or close the gripper."""
-        doing = "close the hand" if closed else "open the hand"
-        await self.supervisor.run(doing, self.supervisor.mover.hand(closed))
-        self.hand_full = None if closed else False
+        await self.supervisor.run("close the hand" if closed else "open the hand", self._hand(closed))
 
     def places(self) -> dict[str, Array]:
         """Named places (home, bin, survey, survey2, ...) -> world_from_tool."""
@@ -262,6 +269,19 @@ class Cycle:
         await self._set_out()
         return await walk_round(context, count, told)
 
+    async def _hand(self, closed: bool) -> None:
+        """Whether a part is in it is open from the moment it is told to close, and settled once it has opened."""
+        mover, before = self.supervisor.mover, self.hand_full
+        if closed and not mover.dry:
+            self.hand_full = None
+        try:
+            await mover.hand(closed)
+        except MoveRefusedError:
+            self.hand_full = before
+            raise
+        if not (closed or mover.dry):
+            self.hand_full = False
+
     async def _travel(self, target: Array, purpose: str) -> None:
         await self._set_out()
         await self.supervisor.mover.travel(target, purpose, lambda _: self.settings.travel_pct)
@@ -292,7 +312,7 @@ class Cycle:
         try:
             while self._auto and self.pick_order is not None and not self.pick_order.done:
                 ends.append(await self._one(None, stay=self.pick_order.count != 1))
-                if ends[-1].outcome in (Outcome.ABORTED, Outcome.FAULT):
+                if self._auto and ends[-1].outcome in (Outcome.ABORTED, Outcome.FAULT):
                     return list(ends)
                 if ends[-1].outcome is Outcome.DRY:
                     break

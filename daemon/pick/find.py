@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from daemon.arrays import Array
-from daemon.pick import fusion, viewpoints
+from daemon.pick import pose_fusion, viewpoints
 from daemon.pick.following import Target, beside
 from daemon.pick.looking import Look
 from daemon.pick.next_view import (
@@ -77,7 +77,7 @@ def _settle_question(context: PickContext, world: WorldModel) -> None:
     if before is None:
         return
     moved = beside(before, world.found, context.recogniser.shape, context.cell, context.settings.doubt)
-    who = fusion.suspect(moved, 0.0, context.settings.epipolar_limit_px)
+    who = pose_fusion.suspect(moved, 0.0, context.settings.epipolar_limit_px)
     context.decide(f"suspect: {who}", "the whole table was looked at again, and held against the look before")
     if who == "unclear":
         raise SuspectError("a part moved, or the cameras were knocked: with no other part in view it cannot be told")

@@ -13,11 +13,11 @@ import numpy as np
 from daemon import frames
 from daemon.arm import Workcell
 from daemon.arrays import Array
-from daemon.pick import fusion, moved_pair
-from daemon.pick.fusion import Doubt, Estimate, Sighting
+from daemon.pick import moved_pair, pose_fusion
 from daemon.pick.grasp import Gripper, closed_fingers
 from daemon.pick.looking import Expected, Look, Taken
 from daemon.pick.plan import Plan
+from daemon.pick.pose_fusion import Doubt, Estimate, Sighting
 from daemon.pick.seen import SAME_PLACE_MM, Seen, same_place, seen_parts
 from daemon.vision.geometry import Polyhedron
 from daemon.vision.model import TOLERANCE_MM
@@ -158,7 +158,7 @@ def sighted(look: Look, fit: Fit, cell: Workcell, doubt: Doubt) -> Sighting:
     """A fit in a look, brought to the world with its errors. What is in a fit of a moved pair already does not count
     again: the arm's errors, and no offset of one eye against another."""
     one_moment = look.taken.moved is None
-    return fusion.sighting(
+    return pose_fusion.sighting(
         look.reading.world_from_tool,
         frames.inverse(look.reading.world_from_tool) @ look.world_from_cyclopean,
         fit.cyclopean_from_part,
@@ -189,5 +189,5 @@ def beside(
         second = refit(shape, near[0].facets, here, gate_mm=20.0)
         if first is not None and second is not None:
             pair = sighted(old.look, first, cell, doubt), sighted(near[0].look, second, cell, doubt)
-            found.append(fusion.disagreement(*pair, doubt))
+            found.append(pose_fusion.disagreement(*pair, doubt))
     return found

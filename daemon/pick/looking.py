@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from daemon import frames
 from daemon.arm import Pictures, Reading, Settling, Workcell, settled_pair
 from daemon.arrays import Array
-from daemon.pick.fusion import Doubt
 from daemon.pick.moved_pair import MovedPair, Places, hints, with_arm
+from daemon.pick.pose_fusion import Doubt
 from daemon.vision.facets import Table
 from daemon.vision.geometry import Polyhedron, StereoRig, moved_rig
 from daemon.vision.health import (

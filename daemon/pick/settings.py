@@ -12,8 +12,8 @@ from daemon import frames
 from daemon.arm import Arrival, Limits, Point, Settling
 from daemon.arrays import Array
 from daemon.pick import viewpoints
-from daemon.pick.fusion import Doubt, Stops
 from daemon.pick.grasp import Gripper, tool_rotation
+from daemon.pick.pose_fusion import Doubt, Stops
 from daemon.quantities import Direction, Few, Lean, Length, Percent, Pixels
 
 

@@ -14,8 +14,8 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array
-from daemon.pick.fusion import Doubt
 from daemon.pick.looking import Look, Recogniser
+from daemon.pick.pose_fusion import Doubt
 from daemon.pick.seen import Seen, apart_mm, seen_parts
 from daemon.vision.facets import Fused, SeenFrom, connected, fuse, group_of, only, weld
 from daemon.vision.geometry import Polyhedron, axes_in, inside

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import pairwise
 from statistics import fmean
 from typing import Any
@@ -116,8 +116,8 @@ class Digest:
     cycles: tuple[Cycle, ...]
     outside: tuple[Record, ...]
     records: tuple[Record, ...]
-    skipped: tuple[str, ...] = field(default=())
-    going: bool = False
+    skipped: tuple[str, ...]
+    going: bool
 
     def of(self, *kinds: str) -> list[Record]:
         """All records of these kinds, in order."""

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from daemon.pick.fusion import CHI_SQUARE_6
+from daemon.pick.pose_fusion import CHI_SQUARE_6
 from daemon.review.digest import Cycle, Stop
 from daemon.review.remedies import KNOWN
 from daemon.store.records import Record

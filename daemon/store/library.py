@@ -15,12 +15,12 @@ import numpy as np
 from msgspec import Meta
 
 from daemon.quantities import Length
+from daemon.store.places import ETC
 from daemon.store.yamlfile import Document, read
 from daemon.vision.model import LARGEST_NUMBER, FacetLibrary, FacetType, Value
 
-HOME = Path(__file__).resolve().parents[2] / "etc"
-FACETS = HOME / "facets.yaml"
-PARTS = HOME / "parts.yaml"
+FACETS = ETC / "facets.yaml"
+PARTS = ETC / "parts.yaml"
 
 
 class _Tolerance(msgspec.Struct, forbid_unknown_fields=True):

@@ -140,10 +140,10 @@ class ModelStore:
         try:
             for view in gone:
                 doomed = view.folder.with_name(f".gone-{view.folder.name}")
-                if doomed.exists():  # the power went in the middle of this
-                    shutil.rmtree(doomed)
+                if os.path.lexists(doomed):  # the power went in the middle of this
+                    _remove(doomed)
                 view.folder.rename(doomed)
-                shutil.rmtree(doomed)
+                _remove(doomed)
             parent = self.folder / "views" / label
             if parent.is_dir() and not any(parent.iterdir()):
                 parent.rmdir()
@@ -300,6 +300,14 @@ def _stored(label: str, folder: Path) -> StoredView:
     except (FileError, msgspec.MsgspecError, RecursionError, UnicodeDecodeError) as error:
         what = str(error) if isinstance(error, FileError) else f"{folder / 'view.json'}: cannot be read: {error}"
         return StoredView(label, int(folder.name), folder, damage=f"{what}; `forget {label} {folder.name}`")
+
+
+def _remove(path: Path) -> None:
+    """A folder with all in it; a link, or whatever else somebody put there, by itself."""
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path)
+    else:
+        path.unlink()
 
 
 def _read_image(folder: Path, name: str) -> Image:

@@ -1,11 +1,12 @@
-"""Places that operators have named: places.jsonl, a line for each time one was kept or dropped, only ever added to.
+"""Places that operators have named: places.jsonl, a line for each time one was kept or dropped.
 
-The last line of a name is the one that counts; those before it are its history. A line that lost its end when the power
-failed is passed over.
+The last line of a name is the one that counts; those before it are its history, of which the older half goes when the
+file has become large. A line that lost its end when the power failed is passed over.
 """
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 from dataclasses import dataclass
@@ -18,6 +19,7 @@ import numpy as np
 from msgspec import Meta
 
 from daemon.arrays import Array
+from daemon.store.files import write_atomically
 from daemon.store.outside import FileError, read_file
 
 LARGEST_BYTES = 4_000_000
@@ -80,13 +82,30 @@ class NamedPlaces:
         }
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            with self.path.open("ab") as file:
-                torn = file.tell() > 0 and not self._ends_whole()
-                file.write((b"\n" if torn else b"") + json.dumps(line).encode() + b"\n")
-                file.flush()
-                os.fsync(file.fileno())
+            if self.path.is_file() and self.path.stat().st_size > LARGEST_BYTES // 2:
+                self._shorten()
+            with self.path.open("ab", buffering=0) as file:
+                length = file.tell()
+                try:
+                    torn = length > 0 and not self._ends_whole()
+                    content = (b"\n" if torn else b"") + json.dumps(line).encode() + b"\n"
+                    if file.write(content) != len(content):
+                        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+                    os.fsync(file.fileno())
+                except OSError:
+                    file.truncate(length)
+                    raise
         except OSError as error:
             raise NamedPlacesError(f"{self.path}: not kept: {error.strerror or error}") from None
+
+    def _shorten(self) -> None:
+        """Long before it is too large to be read: what counts stays, and the newer half of the rest."""
+        lines = read_file(self.path, LARGEST_BYTES).splitlines()
+        read = [(line, one) for line in lines if (one := _read(line)) is not None]
+        last = {one.name: k for k, (_, one) in enumerate(read)}
+        counts = {k for k in last.values() if read[k][1].world_from_tool is not None}
+        kept = [line for k, (line, _) in enumerate(read) if k in counts or k >= len(read) // 2]
+        write_atomically(self.path, b"".join(line + b"\n" for line in kept))
 
     def _ends_whole(self) -> bool:
         with self.path.open("rb") as file:

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import os
+import sys
 from pathlib import Path
 
 HOUSE = Path(__file__).resolve().parents[2]
+"""The checkout or release; where a wheel was installed, the folder of everybody's packages."""
+ETC = (Path(__file__).resolve().parents[1] / "etc").resolve()
+"""The settings that came with the program: HOUSE's etc/, which a wheel has among its packages."""
 INSTALLED_CONFIG = Path("/etc/facetd/facetd.yaml")
 INSTALLED_STATE = Path("/var/lib/facetd")
 INSTALLED_RUNTIME = Path("/run/facetd")
@@ -13,11 +17,11 @@ SOCKET_NAME = "facetd.sock"
 
 
 def config_file() -> Path:
-    """$FACETD_CONFIG, else the installed one where there is one, else the checkout's own."""
+    """$FACETD_CONFIG, else the installed one where there is one, else the program's own."""
     named = os.environ.get("FACETD_CONFIG")
     if named:
         return Path(named)
-    return INSTALLED_CONFIG if INSTALLED_CONFIG.exists() else HOUSE / "etc" / "facetd.yaml"
+    return INSTALLED_CONFIG if INSTALLED_CONFIG.exists() else ETC / "facetd.yaml"
 
 
 def own_folder() -> Path:
@@ -25,13 +29,23 @@ def own_folder() -> Path:
     return Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state") / "facetd"
 
 
+def _beside() -> Path:
+    """What is kept where nothing is installed for all: var/ of the checkout; a program from a wheel has none."""
+    return HOUSE / "var" if _whole_house() else own_folder()
+
+
+def _whole_house() -> bool:
+    return (HOUSE / "pyproject.toml").is_file()
+
+
 def state_folder(simulated: bool = False) -> Path:
-    """Runs, models and taught views: what systemd says, else the installed place, else var/ of the checkout."""
+    """Runs, models and taught views: what systemd says, else the installed place, else var/ of the checkout, else a
+    person's own."""
     named = os.environ.get("STATE_DIRECTORY")
     if named:
         return Path(named.split(":")[0])
     if not INSTALLED_STATE.is_dir():
-        return HOUSE / "var"
+        return _beside()
     return own_folder() if simulated else INSTALLED_STATE
 
 
@@ -42,7 +56,7 @@ def runtime_folder(simulated: bool = False) -> Path:
         return Path(named.split(":")[0])
     if simulated and INSTALLED_STATE.is_dir():
         return own_folder()
-    return INSTALLED_RUNTIME if INSTALLED_RUNTIME.is_dir() else HOUSE / "var"
+    return INSTALLED_RUNTIME if INSTALLED_RUNTIME.is_dir() else _beside()
 
 
 def socket_candidates() -> list[Path]:
@@ -50,7 +64,7 @@ def socket_candidates() -> list[Path]:
     named = os.environ.get("FACETD_SOCKET")
     if named:
         return [Path(named)]
-    other = own_folder() if INSTALLED_STATE.is_dir() else HOUSE / "var"
+    other = own_folder() if INSTALLED_STATE.is_dir() else _beside()
     return [INSTALLED_RUNTIME / SOCKET_NAME, other / SOCKET_NAME]
 
 
@@ -62,6 +76,8 @@ def runs_folder(simulated: bool = False) -> Path:
 
 def how_to_add(extra: str) -> str:
     """The command that installs one of the program's extras, here."""
+    if not _whole_house():
+        return f"{sys.executable} -m pip install 'facetd[{extra}]'"
     if HOUSE.parent.name == "releases":
         return f"sudo {HOUSE.parent.parent}/current/deploy/install.sh extra {extra}"
     return f"make -C {HOUSE} extra-{extra}"

@@ -164,7 +164,7 @@ def enforce_quota(runs: Path, limit_bytes: int, current: Path | None, min_free_b
     """
     if not runs.is_dir():
         return []
-    sizes = {folder: (folder_bytes if folder == current else _ended_bytes)(folder) for folder in list_runs(runs)}
+    sizes = {folder: run_bytes(folder) for folder in list_runs(runs)}
     total = sum(sizes.values())
     removed: list[Path] = []
 
@@ -187,44 +187,35 @@ def enforce_quota(runs: Path, limit_bytes: int, current: Path | None, min_free_b
     return removed
 
 
-def folder_bytes(folder: str | Path) -> int:
-    """Bytes on disk of a folder and all below; a file that goes away meanwhile counts nothing."""
+def run_bytes(folder: str | Path) -> int:
+    """Bytes on disk of a run; a file that goes away meanwhile counts nothing. Its pictures are looked through only
+    once one was put in or taken away: the run that is written may have thousands, and is asked every minute."""
     total = 0
     with contextlib.suppress(OSError), os.scandir(folder) as entries:
         for entry in entries:
             with contextlib.suppress(OSError):
-                total += entry.stat(follow_symlinks=False).st_blocks * 512
+                status = entry.stat(follow_symlinks=False)
+                total += status.st_blocks * 512
                 if entry.is_dir(follow_symlinks=False):
-                    total += folder_bytes(entry.path)
+                    total += _bytes_then(entry.path, status.st_mtime_ns)
     return total
 
 
-def _ended_bytes(folder: Path) -> int:
-    """As folder_bytes, of a run that is written no more: looked through once, and again where something was put in."""
-    try:
-        return _bytes_then(folder, *(os.stat(folder / name).st_mtime_ns for name in ("", "images", "kept")))
-    except OSError:
-        return folder_bytes(folder)
-
-
-@lru_cache(MOST_RUNS)
-def _bytes_then(folder: Path, *_: int) -> int:
-    return folder_bytes(folder)
+@lru_cache(2 * MOST_RUNS)
+def _bytes_then(folder: str, _: int) -> int:
+    return run_bytes(folder)
 
 
 def has_failure(folder: Path) -> bool:
     """Whether a run holds a fault, a refusal or a cycle that picked nothing, or has no run_end."""
     ended = False
-    try:
-        with open_below(folder, RUN) as file:
-            for _, line, _ in _lines(file):
-                if any(mark in line for mark in FAILURE_MARKS):
-                    return True
-                if b'"kind":"cycle_end"' in line and PICKED_MARK not in line:
-                    return True
-                ended = ended or b'"kind":"run_end"' in line
-    except (FileError, OSError):
-        return True
+    with contextlib.suppress(FileError, OSError), open_below(folder, RUN) as file:
+        for _, line, _ in _lines(file):
+            if any(mark in line for mark in FAILURE_MARKS):
+                return True
+            if b'"kind":"cycle_end"' in line and PICKED_MARK not in line:
+                return True
+            ended = ended or b'"kind":"run_end"' in line
     return not ended
 
 

@@ -13,7 +13,7 @@ import time
 from daemon.cell.build import EXPECTED_ERRORS
 from daemon.store.files import plain
 from daemon.store.outside import FileError
-from daemon.store.runs import enforce_quota, folder_bytes
+from daemon.store.runs import enforce_quota, run_bytes
 from daemon.upkeep import journal
 from daemon.upkeep.watched import Watched
 
@@ -104,8 +104,8 @@ class Watch:
                 return
             if "controller" in context.troubles.standing:
                 await robot.close()
-                await robot.open()
                 context.cycle.supervisor.line_opened_anew()
+                await robot.open()
             if robot.question is not None:
                 context.troubles.tell("controller", f"the controller asks `{robot.question}`: say `robot power-up`")
             else:
@@ -128,20 +128,24 @@ class Watch:
     async def _keep_quota(self) -> None:
         context, limits = self._context, self._context.config.values.log
         runs, current = context.config.runs, context.run_log.folder
-        removed = await asyncio.to_thread(
-            enforce_quota, runs, limits.quota_mb * 1_000_000, current, limits.keep_free_mb * 1_000_000
-        )
-        journal.tell_removed(removed)
-        if not runs.is_dir():
+        try:
+            removed = await asyncio.to_thread(
+                enforce_quota, runs, limits.quota_mb * 1_000_000, current, limits.keep_free_mb * 1_000_000
+            )
+            journal.tell_removed(removed)
+            if not runs.is_dir():
+                return
+            free = shutil.disk_usage(runs).free
+        except OSError as error:
+            context.troubles.tell("disk", f"disk: the quota is not kept: {plain(error)}")
             return
-        free = shutil.disk_usage(runs).free
         low = (
             f"disk: {free / 1e6:.0f} MB free below {runs}; looks may soon not be kept"
             if free < limits.keep_free_mb * 1e6
             else None
         )
         context.troubles.tell("disk", low)
-        size = await asyncio.to_thread(folder_bytes, current)
+        size = await asyncio.to_thread(run_bytes, current)
         if size > limits.roll_mb * 1_000_000:
             context.roll_due = True
             if context.cycle.status()["doing"] is None:

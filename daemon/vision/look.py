@@ -17,7 +17,7 @@ from daemon.vision.health import SAID, Pictures, cause_of_nothing, with_causes
 from daemon.vision.image import open_eyes
 from daemon.vision.model import FacetLibrary, Model, empty_model
 from daemon.vision.recognition import Recognised, recognise
-from daemon.vision.registration import beside, named_by_segments, sharpened
+from daemon.vision.registration import beside, named_by_segments, sharpened, told_apart
 from daemon.vision.settings import VisionSettings
 from daemon.vision.values import FacetView, NearestGuess, Part, Scene
 
@@ -51,7 +51,7 @@ def look(
         start = now()
         view = seen if table is None else without_table(seen, table)
         if seen.groups is not groups:
-            groups, found = seen.groups, recognise(view.groups, known)
+            groups, found = seen.groups, told_apart(recognise(view.groups, known), known, eyes)
         naming += now() - start
         if known.labels and _all_named(found):
             break

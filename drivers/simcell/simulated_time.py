@@ -19,6 +19,9 @@ class SimulatedLoop(asyncio.SelectorEventLoop):
     def __init__(self) -> None:
         self._now_s = 0.0
         super().__init__(_Jumping(self.sleep))
+        # What is due within that is due now. Of asyncio's nanosecond nothing is left after 2^24 s, 194 days: a timer
+        # that is due to the bit would then be waited for, for no time, for ever.
+        self._clock_resolution = 1e-6
 
     def time(self) -> float:
         """Simulated seconds."""

@@ -11,6 +11,9 @@ HARMLESS = LISTINGS | {"WHERE", "HERE", "ABORT", "PANIC", "SPEED", "TOOL", "BASE
 """Monitor words, and answers to the controller's questions, that set nothing in motion by themselves. A question whose
 yes begins a motion is only open where a word that is not among these was typed before. PANIC stops the arm where ABORT
 lets it finish its motion: whoever types it is not asked whether it may be sent."""
+PROGRAM_SPEED = "DO SPEED 100 ALWAYS"
+"""What programs multiply the monitor's speed by, back to where it changes nothing; who says another has it so for
+good."""
 HARMLESS_DO = frozenset({"BREAK", "SET"})
 """Program instructions of which the same is true, spelled out."""
 SHORTEST = 3

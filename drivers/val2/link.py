@@ -153,6 +153,12 @@ class Link:
         """Monitor speed, percent of full."""
         await self.command(commands.speed(percent))
 
+    async def own_speed_only(self) -> None:
+        """No program's speed multiplies ours any more; a controller that refuses this, in whatever words, has none."""
+        async with self._open_session.turn(moves=True) as talk:
+            answer = await self._ask(talk, commands.PROGRAM_SPEED, (), self.dialect.answer_s)
+            self._accept(replace(answer, errors=()))
+
     async def calibrate(self, answer: str = "Y") -> Answer:
         """CAL, its question answered. Raises ControllerError."""
         return await self.command(self.dialect.calibrate_word, (answer,), self.dialect.calibrate_s)

@@ -1,8 +1,10 @@
 """How a replay by many workers scales: one and two of them in earnest, up to 200 with the work slept. Prints a table.
 
 usage: python -m tests.bench.replays STORE
-In earnest every look of STORE is replayed. Then scheduler, messages and files are as they are, on this computer, and
-each piece sleeps as long as the measured one took: what is lost is what sending and taking back costs.
+In earnest every look of STORE is replayed, in pieces of a few looks, so that there are enough of them. Then scheduler,
+messages and files are as they are, in one process, and each piece sleeps as long as one of usual size would take: what
+is lost is what sending and taking back costs. Its processor time, which a loaded computer does not change, says how
+many workers can be kept busy: their pieces may not end faster than that.
 """
 
 from __future__ import annotations
@@ -18,7 +20,7 @@ import dask
 import distributed
 
 from daemon.hall import replay_many
-from daemon.hall.replay_many import Job, With, jobs_of, runs_in_store
+from daemon.hall.replay_many import LOOKS_A_JOB, Job, With, jobs_of, runs_in_store
 from daemon.hall.store import open_store
 
 WORKERS = (1, 2, 20, 50, 100, 200)
@@ -29,15 +31,21 @@ PATIENT = {"distributed.logging.distributed": "critical", "distributed.comm.time
 LOOKS = 10
 
 
-def in_earnest(store: str, workers: int) -> tuple[float, int, int]:
-    """Wall s, looks, pieces."""
+def in_earnest(store: str, workers: int) -> tuple[float, float, int, int]:
+    """Wall s, the workers' processor time s, looks, pieces."""
     with tempfile.TemporaryDirectory() as out:
         replay_many.LOOKS_A_JOB = LOOKS
         jobs = jobs_of(runs_in_store(open_store(store)), With(), out)
-        began = time.perf_counter()
+        began, spent = time.perf_counter(), _of_workers()
         results, failed = replay_many.replay_many(jobs, workers, None)
         assert not failed, failed
-        return time.perf_counter() - began, sum(len(r["looks"]) for _, r in results), len(jobs)
+        looks = sum(len(r["looks"]) for _, r in results)
+        return time.perf_counter() - began, _of_workers() - spent, looks, len(jobs)
+
+
+def _of_workers() -> float:
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
 
 
 def slept(job: Job, seconds: float) -> str:
@@ -47,8 +55,8 @@ def slept(job: Job, seconds: float) -> str:
     return job.key
 
 
-def simulated(store: str, workers: int, seconds: float) -> float:
-    """Wall s for PIECES_A_WORKER pieces a worker, once they are there."""
+def simulated(store: str, workers: int, seconds: float) -> tuple[float, float]:
+    """Wall s and processor time s for PIECES_A_WORKER pieces a worker, once they are there."""
     run = runs_in_store(open_store(store))[0]
     with (
         tempfile.TemporaryDirectory() as out,
@@ -60,12 +68,12 @@ def simulated(store: str, workers: int, seconds: float) -> float:
     ):
         client.wait_for_workers(workers)
         jobs = [Job(f"{k:024x}", run, run.looks, out, With(), "0") for k in range(workers * PIECES_A_WORKER)]
-        began = time.perf_counter()
+        began, spent = time.perf_counter(), time.process_time()
         futures = client.map(slept, jobs, [seconds] * len(jobs), key=[f"slept-{job.key}" for job in jobs])
         for future in distributed.as_completed(futures):
             future.release()
         assert len(list((Path(out) / "done").iterdir())) == len(jobs)
-        return time.perf_counter() - began
+        return time.perf_counter() - began, time.process_time() - spent
 
 
 def main() -> None:
@@ -76,15 +84,18 @@ def main() -> None:
     seconds = args.seconds
     if seconds is None:
         for workers in (1, 2):
-            wall, looks, pieces = in_earnest(args.store, workers)
+            wall, spent, looks, pieces = in_earnest(args.store, workers)
             print(f"{workers} worker{'s' * (workers > 1)}: {looks} looks in {pieces} pieces, {wall:.1f} s, "
-                  f"{looks / wall:.2f} looks a second, the start of the processes included")  # fmt: skip
-            seconds = seconds or wall / pieces
+                  f"{looks / wall:.2f} looks a second, {looks / spent:.2f} a second of processor time, "
+                  "the start of the processes included")  # fmt: skip
+            seconds = seconds or wall / looks * LOOKS_A_JOB
     print(f"the largest worker took {resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1e3:.0f} MB")
-    print(f"{'workers':>8} {'pieces':>7} {'wall s':>7} {'ideal s':>8} {'used':>6}   pieces of {seconds:.1f} s, slept")
+    print(f"{'workers':>8} {'pieces':>7} {'wall s':>7} {'ideal s':>8} {'used':>6} {'CPU ms/piece':>13}"
+          f"   pieces of {seconds:.1f} s, slept")  # fmt: skip
     for workers in WORKERS:
-        wall, ideal = simulated(args.store, workers, seconds), seconds * PIECES_A_WORKER
-        print(f"{workers:8} {workers * PIECES_A_WORKER:7} {wall:7.1f} {ideal:8.1f} {ideal / wall:6.0%}")
+        pieces, ideal = workers * PIECES_A_WORKER, seconds * PIECES_A_WORKER
+        wall, spent = simulated(args.store, workers, seconds)
+        print(f"{workers:8} {pieces:7} {wall:7.1f} {ideal:8.1f} {ideal / wall:6.0%} {1e3 * spent / pieces:13.1f}")
 
 
 if __name__ == "__main__":

@@ -8,7 +8,7 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array
-from daemon.pick.fusion import Doubt
+from daemon.pick.pose_fusion import Doubt
 from daemon.teaching.sufficiency import visible_facets
 from daemon.vision.facets import SeenFrom, shared_motion
 from daemon.vision.geometry import Polyhedron, exact

@@ -49,7 +49,7 @@ USUAL = (
 GOES = (*["go home", "go bin", "go survey"] * 2, "pick", "hand open", "hand close", "robot cal")
 MONITOR = ("WHERE", "STATUS", "SPEED 100", "SPEED 5", "TOOL TRANS(0,0,0,0,0,0)", "DO READY", "DO OPENI", "DO CLOSEI",
            "CAL", "CALI", "D MOVE TRANS(420,0,60,0,90,0)", "DO MOVE TRANS(420,0,0,0,90,0)", "EXEC PROG", "ABORT",
-           "DO BREAK", "Y", "DO DRIVE 1,20,100", "BASE 0,0,100", "!!")  # fmt: skip
+           "DO BREAK", "Y", "DO DRIVE 1,20,100", "DO SPEED 300 ALWAYS", "BASE 0,0,100", "!!")  # fmt: skip
 ARGUMENTS = ("", "", "on", "off", "home", "bin", "survey", "cube", "open", "close", "yes", "no", "wait", "2", "every 3",
              "resume", "monitor WHERE", "x", "'", "\\", "# stop", "; enable")  # fmt: skip
 SLOW = ("train", "bundle", "doctor", "calibrate", "preview")

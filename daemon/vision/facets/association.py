@@ -107,9 +107,7 @@ def uncontradicted(facets: list[Pieces], moved: list[Array], outlines: list[list
     return kept
 
 
-def _more_deny(
-    facets: list[list[tuple[int, int]]], one: list[tuple[int, int]], shapes: list[list[Array]], eyes: Array
-) -> int:
+def _more_deny(facets: list[Pieces], one: Pieces, shapes: list[list[Array]], eyes: Array) -> int:
     """By how many more looks deny a facet than saw it."""
     saw = {look for look, _ in one}
     outline = shapes[one[0][0]][one[0][1]]

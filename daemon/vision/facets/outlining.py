@@ -19,7 +19,7 @@ from daemon.vision.geometry import area_vector, axes_in, border_loops, inside
 LINE_MM, OF_WIDTH = 2.0, 0.15
 """A piece's side this near to a line lies on it, and so two sides to each other; less in a narrow facet."""
 LEAST_SINE = 0.12  # planes that meet at a smaller angle share no line that is known
-COVERED, OF_LOOKS = 0.5, 0.25
+COVERED, OF_LOOKS = 0.5, 0.3
 """Share of a cell that pieces cover where it is the facet's; and of the looks that saw the facet at all, how many must
 agree: shadows and what hides a part of it leave the rest to some, a side that was measured wrongly is one look's."""
 REACHED = 0.7

@@ -14,7 +14,7 @@ from daemon.vision.health.examine import (
     sharpness,
     troubles,
 )
-from daemon.vision.health.light import Pictures, exposure_factors
+from daemon.vision.health.exposure import Pictures, exposure_factors
 
 __all__ = [
     "AXES",

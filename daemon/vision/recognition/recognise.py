@@ -135,6 +135,14 @@ def suspected(facet: Facet, model: Model) -> list[tuple[str, Array]]:
     return facet_poses(weld([facet]).polyhedron, model.metric, SUSPECT_MM)
 
 
+def left_open(one: Recognised, others: Sequence[str], model: Model) -> Recognised:
+    """A named group without its name, where other parts explain it as well."""
+    labels = (one.label, *others)
+    why = f"fits {' and '.join(labels)}"
+    verdict = replace(_silent(list(labels), 1 - 1 / len(labels), True, why), candidates=labels)
+    return replace(one, part=_unknown_part(_typed(one.group, model), model, verdict))
+
+
 def standing(group: Group, model: Model) -> tuple[Standing, ...]:
     """Every taught part and pose that a group's facets allow, the likeliest first; what their probabilities lack of 1
     is that of something not taught."""

@@ -5,6 +5,7 @@ from daemon.vision.registration.by_segments import named_by_segments
 from daemon.vision.registration.corner_pose import Fit, poses_that_fit, refit
 from daemon.vision.registration.edge_pose import fit_each, fit_edges, shown
 from daemon.vision.registration.sharpen import sharpened
+from daemon.vision.registration.twins import told_apart
 
 __all__ = [
     "Fit",
@@ -16,4 +17,5 @@ __all__ = [
     "refit",
     "sharpened",
     "shown",
+    "told_apart",
 ]

@@ -1,15 +1,15 @@
 """Parts named by straight edges, where no outline closes: printed faces, patterned tables, worn and shining edges.
 
 Corners in space say which taught parts could be there, and where; the segments of both images say how much speaks for
-each; the best are laid onto the grey levels, stretch by stretch. How likely such a part is there says what its edges
-show beyond the chance of this very picture, whether another size would fit better, and whether its print lies on its
-faces: held against all guesses that were made, so that more taught parts raise the bar. And no other taught part may
-explain the same place nearly as well.
+each, turned to where most does; the best are laid onto the grey levels, stretch by stretch. How likely such a part is
+there says what its edges show beyond the chance of this very picture, whether another size would fit better, and
+whether its print lies on its faces: held against all guesses that were made, so that more taught parts raise the bar.
+And what only it has must tell it from every other taught part that could lie there.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import islice
@@ -26,15 +26,17 @@ from daemon.vision.model import Model
 from daemon.vision.recognition import Recognised, suspected, typed_as
 from daemon.vision.registration.beside import COVERED, covered, lies_on
 from daemon.vision.registration.corner_guesses import guesses_from_space
-from daemon.vision.registration.different import Guesses, different, thinned
+from daemon.vision.registration.different import Guesses, different
 from daemon.vision.registration.directed import DirectedMap, directed_map, evidence, other_sizes, promising
 from daemon.vision.registration.edge_pose import facets_in_view, facets_laid, fit_at
 from daemon.vision.registration.expected_edges import Placements
 from daemon.vision.registration.faces import likeness
 from daemon.vision.registration.measured import hull, measured_facet, silhouette
 from daemon.vision.registration.posed import Posed, pixels, taught_solids
+from daemon.vision.registration.rivals import by_own_edges
 from daemon.vision.registration.space_corners import lookalikes, meet
 from daemon.vision.registration.stretches import Borne, Stretches, borne_out, settled, stretches_of
+from daemon.vision.registration.unsure import best_turned, nearby
 from daemon.vision.values import Group, NearestGuess, Part, Recognition
 
 Maps = tuple[DirectedMap, DirectedMap]
@@ -59,10 +61,15 @@ CONTRADICTED = -5.0
 """What a group of facets that lies elsewhere adds to them."""
 LEAST_CONFIDENCE = 0.95
 """Of a name. No stranger of those looks had more than 0.93."""
-RIVAL = 0.95
-"""Another part with so much of the evidence on the same place leaves the name open, however little it would be believed
-alone. Of 90 parts with twins that differ in a side, each looked at from three places and more, 12 names were another
-twin's before; of 193 parts without twins one is lost by it."""
+LEAST_APART = 1.5
+"""Nats by which the edges that a part alone has must speak more for it than those that only another part, laid on the
+same place, has speak for that: less leaves the name open, however little the other would be believed. Of 100 names that
+edges give parts with twins that differ in a side this leaves 90 right and one wrong; of 196 without twins all."""
+UNDECIDED, MOST_UNDECIDED = (-1.0, 8.0), 3
+"""Log odds between which it is not decided by its edges whether a part is there, and how many such are laid anew beside
+where they lie: of true ones most gain, 2 on average, of strangers and chances few, 1 at most."""
+FEWEST_IN_VIEW = 2
+"""Facets of a part that is named by its edges: one alone is no proof."""
 NEAREST = 0.4
 """Of the evidence there could be, what a guess has that is worth showing."""
 
@@ -70,7 +77,8 @@ NEAREST = 0.4
 @dataclass(frozen=True, eq=False)
 class Laid:
     """A taught part laid onto both images at a pose (4, 4) cyclopean_from_part: what its edges show there; nats of
-    evidence and their share of what there could be; covers: what it covers in the left eye."""
+    evidence and their share of what there could be; covers: what it covers in the left eye; tries: of how many at one
+    guess it is the best."""
 
     label: str
     solid: Polyhedron
@@ -78,11 +86,13 @@ class Laid:
     seen: tuple[Stretches, Stretches]
     borne: Borne
     covers: Shape
+    tries: float = 1.0
 
     @property
     def odds(self) -> float:
         """Log odds of its being there by its edges alone, before all guesses that were made share them."""
-        return BY_NATS * self.borne.nats + BY_WHOLE * max(self.borne.share, 0.0) ** 3 + ELSE
+        by_edges = BY_NATS * self.borne.nats + BY_WHOLE * max(self.borne.share, 0.0) ** 3 + ELSE
+        return by_edges - float(np.log(self.tries))
 
     def overlaps(self, other: Laid) -> bool:
         """Whether both cannot be there."""
@@ -90,10 +100,11 @@ class Laid:
 
 
 class Likely(NamedTuple):
-    """A part and where it could be: its pose (4, 4) cyclopean_from_part."""
+    """A part and where it could be: its pose (4, 4) cyclopean_from_part, the best of so many tries at one guess."""
 
     label: str
     pose: Array
+    tries: float = 1.0
 
 
 class Straight(NamedTuple):
@@ -122,7 +133,9 @@ def named_by_segments(
     named = [covered(one, model, eyes) for one in known if one.named]
     maps = directed_map(eyes.left), directed_map(eyes.right)
     likely, tests, left_out = _likely(eyes, model, unnamed, named, maps, spent)
-    laid = sorted(_laid(eyes, model, likely), key=lambda one: -one.odds)
+    laid = _by_odds(_laid(eyes, model, likely))
+    if spent() < SEARCHED:
+        laid = _by_odds([*laid, *_laid(eyes, model, _undecided(laid, tests, eyes))])
     sure = cache(lambda k: _confidence(laid[k], unnamed, eyes, maps, tests))
     taken, found = list[Laid](), list[Recognised]()
     for k, one in enumerate(laid):
@@ -132,14 +145,18 @@ def named_by_segments(
         if any(one.overlaps(other) for other in taken) or sure(k) < LEAST_CONFIDENCE:
             continue
         taken.append(one)
-        rivals = (other for other in laid if other.label != one.label and other.borne.nats > RIVAL * one.borne.nats)
-        if not any(other.overlaps(one) for other in rivals):
+        rivals = (other for other in laid if other.label != one.label and other.overlaps(one))
+        if all(by_own_edges(one.seen, other.seen) > LEAST_APART for other in rivals):
             found.append(_recognised(one, sure(k), eyes, model))
     nearest = list[Laid]()
     for one in laid:
         if one.borne.share > NEAREST and not any(one.overlaps(other) for other in (*taken, *nearest)):
             nearest.append(one)
     return Straight(found, tuple(map(_guess, nearest)), left_out)
+
+
+def _by_odds(laid: Iterable[Laid]) -> list[Laid]:
+    return sorted(laid, key=lambda one: -one.odds)
 
 
 def _guess(one: Laid) -> NearestGuess:
@@ -155,7 +172,7 @@ def _likely(
     if spent() > SEARCHED:
         return [], 1, ("where taught parts could be was not looked for",)
     solids = taught_solids(model)
-    guessed, tests = guesses_from_space(meet(left, right, eyes.geometry), eyes.geometry, maps, solids)
+    guessed, hinges, tests = guesses_from_space(meet(left, right, eyes.geometry), eyes.geometry, maps, solids)
     by_facet = [one for group in unnamed for facet in group.facets for one in suspected(facet, model)]
     part = np.array([solids.labels.index(label) for label, _ in by_facet], np.intp)
     posed = Posed(
@@ -163,13 +180,15 @@ def _likely(
         np.concatenate([guessed.part, part]),
         np.concatenate([guessed.poses, *(pose[None] for _, pose in by_facet)]),
     )
-    posed = posed.chosen(promising(posed, eyes.geometry, maps))
+    good = promising(posed, eyes.geometry, maps)
+    posed, hinges = posed.chosen(good), np.concatenate([hinges, np.zeros((len(by_facet), 2, 3))])[good]
     nats, _ = evidence(posed, eyes.geometry, maps)
-    good = nats > LEAST_NATS / 3
+    good = (nats > LEAST_NATS / 3) & (posed.in_view().sum(1) >= FEWEST_IN_VIEW)
     if named:
         middle_px = pixels(posed.middles_mm(), eyes.geometry)[0]
         good &= np.all([shape.depth(middle_px) <= 0 for shape in named], axis=0)
-    kept = _worth(thinned(Guesses(posed.chosen(good), -nats[good])), eyes)
+    guesses = Guesses(posed.chosen(good), -nats[good])
+    kept = _worth(*best_turned(guesses, hinges[good], eyes.geometry, maps), eyes)
     told = tuple[str, ...]()
     if spent() > SEARCHED and len(kept) > FEWEST_LAID:
         told = (f"{len(kept) - FEWEST_LAID} of {len(kept)} guesses were not compared with the pictures",)
@@ -187,7 +206,22 @@ def _laid(eyes: Eyes, model: Model, likely: Sequence[Likely]) -> Iterator[Laid]:
     seen = stretches_of(laid, eyes, poses, tolerance)
     for k, (one, solid, pose) in enumerate(zip(likely, solids, poses, strict=True)):
         own = seen[0].only(k, laid), seen[1].only(k, laid)
-        yield Laid(one.label, solid, pose, own, borne_out(own), silhouette(solid, pose, eyes))
+        yield Laid(one.label, solid, pose, own, borne_out(own), silhouette(solid, pose, eyes), one.tries)
+
+
+def _undecided(laid: Sequence[Laid], tests: int, eyes: Eyes) -> list[Likely]:
+    """Other poses of the likeliest part at each place, where its edges do not decide whether it is there."""
+    places, found = list[Laid](), list[Likely]()
+    for one in laid:
+        odds = one.odds - np.log(tests)
+        if odds < UNDECIDED[0] or len(places) == MOST_UNDECIDED:
+            break
+        if facets_in_view(one.solid, eyes, one.pose) < FEWEST_IN_VIEW or any(one.overlaps(there) for there in places):
+            continue
+        places.append(one)
+        if odds < UNDECIDED[1]:
+            found += [Likely(one.label, pose, one.tries) for pose in nearby(one.solid, one.pose)]
+    return found
 
 
 def _contradicts(group: Group, one: Laid) -> bool:
@@ -200,7 +234,7 @@ def _contradicts(group: Group, one: Laid) -> bool:
     )
 
 
-def _worth(guesses: Guesses, eyes: Eyes) -> list[Likely]:
+def _worth(guesses: Guesses, tries: Array, eyes: Eyes) -> list[Likely]:
     """The best guesses: a few at each place, for which nearly as much speaks as for the best there."""
     kept, shapes, posed = list[Likely](), list[tuple[Shape, float, str]](), guesses.posed
     for k, corners_px in islice(different(guesses, eyes), LOOKED_AT):
@@ -208,7 +242,7 @@ def _worth(guesses: Guesses, eyes: Eyes) -> list[Likely]:
         there = [(worst, own) for other, worst, own in shapes if other.covers(shape) > COVERED]
         own = [one for _, one in there].count(label)
         if not there or ((len(there) < PER_PLACE or own < PER_LABEL) and against < WORTH * there[0][0]):
-            kept.append(Likely(label, posed.poses[k]))
+            kept.append(Likely(label, posed.poses[k], float(tries[k])))
             shapes.append((shape, against, label))
         if len(kept) == MOST:
             break
@@ -217,7 +251,7 @@ def _worth(guesses: Guesses, eyes: Eyes) -> list[Likely]:
 
 def _confidence(one: Laid, unnamed: Sequence[Group], eyes: Eyes, maps: Maps, tests: int) -> float:
     """How likely a laid part is there, of so many guesses of which each could have come so far by chance."""
-    if facets_in_view(one.solid, eyes, one.pose) < 2:
+    if facets_in_view(one.solid, eyes, one.pose) < FEWEST_IN_VIEW:
         return 0.0
     odds = one.odds - np.log(tests)
     if _probability(odds) < LEAST_CONFIDENCE:  # what follows only lessens them

@@ -72,12 +72,13 @@ def corner_kinds(shapes: tuple[Polyhedron, ...]) -> Kinds:
 
 def guesses_from_space(
     corners: SpaceCorners, geometry: Baseline, maps: tuple[DirectedMap, DirectedMap], solids: Solids
-) -> tuple[Posed, int]:
+) -> tuple[Posed, Array, int]:
     """Taught corners laid onto corners in space whose arms could make their angle, those MOST_GUESSES for which most
-    speaks; and how many could."""
+    speaks; about which line each could be turned and show nearly the same two edges to the left eye, a point of it and
+    its direction (G, 2, 3) cyclopean; and how many could."""
     kinds = corner_kinds(solids.shapes) if solids.shapes else None
     if kinds is None or not len(kinds.part) or not len(corners.at):
-        return Posed(solids, np.zeros(0, np.intp), np.zeros((0, 4, 4))), 0
+        return Posed(solids, np.zeros(0, np.intp), np.zeros((0, 4, 4))), np.zeros((0, 2, 3)), 0
     could, other = _could_be(corners, kinds.cosines[:, None])
     counts = np.minimum(
         [np.bincount(kinds.part, could[side].sum(1)[kinds.about]) for side in (0, 1)], MOST_COUNTED
@@ -90,7 +91,17 @@ def guesses_from_space(
     middle = corners.at - [geometry.length_mm / 2, 0.0, 0.0]
     cyclopean_from_corner[:, :3, 3] = middle[where] @ turn.T + geometry.middle_mm
     cyclopean_from_corner[:, 3, 3] = 1.0
-    return Posed(solids, kinds.part[which], cyclopean_from_corner @ kinds.corner_from_part[which]), int(counts)
+    about = _hinge(corners.at[where], corners.firm[where], seconds) @ turn.T
+    hinges = np.stack([cyclopean_from_corner[:, :3, 3], about], 1)
+    return Posed(solids, kinds.part[which], cyclopean_from_corner @ kinds.corner_from_part[which]), hinges, int(counts)
+
+
+def _hinge(ray: Array, one: Array, other: Array) -> Array:
+    """(G, 3) unit directions about which corners at rays (G, 3) from an eye turn so that both of their edges, along one
+    and other (G, 3), stay in their planes with the eye and keep their angle."""
+    one, other = (ray - edge * (edge * ray).sum(1, keepdims=True) for edge in (one, other))
+    found = np.cross(one, other)
+    return np.asarray(found / np.maximum(np.linalg.norm(found, axis=1, keepdims=True), 1e-9))
 
 
 def _second_edges(corners: SpaceCorners, cosines: Array) -> Array:

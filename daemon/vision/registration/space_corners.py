@@ -115,7 +115,7 @@ def taught_corners(solid: Polyhedron) -> tuple[Array, Array, Array]:
     others, facets and all (a part that was not taught from all round has sides that nobody knows): (K, 4, 4)
     corner_from_part, x along the first edge, the second in x y; cosines (K,) between them; lengths (K, 2) of both, mm.
     """
-    every, cosines, lengths = _corner_frames(solid)
+    every, cosines, lengths = corner_frames(solid)
     corner_from_part = np.asarray(np.linalg.inv(every), float)
     seen = solid.corners_mm @ corner_from_part[:, :3, :3].transpose(0, 2, 1) + corner_from_part[:, None, :3, 3]
     found, left = list[int](), np.arange(len(every))
@@ -131,14 +131,14 @@ def taught_corners(solid: Polyhedron) -> tuple[Array, Array, Array]:
 def lookalikes(solid: Polyhedron, seen: tuple[int, ...]) -> Array:
     """(S, 4, 4) the turns after which every corner that is seen lies where a corner of the solid was, as far as that is
     known; the first is none. Where all are seen, these are the solid's symmetries."""
-    every = _corner_frames(solid)[0]
+    every = corner_frames(solid)[0]
     own = np.flatnonzero((every[:, :3, 3] == solid.corners_mm[seen[0]]).all(1))[0]
     turns = np.delete(every, own, 0) @ frames.inverse(every[own])
     moved = solid.corners_mm[list(seen)] @ turns[:, :3, :3].transpose(0, 2, 1) + turns[:, None, :3, 3]
     return np.concatenate([np.eye(4)[None], turns[_as_near(moved, solid.corners_mm)]])
 
 
-def _corner_frames(solid: Polyhedron) -> tuple[Array, Array, Array]:
+def corner_frames(solid: Polyhedron) -> tuple[Array, Array, Array]:
     """Every two edges at every corner, in either order: part_from_corner (K, 4, 4), the cosine between them (K,), and
     how long both are (K, 2), mm."""
     ends = np.concatenate([solid.lines[0], solid.lines[0][:, ::-1]])

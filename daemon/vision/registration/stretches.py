@@ -59,6 +59,16 @@ class Stretches:
         """(E,) which edges show, more than by chance."""
         return np.asarray(self.surprise.mean(1) > SHOWS)
 
+    @property
+    def weight(self) -> Array:
+        """(E,) how much what each edge shows counts."""
+        return np.sqrt(self.edges.lengths_px / SPACING_PX) * np.where(self.edges.outline, 1.0, INNER)
+
+    @property
+    def nats(self) -> Array:
+        """(E,) evidence of each edge against chance."""
+        return np.asarray(self.weight * (np.minimum(self.surprise.mean(1), MOST_SURPRISE) - 1))
+
     def only(self, placement: int, laid: Placements) -> Stretches:
         """Those of one placement."""
         own = np.flatnonzero(self.edges.owner == placement)
@@ -95,11 +105,8 @@ def stretches_of(laid: Placements, eyes: Eyes, poses: Array, tolerance_mm: float
 
 def borne_out(both: Sequence[Stretches]) -> Borne:
     """What the stretches of both eyes say of one placement."""
-    nats = most = 0.0
-    for seen in both:
-        weight = np.sqrt(seen.edges.lengths_px / SPACING_PX) * np.where(seen.edges.outline, 1.0, INNER)
-        nats += float(weight @ (np.minimum(seen.surprise.mean(1), MOST_SURPRISE) - 1))
-        most += float(weight.sum()) * (MOST_SURPRISE - 1)
+    nats = sum(float(seen.nats.sum()) for seen in both)
+    most = sum(float(seen.weight.sum()) for seen in both) * (MOST_SURPRISE - 1)
     return Borne(nats, nats / max(most, 1e-9))
 
 

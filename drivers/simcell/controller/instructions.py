@@ -17,7 +17,6 @@ from drivers.simcell.controller.commands import (
     come_to_rest,
     define,
     percent_of_full,
-    set_speed,
 )
 from drivers.simcell.controller.expressions import (
     ILLEGAL_VALUE,
@@ -29,6 +28,7 @@ from drivers.simcell.controller.expressions import (
 )
 from drivers.simcell.controller.machine import Machine
 
+MOST_PROGRAM_PERCENT = 300.0
 Target = Callable[[Machine], Array]
 """Where a motion goes, asked when it starts: what HERE means depends on the motion before."""
 
@@ -146,6 +146,17 @@ def _configure(**change: bool) -> Verb:
     return bare(act)
 
 
+def _program_speed(machine: Machine, arguments: str) -> None:
+    """SPEED n [ALWAYS] of a program, percent of the monitor's."""
+    share, _, always = arguments.strip().partition(" ")
+    percent = number(share)
+    if always not in ("", "ALWAYS"):
+        raise MonitorError(SYNTAX_ERROR)
+    if not 0 < percent <= MOST_PROGRAM_PERCENT:
+        raise MonitorError(ILLEGAL_VALUE)
+    machine.program_speed(percent, bool(always))
+
+
 INSTRUCTIONS: dict[str, Verb] = {
     "ABOVE": _configure(above=True),
     "APPRO": _to_pose(_approached),
@@ -167,5 +178,5 @@ INSTRUCTIONS: dict[str, Verb] = {
     "READY": _to_joints(READY_RAD),
     "RIGHTY": _configure(lefty=False),
     "SET": _set,
-    "SPEED": set_speed,
+    "SPEED": _program_speed,
 }

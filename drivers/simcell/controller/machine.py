@@ -108,18 +108,30 @@ class Machine:
         if self.faults.refusals:
             raise MonitorError(self.faults.refusals.pop(0))
 
+    def program_speed(self, percent: float, always: bool) -> None:
+        """What the monitor speed is multiplied by: for the next motion, or for every one from now on."""
+        self._next_percent = None if always else percent
+        if always:
+            self.program_percent = percent
+
+    def _pace(self) -> float:
+        """Percent of full of the motion that sets out now."""
+        percent, self._next_percent = self._next_percent or self.program_percent, None
+        return min(FULL_PERCENT, self.speed_percent * percent / FULL_PERCENT)
+
     def move_joints(self, joints_rad: Array, percent: float | None = None) -> None:
-        """Set out for (6,) joint angles; percent: of full speed (None: the monitor speed). Raises MonitorError."""
-        percent = self.speed_percent if percent is None else percent
+        """Set out for (6,) joint angles; percent: of full speed (None: as SPEED says). Raises MonitorError."""
+        percent = self._pace() if percent is None else percent
         with _unreachable_told():
             self.arm.move_joints(joints_rad, percent / FULL_PERCENT, self.now_s)
         self._set_out(percent)
 
     def move_straight(self, world_from_tool: Array) -> None:
         """Set out on a straight line for a pose (4, 4). Raises MonitorError."""
+        percent = self._pace()
         with _unreachable_told():
-            self.arm.move_straight(world_from_tool, self.speed_percent / FULL_PERCENT, self.now_s)
-        self._set_out(self.speed_percent)
+            self.arm.move_straight(world_from_tool, percent / FULL_PERCENT, self.now_s)
+        self._set_out(percent)
 
     def calibrate(self) -> float:
         """Begin to find the joints' zeros, each turning a little at a pace of its own; gives when that is over."""
@@ -184,6 +196,7 @@ class Machine:
     def _forget(self) -> None:
         """As after the mains were off."""
         self.memory, self.speed_percent, self.wanted = Memory(), FULL_PERCENT, Configuration()
+        self.program_speed(FULL_PERCENT, always=True)
 
 
 @contextmanager

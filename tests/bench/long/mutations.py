@@ -1,15 +1,17 @@
 """Small wrongs put into what keeps the arm from surprising, or into files and doors: does a test notice each?
 
 usage: python -m tests.bench.long.mutations [--count N] [--seed N] [--only TEXT] [--each TEXT] [--named]
-                                            [--rooms ROOM ...] [--from N]
+                                            [--rooms ROOM ...] [--from N] [--kept FILE]
 
-All tests are collected once and run once as they are: how long each takes, and which functions it runs. Each mutation
-of a function is then made in what is loaded, in a process forked for it, and the tests that run the function are tried,
-the quickest first, up to the first that fails. One of a module's value or a class's default is made in the file as it
-is imported, in a process forked before anything was: all tests run there, the file's own first. One that no test
-notices is printed with its line. --rooms: arm and val2 unless said otherwise; --only: those of the sample whose
+All tests are run once as they are: how long each takes, and which functions it runs; but for those of the whole daemon,
+which take long and run nearly all. Each mutation of a function is then made in what is loaded, in a process forked for
+it, and the tests that run the function are tried, the quickest first, up to the first that fails, and those of the
+whole daemon where none does. One of a module's value or a class's default is made in the file as it is imported,
+in a process forked before anything was: all tests run there, those that run something of the file first. One that no
+test notices is printed with its line. --rooms: arm and val2 unless said otherwise; --only: those of the sample whose
 description (`file:line: kind: text`) holds the text; --each: all there are whose description does, instead of a sample;
---from: the sample without its first so many, which were tried before.
+--from: the sample without its first so many; --kept: what is known of each test, and what became of each mutation, is
+added to this file, and what stands there is not tried again (a line struck out is).
 """
 
 from __future__ import annotations
@@ -19,23 +21,26 @@ import ast
 import copy
 import gc
 import importlib
+import json
 import multiprocessing
 import os
 import random
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections import deque
+from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from importlib.abc import Loader, MetaPathFinder
 from importlib.machinery import ModuleSpec
 from importlib.util import spec_from_file_location
 from itertools import zip_longest
-from multiprocessing.connection import Connection
+from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 from types import CodeType, FrameType, FunctionType, ModuleType
+from typing import Any
 
 import pytest
 import yaml
@@ -54,6 +59,10 @@ DAEMON = (
     *("tests/unit/pick/test_cycle_stops.py", "tests/unit/pick/test_take.py"),
     *("tests/unit/service/test_surprises_found.py", "tests/unit/service/test_whole_daemon.py"),
 )
+STORIES = "tests/unit/service/"
+"""Whose tests live with the whole daemon: most of it runs in each."""
+ALL = frozenset({("", "")})
+"""What a test runs that nobody looked at: whatever there is."""
 CODE = (f"{ROOT}/daemon/", f"{ROOT}/drivers/")
 WHOLE = {
     "arm": ("tests/unit/arm", "tests/unit/test_config.py", "tests/unit/test_safety.py", *DAEMON),
@@ -67,7 +76,8 @@ TOLD = "not the_property_notices"
 """Tests of a test take a rule away themselves, and notice no other wrong."""
 STEPS = "1000"
 """Of the whole daemon's random ones."""
-LONGEST, LEAST_S = 10.0, 30.0
+AT_ONCE = 4
+LONGEST, LEAST_S = 30.0, 120.0
 """A test that takes so many times as long as without a wrong, and not less than this, is taken to hang; a hang is
 noticed."""
 ANEW_S = 3600.0
@@ -300,25 +310,60 @@ def _forked(work: Callable[[Connection], None]) -> tuple[Connection, BaseProcess
     return mine, process
 
 
+Found = tuple[str, str, str]
+"""A mutation's description, "own", "others" or "LIVES", and which test noticed it."""
+
+
+@dataclass(frozen=True)
+class Kept:
+    """What earlier runs found, each line of the file a test or a mutation; None: nobody wants to know."""
+
+    file: Path | None
+
+    def tests(self) -> dict[str, Known | None]:
+        """None of a test that fails without any wrong."""
+        found = {}
+        for nodeid, took_s, runs in self._lines("test"):
+            found[nodeid] = None if took_s is None else Known(took_s, frozenset((file, name) for file, name in runs))
+        return found
+
+    def mutations(self) -> list[Found]:
+        """What became of each."""
+        return [(text, by, test) for text, by, test in self._lines("mutation")]
+
+    def add(self, kind: str, *values: object) -> None:
+        """One more."""
+        if self.file is not None:
+            with self.file.open("a", encoding="utf-8") as lines:
+                lines.write(json.dumps([kind, *values]) + "\n")
+
+    def _lines(self, kind: str) -> list[list[Any]]:
+        if self.file is None or not self.file.exists():
+            return []
+        lines = [json.loads(line) for line in self.file.read_text(encoding="utf-8").splitlines()]
+        return [values for first, *values in lines if first == kind]
+
+
+@dataclass(eq=False)
+class Trial:
+    """Of one mutation: where it is, until when that may take, and what noticed the mutation ("": nothing), once that is
+    known."""
+
+    mutation: Mutation
+    process: BaseProcess
+    until_s: float
+    at: str = "putting it in"
+    by: str | None = None
+
+
 class Trials:
     """Tests of a mutation, each mutation in a process forked from this one, where all is imported and collected."""
 
-    def __init__(self, watch: Watch, items: Sequence[pytest.Item]) -> None:
-        self.watch, self.items = watch, {item.nodeid: item for item in items}
-        self.known: dict[str, Known] = {}
+    def __init__(self, watch: Watch, items: Sequence[pytest.Item], known: dict[str, Known]) -> None:
+        self.watch, self.items, self.known = watch, {item.nodeid: item for item in items}, known
 
-    def learn(self) -> None:
-        """Run every test as it is. One that fails would notice anything, and is left out."""
-        mine, process = _forked(self._learnt)
-        for _ in self.items:
-            nodeid, failed, known = mine.recv()
-            if failed:
-                print(f"left out, fails without any wrong: {nodeid}", flush=True)
-            else:
-                self.known[nodeid] = known
-        process.join()
-
-    def _learnt(self, answer: Connection) -> None:
+    def learn(self, answer: Connection, but: Container[str]) -> None:
+        """Run every test as it is but for some, and say of each its id, whether it fails, what is known of it."""
         took_s, failed, runs = 0.0, False, set[tuple[str, str]]()
 
         def told(report: pytest.TestReport) -> None:
@@ -330,36 +375,55 @@ class Trials:
             runs.add((code.co_filename, code.co_qualname))
 
         self.watch.told = told
-        for nodeid, item in self.items.items():
-            took_s, failed = 0.0, False
+        for nodeid, item in [(nodeid, item) for nodeid, item in self.items.items() if nodeid not in but]:
+            took_s, failed, traced = 0.0, False, not nodeid.startswith(STORIES)
             runs.clear()
-            sys.settrace(called)
-            threading.settrace(called)
+            if traced:
+                sys.settrace(called)
+                threading.settrace(called)
             item.ihook.pytest_runtest_protocol(item=item, nextitem=None)
             sys.settrace(None)
+            threading.settrace(None)
             ours = frozenset((path.removeprefix(f"{ROOT}/"), name) for path, name in runs if path.startswith(CODE))
-            answer.send((nodeid, failed, Known(took_s, ours)))
+            answer.send((nodeid, failed, Known(took_s, ours if traced else ALL)))
 
-    def noticed(self, mutation: Mutation) -> str:
-        """Which test notices it, "" where none does: of those that run its function, the quickest first."""
-        names = {(mutation.file, name) for name in changed(mutation)}
-        those = [nodeid for nodeid, known in self.known.items() if not names or names & known.runs]
-        those.sort(key=lambda nodeid: self.known[nodeid].took_s)
-        mine, process = _forked(partial(self._tried, mutation, those))
+    def noticed(self, mutations: Iterable[Mutation]) -> Iterator[tuple[Mutation, str]]:
+        """Which test notices each, "" where none does: of those that run its function, the quickest first. Some are
+        tried beside each other, as most tests wait for a clock."""
+        left, tried = deque(mutations), dict[Connection, Trial]()
+        while left or tried:
+            while left and len(tried) < AT_ONCE:
+                mutation = left.popleft()
+                mine, process = _forked(partial(self._tried, mutation, self._those_of(mutation)))
+                tried[mine] = Trial(mutation, process, time.monotonic() + LEAST_S)
+            for mine in wait(list(tried), 1.0):
+                assert isinstance(mine, Connection)
+                self._hear(mine, tried[mine])
+            for mine, trial in list(tried.items()):
+                if trial.by is None and time.monotonic() > trial.until_s:
+                    trial.by = f"{trial.at} hangs"
+                if trial.by is not None:
+                    trial.process.kill()
+                    trial.process.join()
+                    del tried[mine]
+                    yield trial.mutation, trial.by
+
+    def _hear(self, mine: Connection, trial: Trial) -> None:
         try:
-            at = "putting it in"
-            while True:
-                known = self.known.get(at)
-                if not mine.poll(max(LEAST_S, LONGEST * known.took_s if known else 0.0)):
-                    return f"{at} hangs"
-                kind, at = mine.recv()
-                if kind != "begins":
-                    return str(at)
+            kind, told = mine.recv()
         except EOFError:
-            return f"{at} ends the process"
-        finally:
-            process.kill()
-            process.join()
+            trial.by = f"{trial.at} ends the process"
+            return
+        if kind == "begins":
+            trial.at = told
+            trial.until_s = time.monotonic() + max(LEAST_S, LONGEST * self.known[told].took_s)
+        else:
+            trial.by = told
+
+    def _those_of(self, mutation: Mutation) -> list[str]:
+        names = {(mutation.file, name) for name in changed(mutation)} | ALL
+        those = [nodeid for nodeid, known in self.known.items() if nodeid in self.items and names & known.runs]
+        return sorted(those, key=lambda nodeid: (self.known[nodeid].runs == ALL, self.known[nodeid].took_s))
 
     def _tried(self, mutation: Mutation, those: Sequence[str], answer: Connection) -> None:
         def told(report: pytest.TestReport) -> None:
@@ -431,9 +495,37 @@ class Imported(MetaPathFinder, Loader):
         exec(compile(self.mutation.source, str(module.__file__), "exec"), vars(module))
 
 
-def noticed_anew(mutation: Mutation, tests: Sequence[str]) -> str:
-    """Which of the tests, in this order, notices a wrong that is there from the import on, "" where none does. Only
-    from a process that imported nothing of ours."""
+def learnt(tests: Sequence[str], kept: Kept) -> dict[str, Known]:
+    """What is known of the tests, by their ids. One that fails would notice anything, and is left out. Only from a
+    process that imported nothing of ours, and is to stay so."""
+    found = kept.tests()
+
+    def each(answer: Connection) -> None:
+        watch = Watch(lambda items: Trials(watch, items, {}).learn(answer, found))
+        _pytest(watch, tests)
+        answer.send(None)
+
+    mine, process = _forked(each)
+    while (told := mine.recv()) is not None:
+        nodeid, failed, known = told
+        found[nodeid] = None if failed else known
+        kept.add("test", nodeid, *((None, ()) if failed else (known.took_s, sorted(known.runs))))
+    process.join()
+    for nodeid in [nodeid for nodeid, known in found.items() if known is None]:
+        print(f"left out, fails without any wrong: {nodeid}", flush=True)
+    sound = {nodeid: known for nodeid, known in found.items() if known is not None}
+    print(f"{len(sound)} tests, {sum(known.took_s for known in sound.values()):.0f} s", flush=True)
+    return sound
+
+
+def noticed_anew(mutation: Mutation, tests: Sequence[str], known: dict[str, Known]) -> str:
+    """Which of the tests notices a wrong that is there from the import on, "" where none does: those that run
+    something of the file first, the quickest first. Only from a process that imported nothing of ours."""
+
+    def order(item: pytest.Item) -> tuple[bool, bool, float]:
+        of_it = known[item.nodeid]
+        others = mutation.file not in {file for file, _ in of_it.runs}
+        return of_it.runs == ALL, others, of_it.took_s
 
     def tried(answer: Connection) -> None:
         def told(report: pytest.TestReport) -> None:
@@ -442,7 +534,7 @@ def noticed_anew(mutation: Mutation, tests: Sequence[str]) -> str:
                 os._exit(0)
 
         def each(items: list[pytest.Item]) -> None:
-            for item in items:
+            for item in sorted([item for item in items if item.nodeid in known], key=order):
                 item.ihook.pytest_runtest_protocol(item=item, nextitem=None)
             answer.send("")
 
@@ -477,32 +569,31 @@ def _codes(code: CodeType) -> Iterator[tuple[str, CodeType]]:
             yield from _codes(constant)
 
 
-Found = tuple[Mutation, str, str]
-"""A mutation, "own", "others" or "LIVES", and which test noticed it."""
-
-
-def run(chosen: Sequence[Mutation], tests: Callable[[Mutation], Sequence[str]]) -> list[Found]:
-    """What becomes of each; tests: of a mutation, the file's own first."""
-    found: list[Found] = []
+def run(chosen: Sequence[Mutation], tests: Callable[[Mutation], Sequence[str]], kept: Kept) -> list[Found]:
+    """What becomes of each, or became; tests: of a mutation, the file's own first."""
+    of_these = {str(mutation) for mutation in chosen}
+    found = [one for one in kept.mutations() if one[0] in of_these]
+    chosen = [m for m in chosen if str(m) not in {text for text, _, _ in found}]
 
     def judged(mutation: Mutation, test: str) -> None:
         by = "LIVES" if not test else "own" if test.startswith(tuple(own_tests(mutation.file))) else "others"
         print(f"{by:6} {mutation}    {test}", flush=True)
-        found.append((mutation, by, test))
+        found.append((str(mutation), by, test))
+        kept.add("mutation", *found[-1])
 
     def each(items: list[pytest.Item]) -> None:
-        trials = Trials(watch, items)
-        trials.learn()
-        print(f"{len(items)} tests, {sum(known.took_s for known in trials.known.values()):.0f} s", flush=True)
-        for mutation in in_functions:
-            judged(mutation, trials.noticed(mutation))
+        trials = Trials(watch, items, known)
+        for mutation, test in trials.noticed(in_functions):
+            judged(mutation, test)
 
+    those = sorted({test for mutation in chosen for test in tests(mutation)})
+    known = learnt(those, kept) if those else {}
     in_functions = [mutation for mutation in chosen if changed(mutation)]
     for mutation in [m for m in chosen if m not in in_functions]:
-        judged(mutation, noticed_anew(mutation, tests(mutation)))
+        judged(mutation, noticed_anew(mutation, tests(mutation), known))
     watch = Watch(each)
     if in_functions:
-        _pytest(watch, sorted({test for mutation in in_functions for test in tests(mutation)}))
+        _pytest(watch, those)
     return found
 
 
@@ -510,7 +601,7 @@ def report(found: Sequence[Found], seconds: float) -> None:
     """Print the table by file."""
     print(f"{'':32} tried own others live")
     for file in (*FILES, ""):
-        by = [by for mutation, by, _ in found if mutation.file.startswith(file)]
+        by = [by for text, by, _ in found if text.startswith(file)]
         if by:
             print(f"{file or 'all':32} {len(by):5} {by.count('own'):3} {by.count('others'):6} {by.count('LIVES'):4}"
                   f" ({100 * by.count('LIVES') / len(by):.1f} %)")  # fmt: skip
@@ -531,6 +622,7 @@ def main() -> None:
     parser.add_argument("--rooms", nargs="+", default=("arm", "val2"), choices=WHOLE)
     parser.add_argument("--only", default="")
     parser.add_argument("--each", default="")
+    parser.add_argument("--kept", type=Path)
     parser.add_argument("--named", action="store_true", help="only those that nobody noticed once")
     args = parser.parse_args()
     began_s = time.monotonic()
@@ -542,7 +634,10 @@ def main() -> None:
         picked = there_are if args.each else sample(there_are, args.count, args.seed)[args.skip :]
         chosen = [m for m in picked if args.only in str(m)]
         by_name = {}
-    report(run(chosen, lambda m: [by_name[m]] if m in by_name else _those_of(m)), time.monotonic() - began_s)
+    report(
+        run(chosen, lambda m: [by_name[m]] if m in by_name else _those_of(m), Kept(args.kept)),
+        time.monotonic() - began_s,
+    )
 
 
 if __name__ == "__main__":

@@ -29,7 +29,7 @@ from daemon import frames
 from daemon.calibration.file import Calibration
 from daemon.cell.pick_cell import doubt_of
 from daemon.jobs.demo import PARTS
-from daemon.pick.fusion import Doubt, Stops
+from daemon.pick.pose_fusion import Doubt, Stops
 from daemon.pick.settings import Settings
 from daemon.vision.geometry.rig import Camera
 from tests.bench.calibration import calibrated

@@ -43,6 +43,7 @@ BROKEN = [
     ("not_a_location", command(np.full((4, 4), np.nan)), STANDING),
     ("not_a_location", command(np.diag([1.0, 1.0, -1.0, 1.0])), STANDING),
     ("not_a_location", command(np.eye(3)), STANDING),
+    ("not_a_location", command(frames.rigid(1.00001 * AT[:3, :3], AT[:3, 3])), STANDING),
     ("arm_lost", command(), ArmState(True, None, None, 100.0)),
     ("outside_workspace", command(moved(x=600.0)), STANDING),
     ("outside_workspace", command(moved(z=-400.0)), STANDING),
@@ -305,3 +306,15 @@ def test_each_corner_of_a_finger_tip_is_guarded(point):
     assert refusal.rule == "below_table"
     fewer = replace(LIMITS, body_mm=tuple(other for other in LIMITS.body_mm if other != point))
     assert refuse(told, standing, fewer) is None, "nothing else is that low"
+
+
+def test_a_step_or_a_turn_of_just_what_is_allowed_goes_and_a_hair_more_does_not():
+    target = moved(x=10.0, turn=0.2)
+    step = float(np.linalg.norm(target[:3, 3] - AT[:3, 3]))
+    turn = float(np.degrees(frames.angle_between(AT, target)))
+    limits = replace(LIMITS, max_step_mm=step, max_turn_deg=turn)
+    assert refuse(command(target), STANDING, limits) is None
+    for broken, less in (("step_too_long", "max_step_mm"), ("turn_too_far", "max_turn_deg")):
+        refusal = refuse(command(target), STANDING, replace(limits, **{less: np.nextafter(getattr(limits, less), 0.0)}))
+        assert refusal is not None
+        assert refusal.rule == broken

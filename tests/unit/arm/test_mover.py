@@ -240,3 +240,22 @@ def test_the_hand_is_not_driven_while_nothing_may_move(meanwhile, rule):
         asyncio.run(mover.hand(closed=True))
     assert told.value.refusal.rule == rule
     assert not world.wire
+
+
+def test_an_arm_that_is_exactly_where_it_was_sent_is_there_however_little_it_may_be_off():
+    world = World(np.random.default_rng(0))
+    mover = Mover(build(world), Limits(), Arrival(within_mm=0.0, within_deg=0.0), Allowed())
+
+    async def exactly(world_from_tool, **_):
+        return Reading(world_from_tool, START)
+
+    mover.cell.robot.move = exactly
+    asyncio.run(mover.rest())
+    asyncio.run(mover.go(command(HEAD_DOWN, True, 20.0)))
+    assert world.said("moved")[0]["error_mm"] == 0.0
+
+
+def test_a_move_before_the_first_pick_is_of_no_pick():
+    world = World(np.random.default_rng(0))
+    asyncio.run(mover_in(world).travel(NEAR, "by hand", lambda _: 20.0))
+    assert {record["cycle"] for record in world.said("move") + world.said("moved")} == {0}

@@ -259,6 +259,29 @@ def test_step_said_once_more_is_no_yes_to_the_move_that_waits_and_step_off_is():
     asyncio.run(story())
 
 
+@pytest.mark.parametrize("yes", ["confirm", "step off"])
+def test_a_pause_holds_also_the_move_that_waited_for_a_yes_when_it_was_said(yes):
+    """Somebody was told that the arm holds before its next move, and the yes of another sent it off."""
+    world, supervisor, heard = supervised()
+
+    async def story() -> None:
+        supervisor.step(True)
+        task = asyncio.create_task(supervisor.run("travel", travelling(supervisor)))
+        await eventually(lambda: supervisor.status()["pending"] is not None)
+        supervisor.pause()
+        supervisor.confirm() if yes == "confirm" else supervisor.step(False)
+        await eventually(lambda: bool(heard))
+        assert (world.wire, supervisor.status()["pending"]) == ([], None)
+        supervisor.resume()
+        await eventually(lambda: bool(world.wire))
+        await supervisor.abort()
+        with pytest.raises(RefusedError):
+            await task
+
+    asyncio.run(asyncio.wait_for(story(), 10.0))
+    assert [what for what, _ in heard] == [Interruption.PAUSE, Interruption.RESUME, Interruption.ABORT]
+
+
 async def endless(world: World) -> None:
     """A foreign motion: CAL, or a line typed at the monitor."""
     world.wire.append(("foreign", None))
@@ -917,3 +940,65 @@ def test_an_arm_that_may_move_is_told_to_stop_when_it_is_disabled_though_no_job_
     asyncio.run(supervisor.disable())
     assert [name for name, _ in world.wire] == ([] if let is None else ["abort"])
     assert not supervisor.enabled
+
+
+def test_a_move_that_waits_for_a_yes_is_told_to_a_tenth_of_a_millimetre():
+    _, supervisor, _ = supervised()
+    target = frames.perturb(HEAD_DOWN, np.array([30.26, 0.04, -7.0, 0, 0, 0]))
+
+    async def story() -> None:
+        supervisor.step(True)
+        task = asyncio.create_task(supervisor.run("travel", travel(target)))
+        await eventually(lambda: supervisor.status()["pending"] is not None)
+        assert supervisor.status()["pending"] == "there: joints to x 450.3 y 0 z 53 mm at 50 %"
+        supervisor.refuse()
+        with pytest.raises(OperatorRefusedError):
+            await task
+
+    async def travel(pose) -> None:
+        await supervisor.mover.rest()
+        await supervisor.mover.travel(pose, "there", lambda _: 50.0)
+
+    asyncio.run(story())
+
+
+def test_an_arm_that_fails_to_say_whether_it_rests_once_nobody_waits_any_more_is_nobodys_unhandled_error():
+    _, supervisor, _ = supervised()
+    unhandled = []
+
+    async def late() -> bool:
+        await asyncio.sleep(10.0)
+        raise OSError("the cable came out")
+
+    async def story() -> None:
+        asyncio.get_running_loop().set_exception_handler(lambda _, context: unhandled.append(context))
+        supervisor.mover.cell.robot.at_rest = late
+        assert not await supervisor.at_rest()
+        await asyncio.sleep(20.0)
+        supervisor._asking = None
+        gc.collect()
+
+    lived(story())
+    assert not unhandled
+
+
+def test_an_enable_asked_for_before_the_line_was_opened_anew_is_void():
+    _, supervisor, _ = supervised(enabled=False)
+    asked = supervisor.stops
+    supervisor.line_opened_anew()
+    with pytest.raises(RefusedError, match="say `enable` once more"):
+        supervisor.enable(asked)
+
+
+def test_other_limits_and_another_cell_hold_from_the_next_move_on():
+    world, supervisor, _ = supervised()
+    other, arrival = build(world), Arrival(timeout_s=7.0)
+    supervisor.refit(other, Limits(max_speed_pct=10.0), arrival)
+    assert (supervisor.mover.cell, supervisor.mover.arrival) == (other, arrival)
+
+    async def one_move() -> None:
+        await supervisor.mover.rest()
+        await supervisor.mover.travel(NEAR, "there", lambda _: 50.0)
+
+    asyncio.run(supervisor.run("travel", one_move()))
+    assert [move["speed_pct"] for move in world.said("move")] == [10.0]

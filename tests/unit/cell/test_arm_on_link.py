@@ -15,7 +15,9 @@ from daemon.arm import StopRefusedError
 from daemon.cell.arm_on_link import ArmOnLink
 from drivers.puma560 import READY_RAD, ArmGeometry
 from drivers.simcell.arm import Arm
-from drivers.simcell.controller import Controller, Faults, Manners, Mishap, PtyServer
+from drivers.simcell.controller import Controller, Faults, Manners, Mishap, PtyServer, instructions
+from drivers.simcell.controller.expressions import MonitorError
+from drivers.simcell.controller.machine import Machine
 from drivers.val2.errors import LinkError
 from tests.worlds.arm_line import QUICK, ArmLine
 
@@ -74,12 +76,13 @@ def test_a_controllers_terminal_that_is_left_while_the_arm_moves_is_over_when_it
 
 async def typed_in_a_line(arm: ArmOnLink, line: ArmLine) -> None:
     await arm.monitor("SPEED 100")
+    await arm.monitor("DO SPEED 300 ALWAYS")
     await arm.monitor("TOOL TRANS(0,0,50,0,0,0)")
 
 
 async def typed_at_the_terminal(arm: ArmOnLink, line: ArmLine) -> None:
     async with arm.terminal(lambda _: None) as send:
-        send(b"SPEED 100\rTOOL TRANS(0,0,50,0,0,0)\r")
+        send(b"SPEED 100\rDO SPEED 300 ALWAYS\rTOOL TRANS(0,0,50,0,0,0)\r")
         await asyncio.sleep(0.3)
 
 
@@ -100,9 +103,10 @@ async def stopped(arm: ArmOnLink, line: ArmLine) -> None:
 
 
 def switched_on_again(line: ArmLine) -> None:
-    """Full speed, and the bare wrist."""
+    """Full speed, and the bare wrist; and a program that begins by itself."""
     with line.server.controller() as controller:
         controller.machine.speed_percent = 100.0
+        controller.machine.program_speed(300.0, always=True)
         controller.arm.tool = np.eye(4)
 
 
@@ -122,8 +126,27 @@ def test_speed_and_tool_are_told_again_after_whatever_may_have_changed_them(line
 
     asyncio.run(story())
     with line.server.controller() as controller:
-        assert controller.machine.speed_percent == 20.0
+        assert (controller.machine.speed_percent, controller.machine.program_percent) == (20.0, 100.0)
         np.testing.assert_allclose(controller.arm.tool, tool, atol=1e-6)
+
+
+@pytest.mark.parametrize("said", ["*Illegal command*", "*Invalid argument*"])
+def test_a_controller_whose_programs_have_no_speed_is_moved_all_the_same(
+    line: ArmLine, monkeypatch: pytest.MonkeyPatch, said: str
+) -> None:
+    def refused(machine: Machine, arguments: str) -> None:
+        raise MonitorError(said)
+
+    monkeypatch.setitem(instructions.INSTRUCTIONS, "SPEED", refused)
+
+    async def story() -> None:
+        async with arm_on(line) as arm:
+            here = (await arm.where()).world_from_tool
+            await arm.move(here, straight=False, speed_pct=20.0, timeout_s=20.0)
+
+    asyncio.run(story())
+    with line.server.controller() as controller:
+        assert controller.machine.speed_percent == 20.0
 
 
 def test_nobody_else_asks_the_controller_anything_during_a_cal(line: ArmLine) -> None:

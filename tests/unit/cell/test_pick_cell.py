@@ -16,7 +16,7 @@ from daemon.calibration.file import Quality, load_calibration
 from daemon.calibration.session import SPREAD_LIMIT_MM
 from daemon.cell.pick_cell import doubt_of, guarded, pick_cell
 from daemon.config import load_config
-from daemon.pick.fusion import Doubt
+from daemon.pick.pose_fusion import Doubt
 from drivers.puma560 import ArmGeometry
 from drivers.simcell.truth import load_truth
 from tests.worlds.first_day import arm_yaml

@@ -128,7 +128,7 @@ def test_a_door_that_may_only_look_does_not_move_the_arm_by_looking_with_one_eye
     lived(story)
 
 
-@pytest.mark.parametrize("hindrance", [None, "disabled", "hand", "stopped"])
+@pytest.mark.parametrize("hindrance", [None, "disabled", "hand", "stopped", "paused", "auto off"])
 def test_auto_degrade_goes_on_by_itself_only_where_the_arm_may_move_and_nobody_stopped_it(
     hindrance: str | None,
 ) -> None:
@@ -150,7 +150,11 @@ def test_auto_degrade_goes_on_by_itself_only_where_the_arm_may_move_and_nobody_s
         if hindrance == "stopped":
             await asyncio.sleep(0)
             await here.cycle.supervisor.stop()
+        if hindrance in ("paused", "auto off"):
+            await asyncio.sleep(0)
+            here.cycle.supervisor.pause() if hindrance == "paused" else here.cycle.auto_off()
         await going
+        assert here.cycle.supervisor.paused is (hindrance == "paused")
         assert begun == ([] if hindrance else [(3, None)])
         assert (here.cycle.supervisor.fault is None) == (hindrance is None)
 

@@ -215,3 +215,69 @@ def test_a_stray_byte_eats_nothing_of_what_follows(stray: bytes) -> None:
 def test_control_c_and_return_are_heard_in_the_middle_of_an_escape(begun: bytes) -> None:
     assert editor().feed(begun + b"\x03").events == [Key.INTERRUPT]
     assert editor().feed(b"stop" + begun + b"\r").events == ["stop"]
+
+
+@pytest.mark.parametrize(
+    ("key", "same_as"),
+    [
+        (b"\x01", HOME), (b"\x02", LEFT), (b"\x05", b"\x1b[F"), (b"\x06", RIGHT), (b"\x04", DELETE), (b"\x08", b"\x7f"),
+        (b"\x0c", b"\x12"), (b"\x0e", DOWN), (b"\x10", UP), (b"\x01", b"\x1bOH"),
+    ],
+)  # fmt: skip
+def test_what_a_terminal_has_no_key_for_a_letter_with_control_does(key: bytes, same_as: bytes) -> None:
+    before = b"first\rsecond\rthird\r" + UP * 2 + LEFT * 2
+    lines = [editor().feed(before + one + b"x" + one + b"y\r") for one in (key, same_as)]
+    assert lines[0] == lines[1]
+
+
+@pytest.mark.parametrize(
+    ("said", "size"),
+    [(b"30;100", (30, 100)), (b"4;20", (4, 20)), (b"3;100", None), (b"30;19", None), (b"3;19", None), (b"0;0", None)],
+)
+def test_a_terminal_is_as_large_as_it_says_unless_nothing_could_be_read_there(
+    said: bytes, size: tuple[int, int] | None
+) -> None:
+    edit = editor()
+    usual = edit.rows, edit.columns
+    assert edit.feed(b"a\x1b[" + said + b"Rb\r").events == ["ab"]
+    assert (edit.rows, edit.columns) == (size or usual)
+
+
+def test_what_belongs_to_a_sequence_that_nobody_knows_is_not_typed() -> None:
+    assert editor().feed(b"\x1b[ Ax\r").events == ["x"]
+    assert editor().feed(b"\x1b[1\ry\r").events == ["", "y"], "and what ends a line ends it"
+    assert editor().feed(b"abc\x1b[\x15x\r").events == ["x"], "a key with control is none of it"
+    assert editor().feed(b"\x1b[@x\x1b[~y\r").events == ["xy"]
+
+
+def test_tab_types_what_all_that_may_be_meant_have_in_common() -> None:
+    edit = LineEditor("> ", lambda typed: [word for word in ("stat", "status") if word.startswith(typed)])
+    assert edit.feed(b"s\tus\r").events == ["status"]
+
+
+@pytest.mark.parametrize(
+    "keys", [b"\x7f", b"\x04", b"\x17", LEFT, RIGHT, UP, DOWN, b"\x0b", b"\x1b[5~", b"qqq\t", b"\x80"]
+)
+def test_what_cannot_be_done_rings(keys: bytes) -> None:
+    edit = editor()
+    edit.feed(b"x" + LEFT if keys != b"\x04" else b"x")
+    edit.feed(b"\x05" if keys in (RIGHT, b"\x04") or b"q" in keys else b"\x01")
+    assert edit.feed(keys).echo.endswith(BELL)
+
+
+def test_what_is_typed_is_echoed_and_a_line_s_end_goes_to_the_next_line() -> None:
+    edit = editor()
+    assert edit.feed(b"ab\r").echo == b"ab\r\n"
+    assert edit.feed(b"\n").echo == b"", "the other half of the same end"
+    assert edit.feed(b"\n").echo == b"\r\n"
+    assert edit.feed(b"\x00").echo == b"", "what a line says that is only being tested"
+    assert edit.feed(b"a\x03").echo == b"a^C\r\n"
+
+
+def test_what_may_be_meant_is_offered_within_the_width_of_the_terminal() -> None:
+    edit = LineEditor("> ", lambda typed: ["a" * 9, "b" * 8])
+    edit.feed(b"\x1b[4;20R")
+    assert edit.feed(b"\t").echo == b"\r\n" + b"a" * 9 + b"  " + b"b" * 8 + b"\r\n" + edit.show_prompt()
+    edit = LineEditor("> ", lambda typed: ["a" * 9, "b" * 9])
+    edit.feed(b"\x1b[4;20R")
+    assert edit.feed(b"\t").echo.count(b"\r\n") == 3

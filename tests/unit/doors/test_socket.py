@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import os
 import pty
@@ -13,17 +14,19 @@ import time
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any
+from unittest.mock import AsyncMock, Mock
 
 import pytest
 
 from daemon.commands import every_command
 from daemon.config import Console as ConsoleConfig
 from daemon.config import Terminal
-from daemon.console.interpreter import Answer, Command, Console
+from daemon.console.interpreter import Answer, Command, CommandError, Console
 from daemon.doors.client import DaemonLink, NotThereError
 from daemon.doors.rights import DoorError, Rights
-from daemon.doors.socket import MOST_EACH, MOST_TO_STOP, SocketServer
+from daemon.doors.socket import MOST_EACH, MOST_TO_STOP, MOST_TOGETHER, SocketServer, _Message, _Operator
 from daemon.doors.terminal import SerialConsole
+from daemon.store.places import HOUSE
 from tests.worlds.fake_context import fake_context
 
 EVERYBODY = Rights(ConsoleConfig())
@@ -124,6 +127,7 @@ def test_what_is_no_message_is_answered_so_and_the_daemon_goes_on(tmp_path: Path
 def test_a_message_without_end_is_refused(tmp_path: Path) -> None:
     (answer,), _ = with_socket(tmp_path / "s", lambda path: speak(path, b"x" * 200_000 + b"\n"))
     assert "too long" in answer["done"]["text"]
+    assert answer["done"]["status"] == 2
 
 
 def test_stop_is_heard_while_another_command_is_being_done_and_a_second_move_is_not(tmp_path: Path) -> None:
@@ -552,12 +556,34 @@ def test_each_answer_has_the_number_of_its_question_and_only_where_there_was_one
 
 
 def test_notices_go_to_those_who_listen_once_each_and_a_stop_s_answer_too(tmp_path: Path) -> None:
-    def use(path: Path) -> Any:
-        listening = {"notices": True}
-        return asked(path, listening, listening, {"interrupt": True}, answers=1)
+    context = fake_context(tmp_path)
 
-    answers, _ = with_socket(tmp_path / "s", use)
-    assert answers == [{"stopped": "Nothing moves."}]
+    def use(path: Path) -> Any:
+        with socket.socket(socket.AF_UNIX) as deaf, socket.socket(socket.AF_UNIX) as hears:
+            for one, lines in ((deaf, b""), (hears, b'{"notices": true}\n' * 2)):
+                one.connect(str(path))
+                one.sendall(lines + b'{"complete": "sta"}\n')
+                assert one.recv(65536).startswith(b'{"options"')
+            context.loop.call_soon_threadsafe(context.notices.tell, "first")
+            context.loop.call_soon_threadsafe(context.notices.tell, "second")
+            heard = hears.makefile("rb")
+            told = [json.loads(heard.readline()) for _ in range(2)]
+            for one in (deaf, hears):
+                one.sendall(b'{"interrupt": true}\n')
+            return told, deaf.recv(65536), heard.readline()
+
+    async def serve() -> Any:
+        context.loop = asyncio.get_running_loop()
+        server = SocketServer(tmp_path / "s", EVERYBODY, Console(context, every_command()), interrupter(context))
+        await server.open()
+        try:
+            return await asyncio.to_thread(use, tmp_path / "s")
+        finally:
+            await server.close()
+
+    told, deaf, heard = asyncio.run(serve())
+    assert told == [{"notice": "first"}, {"notice": "second"}]
+    assert json.loads(deaf) == json.loads(heard) == {"stopped": "Nothing moves."}
 
 
 def test_keys_and_what_is_shown_pass_while_a_terminal_is_open(tmp_path: Path) -> None:
@@ -612,3 +638,180 @@ def test_who_has_typed_too_far_ahead_is_refused_all_but_a_stop(tmp_path: Path, m
     assert "too many commands wait for their turn" in refused["done"]["text"]
     assert stopped["done"]["status"] == 0
     assert [told for told in context.cycle.told if told.startswith("stop")]
+
+
+def test_what_lies_where_the_socket_goes_and_is_none_is_somebodys(tmp_path: Path) -> None:
+    path = tmp_path / "s"
+    path.write_text("a person's own")
+
+    async def come() -> None:
+        await SocketServer(path, EVERYBODY, Console(fake_context(tmp_path), []), interrupter(None)).open()
+
+    with pytest.raises(DoorError, match="no socket; move it"):
+        asyncio.run(come())
+    assert path.read_text() == "a person's own"
+
+
+def test_a_daemon_that_hangs_with_a_full_queue_of_clients_lives_all_the_same(tmp_path: Path) -> None:
+    path = tmp_path / "s"
+    with socket.socket(socket.AF_UNIX) as hung, contextlib.ExitStack() as queue:
+        hung.bind(str(path))
+        hung.listen(0)
+        for _ in range(4):
+            one = queue.enter_context(socket.socket(socket.AF_UNIX))
+            one.setblocking(False)
+            with contextlib.suppress(BlockingIOError):
+                one.connect(str(path))
+
+        async def come() -> None:
+            await SocketServer(path, EVERYBODY, Console(fake_context(tmp_path), []), interrupter(None)).open()
+
+        with pytest.raises(DoorError, match="another facetd answers there"):
+            asyncio.run(come())
+
+
+def test_who_never_reads_is_let_go(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Who has said good-bye, and who is there and idle: nobody holds the daemon's descriptors by not reading."""
+    monkeypatch.setattr("daemon.doors.socket.STOP_S", 0.2)
+    monkeypatch.setattr("daemon.doors.socket.IDLE_S", 0.2)
+
+    def use(path: Path) -> int:
+        before = len(os.listdir("/proc/self/fd"))
+        with contextlib.ExitStack() as stack:
+            for k in range(6):
+                one = stack.enter_context(socket.socket(socket.AF_UNIX))
+                one.connect(str(path))
+                one.sendall(b'{"complete": ""}\n' * 1500 + b'{"do": "help", "waits": true}\n' * 300)
+                if k % 2:
+                    one.shutdown(socket.SHUT_WR)
+                one.recv(1, socket.MSG_PEEK)
+            until = time.monotonic() + 15.0
+            while (held := len(os.listdir("/proc/self/fd")) - before) > 6 and time.monotonic() < until:
+                time.sleep(0.05)
+            return held
+
+    assert listening(tmp_path, use) == 6, "their own ends"
+
+
+def test_a_file_may_come_in_pieces_of_nothing(tmp_path: Path) -> None:
+    """Each costs no more than the one before it."""
+    operator = _Operator(Mock(), Mock(), Mock(), Mock(), Mock(), "all")
+
+    async def come() -> bytes:
+        operator._writer.drain = AsyncMock()  # type: ignore[method-assign]
+        operator._writer.transport.get_write_buffer_size.return_value = 0  # type: ignore[attr-defined]
+        file = asyncio.create_task(operator.fetch("part.stl"))
+        await asyncio.sleep(0)
+        for _ in range(20_000):
+            operator._hear(_Message(file="", more=True))
+        operator._hear(_Message(file="QQ=="))
+        return await file
+
+    began_s = time.thread_time()
+    assert asyncio.run(come()) == b"A"
+    assert time.thread_time() - began_s < 5.0
+
+
+def test_the_guide_says_how_many_may_be_connected() -> None:
+    guide = (HOUSE / "deploy" / "README.md").read_text()
+    assert f"one user has {MOST_EACH}, or all together {MOST_TOGETHER} |" in guide
+
+
+def test_beyond_the_limit_the_oldest_of_those_who_came_to_stop_goes_first(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("daemon.doors.socket.MOST_TOGETHER", 2)
+    monkeypatch.setattr("daemon.doors.socket.MOST_TO_STOP", 2)
+
+    def still_there(one: socket.socket) -> bool:
+        one.settimeout(0.5)
+        try:
+            return one.recv(1) != b""
+        except TimeoutError:
+            return True
+
+    def use(path: Path) -> Any:
+        with contextlib.ExitStack() as stack:
+            crowd = [stack.enter_context(socket.socket(socket.AF_UNIX)) for _ in range(5)]
+            for one in crowd:
+                one.connect(str(path))
+            there = [still_there(one) for one in crowd]
+            crowd[4].sendall(b'{"do": "stop"}\n')
+            return there, json.loads(crowd[4].recv(65536))["done"]["status"]
+
+    assert listening(tmp_path, use) == ([True, True, False, True, True], 0)
+
+
+def test_who_is_connected_when_the_door_closes_is_hung_up(tmp_path: Path) -> None:
+    async def close() -> int:
+        context = fake_context(tmp_path)
+        server = SocketServer(tmp_path / "s", EVERYBODY, Console(context, every_command()), interrupter(context))
+        await server.open()
+        reader, writer = await asyncio.open_unix_connection(tmp_path / "s")
+        await asyncio.sleep(0.05)
+        await server.close()
+        assert await asyncio.wait_for(reader.read(), 5) == b""
+        writer.close()
+        return len(asyncio.all_tasks())
+
+    assert asyncio.run(close()) == 1
+
+
+@pytest.mark.parametrize("refused", [False, True])
+def test_the_socket_is_given_to_the_group_that_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, refused: bool
+) -> None:
+    given: list[tuple[object, ...]] = []
+
+    def chown(*what: object) -> None:
+        given.append(what)
+        if refused:
+            raise PermissionError(1, "Operation not permitted")
+
+    rights = Rights(ConsoleConfig())
+    rights.group += 1
+    monkeypatch.setattr("daemon.doors.socket.os.chown", chown)
+    if refused:
+        with pytest.raises(DoorError, match=r"cannot be given to console\.group: Operation not permitted; make it"):
+            listening(tmp_path, lambda _: None, rights)
+    else:
+        listening(tmp_path, lambda _: None, rights)
+    assert given == [(tmp_path / "s", -1, rights.group)]
+    assert not (tmp_path / "s").exists()
+
+
+@pytest.mark.parametrize(
+    ("messages", "why"),
+    [
+        ([{"do": "enable", "size": [100, 30], "door": "x"}], ""),
+        ([{"answer": "y"}, {"file": "AA=="}, {"no_file": "x"}, {"keys": "a"}, {"leave": True}, {"do": "enable"}], ""),
+        ([{"door": "x"}], "it holds neither do, answer, file, keys, leave, interrupt, complete nor notices"),
+    ],
+)
+def test_what_is_said_out_of_turn_is_passed_over_and_what_says_nothing_refused(
+    tmp_path: Path, messages: list[dict[str, Any]], why: str
+) -> None:
+    (answer,), _ = with_socket(tmp_path / "s", lambda path: asked(path, *messages, answers=1))
+    assert answer["done"]["text"] == (f"not a message: {why}" if why else answer["done"]["text"])
+    assert answer["done"]["status"] == (2 if why else 0)
+
+
+def test_who_goes_away_in_the_middle_of_a_file_ends_the_command_that_asked_for_it() -> None:
+    operator = _Operator(Mock(), Mock(), Mock(), Mock(), Mock(), "all")
+
+    async def come(*pieces: _Message) -> bytes:
+        operator._writer.drain = AsyncMock()  # type: ignore[method-assign]
+        operator._writer.transport.get_write_buffer_size.return_value = 0  # type: ignore[attr-defined]
+        file = asyncio.create_task(operator.fetch("part.stl"))
+        await asyncio.sleep(0)
+        for piece in pieces:
+            operator._hear(piece)
+        operator.leave()
+        return await file
+
+    assert asyncio.run(come(_Message(file="QQ=="))) == b"A", "it was all there before"
+    operator._turns.gone = False
+    with pytest.raises(CommandError, match="the operator went away"):
+        asyncio.run(come(_Message(file="QQ==", more=True)))
+    with pytest.raises(CommandError, match="the operator went away"):
+        asyncio.run(come())

@@ -172,3 +172,50 @@ def test_a_stop_in_haste_waits_for_nothing_either(text: str) -> None:
         await a_moment()
 
     assert play(script).answers == ["now", "sure?: ''"]
+
+
+@pytest.mark.parametrize("typed", [("read 1", "read 2", "read 3"), ("read 1", "resume a")])
+def test_too_much_is_what_waits_or_what_is_done_beside_each_other(
+    typed: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("daemon.doors.turns.MOST_AHEAD", 2)
+
+    async def script(operator: Operator) -> None:
+        for text in typed:
+            assert not operator.turns.crowded
+            operator.turns.take(text, operator.answered)
+            await asyncio.sleep(0)
+        assert operator.turns.crowded
+        operator.turns.leave()
+
+    play(script)
+
+
+def test_a_question_has_a_number_and_stands_until_it_is_answered() -> None:
+    async def script(operator: Operator) -> None:
+        for number in (1, 2):
+            assert not operator.turns.asking
+            operator.types("ask colour")
+            while not operator.turns.asking:
+                await asyncio.sleep(0)
+            assert operator.turns.question == number
+            assert operator.turns.answer("blue")
+            assert not operator.turns.answer("green"), "it is answered"
+            await operator.turns.end()
+            assert not operator.turns.busy
+        assert not operator.turns.answer("red"), "nothing is asked"
+
+    assert play(script).answers == ["colour: 'blue'"] * 2
+
+
+def test_the_end_is_when_all_is_done() -> None:
+    async def script(operator: Operator) -> None:
+        operator.types("read 1")
+        ending = asyncio.create_task(operator.turns.end())
+        await asyncio.sleep(0.01)
+        assert not ending.done()
+        operator.may_end.set()
+        await ending
+        assert operator.answers == ["done 1"]
+
+    play(script)

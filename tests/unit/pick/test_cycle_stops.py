@@ -2,8 +2,10 @@
 
 import asyncio
 
+import numpy as np
 import pytest
 
+from daemon.arm.mover import MoveRefusedError
 from daemon.arm.supervisor import OperatorRefusedError, RefusedError
 from daemon.pick.cycle import Cycle
 from tests.worlds.fake_cell import World, cycle_of, one_part
@@ -395,3 +397,42 @@ def test_a_look_at_an_arm_that_goes_on_moving_is_refused():
     with pytest.raises(OSError, match="not at rest"):
         asyncio.run(cycle.look())
     assert not world.said("look")
+
+
+@pytest.mark.parametrize("closed", [True, False])
+def test_a_hand_stopped_in_its_motion_is_one_of_which_nobody_knows_whether_it_holds_a_part(closed):
+    """It had closed, and the next way was guarded as if it were empty."""
+    world = World(np.random.default_rng(0))
+    cycle = cycle_of(world)
+    stopping = []
+
+    async def hand(closed: bool) -> None:
+        stopping.append(asyncio.create_task(cycle.supervisor.stop()))
+        await asyncio.sleep(60.0)
+
+    cycle.hand_full, cycle.cell.robot.hand = False if closed else None, hand
+
+    async def story():
+        with pytest.raises(RefusedError):
+            await cycle.hand(closed)
+        await asyncio.gather(*stopping)
+
+    asyncio.run(story())
+    assert cycle.hand_full is None
+
+
+@pytest.mark.parametrize(("closed", "full"), [(False, True), (True, False)])
+@pytest.mark.parametrize("why", ["dry", "fault"])
+def test_a_hand_that_was_told_nothing_holds_what_it_held(closed, full, why):
+    """In a dry run `hand open` had the part in it forgotten."""
+    world = World(np.random.default_rng(0))
+    cycle = cycle_of(world)
+    cycle.hand_full = full
+    if why == "dry":
+        cycle.supervisor.dry(True)
+        asyncio.run(cycle.hand(closed))
+    else:
+        cycle.supervisor.latch("stopped")
+        with pytest.raises(MoveRefusedError):
+            asyncio.run(cycle.hand(closed))
+    assert (cycle.hand_full, world.wire) == (full, [])

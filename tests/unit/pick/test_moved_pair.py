@@ -14,7 +14,7 @@ from daemon import frames
 from daemon.arm import Limits, RefusedError
 from daemon.pick import moved_pair
 from daemon.pick.cycle import Cycle
-from daemon.pick.fusion import Doubt
+from daemon.pick.pose_fusion import Doubt
 from daemon.pick.settings import Settings
 from daemon.vision.geometry import StereoRig, baseline, moved_rig
 from daemon.vision.health import Clue

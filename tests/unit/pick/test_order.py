@@ -79,3 +79,29 @@ def test_auto_off_gives_up_what_is_left() -> None:
     cycle.auto_off()
     assert cycle.pick_order is None
     assert [record["on"] for record in world.said("auto")] == [True, False]
+
+
+def test_auto_off_gives_up_what_is_left_also_while_something_else_is_done() -> None:
+    """It said that it is given up, and `auto resume` took it up."""
+    world = some(2)
+    cycle = cycle_of(world)
+    cut_off(world, cycle, 1, "stop")
+    world.before = lambda name: cycle.auto_off() if name == "where" else None
+    asyncio.run(cycle.where())
+    assert cycle.pick_order is None
+
+
+def test_auto_off_said_while_an_auto_is_being_cut_off_leaves_nothing_to_take_up() -> None:
+    world = some(2)
+    cycle = cycle_of(world)
+
+    async def scene() -> None:
+        task = asyncio.create_task(cycle.auto())
+        while not world.said("move"):
+            await asyncio.sleep(0)
+        cycle.auto_off()
+        await cycle.supervisor.stop()
+        await task
+
+    asyncio.run(scene())
+    assert cycle.pick_order is None

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from daemon.arrays import Array
-from daemon.pick.fusion import Doubt
 from daemon.pick.looking import Look
+from daemon.pick.pose_fusion import Doubt
 from daemon.pick.seen import seen_parts
 from daemon.pick.things import known, outlines_of
 from daemon.store.library import load_facets

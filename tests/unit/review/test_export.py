@@ -6,9 +6,11 @@ import json
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from daemon import ctl
+from daemon.review.export import _nanoseconds, _transform
 from daemon.store import places
 from daemon.store.runlog import KINDS
 from tests.worlds.made_run import MadeRun
@@ -45,3 +47,26 @@ def test_an_mcap_file_is_read_back_with_every_image_pose_and_line(made: MadeRun,
     assert len(seen["/estimate"]) == 4
     assert {m["child_frame_id"] for m in seen["/tf"]} == {"cyclopean", "tool", "part:cube", "part:pyramid"}
     assert len(seen["/log"]) == len((made.folder / "run.jsonl").read_text().splitlines())
+
+
+def test_a_pose_is_a_place_in_metres_and_a_quaternion() -> None:
+    """A quarter turn about z, and half a turn about y."""
+    about_z = [[0.0, -1, 0, 100.0], [1, 0, 0, 200.0], [0, 0, 1, -300.0], [0, 0, 0, 1]]
+    ((topic, _, message),) = _transform({"sec": 1, "nsec": 2}, "world", "tool", about_z)
+    assert (topic, message["parent_frame_id"], message["child_frame_id"]) == ("/tf", "world", "tool")
+    assert message["timestamp"] == {"sec": 1, "nsec": 2}
+    assert message["translation"] == {"x": 0.1, "y": 0.2, "z": -0.3}
+    half = np.sqrt(0.5)
+    assert message["rotation"] == pytest.approx({"x": 0.0, "y": 0.0, "z": half, "w": half})
+    ((_, _, turned),) = _transform({}, "a", "b", np.diag([-1.0, 1, -1, 1]).tolist())
+    assert {name: abs(value) for name, value in turned["rotation"].items()} == pytest.approx(
+        {"x": 0.0, "y": 1.0, "z": 0.0, "w": 0.0}, abs=1e-9
+    )
+    ((_, _, same),) = _transform({}, "a", "b", np.eye(4).tolist())
+    assert same["rotation"] == {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}
+    assert _transform({}, "a", "b", None) == []
+
+
+def test_a_moment_is_told_in_nanoseconds_to_the_millisecond() -> None:
+    assert _nanoseconds({"t": "1970-01-02T00:00:01.234Z"}) == 86_401_234_000_000
+    assert _nanoseconds({}) == 0

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from daemon.review.page import read_digest, write_page
+from daemon.review.page import read_digest, render, write_page
 from tests.worlds.made_run import MadeRun
 
 
@@ -88,3 +88,12 @@ def test_pictures_of_failures_come_first_when_not_all_fit(made: MadeRun, monkeyp
     assert f"{failed}-left" in pictures
     data = json.loads(text.split('id="data">')[1].split("</script>")[0].replace("<\\/", "</"))
     assert data["pictures_left_out"] > 0
+
+
+def test_a_page_is_called_by_its_run_or_its_title_or_nothing() -> None:
+    def title(**data: object) -> str:
+        return render("page", data, {}).split("<title>")[1].split("</title>")[0]
+
+    assert title(run="a<b") == "run a&lt;b"
+    assert title(title="The hall & all") == "The hall &amp; all"
+    assert title() == title(run=None, title=None) == ""

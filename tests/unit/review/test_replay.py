@@ -2,9 +2,32 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from typing import Any
+
+import numpy as np
 import pytest
 
-from daemon.review.replay import _table, apart_mm, compare, paired
+from daemon.calibration.file import load_calibration
+from daemon.review import replay
+from daemon.review.digest import Digest
+from daemon.review.page import read_digest
+from daemon.review.replay import (
+    Change,
+    Using,
+    _table,
+    apart_mm,
+    compare,
+    looks_with_models,
+    paired,
+    replayed_looks,
+)
+from daemon.store.library import FACETS, load_facets
+from daemon.store.model import save
+from daemon.store.places import ETC
+from daemon.store.runlog import RunLog
+from daemon.store.runs import RunError
+from daemon.vision.model import empty_model
 from tests.worlds.made_run import FACET, part
 
 
@@ -64,7 +87,7 @@ def test_how_far_apart_two_parts_lie_is_told_by_the_corners_that_both_show() -> 
 
 
 def test_parts_belong_together_that_lie_within_so_much_and_each_has_one_other() -> None:
-    near, far = beside(24.9), beside(25.1)
+    near, far = beside(25.0), beside(25.1)
     then = scene(part("cube"))
     assert paired(then, scene(near)) == [(then["parts"][0], near)]  # type: ignore[index]
     assert paired(then, scene(far)) == [(then["parts"][0], None), (None, far)]  # type: ignore[index]
@@ -86,3 +109,92 @@ def test_the_table_of_a_look_is_the_one_it_was_taken_over() -> None:
     assert table is not None
     assert (table.up.tolist(), table.level_mm) == ([0, 0, 1], 3.0)
     assert _table({}) is _table({"table": None}) is None
+
+
+LIBRARY = load_facets(FACETS)
+USUAL = Using()
+
+
+def recorded(tmp_path: Path, *looks: dict[str, Any], calibration: bool = True) -> tuple[Path, Digest]:
+    """A run of looks at nothing: its folder, and what a review reads."""
+    log = RunLog(tmp_path / "run")
+    kept = {"calibration": log.keep(ETC / "calibration.yaml")} if calibration else {}
+    log.record("run_start", **kept)
+    nothing = np.full((480, 640), 90, np.uint8)
+    for more in looks:
+        log.record(
+            "look", cycle=1, stop=0, purpose="survey", **({"images": {"left": nothing, "right": nothing}} | more)
+        )
+    log.close()
+    return log.folder, read_digest(log.folder)
+
+
+def looked(tmp_path: Path, *looks: dict[str, Any], using: Using = USUAL, chosen: Any = None) -> list[Any]:
+    folder, run = recorded(tmp_path, *looks)
+    return list(replayed_looks(folder, run, LIBRARY, using, chosen))
+
+
+def test_a_part_that_was_there_and_is_not_is_told_by_look_and_cycle(tmp_path: Path) -> None:
+    empty, full = looked(tmp_path, {"scene": scene()}, {"scene": scene(part("cube"))})
+    assert (empty.changes, empty.record["seq"], empty.now["parts"]) == ((), 1, [])
+    (change,) = full.changes
+    assert change == Change(2, 1, "cube", "no longer found", True)
+    assert (full.identical, full.then) == (False, scene(part("cube")))
+
+
+def test_a_look_without_a_scene_or_that_only_followed_a_part_is_held_against_nothing(tmp_path: Path) -> None:
+    bare, followed = looked(tmp_path, {}, {"whole": False, "scene": scene(part("cube"))})
+    assert (bare.then, bare.changes, bare.identical) == ({}, (), False)
+    assert (followed.changes, followed.identical) == ((), True)
+
+
+def test_looks_are_chosen_by_number_and_one_without_pictures_is_a_line(tmp_path: Path) -> None:
+    found = looked(tmp_path, {"images": {}}, {}, {"images": None}, chosen={1, 3})
+    assert found == [f"look {k}: its pictures are not in the run folder" for k in (1, 3)]
+
+
+def test_without_a_calibration_a_run_is_replayed_only_with_another(tmp_path: Path) -> None:
+    folder, run = recorded(tmp_path, {}, calibration=False)
+    with pytest.raises(RunError, match="no calibration was kept with this run"):
+        list(replayed_looks(folder, run, LIBRARY, USUAL))
+    other = Using(rig=load_calibration(ETC / "calibration.yaml").rig)
+    assert len(list(replayed_looks(folder, run, LIBRARY, other))) == 1
+
+
+def test_a_pair_of_one_eye_is_seen_with_the_arms_errors_and_one_of_two_is_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    added: list[Any] = []
+    monkeypatch.setattr(replay, "with_arm", lambda seen, rig, arm: added.append((rig, arm)) or seen)
+    aside = np.eye(4)
+    aside[0, 3] = 60.0
+    moved = {"eye": "left", "left": np.eye(4), "right": aside, "arm_mm": 0.2, "arm_deg": 0.1}
+    looked(tmp_path, {}, {"moved": moved}, {})
+    ((rig, arm),) = added
+    assert arm.shape == (6, 6)
+    assert rig.right.cyclopean_from_camera[0, 3] - rig.left.cyclopean_from_camera[0, 3] == pytest.approx(60.0)
+
+
+def test_each_look_has_the_model_that_was_in_use_then(tmp_path: Path) -> None:
+    log = RunLog(tmp_path / "run")
+    files = []
+    for number in (1, 2):
+        save(empty_model(LIBRARY), tmp_path / f"{number}.npz", trained=f"2026-11-2{number}T10:00:00Z")
+        files.append(log.keep(tmp_path / f"{number}.npz"))
+    log.record("run_start")
+    log.record("look", purpose="before there was one")
+    for more in ({"file": files[0]}, {}, {"file": files[1]}, {"file": files[0]}):
+        log.record("model", action="accept", version=1, **more)
+        log.record("look", purpose="with one")
+    log.close()
+    before, *found = [model for _, model in looks_with_models(log.folder, read_digest(log.folder))]
+    assert before is None
+    assert found[0] is found[1] is found[3]
+    assert found[2] is not None
+    assert found[2] is not found[0]
+    begun = RunLog(tmp_path / "other")
+    begun.record("run_start", model=begun.keep(tmp_path / "1.npz"))
+    begun.record("look", purpose="from the start")
+    begun.close()
+    ((_, model),) = looks_with_models(begun.folder, read_digest(begun.folder))
+    assert model is not None

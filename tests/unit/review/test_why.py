@@ -6,6 +6,7 @@ import re
 from collections.abc import Callable
 from dataclasses import fields, is_dataclass
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, get_args, get_type_hints
 
 import numpy as np
@@ -20,7 +21,7 @@ from daemon.ctl import OFFLINE
 from daemon.review.page import read_digest
 from daemon.review.pagedata import page_data
 from daemon.review.remedies import KNOWN
-from daemon.review.why import causes
+from daemon.review.why import _all_moves, causes
 from daemon.store.places import HOUSE
 from daemon.vision.health import MEASURES, SAID
 from drivers.camera.controls import KNOWN as CONTROLS
@@ -305,11 +306,11 @@ PLANTED: dict[str, tuple[str, Callable[[MadeRun], None]]] = {
     "estimate never good": ("estimate too uncertain", ended("unsure", "cube: 2.30 mm predicted after 8 looks")),
     "neighbours too near": (
         "blocked by a neighbour",
-        ended("unreachable", "cube: none of its 12 grasps can be reached all the way (10 blocked by a neighbour)"),
+        ended("unreachable", "cube: none of its 12 grasps can be reached all the way (6 blocked by a neighbour)"),
     ),
     "out of reach": (
         "out of the arm's reach",
-        ended("unreachable", "cube: none of its 12 grasps can be reached all the way (0 blocked by a neighbour)"),
+        ended("unreachable", "cube: none of its 12 grasps can be reached all the way (5 blocked by a neighbour)"),
     ),
     "too large to grasp": ("no grasp holds it", ended("unreachable", "cube: no grasp holds it as it lies")),
     "table height wrong": ("below the table", refused("below_table", "the tool would be 0.4 mm above the table")),
@@ -421,3 +422,28 @@ def _kind(section: str) -> Any:
     values = get_type_hints(Config)["values"]
     kind = get_type_hints(values)[section]
     return kind if is_dataclass(kind) else get_args(kind)[0]
+
+
+ELSEWHERE, NOT_SEEN = "it is not where the look before saw it", "it was not seen where it was expected"
+
+
+@pytest.mark.parametrize(
+    ("decisions", "named"),
+    [
+        ([("left cube", ELSEWHERE)], None),
+        ([("left cube", ELSEWHERE), ("left cube", ELSEWHERE)], "cube"),
+        ([("left cube", ELSEWHERE), ("left pyramid", NOT_SEEN)], "cube, pyramid"),
+        ([("left cube", ELSEWHERE), ("left cube", NOT_SEEN)], None),
+        ([("left cube", NOT_SEEN), ("left pyramid", NOT_SEEN)], None),
+        ([("left", ELSEWHERE), ("left", ELSEWHERE)], ""),
+        ([("left cube", "it was taken"), ("left cube", ELSEWHERE)], None),
+    ],
+)
+def test_the_hand_eye_is_blamed_where_parts_lie_otherwise_from_everywhere(
+    decisions: list[tuple[str, str]], named: str | None
+) -> None:
+    records = [{"kind": "decision", "seq": 10 + k, "text": text, "why": why} for k, (text, why) in enumerate(decisions)]
+    cycle: Any = SimpleNamespace(of=lambda kind: records)
+    blamed = [(cause.name, cause.evidence.split(" lay")[0], cause.at) for cause in _all_moves(cycle, ())]
+    last = max((k for k, (_, why) in enumerate(decisions) if why == ELSEWHERE), default=0)
+    assert blamed == ([] if named is None else [("hand-eye", named, 10 + last)])

@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import pytest
+import yaml
 
 from drivers.simcell.controller import Mishap
 from tests.worlds.whole_daemon import Story
 
 pytestmark = pytest.mark.slow
+NO_LONGER = "The arm is no longer enabled: pick.limits changed."
 
 
 @pytest.fixture
@@ -141,3 +143,47 @@ def test_an_arm_whose_controller_was_switched_off_in_a_stop_is_not_called_stoppe
     story.wait(3.0)
     assert "Stopped. Nothing moves until `resume`." in story.texts
     assert story.close() == ()
+
+
+def without_hand_eye(story: Story) -> None:
+    """From the next reload on nobody knows how the cameras sit on the hand."""
+    file = story.folder / "calibration.yaml"
+    content = yaml.safe_load(file.read_bytes())
+    del content["hand_eye"]
+    file.write_bytes(yaml.safe_dump(content).encode())
+
+
+@pytest.mark.parametrize("reloaded", ["before it was asked", "while it was asked"])
+def test_a_resume_that_would_go_on_lets_no_arm_move_whose_calibration_has_no_hand_eye(
+    story: Story, reloaded: str
+) -> None:
+    """`enable` refused the same calibration; the yes to `go on?` let the arm move by the unit matrix."""
+    for text in ("auto on 2", "stop", "disable"):
+        story.sockets[0].say(text)
+        story.wait(1.0)
+    without_hand_eye(story)
+    words = [(1, "reload"), (0, "resume")]
+    for door, text in words if reloaded == "before it was asked" else words[::-1]:
+        story.sockets[door].say(text)
+        story.wait(0.5)
+    if story.sockets[0].question is not None:
+        story.sockets[0].answer("y")
+    story.wait(2.0)
+    assert story.cell.controller.machine.at_rest()
+    assert not any("Going on" in text for text in story.texts)
+    assert story.violations() == ()
+
+
+def test_a_reload_that_is_refused_after_it_had_disabled_the_arm_takes_nothing_over(story: Story) -> None:
+    """Half of it was: the guard's old limits stood beside the new file."""
+    story.write_config(limits={"box_low_mm": [0, -600, -300], "max_speed_pct": 40})
+    story.sockets[0].say("reload")
+    story.wait(0.01)
+    story.sockets[1].say("where")
+    story.wait(1.0)
+    assert {"busy: where; settings are changed in between", NO_LONGER} <= set(story.texts)
+    context = story._service.context
+    assert context is not None
+    guarded, read = context.cycle.settings.limits, context.config.values.pick.limits
+    assert guarded.box_low_mm == read.box_low_mm == (0, -650, -300)
+    assert story.violations() == ()

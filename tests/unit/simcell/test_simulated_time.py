@@ -153,3 +153,22 @@ def test_a_wait_that_nothing_can_end_is_an_error_and_no_hang() -> None:
 
     with pytest.raises(RuntimeError, match="everybody waits"):
         at_simulated_time(story())
+
+
+@pytest.mark.timeout(20)
+@pytest.mark.parametrize("days", [1.0, 194.0, 195.0, 3650.0])
+def test_timers_end_however_long_it_has_run(days: float) -> None:
+    """Seconds have fewer digits left after the point the more there are: past 2^24 of them, no nanoseconds."""
+
+    async def wait() -> float:
+        loop = asyncio.get_running_loop()
+        began_s = loop.time()
+        for k in range(1000):
+            await asyncio.sleep(0.01 + k * 1e-5)
+        async with asyncio.timeout(0.3):
+            await asyncio.sleep(0.1)
+        return loop.time() - began_s
+
+    with asyncio.Runner(loop_factory=SimulatedLoop) as runner:
+        runner.get_loop().sleep(days * 86_400.0)  # type: ignore[attr-defined]
+        assert runner.run(wait()) == pytest.approx(0.01 * 1000 + 1e-5 * 499_500 + 0.1, rel=1e-3)

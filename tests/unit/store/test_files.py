@@ -172,3 +172,13 @@ def test_a_folder_is_held_by_one_and_the_other_is_told_by_whom(tmp_path: Path) -
     (tmp_path / "state/lock").write_text("1234567890123\n")
     os.close(hold(tmp_path / "state"))
     assert (tmp_path / "state/lock").read_text() == f"{os.getpid()}\n"
+
+
+def test_a_lock_that_is_a_link_to_somebodys_file_leaves_it_as_it_is(tmp_path: Path) -> None:
+    mine = tmp_path / "mine"
+    mine.write_text("a person's own")
+    (tmp_path / "state").mkdir()
+    (tmp_path / "state" / "lock").symlink_to(mine)
+    with pytest.raises(OSError, match="symbolic links"):
+        hold(tmp_path / "state")
+    assert mine.read_text() == "a person's own"

@@ -6,13 +6,14 @@ import contextlib
 import errno
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from daemon.store.library import load_facets
 from daemon.store.model import ModelError
-from daemon.store.model_store import ModelStore, ModelStoreError
+from daemon.store.model_store import ModelStore, ModelStoreError, model_file
 from daemon.vision.model.model import Model, empty_model
 
 
@@ -146,3 +147,62 @@ def test_what_is_accepted_is_what_was_read(model_store: ModelStore, model: Model
     with pytest.raises(ModelError):
         model_store.accept()
     assert (model_store.current, model_store.candidate) == (None, 1)
+
+
+@pytest.mark.parametrize("kind", ["file", "link"])
+def test_what_lies_among_the_views_and_is_no_folder_can_be_forgotten(
+    model_store: ModelStore, tmp_path: Path, kind: str
+) -> None:
+    """As `views` advises; a link's own end is left alone, and the next view of that number can be forgotten, too."""
+    model_store.add_view("cube", picture(1), picture(2), {})
+    odd = model_store.folder / "views" / "cube" / "2"
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "elsewhere" / "own").touch()
+    odd.touch() if kind == "file" else odd.symlink_to(tmp_path / "elsewhere")
+    assert "`forget cube 2`" in model_store.views("cube")[1].damage
+    assert model_store.drop_views("cube", 2) == 1
+    assert [view.name for view in model_store.views()] == ["cube/1"]
+    model_store.add_view("cube", picture(1), picture(2), {})
+    assert model_store.drop_views("cube") == 2
+    assert list((model_store.folder / "views").iterdir()) == []
+    assert (tmp_path / "elsewhere" / "own").exists()
+
+
+def test_a_model_is_named_by_its_file_its_number_or_as_the_latest(
+    model_store: ModelStore, model: Model, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("STATE_DIRECTORY", str(model_store.folder))
+    monkeypatch.chdir(tmp_path)
+    for word in ("latest", "1"):
+        with pytest.raises(ModelStoreError, match=rf"^{word}: no such model in .*models \(there: none\)$"):
+            model_file(Path(word))
+    for _ in range(2):
+        model_store.put_candidate(model)
+    assert model_file(Path("latest")) == model_store.path(2)
+    assert model_file(Path("1")) == model_store.path(1)
+    for word in ("3", "0"):
+        with pytest.raises(ModelStoreError, match=rf"^{word}: no such model in .*models \(there: 1, 2\)$"):
+            model_file(Path(word))
+    assert model_file(Path("some.npz")) == Path("some.npz")
+    (tmp_path / "2").touch()
+    assert model_file(Path("2")) == Path("2"), "a file that is there is meant"
+
+
+@pytest.mark.parametrize("words", [(errno.ENOSPC, "No space left on device"), ("the net is down",)])
+def test_why_the_state_is_not_written_is_said_in_the_systems_words_where_it_has_some(
+    model_store: ModelStore, model: Model, monkeypatch: pytest.MonkeyPatch, words: tuple[Any, ...]
+) -> None:
+    def failing(*_: object, **__: object) -> None:
+        raise OSError(*words)
+
+    model_store.put_candidate(model)
+    monkeypatch.setattr("daemon.store.model_store.write_atomically", failing)
+    with pytest.raises(ModelStoreError, match=rf"state\.json: not written: {words[-1]}$"):
+        model_store.accept()
+    with pytest.raises(ModelStoreError, match=rf"cube: the view is not stored: {words[-1]}$"):
+        model_store.add_view("cube", picture(1), picture(2), {})
+    monkeypatch.undo()
+    model_store.add_view("cube", picture(1), picture(2), {})
+    monkeypatch.setattr("daemon.store.model_store.shutil.rmtree", failing)
+    with pytest.raises(ModelStoreError, match=rf"cube: not removed: {words[-1]}$"):
+        model_store.drop_views("cube")

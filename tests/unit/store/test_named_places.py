@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import errno
+import os
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from daemon.store import named_places
 from daemon.store.named_places import NamedPlaces, NamedPlacesError
 
 
@@ -41,3 +44,37 @@ def test_what_cannot_be_kept_is_said(tmp_path: Path) -> None:
     (tmp_path / "places.jsonl").mkdir()
     with pytest.raises(NamedPlacesError, match=r"places\.jsonl: "):
         NamedPlaces(tmp_path).keep("a", at(1.0), "anna")
+
+
+def test_what_was_said_not_to_be_kept_is_not(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A disk across the net is full only once it is asked to keep what it took."""
+    places = NamedPlaces(tmp_path)
+    places.keep("a", at(1.0), "anna")
+
+    def full(_: int) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "fsync", full)
+        with pytest.raises(NamedPlacesError, match="No space left"):
+            places.keep("a", at(2.0), "ben")
+    assert {name: pose[0, 3] for name, pose in places.now().items()} == {"a": 1.0}
+    places.keep("b", at(3.0), "anna")
+    assert sorted(places.now()) == ["a", "b"]
+
+
+def test_years_of_names_do_not_make_the_file_too_large_to_be_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What is too large is not read: then no place could be gone to any more, and nobody was told before."""
+    monkeypatch.setattr(named_places, "LARGEST_BYTES", 20_000)
+    places = NamedPlaces(tmp_path)
+    places.keep("first", at(-1.0), "anna")
+    places.keep("gone", at(-2.0), "anna")
+    places.keep("gone", None, "anna")
+    for k in range(300):
+        places.keep(f"p{k % 3}", at(float(k)), "anna")
+    assert {name: pose[0, 3] for name, pose in places.now().items()} == {
+        "first": -1.0, "p0": 297.0, "p1": 298.0, "p2": 299.0,
+    }  # fmt: skip
+    assert len(places.history("p0")) > 5, "the last of its history is there"

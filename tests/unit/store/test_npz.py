@@ -70,3 +70,13 @@ def test_an_error_s_text_is_one_line_and_no_longer_than_a_line() -> None:
     assert one_line(ValueError("first\n  second")) == "first second"
     assert len(one_line(ValueError("x" * 1000))) == 200
     assert one_line(EOFError()) == "EOFError"
+
+
+def test_the_same_arrays_are_the_same_bytes_whenever_they_are_packed() -> None:
+    with zipfile.ZipFile(io.BytesIO(pack({"a": np.zeros(3), "b": np.ones(2)}))) as archive:
+        assert [member.date_time for member in archive.infolist()] == [(1980, 1, 1, 0, 0, 0)] * 2
+
+
+def test_what_would_need_a_pickle_is_not_packed() -> None:
+    with pytest.raises(ValueError, match="allow_pickle"):
+        pack({"a": np.array([{}], object)})

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import pytest
@@ -18,6 +19,8 @@ def nothing_said(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
         monkeypatch.delenv(name, raising=False)
     for name in ("INSTALLED_CONFIG", "INSTALLED_STATE", "INSTALLED_RUNTIME"):
         monkeypatch.setattr(places, name, tmp_path / "installed" / name)
+    (tmp_path / "house").mkdir()
+    (tmp_path / "house" / "pyproject.toml").touch()
     monkeypatch.setattr(places, "HOUSE", tmp_path / "house")
 
 
@@ -28,10 +31,21 @@ def install() -> None:
 
 
 def test_in_a_checkout_all_is_in_the_checkout() -> None:
-    assert places.config_file() == places.HOUSE / "etc" / "facetd.yaml"
+    assert places.config_file() == places.ETC / "facetd.yaml"
     assert places.state_folder() == places.runtime_folder() == places.HOUSE / "var"
     assert places.state_folder(simulated=True) == places.HOUSE / "var"
     assert places.runs_folder() == places.HOUSE / "var" / "runs"
+
+
+def test_a_program_from_a_wheel_keeps_nothing_beside_the_packages(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (places.HOUSE / "pyproject.toml").unlink()
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "mine"))
+    assert places.config_file() == places.ETC / "facetd.yaml"
+    for simulated in (False, True):
+        assert places.state_folder(simulated) == places.runtime_folder(simulated) == tmp_path / "mine" / "facetd"
+    assert places.how_to_add("live") == f"{sys.executable} -m pip install 'facetd[live]'"
 
 
 def test_installed_the_real_cell_has_the_installed_places_and_a_simulated_one_a_person_s_own(

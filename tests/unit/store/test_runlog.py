@@ -8,6 +8,7 @@ import random
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from datetime import UTC, datetime
@@ -236,3 +237,79 @@ def test_entries_that_a_full_disk_swallowed_are_counted_in_the_wire_ledger(log: 
     lines = path.read_bytes().splitlines(keepends=True)
     path.write_bytes(b"".join(lines[:3] + lines[7:]))
     assert check_wire(log.folder) == ["wire.jsonl:4: 4 entries are missing before it"]
+
+
+def test_moments_are_told_to_the_microsecond(tmp_path: Path) -> None:
+    log = RunLog(tmp_path / "run", clock=lambda: 12.34567891)
+    log.close()
+    assert read_run(log.folder).records[0]["mono_s"] == 12.345679
+
+
+def test_a_stalled_disk_is_waited_for_once_and_one_that_is_full_not_at_all(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    patience_s, waits = 0.0123, []
+
+    class Counted(threading.Event):
+        def wait(self, timeout: float | None = None) -> bool:
+            if timeout == patience_s:
+                waits.append(timeout)
+            return super().wait(timeout)
+
+    disk = Disk(monkeypatch)
+    monkeypatch.setattr(threading, "Event", Counted)
+    log = RunLog(tmp_path / "run", patience_s=patience_s)
+    disk.delay_s = 0.05
+    for n in range(20):
+        log.record("move", n=n)
+    while log._lines.waiting > 17:
+        time.sleep(0.005)
+    log.record("move", n=20)
+    assert len(waits) == 1, "no more until it has caught up"
+    disk.delay_s = 0.0
+    while log._behind:
+        time.sleep(0.005)
+    log.record("move", n=21)
+    assert len(waits) == 2
+    disk.full = True
+    log.record("move", n=23)
+    assert log.settle()
+    assert log.trouble is not None
+    waits.clear()
+    for n in range(4):
+        log.record("move", n=n)
+    assert waits == []
+    disk.full = False
+    log.close()
+
+
+def test_settled_is_what_is_written_pictures_and_all_and_on_the_disk(log: RunLog) -> None:
+    log.record("decision")
+    held = threading.Event()
+    for worker in (log._lines, log._pictures):
+        worker.do(lambda: held.wait(10.0) and None)
+        assert not log.settle(0.05)
+        held.set()
+        assert log.settle()
+        held.clear()
+    log._syncer.settled = lambda _: False  # type: ignore[method-assign]
+    assert not log.settle()
+
+
+def test_a_picture_that_the_disk_does_not_take_is_told_with_its_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told: list[str | None] = []
+
+    def full(path: Path, *_: object, **__: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    log = RunLog(tmp_path / "run", on_trouble=told.append)
+    monkeypatch.setattr("daemon.store.runlog.write_atomically", full)
+    log.record("look", images={"left": image()})
+    assert log.settle()
+    log.record("decision")
+    log.close()
+    assert f"{tmp_path}/run/images/000000-left.png: No space left on device" in told
+    (gap,) = [record for record in read_run(log.folder).records if record["kind"] == "gap"]
+    assert gap["lost"] == 1

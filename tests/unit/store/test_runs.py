@@ -17,13 +17,13 @@ from daemon.store.runs import (
     check_wire,
     enforce_quota,
     find_run,
-    folder_bytes,
     follow,
     has_failure,
     kept_file,
     list_runs,
     new_folder,
     read_run,
+    run_bytes,
 )
 
 NOW = datetime(2026, 11, 21, 10, tzinfo=UTC)
@@ -111,16 +111,25 @@ def test_runs_are_no_more_than_can_be_looked_through_in_time(tmp_path: Path, mon
     assert enforce_quota(tmp_path, 10**9, made[0]) == made[1:3]
 
 
-def test_a_run_that_has_ended_is_looked_through_once_and_again_where_something_was_put_in(tmp_path: Path) -> None:
+def test_pictures_are_looked_through_once_and_again_where_one_was_put_in(tmp_path: Path) -> None:
     old = run_with(tmp_path / "20260101T000000Z", {"kind": "cycle_end", "outcome": "picked"}, size=100_000)
     new = run_with(tmp_path / "20260102T000000Z", size=0)
-    with patch("daemon.store.runs.folder_bytes", side_effect=folder_bytes) as looked:
+    os.utime(new / "images", ns=(0, 0))  # long ago, as clocks of file systems tick
+    with patch("daemon.store.runs.run_bytes", side_effect=run_bytes) as looked:
         for _ in range(3):
             assert enforce_quota(tmp_path, 500_000, new) == []
-        assert [f for call in looked.call_args_list if (f := call.args[0]) in (old, new)] == [old, new, new, new]
-        os.utime(old, ns=(0, 0))
-        (old / "report.html").write_bytes(bytes(600_000))
+        below = [Path(call.args[0]) for call in looked.call_args_list if Path(call.args[0]).parent != tmp_path]
+        assert sorted(below) == sorted(run / name for run in (old, new) for name in ("images", "kept"))
+        (new / "images" / "000007-left.png").write_bytes(bytes(600_000))
         assert enforce_quota(tmp_path, 500_000, new) == [old]
+
+
+def test_a_run_that_goes_on_is_as_large_as_its_lines_are_now(tmp_path: Path) -> None:
+    run = run_with(tmp_path / "20260102T000000Z", size=0)
+    before = run_bytes(run)
+    with (run / "run.jsonl").open("ab") as file:
+        file.write(bytes(100_000))
+    assert run_bytes(run) - before >= 90_000
 
 
 def test_scenes_that_nobody_asks_for_are_let_go_while_a_run_is_read(tmp_path: Path) -> None:

@@ -234,3 +234,11 @@ def test_who_opens_it_again_writes_over_the_older_slot(path: Path) -> None:
         assert content.count(b'"last"') == 1
         assert f'"run {count - 1}"'.encode() in content, "the one before it is still whole"
         path.unlink()
+
+
+def test_the_slot_of_a_number_is_where_every_release_looks_for_it(path: Path) -> None:
+    """Odd ones in the second, or a release that takes over would write over the newer of the two."""
+    stood(path, Standing("one"))
+    assert path.read_bytes()[:SLOT].strip(b"\0") == b""
+    stood(path, Standing("two"))
+    assert b'"two"' in path.read_bytes()[:SLOT]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import errno
+import os
 import shutil
 import time
 from collections.abc import Awaitable, Callable
@@ -19,7 +20,7 @@ from daemon.console.context import CommandContext
 from daemon.store.runlog import RunLog
 from daemon.store.runs import list_runs, read_run
 from daemon.upkeep import journal
-from daemon.upkeep.watch import CHECK_LIMIT_S, Watch
+from daemon.upkeep.watch import CHECK_LIMIT_S, QUOTA_S, Watch
 from daemon.upkeep.watched import Troubles
 from drivers.simcell.simulated_time import SimulatedLoop
 
@@ -119,14 +120,17 @@ def test_a_camera_lost_while_the_arm_may_not_move_is_told_and_no_fault(tmp_path:
     assert watching(tmp_path, play).failed == []
 
 
-def test_after_a_lost_line_was_opened_again_nobody_knows_how_arm_and_hand_stand(tmp_path: Path) -> None:
+def test_once_a_lost_line_is_opened_again_nobody_knows_how_arm_and_hand_stand(tmp_path: Path) -> None:
+    """Before anything is typed on it: a stop seen to work while it is opened gives no old leave back."""
+
     async def play(watched: WatchedCell, _: Watch) -> None:
         watched.close, watched.open = AsyncMock(), AsyncMock()  # type: ignore[attr-defined]
+        watched.open.side_effect = lambda: watched.line_opened_anew.assert_called()  # type: ignore[attr-defined]
         watched.context.troubles.tell("controller", "controller: no answer")
         await asyncio.sleep(0.7)
         watched.open.assert_called()  # type: ignore[attr-defined]
 
-    watching(tmp_path, play).line_opened_anew.assert_called()
+    assert not watching(tmp_path, play).context.troubles.standing
 
 
 def test_devices_that_were_opened_just_now_are_asked_only_once_they_have_been_silent(tmp_path: Path) -> None:
@@ -299,3 +303,17 @@ def test_a_folder_for_runs_that_cannot_be_made_again_is_a_trouble_until_it_can(t
     assert watched.context.troubles.standing["log"].endswith("No space left on device; free some space there")
     asyncio.run(Watch(watched.context)._keep_quota())
     watched.run_log.close()
+
+
+def test_a_quota_that_cannot_be_kept_is_a_trouble_until_it_can(tmp_path: Path) -> None:
+    """A folder that may not be listed, a disk that fails: nobody would hear of it before the disk is full."""
+    told: list[str | None] = []
+
+    async def play(watched: WatchedCell, _: Watch) -> None:
+        for failing in (OSError(errno.EIO, os.strerror(errno.EIO), "runs"), None):
+            with patch("daemon.upkeep.watch.enforce_quota", side_effect=failing, return_value=[]):
+                await asyncio.sleep(QUOTA_S + 1.0)
+            told.append(watched.context.troubles.standing.get("disk"))
+
+    watching(tmp_path, play)
+    assert told == ["disk: the quota is not kept: runs: Input/output error", None]

@@ -12,7 +12,7 @@ import pytest
 
 from drivers.puma560 import READY_RAD, forward
 from drivers.simcell.arm import Arm
-from drivers.simcell.controller import Controller, LineFault, Manners, MemoryLine
+from drivers.simcell.controller import Controller, LineFault, Manners, MemoryLine, Mishap
 from drivers.simcell.controller.commands import bare
 from drivers.simcell.controller.expressions import MonitorError
 from drivers.simcell.controller.machine import Machine
@@ -183,5 +183,36 @@ def test_a_stop_that_waits_for_a_lost_line_comes_first_when_it_is_opened_again_a
         await opening
         assert controller.machine.at_rest()
         assert (await link.where()).joints_deg
+
+    at_simulated_time(story())
+
+
+def test_a_controller_that_was_switched_off_in_a_stop_is_believed_once_its_brakes_hold_the_arm_and_no_later() -> None:
+    async def story() -> float:
+        controller, line, link = await under_way()
+        told_s = line.now_s()
+        stopping = asyncio.create_task(link.abort())
+        await asyncio.sleep(0.0)
+        controller.mishap(Mishap.POWER_CYCLED)
+        assert await stopping is None
+        assert link.question is not None
+        assert not link.stop_seen
+        return line.now_s() - told_s
+
+    assert 0.5 < at_simulated_time(story()) < 1.0
+
+
+def test_an_arm_exactly_where_it_was_sent_is_there_and_at_rest_however_little_it_may_be_off() -> None:
+    exact = Dialect(same_place_mm=0.0, same_place_deg=0.0, arrived_mm=0.0, arrived_deg=0.0)
+
+    async def story() -> None:
+        loop = asyncio.get_running_loop()
+        line = MemoryLine(Controller(Arm(joints_rad=READY_RAD)), loop)
+        link = Link(line.port, exact, clock=loop.time, open_port=line.open)
+        await link.open()
+        await link.move(FAR)
+        there = (await link.still(60.0)).location
+        await link.move(there)
+        assert (await link.rest(there)).location == there
 
     at_simulated_time(story())

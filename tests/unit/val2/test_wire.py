@@ -282,3 +282,7 @@ def test_a_prompt_may_be_one_dot_or_two_and_a_space(prompt: bytes) -> None:
     reader = Reader()
     assert reader.receive(b"\r\n" + prompt) == []
     assert [type(event) for event in reader.silence()] == [Prompt]
+
+
+def test_a_line_as_long_as_two_of_a_printers_is_one_line() -> None:
+    assert [event.text for event in after(b"a" * 250 + b"\r\n") if isinstance(event, Text)] == ["a" * 250]

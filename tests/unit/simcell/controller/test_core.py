@@ -97,6 +97,8 @@ def test_any_case_and_any_of_the_line_ends_in_use_are_served(terminal: Terminal,
         ("DO DRIVE 1,500,50", "*Joint 1 out of range*"),
         ("DO DRIVE 1,10", "*Syntax error*"),
         ("SPEED 0", "*Illegal value*"),
+        ("DO SPEED 301 ALWAYS", "*Illegal value*"),
+        ("DO SPEED 50 EVER", "*Syntax error*"),
         ("SPEED 101", "*Illegal value*"),
         ("SPEED FAST", "*Syntax error*"),
         ("SPEED", "*Syntax error*"),
@@ -152,6 +154,22 @@ def test_speed_slows_moves_down(terminal: Terminal) -> None:
     slow.types("SPEED 10")
     slow.types("DO READY")
     assert slow.arm.rests_s > 5 * full_s
+
+
+def test_a_programs_speed_multiplies_the_monitors_once_or_always_and_no_arm_is_faster_than_it_can() -> None:
+    def seconds(*typed: str) -> float:
+        terminal = Terminal()
+        for text in typed:
+            terminal.types(text)
+        terminal.goes(TABLE)
+        terminal.types("DO READY")
+        return terminal.arm.rests_s - terminal.now_s
+
+    slow_s, full_s = seconds("SPEED 10"), seconds("SPEED 100")
+    assert seconds("SPEED 10", "DO SPEED 300") == pytest.approx(slow_s), "the motion before had it"
+    assert seconds("SPEED 10", "DO SPEED 300 ALWAYS") < 0.5 * slow_s
+    assert seconds("SPEED 10", "DO SPEED 300 ALWAYS", "DO SPEED 100 ALWAYS") == pytest.approx(slow_s)
+    assert seconds("SPEED 100", "DO SPEED 300 ALWAYS") == pytest.approx(full_s)
 
 
 @pytest.mark.parametrize(("text", "pose"), [("DO READY", READY_RAD), ("DO NEST", NEST_RAD)])

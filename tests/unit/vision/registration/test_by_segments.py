@@ -18,7 +18,7 @@ from daemon.vision.recognition.recognise import Recognised, recognise_group
 from daemon.vision.registration import by_segments
 from daemon.vision.registration.by_segments import LEAST_CONFIDENCE, named_by_segments
 from daemon.vision.registration.directed import directed_map
-from daemon.vision.registration.stretches import Borne
+from daemon.vision.registration.stretches import Borne, Stretches
 from daemon.vision.values import Group
 from tests.worlds.printed import print_pair, straight_rig
 from tests.worlds.solids import CUBE, KNOWN, PENTAGONAL, PYRAMID, STRANGERS, TRIANGULAR, measured, pose, view_of
@@ -135,14 +135,21 @@ def test_where_time_grows_short_the_likeliest_guesses_alone_are_laid(monkeypatch
     assert [one.label for one in straight.named] == ["cube"]
 
 
-def test_a_rival_that_explains_as_much_leaves_the_name_open(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_part_that_shows_the_same_edges_leaves_the_name_open_however_little_it_is_believed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     best = max(all_laid("cube"), key=lambda one: one.borne.nats if one.label == "cube" else 0.0)
-    rival, fainter = (
-        replace(best, label="pyramid", borne=best.borne._replace(nats=share * best.borne.nats)) for share in (0.97, 0.5)
-    )
-    for others, names in (([best], ["cube"]), ([best, rival], []), ([best, fainter], ["cube"])):
+    twin = replace(best, label="pyramid", borne=best.borne._replace(nats=0.1 * best.borne.nats))
+    fewer = replace(best, label="pyramid", seen=(less(best.seen[0]), less(best.seen[1])), borne=Borne(99.0, 1.0))
+    for others, names in (([best], ["cube"]), ([best, twin], []), ([best, fewer], ["cube"])):
         monkeypatch.setattr(by_segments, "_laid", lambda *_, others=others: iter(others))
         assert [one.label for one in named_by_segments(eyes_on("cube"), model(), []).named] == names
+
+
+def less(seen: Stretches) -> Stretches:
+    """Without the edge for which most speaks."""
+    kept = np.delete(np.arange(len(seen.surprise)), seen.nats.argmax())
+    return Stretches(seen.edges.only(kept, slice(0, None)), seen.sigmas[kept], seen.surprise[kept])
 
 
 def test_too_little_evidence_refuses_a_name(monkeypatch: pytest.MonkeyPatch) -> None:

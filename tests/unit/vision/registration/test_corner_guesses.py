@@ -37,7 +37,8 @@ def guessed(name: str, taught: Solids) -> tuple[Posed, int]:
     eyes = eyes_on(name)
     left, right = (segment_corners(joined(view.segments)) for view in eyes.views)
     maps = directed_map(eyes.left), directed_map(eyes.right)
-    return guesses_from_space(meet(left, right, eyes.geometry), eyes.geometry, maps, taught)
+    found, _, could = guesses_from_space(meet(left, right, eyes.geometry), eyes.geometry, maps, taught)
+    return found, could
 
 
 def off_mm(name: str, found: Posed) -> np.ndarray:
@@ -95,6 +96,6 @@ def test_nothing_seen_or_nothing_taught_is_nothing_guessed() -> None:
     eyes = eyes_on("cube")
     none = meet(*(segment_corners(view.segments) for view in eyes.views), eyes.geometry).chosen(np.zeros(0, np.intp))
     maps = directed_map(eyes.left), directed_map(eyes.right)
-    found, could = guesses_from_space(none, eyes.geometry, maps, solids(1.0))
+    found, _, could = guesses_from_space(none, eyes.geometry, maps, solids(1.0))
     assert found.poses.shape == (0, 4, 4)
     assert could == 0

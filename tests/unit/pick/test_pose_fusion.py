@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from daemon import frames
-from daemon.pick import fusion, viewpoints
-from daemon.pick.fusion import CHI_SQUARE_6, Doubt, Stops
+from daemon.pick import pose_fusion, viewpoints
 from daemon.pick.grasp import tool_rotation
+from daemon.pick.pose_fusion import CHI_SQUARE_6, Doubt, Stops
 from tests.worlds.fake_cell import TOOL_FROM_CYCLOPEAN
 
 DOUBT = Doubt()
@@ -24,7 +24,7 @@ def looked(rng, distance, shared, doubt=DOUBT, knocked=None):
     cyclopean_from_part = frames.inverse(at @ TOOL_FROM_CYCLOPEAN) @ TRUE
     sigma = distance / 1000.0
     covariance = np.diag([0.1, 0.1, 0.4, 0.002, 0.002, 0.002]) ** 2 * sigma**2
-    one = fusion.sighting(at, TOOL_FROM_CYCLOPEAN, cyclopean_from_part, covariance, doubt, 700.0, 60.0)
+    one = pose_fusion.sighting(at, TOOL_FROM_CYCLOPEAN, cyclopean_from_part, covariance, doubt, 700.0, 60.0)
     error = rng.multivariate_normal(np.zeros(6), one.covariance) + one.shared @ shared
     if knocked is not None:
         error = error + knocked
@@ -37,7 +37,7 @@ def test_the_predicted_error_is_the_error_made():
     for _ in range(400):
         shared = rng.multivariate_normal(np.zeros(9), DOUBT.shared())
         looks = [looked(rng, d, shared) for d in (450.0, 300.0, 200.0)]
-        estimate = fusion.fuse(looks, DOUBT)
+        estimate = pose_fusion.fuse(looks, DOUBT)
         motion = frames.difference(estimate.world_from_part, TRUE)
         squares.append(motion[:3] @ motion[:3] + np.trace(DOUBT.arm()[:3, :3]))
         predicted = estimate.predicted_mm
@@ -47,7 +47,7 @@ def test_the_predicted_error_is_the_error_made():
 def test_what_all_looks_share_does_not_shrink_by_looking_again_from_the_same_place():
     rng = np.random.default_rng(1)
     looks = [looked(rng, 300.0, np.zeros(9)) for _ in range(50)]
-    assert fusion.fuse(looks, DOUBT).predicted_mm > np.sqrt(3) * DOUBT.hand_eye_mm
+    assert pose_fusion.fuse(looks, DOUBT).predicted_mm > np.sqrt(3) * DOUBT.hand_eye_mm
 
 
 def test_looks_from_several_distances_tell_a_disparity_offset_from_depth():
@@ -55,7 +55,7 @@ def test_looks_from_several_distances_tell_a_disparity_offset_from_depth():
     shared = np.array([0, 0, 0, 0, 0, 0, 0, 0, 0.5])
     looks = [looked(rng, d, shared) for d in (450.0, 300.0, 200.0)]
     alone = np.linalg.norm(frames.difference(looks[-1].world_from_part, TRUE)[:3])
-    together = np.linalg.norm(frames.difference(fusion.fuse(looks, DOUBT).world_from_part, TRUE)[:3])
+    together = np.linalg.norm(frames.difference(pose_fusion.fuse(looks, DOUBT).world_from_part, TRUE)[:3])
     assert together < 0.6 * alone
 
 
@@ -65,7 +65,7 @@ def test_two_honest_looks_agree_whatever_they_share(seed):
     rng = np.random.default_rng(seed)
     shared = rng.multivariate_normal(np.zeros(9), DOUBT.shared())
     pair = looked(rng, 450.0, shared), looked(rng, 300.0, shared)
-    assert fusion.disagreement(*pair, DOUBT) < 2 * CHI_SQUARE_6
+    assert pose_fusion.disagreement(*pair, DOUBT) < 2 * CHI_SQUARE_6
 
 
 def test_false_alarms_are_as_rare_as_said():
@@ -74,7 +74,7 @@ def test_false_alarms_are_as_rare_as_said():
     for _ in range(2000):
         shared = rng.multivariate_normal(np.zeros(9), DOUBT.shared())
         pair = looked(rng, 450.0, shared), looked(rng, 300.0, shared)
-        alarms += fusion.disagreement(*pair, DOUBT) > CHI_SQUARE_6
+        alarms += pose_fusion.disagreement(*pair, DOUBT) > CHI_SQUARE_6
     assert alarms <= 8
 
 
@@ -82,7 +82,7 @@ def test_a_part_that_moved_three_millimetres_is_noticed():
     rng = np.random.default_rng(4)
     zero = np.zeros(9)
     moved = looked(rng, 300.0, zero, knocked=np.array([3.0, 0, 0, 0, 0, 0]))
-    assert fusion.disagreement(looked(rng, 450.0, zero), moved, DOUBT) > CHI_SQUARE_6
+    assert pose_fusion.disagreement(looked(rng, 450.0, zero), moved, DOUBT) > CHI_SQUARE_6
 
 
 @pytest.mark.parametrize(
@@ -97,22 +97,22 @@ def test_a_part_that_moved_three_millimetres_is_noticed():
     ],
 )
 def test_the_suspect_is_named(others, epipolar, who):
-    assert fusion.suspect(others, epipolar, 1.0) == who
+    assert pose_fusion.suspect(others, epipolar, 1.0) == who
 
 
 def test_a_good_first_look_goes_straight_to_the_nearest_stop_that_is_enough():
     rng = np.random.default_rng(5)
     first = looked(rng, 450.0, np.zeros(9))
     easy, hard = Stops(enough_mm=1.2), Stops(enough_mm=0.05)
-    assert fusion.next_stand_off([], DOUBT, easy) == 450.0
-    assert fusion.next_stand_off([first], DOUBT, easy) == 200.0
-    assert fusion.next_stand_off([first], DOUBT, hard) == 300.0
-    assert fusion.next_stand_off([first] * 5, DOUBT, hard) == 200.0
+    assert pose_fusion.next_stand_off([], DOUBT, easy) == 450.0
+    assert pose_fusion.next_stand_off([first], DOUBT, easy) == 200.0
+    assert pose_fusion.next_stand_off([first], DOUBT, hard) == 300.0
+    assert pose_fusion.next_stand_off([first] * 5, DOUBT, hard) == 200.0
 
 
 def test_the_least_number_of_looks_is_kept_though_the_first_would_do():
     rng = np.random.default_rng(6)
     stops = Stops(enough_mm=1e6, enough_deg=1e6, least_looks=3)
     looks = [looked(rng, d, np.zeros(9)) for d in (450.0, 300.0, 200.0)]
-    estimate = fusion.fuse(looks, DOUBT)
-    assert [fusion.enough(estimate, n, stops) for n in (1, 2, 3)] == [False, False, True]
+    estimate = pose_fusion.fuse(looks, DOUBT)
+    assert [pose_fusion.enough(estimate, n, stops) for n in (1, 2, 3)] == [False, False, True]
