@@ -30,6 +30,8 @@ SQUEEZED_OUT_MM = 10.0
 """Fingers that strike a part push it by less than it jumps from between them."""
 SLANTED_DEG = 10.0
 """Fingers that meet a part so far off square hold it by friction alone."""
+BLURRED, FAR_BEYOND = 0.8, 2.0
+"""What pictures blurred by so many times the limit weigh where looks disagree for no reason that is known."""
 OUTLINES = 4
 """So many outlines in each eye and no facet of them: the eyes do not fit one another."""
 
@@ -70,6 +72,7 @@ REFUSED = {
     "no_way": "kept out", "not_enabled": "arm not enabled", "stale_look": "a look too old",
 }  # fmt: skip
 FINDING = re.compile(r"(left|right|pair): (?:(?!left:|right:|pair:).)*\((\w+) [^()]*limit [^()]*\)")
+VALUE_AND_LIMIT = re.compile(r"\(\w+ ([\d.]+)[^,()]*, limit ([\d.]+)")
 UNMATCHED = re.compile(r"no facet was found in both images \((\d+) and (\d+) outlines\)")
 
 
@@ -220,19 +223,31 @@ def _images(cycle: Cycle, _: Sequence[Cycle]) -> Iterator[Cause]:
     """What was measured of the pictures and beyond its limit: the more looks, the more it explains."""
     shown: Counter[str] = Counter()
     first: dict[str, tuple[str, int]] = {}
+    beyond: dict[str, float] = {}
     for stop in cycle.stops:
         findings = ((stop.look.get("health") or {}).get("findings") or {}).items()
         for name in {MEASURED.get(key.split()[0], "") for key, _ in findings} - {""}:
             shown[name] += 1
-            text = next(_text(f) for key, f in findings if MEASURED.get(key.split()[0]) == name)
-            first.setdefault(name, (text, _seq(stop)))
+            texts = [_text(f) for key, f in findings if MEASURED.get(key.split()[0]) == name]
+            first.setdefault(name, (texts[0], _seq(stop)))
+            beyond[name] = max(beyond.get(name, 1.0), *map(_beyond, texts))
     # A part that was seen and lost otherwise was seen by these very pictures.
     most = {"missed": 0.5, "unreachable": 0.3, "aborted": 0.2, "fault": 0.6}.get(cycle.outcome, 0.95)
+    unclear = any(r.get("text") == "suspect: unclear" for r in cycle.of("decision"))
     for name, count in shown.items():
         share = count / len(cycle.stops)
         text, at = first[name]
         evidence = f"{count} of {len(cycle.stops)} looks: {text}"
-        yield Cause(name, most * (0.5 + 0.5 * share), evidence, at)
+        # Looks that disagree, and no part's fault: pictures so blurred measure badly, wherever the hand is.
+        blurred = unclear and MEASURED["focus"] == name and beyond[name] > FAR_BEYOND
+        weight = (BLURRED if blurred else most) * (0.5 + 0.5 * share)
+        yield Cause(name, weight * (1.0 - 0.001 / beyond[name]), evidence, at)
+
+
+def _beyond(text: str) -> float:
+    """How many times as much as its limit a finding says; 1 where it says nothing, or too little is what is wrong."""
+    said = VALUE_AND_LIMIT.search(text)
+    return max(1.0, float(said[1]) / float(said[2])) if said and float(said[2]) > 0.0 else 1.0
 
 
 def _text(finding: Any) -> str:
@@ -247,6 +262,8 @@ def _unnamed(cycle: Cycle, _: Sequence[Cycle]) -> Iterator[Cause]:
     elif cycle.outcome == "unknown":
         seen = [p.get("cause") for s in cycle.stops for p in s.parts if p.get("label") == "unknown" and p.get("cause")]
         causes_told = [cause for cause, said in SAID.items() if said.words in why]
+        if not causes_told and "fits nothing that was taught" in why:  # so say all looks together
+            causes_told = [Unnamed.STRANGE]
         for cause in causes_told or [Unnamed(name) for name, _ in Counter(map(str, seen)).most_common(1)]:
             yield Cause(UNNAMED[cause], 0.7, why, _last(cycle))
 

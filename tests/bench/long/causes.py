@@ -152,8 +152,8 @@ PLANTS: dict[str, Plant] = {
     "disabled in mid-approach": Plant("operator's abort", "stop_n", _disable),
     "right lens covered": Plant("lens covered", "stop_n", _cover_right),
     "left camera knocked": Plant("camera knocked", "looking", _knock_left),
-    "dusk": Plant("too dark", truth=_dark(0.05)),
-    "part farther than the arm goes": Plant("out of the arm's reach", act=_far),
+    "left camera frozen": Plant("camera frozen", "looking", lambda here: here.cell.camera.ail("left", "frozen")),
+    "half frames on the right": Plant("half a frame", "looking", lambda here: here.cell.camera.ail("right", "half")),
 }  # fmt: skip
 
 
@@ -220,11 +220,11 @@ def main() -> int:
     parser.add_argument("--only", default="", help="plants with this word in their name")
     parser.add_argument("--runs", type=Path, help="keep the runs here")
     args = parser.parse_args()
-    chosen = {name: plant for name, plant in PLANTS.items() if args.only in name}
+    chosen = [(k, name, plant) for k, (name, plant) in enumerate(PLANTS.items()) if args.only in name]
     model = asyncio.run(_taught())
     right = 0
     with tempfile.TemporaryDirectory() as scratch:
-        for k, (name, plant) in enumerate(chosen.items()):
+        for k, name, plant in chosen:
             folder = (args.runs or Path(scratch)) / f"20260101T{k:06d}Z"
             folder.parent.mkdir(parents=True, exist_ok=True)
             try:

@@ -179,9 +179,11 @@ class GuardedMotion(RuleBasedStateMachine):
         turn=st.sampled_from([0.0, 0.5, 1.85, -1.85]),
         speed=st.sampled_from([50.0, 50.0, 0.0, 101.0]),
         from_look=st.booleans(),
+        waited_s=st.sampled_from([0.0, 0.0, 25.0]),
     )
-    def stir(self, mm, turn, speed, from_look):
+    def stir(self, mm, turn, speed, from_look, waited_s):
         """Hardly from its place, so that nothing but the one rule that is broken is in its way."""
+        self.world.now_s += waited_s
         if self.mover.at is not None:
             here = self.mover.at.world_from_tool
             self.go_to(frames.perturb(here, np.array([mm, 0.0, 0.0, 0.0, 0.0, turn])), speed, from_look)

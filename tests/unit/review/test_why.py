@@ -132,6 +132,29 @@ def suspect(who: str, good: bool = False) -> Callable[[MadeRun], None]:
     return plant
 
 
+def blurred(made: MadeRun) -> None:
+    """Seen, named, and measured badly."""
+    made.cycle += 1
+    made.write("cycle_start", cycle=made.cycle, target="cube")
+    blur = {f"focus {eye}": f"{eye}: out of focus: clean it (focus 3.4 px, limit 1.5)" for eye in ("left", "right")}
+    smear = {"motion left": "left: blurred by motion: settle (motion 7.2 px, limit 6)"}
+    for stop in (1, 2):
+        made.look("approach", part("cube"), stop=stop, findings=smear | blur)
+    made.write("decision", cycle=made.cycle, text="suspect: unclear", why="looks 1 and 2 disagree (chi-square 34)")
+    text = "SuspectError: a part moved, or the cameras were knocked: with no other part in view it cannot be told"
+    made.write("fault", cycle=made.cycle, code="SuspectError", text=text)
+    end(made, "fault", text)
+
+
+def another_part(made: MadeRun) -> None:
+    """Single looks thought it hidden; all together fit nothing."""
+    made.cycle += 1
+    made.write("cycle_start", cycle=made.cycle, target=None)
+    for _ in range(3):
+        made.look("survey", part("unknown", cause="hidden", reason="part of it is hidden (a rectangle)"))
+    end(made, "unknown", "unknown: fits nothing that was taught: only 3 of 6 facets could belong to cube")
+
+
 def disagreeing_again(made: MadeRun) -> None:
     """The pick itself blamed the part each time."""
     begin(made, good=True)
@@ -263,11 +286,13 @@ PLANTED: dict[str, tuple[str, Callable[[MadeRun], None]]] = {
     "part pushed": ("part moved", suspect("part")),
     "part taken away": ("part moved", taken_away),
     "dirty lens": ("lens out of focus or dirty", measured({"focus left": FOCUS})),
+    "dirty lens, looks that disagree": ("lens out of focus or dirty", blurred),
     "vibrating mount": ("blurred by motion", measured({"motion left": "left: blurred by motion"})),
     "dusk": ("too dark", measured({"darkness left": "left: too dark", "darkness right": "right: too dark"})),
     "sun": ("burnt out", measured({"saturation right": "right: too bright"})),
     "dark corner": ("too dark", nameless("dark")),
     "wrong part": ("not taught", nameless("strange")),
+    "wrong part, seen from all round": ("not taught", another_part),
     "hidden part": ("hidden", nameless("hidden")),
     "part at the border": ("too near the border", nameless("border")),
     "two alike": ("looks like another", ended("ambiguous", "unknown: fits cube or pyramid: one square")),
