@@ -166,6 +166,7 @@ def test_a_straight_way_out_of_reach_in_between_is_told_as_that():
 
 def test_a_step_that_was_swept_and_is_out_of_reach_for_the_next_is_refused(monkeypatch):
     monkeypatch.setattr(route, "way_clear", lambda *_: None)
+    monkeypatch.setattr(route, "_steps", lambda leg, *_: [leg.world_from_tool])
     monkeypatch.setattr(ROBOT, "reachable", lambda *_: None, raising=False)
     refusal = planned(hand(560, -200, 100), hand(560, -190, 100), straight=True)
     assert isinstance(refusal, Refusal)
