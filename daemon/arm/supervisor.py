@@ -89,6 +89,7 @@ class Supervisor:
         """The faults told of in the present stop: whoever joins in with the same one need not tell it again."""
         self.stops = 0
         """How often the arm was stopped or disabled: what was asked for before the last of them is void."""
+        self._closed = False
         self._going = asyncio.Event()
         self._going.set()
         self._step = False
@@ -173,6 +174,8 @@ class Supervisor:
     def enable(self, stops: int | None = None, let: Let = Let.ALL) -> None:
         """Let the arm move. stops: as many as there had been when it was asked for; a later stop or disable voids it.
         Raises RefusedError."""
+        if self._closed:
+            raise RefusedError("the daemon ends")
         self.not_while_stopping("enable")
         self._not_after(stops, "enable")
         if not self.mover.cell.robot.stop_seen:
@@ -311,8 +314,10 @@ class Supervisor:
         return await self._halt(Interruption.ABORT, "aborted by the operator", fault=None)
 
     async def close(self) -> None:
-        """Stop the arm where it may move, and end the job."""
-        if self._let is not Let.NOTHING or self.busy or self.stopping:
+        """Stop the arm where it may move, and end the job; from then on nothing moves."""
+        may_move = self._let is not Let.NOTHING or self.busy or self.stopping
+        self._let, self._closed = Let.NOTHING, True
+        if may_move:
             await self._halt(Interruption.ABORT, "the daemon ends", fault=None)
 
     async def rested(self) -> None:

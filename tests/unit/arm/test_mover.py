@@ -47,6 +47,14 @@ def test_a_dead_controller_is_told_within_seconds_even_after_the_longest_move():
     assert Arrival().longest_s(start, command(farthest, True, 100.0), None) < 8.0
 
 
+def test_half_as_fast_is_waited_for_twice_as_long():
+    start, arrival = Reading(np.eye(4), START), Arrival(slack_s=0.0)
+    there = frames.perturb(np.eye(4), np.array([250.0, 0, 0, 0, 0, 0]))
+    assert arrival.longest_s(start, command(there, True, 100.0), None) == pytest.approx(1.0)
+    assert arrival.longest_s(start, command(there, True, 50.0), None) == pytest.approx(2.0)
+    assert arrival.longest_s(start, command(there, True, 0.1), None) == arrival.timeout_s
+
+
 NEAR = frames.perturb(HEAD_DOWN, np.array([30.0, 0, 0, 0, 0, 0]))
 
 

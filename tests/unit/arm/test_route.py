@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from daemon import frames
+from daemon.arm import route
 from daemon.arm.body import KeepOut
 from daemon.arm.guard import ArmState, Command, Limits, Refusal
 from daemon.arm.mover import Arrival, Mover, MoveRefusedError, OutOfReachError
@@ -161,3 +162,12 @@ def test_a_straight_way_out_of_reach_in_between_is_told_as_that():
     found = planned(hand(250, -300, 0), hand(60, 0, 0), straight=True)
     assert isinstance(found, Refusal)
     assert found.rule == "out_of_reach"
+
+
+def test_a_step_that_was_swept_and_is_out_of_reach_for_the_next_is_refused(monkeypatch):
+    monkeypatch.setattr(route, "way_clear", lambda *_: None)
+    monkeypatch.setattr(route, "_steps", lambda leg, *_: [leg.world_from_tool])
+    monkeypatch.setattr(ROBOT, "reachable", lambda *_: None, raising=False)
+    refusal = planned(hand(560, -200, 100), hand(560, -190, 100), straight=True)
+    assert isinstance(refusal, Refusal)
+    assert refusal.rule == "out_of_reach"

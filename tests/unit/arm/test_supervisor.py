@@ -990,6 +990,43 @@ def test_an_enable_asked_for_before_the_line_was_opened_anew_is_void():
         supervisor.enable(asked)
 
 
+@pytest.mark.parametrize("enabled", [True, False])
+def test_a_daemon_that_ends_takes_no_enable_for_a_move_any_more(enabled):
+    """Its doors are open a moment longer than the arm is stopped."""
+    world, supervisor, _ = supervised(enabled)
+
+    async def story() -> None:
+        await supervisor.close()
+        with pytest.raises(RefusedError, match="the daemon ends"):
+            supervisor.enable()
+        await supervisor.mover.rest()
+        with pytest.raises(MoveRefusedError, match="not_enabled"):
+            await supervisor.mover.travel(NEAR, "late", lambda _: 20.0)
+        with pytest.raises(RefusedError, match="say `enable`"):
+            supervisor.may_move()
+
+    asyncio.run(story())
+    assert "move" not in [name for name, _ in world.wire]
+
+
+def test_who_asks_to_move_while_the_arm_is_being_stopped_is_told_so():
+    _, supervisor, _ = supervised()
+    answered = asyncio.Event()
+    supervisor.mover.cell.robot.abort = answered.wait
+
+    async def story() -> None:
+        stopping = asyncio.create_task(supervisor.abort())
+        await asyncio.sleep(0.01)
+        for may in (supervisor.may_move, supervisor.may_move_by_hand):
+            with pytest.raises(RefusedError, match=r"being stopped .*; try again when it is at rest"):
+                may()
+        answered.set()
+        await stopping
+        supervisor.may_move()
+
+    asyncio.run(story())
+
+
 def test_other_limits_and_another_cell_hold_from_the_next_move_on():
     world, supervisor, _ = supervised()
     other, arrival = build(world), Arrival(timeout_s=7.0)

@@ -131,6 +131,7 @@ def test_what_a_person_was_still_being_told_when_they_left_is_no_error_of_ours()
                 (0.07, b"\r\n*Illegal command*\r\n."),
             ]
         heard = bytes(shown)
+        await asyncio.sleep(0.2)
         async with wire.session.turn():
             assert wire.sent == b"FOO\r\x15"
         wire.hear(b"no more of it")

@@ -21,6 +21,7 @@ from drivers.simcell.simulated_time import SimulatedLoop
 from drivers.val2.dialect import Dialect
 from drivers.val2.link import ControllerError, Link, LinkError, NoAnswer, StopRefused
 from drivers.val2.location import location_from_matrix
+from drivers.val2.wire import Question
 
 FAR = location_from_matrix(forward(READY_RAD + np.radians([90, -20, 5, 0, 10, 0])))
 SPOILED = ["flip", "drop", "double", "insert"]
@@ -214,5 +215,19 @@ def test_an_arm_exactly_where_it_was_sent_is_there_and_at_rest_however_little_it
         there = (await link.still(60.0)).location
         await link.move(there)
         assert (await link.rest(there)).location == there
+
+    at_simulated_time(story())
+
+
+def test_a_question_that_is_asked_again_is_no_power_up_and_no_sign_that_the_arm_rests() -> None:
+    async def story() -> None:
+        _, _, link = await under_way()
+
+        async def asks(*_: Any) -> Question:
+            return Question(b"", "Are you sure (Y/N)?")
+
+        link._type_abort = asks  # type: ignore[method-assign]
+        with pytest.raises(NoAnswer):
+            await link.abort()
 
     at_simulated_time(story())
