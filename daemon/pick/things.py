@@ -25,6 +25,8 @@ ONE_MM = 15.0
 """Named parts whose middles are this near are one."""
 ON_FACE_MM, ON_FACE_RAD = 4.0, 0.25
 """A facet that lies this near to a face of a named part, and so parallel, is of that part."""
+EDGE_MM = 6.0
+"""An edge whose ends are this near to those of a part's is that edge."""
 HOLLOW_MM = 2.0
 """So far in front of each other's planes lie the middles of facets that meet in a hollow edge."""
 
@@ -77,13 +79,49 @@ def _middle(part: Seen, recogniser: Recogniser) -> Array:
 
 
 def _unexplained(fused: Fused, named: Sequence[Seen], recogniser: Recogniser) -> list[int]:
-    """The facets that lie in no face of a named part."""
-    left = list(range(len(fused.polyhedron.facets)))
+    """The facets that lie in no face of a named part, and are no side of it that was never taught."""
+    seen = fused.polyhedron
+    left = set(range(len(seen.facets)))
     for part in named:
         shape = recogniser.shape(part.label)
         if shape is not None:
-            left = [k for k in left if not _on_face(fused.polyhedron, k, shape, part.world_from_part)]
-    return left
+            mine = {k for k in range(len(seen.facets)) if _on_face(seen, k, shape, part.world_from_part)}
+            left -= mine | _untaught(seen, mine, shape, part.world_from_part)
+    return sorted(left)
+
+
+def _untaught(seen: Polyhedron, mine: set[int], shape: Polyhedron, world_from_part: Array) -> set[int]:
+    """The facets beyond edges at which what was taught of a part ends, and those that hang on them: sides of it that no
+    taught view showed. mine: the facets in faces of it. Over such an edge the next facet bends away from the part: in
+    the same plane, or hollow, another part begins."""
+    ends = np.array([[a, b] for (a, b) in shape.edges if (b, a) not in shape.edges], np.intp).reshape(-1, 2)
+    starts, stops = shape.corners_mm[ends[:, 0]], shape.corners_mm[ends[:, 1]]
+    corners = frames.apply(frames.inverse(world_from_part), seen.corners_mm)
+    beyond, new = set[int](), set[int]()
+    for (a, b), (facet, _) in seen.edges.items():
+        other = seen.edges.get((b, a), (facet, 0))[0]
+        if facet in mine and other not in mine and _bends_away(seen, facet, other):
+            ways = [(starts, stops), (stops, starts)]
+            off = [np.maximum(_lengths(corners[a] - one), _lengths(corners[b] - two)) for one, two in ways]
+            new |= {other} if np.min(off, initial=np.inf) < EDGE_MM else set()
+    while new:
+        beyond |= new
+        hang = {
+            int(k) for facet in new for k in np.flatnonzero(seen.touching[facet]) if _bends_away(seen, facet, int(k))
+        }
+        new = hang - beyond - mine
+    return beyond
+
+
+def _bends_away(seen: Polyhedron, facet: int, other: int) -> bool:
+    """Whether two facets that share an edge meet in one that is neither hollow nor flat."""
+    apart = seen.centres_mm[other] - seen.centres_mm[facet]
+    behind = max(float(seen.normals[facet] @ apart), float(-seen.normals[other] @ apart)) < 0.0
+    return behind and float(seen.normals[facet] @ seen.normals[other]) < np.cos(ON_FACE_RAD)
+
+
+def _lengths(ways: Array) -> Array:
+    return np.asarray(np.linalg.norm(ways, axis=1))
 
 
 def _on_face(seen: Polyhedron, facet: int, shape: Polyhedron, world_from_part: Array) -> bool:

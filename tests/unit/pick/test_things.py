@@ -9,14 +9,16 @@ from typing import Any
 import numpy as np
 import pytest
 
+from daemon import frames
 from daemon.arrays import Array
 from daemon.pick.looking import Look
 from daemon.pick.pose_fusion import Doubt
 from daemon.pick.seen import seen_parts
-from daemon.pick.things import known, outlines_of
+from daemon.pick.things import _untaught, known, outlines_of
 from daemon.store.library import load_facets
 from daemon.teaching.aspects import learn_solid
 from daemon.teaching.trainer import Recogniser
+from daemon.vision.geometry import Polyhedron, exact
 from daemon.vision.model.model import empty_model
 from daemon.vision.values import Part
 from tests.worlds import drawn
@@ -87,3 +89,40 @@ def test_a_named_part_hides_by_all_its_faces_and_another_by_what_was_seen(recogn
     placed = np.concatenate(outlines_of(named, recogniser))
     assert placed.max(0) == pytest.approx([30, 20, 15], abs=1.5)
     assert placed.min(0) == pytest.approx([-30, -20, -15], abs=1.5)
+
+
+def corner_only() -> Recogniser:
+    """Who knows three sides of the block that meet in a corner, its upper one among them."""
+    whole = drawn.solid("block.obj", drawn.obj(*BLOCK))
+    corner = int(np.argmax(whole.corners_mm @ [1.0, 1.0, 1.0]))
+    three = [k for k, ring in enumerate(whole.facets) if corner in ring]
+    used = sorted({k for facet in three for k in whole.facets[facet]})
+    rings = tuple(tuple(used.index(k) for k in whole.facets[facet]) for facet in three)
+    types = tuple(whole.types[facet] for facet in three)
+    solid = Polyhedron(whole.corners_mm[used], rings, whole.covariance_mm2[used], types)
+    return Recogniser(learn_solid(empty_model(load_facets()), solid, rig(), "block"), rig())
+
+
+def test_a_side_that_was_never_taught_is_its_parts_and_no_other_thing() -> None:
+    partly = corner_only()
+    taught, behind = look_from(partly, 45, 40), look_from(partly, 225, 40, 1)
+    assert labels([taught], partly) == ["block"]
+    assert labels([taught, behind], partly) == ["block"]
+
+
+def test_what_stands_flush_beside_a_part_is_another_thing() -> None:
+    partly = corner_only()
+    one, beside = look_from(partly, 45, 40), look_from(partly, 225, 40, 1)
+    moved = frames.rigid(np.eye(3), np.array([-60.0, 0.0, 0.0])) @ beside.world_from_cyclopean
+    assert len(known([one, as_look(beside.scene.parts, moved)], partly, Doubt())) == 2
+
+
+@pytest.mark.parametrize(("rises_mm", "sides"), [(-30.0, 1), (30.0, 0), (0.0, 0)], ids=["down", "up", "flat"])
+def test_only_what_bends_away_beyond_an_open_edge_is_a_side_never_taught(rises_mm: float, sides: int) -> None:
+    top = np.array([[0.0, 0, 0], [40, 0, 0], [40, 40, 0], [0, 40, 0]])
+    over = np.array([[40.0 if rises_mm else 80.0, y, rises_mm] for y in (0.0, 40.0)])
+    known_side = exact(top, [(0, 1, 2, 3)])
+    both = exact(np.vstack([top, over]), [(0, 1, 2, 3), (1, 4, 5, 2)])
+    assert len(_untaught(both, {0}, known_side, np.eye(4))) == sides
+    elsewhere = exact(top - np.array([20.0, 0, 0]), [(0, 1, 2, 3)])
+    assert not _untaught(both, {0}, elsewhere, np.eye(4))
