@@ -169,6 +169,16 @@ def test_confidence_is_shared_by_all_guesses_that_were_made() -> None:
     assert confidence(weak, tests=10**9) == 0.0
 
 
+def test_a_part_laid_anew_pays_for_every_pose_it_is_tried_at() -> None:
+    eyes, good = eyes_on("cube"), max(all_laid("cube"), key=lambda one: one.borne.nats)
+    weak = replace(good, borne=Borne(45.0, 0.7), tries=2.0)
+    tests = round(np.exp(weak.odds - 1.0))
+    anew = by_segments._undecided([weak], tests, eyes)
+    assert len(anew) > 1
+    assert {one.tries for one in anew} == {weak.tries * (1 + len(anew))}
+    assert by_segments._undecided([weak], 1, eyes) == [], "this one is sure"
+
+
 def test_print_that_does_not_lie_on_its_faces_refuses_a_name(monkeypatch: pytest.MonkeyPatch) -> None:
     weak = replace(max(all_laid("cube"), key=lambda one: one.borne.nats), borne=Borne(35.0, 0.9))
     assert confidence(weak) > LEAST_CONFIDENCE
