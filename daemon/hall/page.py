@@ -113,7 +113,7 @@ def _cells(
     rest = _by(of(f"SELECT cell, {_turns()} FROM health WHERE {begun} GROUP BY cell"))
     looks = _by(
         of(
-            f"SELECT cell, median(ms::DOUBLE), arg_max(eyes, t), count(*) FILTER (eyes <> 'both') FROM looks "
+            f"SELECT cell, median(ms::DOUBLE), arg_max(eyes, (t, seq)), count(*) FILTER (eyes <> 'both') FROM looks "
             f"WHERE {between} GROUP BY cell"
         )
     )
