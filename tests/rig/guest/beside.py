@@ -1,6 +1,7 @@
 """In the guest: the ends of the two virtio ports that lead to the cell around it (tests/rig/otherside.py).
 
-Run as a program this is the feeder: it keeps the two loopback cameras (LEFT RIGHT) supplied with what the eyes see now.
+Run as a program this is the feeder: it keeps the loopback cameras (LEFT RIGHT, or LEFT) supplied with what the eyes see
+now.
 """
 
 from __future__ import annotations
@@ -61,8 +62,9 @@ class Person:
         return answer
 
 
-def feed(left: str, right: str) -> None:
-    """Feed two devices for ever. A pair whose light took longer than a period is not shown: it would be stale."""
+def feed(*paths: str) -> None:
+    """Feed two devices, or the left one, for ever. A pair whose light took longer than a period is not shown: it would
+    be stale."""
     import loopback
 
     light = Port("light")
@@ -72,7 +74,7 @@ def feed(left: str, right: str) -> None:
         both = np.frombuffer(light.read(2 * WIDTH * HEIGHT), np.uint8).reshape(2, HEIGHT, WIDTH)
         return both[0], both[1]
 
-    feeder = loopback.Feeder(picture, fps=FPS, most_s=0.9 / FPS, paths=(left, right))
+    feeder = loopback.Feeder(picture, fps=FPS, most_s=0.9 / FPS, paths=paths)
     while True:
         began_s = time.monotonic()
         feeder.write()

@@ -65,10 +65,11 @@ def install() -> None:
     run("systemctl", "daemon-reload")
 
 
-def configure(travel_pct: float) -> None:
+def configure(travel_pct: float, eyes: tuple[str, ...] = ("left", "right")) -> None:
     """Write the configuration; travel_pct: how fast the arm may go away from parts."""
     configuration = yaml.safe_load((CHECKOUT / "etc/facetd.yaml").read_text())
-    configuration["cameras"] |= {"left": "left", "right": "right", "fps": beside.FPS, "max_skew_ms": 60}
+    seen = {name: value for name, value in configuration["cameras"].items() if name not in ("left", "right")}
+    configuration["cameras"] = {**seen, **{eye: eye for eye in eyes}, "fps": beside.FPS, "max_skew_ms": 60}
     configuration["arm"] |= {"port": "/dev/ttyS1", "dialect": PATIENT}
     configuration["pick"] |= {"travel_pct": travel_pct, "settling": {"timeout_s": 30.0}, "arrival": {"slack_s": 20.0}}
     configuration["vision"] = {**(configuration.get("vision") or {}), "budget_s": 60.0}

@@ -31,8 +31,11 @@ def modprobe(*words: str) -> None:
 
 
 def load(numbers: str = "0,1") -> None:
-    """The v4l2loopback module with a device called left and one called right, under these numbers."""
-    modprobe("v4l2loopback", "devices=2", f"video_nr={numbers}", "card_label=left,right", "exclusive_caps=1,1")
+    """The v4l2loopback module with a device called left and one called right, under these numbers; of one number, the
+    left alone."""
+    count = len(numbers.split(","))
+    names, caps = (",".join(words[:count]) for words in (["left", "right"], ["1", "1"]))
+    modprobe("v4l2loopback", f"devices={count}", f"video_nr={numbers}", f"card_label={names}", f"exclusive_caps={caps}")
 
 
 def pack(code: str, grey: Image) -> bytes:
@@ -47,7 +50,7 @@ def pack(code: str, grey: Image) -> bytes:
 
 
 class Feeder:
-    """Writes frames into a pair of devices, at most `fps` a second, until it is stopped.
+    """Writes frames into a pair of devices, or the left ones into one, at most `fps` a second, until it is stopped.
 
     picture: frame number -> (left, right) grey images; delay_s: how much later (at least) the right one is written;
     cut: how many bytes at the end of each left frame are kept back. written_s holds, on the monotonic clock, when
@@ -56,7 +59,7 @@ class Feeder:
 
     def __init__(
         self, picture: Callable[[int], tuple[Image, Image]], code: str = "GREY", fps: float = 15.0,
-        delay_s: float = 0.0, most_s: float = 1e9, paths: tuple[str, str] = ("/dev/video0", "/dev/video1"),
+        delay_s: float = 0.0, most_s: float = 1e9, paths: tuple[str, ...] = ("/dev/video0", "/dev/video1"),
         cut: int = 0,
     ) -> None:  # fmt: skip
         self.picture, self.code, self.fps, self.delay_s, self.most_s = picture, code, fps, delay_s, most_s
@@ -96,7 +99,7 @@ class Feeder:
         early = self._write(0, left[: len(left) - self.cut])
         if self.delay_s:
             time.sleep(self.delay_s)
-        late = self._write(1, right)
+        late = self._write(1, right) if len(self.nodes) > 1 else early
         self.written_s.append((early, late))
         self.number += 1
 

@@ -34,10 +34,10 @@ BIN_MM = (250.0, 410.0, -150.0)
 """As the configuration has it."""
 
 
-def start_feeder(left: str, right: str) -> None:
+def start_feeder(*paths: str) -> None:
     done = run("systemd-run", "--unit=feeder", "--collect", f"--working-directory={Path.cwd()}",
         f"--setenv=PYTHONPATH={Path.cwd()}", sys.executable, str(Path(__file__).with_name("beside.py")),
-        left, right)  # fmt: skip
+        *paths)  # fmt: skip
     assert done.returncode == 0, done.stderr
 
 
@@ -279,9 +279,35 @@ def test_a_daemon_that_hangs_is_killed_by_the_watchdog_and_started_again() -> No
     assert command("status")["status"] == 0
 
 
+def test_one_device_alone_looks_from_two_places_and_picks(person: Person) -> None:
+    """The right camera has gone for good, and the configuration says so."""
+    assert run("systemctl", "stop", "facetd", "feeder").returncode == 0
+    until(lambda: run("modprobe", "-r", "v4l2loopback").returncode == 0)
+    loopback.load("6")
+    start_feeder("/dev/video6")
+    configure(100.0, ("left",))
+    assert run("systemctl", "start", "facetd").returncode == 0
+    for text in ("resume", "enable", "go survey"):
+        assert command(text)["status"] == 0, text
+    picked: dict[str, Any] = {}
+    for _ in range(2):
+        person.do("lay", label=PART, rest=1)
+        started_s = time.monotonic()
+        picked = command(f"pick {PART}")
+        took_s = time.monotonic() - started_s
+        if picked["status"] == 0:
+            break
+        print(picked)
+    told = person.do("tell")
+    assert picked["status"] == 0, (picked, told)
+    assert list(told["parts"].values()) == ["BIN"], told
+    assert told["strikes"] == []
+    write_down(f"one camera device alone: a {PART} picked in {took_s:.0f} s")
+
+
 def test_sigterm_in_mid_motion_stops_the_arm_first_and_ends_in_time(person: Person) -> None:
     cursor = journal()[-1]["__CURSOR"]
-    configure(4.0)  # so slow that the move outlasts everything here
+    configure(4.0, ("left",))  # so slow that the move outlasts everything here
     assert run("systemctl", "reload", "facetd").returncode == 0
     until(lambda: [r for r in journal(cursor) if "configuration is taken over" in str(r.get("MESSAGE"))])
     assert command("enable")["status"] == 0
