@@ -44,14 +44,15 @@ def _connect(path: Path, ending: threading.Event) -> socket.socket | None:
 
 
 def _serve(path: Path, ending: threading.Event, answer: Callable[[bytes], bytes]) -> None:
-    """Answer every line that comes in until the other end closes."""
+    """Answer every line that comes in until the other end closes; each begins with its number, as the answer does."""
     link = _connect(path, ending)
     if link is None:
         return
     with link, link.makefile("rwb") as stream:
         try:
             for line in stream:
-                stream.write(answer(line))
+                number, _, question = line.partition(b" ")
+                stream.write(number + b" " + answer(question))
                 stream.flush()
         except OSError:
             return
