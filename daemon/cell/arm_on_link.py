@@ -184,8 +184,8 @@ class ArmOnLink:
 
     def check_typable(self, text: str) -> None:
         """Raise CellError where a line cannot be typed to this controller."""
-        most = self.link.dialect.line_limit
-        if len(text) > most or not (text.isascii() and text.isprintable()):
+        if not self.link.dialect.can_type(text):
+            most = self.link.dialect.line_limit
             raise CellError(f"the controller takes lines of up to {most} plain characters (ASCII), not {text[:40]!r}")
 
     async def monitor(self, text: str) -> list[str]:

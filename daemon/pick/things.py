@@ -94,16 +94,15 @@ def _untaught(seen: Polyhedron, mine: set[int], shape: Polyhedron, world_from_pa
     """The facets beyond edges at which what was taught of a part ends, and those that hang on them: sides of it that no
     taught view showed. mine: the facets in faces of it. Over such an edge the next facet bends away from the part: in
     the same plane, or hollow, another part begins."""
-    ends = np.array([[a, b] for (a, b) in shape.edges if (b, a) not in shape.edges], np.intp).reshape(-1, 2)
-    starts, stops = shape.corners_mm[ends[:, 0]], shape.corners_mm[ends[:, 1]]
+    ends = [shape.corners_mm[[a, b]] for (a, b), place in shape.edges.items() if place not in shape.across]
     corners = frames.apply(frames.inverse(world_from_part), seen.corners_mm)
     beyond, new = set[int](), set[int]()
-    for (a, b), (facet, _) in seen.edges.items():
-        other = seen.edges.get((b, a), (facet, 0))[0]
+    for edge, (facet, place) in seen.edges.items():
+        other, _ = seen.across.get((facet, place), (facet, place))
         if facet in mine and other not in mine and _bends_away(seen, facet, other):
-            ways = [(starts, stops), (stops, starts)]
-            off = [np.maximum(_lengths(corners[a] - one), _lengths(corners[b] - two)) for one, two in ways]
-            new |= {other} if np.min(off, initial=np.inf) < EDGE_MM else set()
+            there = corners[list(edge)]
+            off = [np.linalg.norm(there - way, axis=1).max() for one in ends for way in (one, one[::-1])]
+            new |= {other} if min(off, default=np.inf) < EDGE_MM else set()
     while new:
         beyond |= new
         hang = {
@@ -115,13 +114,14 @@ def _untaught(seen: Polyhedron, mine: set[int], shape: Polyhedron, world_from_pa
 
 def _bends_away(seen: Polyhedron, facet: int, other: int) -> bool:
     """Whether two facets that share an edge meet in one that is neither hollow nor flat."""
-    apart = seen.centres_mm[other] - seen.centres_mm[facet]
-    behind = max(float(seen.normals[facet] @ apart), float(-seen.normals[other] @ apart)) < 0.0
-    return behind and float(seen.normals[facet] @ seen.normals[other]) < np.cos(ON_FACE_RAD)
+    turned = float(seen.normals[facet] @ seen.normals[other]) < np.cos(ON_FACE_RAD)
+    return turned and max(_before_mm(seen, facet, other)) < 0.0
 
 
-def _lengths(ways: Array) -> Array:
-    return np.asarray(np.linalg.norm(ways, axis=1))
+def _before_mm(seen: Polyhedron, one: int, other: int) -> tuple[float, float]:
+    """How far the middles of two facets lie in front of each other's planes."""
+    apart = seen.centres_mm[other] - seen.centres_mm[one]
+    return float(seen.normals[one] @ apart), float(-seen.normals[other] @ apart)
 
 
 def _on_face(seen: Polyhedron, facet: int, shape: Polyhedron, world_from_part: Array) -> bool:
@@ -157,11 +157,7 @@ def _convex(seen: Polyhedron, thing: list[int]) -> list[list[int]]:
     """A thing's facets, those together that hang together over no hollow edge."""
     touch = seen.touching[np.ix_(thing, thing)].copy()
     for a, b in np.argwhere(touch).tolist():
-        before = [
-            float(seen.normals[thing[f]] @ (seen.centres_mm[thing[g]] - seen.centres_mm[thing[f]]))
-            for f, g in ((a, b), (b, a))
-        ]
-        touch[a, b] = min(before) < HOLLOW_MM
+        touch[a, b] = min(_before_mm(seen, thing[a], thing[b])) < HOLLOW_MM
     return [[thing[k] for k in piece] for piece in connected(touch)]
 
 

@@ -158,7 +158,7 @@ class Conversation:
 
         Raises Garbled (the line end was not sent), NoAnswer (no echo; likewise).
         """
-        if len(text) > self.dialect.line_limit or not (text.isascii() and text.isprintable()):
+        if not self.dialect.can_type(text):
             raise ValueError(f"{text!r} cannot be typed: at most {self.dialect.line_limit} plain characters")
         body = text.encode("ascii")
         if body and self.dialect.echo:

@@ -71,6 +71,10 @@ class Dialect:
     stall_s: Seconds = 1.5
     """An arm at rest elsewhere for this long will not arrive."""
 
+    def can_type(self, text: str) -> bool:
+        """Whether a line is short enough for the controller, and plain."""
+        return len(text) <= self.line_limit and text.isascii() and text.isprintable()
+
     def our_angles_deg(self, printed_deg: Sequence[float]) -> tuple[float, ...]:
         """(6,) degrees of our kinematics, of what WHERE prints."""
         turned = [sign * printed for sign, printed in zip(self.joint_signs, printed_deg, strict=True)]

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from daemon.arrays import Array
 from daemon.vision.facets.grouping import connected
+from daemon.vision.facets.looks_adjustment import LEAST_MM2
 from daemon.vision.geometry import area_vector, axes_in, inside, newell_normal
 
 Index = NDArray[np.intp]
@@ -21,7 +22,6 @@ LEAST_MM, MOST_MM, SIGMAS = 1.0, 8.0, 4.0
 GAP_MM = 4.0
 """Pieces of one facet lie this near to its plane, or within so many predicted errors, and to each other."""
 OF_SHORTEST = 1 / 3  # the same as a share of the shorter of the sides that end there
-LEAST_MM2 = 1e-6  # keeps the weight of a corner known exactly finite
 TILT_DEG, MOST_TILT_DEG = 12.0, 30.0
 """How far the normals of pieces of one facet may differ, beside what their doubt says; and farther never."""
 FACING = 0.2

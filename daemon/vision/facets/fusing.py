@@ -106,7 +106,7 @@ def fuse(looks: Sequence[SeenFrom], shared: Array, table_mm: float | None = None
     assert whole is not None
     facets = uncontradicted(facets, moved, rings, whole.places[:, :3, 3])
     groups = [[k for k, group in enumerate(one.groups) for _ in group.facets] for one in looks]
-    pieces = _Pieces(rings, groups, owner, facets, moved, spread)
+    pieces = _Measured(rings, groups, owner, facets, moved, spread)
     floor = () if table_mm is None else (supposed(np.array([0.0, 0.0, table_mm]), np.array([0.0, 0.0, 1.0])),)
     shapes = _shapes(pieces, floor)
     often = [ring for ring, k in shapes if pieces.looks(k) > 1] or [ring for ring, _ in shapes]
@@ -119,7 +119,7 @@ def fuse(looks: Sequence[SeenFrom], shared: Array, table_mm: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
-class _Pieces:
+class _Measured:
     """What the looks saw, by look: rings of corners, the group of each, what number each corner has, where it is in the
     base (N, 3), and its covariance (N, 3, 3); facets: which (look, ring) are one facet."""
 
@@ -151,7 +151,7 @@ class _Pieces:
         return [np.sqrt(np.trace(spread, axis1=1, axis2=2) + LEAST_MM2) for spread in spreads]
 
 
-def _shapes(pieces: _Pieces, unseen: Sequence[Plane]) -> list[tuple[Array, int]]:
+def _shapes(pieces: _Measured, unseen: Sequence[Plane]) -> list[tuple[Array, int]]:
     """Outlines (N, 3) base of all facets, and which set of pieces each is of. unseen: planes that may bound them."""
     found = []
     marks = [{mark for k, f in one for mark in pieces.marks(k, f)} for one in pieces.facets]
@@ -179,7 +179,7 @@ def _behind(rings: Sequence[Ring], places: Array) -> list[Plane]:
     return found
 
 
-def _numbered(pieces: _Pieces, shapes: Sequence[Array]) -> tuple[list[Ring], Array]:
+def _numbered(pieces: _Measured, shapes: Sequence[Array]) -> tuple[list[Ring], Array]:
     """The outlines' corners by number: that of the measured corner which lies there, else a new one; and where all
     are, (K, 3)."""
     numbers = np.concatenate(pieces.owner)
@@ -288,7 +288,7 @@ def _doubt(one: LookCorners, shared: Array) -> Array:
     return np.asarray(own @ one.covariance @ own.swapaxes(1, 2) + alike @ shared @ alike.swapaxes(1, 2))
 
 
-def _fused(looks: Sequence[SeenFrom], whole: Adjusted, pieces: _Pieces, shapes: Sequence[tuple[int, Ring]]) -> Fused:
+def _fused(looks: Sequence[SeenFrom], whole: Adjusted, pieces: _Measured, shapes: Sequence[tuple[int, Ring]]) -> Fused:
     """shapes: (set of pieces, ring); of two that claim one side of an edge that which was seen oftener stays."""
     edges, kept = set[tuple[int, int]](), list[tuple[int, Ring]]()
     for k, ring in sorted(shapes, key=lambda shape: -len(pieces.facets[shape[0]])):

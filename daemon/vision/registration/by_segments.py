@@ -33,7 +33,7 @@ from daemon.vision.registration.expected_edges import Placements
 from daemon.vision.registration.faces import likeness
 from daemon.vision.registration.measured import hull, measured_facet, silhouette
 from daemon.vision.registration.posed import Posed, pixels, taught_solids
-from daemon.vision.registration.rivals import by_own_edges
+from daemon.vision.registration.rivals import LEAST_APART, by_own_edges
 from daemon.vision.registration.space_corners import lookalikes, meet
 from daemon.vision.registration.stretches import Borne, Stretches, borne_out, settled, stretches_of
 from daemon.vision.registration.unsure import best_turned, nearby
@@ -61,10 +61,6 @@ CONTRADICTED = -5.0
 """What a group of facets that lies elsewhere adds to them."""
 LEAST_CONFIDENCE = 0.95
 """Of a name. No stranger of those looks had more than 0.93."""
-LEAST_APART = 1.5
-"""Nats by which the edges that a part alone has must speak more for it than those that only another part, laid on the
-same place, has speak for that: less leaves the name open, however little the other would be believed. Of 99 names that
-edges give parts with twins that differ in a side this leaves 89 right and one wrong; of 184 without twins 182."""
 UNDECIDED, MOST_UNDECIDED = (-1.0, 8.0), 3
 """Log odds between which it is not decided by its edges whether a part is there, and how many such are laid anew beside
 where they lie. In a trial fourteen true ones gained 1.3 by it on average, 5 at most; five strangers .5, 1 at most. They

@@ -15,6 +15,10 @@ from daemon.vision.registration.stretches import Stretches
 ALONG = np.cos(np.radians(12.0))  # an edge that lies on another one points so nearly the same way
 SAME_PX = 2.0  # an edge no farther off shows by the same slopes
 PLACES = (np.arange(8) + 0.5) / 8
+LEAST_APART = 1.5
+"""Nats by which the edges that a part alone has must speak more for it than those that only another part, laid on the
+same place, has speak for that: less leaves the name open, however little the other would be believed. Of 99 names that
+edges give parts with twins that differ in a side this leaves 89 right and one wrong; of 184 without twins 182."""
 
 
 def by_own_edges(one: Sequence[Stretches], other: Sequence[Stretches]) -> float:

@@ -17,9 +17,8 @@ from daemon.vision.geometry import Polyhedron
 from daemon.vision.image import Eyes
 from daemon.vision.model import Model
 from daemon.vision.recognition import Recognised, left_open
-from daemon.vision.registration.by_segments import LEAST_APART
 from daemon.vision.registration.expected_edges import Placements
-from daemon.vision.registration.rivals import by_own_edges
+from daemon.vision.registration.rivals import LEAST_APART, by_own_edges
 from daemon.vision.registration.space_corners import ALIKE_MM, corner_frames
 from daemon.vision.registration.stretches import settled, stretches_of
 

@@ -145,17 +145,22 @@ KEYS = [
 ]
 
 
-@settings(max_examples=500, deadline=None)
-@given(st.lists(st.sampled_from(KEYS), min_size=6, max_size=40))
-def test_whatever_is_pressed_the_screen_shows_what_return_will_send(keys: list[bytes]) -> None:
-    edit = editor()
+def pressed(edit: LineEditor, keys: list[bytes]) -> bytes:
+    """All that a terminal is sent while keys are pressed."""
     shown = edit.show_prompt()
     for key in keys:
         typed = edit.feed(key)
         shown += typed.echo
         if typed.events:
             shown += edit.show_prompt()
-    before_return, _ = screen(shown)
+    return shown
+
+
+@settings(max_examples=500, deadline=None)
+@given(st.lists(st.sampled_from(KEYS), min_size=6, max_size=40))
+def test_whatever_is_pressed_the_screen_shows_what_return_will_send(keys: list[bytes]) -> None:
+    edit = editor()
+    before_return, _ = screen(pressed(edit, keys))
     (line,) = edit.feed(b"\r").events
     assert before_return == f"> {line}"
 
@@ -167,13 +172,7 @@ def test_of_a_line_longer_than_the_terminal_is_wide_the_row_shows_what_is_around
 ) -> None:
     edit = editor()
     edit.feed(b"\x1b[24;%dR" % columns)
-    shown = edit.show_prompt()
-    for key in keys:
-        typed = edit.feed(key)
-        shown += typed.echo
-        if typed.events:
-            shown += edit.show_prompt()
-    row, column = screen(shown, columns)
+    row, column = screen(pressed(edit, keys), columns)
     edit.feed(b"@")  # where the cursor stood
     (line,) = edit.feed(b"\r").events
     before, _, behind = str(line).partition("@")
