@@ -16,6 +16,7 @@ from daemon.pick.transitions import Event
 from daemon.pick.world import (
     MOVE_ERRORS,
     PickContext,
+    Question,
     SuspectError,
     WorldModel,
     look,
@@ -122,5 +123,6 @@ async def _blame(context: PickContext, world: WorldModel, target: Target, chi: f
     world.doubts += 1
     if world.doubts > settings.tries:  # the table said each time that nothing else had moved
         raise SuspectError(f"{text}, {world.doubts} approaches in one pick, and nothing else moved; suspect: hand-eye")
-    world.questioned = [p for p in world.found if not same_place(p.centre, target.centre, 2 * SAME_PLACE_MM)]
+    itself = [p for p in world.found if same_place(p.centre, target.centre, 2 * SAME_PLACE_MM)]
+    world.questioned = Question([p for p in world.found if p not in itself], itself)
     return "unclear"

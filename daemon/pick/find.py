@@ -25,6 +25,7 @@ from daemon.pick.next_view import (
 )
 from daemon.pick.outcome import Outcome
 from daemon.pick.plan import Plan, plan_part
+from daemon.pick.pose_fusion import CHI_SQUARE_6
 from daemon.pick.seen import NEIGHBOUR_MM, Seen, apart_mm, facings, is_own, same_place, unconfirmed
 from daemon.pick.things import outlines_of
 from daemon.pick.transitions import Event
@@ -62,9 +63,10 @@ async def survey(context: PickContext, world: WorldModel) -> Literal[Event.SEEN,
         seen = await context.lit_look(context.mover.at, f"survey {number}")
         world.take_in(context, seen)
         world.unmatched += all(outlines(seen.scene.view))
-        _settle_question(context, world)
         if any(part.named for part in world.left(context)):
+            _settle_question(context, world)
             return Event.SEEN
+    _settle_question(context, world)
     if not world.found and world.unmatched and world.outcome is Outcome.EMPTY:
         world.outcome = Outcome.UNKNOWN
         world.why = "outlines in both images, but no facet: light, focus, a knocked camera?"
@@ -72,12 +74,20 @@ async def survey(context: PickContext, world: WorldModel) -> Literal[Event.SEEN,
 
 
 def _settle_question(context: PickContext, world: WorldModel) -> None:
-    """Looks at one part disagreed: do the others still lie where they lay before it was approached?"""
-    before, world.questioned = world.questioned, None
-    if before is None:
+    """Looks at one part disagreed: do the others still lie where they lay before it was approached? Where there are
+    none, does it?"""
+    question, world.questioned = world.questioned, None
+    if question is None:
         return
-    moved = beside(before, world.found, context.recogniser.shape, context.cell, context.settings.doubt)
-    who = pose_fusion.suspect(moved, 0.0, context.settings.epipolar_limit_px)
+
+    def moved(before: list[Seen]) -> list[float]:
+        return beside(before, world.found, context.recogniser.shape, context.cell, context.settings.doubt)
+
+    others, itself = moved(question.others), moved(question.itself)
+    if not others and itself and max(itself) <= CHI_SQUARE_6:
+        context.decide("approach it again", "seen once more from where it was found, it lies where it lay")
+        return
+    who = pose_fusion.suspect(others, 0.0, context.settings.epipolar_limit_px)
     context.decide(f"suspect: {who}", "the whole table was looked at again, and held against the look before")
     if who == "unclear":
         raise SuspectError("a part moved, or the cameras were knocked: with no other part in view it cannot be told")

@@ -132,6 +132,14 @@ class Gained:
     seconds: float
 
 
+@dataclass(frozen=True, eq=False)
+class Question:
+    """What lay on the table before two looks at a target disagreed: the other parts, and the target."""
+
+    others: list[Seen]
+    itself: list[Seen]
+
+
 @dataclass(eq=False, repr=False)
 class WorldModel:
     """What a pick knows of the table. The running pick has one, and its handlers keep it.
@@ -160,7 +168,7 @@ class WorldModel:
     replans: int = 0
     old_looks: int = 0
     unmatched: int = 0
-    questioned: list[Seen] | None = None
+    questioned: Question | None = None
     doubts: int = 0
     outcome: Outcome = Outcome.EMPTY
     why: str = "nothing on the table that can be picked"

@@ -51,7 +51,8 @@ def look(
         start = now()
         view = seen if table is None else without_table(seen, table)
         if seen.groups is not groups:
-            groups, found = seen.groups, told_apart(recognise(view.groups, known), known, eyes)
+            groups = seen.groups
+            found = tuple(told_apart(one, known, eyes) for one in recognise(view.groups, known))
         naming += now() - start
         if known.labels and _all_named(found):
             break

@@ -7,7 +7,6 @@ edges are there in the pictures, or are not.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -26,11 +25,9 @@ SHARED = 2 / 3
 """Of a part's corners, that another must have to be its twin."""
 
 
-def told_apart(found: Sequence[Recognised], model: Model, eyes: Eyes) -> tuple[Recognised, ...]:
-    """What facets gave, without the names of parts that have a twin from which the pictures do not tell them."""
-    return tuple(
-        left_open(one, twins, model) if one.named and (twins := untold(one, model, eyes)) else one for one in found
-    )
+def told_apart(one: Recognised, model: Model, eyes: Eyes) -> Recognised:
+    """What facets gave, without its name where it has a twin from which the pictures do not tell it."""
+    return left_open(one, twins, model) if one.named and (twins := untold(one, model, eyes)) else one
 
 
 def untold(one: Recognised, model: Model, eyes: Eyes) -> tuple[str, ...]:

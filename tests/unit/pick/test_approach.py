@@ -141,7 +141,8 @@ def test_where_nothing_else_is_in_view_the_table_is_looked_at_again_and_the_doub
     context, world = twice_looked(fake, lambda: shifted(fake, "cube", 5, 0, 0))
     assert step(context, world, State.ESTIMATING) is Event.DOUBT
     assert world.questioned is not None
-    assert "cube" not in [part.label for part in world.questioned]
+    assert [part.label for part in world.questioned.itself] == ["cube"]
+    assert "cube" not in [part.label for part in world.questioned.others]
 
 
 def test_a_knocked_camera_and_a_second_disagreement_are_the_cells_fault():

@@ -6,7 +6,7 @@ import pytest
 from daemon import frames
 from daemon.pick.find import MOST_OLD
 from daemon.pick.transitions import Event, State
-from daemon.pick.world import SuspectError
+from daemon.pick.world import Question, SuspectError
 from tests.worlds.fake_cell import one_part
 from tests.worlds.pick_steps import begun, brought_to, step
 
@@ -40,7 +40,7 @@ def questioned(fake):
     """A pick that asks whether what it found lies where it lay."""
     context, world = begun(fake)
     brought_to(State.CHOOSE, context, world)
-    world.questioned = list(world.found)
+    world.questioned = Question(list(world.found), [])
     return context, world
 
 
@@ -55,7 +55,26 @@ def test_a_question_is_settled_by_parts_that_lie_where_they_lay():
 def test_a_question_that_no_other_part_answers_stops_the_pick():
     fake = one_part()
     context, world = questioned(fake)
-    world.questioned = []
+    world.questioned = Question([], [])
+    with pytest.raises(SuspectError, match="cannot be told"):
+        step(context, world, State.SURVEY)
+
+
+def test_a_part_that_lies_alone_and_where_it_lay_is_approached_again():
+    """Looks disagree now and then by chance: that must not end a night's last pick."""
+    fake = one_part()
+    context, world = questioned(fake)
+    world.questioned = Question([], world.questioned.others)
+    assert step(context, world, State.SURVEY) is Event.SEEN
+    assert fake.said("decision")[-1]["text"] == "approach it again"
+    assert step(context, world, State.CHOOSE) is Event.CHOSEN
+
+
+def test_a_part_alone_that_lies_elsewhere_tells_nothing_apart_from_a_knock():
+    fake = one_part()
+    context, world = questioned(fake)
+    world.questioned = Question([], world.questioned.others)
+    fake.lying["cube"] = frames.perturb(fake.lying["cube"], np.array([6.0, 0, 0, 0, 0, 0]))
     with pytest.raises(SuspectError, match="cannot be told"):
         step(context, world, State.SURVEY)
 

@@ -16,8 +16,9 @@ from daemon.vision.geometry import exact
 from daemon.vision.image.both_eyes import Eyes, open_eyes
 from daemon.vision.model.model import Model, empty_model
 from daemon.vision.recognition.recognise import Recognised, recognise_group
+from daemon.vision.registration.beside import beside
 from daemon.vision.registration.twins import as_twins, told_apart
-from daemon.vision.values import Group
+from daemon.vision.values import FacetView, Group
 from tests.worlds.drawn import obj, solid
 from tests.worlds.printed import print_pair, straight_rig
 from tests.worlds.solids import CUBE, PYRAMID, Body, pose, prism, view_of
@@ -60,13 +61,26 @@ def test_facets_measured_as_if_nothing_were_cut_off_give_no_name_where_the_pictu
     one = recognised(corner_unseen(view_of(BLOCK, WHERE), cut_off), taught)
     assert one.label == "block"
     assert one.part.recognition.confidence > 0.99
-    (kept,) = told_apart([one], taught, eyes_on(BLOCK))
+    kept = told_apart(one, taught, eyes_on(BLOCK))
     assert kept is one
-    (left,) = told_apart([one], taught, eyes_on(CUT))
+    left = told_apart(one, taught, eyes_on(CUT))
     assert not left.named
     assert left.part.recognition.candidates == ("block", "cut")
     assert left.part.recognition.ambiguous
     assert left.part.recognition.confidence < 0.6
+
+
+def test_facets_that_are_found_to_be_one_part_only_later_are_held_against_its_twins_as_well() -> None:
+    taught = model()
+    whole = corner_unseen(view_of(BLOCK, WHERE), frames.apply(WHERE, np.array([[0.0, 45.0, 40.0]]))[0])
+    apart = [recognised(whole.only([k]), taught) for k in range(len(whole.facets))]
+    view = FacetView(tuple(one.group for one in apart), (), (), (), 2.0)
+    assert not any(one.named for one in apart)
+    known, _ = beside(apart, view, (), taught, eyes_on(BLOCK))
+    assert [one.label for one in known if one.named] == ["block"]
+    known, _ = beside(apart, view, (), taught, eyes_on(CUT))
+    assert not any(one.named for one in known)
+    assert ("block", "cut") in [one.part.recognition.candidates for one in known]
 
 
 def test_parts_that_share_no_side_are_no_twins() -> None:
@@ -83,7 +97,7 @@ def test_parts_that_share_no_side_are_no_twins() -> None:
 def test_a_part_without_a_twin_keeps_its_name() -> None:
     taught = model()
     one = recognised(view_of(PYRAMID, WHERE), taught)
-    assert told_apart([one], taught, eyes_on(PYRAMID)) == (one,)
+    assert told_apart(one, taught, eyes_on(PYRAMID)) is one
 
 
 @pytest.mark.parametrize("body", [BLOCK, CUT])
@@ -91,4 +105,4 @@ def test_a_part_whose_sides_show_keeps_its_name(body: Body) -> None:
     taught = model()
     one = recognised(view_of(body, WHERE), taught)
     assert one.named
-    assert told_apart([one], taught, eyes_on(body)) == (one,)
+    assert told_apart(one, taught, eyes_on(body)) is one
