@@ -14,7 +14,7 @@ import numpy as np
 from daemon import frames
 from daemon.calibration.board import Board, BoardError, parse_board
 from daemon.calibration.file import Calibration, calibration_text, load_calibration
-from daemon.calibration.hand_eye import HandEyeError, HandEyeResult
+from daemon.calibration.hand_eye import ArmDoubt, HandEyeError, HandEyeResult
 from daemon.calibration.session import (
     Session,
     SessionError,
@@ -33,6 +33,7 @@ from daemon.commands.moving import with_questions
 from daemon.console.context import CommandContext
 from daemon.console.interpreter import NOT_DONE, NOT_UNDERSTOOD, Answer, CommandError, Door, command, no_more, one_of
 from daemon.errors import FacetdError
+from daemon.pick.pose_fusion import Doubt
 from daemon.store.calibrations import CONFIGURED
 
 KINDS = ("stereo", "camera", "by-hand", "hand-eye", "verify", "touch")
@@ -42,6 +43,9 @@ POSES = {"stereo": 28, "camera": 28, "hand-eye": 24, "verify": 8, "touch": 0}
 USUAL_BOARD = ("9x6", "16")
 SPEED_PCT = 60.0
 TOUCH_ABOVE_MM = 2.0
+ARM_WORSE = 3.0
+"""So many times as far off its word as the configuration says, an arm is told to be. The poses of a tour are far apart
+and tilted; looks at one part are near each other, and what errs with the pose errs alike in them."""
 
 
 @command(USAGE, "move", most=None, choices=(*KINDS, *KEPT), looks=lambda words: words[:1] == ["list"],
@@ -133,12 +137,14 @@ async def _solved(context: CommandContext, kind: str, views: list[View], board: 
         data["camera"] = {"rms_px": camera.rms_px, "focal_sigma_px": camera.focal_sigma_px}
     # A new rig has a new cyclopean frame: a hand-eye of the old one would be wrong by their difference.
     after, hand_eye = await asyncio.to_thread(solve_hand_eye, views, board, after)
-    lines += _hand_eye_lines(hand_eye)
+    lines += [*_hand_eye_lines(hand_eye), arm_line(hand_eye.arm, context.config.values.pick.doubt)]
     data["hand_eye"] = {
         "sigma_mm": hand_eye.sigma_mm,
         "sigma_deg": hand_eye.sigma_deg,
         "diversity_deg": hand_eye.diversity_deg,
         "left_out_mm": list(hand_eye.left_out_mm),
+        "arm_mm": hand_eye.arm.mm,
+        "arm_deg": hand_eye.arm.deg,
         "warning": hand_eye.warning,
     }
     lines += [_moved(before, after), *await _taken_over(context, after)]
@@ -209,6 +215,18 @@ def _hand_eye_lines(result: HandEyeResult) -> list[str]:
         f"a pose left out is off by {np.median(result.left_out_mm):.2f} mm, at most {max(result.left_out_mm):.2f}",
     ]
     return lines + ([f"  warning: {result.warning}"] if result.warning else [])
+
+
+def arm_line(found: ArmDoubt, reckoned: Doubt) -> str:
+    """How well the arm keeps its word, beside what the configuration says of it."""
+    told = f"the arm: off its word by {found.mm:.2f} mm and {found.deg:.3f} degrees an axis (one standard deviation)"
+    if found.mm <= ARM_WORSE * reckoned.arm_mm and found.deg <= ARM_WORSE * reckoned.arm_deg:
+        return told
+    here = f"pick: {{doubt: {{arm_mm: {found.mm:.2f}, arm_deg: {found.deg:.3f}}}}}"
+    return (
+        f"{told}; errors are predicted as if by {reckoned.arm_mm:g} and {reckoned.arm_deg:g}: "
+        f"write `{here}` into the configuration, or see whether the arm is worn"
+    )
 
 
 def _moved(before: Calibration, after: Calibration) -> str:

@@ -186,6 +186,7 @@ def _hand_eye(talk: Talk) -> str:
         _survey(talk)
         found = talk.do(f"calibrate hand-eye {talk.order.calibrate}")["hand_eye"]
     told = f"known to {found['sigma_mm']:.2f} mm and {found['sigma_deg']:.3f} degrees"
+    told += f", the arm off its word by {found['arm_mm']:.2f} mm and {found['arm_deg']:.3f} degrees an axis"
     if _doubtful(found):
         raise NotProvenError(f"{told}, wanted is {HAND_EYE_MM:g} mm. {found['warning'] or ''}")
     return told

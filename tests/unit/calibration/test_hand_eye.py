@@ -110,3 +110,10 @@ def test_a_mistaken_pose_shows_in_the_left_out_errors() -> None:
     left_out = calibrate_hand_eye(samples, unlike_rig()).left_out_mm
     assert int(np.argmax(left_out)) == 3
     assert left_out[3] > 3 * float(np.median(left_out))
+
+
+@pytest.mark.parametrize("arm_mm", [0.04, 0.25])
+def test_how_far_the_arm_errs_is_found_from_its_looks_whatever_was_thought_of_it(arm_mm: float) -> None:
+    found = [calibrate_hand_eye(looks(seed, count=20, arm_mm=arm_mm), unlike_rig()).arm for seed in (0, 1)]
+    assert np.mean([arm.mm for arm in found]) == pytest.approx(arm_mm, rel=0.25)
+    assert np.mean([arm.deg for arm in found]) == pytest.approx(0.02 * arm_mm / 0.05, rel=0.35)

@@ -1,4 +1,4 @@
-"""`calibrate` looks whether its result can be kept before the arm is moved."""
+"""`calibrate` looks whether its result can be kept before the arm is moved, and says how far the arm errs."""
 
 from __future__ import annotations
 
@@ -7,9 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 
+from daemon.calibration.hand_eye import ArmDoubt
 from daemon.commands import every_command
+from daemon.commands.calibrating import arm_line
 from daemon.console.interpreter import Answer, Console
+from daemon.pick.pose_fusion import Doubt
 from daemon.store.calibrations import Calibrations
 from tests.worlds.fake_context import FakeDoor, fake_context
 
@@ -74,3 +78,11 @@ def test_only_the_eyes_that_are_there_are_calibrated(
     assert answer.status == 1
     assert told in answer.text
     assert context.cycle.told == []
+
+
+def test_an_arm_that_is_worse_than_the_configuration_has_it_is_told_with_the_line_to_write() -> None:
+    assert "write" not in arm_line(ArmDoubt(0.12, 0.02), Doubt(arm_mm=0.1, arm_deg=0.02))
+    told = arm_line(ArmDoubt(0.31, 0.02), Doubt(arm_mm=0.1, arm_deg=0.02))
+    assert "0.31 mm and 0.020 degrees" in told
+    written = yaml.safe_load(told.split("`")[1])
+    assert written == {"pick": {"doubt": {"arm_mm": 0.31, "arm_deg": 0.02}}}

@@ -10,7 +10,7 @@ from daemon.jobs.commission_steps import STEPS, Order, Person, Talk
 from daemon.store.outside import FileError
 
 WHERE = {"world_from_tool": [[1, 0, 0, 420.0], [0, 1, 0, 0.0], [0, 0, 1, 60.0], [0, 0, 0, 1]]}
-HAND_EYE = {"sigma_mm": 0.2, "sigma_deg": 0.05, "warning": None}
+HAND_EYE = {"sigma_mm": 0.2, "sigma_deg": 0.05, "arm_mm": 0.05, "arm_deg": 0.01, "warning": None}
 SAYS = {
     "where": WHERE,
     "doctor": {"findings": [{"what": "cameras", "found": "a pair"}]},
