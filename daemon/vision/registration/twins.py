@@ -7,10 +7,12 @@ edges are there in the pictures, or are not.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
 
+from daemon import frames
 from daemon.arrays import Array
 from daemon.vision.geometry import Polyhedron
 from daemon.vision.image import Eyes
@@ -23,6 +25,8 @@ from daemon.vision.registration.stretches import settled, stretches_of
 
 SHARED = 2 / 3
 """Of a part's corners, that another must have to be its twin."""
+IN_PLANE_MM = 4.0
+"""So near to a face's plane lie the corners of a facet that may be that face, more or less of it cut off."""
 
 
 def told_apart(one: Recognised, model: Model, eyes: Eyes) -> Recognised:
@@ -38,6 +42,7 @@ def untold(one: Recognised, model: Model, eyes: Eyes) -> tuple[str, ...]:
         for label, known in model.metric.items()
         if label != one.label
         for turn in as_twins(solid, known.solid)
+        if _has_faces(known.solid, one.part.cyclopean_from_part @ turn, one.part.fitted_mm)
     ]
     if not near:
         return ()
@@ -47,6 +52,15 @@ def untold(one: Recognised, model: Model, eyes: Eyes) -> tuple[str, ...]:
     own, *others = [[seen.only(k, laid) for seen in both] for k in range(len(shapes))]
     found = [label for (label, *_), other in zip(near, others, strict=True) if by_own_edges(own, other) < LEAST_APART]
     return tuple(dict.fromkeys(found))
+
+
+def _has_faces(solid: Polyhedron, pose: Array, facets_mm: Sequence[Array]) -> bool:
+    """Whether each of some facets (N, 3) lies in the plane of a face that a solid at a pose (4, 4) shows."""
+    normals = pose[:3, :3] @ solid.normals.T
+    first = frames.apply(pose, solid.corners_mm[[ring[0] for ring in solid.rings]])
+    shown = solid.facing(pose) > 0
+    off = [np.abs(corners @ normals - (first.T * normals).sum(0)).max(0) for corners in facets_mm]
+    return all((shown & (one < IN_PLANE_MM)).any() for one in off)
 
 
 @lru_cache(maxsize=4096)
