@@ -319,7 +319,7 @@ class Cycle:
                 if ends[-1].outcome in (Outcome.PICKED, Outcome.PLACED):
                     self.skipped = [s for s in self.skipped if s.outcome is Outcome.MISSED]
                 else:
-                    if pick_order.every_s is None:
+                    if pick_order.every_s is None or not self._auto:
                         break
                     await asyncio.sleep(pick_order.every_s)
                     self.skipped = []

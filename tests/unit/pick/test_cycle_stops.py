@@ -436,3 +436,26 @@ def test_a_hand_that_was_told_nothing_holds_what_it_held(closed, full, why):
         with pytest.raises(MoveRefusedError):
             asyncio.run(cycle.hand(closed))
     assert (cycle.hand_full, world.wire) == (full, [])
+
+
+@pytest.mark.parametrize("act", ["stop", "abort"])
+def test_a_stop_in_the_last_part_of_an_auto_that_looks_again_waits_for_no_further_look(act):
+    """The wait for parts began after the stop: until it was over, an hour at most, nobody was told of the stop, and
+    no `resume` was heard."""
+    world = one_part()
+    cycle = cycle_of(world)
+
+    async def story():
+        async def end_it():
+            cycle.auto_off()
+            await asyncio.wait_for(getattr(cycle.supervisor, act)(), 1.0)
+            assert not cycle.supervisor.stopping
+
+        acting = []
+        world.before = lambda name: name == "moving" and not acting and acting.append(asyncio.create_task(end_it()))
+        (end,) = await cycle.auto(wait_s=3600.0)
+        await asyncio.gather(*acting)
+        return end
+
+    assert asyncio.run(asyncio.wait_for(story(), 5.0)).outcome == ("fault" if act == "stop" else "aborted")
+    assert cycle.pick_order is None
