@@ -15,7 +15,7 @@ from dataclasses import replace
 from daemon import frames
 from daemon.arm import (
     Interruption,
-    MoveRefusedError,
+    NotSentError,
     OperatorRefusedError,
     Reading,
     RefusedError,
@@ -276,7 +276,7 @@ class Cycle:
             self.hand_full = None
         try:
             await mover.hand(closed)
-        except MoveRefusedError:
+        except NotSentError:
             self.hand_full = before
             raise
         if not (closed or mover.dry):
