@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 
-from daemon.cell.arm_on_link import moves_the_arm
+from daemon.cell.arm_on_link import moves_the_arm, works_the_hand
 from daemon.console.context import ANSWERABLE, CommandContext
 from daemon.console.interpreter import Answer, CommandError, Door
 from daemon.console.phrases import is_yes
@@ -23,7 +23,6 @@ GREETING = "The controller's own terminal; the daemon stands aside. Control-] co
 ASKED = "this may move the arm, and no guard sees where it goes. Send it? [y/n]"
 ANSWER_AFTER_S = 0.3
 """A key that comes sooner after the question was on its way before it was read."""
-HAND_WORDS = ("OPEN", "CLOSE", "GRASP", "RELAX", "MOVET", "MOVEST")
 
 
 async def monitor(context: CommandContext, door: Door) -> Answer:
@@ -156,6 +155,5 @@ class Typist:
 
 def note_hand(context: CommandContext, text: str) -> None:
     """Where a line may work the hand, by a word or by a program it starts, nobody knows whether a part is in it."""
-    program = moves_the_arm(text) and text.split()[0].upper() != "DO"
-    if program or any(word in text.upper() for word in HAND_WORDS):
+    if works_the_hand(text):
         context.cycle.hand_full = None

@@ -87,7 +87,9 @@ def test_a_line_that_would_move_an_arm_that_may_not_is_taken_back_and_told(conte
     assert context.log.records[0][1]["text"].startswith("not sent: ")
 
 
-@pytest.mark.parametrize("line", [b"DO CLOSEI", b"D CLOSEI", b"DO MOVET P1,0", b"EXEC PROG", b"PROCEED"])
+@pytest.mark.parametrize(
+    "line", [b"DO CLOSEI", b"D CLOSEI", b"DO CLOS", b"DO MOVET P1,0", b"DO SIGNAL 3", b"DO", b"EXEC PROG", b"PROCEED"]
+)
 def test_a_hand_that_was_worked_here_is_asked_about_later(line: bytes) -> None:
     context = standing()
     typed(context, b"WHERE\rDO MOVE P1\r")
