@@ -131,7 +131,12 @@ class Link:
             asked, self._open_session.question = self.question, None
             if asked is None:
                 raise ControllerError("the controller asks nothing")
-            answer = await talk.ask(replies[0], replies[1:], self.dialect.calibrate_s)
+            try:
+                answer = await talk.ask(replies[0], replies[1:], self.dialect.calibrate_s)
+            except (Garbled, NoAnswer) as problem:
+                self._open_session.question = asked
+                await self._recover(problem)  # a half-typed answer is no beginning of the next command
+                raise
             return self._accept(answer)
 
     def terminal(self, on_bytes: Callable[[bytes], None]) -> AbstractAsyncContextManager[Callable[[bytes], None]]:
@@ -418,11 +423,12 @@ class Link:
         raise problem
 
     async def _type_abort(self, talk: Conversation, before: bytes) -> Event:
-        """The word at once, and once more at once, apart: one spoiled byte spoils one of them only."""
+        """The word at once, and once more at once, apart: one spoiled byte spoils one of them only. What is half typed is
+        taken back first: a Y, as an answer, is one whatever follows it."""
         end = self.dialect.line_end
         word = self.dialect.abort_word.encode("ascii") + end
         talk.unheard()
-        await talk.type_raw(before + POISON + end + word + end + word)
+        await talk.type_raw(self.dialect.cancel_line + before + POISON + end + word + end + word)
         return await talk.last_prompt_or_question(self.dialect.resync_s)
 
     async def _stopped(self, talk: Conversation) -> Where:

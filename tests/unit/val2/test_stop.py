@@ -19,7 +19,7 @@ from drivers.simcell.controller.machine import Machine
 from drivers.simcell.controller.monitor import MONITOR_COMMANDS
 from drivers.simcell.simulated_time import SimulatedLoop
 from drivers.val2.dialect import Dialect
-from drivers.val2.link import ControllerError, Link, LinkError, NoAnswer, StopRefused
+from drivers.val2.link import ControllerError, Link, LinkError, NoAnswer, Preempted, StopRefused
 from drivers.val2.location import location_from_matrix
 from drivers.val2.wire import Question
 
@@ -278,5 +278,47 @@ def test_a_controller_switched_off_after_a_person_typed_is_stopped_by_way_of_its
         assert await link.abort() is not None
         assert (link.question, link.stop_seen) == (None, True)
         assert not controller.machine.arm_power
+
+    at_simulated_time(story())
+
+
+def test_a_stop_amid_the_yes_to_a_question_does_not_say_it() -> None:
+    """What makes a half-typed command an error made `Y!!` of it, and CAL began."""
+
+    async def story() -> None:
+        loop = asyncio.get_running_loop()
+        controller = Controller(Arm(joints_rad=READY_RAD))
+        line = MemoryLine(controller, loop)
+        link = Link(line.port, clock=loop.time, open_port=line.open)
+        await link.open()
+        calibrating = asyncio.create_task(link.calibrate())
+        while controller.half_typed != "Y":
+            await asyncio.sleep(0.0005)
+        assert await link.abort() is not None
+        assert not any(text.startswith("Y") for text in controller.lines)
+        with pytest.raises(Preempted):
+            await calibrating
+
+    at_simulated_time(story())
+
+
+@pytest.mark.parametrize("harm", ["flip", "drop", "double"])
+def test_an_answer_that_was_spoiled_leaves_the_question_and_no_letter_for_the_next_command(harm: Any) -> None:
+    """`YWHERE` was taken for the yes, and the question behind it for nobody's."""
+
+    async def story() -> None:
+        loop = asyncio.get_running_loop()
+        controller = Controller(Arm(joints_rad=READY_RAD), cold=True)
+        line = MemoryLine(controller, loop)
+        link = Link(line.port, clock=loop.time, open_port=line.open)
+        await link.open()
+        asked = link.question
+        controller.faults.line.append(LineFault("to_host", harm))
+        with pytest.raises(LinkError):
+            await link.power_up(("Y",))
+        with pytest.raises(ControllerError, match="the controller asks"):
+            await link.where()
+        assert (link.question, controller.question, controller.half_typed) == (asked, asked, "")
+        assert not any("WHERE" in text for text in controller.lines)
 
     at_simulated_time(story())
