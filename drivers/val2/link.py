@@ -423,8 +423,8 @@ class Link:
         raise problem
 
     async def _type_abort(self, talk: Conversation, before: bytes) -> Event:
-        """The word at once, and once more at once, apart: one spoiled byte spoils one of them only. What is half typed is
-        taken back first: a Y, as an answer, is one whatever follows it."""
+        """The word at once, and once more at once, apart: one spoiled byte spoils one of them only. What is half typed
+        is taken back first: a Y, as an answer, is one whatever follows it."""
         end = self.dialect.line_end
         word = self.dialect.abort_word.encode("ascii") + end
         talk.unheard()
