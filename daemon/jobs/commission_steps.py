@@ -1,5 +1,6 @@
 """What stands between a known arm and the first pick: each step says commands to the running daemon, and holds its
-answers against what it is to prove. What the daemon asks, the person answers. Nothing here calibrates, moves or judges by itself; the order is STEPS."""
+answers against what it is to prove; what it asks, the person answers. Nothing here calibrates, moves or judges by
+itself; the order is STEPS."""
 
 from __future__ import annotations
 
