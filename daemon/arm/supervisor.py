@@ -245,6 +245,8 @@ class Supervisor:
         self._nothing_hinders()
         if not (self.enabled or self.by_hand_only):
             raise RefusedError("the arm is not enabled: say `enable`")
+        if self.mover.dry:
+            raise RefusedError("`dry` is on: nothing is sent that may move the arm")
 
     def _nothing_hinders(self) -> None:
         if self.fault is not None:
@@ -283,8 +285,6 @@ class Supervisor:
             return await work()
 
         self.may_move_by_hand()
-        if self.mover.dry:
-            raise RefusedError(f"{doing}: not sent while `dry` is on")
         return await self.converse(doing, held, moves=True)
 
     async def converse(self, doing: str, work: Callable[[], Awaitable[T]], moves: bool) -> T:
