@@ -227,8 +227,10 @@ def _one_shot(link: DaemonLink, text: str, as_json: bool, door: str) -> int:
     def say(line: str) -> None:
         print(line, file=sys.stderr if as_json else sys.stdout, flush=True)
 
+    from daemon.doors.keyboard import answer_to
+
     asks = sys.stdin.isatty() and not as_json and door == "one-shot"
-    done = link.do(text, door, say, _ask if asks else None)
+    done = link.do(text, door, say, answer_to if asks else None)
     return show(done, as_json)
 
 
@@ -243,13 +245,6 @@ def show(done: dict[str, Any], as_json: bool) -> int:
             f"facetctl: {done['text']}" if error else done["text"], file=sys.stderr if error else sys.stdout, flush=True
         )
     return status
-
-
-def _ask(question: str) -> str:
-    try:
-        return input(f"{question} ")
-    except EOFError:
-        return ""
 
 
 def _script(link: DaemonLink, words: list[str], as_json: bool) -> int:

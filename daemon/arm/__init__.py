@@ -5,7 +5,7 @@ Nothing here knows what a pick is; whoever wants the arm moved comes through thi
 
 from daemon.arm.body import ARM, ball_of, body_like, capsule_around
 from daemon.arm.guard import Limits, Point
-from daemon.arm.mover import Arrival, Mover, MoveRefusedError, OutOfReachError
+from daemon.arm.mover import Arrival, Mover, MoveRefusedError, NotSentError, OutOfReachError
 from daemon.arm.route import PATH_MM
 from daemon.arm.settling import NotSettledError, SettledPair, Settling, settled_pair
 from daemon.arm.supervisor import ABORT_S, Interruption, Let, OperatorRefusedError, RefusedError, Supervisor
@@ -24,6 +24,7 @@ __all__ = [
     "Log",
     "MoveRefusedError",
     "Mover",
+    "NotSentError",
     "NotSettledError",
     "OperatorRefusedError",
     "OutOfReachError",

@@ -85,18 +85,18 @@ class Leave(Protocol):
         """The fault that stands, or the stop that is under way."""
 
 
-Gate = Callable[[Command], Awaitable[bool]]
-"""May hold a move back; says whether it did."""
+Gate = Callable[[str], Awaitable[bool]]
+"""May hold back what moves, told in words; says whether it did."""
 
 
-async def _open_gate(_: Command) -> bool:
+async def _open_gate(_: str) -> bool:
     return False
 
 
 class Mover:
-    """Sends guarded moves. leave says whether any may be; gate may hold a move back (pause, step); at: where the arm is
-    at rest, None when nobody knows; dry: all but the bytes; closed is the last word the hand was given, None when
-    nobody knows."""
+    """Sends guarded moves. leave says whether any may be; gate may hold arm and hand back (pause, step); at: where the
+    arm is at rest, None when nobody knows; dry: all but the bytes; closed is the last word the hand was given, None
+    when nobody knows."""
 
     def __init__(self, cell: Workcell, limits: Limits, arrival: Arrival, leave: Leave, gate: Gate = _open_gate) -> None:
         self.cell = cell
@@ -161,7 +161,7 @@ class Mover:
     async def go(self, command: Command) -> Reading:
         """One move, to rest. Raises MoveRefusedError before, NotThereError after, or what the robot raises."""
         self.check(command)
-        if await self.gate(command) and not self.dry:
+        if await self.gate(_in_words(command)) and not self.dry:
             await self.rest()  # whoever had time may have moved the arm by its pendant
         self.check(command)
         assert self.here is not None
@@ -210,11 +210,17 @@ class Mover:
         raise OutOfReachError(way.text) if way.rule == "out_of_reach" else self._refused(way)
 
     async def hand(self, closed: bool) -> None:
-        """Open or close the gripper, under the same enable and fault rules as a move."""
-        hindrance = self.leave.hindrance
-        if hindrance is not None or not self.leave.enabled:
-            name = "fault_stands" if hindrance is not None else "not_enabled"
-            raise self._refused(Refusal(name, f"the hand stays as it is: {hindrance or 'the arm is not enabled'}"))
+        """Open or close the gripper: held back, and refused by enable and fault, as a move is. Raises NotThereError
+        where the arm was moved while it was held back."""
+        self._check_hand()
+        place = self.at
+        if await self.gate(f"{'close' if closed else 'open'} the hand") and place is not None and not self.dry:
+            off_mm = float(np.linalg.norm((await self.rest()).world_from_tool[:3, 3] - place.world_from_tool[:3, 3]))
+            if off_mm > self.arrival.within_mm:
+                raise NotThereError(
+                    f"the hand is {off_mm:.2f} mm from where it was to be worked: somebody moved the arm"
+                )
+        self._check_hand()
         self.cell.log.record("hand", cycle=self.cycle, closed=closed, sent=not self.dry)
         if self.dry:
             return
@@ -223,6 +229,12 @@ class Mover:
         self.closed = closed
         if not closed:
             self.carried = ()
+
+    def _check_hand(self) -> None:
+        hindrance = self.leave.hindrance
+        if hindrance is not None or not self.leave.enabled:
+            name = "fault_stands" if hindrance is not None else "not_enabled"
+            raise self._refused(Refusal(name, f"the hand stays as it is: {hindrance or 'the arm is not enabled'}"))
 
     def _refused(self, refusal: Refusal) -> MoveRefusedError:
         """Logged, and to be raised."""
@@ -254,3 +266,9 @@ class Mover:
         )
         if off_mm > self.arrival.within_mm or off_deg > self.arrival.within_deg:
             raise NotThereError(f"{command.purpose}: sent, but WHERE is {off_mm:.2f} mm and {off_deg:.2f} degrees off")
+
+
+def _in_words(command: Command) -> str:
+    x, y, z = np.round(command.world_from_tool[:3, 3], 1)
+    how = "straight" if command.straight else "joints"
+    return f"{command.purpose}: {how} to x {x:g} y {y:g} z {z:g} mm at {command.speed_pct:g} %"

@@ -13,9 +13,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, TypeVar
 
-import numpy as np
-
-from daemon.arm.guard import Command, Limits
+from daemon.arm.guard import Limits
 from daemon.arm.mover import Arrival, Mover, NotSentError
 from daemon.arm.workcell import StopRefusedError, Workcell
 
@@ -73,7 +71,7 @@ class Supervisor:
     def __init__(
         self, cell: Workcell, limits: Limits, arrival: Arrival, interrupted: Callable[[Interruption], None]
     ) -> None:
-        self.mover = Mover(cell, limits, arrival, self, self._gate)
+        self.mover = Mover(cell, limits, arrival, self, self._hold)
         self.fault: str | None = None
         """What stands until resume."""
         self._let = Let.NOTHING
@@ -196,7 +194,7 @@ class Supervisor:
         self.mover.forget()
 
     def pause(self) -> None:
-        """Hold before the next move."""
+        """Hold before the next move of arm or hand."""
         self._going.clear()
 
     def resume(self, stops: int | None = None) -> None:
@@ -247,6 +245,8 @@ class Supervisor:
         self._nothing_hinders()
         if not (self.enabled or self.by_hand_only):
             raise RefusedError("the arm is not enabled: say `enable`")
+        if self.mover.dry:
+            raise RefusedError("`dry` is on: nothing is sent that may move the arm")
 
     def _nothing_hinders(self) -> None:
         if self.fault is not None:
@@ -285,8 +285,6 @@ class Supervisor:
             return await work()
 
         self.may_move_by_hand()
-        if self.mover.dry:
-            raise RefusedError(f"{doing}: not sent while `dry` is on")
         return await self.converse(doing, held, moves=True)
 
     async def converse(self, doing: str, work: Callable[[], Awaitable[T]], moves: bool) -> T:
@@ -446,12 +444,6 @@ class Supervisor:
             raise RefusedError(f"busy: {self._doing}; {what} in between")
 
     # Before a move.
-
-    async def _gate(self, command: Command) -> bool:
-        """Hold a move back; whether it was."""
-        x, y, z = np.round(command.world_from_tool[:3, 3], 1)
-        how = "straight" if command.straight else "joints"
-        return await self._hold(f"{command.purpose}: {how} to x {x:g} y {y:g} z {z:g} mm at {command.speed_pct:g} %")
 
     async def _hold(self, text: str, ask: bool = False) -> bool:
         """Wait out a pause, also one that began while it was asked; ask in step mode (or where told to). Whether there

@@ -15,7 +15,16 @@ from itertools import pairwise
 import numpy as np
 
 from daemon import frames
-from daemon.arm import MoveRefusedError, NotSettledError, OutOfReachError, Reading, Settling, Supervisor, settled_pair
+from daemon.arm import (
+    MoveRefusedError,
+    NotSettledError,
+    OutOfReachError,
+    Reading,
+    RefusedError,
+    Settling,
+    Supervisor,
+    settled_pair,
+)
 from daemon.arrays import Array
 from daemon.calibration.board import Board, BoardError, find_board
 from daemon.calibration.camera import CameraResult, calibrate_camera
@@ -74,6 +83,8 @@ async def view_tour(session: Session, count: int, say: Say, speed_pct: float) ->
 async def _tour(session: Session, count: int, say: Say, speed_pct: float) -> list[View]:
     mover = session.supervisor.mover
     session.supervisor.may_move()
+    if mover.dry:
+        raise RefusedError("dry: the arm goes nowhere, and what would be seen from where it stands calibrates nothing")
     if session.calibration.tool_from_cyclopean is None:
         raise SessionError("no hand_eye in calibration.yaml to begin with: a rough one, by ruler, is enough")
     reading = await mover.rest()

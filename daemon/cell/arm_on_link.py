@@ -14,6 +14,7 @@ from daemon.arrays import Array
 from daemon.cell.no_arm import CellError
 from drivers import puma560
 from drivers.val2.commands import moves_the_arm as moves_the_arm
+from drivers.val2.commands import works_the_hand as works_the_hand
 from drivers.val2.dialect import Dialect
 from drivers.val2.errors import Elsewhere, NoAnswer, Preempted, StopRefused
 from drivers.val2.link import CONFIRMS, Link
@@ -102,6 +103,8 @@ class ArmOnLink:
 
     async def at_rest(self) -> bool:
         """Whether two WHERE, now, agree; a controller at its power-up questions moves nothing. Raises LinkError."""
+        if self.link.program_may_run:
+            return False
         if self.link.question is not None and not self.asks_whether_to_move:
             return True
         try:
@@ -189,25 +192,28 @@ class ArmOnLink:
             raise CellError(f"the controller takes lines of up to {most} plain characters (ASCII), not {text[:40]!r}")
 
     async def monitor(self, text: str) -> list[str]:
-        """Any command, as typed at the controller's own terminal; gives what it said, once the arm is at rest."""
+        """Any command, as typed at the controller's own terminal; gives what it said, once the arm is at rest. A
+        program that it began, and that only pauses then, is ended."""
         with self._words_of_others():
             answer = await self.link.command(text)
             if moves_the_arm(text):
                 await self._rest()
+                await self._end_program()
         return list(answer.lines)
 
     @contextlib.asynccontextmanager
     async def terminal(self, show: Callable[[bytes], None]) -> AsyncIterator[Callable[[bytes], None]]:
         """The controller's own terminal for a person: what it says goes to show, what they type to the function given.
 
-        Over when the arm is at rest; its TOOL and SPEED are ours again, whatever was typed. abort() still works, and
-        ends it.
+        Over when the arm is at rest, and no program runs any more, or where the controller asks something; its TOOL and
+        SPEED are ours again, whatever was typed. abort() still works, and ends it.
         """
         with self._words_of_others():
             async with self.link.terminal(show) as send:
                 yield send
             if self.link.question is None:
                 await self._rest()
+                await self._end_program()
         await self._introduce_tool()
 
     @contextlib.contextmanager
@@ -236,6 +242,12 @@ class ArmOnLink:
         """Wait until two readings agree, wherever that is and whatever TOOL is. Raises NoAnswer."""
         await self.link.still(self.link.dialect.motion_s, any_place=True)
         self._heard()
+
+    async def _end_program(self) -> None:
+        """One that a person may have begun: waiting, it would go on, with an arm that is thought to be at rest."""
+        if self.link.program_may_run:
+            with _refusals():
+                await self.link.prove_stop()
 
     async def _introduce_tool(self) -> None:
         """Tell the controller of our tool: switched on, it knows none, and would bring the bare wrist to each place."""

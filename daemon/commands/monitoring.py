@@ -1,7 +1,8 @@
 """The controller's own terminal for an operator while the daemon stands aside: every line is logged, none surprises.
 
 Words known to be harmless (drivers/val2/commands.py) go to the controller as they are typed. The end of any other line
-is kept back: while the arm may not move, or is held by `pause`; and else until the operator has said yes to it.
+is kept back: while the arm may not move, or is held by `pause`; and else until the operator has said yes to it. A line
+in which something was taken back is spoiled and typed anew: nobody knows which keys the controller knows.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 
-from daemon.cell.arm_on_link import moves_the_arm
+from daemon.cell.arm_on_link import moves_the_arm, works_the_hand
 from daemon.console.context import ANSWERABLE, CommandContext
 from daemon.console.interpreter import Answer, CommandError, Door
 from daemon.console.phrases import is_yes
@@ -23,7 +24,6 @@ GREETING = "The controller's own terminal; the daemon stands aside. Control-] co
 ASKED = "this may move the arm, and no guard sees where it goes. Send it? [y/n]"
 ANSWER_AFTER_S = 0.3
 """A key that comes sooner after the question was on its way before it was read."""
-HAND_WORDS = ("OPEN", "CLOSE", "GRASP", "RELAX", "MOVET", "MOVEST")
 
 
 async def monitor(context: CommandContext, door: Door) -> Answer:
@@ -66,6 +66,8 @@ class Typist:
         """What the controller has of the line; and all that was typed, whatever it was taken for."""
         self._asked: tuple[str, float] | None = None
         """The line that waits for a yes, and when it was asked for."""
+        self._edited = self._moving = False
+        """Whether something of the line was taken back; whether a line was sent that may move the arm."""
         self._stopping: asyncio.Task[str | None] | None = None
         self.lines = 0
 
@@ -80,11 +82,9 @@ class Typist:
                 self._answered(key, *self._asked, send)
             elif key in ENDS:
                 self._end_line(send)
-            elif key == CANCEL:
-                self._line.clear()
-                send(key)
-            elif key in RUBOUTS:
-                del self._line[-1:]
+            elif key == CANCEL or key in RUBOUTS:
+                del self._line[0 if key == CANCEL else -1 :]
+                self._edited = True
                 send(key)
             elif b" " <= key <= b"~":
                 self._line += key
@@ -111,13 +111,14 @@ class Typist:
     def _end_line(self, send: Callable[[bytes], None]) -> None:
         text = self._line.decode("latin-1").strip()
         self._line.clear()
-        if not moves_the_arm(text):
-            self._send(text, send)
-        elif (why := self._held()) is not None:
+        moves, why = moves_the_arm(text), self._held()
+        if why is not None and (moves or (self._moving and is_yes(text))):
             self._keep_back(text, why, send)
-        else:
+        elif moves:
             self._asked = text, self._clock()
             self._door.show(f"\r\nfacetd: {ASKED} ".encode())
+        else:
+            self._send(text, send)
 
     def _answered(self, key: bytes, text: str, asked_s: float, send: Callable[[bytes], None]) -> None:
         if key in ENDS or self._clock() - asked_s < ANSWER_AFTER_S:
@@ -140,6 +141,7 @@ class Typist:
 
     def _keep_back(self, text: str, why: str, send: Callable[[bytes], None]) -> None:
         send(SPOIL)
+        self._edited = False
         self._door.show(f"\r\nfacetd: {why}; not sent\r\n".encode("ascii", "replace"))
         self._record(f"not sent: {text}")
 
@@ -148,7 +150,9 @@ class Typist:
             self.lines += 1
             self._record(text)
         note_hand(self._context, text)
-        send(b"\r")
+        self._moving |= moves_the_arm(text)
+        send((SPOIL + text.encode() if self._edited else b"") + b"\r")
+        self._edited = False
 
     def _record(self, text: str) -> None:
         self._context.log.record("command", who=self._door.who, door=f"{self._door.name}, monitor", text=text)
@@ -156,6 +160,5 @@ class Typist:
 
 def note_hand(context: CommandContext, text: str) -> None:
     """Where a line may work the hand, by a word or by a program it starts, nobody knows whether a part is in it."""
-    program = moves_the_arm(text) and text.split()[0].upper() != "DO"
-    if program or any(word in text.upper() for word in HAND_WORDS):
+    if works_the_hand(text):
         context.cycle.hand_full = None

@@ -149,7 +149,7 @@ async def resume(context: CommandContext, words: list[str], door: Door) -> Answe
 
 @command("pause", "move", at_once=True)
 async def pause(context: CommandContext, words: list[str], _: Door) -> Answer:
-    """Hold before the next move."""
+    """Hold before the next move of arm or hand."""
     context.cycle.supervisor.pause()
     return Answer("Holding before the next move; `resume` goes on.")
 
@@ -216,10 +216,10 @@ async def _auto_told(context: CommandContext, door: Door) -> list[CycleEnd]:
 
 
 @command("hand open|close", "move", most=1, choices=("open", "close"))
-async def hand(context: CommandContext, words: list[str], _: Door) -> Answer:
+async def hand(context: CommandContext, words: list[str], door: Door) -> Answer:
     """Open or close the gripper."""
     word = one_of(words, 0, ("open", "close"), "word", hand.usage)
-    await context.cycle.hand(word == "close")
+    await with_questions(context, context.cycle.hand(word == "close"), door)
     return Answer("The gripper is open." if word == "open" else "The gripper is closed.")
 
 
@@ -239,7 +239,7 @@ def _take_word(context: CommandContext, held: bool) -> str:
 
 @command("step on|off", "move", most=1, at_once=True, choices=("on", "off"))
 async def step(context: CommandContext, words: list[str], _: Door) -> Answer:
-    """Show each move and wait for a yes before it is sent."""
+    """Show each move of arm and hand and wait for a yes before it is sent."""
     on = _on_or_off(words, step.usage)
     if on is None:
         return _how_it_is("step", bool(context.cycle.status()["step"]))

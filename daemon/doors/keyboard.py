@@ -1,4 +1,5 @@
-"""The keyboard of whoever sits at this terminal, key by key: for the time in which they talk to the controller itself.
+"""The keyboard of whoever sits at this terminal: the answer to a question; and key by key, for the time in which they
+talk to the controller itself.
 
 Keys go out as they are pressed, in a thread; what comes back is shown as it comes. What keys mean is not known here,
 but for two: control-] leaves, control-C stops the arm.
@@ -17,6 +18,21 @@ from typing import Any
 
 LEAVE, STOP = b"\x1d", b"\x03"
 POLL_S = 0.1
+
+
+def forget_what_was_typed() -> None:
+    """A question is answered after it was shown: what waits at this terminal was typed for something else."""
+    if sys.stdin.isatty():
+        termios.tcflush(sys.stdin, termios.TCIFLUSH)
+
+
+def answer_to(question: str) -> str:
+    """The line typed here after a question was shown; empty at the end of input."""
+    forget_what_was_typed()
+    try:
+        return input(f"{question} ")
+    except EOFError:
+        return ""
 
 
 class Keyboard:

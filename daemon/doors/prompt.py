@@ -50,17 +50,18 @@ def _piped(link: DaemonLink) -> int:
 
 class _Typed:
     """Lines of standard input that wait to be said, None at its end. Read on a thread of its own: nobody knows when a
-    stop comes."""
+    stop comes. A line that was typed before a question was shown does not answer it."""
 
     def __init__(self) -> None:
         self.lines: SimpleQueue[str | None] = SimpleQueue()
-        self._asked = threading.Event()
+        self._answers: SimpleQueue[str] = SimpleQueue()
+        self._asked, self._over = threading.Event(), False
 
     def read(self, link: DaemonLink) -> None:
         """To its end; a stop is said beside whatever the link is waiting for, and takes its question away."""
         for line in map(str.rstrip, sys.stdin):
             if not means_stop(line):
-                self.lines.put(line)
+                (self._answers if self._asked.is_set() else self.lines).put(line)
                 continue
             with contextlib.suppress(Empty):
                 while True:
@@ -70,16 +71,19 @@ class _Typed:
                     _say(another.do(line, "console", _say)["text"])
             except NotThereError as error:
                 print(f"facetctl: {error}", file=sys.stderr, flush=True)
-            if self._asked.is_set():
-                self.lines.put("")
+            self._answers.put("")
+        self._over = True
+        self._answers.put("")
         self.lines.put(None)
 
     def answer(self, question: str) -> str:
         """The next line, as the answer to what is asked."""
         _say(question)
+        while not self._answers.empty():
+            self._answers.get()
         self._asked.set()
         try:
-            return self.lines.get() or ""
+            return "" if self._over else self._answers.get()
         finally:
             self._asked.clear()
 

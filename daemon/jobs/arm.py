@@ -30,6 +30,7 @@ from daemon.cell.introduce import (
     read_transcript,
     serial_port,
 )
+from daemon.doors.keyboard import forget_what_was_typed
 from daemon.errors import DONE, NOT_DONE, NOT_UNDERSTOOD
 from daemon.store.files import write_atomically
 from daemon.store.outside import FileError, read_file
@@ -97,7 +98,8 @@ async def _meet(port: str, baud: int | None, file: Any) -> Acquaintance:
 
 
 async def _ask(consult: Consult) -> str:
-    """A line typed at this terminal; nothing at its end."""
+    """A line typed at this terminal once it was asked for; nothing at its end."""
+    forget_what_was_typed()
     print(f"{consult.text} ", end="", flush=True)
     loop = asyncio.get_running_loop()
     typed: asyncio.Future[str] = loop.create_future()

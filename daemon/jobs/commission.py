@@ -14,6 +14,7 @@ from pathlib import Path
 import msgspec
 
 from daemon.doors.client import DaemonLink
+from daemon.doors.keyboard import answer_to
 from daemon.errors import DONE, NOT_DONE, NOT_UNDERSTOOD
 from daemon.jobs.commission_steps import STEPS, NotProvenError, Order, Person, Step, Talk
 from daemon.store.files import write_atomically
@@ -74,7 +75,7 @@ def run(link: DaemonLink, words: list[str]) -> int:
         if options.step is not None:
             proofs = {name: proof for name, proof in proofs.items() if name in names[: names.index(options.step)]}
         options.keep.mkdir(parents=True, exist_ok=True)
-        person = Person(lambda text: print(text, flush=True), _answer)
+        person = Person(lambda text: print(text, flush=True), lambda question: answer_to(f"  {question}"))
         order = Order(options.board, options.square_mm, options.board_mm, options.part, options.charuco)
         all_proven = commission(Talk(link, person, order), proofs, lambda now: _keep(path, now))
     except (FileError, OSError) as error:
@@ -113,10 +114,3 @@ def _kept(path: Path) -> dict[str, Proof]:
 
 def _keep(path: Path, proofs: Mapping[str, Proof]) -> None:
     write_atomically(path, msgspec.json.format(msgspec.json.encode(_File(1, dict(proofs)))))
-
-
-def _answer(question: str) -> str:
-    try:
-        return input(f"  {question} ")
-    except EOFError:
-        return ""

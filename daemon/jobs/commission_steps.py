@@ -1,5 +1,6 @@
 """What stands between a known arm and the first pick: each step says commands to the running daemon, and holds its
-answers against what it is to prove. Nothing here calibrates, moves or judges by itself; the order is STEPS."""
+answers against what it is to prove; what it asks, the person answers. Nothing here calibrates, moves or judges by
+itself; the order is STEPS."""
 
 from __future__ import annotations
 
@@ -58,16 +59,14 @@ class Talk:
         self.hand_eye: dict[str, Any] | None = None
         """What a tour of this sitting has said of it already."""
 
-    def said(self, command: str, answer: Callable[[str], str] | None = None) -> dict[str, Any]:
-        """One command, shown; what came of it. answer: to what it asks (None: the person's)."""
+    def said(self, command: str) -> dict[str, Any]:
+        """One command, shown; what came of it. What it asks, the person is asked."""
         self.person.tell(f"  facetd> {command}")
-        return self._link.do(
-            command, "commission", lambda line: self.person.tell(f"  {line}"), answer or self.person.answer
-        )
+        return self._link.do(command, "commission", lambda line: self.person.tell(f"  {line}"), self.person.answer)
 
-    def do(self, command: str, answer: Callable[[str], str] | None = None) -> dict[str, Any]:
+    def do(self, command: str) -> dict[str, Any]:
         """One command that must be done; its data. Raises NotProvenError."""
-        done = self.said(command, answer)
+        done = self.said(command)
         if done["status"] != DONE:
             raise NotProvenError(done["text"])
         data: dict[str, Any] = done["data"]
@@ -131,7 +130,7 @@ def _doctor(talk: Talk) -> str:
 def _zero(talk: Talk) -> None:
     """Find the arm's zero, where the controller has none yet."""
     while True:
-        done = talk.said("robot cal", lambda _: "y")
+        done = talk.said("robot cal")
         if done["status"] == DONE:
             return
         if NO_POWER not in done["text"].lower():

@@ -15,7 +15,7 @@ from dataclasses import replace
 from daemon import frames
 from daemon.arm import (
     Interruption,
-    MoveRefusedError,
+    NotSentError,
     OperatorRefusedError,
     Reading,
     RefusedError,
@@ -276,7 +276,7 @@ class Cycle:
             self.hand_full = None
         try:
             await mover.hand(closed)
-        except MoveRefusedError:
+        except NotSentError:
             self.hand_full = before
             raise
         if not (closed or mover.dry):
@@ -319,7 +319,7 @@ class Cycle:
                 if ends[-1].outcome in (Outcome.PICKED, Outcome.PLACED):
                     self.skipped = [s for s in self.skipped if s.outcome is Outcome.MISSED]
                 else:
-                    if pick_order.every_s is None:
+                    if pick_order.every_s is None or not self._auto:
                         break
                     await asyncio.sleep(pick_order.every_s)
                     self.skipped = []

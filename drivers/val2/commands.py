@@ -16,6 +16,9 @@ PROGRAM_SPEED = "DO SPEED 100 ALWAYS"
 good."""
 HARMLESS_DO = frozenset({"BREAK", "SET"})
 """Program instructions of which the same is true, spelled out."""
+ARM_ALONE = HARMLESS_DO | {"ALIGN", "APPRO", "APPROS", "DEPART", "DEPARTS", "DRIVE", "MOVE", "MOVES", "NEST", "READY",
+                           "SPEED"}  # fmt: skip
+"""Program instructions that work no hand, spelled out: of a beginning nobody knows for which it is taken."""
 SHORTEST = 3
 """Letters that a beginning of a harmless word has at least: with fewer it may be another word's on some system."""
 
@@ -62,6 +65,17 @@ def moves_the_arm(command: str) -> bool:
     return words[0] not in HARMLESS and not any(
         len(words[0]) >= SHORTEST and known.startswith(words[0]) for known in HARMLESS
     )
+
+
+def works_the_hand(command: str) -> bool:
+    """Whether a typed command may work the hand: whatever moves, and is not known to move the arm alone."""
+    words = command.upper().split()
+    return moves_the_arm(command) and not (words[0] == "DO" and words[1:2] and words[1] in ARM_ALONE)
+
+
+def begins_a_program(command: str) -> bool:
+    """Whether a typed command may begin a program, which goes on when the controller asks for the next command."""
+    return moves_the_arm(command) and command.upper().split()[0] != "DO"
 
 
 def tool(flange_from_tool: Location) -> str:

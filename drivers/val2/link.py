@@ -85,6 +85,9 @@ class Link:
         """Whether the arm was found at work when the port was opened last, and was stopped."""
         self.stop_seen = False
         """Whether the controller was seen to take the word that stops the arm since the port was opened."""
+        self.program_may_run = False
+        """Whether a person may have begun a program since that word was taken last: what is asked may be its question,
+        and two WHERE that agree a pause of it."""
 
     # Connecting
 
@@ -107,7 +110,7 @@ class Link:
         self._let_go()
 
     def _let_go(self) -> None:
-        self.stop_seen = False
+        self.stop_seen = self.program_may_run = False
         if self._session is not None:
             self._session.close()
             self._session = None
@@ -128,11 +131,17 @@ class Link:
             asked, self._open_session.question = self.question, None
             if asked is None:
                 raise ControllerError("the controller asks nothing")
-            answer = await talk.ask(replies[0], replies[1:], self.dialect.calibrate_s)
+            try:
+                answer = await talk.ask(replies[0], replies[1:], self.dialect.calibrate_s)
+            except (Garbled, NoAnswer) as problem:
+                self._open_session.question = asked
+                await self._recover(problem)  # a half-typed answer is no beginning of the next command
+                raise
             return self._accept(answer)
 
     def terminal(self, on_bytes: Callable[[bytes], None]) -> AbstractAsyncContextManager[Callable[[bytes], None]]:
         """A person talks to the controller: commands wait until they are done; abort() still works."""
+        self.program_may_run = True
         return self._open_session.terminal(on_bytes)
 
     # Asking
@@ -306,6 +315,7 @@ class Link:
         """Several lines in one turn, so that no abort can fall between them unnoticed; the last one's answer."""
         async with self._open_session.turn(moves=any(map(commands.moves_the_arm, lines))) as talk:
             for line in lines:
+                self.program_may_run |= line != self.dialect.calibrate_word and commands.begins_a_program(line)
                 default_s = self.dialect.motion_s if commands.moves_the_arm(line) else self.dialect.answer_s
                 answer = self._accept(await self._ask(talk, line, replies, timeout_s or default_s))
         return answer
@@ -388,7 +398,7 @@ class Link:
 
     async def _abort(self, session: Session) -> Where | None:
         """Try after try, each no longer than a prompt and two WHERE take. Whatever is half typed becomes an error, not
-        a command; a question in the way is answered with N first, but for one of power-up."""
+        a command; a question in the way is answered with N first, but for one of power-up, where no program may ask."""
         no = b"N" + self.dialect.line_end
         problem: LinkError = NoAnswer(f"no answer to {self.dialect.abort_word}")
         before, asked = b"", ""
@@ -397,11 +407,12 @@ class Link:
                 try:
                     last = await self._type_abort(talk, before)
                     if isinstance(last, Question):
-                        if last.text == asked and _of_power_up(asked):
+                        switched_on = _of_power_up(last.text) and not self.program_may_run
+                        if switched_on and last.text == asked:
                             session.question, self.stop_seen = asked, False
                             await asyncio.sleep(BRAKES_S)
                             return None
-                        before, asked = b"" if _of_power_up(last.text) else no, last.text
+                        before, asked = b"" if switched_on else no, last.text
                         continue
                     before, session.question = b"", None
                     return await self._stopped(talk)
@@ -412,11 +423,12 @@ class Link:
         raise problem
 
     async def _type_abort(self, talk: Conversation, before: bytes) -> Event:
-        """The word at once, and once more at once, apart: one spoiled byte spoils one of them only."""
+        """The word at once, and once more at once, apart: one spoiled byte spoils one of them only. What is half typed
+        is taken back first: a Y, as an answer, is one whatever follows it."""
         end = self.dialect.line_end
         word = self.dialect.abort_word.encode("ascii") + end
         talk.unheard()
-        await talk.type_raw(before + POISON + end + word + end + word)
+        await talk.type_raw(self.dialect.cancel_line + before + POISON + end + word + end + word)
         return await talk.last_prompt_or_question(self.dialect.resync_s)
 
     async def _stopped(self, talk: Conversation) -> Where:
@@ -440,6 +452,7 @@ class Link:
     def _judge_stop(self, answer: Answer) -> None:
         """Raises StopRefused."""
         self.stop_seen = not answer.errors
+        self.program_may_run &= not self.stop_seen
         if answer.errors:
             word, words = self.dialect.abort_word, "; ".join(answer.errors)
             raise StopRefused(f"the controller does not take the word {word} (it says `{words}`)")

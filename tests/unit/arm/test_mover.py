@@ -90,7 +90,7 @@ def age(mover: Mover, world: World) -> None:
 def test_what_came_while_a_move_was_held_back_closes_the_gate(meanwhile, rule):
     world = World(np.random.default_rng(0))
 
-    async def held(_: Command) -> None:
+    async def held(_: str) -> None:
         meanwhile(mover, world)
 
     mover = mover_in(world, held)
@@ -105,7 +105,7 @@ def test_what_came_while_a_move_was_held_back_closes_the_gate(meanwhile, rule):
 def test_a_move_that_is_refused_before_is_not_held_back_first():
     world, asked = World(np.random.default_rng(0)), []
 
-    async def gate(told: Command) -> None:
+    async def gate(told: str) -> None:
         asked.append(told)
 
     mover = mover_in(world, gate)
@@ -248,6 +248,40 @@ def test_the_hand_is_not_driven_while_nothing_may_move(meanwhile, rule):
         asyncio.run(mover.hand(closed=True))
     assert told.value.refusal.rule == rule
     assert not world.wire
+
+
+@pytest.mark.parametrize(("meanwhile", "rule"), [(disable, "not_enabled"), (stop, "fault_stands")])
+def test_what_came_while_the_hand_was_held_back_keeps_it_as_it_is(meanwhile, rule):
+    world = World(np.random.default_rng(0))
+
+    async def held(told: str) -> None:
+        assert told == "open the hand"
+        meanwhile(mover, world)
+
+    mover = mover_in(world, held)
+    with pytest.raises(MoveRefusedError) as refused:
+        asyncio.run(mover.hand(closed=False))
+    assert refused.value.refusal.rule == rule
+    assert not world.wire
+
+
+@pytest.mark.parametrize("off_mm", [0.0, 5.0])
+def test_a_hand_that_was_held_back_is_worked_only_where_it_was_to_be(off_mm):
+    """Over the bin, for one: whoever had time may have moved the arm by its pendant."""
+    world = World(np.random.default_rng(0))
+
+    async def held(_: str) -> bool:
+        world.at[0, 3] += off_mm
+        return True
+
+    mover = mover_in(world, held)
+    asyncio.run(mover.rest())
+    if off_mm:
+        with pytest.raises(NotThereError, match="mm from where it was to be worked"):
+            asyncio.run(mover.hand(closed=False))
+    else:
+        asyncio.run(mover.hand(closed=False))
+    assert world.wire == ([] if off_mm else [("hand", False)])
 
 
 def test_an_arm_that_is_exactly_where_it_was_sent_is_there_however_little_it_may_be_off():

@@ -13,7 +13,7 @@ import pytest
 from daemon import frames
 from daemon.arm.guard import Limits
 from daemon.arm.mover import Arrival
-from daemon.arm.supervisor import Supervisor
+from daemon.arm.supervisor import RefusedError, Supervisor
 from daemon.calibration.hand_eye import LEAST_TURN_DEG, diversity_deg
 from daemon.calibration.session import view_tour
 from daemon.calibration.tour import in_order, looks_at, spread_out
@@ -58,3 +58,15 @@ def test_a_tour_that_begins_on_a_moving_arm_takes_no_view() -> None:
     with pytest.raises(OSError, match="not at rest"):
         asyncio.run(view_tour(session, 0, AsyncMock(), 60.0))
     assert not world.said("look")
+
+
+@pytest.mark.parametrize("count", [0, 8])
+def test_while_dry_is_on_no_view_is_taken_for_one_from_where_the_arm_would_be(count: int) -> None:
+    """Each of its poses showed the same picture; what was made of them was kept as a calibration."""
+    world = World(np.random.default_rng(0))
+    supervisor = Supervisor(build(world), Limits(), Arrival(), lambda _: None)
+    supervisor.enable()
+    supervisor.dry(True)
+    session: Any = SimpleNamespace(supervisor=supervisor, calibration=SimpleNamespace(tool_from_cyclopean=np.eye(4)))
+    with pytest.raises(RefusedError, match="dry"):
+        asyncio.run(view_tour(session, count, AsyncMock(), 50.0))

@@ -15,10 +15,13 @@ from daemon.arm import StopRefusedError
 from daemon.cell.arm_on_link import ArmOnLink
 from drivers.puma560 import READY_RAD, ArmGeometry
 from drivers.simcell.arm import Arm
-from drivers.simcell.controller import Controller, Faults, Manners, Mishap, PtyServer, instructions
+from drivers.simcell.controller import Controller, Faults, Manners, MemoryLine, Mishap, PtyServer, instructions
 from drivers.simcell.controller.expressions import MonitorError
 from drivers.simcell.controller.machine import Machine
+from drivers.simcell.controller.monitor import MONITOR_COMMANDS
+from drivers.simcell.simulated_time import SimulatedLoop
 from drivers.val2.errors import LinkError
+from drivers.val2.link import Link
 from tests.worlds.arm_line import QUICK, ArmLine
 
 BENT = READY_RAD + np.radians([20.0, 0.0, 0.0, 0.0, 30.0, 0.0])
@@ -223,3 +226,63 @@ def test_a_stop_the_controller_refuses_is_told_in_the_houses_own_error(line: Arm
             assert not arm.stop_seen
 
     asyncio.run(story())
+
+
+@pytest.mark.parametrize("typed", ["a line", "at the terminal"])
+def test_a_program_that_only_pauses_does_not_run_on_behind_the_daemon(
+    typed: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two WHERE agreed while it waited: control-C was told that nothing moves, and the program went on."""
+
+    async def story() -> None:
+        loop = asyncio.get_running_loop()
+        controller = Controller(Arm(joints_rad=BENT))
+        line = MemoryLine(controller, loop)
+        goes_on: list[asyncio.TimerHandle] = []
+
+        def pausing(machine: Machine, _: str) -> None:
+            goes_on.append(loop.call_later(10.0, lambda: machine.move_joints(READY_RAD)))
+
+        def stopped(machine: Machine, _: str) -> None:
+            machine.stop("ABORT")
+            goes_on.pop().cancel()
+
+        monkeypatch.setitem(MONITOR_COMMANDS, "EXECUTE", pausing)
+        monkeypatch.setitem(MONITOR_COMMANDS, "ABORT", stopped)
+        link = Link(line.port, clock=loop.time, open_port=line.open)
+        await link.open()
+        arm = ArmOnLink(link, ArmGeometry())
+        if typed == "a line":
+            await arm.monitor("EXEC PROG")
+        else:
+            async with arm.terminal(lambda _: None) as send:
+                send(b"EXEC PROG\r")
+                await asyncio.sleep(1.0)
+        assert await arm.at_rest()
+        await asyncio.sleep(20.0)
+        assert np.allclose(controller.arm.joints_at(loop.time()), BENT)
+
+    with asyncio.Runner(loop_factory=SimulatedLoop) as runner:
+        runner.run(story())
+
+
+def test_a_terminal_that_is_left_with_a_question_open_answers_none_and_leaves_an_arm_of_which_nobody_knows() -> None:
+    """It may be a program's, with the arm on its way: control-C was told that nothing moves."""
+
+    async def story() -> None:
+        controller = Controller(Arm(joints_rad=BENT))
+        line = MemoryLine(controller, asyncio.get_running_loop())
+        link = Link(line.port, clock=line.now_s, open_port=line.open)
+        await link.open()
+        arm = ArmOnLink(link, ArmGeometry())
+        async with arm.terminal(lambda _: None):
+            controller.mishap(Mishap.POWER_CYCLED)
+            await asyncio.sleep(1.0)
+        assert controller.question == link.question == "Load VAL-II from floppy (Y/N)?"
+        assert not await arm.at_rest()
+        await arm.power_up(["Y", "Y"])
+        await arm.prove_stop()
+        assert await arm.at_rest()
+
+    with asyncio.Runner(loop_factory=SimulatedLoop) as runner:
+        runner.run(story())

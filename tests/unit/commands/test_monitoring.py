@@ -16,7 +16,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from daemon.arm import Arrival, Limits, Supervisor
-from daemon.cell.arm_on_link import ArmOnLink
+from daemon.cell.arm_on_link import ArmOnLink, moves_the_arm
 from daemon.cell.no_arm import CellError
 from daemon.commands.monitoring import SPOIL, Typist, shown
 from daemon.store.runs import check_wire, list_runs, read_run
@@ -58,7 +58,7 @@ def typed(context: Any, *keys: bytes, apart_s: float = 1.0) -> tuple[bytes, Show
 def test_every_line_goes_out_as_it_was_typed_and_into_the_log() -> None:
     context = standing()
     sent, _ = typed(context, b"WHE", b"RX\x7fE\r", b"DO MOVE P1\r", b"y", b"\r")
-    assert sent == b"WHERX\x7fE\rDO MOVE P1\r\r"
+    assert sent == b"WHERX\x7fE" + SPOIL + b"WHERE\rDO MOVE P1\r\r", "what was edited is spoiled, and typed anew"
     assert [fields["text"] for kind, fields in context.log.records] == ["WHERE", "DO MOVE P1"]
     assert {fields["door"] for _, fields in context.log.records} == {"test, monitor"}
     assert {fields["who"] for _, fields in context.log.records} == {"tester"}
@@ -87,7 +87,9 @@ def test_a_line_that_would_move_an_arm_that_may_not_is_taken_back_and_told(conte
     assert context.log.records[0][1]["text"].startswith("not sent: ")
 
 
-@pytest.mark.parametrize("line", [b"DO CLOSEI", b"D CLOSEI", b"DO MOVET P1,0", b"EXEC PROG", b"PROCEED"])
+@pytest.mark.parametrize(
+    "line", [b"DO CLOSEI", b"D CLOSEI", b"DO CLOS", b"DO MOVET P1,0", b"DO SIGNAL 3", b"DO", b"EXEC PROG", b"PROCEED"]
+)
 def test_a_hand_that_was_worked_here_is_asked_about_later(line: bytes) -> None:
     context = standing()
     typed(context, b"WHERE\rDO MOVE P1\r")
@@ -173,6 +175,57 @@ def test_whatever_keys_are_pressed_an_arm_that_may_not_move_does_not(keys: list[
     end_s = len(sent) * 0.05 + 1000.0
     controller.tick(end_s)
     assert np.array_equal(controller.arm.joints_at(end_s), before)
+
+
+def lines_read(sent: bytes, known: frozenset[int]) -> list[str]:
+    """The lines that a controller reads which knows these keys and passes over those it does not."""
+    line, lines = bytearray(), []
+    for byte in sent:
+        if byte in b"\r\n":
+            lines.append(line.decode())
+            line.clear()
+        elif byte in known:
+            del line[-1 if byte in b"\x08\x7f" else 0 :]
+        elif byte >= 0x20 and byte != 0x7F:
+            line.append(byte)
+    return lines
+
+
+@settings(max_examples=300)
+@example(keys=[b"DO READY", b"\x7f" * 8, b"\r"], known=frozenset(b"\x08"))
+@example(keys=[b"DO READY", b"\x15", b"\r"], known=frozenset())
+@example(keys=[b"WHERE DO READY", b"\x7f" * 14, b"\x08" * 6, b"\r"], known=frozenset(b"\x08"))
+@given(
+    keys=st.lists(st.sampled_from(WORDS) | st.binary(max_size=4), max_size=30),
+    known=st.frozensets(st.sampled_from(b"\x08\x7f\x15")),
+)
+def test_whichever_keys_the_controller_does_not_know_it_reads_no_line_that_could_move(
+    keys: list[bytes], known: frozenset[int]
+) -> None:
+    """One that passed over the rubouts read all that had been typed, and was sent its end."""
+    sent, _ = typed(standing(enabled=False), *keys)
+    assert [line for line in lines_read(sent, known) if moves_the_arm(line) and "!!" not in line] == []
+
+
+@pytest.mark.parametrize("paused", [False, True])
+def test_the_yes_to_what_the_controller_asks_before_a_motion_is_held_by_a_pause(paused: bool) -> None:
+    context = standing()
+    sent, door = bytearray(), Shown()
+    typist = Typist(context, door)
+    for keys in (b"CAL\r", b"y"):
+        typist.typed(keys, sent.extend)
+    if paused:
+        context.cycle.supervisor.pause()
+    typist.typed(b"Y\r", sent.extend)
+    assert bytes(sent) == b"CAL\rY" + (SPOIL if paused else b"\r")
+
+
+def test_in_a_dry_run_no_line_that_may_move_the_arm_is_sent_from_here_either() -> None:
+    context = standing()
+    context.cycle.supervisor.dry(True)
+    sent, door = typed(context, b"DO READY\r", b"y")
+    assert b"READY\r" not in sent
+    assert "dry" in door.said[0]
 
 
 def test_the_property_above_sees_an_arm_that_may_move_moving() -> None:

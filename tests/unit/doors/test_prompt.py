@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import os
+import pty
 import shutil
 import socket
 import sys
@@ -20,6 +21,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[3]))
 
 from daemon.doors import prompt
 from daemon.doors.client import DaemonLink, NotThereError
+from daemon.doors.keyboard import answer_to
 from tests.worlds.person import Person
 
 
@@ -131,3 +133,38 @@ def test_a_stop_through_a_pipe_is_said_while_the_line_before_it_is_being_done_an
     dropped, *done = capsys.readouterr().out.splitlines()
     assert dropped == "not done: where"
     assert sorted(done) == ["done: pick", "done: stop"], "in whichever order they are heard"
+
+
+def typed_later(write: Callable[[str], object], text: str) -> None:
+    threading.Timer(0.2, write, [text]).start()
+
+
+def test_a_line_typed_before_a_question_was_shown_does_not_answer_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """`facetctl console | tee log`: a move in step mode was sent by a y that was typed ahead."""
+    read, write = os.pipe()
+    with open(read, encoding="utf-8") as stdin, open(write, "w", encoding="utf-8", buffering=1) as keys:
+        monkeypatch.setattr(sys, "stdin", stdin)
+        typed = prompt._Typed()
+        reading = threading.Thread(target=typed.read, args=(None,), daemon=True)
+        reading.start()
+        keys.write("go bin\ny\n")
+        while typed.lines.qsize() < 2:
+            time.sleep(0.001)
+        typed_later(keys.write, "n\n")
+        assert typed.answer("Send it? [y/n]") == "n"
+        keys.close()
+        reading.join(5)
+    assert typed.answer("Send it? [y/n]") == "", "nobody answers any more"
+    assert [typed.lines.get() for _ in range(3)] == ["go bin", "y", None]
+
+
+def test_keys_typed_at_a_terminal_before_a_question_was_shown_do_not_answer_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The y to one check of commissioning, pressed twice, was the yes to the next one, which let the arm move."""
+    master, slave = pty.openpty()
+    with open(slave, encoding="utf-8") as stdin:
+        monkeypatch.setattr(sys, "stdin", stdin)
+        os.write(master, b"y\ny\n")
+        time.sleep(0.1)
+        typed_later(lambda text: os.write(master, text.encode()), "n\n")
+        assert answer_to("Everybody out of the arm's reach? [y/n]") == "n"
+    os.close(master)

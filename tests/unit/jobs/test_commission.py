@@ -151,15 +151,18 @@ def test_a_controller_that_was_switched_on_is_answered_and_finds_its_zero() -> N
                 return done("the controller asks 'Initialize (Y/N)?': answer that first", status=1)
             if text == "robot cal":
                 self.said.append(text)
+                assert ask("CAL. Send it? [y/n]") == "y", "the person's own yes"
                 self.zero, self.power = self.power, True
                 return done("calibrated") if self.zero else done("*ARM POWER OFF*", status=1)
             if text == "go survey" and not self.zero:
                 return done("*Not calibrated*", status=1)
             return super().do(text, door, say, ask)
 
-    link = Cold()
-    assert sitting(link)[0]
+    link, asked = Cold(), []
+    person = Person(lambda _: None, lambda question: asked.append(question) or "y")
+    assert commission(Talk(link, person, Order("9x6", 16.0, 4.0, "cube")), {}, lambda _: None)
     assert link.said.count("robot cal") == 2
+    assert asked.count("CAL. Send it? [y/n]") == 2, "no motion is confirmed for somebody"
 
 
 def test_a_part_is_shown_from_as_many_sides_as_the_person_wants() -> None:

@@ -212,7 +212,7 @@ def test_in_step_mode_each_move_is_told_and_waits_for_a_yes():
             pending = cycle.status()["pending"]
             if pending is not None:
                 told.append(pending)
-                assert sum(name == "move" for name, _ in world.wire) == len(told) - 1
+                assert len(world.wire) == len(told) - 1
                 cycle.supervisor.confirm()
                 await asyncio.sleep(0)
         return await task, told
@@ -220,7 +220,8 @@ def test_in_step_mode_each_move_is_told_and_waits_for_a_yes():
     end, told = asyncio.run(story())
     assert end.outcome == "picked"
     assert told[0].startswith("survey 1: joints to ")
-    assert len(told) == sum(name == "move" for name, _ in world.wire)
+    assert len(told) == len(world.wire)
+    assert [text for text in told if text.endswith("the hand")] == ["open the hand", "close the hand", "open the hand"]
 
 
 def test_a_no_in_step_mode_gives_the_pick_up_before_the_move():
@@ -436,3 +437,71 @@ def test_a_hand_that_was_told_nothing_holds_what_it_held(closed, full, why):
         with pytest.raises(MoveRefusedError):
             asyncio.run(cycle.hand(closed))
     assert (cycle.hand_full, world.wire) == (full, [])
+
+
+@pytest.mark.parametrize("act", ["stop", "abort"])
+def test_a_stop_in_the_last_part_of_an_auto_that_looks_again_waits_for_no_further_look(act):
+    """The wait for parts began after the stop: until it was over, an hour at most, nobody was told of the stop, and
+    no `resume` was heard."""
+    world = one_part()
+    cycle = cycle_of(world)
+
+    async def story():
+        async def end_it():
+            cycle.auto_off()
+            await asyncio.wait_for(getattr(cycle.supervisor, act)(), 1.0)
+            assert not cycle.supervisor.stopping
+
+        acting = []
+        world.before = lambda name: name == "moving" and not acting and acting.append(asyncio.create_task(end_it()))
+        (end,) = await cycle.auto(wait_s=3600.0)
+        await asyncio.gather(*acting)
+        return end
+
+    assert asyncio.run(asyncio.wait_for(story(), 5.0)).outcome == ("fault" if act == "stop" else "aborted")
+    assert cycle.pick_order is None
+
+
+@pytest.mark.parametrize(("purpose", "closes"), [("grasp", True), ("bin", False)])
+def test_a_pause_on_the_way_to_the_part_or_to_the_bin_holds_the_hand_as_well(purpose, closes):
+    """The arm came to rest there, and the fingers closed, or let go, before anybody said `resume`."""
+    world = one_part()
+    cycle = cycle_of(world)
+
+    async def story():
+        def pause(name):
+            if name == "moving" and world.said("move")[-1]["purpose"] == purpose:
+                cycle.supervisor.pause()
+
+        world.before = pause
+        picking = asyncio.create_task(cycle.pick())
+        while ("hand", closes) not in world.wire[2:]:
+            while cycle.state != "paused":
+                await asyncio.sleep(0.01)
+            told = len(world.wire)
+            await asyncio.sleep(0.05)
+            assert (len(world.wire), world.wire[-1][0]) == (told, "move")
+            cycle.supervisor.resume()
+            while len(world.wire) == told:
+                await asyncio.sleep(0.01)
+        return await picking
+
+    assert asyncio.run(asyncio.wait_for(story(), 60.0)).outcome == "picked"
+
+
+def test_in_step_mode_the_hand_waits_for_a_yes_and_a_no_leaves_it_and_what_is_known_of_it_as_it_was():
+    world = one_part()
+    cycle = cycle_of(world)
+
+    async def story():
+        cycle.supervisor.step(True)
+        closing = asyncio.create_task(cycle.hand(closed=True))
+        while cycle.status()["pending"] is None:
+            await asyncio.sleep(0)
+        assert (cycle.status()["pending"], world.wire) == ("close the hand", [])
+        cycle.supervisor.refuse()
+        with pytest.raises(OperatorRefusedError):
+            await closing
+
+    asyncio.run(asyncio.wait_for(story(), 10.0))
+    assert (world.wire, cycle.hand_full) == ([], False)

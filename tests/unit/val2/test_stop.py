@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Coroutine
+from collections.abc import Coroutine, Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -13,13 +13,13 @@ import pytest
 from drivers.puma560 import READY_RAD, forward
 from drivers.simcell.arm import Arm
 from drivers.simcell.controller import Controller, LineFault, Manners, MemoryLine, Mishap
-from drivers.simcell.controller.commands import bare
+from drivers.simcell.controller.commands import Ask, bare
 from drivers.simcell.controller.expressions import MonitorError
 from drivers.simcell.controller.machine import Machine
 from drivers.simcell.controller.monitor import MONITOR_COMMANDS
 from drivers.simcell.simulated_time import SimulatedLoop
 from drivers.val2.dialect import Dialect
-from drivers.val2.link import ControllerError, Link, LinkError, NoAnswer, StopRefused
+from drivers.val2.link import ControllerError, Link, LinkError, NoAnswer, Preempted, StopRefused
 from drivers.val2.location import location_from_matrix
 from drivers.val2.wire import Question
 
@@ -229,5 +229,96 @@ def test_a_question_that_is_asked_again_is_no_power_up_and_no_sign_that_the_arm_
         link._type_abort = asks  # type: ignore[method-assign]
         with pytest.raises(NoAnswer):
             await link.abort()
+
+    at_simulated_time(story())
+
+
+def asking(machine: Machine, _: str) -> Iterator[Ask]:
+    """A person's program: a motion of some seconds, and, while it lasts, a question that takes nothing but y or n."""
+    machine.move_joints(READY_RAD + np.radians([90, -20, 5, 0, 10, 0]))
+    while ((yield Ask("Another part (Y/N)?")) or "").strip()[:1] not in ("Y", "N"):
+        pass
+
+
+@pytest.mark.parametrize("typed", ["a line", "at the terminal"])
+def test_a_program_that_asks_whether_to_go_on_is_no_controller_that_was_switched_off(
+    typed: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its question, asked again, was taken for one of power-up: the stop was called confirmed, and the arm went on."""
+    monkeypatch.setitem(MONITOR_COMMANDS, "EXECUTE", asking)
+
+    async def story() -> None:
+        loop = asyncio.get_running_loop()
+        controller = Controller(Arm(joints_rad=READY_RAD))
+        line = MemoryLine(controller, loop)
+        link = Link(line.port, clock=loop.time, open_port=line.open)
+        await link.open()
+        await link.speed(5)
+        if typed == "a line":
+            with pytest.raises(ControllerError, match="Another part"):
+                await link.command("EXEC PROG")
+        else:
+            async with link.terminal(lambda _: None) as send:
+                send(b"EXEC PROG\r")
+                await asyncio.sleep(1.0)
+        assert not controller.machine.at_rest()
+        assert await link.abort() is not None
+        assert controller.machine.at_rest()
+
+    at_simulated_time(story())
+
+
+def test_a_controller_switched_off_after_a_person_typed_is_stopped_by_way_of_its_questions() -> None:
+    async def story() -> None:
+        controller, _, link = await under_way()
+        async with asyncio.timeout(60.0), link.terminal(lambda _: None):
+            controller.mishap(Mishap.POWER_CYCLED)
+            await asyncio.sleep(0.1)
+        assert link.question is not None
+        assert await link.abort() is not None
+        assert (link.question, link.stop_seen) == (None, True)
+        assert not controller.machine.arm_power
+
+    at_simulated_time(story())
+
+
+def test_a_stop_amid_the_yes_to_a_question_does_not_say_it() -> None:
+    """What makes a half-typed command an error made `Y!!` of it, and CAL began."""
+
+    async def story() -> None:
+        loop = asyncio.get_running_loop()
+        controller = Controller(Arm(joints_rad=READY_RAD))
+        line = MemoryLine(controller, loop)
+        link = Link(line.port, clock=loop.time, open_port=line.open)
+        await link.open()
+        calibrating = asyncio.create_task(link.calibrate())
+        while controller.half_typed != "Y":
+            await asyncio.sleep(0.0005)
+        assert await link.abort() is not None
+        assert not any(text.startswith("Y") for text in controller.lines)
+        with pytest.raises(Preempted):
+            await calibrating
+
+    at_simulated_time(story())
+
+
+@pytest.mark.parametrize("harm", ["flip", "drop", "double"])
+def test_an_answer_that_was_spoiled_leaves_the_question_and_no_letter_for_the_next_command(harm: Any) -> None:
+    """`YWHERE` was taken for the yes, and the question behind it for nobody's."""
+
+    async def story() -> None:
+        loop = asyncio.get_running_loop()
+        controller = Controller(Arm(joints_rad=READY_RAD), cold=True)
+        line = MemoryLine(controller, loop)
+        link = Link(line.port, clock=loop.time, open_port=line.open)
+        await link.open()
+        asked = link.question
+        controller.faults.line.append(LineFault("to_host", harm))
+        with pytest.raises(LinkError):
+            await link.power_up(("Y",))
+        with pytest.raises(ControllerError, match="the controller asks"):
+            await link.where()
+        assert (link.question, controller.question, controller.half_typed) == (asked, asked, "")
+        assert not any("WHERE" in text for text in controller.lines)
 
     at_simulated_time(story())
