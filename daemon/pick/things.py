@@ -145,8 +145,8 @@ def _on_face(seen: Polyhedron, facet: int, shape: Polyhedron, world_from_part: A
 
 
 def _share_in(ring: Array, outline: Array) -> float:
-    """Share of a polygon (N, 2) that lies in another (M, 2). Where the middle of its corners lies would not tell: an L's
-    lies outside the L."""
+    """Share of a polygon (N, 2) that lies in another (M, 2). Where the middle of its corners lies would not tell: an
+    L's lies outside the L."""
     low, high = ring.min(0), ring.max(0)
     cells = (np.indices((CELLS, CELLS)).reshape(2, -1).T + 0.5) / CELLS
     points = low + cells * (high - low)

@@ -2,7 +2,8 @@
 
 usage: python -m tests.bench.long.causes [--only WORD] [--runs DIR] [--seed N]
 
-DIR: keep the run folders, to be looked at. N: where the plants' own dice begin; a cause is not proven by the dice it was mended with.
+DIR: keep the run folders, to be looked at. N: where the plants' own dice begin; a rule that was made looking at some is
+not proven by them.
 
 Each run lays a part, harms the cell or its calibration once and picks. The run is written by the run log itself and
 read by the review's own reader: what is judged is the first cause of the harmed cycle. Exit 1 where fewer than nine in
