@@ -121,7 +121,7 @@ def test_one_look_with_its_parts_guesses_estimate_and_moves(run: Digest) -> None
     assert survey["estimate"] is None
     assert [move["text"] for move in survey["moves"]] == [
         "straight to stand-off [10.0, 20.0, 30.0] at 25 %",
-        "there in 1.0 s, 0.012 mm off",
+        "there in 1.0 s, 0.01 mm off",
     ]
 
 
