@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 
 from daemon.review.digest import Cycle, Digest, Stop, duration_s, stops_of
-from daemon.review.production import production
-from daemon.review.remedies import KNOWN
+from daemon.review.production import production, remedies
 from daemon.review.strips import strips
 from daemon.review.why import causes, in_plain_words
 
@@ -43,7 +42,7 @@ def page_data(digest: Digest) -> Json:
         "going": digest.going,
         "end": (digest.end or {}).get("why"),
         "production": done,
-        "remedies": {name: KNOWN[name].remedy for name in done["stops"]},
+        "remedies": remedies(done),
         "skipped": list(digest.skipped),
         "timeline": timeline(digest),
         "strips": strips(digest),

@@ -12,7 +12,7 @@ const stops = Object.entries(done.stops);
 const worst = data.strips.filter((s) => s.near === 2).map((s) => s.name);
 by("verdict").append(...[
   done.tried ? `${done.picked} of ${done.tried} picked` : "Nothing was tried",
-  stops.length ? `. Stopped by: ${stops.map(([name, n]) => (n > 1 ? `${n} × ${name}` : name)).join(", ")}` : "",
+  stoppedBy(stops),
   worst.length ? `. Beyond its limit: ${worst.join(", ")}` : ""].filter(Boolean), ".");
 by("verdict").className = failed || worst.length ? "bad" : "good";
 const cell = data.cell;
@@ -46,7 +46,7 @@ by("tiles").append(
   el("div", { class: "tile list" }, el("span", {}, "success by part"), ...Object.entries(done.parts).map(([label, [n, of]]) =>
     el("div", {}, el("i", { class: n < of ? "bad" : "good" }, `${n} of ${of}`), ` ${label} `, el("small", {}, beside((p) => partOf(p, label))))),
   Object.keys(done.parts).length ? null : el("b", {}, "–")),
-  el("div", { class: "tile list" }, el("span", {}, "stopped by"), ...(stops.length ? stops.map(([name, n]) => el("div", {}, el("i", { class: "bad" }, n), ` ${name} `, el("small", {}, data.remedies[name]))) : [el("b", {}, "nothing")])));
+  stoppedList(stops, data.remedies));
 
 // ---- the other run
 if (data.against) {

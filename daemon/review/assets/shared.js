@@ -37,6 +37,10 @@ const duration = (s) => {
 };
 const share = ([part, of]) => (of ? `${Math.round(100 * part / of)} %` : "–");
 
+// ---- what stopped it, how often, and what to do about it
+const stoppedBy = (stops) => (stops.length ? `. Stopped by: ${stops.slice(0, 4).map(([name, n]) => (n > 1 ? `${n} × ${name}` : name)).join(", ")}${stops.length > 4 ? `, and ${stops.length - 4} more` : ""}` : "");
+const stoppedList = (stops, remedies) => el("div", { class: "tile list stops" }, el("span", {}, "stopped by"), ...(stops.length ? stops.map(([name, n]) => el("div", {}, el("i", { class: "bad" }, n), ` ${name} `, el("small", {}, remedies[name]))) : [el("b", {}, "nothing")]));
+
 // ---- times: the cell's own, UTC under the pointer
 const cellTime = (t, offset) => new Date(Date.parse(t) + 1000 * (offset || 0)).toISOString();
 const clock = (t, offset) => (t ? cellTime(t, offset).slice(11, 19) : "–");
