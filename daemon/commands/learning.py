@@ -30,6 +30,7 @@ from daemon.pick.looking import Look
 from daemon.store.outside import read_file
 from daemon.store.yamlfile import LARGEST_BYTES
 from daemon.teaching.mesh import UNITS_MM, MeshError
+from daemon.teaching.solid_from_mesh import solid_drawn
 from daemon.teaching.sufficiency import VIEWPOINTS, Alike, Sufficiency
 from daemon.teaching.trainer import ROUND, teaching_note
 from daemon.vision.model import TeachError
@@ -136,10 +137,11 @@ async def _teach_drawing(context: CommandContext, words: list[str], door: Door) 
         raise CommandError(f"FILE is missing: {MESH_USAGE}", NOT_UNDERSTOOD)
     no_more(words[at:], 3, MESH_USAGE)
     unit = one_of(words, at + 2, UNITS_MM, "unit", MESH_USAGE) if unit is not None else "mm"
-    label = await _label(context, words[:at], door, shown=False)
     content = await door.fetch(file)
     name = file.rpartition("/")[2]
-    try:
+    try:  # what is wrong with the file is said before anything is asked
+        await asyncio.to_thread(solid_drawn, name, content, unit, context.trainer.library)
+        label = await _label(context, words[:at], door, shown=False)
         odd = await asyncio.to_thread(context.trainer.odd_drawing, label, name, content, unit)
         if odd is not None and not (door.asks and await yes_or_no(door, f"{odd}. Keep it all the same? [y/n]")):
             raise CommandError(f"not kept: {odd}")
@@ -173,7 +175,7 @@ async def untaught(context: CommandContext, words: list[str], _: Door) -> Answer
 @command("views [LABEL]", most=1, choices=with_views)
 async def views(context: CommandContext, words: list[str], _: Door) -> Answer:
     """The views that were taught."""
-    label = one_of(words, 0, context.trainer.model_store.labels(), "label with views", views.usage) if words else None
+    label = one_of(words, 0, context.trainer.model_store.labels(), "part with views", views.usage) if words else None
     found = context.trainer.model_store.views(label)
     rows = [f"{view.name:<24} {view.damage or _taught(view.note)}" for view in found]
     data = [{"view": view.name, **{k: v for k, v in view.note.items() if k != ROUND}} for view in found]
@@ -183,7 +185,7 @@ async def views(context: CommandContext, words: list[str], _: Door) -> Answer:
 @command("forget LABEL [NUMBER]", "change", most=2, choices=with_views, further=_numbers)
 async def forget(context: CommandContext, words: list[str], door: Door) -> Answer:
     """Remove taught views."""
-    label = one_of(words, 0, context.trainer.model_store.labels(), "label with views", forget.usage)
+    label = one_of(words, 0, context.trainer.model_store.labels(), "part with views", forget.usage)
     which = number(words[1], "NUMBER", 1, 9999) if len(words) > 1 else None
     what = f"view {label}/{which}" if which else f"all views of {label}"
     if door.asks and not await yes_or_no(door, f"Remove {what} for good? [y/n]"):
@@ -209,8 +211,14 @@ async def _label(context: CommandContext, words: list[str], door: Door, shown: b
         raise CommandError(f"{label}: a label is small letters, digits and _, as in hex_bolt", NOT_UNDERSTOOD)
     close = difflib.get_close_matches(label, context.parts, 1)
     hint = f"; did you mean {close[0]}?" if close else f" (known: {', '.join(context.parts)})."
-    if (shown and context.hardware.hand is not None) or not door.asks:
-        raise CommandError(f"{label}: no such part{hint} Add a new one to parts.yaml.", NOT_UNDERSTOOD)
+    if context.hardware.hand is not None and shown:
+        way = f"The simulated cell has no other to show: teach {label} --mesh FILE"
+    elif not door.asks:
+        way = "A new one: at a console, where it can be asked about, or by a line in parts.yaml"
+    else:
+        way = ""
+    if way:
+        raise CommandError(f"{label}: no such part{hint} {way}", NOT_UNDERSTOOD)
     if not await yes_or_no(door, f"{label} is not in parts.yaml{hint} Teach it as a new part? [y/n]"):
         raise CommandError("not taught")
     return label

@@ -131,6 +131,7 @@ class CommandContext:
             calibration=log.keep(config.calibration),
             model=model,
             seed=self.hardware.seed,
+            times_life=config.values.simulated.time_scale if self.hardware.kind == "simulated" else None,
             **more,
         )
 

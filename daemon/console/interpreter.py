@@ -327,7 +327,8 @@ def one_of(words: list[str], place: int, choices: Iterable[str], what: str, usag
     """The word at a place, which must be one of the choices. Raises CommandError with what was probably meant."""
     known = sorted(choices)
     if len(words) <= place:
-        raise CommandError(f"{what} is missing: {usage}" + (f" ({', '.join(known)})" if known else ""), NOT_UNDERSTOOD)
+        listed = f"; known: {', '.join(known)}" if known and not all(word in usage for word in known) else ""
+        raise CommandError(f"{what} is missing: {usage}{listed}", NOT_UNDERSTOOD)
     word = words[place]
     if word in known:
         return word

@@ -27,6 +27,10 @@ ON_FACE_MM, ON_FACE_RAD = 4.0, 0.25
 """A facet that lies this near to a face of a named part, and so parallel, is of that part."""
 EDGE_MM = 6.0
 """An edge whose ends are this near to those of a part's is that edge."""
+MOST = 0.5
+"""A facet of which more lies in a face is of that face."""
+CELLS = 12
+"""A polygon is tried at so many times so many places."""
 HOLLOW_MM = 2.0
 """So far in front of each other's planes lie the middles of facets that meet in a hollow edge."""
 
@@ -79,15 +83,17 @@ def _middle(part: Seen, recogniser: Recogniser) -> Array:
 
 
 def _unexplained(fused: Fused, named: Sequence[Seen], recogniser: Recogniser) -> list[int]:
-    """The facets that lie in no face of a named part, and are no side of it that was never taught."""
+    """The facets that lie for less than half in faces of named parts, all together, and are no side of one that was
+    never taught."""
     seen = fused.polyhedron
-    left = set(range(len(seen.facets)))
+    explained, theirs = np.zeros(len(seen.facets)), set[int]()
     for part in named:
         shape = recogniser.shape(part.label)
         if shape is not None:
-            mine = {k for k in range(len(seen.facets)) if _on_face(seen, k, shape, part.world_from_part)}
-            left -= mine | _untaught(seen, mine, shape, part.world_from_part)
-    return sorted(left)
+            shares = np.array([_on_face(seen, k, shape, part.world_from_part) for k in range(len(seen.facets))])
+            explained += shares
+            theirs |= _untaught(seen, set(np.flatnonzero(shares > MOST).tolist()), shape, part.world_from_part)
+    return sorted(set(np.flatnonzero(explained <= MOST).tolist()) - theirs)
 
 
 def _untaught(seen: Polyhedron, mine: set[int], shape: Polyhedron, world_from_part: Array) -> set[int]:
@@ -124,17 +130,28 @@ def _before_mm(seen: Polyhedron, one: int, other: int) -> tuple[float, float]:
     return float(seen.normals[one] @ apart), float(-seen.normals[other] @ apart)
 
 
-def _on_face(seen: Polyhedron, facet: int, shape: Polyhedron, world_from_part: Array) -> bool:
+def _on_face(seen: Polyhedron, facet: int, shape: Polyhedron, world_from_part: Array) -> float:
+    """Share of a facet that lies in one face of a part."""
     corners = frames.apply(frames.inverse(world_from_part), seen.corners_mm[seen.rings[facet]])
     normal = world_from_part[:3, :3].T @ seen.normals[facet]
+    share = 0.0
     for ring, face in zip(shape.rings, shape.normals, strict=True):
         outline = shape.corners_mm[ring]
         if face @ normal < np.cos(ON_FACE_RAD) or np.abs((corners - outline[0]) @ face).max() > ON_FACE_MM:
             continue
         across = axes_in(face)
-        if inside(corners.mean(0)[None] @ across.T, (outline @ across.T)[None])[0, 0]:
-            return True
-    return False
+        share = max(share, _share_in(corners @ across.T, outline @ across.T))
+    return share
+
+
+def _share_in(ring: Array, outline: Array) -> float:
+    """Share of a polygon (N, 2) that lies in another (M, 2). Where the middle of its corners lies would not tell: an
+    L's lies outside the L."""
+    low, high = ring.min(0), ring.max(0)
+    cells = (np.indices((CELLS, CELLS)).reshape(2, -1).T + 0.5) / CELLS
+    points = low + cells * (high - low)
+    points = points[inside(points, ring[None])[0]]
+    return float(inside(points, outline[None])[0].mean()) if len(points) else 0.0
 
 
 def _whole(fused: Fused, facets: list[int]) -> list[list[int]]:

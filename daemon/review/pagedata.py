@@ -12,34 +12,44 @@ from typing import Any
 import numpy as np
 
 from daemon.review.digest import Cycle, Digest, Stop, duration_s, stops_of
-from daemon.review.production import production
+from daemon.review.production import production, remedies
 from daemon.review.strips import strips
-from daemon.review.why import causes
+from daemon.review.why import causes, in_plain_words
 
 Json = dict[str, Any]
+IN_STATE = {
+    "survey": "look from above", "second_view": "look from elsewhere", "choose": "choose a part", "stop_n": "go nearer",
+    "looking": "look", "estimating": "say where it is", "final": "reach for it", "closing": "close the hand",
+    "retreat": "lift it", "verify": "see that it is gone", "place": "bring it away", "home": "go home",
+}  # fmt: skip
+"""What a pick does in its states, for people."""
 
 
 def page_data(digest: Digest) -> Json:
     """Everything but the pictures."""
-    start = digest.start or {}
+    start, done = digest.start or {}, production([digest])
     return {
         "run": digest.name,
         "started": digest.records[0].get("t") if digest.records else None,
         "seconds": duration_s(digest.records),
         "utc_offset_s": start.get("utc_offset_s"),
-        "cell": {"name": start.get("name"), "kind": start.get("cell"), "version": start.get("version")},
+        "cell": {
+            **{"name": start.get("name"), "kind": start.get("cell"), "version": start.get("version")},
+            "times_life": start.get("times_life"),
+        },
         "models": digest.models_used(),
         "kept": {name: digest.kept(name) for name in ("config", "calibration")},
         "going": digest.going,
         "end": (digest.end or {}).get("why"),
-        "production": production([digest]),
+        "production": done,
+        "remedies": remedies(done),
         "skipped": list(digest.skipped),
         "timeline": timeline(digest),
         "strips": strips(digest),
         "cycles": [cycle_json(c, digest.cycles, digest.going) for c in digest.cycles],
         "outside": [stop_json(s) for s in stops_of([r for r in digest.outside if r["kind"] == "look"])],
         "events": events(digest),
-        "states": median_state_seconds(digest.cycles),
+        "states": {IN_STATE.get(name, name): s for name, s in median_state_seconds(digest.cycles).items()},
     }
 
 
@@ -59,7 +69,7 @@ def cycle_json(cycle: Cycle, all_of_run: Sequence[Cycle], going: bool) -> Json:
         "deg": _short(cycle.predicted_deg),
         "true_mm": _short(cycle.true_mm),
         "true_deg": _short(cycle.true_deg),
-        "why": cycle.why,
+        "why": None if cycle.why is None else in_plain_words(cycle.why),
         "causes": [
             {"name": c.name, "stage": c.stage, "w": round(c.weight, 2), "e": c.evidence, "r": c.remedy, "at": c.at}
             for c in found
@@ -134,9 +144,9 @@ def _move(record: Json) -> Json:
     if kind == "move":
         place = [_short(row[3], 1) for row in (record.get("target") or [])[:3]]
         sent = "" if record.get("sent", True) else ", not sent (dry)"
-        text = f"{record.get('how')} to {record.get('purpose')} {place} at {_short(record.get('speed_pct'), 0)} %{sent}"
+        text = f"{record.get('how')} to {record.get('purpose')} {place} at {record.get('speed_pct') or 0:.0f} %{sent}"
     elif kind == "moved":
-        text = f"there in {_short(record.get('seconds'))} s, {_short(record.get('error_mm'), 3)} mm off"
+        text = f"there in {_short(record.get('seconds'))} s, {_short(record.get('error_mm'))} mm off"
     elif kind == "hand":
         text = "hand closes" if record.get("closed") else "hand opens"
     else:
@@ -206,6 +216,11 @@ def events(digest: Digest) -> list[Json]:
     return found
 
 
+EVENTS = {
+    "fault": "fault:", "refusal": "the guard refused:", "gap": "records are missing:", "run_end": "the run ended:",
+}  # fmt: skip
+
+
 def _event_text(record: Json) -> str:
     kind = record["kind"]
     if kind == "eyes":
@@ -216,13 +231,14 @@ def _event_text(record: Json) -> str:
         )
     parts = [str(record[k]) for k in ("code", "rule", "action", "purpose", "text", "why", "to") if record.get(k)]
     if len(parts) > 1 and parts[1].startswith(parts[0]):
-        parts = parts[1:]  # a fault's text begins with its code
+        parts = [in_plain_words(parts[1]), *parts[2:]]  # a fault's text begins with its code
     text = ": ".join(parts)
     if kind == "model":
-        text = f"{record.get('action')}: version {record.get('version')}" if record.get("version") else "none in use"
+        version = record.get("version")
+        return "no model in use" if version is None else f"model version {version} in use ({record.get('action')})"
     if kind == "clock":
-        text = f"the machine's clock jumped by {record.get('jump_s')} s"
-    return f"{kind} {text}".strip()
+        return f"the machine's clock jumped by {record.get('jump_s')} s"
+    return f"{EVENTS.get(kind, kind)} {text}".strip()
 
 
 def _points(points: Any) -> list[list[float]]:

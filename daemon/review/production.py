@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from daemon.review.digest import Cycle, Digest
+from daemon.review.remedies import KNOWN
 from daemon.review.why import NOTHING_WRONG, causes, told
 
 ROUTINE = ("pick", "auto")
@@ -62,15 +63,24 @@ def _worked_s(run: Digest) -> float | None:
     return float(run.cycles[-1].records[-1]["mono_s"]) - float(run.cycles[0].records[0]["mono_s"])
 
 
+def remedies(done: Json) -> dict[str, str]:
+    """What to do about each cause that a production was stopped by."""
+    return {name: KNOWN[name].remedy for name in done["stops"]}
+
+
 def _stops(run: Digest) -> Iterable[str]:
-    """The first cause of each cycle that brought nothing, and of each fault between cycles."""
+    """The first cause of each cycle that brought nothing, and of each fault between cycles; one that ended a cycle is
+    told again right after it."""
+    ended = set[tuple[Any, str]]()
     for cycle in run.cycles:
         if cycle.outcome not in NOTHING_WRONG:
             others = [c for c in run.cycles if c is not cycle]
-            yield from (c.name for c in causes(cycle, others, run.going)[:1])
+            found = [c.name for c in causes(cycle, others, run.going)[:1]]
+            ended |= {(cycle.number, name) for name in found}
+            yield from found
     for record in run.outside:
         if record["kind"] == "fault":
-            yield from (c.name for c in told(record))
+            yield from (c.name for c in told(record) if (record.get("cycle"), c.name) not in ended)
 
 
 def _nameless(cycle: Cycle) -> int:

@@ -9,10 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from daemon.calibration.drift import Watching
 from daemon.review.brief import read_brief
 from daemon.review.digest import Digest
 from daemon.review.page import WEEK, render, run_time, write_page
-from daemon.review.production import production
+from daemon.review.production import production, remedies
 from daemon.store.files import write_atomically
 from daemon.store.runs import RunError, list_runs
 
@@ -53,12 +54,14 @@ def _link(folder: Path, out: Path) -> str:
 
 def week_data(runs: Sequence[Digest], links: Sequence[str]) -> Json:
     """What the page shows: the week as a whole, a row a run."""
-    start = runs[-1].start or {} if runs else {}
+    start, done = runs[-1].start or {} if runs else {}, production(runs)
     return {
         "title": "the week",
         "cell": {"name": start.get("name"), "kind": start.get("cell"), "version": start.get("version")},
         "utc_offset_s": start.get("utc_offset_s"),
-        "production": production(runs),
+        "production": done,
+        "remedies": remedies(done),
+        "stop_deg": Watching().stop_deg,
         "runs": [run_json(run) | {"link": link} for run, link in zip(runs, links, strict=True)],
     }
 

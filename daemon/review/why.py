@@ -127,7 +127,7 @@ def _ended(cycle: Cycle, _: Sequence[Cycle]) -> Iterator[Cause]:
 def told(record: Record) -> Iterator[Cause]:
     """What a fault, or the end of a cycle, says in its own words."""
     text, at = str(record.get("text") or record.get("why") or ""), int(record.get("seq") or 0)
-    plain = re.sub(r"^\w*(?:Error|Refused|Elsewhere): ", "", text)
+    plain = in_plain_words(text)
     if measures := FINDING.findall(text):
         yield from _pictures(measures, plain, at)
     elif re.match(r"CameraError|cameras:|NotSettledError", text):
@@ -136,6 +136,11 @@ def told(record: Record) -> Iterator[Cause]:
         by_words = (name for words, name in TOLD if re.search(words, plain) or re.search(words, text))
         name = next(by_words, "a fault in facetd")
         yield Cause(name, {"looks disagree": 0.6, "a fault in facetd": 0.5}.get(name, 1.0), plain, at)
+
+
+def in_plain_words(text: str) -> str:
+    """What a record says, without the name of the program's own class that it begins with."""
+    return re.sub(r"^\w*(?:Error|Refused|Elsewhere): ", "", text)
 
 
 def _pictures(measures: Iterable[tuple[str, str]], text: str, at: int) -> Iterator[Cause]:

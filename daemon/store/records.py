@@ -125,6 +125,7 @@ class _Start(_Any, total=False):
     name: Text
     utc_offset_s: Annotated[int, Meta(ge=-86_400, le=86_400)] | None
     limits: dict[str, Number] | None
+    times_life: Number
 
 
 class _Model(_Any, total=False):

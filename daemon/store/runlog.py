@@ -38,7 +38,8 @@ LARGEST_KEPT = 256_000_000
 PICTURES_WAITING = 64
 
 KINDS: Mapping[str, str] = {
-    "run_start": "version cell name utc_offset_s config calibration model (files in kept/) limits seed continues",
+    "run_start": "version cell name utc_offset_s config calibration model (files in kept/) limits seed continues"
+    " times_life (how much faster than life a simulated cell runs)",
     "auto": "on count every_s (what is to be picked from now on; on false: done, or given up)",
     "left": "run cycle state hand_closed label auto fault (how the daemon before ended; stands until resume)",
     "holding": "held (what an operator saw in the gripper; null: not known)",

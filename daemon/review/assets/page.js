@@ -12,16 +12,17 @@ const stops = Object.entries(done.stops);
 const worst = data.strips.filter((s) => s.near === 2).map((s) => s.name);
 by("verdict").append(...[
   done.tried ? `${done.picked} of ${done.tried} picked` : "Nothing was tried",
-  failed ? `. ${stops.length === 1 && stops[0][1] === failed ? "" : `${failed} not: `}${stops.map(([name, n]) => (n > 1 || stops.length === 1 ? `${n} × ${name}` : name)).join(", ")}` : "",
+  stoppedBy(stops),
   worst.length ? `. Beyond its limit: ${worst.join(", ")}` : ""].filter(Boolean), ".");
 by("verdict").className = failed || worst.length ? "bad" : "good";
 const cell = data.cell;
+const simulated_ = (c) => (known(c.times_life) && c.times_life !== 1 ? `simulated, ${number(c.times_life)} times as fast as life` : "simulated");
 by("summary").append(...[
-  cell.kind === "simulated" ? el("b", { class: "tag" }, "simulated") : cell.kind === "recorded" ? el("b", { class: "tag" }, "recorded pictures") : null,
+  cell.kind === "simulated" ? el("b", { class: "tag" }, simulated_(cell)) : cell.kind === "recorded" ? el("b", { class: "tag" }, "recorded pictures") : null,
   cell.name ? el("b", {}, `${cell.name} `) : null, `run ${data.run}, `,
   data.started ? el("time", { title: `${data.started.slice(0, 19).replace("T", " ")} UTC` }, `${dayAndTime(data.started, offset)} (${zone})`) : null,
   `, ${duration(data.seconds)}, `,
-  data.going ? el("b", { class: "tag on" }, "still going") : data.end ? `ended: ${data.end}` : el("b", { class: "tag off" }, "cut off: killed, or the power failed"),
+  data.going ? el("b", { class: "tag on" }, "still going") : data.end ? `ended: ${data.end === "signal SIGTERM" ? "switched off" : data.end}` : el("b", { class: "tag off" }, "cut off: killed, or the power failed"),
   el("br"), [cell.version ? `facetd ${cell.version}` : null, `model ${data.models.join(", then ") || "none"}`,
     data.kept.calibration ? `calibration ${data.kept.calibration}` : null, data.kept.config ? `configuration ${data.kept.config}` : null].filter(Boolean).join(" · "),
 ].filter(Boolean));
@@ -45,7 +46,7 @@ by("tiles").append(
   el("div", { class: "tile list" }, el("span", {}, "success by part"), ...Object.entries(done.parts).map(([label, [n, of]]) =>
     el("div", {}, el("i", { class: n < of ? "bad" : "good" }, `${n} of ${of}`), ` ${label} `, el("small", {}, beside((p) => partOf(p, label))))),
   Object.keys(done.parts).length ? null : el("b", {}, "–")),
-  el("div", { class: "tile list" }, el("span", {}, "stopped by"), ...(stops.length ? stops.map(([name, n]) => el("div", {}, el("i", { class: "bad" }, n), ` ${name}`)) : [el("b", {}, "nothing")])));
+  stoppedList(stops, data.remedies));
 
 // ---- the other run
 if (data.against) {
@@ -218,7 +219,7 @@ function lookView(stop) {
     add("agreement", `chi-square ${number(stop.estimate.chi2)} with the looks before (22.5 is the most)`);
   }
   for (const p of stop.parts) {
-    add(p.label, [known(p.conf) ? `confidence ${number(p.conf)}` : null, known(p.ratio) ? `match ratio ${number(p.ratio)}` : null, p.runner ? `next likest ${p.runner}` : null,
+    add(p.label, [known(p.conf) ? `confidence ${share([p.conf, 1])}` : null, known(p.ratio) ? `match ratio ${number(p.ratio)}` : null, p.runner ? `next likest ${p.runner}` : null,
       known(p.res) ? `off its model by ${number(p.res)} mm` : null, p.why].filter(Boolean).join(", "));
   }
   for (const g of stop.guesses) add("nearest", `${g.label}: ${Math.round(100 * g.share)} % of its edges show (drawn through), the others do not (dashed)`);

@@ -23,7 +23,8 @@ const known = (value) => value !== null && value !== undefined;
 const number = (value) => {
   if (!known(value)) return "–";
   const size = Math.abs(value);
-  return size === 0 ? "0" : String(Number(size >= 100 ? value.toFixed(0) : size >= 10 ? value.toFixed(1) : value.toPrecision(2)));
+  if (size > 0 && size < 0.005) return "< 0.01";
+  return String(Number(size >= 100 ? value.toFixed(0) : size >= 10 ? value.toFixed(1) : size >= 1 ? value.toPrecision(2) : value.toFixed(2)));
 };
 const plural = (count, word) => `${count} ${word}${count === 1 ? "" : "s"}`;
 const duration = (s) => {
@@ -35,6 +36,10 @@ const duration = (s) => {
   return `${days} days${hours % 24 ? ` ${hours % 24} h` : ""}`;
 };
 const share = ([part, of]) => (of ? `${Math.round(100 * part / of)} %` : "–");
+
+// ---- what stopped it, how often, and what to do about it
+const stoppedBy = (stops) => (stops.length ? `. Stopped by: ${stops.slice(0, 4).map(([name, n]) => (n > 1 ? `${n} × ${name}` : name)).join(", ")}${stops.length > 4 ? `, and ${stops.length - 4} more` : ""}` : "");
+const stoppedList = (stops, remedies) => el("div", { class: "tile list stops" }, el("span", {}, "stopped by"), ...(stops.length ? stops.map(([name, n]) => el("div", {}, el("i", { class: "bad" }, n), ` ${name} `, el("small", {}, remedies[name]))) : [el("b", {}, "nothing")]));
 
 // ---- times: the cell's own, UTC under the pointer
 const cellTime = (t, offset) => new Date(Date.parse(t) + 1000 * (offset || 0)).toISOString();
@@ -119,13 +124,13 @@ function chart(title, series, options) {
   const scale = curve([], span, [low, top], width, height);
   for (const y of ticks(low, top)) {
     layer.append(svg("line", { x1: 0, x2: width, y1: scale.py(y), y2: scale.py(y), class: "grid" }),
-      svg("text", { x: -6, y: scale.py(y) + 4, "text-anchor": "end" }, number(y)));
+      svg("text", { x: -6, y: scale.py(y) + 4, "text-anchor": "end" }, String(y)));
   }
   let right = -Infinity;
   for (const x of options.xs || ticks(...span, options.whole)) {
     if (scale.px(x) - right < 34) continue;
     right = scale.px(x);
-    layer.append(svg("text", { x: scale.px(x), y: height + 16, "text-anchor": "middle" }, options.xName ? options.xName(x) : number(x)));
+    layer.append(svg("text", { x: scale.px(x), y: height + 16, "text-anchor": "middle" }, options.xName ? options.xName(x) : String(x)));
   }
   layer.append(svg("text", { x: width / 2, y: height + 33, "text-anchor": "middle", class: "axis" }, options.x));
   layer.append(svg("text", { x: -40, y: -11, class: "axis" }, options.y));

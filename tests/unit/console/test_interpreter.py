@@ -39,7 +39,7 @@ def context(tmp_path: Path) -> object:
         ("pick cub", "cub: no such taught part; did you mean cube?", 2),
         ("pick sphere", "sphere: no such taught part; known: cube", 2),
         ("pick cube now", "now: one word too many; usage: pick [LABEL]", 2),
-        ("go", "place is missing: go PLACE (bin, home, survey)", 2),
+        ("go", "place is missing: go PLACE; known: bin, home, survey", 2),
         ("go hom", "hom: no such place; did you mean home?", 2),
         ("auto on many", "N: expected a whole number from 1 to 1000000, found many", 2),
         ("auto on 0", "N: expected a whole number from 1 to 1000000, found 0", 2),

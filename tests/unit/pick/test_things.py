@@ -26,21 +26,24 @@ from tests.worlds.looked_around import looked_at, place
 from tests.worlds.rigs import rig
 
 BLOCK = drawn.prism([(-30.0, -20.0), (30, -20), (30, 20), (-30, 20)], 30)
+BRACKET = drawn.prism([(-30.0, -25.0), (30, -25), (30, -13), (-18, -13), (-18, 25), (-30, 25)], 40)
 CUT = drawn.prism([(-30.0, -20.0), (30, -20), (30, 20), (-15, 20), (-30, 5)], 30)
 
 
 @pytest.fixture(scope="module")
 def recogniser() -> Recogniser:
     model = empty_model(load_facets())
-    for label, (corners, rings) in (("block", BLOCK), ("cut", CUT)):
+    for label, (corners, rings) in (("block", BLOCK), ("cut", CUT), ("bracket", BRACKET)):
         model = learn_solid(model, drawn.solid(f"{label}.obj", drawn.obj(corners, rings)), rig(), label)
     return Recogniser(model, rig())
 
 
-def look_from(recogniser: Recogniser, azimuth_deg: float, elevation_deg: float, seed: int = 0) -> Look:
-    """As much of a look at the block from there as things are made of."""
+def look_from(
+    recogniser: Recogniser, azimuth_deg: float, elevation_deg: float, seed: int = 0, shape: Any = BLOCK
+) -> Look:
+    """As much of a look at the block, or another shape, from there as things are made of."""
     at, rng = place(np.radians(azimuth_deg), np.radians(elevation_deg)), np.random.default_rng(seed)
-    body = drawn.solid("block.obj", drawn.obj(*BLOCK))
+    body = drawn.solid("block.obj", drawn.obj(*shape))
     seen = looked_at(body, at, rng, np.zeros(9))
     parts = tuple(part for group in seen.groups for part in recogniser.recognise(group))
     return as_look(parts, seen.base_from_cyclopean)
@@ -67,6 +70,12 @@ def test_a_name_is_not_unlearnt_by_a_look_that_shows_less(recogniser: Recogniser
     whole, less = look_from(recogniser, 135, 40), look_from(recogniser, 0, 3, 1)
     assert labels([whole], recogniser) == ["block"]
     assert labels([whole, less], recogniser) == ["block"], "the facet that it shows is the block's"
+
+
+def test_a_facet_with_a_notch_is_its_parts_though_its_middle_lies_outside_it(recogniser: Recogniser) -> None:
+    from_above = [look_from(recogniser, 200 + 70 * k, 50, k, BRACKET) for k in range(3)]
+    assert any(len(part.facets[0].corners_mm) == 6 for look in from_above for part in look.scene.parts)
+    assert labels(from_above, recogniser) == ["bracket"]
 
 
 def test_names_that_contradict_each_other_are_asked_anew_of_all_facets(recogniser: Recogniser) -> None:

@@ -60,7 +60,7 @@ def test_a_fault_is_told_once(made: MadeRun) -> None:
     for _ in range(2):
         made.write("fault", cycle=1, code="CameraError", text="CameraError: gone", **{"while": "pick"})
     data = data_of(write_page(made.close(), made.folder / "page.html").read_text())
-    assert [e["text"] for e in data["events"] if e["kind"] == "fault"] == ["fault CameraError: gone"]
+    assert [e["text"] for e in data["events"] if e["kind"] == "fault"] == ["fault: gone"]
 
 
 def test_what_one_more_look_brought_is_on_the_page(made: MadeRun) -> None:

@@ -113,7 +113,7 @@ def test_the_cycle_under_the_pointer_is_marked_in_the_table_and_told_with_its_va
 def test_charts_have_units_and_names(browser: Any, page: Path) -> None:
     open_page(browser, page)
     told = browser.find_element("id", "plots").text
-    for words in ("Predicted error at the grasp, look by look", "mm", "look at the part", "median", "95 %", "survey"):
+    for words in ("Predicted error at the grasp, look by look", "mm", "look at the part", "median", "look from above"):
         assert words in told
 
 

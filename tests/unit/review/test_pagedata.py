@@ -90,12 +90,13 @@ def test_what_the_page_says_first(run: Digest) -> None:
     assert data["started"] == "2026-01-02T03:04:01.000Z"
     assert data["seconds"] == 13.0
     assert data["utc_offset_s"] == 3600
-    assert data["cell"] == {"name": "bench", "kind": "real", "version": "0.1"}
+    assert data["cell"] == {"name": "bench", "kind": "real", "version": "0.1", "times_life": None}
     assert data["models"] == ["aaaaaaaa", "version 3 (dddddddd)"]
     assert data["kept"] == {"config": "cccccccc", "calibration": "bbbbbbbb"}
     assert (data["going"], data["end"]) == (False, "stopped")
     assert data["skipped"] == ["a torn line"]
     assert [stop["purpose"] for stop in data["outside"]] == ["console"]
+    assert list(data["remedies"]) == list(data["production"]["stops"]), "what stopped it is told with what to do"
 
 
 def test_one_look_with_its_parts_guesses_estimate_and_moves(run: Digest) -> None:
@@ -114,13 +115,13 @@ def test_one_look_with_its_parts_guesses_estimate_and_moves(run: Digest) -> None
     assert approach["estimate"] == {"label": "cube", "mm": 0.78, "deg": 0.22, "chi2": 1.3, "at": [10.0, 20, 30]}
     assert approach["moves"] == [
         {"kind": "hand", "text": "hand closes"},
-        {"kind": "move", "text": "joint to bin [] at 50.0 %, not sent (dry)"},
+        {"kind": "move", "text": "joint to bin [] at 50 %, not sent (dry)"},
         {"kind": "refusal", "text": "refused: table: too low"},
     ]
     assert survey["estimate"] is None
     assert [move["text"] for move in survey["moves"]] == [
-        "straight to stand-off [10.0, 20.0, 30.0] at 25.0 %",
-        "there in 1.0 s, 0.012 mm off",
+        "straight to stand-off [10.0, 20.0, 30.0] at 25 %",
+        "there in 1.0 s, 0.01 mm off",
     ]
 
 
@@ -180,16 +181,16 @@ def test_what_happened_once_each_with_what_led_to_it(run: Digest) -> None:
     found = [(e["s"], e["kind"], e["cycle"], e["text"], e["after"]) for e in events(run)]
     move, state = "move bin", "state idle"
     assert found == [
-        (1.5, "model", None, "model accepted: version 3", "command look"),
-        (7.5, "refusal", 7, "refusal table: too low", move),
-        (9.0, "clock", None, "clock the machine's clock jumped by -60.0 s", state),
-        (11.0, "fault", 8, "fault link: no answer", state),
-        (12.0, "gap", 8, "gap full", state),
+        (1.5, "model", None, "model version 3 in use (accepted)", "command look"),
+        (7.5, "refusal", 7, "the guard refused: table: too low", move),
+        (9.0, "clock", None, "the machine's clock jumped by -60.0 s", state),
+        (11.0, "fault", 8, "fault: link: no answer", state),
+        (12.0, "gap", 8, "records are missing: full", state),
         (12.5, "eyes", 8, "looking with left: right eye: frozen", state),
-        (13.0, "run_end", 8, "run_end stopped", state),
+        (13.0, "run_end", 8, "the run ended: stopped", state),
     ]
     none = [line("model", 0, action="start", version=None, seq=0), line("eyes", 1, alone=None, why="mended", seq=1)]
-    assert [e["text"] for e in events(digest("x", none))] == ["model none in use", "looking with both: mended"]
+    assert [e["text"] for e in events(digest("x", none))] == ["no model in use", "looking with both: mended"]
     assert [e["after"] for e in events(digest("x", none))] == [None, None]
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from daemon.review.brief import read_brief
 from daemon.review.page import read_digest
-from daemon.review.production import compared, production
+from daemon.review.production import compared, production, remedies
 from daemon.review.strips import strips
 from tests.worlds.made_run import MadeRun
 
@@ -25,6 +25,15 @@ def test_picked_of_tried_stops_by_cause_and_interventions(made: MadeRun) -> None
     assert found["parts"] == {"cube": [1, 2], "pyramid": [1, 1]}
     assert found["stops"] == {"gripper": 1}
     assert found["median_s"] == pytest.approx(found["p95_s"])
+
+
+def test_what_ended_a_cycle_and_is_told_right_after_it_stopped_it_once(made: MadeRun) -> None:
+    made.pick("fault", why="stopped by ann")
+    for number in (made.cycle, None):
+        made.write("fault", cycle=number, code="stopped by ann", text="stopped by ann", **{"while": ""})
+    found = production([read_digest(made.close())])
+    assert found["stops"] == {"operator's stop": 2}, "by the cycle and the one that was in none"
+    assert list(remedies(found)) == ["operator's stop"]
 
 
 def test_a_brief_reading_says_the_same_of_a_run_as_a_whole_one(made: MadeRun) -> None:

@@ -21,7 +21,7 @@ from daemon.ctl import OFFLINE
 from daemon.review.page import read_digest
 from daemon.review.pagedata import page_data
 from daemon.review.remedies import KNOWN
-from daemon.review.why import _all_moves, causes
+from daemon.review.why import _all_moves, causes, in_plain_words
 from daemon.store.places import HOUSE
 from daemon.vision.health import MEASURES, SAID
 from drivers.camera.controls import KNOWN as CONTROLS
@@ -456,3 +456,15 @@ def test_where_no_cause_is_known_the_end_of_the_pick_is_shown(made: MadeRun) -> 
     (cycle,) = run.cycles
     unknown = [cause for cause in causes(cycle, ()) if cause.name == "cause not known"]
     assert [cause.at for cause in unknown] == [cycle.end["seq"]]  # type: ignore[index]
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("SuspectError: looks 1 and 2 disagree", "looks 1 and 2 disagree"),
+        ("looks 1 and 2 disagree: why?", "looks 1 and 2 disagree: why?"),
+        ("an OSError: gone", "an OSError: gone"),
+    ],
+)
+def test_a_class_of_the_program_is_nothing_to_tell_people(text: str, said: str) -> None:
+    assert in_plain_words(text) == said

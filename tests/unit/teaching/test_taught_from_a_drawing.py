@@ -98,7 +98,9 @@ class Reader:
         ("cube --mesh cube.stl mile", "mile: no such unit; known: cm, inch, m, mm"),
         ("cube --mesh cube.stl mm mm", "mm: one word too many"),
         ("cube --mesh bad.obj", "bad.obj: not closed"),
-        ("brick --mesh cube.stl", "brick: no such part"),
+        ("brick --mesh bad.obj", "bad.obj: not closed"),
+        ("brick --mesh cube.txt", "cube.txt: expected a name that ends in .stl or .obj"),
+        ("brick --mesh cube.stl", "A new one: at a console"),
     ],
 )
 def test_a_drawing_that_cannot_be_taught_is_an_answer_and_nothing_is_kept(
@@ -108,7 +110,7 @@ def test_a_drawing_that_cannot_be_taught_is_an_answer_and_nothing_is_kept(
 
     context = fake_context.fake_context(trainer.model_store.folder)
     context.trainer = trainer
-    door = Reader(cube_stl=drawn.binary_stl(*CUBE), bad_obj=GAP)
+    door = Reader(cube_stl=drawn.binary_stl(*CUBE), bad_obj=GAP, cube_txt=b"")
     with pytest.raises(CommandError) as told:
         asyncio.run(teach.run(context, text.split(), door))  # type: ignore[arg-type]
     assert want in str(told.value)
