@@ -1039,3 +1039,17 @@ def test_other_limits_and_another_cell_hold_from_the_next_move_on():
 
     asyncio.run(supervisor.run("travel", one_move()))
     assert [move["speed_pct"] for move in world.said("move")] == [10.0]
+
+
+def test_where_the_arm_was_asked_while_a_fault_stood_it_need_not_be_any_more_after_resume():
+    """Between the two its pendant may have moved it."""
+    _, supervisor, _ = supervised()
+
+    async def story() -> None:
+        await supervisor.stop()
+        await supervisor.mover.rest()
+        assert supervisor.mover.here is not None
+        supervisor.resume()
+
+    asyncio.run(story())
+    assert supervisor.mover.here is None
