@@ -197,3 +197,12 @@ def test_where_the_arm_may_not_be_at_the_target_itself_no_way_over_is_looked_for
     assert isinstance(refusal, Refusal)
     assert len(asked) == 1
     assert not refusal.text.endswith("nor is a way over it clear")
+
+
+def test_a_straight_way_is_parted_on_its_line():
+    start, target = hand(560, -200, 100), hand(560, 200, 100)
+    legs = planned(start, target, straight=True, limits=Limits(max_step_mm=150.0))
+    assert len(legs) >= 3
+    for leg in legs:
+        assert leg.straight
+        assert leg.world_from_tool[[0, 2], 3] == pytest.approx([560.0, 100.0])
