@@ -70,8 +70,8 @@ ARM_LENGTHS_MM = 431.8, 150.05, 431.8
 def body_like(a2_mm: float, d3_mm: float, d4_mm: float) -> tuple[Capsule, ...]:
     """ARM of an arm of other lengths, a PUMA's shape: along each link by that link's length, aside by the shoulder's
     offset, to its side; as thick as the longest of them asks. The hand stays as it is."""
-    a2, d3, d4 = (abs(mm) / of for mm, of in zip((a2_mm, d3_mm, d4_mm), ARM_LENGTHS_MM, strict=True))
-    thick, side = max(a2, d3, d4), d3 if d3_mm >= 0 else -d3
+    a2, side, d4 = (np.array([abs(a2_mm), d3_mm, abs(d4_mm)]) / ARM_LENGTHS_MM).tolist()
+    thick = max(a2, abs(side), d4)
     along = {"upper_arm": (a2, thick, side), "forearm": (thick, thick, d4), "wrist": (thick, thick, thick)}
 
     def scaled(capsule: Capsule) -> Capsule:
@@ -128,16 +128,14 @@ def capsule_around(points_mm: Array, name: str) -> Capsule:
     """A capsule in the tool's frame that holds all of (N, 3) points, and so their hull: of those along the points'
     principal axes the smallest. Of a part in the hand."""
     middle = points_mm.mean(axis=0)
-    axes = np.linalg.svd(points_mm - middle, full_matrices=True)[2]
+    axes = np.linalg.svd(points_mm - middle)[2]
     found = []
     for axis in axes:
         along = (points_mm - middle) @ axis
         beside = np.linalg.norm(points_mm - middle - along[:, None] * axis, axis=1)
         radius = float(beside.max())
-        spare = np.sqrt(np.maximum(radius**2 - beside**2, 0.0))
+        spare = np.sqrt(np.maximum(radius**2 - beside**2, 0.0))  # none at the farthest: low is not beyond high
         low, high = float((along + spare).min()), float((along - spare).max())
-        if low > high:
-            low = high = (low + high) / 2
         volume = radius**2 * (high - low + 4 / 3 * radius)
         found.append((volume, middle + low * axis, middle + high * axis, radius))
     _, start, end, radius = min(found, key=lambda each: each[0])

@@ -38,7 +38,7 @@ MOST_AT_FIRST, MOST_PARTS, MOST_PLACES = 120, 12, 500
 a way so tight, or so near to where joints turn fast for little, is better gone otherwise."""
 MOST_FALL = 0.75
 """A stretch of a line where the least lever arm, squared, may fall by a greater share is looked at more closely."""
-TCP, FLANGE, WRIST_JOINTS, SIDES = -1, 6, 3, 6
+TCP, FLANGE, TOOL, WRIST_JOINTS, SIDES = -1, 6, 7, 3, 6
 
 
 class Way(Protocol):
@@ -203,46 +203,80 @@ def _straight_way(
 ) -> StraightWay | Strike:
     """The hand goes its own line and turns evenly. How fast joints 1 to 3 turn for that, between two places:
 
-    s, the least singular value of the wrist centre's Jacobian J, falls by at most bend_mm for each radian turned (joint
-    1 turns all of J, and changes none), and they turn by no more than w / s on a way w: s^2 falls by no more than
-    2 bend w. It is least where the falls from both places meet. That bounds q' = v / J by v / s, and how much it can be
-    more than at the nearer place: |q''| <= (|v'| + |J'| |q'|) / s.
+    s, the least singular value of the wrist centre's Jacobian J, bounds q' = v / J by v / s; it bounds as well how much
+    more q' can be than at the nearer place: |q''| <= (|v'| + |J'| |q'|) / s.
     """
     motion = frames.difference(command.world_from_tool, start.world_from_tool)
-    ends = body.placed(links[None])[0] - links[7, :3, 3]
-    tips = np.linalg.norm(ends, axis=-1).max(axis=1) + body.radius_mm
+    tips = np.linalg.norm(body.placed(links[None])[0] - links[TOOL, :3, 3], axis=-1).max(axis=1) + body.radius_mm
     far, turn = float(np.linalg.norm(motion[:3])), float(np.linalg.norm(motion[3:]))
     arm = body.frame <= WRIST_JOINTS
-    speed_mm, arm_mm = np.where(arm, 0.0, far + turn * tips), np.where(arm, reaches[:3], 0.0)
-    hand_mm = float(np.linalg.norm(links[FLANGE, :3, 3] - links[7, :3, 3]))
-    # d J[i] / d q[j] is as long as the lever arm of the later of the two joints.
-    first, second, third = _origins_off_mm(links)[:3, FLANGE] ** 2
-    bend_mm, whole_bend_mm = float(np.sqrt(2 * second + 4 * third)), float(np.sqrt(first + 3 * second + 5 * third))
+    speed_mm, arm_mm = np.where(arm, 0.0, far + turn * tips), np.where(arm, reaches[:WRIST_JOINTS], 0.0)
+    hand_mm = float(np.linalg.norm(_wrist_off(links)))
+    bend_mm, whole_bend_mm = _bends_mm(_origins_off_mm(links)[:WRIST_JOINTS, FLANGE])
     shares = np.linspace(0.0, 1.0, _stretches(float(speed_mm.max()), FOLLOWED_MM) + 1)
     for closer in (False, True):
         places = _following(robot, start, motion, shares)
         if (lost := _lost(shares, places)) is not None:
             return lost
         stretch, jacobians = np.diff(shares), _jacobians_mm(places)
-        squared = np.linalg.eigvalsh(jacobians @ jacobians.swapaxes(1, 2))[:, 0]
-        way_mm, middle = (far + turn * hand_mm) * stretch, (squared[:-1] + squared[1:]) / 2
-        falls = bend_mm * way_mm / np.maximum(middle, 1e-9)
-        if closer or falls.max() < MOST_FALL:
+        way_mm = (far + turn * hand_mm) * stretch
+        least, falls = _least_squared(jacobians, bend_mm * way_mm)
+        parts = _closer(falls)
+        if closer or (parts == 1).all():
             break
-        parts = np.where(falls < MOST_FALL, 1.0, np.ceil(np.minimum(2.0 * falls, MOST_PARTS)))
-        shares, _ = _parted(shares, parts.astype(int))
-    least = middle - bend_mm * way_mm
+        shares, _ = _parted(shares, parts)
     if arm.any() and least.min() <= 0.0:
         return _no_way(shares[least.argmin()], "the arm is stretched out too far to know its elbow's way")
-    lever_mm = np.sqrt(np.maximum(least, 1e-9))
-    fastest = way_mm / lever_mm
-    faster = ((turn * stretch) ** 2 * hand_mm + whole_bend_mm * fastest**2) / lever_mm / 2
-    speeds = motion[:3] + np.cross(motion[3:], places[:, FLANGE, :3, 3] - places[:, 7, :3, 3])
-    rates = np.abs(np.linalg.solve(jacobians.swapaxes(1, 2), speeds[..., None])[..., 0])
-    turned = np.maximum(rates[:-1], rates[1:]) * stretch[:, None] + faster[:, None]
-    turned = np.minimum(turned, fastest[:, None])
+    levers_mm = np.sqrt(np.maximum(least, 1e-9))
+    fastest = way_mm / levers_mm
+    change = (hand_mm * np.square(turn * stretch) + whole_bend_mm * np.square(fastest)) / levers_mm
+    rates = _rates(jacobians, motion[:3] + np.cross(motion[3:], _wrist_off(places)))
+    turned = _most_turned(rates, stretch, fastest, change)
     gone = np.concatenate([np.zeros((1, len(arm))), np.cumsum(turned @ arm_mm + stretch[:, None] * speed_mm, axis=0)])
     return StraightWay(robot, start, motion, shares, places, gone)
+
+
+def _wrist_off(links: Array) -> Array:
+    """(..., 3) mm: from the tool centre point to the wrist centre."""
+    return np.asarray(links[..., FLANGE, :3, 3] - links[..., TOOL, :3, 3])
+
+
+def _bends_mm(levers_mm: Array) -> tuple[float, float]:
+    """How much the wrist centre's Jacobian changes for each radian turned, at most: but for the turn of joint 1, which
+    turns all of it and no singular value, and with it. levers_mm (3,): no farther is the wrist centre from the axes of
+    joints 1 to 3; d J[i] / d q[j] is as long as the lever arm of the later of the two joints."""
+    first, second, third = np.square(levers_mm)
+    return float(np.sqrt(2 * second + 4 * third)), float(np.sqrt(first + 3 * second + 5 * third))
+
+
+def _least_squared(jacobians: Array, bent: Array) -> tuple[Array, Array]:
+    """(N - 1,) mm^2: between two places the least singular value, squared, is nowhere less; and which share of it could
+    be lost there. jacobians (N, 3, 3); bent (N - 1,) mm^2: the way of the wrist centre in between, times its bend.
+
+    It falls by at most bend for each radian turned, and they turn by no more than w / s on a way w: its square falls by
+    no more than 2 bend w. It is least where the falls from both places meet.
+    """
+    squared = np.linalg.eigvalsh(jacobians @ jacobians.swapaxes(1, 2))[:, 0]
+    middle = (squared[:-1] + squared[1:]) / 2
+    return middle - bent, bent / np.maximum(middle, 1e-9)
+
+
+def _closer(falls: Array) -> NDArray[np.intp]:
+    """(N,): in how many parts each stretch is looked at more closely."""
+    return np.where(falls < MOST_FALL, 1, np.ceil(np.minimum(2.0 * falls, MOST_PARTS))).astype(int)
+
+
+def _rates(jacobians: Array, speeds_mm: Array) -> Array:
+    """(N, 3) rad: how fast joints 1 to 3 turn where the wrist centre goes at (N, 3) mm."""
+    return np.abs(np.linalg.solve(jacobians.swapaxes(1, 2), speeds_mm[..., None])[..., 0])
+
+
+def _most_turned(rates: Array, stretch: Array, fastest: Array, change: Array) -> Array:
+    """(N - 1, 3) rad: joints turn no farther between two places, a stretch of the way apart. rates (N, 3): how fast at
+    them, for all of it. Each (N - 1,) rad: fastest, what none ever exceeds in that stretch; change, by how much more
+    they get in all of it: the nearer place is half of it away."""
+    at_ends = np.maximum(rates[:-1], rates[1:]) * stretch[:, None]
+    return np.minimum(at_ends + change[:, None] / 2, fastest[:, None])
 
 
 @dataclass(frozen=True, eq=False)
@@ -294,7 +328,7 @@ def strikes(way: Way, body: Body, limits: Limits) -> tuple[Strike, ...]:
         unproven = need > 1.0
         if not unproven.any():
             return ()
-        parts = np.where(unproven, np.ceil(np.clip(need, 2.0, MOST_PARTS)), 1).astype(int)
+        parts = np.where(unproven, np.ceil(np.minimum(need, MOST_PARTS)), 1).astype(int)
         if ((travel.max(axis=1) < FINEST_MM) & unproven).any() or parts.sum() > MOST_PLACES:
             return (_no_way(shares[need.argmax()], "it passes too closely"),)
         shares, new = _parted(shares, parts)

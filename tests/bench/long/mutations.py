@@ -21,6 +21,7 @@ import ast
 import copy
 import gc
 import importlib
+import inspect
 import json
 import multiprocessing
 import os
@@ -31,7 +32,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import _lru_cache_wrapper, partial
 from importlib.abc import Loader, MetaPathFinder
 from importlib.machinery import ModuleSpec
 from importlib.util import spec_from_file_location
@@ -374,10 +375,11 @@ class Trials:
             code = frame.f_code
             runs.add((code.co_filename, code.co_qualname))
 
-        self.watch.told = told
+        self.watch.told, caches = told, _caches()
         for nodeid, item in [(nodeid, item) for nodeid, item in self.items.items() if nodeid not in but]:
             took_s, failed, traced = 0.0, False, not nodeid.startswith(STORIES)
             runs.clear()
+            _forget(caches)
             if traced:
                 sys.settrace(called)
                 threading.settrace(called)
@@ -472,6 +474,18 @@ def put_in(mutation: Mutation) -> None:
             function.__defaults__ = tuple(_value(d, module) for d in given.defaults) or None
             by_name = {a.arg: d for a, d in zip(given.kwonlyargs, given.kw_defaults, strict=True) if d is not None}
             function.__kwdefaults__ = {key: _value(d, module) for key, d in by_name.items()} or None
+    _forget(_caches())
+
+
+def _caches() -> list[Any]:
+    """Functions of ours that keep what they gave: a test that is given that again does not run them."""
+    kept = [found for found in gc.get_objects() if isinstance(found, _lru_cache_wrapper)]
+    return [found for found in kept if inspect.unwrap(found).__code__.co_filename.startswith(CODE)]
+
+
+def _forget(caches: Iterable[Any]) -> None:
+    for cache in caches:
+        cache.cache_clear()
 
 
 def _module(file: str) -> str:

@@ -1,7 +1,9 @@
 """What of the arm may strike: capsules where the links are, and their distances, against balls in a row."""
 
 import importlib.util
+import itertools
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -22,7 +24,11 @@ from daemon.arm.body import (
 )
 from daemon.arm.guard import BODY_MM
 from drivers import puma560
+from drivers.simcell import judge
+from drivers.simcell.truth import load_truth
+from tests.worlds.swept import ARM as PUMA
 
+TRUTH = load_truth(Path(__file__).parents[3] / "etc/simcell.yaml")
 BOX = KeepOut("box", (-50.0, -80.0, 0.0), (50.0, 120.0, 300.0))
 NEAR_MM = 60.0
 places = st.tuples(*[st.floats(-400, 400)] * 3)
@@ -44,11 +50,13 @@ def by_balls(a, b, radius):
 @settings(max_examples=300, deadline=None)
 @given(a=places, b=places, radius=st.floats(0, 90))
 @example(a=(0.0, 0.0, 0.0), b=(0.0, 1.0, 1.2e-308), radius=0.0)
+@example(a=(200.0, -50.0, 100.0), b=(200.0, 50.0, 100.0), radius=0.0)
 def test_a_capsule_is_never_told_farther_from_a_box_than_it_is_and_near_it_exactly(a, b, radius):
     told = float(away_mm(*ends((a, b, radius)), [BOX], NEAR_MM)[0, 0, 0])
     true = by_balls(a, b, radius)
     assert told <= true + 1e-9
     length = float(np.linalg.norm(np.subtract(a, b)))
+    assert told >= true - length / 4 - length / 1500 - 1e-9, "or far things are looked at for nothing"
     if told < NEAR_MM:
         assert told >= true - length / 1500 - 1e-9
 
@@ -82,6 +90,7 @@ def test_the_body_is_every_capsule_every_point_and_the_tool_centre_point():
     assert body.names == (*(c.name for c in ARM), *["tool"] * (len(BODY_MM) + 1))
     assert body.ends_mm[-1].tolist() == [[0.0, 0.0, 0.0]] * 2
     assert [tuple(p) for p in body.ends_mm[len(ARM) : -1, 0].tolist()] == list(BODY_MM)
+    assert body.radius_mm.tolist() == [*(c.radius_mm for c in ARM), *[0.0] * (len(BODY_MM) + 1)]
 
 
 def test_the_points_of_the_hand_are_as_far_to_one_side_as_to_the_other_and_the_fingers_tips_among_them():
@@ -114,10 +123,11 @@ def test_the_hand_s_capsules_are_as_far_to_one_side_as_to_the_other():
         ((2.0, -10.0, 5.0), (2.0, 20.0, 5.0), -2.0),  # through it, two millimetres under a side
     ],
 )
-def test_the_nearest_of_an_axis_is_found_wherever_on_it_that_is(start, end, away):
-    box = KeepOut("box", (0.0, 0.0, 0.0), (10.0, 10.0, 10.0))
-    told = away_mm(np.array([[[start, end]]]), np.zeros(1), [box], 100.0)
-    assert told[0, 0, 0] == pytest.approx(away)
+@pytest.mark.parametrize("times", [1.0, 0.01])
+def test_the_nearest_of_an_axis_is_found_wherever_on_it_that_is_and_as_well_where_all_is_small(start, end, away, times):
+    box = KeepOut("box", (0.0, 0.0, 0.0), (10.0 * times, 10.0 * times, 10.0 * times))
+    told = away_mm(times * np.array([[[start, end]]]), np.zeros(1), [box], 100.0)
+    assert told[0, 0, 0] == pytest.approx(times * away)
 
 
 def test_each_capsule_goes_with_its_link():
@@ -172,6 +182,70 @@ def test_nothing_of_the_arm_s_own_shape_is_outside_its_capsules(mesh, link):
     assert outside.max() < 0.5
 
 
+def outside_mm(points, links):
+    """(N,): how far (N, 3) points of the world are outside of the arm's capsules where its links are (8, 4, 4)."""
+    axes = body_of(ARM, ()).placed(links[None])[0, :-1]
+    start, way = axes[:, 0], axes[:, 1] - axes[:, 0]
+    share = np.einsum("nci,ci->nc", points[:, None] - start, way) / np.einsum("ci,ci->c", way, way)
+    nearest = start + np.clip(share, 0.0, 1.0)[..., None] * way
+    return (np.linalg.norm(points[:, None] - nearest, axis=-1) - [capsule.radius_mm for capsule in ARM]).min(axis=1)
+
+
+def test_what_the_judge_of_the_simulated_cell_watches_of_the_arm_is_within_its_capsules():
+    """Palm, fingers, wrist, forearm, upper arm, told apart from ours; the tips of the fingers stand as points here."""
+    rods = [rod for rod in TRUTH.safety.body if (rod.name, rod.radius_mm) != ("a finger", 2.0)]
+    watched = judge.Body(rods, PUMA, np.zeros(6))
+    bar = np.array(watched.names) == "the camera bar"
+    for joints in np.random.default_rng(0).uniform(*PUMA.limits_rad.T, (10, 6)):
+        motion = SimpleNamespace(joints_at=lambda _, joints=joints: joints)
+        balls, _ = watched.at(motion, np.zeros(1))
+        out_mm = outside_mm(balls[0], puma560.link_frames(joints[None], PUMA)[0]) + watched.radii_mm
+        assert out_mm[~bar].max() < 0.1
+        assert out_mm[bar].max() < 6.0, "the judge's is thicker than it is (facetd's: the corners of body_mm)"
+
+
+def test_all_within_45_mm_of_the_wrist_s_axis_from_the_wrist_centre_to_the_flange_is_within_its_capsules():
+    """The flange: 56.25 mm out, as the arm's maker has it."""
+    around = np.linspace(0.0, 2.0 * np.pi, 24)
+    ring = np.column_stack([45.0 * np.cos(around), 45.0 * np.sin(around), np.zeros(24)])
+    wrist = next(capsule for capsule in ARM if capsule.name == "wrist")
+    for along_mm in np.linspace(0.0, 56.25, 12):
+        assert depth_mm(ring + np.array([0.0, 0.0, along_mm]), wrist).max() < 0.01
+
+
+def test_the_camera_arm_leads_from_the_palm_to_the_middle_of_the_camera_bar_and_is_as_high_as_that():
+    palm, arm, bar = (next(c for c in ARM if c.name == name) for name in ("palm", "camera arm", "camera bar"))
+    assert depth_mm(np.array([arm.from_mm]), palm) < 0.0
+    assert arm.from_mm[:2] == (0.0, 0.0), "on the hand's own axis"
+    assert arm.to_mm == tuple(np.mean([bar.from_mm, bar.to_mm], axis=0))
+    assert np.count_nonzero(np.subtract(arm.to_mm, arm.from_mm)) == 1
+    heights = [z for x, _, z in BODY_MM if x < -50.0]
+    assert (arm.to_mm[2] - arm.radius_mm, arm.to_mm[2] + arm.radius_mm) == (min(heights), max(heights))
+
+
+def volume(length, radius):
+    return np.pi * radius**2 * (length + 4.0 / 3.0 * radius)
+
+
+def test_of_the_capsules_along_a_part_s_axes_it_gets_the_smallest():
+    signs = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
+    for half in itertools.product((10.0, 12.0, 14.0, 17.0, 20.0, 30.0), repeat=3):
+        if len(set(half)) < 3:
+            continue  # of sides as long as each other any two axes across do
+        found = capsule_around(signs * half, "box")
+        length = float(np.linalg.norm(np.subtract(found.to_mm, found.from_mm)))
+        each = [volume(2 * a, np.hypot(b, c)) for a, b, c in (half, half[1:] + half[:1], half[2:] + half[:2])]
+        assert volume(length, found.radius_mm) == pytest.approx(min(each))
+
+
+def test_the_capsule_around_a_part_that_narrows_to_its_ends_rounds_them():
+    """Tips 100 mm out: the ball of 20 mm that the middle asks for anyway reaches them from 80 mm."""
+    ring = [(x, 20.0 * np.cos(a), 20.0 * np.sin(a)) for x in (-60.0, 60.0) for a in np.arange(4) * np.pi / 2]
+    found = capsule_around(np.array([(-100.0, 0.0, 0.0), (100.0, 0.0, 0.0), *ring]), "pencil")
+    assert sorted([found.from_mm[0], found.to_mm[0]]) == pytest.approx([-80.0, 80.0])
+    assert found.radius_mm == pytest.approx(20.0)
+
+
 @given(points=st.lists(places, min_size=4, max_size=9))
 def test_the_capsule_around_a_part_holds_every_corner_and_no_less_than_it_must(points):
     corners = np.array(points, float)
@@ -201,6 +275,12 @@ def test_an_arm_of_the_same_lengths_has_the_same_body_and_a_mirrored_one_the_mir
         aside = -1.0 if own.link == "upper_arm" else 1.0
         assert mirrored.from_mm == pytest.approx((*own.from_mm[:2], aside * own.from_mm[2]))
         assert mirrored.radius_mm == own.radius_mm
+
+
+def test_a_shoulder_offset_however_small_is_to_its_own_side():
+    for d3_mm in (0.3, -0.3, 0.0):
+        upper = next(capsule for capsule in body_like(431.8, d3_mm, 431.8) if capsule.name == "upper arm")
+        assert upper.to_mm[2] == pytest.approx(218.5 * d3_mm / 150.05)
 
 
 @given(st.floats(0.3, 2.0), st.floats(0.3, 2.0), st.floats(0.3, 2.0))

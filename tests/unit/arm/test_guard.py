@@ -12,7 +12,7 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, ru
 from daemon import frames
 from daemon.arm import guard
 from daemon.arm import mover as motion
-from daemon.arm.body import LINK_FRAME, KeepOut
+from daemon.arm.body import LINK_FRAME, KeepOut, above_mm, body_of
 from daemon.arm.guard import ArmState, Command, Limits, Strike, refuse
 from daemon.arm.mover import Arrival, Mover, MoveRefusedError
 from daemon.pick.grasp import tool_rotation
@@ -320,3 +320,37 @@ def test_a_step_or_a_turn_of_just_what_is_allowed_goes_and_a_hair_more_does_not(
         refusal = refuse(command(target), STANDING, replace(limits, **{less: np.nextafter(getattr(limits, less), 0.0)}))
         assert refusal is not None
         assert refusal.rule == broken
+
+
+def rule_of(told, limits=LIMITS):
+    refusal = refuse(told, STANDING, limits)
+    return None if refusal is None else refusal.rule
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_on_the_sides_of_the_workspace_the_tool_may_be_and_a_hair_beyond_not(axis):
+    point = AT[:3, 3]
+    for side, beyond in (("box_low_mm", np.inf), ("box_high_mm", -np.inf)):
+        sides = point.copy()
+        limits = replace(LIMITS, **{side: tuple(sides)})
+        assert rule_of(command(AT), limits) is None
+        sides[axis] = np.nextafter(sides[axis], beyond)
+        assert rule_of(command(AT), replace(limits, **{side: tuple(sides)})) == "outside_workspace"
+
+
+def test_just_the_clearance_above_the_table_is_enough_and_a_hair_less_is_not():
+    body = body_of(tuple(c for c in LIMITS.capsules if c.link == "tool"), LIMITS.body_mm)
+    lowest = float(above_mm(frames.apply(AT, body.ends_mm), body.radius_mm, LIMITS.table_z_mm).min())
+    assert rule_of(command(AT), replace(LIMITS, clearance_mm=lowest)) is None
+    assert rule_of(command(AT), replace(LIMITS, clearance_mm=np.nextafter(lowest, np.inf))) == "below_table"
+
+
+def test_the_greatest_speed_is_allowed_and_so_is_an_orientation_a_millionth_off():
+    assert rule_of(command(speed=LIMITS.max_speed_pct)) is None
+    for off, broken in ((1e-6, None), (np.nextafter(1e-6, 1.0), "not_a_location")):
+        sheared = np.eye(4)
+        sheared[0, 1] = off
+        here = sheared.copy()
+        here[:3, 3] = AT[:3, 3]
+        refusal = refuse(command(here), replace(STANDING, at=here), LIMITS)
+        assert (None if refusal is None else refusal.rule) == broken

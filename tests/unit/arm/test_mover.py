@@ -301,3 +301,19 @@ def test_a_move_before_the_first_pick_is_of_no_pick():
     world = World(np.random.default_rng(0))
     asyncio.run(mover_in(world).travel(NEAR, "by hand", lambda _: 20.0))
     assert {record["cycle"] for record in world.said("move") + world.said("moved")} == {0}
+
+
+def test_a_speed_is_told_to_a_tenth_of_a_percent():
+    world = World(np.random.default_rng(0))
+    asyncio.run(mover_in(world).travel(NEAR, "by hand", lambda _: 33.333))
+    assert [record["speed_pct"] for record in world.said("move")] == [33.3]
+
+
+def test_a_way_usually_takes_half_of_what_it_is_waited_for_and_more_at_less_speed():
+    """By its length, its turn, and how far its joints go, as one after the other."""
+    start, arrival = Reading(np.eye(4), np.zeros(6)), Arrival()
+    there = frames.perturb(np.eye(4), np.array([500.0, 0, 0, 0, 0, np.radians(25.0)]))
+    assert arrival.usual_s(start, there, None, 100.0) == pytest.approx((2.0 + 0.5) / 2)
+    assert arrival.usual_s(start, there, None, 20.0) == pytest.approx(5 * (2.0 + 0.5) / 2)
+    joints = np.radians([0.0, -100.0, 0.0, 0.0, 0.0, 50.0])
+    assert arrival.usual_s(start, there, joints, 100.0) == pytest.approx((2.0 + 2.0) / 2)

@@ -171,3 +171,38 @@ def test_a_step_that_was_swept_and_is_out_of_reach_for_the_next_is_refused(monke
     refusal = planned(hand(560, -200, 100), hand(560, -190, 100), straight=True)
     assert isinstance(refusal, Refusal)
     assert refusal.rule == "out_of_reach"
+
+
+@pytest.mark.parametrize(("top_mm", "lifted_mm"), [(-100.0, 60.0), (-40.0, 120.0), (80.0, 240.0), (240.0, 400.0)])
+def test_what_is_in_the_way_is_gone_over_a_little_first_and_higher_where_it_must(top_mm, lifted_mm):
+    high = replace(LIMITS, keep_out=(replace(POST, high_mm=(580.0, 30.0, top_mm)),))
+    up, over, down = planned(LEFT, RIGHT, limits=high)
+    assert up.world_from_tool[2, 3] == over.world_from_tool[2, 3] == pytest.approx(-180 + lifted_mm)
+    assert np.array_equal(down.world_from_tool, RIGHT)
+
+
+def test_the_way_over_is_measured_from_the_higher_of_start_and_target():
+    lower = hand(560, 200, -230)
+    for ends in ((LEFT, lower), (lower, LEFT)):
+        up, over, _ = planned(*ends)
+        assert up.world_from_tool[2, 3] == over.world_from_tool[2, 3] == pytest.approx(-180 + 60)
+
+
+def test_where_the_arm_may_not_be_at_the_target_itself_no_way_over_is_looked_for(monkeypatch):
+    asked = []
+    monkeypatch.setattr(
+        route, "_clear", lambda legs, *rest, clear=route._clear: asked.append(legs) or clear(legs, *rest)
+    )
+    refusal = planned(LEFT, hand(560, 200, -305))
+    assert isinstance(refusal, Refusal)
+    assert len(asked) == 1
+    assert not refusal.text.endswith("nor is a way over it clear")
+
+
+def test_a_straight_way_is_parted_on_its_line():
+    start, target = hand(560, -200, 100), hand(560, 200, 100)
+    legs = planned(start, target, straight=True, limits=Limits(max_step_mm=150.0))
+    assert len(legs) >= 3
+    for leg in legs:
+        assert leg.straight
+        assert leg.world_from_tool[[0, 2], 3] == pytest.approx([560.0, 100.0])

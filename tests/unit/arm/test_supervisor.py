@@ -1039,3 +1039,58 @@ def test_other_limits_and_another_cell_hold_from_the_next_move_on():
 
     asyncio.run(supervisor.run("travel", one_move()))
     assert [move["speed_pct"] for move in world.said("move")] == [10.0]
+
+
+def test_where_the_arm_was_asked_while_a_fault_stood_it_need_not_be_any_more_after_resume():
+    """Between the two its pendant may have moved it."""
+    _, supervisor, _ = supervised()
+
+    async def story() -> None:
+        await supervisor.stop()
+        await supervisor.mover.rest()
+        assert supervisor.mover.here is not None
+        supervisor.resume()
+
+    asyncio.run(story())
+    assert supervisor.mover.here is None
+
+
+def test_who_goes_away_while_his_job_runs_is_gone_and_the_job_goes_on():
+    _, supervisor, _ = supervised()
+
+    async def story() -> None:
+        ended = asyncio.Event()
+
+        async def work() -> None:
+            await asyncio.sleep(0.02)
+            ended.set()
+
+        asking = asyncio.create_task(supervisor.run("look", work(), moves=False))
+        await asyncio.sleep(0.01)
+        asking.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await asking
+        assert supervisor.busy
+        await ended.wait()
+
+    asyncio.run(story())
+
+
+@pytest.mark.parametrize(
+    ("act", "why"),
+    [
+        (lambda s: s.abort(), "aborted by the operator"),
+        (lambda s: s.stop("by hand"), "stopped by hand"),
+        (lambda s: s.fail("cameras", "no pair"), "cameras: no pair"),
+    ],
+)
+def test_a_stop_that_was_not_confirmed_is_told_with_what_it_was_for(act, why):
+    world, supervisor, _ = supervised()
+    failing_aborts(world, StopRefusedError("no such word"), 1)
+
+    async def story() -> None:
+        await act(supervisor)
+        await supervisor.rested()
+
+    asyncio.run(story())
+    assert supervisor.fault == f"{why}; NOT CONFIRMED: no such word: press the emergency stop"

@@ -143,6 +143,131 @@ def test_a_line_that_is_easy_is_followed_once_and_one_near_the_stretched_arm_mor
         assert len(asked_for) == count
 
 
+LINES = (
+    (hand(500, -100, 100), hand(500, 100, 100)),
+    (hand(420, -100, -50, 10.0, 0.0), hand(560, 60, -120, 40.0, 70.0)),
+    (hand(500, 200, -100, 30.0, 40.0), hand(505, 200, -100, -20.0, -30.0)),  # turns in its place
+    (hand(835, -150, -130), hand(665, -150, -130)),  # from the stretched arm
+)
+
+
+def along(ends, shares):
+    """What a line is bounded by at these shares: motion (6,), places (N, 8, 4, 4), Jacobians, the wrist's way each."""
+    start = reading(ends[0])
+    motion = frames.difference(ends[1], ends[0])
+    places = sweep._following(ROBOT, start, motion, shares)
+    wrists_mm = (np.linalg.norm(motion[:3]) + np.linalg.norm(motion[3:]) * 130.0) * np.diff(shares)
+    return motion, places, sweep._jacobians_mm(places), wrists_mm
+
+
+def joints_along(ends, shares):
+    start, motion = ends[0], frames.difference(ends[1], ends[0])
+    return ROBOT.along(np.array([frames.perturb(start, share * motion) for share in shares]), reading(start).joints_rad)
+
+
+@pytest.mark.parametrize("ends", LINES)
+def test_the_least_lever_arm_is_nowhere_less_between_two_places_however_far_apart_than_is_bounded(ends):
+    for count in (3, 9, 41):
+        shares, fine = np.linspace(0.0, 1.0, count), np.linspace(0.0, 1.0, 40 * (count - 1) + 1)
+        _, places, jacobians, wrist_mm = along(ends, shares)
+        bend_mm, _ = sweep._bends_mm(sweep._origins_off_mm(places[0])[:3, 6])
+        least, falls = sweep._least_squared(jacobians, bend_mm * wrist_mm)
+        singular = np.linalg.svd(along(ends, fine)[2], compute_uv=False)[:, -1] ** 2
+        within = np.lib.stride_tricks.sliding_window_view(singular, 41)[::40]
+        assert (least <= within.min(axis=1) + 1e-6).all()
+        np.testing.assert_allclose(least, (1.0 - falls) * (within[:, 0] + within[:, -1]) / 2, rtol=1e-9)
+
+
+@pytest.mark.parametrize("up", [True, False])
+def test_what_the_jacobian_changes_for_a_radian_is_bounded_and_on_an_arm_straight_up_just_that(up):
+    """There the levers of joints 2 and 3 lie level, and each joint turns all of them."""
+    step, straight = 1e-4, np.radians([20.0, 90.0, -90.0 + np.degrees(np.arctan2(20.3, 431.8)), 10.0, 30.0, 5.0])
+    for joints in [straight] if up else np.random.default_rng(3).uniform(-2, 2, (20, 6)):
+        ends = [sweep._jacobians_mm(ROBOT.frames(joints + half * step * np.eye(6)[:3])) for half in (-0.5, 0.5)]
+        changes = np.linalg.norm((ends[1] - ends[0]) / step, axis=(1, 2))
+        links = ROBOT.frames(joints[None])[0]
+        levers = np.linalg.norm(sweep._jacobians_mm(links[None])[0], axis=1)
+        assert (levers <= sweep._origins_off_mm(links)[:3, 6] + 1e-6).all()
+        true, told = (np.hypot(changes[1], changes[2]), np.linalg.norm(changes)), sweep._bends_mm(levers)
+        assert (true <= np.array(told) * (1.0 + 1e-6)).all()
+        if up:
+            np.testing.assert_allclose(true, told, rtol=1e-3)
+    assert sweep._bends_mm(np.array([3.0, 0.0, 0.0])) == (0.0, 3.0), "joint 1 bends only what joint 1 moves"
+
+
+@pytest.mark.parametrize("ends", LINES)
+def test_how_fast_the_arm_s_own_joints_turn_on_a_line_is_as_they_do(ends):
+    middle, step = 0.4, 1e-4
+    motion, places, jacobians, _ = along(ends, np.array([0.0, middle]))
+    off = sweep._wrist_off(places)
+    np.testing.assert_allclose(off, -130.0 * places[:, 7, :3, 2], atol=1e-9)
+    told = sweep._rates(jacobians, motion[:3] + np.cross(motion[3:], off))[1]
+    before, after = joints_along(ends, np.array([middle - step, middle + step]))
+    np.testing.assert_allclose(told, np.abs(after - before)[:3] / (2 * step), rtol=1e-4, atol=1e-6)
+
+
+def test_between_two_places_a_joint_gets_faster_for_half_a_stretch_at_most_and_never_faster_than_the_fastest():
+    rates = np.array([[0.1, 0.4, 0.0], [0.3, 0.2, 0.0], [0.3, 0.2, 0.0]])
+    told = sweep._most_turned(rates, np.array([0.5, 0.25]), np.array([9.0, 0.07]), np.array([0.02, 0.02]))
+    np.testing.assert_allclose(told, [[0.16, 0.21, 0.01], [0.07, 0.06, 0.01]])
+
+
+def test_where_the_least_lever_arm_could_fall_by_much_is_looked_at_in_so_many_parts_that_it_cannot():
+    falls = np.array([0.0, 0.5, 0.74, 0.75, 1.0, 1.2, 5.9, 6.1, 1e9])
+    assert sweep._closer(falls).tolist() == [1, 1, 1, 2, 2, 3, 12, 12, 12]
+
+
+def bounded(ends, capsules=LIMITS.capsules):
+    some = travel(*ends, limits=replace(LIMITS, capsules=capsules))
+    return way_of(some.start, some.command, None, ROBOT, body_of(capsules, LIMITS.body_mm))
+
+
+def test_who_stays_in_place_goes_nowhere_and_what_hangs_on_the_hand_goes_as_the_hand_does():
+    here = hand(500, -100, 100)
+    still = bounded((here, here))
+    assert not still.gone_mm.any()
+    assert still.first().tolist() == [0.0, 0.5, 1.0]
+    body = body_of(LIMITS.capsules, LIMITS.body_mm)
+    of_hand = body.frame > 3
+    straight = bounded((here, hand(500, 100, 100)))
+    assert len(straight.first()) == 35, "six millimetres each, of two hundred"
+    np.testing.assert_allclose(straight.gone_mm[-1][of_hand], 200.0)
+    turn = np.array([0.0, 0.5, 0.0])
+    turned = here @ frames.rigid(frames.rotation_from_vector(turn), np.zeros(3))
+    from_tcp = np.where(body.frame[:, None, None] == 6, [0.0, 0.0, 130.0], 0.0)
+    off_mm = np.linalg.norm(body.ends_mm - from_tcp, axis=-1).max(axis=1) + body.radius_mm
+    np.testing.assert_allclose(bounded((here, turned)).gone_mm[-1][of_hand], 0.5 * off_mm[of_hand])
+
+
+def test_a_joint_s_way_is_looked_at_every_25_mm_of_what_goes_farthest_to_begin_with():
+    for speed_mm, places in ((0.0, 3), (49.0, 3), (51.0, 4), (100.0, 5), (100.1, 6), (1e9, 121)):
+        way = sweep.JointWay(ROBOT, np.zeros(6), np.zeros(6), np.array([1.0, speed_mm]))
+        np.testing.assert_allclose(way.first(), np.linspace(0.0, 1.0, places))
+
+
+def test_an_arm_too_far_stretched_out_to_know_its_elbow_s_way_is_refused():
+    refused = bounded((hand(862, -150, -130), hand(800, -150, -130)))
+    assert isinstance(refused, Strike)
+    assert refused.rule == "no_way"
+    assert refused.text == "after 0 % of the way the arm is stretched out too far to know its elbow's way"
+    hand_only = tuple(capsule for capsule in LIMITS.capsules if capsule.link in ("wrist", "tool"))
+    assert not isinstance(bounded((hand(862, -150, -130), hand(800, -150, -130)), hand_only), Strike)
+
+
+def test_a_line_begins_where_the_arm_is_whatever_way_the_robot_would_have_it_stand_there():
+    """As with a wrist so straight that no move may end there: it may leave."""
+
+    def along(poses, joints_rad):
+        found = ROBOT.along(poses, joints_rad)
+        found[0] = np.nan
+        return found
+
+    robot = SimpleNamespace(**vars(ROBOT) | {"along": along})
+    some = travel(hand(500, -100, 100), hand(500, 100, 100))
+    way = way_of(some.start, some.command, None, robot, body_of(LIMITS.capsules, LIMITS.body_mm))
+    np.testing.assert_allclose(way.places[0], ROBOT.frames(some.start.joints_rad[None])[0])
+
+
 @settings(max_examples=100, deadline=None)
 @given(seed=SEEDS)
 def test_nothing_of_the_body_is_ever_farther_from_a_joint_than_its_reach(seed):
@@ -364,7 +489,7 @@ def test_a_way_in_the_free_is_looked_at_in_few_places(monkeypatch):
     for straight in (True, False):
         places.clear()
         assert rule(travel(hand(500, -200, LEVEL_MM), hand(500, 200, LEVEL_MM), straight)) is None
-        assert sum(places) < 250
+        assert sum(places) < 100
 
 
 def test_the_bound_is_what_keeps_it_true(monkeypatch):
@@ -430,3 +555,114 @@ def test_what_is_not_proven_at_the_second_look_is_looked_at_again():
         limits = Limits(body_mm=(), capsules=capsules)
         found = sweep.strikes(Later(10.0, 12.0, limits), body_of(capsules, ()), limits)
         assert "below_table" in [each.rule for each in found]
+
+
+class Along:
+    """A tool centre point on the way through these places (x, z), asked for at the given shares to begin with; travel:
+    what it is said to go in the whole way, mm. lost: the arm does not get to between two of them."""
+
+    def __init__(self, first, at, xz, travel, lost=False):
+        self.shares, self.at, self.xz, self.travel, self.lost = np.array(first), at, np.array(xz), travel, lost
+
+    def first(self):
+        return self.shares
+
+    def links(self, shares):
+        found = np.tile(np.eye(4), (len(shares), 8, 1, 1))
+        for axis, values in zip((0, 2), self.xz.T, strict=True):
+            found[:, :, axis, 3] = np.interp(shares, self.at, values)[:, None]
+        if self.lost:
+            found[~np.isin(shares, self.shares)] = np.nan
+        return found
+
+    def travel_mm(self, shares):
+        return np.diff(np.interp(shares, self.at, self.travel))[:, None]
+
+
+BARE = Limits(body_mm=(), capsules=(), box_low_mm=(0.0, -650.0, -400.0))
+LEAST_MM = BARE.table_z_mm + BARE.clearance_mm
+
+
+def struck(way, limits=BARE):
+    return sweep.strikes(way, body_of((), ()), limits)
+
+
+def test_down_to_just_the_slack_is_proven_and_a_hair_lower_is_not():
+    """Half a millimetre down and no more: neither the fall nor what could lie between is beyond what is allowed."""
+    for fall_mm, rules in ((0.5, []), (0.5 + 2.0**-40, ["below_table"])):
+        way = Along([0.0, 1.0], [0.0, 1.0], [(400.0, LEAST_MM), (400.0, LEAST_MM - fall_mm)], [0.0, 0.5])
+        assert [strike.rule for strike in struck(way)] == rules
+
+
+def test_an_arm_that_does_not_get_to_where_it_is_looked_at_more_closely_is_refused():
+    """At both ends there is room enough: only between them the arm cannot follow."""
+    ends = [(400.0, LEAST_MM + 1.0)] * 2
+    assert struck(Along([0.0, 1.0], [0.0, 1.0], ends, [0.0, 2.9])) == ()
+    (strike,) = struck(Along([0.0, 1.0], [0.0, 1.0], ends, [0.0, 3.1], lost=True))
+    assert strike == Strike("no_way", "after 50 % of the way the arm, as it is configured, cannot follow")
+
+
+def test_what_is_inside_a_limit_is_held_against_the_least_depth_seen_as_long_as_anything_is_looked_at():
+    """The point, six millimetres inside a box, comes half a one nearer to its side and goes in again: between the
+    places looked at first, and seen only as the table, which is as near, makes it be looked at more closely."""
+    box = KeepOut("box", (500.0, -400.0, -500.0), (900.0, 400.0, 100.0))
+    shares = [0.0, 0.25, 0.5, 1.0]
+    way = Along(
+        [0.0, 0.5, 1.0],
+        shares,
+        [(506.0, LEAST_MM), (505.5, LEAST_MM - 0.2), (506.0, LEAST_MM - 0.4), (506.3, LEAST_MM - 0.4)],
+        [0.0, 0.475, 0.95, 1.3],
+    )
+    limits = replace(BARE, keep_out=(box,))
+    assert [strike.rule for strike in struck(way, limits)] == ["kept_out"]
+    assert struck(way) == (), "the table alone is no hindrance"
+
+
+def test_what_cannot_come_near_is_not_looked_at_nor_what_would_only_just_touch():
+    """By half its travel between two places, its radius and the clearance."""
+    capsules = tuple(Capsule(f"at {x}", "tool", (x, 0.0, 0.0), (x, 0.0, 0.0), 8.0) for x in (0.0, 64.0))
+    body = body_of(capsules, ())
+    ends = body.placed(np.tile(np.eye(4), (2, 8, 1, 1)))
+    travel_mm = np.array([[16.0, 16.0, 16.0]])
+    for side in (-1.0, 1.0):
+        for far_mm, told in ((18.0, [2]), (17.0, [0 if side < 0 else 1, 2])):
+            low = (-100.0 - far_mm, -5.0, -5.0) if side < 0 else (64.0 + far_mm, -5.0, -5.0)
+            box = KeepOut("box", low, (low[0] + 100.0, 5.0, 5.0))
+            limits = Limits(keep_out=(box,), capsules=capsules, table_z_mm=-18.0)
+            tight = sweep._not_far(ends, travel_mm, body, limits)
+            assert tight.capsules.tolist() == told
+            assert tight.boxes.tolist() == ([0] if len(told) > 1 else [])
+    assert sweep._not_far(ends, travel_mm, body, Limits(capsules=capsules, table_z_mm=-17.0)).capsules.tolist() == [
+        0,
+        1,
+        2,
+    ]
+
+
+def test_a_place_a_little_nearer_than_the_clearance_is_no_place():
+    there = reading(hand(560, 0, 0))
+    told = Command(there.world_from_tool, True, 50.0, "test")
+    for gap_mm, refused in ((2.001, False), (1.5, True)):
+        wall = KeepOut("wall", (560.0 + gap_mm, -400.0, -100.0), (900.0, 400.0, 100.0))
+        found = sweep.place_clear(told, there, ROBOT, replace(BARE, keep_out=(wall,)))
+        assert (found is not None) is refused
+
+
+def test_a_strike_is_told_with_how_far_along_and_at_its_lowest_end():
+    capsules = (Capsule("rod", "tool", (0.0, 10.0, -40.0), (0.0, -30.0, 0.0), 1.0),)
+    body = body_of(capsules, ())
+    places = [(400.0, LEAST_MM + 50.0), (410.0, LEAST_MM - 9.0)]
+    (strike,) = sweep.strikes(
+        Along([0.0, 1.0], [0.0, 1.0], places, [0.0, 60.0]), body, replace(BARE, capsules=capsules)
+    )
+    low_mm = LEAST_MM - 9.0 - 40.0
+    assert strike.text == f"on the way (100 %) the rod, at 410 10 {low_mm:.0f}, comes 50.0 mm too far towards the table"
+    half = Along([0.0, 0.5, 1.0], [0.0, 0.5, 1.0], [places[0], places[1], places[0]], [0.0, 60.0, 120.0])
+    assert sweep.strikes(half, body, replace(BARE, capsules=capsules))[0].text.startswith("on the way (50 %) the rod")
+
+
+def test_a_line_that_is_clear_at_the_first_look_is_followed_once(monkeypatch):
+    asked = []
+    monkeypatch.setattr(ROBOT, "along", lambda *way, along=ROBOT.along: asked.append(way) or along(*way))
+    assert rule(travel(hand(500, -100, 100), hand(500, 100, 100))) is None
+    assert len(asked) == 1

@@ -272,3 +272,17 @@ def test_a_conversation_that_was_ended_sends_nothing_more_and_says_why_to_all() 
         assert line.loop.time() < 0.1
 
     lived(story())
+
+
+def test_behind_bytes_that_were_sent_as_they_are_a_dot_is_a_prompt() -> None:
+    async def story() -> list[Any]:
+        line = Line({})
+        line.hear(b"\r\n.")
+        await asyncio.sleep(0.1)
+        line.talk.unheard()
+        line.talk.send_raw(b"")
+        line.hear(b".")
+        await asyncio.sleep(0.1)
+        return [type(event) for event in line.talk.unheard()]
+
+    assert lived(story()) == [Prompt]

@@ -286,3 +286,29 @@ def test_a_prompt_may_be_one_dot_or_two_and_a_space(prompt: bytes) -> None:
 
 def test_a_line_as_long_as_two_of_a_printers_is_one_line() -> None:
     assert [event.text for event in after(b"a" * 250 + b"\r\n") if isinstance(event, Text)] == ["a" * 250]
+
+
+def test_a_dot_behind_a_question_is_its_answer_s_and_no_prompt() -> None:
+    reader = Reader()
+    reader.receive(b"Are you sure (Y/N)? ")
+    assert kinds(reader.silence()) == ["Question"]
+    assert kinds(reader.receive(b".") + reader.silence()) == []
+
+
+def test_a_line_end_of_one_character_is_one() -> None:
+    """The prompt may follow the echoed line end at once."""
+    reader = Reader()
+    reader.typed(b"WHERE")
+    reader.receive(b"WHERE")
+    reader.line_ended()
+    assert kinds(reader.receive(b"\r.") + reader.silence()) == ["Prompt"]
+
+
+@pytest.mark.parametrize(("wrong", "prompts"), [(b"\r", ["Prompt"]), (b"x", [])])
+def test_behind_a_spoiled_echo_a_dot_is_a_prompt_only_where_the_echo_was_a_line_end(
+    wrong: bytes, prompts: list[str]
+) -> None:
+    reader = Reader()
+    reader.typed(b"WHERE")
+    assert kinds(reader.receive(b"WH" + wrong)) == ["Garble"]
+    assert kinds(reader.receive(b".") + reader.silence()) == prompts
