@@ -108,7 +108,7 @@ async def go(context: CommandContext, words: list[str], door: Door) -> Answer:
     named = kept(context).now()
     if place in named and place in context.cycle.places():
         raise CommandError(
-            f"{place} is a place in facetd.yaml, and another was named so: `places drop {place}`, and name that otherwise"
+            f"{place} is a place in facetd.yaml, and another was named so: `places drop {place}`, name that otherwise"
         )
     work = context.cycle.move_to(named[place], place) if place in named else context.cycle.go(place)
     await with_questions(context, work, door)
