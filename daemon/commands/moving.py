@@ -55,6 +55,8 @@ async def enable(context: CommandContext, words: list[str], door: Door) -> Answe
         await supervisor.prove_stop()
     except StopRefusedError as refused:
         raise CommandError(f"not enabled: {refused}: mend arm.dialect.abort_word, and restart facetd") from None
+    if let is Let.ALL and not _eyes_on_hand(context):
+        raise CommandError("not enabled: meanwhile a calibration without hand_eye was taken over")
     supervisor.enable(asked, let)
     fault = context.cycle.status()["fault"]
     may = "The arm may move." if let is Let.ALL else "`robot` may move the arm; nothing else may."

@@ -303,6 +303,16 @@ def test_an_enable_is_void_where_the_arm_was_stopped_while_its_stop_was_tried(co
     assert context.cycle.told == ["stop by bob"]
 
 
+def test_an_enable_judges_the_calibration_that_there_is_once_the_stop_was_tried(context: Any) -> None:
+    async def prove_stop() -> None:
+        context.calibration.tool_from_cyclopean = None
+
+    context.cycle.prove_stop = prove_stop
+    answer = say(context, "enable")
+    assert (answer.status, context.cycle.told) == (1, [])
+    assert "without hand_eye" in answer.text
+
+
 @pytest.mark.parametrize(("answers", "told"), [([], []), (["n"], []), (["y"], ["enable by hand"])])
 def test_without_a_hand_eye_the_arm_is_enabled_for_words_by_hand_only_and_after_a_yes(
     context: Any, answers: list[str], told: list[str]
