@@ -222,6 +222,8 @@ async def hand(context: CommandContext, words: list[str], door: Door) -> Answer:
     """Open or close the gripper."""
     word = one_of(words, 0, ("open", "close"), "word", hand.usage)
     await with_questions(context, context.cycle.hand(word == "close"), door)
+    if context.cycle.status()["dry"]:
+        return Answer("Planned, and not sent: `dry` is on.")
     return Answer("The gripper is open." if word == "open" else "The gripper is closed.")
 
 

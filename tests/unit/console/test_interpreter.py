@@ -368,3 +368,21 @@ ENDS_MOTION = ("stop", "abort", "pause")
 def test_a_door_that_may_only_look_is_refused_whatever_does_more_than_end_motion(context: object, name: str) -> None:
     assert "may only look" in say(context, name, FakeDoor(may="look")).text
     assert context.cycle.told == []  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize(("stopping", "told"), [(True, "not seen at rest yet"), (False, "nothing moves until")])
+def test_status_says_of_an_arm_that_is_being_stopped_no_sooner_that_nothing_moves(
+    context: Any, stopping: bool, told: str
+) -> None:
+    """Beside `NOT CONFIRMED: press the emergency stop` it said that nothing moves."""
+    standing = {**context.cycle.status(), "fault": "stopped by ann", "stopping": stopping}
+    context.cycle.status = lambda: standing
+    first = say(context, "status").text.splitlines()[0]
+    assert f"FAULT: stopped by ann ({'being stopped, ' * stopping}{told}" in first
+
+
+@pytest.mark.parametrize("word", ["open", "close"])
+def test_a_hand_in_a_dry_run_is_not_said_to_have_moved(context: Any, word: str) -> None:
+    dry = {**context.cycle.status(), "dry": True}
+    context.cycle.status = lambda: dry
+    assert say(context, f"hand {word}").text == "Planned, and not sent: `dry` is on."
