@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import asyncio
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
-from daemon.commands import every_command
-from daemon.console.interpreter import Answer, Console
+from daemon.commands import calibrating, every_command
+from daemon.console.interpreter import Answer, CommandError, Console
 from daemon.store.calibrations import Calibrations
 from tests.worlds.fake_context import FakeDoor, fake_context
 
@@ -74,3 +75,20 @@ def test_only_the_eyes_that_are_there_are_calibrated(
     assert answer.status == 1
     assert told in answer.text
     assert context.cycle.told == []
+
+
+@pytest.mark.parametrize("kind", ["stereo", "hand-eye", "verify", "touch"])
+def test_what_may_be_in_the_hand_is_guarded_before_a_tour_sets_out(
+    context: Any, monkeypatch: pytest.MonkeyPatch, kind: str
+) -> None:
+    """After a restart with a part in the hand the tour's ways were looked along without it."""
+    context.cycle.guard_the_hand = lambda: context.cycle.told.append("guarded")
+    context.cycle.settings = SimpleNamespace(settling=None)
+
+    async def tour(*_: Any) -> Any:
+        context.cycle.told.append("tour")
+        raise CommandError("far enough")
+
+    monkeypatch.setattr(calibrating, "view_tour", tour)
+    assert say(context, f"calibrate {kind}").text == "far enough"
+    assert context.cycle.told == ["guarded", "tour"]
