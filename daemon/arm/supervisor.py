@@ -26,6 +26,9 @@ AT_REST_S = 2.0
 """How long an arm that is at rest takes to show it."""
 
 
+UNCONFIRMED, THEN = "NOT CONFIRMED", "; then "
+
+
 class Interruption(StrEnum):
     """What comes over a job from outside."""
 
@@ -330,7 +333,7 @@ class Supervisor:
     async def stop_arm(self, event: Interruption, why: str, fault: str | None) -> str | None:
         """The arm first, then the report. fault: what stands from now on, if anything. Gives what `stop` does."""
         if fault is not None and not self._alarmed:
-            self.latch(fault)
+            self.latch(_on_top_of(self.fault, fault))
         if not self.mover.cell.robot.stop_seen:
             self._let = Let.NOTHING  # that it is seen now gives no leave back
         self._why = why
@@ -392,7 +395,7 @@ class Supervisor:
         """The last resort, once."""
         if alarm.done():
             return
-        text = f"{self.fault or self._why}; NOT CONFIRMED: {problem}: press the emergency stop"
+        text = f"{self.fault or self._why}; {UNCONFIRMED}: {problem}: press the emergency stop"
         alarm.set_result(f"{text}; the arm goes on being told to stop")
         self.latch(text)
         self._report(Interruption.ERROR, text)
@@ -473,3 +476,9 @@ class Supervisor:
         if self._pending is None or self._pending.answer.done():
             raise RefusedError("no move waits for an answer")
         self._pending.answer.set_result(yes)
+
+
+def _on_top_of(standing: str | None, fault: str) -> str:
+    """What stands from now on: who clears a stop is told of the fault before it, too, but of no alarm that is over."""
+    first = (standing or fault).partition(THEN)[0]
+    return fault if first == fault or UNCONFIRMED in first else f"{first}{THEN}{fault}"

@@ -159,6 +159,8 @@ async def introduce(
             reply = await _unless_stopped(_do(step, line, person), known, line, person)
     except UnclearError as unclear:
         line.note("unclear", text=str(unclear))
+        if known.moved:  # by its own WHERE nobody knows whether it rests
+            await _typed(known.stop_bytes, known.pace_s, line)
         raise
     finally:
         steps.close()

@@ -78,6 +78,7 @@ async def calibrate(context: CommandContext, words: list[str], door: Door) -> An
     try:
         if kind == "by-hand":
             return await _eyes_alone(context, board, door)
+        context.cycle.guard_the_hand()
         tour = view_tour(_session(context, board), POSES[kind], door.say, SPEED_PCT)
         views = await with_questions(context, tour, door)
         if kind == "verify":

@@ -116,7 +116,7 @@ async def _teach_around(context: CommandContext, words: list[str], door: Door) -
         if hand is not None:
             hand.put_back()
     if part is None:
-        return Answer("Nothing moves, nothing is kept.", {"kept": False}, NOT_DONE)
+        return Answer("Not walked round, and nothing is kept.", {"kept": False}, NOT_DONE)
     lines, beside = walking_round.beside_drawing(part, context.trainer.drawings().get(label))
     if lines:
         await door.say("\n".join(lines))

@@ -63,7 +63,8 @@ async def status(context: CommandContext, words: list[str], _: Door) -> Answer:
 
 def _standing(state: dict[str, Any]) -> str:
     if state["fault"]:
-        return f"FAULT: {state['fault']} (nothing moves until `resume`)"
+        moves = "being stopped, not seen at rest yet" if state.get("stopping") else "nothing moves until `resume`"
+        return f"FAULT: {state['fault']} ({moves})"
     by_hand = state.get("by_hand_only")
     words = ["enabled" if state["enabled"] else "enabled for `robot` only" if by_hand else "the arm is not enabled"]
     words += [word for word in ("paused", "dry", "step") if state.get(word)]

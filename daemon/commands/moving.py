@@ -55,6 +55,8 @@ async def enable(context: CommandContext, words: list[str], door: Door) -> Answe
         await supervisor.prove_stop()
     except StopRefusedError as refused:
         raise CommandError(f"not enabled: {refused}: mend arm.dialect.abort_word, and restart facetd") from None
+    if let is Let.ALL and not _eyes_on_hand(context):
+        raise CommandError("not enabled: meanwhile a calibration without hand_eye was taken over")
     supervisor.enable(asked, let)
     fault = context.cycle.status()["fault"]
     may = "The arm may move." if let is Let.ALL else "`robot` may move the arm; nothing else may."
@@ -220,6 +222,8 @@ async def hand(context: CommandContext, words: list[str], door: Door) -> Answer:
     """Open or close the gripper."""
     word = one_of(words, 0, ("open", "close"), "word", hand.usage)
     await with_questions(context, context.cycle.hand(word == "close"), door)
+    if context.cycle.status()["dry"]:
+        return Answer("Planned, and not sent: `dry` is on.")
     return Answer("The gripper is open." if word == "open" else "The gripper is closed.")
 
 

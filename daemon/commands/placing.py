@@ -105,7 +105,11 @@ def _moved(axis: int, unit: str, distance: float, frame: str, world_from_tool: A
 async def go(context: CommandContext, words: list[str], door: Door) -> Answer:
     """Move to home, bin, a survey place, or one that was named with `here`."""
     place = one_of(words, 0, all_places(context), "place", go.usage)
-    named = {} if place in context.cycle.places() else kept(context).now()
+    named = kept(context).now()
+    if place in named and place in context.cycle.places():
+        raise CommandError(
+            f"{place} is a place in facetd.yaml, and another was named so: `places drop {place}`, name that otherwise"
+        )
     work = context.cycle.move_to(named[place], place) if place in named else context.cycle.go(place)
     await with_questions(context, work, door)
     dry = context.cycle.status()["dry"]
@@ -158,9 +162,9 @@ async def places(context: CommandContext, words: list[str], door: Door) -> Answe
         one_of(words, 0, {one.name for one in named.history()}, "named place", PLACES_USAGE)
         rows = [f"{one.kept}  {_at(one.world_from_tool)}  by {one.who}" for one in named.history(words[0])]
         return Answer("\n".join(rows), {"history": len(rows)})
-    poses = {**context.cycle.places(), **named.now()}
-    count = len(named.now())
-    rows = [f"{name:<{max(map(len, poses))}}  {_at(pose)}" for name, pose in poses.items()]
+    configured, own = context.cycle.places(), named.now()
+    poses, count = {**configured, **own}, len(own)
+    rows = [f"{name:<{max(map(len, poses))}}  {_at(pose)}" for name, pose in [*configured.items(), *own.items()]]
     rows.append(f"{plural(count, 'place')} named with `here NAME`; the others are the configuration's.")
     return Answer("\n".join(rows), {"places": {name: np.asarray(pose).tolist() for name, pose in poses.items()}})
 

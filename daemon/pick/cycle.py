@@ -287,13 +287,17 @@ class Cycle:
         await self.supervisor.mover.travel(target, purpose, lambda _: self.settings.travel_pct)
 
     async def _set_out(self) -> Reading:
-        """Where the arm is at rest, from where it may go. What may be in the hand, and nobody saw how, is guarded any
-        way round: as a ball that the longest of the parts known fits in, wherever it is held."""
+        """Where the arm is at rest, from where it may go."""
+        self.guard_the_hand()
+        return await self.supervisor.mover.rest()
+
+    def guard_the_hand(self) -> None:
+        """What may be in the hand, and nobody saw how, is guarded any way round from now on: as a ball that the longest
+        of the parts known fits in, wherever it is held."""
         mover = self.supervisor.mover
         if self.hand_full is not False and not mover.carried and self.recogniser is not None:
             known = [shape.corners_mm for label in self.recogniser.labels if (shape := self.recogniser.shape(label))]
             mover.carried = (ball_of(known, "what may be in the hand"),)
-        return await mover.rest()
 
     def _order(self, pick_order: PickOrder | None) -> None:
         """What auto has to bring from now on; None: it is done, or given up."""

@@ -89,7 +89,7 @@ def _calibration(config: Config, _: bool) -> Iterator[Finding]:
         if value is not None and value > good:
             yield Finding("bad", "calibration", f"{name} error {value:.2f} px, more than {good}", "Calibrate again")
     if calibration.tool_from_cyclopean is None:
-        mend = "Run `facetctl calibrate hand-eye`; until then nothing moves"
+        mend = "Run `facetctl calibrate hand-eye`; until then only `robot` moves the arm"
         yield Finding("bad", "calibration", f"{config.calibration} has no hand_eye", mend)
 
 

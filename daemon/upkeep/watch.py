@@ -20,8 +20,13 @@ from daemon.upkeep.watched import Watched
 TICK_S = 0.5
 REOPEN_S = 5.0
 QUOTA_S = 60.0
-CLOCK_JUMP_S = 2.0
+CLOCK_JUMP_S = ASLEEP_S = 2.0
 CHECK_LIMIT_S = 20.0
+
+
+def asleep_s() -> float:
+    """How long this computer has been suspended since it was started: what the clock of motion leaves out."""
+    return time.clock_gettime(time.CLOCK_BOOTTIME) - time.clock_gettime(time.CLOCK_MONOTONIC)
 
 
 class Watch:
@@ -30,6 +35,7 @@ class Watch:
     def __init__(self, context: Watched) -> None:
         self._context = context
         self._offset_s = time.time() - time.monotonic()
+        self._asleep_s = asleep_s()
         self._fed_s = 0.0
         self._quota_s = time.monotonic() + 5.0
         self._checks: dict[str, asyncio.Task[None]] = {}
@@ -68,6 +74,7 @@ class Watch:
         if state["fault"] is None:
             self._context.troubles.tell("restart", None)
         self._check_clock()
+        self._start("sleep", self._check_sleep, now, 0.0)
         self._check_folder()
         self._check_memory_of_motion(busy)
         self._feed(now, busy)
@@ -173,6 +180,18 @@ class Watch:
         if abs(jump_s) > CLOCK_JUMP_S:
             journal.tell("trouble", f"the clock was set by {jump_s:+.1f} s", journal.NOTICE)
             self._context.run_log.record("clock", jump_s=round(jump_s, 3))
+
+    async def _check_sleep(self) -> None:
+        """A computer that slept goes on in the middle of what it did, hours later and with no clock that tells: nobody
+        beside the arm expects that."""
+        now_s = asleep_s()
+        slept_s, self._asleep_s = now_s - self._asleep_s, now_s
+        if slept_s > ASLEEP_S:
+            text = f"the computer was asleep for {slept_s:.0f} s"
+            journal.tell("trouble", text, journal.WARNING)
+            state = self._context.cycle.status()
+            if (state["enabled"] or state["by_hand_only"]) and state["fault"] is None:
+                await self._context.cycle.supervisor.fail("asleep", text)
 
     def _check_memory_of_motion(self, busy: bool) -> None:
         """While the cycle works, it is the cycle that talks to the devices: what it hears counts as their life. So does

@@ -59,6 +59,9 @@ class FakeCycle:
         self.at = there(self.at)
         return self.at
 
+    async def hand(self, closed: bool) -> None:
+        self.told.append("hand close" if closed else "hand open")
+
     def places(self) -> dict[str, Any]:
         return {"home": np.eye(4), "bin": np.eye(4), "survey": np.eye(4)}
 

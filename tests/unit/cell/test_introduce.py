@@ -16,8 +16,9 @@ from daemon.cell.introduce import StoppedByPersonError, again, arm_file, arm_of,
 from daemon.store import places
 from drivers.puma560 import ArmGeometry, forward
 from drivers.pumas import PUBLISHED
+from drivers.simcell.controller import Controller
 from drivers.simcell.history import Leg
-from drivers.val2.introduction import ROUNDS, STEP_DEG, Acquaintance, UnclearError
+from drivers.val2.introduction import ROUNDS, STEP_DEG, Acquaintance, Consult, UnclearError
 from drivers.val2.location import Location, location_from_matrix
 from drivers.val2.wire import Where
 from tests.bench.introductions import one
@@ -224,3 +225,18 @@ def test_a_controller_that_counts_in_inches_ends_with_a_question_and_no_geometry
     known.found("digits", (4, 3), "WHERE")
     with pytest.raises(NoArmError, match=r"units of 25.4 mm: its lengths are a PUMA 560.*millimetres\?"):
         arm_of(known)
+
+
+@pytest.mark.parametrize("seed", [0, 3])
+def test_what_becomes_unclear_after_something_was_moved_ends_with_the_stop(seed: int) -> None:
+    """Nobody could read whether the arm rested, and it was left as it was."""
+
+    def deaf(controller: Controller, consult: Consult) -> str:
+        if consult.about == "move":
+            asyncio.get_running_loop().call_later(13.0, setattr, controller.faults, "mute_answers", 1000)
+        return willing(controller, consult)
+
+    with pytest.raises(UnclearError, match="does not come to rest"):
+        in_simulated_time(lambda: meet(draw(seed), deaf))
+    since = [record["way"] for record in strangers[-1].transcript].index("unclear")
+    assert b"ABORT" in b"".join(r["bytes"].encode() for r in strangers[-1].transcript[since:] if r["way"] == "out")

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import asyncio
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 import yaml
 
 from daemon.calibration.hand_eye import ArmDoubt
-from daemon.commands import every_command
+from daemon.commands import calibrating, every_command
 from daemon.commands.calibrating import arm_line
-from daemon.console.interpreter import Answer, Console
+from daemon.console.interpreter import Answer, CommandError, Console
 from daemon.pick.pose_fusion import Doubt
 from daemon.store.calibrations import Calibrations
 from tests.worlds.fake_context import FakeDoor, fake_context
@@ -86,3 +87,20 @@ def test_an_arm_that_is_worse_than_the_configuration_has_it_is_told_with_the_lin
     assert "0.31 mm and 0.020 degrees" in told
     written = yaml.safe_load(told.split("`")[1])
     assert written == {"pick": {"doubt": {"arm_mm": 0.31, "arm_deg": 0.02}}}
+
+
+@pytest.mark.parametrize("kind", ["stereo", "hand-eye", "verify", "touch"])
+def test_what_may_be_in_the_hand_is_guarded_before_a_tour_sets_out(
+    context: Any, monkeypatch: pytest.MonkeyPatch, kind: str
+) -> None:
+    """After a restart with a part in the hand the tour's ways were looked along without it."""
+    context.cycle.guard_the_hand = lambda: context.cycle.told.append("guarded")
+    context.cycle.settings = SimpleNamespace(settling=None)
+
+    async def tour(*_: Any) -> Any:
+        context.cycle.told.append("tour")
+        raise CommandError("far enough")
+
+    monkeypatch.setattr(calibrating, "view_tour", tour)
+    assert say(context, f"calibrate {kind}").text == "far enough"
+    assert context.cycle.told == ["guarded", "tour"]

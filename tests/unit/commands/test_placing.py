@@ -95,3 +95,17 @@ def test_a_place_is_kept_with_its_history_and_gone_to(context: Any) -> None:
     assert say(context, "places drop bin2").status == 0
     assert say(context, "go bin2").status == 2
     assert len(say(context, "places bin2").text.splitlines()) == 3, "what it was is still known"
+
+
+def test_a_name_that_has_become_the_configurations_as_well_is_gone_to_under_neither(context: Any) -> None:
+    """`places` showed where it had been named, and `go` went where the new facetd.yaml has a place of that name."""
+    context.cycle.at[:3, 3] = [400.0, 0.0, 50.0]
+    say(context, "here survey2")
+    configured, before = context.cycle.places(), context.cycle.at.copy()
+    context.cycle.places = lambda: {**configured, "survey2": np.eye(4)}
+    told = say(context, "go survey2")
+    assert (told.status, "places drop survey2" in told.text) == (1, True)
+    assert np.array_equal(context.cycle.at, before)
+    assert say(context, "places").text.count("survey2") == 2
+    say(context, "places drop survey2")
+    assert say(context, "go survey2").status == 0

@@ -303,6 +303,16 @@ def test_an_enable_is_void_where_the_arm_was_stopped_while_its_stop_was_tried(co
     assert context.cycle.told == ["stop by bob"]
 
 
+def test_an_enable_judges_the_calibration_that_there_is_once_the_stop_was_tried(context: Any) -> None:
+    async def prove_stop() -> None:
+        context.calibration.tool_from_cyclopean = None
+
+    context.cycle.prove_stop = prove_stop
+    answer = say(context, "enable")
+    assert (answer.status, context.cycle.told) == (1, [])
+    assert "without hand_eye" in answer.text
+
+
 @pytest.mark.parametrize(("answers", "told"), [([], []), (["n"], []), (["y"], ["enable by hand"])])
 def test_without_a_hand_eye_the_arm_is_enabled_for_words_by_hand_only_and_after_a_yes(
     context: Any, answers: list[str], told: list[str]
@@ -358,3 +368,21 @@ ENDS_MOTION = ("stop", "abort", "pause")
 def test_a_door_that_may_only_look_is_refused_whatever_does_more_than_end_motion(context: object, name: str) -> None:
     assert "may only look" in say(context, name, FakeDoor(may="look")).text
     assert context.cycle.told == []  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize(("stopping", "told"), [(True, "not seen at rest yet"), (False, "nothing moves until")])
+def test_status_says_of_an_arm_that_is_being_stopped_no_sooner_that_nothing_moves(
+    context: Any, stopping: bool, told: str
+) -> None:
+    """Beside `NOT CONFIRMED: press the emergency stop` it said that nothing moves."""
+    standing = {**context.cycle.status(), "fault": "stopped by ann", "stopping": stopping}
+    context.cycle.status = lambda: standing
+    first = say(context, "status").text.splitlines()[0]
+    assert f"FAULT: stopped by ann ({'being stopped, ' * stopping}{told}" in first
+
+
+@pytest.mark.parametrize("word", ["open", "close"])
+def test_a_hand_in_a_dry_run_is_not_said_to_have_moved(context: Any, word: str) -> None:
+    dry = {**context.cycle.status(), "dry": True}
+    context.cycle.status = lambda: dry
+    assert say(context, f"hand {word}").text == "Planned, and not sent: `dry` is on."

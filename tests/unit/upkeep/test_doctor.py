@@ -105,7 +105,10 @@ def test_a_calibration_that_is_coarse_old_or_without_a_hand_eye_is_told(tmp_path
     assert any("days old. Verify it: `facetctl calibrate verify`" in line for line in told)
     assert any("reprojection error 0.90 px, more than 0.5. Calibrate again" in line for line in told)
     assert any("epipolar error 0.70 px, more than 0.5" in line for line in told)
-    assert any("has no hand_eye. Run `facetctl calibrate hand-eye`; until then nothing moves" in line for line in told)
+    assert any(
+        "has no hand_eye. Run `facetctl calibrate hand-eye`; until then only `robot` moves the arm" in line
+        for line in told
+    )
 
 
 def test_a_clock_that_stands_before_the_newest_run_cannot_be_right(tmp_path: Path) -> None:

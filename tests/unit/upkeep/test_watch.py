@@ -19,7 +19,7 @@ from daemon.cell import build as cell
 from daemon.console.context import CommandContext
 from daemon.store.runlog import RunLog
 from daemon.store.runs import list_runs, read_run
-from daemon.upkeep import journal
+from daemon.upkeep import journal, watch
 from daemon.upkeep.watch import CHECK_LIMIT_S, QUOTA_S, Watch
 from daemon.upkeep.watched import Troubles
 from drivers.simcell.simulated_time import SimulatedLoop
@@ -317,3 +317,23 @@ def test_a_quota_that_cannot_be_kept_is_a_trouble_until_it_can(tmp_path: Path) -
 
     watching(tmp_path, play)
     assert told == ["disk: the quota is not kept: runs: Input/output error", None]
+
+
+@pytest.mark.parametrize("enabled", [True, False])
+def test_a_computer_that_slept_does_not_go_on_where_it_was(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, enabled: bool
+) -> None:
+    """The clock that looks are timed by stands still meanwhile: an auto went on an hour later by what it saw before."""
+    watched = WatchedCell(tmp_path)
+    watched.enabled = enabled
+
+    async def story() -> None:
+        one = Watch(watched.context)
+        awake_s = one._asleep_s
+        for slept_s in (0.0, 1.0, 3601.0, 3601.0):
+            monkeypatch.setattr(watch, "asleep_s", lambda seconds=awake_s + slept_s: seconds)
+            one._tick()
+            await asyncio.sleep(0.01)
+
+    asyncio.run(story())
+    assert watched.failed == ["asleep: the computer was asleep for 3600 s"] * enabled
