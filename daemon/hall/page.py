@@ -6,7 +6,7 @@ errors, a turn of the eyes, light and faults against the limits that its own dae
 
 from __future__ import annotations
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from datetime import date, timedelta
 from pathlib import Path
@@ -18,7 +18,10 @@ from daemon.calibration.drift import Watching
 from daemon.hall.questions import opened
 from daemon.hall.store import Store, StoreError
 from daemon.review.page import render
+from daemon.review.remedies import KNOWN
 from daemon.review.strips import AXES, NEAR
+from daemon.review.why import UNTOLD
+from daemon.review.why import told as causes_of_fault
 from daemon.store.files import write_atomically
 from daemon.vision.health import MEASURES
 
@@ -58,12 +61,14 @@ def hall_data(store: Store, days: int) -> Json:
     cells = _cells(of, between, since, first, shown, calibrated)
     _judge(cells, last)
     parts = _summed(c["parts"] for c in cells)
+    causes = dict(sorted(_totals(c["causes"] for c in cells).items(), key=lambda x: -x[1]))
     return {
         "title": "the hall",
         "days": [str(day) for day in shown],
         "cells": sorted(cells, key=lambda c: (STATES.index(c["state"]), c["name"])),
         "parts": parts,
-        "causes": dict(sorted(_totals(c["causes"] for c in cells).items(), key=lambda x: -x[1])),
+        "causes": causes,
+        "remedies": {name: KNOWN[name].remedy for name in causes},
         "models": _models(of, between),
         "limits": {
             "light": MEASURES["darkness"].limit,
@@ -126,8 +131,8 @@ def _cells(
         WHERE cause IS NOT NULL AND {between} GROUP BY cell, cause ORDER BY n DESC""")
     )
     faults = _nested(
-        of(f"""SELECT cell, coalesce(code, kind) AS name, count(*) AS n FROM faults
-        WHERE kind = 'fault' AND {between} GROUP BY cell, name ORDER BY n DESC""")
+        of(f"""SELECT cell, CASE WHEN starts_with(text, code) THEN text ELSE concat_ws(': ', code, text) END AS said,
+        count(*) AS n FROM faults WHERE kind = 'fault' AND {between} GROUP BY cell, said ORDER BY n DESC""")
     )
     found = []
     for cell in ever:
@@ -150,7 +155,7 @@ def _cells(
                 "mm": [_short(d[3]) for d in of_day],
                 "parts": parts.get(cell, {}),
                 "causes": causes.get(cell, {}),
-                "faults": faults.get(cell, {}),
+                "faults": _by_cause(faults.get(cell, {})),
                 "ms": _short(ms),
                 "eyes": [eyes, one_eyed],
                 "turn": {axis: [_short(m[k]) for m in measured] for k, axis in enumerate(AXES)},
@@ -160,6 +165,15 @@ def _cells(
             }
         )
     return found
+
+
+def _by_cause(faults: Mapping[str, int]) -> dict[str, int]:
+    """How many faults of each cause, by what they say, the most first; of those that tell none by their code."""
+    counts = Counter[str]()
+    for said, count in faults.items():
+        names = [cause.name for cause in causes_of_fault({"text": said})]
+        counts.update({said.partition(":")[0] if name == UNTOLD else name: count for name in names})
+    return dict(counts.most_common())
 
 
 def _turns() -> str:
@@ -228,7 +242,8 @@ def _judge(cells: Sequence[Json], last: date) -> None:
         if not cell["runs"] or date.fromisoformat(cell["last"][:10]) < last - timedelta(days=1):
             told.append(("silent", "no run " + (f"since {cell['last'][:10]}" if cell["last"] else "in these days")))
         if sum(cell["faults"].values()):
-            told.append(("faults", ", ".join(f"{count} times {name}" for name, count in cell["faults"].items())))
+            most = [f"{count} × {name}" for name, count in cell["faults"].items()]
+            told.append(("faults", ", ".join([*most[:3], *([f"{len(most) - 3} more"] if len(most) > 3 else [])])))
         told += _misses(cell, total, all_parts)
         told += _one_eyed(cell)
         told += _turned(cell)

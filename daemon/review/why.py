@@ -55,6 +55,8 @@ TOLD: tuple[tuple[str, str], ...] = (
     (r"not enabled", "arm not enabled"),
 )
 """What the records say of an end in their own words, the telling words first."""
+UNTOLD = "a fault in facetd"
+"""What else a fault is taken for."""
 MEASURED = {
     "covered": "lens covered", "half": "half a frame", "torn": "torn frame", "frozen": "camera frozen",
     "doubled": "one camera for both eyes", "swapped": "eyes swapped", "knocked": "camera knocked",
@@ -134,8 +136,8 @@ def told(record: Record) -> Iterator[Cause]:
         yield Cause("blurred by motion" if text.startswith("NotSettled") else "camera cable", 1.0, plain, at)
     else:
         by_words = (name for words, name in TOLD if re.search(words, plain) or re.search(words, text))
-        name = next(by_words, "a fault in facetd")
-        yield Cause(name, {"looks disagree": 0.6, "a fault in facetd": 0.5}.get(name, 1.0), plain, at)
+        name = next(by_words, UNTOLD)
+        yield Cause(name, {"looks disagree": 0.6, UNTOLD: 0.5}.get(name, 1.0), plain, at)
 
 
 def in_plain_words(text: str) -> str:

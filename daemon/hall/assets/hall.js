@@ -92,7 +92,7 @@ by("models").tBodies[0].append(...data.models.map((m) => el("tr", {}, ...[m.mode
 by("causes").tHead.append(el("tr", {}, ...["cause", "times", "most at"].map((name) => el("th", {}, name))));
 by("causes").tBodies[0].append(...Object.entries(data.causes).map(([name, n]) => {
   const most = cells.filter((c) => c.causes[name]).sort((a, b) => b.causes[name] - a.causes[name]).slice(0, 4);
-  return el("tr", {}, el("td", {}, name), el("td", {}, thousands(n)), el("td", { class: "k-cause" }, ...most.flatMap((c, k) => [k ? ", " : "", el("b", {}, c.name), ` ${c.causes[name]}`])));
+  return el("tr", {}, el("td", { class: "remedy" }, name, el("br"), el("small", {}, data.remedies[name])), el("td", {}, thousands(n)), el("td", { class: "k-cause" }, ...most.flatMap((c, k) => [k ? ", " : "", el("b", {}, c.name), ` ${c.causes[name]}`])));
 }));
 const asked = cells.find((c) => c.name === decodeURIComponent(window.location.hash.slice(1)));
 if (asked) open(asked);

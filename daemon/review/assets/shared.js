@@ -39,7 +39,7 @@ const share = ([part, of]) => (of ? `${Math.round(100 * part / of)} %` : "–");
 
 // ---- what stopped it, how often, and what to do about it
 const stoppedBy = (stops) => (stops.length ? `. Stopped by: ${stops.slice(0, 4).map(([name, n]) => (n > 1 ? `${n} × ${name}` : name)).join(", ")}${stops.length > 4 ? `, and ${stops.length - 4} more` : ""}` : "");
-const stoppedList = (stops, remedies) => el("div", { class: "tile list stops" }, el("span", {}, "stopped by"), ...(stops.length ? stops.map(([name, n]) => el("div", {}, el("i", { class: "bad" }, n), ` ${name} `, el("small", {}, remedies[name]))) : [el("b", {}, "nothing")]));
+const stoppedList = (stops, remedies) => el("div", { class: "tile list reasons" }, el("span", {}, "stopped by"), ...(stops.length ? stops.map(([name, n]) => el("div", {}, el("i", { class: "bad" }, n), ` ${name} `, el("small", {}, remedies[name]))) : [el("b", {}, "nothing")]));
 
 // ---- times: the cell's own, UTC under the pointer
 const cellTime = (t, offset) => new Date(Date.parse(t) + 1000 * (offset || 0)).toISOString();
@@ -139,7 +139,8 @@ function chart(title, series, options) {
   series.forEach((s, k) => {
     const { path } = curve(s.points, span, [low, top], width, height), name = `line c${s.colour ?? k}`;
     if (!s.dotsOnly) layer.append(svg("path", { d: path, class: name }));
-    if (s.dotless || s.points.length > 200) return;
+    const count = s.points.filter((p) => known(p[1])).length;
+    if ((s.dotless && count > 1) || count > 200) return;
     s.points.forEach((p, i) => {
       if (!known(p[1])) return;
       const dot = svg("circle", { cx: scale.px(p[0]), cy: scale.py(p[1]), r: options.on ? 4 : 2.5, class: `dot c${s.colour ?? k}` });

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from daemon.hall.layout import add_rows, rows_of
-from daemon.hall.page import STATES, _worse, hall_data, write_hall
+from daemon.hall.page import STATES, _by_cause, _worse, hall_data, write_hall
 from daemon.hall.store import Store, StoreError, open_store
 from daemon.review.page import read_digest
 from tests.worlds.made_run import MadeRun
@@ -55,6 +55,7 @@ def named(data: Any, number: int) -> Any:
 
 def test_each_cell_that_suffers_is_told_of_by_what_it_suffers_from(data: Any) -> None:
     assert named(data, made_year.FAULTY)["state"] == "faults"
+    assert list(data["remedies"]) == list(data["causes"])
     assert named(data, made_year.WORSE)["state"] == "misses"
     assert named(data, made_year.SILENT)["state"] == "silent"
     assert [text for kind, text in named(data, 6)["told"] if kind == "drifts"] == [
@@ -106,6 +107,12 @@ def test_less_than_others_by_chance_is_nothing_to_be_told() -> None:
     assert _worse([80, 100], [970, 1000])
     assert not _worse([99_000, 100_000], [991_000, 1_000_000])
     assert not _worse([0, 0], [10, 10])
+
+
+def test_faults_are_told_by_their_cause_and_those_that_tell_none_by_their_code() -> None:
+    said = {"SuspectError: looks 1 and 2 disagree; suspect: hand-eye": 2, "NoAnswer: to WHERE": 1, "NoAnswer: to DO": 1,
+            "arm_lost: gone": 3}  # fmt: skip
+    assert _by_cause(said) == {"arm_lost": 3, "hand-eye": 2, "controller silent": 2}
 
 
 def test_a_store_without_runs_is_one_line(tmp_path: Path) -> None:
