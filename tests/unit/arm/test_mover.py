@@ -278,7 +278,7 @@ def test_a_speed_is_told_to_a_tenth_of_a_percent():
 def test_a_way_usually_takes_half_of_what_it_is_waited_for_and_more_at_less_speed():
     """By its length, its turn, and how far its joints go, as one after the other."""
     start, arrival = Reading(np.eye(4), np.zeros(6)), Arrival()
-    there = frames.perturb(np.eye(4), np.array([500.0, 0, 0, 0, 0, np.radians(25.0)]))
+    there = frames.perturb(np.eye(4), np.array([0.0, 300.0, 400.0, 0, 0, np.radians(25.0)]))
     assert arrival.usual_s(start, there, None, 100.0) == pytest.approx((2.0 + 0.5) / 2)
     assert arrival.usual_s(start, there, None, 20.0) == pytest.approx(5 * (2.0 + 0.5) / 2)
     joints = np.radians([0.0, -100.0, 0.0, 0.0, 0.0, 50.0])
