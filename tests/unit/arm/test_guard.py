@@ -347,6 +347,7 @@ def test_just_the_clearance_above_the_table_is_enough_and_a_hair_less_is_not():
 
 def test_the_greatest_speed_is_allowed_and_so_is_an_orientation_a_millionth_off():
     assert rule_of(command(speed=LIMITS.max_speed_pct)) is None
+    assert rule_of(command(speed=0.1)) is None
     for off, broken in ((1e-6, None), (np.nextafter(1e-6, 1.0), "not_a_location")):
         sheared = np.eye(4)
         sheared[0, 1] = off

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from drivers.val2.dialect import Dialect
-from drivers.val2.errors import NoAnswer
+from drivers.val2.errors import ControllerError, NoAnswer
 from drivers.val2.link import Link
 from tests.worlds.in_time import lived
 
@@ -121,3 +121,26 @@ def test_a_reading_is_the_same_place_up_to_what_the_dialect_says_in_length_and_i
     assert not lived(story(0.51, 0.0))
     assert lived(story(0.0, 0.49))
     assert not lived(story(0.0, 0.51))
+
+
+@pytest.mark.parametrize(
+    ("said", "raised"), [("", None), ("\r\n*Illegal command*", None), ("\r\n*Arm power off*", "Arm power off")]
+)
+def test_what_is_said_on_the_way_back_to_a_prompt_is_told_but_for_what_we_made_it_say(
+    said: str, raised: str | None
+) -> None:
+    """An answer is lost; what was typed to find the prompt again may be called an illegal command."""
+
+    async def story() -> list[str]:
+        port = Scripted(lambda line, nth: "" if (line, nth) == ("SPEED 5", 0) else usual(line, nth))
+        link = linked(port)
+        await link.open()
+        port.at_first = said + PROMPT
+        if raised is None:
+            await link.speed(5.0)
+        else:
+            with pytest.raises(ControllerError, match=raised):
+                await link.speed(5.0)
+        return port.lines
+
+    assert lived(story()).count("SPEED 5") == (2 if raised is None else 1)
