@@ -220,5 +220,10 @@ def test_a_way_of_more_steps_than_anybody_waits_for_is_refused_as_too_long_a_ste
 
 
 def test_a_way_is_parted_in_no_more_steps_than_the_limits_ask_for():
-    for limits, count in ((Limits(), 1), (Limits(max_step_mm=300.0), 2), (Limits(max_step_mm=200.0), 3)):
+    for limits, count in (
+        (Limits(), 1),
+        (Limits(max_step_mm=300.0), 2),
+        (Limits(max_step_mm=200.0), 3),
+        (Limits(max_step_mm=15.0), 28),
+    ):
         assert len(planned(hand(560, -200, 100), hand(560, 200, 100), limits=limits)) == count
