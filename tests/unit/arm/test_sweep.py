@@ -686,3 +686,9 @@ def test_along_a_limit_a_way_is_proven_in_so_many_stretches_as_it_takes_up_to_fi
     at = [(400.0, BARE.table_z_mm + 0.4)] * 2
     way = Along([0.0, 1.0], [0.0, 1.0], at, [0.0, travel_mm])
     assert [strike.rule for strike in struck(way, limits)] == rules
+
+
+def test_five_hundred_places_are_not_too_many():
+    limits = replace(BARE, clearance_mm=0.4)
+    at = [(400.0, BARE.table_z_mm + 0.4)] * 2
+    assert struck(Along(np.linspace(0.0, 1.0, 51), [0.0, 1.0], at, [0.0, 190.0]), limits) == ()

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from drivers.val2.dialect import Dialect
-from drivers.val2.errors import ControllerError, NoAnswer
+from drivers.val2.errors import ControllerError, NoAnswer, PortError
 from drivers.val2.link import Link
 from tests.worlds.in_time import lived
 
@@ -144,3 +144,22 @@ def test_what_is_said_on_the_way_back_to_a_prompt_is_told_but_for_what_we_made_i
         return port.lines
 
     assert lived(story()).count("SPEED 5") == (2 if raised is None else 1)
+
+
+def test_a_link_that_was_let_go_has_no_line_and_has_seen_no_stop_and_one_opened_anew_found_no_arm_at_work() -> None:
+    async def story() -> None:
+        link = linked(Scripted(usual))
+        assert (link.connected, link.stop_seen, link.stopped_on_opening) == (False, False, False)
+        await link.open()
+        await link.prove_stop()
+        assert (link.connected, link.stop_seen) == (True, True)
+        await link.close()
+        await link.close()
+        assert (link.connected, link.stop_seen) == (False, False)
+        with pytest.raises(PortError, match="not open"):
+            await link.where()
+        link.stopped_on_opening = True
+        await link.open()
+        assert not link.stopped_on_opening
+
+    lived(story())
