@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 from collections.abc import Callable
 from typing import Any
 
@@ -360,3 +361,18 @@ def test_opening_a_line_that_a_stop_waits_for_is_over_when_the_stop_is_and_found
         assert not link.stopped_on_opening
 
     lived(story())
+
+
+def test_where_no_break_is_typed_an_arm_is_seen_at_work_on_opening_by_two_readings_that_differ() -> None:
+    async def story(moves: bool) -> tuple[list[str], bool]:
+        port = Scripted(lambda line, nth: table(400.0 + moves * nth) if line == "WHERE" else PROMPT)
+        link = linked(port, break_after_move=False)
+        link._belongs_together = lambda _: False  # whose TOOL it is does not matter for that
+        with contextlib.suppress(NoAnswer):  # this one moves for ever
+            await link.open()
+        return port.lines, link.stopped_on_opening
+
+    lines, stopped = lived(story(False))
+    assert (lines, stopped) == (["WHERE", "WHERE"], False)
+    lines, _ = lived(story(True))
+    assert lines[:4] == ["WHERE", "WHERE", "!!", "ABORT"]
