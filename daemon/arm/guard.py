@@ -158,9 +158,8 @@ def _turn_too_far(command: Command, standing: ArmState, limits: Limits) -> str |
 
 
 def _too_fast(command: Command, _: ArmState, limits: Limits) -> str | None:
-    if not 0 < command.speed_pct <= limits.max_speed_pct:
-        return f"speed {command.speed_pct:g} % is not within 0 to {limits.max_speed_pct:g}"
-    return None
+    within = 0 < command.speed_pct <= limits.max_speed_pct
+    return None if within else f"speed {command.speed_pct:g} % is not within 0 to {limits.max_speed_pct:g}"
 
 
 def _stale_look(command: Command, standing: ArmState, limits: Limits) -> str | None:

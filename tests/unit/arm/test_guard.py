@@ -2,6 +2,7 @@
 
 import asyncio
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from daemon.arm import mover as motion
 from daemon.arm.body import LINK_FRAME, KeepOut, above_mm, body_of
 from daemon.arm.guard import ArmState, Command, Limits, Strike, refuse
 from daemon.arm.mover import Arrival, Mover, MoveRefusedError
+from daemon.config import load_config
 from daemon.pick.grasp import tool_rotation
 from drivers import puma560
 from tests.worlds.fake_cell import ARM, HEAD_DOWN, Allowed, World, build
@@ -347,6 +349,7 @@ def test_just_the_clearance_above_the_table_is_enough_and_a_hair_less_is_not():
 
 def test_the_greatest_speed_is_allowed_and_so_is_an_orientation_a_millionth_off():
     assert rule_of(command(speed=LIMITS.max_speed_pct)) is None
+    assert rule_of(command(speed=0.1)) is None
     for off, broken in ((1e-6, None), (np.nextafter(1e-6, 1.0), "not_a_location")):
         sheared = np.eye(4)
         sheared[0, 1] = off
@@ -354,3 +357,18 @@ def test_the_greatest_speed_is_allowed_and_so_is_an_orientation_a_millionth_off(
         here[:3, 3] = AT[:3, 3]
         refusal = refuse(command(here), replace(STANDING, at=here), LIMITS)
         assert (None if refusal is None else refusal.rule) == broken
+
+
+def test_who_configures_nothing_has_the_limits_that_the_configuration_of_etc_shows():
+    assert load_config(Path(__file__).parents[3] / "etc/facetd.yaml").values.pick.limits == Limits()
+
+
+def test_two_millimetres_above_the_table_and_a_hundred_degrees_at_once_are_the_limits_of_who_says_none():
+    body = body_of(tuple(c for c in LIMITS.capsules if c.link == "tool"), LIMITS.body_mm)
+    lowest = float(above_mm(frames.apply(AT, body.ends_mm), body.radius_mm, LIMITS.table_z_mm).min())
+    for above, broken in ((2.01, None), (1.99, "below_table")):
+        low = moved(z=above - lowest)
+        refusal = refuse(command(low), replace(STANDING, at=low), Limits())
+        assert (None if refusal is None else refusal.rule) == broken
+    for turn_deg, broken in ((99.9, None), (100.1, "turn_too_far")):
+        assert rule_of(command(moved(turn=np.radians(turn_deg))), Limits(table_z_mm=-900.0)) == broken

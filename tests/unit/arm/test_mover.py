@@ -312,8 +312,43 @@ def test_a_speed_is_told_to_a_tenth_of_a_percent():
 def test_a_way_usually_takes_half_of_what_it_is_waited_for_and_more_at_less_speed():
     """By its length, its turn, and how far its joints go, as one after the other."""
     start, arrival = Reading(np.eye(4), np.zeros(6)), Arrival()
-    there = frames.perturb(np.eye(4), np.array([500.0, 0, 0, 0, 0, np.radians(25.0)]))
+    there = frames.perturb(np.eye(4), np.array([0.0, 300.0, 400.0, 0, 0, np.radians(25.0)]))
     assert arrival.usual_s(start, there, None, 100.0) == pytest.approx((2.0 + 0.5) / 2)
     assert arrival.usual_s(start, there, None, 20.0) == pytest.approx(5 * (2.0 + 0.5) / 2)
     joints = np.radians([0.0, -100.0, 0.0, 0.0, 0.0, 50.0])
     assert arrival.usual_s(start, there, joints, 100.0) == pytest.approx((2.0 + 2.0) / 2)
+
+
+def test_an_arm_that_does_not_come_to_rest_is_nowhere_known():
+    world = World(np.random.default_rng(0))
+    mover = mover_in(world)
+    assert asyncio.run(mover.rest()) is mover.at
+
+    async def moves_on():
+        raise OSError("not at rest")
+
+    mover.cell.robot.rest = moves_on
+    with pytest.raises(OSError, match="not at rest"):
+        asyncio.run(mover.rest())
+    assert mover.here is None
+
+
+def test_a_move_gives_where_the_arm_is_then():
+    mover = mover_in(World(np.random.default_rng(0)))
+    assert asyncio.run(mover.go(command(NEAR, False, 50.0))) is mover.at
+
+
+def test_how_long_a_way_takes_from_here_is_told_at_no_more_than_the_greatest_speed():
+    mover = mover_in(World(np.random.default_rng(0)), max_speed_pct=40.0)
+    joints = mover.cell.robot.reachable(NEAR, mover.here.joints_rad)
+    for asked_pct, pct in ((20.0, 20.0), (90.0, 40.0)):
+        assert mover.takes_s(NEAR, asked_pct) == mover.arrival.usual_s(mover.here, NEAR, joints, pct) > 0.0
+
+
+def test_from_an_unknown_place_no_way_is_planned_and_nothing_sent():
+    world = World(np.random.default_rng(0))
+    mover = mover_in(world)
+    mover.forget()
+    with pytest.raises(MoveRefusedError, match="arm_lost"):
+        asyncio.run(mover.travel(NEAR, "a test", lambda _: 50.0))
+    assert not world.wire

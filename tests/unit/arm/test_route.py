@@ -206,3 +206,24 @@ def test_a_straight_way_is_parted_on_its_line():
     for leg in legs:
         assert leg.straight
         assert leg.world_from_tool[[0, 2], 3] == pytest.approx([560.0, 100.0])
+
+
+@pytest.mark.parametrize("straight", [True, False])
+def test_a_way_of_more_steps_than_anybody_waits_for_is_refused_as_too_long_a_step(straight):
+    """A line is parted in as many as it takes."""
+    found = planned(hand(560, -200, 100), hand(560, 200, 100), straight, Limits(max_step_mm=5.0))
+    if straight:
+        assert len(found) >= 80
+    else:
+        assert isinstance(found, Refusal)
+        assert found.rule == "step_too_long"
+
+
+def test_a_way_is_parted_in_no_more_steps_than_the_limits_ask_for():
+    for limits, count in (
+        (Limits(), 1),
+        (Limits(max_step_mm=300.0), 2),
+        (Limits(max_step_mm=200.0), 3),
+        (Limits(max_step_mm=15.0), 28),
+    ):
+        assert len(planned(hand(560, -200, 100), hand(560, 200, 100), limits=limits)) == count

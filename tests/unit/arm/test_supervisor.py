@@ -1106,3 +1106,95 @@ def test_a_stop_said_while_a_fault_stands_does_not_take_its_place():
     assert [record["text"] for record in world.said("fault")] == [
         "calibration: the right eye has turned", "stopped by ann", "stopped by bob", "stopped by bob",
     ]  # fmt: skip
+
+
+def test_every_stop_ends_when_the_job_has_ended_and_until_then_it_is_under_way():
+    """The second as the first: what a job does on its end belongs to it."""
+    _, supervisor, _ = supervised()
+
+    async def slow_to_end() -> None:
+        try:
+            await asyncio.sleep(60.0)
+        finally:
+            await asyncio.sleep(0.05)
+
+    async def story() -> None:
+        for _ in range(2):
+            job = asyncio.create_task(supervisor.run("look", slow_to_end()))
+            await asyncio.sleep(0.01)
+            stopping = asyncio.create_task(supervisor.abort())
+            await asyncio.sleep(0.03)
+            assert supervisor.stopping
+            assert supervisor.hindrance == "being stopped (aborted by the operator)"
+            await stopping
+            assert not supervisor.busy
+            assert not supervisor.stopping
+            with pytest.raises(RefusedError, match="look: aborted by the operator"):
+                await job
+
+    lived(story())
+
+
+def test_a_stop_that_is_never_answered_at_all_sounds_the_alarm_with_that():
+    _, supervisor, _ = supervised()
+    supervisor.mover.cell.robot.abort = asyncio.Event().wait
+
+    async def story() -> str | None:
+        alarm = await supervisor.stop("by hand")
+        supervisor._telling.cancel()
+        return alarm
+
+    alarm = lived(story())
+    assert alarm is not None
+    assert alarm.startswith("stopped by hand; NOT CONFIRMED: no answer: press the emergency stop")
+
+
+def test_a_stop_that_was_confirmed_in_time_sounds_no_alarm_later():
+    _, supervisor, heard = supervised()
+
+    async def story() -> None:
+        assert await supervisor.stop("by hand") is None
+        await asyncio.sleep(3 * ABORT_S)
+
+    lived(story())
+    assert supervisor.fault == "stopped by hand"
+    assert [what for what, _ in heard] == [Interruption.STOP]
+
+
+@pytest.mark.parametrize(("error", "told"), [(OSError("the line is dead"), "the line is dead"), (OSError(), "OSError")])
+def test_why_a_stop_could_not_be_confirmed_is_told_with_the_alarm(error, told):
+    world, supervisor, _ = supervised()
+    failing_aborts(world, error, 100)
+
+    async def story() -> str | None:
+        alarm = await supervisor.stop("by hand")
+        supervisor._telling.cancel()
+        return alarm
+
+    alarm = lived(story())
+    assert alarm is not None
+    assert f"NOT CONFIRMED: {told}: press" in alarm
+
+
+def test_a_fault_is_recorded_by_the_code_it_begins_with():
+    world, supervisor, _ = supervised()
+    asyncio.run(supervisor.fail("cameras", "no pair: none came"))
+    assert [(fault["code"], fault["text"]) for fault in world.said("fault")] == [
+        ("cameras", "cameras: no pair: none came")
+    ]
+
+
+def test_who_fails_when_told_of_a_stop_is_told_to_the_loop():
+    told = []
+
+    def fails(_: Interruption) -> None:
+        raise OSError("the journal is gone")
+
+    supervisor = Supervisor(build(World(np.random.default_rng(0))), Limits(), Arrival(), fails)
+
+    async def story() -> None:
+        asyncio.get_running_loop().set_exception_handler(lambda _, context: told.append(context))
+        assert await supervisor.stop() is None
+
+    asyncio.run(story())
+    assert [str(context["exception"]) for context in told] == ["the journal is gone"]

@@ -666,3 +666,29 @@ def test_a_line_that_is_clear_at_the_first_look_is_followed_once(monkeypatch):
     monkeypatch.setattr(ROBOT, "along", lambda *way, along=ROBOT.along: asked.append(way) or along(*way))
     assert rule(travel(hand(500, -100, 100), hand(500, 100, 100))) is None
     assert len(asked) == 1
+
+
+def test_what_is_nearer_than_three_centimetres_to_its_limit_in_a_keep_out_is_told_exactly():
+    """A rod beside a wall: the bound that serves farther away would be a fourth of its length short."""
+    rod = Capsule("rod", "tool", (0.0, -40.0, 0.0), (0.0, 40.0, 0.0), 5.0)
+    links = np.tile(np.eye(4), (1, 8, 1, 1))
+    for gap_mm, exact in ((29.0, True), (60.0, False)):
+        wall = KeepOut("wall", (5.0 + 2.0 + gap_mm, -400.0, -400.0), (900.0, 400.0, 400.0))
+        gaps = sweep.gaps_of(links, body_of((rod,), ()), Limits(capsules=(rod,), keep_out=(wall,)))
+        told = gaps.values_mm[0, [what[:2] for what in gaps.what].index(("kept_out", "rod"))]
+        assert told == pytest.approx(gap_mm if exact else gap_mm - 20.0)
+
+
+@pytest.mark.parametrize(("travel_mm", "rules"), [(12.0, []), (120.0, []), (190.0, ["no_way"])])
+def test_along_a_limit_a_way_is_proven_in_so_many_stretches_as_it_takes_up_to_five_hundred(travel_mm, rules):
+    """At just the clearance all along: with a fifth of a millimetre of slack each 0.4 mm of travel has to be seen."""
+    limits = replace(BARE, clearance_mm=0.4)
+    at = [(400.0, BARE.table_z_mm + 0.4)] * 2
+    way = Along([0.0, 1.0], [0.0, 1.0], at, [0.0, travel_mm])
+    assert [strike.rule for strike in struck(way, limits)] == rules
+
+
+def test_five_hundred_places_are_not_too_many():
+    limits = replace(BARE, clearance_mm=0.4)
+    at = [(400.0, BARE.table_z_mm + 0.4)] * 2
+    assert struck(Along(np.linspace(0.0, 1.0, 51), [0.0, 1.0], at, [0.0, 190.0]), limits) == ()

@@ -274,15 +274,63 @@ def test_a_conversation_that_was_ended_sends_nothing_more_and_says_why_to_all() 
     lived(story())
 
 
-def test_behind_bytes_that_were_sent_as_they_are_a_dot_is_a_prompt() -> None:
+@pytest.mark.parametrize("pause_s", [0.0, 0.05])
+def test_behind_bytes_that_were_sent_as_they_are_a_dot_is_a_prompt_from_the_first_of_them_on(pause_s: float) -> None:
     async def story() -> list[Any]:
-        line = Line({})
+        line = Line({}, character_pause_s=pause_s)
         line.hear(b"\r\n.")
         await asyncio.sleep(0.1)
         line.talk.unheard()
-        line.talk.send_raw(b"")
-        line.hear(b".")
+        line.echoes = lambda data: b""
+        line.loop.call_later(0.01, lambda: line.hear(b"."))
+        await line.talk.type_raw(b"ab")
         await asyncio.sleep(0.1)
         return [type(event) for event in line.talk.unheard()]
 
     assert lived(story()) == [Prompt]
+
+
+def test_a_conversation_that_ends_while_bytes_are_typed_slowly_sends_no_more_of_them() -> None:
+    async def story() -> list[bytes]:
+        line = Line({}, character_pause_s=0.05)
+        line.loop.call_later(0.06, lambda: line.talk.end(Preempted("aborted")))
+        with pytest.raises(Preempted):
+            await line.talk.type_raw(b"ABORT")
+        return [data for _, data, _ in line.sent]
+
+    assert lived(story()) == [b"A", b"B"]
+
+
+def test_after_a_prompt_that_was_sought_what_may_still_come_is_waited_for() -> None:
+    async def story(settle_s: float) -> float:
+        line = Line({b"!!": b"."}, cancel_line=b"", echo_settle_s=settle_s)
+        await line.talk.resynchronise()
+        return line.loop.time()
+
+    assert lived(story(0.4)) - lived(story(0.1)) == pytest.approx(0.3)
+
+
+def test_a_line_that_was_not_ended_was_not_though_the_one_before_it_was() -> None:
+    async def story() -> bool:
+        line = Line({b"WHERE": TABLE + b"."})
+        await line.talk.ask("WHERE", (), 5.0)
+        assert line.talk.typed_whole
+        line.echoes = lambda data: b"x"
+        with pytest.raises(Garbled):
+            await line.talk.ask("WHERE", (), 5.0)
+        return line.talk.typed_whole
+
+    assert lived(story()) is False
+
+
+def test_whoever_waits_for_a_conversation_that_was_ended_is_told_so_each_time() -> None:
+    async def story() -> float:
+        line = Line({})
+        began_s = line.loop.time()
+        line.talk.end(Preempted("aborted"))
+        for _ in range(3):
+            with pytest.raises(Preempted):
+                await line.talk.next_event(5.0, "no answer")
+        return line.loop.time() - began_s
+
+    assert lived(story()) == 0.0

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 from collections.abc import Callable
 from typing import Any
 
 import pytest
 
 from drivers.val2.dialect import Dialect
-from drivers.val2.errors import NoAnswer
-from drivers.val2.link import Link
+from drivers.val2.errors import ControllerError, Elsewhere, Garbled, NoAnswer, PortError, Preempted
+from drivers.val2.link import Link, Where
+from drivers.val2.location import Location
 from tests.worlds.in_time import lived
 
 PROMPT = "\r\n."
@@ -52,6 +54,10 @@ class Scripted:
 
     def close(self) -> None:
         """See Port."""
+
+
+GOAL = Location(500.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+TRANS = "TRANS(500.00,0.00,0.00,0.000,0.000,0.000)"
 
 
 def linked(port: Scripted, **settings: Any) -> Link:
@@ -121,3 +127,252 @@ def test_a_reading_is_the_same_place_up_to_what_the_dialect_says_in_length_and_i
     assert not lived(story(0.51, 0.0))
     assert lived(story(0.0, 0.49))
     assert not lived(story(0.0, 0.51))
+
+
+@pytest.mark.parametrize(
+    ("said", "raised"), [("", None), ("\r\n*Illegal command*", None), ("\r\n*Arm power off*", "Arm power off")]
+)
+def test_what_is_said_on_the_way_back_to_a_prompt_is_told_but_for_what_we_made_it_say(
+    said: str, raised: str | None
+) -> None:
+    """An answer is lost; what was typed to find the prompt again may be called an illegal command."""
+
+    async def story() -> list[str]:
+        port = Scripted(lambda line, nth: "" if (line, nth) == ("SPEED 5", 0) else usual(line, nth))
+        link = linked(port)
+        await link.open()
+        port.at_first = said + PROMPT
+        if raised is None:
+            await link.speed(5.0)
+        else:
+            with pytest.raises(ControllerError, match=raised):
+                await link.speed(5.0)
+        return port.lines
+
+    assert lived(story()).count("SPEED 5") == (2 if raised is None else 1)
+
+
+def test_a_link_that_was_let_go_has_no_line_and_has_seen_no_stop_and_one_opened_anew_found_no_arm_at_work() -> None:
+    async def story() -> None:
+        link = linked(Scripted(usual))
+        assert (link.connected, link.stop_seen, link.stopped_on_opening) == (False, False, False)
+        await link.open()
+        await link.prove_stop()
+        assert (link.connected, link.stop_seen) == (True, True)
+        await link.close()
+        await link.close()
+        assert (link.connected, link.stop_seen) == (False, False)
+        with pytest.raises(PortError, match="not open"):
+            await link.where()
+        link.stopped_on_opening = True
+        await link.open()
+        assert not link.stopped_on_opening
+
+    lived(story())
+
+
+def told(
+    act: Callable[[Link], Any], says: Callable[[str, int], str] = usual, **settings: Any
+) -> tuple[Any, list[str], float]:
+    """What an act on an open link gives or raises, what it types, and how long it takes, s."""
+
+    async def story() -> tuple[Any, list[str], float]:
+        port = Scripted(says)
+        link = linked(port, **settings)
+        await link.open()
+        typed, began_s = len(port.lines), port.loop.time()
+        try:
+            came = await act(link)
+        except Exception as error:
+            came = error
+        return came, port.lines[typed:], port.loop.time() - began_s
+
+    return lived(story())
+
+
+def test_what_a_controller_asks_at_power_up_is_answered_in_turn_before_it_takes_a_command() -> None:
+    def says(line: str, nth: int) -> str:
+        return "\r\nInitialize (Y/N)? " if (line, nth) == ("Y", 0) else PROMPT
+
+    async def story() -> list[str]:
+        port = Scripted(says, at_first="\r\nLoad VAL-II from floppy (Y/N)? ")
+        link = linked(port)
+        await link.open()
+        assert link.question == "Load VAL-II from floppy (Y/N)?"
+        with pytest.raises(ControllerError, match="answer that first"):
+            await link.speed(5.0)
+        answer = await link.power_up(("Y", "N"))
+        assert answer.lines[-1] == "Initialize (Y/N)?"
+        assert link.question is None
+        with pytest.raises(ControllerError, match="the controller asks nothing"):
+            await link.power_up()
+        return port.lines
+
+    assert lived(story()) == ["Y", "N"]
+
+
+@pytest.mark.parametrize(
+    ("act", "typed", "settings"),
+    [
+        (lambda link: link.move(GOAL), [f"DO MOVE {TRANS}"], {}),
+        (lambda link: link.move_straight(GOAL), [f"DO SET P={TRANS}", "DO MOVES P"], {"variable": "P"}),
+        (lambda link: link.move_straight(GOAL), [f"DO MOVES {TRANS}"], {"straight_through_variable": False}),
+        (lambda link: link.ready(), ["DO READY", "DO BREAK", "WHERE", "WHERE"], {}),
+        (lambda link: link.ready(), ["DO READY", "WHERE", "WHERE"], {"break_after_move": False}),
+        (lambda link: link.rest(GOAL), ["DO BREAK", "WHERE", "WHERE"], {}),
+        (lambda link: link.open_hand(), ["DO OPENI"], {}),
+        (lambda link: link.close_hand(), ["DO CLOSEI"], {}),
+        (lambda link: link.tool(GOAL), [f"TOOL {TRANS}"], {}),
+        (lambda link: link.own_speed_only(), ["DO SPEED 100 ALWAYS"], {}),
+        (lambda link: link.calibrate(), ["CALIB", "Y"], {"calibrate_word": "CALIB"}),
+        (lambda link: link.calibrate("N"), ["CAL", "N"], {}),
+    ],
+)
+def test_what_is_typed_for_each_thing_the_arm_is_told(act: Any, typed: list[str], settings: dict[str, Any]) -> None:
+    def says(line: str, nth: int) -> str:
+        return ASKS if line.startswith("CAL") else usual(line, nth)
+
+    came, lines, _ = told(act, says, **settings)
+    assert not isinstance(came, Exception)
+    assert lines == typed
+
+
+@pytest.mark.parametrize(
+    ("act", "seconds"),
+    [
+        (lambda link: link.command("STATUS"), 2.0),
+        (lambda link: link.command("STATUS", timeout_s=3.0), 3.0),
+        (lambda link: link.command("DO READY"), 40.0),
+        (lambda link: link.open_hand(), 2.0),
+        (lambda link: link.close_hand(), 2.0),
+        (lambda link: link.move(GOAL), 40.0),
+        (lambda link: link.move(GOAL, 7.0), 7.0),
+        (lambda link: link.move_straight(GOAL), 40.0),
+        (lambda link: link.move_straight(GOAL, 7.0), 7.0),
+        (lambda link: link.calibrate(), 90.0),
+    ],
+)
+def test_an_answer_is_waited_for_as_long_as_what_was_told_may_take(act: Any, seconds: float) -> None:
+    def dumb(line: str, nth: int) -> str:
+        """After the line was opened."""
+        return PROMPT if line == "DO BREAK" else ""
+
+    came, _, took_s = told(
+        act,
+        dumb,
+        answer_s=2.0,
+        motion_s=40.0,
+        calibrate_s=90.0,
+        typing_attempts=1,
+        straight_through_variable=False,
+    )
+    assert isinstance(came, NoAnswer)
+    assert f"within {seconds:g} s" in str(came)
+    assert took_s >= seconds
+
+
+def test_a_controller_without_a_speed_of_programs_may_refuse_it_in_whatever_words() -> None:
+    for said, came in (("\r\n*Mischief*" + PROMPT, "None"), (ASKS, "the controller asks 'Are you sure")):
+
+        def says(line: str, nth: int, said: str = said) -> str:
+            return said if "ALWAYS" in line else usual(line, nth)
+
+        assert str(told(lambda link: link.own_speed_only(), says)[0]).startswith(came)
+
+    async def in_a_stop(link: Link) -> None:
+        stopping = asyncio.ensure_future(link.abort())
+        await asyncio.sleep(0.0)
+        with pytest.raises(Preempted):
+            await link.own_speed_only()
+        await stopping
+
+    assert told(in_a_stop)[0] is None
+
+
+@pytest.mark.parametrize(("x", "t"), [(500.3, 0.0), (500.0, 0.3)])
+def test_an_arm_at_rest_elsewhere_in_place_or_turn_is_told_once_it_has_lingered(x: float, t: float) -> None:
+    def says(line: str, nth: int) -> str:
+        return table(x, t) if line == "WHERE" else PROMPT
+
+    came, _, took_s = told(lambda link: link.rest(GOAL), says, stall_s=2.0)
+    assert isinstance(came, Elsewhere)
+    assert "at rest 0.30 mm and 0.00" in str(came) or "0.00 mm and 0.30 degrees" in str(came)
+    assert came.where is not None
+    assert came.where.location == Location(x, 0.0, 0.0, 0.0, 0.0, t)
+    assert 2.0 <= took_s < 2.5
+    came, _, took_s = told(lambda link: link.rest(GOAL, 1.0), says, stall_s=2.0)
+    assert isinstance(came, Elsewhere)
+    assert 1.0 <= took_s < 1.5, "no longer than there is time"
+
+
+def test_an_arm_that_does_not_come_to_rest_in_time_is_no_answer_with_where_it_was_last() -> None:
+    def says(line: str, nth: int) -> str:
+        return table(400.0 + nth) if line == "WHERE" else PROMPT
+
+    came, lines, took_s = told(lambda link: link.rest(GOAL, 1.0), says)
+    assert isinstance(came, NoAnswer)
+    assert came.where is not None
+    assert came.where.location.x_mm == 400.0 + lines.count("WHERE") - 1
+    assert 1.0 <= took_s < 1.3
+
+
+def test_a_place_that_its_joints_do_not_put_the_tool_at_is_asked_for_again_and_never_given_out() -> None:
+    async def story(bad: int, any_place: bool) -> Where:
+        port = Scripted(lambda line, nth: table(999.0 if nth < bad else 500.0) if line == "WHERE" else PROMPT)
+        link = Link(
+            "scripted",
+            Dialect(typing_attempts=3),
+            asyncio.get_running_loop().time,
+            belongs_together=lambda where: where.location.x_mm < 900.0,
+            open_port=port.open,
+        )
+        await link.open()
+        return await link.still(1.0, True) if any_place else await link.still(1.0)
+
+    assert lived(story(2, False)).location.x_mm == 500.0
+    assert lived(story(9, True)).location.x_mm == 999.0
+    with pytest.raises(Garbled, match="do not belong together"):
+        lived(story(9, False))
+
+
+def test_an_arm_that_seems_at_work_on_opening_is_stopped_before_anything_else_is_typed() -> None:
+    """The controller says something, and gives no prompt."""
+
+    async def story() -> None:
+        port = Scripted(usual, at_first="\r\nMOVING\r\n")
+        link = linked(port)
+        await link.open()
+        assert link.stopped_on_opening
+        assert link.stop_seen
+        assert port.lines[:2] == ["!!", "ABORT"]
+
+    lived(story())
+
+
+def test_opening_a_line_that_a_stop_waits_for_is_over_when_the_stop_is_and_found_no_arm_at_work() -> None:
+    async def story() -> None:
+        link = linked(Scripted(usual))
+        opening = asyncio.ensure_future(link.open())
+        await asyncio.sleep(0.0)
+        stopping = asyncio.ensure_future(link.abort())
+        await opening
+        assert stopping.done()
+        assert link.stop_seen
+        assert not link.stopped_on_opening
+
+    lived(story())
+
+
+def test_where_no_break_is_typed_an_arm_is_seen_at_work_on_opening_by_two_readings_that_differ() -> None:
+    async def story(moves: bool) -> tuple[list[str], bool]:
+        port = Scripted(lambda line, nth: table(400.0 + moves * nth) if line == "WHERE" else PROMPT)
+        link = linked(port, break_after_move=False)
+        link._belongs_together = lambda _: False  # whose TOOL it is does not matter for that
+        with contextlib.suppress(NoAnswer):  # this one moves for ever
+            await link.open()
+        return port.lines, link.stopped_on_opening
+
+    lines, stopped = lived(story(False))
+    assert (lines, stopped) == (["WHERE", "WHERE"], False)
+    lines, _ = lived(story(True))
+    assert lines[:4] == ["WHERE", "WHERE", "!!", "ABORT"]

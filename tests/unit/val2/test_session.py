@@ -8,10 +8,10 @@ from typing import Any
 import pytest
 
 from drivers.val2.dialect import Dialect
-from drivers.val2.errors import ControllerError, PortError, Preempted
+from drivers.val2.errors import ControllerError, NoAnswer, PortError, Preempted
 from drivers.val2.ledger import Ledger
 from drivers.val2.session import Session
-from drivers.val2.wire import Prompt
+from drivers.val2.wire import Prompt, Text
 from tests.worlds.in_time import lived
 
 PROMPT = b"\r\n."
@@ -149,6 +149,7 @@ def test_a_lost_port_is_told_to_who_waits_and_who_comes_and_nothing_is_lost_twic
             async with session.turn() as talk:
                 await talk.next_event(60.0, "")
 
+        assert not session.lost
         waiting = asyncio.ensure_future(waits())
         await asyncio.sleep(0.1)
         wire.hear(b"\r\n.")  # its silence is being waited for
@@ -174,3 +175,108 @@ def test_what_is_sent_and_heard_is_in_the_ledger() -> None:
     records = lived(story())
     assert "hello" in str(records)
     assert "x15" in str(records)
+
+
+def test_who_waited_through_a_preemption_never_has_the_line_and_who_asks_in_it_has_it_after() -> None:
+    async def story() -> list[str]:
+        session, had = Wire().session, list[str]()
+
+        async def has(name: str) -> None:
+            async with session.turn():
+                had.append(name)
+                await asyncio.sleep(1.0)
+
+        first, waiting = asyncio.ensure_future(has("first")), asyncio.ensure_future(has("waiting"))
+        await asyncio.sleep(0.1)
+        async with session.preemption():
+            later = asyncio.ensure_future(has("later"))
+            await asyncio.sleep(2.0)
+        await asyncio.gather(first, waiting, later, return_exceptions=True)
+        assert isinstance(waiting.exception(), Preempted)
+        assert later.exception() is None
+        return had
+
+    assert lived(story()) == ["first", "later"]
+
+
+def test_a_person_who_comes_in_a_preemption_waits_for_its_end_and_is_then_shown_what_comes() -> None:
+    async def story() -> None:
+        wire, shown = Wire(), bytearray()
+
+        async def person() -> float:
+            async with wire.session.terminal(shown.extend):
+                came_s = wire.loop.time()
+                wire.hear(b"\r\nhello\r\n")
+                wire.answers = [(0.001, PROMPT)]
+            return came_s
+
+        async with wire.session.preemption():
+            coming = asyncio.ensure_future(person())
+            await asyncio.sleep(2.0)
+        assert await coming >= 2.0
+        assert b"hello" in shown
+
+    lived(story())
+
+
+def test_the_prompt_that_a_person_leaves_behind_is_not_the_one_that_is_sought_then() -> None:
+    async def story() -> None:
+        wire = Wire()
+        began_s = wire.loop.time()
+        async with wire.session.terminal(lambda _: None):
+            wire.hear(b"\r\n*Illegal command*\r\n.")
+            await asyncio.sleep(0.1)
+            wire.answers = [(0.5, PROMPT)]
+        assert wire.loop.time() - began_s > 0.6
+        async with wire.session.turn() as talk:
+            assert talk.unheard() == []
+
+    lived(story())
+
+
+def test_the_prompt_is_sought_three_times_unless_told_otherwise_and_a_question_in_its_place_is_kept() -> None:
+    async def story() -> None:
+        wire = Wire()
+        session = wire.session
+        session.line_may_hold_rest = False
+        with pytest.raises(NoAnswer, match="after 3 attempts"):
+            await session.find_prompt()
+        assert session.line_may_hold_rest
+        wire.answers = [(0.001, b"\r\nAre you sure (Y/N)? ")]
+        await session.find_prompt()
+        assert session.question == "Are you sure (Y/N)?"
+        wire.answers = [(0.001, PROMPT)]
+        await session.find_prompt()
+        assert session.question is None
+
+    lived(story())
+
+
+def test_silence_counts_from_the_last_byte_and_not_from_the_dot_before() -> None:
+    async def story() -> list[Any]:
+        wire = Wire()
+        wire.hear(b"\r\n.")
+        wire.loop.call_later(0.015, wire.hear, b"52\r\n.")
+        await asyncio.sleep(0.03)
+        early = wire.session.talk.unheard()
+        await asyncio.sleep(0.02)
+        return [type(event) for event in (*early, None, *wire.session.talk.unheard())]
+
+    assert lived(story()) == [Text, type(None), Prompt]
+
+
+def test_a_line_that_is_let_go_tells_who_waits_and_hears_nothing_more() -> None:
+    async def story() -> None:
+        wire = Wire()
+        waiting = asyncio.ensure_future(wire.session.talk.next_event(60.0, ""))
+        await asyncio.sleep(0.1)
+        wire.hear(b"\r\n.")
+        heard = len(wire.records)
+        wire.session.close()
+        assert not wire.open
+        with pytest.raises(PortError, match="wire: closed"):
+            await waiting
+        await asyncio.sleep(1.0)
+        assert len(wire.records) == heard
+
+    lived(story())

@@ -312,3 +312,25 @@ def test_behind_a_spoiled_echo_a_dot_is_a_prompt_only_where_the_echo_was_a_line_
     reader.typed(b"WHERE")
     assert kinds(reader.receive(b"WH" + wrong)) == ["Garble"]
     assert kinds(reader.receive(b".") + reader.silence()) == prompts
+
+
+def test_a_wrong_last_character_of_an_echo_is_no_echo() -> None:
+    reader = Reader()
+    reader.typed(b"WHERE")
+    assert kinds(reader.receive(b"WHERX")) == ["Garble"]
+    assert reader.state is State.LINE
+
+
+def test_a_question_that_ended_its_line_may_be_followed_by_spaces_and_is_text_when_more_follows() -> None:
+    assert kinds(after(b"Are you sure (Y/N)?\r\n  ")) == ["Question"]
+    reader = Reader()
+    (event,) = reader.receive(b"Ready?\r\nN")
+    assert event == Text(b"Ready?\r\n", "Ready?")
+
+
+def test_a_table_s_beginning_before_an_endless_line_is_told_first_and_no_dot_in_that_is_a_prompt() -> None:
+    header = b"X Y Z O A T\r\n"
+    reader = Reader()
+    events = reader.receive(header + b"a" * LONGEST_LINE)
+    assert [event.text for event in events if isinstance(event, Text)] == ["X Y Z O A T", "a" * LONGEST_LINE]
+    assert kinds(reader.receive(b".") + reader.silence()) == []
