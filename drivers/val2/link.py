@@ -424,11 +424,12 @@ class Link:
 
     async def _type_abort(self, talk: Conversation, before: bytes) -> Event:
         """The word at once, and once more at once, apart: one spoiled byte spoils one of them only. What is half typed
-        is taken back first: a Y, as an answer, is one whatever follows it."""
+        is taken back first: a Y, as an answer, is one whatever follows it. Nothing is before an answer of ours: where
+        the controller takes nothing back, that key would spoil it."""
         end = self.dialect.line_end
         word = self.dialect.abort_word.encode("ascii") + end
         talk.unheard()
-        await talk.type_raw(self.dialect.cancel_line + before + POISON + end + word + end + word)
+        await talk.type_raw((before or self.dialect.cancel_line) + POISON + end + word + end + word)
         return await talk.last_prompt_or_question(self.dialect.resync_s)
 
     async def _stopped(self, talk: Conversation) -> Where:
