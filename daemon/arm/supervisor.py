@@ -178,7 +178,7 @@ class Supervisor:
         if self._closed:
             raise RefusedError("the daemon ends")
         self.not_while_stopping("enable")
-        self._not_after(stops, "enable")
+        self.not_after(stops, "enable")
         if not self.mover.cell.robot.stop_seen:
             raise RefusedError("no stop of this arm was seen to work since the line was opened; say `enable` once more")
         self._let = let
@@ -205,7 +205,7 @@ class Supervisor:
         it was decided; a later one stands. Raises RefusedError."""
         if self.fault is not None:
             self.not_while_stopping("resume", busy=self._task is not None)
-            self._not_after(stops, "resume")
+            self.not_after(stops, "resume")
             self.fault = None
             self.mover.forget()
             self._tell(lambda: self._interrupted(Interruption.RESUME))
@@ -437,7 +437,9 @@ class Supervisor:
             doubt = f" ({self.fault})" if self._alarmed else ""
             raise RefusedError(f"the arm is still being stopped{doubt}; say `{word}` once more when it is at rest")
 
-    def _not_after(self, stops: int | None, word: str) -> None:
+    def not_after(self, stops: int | None, word: str) -> None:
+        """Raise RefusedError where the arm was stopped or disabled since there had been so many stops: void is a word,
+        or the yes to a question, from before."""
         if stops is not None and stops != self.stops:
             why = f": {self.fault}" if self.fault else ""
             raise RefusedError(f"meanwhile it was stopped again{why}; say `{word}` once more")

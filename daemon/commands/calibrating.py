@@ -68,6 +68,7 @@ async def calibrate(context: CommandContext, words: list[str], door: Door) -> An
     if kind in KEPT:
         return await _use(context, words) if kind == "use" else _list(context, words)
     _check_eyes(context, kind)
+    supervisor, stops = context.cycle.supervisor, context.cycle.supervisor.stops
     if kind not in ("verify", "touch"):
         await asyncio.to_thread(context.config.calibrations.check)
     board = _board(words[1:])
@@ -78,6 +79,7 @@ async def calibrate(context: CommandContext, words: list[str], door: Door) -> An
     try:
         if kind == "by-hand":
             return await _eyes_alone(context, board, door)
+        supervisor.not_after(stops, f"calibrate {kind}")
         context.cycle.guard_the_hand()
         tour = view_tour(_session(context, board), POSES[kind], door.say, SPEED_PCT)
         views = await with_questions(context, tour, door)

@@ -65,6 +65,10 @@ class FakeCycle:
     def places(self) -> dict[str, Any]:
         return {"home": np.eye(4), "bin": np.eye(4), "survey": np.eye(4)}
 
+    def not_after(self, stops: int, word: str) -> None:
+        if stops != self.stops:
+            raise RefusedError("stopped again")
+
     def not_while_stopping(self, word: str, busy: bool = False) -> None:
         """No stop of this one takes time."""
 

@@ -43,8 +43,8 @@ LABELS = ("cube", "pyramid", "triangular_prism", "pentagonal_prism")
 USUAL = (
     *["enable", "resume", "go home", "go bin", "go survey", "pick", "auto on", "hand open", "hand close"] * 3,
     *["stop", "abort", "disable", "pause", "step on", "step off", "confirm", "refuse"] * 2,
-    "pick cube", "auto on 2", "auto off", "auto resume", "holding no", "holding yes", "dry on", "dry off", "reload",
-    "status", "where", "look", "scatter cube", "clear", "robot power-up", "robot cal",
+    "pick cube", "auto on 2", "auto on every 9", "auto off", "auto resume", "holding no", "holding yes", "dry on",
+    "dry off", "reload", "status", "where", "look", "scatter cube", "clear", "robot power-up", "robot cal",
 )  # fmt: skip
 GOES = (*["go home", "go bin", "go survey"] * 2, "pick", "hand open", "hand close", "robot cal")
 MONITOR = ("WHERE", "STATUS", "SPEED 100", "SPEED 5", "TOOL TRANS(0,0,0,0,0,0)", "DO READY", "DO OPENI", "DO CLOSEI",

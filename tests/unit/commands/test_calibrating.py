@@ -104,3 +104,16 @@ def test_what_may_be_in_the_hand_is_guarded_before_a_tour_sets_out(
     monkeypatch.setattr(calibrating, "view_tour", tour)
     assert say(context, f"calibrate {kind}").text == "far enough"
     assert context.cycle.told == ["guarded", "tour"]
+
+
+def test_a_tour_does_not_set_out_after_a_stop_that_came_before_it(
+    context: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An `abort` while it was looked whether the result can be kept left no fault, and the arm set out after it."""
+
+    def aborted(_: Any) -> None:
+        context.cycle.stops += 1
+
+    monkeypatch.setattr(Calibrations, "check", aborted)
+    answer = say(context, "calibrate stereo")
+    assert (answer.status, answer.text, context.cycle.told) == (1, "stopped again", [])

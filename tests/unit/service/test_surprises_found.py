@@ -187,3 +187,17 @@ def test_a_reload_that_is_refused_after_it_had_disabled_the_arm_takes_nothing_ov
     guarded, read = context.cycle.settings.limits, context.config.values.pick.limits
     assert guarded.box_low_mm == read.box_low_mm == (0, -650, -300)
     assert story.violations() == ()
+
+
+def test_a_yes_to_walk_round_a_part_is_void_where_the_arm_was_stopped_since_it_was_asked_for(story: Story) -> None:
+    """`abort` leaves no fault: who had said it was told that the arm is stopped, and it set out."""
+    story.sockets[0].say("teach cube --around 6")
+    story.wait(1.0)
+    story.sockets[1].say("abort")
+    story.wait(1.0)
+    assert "May it?" in (story.sockets[0].question or (0, ""))[1]
+    story.sockets[0].answer("y")
+    story.wait(2.0)
+    assert any("meanwhile it was stopped" in text for text in story.texts)
+    assert story.cell.controller.machine.at_rest()
+    assert story.violations() == ()
