@@ -136,6 +136,8 @@ def test_what_is_written_is_what_the_cell_then_works_with(tmp_path: Path) -> Non
     assert geometry.a2_mm == pytest.approx(strange.geometry.a2_mm, abs=0.1)
     text = page(contact.known, arm)
     assert strange.name in text
+    sure = {arm_file(contact.known, arm)["geometry"][f"{name}_mm"]["sure"] for name in ("a2", "a3", "d3", "d4")}
+    assert ("published" in sure) is arm.published, "lengths that were looked up were not measured"
     assert "What nobody can find out" in text
 
 
