@@ -17,12 +17,21 @@ from daemon.store import places
 from drivers.puma560 import ArmGeometry, forward
 from drivers.pumas import PUBLISHED
 from drivers.simcell.history import Leg
-from drivers.val2.introduction import ROUNDS, STEP_DEG, Acquaintance, UnclearError
+from drivers.val2.introduction import CAREFUL_S, ROUNDS, STEP_DEG, Acquaintance, UnclearError
 from drivers.val2.location import Location, location_from_matrix
 from drivers.val2.wire import Where
 from tests.bench.introductions import one
 from tests.worlds.first_day import ROOMS, arm_yaml
-from tests.worlds.strange_controllers import START_DEG, Contact, draw, in_simulated_time, meet, strangers, willing
+from tests.worlds.strange_controllers import (
+    START_DEG,
+    Contact,
+    PacedLine,
+    draw,
+    in_simulated_time,
+    meet,
+    strangers,
+    willing,
+)
 
 HERE = Path(__file__).resolve().parents[2] / "data" / "introductions"
 
@@ -81,6 +90,26 @@ def test_where_no_word_stops_a_motion_no_second_joint_is_turned(monkeypatch) -> 
     drives = [line for line in typed(strangers[-1]) if "DRIVE" in line]
     assert drives
     assert all("DRIVE 6," in line for line in drives)
+
+
+def test_a_character_lost_at_the_first_stop_is_typed_anew_more_slowly_and_nobody_is_asked_about_it(monkeypatch) -> None:
+    arrive, lost = PacedLine._arrive, []
+
+    def arrive_but_one(line: PacedLine, data: bytes) -> None:
+        if data == b"B" and not lost and any("DRIVE" in text for text in line._controller.lines):
+            lost.append(data)
+        else:
+            arrive(line, data)
+
+    def answered(controller, consult):
+        assert consult.about != "power", consult.text
+        return willing(controller, consult)
+
+    monkeypatch.setattr(PacedLine, "_arrive", arrive_but_one)
+    contact = in_simulated_time(lambda: meet(draw(0), answered))
+    assert lost
+    assert contact.known.findings["character_pause_s"].value == CAREFUL_S
+    assert len(contact.known.readings) > 1
 
 
 @pytest.mark.parametrize("stop_s", [0.3, 25.0, 60.0, 90.0])
