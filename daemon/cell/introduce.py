@@ -187,6 +187,7 @@ async def _do(step: Step, line: _Line, person: Person) -> Heard | str | None:
     if isinstance(step, Exchange):
         return await _exchange(step, line)
     if isinstance(step, Speed):
+        person.tell(f"listening at {step.baud} baud; how it speaks takes some 20 s, and nothing moves")
         line.open(step.baud)
     elif isinstance(step, Tell):
         line.note("says", text=step.text)
