@@ -189,6 +189,7 @@ async def _do(step: Step, line: _Line, person: Person) -> Heard | str | None:
     if isinstance(step, Exchange):
         return await _exchange(step, line)
     if isinstance(step, Speed):
+        person.tell(f"listening at {step.baud} baud; how it speaks takes some 20 s, and nothing moves")
         line.open(step.baud)
     elif isinstance(step, Tell):
         line.note("says", text=step.text)
@@ -225,15 +226,21 @@ async def _exchange(step: Exchange, line: _Line) -> Heard:
 
 # Which arm it is
 
+FITTED = "least squares over WHERE's places and joints"
+LEAST_TOLD = 0.001
+"""mm or degrees: no controller prints its places so finely that less could be told."""
+
 
 @dataclass(frozen=True, eq=False)
 class Arm:
-    """The arm that the readings show, after a published one's lengths where they are those, and how that was found."""
+    """The arm that the readings show, after a published one's lengths where they are those, and how these were
+    found. published: the readings settle all but the lengths."""
 
     found: ArmFound
     alike: Likeness | None
     others: tuple[str, ...]
     how: str
+    published: bool = False
 
 
 def arm_of(known: Acquaintance) -> Arm:
@@ -251,11 +258,11 @@ def arm_of(known: Acquaintance) -> Arm:
             "in millimetres. Can the controller be set to millimetres?"
         )
     if max(sigma) < 0.1 or alike is None:
-        return Arm(found, alike, (), "least squares over WHERE's places and joints")
+        return Arm(found, alike, (), FITTED)
     settled = sorted(_like_published(found, places, printed, digits, sigma), key=lambda each: each[0])
     best = settled[0]
     if best[0] > found.misfit + MISFIT_MORE:
-        return Arm(found, None, (), "least squares over WHERE's places and joints; no published lengths fit them")
+        return Arm(found, None, (), f"{FITTED}; no published lengths fit them")
     others = tuple({each[1].name for each in settled[1:] if each[0] < best[0] + 9.0} - {best[1].name})
     return Arm(
         best[2],
@@ -263,6 +270,7 @@ def arm_of(known: Acquaintance) -> Arm:
         others,
         f"the readings lie so near together that they leave {max(sigma):.1f} mm open; the lengths are those published "
         f"for the {best[1].name} ({best[1].source}), which fit",
+        published=True,
     )
 
 
@@ -303,15 +311,15 @@ def arm_file(known: Acquaintance, arm: Arm | None) -> dict[str, Any]:
     if arm is not None:
         found = arm.found
         dialect |= {
-            "joint_signs": _value(list(found.convention.signs), arm.how, "certain"),
-            "joint_zeros_deg": _value(_zeros_deg(found, known), arm.how, _sure(found, "zero_2")),
-            "joint_3_against_horizon": _value(found.convention.against_horizon, arm.how, "certain"),
+            "joint_signs": _value(list(found.convention.signs), FITTED, "certain"),
+            "joint_zeros_deg": _value(_zeros_deg(found, known), FITTED, _sure(found, "zero_2")),
+            "joint_3_against_horizon": _value(found.convention.against_horizon, FITTED, "certain"),
         }
         base = np.eye(4)
         base[:3, 3] = found.base_mm
         made["geometry"] = {
             **{
-                f"{name}_mm": _value(round(value, 3), arm.how, _sure(found, name))
+                f"{name}_mm": _value(round(value, 3), arm.how, _length_sure(arm, name))
                 for name, value in zip(LENGTHS, found.lengths_mm, strict=True)
             },
             "world_from_base": _value(
@@ -326,7 +334,11 @@ def arm_file(known: Acquaintance, arm: Arm | None) -> dict[str, Any]:
 
 
 def _sure(found: ArmFound, name: str) -> str:
-    return "open" if name in found.undetermined else f"+-{2 * found.sigma[name]:.2g}"
+    return "open" if name in found.undetermined else f"+-{max(2 * found.sigma[name], LEAST_TOLD):.2g}"
+
+
+def _length_sure(arm: Arm, name: str) -> str:
+    return "published" if arm.published else _sure(arm.found, name)
 
 
 def _entry(finding: Finding) -> dict[str, Any]:
@@ -366,8 +378,10 @@ def _about(arm: Arm) -> Iterator[str]:
     if arm.others:
         yield f"  it could as well be: {', '.join(arm.others)}; six more readings far apart would tell"
     for name, value in zip(LENGTHS, found.lengths_mm, strict=True):
-        yield f"  {name} {value:9.2f} mm  {_sure(found, name)}"
-    yield f"  joints: signs {found.convention.signs}, zeros {tuple(round(zero, 2) for zero in found.zeros_deg)} degrees"
+        yield f"  {name} {value:9.2f} mm  {_length_sure(arm, name)}"
+    signs = " ".join("+" if sign > 0 else "-" for sign in found.convention.signs)
+    zeros = " ".join(f"{zero:.6g}" for zero in np.round(found.zeros_deg, 2))
+    yield f"  joints 1 to 6: signs {signs}, zeros {zeros} degrees"
     if found.convention.against_horizon:
         yield "  joint 3 is counted against the horizon"
     yield f"  misfit {found.place_mm:.3f} mm, {found.turn_deg:.4f} degrees; {arm.how}"

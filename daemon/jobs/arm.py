@@ -9,6 +9,7 @@ import argparse
 import asyncio
 import contextlib
 import json
+import shutil
 import signal
 import sys
 from pathlib import Path
@@ -30,6 +31,8 @@ from daemon.cell.introduce import (
     read_transcript,
     serial_port,
 )
+from daemon.console.pages import fold
+from daemon.console.phrases import is_no, is_yes
 from daemon.doors.keyboard import forget_what_was_typed
 from daemon.errors import DONE, NOT_DONE, NOT_UNDERSTOOD
 from daemon.store.files import write_atomically
@@ -79,8 +82,11 @@ def _keep(known: Acquaintance, folder: Path) -> int:
     write_atomically(folder / "arm.yaml", text.encode())
     text = page(known, arm)
     (folder / "arm.txt").write_text(text, encoding="utf-8")
-    print(text)
-    print(f"{folder / 'arm.yaml'}: name it in facetd.yaml as arm.file. {folder / 'transcript.jsonl'}: every byte.")
+    _tell(text)
+    _tell(
+        f"{folder / 'arm.txt'}: this page. {folder / 'arm.yaml'}: name it in facetd.yaml as arm.file. "
+        f"{folder / 'transcript.jsonl'}: every byte."
+    )
     return DONE if arm is not None else NOT_DONE
 
 
@@ -92,21 +98,41 @@ async def _meet(port: str, baud: int | None, file: Any) -> Acquaintance:
     def write(record: dict[str, Any]) -> None:
         print(json.dumps(record), file=file, flush=True)
 
-    person = Person(lambda text: print(text, flush=True), _ask, wants_stop)
+    person = Person(_tell, _ask, wants_stop)
     print("control-C stops the arm at any moment.", flush=True)
     return await introduce(port, serial_port, person, write, *(() if baud is None else ((baud,),)))
 
 
+def _tell(text: str, end: str = "\n") -> None:
+    """Folded between words, where this is a terminal."""
+    lines = fold(text, shutil.get_terminal_size().columns - 1) if sys.stdout.isatty() else [text]
+    print("\n".join(lines), end=end, flush=True)
+
+
 async def _ask(consult: Consult) -> str:
-    """A line typed at this terminal once it was asked for; nothing at its end."""
-    forget_what_was_typed()
-    print(f"{consult.text} ", end="", flush=True)
+    """The person's answer, typed after it was asked for; where it is to be a yes or a no one of these: another word is
+    asked again; nothing at the terminal's end."""
+    question = consult.text
+    while True:
+        forget_what_was_typed()
+        _tell(question, " ")
+        line = await _typed()
+        said = line.strip()
+        if consult.about == "power-up" or not line:
+            return said
+        if is_yes(said) or is_no(said):
+            return "yes" if is_yes(said) else "no"
+        question = f"`{said}` is neither: yes or no?"
+
+
+async def _typed() -> str:
+    """A line typed at this terminal; nothing at its end."""
     loop = asyncio.get_running_loop()
     typed: asyncio.Future[str] = loop.create_future()
 
     def take() -> None:
         if not typed.done():
-            typed.set_result(sys.stdin.readline().strip())
+            typed.set_result(sys.stdin.readline())
 
     loop.add_reader(sys.stdin.fileno(), take)
     try:

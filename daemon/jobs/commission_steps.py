@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from daemon.console.phrases import is_no, is_yes
 from daemon.doors.client import DaemonLink
 from daemon.errors import DONE, FacetdError
 
@@ -74,7 +75,10 @@ class Talk:
 
     def need(self, question: str) -> None:
         """The person's yes. Raises NotProvenError."""
-        if not self.person.answer(f"{question} [y/n]").strip().lower().startswith("y"):
+        said = self.person.answer(f"{question} [y/n]")
+        while said.strip() and not (is_yes(said) or is_no(said)):
+            said = self.person.answer(f"`{said.strip()}` is neither: {question} [y/n]")
+        if not is_yes(said):
             raise NotProvenError(f"no yes to: {question}")
 
     def enable(self) -> None:

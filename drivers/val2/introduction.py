@@ -36,6 +36,8 @@ BAUDS = (9600, 4800, 19200, 2400, 1200, 300, 38400)
 PACES_S = (0.0, 0.006, 0.012, 0.03)
 CAREFUL_S = 0.05
 """Between characters, as long as it is not known how close they may follow."""
+MARGIN = 2.0
+"""A pause that was enough once, so many times: adapters and computers send characters in clusters."""
 QUIET_S, PATIENCE_S, MOTION_S = 0.15, 3.0, 30.0
 STEP_DEG, ROUNDS, SPEED, SHARE = 2.0, (1.0, 1.0, -1.0, -1.0), 20, 1
 """A move: so many degrees; there and back; at so many percent of the monitor speed of so many percent."""
@@ -284,7 +286,11 @@ def _pace(known: Acquaintance) -> Steps:
             if not whole:
                 break
         if whole:
-            known.found("character_pause_s", pace_s, "WHERE was understood three times at that pace", "likely")
+            known.pace_s = min(MARGIN * pace_s, CAREFUL_S)
+            how = f"WHERE was understood three times with {pace_s:g} s between its characters"
+            known.found(
+                "character_pause_s", known.pace_s, how + " (adapters hold some back)" * (pace_s > 0.0), "likely"
+            )
             return
         known.pace_s = CAREFUL_S
         yield from _ask(known, POISON.decode())
@@ -361,6 +367,7 @@ def _cut_short(known: Acquaintance, here: Where) -> Steps:
     """Begin a step and stop it at once: whether it ended short, where, and how many seconds that took."""
     yield Tell(f"joint {FIRST_JOINT} by {STEP_DEG:g} degrees, cut short by {known.stop_word}")
     for _ in range(3):
+        misread = False
         for sign in (1.0, -1.0):
             known.moved = True
             yield from _typed(known, _drive(FIRST_JOINT, sign * STEP_DEG))
@@ -375,8 +382,18 @@ def _cut_short(known: Acquaintance, here: Where) -> Steps:
                 return turned < STEP_DEG - OFF_DEG, there, answer.prompt_s
             if any(f"JOINT {FIRST_JOINT}" in error.upper() for error in errors):
                 continue  # it stands near that end of its range: the other way
+            if all("illegal command" in error.lower() for error in errors):
+                # What was typed before was taken: a character was lost, on the way there or on the way to the stop.
+                known.pace_s, misread, here = CAREFUL_S, True, there
+                known.found("character_pause_s", CAREFUL_S, "at a quicker pace a command was spoilt", "likely")
+                continue
             break
         else:
+            if misread:
+                raise UnclearError(
+                    f"{_drive(FIRST_JOINT, STEP_DEG)} and {known.stop_word}, typed slowly, are answered by "
+                    f"{'; '.join(errors) or 'nothing'}: is it another system, or noise on the line?"
+                )
             raise UnclearError(f"joint {FIRST_JOINT} does not turn; is the arm held, or its brake on?")
         said = yield Consult(
             "power", f"The controller says {'; '.join(errors)}. Put that right, then say yes. (yes or no)"

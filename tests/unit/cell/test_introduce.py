@@ -18,12 +18,21 @@ from drivers.puma560 import ArmGeometry, forward
 from drivers.pumas import PUBLISHED
 from drivers.simcell.controller import Controller
 from drivers.simcell.history import Leg
-from drivers.val2.introduction import ROUNDS, STEP_DEG, Acquaintance, Consult, UnclearError
+from drivers.val2.introduction import CAREFUL_S, ROUNDS, STEP_DEG, Acquaintance, Consult, UnclearError
 from drivers.val2.location import Location, location_from_matrix
 from drivers.val2.wire import Where
 from tests.bench.introductions import one
 from tests.worlds.first_day import ROOMS, arm_yaml
-from tests.worlds.strange_controllers import START_DEG, Contact, draw, in_simulated_time, meet, strangers, willing
+from tests.worlds.strange_controllers import (
+    START_DEG,
+    Contact,
+    PacedLine,
+    draw,
+    in_simulated_time,
+    meet,
+    strangers,
+    willing,
+)
 
 HERE = Path(__file__).resolve().parents[2] / "data" / "introductions"
 
@@ -84,6 +93,26 @@ def test_where_no_word_stops_a_motion_no_second_joint_is_turned(monkeypatch) -> 
     assert all("DRIVE 6," in line for line in drives)
 
 
+def test_a_character_lost_at_the_first_stop_is_typed_anew_more_slowly_and_nobody_is_asked_about_it(monkeypatch) -> None:
+    arrive, lost = PacedLine._arrive, []
+
+    def arrive_but_one(line: PacedLine, data: bytes) -> None:
+        if data == b"B" and not lost and any("DRIVE" in text for text in line._controller.lines):
+            lost.append(data)
+        else:
+            arrive(line, data)
+
+    def answered(controller, consult):
+        assert consult.about != "power", consult.text
+        return willing(controller, consult)
+
+    monkeypatch.setattr(PacedLine, "_arrive", arrive_but_one)
+    contact = in_simulated_time(lambda: meet(draw(0), answered))
+    assert lost
+    assert contact.known.findings["character_pause_s"].value == CAREFUL_S
+    assert len(contact.known.readings) > 1
+
+
 @pytest.mark.parametrize("stop_s", [0.3, 25.0, 60.0, 90.0])
 def test_a_stop_at_any_moment_of_it_is_sent_at_once_and_no_motion_begins_after_it(stop_s: float) -> None:
     async def story():
@@ -137,6 +166,8 @@ def test_what_is_written_is_what_the_cell_then_works_with(tmp_path: Path) -> Non
     assert geometry.a2_mm == pytest.approx(strange.geometry.a2_mm, abs=0.1)
     text = page(contact.known, arm)
     assert strange.name in text
+    sure = {arm_file(contact.known, arm)["geometry"][f"{name}_mm"]["sure"] for name in ("a2", "a3", "d3", "d4")}
+    assert ("published" in sure) is arm.published, "lengths that were looked up were not measured"
     assert "What nobody can find out" in text
 
 

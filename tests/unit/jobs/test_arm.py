@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import asyncio
+import os
+import sys
 from pathlib import Path
 
 import pytest
 
 from daemon import ctl
+from daemon.cell.introduce import Consult
+from daemon.jobs.arm import _ask
 from daemon.store import places
 
 TRANSCRIPT = places.HOUSE / "tests" / "data" / "introductions" / "two-dots-whole-words.jsonl"
@@ -32,3 +37,25 @@ def test_what_is_no_transcript_is_told_in_one_line(sent: str, told: str, capsys:
     said = capsys.readouterr().err
     assert told in said
     assert said.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("about", "typed", "answered"),
+    [
+        ("move", "yes\n", "yes"),
+        ("move", "ja\n", "yes"),
+        ("power", "maybe\n\nn\n", "no"),
+        ("move", "", ""),
+        ("power-up", "load it\n", "load it"),
+    ],
+)
+def test_a_yes_or_no_is_asked_until_it_is_one_and_the_controllers_question_is_answered_as_typed(
+    about: str, typed: str, answered: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    reading, writing = os.pipe()
+    os.write(writing, typed.encode())
+    os.close(writing)
+    with open(reading, buffering=1) as terminal:
+        monkeypatch.setattr(sys, "stdin", terminal)
+        assert asyncio.run(_ask(Consult(about, "May I?"))) == answered  # type: ignore[arg-type]
+    assert ("`maybe` is neither" in capsys.readouterr().out) is ("maybe" in typed)

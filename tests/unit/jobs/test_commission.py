@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from daemon.jobs.commission import FILE, _keep, _kept, commission, run
-from daemon.jobs.commission_steps import STEPS, Order, Person, Talk
+from daemon.jobs.commission_steps import STEPS, NotProvenError, Order, Person, Talk
 from daemon.store.outside import FileError
 
 WHERE = {"world_from_tool": [[1, 0, 0, 420.0], [0, 1, 0, 0.0], [0, 0, 1, 60.0], [0, 0, 0, 1]]}
@@ -176,6 +176,19 @@ def test_a_part_is_shown_from_as_many_sides_as_the_person_wants() -> None:
     assert commission(Talk(link, Person(told.append, answer), Order("9x6", 16.0, 4.0, "cube")), proofs, lambda _: None)
     assert link.said.count("teach cube") == 3
     assert proofs["teach"].shown == "the cube is known from cube/1, cube/1, cube/1"
+
+
+def test_another_word_is_neither_a_yes_nor_a_no() -> None:
+    asked: list[str] = []
+
+    def answer(question: str) -> str:
+        asked.append(question)
+        return ["what?", "ja"][len(asked) - 1]
+
+    Talk(ToldLink(), Person(asked.append, answer), Order("9x6", 16.0, 4.0, "cube")).need("Is it clear?")
+    assert asked == ["Is it clear? [y/n]", "`what?` is neither: Is it clear? [y/n]"]
+    with pytest.raises(NotProvenError):
+        Talk(ToldLink(), Person(asked.append, lambda _: ""), Order("9x6", 16.0, 4.0, "cube")).need("Is it clear?")
 
 
 def test_a_fault_that_stands_is_for_the_person_to_put_right() -> None:
