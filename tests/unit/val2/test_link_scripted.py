@@ -376,3 +376,86 @@ def test_where_no_break_is_typed_an_arm_is_seen_at_work_on_opening_by_two_readin
     assert (lines, stopped) == (["WHERE", "WHERE"], False)
     lines, _ = lived(story(True))
     assert lines[:4] == ["WHERE", "WHERE", "!!", "ABORT"]
+
+
+ILLEGAL = "\r\n*Illegal command*" + PROMPT
+
+
+def test_the_first_line_after_a_prompt_was_sought_is_typed_again_where_a_rest_stood_before_it_and_no_other() -> None:
+    """What somebody left half typed makes it an illegal command; the second time it is one."""
+
+    def says(line: str, nth: int) -> str:
+        return ILLEGAL if line == "FOO" or (line == "DO BREAK" and nth == 0) else usual(line, nth)
+
+    async def story() -> list[str]:
+        port = Scripted(says)
+        link = linked(port)
+        await link.open()
+        with pytest.raises(ControllerError, match="Illegal command"):
+            await link.command("FOO")
+        return port.lines
+
+    assert lived(story()) == ["DO BREAK", "DO BREAK", "FOO"]
+
+    def loses_one(line: str, nth: int) -> str:
+        return ("", ILLEGAL, PROMPT)[nth] if line == "SPEED 5" else usual(line, nth)
+
+    came, lines, _ = told(lambda link: link.speed(5.0), loses_one)
+    assert came is None
+    assert lines == ["SPEED 5"] * 3
+
+    def refuses_it(line: str, nth: int) -> str:
+        return "\r\n*Not calibrated*" + PROMPT if line == "DO BREAK" else usual(line, nth)
+
+    _, lines, _ = told(lambda link: link.speed(5.0), refuses_it)
+    assert lines == ["SPEED 5"], "another error is no rest"
+
+
+@pytest.mark.parametrize(("says_where", "x"), [(table(432.0), 432.0), (PROMPT, None)])
+def test_a_motion_whose_answer_is_lost_is_told_with_where_the_arm_is_if_that_is_to_be_had(
+    says_where: str, x: float | None
+) -> None:
+    def says(line: str, _: int) -> str:
+        return says_where if line == "WHERE" else "" if line.startswith("DO MOVE") else PROMPT
+
+    came, lines, _ = told(lambda link: link.move(GOAL, 3.0), says)
+    assert isinstance(came, NoAnswer)
+    assert "no answer to" in str(came)
+    assert (None if came.where is None else came.where.location.x_mm) == x
+    assert lines == [f"DO MOVE {TRANS}", "WHERE"]
+
+
+@pytest.mark.parametrize(
+    ("at_first", "raised", "text"),
+    [
+        ("", NoAnswer, "within 3 s; then no prompt after 3"),
+        (ASKS, ControllerError, "the controller asks 'Are you sure"),
+    ],
+)
+def test_where_no_prompt_is_found_again_that_is_told_too(at_first: str, raised: type[Exception], text: str) -> None:
+    async def story() -> None:
+        port = Scripted(lambda line, nth: "" if line in ("STATUS", "!!") else usual(line, nth))
+        link = linked(port, answer_s=3.0)
+        await link.open()
+        port.at_first = at_first
+        with pytest.raises(raised, match=text):
+            await link.command("STATUS")
+
+    lived(story())
+
+
+def test_a_where_without_its_table_is_asked_for_again_some_times() -> None:
+    for given, tries in ((2, 3), (9, 3)):
+
+        def says(line: str, nth: int, given: int = given) -> str:
+            return table() if line == "WHERE" and nth >= given else PROMPT
+
+        came, lines, _ = told(lambda link: link.where(), says, typing_attempts=3)
+        assert lines == ["WHERE"] * tries
+        assert str(came) == "WHERE did not give its table" if given > tries else isinstance(came, Where)
+
+
+def test_an_answer_comes_back_whole_and_two_readings_are_a_pause_apart() -> None:
+    came, *_ = told(lambda link: link.command("STATUS"), lambda line, nth: "\r\nall is well" + PROMPT)
+    assert came.lines == ("all is well",)
+    assert told(lambda link: link.still(5.0), poll_s=0.5)[2] >= 0.5
