@@ -459,3 +459,24 @@ def test_an_answer_comes_back_whole_and_two_readings_are_a_pause_apart() -> None
     came, *_ = told(lambda link: link.command("STATUS"), lambda line, nth: "\r\nall is well" + PROMPT)
     assert came.lines == ("all is well",)
     assert told(lambda link: link.still(5.0), poll_s=0.5)[2] >= 0.5
+
+
+def test_an_arm_that_does_not_stop_is_told_again_and_again_and_where_it_was_last_is_told() -> None:
+    def says(line: str, nth: int) -> str:
+        return table(400.0 + nth) if line == "WHERE" else PROMPT
+
+    came, lines, took_s = told(lambda link: link.abort(), says, poll_s=0.5)
+    assert isinstance(came, NoAnswer)
+    assert str(came) == "the arm still moves after ABORT"
+    assert came.where is not None
+    assert came.where.location.x_mm == 400.0 + lines.count("WHERE") - 1
+    assert lines == ["!!", "ABORT", "", "ABORT", "ABORT", "WHERE", "WHERE"] * 5
+    assert took_s >= 5 * 2 * 0.5, "two readings are a pause apart"
+
+
+def test_a_table_is_waited_for_in_a_stop_as_long_as_it_takes_on_a_slow_line() -> None:
+    """Three hundred characters of ten bits, and what any answer takes."""
+    came, *_ = told(
+        lambda link: link.abort(), lambda line, _: "" if line == "WHERE" else PROMPT, baud=100, resync_s=1.0
+    )
+    assert str(came) == "no answer to 'WHERE' within 31 s"
