@@ -480,3 +480,36 @@ def test_a_table_is_waited_for_in_a_stop_as_long_as_it_takes_on_a_slow_line() ->
         lambda link: link.abort(), lambda line, _: "" if line == "WHERE" else PROMPT, baud=100, resync_s=1.0
     )
     assert str(came) == "no answer to 'WHERE' within 31 s"
+
+
+def test_what_a_command_asks_is_open_until_it_is_answered_and_a_stop_gets_past_it_with_a_no() -> None:
+    asking = False
+
+    def says(line: str, nth: int) -> str:
+        nonlocal asking
+        asking = line != "N" and (asking or line == "CAL")
+        return ASKS if asking else usual(line, nth)
+
+    async def act(link: Link) -> None:
+        with pytest.raises(ControllerError, match="the controller asks 'Are you sure"):
+            await link.command("CAL")
+        assert link.question == "Are you sure (Y/N)?"
+        with pytest.raises(ControllerError, match="answer that first"):
+            await link.speed(5.0)
+        assert (await link.abort()) is not None
+        assert link.question is None
+        await link.speed(5.0)
+
+    came, lines, _ = told(act, says)
+    assert came is None
+    assert lines.count("N") == 1
+    assert lines.count("SPEED 5") == 1
+
+
+def test_an_error_is_told_with_the_place_that_was_printed_before_it() -> None:
+    def says(line: str, nth: int) -> str:
+        return table(432.0).removesuffix(PROMPT) + "\r\n*Out of range*" + PROMPT if line == "FOO" else usual(line, nth)
+
+    came, *_ = told(lambda link: link.command("FOO"), says)
+    assert str(came) == "*Out of range*"
+    assert came.where.location.x_mm == 432.0
