@@ -280,3 +280,13 @@ def test_what_may_be_meant_is_offered_within_the_width_of_the_terminal() -> None
     edit = LineEditor("> ", lambda typed: ["a" * 9, "b" * 9])
     edit.feed(b"\x1b[4;20R")
     assert edit.feed(b"\t").echo.count(b"\r\n") == 3
+
+
+@pytest.mark.parametrize(
+    ("options", "typed"),
+    [(["go bin"], b"go bin "), (["go a/b"], b"go a/b "), (["go a/"], b"go a/"), (["go bin", "go bins"], b"go bin")],
+)
+def test_tab_goes_on_with_a_space_where_a_word_is_whole_and_it_is_no_folder(options: list[str], typed: bytes) -> None:
+    edit = LineEditor("> ", lambda _: options)
+    edit.feed(b"go")
+    assert edit.feed(b"\t").echo == typed.removeprefix(b"go")

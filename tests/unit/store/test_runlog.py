@@ -349,3 +349,11 @@ def test_what_a_restart_must_know_is_brought_to_the_disk_at_once(log: RunLog, ki
     log._syncer.hurry = lambda: hurried.append(kind)  # type: ignore[method-assign]
     log.record(kind)
     assert hurried == ([kind] if at_once else [])
+
+
+def test_a_log_that_was_closed_holds_no_file_open(log: RunLog) -> None:
+    run = log._run
+    log.close()
+    for file in (run.lines, run.wire):
+        with pytest.raises(OSError, match="Bad file descriptor"):
+            file.append(b"late")
