@@ -93,7 +93,9 @@ def test_parts_belong_together_that_lie_within_so_much_and_each_has_one_other() 
     assert paired(then, scene(far)) == [(then["parts"][0], None), (None, far)]  # type: ignore[index]
     two = paired(scene(part("cube"), beside(1.0)), scene(beside(0.9)))
     assert [match is None for _, match in two] == [False, True]
-    assert paired(scene(part("cube", facets=[])), scene(part("cube", facets=[])))[0][1] is None
+    bare = part("cube", facets=[])
+    assert paired(scene(bare), scene(bare))[0][1] is None
+    assert replay._gap_mm(bare, near) == replay._gap_mm(near, bare) == np.inf, "what has no corners is nowhere near"
 
 
 def test_what_is_new_or_gone_is_told_only_where_all_was_looked_for_and_it_has_a_name() -> None:
