@@ -290,3 +290,14 @@ def test_tab_goes_on_with_a_space_where_a_word_is_whole_and_it_is_no_folder(opti
     edit = LineEditor("> ", lambda _: options)
     edit.feed(b"go")
     assert edit.feed(b"\t").echo == typed.removeprefix(b"go")
+
+
+def test_of_a_long_line_the_row_stays_as_long_as_the_cursor_is_seen_on_it() -> None:
+    edit = editor()
+    edit.feed(b"\x1b[24;24R")
+    edit.feed(b"0123456789" * 5)
+    first = edit._first
+    assert first > 0
+    for _ in range(5):
+        assert not edit.feed(LEFT).echo.startswith(b"\r"), "nothing is drawn anew"
+    assert edit._first == first
