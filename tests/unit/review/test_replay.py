@@ -80,6 +80,18 @@ def test_a_part_of_another_model_is_held_against_the_old_by_its_corners_not_by_i
     assert "moved by 0.45 mm at its corners" in compare(then, scene(beside(0.45)), one_model=False)[0][1]
 
 
+def test_without_corners_or_without_a_covariance_nothing_is_told_of_how_far_a_part_moved() -> None:
+    then, far = part("cube"), beside(9.0)
+    for bare in ({**far, "covariance": None}, {**far, "facets": []}):
+        assert replay._corners_moved(then, bare) is None
+        assert replay._corners_moved(bare, then) is None
+    for bare in ({**far, "covariance": None}, {**far, "cyclopean_from_part": None}):
+        assert replay._moved(then, bare) is None
+        assert replay._moved(bare, then) is None
+    assert replay._corners_moved(then, far)
+    assert replay._moved(then, far)
+
+
 def test_how_far_apart_two_parts_lie_is_told_by_the_corners_that_both_show() -> None:
     fewer = part("cube", facets=[{**FACET, "corners_mm": [[0.3, 0, 300], [0.3, 50, 300]]}])
     assert apart_mm(part("cube"), fewer) == apart_mm(fewer, part("cube")) == pytest.approx(0.3)
