@@ -268,7 +268,7 @@ def _closer(falls: Array) -> NDArray[np.intp]:
 
 def _rates(jacobians: Array, speeds_mm: Array) -> Array:
     """(N, 3) rad: how fast joints 1 to 3 turn where the wrist centre goes at (N, 3) mm."""
-    return np.abs(np.linalg.solve(jacobians.swapaxes(1, 2), speeds_mm[..., None])[..., 0])
+    return np.asarray(np.abs(np.linalg.solve(jacobians.swapaxes(1, 2), speeds_mm[..., None])[..., 0]))
 
 
 def _most_turned(rates: Array, stretch: Array, fastest: Array, change: Array) -> Array:
