@@ -301,3 +301,15 @@ def test_of_a_long_line_the_row_stays_as_long_as_the_cursor_is_seen_on_it() -> N
     for _ in range(5):
         assert not edit.feed(LEFT).echo.startswith(b"\r"), "nothing is drawn anew"
     assert edit._first == first
+
+
+def test_of_a_long_line_the_row_is_filled_to_its_last_column_before_it_goes_on() -> None:
+    edit = editor()
+    edit.feed(b"\x1b[24;24R")
+    edit.feed(b"x" * 22)
+    first, room = edit._first, 24 - 1 - len("> ")
+    assert first > 0
+    edit.feed(b"x" * (first + room - 22))
+    assert edit._first == first
+    edit.feed(b"x")
+    assert edit._first > first
