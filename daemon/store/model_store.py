@@ -269,11 +269,11 @@ def model_file(named: Path) -> Path:
         return named
     store = ModelStore(places.state_folder())
     known = store.versions()
-    version = known[-1] if known and word == "latest" else int(word) if word.isdecimal() else 0
-    if version not in known:
+    found = known[-1:] if word == "latest" else [version for version in known if version == int(word)]
+    if not found:
         there = ", ".join(map(str, known)) or "none"
         raise ModelStoreError(f"{word}: no such model in {store.folder / 'models'} (there: {there})")
-    return store.path(version)
+    return store.path(found[0])
 
 
 class _Table(msgspec.Struct):

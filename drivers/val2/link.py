@@ -376,7 +376,7 @@ class Link:
     def _in_our_angles(self, where: Where) -> Where:
         return replace(where, joints_deg=self.dialect.our_angles_deg(where.joints_deg))
 
-    async def _still(self, talk: Conversation, timeout_s: float, any_place: bool = False) -> Where:
+    async def _still(self, talk: Conversation, timeout_s: float, any_place: bool) -> Where:
         deadline_s = self.clock() + timeout_s
         before = await self._where(talk, any_place)
         while True:

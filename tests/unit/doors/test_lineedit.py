@@ -280,3 +280,36 @@ def test_what_may_be_meant_is_offered_within_the_width_of_the_terminal() -> None
     edit = LineEditor("> ", lambda typed: ["a" * 9, "b" * 9])
     edit.feed(b"\x1b[4;20R")
     assert edit.feed(b"\t").echo.count(b"\r\n") == 3
+
+
+@pytest.mark.parametrize(
+    ("options", "typed"),
+    [(["go bin"], b"go bin "), (["go a/b"], b"go a/b "), (["go a/"], b"go a/"), (["go bin", "go bins"], b"go bin")],
+)
+def test_tab_goes_on_with_a_space_where_a_word_is_whole_and_it_is_no_folder(options: list[str], typed: bytes) -> None:
+    edit = LineEditor("> ", lambda _: options)
+    edit.feed(b"go")
+    assert edit.feed(b"\t").echo == typed.removeprefix(b"go")
+
+
+def test_of_a_long_line_the_row_stays_as_long_as_the_cursor_is_seen_on_it() -> None:
+    edit = editor()
+    edit.feed(b"\x1b[24;24R")
+    edit.feed(b"0123456789" * 5)
+    first = edit._first
+    assert first > 0
+    for _ in range(5):
+        assert not edit.feed(LEFT).echo.startswith(b"\r"), "nothing is drawn anew"
+    assert edit._first == first
+
+
+def test_of_a_long_line_the_row_is_filled_to_its_last_column_before_it_goes_on() -> None:
+    edit = editor()
+    edit.feed(b"\x1b[24;24R")
+    edit.feed(b"x" * 22)
+    first, room = edit._first, 24 - 1 - len("> ")
+    assert first > 0
+    edit.feed(b"x" * (first + room - 22))
+    assert edit._first == first
+    edit.feed(b"x")
+    assert edit._first > first

@@ -24,7 +24,17 @@ from daemon.config import Terminal
 from daemon.console.interpreter import Answer, Command, CommandError, Console
 from daemon.doors.client import DaemonLink, NotThereError
 from daemon.doors.rights import DoorError, Rights
-from daemon.doors.socket import MOST_EACH, MOST_TO_STOP, MOST_TOGETHER, SocketServer, _Message, _Operator
+from daemon.doors.socket import (
+    FIRST_WORD_S,
+    IDLE_S,
+    MOST_EACH,
+    MOST_TO_STOP,
+    MOST_TOGETHER,
+    STOP_S,
+    SocketServer,
+    _Message,
+    _Operator,
+)
 from daemon.doors.terminal import SerialConsole
 from daemon.store.places import HOUSE
 from tests.worlds.fake_context import fake_context
@@ -712,9 +722,12 @@ def test_a_file_may_come_in_pieces_of_nothing(tmp_path: Path) -> None:
     assert time.thread_time() - began_s < 5.0
 
 
-def test_the_guide_says_how_many_may_be_connected() -> None:
-    guide = (HOUSE / "deploy" / "README.md").read_text()
+def test_the_guide_says_how_many_may_be_connected_and_for_how_long_in_silence() -> None:
+    guide, faults = ((HOUSE / "deploy" / name).read_text() for name in ("README.md", "FAULTS.md"))
     assert f"one user has {MOST_EACH}, or all together {MOST_TOGETHER} |" in guide
+    silent = f"after {FIRST_WORD_S:g} s, who has nothing to wait for after {IDLE_S / 60:g} min"
+    assert f"who never says a word is hung up {silent}" in faults
+    assert f"for a stop, after {STOP_S:g} s |" in faults
 
 
 def test_beyond_the_limit_the_oldest_of_those_who_came_to_stop_goes_first(

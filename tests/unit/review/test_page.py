@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -97,3 +98,23 @@ def test_a_page_is_called_by_its_run_or_its_title_or_nothing() -> None:
     assert title(run="a<b") == "run a&lt;b"
     assert title(title="The hall & all") == "The hall &amp; all"
     assert title() == title(run=None, title=None) == ""
+
+
+def test_a_run_is_shown_beside_the_last_one_and_those_of_the_week_before_it(tmp_path: Path) -> None:
+    """The last, when it is older than a week, is no run of that week."""
+    for name, outcomes in (
+        ("20260102T030405Z", ("picked",)),
+        ("20260113T030405Z", ("picked", "missed")),
+        ("20260118T030405Z", ("picked", "picked", "missed")),
+    ):
+        made = MadeRun(tmp_path / name, pictures=False)
+        for outcome in outcomes:
+            made.pick(outcome)
+        made.close()
+    folders = sorted(tmp_path.iterdir())
+    data = [data_of(write_page(folder, tmp_path / "page.html").read_text()) for folder in folders]
+    befores = [of_one["before"] for of_one in data]
+    assert befores[0] == {"last": None, "week": None}
+    assert (befores[1]["last"]["run"], befores[1]["last"]["tried"], befores[1]["week"]) == (folders[0].name, 1, None)
+    assert (befores[2]["last"]["run"], befores[2]["last"]["tried"]) == (folders[1].name, 2)
+    assert befores[2]["week"]["tried"] == 2

@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from daemon.review import pagedata
 from daemon.review.digest import Digest, digest, duration_s, short_hash
 from daemon.review.pagedata import (
     cycle_json,
@@ -259,3 +260,14 @@ def test_rows_for_a_spreadsheet(run: Digest) -> None:
         None,
     )
     assert (survey["predicted_mm"], outside["cycle"]) == (None, None)
+
+
+def test_why_a_part_was_not_picked_is_asked_with_all_the_other_cycles(
+    run: Digest, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[Any] = []
+    monkeypatch.setattr(pagedata, "causes", lambda cycle, others, going: asked.append((cycle, others)) or [])
+    for cycle in run.cycles:
+        cycle_json(cycle, run.cycles, going=False)
+    first, second = run.cycles
+    assert asked == [(first, []), (second, [first])], "what was picked needs no reason"

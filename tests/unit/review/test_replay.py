@@ -80,6 +80,18 @@ def test_a_part_of_another_model_is_held_against_the_old_by_its_corners_not_by_i
     assert "moved by 0.45 mm at its corners" in compare(then, scene(beside(0.45)), one_model=False)[0][1]
 
 
+def test_without_corners_or_without_a_covariance_nothing_is_told_of_how_far_a_part_moved() -> None:
+    then, far = part("cube"), beside(9.0)
+    for bare in ({**far, "covariance": None}, {**far, "facets": []}):
+        assert replay._corners_moved(then, bare) is None
+        assert replay._corners_moved(bare, then) is None
+    for bare in ({**far, "covariance": None}, {**far, "cyclopean_from_part": None}):
+        assert replay._moved(then, bare) is None
+        assert replay._moved(bare, then) is None
+    assert replay._corners_moved(then, far)
+    assert replay._moved(then, far)
+
+
 def test_how_far_apart_two_parts_lie_is_told_by_the_corners_that_both_show() -> None:
     fewer = part("cube", facets=[{**FACET, "corners_mm": [[0.3, 0, 300], [0.3, 50, 300]]}])
     assert apart_mm(part("cube"), fewer) == apart_mm(fewer, part("cube")) == pytest.approx(0.3)
@@ -93,7 +105,9 @@ def test_parts_belong_together_that_lie_within_so_much_and_each_has_one_other() 
     assert paired(then, scene(far)) == [(then["parts"][0], None), (None, far)]  # type: ignore[index]
     two = paired(scene(part("cube"), beside(1.0)), scene(beside(0.9)))
     assert [match is None for _, match in two] == [False, True]
-    assert paired(scene(part("cube", facets=[])), scene(part("cube", facets=[])))[0][1] is None
+    bare = part("cube", facets=[])
+    assert paired(scene(bare), scene(bare))[0][1] is None
+    assert replay._gap_mm(bare, near) == replay._gap_mm(near, bare) == np.inf, "what has no corners is nowhere near"
 
 
 def test_what_is_new_or_gone_is_told_only_where_all_was_looked_for_and_it_has_a_name() -> None:

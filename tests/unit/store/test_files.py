@@ -182,3 +182,15 @@ def test_a_lock_that_is_a_link_to_somebodys_file_leaves_it_as_it_is(tmp_path: Pa
     with pytest.raises(OSError, match="symbolic links"):
         hold(tmp_path / "state")
     assert mine.read_text() == "a person's own"
+
+
+def test_a_file_that_got_the_number_0_is_a_file_as_any_other(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As after a start without an input."""
+    done: list[tuple[str, int]] = []
+    monkeypatch.setattr("os.fsync", lambda handle: done.append(("sync", handle)))
+    monkeypatch.setattr("os.close", lambda handle: done.append(("close", handle)))
+    file = OpenFile(tmp_path / "file", 0)
+    file.sync()
+    file.close()
+    file.close()
+    assert done == [("sync", 0), ("sync", 0), ("close", 0)]

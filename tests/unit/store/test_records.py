@@ -77,3 +77,51 @@ def test_a_line_with_wrong_types_is_skipped_and_named_and_the_rest_is_reviewed(b
     json.dumps(page_data(found), allow_nan=False)
     tables(found, "cell")
     assert [told(record) for record in run.records]
+
+
+ROW = [1.0, 2.0, 3.0, 4.0]
+POSE = [ROW] * 4
+
+
+def look(**fields: Any) -> bytes:
+    return line("look", **fields)
+
+
+def of_part(**fields: Any) -> bytes:
+    return look(scene={"parts": [{"label": "cube", "confidence": 1.0, **fields}]})
+
+
+@pytest.mark.parametrize(
+    ("of", "good", "bad"),
+    [
+        (lambda it: look(world_from_cyclopean=it), POSE, [POSE[1:], [*POSE, ROW], [*POSE[1:], ROW[1:]]]),
+        (lambda it: look(world_from_cyclopean=it), None, [[*POSE[1:], [*ROW, 5.0]], 3]),
+        (lambda it: of_part(covariance=it), [[0.0] * 6] * 6, [[[0.0] * 6] * 5, [[0.0] * 6] * 7, [[0.0] * 5] * 6]),
+        (lambda it: of_part(covariance=it), None, [[[0.0] * 7] * 6]),
+        (lambda it: of_part(facets=[{"corners_mm": [it]}]), ROW[:3], [ROW[:2], ROW]),
+        (lambda it: of_part(facets=[{"corners_mm": [], "left_px": [it]}]), ROW[:2], [ROW[:1], ROW[:3]]),
+        (lambda it: look(scene={"guesses": [{"left_px": [it]}]}), ROW, [ROW[:3], [*ROW, 5.0]]),
+        (lambda it: look(table={"up": it, "level_mm": 0.0}), ROW[:3], [ROW[:2], ROW]),
+        (lambda it: look(table={"up": ROW[:3], "level_mm": it}), 1e15, [1.1e15, -1.1e15, None]),
+        (lambda it: look(table={"up": ROW[:3], "level_mm": it}), -1e15, ["0"]),
+        (lambda it: look(cycle=it), 2**53, [2**53 + 1, -(2**53) - 1, 1.5]),
+        (lambda it: look(cycle=it), -(2**53), ["1"]),
+        (lambda it: line("run_start", utc_offset_s=it), 86_400, [86_401, -86_401]),
+        (lambda it: line("run_start", utc_offset_s=it), -86_400, [1.5]),
+        (lambda it: look(seq=it), 2**53, [2**53 + 1, -1, None]),
+        (lambda it: look(seq=it), 0, [0.5]),
+        (lambda it: look(moved={"eye": it, "left": POSE, "right": POSE, "arm_mm": 1, "arm_deg": 1}), "left", ["both"]),
+    ],
+)
+def test_a_field_is_what_it_may_be_up_to_the_last_number_and_nothing_else(of: Any, good: Any, bad: list[Any]) -> None:
+    assert record_of(of(good))
+    for wrong in bad:
+        with pytest.raises(ValueError, match=r"Expected|Invalid"):
+            record_of(of(wrong))
+
+
+def test_a_line_may_be_a_megabyte_long() -> None:
+    long = line("say", x="")
+    assert record_of(line("say", x="y" * (1_000_000 - len(long))))
+    with pytest.raises(ValueError, match="too long"):
+        record_of(line("say", x="y" * (1_000_001 - len(long))))

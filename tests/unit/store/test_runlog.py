@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 import pytest
 
-from daemon.store.runlog import RunLog
+from daemon.store.runlog import RunLog, _Worker
 from daemon.store.runs import check_wire, read_run
 from daemon.store.standing import StandingFile, left_behind
 
@@ -85,7 +85,7 @@ WRITER = """
 import sys, itertools
 from pathlib import Path
 import numpy as np
-from daemon.store.runlog import RunLog
+from daemon.store.runlog import RunLog, _Worker
 log = RunLog(Path(sys.argv[1]))
 picture = np.zeros((480, 640), np.uint8)
 for n in itertools.count():
@@ -349,3 +349,19 @@ def test_what_a_restart_must_know_is_brought_to_the_disk_at_once(log: RunLog, ki
     log._syncer.hurry = lambda: hurried.append(kind)  # type: ignore[method-assign]
     log.record(kind)
     assert hurried == ([kind] if at_once else [])
+
+
+def test_a_log_that_was_closed_holds_no_file_open(log: RunLog) -> None:
+    run = log._run
+    log.close()
+    for file in (run.lines, run.wire):
+        with pytest.raises(OSError, match="Bad file descriptor"):
+            file.append(b"late")
+
+
+def test_a_thread_of_the_log_says_whether_it_came_to_its_end_in_time() -> None:
+    worker, gate = _Worker("test"), threading.Event()
+    worker.do(gate.wait)
+    assert not worker.end(0.05)
+    gate.set()
+    assert worker.end(30.0)

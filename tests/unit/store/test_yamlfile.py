@@ -26,6 +26,7 @@ class Outer:
     by_name: dict[str, Inner] | None = None
     many: tuple[Inner, ...] = ()
     free: dict[str, float] | None = None
+    sets: tuple[dict[str, Inner], ...] = ()
 
 
 PLAIN = "write the number in plain digits, or in quotes if it is none"
@@ -47,13 +48,17 @@ def told(folder: Path, text: str, kind: Any = Outer) -> str:
         ("version: 1\ninner: {order: big}", "f.yaml:2: inner.order: expected one of nearest, surest, found 'big'"),
         ("version: 1\ninner: {speed: fast}", "f.yaml:2: inner.speed: expected float, found 'fast'"),
         ("version: 1\ninner: {sped: 4}", "f.yaml:2: inner.sped: unknown key; did you mean `speed`?"),
-        ("version: 1\nxyz: 4", "f.yaml:2: xyz: unknown key (known here: version, inner, by_name, many, free)"),
+        ("version: 1\nxyz: 4", "f.yaml:2: xyz: unknown key (known here: version, inner, by_name, many, free, sets)"),
         ("version: 1\nmany:\n - {}\n - {tries: 10}", "f.yaml:4: many[1].tries: expected int from 1 to 9, found 10"),
         ("version: 1\nmany:\n - {}\n - {tires: 4}", "f.yaml:4: many[1].tires: unknown key; did you mean `tries`?"),
         ("version: 1\nby_name:\n  a: {tries: 2}\n  b: {tries: 77}",
          "f.yaml:4: by_name.b.tries: expected int from 1 to 9, found 77"),
         ("version: 1\nby_name:\n  a: {tires: 2}", "f.yaml:3: by_name.a.tires: unknown key; did you mean `tries`?"),
         ("version: 1\nfree: {a: 1, b: x}", "f.yaml:2: free.b: expected float, found 'x'"),
+        ("version: 1\nsets:\n - {a: {tries: 2}}\n - {a: {tries: 2}, b: {tries: 10}}",
+         "f.yaml:4: sets[1].b.tries: expected int from 1 to 9, found 10"),
+        ("version: 1\nsets:\n - {a: {tries: 2}, c: {tries: 10}}\n - {a: {}}",
+         "f.yaml:3: sets[0].c.tries: expected int from 1 to 9, found 10"),
         ("inner: {}", "f.yaml:1: the key `version` is missing"),
         ("version: 1\ninner: [1, 2]", "f.yaml:2: inner: expected keys and values, found [1, 2]"),
         ("version: 1\nfree: {a: '" + "x" * 90 + "'}", "f.yaml:2: free.a: expected float, found '" + "x" * 56 + "..."),

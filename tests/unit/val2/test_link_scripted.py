@@ -376,3 +376,140 @@ def test_where_no_break_is_typed_an_arm_is_seen_at_work_on_opening_by_two_readin
     assert (lines, stopped) == (["WHERE", "WHERE"], False)
     lines, _ = lived(story(True))
     assert lines[:4] == ["WHERE", "WHERE", "!!", "ABORT"]
+
+
+ILLEGAL = "\r\n*Illegal command*" + PROMPT
+
+
+def test_the_first_line_after_a_prompt_was_sought_is_typed_again_where_a_rest_stood_before_it_and_no_other() -> None:
+    """What somebody left half typed makes it an illegal command; the second time it is one."""
+
+    def says(line: str, nth: int) -> str:
+        return ILLEGAL if line == "FOO" or (line == "DO BREAK" and nth == 0) else usual(line, nth)
+
+    async def story() -> list[str]:
+        port = Scripted(says)
+        link = linked(port)
+        await link.open()
+        with pytest.raises(ControllerError, match="Illegal command"):
+            await link.command("FOO")
+        return port.lines
+
+    assert lived(story()) == ["DO BREAK", "DO BREAK", "FOO"]
+
+    def loses_one(line: str, nth: int) -> str:
+        return ("", ILLEGAL, PROMPT)[nth] if line == "SPEED 5" else usual(line, nth)
+
+    came, lines, _ = told(lambda link: link.speed(5.0), loses_one)
+    assert came is None
+    assert lines == ["SPEED 5"] * 3
+
+    def refuses_it(line: str, nth: int) -> str:
+        return "\r\n*Not calibrated*" + PROMPT if line == "DO BREAK" else usual(line, nth)
+
+    _, lines, _ = told(lambda link: link.speed(5.0), refuses_it)
+    assert lines == ["SPEED 5"], "another error is no rest"
+
+
+@pytest.mark.parametrize(("says_where", "x"), [(table(432.0), 432.0), (PROMPT, None)])
+def test_a_motion_whose_answer_is_lost_is_told_with_where_the_arm_is_if_that_is_to_be_had(
+    says_where: str, x: float | None
+) -> None:
+    def says(line: str, _: int) -> str:
+        return says_where if line == "WHERE" else "" if line.startswith("DO MOVE") else PROMPT
+
+    came, lines, _ = told(lambda link: link.move(GOAL, 3.0), says)
+    assert isinstance(came, NoAnswer)
+    assert "no answer to" in str(came)
+    assert (None if came.where is None else came.where.location.x_mm) == x
+    assert lines == [f"DO MOVE {TRANS}", "WHERE"]
+
+
+@pytest.mark.parametrize(
+    ("at_first", "raised", "text"),
+    [
+        ("", NoAnswer, "within 3 s; then no prompt after 3"),
+        (ASKS, ControllerError, "the controller asks 'Are you sure"),
+    ],
+)
+def test_where_no_prompt_is_found_again_that_is_told_too(at_first: str, raised: type[Exception], text: str) -> None:
+    async def story() -> None:
+        port = Scripted(lambda line, nth: "" if line in ("STATUS", "!!") else usual(line, nth))
+        link = linked(port, answer_s=3.0)
+        await link.open()
+        port.at_first = at_first
+        with pytest.raises(raised, match=text):
+            await link.command("STATUS")
+
+    lived(story())
+
+
+def test_a_where_without_its_table_is_asked_for_again_some_times() -> None:
+    for given, tries in ((2, 3), (9, 3)):
+
+        def says(line: str, nth: int, given: int = given) -> str:
+            return table() if line == "WHERE" and nth >= given else PROMPT
+
+        came, lines, _ = told(lambda link: link.where(), says, typing_attempts=3)
+        assert lines == ["WHERE"] * tries
+        assert str(came) == "WHERE did not give its table" if given > tries else isinstance(came, Where)
+
+
+def test_an_answer_comes_back_whole_and_two_readings_are_a_pause_apart() -> None:
+    came, *_ = told(lambda link: link.command("STATUS"), lambda line, nth: "\r\nall is well" + PROMPT)
+    assert came.lines == ("all is well",)
+    assert told(lambda link: link.still(5.0), poll_s=0.5)[2] >= 0.5
+
+
+def test_an_arm_that_does_not_stop_is_told_again_and_again_and_where_it_was_last_is_told() -> None:
+    def says(line: str, nth: int) -> str:
+        return table(400.0 + nth) if line == "WHERE" else PROMPT
+
+    came, lines, took_s = told(lambda link: link.abort(), says, poll_s=0.5)
+    assert isinstance(came, NoAnswer)
+    assert str(came) == "the arm still moves after ABORT"
+    assert came.where is not None
+    assert came.where.location.x_mm == 400.0 + lines.count("WHERE") - 1
+    assert lines == ["!!", "ABORT", "", "ABORT", "ABORT", "WHERE", "WHERE"] * 5
+    assert took_s >= 5 * 2 * 0.5, "two readings are a pause apart"
+
+
+def test_a_table_is_waited_for_in_a_stop_as_long_as_it_takes_on_a_slow_line() -> None:
+    """Three hundred characters of ten bits, and what any answer takes."""
+    came, *_ = told(
+        lambda link: link.abort(), lambda line, _: "" if line == "WHERE" else PROMPT, baud=100, resync_s=1.0
+    )
+    assert str(came) == "no answer to 'WHERE' within 31 s"
+
+
+def test_what_a_command_asks_is_open_until_it_is_answered_and_a_stop_gets_past_it_with_a_no() -> None:
+    asking = False
+
+    def says(line: str, nth: int) -> str:
+        nonlocal asking
+        asking = line != "N" and (asking or line == "CAL")
+        return ASKS if asking else usual(line, nth)
+
+    async def act(link: Link) -> None:
+        with pytest.raises(ControllerError, match="the controller asks 'Are you sure"):
+            await link.command("CAL")
+        assert link.question == "Are you sure (Y/N)?"
+        with pytest.raises(ControllerError, match="answer that first"):
+            await link.speed(5.0)
+        assert (await link.abort()) is not None
+        assert link.question is None
+        await link.speed(5.0)
+
+    came, lines, _ = told(act, says)
+    assert came is None
+    assert lines.count("N") == 1
+    assert lines.count("SPEED 5") == 1
+
+
+def test_an_error_is_told_with_the_place_that_was_printed_before_it() -> None:
+    def says(line: str, nth: int) -> str:
+        return table(432.0).removesuffix(PROMPT) + "\r\n*Out of range*" + PROMPT if line == "FOO" else usual(line, nth)
+
+    came, *_ = told(lambda link: link.command("FOO"), says)
+    assert str(came) == "*Out of range*"
+    assert came.where.location.x_mm == 432.0
