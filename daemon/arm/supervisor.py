@@ -421,7 +421,7 @@ class Supervisor:
         except NotSentError:
             raise
         except Exception as error:
-            if moves and self.fault is None:
+            if moves and self.fault is None and not self._ending:  # what being ended makes of it is no fault
                 text = f"{type(error).__name__}: {error}"
                 await self.stop_arm(Interruption.ERROR, text, text)
             raise

@@ -8,9 +8,12 @@ in which something was taken back is spoiled and typed anew: nobody knows which 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+import contextlib
+from collections.abc import Callable, Coroutine
+from typing import Any
 
 from daemon.cell.arm_on_link import moves_the_arm, works_the_hand
+from daemon.cell.no_arm import CellError
 from daemon.console.context import ANSWERABLE, CommandContext
 from daemon.console.interpreter import Answer, CommandError, Door
 from daemon.console.phrases import is_yes
@@ -22,6 +25,8 @@ SPOIL = CANCEL + b"!!\r"
 """Takes a typed line back; makes it an error where the controller knows no such key."""
 GREETING = "The controller's own terminal; the daemon stands aside. Control-] comes back, control-C stops the arm."
 ASKED = "this may move the arm, and no guard sees where it goes. Send it? [y/n]"
+POLL_S = 0.2
+"""How often it is looked whether there is still a line to the controller."""
 ANSWER_AFTER_S = 0.3
 """A key that comes sooner after the question was on its way before it was read."""
 
@@ -42,8 +47,28 @@ async def _monitored(context: CommandContext, door: Door) -> Answer:
     typist = Typist(context, door)
     async with context.hardware.robot.terminal(lambda data: door.show(shown(data))) as send:
         send(b"\r")  # an empty line, for the controller to show its prompt
-        await door.terminal(lambda keys: typist.typed(keys, send))
+
+        def typed(keys: bytes) -> None:
+            with contextlib.suppress(*ANSWERABLE):  # the line is gone, or a stop has it: that is told otherwise
+                typist.typed(keys, send)
+
+        await _while_connected(context, door.terminal(typed))
     return Answer(f"\nBack from the controller's terminal: {typist.lines} lines typed.", {"lines": typist.lines})
+
+
+async def _while_connected(context: CommandContext, leaving: Coroutine[Any, Any, None]) -> None:
+    """Until the operator leaves. Raises CellError where the line goes: nobody is told of it otherwise, or stops an arm
+    that is on its way, because the daemon stands aside."""
+    left = asyncio.ensure_future(leaving)
+    try:
+        while not left.done():
+            await asyncio.wait([left], timeout=POLL_S)
+            if not context.hardware.robot.connected:
+                raise CellError("the line to the controller is gone")
+        left.result()
+    finally:
+        left.cancel()
+        await asyncio.wait([left])
 
 
 def shown(data: bytes) -> bytes:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import time
 from collections.abc import Awaitable
 from typing import Any, TypeVar
@@ -324,7 +325,8 @@ async def _ask_to_send(context: CommandContext, pending: str, work: asyncio.Futu
     while not (asking.done() or work.done()) and context.cycle.status()["pending"] == pending:
         await asyncio.wait([asking, work], timeout=POLL_S, return_when=asyncio.FIRST_COMPLETED)
     if asking.done() and context.cycle.status()["pending"] == pending:
-        _decide(context, asking.result() is True)
+        with contextlib.suppress(RefusedError):  # somebody else has decided in this moment
+            _decide(context, asking.result() is True)
     asking.cancel()
     await asyncio.wait([asking])
 

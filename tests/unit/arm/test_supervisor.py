@@ -1198,3 +1198,26 @@ def test_who_fails_when_told_of_a_stop_is_told_to_the_loop():
 
     asyncio.run(story())
     assert [str(context["exception"]) for context in told] == ["the journal is gone"]
+
+
+@pytest.mark.parametrize("way", ["abort", "disable"])
+def test_what_a_job_that_is_ended_makes_of_its_end_is_no_fault(way):
+    """The controller's terminal, ended by an `abort`, which leaves no fault, left `Preempted: aborted`."""
+    world, supervisor, _ = supervised()
+
+    async def terminal() -> None:
+        try:
+            await endless(world)
+        finally:
+            raise OSError("aborted")
+
+    async def story() -> None:
+        task = asyncio.create_task(supervisor.converse("monitor", terminal, moves=True))
+        await eventually(lambda: bool(world.wire))
+        assert await getattr(supervisor, way)() is None
+        with pytest.raises(OSError, match="aborted"):
+            await task
+
+    asyncio.run(asyncio.wait_for(story(), 10.0))
+    assert supervisor.fault is None
+    assert [name for name, _ in world.wire] == ["foreign", "abort"], "told once"

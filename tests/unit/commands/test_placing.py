@@ -109,3 +109,21 @@ def test_a_name_that_has_become_the_configurations_as_well_is_gone_to_under_neit
     assert say(context, "places").text.count("survey2") == 2
     say(context, "places drop survey2")
     assert say(context, "go survey2").status == 0
+
+
+def test_a_place_is_not_named_where_the_arm_no_longer_is_once_it_was_asked(context: Any) -> None:
+    """Somebody sent the arm off while the question stood; `go bin2` came back to where it had been before."""
+    context.cycle.at[:3, 3] = [400.0, 0.0, 50.0]
+    say(context, "here bin2")
+    context.cycle.at = context.cycle.at.copy()
+    context.cycle.at[2, 3] = 90.0
+
+    class Meanwhile(FakeDoor):
+        async def ask(self, question: str) -> str:
+            context.cycle.at = context.cycle.at.copy()
+            context.cycle.at[0, 3] = 300.0
+            return await super().ask(question)
+
+    told = say(context, "here bin2", Meanwhile(answers=["y"]))
+    assert (told.status, "has moved since" in told.text) == (1, True)
+    assert len(say(context, "places bin2").text.splitlines()) == 1

@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from daemon.arm import RefusedError
 from daemon.commands import every_command
 from daemon.console.interpreter import Answer, Console
 from daemon.pick.order import PickOrder
@@ -386,3 +387,15 @@ def test_a_hand_in_a_dry_run_is_not_said_to_have_moved(context: Any, word: str) 
     dry = {**context.cycle.status(), "dry": True}
     context.cycle.status = lambda: dry
     assert say(context, f"hand {word}").text == "Planned, and not sent: `dry` is on."
+
+
+def test_a_yes_that_comes_together_with_somebody_elses_ends_nothing_here(context: Any) -> None:
+    """Who had begun the motion was told `no move waits`, and of its other moves nothing more."""
+    context.cycle.slow, context.cycle.pending = True, "home: joints to 420 0 60 at 100 %"
+
+    def decided() -> None:
+        context.cycle.pending = context.cycle.doing = None
+        raise RefusedError("no move waits for an answer")
+
+    context.cycle.confirm = decided
+    assert say(context, "go home", FakeDoor(answers=["y", "n"])).text == "At home."

@@ -201,3 +201,23 @@ def test_a_yes_to_walk_round_a_part_is_void_where_the_arm_was_stopped_since_it_w
     assert any("meanwhile it was stopped" in text for text in story.texts)
     assert story.cell.controller.machine.at_rest()
     assert story.violations() == ()
+
+
+@pytest.mark.parametrize("key", ["", "W"])
+def test_a_line_that_is_lost_while_a_person_has_the_controllers_terminal_is_told_and_the_arm_is_stopped(
+    story: Story, key: str
+) -> None:
+    """The daemon stood aside: nothing was said of it at any door, and the next key hung up whoever pressed it."""
+    story.cell.judge.by_hand(story.stamp_s(), "DO READY")
+    story.sockets[0].say("robot monitor")
+    story.wait(0.5)
+    for keys in ("SPEED 4\r", "DO READY\r", "y"):
+        story.sockets[0].send({"keys": keys})
+        story.wait(0.5)
+    assert not story.cell.controller.machine.at_rest()
+    story.harm(story.cell.server.unplug)  # type: ignore[union-attr]
+    story.sockets[0].send({"keys": key})
+    story.wait(6.0)
+    assert story.sockets[0].line is not None
+    assert any("the port is gone; NOT CONFIRMED" in text for text in story.texts)
+    assert story.violations() == ()
