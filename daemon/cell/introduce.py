@@ -378,7 +378,7 @@ def _about(arm: Arm) -> Iterator[str]:
     for name, value in zip(LENGTHS, found.lengths_mm, strict=True):
         yield f"  {name} {value:9.2f} mm  {_length_sure(arm, name)}"
     signs = " ".join("+" if sign > 0 else "-" for sign in found.convention.signs)
-    zeros = " ".join(f"{zero:.6g}" for zero in np.round(found.zeros_deg, 2))
+    zeros = " ".join(f"{zero:.6g}" for zero in np.round(found.zeros_deg, 2) + 0.0)
     yield f"  joints 1 to 6: signs {signs}, zeros {zeros} degrees"
     if found.convention.against_horizon:
         yield "  joint 3 is counted against the horizon"
