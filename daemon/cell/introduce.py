@@ -19,7 +19,7 @@ from daemon.arrays import Array
 from daemon.calibration.arm_from_readings import LENGTHS, ArmFound, NoArmError, find_arm, settle
 from daemon.errors import FacetdError
 from drivers.puma560 import PUMA560
-from drivers.pumas import PUBLISHED, Likeness, likeness
+from drivers.pumas import PUBLISHED, Likeness, PublishedArm, likeness
 from drivers.val2 import introduction
 from drivers.val2.dialect import Dialect
 from drivers.val2.errors import PortError
@@ -227,6 +227,7 @@ async def _exchange(step: Exchange, line: _Line) -> Heard:
 # Which arm it is
 
 FITTED = "least squares over WHERE's places and joints"
+LOOSE_MM = 0.1
 LEAST_TOLD = 0.001
 """mm or degrees: no controller prints its places so finely that less could be told."""
 
@@ -234,33 +235,41 @@ LEAST_TOLD = 0.001
 @dataclass(frozen=True, eq=False)
 class Arm:
     """The arm that the readings show, after a published one's lengths where they are those, and how these were
-    found. published: the readings settle all but the lengths."""
+    found. source: `published` or `typed` where the readings settle all but the lengths."""
 
     found: ArmFound
     alike: Likeness | None
     others: tuple[str, ...]
     how: str
-    published: bool = False
+    source: str = ""
 
 
-def arm_of(known: Acquaintance) -> Arm:
-    """Which arm makes the readings, and whose it is. Raises NoArmError."""
+def arm_of(known: Acquaintance, typed_mm: tuple[float, float, float, float] | None = None) -> Arm:
+    """Which arm makes the readings, and whose it is. typed_mm: its a2, a3, d3, d4, as its drawing has them, where none
+    is published. Raises NoArmError."""
+    arms = PUBLISHED if typed_mm is None else (PublishedArm("arm of the lengths typed", typed_mm, "its operator"),)
     places = np.array([matrix_from_location(where.location) for where in known.readings])
     printed = np.array([where.joints_deg for where in known.readings])
     mm, degrees = known.findings["digits"].value
     digits = (10.0**-mm, 10.0**-degrees)
     found = find_arm(places, printed, digits)
     sigma = found.sigma["a2"], found.sigma["a3"], found.sigma["d3"], found.sigma["d4"]
-    alike = likeness(found.lengths_mm, sigma)
+    alike = likeness(found.lengths_mm, sigma, arms)
+    if alike is None and typed_mm is not None:
+        raise NoArmError(
+            f"WHERE shows {_lengths(found)}: not the lengths typed, {', '.join(f'{one:g}' for one in typed_mm)} mm"
+        )
     if alike is not None and alike.unit_mm != 1.0:
         raise NoArmError(
             f"WHERE counts in units of {alike.unit_mm:g} mm: its lengths are a {alike.arm.name}'s so, and facetd moves "
             "in millimetres. Can the controller be set to millimetres?"
         )
-    if max(sigma) < 0.1 or alike is None:
+    if max(sigma) < LOOSE_MM or alike is None:
         return Arm(found, alike, (), FITTED)
-    settled = sorted(_like_published(found, places, printed, digits, sigma), key=lambda each: each[0])
+    settled = sorted(_like_published(found, arms, places, printed, digits, sigma), key=lambda each: each[0])
     best = settled[0]
+    if best[0] > found.misfit + MISFIT_MORE and typed_mm is not None:
+        raise NoArmError(f"the lengths typed do not fit WHERE's places, which show {_lengths(found)}")
     if best[0] > found.misfit + MISFIT_MORE:
         return Arm(found, None, (), f"{FITTED}; no published lengths fit them")
     others = tuple({each[1].name for each in settled[1:] if each[0] < best[0] + 9.0} - {best[1].name})
@@ -268,17 +277,29 @@ def arm_of(known: Acquaintance) -> Arm:
         best[2],
         replace(alike, arm=best[1]),
         others,
-        f"the readings lie so near together that they leave {max(sigma):.1f} mm open; the lengths are those published "
-        f"for the {best[1].name} ({best[1].source}), which fit",
-        published=True,
+        f"the readings lie so near together that they leave {max(sigma):.1f} mm open; the lengths are those "
+        + (f"published for the {best[1].name} ({best[1].source})" if typed_mm is None else "typed")
+        + ", which fit",
+        "published" if typed_mm is None else "typed",
+    )
+
+
+def _lengths(found: ArmFound) -> str:
+    return ", ".join(
+        f"{name} {value:.1f} mm {_sure(found, name)}" for name, value in zip(LENGTHS, found.lengths_mm, strict=True)
     )
 
 
 def _like_published(
-    found: ArmFound, places: Array, printed: Array, digits: tuple[float, float], sigma: Sequence[float]
+    found: ArmFound,
+    arms: Sequence[PublishedArm],
+    places: Array,
+    printed: Array,
+    digits: tuple[float, float],
+    sigma: Sequence[float],
 ) -> Iterator[tuple[float, Any, ArmFound]]:
     """For each published arm near enough: its misfit, itself, and the readings' arm with its lengths."""
-    for arm in PUBLISHED:
+    for arm in arms:
         if likeness(found.lengths_mm, tuple(sigma), (arm,)) is None:  # type: ignore[arg-type]
             continue
         a2, a3, d3, d4 = arm.lengths_mm
@@ -338,7 +359,7 @@ def _sure(found: ArmFound, name: str) -> str:
 
 
 def _length_sure(arm: Arm, name: str) -> str:
-    return "published" if arm.published else _sure(arm.found, name)
+    return arm.source or _sure(arm.found, name)
 
 
 def _entry(finding: Finding) -> dict[str, Any]:
@@ -371,6 +392,9 @@ def _about(arm: Arm) -> Iterator[str]:
     found, alike = arm.found, arm.alike
     if alike is None:
         yield "  none that is published here: its own lengths are used"
+        if max(found.sigma[name] for name in LENGTHS) > LOOSE_MM:
+            yield "  Small steps leave them too loose: a WHERE elsewhere will not fit, and is taken for spoilt."
+            yield "  Say it again with --lengths A2,A3,D3,D4, in mm, from the maker's drawing."
     else:
         side = {None: "the shoulder's side is a matter of where its front is", True: "shoulder offset to the left",
                 False: "shoulder offset to the right"}[alike.mirrored]  # fmt: skip
@@ -380,7 +404,7 @@ def _about(arm: Arm) -> Iterator[str]:
     for name, value in zip(LENGTHS, found.lengths_mm, strict=True):
         yield f"  {name} {value:9.2f} mm  {_length_sure(arm, name)}"
     signs = " ".join("+" if sign > 0 else "-" for sign in found.convention.signs)
-    zeros = " ".join(f"{zero:.6g}" for zero in np.round(found.zeros_deg, 2))
+    zeros = " ".join(f"{zero:.6g}" for zero in np.round(found.zeros_deg, 2) + 0.0)
     yield f"  joints 1 to 6: signs {signs}, zeros {zeros} degrees"
     if found.convention.against_horizon:
         yield "  joint 3 is counted against the horizon"

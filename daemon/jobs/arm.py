@@ -38,6 +38,7 @@ from daemon.errors import DONE, NOT_DONE, NOT_UNDERSTOOD
 from daemon.store.files import write_atomically
 from daemon.store.outside import FileError, read_file
 
+LONGEST_MM = 2000.0
 LARGEST_TRANSCRIPT = 50_000_000
 
 
@@ -49,10 +50,20 @@ def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     meet.add_argument("port", metavar="PORT", help="the serial port, best by its name under /dev/serial/by-id")
     meet.add_argument("--baud", type=int, help="the line's speed (default: the usual ones, 9600 first)")
     meet.add_argument("--out", type=Path, default=Path(), metavar="DIR", help="where the files go (default: here)")
+    meet.add_argument("--lengths", type=_lengths, metavar="A2,A3,D3,D4",
+                      help="of an arm that is not published, mm, from its maker's drawing")  # fmt: skip
     meet.set_defaults(run=_introduce)
     replay = jobs.add_parser("replay", help="today's driver against a recorded first contact: where it says otherwise")
     replay.add_argument("transcript", type=Path, metavar="TRANSCRIPT")
     replay.set_defaults(run=_replay)
+
+
+def _lengths(text: str) -> tuple[float, float, float, float]:
+    with contextlib.suppress(ValueError):
+        a2, a3, d3, d4 = (float(one) for one in text.split(","))
+        if min(a2, d4) > 0.0 and min(a3, d3) >= 0.0 and all(one < LONGEST_MM for one in (a2, a3, d3, d4)):
+            return a2, a3, d3, d4
+    raise argparse.ArgumentTypeError(f"{text}: expected four lengths in mm, as in 650,0,190,600")
 
 
 def _introduce(args: argparse.Namespace) -> int:
@@ -68,14 +79,14 @@ def _introduce(args: argparse.Namespace) -> int:
         return _told(f"{args.out}: {error.strerror}", NOT_UNDERSTOOD)
     except EXPECTED as error:
         return _told(f"{error}\nAll of it is in {args.out / 'transcript.jsonl'}", NOT_DONE)
-    return _keep(known, args.out)
+    return _keep(known, args.out, args.lengths)
 
 
-def _keep(known: Acquaintance, folder: Path) -> int:
+def _keep(known: Acquaintance, folder: Path, typed_mm: tuple[float, float, float, float] | None) -> int:
     """arm.yaml and the page; without readings, or where no arm fits them, the dialect alone."""
     arm = None
     try:
-        arm = arm_of(known) if len(known.readings) > 1 else None
+        arm = arm_of(known, typed_mm) if len(known.readings) > 1 else None
     except NoArmError as error:
         print(f"facetctl: {error}", file=sys.stderr)
     text = yaml.safe_dump(arm_file(known, arm), sort_keys=False, default_flow_style=None, width=110)

@@ -110,6 +110,10 @@ class RunFollower:
         with contextlib.suppress(ValueError):  # the piece of a line at which reading began; another's file
             self._now.recorded(record_of(line))
 
+    def told_of(self, seq: int, eye: str) -> bool:
+        """Whether one of the last looks said that it has that picture."""
+        return bool(self._now.pictures.get(seq, {}).get(eye))
+
     def picture(self, seq: int, eye: str) -> bytes | None:
         """A picture of one of the last looks, as its file has it; None where there is none in the run's folder."""
         name = self._now.pictures.get(seq, {}).get(eye)

@@ -18,6 +18,8 @@ from daemon.store.places import how_to_add
 LOOPBACK = "127.0.0.1"
 SEND_S, ALIVE_S = 0.3, 10.0
 """How often a viewer is told what changed, at most; and that the server lives, at least."""
+PICTURE_S = 5.0
+"""A picture that was told of and is not there by then never will be."""
 ONLY_OURS = "; ".join(
     (
         "default-src 'none'",
@@ -79,7 +81,7 @@ def app(socket_path: Path | None) -> Any:
         return StreamingResponse(changes(now), media_type="text/event-stream", headers={"Cache-Control": "no-store"})
 
     async def picture(request: Request) -> Response:
-        content = run.picture(request.path_params["seq"], request.path_params["eye"])
+        content = await written(run, request.path_params["seq"], request.path_params["eye"])
         if content is None:
             return Response(status_code=404)
         return Response(content, media_type="image/png", headers={"Cache-Control": "no-store"})
@@ -95,6 +97,16 @@ def app(socket_path: Path | None) -> Any:
     ]
     hosts = Middleware(TrustedHostMiddleware, allowed_hosts=["localhost", LOOPBACK], www_redirect=False)
     return Starlette(routes=routes, lifespan=lifespan, middleware=[hosts])
+
+
+async def written(run: RunFollower, seq: int, eye: str) -> bytes | None:
+    """One of the last looks' pictures. A look is told of before they are on the disk: they are waited for."""
+    ends_s = asyncio.get_running_loop().time() + PICTURE_S
+    while (content := run.picture(seq, eye)) is None:
+        if not run.told_of(seq, eye) or asyncio.get_running_loop().time() > ends_s:
+            return None
+        await asyncio.sleep(SEND_S)
+    return content
 
 
 async def changes(now: Now) -> AsyncIterator[str]:

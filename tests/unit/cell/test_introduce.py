@@ -3,6 +3,7 @@
 import asyncio
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -167,8 +168,26 @@ def test_what_is_written_is_what_the_cell_then_works_with(tmp_path: Path) -> Non
     text = page(contact.known, arm)
     assert strange.name in text
     sure = {arm_file(contact.known, arm)["geometry"][f"{name}_mm"]["sure"] for name in ("a2", "a3", "d3", "d4")}
-    assert ("published" in sure) is arm.published, "lengths that were looked up were not measured"
+    assert ("published" in sure) is bool(arm.source), "lengths that were looked up were not measured"
     assert "What nobody can find out" in text
+
+
+@pytest.mark.slow
+def test_an_arm_that_nobody_published_says_how_loosely_it_is_known_and_takes_the_lengths_of_its_drawing() -> None:
+    drawing = 780.0, 0.0, 190.0, 720.0
+    strange = draw(3)
+    a2, a3, d3, d4 = drawing
+    geometry = replace(strange.geometry, a2_mm=a2, a3_mm=a3, d3_mm=d3, d4_mm=d4)
+    known = in_simulated_time(lambda: meet(replace(strange, geometry=geometry))).known
+    loose, typed_in = arm_of(known), arm_of(known, drawing)
+    assert loose.alike is None
+    assert "--lengths A2,A3,D3,D4" in page(known, loose)
+    assert typed_in.found.lengths_mm == pytest.approx(drawing, abs=1e-6)
+    off = np.array(typed_in.found.zeros_deg) / 90.0
+    assert off == pytest.approx(np.round(off), abs=1e-4), "with the lengths right the zeros are as well"
+    assert "--lengths" not in page(known, typed_in)
+    with pytest.raises(NoArmError, match="not the lengths typed"):
+        arm_of(known, (650.0, 0.0, 190.0, 600.0))
 
 
 def test_limits_are_typed_as_the_plate_has_them_and_a_little_is_kept_from_them(tmp_path: Path) -> None:

@@ -39,6 +39,15 @@ def test_what_is_no_transcript_is_told_in_one_line(sent: str, told: str, capsys:
     assert said.count("\n") == 1
 
 
+@pytest.mark.parametrize("typed", ["1,2,3", "a,b,c,d", "0,0,0,0", "650,0,190,6000", "nan,0,190,600", ""])
+def test_lengths_that_are_none_are_told_with_what_they_should_be(
+    typed: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit):
+        ctl.main(["arm", "introduce", "nowhere", "--lengths", typed])
+    assert "expected four lengths in mm, as in 650,0,190,600" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("about", "typed", "answered"),
     [

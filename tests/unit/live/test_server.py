@@ -15,6 +15,9 @@ from typing import Any
 
 import pytest
 
+from daemon.live import server
+from daemon.live.follow import RunFollower
+from daemon.live.now import Now
 from tests.worlds.made_run import MadeRun, part
 from tests.worlds.told_daemon import ToldDaemon
 
@@ -115,3 +118,22 @@ def test_it_answers_this_machine_alone_and_takes_nothing(port: int) -> None:
     assert ask("/", headers={"Host": "evil.example"}) == 400
     assert ask("/", method="POST", data=json.dumps({"do": "enable"}).encode()) == 405
     assert ask("/picture/0/..%2f..%2fetc%2fpasswd") == 404
+
+
+def test_a_picture_that_was_told_of_and_is_not_written_yet_is_waited_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(server, "SEND_S", 0.01)
+    now = Now()
+    now.pictures = {7: {"left": "left.png"}}
+    run = RunFollower(now)
+    run.folder = tmp_path
+
+    async def story() -> tuple[bytes | None, bytes | None]:
+        asking = asyncio.create_task(server.written(run, 7, "left"))
+        await asyncio.sleep(0.05)
+        assert not asking.done()
+        (tmp_path / "left.png").write_bytes(b"a picture")
+        return await asking, await server.written(run, 7, "right")
+
+    assert asyncio.run(story()) == (b"a picture", None), "what nobody told of is not waited for"
