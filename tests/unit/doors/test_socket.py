@@ -828,3 +828,22 @@ def test_who_goes_away_in_the_middle_of_a_file_ends_the_command_that_asked_for_i
         asyncio.run(come(_Message(file="QQ==", more=True)))
     with pytest.raises(CommandError, match="the operator went away"):
         asyncio.run(come())
+
+
+def test_a_closed_socket_has_let_go_of_everybody(tmp_path: Path) -> None:
+    context = fake_context(tmp_path)
+
+    async def serve() -> None:
+        server = SocketServer(tmp_path / "s", EVERYBODY, Console(context, every_command()), interrupter(context))
+        await server.open()
+        _, writer = await asyncio.open_unix_connection(tmp_path / "s")
+        writer.write(b'{"notices": true}\n')
+        while not (operators := [*server._operators]):
+            await asyncio.sleep(0.005)
+        await server.close()
+        await server.close()
+        assert all(operator.done() for operator in operators)
+        assert not (tmp_path / "s").exists()
+        writer.close()
+
+    asyncio.run(asyncio.wait_for(serve(), 20))

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from daemon import ctl
-from daemon.review.export import _nanoseconds, _transform
+from daemon.review.export import _messages, _nanoseconds, _transform
 from daemon.store import places
 from daemon.store.runlog import KINDS
 from tests.worlds.made_run import MadeRun
@@ -70,3 +70,9 @@ def test_a_pose_is_a_place_in_metres_and_a_quaternion() -> None:
 def test_a_moment_is_told_in_nanoseconds_to_the_millisecond() -> None:
     assert _nanoseconds({"t": "1970-01-02T00:00:01.234Z"}) == 86_401_234_000_000
     assert _nanoseconds({}) == 0
+
+
+def test_a_line_of_the_log_holds_the_record_but_for_what_has_a_place_of_its_own(tmp_path: Path) -> None:
+    record = {"v": 1, "seq": 3, "t": "2026-01-02T03:04:05.000Z", "kind": "look", "cycle": 7, "scene": {"parts": []}}
+    (_, _, message), *_ = [found for found in _messages(tmp_path, record, 5) if found[0] == "/log"]
+    assert json.loads(message["message"]) == {"kind": "look", "cycle": 7}

@@ -176,6 +176,9 @@ def test_a_bar_a_cycle_from_the_beginning_of_the_run(run: Digest) -> None:
         {"n": 8, "from": 10.0, "to": 12.5, "outcome": "unfinished", "label": None},
     ]
     assert timeline(digest("x", [])) == []
+    moments = ((1.001, "run_start"), (2.344, "cycle_start"), (3.567, "cycle_end"))
+    (bar,) = timeline(digest("x", [line(kind, at_s, cycle=1, outcome="lost") for at_s, kind in moments]))
+    assert (bar["from"], bar["to"]) == (1.34, 2.57), "to a hundredth of a second"
 
 
 def test_what_happened_once_each_with_what_led_to_it(run: Digest) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from dataclasses import fields, is_dataclass
+from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, get_args, get_type_hints
@@ -468,3 +468,13 @@ def test_where_no_cause_is_known_the_end_of_the_pick_is_shown(made: MadeRun) -> 
 )
 def test_a_class_of_the_program_is_nothing_to_tell_people(text: str, said: str) -> None:
     assert in_plain_words(text) == said
+
+
+@pytest.mark.parametrize(("slant", "name"), [(10, "gripper"), (11, "part slipped")])
+def test_fingers_that_meet_a_part_no_more_than_ten_degrees_off_square_hold_it(
+    slant: int, name: str, made: MadeRun
+) -> None:
+    missed("cube: still lies there after 2 tries")(made)
+    (cycle,) = read_digest(made.close()).cycles
+    decision = {"kind": "decision", "cycle": 1, "text": "pick", "why": f"contacts {slant} degrees off square"}
+    assert causes(replace(cycle, records=(*cycle.records, decision)))[0].name == name

@@ -194,3 +194,15 @@ def test_a_file_that_got_the_number_0_is_a_file_as_any_other(tmp_path: Path, mon
     file.close()
     file.close()
     assert done == [("sync", 0), ("sync", 0), ("close", 0)]
+
+
+def test_a_lock_and_what_must_be_known_are_their_owners_to_write_and_their_groups_to_read(tmp_path: Path) -> None:
+    before = os.umask(0o002)
+    try:
+        os.close(hold(tmp_path / "held"))
+        StandingFile(tmp_path / "standing").close()
+        LineFile(tmp_path / "lines").close()
+    finally:
+        os.umask(before)
+    made = [tmp_path / name for name in ("held/lock", "standing", "lines")]
+    assert {stat.S_IMODE(path.stat().st_mode) for path in made} == {0o640}

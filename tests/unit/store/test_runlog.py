@@ -6,6 +6,7 @@ import errno
 import os
 import random
 import signal
+import stat
 import subprocess
 import sys
 import threading
@@ -365,3 +366,27 @@ def test_a_thread_of_the_log_says_whether_it_came_to_its_end_in_time() -> None:
     assert not worker.end(0.05)
     gate.set()
     assert worker.end(30.0)
+
+
+def test_what_is_kept_and_what_is_seen_hold_nobody_up_until_they_are_on_the_disk(
+    log: RunLog, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Every line is synced some time soon, in a thread of its own; copies and pictures when the kernel likes."""
+    taken: list[Path] = []
+    monkeypatch.setattr(log._syncer, "take", lambda file: taken.append(file.path))
+    synced: list[str] = []
+    monkeypatch.setattr("os.fsync", lambda handle: synced.append(os.readlink(f"/proc/self/fd/{handle}")))
+    (tmp_path / "model.npz").write_bytes(b"model")
+    log.keep(tmp_path / "model.npz")
+    log.record("look", images={"left": image()})
+    log.wire({"seq": 0, "bytes": "WHERE"})
+    deadline = time.monotonic() + 30.0
+    while len(taken) < 2 or not list((log.folder / "images").iterdir()):
+        assert time.monotonic() < deadline
+        time.sleep(0.005)
+    assert {path.name for path in taken} == {"run.jsonl", "wire.jsonl"}
+    assert [name for name in synced if "/kept/" in name or "/images/" in name] == []
+
+
+def test_a_run_is_its_owners_to_write_and_its_groups_to_read(log: RunLog) -> None:
+    assert {stat.S_IMODE((log.folder / name).stat().st_mode) for name in ("run.jsonl", "wire.jsonl")} == {0o640}

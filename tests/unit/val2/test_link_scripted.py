@@ -281,8 +281,8 @@ def test_a_controller_without_a_speed_of_programs_may_refuse_it_in_whatever_word
 
     async def in_a_stop(link: Link) -> None:
         stopping = asyncio.ensure_future(link.abort())
-        await asyncio.sleep(0.0)
-        with pytest.raises(Preempted):
+        await asyncio.sleep(0.01)
+        with pytest.raises(Preempted, match="an abort is under way"):
             await link.own_speed_only()
         await stopping
 
