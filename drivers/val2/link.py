@@ -428,7 +428,7 @@ class Link:
         end = self.dialect.line_end
         word = self.dialect.abort_word.encode("ascii") + end
         talk.unheard()
-        await talk.type_raw(self.dialect.cancel_line + before + POISON + end + word + end + word)
+        await talk.type_raw((before or self.dialect.cancel_line) + POISON + end + word + end + word)
         return await talk.last_prompt_or_question(self.dialect.resync_s)
 
     async def _stopped(self, talk: Conversation) -> Where:
