@@ -13,6 +13,7 @@ import shutil
 import signal
 import time
 from collections.abc import Awaitable, Coroutine
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -406,6 +407,7 @@ def read_files(config_path: Path, simulated: bool) -> tuple[Config, Calibration,
     """Every file a start needs; no device is touched. Raises ConfigError, ModelError, ModelStoreError."""
     config = load_config(config_path, simulated)
     sections.check(config)
+    config = replace(config, notes=(*config.notes, *sections.out_of_reach(config)))
     files = config.values.files
     calibration = load_calibration(config.calibration)
     sections.check_hand_eye(config, calibration)

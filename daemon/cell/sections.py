@@ -5,7 +5,7 @@ In: Config. Out: the drivers' own settings, or a ConfigError that names file, li
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -18,7 +18,7 @@ from daemon.calibration.file import Calibration, rigid
 from daemon.config import Config, Matrix4
 from daemon.store.yamlfile import Document, read
 from drivers.camera.settings import CameraSettings
-from drivers.puma560 import PUMA560, ArmGeometry
+from drivers.puma560 import PUMA560, ArmGeometry, reachable
 from drivers.val2.dialect import Dialect
 
 Angle = Annotated[float, Meta(ge=-720, le=720)]
@@ -39,6 +39,16 @@ def check(config: Config) -> None:
         camera_settings(config)
     if config.kind == "simulated":
         truth(config)
+
+
+def out_of_reach(config: Config) -> Iterator[str]:
+    """A line for each place of the file that the arm as it is configured reaches in no way: better now than with a part
+    in the hand."""
+    arm, pick = arm_geometry(config), config.values.pick
+    for name, place in (("home", pick.home), ("bin", pick.bin)):
+        if not reachable(place.pose(), arm=arm):
+            x, y, z = place.point_mm
+            yield f"pick.{name}: the arm as it is configured cannot reach {x:g}, {y:g}, {z:g} mm at that angle"
 
 
 def camera_settings(config: Config) -> CameraSettings:

@@ -73,7 +73,7 @@ def _configuration(config: Config, _: bool) -> Iterator[Finding]:
     load_facets(config.file(config.values.files.facets))
     load_parts(config.file(config.values.files.parts))
     yield Finding("good", "configuration", f"{config.path} ({config.kind} cell)")
-    for note in config.notes:
+    for note in dict.fromkeys((*config.notes, *sections.out_of_reach(config))):
         yield Finding("note", "configuration", note)
 
 

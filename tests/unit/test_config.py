@@ -48,6 +48,19 @@ def test_the_configuration_that_is_shipped_is_good_and_says_the_defaults(path: P
     assert bare.values.health == config.values.health
 
 
+def test_a_place_that_the_arm_cannot_reach_is_told_before_a_part_is_in_the_hand(
+    path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    config = load_config(path)
+    assert not list(sections.out_of_reach(config)), "the places that are shipped are reached"
+    near = "bin: {point_mm: [250, 410, -150]"
+    path.write_text(path.read_text().replace(near, "bin: {point_mm: [880, 640, 900]"))
+    assert main(["--check", "--sim", "--config", str(path)]) == 0
+    assert (
+        "pick.bin: the arm as it is configured cannot reach 880, 640, 900 mm at that angle" in capsys.readouterr().err
+    )
+
+
 def test_sections_with_every_key_commented_out_mean_their_defaults(path: Path) -> None:
     path.write_text("version: 1\ncameras: {left: a, right: b}\npick:\n  stops:\nconsole:\nlog:\n")
     assert load_config(path).values.log.quota_mb == 4000
