@@ -692,3 +692,9 @@ def test_five_hundred_places_are_not_too_many():
     limits = replace(BARE, clearance_mm=0.4)
     at = [(400.0, BARE.table_z_mm + 0.4)] * 2
     assert struck(Along(np.linspace(0.0, 1.0, 51), [0.0, 1.0], at, [0.0, 190.0]), limits) == ()
+
+
+def test_what_is_within_the_slack_is_not_told_where_something_else_strikes():
+    box = KeepOut("box", (500.0, -400.0, -500.0), (900.0, 400.0, 100.0))
+    way = Along([0.0, 1.0], [0.0, 1.0], [(400.0, LEAST_MM), (520.0, LEAST_MM - 0.5)], [0.0, 120.0])
+    assert [strike.rule for strike in struck(way, replace(BARE, keep_out=(box,)))] == ["kept_out"]

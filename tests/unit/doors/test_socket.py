@@ -847,3 +847,19 @@ def test_a_closed_socket_has_let_go_of_everybody(tmp_path: Path) -> None:
         writer.close()
 
     asyncio.run(asyncio.wait_for(serve(), 20))
+
+
+def test_who_hung_up_is_served_until_all_that_he_began_is_done() -> None:
+    operator, done = _Operator(Mock(), Mock(), Mock(), Mock(), Mock(), "all"), []
+
+    async def command() -> None:
+        await asyncio.sleep(0.02)
+        done.append("the command")
+
+    async def serve() -> None:
+        operator._next_line = AsyncMock(return_value=b"")  # type: ignore[method-assign]
+        operator._turns.beside(command())
+        await operator.listen()
+
+    asyncio.run(serve())
+    assert done == ["the command"]

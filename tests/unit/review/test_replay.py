@@ -92,6 +92,12 @@ def test_without_corners_or_without_a_covariance_nothing_is_told_of_how_far_a_pa
     assert replay._moved(then, far)
 
 
+def test_how_far_a_part_moved_is_told_in_its_place_and_in_its_turn() -> None:
+    aside = [[0.0, -1.0, 0, 0.0], [1.0, 0, 0, 30.0], [0, 0, 1.0, 40.0], [0, 0, 0, 1.0]]
+    told = replay._moved(part("cube"), part("cube", cyclopean_from_part=aside))
+    assert str(told).startswith("moved by 50.00 mm and 90.00 degrees")
+
+
 def test_how_far_apart_two_parts_lie_is_told_by_the_corners_that_both_show() -> None:
     fewer = part("cube", facets=[{**FACET, "corners_mm": [[0.3, 0, 300], [0.3, 50, 300]]}])
     assert apart_mm(part("cube"), fewer) == apart_mm(fewer, part("cube")) == pytest.approx(0.3)

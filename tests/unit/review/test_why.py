@@ -21,7 +21,7 @@ from daemon.ctl import OFFLINE
 from daemon.review.page import read_digest
 from daemon.review.pagedata import page_data
 from daemon.review.remedies import KNOWN
-from daemon.review.why import _all_moves, causes, in_plain_words
+from daemon.review.why import _all_moves, _text, causes, in_plain_words
 from daemon.store.places import HOUSE
 from daemon.vision.health import MEASURES, SAID
 from drivers.camera.controls import KNOWN as CONTROLS
@@ -478,3 +478,9 @@ def test_fingers_that_meet_a_part_no_more_than_ten_degrees_off_square_hold_it(
     (cycle,) = read_digest(made.close()).cycles
     decision = {"kind": "decision", "cycle": 1, "text": "pick", "why": f"contacts {slant} degrees off square"}
     assert causes(replace(cycle, records=(*cycle.records, decision)))[0].name == name
+
+
+def test_a_finding_is_told_by_its_advice_or_its_text_or_as_it_is() -> None:
+    for finding in ({"advice": "clean it", "text": "dark"}, {"text": "clean it"}, {"advice": "clean it"}, "clean it"):
+        assert _text(finding) == "clean it"
+    assert _text({"px": 3}) == "{'px': 3}"

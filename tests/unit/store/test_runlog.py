@@ -390,3 +390,10 @@ def test_what_is_kept_and_what_is_seen_hold_nobody_up_until_they_are_on_the_disk
 
 def test_a_run_is_its_owners_to_write_and_its_groups_to_read(log: RunLog) -> None:
     assert {stat.S_IMODE((log.folder / name).stat().st_mode) for name in ("run.jsonl", "wire.jsonl")} == {0o640}
+
+
+def test_a_log_that_ends_lets_go_of_what_a_restart_must_know(tmp_path: Path) -> None:
+    standing = StandingFile(tmp_path / "standing")
+    log = RunLog(tmp_path / "run", standing=standing)
+    log.close()
+    assert standing._handle < 0

@@ -14,6 +14,7 @@ import pytest
 from daemon.store.runlog import RunLog
 from daemon.store.runs import (
     RunError,
+    _age_key,
     check_wire,
     enforce_quota,
     find_run,
@@ -240,3 +241,9 @@ def test_a_disk_without_room_takes_runs_away_until_there_is(tmp_path: Path) -> N
         assert enforce_quota(tmp_path, 10**12, None, 10) == []
     with patch("shutil.rmtree", side_effect=OSError):
         assert enforce_quota(tmp_path, 0, None) == []
+
+
+def test_the_number_behind_a_run_s_name_counts_up_to_nine_digits() -> None:
+    """Whatever is longer nobody counted."""
+    told = [_age_key(Path(name)) for name in ("a", "a-7", "a-999999999", "a-1000000000", "a-x")]
+    assert told == [("a", 0), ("a", 7), ("a", 999_999_999), ("a", 0), ("a", 0)]
