@@ -74,7 +74,7 @@ def test_a_moment_is_told_in_nanoseconds_to_the_millisecond() -> None:
 
 def test_a_line_of_the_log_holds_the_record_but_for_what_has_a_place_of_its_own(tmp_path: Path) -> None:
     record = {"v": 1, "seq": 3, "t": "2026-01-02T03:04:05.000Z", "kind": "look", "cycle": 7, "scene": {"parts": []}}
-    stamp = 1_767_322_345_000_000_007
+    stamp = 1_767_322_345_123_456_789
     (_, _, message), *_ = [found for found in _messages(tmp_path, record, stamp) if found[0] == "/log"]
-    assert message["timestamp"] == {"sec": 1_767_322_345, "nsec": 7}
+    assert message["timestamp"] == {"sec": 1_767_322_345, "nsec": 123_456_789}
     assert json.loads(message["message"]) == {"kind": "look", "cycle": 7}
