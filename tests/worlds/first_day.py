@@ -216,14 +216,14 @@ def answer_to(asked: str) -> str | None:
 
 def lives_through(person: Person, within_s: float) -> str:
     """Answer whatever is asked until facetctl ends; all that was on the screen."""
-    deadline, seen = time.monotonic() + within_s, ""
+    deadline, seen, answered = time.monotonic() + within_s, "", 0
     while time.monotonic() < deadline:
-        here = person.sees_for(0.2)
-        seen += here
-        answer = answer_to(seen.rsplit("\n", 1)[-1])
+        seen += person.sees_for(0.2)
+        answer = answer_to(" ".join(seen[answered:].split()))  # a question may be folded anywhere
         if answer is not None:
             person.types(answer + "\n")
             seen += "\n"
+            answered = len(seen)
         if person.gone:
             return seen
     raise AssertionError(f"still there after {within_s:g} s: {seen[-2000:]}")
