@@ -36,9 +36,8 @@ def look(
     left, right: images as find_facets takes them, of the size the rig was calibrated for. Without a model every part is
     `unknown`. With one, what both eyes outline comes first, with a brief effort; where that is not all named, what one
     eye outlines as well, and then straight edges, as the taught parts would show them, as far as the budget of time
-    goes. clock: seconds of processor,
-    for the budget and for Scene.seconds by stage; without it there is neither. table: where it is, for whoever knows;
-    what lies in it is no part.
+    goes. clock: seconds of processor, for the budget and for Scene.seconds by stage; without it there is neither.
+    table: where it is, for whoever knows; what lies in it is no part, and a part that lies on it is likelier.
     Raises VisionError where an image cannot be used.
     """
     now = clock or _no_clock
@@ -62,7 +61,7 @@ def look(
         start = now()
         found, view = beside(found, view, (), known, eyes)
         if not _all_named(found) and any(outlines(view)):
-            straight = named_by_segments(eyes, known, found, lambda: (now() - began) / full.budget_s)
+            straight = named_by_segments(eyes, known, found, lambda: (now() - began) / full.budget_s, table)
             found, view = beside(found, view, straight.named, known, eyes)
             guesses, left_out = straight.guesses, straight.left_out
         seconds["edges"] = now() - start

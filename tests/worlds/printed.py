@@ -22,15 +22,23 @@ def straight_rig() -> StereoRig:
 
 
 def print_pair(
-    body: Body | None, where: Array, seed: int = 0, *, printed: bool = True, patterned: bool = True
+    body: Body | None,
+    where: Array,
+    seed: int = 0,
+    *,
+    printed: bool = True,
+    patterned: bool = True,
+    table: Array | None = None,
+    speckled: bool = False,
 ) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-    """Left and right image (480, 640) of a body at cyclopean_from_part, and a table behind it that faces the eyes."""
+    """Left and right image (480, 640) of a body at cyclopean_from_part, and a table that lies in z = 0 of table, (4, 4)
+    cyclopean_from_table, of stone where it is speckled; else one behind it that faces the eyes."""
     rng = np.random.default_rng(seed)
-    table = _cloth(rng) if patterned else np.full((TEXELS, TEXELS), 45.0, np.float32)
+    cloth = _stone(rng) if speckled else _cloth(rng) if patterned else np.full((TEXELS, TEXELS), 45.0, np.float32)
     half = TABLE_MM / 2
-    depth = where[2, 3] + 60.0
-    ground = np.array([[-half, -half, depth], [half, -half, depth], [half, half, depth], [-half, half, depth]])
-    faces = [(ground, table)]
+    square = half * np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+    lies = frames.rigid(np.eye(3), np.array([0.0, 0.0, where[2, 3] + 60.0])) if table is None else table
+    faces = [(frames.apply(lies, square), cloth)]
     if body is not None:
         corners = frames.apply(where, body.corners_mm)
         for k in seen_facets(body, where, 0.0):
@@ -45,6 +53,12 @@ def _cloth(rng: np.random.Generator) -> NDArray[np.float32]:
     threads = cv2.GaussianBlur(rng.normal(size=(TEXELS, TEXELS)).astype(np.float32), (0, 0), sigmaX=12, sigmaY=0.7)
     stripes = np.sin(np.arange(TEXELS) / 5.0)[:, None]
     return np.asarray(60 + 14 * threads / threads.std() + 12 * stripes, np.float32)
+
+
+def _stone(rng: np.random.Generator) -> NDArray[np.float32]:
+    """Specks of all sizes."""
+    each = [cv2.GaussianBlur(rng.normal(size=(TEXELS, TEXELS)).astype(np.float32), (0, 0), s) for s in (0.6, 1.5, 4.0)]
+    return np.asarray(70 + sum(9 * one / one.std() for one in each), np.float32)
 
 
 def _print(rng: np.random.Generator, base: float, printed: bool) -> NDArray[np.float32]:

@@ -4,6 +4,7 @@ from daemon.vision.facets.candidates import corner_covariance
 from daemon.vision.facets.fusing import Fused, SeenFrom, fuse, group_of, only
 from daemon.vision.facets.grouping import connected
 from daemon.vision.facets.looks_adjustment import shared_motion
+from daemon.vision.facets.patterned_table import seen_table
 from daemon.vision.facets.reconstruct import facets_seen, facets_step_by_step, find_facets
 from daemon.vision.facets.table import Table, without_table
 from daemon.vision.facets.weld import weld
@@ -20,6 +21,7 @@ __all__ = [
     "fuse",
     "group_of",
     "only",
+    "seen_table",
     "shared_motion",
     "weld",
     "without_table",

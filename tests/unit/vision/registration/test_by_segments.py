@@ -11,6 +11,7 @@ import pytest
 
 from daemon import frames
 from daemon.store.library import load_facets
+from daemon.vision.facets.table import Table
 from daemon.vision.facets.weld import weld
 from daemon.vision.image.both_eyes import Eyes, open_eyes
 from daemon.vision.model.model import Model, empty_model, learn_view
@@ -99,8 +100,8 @@ def _in_both(facet):
 @cache
 def all_laid(name: str) -> tuple[by_segments.Laid, ...]:
     eyes = eyes_on(name)
-    likely, _, _ = by_segments._likely(eyes, model(), [], [], maps(eyes), lambda: 0.0)
-    return tuple(by_segments._laid(eyes, model(), likely))
+    likely, _, _ = by_segments._likely(eyes, model(), [], [], maps(eyes), None, lambda: 0.0)
+    return tuple(by_segments._laid(eyes, model(), likely, None))
 
 
 def maps(eyes: Eyes) -> by_segments.Maps:
@@ -194,3 +195,24 @@ def test_what_came_nearest_is_told_with_the_edges_that_show_and_those_that_do_no
         assert guess.left_px.shape == (len(guess.left_shows), 2, 2)
         assert 0 < guess.share <= 1
     assert found.guesses
+
+
+def test_little_evidence_names_a_part_that_lies_on_the_table_and_none_that_hangs_above_it() -> None:
+    good = max((one for one in all_laid("cube") if one.label == "cube"), key=lambda one: one.borne.nats)
+    weak = replace(good, borne=Borne(30.0, 0.75))
+    lies, nobody_knows, hangs = (replace(weak, rests=rests) for rests in (True, None, False))
+    assert hangs.odds < nobody_knows.odds < lies.odds
+    assert confidence(hangs) == confidence(nobody_knows) == 0.0 < LEAST_CONFIDENCE < confidence(lies)
+
+
+@pytest.mark.parametrize("seen", [True, False])
+def test_a_part_is_held_against_the_table_that_is_seen_and_else_against_the_one_that_is_known(
+    seen: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Which is told by the arm, and may have something on it that the part lies on."""
+    known, there = (Table(np.array([0.0, 0.0, -1.0]), level_mm) for level_mm in (-395.0, -390.0))
+    grounds = []
+    monkeypatch.setattr(by_segments, "seen_table", lambda eyes: there if seen else None)
+    monkeypatch.setattr(by_segments, "rests_on", lambda ground, solid, pose: grounds.append(ground))
+    named_by_segments(eyes_on("cube"), model(), [], told=known)
+    assert {(ground.table, ground.seen) for ground in grounds} == {(there, True) if seen else (known, False)}

@@ -1,0 +1,149 @@
+"""The table as both eyes see it, where it has a pattern: the plane that most of the picture lies in.
+
+In: eyes. Out: a Table, or none. A coarse disparity image by blocks (Konolige 1997, OpenCV's StereoBM) on rectified
+pictures; a plane in space is a plane there as well, found by random samples (Fischler and Bolles 1981) and fitted to
+what lies in it. What stands on the table is nearer, so that nothing may lie beyond it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from daemon.arrays import Array
+from daemon.vision.facets.table import Table
+from daemon.vision.geometry import Baseline
+from daemon.vision.image import Eyes
+
+COLUMNS = 213
+"""How many the coarse pictures have, about."""
+OVERLAP = 0.62
+"""The largest disparity, as a share of the picture's width: nearer things are in one eye only."""
+BLOCK_PX, TEXTURE, UNIQUE = 11, 110, 12
+"""Of the matching by blocks: their side; the least slope in one; by how many per cent the second best is worse."""
+SAMPLED, TRIES = 1500, 120
+"""Matches a plane is sought in, and how many planes through three of them."""
+ON_PLANE_PX, REFINED = 0.35, 3
+"""How near its disparity is to the plane's where a match lies in it; how often the plane is fitted again."""
+STEPS, ROUNDED_UP = 16, 7.5 / 256
+"""Of a disparity's unit in OpenCV's answer; which is rounded up to them, by so much on average."""
+FEWEST, LEAST_AREA_PX2 = 400, 1000.0
+"""Matches, without which there is no plane; twice the area of three that are worth one."""
+CELLS = (10, 8)
+LEAST_MATCHED, LEAST_CELLS, MOST_BEYOND = 0.1, 0.35, 0.15
+"""A cell of the picture lies in the plane where so large a share of it does; so many of the cells must, and at most so
+many of the matches may lie beyond it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Rectified:
+    """Where coarse rectified pictures of both eyes take their pixels from, x and y (2, H, W) px each; their pixels per
+    unit of the ideal coordinates, and these at the first pixel (2,); the least disparity that is sought, and how many;
+    the first column of the left eye's own picture, further left there is room for the right one's.
+    """
+
+    left: NDArray[np.float32]
+    right: NDArray[np.float32]
+    per_unit: float
+    first: Array
+    least: int
+    count: int
+    margin: int
+
+    def ideal(self, points: Array) -> Array:
+        """(N, 2) columns and rows -> ideal coordinates."""
+        return np.asarray(points / self.per_unit + self.first)
+
+
+@lru_cache(maxsize=4)
+def rectified(geometry: Baseline, columns: int, rows: int) -> Rectified:
+    """For pictures of so many columns and rows."""
+    border = np.array([[x, y] for x in (0, columns / 2, columns - 1) for y in (0, rows / 2, rows - 1)])
+    left, right = (eye.ideal(border) for eye in (geometry.left, geometry.right))
+    per_unit = geometry.left.focal_px * COLUMNS / columns
+    (low, top), (high, bottom) = left.min(0), left.max(0)
+    middle, most = left[4, 0] - right[4, 0], OVERLAP * (high - low)
+    least = max(int(per_unit * (middle - most)), 1)
+    count = 16 * int(np.ceil((per_unit * (middle + most) - least) / 16))
+    margin = least + count + BLOCK_PX
+    first = np.array([low - margin / per_unit, top])
+    wide, tall = int(per_unit * (high - low)) + margin, int(per_unit * (bottom - top))
+    grid = np.stack(np.meshgrid(np.arange(wide), np.arange(tall)), 2).reshape(-1, 2) / per_unit + first
+    from_left, from_right = (
+        eye.pixels(grid).T.reshape(2, tall, wide).astype(np.float32) for eye in (geometry.left, geometry.right)
+    )
+    return Rectified(from_left, from_right, per_unit, first, least, count, margin)
+
+
+def seen_table(eyes: Eyes) -> Table | None:
+    """The plane that most of both pictures shows, if there is one."""
+    tall, wide = eyes.left.grey.shape
+    canvas = rectified(eyes.geometry, wide, tall)
+    disparities = _disparities(eyes, canvas)
+    rows, columns = np.nonzero(disparities > canvas.least)
+    own = disparities[rows, columns]
+    plane = _plane(np.stack([columns, rows, np.ones(len(rows))], 1), own)
+    if plane is None:
+        return None
+    y, x = np.mgrid[: disparities.shape[0], : disparities.shape[1]]
+    beyond = plane[0] * x + plane[1] * y + plane[2] - disparities
+    matched = disparities > canvas.least
+    lies = matched & (np.abs(beyond) < 2 * ON_PLANE_PX)
+    shares = cv2.resize(lies.astype(np.float32), CELLS, interpolation=cv2.INTER_AREA)
+    if (shares > LEAST_MATCHED).mean() < LEAST_CELLS or (beyond[matched] > 4 * ON_PLANE_PX).mean() > MOST_BEYOND:
+        return None
+    return _table(plane, canvas, eyes.geometry, (len(lies), lies.shape[1]))
+
+
+def _disparities(eyes: Eyes, canvas: Rectified) -> NDArray[np.float32]:
+    """(H, W) px of the coarse left picture; where nothing is matched, less than the least."""
+    shrink = eyes.geometry.left.focal_px / canvas.per_unit
+    pictures = [
+        cv2.remap(cv2.GaussianBlur(view.grey, (0, 0), 0.5 * shrink), where[0], where[1], cv2.INTER_LINEAR)
+        for view, where in zip(eyes.views, (canvas.left, canvas.right), strict=True)
+    ]
+    matcher = cv2.StereoBM.create(canvas.count, BLOCK_PX)
+    matcher.setMinDisparity(canvas.least)
+    matcher.setTextureThreshold(TEXTURE)
+    matcher.setUniquenessRatio(UNIQUE)
+    matcher.setPreFilterType(cv2.STEREO_BM_PREFILTER_XSOBEL)
+    found = matcher.compute(pictures[0], pictures[1])[:, canvas.margin :]
+    return np.asarray(found / STEPS - ROUNDED_UP, np.float32)
+
+
+def _plane(places: Array, disparities: NDArray[np.float32]) -> Array | None:
+    """(3,) the plane, disparity = plane . (column, row, 1), in which most of places (N, 3) lie and few beyond."""
+    if len(places) < FEWEST:
+        return None
+    some = np.linspace(0, len(places) - 1, SAMPLED).astype(int)
+    few, own = places[some], disparities[some]
+    three = np.random.default_rng(0).integers(0, SAMPLED, (TRIES, 3))  # the same planes for the same pictures
+    three = three[np.abs(np.linalg.det(few[three])) > LEAST_AREA_PX2]
+    if not len(three):
+        return None
+    planes = np.linalg.solve(few[three], own[three][..., None])[..., 0]
+    beyond = planes @ few.T - own
+    votes = (np.abs(beyond) < ON_PLANE_PX).sum(1) - 2 * (beyond > 4 * ON_PLANE_PX).sum(1)
+    plane = planes[votes.argmax()]
+    for _ in range(REFINED):
+        near = np.abs(few @ plane - own) < ON_PLANE_PX
+        if near.sum() < FEWEST / 10:
+            return None
+        plane = np.linalg.lstsq(few[near], own[near], rcond=None)[0]
+    return np.asarray(plane)
+
+
+def _table(plane: Array, canvas: Rectified, geometry: Baseline, shape: tuple[int, int]) -> Table:
+    """A plane of disparities as it lies in space."""
+    tall, wide = shape
+    places = np.array([[canvas.margin, 0], [canvas.margin + wide, 0], [canvas.margin + wide / 2, tall]], float)
+    there = places.copy()
+    there[:, 0] -= (places - [canvas.margin, 0]) @ plane[:2] + plane[2]
+    a, b, c = geometry.points(canvas.ideal(places), canvas.ideal(there))
+    up = np.cross(b - a, c - a)
+    up *= -np.sign(up @ (a + b + c)) / np.linalg.norm(up)
+    return Table(up, float(up @ (a + b + c)) / 3)

@@ -1,0 +1,144 @@
+"""How taught parts lie on a table: on which of their corners they can rest, and whether a pose is such a rest.
+
+In: taught solids at poses, a table. Out: guesses laid onto the table; whether a part rests on it. What rests stands on
+three corners or more with none below: a plane of its convex hull, whether that side was taught or not. Geometry only.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import combinations
+
+import numpy as np
+
+from daemon.arrays import Array
+from daemon.vision.facets import Table
+from daemon.vision.geometry import Baseline, Polyhedron, cross_matrices
+from daemon.vision.registration.posed import Posed
+
+FLAT_MM = 1.0
+"""Corners this near to a plane lie in it, as far as parts are taught."""
+SAME_TURN = np.cos(np.radians(3.0))
+"""Of the normals of planes that are one."""
+LEAST_AREA_MM2 = 25.0
+"""Three corners on less are nearly on a line, and say nothing of a plane."""
+MOST_CORNERS = 48
+"""Of a solid, any three of which it may rest on; one with more rests on its facets."""
+MOST_TILT, MOST_MM = np.radians(25.0), 8.0
+"""By how much a guess may be tilted against the table, and moved along its sight, to lie on it: about what a corner of
+two edges leaves open."""
+SUNK_MM = 20.0
+"""No part is so far below the table, whatever a guess is worth."""
+LEAST_SLOPE = 0.2
+"""Of the sight against the table: flatter, and a little height is a long way."""
+LIES_TILT, LIES_MM = np.radians(6.0), 5.0
+"""A part that was laid onto the pictures lies on the table if it is less than this off. Of 317 true ones in rendered
+looks 99 of 100 were within 3 degrees and 4.3 mm."""
+
+
+@dataclass(frozen=True, eq=False)
+class Ground:
+    """The table that parts lie on, as both eyes see it or else as somebody knows it: then what does not lie on it may
+    lie on something else."""
+
+    table: Table
+    seen: bool
+
+    @classmethod
+    def of(cls, seen: Table | None, known: Table | None) -> Ground | None:
+        """What is seen, else what is known, if anything is."""
+        return cls(seen, True) if seen else cls(known, False) if known else None
+
+
+@lru_cache(maxsize=256)
+def rests(solid: Polyhedron) -> Array:
+    """(R, 4) the planes that a solid can rest on: unit outward normal n and level d, n . corner <= d everywhere."""
+    corners = solid.corners_mm
+    if len(corners) > MOST_CORNERS:
+        normal, own = solid.normals, (solid.normals * solid.centres_mm).sum(1)
+    else:
+        a, b, c = np.array(list(combinations(corners, 3))).reshape(-1, 3, 3).transpose(1, 0, 2)
+        across = np.cross(b - a, c - a)
+        twice = np.linalg.norm(across, axis=1, keepdims=True)
+        wide = twice[:, 0] > 2 * LEAST_AREA_MM2
+        normal = across[wide] / twice[wide]
+        normal = np.concatenate([normal, -normal])
+        own = (normal * np.concatenate([a[wide]] * 2)).sum(1)
+    levels = (normal @ corners.T).max(1, initial=-np.inf)
+    found = list[Array]()
+    for one, level in zip(normal[levels < own + FLAT_MM], levels[levels < own + FLAT_MM], strict=True):
+        if all(other[:3] @ one < SAME_TURN for other in found):
+            found.append(np.array([*one, level]))
+    return np.array(found).reshape(-1, 4)
+
+
+def rests_on(ground: Ground, solid: Polyhedron, pose: Array) -> bool | None:
+    """Whether a solid at cyclopean_from_part (4, 4) lies on a table, as well as it can be laid onto the pictures; None
+    where it may lie on something else, or on a side of its own of which too little is known."""
+    up = pose[:3, :3].T @ ground.table.up
+    lowest_mm = (solid.corners_mm @ up).min() + pose[:3, 3] @ ground.table.up - ground.table.level_mm
+    flat = (rests(solid)[:, :3] @ -up).max(initial=-1.0) > np.cos(LIES_TILT)
+    if flat and abs(lowest_mm) < LIES_MM:
+        return True
+    known = np.linalg.matrix_rank(solid.normals, tol=0.1) == 3  # three sides, and the others have corners of theirs
+    return False if ground.seen and known else None
+
+
+def laid_down(posed: Posed, hinges: Array, table: Table, geometry: Baseline) -> tuple[Posed, Array]:
+    """Guesses that could be rests turned about a point of each until they are, and moved along the left eye's sight of
+    it; hinges (G, 2, 3): that point and the direction of the line it could turn about else, cyclopean, no direction for
+    what was laid down. Guesses deep in the table are left out, others stay as they are.
+
+    Where a corner is the pictures say; how far away it is, and how a part is tilted in depth, the table says better.
+    """
+    points = hinges[:, 0]
+    rest, cosine = _nearest_rest(posed, table)
+    turns = _turns((posed.poses[:, :3, :3] @ rest[..., None])[..., 0], -table.up)
+    poses = posed.poses.copy()
+    poses[:, :3, :3] = turns @ poses[:, :3, :3]
+    poses[:, :3, 3] = points + (turns @ (poses[:, :3, 3] - points)[..., None])[..., 0]
+    sight = points - (geometry.middle_mm - geometry.cyclopean_from_baseline[:, 0] * geometry.length_mm / 2)
+    sight = sight / np.linalg.norm(sight, axis=1, keepdims=True)
+    too_high_mm = _lowest_mm(Posed(posed.solids, posed.part, poses), table)
+    farther = too_high_mm / np.maximum(-sight @ table.up, LEAST_SLOPE)
+    poses[:, :3, 3] += farther[:, None] * sight
+    down = (cosine > np.cos(MOST_TILT)) & (np.abs(farther) < MOST_MM)
+    found = Posed(posed.solids, posed.part, np.where(down[:, None, None], poses, posed.poses))
+    still = hinges.copy()
+    still[down, 1] = 0.0
+    kept = down | (_lowest_mm(posed, table) > -SUNK_MM)
+    return found.chosen(kept), still[kept]
+
+
+def _nearest_rest(posed: Posed, table: Table) -> tuple[Array, Array]:
+    """The outward normal (G, 3), in the part, of the plane that each pose is nearest to resting on, and the cosine (G,)
+    of its tilt."""
+    down = -(posed.poses[:, :3, :3].transpose(0, 2, 1) @ table.up)
+    planes = _side_by_side(posed.solids.shapes)[posed.part]
+    cosines = (planes @ down[..., None])[..., 0]
+    best = np.arange(len(planes)), cosines.argmax(1)
+    return planes[best], cosines[best]
+
+
+def _lowest_mm(posed: Posed, table: Table) -> Array:
+    """(G,) how high the lowest corner of each is."""
+    up = posed.poses[:, :3, :3].transpose(0, 2, 1) @ table.up
+    heights = (posed.solids.corners_mm[posed.part] @ up[..., None])[..., 0]  # what fills up is a corner of its own
+    return np.asarray(heights.min(1) + posed.poses[:, :3, 3] @ table.up - table.level_mm)
+
+
+def _turns(one: Array, to: Array) -> Array:
+    """(G, 3, 3) the smallest rotations that take unit directions (G, 3) to another (3,)."""
+    cross = cross_matrices(np.cross(one, to))
+    return np.asarray(np.eye(3) + cross + cross @ cross / np.maximum(1 + one @ to, 1e-6)[:, None, None])
+
+
+@lru_cache(maxsize=8)
+def _side_by_side(shapes: tuple[Polyhedron, ...]) -> Array:
+    """(P, R, 3) the normals of the rests of several solids; what one has less of is filled up with none."""
+    each = [rests(shape) for shape in shapes]
+    found = np.zeros((len(each), max([1, *map(len, each)]), 3))
+    for normals, own in zip(found, each, strict=True):
+        normals[: len(own)] = own[:, :3]
+    return found

@@ -1,0 +1,98 @@
+"""Where the table has a pattern both eyes see how it lies; where it has none, or most is nearer, they do not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from daemon import frames
+from daemon.arrays import Array
+from daemon.vision.facets import patterned_table
+from daemon.vision.facets.patterned_table import _plane, seen_table
+from daemon.vision.facets.table import Table
+from daemon.vision.image.both_eyes import open_eyes
+from tests.worlds.printed import print_pair, straight_rig
+from tests.worlds.solids import CUBE
+
+
+def table_at(distance_mm: float, tilt: float, roll: float) -> Array:
+    """cyclopean_from_table, x y in the table: tilted about the cameras' x, and that turned by the roll."""
+    turn = frames.rotation_from_vector(np.array([0.0, 0.0, roll])) @ frames.rotation_from_vector([tilt, 0.0, 0.0])
+    return frames.rigid(turn, np.array([0.0, 0.0, distance_mm]))
+
+
+def seen(where: Array, body=None, lies=None, **kind) -> Table | None:
+    kind = {"speckled": True, **kind}
+    return seen_table(
+        open_eyes(*print_pair(body, where if lies is None else lies, table=where, **kind), straight_rig())
+    )
+
+
+@pytest.mark.parametrize(
+    ("distance_mm", "tilt", "roll"), [(300.0, 0.0, 0.9), (340.0, 0.6, 1.2), (420.0, -0.7, 1.0), (360.0, 0.5, -0.4)]
+)
+def test_a_patterned_table_is_seen_where_it_lies(distance_mm: float, tilt: float, roll: float) -> None:
+    where = table_at(distance_mm, tilt, roll)
+    found = seen(where)
+    up = -where[:3, 2] * np.sign(where[2, 2])
+    assert found.up @ up > np.cos(np.radians(0.5))
+    around = frames.apply(where, 60.0 * np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]))
+    assert np.abs(around @ found.up - found.level_mm).max() < 1.0
+
+
+def test_a_part_on_it_does_not_move_it() -> None:
+    where = table_at(340.0, 0.6, 1.2)
+    on_it = where @ frames.rigid(np.diag([1.0, -1.0, -1.0]), np.zeros(3))  # its lowest side, z = 0, down in the table
+    bare, laden = seen(where), seen(where, CUBE, on_it)
+    assert laden.up @ bare.up > np.cos(np.radians(0.3))
+    assert laden.level_mm == pytest.approx(bare.level_mm, abs=0.5)
+
+
+def test_a_plain_table_is_not_seen() -> None:
+    assert seen(table_at(340.0, 0.6, 1.2), speckled=False, patterned=False) is None
+
+
+def test_a_printed_part_on_a_plain_table_is_no_table() -> None:
+    where = table_at(340.0, 0.6, 1.2)
+    assert (
+        seen(
+            where, CUBE, where @ frames.rigid(np.diag([1.0, -1.0, -1.0]), np.zeros(3)), speckled=False, patterned=False
+        )
+        is None
+    )
+
+
+def test_threads_along_the_baseline_say_nothing_of_the_distance() -> None:
+    assert seen(table_at(300.0, 0.0, 0.0), speckled=False) is None
+
+
+def test_noise_is_no_table() -> None:
+    rng = np.random.default_rng(5)
+    noise = [rng.integers(0, 255, (480, 640)).astype(np.uint8) for _ in range(2)]
+    assert seen_table(open_eyes(*noise, straight_rig())) is None
+
+
+@pytest.mark.parametrize(("off_px", "table"), [(30.0, True), (-30.0, False)])
+def test_much_may_stand_on_a_table_and_nothing_may_lie_beyond_it(
+    off_px: float, table: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A quarter of the matches is nearer, or farther, than the plane that the others lie in."""
+    rng = np.random.default_rng(6)
+    eyes = open_eyes(*print_pair(None, table_at(340.0, 0.0, 0.9)), straight_rig())
+    disparities = np.full((160, 213), 60.0, np.float32)
+    other = rng.random(disparities.shape) < 0.25
+    disparities[other] += off_px * rng.uniform(0.3, 1.0, other.sum()).astype(np.float32)
+    monkeypatch.setattr(patterned_table, "_disparities", lambda *_: disparities)
+    assert (seen_table(eyes) is not None) == table
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_plane_is_found_among_wrong_matches(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    places = np.column_stack([rng.uniform(0, 213, 3000), rng.uniform(0, 160, 3000), np.ones(3000)])
+    plane = np.array([0.02, -0.05, 40.0])
+    disparities = places @ plane + rng.normal(0, 0.1, 3000)
+    disparities[:1200] = rng.uniform(5, 130, 1200)
+    order = rng.permutation(3000)
+    found = _plane(places[order], disparities[order].astype(np.float32))
+    assert np.abs(places @ (found - plane)).max() < 0.1
