@@ -28,13 +28,15 @@ MOST_CORNERS = 48
 MOST_TILT, MOST_MM = np.radians(25.0), 8.0
 """By how much a guess may be tilted against the table, and moved along its sight, to lie on it: about what a corner of
 two edges leaves open."""
-SUNK_MM = 20.0
-"""No part is so far below the table, whatever a guess is worth."""
 LEAST_SLOPE = 0.2
 """Of the sight against the table: flatter, and a little height is a long way."""
 LIES_TILT, LIES_MM = np.radians(6.0), 5.0
 """A part that was laid onto the pictures lies on the table if it is less than this off. Of 317 true ones in rendered
 looks 99 of 100 were within 3 degrees and 4.3 mm."""
+
+
+HIGH_MM = 40.0
+"""What is so high above the table lies on something else, or is held."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,20 +77,21 @@ def rests(solid: Polyhedron) -> Array:
 
 def rests_on(ground: Ground, solid: Polyhedron, pose: Array) -> bool | None:
     """Whether a solid at cyclopean_from_part (4, 4) lies on a table, as well as it can be laid onto the pictures; None
-    where it may lie on something else, or on a side of its own of which too little is known."""
+    where it may lie on something else, or on a side of its own of which too little is known, or sinks in: then it may
+    be that what was taken for the table is none."""
     up = pose[:3, :3].T @ ground.table.up
     lowest_mm = (solid.corners_mm @ up).min() + pose[:3, 3] @ ground.table.up - ground.table.level_mm
     flat = (rests(solid)[:, :3] @ -up).max(initial=-1.0) > np.cos(LIES_TILT)
     if flat and abs(lowest_mm) < LIES_MM:
         return True
     known = np.linalg.matrix_rank(solid.normals, tol=0.1) == 3  # three sides, and the others have corners of theirs
-    return False if ground.seen and known else None
+    return False if ground.seen and known and -LIES_MM < lowest_mm < HIGH_MM else None
 
 
 def laid_down(posed: Posed, hinges: Array, table: Table, geometry: Baseline) -> tuple[Posed, Array]:
     """Guesses that could be rests turned about a point of each until they are, and moved along the left eye's sight of
     it; hinges (G, 2, 3): that point and the direction of the line it could turn about else, cyclopean, no direction for
-    what was laid down. Guesses deep in the table are left out, others stay as they are.
+    what was laid down. Others stay as they are.
 
     Where a corner is the pictures say; how far away it is, and how a part is tilted in depth, the table says better.
     """
@@ -107,8 +110,7 @@ def laid_down(posed: Posed, hinges: Array, table: Table, geometry: Baseline) -> 
     found = Posed(posed.solids, posed.part, np.where(down[:, None, None], poses, posed.poses))
     still = hinges.copy()
     still[down, 1] = 0.0
-    kept = down | (_lowest_mm(posed, table) > -SUNK_MM)
-    return found.chosen(kept), still[kept]
+    return found, still
 
 
 def _nearest_rest(posed: Posed, table: Table) -> tuple[Array, Array]:
