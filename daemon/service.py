@@ -433,8 +433,12 @@ def _tell_notes(config: Config) -> None:
 def make_room(config: Config) -> None:
     """A disk that old runs have filled must not keep the daemon from starting."""
     limits = config.values.log
-    removed = enforce_quota(config.runs, limits.quota_mb * 1_000_000, None, limits.keep_free_mb * 1_000_000)
-    journal.tell_removed(removed)
+    most, least = limits.quota_mb * 1_000_000, limits.keep_free_mb * 1_000_000
+
+    def tell_stuck(run: Path, why: str) -> None:
+        journal.tell("trouble", journal.stuck(run, why), journal.WARNING)
+
+    journal.tell_removed(enforce_quota(config.runs, most, None, least, tell_stuck))
 
 
 def _told(left: Standing) -> str:
