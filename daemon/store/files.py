@@ -184,6 +184,17 @@ def naming(path: Path) -> Iterator[None]:
         raise
 
 
+LAST_NUMBER = 999_999_999
+"""Of anything that is numbered here. Nobody counted that far: what says so counts as not numbered, as nothing could
+come behind it."""
+
+
+def number_of(name: str) -> int | None:
+    """The number that something is named by; None where its name is none of ours."""
+    ours = name.isascii() and name.isdecimal() and len(name) < 10
+    return int(name) if ours and int(name) < LAST_NUMBER else None
+
+
 class InUseError(FacetdError):
     """A folder belongs to another process at present: which folder, which process."""
 

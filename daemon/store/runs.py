@@ -19,6 +19,7 @@ from typing import BinaryIO
 
 import msgspec
 
+from daemon.store.files import LAST_NUMBER
 from daemon.store.outside import PIECE, FileError, open_below, read_below
 from daemon.store.records import LONGEST_LINE, Record, record_of
 from daemon.store.runlog import LARGEST_KEPT
@@ -29,8 +30,6 @@ LARGEST_RUN = 256_000_000
 MOST_RUNS = 5_000
 """However small they are: each is looked through at every start and every minute."""
 RUN_NAME = re.compile(r"\d{8}T\d{6}Z(-\d{1,9})?", re.ASCII)
-LAST_NUMBER = 999_999_999
-"""Behind a name. Nobody counted that far: behind a folder that says so comes none."""
 FAILURE_MARKS = (b'"kind":"fault"', b'"kind":"refusal"', b'"outcome":"missed"', b'"outcome":"failed"')
 PICKED_MARK = b'"outcome":"picked"'
 
