@@ -152,7 +152,33 @@ def test_the_room_for_both_slots_is_there_from_the_first_moment(path: Path) -> N
     StandingFile(path).close()
     assert path.stat().st_size == 2 * SLOT
     assert path.stat().st_blocks * 512 >= 2 * SLOT
+    assert left_behind(path, ran_before=False) is None
+
+
+@pytest.mark.parametrize("content", [b"", bytes(2 * SLOT)], ids=["cut to nothing", "zeros"])
+def test_a_file_that_says_nothing_is_not_believed_where_there_were_runs(path: Path, content: bytes) -> None:
+    """What file systems make of one after a crash, and somebody who empties it: a part in the gripper was forgotten."""
+    stood(path, Standing("a", hand_closed=True))
+    path.write_bytes(content)
+    assert left_behind(path, ran_before=False) is None
+    left = left_behind(path, ran_before=True)
+    assert left is not None
+    assert (left.hand_closed, left.in_doubt) == (True, True)
+    assert left.damage == f"{path}: says nothing, though there were runs before"
+
+
+def test_what_was_begun_and_killed_before_anything_happened_is_not_asked_about(path: Path) -> None:
+    file = StandingFile(path)
+    file.begin("a")
+    file.close()
     assert left_behind(path, ran_before=True) is None
+    stood(path, Standing("a", fault="x"))
+    again = StandingFile(path)
+    again.begin("b")
+    again.close()
+    left = left_behind(path, ran_before=True)
+    assert left is not None
+    assert left.fault == "x", "what stands there is not written over"
 
 
 PICKING = Standing("a", cycle=4, state="retreat", label="cube", auto=Auto(3, 2.5), fault="x", in_doubt=True)
