@@ -81,8 +81,8 @@ def being_written(path: Path) -> bool:
         fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
     except BlockingIOError:
         return True
-    except OSError:
-        return False
+    except OSError:  # a file system without locks
+        pass
     finally:
         os.close(handle)
     return False

@@ -669,6 +669,24 @@ def test_who_has_typed_too_far_ahead_is_refused_all_but_a_stop(tmp_path: Path, m
     assert [told for told in context.cycle.told if told.startswith("stop")]
 
 
+@pytest.mark.parametrize(("length", "opens"), [(100, True), (101, False)])
+def test_a_socket_s_path_may_have_a_hundred_bytes(
+    length: int, opens: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+
+    async def story() -> None:
+        server = SocketServer(Path("s" * length), EVERYBODY, Console(fake_context(tmp_path), []), interrupter(None))
+        await server.open()
+        await server.close()
+
+    if opens:
+        asyncio.run(story())
+    else:
+        with pytest.raises(DoorError, match=r"too long for a socket's path; set folders\.runtime"):
+            asyncio.run(story())
+
+
 def test_what_lies_where_the_socket_goes_and_is_none_is_somebodys(tmp_path: Path) -> None:
     path = tmp_path / "s"
     path.write_text("a person's own")

@@ -170,6 +170,18 @@ def test_a_number_that_nobody_counted_to_keeps_nobody_from_the_next(model_store:
     assert (model_store.versions(), [view.number for view in model_store.views()]) == ([1, 2], [1, 2])
 
 
+def test_why_a_view_is_not_stored_is_said_whatever_became_of_what_was_begun(
+    model_store: ModelStore, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(path: Path, _: bytes) -> None:
+        path.parent.rmdir()
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr("daemon.store.model_store.write_atomically", full)
+    with pytest.raises(ModelStoreError, match="cube: the view is not stored: No space left on device"):
+        model_store.add_view("cube", picture(1), picture(2), {})
+
+
 def test_what_is_accepted_is_what_was_read(model_store: ModelStore, model: Model) -> None:
     model_store.put_candidate(model)
     model_store.path(1).write_bytes(b"damaged")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import zlib
 from pathlib import Path
 from typing import Any
 
@@ -94,6 +95,39 @@ def test_a_full_disk_still_takes_what_the_hand_did(path: Path, tmp_path: Path, m
     assert left.hand_closed
     monkeypatch.undo()
     log.close()
+
+
+def test_that_it_cannot_be_kept_is_told_until_it_can(
+    path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """However many lines the log takes meanwhile: the next of them said that all was well again."""
+    told: list[str | None] = []
+    log = RunLog(tmp_path / "run", standing=StandingFile(path), on_trouble=told.append)
+
+    def failing(*_: object) -> int:
+        raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    with monkeypatch.context() as patched:
+        patched.setattr("os.pwrite", failing)
+        log.record("hand", closed=True)
+        log.record("decision")
+        log.settle()
+        assert told == [f"{path}: Input/output error"]
+    log.record("decision")
+    log.settle()
+    assert len(told) == 1
+    log.record("hand", closed=False)
+    log.settle()
+    assert told[1:] == [None]
+    log.close()
+
+
+def test_the_file_of_an_older_release_is_read_where_it_wrote(path: Path) -> None:
+    """4096 bytes a slot, since there is such a file: an upgrade in the middle of a pick forgets nothing."""
+    slots = [b'{"counter":%d,"standing":{"run":"%s","hand_closed":true}}' % one for one in ((2, b"b"), (1, b"a"))]
+    path.write_bytes(b"".join((b"%08x %s" % (zlib.crc32(slot), slot)).ljust(4095) + b"\n" for slot in slots))
+    left = left_behind(path, ran_before=True)
+    assert left == Standing("b", hand_closed=True)
 
 
 def test_it_is_in_the_file_before_the_next_move_may_leave(path: Path, tmp_path: Path) -> None:
