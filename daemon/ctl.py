@@ -6,20 +6,23 @@ Exit status: 0 done, 1 not done (refused, missed), 2 not understood, or no daemo
 from __future__ import annotations
 
 import argparse
+import contextlib
 import difflib
 import importlib
 import importlib.metadata
 import json
+import re
 import shlex
 import sys
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TextIO
 
 from daemon.doors.client import DaemonLink, NotThereError
 from daemon.errors import DONE as DONE
 from daemon.errors import NOT_DONE as NOT_DONE
 from daemon.errors import NOT_UNDERSTOOD as NOT_UNDERSTOOD
+from daemon.errors import spelt, visible
 from daemon.store.outside import FileError, read_file
 
 if TYPE_CHECKING:
@@ -58,6 +61,7 @@ BOTH = ("train", "calibrate", "model", "doctor", "bundle")
 """Words of the daemon's that are jobs without it as well."""
 HELP, VERSION = ("-h", "--help"), "--version"
 LARGEST_SCRIPT = 1_000_000
+OUR_OWN = re.compile(r"(\A\r|\x1b\[\d*m)")
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -128,8 +132,27 @@ def _parser(modules: Iterable[str]) -> tuple[argparse.ArgumentParser, Mapping[st
 def _offline(module: str, words: list[str]) -> int:
     parser, _ = _parser([module])
     args = parser.parse_args(words)
-    status: int = args.run(args)
+    out: Any = _Shown(sys.stdout)
+    errors: Any = _Shown(sys.stderr)
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(errors):
+        status: int = args.run(args)
     return status
+
+
+class _Shown:
+    """What jobs on files print may hold what those files hold: that steers no terminal, and no name that is not UTF-8
+    ends the job. Colours are the jobs' own, and a line that is written again."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+
+    def write(self, text: str) -> int:
+        """See TextIO."""
+        pieces = OUR_OWN.split(text)
+        return self._stream.write("".join(p if k % 2 else spelt(visible(p)) for k, p in enumerate(pieces)))
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
 
 
 def _help(words: list[str], status: int) -> int:

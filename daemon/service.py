@@ -170,12 +170,15 @@ class Service:
         troubles = Troubles(self._on_trouble)
         make_room(config)
         left = left_behind(config.state / FILE, bool(list_runs(config.runs)))
+        folder, standing = new_folder(config.runs, datetime.now(UTC)), StandingFile(config.state / FILE)
+        if left is None:
+            standing.begin(folder.name)
         loop = asyncio.get_running_loop()
         run_log = self._run_log = RunLog(
-            new_folder(config.runs, datetime.now(UTC)),
+            folder,
             fsync_every_s=config.values.log.sync_s,
             on_trouble=lambda text: loop.call_soon_threadsafe(troubles.tell, "log", text),
-            standing=StandingFile(config.state / FILE),
+            standing=standing,
         )
         auto = None if left is None or left.auto is None else msgspec.structs.asdict(left.auto)
         if left is not None:
@@ -433,8 +436,12 @@ def _tell_notes(config: Config) -> None:
 def make_room(config: Config) -> None:
     """A disk that old runs have filled must not keep the daemon from starting."""
     limits = config.values.log
-    removed = enforce_quota(config.runs, limits.quota_mb * 1_000_000, None, limits.keep_free_mb * 1_000_000)
-    journal.tell_removed(removed)
+    most, least = limits.quota_mb * 1_000_000, limits.keep_free_mb * 1_000_000
+
+    def tell_stuck(run: Path, why: str) -> None:
+        journal.tell("trouble", journal.stuck(run, why), journal.WARNING)
+
+    journal.tell_removed(enforce_quota(config.runs, most, None, least, tell_stuck))
 
 
 def _told(left: Standing) -> str:

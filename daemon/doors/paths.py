@@ -15,7 +15,7 @@ def files_begun(typed: str) -> list[str] | None:
         return None
     folder, _, name = begun.rpartition("/")
     found: list[str] = []
-    with contextlib.suppress(OSError, RuntimeError):
+    with contextlib.suppress(OSError, RuntimeError, ValueError):
         for path in sorted(Path(f"{folder}/" if "/" in begun else ".").expanduser().iterdir())[:MOST]:
             if path.name.startswith(name or "") and (name.startswith(".") or not path.name.startswith(".")):
                 found.append(begun[: len(begun) - len(name)] + path.name + ("/" if path.is_dir() else ""))

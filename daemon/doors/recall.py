@@ -10,7 +10,7 @@ from prompt_toolkit.document import Document
 from prompt_toolkit.history import History
 
 from daemon.store.files import write_atomically
-from daemon.store.outside import FileError, read_file
+from daemon.store.outside import FileError, open_to_append, read_file
 
 HISTORY_LINES = 1000
 LARGEST_HISTORY = 4_000_000
@@ -64,7 +64,7 @@ class PlainHistory(History):
         """Write it behind the others; where that cannot be, this session remembers it all the same."""
         try:
             self._path.parent.mkdir(parents=True, exist_ok=True)
-            with self._path.open("a", encoding="utf-8") as file:
+            with open(self._path, "a", encoding="utf-8", opener=open_to_append) as file:
                 file.write(f"{string}\n")
         except OSError:
             return

@@ -37,7 +37,7 @@ from daemon.console.stop_words import means_stop
 from daemon.doors.client import LONGEST_FILE
 from daemon.doors.lineedit import COLUMNS
 from daemon.doors.rights import DoorError, May, Peer, Rights, peer_of
-from daemon.doors.turns import Interrupt, Turns
+from daemon.doors.turns import CROWDED, Interrupt, Turns
 from daemon.errors import printable, visible
 
 LONGEST_MESSAGE = 64 * 1024
@@ -295,7 +295,7 @@ class _Operator:
 
     def _hear(self, message: _Message) -> None:
         if message.interrupt is not UNSET or (isinstance(message.keys, str) and "\x03" in message.keys):
-            self._turns.beside(self._stop())
+            self._turns.beside(self._stop)
         elif isinstance(message.do, str):
             self._take(message.do if self._console.is_stop(message.do) else printable(message.do), message)
         elif isinstance(message.answer, str):
@@ -324,7 +324,7 @@ class _Operator:
         if self._turns.busy and not message.waits and not stops and not self._console.at_once(text):
             raise ValueError("the last command is still being done")
         if self._turns.crowded and not stops:
-            raise ValueError("too many commands wait for their turn")
+            raise ValueError(CROWDED)
         self.name = self.name if message.door is UNSET else printable(message.door[:20])
         self.asks = self.asks if message.asks is UNSET else message.asks
         if message.size is not UNSET:

@@ -18,10 +18,11 @@ import serial
 
 from daemon.config import Terminal
 from daemon.console.interpreter import NOT_UNDERSTOOD, Answer, CommandError, Console
+from daemon.console.stop_words import means_stop
 from daemon.doors.client import LONGEST_FILE
 from daemon.doors.lineedit import ASK_SIZE, Key, LineEditor, to_terminal
 from daemon.doors.paths import files_begun
-from daemon.doors.turns import Interrupt, Turns
+from daemon.doors.turns import CROWDED, Interrupt, Turns
 from daemon.store.outside import FileError, read_file
 
 PROMPT, ASKED = "facetd> ", "? "
@@ -164,7 +165,7 @@ class SerialConsole:
         """Keys in terminal mode: only control-] and control-C are ours."""
         keys, leave, _ = data.partition(LEAVE)
         if STOP in data:
-            self._turns.beside(self._stop())
+            self._turns.beside(self._stop)
         elif self._keys is not None and keys:
             self._keys(keys)
         if leave:
@@ -172,10 +173,14 @@ class SerialConsole:
 
     def _hear(self, event: str | Key) -> None:
         if event is Key.INTERRUPT:
-            self._turns.beside(self._stop())
+            self._turns.beside(self._stop)
         elif event == "" and not self._turns.asking:
             self._write(ASK_SIZE + self._editor.show_prompt())  # whoever sits down and presses Enter
-        elif isinstance(event, str) and not self._turns.answer(event):
+        elif isinstance(event, str) and self._turns.answer(event):
+            pass
+        elif isinstance(event, str) and self._turns.crowded and not means_stop(event):
+            self.notice(CROWDED)
+        elif isinstance(event, str):
             self._turns.take(event, self._answered)
             self._set_prompt()
 

@@ -21,6 +21,9 @@ Answered = Callable[[Answer], Awaitable[None]]
 
 MOST_AHEAD = 500
 """Commands of one operator that wait, or are done beside each other."""
+MOST_BESIDE = 1000
+"""All that is done for one operator: beyond the commands it is stops."""
+CROWDED = "too many commands wait for their turn"
 
 
 class Turns:
@@ -47,13 +50,16 @@ class Turns:
     def take(self, text: str, answered: Answered) -> None:
         """Do a command: a stop, or what is for now, at once; others when those before them are done."""
         if self._console.is_stop(text):
-            self.beside(self._do(self._stopping(self._console.interpret(text, self._door), self._door.who), answered))
+            self.beside(lambda: self._do(self._stop_said(text), answered))
         elif not self.busy:
             self._begin(text, answered)
         elif self._console.at_once(text):
-            self.beside(self._do(self._console.interpret(text, self._door), answered))
+            self.beside(lambda: self._do(self._console.interpret(text, self._door), answered))
         else:
             self._ahead.append((text, answered, self._console.stops))
+
+    async def _stop_said(self, text: str) -> Answer:
+        return await self._stopping(self._console.interpret(text, self._door), self._door.who)
 
     async def stop(self, who: str) -> str:
         """Control-C; gives what the daemon says."""
@@ -96,8 +102,13 @@ class Turns:
         self._ahead.clear()
         self._unasked()
 
-    def beside(self, work: Coroutine[Any, Any, None]) -> None:
-        """Do something now, whatever else is under way."""
+    def beside(self, work: Callable[[], Coroutine[Any, Any, None]]) -> None:
+        """Do something now, whatever else is under way. Where a flood of one operator's is, this is one more stop like
+        those, and left out."""
+        if len(self._tasks) < MOST_BESIDE:
+            self._start(work())
+
+    def _start(self, work: Coroutine[Any, Any, None]) -> None:
         task = asyncio.create_task(work)
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
@@ -109,7 +120,7 @@ class Turns:
 
     def _begin(self, text: str, answered: Answered) -> None:
         self.busy, self._doing = True, text
-        self.beside(self._in_turn(text, answered))
+        self._start(self._in_turn(text, answered))
 
     async def _in_turn(self, text: str, answered: Answered) -> None:
         answer = await self._console.interpret(text, self._door)
@@ -137,7 +148,7 @@ class Turns:
         finally:
             self._unasked()
             if dropped:
-                self.beside(_tell_dropped(dropped))
+                self._start(_tell_dropped(dropped))
 
     def _unasked(self) -> None:
         if self._asked is not None and not self._asked.done():

@@ -85,8 +85,8 @@ def _table(pa: Any, name: str, run: str, rows: Sequence[Row]) -> pa.Table:
 
 
 def _utc(t: str) -> datetime:
-    """Without a zone it is UTC."""
-    at = datetime.fromisoformat(t)
+    """Without a zone it is UTC. A small z is one, too (RFC 3339)."""
+    at = datetime.fromisoformat(t.upper())
     return at if at.tzinfo is None else at.astimezone(UTC).replace(tzinfo=None)
 
 

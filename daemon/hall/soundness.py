@@ -5,12 +5,13 @@ What a killed daemon or a full disk leaves behind is no damage: a torn last line
 
 from __future__ import annotations
 
+from collections import deque
 from itertools import pairwise
 from pathlib import Path
 
 from daemon.store.files import being_written
 from daemon.store.outside import FileError, open_below
-from daemon.store.runs import RUN, RunRecords, check_wire, kept_file
+from daemon.store.runs import RUN, RunRecords, check_wire, kept_file, lines_of
 
 PNG_BEGIN, PNG_END = b"\x89PNG\r\n\x1a\n", b"IEND\xaeB`\x82"
 WIRE = "wire.jsonl"
@@ -62,12 +63,10 @@ def _torn_end(folder: Path) -> str | None:
     """`wire.jsonl:<number>` of a last line without its end."""
     try:
         with open_below(folder, WIRE) as file:
-            lines, last = 0, b"\n"
-            for last in file:  # noqa: B007
-                lines += 1
+            last = deque(lines_of(file), 1)
     except FileError:
         return None
-    return None if last.endswith(b"\n") else f"{WIRE}:{lines}"
+    return None if not last or last[0][2] else f"{WIRE}:{last[0][0]}"
 
 
 def _whole_picture(folder: Path, name: str) -> bool:

@@ -15,8 +15,8 @@ from msgspec import Meta
 from daemon.review.digest import Digest, digest
 from daemon.store.files import being_written
 from daemon.store.outside import open_below
-from daemon.store.records import LONGEST_LINE, Count, Finite, Number, Pose, Record, Text
-from daemon.store.runs import RUN
+from daemon.store.records import Count, Finite, Number, Pose, Record, Text
+from daemon.store.runs import RUN, lines_of
 
 
 class _Part(msgspec.Struct, omit_defaults=True):
@@ -80,7 +80,7 @@ def read_brief(folder: Path) -> Digest:
     """The run in `folder` without its scenes; lines that cannot be read are left out. Raises FileError."""
     records = list[Record]()
     with open_below(folder, RUN) as file:
-        for line in iter(lambda: file.readline(LONGEST_LINE + 1), b""):
+        for _, line, _ in lines_of(file):
             try:
                 records.append(msgspec.to_builtins(_DECODER.decode(line)))
             except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError):

@@ -10,7 +10,7 @@ from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
 
-from daemon.errors import FacetdError
+from daemon.errors import FacetdError, printable
 from daemon.store import places
 from daemon.store.records import Record
 from daemon.store.runs import find_run, follow
@@ -115,9 +115,10 @@ def _tail(args: argparse.Namespace) -> int:
 
 def told(record: Record, utc_offset_s: float = 0.0) -> str | None:
     """One line of a step for people, at the time of their clocks, or None for what would only fill the screen."""
-    text = _words(record)
-    if text is None:
+    words = _words(record)
+    if words is None:
         return None
+    text = printable(words)
     try:
         at = datetime.fromisoformat(str(record.get("t"))) + timedelta(seconds=utc_offset_s)
     except ValueError:

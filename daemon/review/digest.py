@@ -12,6 +12,7 @@ from itertools import pairwise
 from statistics import fmean
 from typing import Any
 
+from daemon.errors import spelt
 from daemon.store.records import Record
 
 
@@ -201,7 +202,7 @@ def digest(name: str, records: Sequence[Record], skipped: Sequence[str] = (), go
     start = next((r for r in records if r["kind"] == "run_start"), None)
     end = next((r for r in reversed(records) if r["kind"] == "run_end"), None)
     going = going and end is None
-    return Digest(name, start, end, tuple(cycles), tuple(outside), tuple(records), tuple(skipped), going)
+    return Digest(spelt(name), start, end, tuple(cycles), tuple(outside), tuple(records), tuple(skipped), going)
 
 
 def _cycle(records: list[Record], truths: dict[Any, Record]) -> Cycle:

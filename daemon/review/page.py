@@ -16,6 +16,7 @@ from typing import Any
 
 import cv2
 
+from daemon.errors import spelt
 from daemon.review.brief import read_brief
 from daemon.review.compare import kept_differences
 from daemon.review.digest import Digest, digest
@@ -99,7 +100,7 @@ def render(name: str, data: dict[str, Any], pictures: dict[str, str], room: str 
         "TITLE": html.escape(f"run {run}" if run else str(data.get("title") or "")),
     }
     head, *rest = (assets / "frame.html").read_text().split("@@")
-    return head + "".join(parts[piece] if k % 2 == 0 else piece for k, piece in enumerate(rest))
+    return spelt(head + "".join(parts[piece] if k % 2 == 0 else piece for k, piece in enumerate(rest)))
 
 
 def _embedded(value: Any) -> str:

@@ -17,7 +17,7 @@ from pathlib import Path
 import msgspec
 
 from daemon.errors import FacetdError
-from daemon.store.files import write_atomically
+from daemon.store.files import number_of, write_atomically
 from daemon.store.outside import FileError, read_file
 
 LARGEST_BYTES = 1_000_000
@@ -65,7 +65,8 @@ class Calibrations:
 
     def numbers(self) -> list[int]:
         """Every one that was made here, oldest first."""
-        return sorted(int(p.stem) for p in self.folder.glob("*.yaml") if p.stem.isdecimal())
+        numbers = (number_of(p.stem) for p in self.folder.glob("*.yaml"))
+        return sorted(number for number in numbers if number is not None)
 
     def made(self, number: int) -> str:
         """When its file was written, UTC."""

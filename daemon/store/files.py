@@ -81,8 +81,8 @@ def being_written(path: Path) -> bool:
         fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
     except BlockingIOError:
         return True
-    except OSError:
-        return False
+    except OSError:  # a file system without locks
+        pass
     finally:
         os.close(handle)
     return False
@@ -182,6 +182,17 @@ def naming(path: Path) -> Iterator[None]:
         if error.filename is None:
             error.filename = str(path)
         raise
+
+
+LAST_NUMBER = 999_999_999
+"""Of anything that is numbered here. Nobody counted that far: what says so counts as not numbered, as nothing could
+come behind it."""
+
+
+def number_of(name: str) -> int | None:
+    """The number that something is named by; None where its name is none of ours."""
+    ours = name.isascii() and name.isdecimal() and len(name) < 10
+    return int(name) if ours and int(name) < LAST_NUMBER else None
 
 
 class InUseError(FacetdError):

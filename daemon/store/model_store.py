@@ -13,6 +13,7 @@ import json
 import os
 import shutil
 import tempfile
+import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -26,13 +27,15 @@ from numpy.typing import NDArray
 
 from daemon.store import model as files
 from daemon.store import places
-from daemon.store.files import plain, write_atomically
+from daemon.store.files import number_of, plain, write_atomically
 from daemon.store.outside import FileError, read_below, read_file
 from daemon.store.pictures import PictureError, read_grey
 from daemon.vision.model import Model
 
 Image = NDArray[np.uint8]
 LARGEST_NOTE = 1_000_000
+ALONE_S = 60.0
+"""How long another may take to change what is stored: one that was halted in the middle takes for ever."""
 
 
 class ModelStoreError(FileError):
@@ -95,8 +98,8 @@ class ModelStore:
         labels = [label] if label is not None else sorted(p.name for p in root.iterdir()) if root.is_dir() else []
         found = []
         for name in labels:
-            folders = [p for p in (root / name).glob("*") if p.name.isdecimal()] if (root / name).is_dir() else []
-            found += [_stored(name, p) for p in sorted(folders, key=lambda p: int(p.name))]
+            numbers = [number_of(p.name) for p in (root / name).glob("*")] if (root / name).is_dir() else []
+            found += [_stored(name, root / name / str(n)) for n in sorted(n for n in numbers if n is not None)]
         return found
 
     def labels(self) -> list[str]:
@@ -176,7 +179,8 @@ class ModelStore:
 
     def versions(self) -> list[int]:
         """Every version that is kept, oldest first."""
-        return sorted(int(p.stem) for p in (self.folder / "models").glob("*.npz") if p.stem.isdecimal())
+        numbers = (number_of(p.stem) for p in (self.folder / "models").glob("*.npz"))
+        return sorted(number for number in numbers if number is not None)
 
     def told(self, version: int) -> ToldModel:
         """What a version's file says of itself."""
@@ -236,7 +240,11 @@ class ModelStore:
         except OSError as error:
             raise ModelStoreError(f"{path}: {plain(error)}") from error
         try:
-            fcntl.flock(handle, fcntl.LOCK_EX)
+            ends_s = time.monotonic() + ALONE_S
+            while not _locked(handle):
+                if time.monotonic() > ends_s:
+                    raise ModelStoreError(f"{path.parent}: another process has been at work there; try again")
+                time.sleep(0.05)
             yield
         finally:
             os.close(handle)
@@ -300,6 +308,14 @@ def _stored(label: str, folder: Path) -> StoredView:
     except (FileError, msgspec.MsgspecError, RecursionError, UnicodeDecodeError) as error:
         what = str(error) if isinstance(error, FileError) else f"{folder / 'view.json'}: cannot be read: {error}"
         return StoredView(label, int(folder.name), folder, damage=f"{what}; `forget {label} {folder.name}`")
+
+
+def _locked(handle: int) -> bool:
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True
 
 
 def _remove(path: Path) -> None:

@@ -1,7 +1,8 @@
 """Places that operators have named: places.jsonl, a line for each time one was kept or dropped.
 
 The last line of a name is the one that counts; those before it are its history, of which the older half goes when the
-file has become large. A line that lost its end when the power failed is passed over.
+file has become large. A line that lost its end when the power failed is passed over. A name whose last line holds no
+place any more has none.
 """
 
 from __future__ import annotations
@@ -20,9 +21,11 @@ from msgspec import Meta
 
 from daemon.arrays import Array
 from daemon.store.files import write_atomically
-from daemon.store.outside import FileError, read_file
+from daemon.store.outside import FileError, open_to_append, read_file
 
 LARGEST_BYTES = 4_000_000
+ORTHONORMAL = 1e-4
+"""Of a turn's columns, which are kept to the last digit."""
 
 Four = tuple[float, float, float, float]
 
@@ -84,7 +87,7 @@ class NamedPlaces:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             if self.path.is_file() and self.path.stat().st_size > LARGEST_BYTES // 2:
                 self._shorten()
-            with self.path.open("ab", buffering=0) as file:
+            with open(self.path, "ab", buffering=0, opener=open_to_append) as file:
                 length = file.tell()
                 try:
                     torn = length > 0 and not self._ends_whole()
@@ -119,4 +122,14 @@ def _read(line: bytes) -> NamedPlace | None:
     except msgspec.MsgspecError:
         return None
     pose = None if one.world_from_tool is None else np.array(one.world_from_tool, float)
+    if pose is not None and not _is_place(pose):
+        pose = None
     return NamedPlace(one.name, one.t, one.who, pose)
+
+
+def _is_place(pose: Array) -> bool:
+    """Whether it turns and shifts and does nothing else: what is damaged on the disk is no place to go to."""
+    turn = pose[:3, :3]
+    if not np.array_equal(pose[3], [0, 0, 0, 1]) or np.abs(turn).max() > 1.1:
+        return False
+    return bool(np.allclose(turn @ turn.T, np.eye(3), atol=ORTHONORMAL) and np.linalg.det(turn) > 0)

@@ -7,6 +7,7 @@ FileError. What the bytes mean is the caller's.
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import stat
 from collections.abc import Iterator
@@ -70,6 +71,16 @@ def open_below(folder: Path, name: object) -> Iterator[BinaryIO]:
     with os.fdopen(handle, "rb") as file:
         _check_regular(file, path)
         yield file
+
+
+def open_to_append(path: str, flags: int) -> int:
+    """An `opener` (see open()) for a regular file of ours that is added to: no device, and no FIFO that nobody reads.
+    Raises OSError."""
+    handle = os.open(path, flags | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC, 0o644)
+    if not stat.S_ISREG(os.fstat(handle).st_mode):
+        os.close(handle)
+        raise OSError(errno.EINVAL, "not a regular file", path)
+    return handle
 
 
 def _check_regular(file: BinaryIO, path: Path) -> None:

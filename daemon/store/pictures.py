@@ -15,10 +15,16 @@ from numpy.typing import NDArray
 
 from daemon.store.outside import FileError, read_below, read_file
 
-PNG = b"\x89PNG\r\n\x1a\n"
+PNG, JPEG = b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff"
 FRAME_HEADERS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 """A JPEG's markers before its size."""
-NETPBM = re.compile(rb"P[2356](?:\s|#[^\n]*\n)+(\d{1,9})(?:\s|#[^\n]*\n)+(\d{1,9})\s")
+ALONE, NO_SEGMENT = frozenset({0x01, *range(0xD0, 0xD8)}), frozenset({0x00, 0xD8, 0xD9, 0xDA})
+"""Its markers with no length behind them (T.81 B.1.1.3), and what may not stand before its size."""
+SCAN = b"\xff\xda"
+NETPBM = re.compile(rb"P[2356](?:\s|#[^\r\n]*[\r\n])+(\d{1,9})\s(?:\s|#[^\r\n]*[\r\n])*(\d{1,9})\s")
+"""As OpenCV reads it, which takes the character behind a number for a space."""
+CORE_HEADER = 12
+"""Bytes of a bitmap's older header, whose sides are 16 bits."""
 _AROUND = 12
 """Bytes of a PNG chunk that are not its data: length, type and checksum, four each."""
 
@@ -26,6 +32,8 @@ _AROUND = 12
 LARGEST_BYTES = 50_000_000
 MOST_PIXELS = 20_000_000
 """A picture may be unfolded to; a file of 1 MB can claim a thousand million."""
+MOST_SCANS = 100
+"""In a JPEG: each goes over all pixels and may be some thirty bytes; progressive ones have about ten."""
 
 
 class PictureError(FileError):
@@ -49,6 +57,8 @@ def _decoded(path: Path, folder: Path | None, flags: int) -> NDArray[Any]:
     pixels = claimed_pixels(content)
     if pixels is not None and pixels > MOST_PIXELS:
         raise PictureError(f"{path}: too large: {pixels / 1e6:.0f} million pixels, at most {MOST_PIXELS // 1_000_000}")
+    if content.startswith(JPEG) and content.count(SCAN) > MOST_SCANS:
+        raise PictureError(f"{path}: {content.count(SCAN)} scans, at most {MOST_SCANS} are read")
     try:
         whole = pixels is not None and not (content.startswith(PNG) and _is_damaged(content))
         image = cv2.imdecode(np.frombuffer(content, np.uint8), flags) if whole else None
@@ -66,10 +76,10 @@ def claimed_pixels(content: bytes) -> int | None:
     """
     if content.startswith(PNG) and content[12:16] == b"IHDR":
         return int.from_bytes(content[16:20], "big") * int.from_bytes(content[20:24], "big")
-    if content.startswith(b"\xff\xd8\xff"):
+    if content.startswith(JPEG):
         return _of_jpeg(content)
     if content.startswith(b"BM"):
-        core = content[14:15] == b"\x0c"
+        core = int.from_bytes(content[14:18], "little") == CORE_HEADER
         sides = [content[18:20], content[20:22]] if core else [content[18:22], content[22:26]]
         return abs(math.prod(int.from_bytes(side, "little", signed=not core) for side in sides))
     netpbm = NETPBM.match(content)
@@ -82,6 +92,10 @@ def _of_jpeg(content: bytes) -> int | None:
         marker = int.from_bytes(content[at + 1 : at + 2], "big")
         if marker == 0xFF:  # may stand before a marker any number of times
             at += 1
+        elif marker in ALONE:
+            at += 2
+        elif marker in NO_SEGMENT:
+            return None
         elif marker in FRAME_HEADERS:
             return int.from_bytes(content[at + 5 : at + 7], "big") * int.from_bytes(content[at + 7 : at + 9], "big")
         else:

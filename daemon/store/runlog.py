@@ -90,10 +90,12 @@ class RunLog:
         """Start a run in `folder` (made if need be). standing: where it is kept what the next start must know; it is
         closed with the log. Raises OSError; FileExistsError where a run is in it already."""
         self.trouble: str | None = None
+        self._troubles: dict[str, str] = {}
+        """By what the disk does not take."""
         self._clock, self._wall, self._patience_s, self._on_trouble = clock, wall, patience_s, on_trouble
         self._run = _Run(folder)
         self._standing, self._stands = standing, Standing(folder.name)
-        self._lock = threading.Lock()
+        self._lock, self._telling = threading.Lock(), threading.Lock()
         self._lost = 0
         self._behind = False
         self._closed = False
@@ -126,7 +128,7 @@ class RunLog:
             if self._standing is not None and self._stands != before:
                 self._lines.do(partial(self._write_standing, self._standing, self._stands))
             self._put(run.lines, encode(line), written)
-        if self.trouble is None and not self._behind:
+        if "lines" not in self._troubles and not self._behind:
             self._behind = not written.wait(self._patience_s)
         if kind in URGENT:
             self._syncer.hurry()
@@ -201,10 +203,10 @@ class RunLog:
             if self._lost:
                 self._write_gap()
             file.append(content)
-            self._tell(None)
+            self._tell("lines", None)
         except OSError as error:
             self._lost += 1
-            self._tell(f"{file.path.parent}: {error.strerror}")
+            self._tell("lines", f"{file.path.parent}: {error.strerror}")
         written.set()
         self._behind = self._behind and self._lines.waiting > 0
         self._syncer.take(file)
@@ -212,8 +214,9 @@ class RunLog:
     def _write_standing(self, file: StandingFile, standing: Standing) -> None:
         try:
             file.write(standing)
+            self._tell("standing", None)
         except OSError as error:
-            self._tell(f"{file.path}: {error.strerror}")
+            self._tell("standing", f"{file.path}: {error.strerror}")
         self._syncer.take(file)
 
     def _write_gap(self) -> None:
@@ -232,14 +235,21 @@ class RunLog:
         try:
             _, png = cv2.imencode(".png", pixels, [cv2.IMWRITE_PNG_COMPRESSION, 1])
             write_atomically(path, png.tobytes(), synced=False)
+            self._tell("pictures", None)
         except OSError as error:
             self._lost += 1
-            self._tell(f"{path}: {error.strerror}")
+            self._tell("pictures", f"{path}: {error.strerror}")
 
-    def _tell(self, trouble: str | None) -> None:
-        if trouble != self.trouble:
-            self.trouble = trouble
-            self._on_trouble(trouble)
+    def _tell(self, of: str, trouble: str | None) -> None:
+        with self._telling:
+            if trouble is None:
+                self._troubles.pop(of, None)
+            else:
+                self._troubles[of] = trouble
+            told = next(iter(self._troubles.values()), None)
+            if told != self.trouble:
+                self.trouble = told
+                self._on_trouble(told)
 
 
 class _Worker:

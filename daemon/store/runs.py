@@ -14,12 +14,12 @@ import time
 from collections.abc import Callable, Container, Iterator
 from dataclasses import dataclass
 from datetime import datetime
-from functools import lru_cache
 from pathlib import Path
 from typing import BinaryIO
 
 import msgspec
 
+from daemon.store.files import LAST_NUMBER
 from daemon.store.outside import PIECE, FileError, open_below, read_below
 from daemon.store.records import LONGEST_LINE, Record, record_of
 from daemon.store.runlog import LARGEST_KEPT
@@ -29,7 +29,7 @@ LARGEST_RUN = 256_000_000
 """Of the lines in one run: a run goes on in a new folder long before (log.roll_mb counts its pictures, too)."""
 MOST_RUNS = 5_000
 """However small they are: each is looked through at every start and every minute."""
-RUN_NAME = re.compile(r"\d{8}T\d{6}Z(-\d{1,9})?")
+RUN_NAME = re.compile(r"\d{8}T\d{6}Z(-\d{1,9})?", re.ASCII)
 FAILURE_MARKS = (b'"kind":"fault"', b'"kind":"refusal"', b'"outcome":"missed"', b'"outcome":"failed"')
 PICKED_MARK = b'"outcome":"picked"'
 
@@ -51,27 +51,29 @@ def new_folder(runs: Path, now: datetime) -> Path:
     """A name for a run that starts now (UTC), behind all that are in `runs`: names sort by which run was made first.
     Where the clock was set back, a run is numbered after the last one."""
     began = now.strftime("%Y%m%dT%H%M%SZ"), 0
-    last, number = max((_age_key(f) for f in runs.glob("*") if RUN_NAME.fullmatch(f.name)), default=("", 0))
+    made = (_age_key(f) for f in runs.glob("*") if RUN_NAME.fullmatch(f.name))
+    last, number = max((key for key in made if key[1] < LAST_NUMBER), default=("", 0))
     stem, number = max(began, (last, number + 1))
     return runs / (f"{stem}-{number}" if number else stem)
 
 
 def list_runs(runs: Path) -> list[Path]:
-    """Every run folder in `runs`, oldest first."""
+    """Every run folder in `runs`, oldest first; one that cannot be looked into is none."""
     if not runs.is_dir():
         return []
-    return sorted((f for f in runs.iterdir() if (f / RUN).is_file()), key=_age_key)
+    return sorted((f for f in runs.iterdir() if os.path.isfile(f / RUN)), key=_age_key)
 
 
 def find_run(runs: Path, name: str) -> Path:
-    """`latest`, a folder's name in `runs`, or a path -> the run folder. Raises RunError."""
+    """`latest`, a folder's name in `runs`, or a path -> the run folder. Of those that somebody named otherwise none is
+    the latest as long as there are others. Raises RunError."""
     known = list_runs(runs)
     if name == "latest":
         if not known:
             raise RunError(f"{runs}: no run in it yet")
-        return known[-1]
+        return max(known, key=lambda f: (RUN_NAME.fullmatch(f.name) is not None, _age_key(f)))
     for folder in (runs / name, Path(name)):
-        if (folder / RUN).is_file():
+        if os.path.isfile(folder / RUN):
             return folder
     raise RunError(f"{name}: no such run (neither a folder with run.jsonl nor a name in {runs})")
 
@@ -82,7 +84,7 @@ def read_run(folder: Path, scenes_of: Container[int] | None = None) -> RunRecord
     records: list[Record] = []
     skipped: list[str] = []
     with open_below(folder, RUN) as file:
-        for number, line, whole in _lines(file):
+        for number, line, whole in lines_of(file):
             try:
                 record = record_of(line)
                 if scenes_of is not None and record["kind"] == "look" and record["seq"] not in scenes_of:
@@ -139,7 +141,7 @@ def check_wire(folder: Path) -> list[str]:
     chain, before = "", None
     try:
         with open_below(folder, "wire.jsonl") as file:
-            for number, line, _ in _lines(file):
+            for number, line, _ in lines_of(file):
                 try:
                     entry = msgspec.json.decode(line, type=_WireEntry)
                 except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError):
@@ -156,21 +158,28 @@ def check_wire(folder: Path) -> list[str]:
     return problems
 
 
-def enforce_quota(runs: Path, limit_bytes: int, current: Path | None, min_free_bytes: int = 0) -> list[Path]:
+def enforce_quota(
+    runs: Path,
+    limit_bytes: int,
+    current: Path | None,
+    min_free_bytes: int = 0,
+    stuck: Callable[[Path, str], object] = lambda _, __: None,
+) -> list[Path]:
     """Remove runs until the rest fits: oldest first, runs in which something failed last, never the current one.
 
-    Also when the disk has less than min_free_bytes left, or there are more than MOST_RUNS. Returns what was removed; an
-    OSError on one run skips it.
+    Also when the disk has less than min_free_bytes left, or there are more than MOST_RUNS. Returns what was removed.
+    One that cannot be removed is given to `stuck` with the reason and counts no more: the others would all go for it.
+    Nor does a link count, which is somebody's way to a run elsewhere.
     """
     if not runs.is_dir():
         return []
-    sizes = {folder: run_bytes(folder) for folder in list_runs(runs)}
+    sizes = {folder: run_bytes(folder) for folder in list_runs(runs) if not folder.is_symlink()}
     total = sum(sizes.values())
     removed: list[Path] = []
 
     def fits() -> bool:
-        count = len(sizes) - len(removed)
-        return total <= limit_bytes and count <= MOST_RUNS and shutil.disk_usage(runs).free >= min_free_bytes
+        few = total <= limit_bytes and len(sizes) <= MOST_RUNS
+        return few and shutil.disk_usage(runs).free >= min_free_bytes
 
     if fits():
         return removed
@@ -180,37 +189,63 @@ def enforce_quota(runs: Path, limit_bytes: int, current: Path | None, min_free_b
             break
         try:
             shutil.rmtree(folder)
-        except OSError:
-            continue
-        total -= sizes[folder]
-        removed.append(folder)
+            removed.append(folder)
+        except (OSError, RecursionError) as error:
+            stuck(folder, getattr(error, "strerror", None) or str(error))
+        total -= sizes.pop(folder)
+        _forget_below(folder)
     return removed
 
 
-def run_bytes(folder: str | Path) -> int:
+def run_bytes(folder: Path) -> int:
     """Bytes on disk of a run; a file that goes away meanwhile counts nothing. Its pictures are looked through only
     once one was put in or taken away: the run that is written may have thousands, and is asked every minute."""
-    total = 0
+    size, folders = _bytes_in(str(folder))
+    return size + sum(_bytes_then(below, changed_ns) for below, changed_ns in folders)
+
+
+_KNOWN: dict[str, tuple[int, int]] = {}
+"""Of folders of pictures: when they were changed, and the bytes below them then."""
+
+
+def _bytes_then(folder: str, changed_ns: int) -> int:
+    known = _KNOWN.get(folder)
+    if known is not None and known[0] == changed_ns:
+        return known[1]
+    if len(_KNOWN) >= 2 * MOST_RUNS:
+        _KNOWN.clear()
+    size, left = 0, [folder]
+    while left:
+        more, folders = _bytes_in(left.pop())
+        size += more
+        left += [below for below, _ in folders]
+    _KNOWN[folder] = changed_ns, size
+    return size
+
+
+def _forget_below(folder: Path) -> None:
+    for below in [below for below in _KNOWN if below.startswith(f"{folder}{os.sep}")]:
+        del _KNOWN[below]
+
+
+def _bytes_in(folder: str) -> tuple[int, list[tuple[str, int]]]:
+    """Bytes on disk of what lies in a folder, and the folders among it, each with when it was changed."""
+    size, folders = 0, []
     with contextlib.suppress(OSError), os.scandir(folder) as entries:
         for entry in entries:
             with contextlib.suppress(OSError):
                 status = entry.stat(follow_symlinks=False)
-                total += status.st_blocks * 512
+                size += status.st_blocks * 512
                 if entry.is_dir(follow_symlinks=False):
-                    total += _bytes_then(entry.path, status.st_mtime_ns)
-    return total
-
-
-@lru_cache(2 * MOST_RUNS)
-def _bytes_then(folder: str, _: int) -> int:
-    return run_bytes(folder)
+                    folders.append((entry.path, status.st_mtime_ns))
+    return size, folders
 
 
 def has_failure(folder: Path) -> bool:
     """Whether a run holds a fault, a refusal or a cycle that picked nothing, or has no run_end."""
     ended = False
     with contextlib.suppress(FileError, OSError), open_below(folder, RUN) as file:
-        for _, line, _ in _lines(file):
+        for _, line, _ in lines_of(file):
             if any(mark in line for mark in FAILURE_MARKS):
                 return True
             if b'"kind":"cycle_end"' in line and PICKED_MARK not in line:
@@ -219,7 +254,7 @@ def has_failure(folder: Path) -> bool:
     return not ended
 
 
-def _lines(file: BinaryIO) -> Iterator[tuple[int, bytes, bool]]:
+def lines_of(file: BinaryIO) -> Iterator[tuple[int, bytes, bool]]:
     """Number, line, and whether its end is there; one that is too long comes in pieces. No more than LARGEST_RUN."""
     number = 0
     while file.tell() < LARGEST_RUN and (line := file.readline(LONGEST_LINE + 2)):

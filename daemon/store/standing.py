@@ -120,6 +120,13 @@ class StandingFile(OpenFile):
         slots, _ = _slots(os.pread(self._handle, 2 * SLOT, 0))
         self._counter = max((slot.counter for slot in slots), default=0)
 
+    def begin(self, run: str) -> None:
+        """Where nothing was ever written, write that nothing stands: from then on a file that says nothing is one that
+        was lost. Raises OSError."""
+        if self._counter == 0:
+            self.write(Standing(run))
+            self.sync()
+
     def write(self, standing: Standing) -> None:
         """Put it into the older slot. Raises OSError."""
         content = msgspec.json.encode(_Slot(self._counter + 1, standing))
@@ -130,8 +137,8 @@ class StandingFile(OpenFile):
 
 
 def left_behind(path: Path, ran_before: bool) -> Standing | None:
-    """What the last daemon left that somebody must look at; else None. A file that cannot be believed, or is missing
-    where there were runs before, is such a thing: then nobody knows what the gripper holds."""
+    """What the last daemon left that somebody must look at; else None. A file that cannot be believed, or is missing or
+    says nothing where there were runs before, is such a thing: then nobody knows what the gripper holds."""
     try:
         content = read_file(path, 2 * SLOT)
     except FileError as error:
@@ -143,7 +150,9 @@ def left_behind(path: Path, ran_before: bool) -> Standing | None:
     newest = max(slots, key=lambda slot: slot.counter, default=None)
     if damaged:
         return _unknown(f"{path}: damaged", None if newest is None else newest.standing)
-    return None if newest is None or not newest.standing.to_be_told else newest.standing
+    if newest is None:
+        return _unknown(f"{path}: says nothing, though there were runs before") if ran_before else None
+    return newest.standing if newest.standing.to_be_told else None
 
 
 def _unknown(damage: str, known: Standing | None = None) -> Standing:

@@ -12,6 +12,7 @@ import io
 import json
 import os
 import platform
+import secrets
 import shutil
 import subprocess
 import sys
@@ -29,7 +30,8 @@ from daemon.store.runs import list_runs
 from daemon.upkeep import doctor
 
 RUNS = 5
-PICTURES_MB = 40
+PICTURES_MB, MOST_MB = 40, 1000
+"""Of the newest run's pictures, and of all files together: one may say that it is as large as no disk."""
 COMMANDS = {
     "journal.txt": ["journalctl", "-u", "facetd", "-b", "--no-pager", "-n", "5000"],
     "unit.txt": ["systemctl", "show", "facetd.service"],
@@ -44,28 +46,30 @@ def pack(config: Config, into: Path) -> Path:
     into.mkdir(parents=True, exist_ok=True)
     stem = f"facetd-{platform.node() or 'cell'}-{datetime.now(UTC):%Y%m%dT%H%M%SZ}"
     path = into / f"{stem}.tar.gz"
-    making = path.with_name(f".{path.name}.part")
+    making, left = path.with_name(f".{path.name}.{secrets.token_hex(4)}"), MOST_MB * 1_000_000
     try:
-        with tarfile.open(making, "w:gz", compresslevel=6) as archive:
+        with tarfile.open(making, "x:gz", compresslevel=6) as archive:  # never into what somebody put there
             for name, content in _texts(config):
                 entry = tarfile.TarInfo(f"{stem}/{name}")
                 entry.size, entry.mtime = len(content), int(time.time())
                 archive.addfile(entry, io.BytesIO(content))
             for name, opened in _files(config):
                 with contextlib.suppress(FileError), opened as file:
-                    _add(archive, f"{stem}/{name}", file)
+                    left -= _add(archive, f"{stem}/{name}", file, left)
         making.replace(path)
     finally:
         making.unlink(missing_ok=True)
     return path
 
 
-def _add(archive: tarfile.TarFile, name: str, file: BinaryIO) -> None:
-    """What a file holds: a link would point to somewhere on this machine, and a log that grows is cut where it was."""
+def _add(archive: tarfile.TarFile, name: str, file: BinaryIO, most_bytes: int) -> int:
+    """What a file holds: a link would point to somewhere on this machine, and a log that grows is cut where it was.
+    Gives how many bytes that were."""
     entry = tarfile.TarInfo(name)
     about = os.fstat(file.fileno())
-    entry.size, entry.mtime, entry.mode = about.st_size, int(about.st_mtime), 0o644
+    entry.size, entry.mtime, entry.mode = min(about.st_size, most_bytes), int(about.st_mtime), 0o644
     archive.addfile(entry, file)
+    return entry.size
 
 
 def _texts(config: Config) -> Iterator[tuple[str, bytes]]:
@@ -95,7 +99,7 @@ def _files(config: Config) -> Iterator[tuple[str, AbstractContextManager[BinaryI
     for name in ("models/state.json", "standing"):
         yield name, open_below(config.state, name)
     runs = list_runs(config.runs)[-RUNS:]
-    for run in runs:
+    for run in reversed(runs):
         for source in (run / "run.jsonl", run / "wire.jsonl", *sorted((run / "kept").glob("*"))):
             name = str(source.relative_to(run))
             yield f"runs/{run.name}/{name}", open_below(run, name)

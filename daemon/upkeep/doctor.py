@@ -52,7 +52,7 @@ def examine(config: Config, running: bool) -> list[Finding]:
     for check in CHECKS:
         try:
             findings += check(config, running)
-        except (FacetdError, OSError) as error:
+        except (FacetdError, OSError, subprocess.SubprocessError) as error:
             findings.append(Finding("bad", check.__name__.removeprefix("_").replace("_", " "), str(error)))
     return findings
 

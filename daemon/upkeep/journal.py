@@ -55,6 +55,11 @@ def tell_removed(runs: Sequence[Path]) -> None:
         tell("trouble", f"quota: removed {', '.join(folder.name for folder in runs)}", NOTICE)
 
 
+def stuck(run: Path, why: str) -> str:
+    """Of a run that the quota cannot remove."""
+    return f"quota: {run} cannot be removed: {why}; it counts no more: move it away"
+
+
 def flush(timeout_s: float) -> None:
     """Wait until what was told is out, but no longer than that."""
     _TELLER.flush(timeout_s)

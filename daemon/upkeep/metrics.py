@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import socket
 import threading
 import time
 from collections.abc import Iterator
@@ -14,7 +16,8 @@ from daemon.store.places import how_to_add
 from daemon.upkeep.watched import Watched
 
 LOOPBACK = "127.0.0.1"
-MOST_SCRAPES, SILENCE_S = 8, 5.0
+MOST_SCRAPES, SILENCE_S, LONGEST_S = 8, 5.0, 10.0
+"""At once; how long one may say nothing, and how long it may take, a byte now and then."""
 
 
 class _Handler(WSGIRequestHandler):
@@ -32,10 +35,19 @@ class _Server(ThreadingMixIn, WSGIServer):
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
         self._room = threading.BoundedSemaphore(MOST_SCRAPES)
+        self._began_s: dict[Any, float] = {}
+
+    def service_actions(self) -> None:
+        """Hang up who takes too long; asked twice a second."""
+        for request, began_s in list(self._began_s.items()):
+            if time.monotonic() - began_s > LONGEST_S:
+                with contextlib.suppress(OSError):
+                    request.shutdown(socket.SHUT_RDWR)
 
     def process_request(self, request: Any, client_address: Any) -> None:
         """Begin to answer, where there is room."""
         if self._room.acquire(blocking=False):
+            self._began_s[request] = time.monotonic()
             super().process_request(request, client_address)
         else:
             self.shutdown_request(request)
@@ -45,6 +57,7 @@ class _Server(ThreadingMixIn, WSGIServer):
         try:
             super().process_request_thread(request, client_address)
         finally:
+            del self._began_s[request]
             self._room.release()
 
     def handle_error(self, *_: Any) -> None:

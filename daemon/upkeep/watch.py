@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import shutil
 import time
+from pathlib import Path
 
 from daemon.cell.build import EXPECTED_ERRORS
 from daemon.store.files import plain
@@ -135,11 +136,16 @@ class Watch:
     async def _keep_quota(self) -> None:
         context, limits = self._context, self._context.config.values.log
         runs, current = context.config.runs, context.run_log.folder
+        most, least = limits.quota_mb * 1_000_000, limits.keep_free_mb * 1_000_000
+        stuck: list[str] = []
+
+        def tell_stuck(run: Path, why: str) -> None:
+            stuck.append(journal.stuck(run, why))
+
         try:
-            removed = await asyncio.to_thread(
-                enforce_quota, runs, limits.quota_mb * 1_000_000, current, limits.keep_free_mb * 1_000_000
-            )
+            removed = await asyncio.to_thread(enforce_quota, runs, most, current, least, tell_stuck)
             journal.tell_removed(removed)
+            context.troubles.tell("runs", stuck[0] if stuck else None)
             if not runs.is_dir():
                 return
             free = shutil.disk_usage(runs).free

@@ -79,8 +79,7 @@ def year(folder: Path, done: int, count: int, progress: Progress) -> Iterator[tu
         patch.object(watch, "TICK_S", TICK_S),
         light_daemon(folder, BEGIN_S + done * DAY_S + progress.get("set_by_s", 0.0)) as daemon,
     ):
-        cut_off = frozenset(folder.name for folder in list_runs(daemon.runs))
-        made = progress["made"] = [name for name in progress.get("made", []) if name in cut_off]
+        cut_off, made = _where_it_was_ended(daemon, progress)
         daemon.run(daemon.start())
         for day in range(done, count):
             daemon.run(_day(daemon, day))
@@ -117,6 +116,14 @@ async def _restart(daemon: LightDaemon) -> None:
     await daemon.start()
 
 
+def _where_it_was_ended(daemon: LightDaemon, progress: Progress) -> tuple[frozenset[str], list[str]]:
+    """The runs that are there, and those of them in the books: what went after these were kept was told to a process
+    that is no more."""
+    there = frozenset(folder.name for folder in list_runs(daemon.runs))
+    progress["made"] = [name for name in progress.get("made", []) if name in there]
+    return there, progress["made"]
+
+
 def _keep_books(daemon: LightDaemon, made: list[str], cut_off: frozenset[str] = frozenset()) -> None:
     """Every run that was begun is there, whole, in the order in which they were made, or it was told that it went.
     cut_off: those of before this process, which somebody may have ended in their midst. Raises LostError."""
@@ -143,15 +150,15 @@ def _keep_books(daemon: LightDaemon, made: list[str], cut_off: frozenset[str] = 
 
 def starts(folder: Path, done: int, count: int, progress: Progress) -> Iterator[tuple[int, Held]]:
     """Starts and stops; gives how many, and what is held in between."""
-    made = progress.setdefault("made", [])
     with light_daemon(folder, BEGIN_S + done, FEW_RUNS) as daemon:
+        cut_off, made = _where_it_was_ended(daemon, progress)
         for number in range(done, count):
             daemon.run(daemon.start())
             daemon.run(daemon.do("status"))
             if daemon.run(daemon.stop()) != 0:
                 raise LostError(f"start {number}: {daemon.told[-1:]}")
             if (number + 1) % EVERY["starts"] == 0 or number + 1 == count:
-                _keep_books(daemon, made)
+                _keep_books(daemon, made, cut_off)
                 yield number + 1, daemon.held()
 
 

@@ -313,3 +313,10 @@ def test_of_a_long_line_the_row_is_filled_to_its_last_column_before_it_goes_on()
     assert edit._first == first
     edit.feed(b"x")
     assert edit._first > first
+
+
+def test_behind_a_line_that_was_longer_than_the_row_the_next_one_begins_at_its_first_column() -> None:
+    """At 9600 baud a row that is drawn again at the first key is seen."""
+    line = editor()
+    line.feed(b"x" * 200 + b"\r")
+    assert line.feed(b"a").echo == b"a"

@@ -36,6 +36,7 @@ from daemon.doors.socket import (
     _Operator,
 )
 from daemon.doors.terminal import SerialConsole
+from daemon.doors.turns import MOST_AHEAD
 from daemon.store.places import HOUSE
 from tests.worlds.fake_context import fake_context
 
@@ -302,6 +303,24 @@ def test_control_c_stops_the_arm_while_a_command_is_being_done() -> None:
 
     context = at_a_terminal(play, slow=True)
     assert [t.split(" by")[0] for t in context.cycle.told] == ["go home", "stop"], "what was typed ahead is dropped"
+
+
+def test_lines_without_end_at_a_terminal_that_is_busy_are_not_kept_without_end() -> None:
+    """A line that floats types for hours while a pick waits for a yes; a stop is heard all the same."""
+
+    async def play(terminal: Terminals, console: SerialConsole) -> None:
+        await terminal.sees("facetd> ")
+        await terminal.type(b"go home\r")
+        for _ in range(2 * MOST_AHEAD):
+            console._hear("go bin")
+        assert len(console._turns._ahead) == MOST_AHEAD
+        await terminal.sees("too many commands wait for their turn")
+        console._hear("stop")
+        await terminal.sees("Stopped")
+        assert not console._turns._ahead
+
+    context = at_a_terminal(play, slow=True)
+    assert [t.split(" by")[0] for t in context.cycle.told] == ["go home", "stop"]
 
 
 def test_questions_are_put_and_answered_on_the_terminal() -> None:
@@ -650,6 +669,24 @@ def test_who_has_typed_too_far_ahead_is_refused_all_but_a_stop(tmp_path: Path, m
     assert [told for told in context.cycle.told if told.startswith("stop")]
 
 
+@pytest.mark.parametrize(("length", "opens"), [(100, True), (101, False)])
+def test_a_socket_s_path_may_have_a_hundred_bytes(
+    length: int, opens: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+
+    async def story() -> None:
+        server = SocketServer(Path("s" * length), EVERYBODY, Console(fake_context(tmp_path), []), interrupter(None))
+        await server.open()
+        await server.close()
+
+    if opens:
+        asyncio.run(story())
+    else:
+        with pytest.raises(DoorError, match=r"too long for a socket's path; set folders\.runtime"):
+            asyncio.run(story())
+
+
 def test_what_lies_where_the_socket_goes_and_is_none_is_somebodys(tmp_path: Path) -> None:
     path = tmp_path / "s"
     path.write_text("a person's own")
@@ -858,7 +895,7 @@ def test_who_hung_up_is_served_until_all_that_he_began_is_done() -> None:
 
     async def serve() -> None:
         operator._next_line = AsyncMock(return_value=b"")  # type: ignore[method-assign]
-        operator._turns.beside(command())
+        operator._turns.beside(command)
         await operator.listen()
 
     asyncio.run(serve())

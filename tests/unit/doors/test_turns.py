@@ -11,7 +11,7 @@ import pytest
 
 from daemon.console.interpreter import Answer, Command, Console
 from daemon.console.notices import Notices
-from daemon.doors.turns import Turns
+from daemon.doors.turns import MOST_BESIDE, Turns
 
 
 class Operator:
@@ -217,5 +217,36 @@ def test_the_end_is_when_all_is_done() -> None:
         operator.may_end.set()
         await ending
         assert operator.answers == ["done 1"]
+
+    play(script)
+
+
+def test_a_flood_of_stops_while_one_is_under_way_takes_no_more_room_than_a_thousand() -> None:
+    """Each is the same stop; a controller that is silent lets none of them end for seconds."""
+
+    async def script(operator: Operator) -> None:
+        stopping = asyncio.Event()
+
+        async def interrupt(who: str, about_to_move: bool) -> str:
+            operator.interrupts.append((who, about_to_move))
+            await stopping.wait()
+            return "stopped"
+
+        operator.turns._interrupt = interrupt
+
+        async def stop() -> None:
+            await operator.turns.stop("ann")
+
+        for _ in range(5000):
+            operator.turns.beside(stop)
+        operator.types("stop")
+        await a_moment()
+        assert len(operator.interrupts) == len(operator.turns._tasks) == MOST_BESIDE
+        stopping.set()
+        await operator.turns.end()
+        operator.types("stop", "go 1")
+        operator.may_end.set()
+        await operator.turns.end()
+        assert operator.answers == ["now", "done 1"], "once they are over all is heard"
 
     play(script)

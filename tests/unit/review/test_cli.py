@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 from typing import Any
 
@@ -68,3 +69,31 @@ def test_tail_tells_a_run_line_by_line(made: MadeRun, capsys: pytest.CaptureFixt
     assert "approach: cube 98 %" in told
     assert "picked: gone from where it lay" in told
     assert "\x1b[" not in told
+
+
+def test_what_a_run_holds_steers_no_terminal(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Neither its words nor its name, whoever chose it."""
+    runs = tmp_path / "runs"
+    for name in ("20260101T000000Z", "a\x1b]0;title\x07"):
+        made = MadeRun(runs / name, pictures=False)
+        made.pick("missed", label="cube\x1b[2J")
+        made.write("fault", code="x", text="a\x1b]0;title\x07\nSTOPPING=1", **{"while": "moving"})
+        made.close()
+    for words in (["tail", "--once", "latest"], ["tail", "--once", "a\x1b]0;title\x07"], ["runs"], ["tail", "\x1b[2J"]):
+        ctl.main([*words, "--runs", str(runs)])
+        told = "".join(capsys.readouterr())
+        assert "\x1b" not in told
+        assert "\x07" not in told
+        assert "\nSTOPPING=1" not in told
+        assert told
+
+
+def test_a_run_whose_name_is_no_utf_8_is_read_as_any_other(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    name = os.fsdecode(b"bad\xff")
+    made = MadeRun(tmp_path / name)
+    made.pick()
+    made.close()
+    for words in (["review", name], ["export", "--csv", name], ["tail", "--once", name], ["runs"]):
+        assert ctl.main([*words, "--runs", str(tmp_path)]) == 0
+        assert "bad?" in capsys.readouterr().out or words[0] == "tail"
+    assert "bad?" in (tmp_path / name / "report.html").read_text()

@@ -21,7 +21,7 @@ from daemon.ctl import OFFLINE
 from daemon.review.page import read_digest
 from daemon.review.pagedata import page_data
 from daemon.review.remedies import KNOWN
-from daemon.review.why import _all_moves, _text, causes, in_plain_words
+from daemon.review.why import _all_moves, _beyond, _text, causes, in_plain_words
 from daemon.store.places import HOUSE
 from daemon.vision.health import MEASURES, SAID
 from drivers.camera.controls import KNOWN as CONTROLS
@@ -484,3 +484,33 @@ def test_a_finding_is_told_by_its_advice_or_its_text_or_as_it_is() -> None:
     for finding in ({"advice": "clean it", "text": "dark"}, {"text": "clean it"}, {"advice": "clean it"}, "clean it"):
         assert _text(finding) == "clean it"
     assert _text({"px": 3}) == "{'px': 3}"
+
+
+def test_pictures_are_hardly_to_blame_for_a_part_that_was_seen_and_cannot_be_reached(made: MadeRun) -> None:
+    measured({"focus left": FOCUS})(made)
+    made.cycle += 1
+    made.write("cycle_start", cycle=made.cycle, target=None)
+    made.look("survey", part("cube"), findings={"focus left": FOCUS})
+    end(made, "unreachable", "cube: none of its 12 grasps can be reached all the way (6 blocked by a neighbour)")
+    unseen, seen = (
+        next(c.weight for c in causes(cycle) if c.name == "lens out of focus or dirty")
+        for cycle in read_digest(made.close()).cycles
+    )
+    assert unseen > 0.7
+    assert 0.2 < seen <= 0.3
+
+
+@pytest.mark.parametrize(
+    ("text", "times"),
+    [("left (focus 6.0 px, limit 2.0)", 3.0), ("left (light 1.0, limit 2.0)", 1.0), ("left: too dark", 1.0)],
+)
+def test_a_finding_goes_beyond_its_limit_or_counts_as_at_it(text: str, times: float) -> None:
+    assert _beyond(text) == times
+
+
+@pytest.mark.parametrize(("rejected", "bare"), [(7, True), (8, False)])
+def test_a_table_with_eight_outlines_that_came_to_nothing_is_not_bare(rejected: int, bare: bool, made: MadeRun) -> None:
+    taken_away(made)
+    (cycle,) = read_digest(made.close()).cycles
+    cycle.stops[-1].look["scene"]["rejected"] = [{"eye": "left", "reason": "small"}] * rejected
+    assert any("the table is bare there" in cause.evidence for cause in causes(cycle)) is bare

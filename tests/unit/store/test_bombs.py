@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import io
 import json
+import random
 import tracemalloc
 import zipfile
 from collections.abc import Iterator
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -157,3 +159,60 @@ def test_bitmaps_of_both_kinds_say_how_large_they_are_wherever_it_stands(sides: 
     upside_down = large[:22] + (-sides[1]).to_bytes(4, "little", signed=True)
     for content in (small, large, upside_down):
         assert claimed_pixels(content + b"\x7f" * 30) == sides[0] * sides[1]
+
+
+NOT_AS_READ = {
+    "a JPEG whose marker has no length": b"\xff\xd8\xff\x01\xff\xe0\0\4ab\xff\xc0\0\x11\x08\xff\xff\xff\xfe",
+    "a JPEG with one of a restart": b"\xff\xd8\xff\xd3\xff\xe0\0\4ab\xff\xc0\0\x11\x08\xff\xff\xff\xfe",
+    "a bitmap with a long header": b"BM" + bytes(12) + b"\x0c\1\0\0" + b"\1\0\1\0" + b"\xff\xff\0\0",
+    "a remark that ends as on old computers": b"P5 #\r65535 65534 255 #\n1 1 255\n",
+    "a remark right behind a number": b"P5 65535#65534\n1 255\n",
+}
+
+
+@pytest.mark.parametrize("header", NOT_AS_READ.values(), ids=NOT_AS_READ)
+def test_a_header_that_opencv_reads_otherwise_than_it_looks_claims_what_opencv_reads(header: bytes) -> None:
+    assert (claimed_pixels(header) or 0) in (0, 65_535 * 65_534, 65_537 * 65_535)
+
+
+def test_a_jpeg_that_hides_its_size_is_read_by_neither(tmp_path: Path) -> None:
+    """Behind a marker without a length stood a segment whose own length, taken for it, led past the size to another."""
+    whole = cv2.imencode(".jpg", np.zeros((32, 32), np.uint8))[1].tobytes()
+    long = b"\xff\xe0" + (65_000).to_bytes(2, "big") + bytes(64_998)
+    other = bytearray(b"\xff\xe1" + (2000).to_bytes(2, "big") + bytes(1998))
+    fake = b"\xff\xc0\0\x0b\x08\0\1\0\1\1\1\x11\0"
+    at = 4 + 0xFFE0 - len(b"\xff\xd8\xff\x01" + long)
+    other[at : at + len(fake)] = fake
+    hidden = b"\xff\xd8\xff\x01" + long + bytes(other) + whole[2:]
+    assert claimed_pixels(hidden) == claimed_pixels(whole) == 32 * 32
+    assert claimed_pixels(hidden.replace(b"\xff\xd8\xff\x01", b"\xff\xd8\xff\0")) is None
+
+
+def test_whatever_opencv_unfolds_had_claimed_as_much() -> None:
+    image = np.random.default_rng(1).integers(0, 255, (24, 32), np.uint8)
+    whole = [cv2.imencode(kind, image)[1].tobytes() for kind in (".jpg", ".bmp", ".pgm")]
+    bits = (b"\xff\x01", b"\xff\0", b"\xff\xd0", b"\xff\xe0\0\4ab", b"#", b"\r", b"\n", b" ", b"9", b"#9\r", b"\0")
+    chance, unfolded = random.Random(18), 0
+    for _ in range(3000):
+        content = bytearray(chance.choice(whole))
+        for _ in range(chance.randint(1, 4)):
+            at = chance.randrange(40)
+            content[at : at + chance.choice((0, 0, 1))] = chance.choice((*bits, bytes([chance.randrange(256)])))
+        claimed = claimed_pixels(bytes(content))
+        if claimed is not None and claimed < 1_000_000:
+            found = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_GRAYSCALE)
+            unfolded += found is not None
+            assert found is None or found.size <= claimed, bytes(content[:60])
+    assert unfolded > 100
+
+
+@pytest.mark.timeout(20)
+def test_a_jpeg_of_a_thousand_scans_is_not_begun(tmp_path: Path) -> None:
+    """72 kB of them took 3 s, a megabyte would take most of a minute."""
+    whole = cv2.imencode(".jpg", np.zeros((400, 400), np.uint8), [cv2.IMWRITE_JPEG_PROGRESSIVE, 1])[1].tobytes()
+    last = whole[whole.rindex(b"\xff\xda") : -2]
+    (tmp_path / "p.jpg").write_bytes(whole[:-2] + last * 1000 + whole[-2:])
+    with pytest.raises(PictureError, match=r"p\.jpg: 10\d\d scans, at most 100 are read"):
+        read_grey(tmp_path / "p.jpg")
+    (tmp_path / "p.jpg").write_bytes(whole)
+    assert read_grey(tmp_path / "p.jpg").shape == (400, 400)

@@ -206,3 +206,15 @@ def test_a_lock_and_what_must_be_known_are_their_owners_to_write_and_their_group
         os.umask(before)
     made = [tmp_path / name for name in ("held/lock", "standing", "lines")]
     assert {stat.S_IMODE(path.stat().st_mode) for path in made} == {0o640}
+
+
+def test_why_a_file_is_not_replaced_is_said_whatever_became_of_the_new_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def failing(new: str, _: Path) -> None:
+        os.unlink(new)
+        raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    monkeypatch.setattr("os.replace", failing)
+    with pytest.raises(OSError, match="Input/output error"):
+        write_atomically(tmp_path / "x", b"new")

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import fcntl
+import os
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -139,6 +141,45 @@ def test_who_accepts_while_another_trains_is_not_undone_and_no_two_models_share_
         versions = [work.result() for work in trained]
     assert sorted(versions) == list(range(1, 41))
     assert [*model_store.history, model_store.current] == sorted(accepted), "every accept is there"
+
+
+def test_who_was_halted_in_the_middle_is_not_waited_for_for_ever(
+    model_store: ModelStore, model: Model, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Another process that changes models, and stands still (control-Z): `train` and `accept` never came back."""
+    monkeypatch.setattr("daemon.store.model_store.ALONE_S", 0.3)
+    model_store.put_candidate(model)
+    halted = os.open(model_store.folder / "models" / "lock", os.O_RDONLY)
+    fcntl.flock(halted, fcntl.LOCK_EX)
+    with pytest.raises(ModelStoreError, match=r"models: another process has been at work there; try again"):
+        model_store.accept()
+    os.close(halted)
+    assert model_store.accept()[0] == 1
+
+
+def test_a_number_that_nobody_counted_to_keeps_nobody_from_the_next(model_store: ModelStore, model: Model) -> None:
+    """A file of 250 digits, and there was no name for the next version, view or calibration."""
+    models, views = model_store.folder / "models", model_store.folder / "views" / "cube"
+    for folder in (models, views):
+        folder.mkdir(parents=True)
+    for odd in ("9" * 250, "999999999", "\u0663"):
+        (models / f"{odd}.npz").touch()
+        (views / odd).mkdir()
+    assert [model_store.put_candidate(model) for _ in range(2)] == [1, 2]
+    assert [model_store.add_view("cube", picture(1), picture(2), {}).name for _ in range(2)] == ["cube/1", "cube/2"]
+    assert (model_store.versions(), [view.number for view in model_store.views()]) == ([1, 2], [1, 2])
+
+
+def test_why_a_view_is_not_stored_is_said_whatever_became_of_what_was_begun(
+    model_store: ModelStore, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(path: Path, _: bytes) -> None:
+        path.parent.rmdir()
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr("daemon.store.model_store.write_atomically", full)
+    with pytest.raises(ModelStoreError, match="cube: the view is not stored: No space left on device"):
+        model_store.add_view("cube", picture(1), picture(2), {})
 
 
 def test_what_is_accepted_is_what_was_read(model_store: ModelStore, model: Model) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import json
 import os
 from pathlib import Path
 
@@ -78,3 +79,29 @@ def test_years_of_names_do_not_make_the_file_too_large_to_be_read(
         "first": -1.0, "p0": 297.0, "p1": 298.0, "p2": 299.0,
     }  # fmt: skip
     assert len(places.history("p0")) > 5, "the last of its history is there"
+
+
+@pytest.mark.timeout(20)
+def test_a_fifo_where_places_are_kept_holds_nobody_up(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "places.jsonl")
+    with pytest.raises(NamedPlacesError, match=r"places\.jsonl: not kept: "):
+        NamedPlaces(tmp_path).keep("a", at(1.0), "anna")
+    reader = os.open(tmp_path / "places.jsonl", os.O_RDONLY | os.O_NONBLOCK)
+    with pytest.raises(NamedPlacesError, match=r"not kept: not a regular file"):
+        NamedPlaces(tmp_path).keep("a", at(1.0), "anna")
+    os.close(reader)
+
+
+@pytest.mark.parametrize(
+    ("row", "place"),
+    [(0, (1, 0, 0, 5.5)), (0, (1.001, 0, 0, 5)), (1, (0, -1, 0, 0)), (3, (0, 0, 0, 2)), (2, (0, 0, 1e300, 0))],
+)
+def test_what_is_damaged_is_no_place_to_go_to(row: int, place: tuple[float, ...], tmp_path: Path) -> None:
+    """Only the first still is one: nothing but where it lies has changed."""
+    NamedPlaces(tmp_path).keep("a", at(5.0), "anna")
+    line = json.loads((tmp_path / "places.jsonl").read_bytes())
+    line["world_from_tool"][row] = place
+    (tmp_path / "places.jsonl").write_text(json.dumps(line) + "\n")
+    assert {name: pose[0, 3] for name, pose in NamedPlaces(tmp_path).now().items()} == (
+        {"a": 5.5} if place[3] == 5.5 else {}
+    )

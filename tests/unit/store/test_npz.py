@@ -80,3 +80,12 @@ def test_the_same_arrays_are_the_same_bytes_whenever_they_are_packed() -> None:
 def test_what_would_need_a_pickle_is_not_packed() -> None:
     with pytest.raises(ValueError, match="allow_pickle"):
         pack({"a": np.array([{}], object)})
+
+
+def test_an_archive_may_unfold_to_just_as_much_as_is_allowed() -> None:
+    content = pack({"a": np.zeros(10), "b": np.ones(3)})
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        most = sum(member.file_size for member in archive.infolist())
+    assert sorted(unpack(content, most)) == ["a", "b"]
+    with pytest.raises(ArchiveError, match="unfolds to more than"):
+        unpack(content, most - 1)

@@ -397,3 +397,16 @@ def test_a_log_that_ends_lets_go_of_what_a_restart_must_know(tmp_path: Path) -> 
     log = RunLog(tmp_path / "run", standing=standing)
     log.close()
     assert standing._handle < 0
+
+
+def test_what_a_disk_that_does_not_keep_up_loses_is_counted_line_by_line(
+    log: RunLog, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as patched:
+        patched.setattr("daemon.store.runlog.LINES_WAITING", -1)
+        for _ in range(3):
+            log.record("decision")
+    log.record("decision")
+    assert log.settle()
+    (gap,) = [record for record in read_run(log.folder).records if record["kind"] == "gap"]
+    assert (gap["lost"], gap["why"]) == (3, "the disk did not keep up")

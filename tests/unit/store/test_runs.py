@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import errno
+import gc
 import hashlib
 import os
+import subprocess
+import warnings
 from collections.abc import Iterator
 from datetime import UTC, datetime
 from pathlib import Path
@@ -13,8 +17,10 @@ import pytest
 
 from daemon.store.runlog import RunLog
 from daemon.store.runs import (
+    _KNOWN,
     RunError,
     _age_key,
+    _bytes_in,
     check_wire,
     enforce_quota,
     find_run,
@@ -98,7 +104,44 @@ def test_where_the_clock_was_set_back_a_run_is_still_the_latest(tmp_path: Path) 
 def test_what_is_no_run_names_none(tmp_path: Path) -> None:
     for name in ("zzz", "99991231T235959Z.part", "20300101T000000Z-", "20300101T000000Z-1234567890"):
         (tmp_path / name).mkdir()
+    (tmp_path / "\u0662\u0660\u0662\u0667\u0661\u0662\u0663\u0661T235959Z").mkdir()  # digits, but not ours
     assert new_folder(tmp_path, NOW).name == "20261121T100000Z"
+
+
+def test_a_name_behind_which_none_can_come_keeps_nobody_from_starting(tmp_path: Path) -> None:
+    """A folder of that name made every start but the first fail: the same name came out again each time."""
+    (tmp_path / "99991231T235959Z-999999999").mkdir()
+    made = [new_folder(tmp_path, NOW)]
+    for _ in range(2):
+        RunLog(made[-1]).close()
+        made.append(new_folder(tmp_path, NOW))
+    assert [f.name for f in made] == ["20261121T100000Z", "20261121T100000Z-1", "20261121T100000Z-2"]
+
+
+def test_a_folder_that_cannot_be_looked_into_keeps_nobody_from_the_other_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A damaged disk says so of one folder, a right that is missing, too; the daemon could not start."""
+    runs = [run_with(tmp_path / f"2026010{k}T000000Z", size=0) for k in (1, 2)]
+    usual = os.stat
+
+    def failing(path: object, *more: object, **named: object) -> os.stat_result:
+        if str(path).startswith(str(runs[0])):
+            raise OSError(errno.EIO, "Input/output error", str(path))
+        return usual(path, *more, **named)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(os, "stat", failing)
+    assert list_runs(tmp_path) == [runs[1]]
+    assert find_run(tmp_path, "latest") == runs[1]
+    with pytest.raises(RunError, match="no such run"):
+        find_run(tmp_path, "x" * 300)
+
+
+def test_a_copy_that_somebody_named_is_not_the_latest_as_long_as_there_are_others(tmp_path: Path) -> None:
+    copy = run_with(tmp_path / "good one", size=0)
+    assert find_run(tmp_path, "latest") == copy
+    own = [run_with(tmp_path / name, size=0) for name in ("20260101T000000Z", "20260101T000000Z-1")]
+    assert find_run(tmp_path, "latest") == own[1]
 
 
 def test_runs_are_no_more_than_can_be_looked_through_in_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -116,13 +159,78 @@ def test_pictures_are_looked_through_once_and_again_where_one_was_put_in(tmp_pat
     old = run_with(tmp_path / "20260101T000000Z", {"kind": "cycle_end", "outcome": "picked"}, size=100_000)
     new = run_with(tmp_path / "20260102T000000Z", size=0)
     os.utime(new / "images", ns=(0, 0))  # long ago, as clocks of file systems tick
-    with patch("daemon.store.runs.run_bytes", side_effect=run_bytes) as looked:
+    with patch("daemon.store.runs._bytes_in", side_effect=_bytes_in) as looked:
         for _ in range(3):
             assert enforce_quota(tmp_path, 500_000, new) == []
         below = [Path(call.args[0]) for call in looked.call_args_list if Path(call.args[0]).parent != tmp_path]
         assert sorted(below) == sorted(run / name for run in (old, new) for name in ("images", "kept"))
         (new / "images" / "000007-left.png").write_bytes(bytes(600_000))
         assert enforce_quota(tmp_path, 500_000, new) == [old]
+
+
+def test_of_folders_looked_through_before_nothing_is_known_once_they_are_gone(tmp_path: Path) -> None:
+    """What the quota remembers grows neither with the pictures of a run nor with the runs there ever were."""
+    run = run_with(tmp_path / "20260101T000000Z", size=0)
+    _KNOWN.clear()
+    for k in range(20):
+        os.utime(run / "images", ns=(k, k))
+        assert enforce_quota(tmp_path, 10**9, None) == []
+    assert sorted(_KNOWN) == [f"{run}/images", f"{run}/kept"]
+    other = run_with(tmp_path / "20260101T000000Z-1", size=0)
+    assert enforce_quota(tmp_path, 0, other) == [run]
+    assert sorted(_KNOWN) == [f"{other}/images", f"{other}/kept"]
+    with patch("daemon.store.runs.MOST_RUNS", 1):
+        run_with(tmp_path / "20260101T000000Z-2", size=0)
+        run_bytes(tmp_path / "20260101T000000Z-2")
+    assert len(_KNOWN) <= 2, "whoever else removes runs tells nobody"
+
+
+@pytest.fixture
+def deep(tmp_path: Path) -> Iterator[Path]:
+    """A run with a picture in it, deeper than any stack."""
+    run = run_with(tmp_path / "20260101T000000Z", {"kind": "rest"}, size=100_000)
+    here = os.open(run, os.O_RDONLY)
+    for _ in range(1500):
+        os.mkdir("d", dir_fd=here)
+        below = os.open("d", os.O_RDONLY, dir_fd=here)
+        os.close(here)
+        here = below
+    with os.fdopen(os.open("picture", os.O_CREAT | os.O_WRONLY, dir_fd=here), "wb") as file:
+        file.write(bytes(1_000_000))
+    os.close(here)
+    yield run
+    subprocess.run(["rm", "-rf", run], check=True)  # pytest's own way of removing folders has a stack, too
+
+
+def test_what_lies_deep_in_a_run_is_counted_and_ends_no_quota(deep: Path, tmp_path: Path) -> None:
+    """Nor the daemon at its start, where the quota comes first."""
+    other, stuck = run_with(tmp_path / "20260102T000000Z", {"kind": "rest"}), list[tuple[Path, str]]()
+    assert run_bytes(deep) > 1_000_000
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ResourceWarning)  # shutil's own, at the end of its stack
+        removed = enforce_quota(tmp_path, 0, None, stuck=lambda *told: stuck.append(told))
+        gc.collect()
+    assert sorted([*removed, *(run for run, _ in stuck)]) == [deep, other]
+
+
+def test_a_run_that_cannot_be_removed_does_not_cost_the_others(tmp_path: Path) -> None:
+    heavy = run_with(tmp_path / "20260101T000000Z", {"kind": "rest"}, size=2_000_000)
+    others = [run_with(tmp_path / f"2026010{k}T000000Z", {"kind": "rest"}, size=1000) for k in (2, 3)]
+    stuck = list[tuple[Path, str]]()
+    with patch("shutil.rmtree", side_effect=PermissionError(1, "Operation not permitted")):
+        assert enforce_quota(tmp_path, 1_000_000, None, stuck=lambda *told: stuck.append(told)) == []
+    assert stuck == [(heavy, "Operation not permitted")]
+    assert list_runs(tmp_path) == [heavy, *others]
+
+
+def test_a_link_to_a_run_elsewhere_is_neither_counted_nor_removed(tmp_path: Path) -> None:
+    """Somebody looks at an old run there; all the others went for it."""
+    elsewhere = run_with(tmp_path / "archive" / "20250101T000000Z", {"kind": "rest"}, size=5_000_000)
+    own = run_with(tmp_path / "runs" / "20260101T000000Z", size=1000)
+    (tmp_path / "runs" / elsewhere.name).symlink_to(elsewhere)
+    assert enforce_quota(tmp_path / "runs", 1_000_000, None) == []
+    assert enforce_quota(tmp_path / "runs", 0, None) == [own]
+    assert read_run(tmp_path / "runs" / elsewhere.name).records
 
 
 def test_a_run_that_goes_on_is_as_large_as_its_lines_are_now(tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import zlib
 from pathlib import Path
 from typing import Any
 
@@ -96,6 +97,39 @@ def test_a_full_disk_still_takes_what_the_hand_did(path: Path, tmp_path: Path, m
     log.close()
 
 
+def test_that_it_cannot_be_kept_is_told_until_it_can(
+    path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """However many lines the log takes meanwhile: the next of them said that all was well again."""
+    told: list[str | None] = []
+    log = RunLog(tmp_path / "run", standing=StandingFile(path), on_trouble=told.append)
+
+    def failing(*_: object) -> int:
+        raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    with monkeypatch.context() as patched:
+        patched.setattr("os.pwrite", failing)
+        log.record("hand", closed=True)
+        log.record("decision")
+        log.settle()
+        assert told == [f"{path}: Input/output error"]
+    log.record("decision")
+    log.settle()
+    assert len(told) == 1
+    log.record("hand", closed=False)
+    log.settle()
+    assert told[1:] == [None]
+    log.close()
+
+
+def test_the_file_of_an_older_release_is_read_where_it_wrote(path: Path) -> None:
+    """4096 bytes a slot, since there is such a file: an upgrade in the middle of a pick forgets nothing."""
+    slots = [b'{"counter":%d,"standing":{"run":"%s","hand_closed":true}}' % one for one in ((2, b"b"), (1, b"a"))]
+    path.write_bytes(b"".join((b"%08x %s" % (zlib.crc32(slot), slot)).ljust(4095) + b"\n" for slot in slots))
+    left = left_behind(path, ran_before=True)
+    assert left == Standing("b", hand_closed=True)
+
+
 def test_it_is_in_the_file_before_the_next_move_may_leave(path: Path, tmp_path: Path) -> None:
     log = RunLog(tmp_path / "run", standing=StandingFile(path))
     log.record("cycle_start", cycle=7, target="cube")
@@ -152,7 +186,33 @@ def test_the_room_for_both_slots_is_there_from_the_first_moment(path: Path) -> N
     StandingFile(path).close()
     assert path.stat().st_size == 2 * SLOT
     assert path.stat().st_blocks * 512 >= 2 * SLOT
+    assert left_behind(path, ran_before=False) is None
+
+
+@pytest.mark.parametrize("content", [b"", bytes(2 * SLOT)], ids=["cut to nothing", "zeros"])
+def test_a_file_that_says_nothing_is_not_believed_where_there_were_runs(path: Path, content: bytes) -> None:
+    """What file systems make of one after a crash, and somebody who empties it: a part in the gripper was forgotten."""
+    stood(path, Standing("a", hand_closed=True))
+    path.write_bytes(content)
+    assert left_behind(path, ran_before=False) is None
+    left = left_behind(path, ran_before=True)
+    assert left is not None
+    assert (left.hand_closed, left.in_doubt) == (True, True)
+    assert left.damage == f"{path}: says nothing, though there were runs before"
+
+
+def test_what_was_begun_and_killed_before_anything_happened_is_not_asked_about(path: Path) -> None:
+    file = StandingFile(path)
+    file.begin("a")
+    file.close()
     assert left_behind(path, ran_before=True) is None
+    stood(path, Standing("a", fault="x"))
+    again = StandingFile(path)
+    again.begin("b")
+    again.close()
+    left = left_behind(path, ran_before=True)
+    assert left is not None
+    assert left.fault == "x", "what stands there is not written over"
 
 
 PICKING = Standing("a", cycle=4, state="retreat", label="cube", auto=Auto(3, 2.5), fault="x", in_doubt=True)

@@ -144,3 +144,21 @@ def test_the_running_daemon_adds_its_devices_and_its_troubles() -> None:
     ]
     hardware.robot.heard_s = None
     assert [finding.what for finding in from_service(hardware, {})] == ["cameras"]
+
+
+def test_a_systemd_that_does_not_answer_spoils_its_own_check_only(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Doctor, and the bundle that it is a part of, ended in a traceback."""
+
+    def hanging(command: list[str], timeout: float, **_: object) -> None:
+        raise subprocess.TimeoutExpired(command, timeout)
+
+    usual = Path.is_dir
+    monkeypatch.setattr(Path, "is_dir", lambda path: str(path) == "/run/systemd/system" or usual(path))
+    monkeypatch.setattr(shutil, "which", lambda name: f"/bin/{name}")
+    monkeypatch.setattr(subprocess, "run", hanging)
+    findings = examine(configured(tmp_path, "cell: simulated\n"), running=False)
+    (found,) = of(findings, "unit")
+    assert (found.level, "timed out after 5 seconds" in found.found) == ("bad", True)
+    assert of(findings, "clock")

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import socket
 import sys
 import threading
+import time
 import urllib.request
 from types import SimpleNamespace
 from typing import Any
@@ -100,4 +102,28 @@ def test_a_crowd_that_connects_and_says_nothing_takes_no_more_threads_than_there
     finally:
         for one in idle:
             one.close()
+        server.close()
+
+
+def test_who_says_a_byte_now_and_then_keeps_nobody_from_a_scrape_for_ever(
+    port: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("daemon.upkeep.metrics.LONGEST_S", 1.0)
+    server = MetricsServer(watched(), port)
+    server.open()
+    try:
+        slow = [socket.create_connection(("127.0.0.1", port), 5) for _ in range(MOST_SCRAPES)]
+        ends_s = time.monotonic() + 60.0
+        answered = False
+        while not answered and time.monotonic() < ends_s:
+            for one in slow:
+                with contextlib.suppress(OSError):
+                    one.send(b"G")
+            time.sleep(0.2)
+            with contextlib.suppress(OSError), urllib.request.urlopen(f"http://127.0.0.1:{port}", timeout=5) as answer:
+                answered = answer.status == 200
+        assert answered
+        for one in slow:
+            one.close()
+    finally:
         server.close()

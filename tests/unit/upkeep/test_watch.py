@@ -319,6 +319,27 @@ def test_a_quota_that_cannot_be_kept_is_a_trouble_until_it_can(tmp_path: Path) -
     assert told == ["disk: the quota is not kept: runs: Input/output error", None]
 
 
+def test_a_run_that_the_quota_cannot_remove_is_told_until_it_is_gone(tmp_path: Path) -> None:
+    told: list[str | None] = []
+
+    def cannot(runs: Path, *_: object) -> list[Path]:
+        stuck = _[-1]
+        assert callable(stuck)
+        stuck(runs / "20260101T000000Z", "Operation not permitted")
+        return []
+
+    async def play(watched: WatchedCell, _: Watch) -> None:
+        for quota in (cannot, lambda *_: []):
+            with patch("daemon.upkeep.watch.enforce_quota", quota):
+                await asyncio.sleep(QUOTA_S + 1.0)
+            told.append(watched.context.troubles.standing.get("runs"))
+
+    watching(tmp_path, play)
+    assert told[0] is not None
+    assert "20260101T000000Z cannot be removed: Operation not permitted; it counts no more: move it away" in told[0]
+    assert told[1] is None
+
+
 @pytest.mark.parametrize("enabled", [True, False])
 def test_a_computer_that_slept_does_not_go_on_where_it_was(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, enabled: bool
