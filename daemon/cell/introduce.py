@@ -252,17 +252,15 @@ def arm_of(known: Acquaintance, typed_mm: tuple[float, float, float, float] | No
     printed = np.array([where.joints_deg for where in known.readings])
     mm, degrees = known.findings["digits"].value
     digits = (10.0**-mm, 10.0**-degrees)
-    found = find_arm(places, printed, digits)
-    sigma = found.sigma["a2"], found.sigma["a3"], found.sigma["d3"], found.sigma["d4"]
-    alike = likeness(found.lengths_mm, sigma, arms)
+    found, alike, sigma = _found(places, printed, digits, arms)
+    if alike is not None and alike.unit_mm != 1.0:
+        known.found("unit_mm", alike.unit_mm, f"WHERE's lengths are a {alike.arm.name}'s in this unit", "likely")
+        places[:, :3, 3] *= alike.unit_mm
+        digits = (alike.unit_mm * digits[0], digits[1])
+        found, alike, sigma = _found(places, printed, digits, arms)
     if alike is None and typed_mm is not None:
         raise NoArmError(
             f"WHERE shows {_lengths(found)}: not the lengths typed, {', '.join(f'{one:g}' for one in typed_mm)} mm"
-        )
-    if alike is not None and alike.unit_mm != 1.0:
-        raise NoArmError(
-            f"WHERE counts in units of {alike.unit_mm:g} mm: its lengths are a {alike.arm.name}'s so, and facetd moves "
-            "in millimetres. Can the controller be set to millimetres?"
         )
     if max(sigma) < LOOSE_MM or alike is None:
         return Arm(found, alike, (), FITTED)
@@ -282,6 +280,15 @@ def arm_of(known: Acquaintance, typed_mm: tuple[float, float, float, float] | No
         + ", which fit",
         "published" if typed_mm is None else "typed",
     )
+
+
+def _found(
+    places: Array, printed: Array, digits: tuple[float, float], arms: Sequence[PublishedArm]
+) -> tuple[ArmFound, Likeness | None, tuple[float, float, float, float]]:
+    """The arm, which of arms it is like, and how well its lengths are known."""
+    found = find_arm(places, printed, digits)
+    sigma = found.sigma["a2"], found.sigma["a3"], found.sigma["d3"], found.sigma["d4"]
+    return found, likeness(found.lengths_mm, sigma, arms), sigma
 
 
 def _lengths(found: ArmFound) -> str:
