@@ -39,7 +39,10 @@ from drivers.val2.location import matrix_from_location
 from drivers.val2.port import OpenPort, Port, SerialPort
 
 Write = Callable[[dict[str, Any]], None]
-STOP_TWICE_S, MISFIT_MORE = 0.3, 60.0
+STOP_TWICE_S = 0.3
+MISFIT_MORE = 2.4
+"""A reading: steps are whole degrees, so that what the last digits of the joints leave out is the same in all readings,
+and adds up in each; zeros that are free swallow it."""
 APART_S = 0.03
 """Bytes nearer together than this are one line of the transcript, at the time of the last."""
 
@@ -266,9 +269,10 @@ def arm_of(known: Acquaintance, typed_mm: tuple[float, float, float, float] | No
         return Arm(found, alike, (), FITTED)
     settled = sorted(_like_published(found, arms, places, printed, digits, sigma), key=lambda each: each[0])
     best = settled[0]
-    if best[0] > found.misfit + MISFIT_MORE and typed_mm is not None:
+    fits = best[0] <= found.misfit + MISFIT_MORE * len(printed)
+    if not fits and typed_mm is not None:
         raise NoArmError(f"the lengths typed do not fit WHERE's places, which show {_lengths(found)}")
-    if best[0] > found.misfit + MISFIT_MORE:
+    if not fits:
         return Arm(found, None, (), f"{FITTED}; no published lengths fit them")
     others = tuple({each[1].name for each in settled[1:] if each[0] < best[0] + 9.0} - {best[1].name})
     return Arm(
