@@ -39,7 +39,10 @@ from drivers.val2.location import matrix_from_location
 from drivers.val2.port import OpenPort, Port, SerialPort
 
 Write = Callable[[dict[str, Any]], None]
-STOP_TWICE_S, MISFIT_MORE = 0.3, 60.0
+STOP_TWICE_S = 0.3
+MISFIT_MORE = 2.4
+"""A reading: steps are whole degrees, so that what the last digits of the joints leave out is the same in all readings,
+and adds up in each; zeros that are free swallow it."""
 APART_S = 0.03
 """Bytes nearer together than this are one line of the transcript, at the time of the last."""
 
@@ -252,25 +255,24 @@ def arm_of(known: Acquaintance, typed_mm: tuple[float, float, float, float] | No
     printed = np.array([where.joints_deg for where in known.readings])
     mm, degrees = known.findings["digits"].value
     digits = (10.0**-mm, 10.0**-degrees)
-    found = find_arm(places, printed, digits)
-    sigma = found.sigma["a2"], found.sigma["a3"], found.sigma["d3"], found.sigma["d4"]
-    alike = likeness(found.lengths_mm, sigma, arms)
+    found, alike, sigma = _found(places, printed, digits, arms)
+    if alike is not None and alike.unit_mm != 1.0:
+        known.found("unit_mm", alike.unit_mm, f"WHERE's lengths are a {alike.arm.name}'s in this unit", "likely")
+        places[:, :3, 3] *= alike.unit_mm
+        digits = (alike.unit_mm * digits[0], digits[1])
+        found, alike, sigma = _found(places, printed, digits, arms)
     if alike is None and typed_mm is not None:
         raise NoArmError(
             f"WHERE shows {_lengths(found)}: not the lengths typed, {', '.join(f'{one:g}' for one in typed_mm)} mm"
-        )
-    if alike is not None and alike.unit_mm != 1.0:
-        raise NoArmError(
-            f"WHERE counts in units of {alike.unit_mm:g} mm: its lengths are a {alike.arm.name}'s so, and facetd moves "
-            "in millimetres. Can the controller be set to millimetres?"
         )
     if max(sigma) < LOOSE_MM or alike is None:
         return Arm(found, alike, (), FITTED)
     settled = sorted(_like_published(found, arms, places, printed, digits, sigma), key=lambda each: each[0])
     best = settled[0]
-    if best[0] > found.misfit + MISFIT_MORE and typed_mm is not None:
+    fits = best[0] <= found.misfit + MISFIT_MORE * len(printed)
+    if not fits and typed_mm is not None:
         raise NoArmError(f"the lengths typed do not fit WHERE's places, which show {_lengths(found)}")
-    if best[0] > found.misfit + MISFIT_MORE:
+    if not fits:
         return Arm(found, None, (), f"{FITTED}; no published lengths fit them")
     others = tuple({each[1].name for each in settled[1:] if each[0] < best[0] + 9.0} - {best[1].name})
     return Arm(
@@ -282,6 +284,15 @@ def arm_of(known: Acquaintance, typed_mm: tuple[float, float, float, float] | No
         + ", which fit",
         "published" if typed_mm is None else "typed",
     )
+
+
+def _found(
+    places: Array, printed: Array, digits: tuple[float, float], arms: Sequence[PublishedArm]
+) -> tuple[ArmFound, Likeness | None, tuple[float, float, float, float]]:
+    """The arm, which of arms it is like, and how well its lengths are known."""
+    found = find_arm(places, printed, digits)
+    sigma = found.sigma["a2"], found.sigma["a3"], found.sigma["d3"], found.sigma["d4"]
+    return found, likeness(found.lengths_mm, sigma, arms), sigma
 
 
 def _lengths(found: ArmFound) -> str:

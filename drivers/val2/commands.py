@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import isfinite
+from math import ceil, isfinite, log10
 
 from drivers.val2.location import Location
 
@@ -23,26 +23,30 @@ SHORTEST = 3
 """Letters that a beginning of a harmless word has at least: with fewer it may be another word's on some system."""
 
 
-def trans(location: Location) -> str:
-    """TRANS(...) with the digits VAL II prints: mm to 2 decimals, degrees to 3. Raises ValueError on inf and nan."""
+def trans(location: Location, unit_mm: float = 1.0) -> str:
+    """TRANS(...) with the digits VAL II prints: mm to 2 decimals, a larger unit as finely, degrees to 3.
+
+    Raises ValueError on inf and nan.
+    """
     values = location.values()
     if not all(isfinite(value) for value in values):
         raise ValueError(f"not a location: {values}")
-    lengths = [f"{value:.2f}" for value in values[:3]]
+    decimals = 2 + max(0, ceil(log10(unit_mm)))
+    lengths = [f"{value / unit_mm:.{decimals}f}" for value in values[:3]]
     angles = [f"{value:.3f}" for value in values[3:]]
     return f"TRANS({','.join(lengths + angles)})"
 
 
-def move(location: Location) -> str:
+def move(location: Location, unit_mm: float = 1.0) -> str:
     """Joint-interpolated move."""
-    return f"DO MOVE {trans(location)}"
+    return f"DO MOVE {trans(location, unit_mm)}"
 
 
-def straight_move(location: Location, variable: str | None) -> tuple[str, ...]:
+def straight_move(location: Location, variable: str | None, unit_mm: float = 1.0) -> tuple[str, ...]:
     """Straight-line move, in one line or (variable given) by way of a variable."""
     if variable is None:
-        return (f"DO MOVES {trans(location)}",)
-    return (f"DO SET {variable}={trans(location)}", f"DO MOVES {variable}")
+        return (f"DO MOVES {trans(location, unit_mm)}",)
+    return (f"DO SET {variable}={trans(location, unit_mm)}", f"DO MOVES {variable}")
 
 
 def speed(percent: float) -> str:
@@ -78,6 +82,6 @@ def begins_a_program(command: str) -> bool:
     return moves_the_arm(command) and command.upper().split()[0] != "DO"
 
 
-def tool(flange_from_tool: Location) -> str:
+def tool(flange_from_tool: Location, unit_mm: float = 1.0) -> str:
     """Where the tool point lies, seen from the flange."""
-    return f"TOOL {trans(flange_from_tool)}"
+    return f"TOOL {trans(flange_from_tool, unit_mm)}"

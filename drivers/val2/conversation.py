@@ -7,10 +7,11 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from drivers.val2.dialect import Dialect
 from drivers.val2.errors import Busy, Garbled, LinkError, NoAnswer
+from drivers.val2.location import Location
 from drivers.val2.wire import Echo, Error, Event, Garble, Prompt, Question, Reader, State, Table, Text, Where
 
 POISON = b"!!"
@@ -21,7 +22,7 @@ POISON = b"!!"
 class Answer:
     """What the controller said to one command, up to its prompt, or to a question (then kept) nobody had a reply for.
 
-    where: the table, if it printed one.
+    where: the table, if it printed one, in mm and the angles of our kinematics.
     """
 
     command: str
@@ -79,7 +80,7 @@ class Conversation:
             event = await self.next_event(timeout_s, f"no answer to {command!r} within {timeout_s:g} s")
             gathered.append(event)
             if isinstance(event, Prompt) or (isinstance(event, Question) and not left):
-                return _answer(command, gathered, self.clock() - began_s)
+                return _answer(command, gathered, self.clock() - began_s, self.dialect)
             if isinstance(event, Question):
                 await self._type_line(left.pop(0))
 
@@ -200,7 +201,7 @@ class Conversation:
             raise self._over
 
 
-def _answer(command: str, events: Sequence[Event], seconds: float) -> Answer:
+def _answer(command: str, events: Sequence[Event], seconds: float, dialect: Dialect) -> Answer:
     """Sort what came into an Answer. Raises Garbled where noise came in between."""
     if any(isinstance(event, Garble) for event in events):
         raise Garbled(f"the answer to {command!r} did not come through whole")
@@ -210,7 +211,13 @@ def _answer(command: str, events: Sequence[Event], seconds: float) -> Answer:
         command=command,
         lines=tuple(event.text for event in events if isinstance(event, Text | Error | Question)),
         errors=tuple(event.text for event in events if isinstance(event, Error)),
-        where=tables[-1] if tables else None,
+        where=_in_our_units(tables[-1], dialect) if tables else None,
         question=last.text if isinstance(last, Question) else None,
         seconds=seconds,
     )
+
+
+def _in_our_units(where: Where, dialect: Dialect) -> Where:
+    x, y, z, *angles = where.location.values()
+    lengths = (value * dialect.unit_mm for value in (x, y, z))
+    return replace(where, location=Location(*lengths, *angles), joints_deg=dialect.our_angles_deg(where.joints_deg))

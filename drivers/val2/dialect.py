@@ -11,6 +11,7 @@ from msgspec import Meta
 Seconds = Annotated[float, Meta(gt=0, le=3600)]
 Pause = Annotated[float, Meta(ge=0, le=10)]
 Near = Annotated[float, Meta(gt=0, le=10)]
+Unit = Annotated[float, Meta(ge=0.001, le=1000)]
 Sign = Annotated[float, Meta(ge=-1, le=1)]
 Angle = Annotated[float, Meta(ge=-360, le=360)]
 Word = Annotated[str, Meta(min_length=1, max_length=40, pattern="^[ -~]+$")]
@@ -29,6 +30,8 @@ class Dialect:
     line_end: Annotated[bytes, Meta(min_length=1, max_length=4)] = b"\r"
     cancel_line: Annotated[bytes, Meta(max_length=4)] = b"\x15"
     """Makes the controller forget the half-typed line (control-U on terminals of the time)."""
+    unit_mm: Unit = 1.0
+    """In what this system counts lengths: 25.4 where it counts inches."""
     joint_signs: tuple[Sign, Sign, Sign, Sign, Sign, Sign] = (1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
     joint_zeros_deg: tuple[Angle, Angle, Angle, Angle, Angle, Angle] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     """How this system counts its joints: the angle of our kinematics is sign times the printed one, plus zero."""

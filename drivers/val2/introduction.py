@@ -26,7 +26,7 @@ from typing import Any, Literal
 
 from drivers.val2.conversation import POISON
 from drivers.val2.location import apart
-from drivers.val2.wire import Error, Prompt, Question, Reader, Table, Text, Where
+from drivers.val2.wire import NUMBER, Error, Prompt, Question, Reader, Table, Text, Where
 
 Sure = Literal["certain", "likely", "assumed"]
 STOP_WORDS = ("ABORT", "PANIC")
@@ -250,7 +250,16 @@ def _line(known: Acquaintance) -> Steps:
         )
     text = answer.raw.decode("latin-1")
     known.found("where", "one header" if "X/JT1" in text.upper() else "two headers", "WHERE")
-    known.found("digits", _digits(text), "behind the points of WHERE: lengths, angles")
+    digits = _digits(text)
+    known.found("digits", digits, "behind the points of WHERE: lengths, angles")
+    if not min(digits):
+        raise UnclearError(
+            f"WHERE prints whole numbers ({' '.join(answer.raw.decode('latin-1').split())}): nothing can be steered to "
+            "what is not shown. Can the controller be set to print decimals?"
+        )
+    for name, printed in zip(("same_place_mm", "same_place_deg"), digits, strict=True):
+        if printed < FINE_DIGITS + (name == "same_place_deg"):
+            known.found(name, 2 * 10.0**-printed, "two of the last digit of WHERE", "likely")
     before = answer.where
     answer = yield from _ask(known, "WHERE", 5.0)
     if answer.where is None or not _same(before, answer.where):
@@ -319,7 +328,7 @@ def _may_move(known: Acquaintance) -> Steps:
     said = yield Consult(
         "move",
         f"May I turn one joint after the other by {STEP_DEG:g} degrees, there and back, slowly? It takes some minutes. "
-        "The arm must stand clear of everything by 20 cm, its wrist bent, nobody within reach, your hand on "
+        "The arm must stand clear of everything by 25 cm, its wrist bent, nobody within reach, your hand on "
         "the emergency stop. (yes or no)",
     )
     return str(said).strip().lower() in ("y", "yes")
@@ -513,10 +522,9 @@ def _errors(raw: bytes) -> tuple[str, ...]:
 
 
 def _digits(text: str) -> tuple[int, int]:
-    """Behind the points of the first and of the last number that has some."""
-    numbers = [word for word in text.split() if "." in word.strip(".") and word.strip("+-.").replace(".", "").isdigit()]
-    decimals = [len(word.rsplit(".", 1)[-1]) for word in numbers]
-    return (decimals[0], decimals[-1]) if decimals else (0, 0)
+    """The most behind the points of WHERE's lengths, and of its angles; some systems leave out zeros at the end."""
+    decimals = [len(word.partition(".")[2]) for word in text.split() if NUMBER.fullmatch(word)]
+    return max(decimals[:3]), max(decimals[3:6] + decimals[-6:])
 
 
 def _same(before: Where, now: Where) -> bool:

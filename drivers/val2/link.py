@@ -174,18 +174,20 @@ class Link:
 
     async def tool(self, flange_from_tool: Location) -> None:
         """Tell the controller where the tool point is, seen from the flange."""
-        await self.command(commands.tool(flange_from_tool))
+        await self.command(commands.tool(flange_from_tool, self.dialect.unit_mm))
 
     # Moving
 
     async def move(self, location: Location, timeout_s: float | None = None) -> None:
         """Start a joint-interpolated move; rest() waits for its end. Raises ControllerError."""
-        await self._carry_out((commands.move(location),), (), timeout_s or self._move_answer_s)
+        line = commands.move(location, self.dialect.unit_mm)
+        await self._carry_out((line,), (), timeout_s or self._move_answer_s)
 
     async def move_straight(self, location: Location, timeout_s: float | None = None) -> None:
         """Start a straight-line move; rest() waits for its end. Raises ControllerError."""
         variable = self.dialect.variable if self.dialect.straight_through_variable else None
-        await self._carry_out(commands.straight_move(location, variable), (), timeout_s or self._move_answer_s)
+        lines = commands.straight_move(location, variable, self.dialect.unit_mm)
+        await self._carry_out(lines, (), timeout_s or self._move_answer_s)
 
     async def ready(self) -> Where:
         """Go to the ready pose; over when the arm is at rest."""
@@ -367,14 +369,10 @@ class Link:
             answer = self._accept(await self._ask(talk, "WHERE", (), self.dialect.answer_s))
             if answer.where is None:
                 continue
-            where = self._in_our_angles(answer.where)
-            if any_place or self._belongs_together(where):
-                return where
+            if any_place or self._belongs_together(answer.where):
+                return answer.where
             why = "WHERE's place and joints do not belong together: noise, or a TOOL or BASE other than ours"
         raise Garbled(why)
-
-    def _in_our_angles(self, where: Where) -> Where:
-        return replace(where, joints_deg=self.dialect.our_angles_deg(where.joints_deg))
 
     async def _still(self, talk: Conversation, timeout_s: float, any_place: bool) -> Where:
         deadline_s = self.clock() + timeout_s
@@ -445,7 +443,7 @@ class Link:
                 raise ControllerError(f"WHERE is refused (`{said}`: mend that, then restart facetd)")
             if answer.where is None:
                 raise Garbled("WHERE did not give its table")
-            readings.append(self._in_our_angles(answer.where))
+            readings.append(answer.where)
         if not self._same_place(*readings):
             raise NoAnswer(f"the arm still moves after {self.dialect.abort_word}", readings[-1])
         return readings[-1]

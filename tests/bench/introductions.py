@@ -1,6 +1,6 @@
 """How many of a hundred controllers with random manners, arms and lines are introduced right, unattended.
 
-`python -m tests.bench.introductions [COUNT]`: a line for each that is not, and how it ended; simulated time.
+`python -m tests.bench.introductions [COUNT] [FIRST]`: a line for each that is not, and how it ended; simulated time.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ def one(seed: int) -> str:
     return "; ".join(off) or "right"
 
 
-def main(count: int) -> int:
+def main(count: int, first: int) -> int:
     """Print the table; the count of those that are wrong."""
     began_s, ends = time.process_time(), []
-    for seed in range(count):
+    for seed in range(first, first + count):
         ends.append(one(seed))
         if ends[-1] != "right":
             print(f"{seed:4}  {ends[-1]}", flush=True)
@@ -40,4 +40,5 @@ def main(count: int) -> int:
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else 100)
+    words = [int(word) for word in sys.argv[1:]]
+    main(*[*words, *(100, 0)[len(words) :]])

@@ -14,7 +14,17 @@ import yaml
 from drivers.puma560 import ArmGeometry
 from drivers.pumas import PUBLISHED
 from drivers.simcell.controller import Manners
-from tests.worlds.first_day import READY_DEG, ROOMS, arm_yaml, commissioned, configuration, first_day, lay_down, truth
+from tests.worlds.first_day import (
+    READY_DEG,
+    ROOMS,
+    Drawing,
+    arm_yaml,
+    commissioned,
+    configuration,
+    first_day,
+    lay_down,
+    truth,
+)
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(5000)]
 
@@ -33,11 +43,18 @@ def test_a_cell_drawn_at_random_is_introduced_and_commissioned_and_picks(folder:
     assert not day.wrong, day.wrong
 
 
+@pytest.mark.parametrize("drawing", [(650.0, 0.0, 190.0, 850.0), (750.0, 0.0, 190.0, 750.0)])
+def test_an_arm_as_long_as_a_761_is_introduced_with_its_drawing_and_picks(folder: Path, drawing: Drawing) -> None:
+    """Its maker's 1500 mm to the wrist are known, how they are shared out is not published: both are tried."""
+    day = first_day(folder, 4, drawing)
+    assert not day.wrong, day.wrong
+
+
 @pytest.mark.parametrize("series", ["PUMA 260", "PUMA 762"])
 def test_a_smaller_and_a_larger_arm_pick_as_the_560_does(folder: Path, series: str) -> None:
     a2, a3, d3, d4 = next(arm.lengths_mm for arm in PUBLISHED if arm.name.startswith(series))
     hand = np.eye(4)
-    hand[2, 3] = ROOMS[a2].hand_mm
+    hand[2, 3] = ROOMS[series].hand_mm
     arm = ArmGeometry(a2, a3, d3, d4, flange_from_tool=hand)
     lay_down(folder, truth(arm, Manners(), np.array(READY_DEG)), configuration(arm, 7, "arm.yaml"))
     (folder / "arm.yaml").write_text(yaml.safe_dump(arm_yaml(arm)))

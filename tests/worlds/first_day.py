@@ -39,9 +39,11 @@ READY_S, INTRODUCING_S, DAY_S = 120.0, 1800.0, 3000.0
 
 @dataclass(frozen=True)
 class Room:
-    """Where an arm of one size has its table, seen from where axes 1 and 2 cross, mm: how far below and before it is,
-    the area of parts, from how far they are looked at, how long the hand is from the wrist centre."""
+    """Where an arm that reaches so far to its wrist has its table, seen from where axes 1 and 2 cross, mm: how far
+    below and before it is, the area of parts, from how far they are looked at, how long the hand is from the wrist
+    centre."""
 
+    reach_mm: float
     below_mm: float
     before_mm: float
     scatter_mm: float
@@ -51,11 +53,16 @@ class Room:
 
 
 ROOMS = {
-    203.2: Room(250.0, 290.0, 45.0, 330.0, (330.0, 250.0, 200.0), 130.0),
-    431.8: Room(300.0, 520.0, 110.0, 480.0, (450.0, 300.0, 200.0), 130.0),
-    650.0: Room(500.0, 750.0, 130.0, 480.0, (450.0, 300.0, 200.0), 200.0),
+    "PUMA 260": Room(406.4, 250.0, 290.0, 45.0, 330.0, (330.0, 250.0, 200.0), 130.0),
+    "PUMA 560": Room(863.6, 300.0, 520.0, 110.0, 480.0, (450.0, 300.0, 200.0), 130.0),
+    "PUMA 762": Room(1250.0, 500.0, 750.0, 130.0, 480.0, (450.0, 300.0, 200.0), 200.0),
+    "PUMA 761": Room(1500.0, 550.0, 950.0, 130.0, 480.0, (450.0, 300.0, 200.0), 200.0),
 }
-"""By the upper arm's length: a PUMA 260, 560, 760 or 762."""
+
+
+def room_of(arm: ArmGeometry) -> Room:
+    """That of the series whose reach is nearest."""
+    return min(ROOMS.values(), key=lambda room: abs(room.reach_mm - arm.a2_mm - arm.d4_mm))
 
 
 def hand_of(room: Room, rng: np.random.Generator) -> Array:
@@ -68,7 +75,7 @@ def hand_of(room: Room, rng: np.random.Generator) -> Array:
 def truth(arm: ArmGeometry, manners: Manners, start_deg: Array, baud: int = 9600, cold: bool = False) -> dict[str, Any]:
     """cell.yaml: that of etc/, with another arm, and the table, light, bin and body that suit it."""
     made: dict[str, Any] = yaml.safe_load((ETC / "simcell.yaml").read_text())
-    room, base = ROOMS[arm.a2_mm], arm.world_from_base[:3, 3]
+    room, base = room_of(arm), arm.world_from_base[:3, 3]
     table = base + np.array([room.before_mm, 0.0, -room.below_mm])
     moved = table - np.array([*made["table"]["centre_mm"], made["table"]["height_mm"]])
     made["table"] |= {"height_mm": table[2], "centre_mm": table[:2], "scatter_radius_mm": room.scatter_mm}
@@ -95,7 +102,7 @@ def truth(arm: ArmGeometry, manners: Manners, start_deg: Array, baud: int = 9600
 
 def bin_mm(arm: ArmGeometry) -> Array:
     """(3,) mm, world: over the bin, beside the table, where the shoulder's offset is not."""
-    room = ROOMS[arm.a2_mm]
+    room = room_of(arm)
     far = float(np.hypot(250.0, 410.0)) * room.before_mm / 520.0
     left = np.sign(arm.d3_mm) * far * np.sin(np.radians(58.0))
     over = np.array([far * np.cos(np.radians(58.0)), left, 150.0 - room.below_mm])
@@ -104,7 +111,7 @@ def bin_mm(arm: ArmGeometry) -> Array:
 
 def configuration(arm: ArmGeometry, seed: int, file: str | None = None, hand: Array | None = None) -> dict[str, Any]:
     """facetd.yaml of that cell. file: arm.yaml; hand: flange_from_tool as it was measured."""
-    room, base = ROOMS[arm.a2_mm], arm.world_from_base[:3, 3]
+    room, base = room_of(arm), arm.world_from_base[:3, 3]
     table = base + np.array([room.before_mm, 0.0, -room.below_mm])
     looked = {"centre_mm": table + np.array([0.0, 0.0, 20.0]), "distance_mm": room.look_mm}
     side = float(np.sign(arm.d3_mm))
@@ -160,15 +167,22 @@ def lay_down(folder: Path, truth: dict[str, Any], configuration: dict[str, Any])
 # What the person does
 
 
-def strange_cell(seed: int) -> tuple[Strange, ArmGeometry]:
-    """A controller drawn at random, and its arm with a hand of its own.
+Drawing = tuple[float, float, float, float]
+"""An arm's lengths a2, a3, d3, d4 (mm) as its maker's drawing has them."""
+
+
+def strange_cell(seed: int, drawing: Drawing | None = None) -> tuple[Strange, ArmGeometry]:
+    """A controller drawn at random, and its arm (drawing: of these lengths) with a hand of its own.
 
     It loses no characters that follow closely: a pty hands over at once what piled up on a busy computer. Those are met
     in simulated time.
     """
     drawn = draw(seed)
-    strange = replace(drawn, manners=replace(drawn.manners, lost_within_s=0.0))
-    hand = hand_of(ROOMS[strange.geometry.a2_mm], np.random.default_rng([19, seed]))
+    a2, a3, d3, d4 = drawing or drawn.geometry.lengths_mm
+    d3 = float(np.copysign(d3, drawn.geometry.d3_mm))
+    geometry = replace(drawn.geometry, a2_mm=a2, a3_mm=a3, d3_mm=d3, d4_mm=d4)
+    strange = replace(drawn, manners=replace(drawn.manners, lost_within_s=0.0), geometry=geometry)
+    hand = hand_of(room_of(geometry), np.random.default_rng([19, seed]))
     return strange, replace(strange.geometry, flange_from_tool=hand)
 
 
@@ -209,6 +223,10 @@ ANSWERS = (
 """What somebody says who does what is asked for, as far as the cell is real enough to do it in."""
 
 
+FOLDED = re.compile(r"\r?\n {2,}")
+"""Where a line that is longer than the terminal goes on."""
+
+
 def answer_to(asked: str) -> str | None:
     """What such a person says to a question; None where nothing is asked."""
     return next((answer for question, answer in ANSWERS if question.search(asked)), None)
@@ -216,14 +234,14 @@ def answer_to(asked: str) -> str | None:
 
 def lives_through(person: Person, within_s: float) -> str:
     """Answer whatever is asked until facetctl ends; all that was on the screen."""
-    deadline, seen, answered = time.monotonic() + within_s, "", 0
+    deadline, seen, since = time.monotonic() + within_s, "", 0
     while time.monotonic() < deadline:
         seen += person.sees_for(0.2)
-        answer = answer_to(" ".join(seen[answered:].split()))  # a question may be folded anywhere
+        answer = answer_to(FOLDED.sub(" ", seen[since:]).rsplit("\n", 1)[-1])
         if answer is not None:
             person.types(answer + "\n")
             seen += "\n"
-            answered = len(seen)
+            since = len(seen)
         if person.gone:
             return seen
     raise AssertionError(f"still there after {within_s:g} s: {seen[-2000:]}")
@@ -239,11 +257,12 @@ def written_down(folder: Path, strange: Strange, arm: ArmGeometry, seed: int, fo
     (folder / "facetd.yaml").write_text(yaml.safe_dump(config, sort_keys=False))
 
 
-def introduced(folder: Path, strange: Strange, arm: ArmGeometry, seed: int) -> str:
+def introduced(folder: Path, strange: Strange, arm: ArmGeometry, seed: int, drawing: Drawing | None = None) -> str:
     """`facetctl arm introduce`, and what FIRST-DAY.md says to write afterwards; what was on the screen."""
     lay_down(folder, truth(arm, strange.manners, strange.joints_deg, strange.baud, strange.cold), {})
     with controller(folder, INTRODUCED_AT) as port:
-        person = Person(folder, "arm", "introduce", str(port), "--out", str(folder / "first-day"))
+        lengths = () if drawing is None else ("--lengths", ",".join(f"{length:g}" for length in drawing))
+        person = Person(folder, "arm", "introduce", str(port), "--out", str(folder / "first-day"), *lengths)
         seen = lives_through(person, INTRODUCING_S)
     written_down(folder, strange, arm, seed, yaml.safe_load((folder / "first-day" / "arm.yaml").read_text()))
     return seen
@@ -284,15 +303,15 @@ def commissioned(folder: Path) -> Day:
     return Day(seen, tuple(f"{line['rule']}: {line['text']} (`{line['by']}`)" for line in lines if "rule" in line))
 
 
-def first_day(folder: Path, seed: int) -> Day:
+def first_day(folder: Path, seed: int, drawing: Drawing | None = None) -> Day:
     """All of it, from a controller and an arm nobody knows to a part in the bin."""
-    strange, arm = strange_cell(seed)
-    seen = introduced(folder, strange, arm, seed)
+    strange, arm = strange_cell(seed, drawing)
+    seen = introduced(folder, strange, arm, seed, drawing)
     day = commissioned(folder)
     return replace(day, seen=seen + day.seen)
 
 
 __all__ = [
     "PICKED_AT", "READY_DEG", "ROOMS", "Day", "answer_to", "arm_yaml", "commissioned", "configuration", "controller",
-    "first_day", "introduced", "lay_down", "lives_through", "strange_cell", "truth", "written_down",
+    "first_day", "introduced", "lay_down", "lives_through", "room_of", "strange_cell", "truth", "written_down",
 ]  # fmt: skip

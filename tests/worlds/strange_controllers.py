@@ -167,6 +167,8 @@ def wrong(strange: Strange, known: Acquaintance, seen: ArmSeen) -> list[str]:
         )
         if found.get(name) != truth
     ]
+    if found.get("unit_mm", 1.0) != manners.unit_mm:
+        off.append(f"unit_mm {found.get('unit_mm')}")
     if (found["line_end"] == "\n") != (manners.line_ends == "lf"):
         off.append(f"line_end {found['line_end']!r}")
     if found["character_pause_s"] + 10 / strange.baud < manners.lost_within_s:

@@ -27,8 +27,10 @@ SYNTAX_ERROR, ILLEGAL_VALUE, UNDEFINED_VALUE = "*Syntax error*", "*Illegal value
 
 @dataclass
 class Memory:
-    """Locations by name: transformations (4, 4) mm and, with names that begin with #, precision points (6,) rad."""
+    """Locations by name: transformations (4, 4) mm and, with names that begin with #, precision points (6,) rad.
+    unit_mm: in what lengths are typed."""
 
+    unit_mm: float = 1.0
     transforms: dict[str, Array] = field(default_factory=dict)
     precision_points: dict[str, Array] = field(default_factory=dict)
 
@@ -104,7 +106,8 @@ def point_name(text: str) -> str:
 def _term(text: str, memory: Memory, here: Array) -> Array:
     call = FUNCTION.fullmatch(text)
     if call and call.group(1) == "TRANS":
-        return matrix_from_location(Location(*numbers(call.group(2), 6)))
+        x, y, z, *angles = numbers(call.group(2), 6)
+        return matrix_from_location(Location(*(value * memory.unit_mm for value in (x, y, z)), *angles))
     if text == "HERE":
         return here
     if text in memory.transforms:

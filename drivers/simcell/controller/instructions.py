@@ -73,16 +73,16 @@ def _place(arguments: str) -> Target:
 
 
 def _departed(arguments: str) -> Target:
-    back_mm = number(arguments)
-    return lambda machine: _backed(machine.pose(), back_mm)
+    back = number(arguments)
+    return lambda machine: _backed(machine.pose(), back * machine.manners.unit_mm)
 
 
 def _approached(arguments: str) -> Target:
     parts = split_arguments(arguments)
     if len(parts) != 2:
         raise MonitorError(SYNTAX_ERROR)
-    back_mm = number(parts[1])
-    return lambda machine: _backed(machine.place(parts[0]), back_mm)
+    back = number(parts[1])
+    return lambda machine: _backed(machine.place(parts[0]), back * machine.manners.unit_mm)
 
 
 def _backed(pose: Array, back_mm: float) -> Array:

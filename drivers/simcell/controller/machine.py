@@ -195,7 +195,8 @@ class Machine:
 
     def _forget(self) -> None:
         """As after the mains were off."""
-        self.memory, self.speed_percent, self.wanted = Memory(), FULL_PERCENT, Configuration()
+        self.memory = Memory(unit_mm=self.manners.unit_mm)
+        self.speed_percent, self.wanted = FULL_PERCENT, Configuration()
         self.program_speed(FULL_PERCENT, always=True)
 
 

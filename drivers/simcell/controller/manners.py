@@ -7,7 +7,9 @@ Where each comes from (S: seen in a manual or a client that drove real arms; R: 
     prompt with a space; late; upper case alone    R: terminals of the time print and read so
     abbreviations, as many letters as are unique   S: the same page; older monitors that want the whole word: R
     where: two headers, or one with X/JT1          S: clients that count numbers from the end; R: the other, and HAND
-    decimals, a bare point, no leading zero        R: what FORTRAN and BASIC of the time print
+    decimals, none where they are nothing, a bare  R: what FORTRAN and BASIC of the time print
+      point, no leading zero
+    unit_mm: lengths in inches                     R: small arms are drawn in inches (a 260's are 8, 8 and 5)
     error: between asterisks, or in capitals       S: the asterisks; R: the words
     power_up: floppy and initialise, or the latter S: owners: VAL II asks to load from floppy, VAL only the other
     stops_at_once: ABORT ends what runs and lets   S: V+ manuals: ABORT ends the program, PANIC the motion as well
@@ -69,6 +71,10 @@ class Manners:
     """Of lengths and of angles."""
     leading_zero: bool = True
     """Whether 0.5 is printed so, or as .5."""
+    trailing_zeros: bool = True
+    """Whether 12.50 and 5.00 are printed so, or as 12.5 and 5."""
+    unit_mm: float = 1.0
+    """In what WHERE prints lengths, and TRANS, TOOL, APPRO and DEPART take them."""
     capital_errors: bool = False
     power_up: tuple[str, ...] = VAL_II_ASKS
     stops_at_once: bool = True
@@ -108,6 +114,9 @@ def drawn(rng: np.random.Generator) -> Manners:
     def six(*choices: float) -> Six:
         return one(*choices), one(*choices), one(*choices), one(*choices), one(*choices), one(*choices)
 
+    rarer = rng.spawn(1)[0]
+    """Of its own, so that a number is the controller that it was before these were drawn."""
+    inches = bool(rarer.random() < 0.12)
     line_ends: LineEnds = one("cr", "cr", "both", "lf")
     where: WhereForm = one("two headers", "one header")
     return Manners(
@@ -122,8 +131,10 @@ def drawn(rng: np.random.Generator) -> Manners:
         abbreviations=one(True, True, False),
         where=where,
         hand_column=where == "one header" and one(True, False),
-        decimals=one((2, 3), (3, 3), (2, 2), (1, 3)),
+        decimals=one((2, 3), (3, 3), (2, 2), (1, 3)) if not inches else (one(3, 3, 4, 3), 3),
         leading_zero=one(True, True, False),
+        trailing_zeros=bool(rarer.random() < 0.7),
+        unit_mm=25.4 if inches else 1.0,
         capital_errors=one(True, False),
         power_up=one(*POWER_UP),
         stops_at_once=one(True, True, True, False),

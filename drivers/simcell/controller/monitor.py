@@ -30,6 +30,7 @@ from drivers.val2.location import Location, location_from_matrix, matrix_from_lo
 LOCATION_HEADER = "".join(f"{name:>10}" for name in "XYZOAT")
 HAND_OPEN_MM = 90.0
 LEADING_ZERO = re.compile(r"(^|[ ])(-?)0\.")
+TRAILING_ZEROS = re.compile(r"(\.\d*[1-9])?((?(1)|\.)0+)(?=[ ]|$)")
 JOINT_HEADER = "".join(f"{'JT' + str(k):>10}" for k in range(1, 7))
 
 
@@ -90,7 +91,9 @@ def _do(machine: Machine, arguments: str) -> Command:
 def _where(machine: Machine) -> Command:
     how = machine.manners
     mm, degrees = how.decimals
-    place = _row(location_from_matrix(machine.pose()).values(), (mm, mm, mm, degrees, degrees, degrees))
+    x, y, z, *angles = location_from_matrix(machine.pose()).values()
+    lengths = (value / how.unit_mm for value in (x, y, z))
+    place = _row((*lengths, *angles), (mm, mm, mm, degrees, degrees, degrees))
     joints = _row(how.printed_deg(machine.joints()), (degrees,) * 6)
     if how.where == "one header":
         heads = [f"{one}/JT{k}" for k, one in enumerate("XYZOAT", 1)] + ["HAND"] * how.hand_column
@@ -98,7 +101,14 @@ def _where(machine: Machine) -> Command:
         lines = ["".join(f"{head:>10}" for head in heads), place + hand, joints]
     else:
         lines = [LOCATION_HEADER, place, JOINT_HEADER, joints]
-    yield from lines if how.leading_zero else (LEADING_ZERO.sub(r"\1 \2.", line) for line in lines)
+    yield from (_printed(line, how) for line in lines)
+
+
+def _printed(line: str, how: Manners) -> str:
+    """As this system prints numbers; the columns stay."""
+    if not how.trailing_zeros:
+        line = TRAILING_ZEROS.sub(lambda found: (found[1] or "") + " " * len(found[2]), line)
+    return line if how.leading_zero else LEADING_ZERO.sub(r"\1 \2.", line)
 
 
 def _calibrate(machine: Machine) -> Command:

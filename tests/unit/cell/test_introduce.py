@@ -47,7 +47,7 @@ def moved(contact: Contact) -> bool:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [2, 7])
+@pytest.mark.parametrize("seed", [2, 7, 1927])
 def test_a_controller_drawn_at_random_is_introduced_right_without_help(seed: int) -> None:
     assert one(seed) == "right"
 
@@ -233,12 +233,16 @@ def test_a_line_that_is_no_record_is_named() -> None:
         list(read_transcript(['{"t_s": 0, "way": "in", "bytes": ""}', "{}"]))
 
 
-@pytest.mark.parametrize("arm", PUBLISHED, ids=lambda arm: arm.name)
-def test_the_hand_of_no_arm_goes_farther_than_the_person_is_told(arm) -> None:
+LIKE_A_761 = (650.0, 0.0, 190.0, 850.0), (750.0, 0.0, 190.0, 750.0)
+"""Two ways in which its 1500 mm may be shared out."""
+
+
+@pytest.mark.parametrize("lengths_mm", [*(arm.lengths_mm for arm in PUBLISHED), *LIKE_A_761])
+def test_the_hand_of_no_arm_goes_farther_than_the_person_is_told(lengths_mm: tuple[float, ...]) -> None:
     """Every joint as far to both sides as the steps come to, in poses as they are asked for, a hand of 20 cm."""
     hand = np.eye(4)
     hand[2, 3] = 200.0
-    geometry, rng, worst_mm = ArmGeometry(*arm.lengths_mm, flange_from_tool=hand), np.random.default_rng(0), 0.0
+    geometry, rng, worst_mm = ArmGeometry(*lengths_mm, flange_from_tool=hand), np.random.default_rng(0), 0.0
     farthest = np.radians(STEP_DEG * np.abs(np.cumsum(ROUNDS)).max())
     for _ in range(400):
         bent = rng.uniform(30.0, 90.0)
@@ -247,7 +251,9 @@ def test_the_hand_of_no_arm_goes_farther_than_the_person_is_told(arm) -> None:
             turned = pose + rng.choice([-1.0, 1.0], 6) * farthest
             way = forward(turned, geometry) - forward(pose, geometry)
             worst_mm = max(worst_mm, float(np.linalg.norm(way[:3, 3])))
-    assert worst_mm < 200.0
+    assert worst_mm < 250.0
+    asked = in_simulated_time(lambda: meet(draw(0), no_to_moves)).transcript
+    assert any("clear of everything by 25 cm" in record.get("text", "") for record in asked)
 
 
 def test_the_rooms_that_the_page_tells_of_are_those_that_arms_pick_in() -> None:
@@ -255,14 +261,14 @@ def test_the_rooms_that_the_page_tells_of_are_those_that_arms_pick_in() -> None:
     told = re.findall(r"^ *\| (PUMA \d+) \| (\d+) \| (\d+) \| (\d+) \| ([\d, ]+) \| (\d+) \|$", page, re.MULTILINE)
     assert len(told) == len(ROOMS)
     for series, *numbers, stand_offs, hand in told:
-        room = ROOMS[next(arm.lengths_mm[0] for arm in PUBLISHED if arm.name.startswith(series))]
+        room = ROOMS[series]
         assert [float(number) for number in (*numbers, hand)] == [
             room.below_mm, room.before_mm, room.look_mm, room.hand_mm,
         ]  # fmt: skip
         assert tuple(map(float, stand_offs.split(","))) == room.stand_offs_mm
 
 
-def test_a_controller_that_counts_in_inches_ends_with_a_question_and_no_geometry() -> None:
+def test_a_controller_that_counts_in_inches_is_known_by_its_arm_and_told_in_millimetres() -> None:
     inches = PUBLISHED[0].lengths_mm[0] / 25.4, PUBLISHED[0].lengths_mm[1] / 25.4, 150.05 / 25.4, 431.8 / 25.4
     geometry = ArmGeometry(*inches)
     rng = np.random.default_rng(3)
@@ -273,8 +279,32 @@ def test_a_controller_that_counts_in_inches_ends_with_a_question_and_no_geometry
         readings.append(Where(Location(*(round(value, 4) for value in place.values())), tuple(degrees)))
     known = Acquaintance(readings=readings)
     known.found("digits", (4, 3), "WHERE")
-    with pytest.raises(NoArmError, match=r"units of 25.4 mm: its lengths are a PUMA 560.*millimetres\?"):
-        arm_of(known)
+    made = arm_file(known, arm_of(known))
+    assert made["dialect"]["unit_mm"]["value"] == 25.4
+    assert "PUMA 560" in made["dialect"]["unit_mm"]["found"]
+    lengths = [made["geometry"][f"{name}_mm"]["value"] for name in ("a2", "a3", "d3", "d4")]
+    assert lengths == pytest.approx(PUBLISHED[0].lengths_mm, abs=0.1)
+
+
+def test_where_in_whole_numbers_ends_with_a_question_before_anything_is_moved() -> None:
+    strange = draw(0)
+    strange = replace(strange, manners=replace(strange.manners, decimals=(0, 0)))
+    with pytest.raises(UnclearError, match=r"whole numbers \(.*Can the controller be set to print decimals\?"):
+        in_simulated_time(lambda: meet(strange))
+    assert not moved(strangers[-1])
+
+
+@pytest.mark.parametrize("decimals", [(2, 3), (1, 2)])
+def test_the_digits_of_where_are_found_where_zeros_at_the_end_are_left_out_and_say_what_counts_as_at_rest(
+    decimals: tuple[int, int],
+) -> None:
+    strange = draw(0)
+    manners = replace(strange.manners, decimals=decimals, trailing_zeros=False, leading_zero=False)
+    strange = replace(strange, manners=manners, joints_deg=np.array([10.0, 60.0, -150.0, 20.0, -40.0, 30.0]))
+    found = in_simulated_time(lambda: meet(strange, no_to_moves)).known.findings
+    assert found["digits"].value == decimals
+    coarse = {name: found[name].value for name in ("same_place_mm", "same_place_deg") if name in found}
+    assert coarse == ({} if decimals == (2, 3) else {"same_place_mm": 0.2, "same_place_deg": 0.02})
 
 
 @pytest.mark.parametrize("seed", [0, 3])

@@ -43,7 +43,8 @@ def dialect(strange: Strange) -> Dialect:
         joint_signs=how.joint_signs,
         joint_zeros_deg=how.joint_zeros_deg,
         joint_3_against_horizon=how.against_horizon,
-        same_place_mm=max(0.03, 2 * 10.0 ** -how.decimals[0]),
+        same_place_mm=max(0.03, 2 * how.unit_mm * 10.0 ** -how.decimals[0]),
+        unit_mm=how.unit_mm,
     )
 
 
