@@ -22,7 +22,7 @@ import socket
 import tempfile
 import time
 import tty
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
@@ -32,6 +32,7 @@ from unittest.mock import patch
 import numpy as np
 import yaml
 
+from daemon import service
 from daemon.calibration.file import load_calibration
 from daemon.cell import build as build_room
 from daemon.cell.arm_on_link import ArmOnLink, belongs_together
@@ -84,6 +85,7 @@ STOPPED_S = 2.0
 """How long a stop typed at a terminal may be on the line."""
 AT_REST = ("Stopped", "Nothing moves.", "The arm does not move until")
 """How an answer begins that says so."""
+READERS = ("load_calibration", "load_facets", "load_parts", "load_model")
 MOVES = ("pick", "auto", "go", "hand", "robot", "calibrate", "confirm", "teach", "step", "look", "try", "where",
          "resume", "enable")  # fmt: skip
 """After a word of these the arm may go on after a stop that left no fault."""
@@ -458,6 +460,30 @@ class NoSyncer:
         """Nothing is left to do."""
 
 
+class BareTable(SimulatedHand):
+    """Strews no parts when the daemon starts."""
+
+    def scatter(self, labels: Sequence[str] = ()) -> None:
+        """Strew those told by name."""
+        super().scatter(labels)
+
+
+_READ: dict[tuple[str, bytes], Any] = {}
+
+
+def read_once(load: Callable[[Path], Any]) -> Callable[[Path], Any]:
+    """A reader that remembers what the same bytes held: the daemon is started every few steps, on files that seldom
+    change. What it cannot read is read each time."""
+
+    def reading(path: Path) -> Any:
+        key = load.__qualname__, path.read_bytes()
+        if key not in _READ:
+            _READ[key] = load(path)
+        return _READ[key]
+
+    return reading
+
+
 class Story:
     """A daemon, its cell and its operators, from the first to the last of what happens to them."""
 
@@ -474,6 +500,7 @@ class Story:
             patch.object(moving, "POLL_S", SLICE_S),
             patch.object(runlog, "_Worker", AtOnce),
             patch.object(runlog, "Syncer", NoSyncer),
+            *(patch.object(service, name, read_once(getattr(service, name))) for name in READERS),
         ]
         for each in self._patches:
             each.start()
@@ -678,7 +705,8 @@ class Story:
             partial(belongs_together, geometry),
             self.cell.server.open,  # type: ignore[union-attr]
         )
-        hand = SimulatedHand(self.cell, {label: len(views) for label, views in STANDS.items()}, BoardPrint)
+        kind = SimulatedHand if self._parts else BareTable
+        hand = kind(self.cell, {label: len(views) for label, views in STANDS.items()}, BoardPrint)
         eyes = ThreadedEyes(self.cell.camera, self.loop.time)
         return Hardware("simulated", ArmOnLink(link, geometry), eyes, self.loop.time, "memory", 7, hand)
 
