@@ -7,7 +7,11 @@ from collections.abc import Iterator
 import pytest
 import yaml
 
+from drivers.puma560 import READY_RAD
 from drivers.simcell.controller import Mishap
+from drivers.simcell.controller.commands import Ask
+from drivers.simcell.controller.machine import Machine
+from drivers.simcell.controller.monitor import MONITOR_COMMANDS
 from tests.worlds.whole_daemon import Story
 
 pytestmark = pytest.mark.slow
@@ -220,4 +224,26 @@ def test_a_line_that_is_lost_while_a_person_has_the_controllers_terminal_is_told
     story.wait(6.0)
     assert story.sockets[0].line is not None
     assert any("the port is gone; NOT CONFIRMED" in text for text in story.texts)
+    assert story.violations() == ()
+
+
+def test_a_question_that_somebody_left_before_the_start_is_answered_by_nobody_as_if_it_were_power_ups(
+    story: Story, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """`robot power-up` said yes to it: the program went on, with an arm that was not enabled."""
+
+    def asking(machine: Machine, _: str) -> Iterator[Ask]:
+        if (yield Ask("Another part (Y/N)?")).startswith("Y"):
+            machine.move_joints(READY_RAD)
+
+    monkeypatch.setitem(MONITOR_COMMANDS, "EXECUTE", asking)
+    story.terminate()
+    story.cell.controller.receive(b"EXEC PROG\r", story.now_s)
+    story.start()
+    story.sockets[0].say("robot power-up")
+    story.wait(2.0)
+    assert any("no question after power-up that facetd knows" in text for text in story.texts)
+    story.sockets[0].say("stop")
+    story.wait(3.0)
+    assert story.cell.controller.question is None
     assert story.violations() == ()

@@ -211,6 +211,34 @@ def test_what_a_controller_asks_at_power_up_is_answered_in_turn_before_it_takes_
     assert lived(story()) == ["Y", "N"]
 
 
+FLOPPY = "\r\nVAL\r\nLoad VAL-II from floppy (Y/N)? "
+
+
+def test_the_yes_to_cal_is_given_to_no_question_of_a_controller_whose_power_went_just_then() -> None:
+    async def story() -> list[str]:
+        port = Scripted(lambda line, _: FLOPPY if line == "CAL" else PROMPT)
+        link = linked(port)
+        await link.open()
+        with pytest.raises(ControllerError, match="asks 'Load VAL-II from floppy"):
+            await link.calibrate()
+        assert link.question == "Load VAL-II from floppy (Y/N)?"
+        return port.lines
+
+    assert lived(story()) == ["DO BREAK", "CAL"]
+
+
+def test_the_answers_to_power_up_are_given_to_no_question_whose_yes_may_move_the_arm() -> None:
+    async def story() -> list[str]:
+        port = Scripted(lambda line, _: "\r\nCalibrate now (Y/N)? " if line == "Y" else PROMPT, at_first=FLOPPY)
+        link = linked(port)
+        await link.open()
+        with pytest.raises(ControllerError, match="asks 'Calibrate now"):
+            await link.power_up(("Y", "Y"))
+        return port.lines
+
+    assert lived(story()) == ["Y"]
+
+
 @pytest.mark.parametrize(
     ("act", "typed", "settings"),
     [
