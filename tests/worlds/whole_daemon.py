@@ -107,6 +107,9 @@ class Words:
         self._resuming: set[Key] = set()
         self._stopping: set[Key] = set()
         """Stops that are not answered yet: the line carries them more than once."""
+        self._dry, self._resumed = False, 0
+        self._typed: dict[Key, tuple[str, int]] = {}
+        """Lines that are not done yet, and how often somebody had said `resume` when they were typed."""
         self._by_hand: dict[Key, int | None] = {}
         """What may open the hand: lines that are not done yet, and those (with their status) that failed: they may yet
         be carried out."""
@@ -115,7 +118,7 @@ class Words:
     def allowed(self) -> bool:
         """Whether the arm may move as far as people know."""
         stopped = self._in_doubt or (self._stopped and not self._resuming)
-        return (self.enabled or bool(self._enabling)) and not stopped
+        return (self.enabled or bool(self._enabling)) and not stopped and not self._dry
 
     def said(self, text: str, key: Key, may: str) -> None:
         """A line was typed at a door that may do so much; key: of the answer to come."""
@@ -134,6 +137,7 @@ class Words:
                 self._story.loop.call_later(STOPPED_S, self._stop_over, key)
         if may == "look":
             return
+        self._held_or_not(text, key, now_s)
         if alone and is_word(word, "disable"):
             self.enabled = False
         if is_word(word, "enable"):
@@ -150,8 +154,36 @@ class Words:
             judge.by_hand(now_s, text.partition("onitor")[2].strip())
         self._tell(any(is_word(word, known) for known in MOVES))
 
+    def _held_or_not(self, text: str, key: Key, now_s: float) -> None:
+        """What lets moves go counts as it is typed; what holds them, when it is done."""
+        self._typed[key] = text, self._resumed
+        word, judge = first_word(text), self._story.cell.judge
+        if is_word(word, "resume"):
+            self._resumed += 1
+            judge.held(now_s, False)
+        if is_word(word, "step") and "on" not in text.split():
+            judge.each_asked(now_s, False)
+        if is_word(word, "dry") and "on" not in text.split():
+            self._dry = False
+        if is_word(word, "confirm") or text.lower().startswith("y"):
+            judge.yes(now_s)
+
+    def _holds(self, key: Key) -> None:
+        """A line is done that may hold what moves."""
+        text, resumed = self._typed.get(key, ("", 0))
+        word, judge, now_s = first_word(text), self._story.cell.judge, self._story.stamp_s()
+        if is_word(word, "pause") and resumed == self._resumed:
+            judge.held(now_s, True)
+        if is_word(word, "step") and "on" in text.split():
+            judge.each_asked(now_s, True)
+        if is_word(word, "dry") and "on" in text.split():
+            self._dry = True
+
     def answered(self, key: Key, text: str, status: int) -> None:
         """What came of a line."""
+        if status == 0:
+            self._holds(key)
+        self._typed.pop(key, None)
         self._stopping.discard(key)
         if self._enabling.pop(key, None) is not None and status == 0:
             self.enabled = True
@@ -170,6 +202,7 @@ class Words:
 
     def agreed(self, question: str) -> None:
         """A yes to a question."""
+        self._story.cell.judge.yes(self._story.stamp_s())
         if "Let the arm move" in question:
             self.enabled = True
         self._tell(True)
@@ -209,10 +242,13 @@ class Words:
 
     def over(self) -> None:
         """The daemon ends, and what was said to it with it."""
-        self.enabled = False
+        self.enabled = self._dry = False
         self._enabling.clear()
         self._resuming.clear()
         self._stopping.clear()
+        self._typed.clear()
+        self._story.cell.judge.held(self._story.stamp_s(), False)
+        self._story.cell.judge.each_asked(self._story.stamp_s(), False)
         self._tell(False)
 
     def _tell(self, wanted: bool) -> None:
