@@ -207,6 +207,15 @@ class Words:
             self.enabled = True
         self._tell(True)
 
+    def pressed(self, keys: str) -> None:
+        """What a person types to the controller is theirs, and so is a line of which something was rubbed out."""
+        judge, now_s, line = self._story.cell.judge, self._story.stamp_s(), keys.strip()
+        for end in range(1, len(line) + 1):
+            judge.by_hand(now_s, line[:end])
+        judge.yes(now_s)
+        judge.may_drop(now_s)
+        self._tell(True)
+
     def stop(self, why: str) -> None:
         """Somebody wants it to stop, or the daemon says that a fault stands."""
         self._stopped = True
@@ -333,6 +342,11 @@ class SocketDoor:
                 self.story.words.stop("an answer")
             elif text.lower().startswith("y"):
                 self.story.words.agreed(question)
+
+    def press(self, keys: str) -> None:
+        """Keys at the controller's own terminal; where it is not open, to nobody."""
+        if self.send({"keys": keys}):
+            self.story.words.pressed(keys)
 
     def interrupt(self) -> None:
         """Control-C."""
