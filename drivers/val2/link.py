@@ -52,6 +52,8 @@ __all__ = [
 ABORT_ATTEMPTS = 5
 WHERE_CHARACTERS = 300
 """What WHERE prints, and some."""
+TINY_DEG = 1e-9
+"""Of the difference of two printed numbers."""
 BRAKES_S = 0.5
 """Of an arm whose power went, until they hold it."""
 CONFIRMS = "are you sure"
@@ -409,8 +411,12 @@ class Link:
             before = now
 
     def _same_place(self, before: Where, now: Where) -> bool:
+        """By the joints as well: where the wrist is straight, two of them can turn and the tool stays where it is."""
         off_mm, off_deg = apart(before.location, now.location)
-        return off_mm <= self.dialect.same_place_mm and off_deg <= self.dialect.same_place_deg
+        turned_deg = max(abs(b - n) for b, n in zip(before.joints_deg, now.joints_deg, strict=True))
+        return (
+            off_mm <= self.dialect.same_place_mm and max(off_deg, turned_deg - TINY_DEG) <= self.dialect.same_place_deg
+        )
 
     async def _break(self, timeout_s: float) -> None:
         if self.dialect.break_after_move:

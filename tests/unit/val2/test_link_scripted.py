@@ -19,8 +19,8 @@ PROMPT = "\r\n."
 ASKS = "\r\nAre you sure (Y/N)? "
 
 
-def table(x: float = 500.0, t: float = 0.0) -> str:
-    return f"\r\nX Y Z O A T\r\n{x:.2f} 0 0 0 0 {t:.3f}\r\nJT1 JT2 JT3 JT4 JT5 JT6\r\n1 2 3 4 5 6" + PROMPT
+def table(x: float = 500.0, t: float = 0.0, joints: str = "1 2 3 4 5 6") -> str:
+    return f"\r\nX Y Z O A T\r\n{x:.2f} 0 0 0 0 {t:.3f}\r\nJT1 JT2 JT3 JT4 JT5 JT6\r\n{joints}" + PROMPT
 
 
 class Scripted:
@@ -188,6 +188,27 @@ def told(
         return came, port.lines[typed:], port.loop.time() - began_s
 
     return lived(story())
+
+
+@pytest.mark.parametrize(("turned_deg", "rests"), [(0.01, True), (0.011, False)])
+def test_an_arm_whose_joints_turn_while_its_tool_stays_where_it_is_does_not_rest(
+    turned_deg: float, rests: bool
+) -> None:
+    """Two joints of a straight wrist, one against the other: the stop was called confirmed by the tool alone."""
+
+    def says(line: str, nth: int) -> str:
+        return table(joints=f"1 2 3 {4 + nth * turned_deg:.3f} 5 6") if line == "WHERE" else PROMPT
+
+    async def story() -> bool:
+        link = linked(Scripted(says))
+        await link.open()
+        try:
+            await link.still(0.0)
+        except NoAnswer:
+            return False
+        return True
+
+    assert lived(story()) is rests
 
 
 def test_what_a_controller_asks_at_power_up_is_answered_in_turn_before_it_takes_a_command() -> None:
