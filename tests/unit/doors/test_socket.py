@@ -132,7 +132,7 @@ def test_an_answer_that_does_not_say_to_which_question_answers_none(tmp_path: Pa
             file.flush()
             return [asked, *(json.loads(file.readline()) for _ in range(2))]
 
-    answers, context = with_socket(tmp_path / "s", use)
+    answers, _ = with_socket(tmp_path / "s", use)
     assert [*answers[0], *answers[1], *answers[2]] == ["ask", "id", "unasked", "done"]
     assert answers[2]["done"]["status"] != 0
 
