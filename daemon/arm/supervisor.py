@@ -90,6 +90,8 @@ class Supervisor:
         """The faults told of in the present stop: whoever joins in with the same one need not tell it again."""
         self.stops = 0
         """How often the arm was stopped or disabled: what was asked for before the last of them is void."""
+        self.pauses = 0
+        """How often moves were told to be held: what was to let them go before the last of them does not."""
         self._closed = False
         self._going = asyncio.Event()
         self._going.set()
@@ -198,18 +200,20 @@ class Supervisor:
 
     def pause(self) -> None:
         """Hold before the next move of arm or hand."""
+        self.pauses += 1
         self._going.clear()
 
-    def resume(self, stops: int | None = None) -> None:
-        """Go on after pause; clear a fault (what was going on does not go on). stops: as many as there had been when
-        it was decided; a later one stands. Raises RefusedError."""
+    def resume(self, stops: int | None = None, pauses: int | None = None) -> None:
+        """Go on after pause; clear a fault (what was going on does not go on). stops, pauses: as many as there had been
+        when it was decided; a later one stands. Raises RefusedError."""
         if self.fault is not None:
             self.not_while_stopping("resume", busy=self._task is not None)
             self.not_after(stops, "resume")
             self.fault = None
             self.mover.forget()
             self._tell(lambda: self._interrupted(Interruption.RESUME))
-        self._going.set()
+        if pauses in (None, self.pauses):
+            self._going.set()
 
     def step(self, on: bool) -> None:
         """One confirmed move at a time, or not."""
@@ -227,12 +231,12 @@ class Supervisor:
 
     def dry(self, on: bool) -> None:
         """Everything but the bytes, or not."""
-        self._between_jobs("dry is switched")
+        self.between_jobs("dry is switched")
         self.mover.dry = on
 
     def refit(self, cell: Workcell, limits: Limits, arrival: Arrival) -> None:
         """Go on with another calibration or other limits; only while nothing is being done."""
-        self._between_jobs("settings are changed")
+        self.between_jobs("settings are changed")
         self.mover.cell, self.mover.limits, self.mover.arrival = cell, limits, arrival
 
     def may_move(self) -> None:
@@ -444,7 +448,8 @@ class Supervisor:
             why = f": {self.fault}" if self.fault else ""
             raise RefusedError(f"meanwhile it was stopped again{why}; say `{word}` once more")
 
-    def _between_jobs(self, what: str) -> None:
+    def between_jobs(self, what: str) -> None:
+        """Raise RefusedError where something is being done: what holds for the whole of it is not changed under it."""
         if self._task is not None:
             raise RefusedError(f"busy: {self._doing}; {what} in between")
 

@@ -17,7 +17,7 @@ from drivers.val2.commands import moves_the_arm as moves_the_arm
 from drivers.val2.commands import works_the_hand as works_the_hand
 from drivers.val2.dialect import Dialect
 from drivers.val2.errors import Elsewhere, NoAnswer, Preempted, StopRefused
-from drivers.val2.link import CONFIRMS, Link
+from drivers.val2.link import Link
 from drivers.val2.location import apart, location_from_matrix, matrix_from_location
 from drivers.val2.wire import Where
 
@@ -53,8 +53,10 @@ class ArmOnLink:
 
     @property
     def asks_whether_to_move(self) -> bool:
-        """Whether a yes to what the controller asks would begin a motion (CAL's `Are you sure`)."""
-        return CONFIRMS in (self.link.question or "").lower()
+        """Whether a yes to what the controller asks may begin a motion: CAL's question, or that of a program; any but
+        those it asks when it was switched on."""
+        question = self.link.question
+        return question is not None and not self.link.dialect.asks_after_power_up(question)
 
     async def close(self) -> None:
         """Let go of the port; does not stop the arm."""
@@ -172,9 +174,14 @@ class ArmOnLink:
         return self.link.question
 
     async def power_up(self, replies: Sequence[str]) -> list[str]:
-        """Answer what the controller asks after it was switched on; gives what it said."""
+        """Answer what the controller asks after it was switched on, or asks else; gives what it said, once the arm is
+        at rest."""
+        moves = self.asks_whether_to_move
         with self._words_of_others():
             answer = await self.link.power_up(tuple(replies))
+            if moves:
+                await self._rest()
+                await self._end_program()
         await self._introduce_tool()
         return list(answer.lines)
 

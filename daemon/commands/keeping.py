@@ -14,6 +14,10 @@ from daemon.console.notices import Level
 from daemon.upkeep import bundle as bundles
 from daemon.upkeep import doctor as doctors
 
+NOT_OF_POWER_UP = (
+    "`{}` is no question after power-up that facetd knows (arm.dialect.power_up_asks): a yes to it may move the arm, "
+    "which is not enabled. `stop` answers N, and ends what asks"
+)
 ROBOT = ("power-up", "cal", "monitor")
 ROBOT_USAGE = "robot power-up [Y N ...] | robot cal | robot monitor [TEXT]"
 
@@ -40,6 +44,8 @@ async def robot(context: CommandContext, words: list[str], door: Door) -> Answer
         for reply in replies:
             arm.check_typable(reply)
         if arm.asks_whether_to_move:
+            if not (supervisor.enabled or supervisor.by_hand_only):
+                raise CommandError(NOT_OF_POWER_UP.format(question))
             said = await with_questions(context, by_hand("power-up", lambda: arm.power_up(replies)), door)
         else:
             said = await supervisor.converse("power-up", lambda: arm.power_up(replies), moves=False)

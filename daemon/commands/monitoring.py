@@ -21,6 +21,8 @@ from daemon.console.stop_words import means_stop
 from daemon.errors import FacetdError
 
 ENDS, RUBOUTS, CANCEL = b"\r\n", b"\x08\x7f", b"\x15"
+YES = (b"Y", b"y")
+"""How a line begins that a controller takes for a yes."""
 SPOIL = CANCEL + b"!!\r"
 """Takes a typed line back; makes it an error where the controller knows no such key."""
 GREETING = "The controller's own terminal; the daemon stands aside. Control-] comes back, control-C stops the arm."
@@ -46,7 +48,10 @@ async def monitor(context: CommandContext, door: Door) -> Answer:
 async def _monitored(context: CommandContext, door: Door) -> Answer:
     typist = Typist(context, door)
     async with context.hardware.robot.terminal(lambda data: door.show(shown(data))) as send:
-        send(b"\r")  # an empty line, for the controller to show its prompt
+        if context.hardware.robot.question is None:
+            send(b"\r")  # an empty line, for the controller to show its prompt
+        else:  # to which that might be an answer
+            door.show(f"{context.hardware.robot.question} ".encode("ascii", "replace"))
 
         def typed(keys: bytes) -> None:
             with contextlib.suppress(*ANSWERABLE):  # the line is gone, or a stop has it: that is told otherwise
@@ -88,11 +93,14 @@ class Typist:
     def __init__(self, context: CommandContext, door: Door) -> None:
         self._context, self._door, self._clock = context, door, context.hardware.clock
         self._line, self._plain = bytearray(), bytearray()
-        """What the controller has of the line; and all that was typed, whatever it was taken for."""
+        """The line; and all that was typed, whatever it was taken for."""
+        self._unsent = bytearray()
+        """What the controller has not of the line: a Y that may be a yes to a motion goes out with its end only. One
+        that stands there is a yes, whatever is typed behind it to spoil it."""
         self._asked: tuple[str, float] | None = None
         """The line that waits for a yes, and when it was asked for."""
-        self._edited = self._moving = False
-        """Whether something of the line was taken back; whether a line was sent that may move the arm."""
+        self._edited, self._moving = False, context.hardware.robot.asks_whether_to_move
+        """Whether something of the line was taken back; whether a yes may move the arm: to a line sent, or before."""
         self._stopping: asyncio.Task[str | None] | None = None
         self.lines = 0
 
@@ -108,12 +116,25 @@ class Typist:
             elif key in ENDS:
                 self._end_line(send)
             elif key == CANCEL or key in RUBOUTS:
-                del self._line[0 if key == CANCEL else -1 :]
-                self._edited = True
-                send(key)
+                self._take_back(0 if key == CANCEL else -1, key, send)
             elif b" " <= key <= b"~":
-                self._line += key
-                send(key)
+                self._add(key, send)
+
+    def _add(self, key: bytes, send: Callable[[bytes], None]) -> None:
+        begins = not self._line.strip()
+        self._line += key
+        if self._unsent or (self._moving and begins and key in YES):
+            self._unsent += key
+        else:
+            send(key)
+
+    def _take_back(self, to: int, key: bytes, send: Callable[[bytes], None]) -> None:
+        del self._line[to:]
+        if self._unsent:
+            del self._unsent[to:]
+        else:
+            self._edited = True
+            send(key)
 
     def _stops(self) -> bool:
         """Whether the line that ends here is a stop, also where its letters were taken for an answer, or came too soon
@@ -128,6 +149,7 @@ class Typist:
     def _withdraw(self, send: Callable[[bytes], None]) -> None:
         """Nothing of what was typed is sent, and nothing waits for a yes."""
         self._line.clear()
+        self._unsent.clear()
         if self._asked is not None:
             text, _ = self._asked
             self._asked = None
@@ -137,7 +159,7 @@ class Typist:
         text = self._line.decode("latin-1").strip()
         self._line.clear()
         moves, why = moves_the_arm(text), self._held()
-        if why is not None and (moves or (self._moving and is_yes(text))):
+        if why is not None and (moves or (self._moving and text[:1].encode() in YES)):
             self._keep_back(text, why, send)
         elif moves:
             self._asked = text, self._clock()
@@ -166,6 +188,7 @@ class Typist:
 
     def _keep_back(self, text: str, why: str, send: Callable[[bytes], None]) -> None:
         send(SPOIL)
+        self._unsent.clear()
         self._edited = False
         self._door.show(f"\r\nfacetd: {why}; not sent\r\n".encode("ascii", "replace"))
         self._record(f"not sent: {text}")
@@ -176,7 +199,8 @@ class Typist:
             self._record(text)
         note_hand(self._context, text)
         self._moving |= moves_the_arm(text)
-        send((SPOIL + text.encode() if self._edited else b"") + b"\r")
+        send((SPOIL + text.encode() if self._edited else bytes(self._unsent)) + b"\r")
+        self._unsent.clear()
         self._edited = False
 
     def _record(self, text: str) -> None:

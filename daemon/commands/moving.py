@@ -35,6 +35,7 @@ REMIND_S = 20.0
 UNASKED_S = 0.5
 """How often it is looked whether one waits so."""
 MOST_PICKS = 1_000_000
+HELD = "Moves are held since: `resume` lets them go."
 AUTO_WORDS = ("on", "off", "wait", "resume")
 AUTO_USAGE = "auto on [N] [every S] | auto resume | auto off | auto wait"
 
@@ -111,7 +112,7 @@ async def resume(context: CommandContext, words: list[str], door: Door) -> Answe
     Not heard while a stop is under way: until the arm was seen at rest. Does not enable the arm.
     """
     supervisor = context.cycle.supervisor
-    before, stops = context.cycle.status(), supervisor.stops
+    before, stops, pauses = context.cycle.status(), supervisor.stops, supervisor.pauses
     if before["fault"] is None:
         supervisor.resume()
         return Answer("Going on." if before["paused"] else "Nothing was held.")
@@ -133,18 +134,21 @@ async def resume(context: CommandContext, words: list[str], door: Door) -> Answe
         await supervisor.prove_stop()
         if not _eyes_on_hand(context):
             raise CommandError("the fault stands: meanwhile a calibration without hand_eye was taken over")
-        supervisor.resume(stops)
+        supervisor.resume(stops, pauses)
         supervisor.enable(stops)
         try:
             await context.begin_auto(pick_order.count, pick_order.every_s)
         except RefusedError as refused:  # somebody else was faster; the fault is gone all the same, and is told so
             return Answer("\n".join([*lines, f"{left}, and does not go on: {refused}; then say `auto resume`."]))
-        return Answer("\n".join([*lines, "Going on; `auto off` ends it after a part."]))
-    supervisor.resume(stops)
+        lines.append("Going on; `auto off` ends it after a part.")
+        return Answer("\n".join([*lines, HELD] if supervisor.paused else lines))
+    supervisor.resume(stops, pauses)
     if not known:
         lines.append("Is a part in the gripper? Say `holding yes` or `holding no` before the next pick.")
     if not context.cycle.status()["enabled"]:
         lines.append("The arm does not move until `enable`; then `pick` or `auto on` go on.")
+    if supervisor.paused:
+        lines.append(HELD)
     if pick_order is not None:
         lines.append(f"{cut_off(pick_order.count)}: `auto resume` takes it up, `auto off` gives it up.")
     return Answer("\n".join(lines))
@@ -232,6 +236,7 @@ async def hand(context: CommandContext, words: list[str], door: Door) -> Answer:
 async def holding(context: CommandContext, words: list[str], _: Door) -> Answer:
     """Say whether a part is in the gripper."""
     word = one_of(words, 0, ("yes", "no"), "word", holding.usage)
+    context.cycle.supervisor.between_jobs("what is in the gripper is said")
     return Answer(_take_word(context, word == "yes"))
 
 

@@ -301,7 +301,7 @@ class _Operator:
         elif isinstance(message.answer, str):
             if self._console.is_stop(message.answer):
                 self._turns.take(message.answer, self._stopped)
-            elif message.id in (UNSET, None, self._turns.question):
+            elif message.id == self._turns.question:
                 self._turns.answer(printable(message.answer))
         elif isinstance(message.file, str) or isinstance(message.no_file, str):
             self._take_file(message.file, message.no_file, message.more)

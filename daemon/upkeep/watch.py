@@ -115,7 +115,8 @@ class Watch:
                 context.cycle.supervisor.line_opened_anew()
                 await robot.open()
             if robot.question is not None:
-                context.troubles.tell("controller", f"the controller asks `{robot.question}`: say `robot power-up`")
+                what = "`stop` answers N, and ends what asks" if robot.asks_whether_to_move else "say `robot power-up`"
+                context.troubles.tell("controller", f"the controller asks `{robot.question}`: {what}")
             else:
                 await robot.check()
                 context.troubles.tell("controller", None)

@@ -28,6 +28,8 @@ BALLS_APART_MM = 10.0
 HALF_TURN_OF_2 = np.array([0.0, np.pi, 0.0, 0.0, 0.0, 0.0])
 LAST_MOMENTS_S = 0.05
 """An arm that brakes shows two readings that agree so long before it stands."""
+TYPED_S = 2.0
+"""What was let go just before moves were held has been typed whole by then."""
 HAIR_MM = 0.5
 """A length beyond its limit by less is the arm's repeatability."""
 
@@ -117,7 +119,9 @@ class Judge:
         self._history, self._body, self._safety, self._table = history, body, safety, table
         self._may, self._drop_told, self._tried = _Facts(False), _Facts(False), _Facts(False)
         self._fastest = _Facts(safety.fastest_percent)
-        self._hears = _Facts(True)
+        self._hears, self._held, self._each_asked = _Facts(True), _Facts(False), _Facts(False)
+        self._yeses: list[float] = []
+        self._acts: list[tuple[float, str]] = []
         self._stops: list[tuple[float, str]] = []
         self._said_to_rest: list[tuple[float, str]] = []
         self._by_hand: dict[str, float] = {}
@@ -149,6 +153,18 @@ class Judge:
         """Whether somebody said that what is held be let go wherever it is, from a moment on."""
         self._drop_told.add(at_s, allowed)
 
+    def held(self, at_s: float, holds: bool) -> None:
+        """Whether what moves is held back, from a moment on."""
+        self._held.add(at_s, holds)
+
+    def each_asked(self, at_s: float, asked: bool) -> None:
+        """Whether each motion of arm and hand waits for a yes of its own, from a moment on."""
+        self._each_asked.add(at_s, asked)
+
+    def yes(self, at_s: float) -> None:
+        """Somebody said what may be a yes to a motion."""
+        self._yeses.append(at_s)
+
     def line(self, at_s: float, hears: bool) -> None:
         """Whether what is typed to stop the arm gets through to the controller, from a moment on."""
         self._hears.add(at_s, hears)
@@ -179,6 +195,7 @@ class Judge:
             yield from self._dropped(event)
         else:
             yield from self._unallowed(event)
+            yield from self._not_held(event)
         if isinstance(event, Leg):
             yield from self._too_late(event)
             yield from self._said_to_rest_in(event)
@@ -203,6 +220,20 @@ class Judge:
             at_s, by = max(before)
             text = f"{what} {event.began_s - at_s:.3f} s after the stop `{by}`"
             yield Violation("after a stop", event.began_s, event.by, text)
+
+    def _not_held(self, event: Leg | HandAct) -> Iterator[Violation]:
+        """Typed while moves were held, or each was to be asked for, and was not. Where the line carried what was typed
+        spoiled, nobody knows when it was let go."""
+        given_s = event.given_s
+        held_s, asked_s = (facts.said_before(given_s, True) + TYPED_S for facts in (self._held, self._each_asked))
+        if self._held.at(given_s) and given_s > held_s and self._hears.at(given_s) and self._hears.at(held_s - TYPED_S):
+            yield Violation("while held", event.began_s, event.by, f"{given_s - held_s + TYPED_S:.1f} s after it was")
+        if self._each_asked.at(given_s) and given_s > asked_s and (given_s, event.by) not in self._acts:
+            self._acts = [act for act in self._acts if act[0] > asked_s] + [(given_s, event.by)]
+            said = sum(asked_s - TYPED_S < yes_s <= given_s for yes_s in self._yeses)
+            if len(self._acts) > said:
+                text = f"the motion {len(self._acts)} of which each waits for a yes; {said} were said"
+                yield Violation("not asked", event.began_s, event.by, text)
 
     def _too_late(self, leg: Leg) -> Iterator[Violation]:
         """Still on the way too long after a stop, or after the leave to move was withdrawn."""

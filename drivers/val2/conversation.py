@@ -6,7 +6,8 @@ Knows bytes, events and time-outs; knows nothing of moves or places (link.py). S
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Sequence
+from collections.abc import AsyncIterator, Callable, Sequence
+from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass, replace
 
 from drivers.val2.dialect import Dialect
@@ -66,8 +67,11 @@ class Conversation:
                 events.append(event)
         return events
 
-    async def ask(self, command: str, replies: Sequence[str], timeout_s: float) -> Answer:
-        """Type a command, and the replies to what it asks, and gather everything up to the prompt.
+    async def ask(
+        self, command: str, replies: Sequence[str], timeout_s: float, meant: Callable[[str], bool] = bool
+    ) -> Answer:
+        """Type a command, and the replies to what it asks, and gather everything up to the prompt, or to a question
+        that there is no reply to, or that the replies are not meant for.
 
         Raises Garbled, NoAnswer, Preempted, PortError, ValueError on what cannot be typed.
         """
@@ -79,10 +83,10 @@ class Conversation:
         while True:
             event = await self.next_event(timeout_s, f"no answer to {command!r} within {timeout_s:g} s")
             gathered.append(event)
-            if isinstance(event, Prompt) or (isinstance(event, Question) and not left):
-                return _answer(command, gathered, self.clock() - began_s, self.dialect)
-            if isinstance(event, Question):
+            if isinstance(event, Question) and left and meant(event.text):
                 await self._type_line(left.pop(0))
+            elif isinstance(event, Prompt | Question):
+                return _answer(command, gathered, self.clock() - began_s, self.dialect)
 
     async def next_event(self, timeout_s: float, otherwise: str) -> Event:
         """The next event. Raises NoAnswer(otherwise), Preempted, PortError."""
@@ -153,6 +157,31 @@ class Conversation:
             if k == 0:
                 self._reader.line_ended(echoed=False)
             await asyncio.sleep(self.dialect.character_pause_s)
+
+    @asynccontextmanager
+    async def typing(self) -> AsyncIterator[Callable[[bytes], None]]:
+        """A function that types bytes in the order they are given, as type_raw does; over when all have gone out. It
+        raises Preempted, PortError."""
+        if self.dialect.character_pause_s <= 0:
+            yield self.send_raw
+            return
+        waiting: asyncio.Queue[bytes] = asyncio.Queue()
+
+        def typed(data: bytes) -> None:
+            self._check()
+            waiting.put_nowait(data)
+
+        async def type_all() -> None:
+            with suppress(LinkError):  # whoever types next hears of it
+                while data := await waiting.get():
+                    await self.type_raw(data)
+
+        task = asyncio.create_task(type_all(), name="type what a person types")
+        try:
+            yield typed
+        finally:
+            waiting.put_nowait(b"")
+            await asyncio.wait({task})
 
     async def _type_line(self, text: str) -> None:
         """Send the characters, compare what comes back, and only then send the line end.

@@ -15,6 +15,7 @@ Unit = Annotated[float, Meta(ge=0.001, le=1000)]
 Sign = Annotated[float, Meta(ge=-1, le=1)]
 Angle = Annotated[float, Meta(ge=-360, le=360)]
 Word = Annotated[str, Meta(min_length=1, max_length=40, pattern="^[ -~]+$")]
+Asked = Annotated[str, Meta(min_length=3, max_length=80, pattern="^[ -~]+$")]
 SHORTEST_SILENCE_S, SHORTEST_SETTLE_S = 0.006, 0.002
 
 
@@ -54,6 +55,9 @@ class Dialect:
     variable: Word = "GOAL"
     calibrate_word: Word = "CAL"
     abort_word: Word = "ABORT"
+    power_up_asks: tuple[Asked, ...] = ("floppy", "initiali")
+    """Each question asked after it was switched on has one of these in it, in whatever case; what asks another may be a
+    program, with an arm that its yes moves."""
     line_limit: Annotated[int, Meta(ge=20, le=1000)] = 79
     typing_s: Seconds = 2.0
     """Longest wait for an echo."""
@@ -77,6 +81,10 @@ class Dialect:
     def can_type(self, text: str) -> bool:
         """Whether a line is short enough for the controller, and plain."""
         return len(text) <= self.line_limit and text.isascii() and text.isprintable()
+
+    def asks_after_power_up(self, question: str) -> bool:
+        """Whether it is by its words a question that only a controller asks which was just switched on."""
+        return any(words.lower() in question.lower() for words in self.power_up_asks)
 
     def our_angles_deg(self, printed_deg: Sequence[float]) -> tuple[float, ...]:
         """(6,) degrees of our kinematics, of what WHERE prints."""

@@ -25,6 +25,7 @@ from itertools import pairwise, product
 from typing import Any, Literal
 
 from drivers.val2.conversation import POISON
+from drivers.val2.dialect import Dialect
 from drivers.val2.location import apart
 from drivers.val2.wire import NUMBER, Error, Prompt, Question, Reader, Table, Text, Where
 
@@ -45,6 +46,7 @@ FINE_DIGITS = 2
 """WHERE with fewer behind its points is read to the other side as well: twice as far apart, twice as often."""
 FIRST_JOINT, CUT_AFTER_S = 6, 0.2
 OFF_DEG, REST_MM, REST_DEG = 0.15, 0.15, 0.02
+USUAL = Dialect()
 
 
 @dataclass(frozen=True)
@@ -200,6 +202,8 @@ def _wake(known: Acquaintance, bauds: Sequence[int]) -> Steps:
         answer = yield from _ask(known, said, 60.0)
     known.found("power_up", asked, "asked before the first prompt" if asked else "it asked nothing: it was on already",
                 "certain" if asked else "assumed")  # fmt: skip
+    if not all(map(USUAL.asks_after_power_up, asked)):
+        known.found("power_up_asks", [*USUAL.power_up_asks, *asked], "asked before the first prompt")
     if asked:
         answer = yield from _ask(known, POISON.decode())
     if not answer.prompt:

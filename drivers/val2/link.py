@@ -52,6 +52,8 @@ __all__ = [
 ABORT_ATTEMPTS = 5
 WHERE_CHARACTERS = 300
 """What WHERE prints, and some."""
+TINY_DEG = 1e-9
+"""Of the difference of two printed numbers."""
 BRAKES_S = 0.5
 """Of an arm whose power went, until they hold it."""
 CONFIRMS = "are you sure"
@@ -126,13 +128,19 @@ class Link:
         return self._session.question if self._session is not None else None
 
     async def power_up(self, replies: Sequence[str] = ("Y", "Y")) -> Answer:
-        """Answer what the controller asks, and what it asks next. Raises ControllerError."""
+        """Answer what the controller asks, and what it asks next, where that is of the same kind: a yes to a question
+        of power-up moves nothing, one to another may. Raises ControllerError."""
         async with self._open_session.turn(answers_question=True) as talk:
             asked, self._open_session.question = self.question, None
             if asked is None:
                 raise ControllerError("the controller asks nothing")
+            usual = self.dialect.asks_after_power_up
+            kind = usual(asked)
+            self.program_may_run |= not (kind or _confirms(asked))
             try:
-                answer = await talk.ask(replies[0], replies[1:], self.dialect.calibrate_s)
+                answer = await talk.ask(
+                    replies[0], replies[1:], self.dialect.calibrate_s, lambda text: usual(text) is kind
+                )
             except (Garbled, NoAnswer) as problem:
                 self._open_session.question = asked
                 await self._recover(problem)  # a half-typed answer is no beginning of the next command
@@ -169,8 +177,9 @@ class Link:
             self._accept(replace(answer, errors=()))
 
     async def calibrate(self, answer: str = "Y") -> Answer:
-        """CAL, its question answered. Raises ControllerError."""
-        return await self.command(self.dialect.calibrate_word, (answer,), self.dialect.calibrate_s)
+        """CAL, its question answered, and none that another asks: a controller whose power went just then. Raises
+        ControllerError."""
+        return await self._carry_out((self.dialect.calibrate_word,), (answer,), self.dialect.calibrate_s, _confirms)
 
     async def tool(self, flange_from_tool: Location) -> None:
         """Tell the controller where the tool point is, seen from the flange."""
@@ -266,7 +275,7 @@ class Link:
         """
         try:
             await self._prompt_on_opening(session)
-            if CONFIRMS in (session.question or "").lower():
+            if _confirms(session.question or ""):
                 await self._decline(session)
             if session.question is None:
                 async with session.turn() as talk:
@@ -313,22 +322,35 @@ class Link:
         except (NoAnswer, Garbled) as problem:
             raise Busy(problem.message) from problem
 
-    async def _carry_out(self, lines: Sequence[str], replies: Sequence[str], timeout_s: float | None) -> Answer:
+    async def _carry_out(
+        self,
+        lines: Sequence[str],
+        replies: Sequence[str],
+        timeout_s: float | None,
+        meant: Callable[[str], bool] = bool,
+    ) -> Answer:
         """Several lines in one turn, so that no abort can fall between them unnoticed; the last one's answer."""
         async with self._open_session.turn(moves=any(map(commands.moves_the_arm, lines))) as talk:
             for line in lines:
                 self.program_may_run |= line != self.dialect.calibrate_word and commands.begins_a_program(line)
                 default_s = self.dialect.motion_s if commands.moves_the_arm(line) else self.dialect.answer_s
-                answer = self._accept(await self._ask(talk, line, replies, timeout_s or default_s))
+                answer = self._accept(await self._ask(talk, line, replies, timeout_s or default_s, meant))
         return answer
 
-    async def _ask(self, talk: Conversation, text: str, replies: Sequence[str], wait_s: float) -> Answer:
+    async def _ask(
+        self,
+        talk: Conversation,
+        text: str,
+        replies: Sequence[str],
+        wait_s: float,
+        meant: Callable[[str], bool] = bool,
+    ) -> Answer:
         """Ask, and ask again as long as that is safe: the line was never ended, or it moves nothing."""
         for _ in range(self.dialect.typing_attempts):
             try:
-                answer = await talk.ask(text, replies, wait_s)
+                answer = await talk.ask(text, replies, wait_s, meant)
                 if self._met_a_rest(answer):
-                    answer = await talk.ask(text, replies, wait_s)
+                    answer = await talk.ask(text, replies, wait_s, meant)
                 return answer
             except (Garbled, NoAnswer) as caught:
                 problem = caught
@@ -387,8 +409,12 @@ class Link:
             before = now
 
     def _same_place(self, before: Where, now: Where) -> bool:
+        """By the joints as well: where the wrist is straight, two of them can turn and the tool stays where it is."""
         off_mm, off_deg = apart(before.location, now.location)
-        return off_mm <= self.dialect.same_place_mm and off_deg <= self.dialect.same_place_deg
+        turned_deg = max(abs(b - n) for b, n in zip(before.joints_deg, now.joints_deg, strict=True))
+        return (
+            off_mm <= self.dialect.same_place_mm and max(off_deg, turned_deg - TINY_DEG) <= self.dialect.same_place_deg
+        )
 
     async def _break(self, timeout_s: float) -> None:
         if self.dialect.break_after_move:
@@ -405,7 +431,7 @@ class Link:
                 try:
                     last = await self._type_abort(talk, before)
                     if isinstance(last, Question):
-                        switched_on = _of_power_up(last.text) and not self.program_may_run
+                        switched_on = self.dialect.asks_after_power_up(last.text) and not self.program_may_run
                         if switched_on and last.text == asked:
                             session.question, self.stop_seen = asked, False
                             await asyncio.sleep(BRAKES_S)
@@ -473,9 +499,9 @@ def _heard_of(aborting: asyncio.Task[Where | None]) -> None:
         aborting.exception()
 
 
-def _of_power_up(question: str) -> bool:
-    """Whether a controller that asks this, and asks it again whatever is typed, was switched on just now."""
-    return "Y/N" in question.upper() and CONFIRMS not in question.lower()
+def _confirms(question: str) -> bool:
+    """Whether it asks if a command is meant."""
+    return CONFIRMS in question.lower()
 
 
 def _may_be_our_own_noise(text: str) -> bool:

@@ -79,7 +79,8 @@ class Session:
             await self._may_go_on.wait()
             self._listener = on_bytes
             try:
-                yield talk.send_raw
+                async with talk.typing() as typed:
+                    yield typed
             finally:
                 self._listener = None
                 if talk is self.talk:

@@ -32,6 +32,8 @@ class FakeCycle:
     pick_order: PickOrder | None = None
     held: bool | None = False
     stops: int = 0
+    pauses: int = 0
+    paused: bool = False
     auto: bool = False
     at: Any = field(default_factory=lambda: np.diag([-1.0, 1.0, -1.0, 1.0]))
 
@@ -81,7 +83,10 @@ class FakeCycle:
             raise RefusedError("stopped again")
         self.told.append("enable" if let is Let.ALL else f"enable {let}")
 
-    def resume(self, stops: int | None = None) -> None:
+    def between_jobs(self, what: str) -> None:
+        """Nothing is being done here for long."""
+
+    def resume(self, stops: int | None = None, pauses: int | None = None) -> None:
         if stops not in (None, self.stops):
             raise RefusedError("stopped again")
         self.told.append("resume")

@@ -21,7 +21,6 @@ from hypothesis.stateful import (
     RuleBasedStateMachine,
     initialize,
     invariant,
-    precondition,
     rule,
     run_state_machine_as_test,
 )
@@ -43,13 +42,18 @@ LABELS = ("cube", "pyramid", "triangular_prism", "pentagonal_prism")
 USUAL = (
     *["enable", "resume", "go home", "go bin", "go survey", "pick", "auto on", "hand open", "hand close"] * 3,
     *["stop", "abort", "disable", "pause", "step on", "step off", "confirm", "refuse"] * 2,
-    "pick cube", "auto on 2", "auto on every 9", "auto off", "auto resume", "holding no", "holding yes", "dry on",
+    "pick cube", "look around", "eyes left", "eyes both", "auto on 2", "auto on every 9",
+    "auto off", "auto resume", "holding no", "holding yes", "dry on",
     "dry off", "reload", "status", "where", "look", "scatter cube", "clear", "robot power-up", "robot cal",
 )  # fmt: skip
 GOES = (*["go home", "go bin", "go survey"] * 2, "pick", "hand open", "hand close", "robot cal")
 MONITOR = ("WHERE", "STATUS", "SPEED 100", "SPEED 5", "TOOL TRANS(0,0,0,0,0,0)", "DO READY", "DO OPENI", "DO CLOSEI",
            "CAL", "CALI", "D MOVE TRANS(420,0,60,0,90,0)", "DO MOVE TRANS(420,0,0,0,90,0)", "EXEC PROG", "ABORT",
            "DO BREAK", "Y", "DO DRIVE 1,20,100", "DO SPEED 300 ALWAYS", "BASE 0,0,100", "!!")  # fmt: skip
+KEYS = (*[line + "\r" for line in MONITOR if line != "!!"], *["y", "Y\r"] * 8, "n", "N\r", "DO READY", "\x15", "\x7f",
+        "\r", "Y")  # fmt: skip
+LEAVES = "\x1d"
+"""Control-]."""
 ARGUMENTS = ("", "", "on", "off", "home", "bin", "survey", "cube", "open", "close", "yes", "no", "wait", "2", "every 3",
              "resume", "monitor WHERE", "x", "'", "\\", "# stop", "; enable")  # fmt: skip
 SLOW = ("train", "bundle", "doctor", "calibrate", "preview")
@@ -155,6 +159,24 @@ class Surprises(RuleBasedStateMachine):
             self.there.doors[door].say(how)
         self.there.wait(1.0)
 
+    @rule(
+        door=st.integers(0, 1), keys=st.lists(st.sampled_from(KEYS), min_size=1, max_size=8), seconds=SECONDS,
+        first=AT_WORK, leaves=AT_WORK,
+    )  # fmt: skip
+    @kept
+    def talk_to_the_controller(self, door: int, keys: list[str], seconds: float, first: bool, leaves: bool) -> None:
+        """An operator takes the controller's own terminal, mostly until he comes back from it."""
+        self.set_to_work(first)
+        here = self.there.sockets[door]
+        here.say("robot monitor")
+        for pressed in keys:
+            self.there.wait(0.4)
+            here.press(pressed)
+        self.there.wait(seconds)
+        if leaves:
+            here.press(LEAVES)
+            self.there.wait(0.1)
+
     @rule(door=DOOR, text=st.sampled_from(["y", "y", "n", "", "stop", "stop now", "yes", "maybe"]), seconds=SECONDS)
     @kept
     def answer(self, door: int, text: str, seconds: float) -> None:
@@ -242,11 +264,12 @@ class Surprises(RuleBasedStateMachine):
         self.send_off(going)
         self.there.harm(self.there.cell.server.unplug)  # type: ignore[union-attr]
 
-    @precondition(lambda machine: not machine.there.at_work)
     @rule()
     @kept
     def repair(self) -> None:
-        """Somebody puts line and controller right, and says what is to be said then."""
+        """Somebody puts line and controller right, and says what is to be said then; where nothing is wrong, nothing.
+        A rule that could not be chosen then would leave other draws to a story lived again, in which a terminal was
+        slower by a moment."""
         self.set_to_work()
 
     def send_off(self, going: Going) -> None:

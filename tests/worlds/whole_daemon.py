@@ -22,7 +22,7 @@ import socket
 import tempfile
 import time
 import tty
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
@@ -32,6 +32,7 @@ from unittest.mock import patch
 import numpy as np
 import yaml
 
+from daemon import service
 from daemon.calibration.file import load_calibration
 from daemon.cell import build as build_room
 from daemon.cell.arm_on_link import ArmOnLink, belongs_together
@@ -84,6 +85,7 @@ STOPPED_S = 2.0
 """How long a stop typed at a terminal may be on the line."""
 AT_REST = ("Stopped", "Nothing moves.", "The arm does not move until")
 """How an answer begins that says so."""
+READERS = ("load_calibration", "load_facets", "load_parts", "load_model")
 MOVES = ("pick", "auto", "go", "hand", "robot", "calibrate", "confirm", "teach", "step", "look", "try", "where",
          "resume", "enable")  # fmt: skip
 """After a word of these the arm may go on after a stop that left no fault."""
@@ -105,6 +107,9 @@ class Words:
         self._resuming: set[Key] = set()
         self._stopping: set[Key] = set()
         """Stops that are not answered yet: the line carries them more than once."""
+        self._dry, self._resumed = False, 0
+        self._typed: dict[Key, tuple[str, int]] = {}
+        """Lines that are not done yet, and how often somebody had said `resume` when they were typed."""
         self._by_hand: dict[Key, int | None] = {}
         """What may open the hand: lines that are not done yet, and those (with their status) that failed: they may yet
         be carried out."""
@@ -113,7 +118,7 @@ class Words:
     def allowed(self) -> bool:
         """Whether the arm may move as far as people know."""
         stopped = self._in_doubt or (self._stopped and not self._resuming)
-        return (self.enabled or bool(self._enabling)) and not stopped
+        return (self.enabled or bool(self._enabling)) and not stopped and not self._dry
 
     def said(self, text: str, key: Key, may: str) -> None:
         """A line was typed at a door that may do so much; key: of the answer to come."""
@@ -132,6 +137,7 @@ class Words:
                 self._story.loop.call_later(STOPPED_S, self._stop_over, key)
         if may == "look":
             return
+        self._held_or_not(text, key, now_s)
         if alone and is_word(word, "disable"):
             self.enabled = False
         if is_word(word, "enable"):
@@ -148,8 +154,36 @@ class Words:
             judge.by_hand(now_s, text.partition("onitor")[2].strip())
         self._tell(any(is_word(word, known) for known in MOVES))
 
+    def _held_or_not(self, text: str, key: Key, now_s: float) -> None:
+        """What lets moves go counts as it is typed; what holds them, when it is done."""
+        self._typed[key] = text, self._resumed
+        word, judge = first_word(text), self._story.cell.judge
+        if is_word(word, "resume"):
+            self._resumed += 1
+            judge.held(now_s, False)
+        if is_word(word, "step") and "on" not in text.split():
+            judge.each_asked(now_s, False)
+        if is_word(word, "dry") and "on" not in text.split():
+            self._dry = False
+        if is_word(word, "confirm") or text.lower().startswith("y"):
+            judge.yes(now_s)
+
+    def _holds(self, key: Key) -> None:
+        """A line is done that may hold what moves."""
+        text, resumed = self._typed.get(key, ("", 0))
+        word, judge, now_s = first_word(text), self._story.cell.judge, self._story.stamp_s()
+        if is_word(word, "pause") and resumed == self._resumed:
+            judge.held(now_s, True)
+        if is_word(word, "step") and "on" in text.split():
+            judge.each_asked(now_s, True)
+        if is_word(word, "dry") and "on" in text.split():
+            self._dry = True
+
     def answered(self, key: Key, text: str, status: int) -> None:
         """What came of a line."""
+        if status == 0:
+            self._holds(key)
+        self._typed.pop(key, None)
         self._stopping.discard(key)
         if self._enabling.pop(key, None) is not None and status == 0:
             self.enabled = True
@@ -168,8 +202,18 @@ class Words:
 
     def agreed(self, question: str) -> None:
         """A yes to a question."""
+        self._story.cell.judge.yes(self._story.stamp_s())
         if "Let the arm move" in question:
             self.enabled = True
+        self._tell(True)
+
+    def pressed(self, keys: str) -> None:
+        """What a person types to the controller is theirs, and so is a line of which something was rubbed out."""
+        judge, now_s, line = self._story.cell.judge, self._story.stamp_s(), keys.strip()
+        for end in range(1, len(line) + 1):
+            judge.by_hand(now_s, line[:end])
+        judge.yes(now_s)
+        judge.may_drop(now_s)
         self._tell(True)
 
     def stop(self, why: str) -> None:
@@ -207,10 +251,13 @@ class Words:
 
     def over(self) -> None:
         """The daemon ends, and what was said to it with it."""
-        self.enabled = False
+        self.enabled = self._dry = False
         self._enabling.clear()
         self._resuming.clear()
         self._stopping.clear()
+        self._typed.clear()
+        self._story.cell.judge.held(self._story.stamp_s(), False)
+        self._story.cell.judge.each_asked(self._story.stamp_s(), False)
         self._tell(False)
 
     def _tell(self, wanted: bool) -> None:
@@ -295,6 +342,11 @@ class SocketDoor:
                 self.story.words.stop("an answer")
             elif text.lower().startswith("y"):
                 self.story.words.agreed(question)
+
+    def press(self, keys: str) -> None:
+        """Keys at the controller's own terminal; where it is not open, to nobody."""
+        if self.send({"keys": keys}):
+            self.story.words.pressed(keys)
 
     def interrupt(self) -> None:
         """Control-C."""
@@ -458,6 +510,30 @@ class NoSyncer:
         """Nothing is left to do."""
 
 
+class BareTable(SimulatedHand):
+    """Strews no parts when the daemon starts."""
+
+    def scatter(self, labels: Sequence[str] = ()) -> None:
+        """Strew those told by name."""
+        super().scatter(labels)
+
+
+_READ: dict[tuple[str, bytes], Any] = {}
+
+
+def read_once(load: Callable[[Path], Any]) -> Callable[[Path], Any]:
+    """A reader that remembers what the same bytes held: the daemon is started every few steps, on files that seldom
+    change. What it cannot read is read each time."""
+
+    def reading(path: Path) -> Any:
+        key = load.__qualname__, path.read_bytes()
+        if key not in _READ:
+            _READ[key] = load(path)
+        return _READ[key]
+
+    return reading
+
+
 class Story:
     """A daemon, its cell and its operators, from the first to the last of what happens to them."""
 
@@ -474,6 +550,7 @@ class Story:
             patch.object(moving, "POLL_S", SLICE_S),
             patch.object(runlog, "_Worker", AtOnce),
             patch.object(runlog, "Syncer", NoSyncer),
+            *(patch.object(service, name, read_once(getattr(service, name))) for name in READERS),
         ]
         for each in self._patches:
             each.start()
@@ -678,7 +755,8 @@ class Story:
             partial(belongs_together, geometry),
             self.cell.server.open,  # type: ignore[union-attr]
         )
-        hand = SimulatedHand(self.cell, {label: len(views) for label, views in STANDS.items()}, BoardPrint)
+        kind = SimulatedHand if self._parts else BareTable
+        hand = kind(self.cell, {label: len(views) for label, views in STANDS.items()}, BoardPrint)
         eyes = ThreadedEyes(self.cell.camera, self.loop.time)
         return Hardware("simulated", ArmOnLink(link, geometry), eyes, self.loop.time, "memory", 7, hand)
 

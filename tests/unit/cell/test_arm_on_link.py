@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager
 from dataclasses import replace
@@ -16,10 +17,13 @@ from daemon.cell.arm_on_link import ArmOnLink
 from drivers.puma560 import READY_RAD, ArmGeometry
 from drivers.simcell.arm import Arm
 from drivers.simcell.controller import Controller, Faults, Manners, MemoryLine, Mishap, PtyServer, instructions
+from drivers.simcell.controller.commands import Ask
 from drivers.simcell.controller.expressions import MonitorError
 from drivers.simcell.controller.machine import Machine
+from drivers.simcell.controller.manners import VAL_II_ASKS
 from drivers.simcell.controller.monitor import MONITOR_COMMANDS
 from drivers.simcell.simulated_time import SimulatedLoop
+from drivers.val2.dialect import Dialect
 from drivers.val2.errors import LinkError
 from drivers.val2.link import Link
 from tests.worlds.arm_line import QUICK, ArmLine
@@ -286,3 +290,61 @@ def test_a_terminal_that_is_left_with_a_question_open_answers_none_and_leaves_an
 
     with asyncio.Runner(loop_factory=SimulatedLoop) as runner:
         runner.run(story())
+
+
+def test_a_question_found_on_opening_is_one_of_power_up_by_its_words_alone() -> None:
+    """A program that somebody left asking: the arm was said to be at rest, and `robot power-up` sent it on its way."""
+
+    async def story(asks: tuple[str, ...]) -> tuple[bool, bool, list[str]]:
+        controller = Controller(Arm(joints_rad=BENT), Manners(power_up=asks), cold=True)
+        line = MemoryLine(controller, asyncio.get_running_loop())
+        arm = ArmOnLink(Link(line.port, clock=line.now_s, open_port=line.open), ArmGeometry())
+        with contextlib.suppress(LinkError):
+            await arm.open()
+        rests = not arm.asks_whether_to_move and await arm.at_rest()
+        return arm.asks_whether_to_move, rests, list(controller.lines)
+
+    for asks, may_move in ((VAL_II_ASKS, False), (("Another part (Y/N)?",), True), (("Go on?",), True)):
+        with asyncio.Runner(loop_factory=SimulatedLoop) as runner:
+            assert runner.run(story(asks)) == (may_move, not may_move, [])
+
+
+def test_the_yes_to_a_programs_question_is_over_when_the_arm_rests_and_the_program_is_ended(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    async def story() -> None:
+        controller = Controller(Arm(joints_rad=BENT))
+        line = MemoryLine(controller, asyncio.get_running_loop())
+
+        def asking(machine: Machine, _: str) -> Iterator[Ask]:
+            yield Ask("Another part?")
+            machine.move_joints(READY_RAD)
+
+        monkeypatch.setitem(MONITOR_COMMANDS, "EXECUTE", asking)
+        arm = ArmOnLink(Link(line.port, clock=line.now_s, open_port=line.open), ArmGeometry())
+        await arm.open()
+        with pytest.raises(LinkError, match="Another part"):
+            await arm.monitor("EXEC PROG")
+        await arm.power_up(["Y"])
+        assert controller.machine.at_rest()
+        assert np.allclose(controller.arm.joints_at(line.now_s()), READY_RAD)
+        assert arm.stop_seen
+
+    with asyncio.Runner(loop_factory=SimulatedLoop) as runner:
+        runner.run(story())
+
+
+def test_what_a_person_types_at_the_terminal_is_paced_as_what_we_type() -> None:
+    async def story() -> list[str]:
+        controller = Controller(Arm(joints_rad=BENT), Manners(lost_within_s=0.005))
+        line = MemoryLine(controller, asyncio.get_running_loop())
+        slowly = Dialect(character_pause_s=0.01)
+        arm = ArmOnLink(Link(line.port, slowly, clock=line.now_s, open_port=line.open), ArmGeometry())
+        await arm.open()
+        async with arm.terminal(lambda _: None) as send:
+            send(b"SPEED 20\rSPE")
+            send(b"ED 30\r")
+        return [text for text in controller.lines if text.startswith("S")]
+
+    with asyncio.Runner(loop_factory=SimulatedLoop) as runner:
+        assert runner.run(story()) == ["SPEED 20", "SPEED 30"]

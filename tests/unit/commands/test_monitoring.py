@@ -35,7 +35,9 @@ def standing(fault: str | None = None, enabled: bool = True) -> Any:
     if enabled:
         supervisor.enable()
     supervisor.fault = fault
-    cycle, hardware = SimpleNamespace(supervisor=supervisor, hand_full=False), SimpleNamespace(clock=count().__next__)
+    robot = SimpleNamespace(asks_whether_to_move=False)
+    cycle = SimpleNamespace(supervisor=supervisor, hand_full=False)
+    hardware = SimpleNamespace(clock=count().__next__, robot=robot)
     return SimpleNamespace(cycle=cycle, hardware=hardware, log=FakeLog())
 
 
@@ -217,7 +219,29 @@ def test_the_yes_to_what_the_controller_asks_before_a_motion_is_held_by_a_pause(
     if paused:
         context.cycle.supervisor.pause()
     typist.typed(b"Y\r", sent.extend)
-    assert bytes(sent) == b"CAL\rY" + (SPOIL if paused else b"\r")
+    assert bytes(sent) == b"CAL\r" + (SPOIL if paused else b"Y\r")
+
+
+@pytest.mark.parametrize("line", [b"Y\r", b"yes\r", b" Y\r", b"Y X\r", b"Yup\r", b"N\x7fY\r"])
+def test_of_a_yes_that_is_held_nothing_reaches_the_controller_that_begins_with_one(line: bytes) -> None:
+    """A Y that stood there was one, to a controller that knows no key to take it back, whatever spoiled it."""
+    context = standing()
+    sent, door = bytearray(), Shown()
+    typist = Typist(context, door)
+    for keys in (b"CAL\r", b"y"):
+        typist.typed(keys, sent.extend)
+    context.cycle.supervisor.pause()
+    before = len(sent)
+    typist.typed(line, sent.extend)
+    assert not any(read.strip().startswith(("Y", "y")) for read in lines_read(bytes(sent[before:]), frozenset()))
+
+
+def test_the_yes_to_a_question_that_stood_before_the_terminal_was_opened_is_held_where_the_arm_may_not_move() -> None:
+    context = standing(enabled=False)
+    context.hardware.robot.asks_whether_to_move = True
+    sent, door = typed(context, b"Y\r")
+    assert sent == SPOIL
+    assert "not enabled" in door.said[0]
 
 
 def test_in_a_dry_run_no_line_that_may_move_the_arm_is_sent_from_here_either() -> None:

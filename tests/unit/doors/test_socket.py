@@ -119,6 +119,25 @@ def speak(path: Path, *lines: bytes) -> list[dict[str, Any]]:
         return answers
 
 
+def test_an_answer_that_does_not_say_to_which_question_answers_none(tmp_path: Path) -> None:
+    """It may have been typed before this one was shown."""
+
+    def use(path: Path) -> list[dict[str, Any]]:
+        with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as line, line.makefile("rwb") as file:
+            line.connect(str(path))
+            file.write(b'{"do": "forget cube", "asks": true}\n')
+            file.flush()
+            asked = json.loads(file.readline())
+            number = json.dumps(asked["id"]).encode()
+            file.write(b'{"answer": "y"}\n{"answer": "y", "id": null}\n{"answer": "n", "id": ' + number + b"}\n")
+            file.flush()
+            return [asked, *(json.loads(file.readline()) for _ in range(2))]
+
+    answers, _ = with_socket(tmp_path / "s", use)
+    assert [*answers[0], *answers[1], *answers[2]] == ["ask", "id", "unasked", "done"]
+    assert answers[2]["done"]["status"] != 0
+
+
 @pytest.mark.parametrize(
     "line",
     [b"status\n", b"[]\n", b"{}\n", b'{"do": "status"\n', b"\xff\xfe\n", b'{"do": {"a": 1}}\n', b'{"answer": "y"}\n'],

@@ -7,7 +7,11 @@ from collections.abc import Iterator
 import pytest
 import yaml
 
+from drivers.puma560 import READY_RAD
 from drivers.simcell.controller import Mishap
+from drivers.simcell.controller.commands import Ask
+from drivers.simcell.controller.machine import Machine
+from drivers.simcell.controller.monitor import MONITOR_COMMANDS
 from tests.worlds.whole_daemon import Story
 
 pytestmark = pytest.mark.slow
@@ -221,3 +225,54 @@ def test_a_line_that_is_lost_while_a_person_has_the_controllers_terminal_is_told
     assert story.sockets[0].line is not None
     assert any("the port is gone; NOT CONFIRMED" in text for text in story.texts)
     assert story.violations() == ()
+
+
+def test_a_question_that_somebody_left_before_the_start_is_answered_by_nobody_as_if_it_were_power_ups(
+    story: Story, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """`robot power-up` said yes to it: the program went on, with an arm that was not enabled."""
+
+    def asking(machine: Machine, _: str) -> Iterator[Ask]:
+        if (yield Ask("Another part (Y/N)?")).startswith("Y"):
+            machine.move_joints(READY_RAD)
+
+    monkeypatch.setitem(MONITOR_COMMANDS, "EXECUTE", asking)
+    story.terminate()
+    story.cell.controller.receive(b"EXEC PROG\r", story.now_s)
+    story.start()
+    story.sockets[0].say("robot power-up")
+    story.wait(2.0)
+    assert any("no question after power-up that facetd knows" in text for text in story.texts)
+    story.sockets[0].say("stop")
+    story.wait(3.0)
+    assert story.cell.controller.question is None
+    assert story.violations() == ()
+
+
+def test_a_pause_said_after_a_resume_was_asked_for_holds_what_its_yes_sets_going(story: Story) -> None:
+    """The yes to a question from before let go what somebody else had held since."""
+    story.sockets[0].say("auto on")
+    story.wait(0.3)
+    story.sockets[1].say("stop")
+    story.wait(1.0)
+    story.sockets[0].say("resume")
+    story.wait(0.3)
+    assert "Let the arm move and go on?" in (story.sockets[0].question or (0, ""))[1]
+    story.sockets[1].say("pause")
+    story.wait(0.3)
+    story.sockets[0].answer("y")
+    story.wait(4.0)
+    assert story.violations() == ()
+    assert any("Moves are held since" in text for text in story.texts)
+
+
+def test_what_is_in_the_hand_is_not_said_to_be_gone_under_an_arm_that_carries_it() -> None:
+    """The rest of its way was guarded as if nothing were in the hand."""
+    story = Story(holds=True)
+    for text in ("enable", "go bin"):
+        story.sockets[0].say(text)
+        story.wait(0.5)
+    story.sockets[1].say("holding no")
+    story.wait(0.1)
+    assert any("busy: bin" in text for text in story.texts)
+    assert story.close() == ()

@@ -378,3 +378,44 @@ def test_the_judge_s_upper_arm_lies_where_the_arm_s_own_geometry_has_it() -> Non
         assert shoulder == pytest.approx(links[0, :3, 3], abs=1e-6)
         assert beside == pytest.approx(links[2, :3, 3], abs=1e-6)
         assert elbow == pytest.approx(elbow_mm(joints), abs=1e-6)
+
+
+@pytest.mark.parametrize("line", ["DO READY", "DO CLOSEI"])
+@pytest.mark.parametrize("after_s", [1.9, 2.1])
+def test_what_is_typed_while_moves_are_held_is_found_once_what_was_let_go_before_must_have_been_typed(
+    line: str, after_s: float
+) -> None:
+    cell = Cell()
+    cell.judge.held(cell.now_s, True)
+    cell.types("", after_s)
+    cell.types(line)
+    assert cell.found() == ["while held"] * (after_s > 2.0)
+    cell.judge.held(cell.now_s, False)
+    cell.types("DO DRIVE 1,5,50")
+    assert len(cell.found()) == (after_s > 2.0)
+
+
+def test_a_motion_typed_while_moves_were_held_over_a_line_that_carried_nothing_may_have_been_let_go_before() -> None:
+    cell = Cell()
+    cell.judge.line(cell.now_s, hears=False)
+    cell.judge.held(cell.now_s, True)
+    cell.types("", 3.0)
+    cell.judge.line(cell.now_s, hears=True)
+    cell.types("DO READY")
+    assert cell.found() == []
+
+
+def test_of_motions_that_each_wait_for_a_yes_no_more_are_made_than_yeses_were_said() -> None:
+    cell = Cell()
+    cell.judge.yes(cell.now_s)
+    cell.types("", 1.0)
+    cell.judge.each_asked(cell.now_s, True)
+    cell.types("DO DRIVE 1,5,50", 3.0)
+    cell.judge.yes(cell.now_s)
+    cell.types("DO DRIVE 1,5,50")
+    assert cell.found() == []
+    cell.types("DO CLOSEI")
+    assert cell.found() == ["not asked"]
+    cell.judge.each_asked(cell.now_s, False)
+    cell.types("DO DRIVE 1,5,50")
+    assert cell.found() == ["not asked"]

@@ -19,8 +19,8 @@ PROMPT = "\r\n."
 ASKS = "\r\nAre you sure (Y/N)? "
 
 
-def table(x: float = 500.0, t: float = 0.0) -> str:
-    return f"\r\nX Y Z O A T\r\n{x:.2f} 0 0 0 0 {t:.3f}\r\nJT1 JT2 JT3 JT4 JT5 JT6\r\n1 2 3 4 5 6" + PROMPT
+def table(x: float = 500.0, t: float = 0.0, joints: str = "1 2 3 4 5 6") -> str:
+    return f"\r\nX Y Z O A T\r\n{x:.2f} 0 0 0 0 {t:.3f}\r\nJT1 JT2 JT3 JT4 JT5 JT6\r\n{joints}" + PROMPT
 
 
 class Scripted:
@@ -190,6 +190,27 @@ def told(
     return lived(story())
 
 
+@pytest.mark.parametrize(("turned_deg", "rests"), [(0.01, True), (0.011, False)])
+def test_an_arm_whose_joints_turn_while_its_tool_stays_where_it_is_does_not_rest(
+    turned_deg: float, rests: bool
+) -> None:
+    """Two joints of a straight wrist, one against the other: the stop was called confirmed by the tool alone."""
+
+    def says(line: str, nth: int) -> str:
+        return table(joints=f"1 2 3 {4 + nth * turned_deg:.3f} 5 6") if line == "WHERE" else PROMPT
+
+    async def story() -> bool:
+        link = linked(Scripted(says))
+        await link.open()
+        try:
+            await link.still(0.0)
+        except NoAnswer:
+            return False
+        return True
+
+    assert lived(story()) is rests
+
+
 def test_what_a_controller_asks_at_power_up_is_answered_in_turn_before_it_takes_a_command() -> None:
     def says(line: str, nth: int) -> str:
         return "\r\nInitialize (Y/N)? " if (line, nth) == ("Y", 0) else PROMPT
@@ -209,6 +230,34 @@ def test_what_a_controller_asks_at_power_up_is_answered_in_turn_before_it_takes_
         return port.lines
 
     assert lived(story()) == ["Y", "N"]
+
+
+FLOPPY = "\r\nVAL\r\nLoad VAL-II from floppy (Y/N)? "
+
+
+def test_the_yes_to_cal_is_given_to_no_question_of_a_controller_whose_power_went_just_then() -> None:
+    async def story() -> list[str]:
+        port = Scripted(lambda line, _: FLOPPY if line == "CAL" else PROMPT)
+        link = linked(port)
+        await link.open()
+        with pytest.raises(ControllerError, match="asks 'Load VAL-II from floppy"):
+            await link.calibrate()
+        assert link.question == "Load VAL-II from floppy (Y/N)?"
+        return port.lines
+
+    assert lived(story()) == ["DO BREAK", "CAL"]
+
+
+def test_the_answers_to_power_up_are_given_to_no_question_whose_yes_may_move_the_arm() -> None:
+    async def story() -> list[str]:
+        port = Scripted(lambda line, _: "\r\nCalibrate now (Y/N)? " if line == "Y" else PROMPT, at_first=FLOPPY)
+        link = linked(port)
+        await link.open()
+        with pytest.raises(ControllerError, match="asks 'Calibrate now"):
+            await link.power_up(("Y", "Y"))
+        return port.lines
+
+    assert lived(story()) == ["Y"]
 
 
 @pytest.mark.parametrize(
