@@ -51,7 +51,7 @@ def known(looks: Sequence[Look], recogniser: Recogniser, doubt: Doubt) -> list[S
     newest = looks[-1]
     for piece in _pieces(fused, _unexplained(fused, named, recogniser)):
         named += [part for part in _recognised(fused, piece, newest, recogniser) if part.named]
-    named = _agreed(named, recogniser)
+    named = _in_own_places(fused, _agreed(named, recogniser), recogniser)
     left = _unexplained(fused, named, recogniser)
     return [*named, *(part for piece in _whole(fused, left) for part in _recognised(fused, piece, newest, recogniser))]
 
@@ -76,6 +76,26 @@ def _agreed(named: Sequence[Seen], recogniser: Recogniser) -> list[Seen]:
     return [part for k, part in enumerate(named) if k not in out]
 
 
+def _in_own_places(fused: Fused, named: Sequence[Seen], recogniser: Recogniser) -> list[Seen]:
+    """Named parts of which no two have the same facet, as two do that would lie in each other: of two of one name the
+    one stays that has more, two of different names both go."""
+    seen = fused.polyhedron
+    area_mm2 = np.linalg.norm(seen.areas_mm2, axis=1)
+    shares = [_shares(seen, part, recogniser) for part in named]
+    out = set[int]()
+    for i, j in combinations(range(len(named)), 2):
+        if np.any((shares[i] > MOST) & (shares[j] > MOST)):
+            less = i if shares[i] @ area_mm2 < shares[j] @ area_mm2 else j
+            out |= {less} if named[i].label == named[j].label else {i, j}
+    return [part for k, part in enumerate(named) if k not in out]
+
+
+def _shares(seen: Polyhedron, part: Seen, recogniser: Recogniser) -> Array:
+    """(F,) the share of each facet that lies in a face of a named part."""
+    shape = recogniser.shape(part.label)
+    return np.array([_on_face(seen, k, shape, part.world_from_part) if shape else 0.0 for k in range(len(seen.facets))])
+
+
 def _middle(part: Seen, recogniser: Recogniser) -> Array:
     """(3,) world: of the part's corners, seen or not."""
     shape = recogniser.shape(part.label)
@@ -90,7 +110,7 @@ def _unexplained(fused: Fused, named: Sequence[Seen], recogniser: Recogniser) ->
     for part in named:
         shape = recogniser.shape(part.label)
         if shape is not None:
-            shares = np.array([_on_face(seen, k, shape, part.world_from_part) for k in range(len(seen.facets))])
+            shares = _shares(seen, part, recogniser)
             explained += shares
             theirs |= _untaught(seen, set(np.flatnonzero(shares > MOST).tolist()), shape, part.world_from_part)
     return sorted(set(np.flatnonzero(explained <= MOST).tolist()) - theirs)

@@ -14,7 +14,7 @@ from daemon.arrays import Array
 from daemon.pick.looking import Look
 from daemon.pick.pose_fusion import Doubt
 from daemon.pick.seen import seen_parts
-from daemon.pick.things import _untaught, known, outlines_of
+from daemon.pick.things import ONE_MM, _untaught, known, outlines_of
 from daemon.store.library import load_facets
 from daemon.teaching.aspects import learn_solid
 from daemon.teaching.trainer import Recogniser
@@ -83,6 +83,23 @@ def test_names_that_contradict_each_other_are_asked_anew_of_all_facets(recognise
     part = one.scene.parts[0]
     wrong = replace(part, recognition=replace(part.recognition, label="cut"))
     assert labels([as_look((wrong,), one.world_from_cyclopean), other], recogniser) == ["block"]
+
+
+@pytest.mark.parametrize("label", ["block", "cut"])
+def test_of_two_parts_that_would_lie_in_each_other_one_is_there(label: str, recogniser: Recogniser) -> None:
+    """A look laid its part so far aside that their middles are apart, and yet half a side of one is the other's."""
+    one, other = look_from(recogniser, 135, 40), look_from(recogniser, 100, 50, 1)
+    (part,) = other.scene.parts
+    aside = frames.rigid(np.eye(3), other.world_from_cyclopean[:3, :3].T @ np.array([ONE_MM + 2.0, 0.0, 0.0]))
+    laid = replace(
+        part,
+        recognition=replace(part.recognition, label=label),
+        cyclopean_from_part=aside @ part.cyclopean_from_part,
+        fitted_mm=tuple(frames.apply(aside, ring) for ring in part.fitted_mm),
+    )
+    found = known([one, as_look((laid,), other.world_from_cyclopean)], recogniser, Doubt())
+    assert [thing.label for thing in found] == ["block"]
+    assert np.linalg.norm(found[0].world_from_part[:3, 3] - seen_parts(one)[0].world_from_part[:3, 3]) < 3.0
 
 
 def test_one_look_alone_is_what_it_is(recogniser: Recogniser) -> None:
