@@ -5,6 +5,7 @@ What a killed daemon or a full disk leaves behind is no damage: a torn last line
 
 from __future__ import annotations
 
+import os
 from collections import deque
 from itertools import pairwise
 from pathlib import Path
@@ -78,4 +79,4 @@ def _whole_picture(folder: Path, name: str) -> bool:
 
 def _without_picture(folder: Path, run: RunRecords) -> list[str]:
     names = [n for r in run.records if r["kind"] == "look" for n in (r.get("images") or {}).values()]
-    return [f"{name}: its look is there, the picture is not" for name in names if not (folder / name).is_file()]
+    return [f"{name}: its look is there, the picture is not" for name in names if not os.path.isfile(folder / name)]

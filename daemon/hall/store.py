@@ -119,7 +119,7 @@ class Store:
         name = manifest_name(short, cell, run)
         try:
             return msgspec.json.decode(self.read("collected", name), type=Collected)
-        except msgspec.MsgspecError as error:
+        except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError) as error:
             raise StoreError(f"{self.url}: collected/{name}: {error}") from None
 
     def damaged(self, run: Collected) -> list[str]:

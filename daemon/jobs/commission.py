@@ -108,7 +108,7 @@ def _kept(path: Path) -> dict[str, Proof]:
         if not path.exists():
             return {}
         raise
-    except msgspec.MsgspecError as error:
+    except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError) as error:
         raise FileError(f"{path}: {error}; move it away to begin anew") from None
 
 

@@ -10,10 +10,11 @@ import hashlib
 import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import msgspec
 import numpy as np
+from msgspec import Meta
 
 from daemon.art import ArtError, FuzzyARTMAP
 from daemon.store.files import write_atomically
@@ -21,10 +22,12 @@ from daemon.store.library import library_digest, library_plain
 from daemon.store.npz import ArchiveError, Arrays, one_line, pack, unpack
 from daemon.store.outside import FileError, read_file
 from daemon.vision.geometry import Polyhedron
-from daemon.vision.model import FacetLibrary, FacetType, MetricModel, Model, Parameters, TaughtView
+from daemon.vision.model import LARGEST_NUMBER, FacetLibrary, FacetType, MetricModel, Model, Parameters, TaughtView
 
 FORMAT = "facetd-model"
 VERSION = 1
+LARGEST_MM = 1e5
+"""From a part's middle; its corners are known to a fraction of a millimetre."""
 LARGEST_FILE = 8_000_000
 LARGEST_UNFOLDED = 64_000_000
 """Bytes of all arrays together. Ten parts of ten views each are 0.4 MB."""
@@ -54,14 +57,14 @@ class _MetricHeader(msgspec.Struct, forbid_unknown_fields=True):
 
 class _TypeHeader(msgspec.Struct, forbid_unknown_fields=True):
     name: str
-    number: float
-    angles_rad: list[float | str]
-    ratios: list[float | str]
+    number: Annotated[float, Meta(gt=0, lt=LARGEST_NUMBER)]
+    angles_rad: list[Annotated[float, Meta(gt=0, le=7)] | str]
+    ratios: list[Annotated[float, Meta(gt=0, le=1e6)] | str]
 
 
 class _LibraryHeader(msgspec.Struct, forbid_unknown_fields=True):
-    angle_tolerance_rad: float
-    ratio_tolerance: float
+    angle_tolerance_rad: Annotated[float, Meta(gt=1e-6, lt=2)]
+    ratio_tolerance: Annotated[float, Meta(gt=1e-6, lt=1)]
     types: list[_TypeHeader]
     sha256: str
 
@@ -70,8 +73,8 @@ class _Header(msgspec.Struct, forbid_unknown_fields=True):
     format: str
     version: int
     trained: str
-    parameters: dict[str, float | bool]
-    matrix_size: int
+    parameters: dict[str, Annotated[float, Meta(ge=0, le=1000)] | bool]
+    matrix_size: Annotated[int, Meta(ge=0, le=1000)]
     parts: list[str]
     codes: dict[str, str]
     library: _LibraryHeader
@@ -155,14 +158,16 @@ def from_bytes(content: bytes) -> ModelFile:
     if not isinstance(plain, dict) or plain.get("format") != FORMAT:
         raise ModelError("not a facetd model: its header does not say so")
     if plain.get("version") != VERSION:
-        raise ModelError(f"version {plain.get('version')}, this facetd reads version {VERSION}: train anew or update")
+        raise ModelError(
+            f"version {plain.get('version')!r:.40}, this facetd reads version {VERSION}: train anew or update"
+        )
     told = plain.pop("sha256", None)
     if told != _checksum(plain, arrays):
         raise ModelError("altered or damaged: its checksum does not fit its content")
     try:
         header = msgspec.convert({**plain, "sha256": told}, _Header)
         return ModelFile(_model(header, arrays), header.trained, header.codes, str(told))
-    except (msgspec.ValidationError, ArtError, KeyError, TypeError, ValueError) as error:
+    except (msgspec.ValidationError, ArtError, ArithmeticError, LookupError, TypeError, ValueError) as error:
         raise ModelError(f"does not hold together: {one_line(error)}") from None
 
 
@@ -196,6 +201,8 @@ def _library_header(library: FacetLibrary) -> dict[str, Any]:
 
 
 def _model(header: _Header, arrays: Arrays) -> Model:
+    if any(len(t.angles_rad) < 3 or len(t.angles_rad) != len(t.ratios) for t in header.library.types):
+        raise ValueError("a facet type of other ratios than angles, or fewer than three")
     types = tuple(FacetType(t.name, t.number, tuple(t.angles_rad), tuple(t.ratios)) for t in header.library.types)
     library = FacetLibrary(types, header.library.angle_tolerance_rad, header.library.ratio_tolerance)
     parameters = Parameters(**header.parameters)  # type: ignore[arg-type]
@@ -222,7 +229,21 @@ def _model(header: _Header, arrays: Arrays) -> Model:
         m.label: MetricModel(_solid(f"metric{i}", m.solid, arrays), tuple(m.joined))
         for i, m in enumerate(header.metric)
     }
+    _check_parts(header, views, 0 if artmap is None else len(arrays["weights"]))
     return Model(library, parameters, views, artmap, header.matrix_size, metric)
+
+
+def _check_parts(header: _Header, views: tuple[TaughtView, ...], nodes: int) -> None:
+    """Raises ValueError where views, parts and nodes do not belong to each other: each look would find it out."""
+    known = {metric.label for metric in header.metric}
+    if {view.label for view in views} != known or len(header.metric) != len(known) or known != set(header.parts):
+        raise ValueError("its views are of other parts than those that it knows")
+    for view in views:
+        facets = len(view.solid.facets)
+        if view.numbers.shape != (facets,) or view.touching.shape != (facets, facets) or not 0 <= view.node < nodes:
+            raise ValueError(f"{view.label}: a view's pattern is not one of its facets")
+    if any(not 0 <= k < len(views) for metric in header.metric for k in metric.joined):
+        raise ValueError("a part is made of a view that is not there")
 
 
 def _solid(name: str, header: _SolidHeader, arrays: Arrays) -> Polyhedron:
@@ -233,6 +254,12 @@ def _solid(name: str, header: _SolidHeader, arrays: Arrays) -> Polyhedron:
     facets = tuple(tuple(f) for f in header.facets)
     if any(not 0 <= k < len(corners) for f in facets for k in f):
         raise ValueError(f"{name}: a facet names a corner that is not there")
+    if len(facets) < 2 or any(len(set(f)) < 3 for f in facets) or len(header.types) != len(facets):
+        raise ValueError(f"{name}: fewer than two facets, or one without three corners or a type")
+    if not (np.abs(corners).max(initial=0.0) <= LARGEST_MM and np.abs(covariance).max(initial=0.0) <= LARGEST_MM**2):
+        raise ValueError(f"{name}: corners, or what is not known of them, beyond {LARGEST_MM:g} mm")
+    if len(corners) and np.linalg.eigvalsh(covariance).min() < -1e-6:
+        raise ValueError(f"{name}: a covariance below nothing")
     return Polyhedron(corners, facets, covariance, tuple(header.types))
 
 

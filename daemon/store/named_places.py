@@ -119,7 +119,7 @@ class NamedPlaces:
 def _read(line: bytes) -> NamedPlace | None:
     try:
         one = msgspec.json.decode(line, type=_Line)
-    except msgspec.MsgspecError:
+    except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError):
         return None
     pose = None if one.world_from_tool is None else np.array(one.world_from_tool, float)
     if pose is not None and not _is_place(pose):

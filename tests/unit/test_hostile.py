@@ -1,4 +1,4 @@
-"""Every reader of files and every door, 11,000 hostile inputs: a value or a named error, never anything else.
+"""Every reader of files and every door, 20,000 hostile inputs: a value or a named error, never anything else.
 
 `python -m tests.bench.long.hostile` goes on for a million, in children with little memory and a clock.
 """
@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from tests.worlds.hostile import READERS, Reader, attack
 
-SEEDS, INPUTS = 8, 100
+SEEDS, INPUTS = 12, 100
 
 
 @pytest.mark.parametrize("reader", READERS, ids=lambda reader: reader.name)

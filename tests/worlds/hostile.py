@@ -29,22 +29,40 @@ from daemon.console.interpreter import Console
 from daemon.doors.lineedit import LineEditor
 from daemon.doors.socket import _message
 from daemon.errors import FacetdError
+from daemon.hall.layout import rows_of
+from daemon.hall.soundness import damages
+from daemon.live.now import Now
+from daemon.review.brief import read_brief
 from daemon.review.cli import told
 from daemon.review.digest import digest
 from daemon.review.pagedata import page_data
+from daemon.review.replay import compare
 from daemon.review.tables import tables
+from daemon.review.week import week_data
 from daemon.store.library import load_facets, load_parts
-from daemon.store.model import load, to_bytes
+from daemon.store.model import (
+    LARGEST_UNFOLDED,
+    ModelError,
+    _canonical,
+    _checksum,
+    from_bytes,
+    load,
+    to_bytes,
+)
 from daemon.store.model_store import ModelStore
+from daemon.store.named_places import NamedPlaces
+from daemon.store.npz import Arrays, pack, unpack
 from daemon.store.outside import FileError
 from daemon.store.pictures import read_grey
 from daemon.store.places import HOUSE
 from daemon.store.runs import check_wire, read_run
 from daemon.store.standing import Standing, StandingFile, left_behind
 from daemon.teaching.mesh import MeshError, read_mesh
-from daemon.vision.model import empty_model
+from daemon.vision.model import empty_model, learn_view
+from daemon.vision.recognition.recognise import recognise_group
 from tests.worlds.fake_context import FakeDoor, fake_context
 from tests.worlds.made_run import MadeRun
+from tests.worlds.solids import CUBE, PYRAMID, pose, view_of
 
 ETC = HOUSE / "etc"
 WORDS = (
@@ -53,6 +71,11 @@ WORDS = (
     *(b"null", b"true", b"NaN", b"Infinity", b"-1", b"1e999", b"9" * 400, b"[" * 2000, b'{"a":' * 2000, b" " * 3000),
     *(b"../../etc/hostname", b"/etc/hostname", b"/dev/zero", b"\x1b[2J", b"\xed\xa0\x80", b"stop", b"\x03"),
     *(b"vertex 1 2 3\n", b"f 1 2 3\n", b"f -1 -2 -9\n", b"v nan inf 0\n"),
+)
+PLACES = b"".join(
+    b'{"v": 1, "t": "2026-01-01", "who": "w", "name": "%s", "world_from_tool": '
+    b"[[1.0, 0, 0, 500], [0, 1, 0, 0], [0, 0, 1, 300], [0, 0, 0, 1]]}\n" % name
+    for name in (b"a", b"b", b"a")
 )
 VALUES: tuple[Any, ...] = (
     None,
@@ -278,6 +301,50 @@ def _typed(content: bytes, _: Path) -> object:
     return [editor.feed(content[at : at + 7]).events for at in range(0, min(len(content), 4000), 7)]
 
 
+@cache
+def _model_parts() -> tuple[dict[str, Any], Arrays]:
+    """A model of two views: its header without a checksum, and its arrays."""
+    model = empty_model(load_facets())
+    chance = np.random.default_rng(1)
+    for label, body in (("cube", CUBE), ("pyramid", PYRAMID)):
+        model = learn_view(model, view_of(body, pose(np.array([1.0, 0.1, 0.8]), 0.1), chance, 0.5), label)
+    arrays = unpack(to_bytes(model), LARGEST_UNFOLDED)
+    header = json.loads(arrays.pop("header").tobytes())
+    return {key: value for key, value in header.items() if key != "sha256"}, arrays
+
+
+def _fitting_model(content: bytes, _: Path) -> object:
+    """Of a header that somebody spoiled, the model whose checksum fits; whoever writes one writes its checksum. What is
+    taken for one answers, too."""
+    arrays = _model_parts()[1]
+    try:
+        header = json.loads(content)
+        told = header | {"sha256": _checksum(header, arrays)}
+    except (ValueError, TypeError, RecursionError, UnicodeError) as error:
+        raise ModelError("no header") from error
+    model = from_bytes(pack(arrays | {"header": np.frombuffer(_canonical(told), np.uint8)})).model
+    return recognise_group(view_of(CUBE, pose(np.array([0.3, 0.2, 0.9]), 1.0), np.random.default_rng(2)), model)
+
+
+def _places(content: bytes, folder: Path) -> object:
+    (folder / "places.jsonl").write_bytes(content)
+    return NamedPlaces(folder).now()
+
+
+def _made_again(content: bytes, folder: Path) -> object:
+    """A run as pages of many runs read it, the live page, tables, and a replay before it begins."""
+    (folder / "run.jsonl").write_bytes(content)
+    run, brief, now = read_run(folder), read_brief(folder), Now()
+    json.dumps(week_data([brief], ["x"]), allow_nan=False)
+    for record in run.records:
+        now.recorded(record)
+    json.dumps(now.json(), default=str, allow_nan=False)
+    rows_of(digest("run", run.records))
+    return damages(folder, run), [
+        compare(look.get("scene") or {}, {}) for look in run.records if look["kind"] == "look"
+    ]
+
+
 READERS = (
     Reader("configuration", _configuration, partial(_file, load_config)),
     Reader("calibration", _yaml("calibration.yaml"), partial(_file, load_calibration)),
@@ -287,6 +354,9 @@ READERS = (
     Reader("picture", _pictures, partial(_file, read_grey)),
     Reader("drawing", _meshes, _mesh),
     Reader("run", _runs, _run),
+    Reader("run, for many", _runs, _made_again),
+    Reader("model that fits", lambda: (json.dumps(_model_parts()[0]).encode(),), _fitting_model),
+    Reader("places", lambda: (PLACES,), _places),
     Reader("wire", lambda: (b'{"seq": 1, "chain": ""}\n{"seq": 2, "chain": "x"}',), _wire),
     Reader("standing", _standings, partial(_file, partial(left_behind, ran_before=True))),
     Reader("view", lambda: (b'{"v": 1, "table": {"up": [0, 0, 1], "level_mm": 3}, "facets": [["square"]]}',), _view),

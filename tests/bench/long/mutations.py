@@ -480,7 +480,8 @@ def put_in(mutation: Mutation) -> None:
 def _caches() -> list[Any]:
     """Functions of ours that keep what they gave: a test that is given that again does not run them."""
     kept = [found for found in gc.get_objects() if isinstance(found, _lru_cache_wrapper)]
-    return [found for found in kept if inspect.unwrap(found).__code__.co_filename.startswith(CODE)]
+    return [found for found in kept if isinstance(what := inspect.unwrap(found), FunctionType)
+            and what.__code__.co_filename.startswith(CODE)]  # fmt: skip
 
 
 def _forget(caches: Iterable[Any]) -> None:
@@ -525,6 +526,7 @@ def learnt(tests: Sequence[str], kept: Kept) -> dict[str, Known]:
         found[nodeid] = None if failed else known
         kept.add("test", nodeid, *((None, ()) if failed else (known.took_s, sorted(known.runs))))
     process.join()
+    assert found, "the tests cannot be run: whatever is tried then seems to be noticed"
     for nodeid in [nodeid for nodeid, known in found.items() if known is None]:
         print(f"left out, fails without any wrong: {nodeid}", flush=True)
     sound = {nodeid: known for nodeid, known in found.items() if known is not None}

@@ -320,3 +320,7 @@ def test_behind_a_line_that_was_longer_than_the_row_the_next_one_begins_at_its_f
     line = editor()
     line.feed(b"x" * 200 + b"\r")
     assert line.feed(b"a").echo == b"a"
+
+
+def test_a_sequence_that_nobody_ends_is_given_up_after_eight_characters() -> None:
+    assert editor().feed(b"\x1b[" + b"1" * 8 + b"status\r").events == ["status"]

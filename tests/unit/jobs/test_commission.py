@@ -206,8 +206,9 @@ def test_the_file_is_read_back_and_a_spoilt_one_is_told_in_one_line(tmp_path: Pa
     _keep(tmp_path / FILE, proofs)
     assert _kept(tmp_path / FILE) == proofs
     assert _kept(tmp_path / "none.json") == {}
-    (tmp_path / FILE).write_text(json.dumps({"version": 1, "steps": {"arm": 3}}))
-    with pytest.raises(FileError, match="move it away"):
-        _kept(tmp_path / FILE)
+    for damaged in (json.dumps({"version": 1, "steps": {"arm": 3}}).encode(), b'{"steps\xff": 1}', b'{"a":' * 5000):
+        (tmp_path / FILE).write_bytes(damaged)
+        with pytest.raises(FileError, match="move it away"):
+            _kept(tmp_path / FILE)
     assert run(ToldLink(), ["--keep", str(tmp_path)]) == 2
     assert capsys.readouterr().out.count("\n") == 1

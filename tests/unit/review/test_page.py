@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 from pathlib import Path
 from typing import Any
 
@@ -118,3 +119,12 @@ def test_a_run_is_shown_beside_the_last_one_and_those_of_the_week_before_it(tmp_
     assert (befores[1]["last"]["run"], befores[1]["last"]["tried"], befores[1]["week"]) == (folders[0].name, 1, None)
     assert (befores[2]["last"]["run"], befores[2]["last"]["tried"]) == (folders[1].name, 2)
     assert befores[2]["week"]["tried"] == 2
+
+
+def test_pictures_of_picks_that_went_well_are_on_the_page_where_there_is_room(made: MadeRun, tmp_path: Path) -> None:
+    made.pick()
+    made.pick("missed")
+    folder = made.close()
+    page = write_page(folder, tmp_path / "page.html").read_text()
+    shown = set(re.findall(r'"(\d+)-left":"data:image/jpeg', page))
+    assert shown == {str(look["seq"]) for look in read_digest(folder).of("look")}

@@ -5,7 +5,9 @@ from __future__ import annotations
 import io
 import json
 import zipfile
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +16,18 @@ from hypothesis import strategies as st
 
 from daemon.jobs.modelview import check, compare, describe
 from daemon.store.library import load_facets
-from daemon.store.model import ModelError, from_bytes, load, load_file, save, to_bytes
+from daemon.store.model import (
+    LARGEST_UNFOLDED,
+    ModelError,
+    _canonical,
+    _checksum,
+    from_bytes,
+    load,
+    load_file,
+    save,
+    to_bytes,
+)
+from daemon.store.npz import pack, unpack
 from daemon.store.outside import FileError
 from daemon.vision.model.model import Model, TeachError, empty_model, forget, learn_view
 from daemon.vision.recognition.recognise import recognise_group
@@ -169,3 +182,82 @@ def test_show_diff_and_check_say_what_a_model_knows(tmp_path: Path) -> None:
     assert compare(a, b).data["gone"] == ["pentagonal_prism"]
     assert compare(a, a).data["same"]
     assert check(a).data["sound"]
+
+
+def _fitting(header: dict[str, Any], arrays: dict[str, Any]) -> bytes:
+    """A file whose checksum fits whatever is in it."""
+    told = header | {"sha256": _checksum(header, arrays)}
+    return pack(arrays | {"header": np.frombuffer(_canonical(told), np.uint8)})
+
+
+def _parts() -> tuple[dict[str, Any], dict[str, Any]]:
+    arrays = unpack(CONTENT, LARGEST_UNFOLDED)
+    header = json.loads(arrays.pop("header").tobytes())
+    del header["sha256"]
+    return header, arrays
+
+
+def _without_metric(header: dict[str, Any], _: dict[str, Any]) -> None:
+    header["metric"] = header["metric"][:2]
+
+
+def _flat_facet(header: dict[str, Any], _: dict[str, Any]) -> None:
+    header["views"][0]["solid"]["facets"][0] = [0, 1, 1]
+
+
+def _no_corners(_: dict[str, Any], arrays: dict[str, Any]) -> None:
+    arrays["view0_corners_mm"] = arrays["view0_corners_mm"] * np.nan
+
+
+def _below_nothing(_: dict[str, Any], arrays: dict[str, Any]) -> None:
+    arrays["view0_covariance_mm2"] = -arrays["view0_covariance_mm2"]
+
+
+def _touching(_: dict[str, Any], arrays: dict[str, Any]) -> None:
+    arrays["view0_touching"] = arrays["view0_touching"][:-1]
+
+
+def _node(header: dict[str, Any], _: dict[str, Any]) -> None:
+    header["views"][0]["node"] = 3
+
+
+def _joined(header: dict[str, Any], _: dict[str, Any]) -> None:
+    header["metric"][0]["joined"] = [3]
+
+
+def _large(header: dict[str, Any], _: dict[str, Any]) -> None:
+    header["parameters"]["tolerance_mm"] = 1e200
+
+
+def _no_tolerance(header: dict[str, Any], _: dict[str, Any]) -> None:
+    header["library"]["angle_tolerance_rad"] = 0.0
+
+
+def _ratios(header: dict[str, Any], _: dict[str, Any]) -> None:
+    header["library"]["types"][0]["ratios"].pop()
+
+
+@pytest.mark.parametrize(
+    ("spoil", "word"),
+    [
+        (_ratios, "a facet type of other ratios than angles"),
+        (_without_metric, "of other parts than those that it knows"),
+        (_flat_facet, "view0: fewer than two facets, or one without three corners"),
+        (_no_corners, "view0: corners, or what is not known of them, beyond"),
+        (_below_nothing, "view0: a covariance below nothing"),
+        (_touching, "cube: a view's pattern is not one of its facets"),
+        (_node, "cube: a view's pattern is not one of its facets"),
+        (_joined, "a view that is not there"),
+        (_large, "Expected `float` <= 1000"),
+        (_no_tolerance, "Expected `float` > 1e-06"),
+    ],
+)
+def test_what_its_checksum_fits_must_hold_together_as_well(
+    spoil: Callable[[dict[str, Any], dict[str, Any]], None], word: str
+) -> None:
+    """Whoever writes one writes its checksum; each look with such a model ended in a fault of the program."""
+    header, arrays = _parts()
+    assert from_bytes(_fitting(header, arrays)).model.labels == trained().labels
+    spoil(header, arrays)
+    with pytest.raises(ModelError, match=f"does not hold together: .*{word}"):
+        from_bytes(_fitting(header, arrays))

@@ -105,3 +105,11 @@ def test_what_is_damaged_is_no_place_to_go_to(row: int, place: tuple[float, ...]
     assert {name: pose[0, 3] for name, pose in NamedPlaces(tmp_path).now().items()} == (
         {"a": 5.5} if place[3] == 5.5 else {}
     )
+
+
+def test_a_byte_that_is_no_utf_8_costs_its_line_and_not_all_places(tmp_path: Path) -> None:
+    for name in ("a", "b"):
+        NamedPlaces(tmp_path).keep(name, at(1.0), "anna")
+    content = (tmp_path / "places.jsonl").read_bytes()
+    (tmp_path / "places.jsonl").write_bytes(content.replace(b"anna", b"ann\xb6", 1))
+    assert list(NamedPlaces(tmp_path).now()) == ["b"]

@@ -142,3 +142,11 @@ def test_places_in_a_file_are_written_as_people_write_them() -> None:
     assert dotted(("cameras", 0, "device")) == "cameras[0].device"
     assert dotted((0, "a")) == "[0].a"
     assert dotted(()) == ""
+
+
+@pytest.mark.parametrize("keys", [("a", 5), ("a", 0, 3), ("b", 0), ("a", "x"), (3,)])
+def test_a_place_that_the_file_has_not_is_told_all_the_same(keys: tuple[str | int, ...], tmp_path: Path) -> None:
+    (tmp_path / "c.yaml").write_text("a: [1, 2]\nb: {c: 1}\n")
+    told = str(read(tmp_path / "c.yaml").error(keys, "is missing"))
+    assert told.startswith(f"{tmp_path}/c.yaml")
+    assert told.endswith("is missing")
