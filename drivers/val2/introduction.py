@@ -41,6 +41,7 @@ MARGIN = 2.0
 QUIET_S, PATIENCE_S, MOTION_S = 0.15, 3.0, 30.0
 STEP_DEG, ROUNDS, SPEED, SHARE = 2.0, (1.0, 1.0, -1.0, -1.0), 20, 1
 """A move: so many degrees; there and back; at so many percent of the monitor speed of so many percent."""
+VAL_DIGITS = 2, 3
 FINE_DIGITS = 2
 """WHERE with fewer behind its points is read to the other side as well: twice as far apart, twice as often."""
 FIRST_JOINT, CUT_AFTER_S = 6, 0.2
@@ -255,7 +256,8 @@ def _line(known: Acquaintance) -> Steps:
     if not min(digits):
         raise UnclearError(
             f"WHERE prints whole numbers ({' '.join(answer.raw.decode('latin-1').split())}): nothing can be steered to "
-            "what is not shown. Can the controller be set to print decimals?"
+            "what is not shown. Is the arm where they happen to be whole? Then turn each joint a little with the "
+            "pendant, and say it again. Else: can the controller be set to print decimals?"
         )
     for name, printed in zip(("same_place_mm", "same_place_deg"), digits, strict=True):
         if printed < FINE_DIGITS + (name == "same_place_deg"):
@@ -361,6 +363,10 @@ def _moves(known: Acquaintance) -> Steps:
         for joint in range(1, 7):
             here = yield from _step(known, here, joint, sign * STEP_DEG, early)
             known.readings.append(here)
+    shown = [[len(repr(value).rstrip("0").partition(".")[2]) for value in (*where.location.values(), *where.joints_deg)]
+             for where in known.readings]  # fmt: skip
+    digits = max(max(row[:3]) for row in shown), max(max(row[3:]) for row in shown)
+    known.found("digits", digits, "behind the points of all WHEREs: lengths, angles")
     known.found("prompt_after_move", "start" if any(early) else "end",
                 f"{sum(early)} of {len(early)} prompts came before the joint was there")  # fmt: skip
 
@@ -522,9 +528,13 @@ def _errors(raw: bytes) -> tuple[str, ...]:
 
 
 def _digits(text: str) -> tuple[int, int]:
-    """The most behind the points of WHERE's lengths, and of its angles; some systems leave out zeros at the end."""
+    """The most behind the points of WHERE's lengths, and of its angles. Where some have fewer than others, zeros at the
+    end are left out: of those that are all whole then, VAL's own."""
     decimals = [len(word.partition(".")[2]) for word in text.split() if NUMBER.fullmatch(word)]
-    return max(decimals[:3]), max(decimals[3:6] + decimals[-6:])
+    lengths, angles = decimals[:3], decimals[3:6] + decimals[-6:]
+    if len(set(lengths)) > 1 or len(set(angles)) > 1:
+        return max(lengths) or VAL_DIGITS[0], max(angles) or VAL_DIGITS[1]
+    return max(lengths), max(angles)
 
 
 def _same(before: Where, now: Where) -> bool:

@@ -287,7 +287,8 @@ def typed_from_the_page(folder: Path, seed: int) -> str:
     if missing or "PUMA 560" not in (trial / "arm.txt").read_text(encoding="utf-8"):
         return f"{missing} missing: {seen[-1500:]}"
     assert "`facetctl arm replay transcript.jsonl`" in page
-    lay_down(folder, {}, {"version": 1, "cell": "real", "arm": {"port": str(port), "file": "trial/arm.yaml"}})
+    arm = ArmGeometry()
+    lay_down(folder, truth(arm, Manners(), np.array(READY_DEG)), configuration(arm, seed, "trial/arm.yaml"))
     for words, wanted in (
         (("daemon.ctl", "arm", "replay", str(trial / "transcript.jsonl")), "word for word"),
         (("daemon.main", "--check", "--config", str(folder / "facetd.yaml")), "is good"),

@@ -17,7 +17,7 @@ from daemon.cell.introduce import StoppedByPersonError, again, arm_file, arm_of,
 from daemon.store import places
 from drivers.puma560 import ArmGeometry, forward
 from drivers.pumas import PUBLISHED
-from drivers.simcell.controller import Controller
+from drivers.simcell.controller import Controller, Manners
 from drivers.simcell.history import Leg
 from drivers.val2.introduction import CAREFUL_S, ROUNDS, STEP_DEG, Acquaintance, Consult, UnclearError
 from drivers.val2.location import Location, location_from_matrix
@@ -33,6 +33,7 @@ from tests.worlds.strange_controllers import (
     meet,
     strangers,
     willing,
+    wrong,
 )
 
 HERE = Path(__file__).resolve().parents[2] / "data" / "introductions"
@@ -233,6 +234,17 @@ def test_a_line_that_is_no_record_is_named() -> None:
         list(read_transcript(['{"t_s": 0, "way": "in", "bytes": ""}', "{}"]))
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("baud", [9600, 1200])
+def test_a_controller_that_waits_for_two_stop_bits_is_typed_to_with_a_pause_and_known(baud: int) -> None:
+    """Eleven bits a character: of ours, which have ten and follow at once, each second one comes too soon."""
+    strange = replace(draw(2), baud=baud)
+    strange = replace(strange, manners=replace(strange.manners, lost_within_s=10.5 / baud))
+    contact = in_simulated_time(lambda: meet(strange))
+    assert not wrong(strange, contact.known, arm_of(contact.known))
+    assert contact.known.findings["character_pause_s"].value >= 0.5 / baud
+
+
 LIKE_A_761 = (650.0, 0.0, 190.0, 850.0), (750.0, 0.0, 190.0, 750.0)
 """Two ways in which its 1500 mm may be shared out."""
 
@@ -289,9 +301,19 @@ def test_a_controller_that_counts_in_inches_is_known_by_its_arm_and_told_in_mill
 def test_where_in_whole_numbers_ends_with_a_question_before_anything_is_moved() -> None:
     strange = draw(0)
     strange = replace(strange, manners=replace(strange.manners, decimals=(0, 0)))
-    with pytest.raises(UnclearError, match=r"whole numbers \(.*Can the controller be set to print decimals\?"):
+    with pytest.raises(UnclearError, match=r"whole numbers \(.*can the controller be set to print decimals\?"):
         in_simulated_time(lambda: meet(strange))
     assert not moved(strangers[-1])
+
+
+def test_whole_angles_beside_lengths_that_are_not_are_zeros_left_out() -> None:
+    """The ready place of many systems."""
+    strange = draw(0)
+    manners = Manners(decimals=(3, 3), trailing_zeros=False)
+    strange = replace(strange, baud=9600, cold=False, manners=manners, geometry=ArmGeometry(), joints_deg=np.array(
+        [0.0, 60.0, -150.0, 0.0, -40.0, 0.0]))  # fmt: skip
+    known = in_simulated_time(lambda: meet(strange, no_to_moves)).known
+    assert known.findings["digits"].value[1] == 3
 
 
 @pytest.mark.parametrize("decimals", [(2, 3), (1, 2)])
