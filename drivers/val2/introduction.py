@@ -365,7 +365,8 @@ def _moves(known: Acquaintance) -> Steps:
             known.readings.append(here)
     shown = [[len(repr(value).rstrip("0").partition(".")[2]) for value in (*where.location.values(), *where.joints_deg)]
              for where in known.readings]  # fmt: skip
-    digits = max(max(row[:3]) for row in shown), max(max(row[3:]) for row in shown)
+    lengths, angles = known.findings["digits"].value
+    digits = max(max(row[:3]) for row in shown) or lengths, max(max(row[3:]) for row in shown) or angles
     known.found("digits", digits, "behind the points of all WHEREs: lengths, angles")
     known.found("prompt_after_move", "start" if any(early) else "end",
                 f"{sum(early)} of {len(early)} prompts came before the joint was there")  # fmt: skip
@@ -528,13 +529,11 @@ def _errors(raw: bytes) -> tuple[str, ...]:
 
 
 def _digits(text: str) -> tuple[int, int]:
-    """The most behind the points of WHERE's lengths, and of its angles. Where some have fewer than others, zeros at the
-    end are left out: of those that are all whole then, VAL's own."""
+    """The most behind the points of WHERE's lengths, and of its angles; VAL's own where only the others have some: the
+    arm stands where they are whole, and zeros at the end are left out."""
     decimals = [len(word.partition(".")[2]) for word in text.split() if NUMBER.fullmatch(word)]
-    lengths, angles = decimals[:3], decimals[3:6] + decimals[-6:]
-    if len(set(lengths)) > 1 or len(set(angles)) > 1:
-        return max(lengths) or VAL_DIGITS[0], max(angles) or VAL_DIGITS[1]
-    return max(lengths), max(angles)
+    lengths, angles = max(decimals[:3]), max(decimals[3:6] + decimals[-6:])
+    return (lengths or VAL_DIGITS[0], angles or VAL_DIGITS[1]) if lengths or angles else (0, 0)
 
 
 def _same(before: Where, now: Where) -> bool:
