@@ -17,6 +17,7 @@ from daemon.cell.introduce import StoppedByPersonError, again, arm_file, arm_of,
 from daemon.store import places
 from drivers.puma560 import ArmGeometry, forward
 from drivers.pumas import PUBLISHED
+from drivers.simcell.arm import standing
 from drivers.simcell.controller import Controller, Manners
 from drivers.simcell.history import Leg
 from drivers.val2.introduction import CAREFUL_S, ROUNDS, STEP_DEG, Acquaintance, Consult, UnclearError
@@ -189,6 +190,34 @@ def test_an_arm_that_nobody_published_says_how_loosely_it_is_known_and_takes_the
     assert "--lengths" not in page(known, typed_in)
     with pytest.raises(NoArmError, match="not the lengths typed"):
         arm_of(known, (650.0, 0.0, 190.0, 600.0))
+
+
+@pytest.mark.parametrize("moves", [True, False])
+def test_a_dozen_places_by_the_pendant_tell_the_lengths_of_an_arm_nobody_published_to_a_tenth(moves: bool) -> None:
+    drawing = 780.0, 0.0, 190.0, 720.0
+    strange, rng = draw(3), np.random.default_rng(5)
+    a2, a3, d3, d4 = drawing
+    strange = replace(strange, geometry=replace(strange.geometry, a2_mm=a2, a3_mm=a3, d3_mm=d3, d4_mm=d4))
+    places = [*(strange.joints_deg + rng.uniform(-40, 40, (12, 6))), None]
+    places.insert(1, places[0])  # where it is already: not taken a second time
+
+    def brought(controller: Controller, consult: Consult) -> str:
+        if consult.about == "move" and not moves:
+            return "no"
+        if consult.about != "pendant":
+            return willing(controller, consult)
+        if (place := places.pop(0)) is None:
+            return "no"
+        controller.machine.arm.motion = standing(np.radians(place))
+        return "yes"
+
+    contact = in_simulated_time(lambda: meet(strange, brought, pendant=True))
+    found = arm_of(contact.known)
+    assert len(contact.known.readings) == 12 + (25 if moves else 1)
+    assert sum("farther, please" in line for line in contact.told) == 1
+    assert found.found.lengths_mm == pytest.approx(drawing, abs=0.1)
+    assert "Small steps" not in page(contact.known, found)
+    assert list(again(contact.transcript)) == []
 
 
 def test_limits_are_typed_as_the_plate_has_them_and_a_little_is_kept_from_them(tmp_path: Path) -> None:
