@@ -25,6 +25,7 @@ from drivers.val2.dialect import Dialect
 from drivers.val2.errors import PortError
 from drivers.val2.introduction import (
     BAUDS,
+    BY_PENDANT,
     Acquaintance,
     Consult,
     Exchange,
@@ -55,8 +56,8 @@ EXPECTED: tuple[type[Exception], ...] = (UnclearError, StoppedByPersonError, Por
 """How a first contact ends otherwise than well."""
 serial_port: OpenPort = SerialPort
 __all__ = [
-    "EXPECTED", "Acquaintance", "Arm", "Consult", "Person", "StoppedByPersonError", "again", "arm_file", "arm_of",
-    "introduce", "page", "read_transcript", "serial_port",
+    "BAUDS", "EXPECTED", "Acquaintance", "Arm", "Consult", "Person", "StoppedByPersonError", "again", "arm_file",
+    "arm_of", "introduce", "page", "read_transcript", "serial_port",
 ]  # fmt: skip
 
 
@@ -143,15 +144,21 @@ class _Line:
 
 
 async def introduce(
-    path: str, open_port: OpenPort, person: Person, write: Write, bauds: Sequence[int] = BAUDS
+    path: str,
+    open_port: OpenPort,
+    person: Person,
+    write: Write,
+    bauds: Sequence[int] = BAUDS,
+    pendant: bool = False,
 ) -> Acquaintance:
-    """The first contact at a port. write: takes each line of the transcript.
+    """The first contact at a port. write: takes each line of the transcript; pendant: whether the person brings the arm
+    to more places.
 
     Raises UnclearError with a question, PortError, StoppedByPersonError once the stop was sent.
     """
     known = Acquaintance()
     line = _Line(path, open_port, asyncio.get_running_loop().time, write)
-    steps = introduction.introduce(known, bauds)
+    steps = introduction.introduce(known, bauds, pendant)
     reply: Any = None
     try:
         while True:
@@ -231,6 +238,8 @@ async def _exchange(step: Exchange, line: _Line) -> Heard:
 
 FITTED = "least squares over WHERE's places and joints"
 LOOSE_MM = 0.1
+TOO_LOOSE_MM = 0.3
+"""Standard deviations, told larger than they are (a place is taken to be off by two of its last digits)."""
 LEAST_TOLD = 0.001
 """mm or degrees: no controller prints its places so finely that less could be told."""
 
@@ -403,15 +412,15 @@ def _about(arm: Arm) -> Iterator[str]:
     found, alike = arm.found, arm.alike
     if alike is None:
         yield "  none that is published here: its own lengths are used"
-        if max(found.sigma[name] for name in LENGTHS) > LOOSE_MM:
+        if max(found.sigma[name] for name in LENGTHS) > TOO_LOOSE_MM:
             yield "  Small steps leave them too loose: a WHERE elsewhere will not fit, and is taken for spoilt."
-            yield "  Say it again with --lengths A2,A3,D3,D4, in mm, from the maker's drawing."
+            yield "  Say it again with --pendant, or with --lengths A2,A3,D3,D4, in mm, from the maker's drawing."
     else:
         side = {None: "the shoulder's side is a matter of where its front is", True: "shoulder offset to the left",
                 False: "shoulder offset to the right"}[alike.mirrored]  # fmt: skip
         yield f"  {alike.arm.name}, {side}"
     if arm.others:
-        yield f"  it could as well be: {', '.join(arm.others)}; six more readings far apart would tell"
+        yield f"  it could as well be: {', '.join(arm.others)}; say it again with --pendant: six places would tell"
     for name, value in zip(LENGTHS, found.lengths_mm, strict=True):
         yield f"  {name} {value:9.2f} mm  {_length_sure(arm, name)}"
     signs = " ".join("+" if sign > 0 else "-" for sign in found.convention.signs)
@@ -435,7 +444,8 @@ def again(transcript: Iterable[dict[str, Any]]) -> Iterator[str]:
     records = list(transcript)
     known = Acquaintance()
     bauds = [int(record["text"]) for record in records if record["way"] == "speed"]
-    steps = introduction.introduce(known, bauds)
+    pendant = any(record["way"] == "asks" and record["text"].startswith(BY_PENDANT) for record in records)
+    steps = introduction.introduce(known, bauds, pendant)
     at, reply = 0, None
     while True:
         try:

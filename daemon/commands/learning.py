@@ -188,6 +188,8 @@ async def forget(context: CommandContext, words: list[str], door: Door) -> Answe
     label = one_of(words, 0, context.trainer.model_store.labels(), "part with views", forget.usage)
     which = number(words[1], "NUMBER", 1, 9999) if len(words) > 1 else None
     what = f"view {label}/{which}" if which else f"all views of {label}"
+    if which and str(which) not in (there := _numbers(context, label)):
+        raise CommandError(f"there is no {what}; of {label} there are {', '.join(there)}")
     if door.asks and not await yes_or_no(door, f"Remove {what} for good? [y/n]"):
         return Answer("Nothing is removed.", {"removed": 0}, NOT_DONE)
     removed = context.trainer.model_store.drop_views(label, which)

@@ -19,6 +19,7 @@ import yaml
 
 from daemon.calibration.arm_from_readings import NoArmError
 from daemon.cell.introduce import (
+    BAUDS,
     EXPECTED,
     Acquaintance,
     Consult,
@@ -52,6 +53,8 @@ def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     meet.add_argument("--out", type=Path, default=Path(), metavar="DIR", help="where the files go (default: here)")
     meet.add_argument("--lengths", type=_lengths, metavar="A2,A3,D3,D4",
                       help="of an arm that is not published, mm, from its maker's drawing")  # fmt: skip
+    meet.add_argument("--pendant", action="store_true",
+                      help="more WHEREs, at places to which you bring the arm: they tell lengths exactly")  # fmt: skip
     meet.set_defaults(run=_introduce)
     replay = jobs.add_parser("replay", help="today's driver against a recorded first contact: where it says otherwise")
     replay.add_argument("transcript", type=Path, metavar="TRANSCRIPT")
@@ -70,7 +73,7 @@ def _introduce(args: argparse.Namespace) -> int:
     try:
         args.out.mkdir(parents=True, exist_ok=True)
         with (args.out / "transcript.jsonl").open("x", encoding="utf-8") as file:
-            known = asyncio.run(_meet(args.port, args.baud, file))
+            known = asyncio.run(_meet(args.port, args.baud, args.pendant, file))
     except FileExistsError:
         return _told(
             f"{args.out / 'transcript.jsonl'} is there already; name another folder with --out", NOT_UNDERSTOOD
@@ -101,7 +104,7 @@ def _keep(known: Acquaintance, folder: Path, typed_mm: tuple[float, float, float
     return DONE if arm is not None else NOT_DONE
 
 
-async def _meet(port: str, baud: int | None, file: Any) -> Acquaintance:
+async def _meet(port: str, baud: int | None, pendant: bool, file: Any) -> Acquaintance:
     loop, wants_stop = asyncio.get_running_loop(), asyncio.Event()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         loop.add_signal_handler(number, wants_stop.set)
@@ -111,7 +114,8 @@ async def _meet(port: str, baud: int | None, file: Any) -> Acquaintance:
 
     person = Person(_tell, _ask, wants_stop)
     print("control-C stops the arm at any moment.", flush=True)
-    return await introduce(port, serial_port, person, write, *(() if baud is None else ((baud,),)))
+    bauds = BAUDS if baud is None else (baud,)
+    return await introduce(port, serial_port, person, write, bauds, pendant)
 
 
 def _tell(text: str, end: str = "\n") -> None:

@@ -38,6 +38,8 @@ TILTS_RAD = (0.0, 0.15, 0.3)
 CLEAR_LEVELS, WELL_TURNED = 30.0, 0.35
 """A step in grey level, and a cosine between a facet's normal and the way to an eye, that leave nothing to wish for."""
 BRIGHTEST = 240.0
+WELL_ACROSS = 0.17
+"""A sine between an edge and the line between the eyes: ten degrees."""
 
 
 class NoViewError(Exception):
@@ -119,8 +121,8 @@ def _evenly_between(normals: Array) -> Array:
 def _clearness(
     shape: Shape, world_from_part: Array, eyes: Sequence[Array], wanted: tuple[int, ...] | None, lighting: Lighting
 ) -> float:
-    """How well a view is seen, 0 to 1: facets well turned to both eyes, clear steps at every edge; 0: another view than
-    the one wanted (None: any)."""
+    """How well a view is seen, 0 to 1: facets well turned to both eyes, clear steps at every edge, no edge along the
+    line between the eyes; 0: another view than the one wanted (None: any)."""
     solid = shape.hull
     middles = apply(world_from_part, np.array([solid.vertices[list(f)].mean(axis=0) for f in solid.faces]))
     normals = solid.normals @ world_from_part[:3, :3].T
@@ -133,7 +135,26 @@ def _clearness(
     if turned < LEAST_FACING or max(float(facing[~seen].max()) for facing in facings) > HIDDEN_FACING:
         return 0.0
     step = _least_step(solid, middles, normals, np.flatnonzero(seen), eyes[0], lighting)
-    return min(step / CLEAR_LEVELS, 1.0) * min(turned / WELL_TURNED, 1.0)
+    ends = apply(world_from_part, solid.vertices)
+    edges = [ends[b] - ends[a] for f in np.flatnonzero(seen) for a, b in _sides(solid.faces[f])]
+    across = _least_across(np.array(edges), eyes[-1] - eyes[0], middles.mean(axis=0) - eyes[0])
+    return min(step / CLEAR_LEVELS, 1.0) * min(turned / WELL_TURNED, 1.0) * min(across / WELL_ACROSS, 1.0)
+
+
+def _sides(face: Sequence[int]) -> list[tuple[int, int]]:
+    """A face's edges, by its corners."""
+    return list(zip(face, [*face[1:], face[0]], strict=True))
+
+
+def _least_across(edges: Array, baseline: Array, line_of_sight: Array) -> float:
+    """The least sine of the angle in the picture between (E, 3) edges and the line between the eyes, along which no
+    distance is to be seen; 1 with one eye."""
+    sight = line_of_sight / np.linalg.norm(line_of_sight)
+    along, across = np.cross(sight, baseline), np.cross(edges, sight)
+    if not along.any():
+        return 1.0
+    lengths = np.linalg.norm(across, axis=1) * np.linalg.norm(along)
+    return float((np.linalg.norm(np.cross(across, along), axis=1) / lengths).min())
 
 
 def _facing(middles: Array, normals: Array, eye: Array) -> Array:

@@ -11,6 +11,7 @@ wanted, whatever is being done.
     stop words   the words that stop, at rest        which it takes
     moves        with the person's yes alone:        whether the word stops a motion; when the prompt comes; readings
                  2 degrees of one joint, slowly
+    pendant      where it is wanted: WHERE alone         readings far apart, that the person brings the arm to
 
 Nothing that could move the arm is typed before the person's yes, and each move is `_step`: one joint, STEP_DEG, held
 against WHERE before the next. The first is cut short by the stop; where the arm does not come to rest short of its end,
@@ -42,9 +43,15 @@ MARGIN = 2.0
 QUIET_S, PATIENCE_S, MOTION_S = 0.15, 3.0, 30.0
 STEP_DEG, ROUNDS, SPEED, SHARE = 2.0, (1.0, 1.0, -1.0, -1.0), 20, 1
 """A move: so many degrees; there and back; at so many percent of the monitor speed of so many percent."""
+VAL_DIGITS = 2, 3
 FINE_DIGITS = 2
 """WHERE with fewer behind its points is read to the other side as well: twice as far apart, twice as often."""
 FIRST_JOINT, CUT_AFTER_S = 6, 0.2
+ENOUGH, APART_DEG = 12, 5.0
+BY_PENDANT = (
+    "Bring the arm with the pendant to another place, far from the others, each joint turned by 20 degrees or more, "
+    "and say yes once it rests; no, when these are enough"
+)
 OFF_DEG, REST_MM, REST_DEG = 0.15, 0.15, 0.02
 USUAL = Dialect()
 
@@ -82,9 +89,9 @@ class Tell:
 
 @dataclass(frozen=True)
 class Consult:
-    """A question for the person: answered by a word. about: what for, `power-up` or `move` or `power`."""
+    """A question for the person: answered by a word. about: what for, `power-up`, `move`, `power` or `pendant`."""
 
-    about: Literal["power-up", "move", "power"]
+    about: Literal["power-up", "move", "power", "pendant"]
     text: str
 
 
@@ -162,13 +169,17 @@ SEEN_ALONE = frozenset(
 """What is told, and is no key of the dialect: the driver is right either way."""
 
 
-def introduce(known: Acquaintance, bauds: Sequence[int] = BAUDS) -> Steps:
-    """The whole first contact; fills `known`. bauds: speeds of the line to be tried. Raises UnclearError."""
+def introduce(known: Acquaintance, bauds: Sequence[int] = BAUDS, pendant: bool = False) -> Steps:
+    """The whole first contact; fills `known`. bauds: speeds of the line to be tried; pendant: whether the person brings
+    the arm to more places. Raises UnclearError."""
     yield from _wake(known, bauds)
     yield from _line(known)
     yield from _stop_words(known)
     if (yield from _may_move(known)):
         yield from _moves(known)
+    if pendant:
+        yield from _by_pendant(known)
+    _all_digits(known)
 
 
 # What answers, and how its lines end
@@ -259,7 +270,8 @@ def _line(known: Acquaintance) -> Steps:
     if not min(digits):
         raise UnclearError(
             f"WHERE prints whole numbers ({' '.join(answer.raw.decode('latin-1').split())}): nothing can be steered to "
-            "what is not shown. Can the controller be set to print decimals?"
+            "what is not shown. Is the arm where they happen to be whole? Then turn each joint a little with the "
+            "pendant, and say it again. Else: can the controller be set to print decimals?"
         )
     for name, printed in zip(("same_place_mm", "same_place_deg"), digits, strict=True):
         if printed < FINE_DIGITS + (name == "same_place_deg"):
@@ -367,6 +379,37 @@ def _moves(known: Acquaintance) -> Steps:
             known.readings.append(here)
     known.found("prompt_after_move", "start" if any(early) else "end",
                 f"{sum(early)} of {len(early)} prompts came before the joint was there")  # fmt: skip
+
+
+def _by_pendant(known: Acquaintance) -> Steps:
+    """WHERE wherever the person brings the arm, until it is enough: far apart they tell lengths that small steps leave
+    open."""
+    taken = 0
+    while True:
+        said = yield Consult("pendant", f"{BY_PENDANT}: {taken} so far, {ENOUGH} are good. (yes or no)")
+        if str(said).strip().lower() not in ("y", "yes"):
+            return
+        here = yield from _rest(known)
+        near = min((_turned(here, there) for there in known.readings), default=APART_DEG)
+        if near < APART_DEG:
+            yield Tell(f"all joints are within {near:.1f} degrees of a place that is known: farther, please")
+            continue
+        taken += 1
+        known.readings.append(here)
+
+
+def _turned(here: Where, there: Where) -> float:
+    """Degrees of the joint that turned most."""
+    return max(abs(one - other) for one, other in zip(here.joints_deg, there.joints_deg, strict=True))
+
+
+def _all_digits(known: Acquaintance) -> None:
+    """What WHERE prints behind its points, of all readings: one may show fewer where zeros are left out."""
+    shown = [[len(repr(value).rstrip("0").partition(".")[2]) for value in (*where.location.values(), *where.joints_deg)]
+             for where in known.readings]  # fmt: skip
+    lengths, angles = known.findings["digits"].value
+    digits = max(max(row[:3]) for row in shown) or lengths, max(max(row[3:]) for row in shown) or angles
+    known.found("digits", digits, "behind the points of all WHEREs: lengths, angles")
 
 
 def _drive(joint: int, degrees: float) -> str:
@@ -526,9 +569,11 @@ def _errors(raw: bytes) -> tuple[str, ...]:
 
 
 def _digits(text: str) -> tuple[int, int]:
-    """The most behind the points of WHERE's lengths, and of its angles; some systems leave out zeros at the end."""
+    """The most behind the points of WHERE's lengths, and of its angles; VAL's own where only the others have some: the
+    arm stands where they are whole, and zeros at the end are left out."""
     decimals = [len(word.partition(".")[2]) for word in text.split() if NUMBER.fullmatch(word)]
-    return max(decimals[:3]), max(decimals[3:6] + decimals[-6:])
+    lengths, angles = max(decimals[:3]), max(decimals[3:6] + decimals[-6:])
+    return (lengths or VAL_DIGITS[0], angles or VAL_DIGITS[1]) if lengths or angles else (0, 0)
 
 
 def _same(before: Where, now: Where) -> bool:

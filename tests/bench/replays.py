@@ -1,7 +1,10 @@
 """How a replay by many workers scales: one and two of them in earnest, up to 200 with the work slept. Prints a table.
 
 usage: python -m tests.bench.replays STORE
-In earnest every look of STORE is replayed, in pieces of a few looks, so that there are enough of them. Then scheduler,
+In earnest every look of STORE is replayed, in pieces of a few looks, so that there are enough of them, by one worker
+process and by two, each held to a core of its own. How much faster two are than one is told twice: by the clock, which
+is true on a computer that does nothing else; and by the processor time of the busier worker, which counts what sharing
+memory costs and how evenly the pieces were dealt out, whatever else the computer does. Then scheduler,
 messages and files are as they are, in one process, and each piece sleeps as long as one of usual size would take: what
 is lost is what sending and taking back costs. Its processor time, which a loaded computer does not change, says how
 many workers can be kept busy: their pieces may not end faster than that.
@@ -11,16 +14,18 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import resource
 import tempfile
 import time
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import dask
 import distributed
 
 from daemon.hall import replay_many
-from daemon.hall.replay_many import LOOKS_A_JOB, Job, With, jobs_of, runs_in_store
+from daemon.hall.replay_many import LOOKS_A_JOB, Job, With, jobs_of, runs_in_store, work
 from daemon.hall.store import open_store
 
 WORKERS = (1, 2, 20, 50, 100, 200)
@@ -28,24 +33,40 @@ PIECES_A_WORKER = 8
 PATIENT = {"distributed.logging.distributed": "critical", "distributed.comm.timeouts.connect": "300s",
            "distributed.scheduler.worker-ttl": "600s"}  # fmt: skip
 """All workers are threads of this process: they begin one after the other."""
-LOOKS = 10
+LOOKS = 2
 
 
-def in_earnest(store: str, workers: int) -> tuple[float, float, int, int]:
-    """Wall s, the workers' processor time s, looks, pieces."""
-    with tempfile.TemporaryDirectory() as out:
-        replay_many.LOOKS_A_JOB = LOOKS
-        jobs = jobs_of(runs_in_store(open_store(store)), With(), out)
-        began, spent = time.perf_counter(), _of_workers()
-        results, failed = replay_many.replay_many(jobs, workers, None)
+@dataclass(frozen=True)
+class Replayed:
+    """wall_s, own_s: of the clock, and of the scheduler's and client's processor; workers_s: of each worker's."""
+
+    wall_s: float
+    own_s: float
+    workers_s: tuple[float, ...]
+    looks: int
+    pieces: int
+
+
+def in_earnest(store: str, workers: int) -> Replayed:
+    """Every look, once the workers are there and have done a piece each."""
+    replay_many.LOOKS_A_JOB = LOOKS
+    runs = runs_in_store(open_store(store))
+    with (
+        tempfile.TemporaryDirectory() as out,
+        distributed.LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address="127.0.0.1:0") as cluster,
+        distributed.Client(cluster) as client,
+    ):
+        client.wait_for_workers(workers)
+        for core, address in enumerate(client.scheduler_info(n_workers=-1)["workers"]):
+            client.run(os.sched_setaffinity, 0, {sorted(os.sched_getaffinity(0))[core]}, workers=[address])
+        jobs = jobs_of(runs, With(), out)
+        client.run(work, replace(jobs[0], out=f"{out}/first"))
+        before, began, own = client.run(time.process_time), time.perf_counter(), time.process_time()
+        results, failed = replay_many.replay_many(jobs, workers, cluster.scheduler_address)
+        wall_s, own_s, after = time.perf_counter() - began, time.process_time() - own, client.run(time.process_time)
         assert not failed, failed
-        looks = sum(len(r["looks"]) for _, r in results)
-        return time.perf_counter() - began, _of_workers() - spent, looks, len(jobs)
-
-
-def _of_workers() -> float:
-    used = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return used.ru_utime + used.ru_stime
+        spent = tuple(after[address] - before[address] for address in before)
+        return Replayed(wall_s, own_s, spent, sum(len(r["looks"]) for _, r in results), len(jobs))
 
 
 def slept(job: Job, seconds: float) -> str:
@@ -83,12 +104,16 @@ def main() -> None:
     args = parser.parse_args()
     seconds = args.seconds
     if seconds is None:
-        for workers in (1, 2):
-            wall, spent, looks, pieces = in_earnest(args.store, workers)
-            print(f"{workers} worker{'s' * (workers > 1)}: {looks} looks in {pieces} pieces, {wall:.1f} s, "
-                  f"{looks / wall:.2f} looks a second, {looks / spent:.2f} a second of processor time, "
-                  "the start of the processes included")  # fmt: skip
-            seconds = seconds or wall / looks * LOOKS_A_JOB
+        one, two = (in_earnest(args.store, workers) for workers in (1, 2))
+        for done in (one, two):
+            print(f"{len(done.workers_s)} at work: {done.looks} looks in {done.pieces} pieces, {done.wall_s:.1f} s; "
+                  f"processor: workers {', '.join(f'{each:.1f}' for each in done.workers_s)} s, "
+                  f"scheduler and client {done.own_s:.1f} s")  # fmt: skip
+        print(f"two are {one.wall_s / two.wall_s:.2f} times as fast as one by the clock, "
+              f"{max(one.workers_s) / max(two.workers_s):.2f} by the busier worker's processor; a look costs "
+              f"{sum(two.workers_s) / sum(one.workers_s):.2f} times as much there; load {os.getloadavg()[0]:.1f} on "
+              f"{os.cpu_count()} processors")  # fmt: skip
+        seconds = sum(one.workers_s) / one.looks * LOOKS_A_JOB
     print(f"the largest worker took {resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1e3:.0f} MB")
     print(f"{'workers':>8} {'pieces':>7} {'wall s':>7} {'ideal s':>8} {'used':>6} {'CPU ms/piece':>13}"
           f"   pieces of {seconds:.1f} s, slept")  # fmt: skip

@@ -24,6 +24,7 @@ from tests.worlds.first_day import (
     first_day,
     lay_down,
     truth,
+    typed_from_the_page,
 )
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(5000)]
@@ -41,6 +42,12 @@ def folder() -> Iterator[Path]:
 def test_a_cell_drawn_at_random_is_introduced_and_commissioned_and_picks(folder: Path, seed: int) -> None:
     day = first_day(folder, seed)
     assert not day.wrong, day.wrong
+
+
+@pytest.mark.parametrize("seed", [3])
+def test_what_the_page_says_to_try_before_the_arm_is_there_is_typed_as_it_stands(folder: Path, seed: int) -> None:
+    wrong = typed_from_the_page(folder, seed)
+    assert not wrong, wrong
 
 
 @pytest.mark.parametrize("drawing", [(650.0, 0.0, 190.0, 850.0), (750.0, 0.0, 190.0, 750.0)])

@@ -11,7 +11,7 @@ import re
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -199,13 +199,18 @@ def controller(folder: Path, time_scale: float) -> Iterator[Path]:
     """The cell's controller on a serial port of its own."""
     port = folder / "port"
     options = {"pty": port, "truth": folder / "cell.yaml", "time-scale": time_scale}
-    command = [sys.executable, "-m", "drivers.simcell.controller"]
-    command += [word for name, value in options.items() for word in (f"--{name}", str(value))]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE)
+    with at_work([word for name, value in options.items() for word in (f"--{name}", str(value))]):
+        yield port
+
+
+@contextmanager
+def at_work(words: Sequence[str]) -> Iterator[None]:
+    """A controller in a process of its own, begun with these words, once its port is there."""
+    process = subprocess.Popen([sys.executable, "-m", "drivers.simcell.controller", *words], stdout=subprocess.PIPE)
     try:
         assert process.stdout is not None
         assert process.stdout.readline().startswith(b"VAL II controller")
-        yield port
+        yield
     finally:
         process.terminate()
         process.wait(10.0)
@@ -268,6 +273,32 @@ def introduced(folder: Path, strange: Strange, arm: ArmGeometry, seed: int, draw
     return seen
 
 
+def typed_from_the_page(folder: Path, seed: int) -> str:
+    """What FIRST-DAY.md says to try before the arm is there, typed as it stands at that controller; then its replay,
+    and `facetd --check` of a facetd.yaml that names what was found. What is wrong; nothing where all is as told."""
+    page = (ETC.parent / "deploy" / "FIRST-DAY.md").read_text(encoding="utf-8")
+    first, second = re.findall(r"```\n(python -m drivers.*)\n(facetctl arm introduce .*)\n```", page)[0]
+    assert "--manners 3" in first, "another number may stand there"
+    port, trial = folder / "puma", folder / "trial"
+    here = {"/tmp/puma": str(port), "trial": str(trial), "3": str(seed)}
+    with at_work([here.get(word, word) for word in first.split()[3:]]):
+        seen = lives_through(Person(folder, *(here.get(word, word) for word in second.split()[1:])), INTRODUCING_S)
+    missing = [name for name in ("arm.yaml", "arm.txt", "transcript.jsonl") if not (trial / name).exists()]
+    if missing or "PUMA 560" not in (trial / "arm.txt").read_text(encoding="utf-8"):
+        return f"{missing} missing: {seen[-1500:]}"
+    assert "`facetctl arm replay transcript.jsonl`" in page
+    arm = ArmGeometry()
+    lay_down(folder, truth(arm, Manners(), np.array(READY_DEG)), configuration(arm, seed, "trial/arm.yaml"))
+    for words, wanted in (
+        (("daemon.ctl", "arm", "replay", str(trial / "transcript.jsonl")), "word for word"),
+        (("daemon.main", "--check", "--config", str(folder / "facetd.yaml")), "is good"),
+    ):
+        done = subprocess.run([sys.executable, "-m", *words], capture_output=True, text=True, check=False)
+        if wanted not in done.stdout:
+            return f"{words}: {done.stdout}{done.stderr}"
+    return ""
+
+
 @dataclass(frozen=True)
 class Day:
     """How one ended: what was on the screen, what the simulated cell's judge found, the part in the bin or not."""
@@ -313,5 +344,6 @@ def first_day(folder: Path, seed: int, drawing: Drawing | None = None) -> Day:
 
 __all__ = [
     "PICKED_AT", "READY_DEG", "ROOMS", "Day", "answer_to", "arm_yaml", "commissioned", "configuration", "controller",
-    "first_day", "introduced", "lay_down", "lives_through", "room_of", "strange_cell", "truth", "written_down",
+    "first_day", "introduced", "lay_down", "lives_through", "room_of", "strange_cell", "truth",
+    "typed_from_the_page", "written_down",
 ]  # fmt: skip

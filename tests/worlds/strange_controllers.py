@@ -107,6 +107,7 @@ async def meet(
     answer: Callable[[Controller, Consult], str] | None = None,
     stop_s: float | None = None,
     dead: bool = False,
+    pendant: bool = False,
 ) -> Contact:
     """The first contact, by a person who says Y to power-up questions and yes to moves. Raises as introduce."""
     loop = asyncio.get_running_loop()
@@ -129,7 +130,7 @@ async def meet(
 
     person = Person(contact.told.append, answered, wants_stop)
     try:
-        contact.known = await introduce("memory", line.open, person, contact.transcript.append)
+        contact.known = await introduce("memory", line.open, person, contact.transcript.append, pendant=pendant)
     finally:
         strangers.append(contact)
     return contact

@@ -94,6 +94,7 @@ by("causes").tBodies[0].append(...Object.entries(data.causes).map(([name, n]) =>
   const most = cells.filter((c) => c.causes[name]).sort((a, b) => b.causes[name] - a.causes[name]).slice(0, 4);
   return el("tr", {}, el("td", { class: "remedy" }, name, el("br"), el("small", {}, data.remedies[name])), el("td", {}, thousands(n)), el("td", { class: "k-cause" }, ...most.flatMap((c, k) => [k ? ", " : "", el("b", {}, c.name), ` ${c.causes[name]}`])));
 }));
+if (!Object.keys(data.causes).length) by("causes").replaceWith("Nothing was missed.");
 const asked = cells.find((c) => c.name === decodeURIComponent(window.location.hash.slice(1)));
 if (asked) open(asked);
 document.documentElement.dataset.ready = "yes";

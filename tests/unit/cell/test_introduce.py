@@ -17,7 +17,8 @@ from daemon.cell.introduce import StoppedByPersonError, again, arm_file, arm_of,
 from daemon.store import places
 from drivers.puma560 import ArmGeometry, forward
 from drivers.pumas import PUBLISHED
-from drivers.simcell.controller import Controller
+from drivers.simcell.arm import standing
+from drivers.simcell.controller import Controller, Manners
 from drivers.simcell.history import Leg
 from drivers.val2.introduction import CAREFUL_S, ROUNDS, STEP_DEG, Acquaintance, Consult, UnclearError
 from drivers.val2.location import Location, location_from_matrix
@@ -33,6 +34,7 @@ from tests.worlds.strange_controllers import (
     meet,
     strangers,
     willing,
+    wrong,
 )
 
 HERE = Path(__file__).resolve().parents[2] / "data" / "introductions"
@@ -190,6 +192,34 @@ def test_an_arm_that_nobody_published_says_how_loosely_it_is_known_and_takes_the
         arm_of(known, (650.0, 0.0, 190.0, 600.0))
 
 
+@pytest.mark.parametrize("moves", [True, False])
+def test_a_dozen_places_by_the_pendant_tell_the_lengths_of_an_arm_nobody_published_to_a_tenth(moves: bool) -> None:
+    drawing = 780.0, 0.0, 190.0, 720.0
+    strange, rng = draw(3), np.random.default_rng(5)
+    a2, a3, d3, d4 = drawing
+    strange = replace(strange, geometry=replace(strange.geometry, a2_mm=a2, a3_mm=a3, d3_mm=d3, d4_mm=d4))
+    places = [*(strange.joints_deg + rng.uniform(-40, 40, (12, 6))), None]
+    places.insert(1, places[0])  # where it is already: not taken a second time
+
+    def brought(controller: Controller, consult: Consult) -> str:
+        if consult.about == "move" and not moves:
+            return "no"
+        if consult.about != "pendant":
+            return willing(controller, consult)
+        if (place := places.pop(0)) is None:
+            return "no"
+        controller.machine.arm.motion = standing(np.radians(place))
+        return "yes"
+
+    contact = in_simulated_time(lambda: meet(strange, brought, pendant=True))
+    found = arm_of(contact.known)
+    assert len(contact.known.readings) == 12 + (25 if moves else 1)
+    assert sum("farther, please" in line for line in contact.told) == 1
+    assert found.found.lengths_mm == pytest.approx(drawing, abs=0.1)
+    assert "Small steps" not in page(contact.known, found)
+    assert list(again(contact.transcript)) == []
+
+
 def test_limits_are_typed_as_the_plate_has_them_and_a_little_is_kept_from_them(tmp_path: Path) -> None:
     made = arm_yaml(ArmGeometry())
     made["dialect"] = {
@@ -231,6 +261,17 @@ def test_today_s_driver_says_what_it_said_in_the_recorded_introductions(path: Pa
 def test_a_line_that_is_no_record_is_named() -> None:
     with pytest.raises(ValueError, match="line 2"):
         list(read_transcript(['{"t_s": 0, "way": "in", "bytes": ""}', "{}"]))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("baud", [9600, 1200])
+def test_a_controller_that_waits_for_two_stop_bits_is_typed_to_with_a_pause_and_known(baud: int) -> None:
+    """Eleven bits a character: of ours, which have ten and follow at once, each second one comes too soon."""
+    strange = replace(draw(2), baud=baud)
+    strange = replace(strange, manners=replace(strange.manners, lost_within_s=10.5 / baud))
+    contact = in_simulated_time(lambda: meet(strange))
+    assert not wrong(strange, contact.known, arm_of(contact.known))
+    assert contact.known.findings["character_pause_s"].value >= 0.5 / baud
 
 
 LIKE_A_761 = (650.0, 0.0, 190.0, 850.0), (750.0, 0.0, 190.0, 750.0)
@@ -289,9 +330,19 @@ def test_a_controller_that_counts_in_inches_is_known_by_its_arm_and_told_in_mill
 def test_where_in_whole_numbers_ends_with_a_question_before_anything_is_moved() -> None:
     strange = draw(0)
     strange = replace(strange, manners=replace(strange.manners, decimals=(0, 0)))
-    with pytest.raises(UnclearError, match=r"whole numbers \(.*Can the controller be set to print decimals\?"):
+    with pytest.raises(UnclearError, match=r"whole numbers \(.*can the controller be set to print decimals\?"):
         in_simulated_time(lambda: meet(strange))
     assert not moved(strangers[-1])
+
+
+def test_whole_angles_beside_lengths_that_are_not_are_zeros_left_out() -> None:
+    """The ready place of many systems."""
+    strange = draw(0)
+    manners = Manners(decimals=(3, 3), trailing_zeros=False)
+    strange = replace(strange, baud=9600, cold=False, manners=manners, geometry=ArmGeometry(), joints_deg=np.array(
+        [0.0, 60.0, -150.0, 0.0, -40.0, 0.0]))  # fmt: skip
+    known = in_simulated_time(lambda: meet(strange, no_to_moves)).known
+    assert known.findings["digits"].value[1] == 3
 
 
 @pytest.mark.parametrize("decimals", [(2, 3), (1, 2)])

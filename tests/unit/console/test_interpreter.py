@@ -337,6 +337,15 @@ def test_in_step_mode_the_move_is_shown_and_sent_only_after_a_yes(context: objec
     assert context.cycle.told == ["go home", told]  # type: ignore[attr-defined]
 
 
+def test_a_view_that_is_not_there_is_told_before_anybody_is_asked_whether_to_remove_it(context: Any) -> None:
+    context.trainer.model_store.labels = lambda: ["cube"]
+    context.trainer.model_store.views = lambda _: [SimpleNamespace(number=n) for n in (1, 3)]
+    door = FakeDoor(answers=["y"])
+    answer = say(context, "forget cube 2", door)
+    assert (answer.status, answer.text) == (1, "there is no view cube/2; of cube there are 1, 3")
+    assert door.asked == []
+
+
 def test_completion_offers_commands_and_then_what_they_can_be_given(context: object) -> None:
     console = Console(context, every_command())  # type: ignore[arg-type]
     assert console.complete("ste") == ["step"]

@@ -129,3 +129,15 @@ def test_the_page_opens_and_a_cell_in_it(store: Store, browser: Any, tmp_path: P
     assert browser.find_elements("css selector", "#one figure")
     assert "null" not in browser.find_element("css selector", "body").text
     assert browser.get_log("browser") == []
+
+
+def test_where_nothing_was_missed_no_empty_table_stands(browser: Any, tmp_path: Path) -> None:
+    made = MadeRun(tmp_path / "20260102T030405Z")
+    made.pick()
+    made.close()
+    store = open_store(str(tmp_path / "store"))
+    add_rows(store, "calm", [rows_of(read_digest(made.folder))])
+    browser.get(write_hall(store, 7, tmp_path / "hall.html").as_uri())
+    assert "Nothing was missed." in browser.find_element("css selector", "body").text
+    assert browser.find_elements("id", "causes") == []
+    assert browser.get_log("browser") == []

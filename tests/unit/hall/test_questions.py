@@ -18,6 +18,7 @@ from tests.worlds.made_run import MadeRun, part
 
 pytest.importorskip("fsspec", reason="fsspec is not installed: make extra-fleet")
 duckdb = pytest.importorskip("duckdb", reason="duckdb is not installed: make extra-fleet")
+parquet = pytest.importorskip("pyarrow.parquet", reason="pyarrow is not installed: make extra-fleet")
 made_year = pytest.importorskip("tests.worlds.made_year", reason="pyarrow is not installed: make extra-fleet")
 
 DATA = (places.HOUSE / "docs" / "DATA.md").read_text()
@@ -86,3 +87,18 @@ def test_the_documented_lines_of_sql_run_as_they_stand(year: Store) -> None:
         connection.execute(view.replace("STORE", year.root).replace("cycles", name))
     for question in questions:
         connection.execute(question).fetchall()
+
+
+def test_the_documented_line_makes_a_folder_a_cell_and_day_of_the_table(year: Store, tmp_path: Path) -> None:
+    line = re.search(r"^`(COPY .*)`\.$", DATA, re.MULTILINE)
+    assert line
+    opened(year).execute(line[1].replace("'days'", f"'{tmp_path}/days'"))
+    assert len(list((tmp_path / "days").glob("cell=*/day=2026-??-??"))) == 8 * 60
+    (there,) = duckdb.execute(f"SELECT count(*) FROM '{tmp_path}/days/*/*/*.parquet'").fetchone()
+    assert there == opened(year).execute("SELECT count(*) FROM looks").fetchone()[0]
+
+
+def test_the_rows_of_a_day_lie_together_in_their_month_s_file(year: Store) -> None:
+    for file in Path(year.root).glob("tables/*/*/*/rows.parquet"):
+        days = parquet.ParquetFile(file).read(["day"])["day"].to_pylist()
+        assert days == sorted(days)

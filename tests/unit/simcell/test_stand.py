@@ -32,3 +32,21 @@ def test_the_stand_shows_both_eyes_just_the_facets_of_the_characteristic_view(la
 def test_a_view_that_does_not_exist_is_refused_by_number() -> None:
     with pytest.raises(NoViewError, match="numbered 0 to 0, not 1"):
         characteristic_pose("cube", 1, np.eye(4), [np.zeros(3)], TRUTH.lighting)
+
+
+@pytest.mark.parametrize("turned_deg", range(0, 180, 30))
+@pytest.mark.parametrize(("label", "view"), [("cube", 0), ("pyramid", 0), ("triangular_prism", 0)])
+def test_no_edge_lies_along_the_line_between_the_eyes_from_where_no_distance_is_seen_along_it(
+    label: str, view: int, turned_deg: int
+) -> None:
+    """A pyramid held with its edges level was seen as two things most of the times."""
+    shape, lean = part_shape(label), turn([1, 0, 0], np.radians(135.0))
+    world_from_cyclopean = rigid(turn([0, 0, 1], np.radians(turned_deg)) @ lean, [236.7, -150.0, 331.0])
+    eyes = [eye.eye().cyclopean_from_camera[:3, 3] for eye in (TRUTH.left, TRUTH.right)]
+    pose = characteristic_pose(label, view, world_from_cyclopean, eyes, TRUTH.lighting)
+    ends = apply(pose, shape.hull.vertices) @ world_from_cyclopean[:3, :2]  # right and down, as the eyes have it
+    sight = world_from_cyclopean[:3, 2]
+    for face, normal in zip(shape.hull.faces, shape.hull.normals @ pose[:3, :3].T, strict=True):
+        if normal @ sight < -0.1:
+            edges = ends[[*face[1:], face[0]]] - ends[list(face)]
+            assert np.abs(edges[:, 1] / np.linalg.norm(edges, axis=1)).min() > 0.12
