@@ -83,6 +83,10 @@ def body_like(a2_mm: float, d3_mm: float, d4_mm: float) -> tuple[Capsule, ...]:
     return tuple(map(scaled, ARM))
 
 
+TWO_SIDES = np.triu_indices(6, 1)
+"""Of the six of a box, each two."""
+
+
 @dataclass(frozen=True, eq=False)
 class Body:
     """C capsules as arrays: names, frame (C,) index of the Robot's frames, ends_mm (C, 2, 3), radius_mm (C,).
@@ -210,7 +214,7 @@ def _axis_away(start: Array, way: Array, low: Array, high: Array) -> Array:
 def _deepest(start: Array, way: Array, low: Array, high: Array) -> Array:
     """(M,) of axes that pass through their boxes: how deep, negative; at an end, or where two sides are as near."""
     at_start, rates = np.concatenate([low - start, start - high], axis=1), np.concatenate([-way, way], axis=1)
-    a, b = np.triu_indices(6, 1)
+    a, b = TWO_SIDES
     with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
         as_near = np.nan_to_num((at_start[:, a] - at_start[:, b]) / (rates[:, b] - rates[:, a]))
     shares = np.clip(np.column_stack([as_near, np.zeros(len(way)), np.ones(len(way))]), 0.0, 1.0)
