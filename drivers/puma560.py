@@ -136,13 +136,14 @@ def link_frames(joints_rad: Array, arm: ArmGeometry = PUMA560) -> Array:
     return found
 
 
-def inverse_along(world_from_tool: Array, start_rad: Array, arm: ArmGeometry = PUMA560) -> Array:
-    """(N, 6) joint angles along a way of (N, 4, 4) poses, in the configuration of start_rad (6,), where the way begins.
+def inverse_along(world_from_tool: Array, near_rad: Array, arm: ArmGeometry = PUMA560) -> Array:
+    """(N, 6) joint angles along a way of (N, 4, 4) poses, in the configuration of near_rad.
 
-    Each angle follows the row before (the first one start_rad) by the shorter turn, as the arm does that goes the way;
-    a row that is out of reach or past a joint's limit is nan. At a straight wrist joint 4 is not to be relied on.
+    near_rad (6,): where the way begins; each angle follows the row before (the first one near_rad) by the shorter turn,
+    as the arm does that goes the way. near_rad (N, 6): each row follows its own. A row that is out of reach or past a
+    joint's limit is nan. At a straight wrist joint 4 is not to be relied on.
     """
-    configuration = configuration_of(start_rad, arm)
+    configuration = configuration_of(near_rad.reshape(-1, 6)[0], arm)
     base_from_flange = _undo(arm.world_from_base) @ world_from_tool @ _undo(arm.flange_from_tool)
     with np.errstate(invalid="ignore"):
         arm_rad = _arm_angles_of(base_from_flange[:, :3, 3], configuration, arm)
@@ -159,8 +160,11 @@ def inverse_along(world_from_tool: Array, start_rad: Array, arm: ArmGeometry = P
             np.arctan2(-sign * r[:, 2, 1], sign * r[:, 2, 0]),
         ]
         joints = np.column_stack([arm_rad, *wrist])
-        known = np.isfinite(joints).all(axis=1)
-        joints[known] = np.unwrap(np.vstack([start_rad, joints[known]]), axis=0)[1:]
+        if near_rad.ndim == 1:
+            known = np.isfinite(joints).all(axis=1)
+            joints[known] = np.unwrap(np.vstack([near_rad, joints[known]]), axis=0)[1:]
+        else:
+            joints -= 2 * pi * np.round((joints - near_rad) / (2 * pi))
         low, high = arm.limits_rad[:, 0] - LIMIT_SLACK_RAD, arm.limits_rad[:, 1] + LIMIT_SLACK_RAD
         joints[~((joints >= low) & (joints <= high)).all(axis=1)] = np.nan
     return joints

@@ -55,13 +55,14 @@ ARM: tuple[Capsule, ...] = (
     Capsule("palm", "tool", (0.0, -25.0, -85.0), (0.0, 25.0, -85.0), 36.0),
     Capsule("left finger", "tool", (0.0, 49.0, -50.0), (0.0, 49.0, 2.5), 7.5),
     Capsule("right finger", "tool", (0.0, -49.0, -50.0), (0.0, -49.0, 2.5), 7.5),
-    Capsule("camera arm", "tool", (0.0, 0.0, -95.0), (-92.5, 0.0, -95.0), 15.0),
-    Capsule("camera bar", "tool", (-92.5, -50.0, -95.0), (-92.5, 50.0, -95.0), 17.0),
+    Capsule("camera arm", "tool", (0.0, 0.0, -95.0), (-90.0, 0.0, -95.0), 15.0),
+    Capsule("camera bar", "tool", (-90.0, -50.0, -95.0), (-90.0, 50.0, -95.0), 20.0),
 )
 """A PUMA 560 with the gripper and cameras of etc/. The arm's own: bounds of the robotics toolbox's meshes of it
 (UNIMATE/puma560: link 2 from 228 mm behind the shoulder to 63 beyond the elbow, 304 x 135 mm, tapering to 158 x 135;
 link 3 from 149 behind the elbow, 150 x 92 mm, tapering to 90 x 92; links 4 to 6 within 45 mm of the wrist's axis; the
-flange 56 mm out). Palm and fingers: those the simulated cell has; the bar: the points of body_mm."""
+flange 56 mm out). Palm and fingers: those the simulated cell has; the bar: round its own, and the points of
+body_mm."""
 
 ARM_LENGTHS_MM = 431.8, 150.05, 431.8
 """a2, d3 and d4 (drivers/puma560.py) of the arm that ARM is of."""
@@ -81,6 +82,10 @@ def body_like(a2_mm: float, d3_mm: float, d4_mm: float) -> tuple[Capsule, ...]:
         return Capsule(capsule.name, capsule.link, start, end, capsule.radius_mm * thick)
 
     return tuple(map(scaled, ARM))
+
+
+TWO_SIDES = np.triu_indices(6, 1)
+"""Of the six of a box, each two."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,7 +215,7 @@ def _axis_away(start: Array, way: Array, low: Array, high: Array) -> Array:
 def _deepest(start: Array, way: Array, low: Array, high: Array) -> Array:
     """(M,) of axes that pass through their boxes: how deep, negative; at an end, or where two sides are as near."""
     at_start, rates = np.concatenate([low - start, start - high], axis=1), np.concatenate([-way, way], axis=1)
-    a, b = np.triu_indices(6, 1)
+    a, b = TWO_SIDES
     with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
         as_near = np.nan_to_num((at_start[:, a] - at_start[:, b]) / (rates[:, b] - rates[:, a]))
     shares = np.clip(np.column_stack([as_near, np.zeros(len(way)), np.ones(len(way))]), 0.0, 1.0)

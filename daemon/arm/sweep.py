@@ -39,6 +39,8 @@ a way so tight, or so near to where joints turn fast for little, is better gone 
 MOST_FALL = 0.75
 """A stretch of a line where the least lever arm, squared, may fall by a greater share is looked at more closely."""
 TCP, FLANGE, TOOL, WRIST_JOINTS, SIDES = -1, 6, 7, 3, 6
+AFTER, BEFORE = [1, 2, 0], [2, 0, 1]
+"""Which of x, y, z comes behind each, and before it."""
 
 
 class Way(Protocol):
@@ -79,13 +81,14 @@ class JointWay:
 @dataclass(frozen=True, eq=False)
 class StraightWay:
     """The tool goes on a line and turns evenly; the joints follow. shares (G,): where they were asked for to begin
-    with; places (G, 8, 4, 4): the Robot's frames there; gone_mm (G, C): no point of a capsule goes farther up to there,
-    and between two of them none goes faster than evenly."""
+    with; joints_rad (G, 6), places (G, 8, 4, 4): the joints and the Robot's frames there; gone_mm (G, C): no point of a
+    capsule goes farther up to there, and between two of them none goes faster than evenly."""
 
     robot: Robot
     start: Reading
     motion: Array
     shares: Array
+    joints_rad: Array
     places: Array
     gone_mm: Array
 
@@ -94,12 +97,11 @@ class StraightWay:
         return self.shares
 
     def links(self, shares: Array) -> Array:
-        """See Way. The joints of all places: each follows the one before."""
-        known = np.searchsorted(self.shares, shares)
-        if (self.shares[known] == shares).all():
-            return self.places[known]
-        every = np.union1d(self.shares, shares)
-        return _following(self.robot, self.start, self.motion, every)[np.searchsorted(every, shares)]
+        """See Way. The joints of other places follow those of the one before that was asked for to begin with."""
+        before = np.searchsorted(self.shares, shares, side="right") - 1
+        if (self.shares[before] == shares).all():
+            return self.places[before]
+        return self.robot.frames(_following(self.robot, self.start, self.motion, shares, self.joints_rad[before]))
 
     def travel_mm(self, shares: Array) -> Array:
         """See Way."""
@@ -109,20 +111,25 @@ class StraightWay:
         return np.asarray(np.diff(gone, axis=0))
 
 
-def _following(robot: Robot, start: Reading, motion: Array, shares: Array) -> Array:
-    """(N, 8, 4, 4): frames of the joints that follow a line (6,) from the start, at rising (N,) shares from 0."""
+def _following(robot: Robot, start: Reading, motion: Array, shares: Array, near_rad: Array) -> Array:
+    """(N, 6): the joints that follow a line (6,) from the start, at rising (N,) shares. near_rad: see Robot.along."""
     poses = np.tile(np.eye(4), (len(shares), 1, 1))
     poses[:, :3, :3] = _turns(motion[3:], shares) @ start.world_from_tool[:3, :3]
     poses[:, :3, 3] = start.world_from_tool[:3, 3] + shares[:, None] * motion[:3]
-    joints = robot.along(poses, start.joints_rad)
+    joints = robot.along(poses, near_rad)
     joints[shares == 0.0] = start.joints_rad
-    return robot.frames(joints)
+    return joints
 
 
 def _jacobians_mm(links: Array) -> Array:
     """(N, 3, 3): how the wrist centre moves for joints 1 to 3, a row each."""
     axes, origins, wrist = links[:, :3, :3, 2], links[:, :3, :3, 3], links[:, None, FLANGE, :3, 3]
-    return np.cross(axes, wrist - origins)
+    return _cross(axes, wrist - origins)
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """(..., 3): numpy's, without what it asks of shapes first."""
+    return np.asarray(a[..., AFTER] * b[..., BEFORE] - a[..., BEFORE] * b[..., AFTER])
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,7 +186,7 @@ def _origins_off_mm(links: Array) -> Array:
     """(6, 7): no farther is the origin of a frame ever from the axis of a joint that moves it: what lies between is one
     rigid length after the other."""
     legs = np.diff(links[:7, :3, 3], axis=0)
-    across = np.linalg.norm(np.cross(links[:6, :3, 2], legs), axis=1)
+    across = np.linalg.norm(_cross(links[:6, :3, 2], legs), axis=1)
     whole = np.concatenate([[0.0], np.cumsum(np.linalg.norm(legs, axis=1))])
     return np.asarray(across[:, None] + whole - whole[1:, None])
 
@@ -215,7 +222,8 @@ def _straight_way(
     bend_mm, whole_bend_mm = _bends_mm(_origins_off_mm(links)[:WRIST_JOINTS, FLANGE])
     shares = np.linspace(0.0, 1.0, _stretches(float(speed_mm.max()), FOLLOWED_MM) + 1)
     for closer in (False, True):
-        places = _following(robot, start, motion, shares)
+        joints = _following(robot, start, motion, shares, start.joints_rad)
+        places = robot.frames(joints)
         if (lost := _lost(shares, places)) is not None:
             return lost
         stretch, jacobians = np.diff(shares), _jacobians_mm(places)
@@ -224,16 +232,18 @@ def _straight_way(
         parts = _closer(falls)
         if closer or (parts == 1).all():
             break
+        if parts.sum() > MOST_PLACES:
+            return _no_way(shares[falls.argmax()], "it comes too near to where joints turn fast for little")
         shares, _ = _parted(shares, parts)
     if arm.any() and least.min() <= 0.0:
         return _no_way(shares[least.argmin()], "the arm is stretched out too far to know its elbow's way")
     levers_mm = np.sqrt(np.maximum(least, 1e-9))
     fastest = way_mm / levers_mm
     change = (hand_mm * np.square(turn * stretch) + whole_bend_mm * np.square(fastest)) / levers_mm
-    rates = _rates(jacobians, motion[:3] + np.cross(motion[3:], _wrist_off(places)))
+    rates = _rates(jacobians, motion[:3] + _cross(motion[3:], _wrist_off(places)))
     turned = _most_turned(rates, stretch, fastest, change)
     gone = np.concatenate([np.zeros((1, len(arm))), np.cumsum(turned @ arm_mm + stretch[:, None] * speed_mm, axis=0)])
-    return StraightWay(robot, start, motion, shares, places, gone)
+    return StraightWay(robot, start, motion, shares, joints, places, gone)
 
 
 def _wrist_off(links: Array) -> Array:

@@ -80,7 +80,8 @@ class Robot(Protocol):
 
     def along(self, world_from_tool: Array, joints_rad: Array) -> Array:
         """(N, 6) joints along a straight way of (N, 4, 4) poses that begins at joints_rad (6,), in its configuration;
-        nan where the arm does not get there, as in `reachable`. No I/O."""
+        or, joints_rad (N, 6), at poses each near to one where the joints are known. nan where the arm does not get
+        there, as in `reachable`. No I/O."""
 
 
 class Picture(Protocol):

@@ -158,7 +158,8 @@ class ArmOnLink:
         return puma560.link_frames(joints_rad, self._arm)
 
     def along(self, world_from_tool: Array, joints_rad: Array) -> Array:
-        """Joints (N, 6) along a straight way, nan where it leaves reach or comes near a singular wrist."""
+        """Joints (N, 6) along a straight way from (6,), or near to others (N, 6); nan where it leaves reach or comes
+        near a singular wrist."""
         joints = puma560.inverse_along(world_from_tool, joints_rad, self._arm)
         joints[np.abs(np.sin(joints[:, 4])) < np.sin(NEAR_SINGULAR_RAD)] = np.nan
         return joints

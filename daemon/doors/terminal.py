@@ -56,6 +56,8 @@ class SerialConsole:
         self._out: deque[bytes] = deque()
         self._lost = asyncio.Event()
         self._keys: Callable[[bytes], None] | None = None
+        self._unshown = self._read_before = False
+        """Whether a question is put that is not shown yet; whether something was read before the loop had called."""
         self._left = asyncio.Event()
 
     async def run(self) -> None:
@@ -149,6 +151,10 @@ class SerialConsole:
             return
         except OSError:
             data = b""
+        if not data and self._read_before:
+            # What it was called for was read meanwhile; for a terminal that is gone it is called again.
+            self._read_before = False
+            return
         if not data:
             self._trouble(f"console.tty: {self._settings.device}: the terminal is gone")
             self._close()
@@ -174,9 +180,9 @@ class SerialConsole:
     def _hear(self, event: str | Key) -> None:
         if event is Key.INTERRUPT:
             self._turns.beside(self._stop)
-        elif event == "" and not self._turns.asking:
+        elif event == "" and (self._unshown or not self._turns.asking):
             self._write(ASK_SIZE + self._editor.show_prompt())  # whoever sits down and presses Enter
-        elif isinstance(event, str) and self._turns.answer(event):
+        elif isinstance(event, str) and not self._unshown and self._turns.answer(event):
             pass
         elif isinstance(event, str) and self._turns.crowded and not means_stop(event):
             self.notice(CROWDED)
@@ -192,10 +198,21 @@ class SerialConsole:
         self.notice(await self._turns.stop(self.who))
 
     def _show_question(self, question: str | None) -> None:
+        if question is not None:
+            self._hear_what_came_before()
         self._set_prompt()
         if question is not None:
             self._editor.feed(KILL_LINE)  # what was typed for something else is no answer
             self.notice(question)
+
+    def _hear_what_came_before(self) -> None:
+        """What was typed by now, and nobody had time to read, was typed before the question is shown: no answer."""
+        self._unshown = True
+        with contextlib.suppress(OSError, serial.SerialException):  # a terminal that is gone is told by its reader
+            if self._port is not None and self._port.in_waiting:
+                self._read_before = True
+                self._readable()
+        self._unshown = False
 
     def _set_prompt(self) -> None:
         asked = self._turns.asking

@@ -83,11 +83,25 @@ class Talk:
 
     def enable(self) -> None:
         """Let the arm move; a fault that stands is for the person to put right first. Raises NotProvenError."""
-        fault = self._status()["fault"]
-        if fault is not None:
-            self.need(f"A fault stands: {fault}. Is what led to it put right?")
-            self.do("resume")
+        self.clear(None)
         self.do("enable")
+
+    @property
+    def fault(self) -> str | None:
+        """What stands until `resume`."""
+        fault: str | None = self._status()["fault"]
+        return fault
+
+    def clear(self, known: str | None) -> None:
+        """Go on after a fault that the person knows of. Of another, such as somebody's stop since, they are asked
+        first, and where somebody holds the arm. Raises NotProvenError."""
+        fault, paused = self.fault, self._status()["paused"]
+        if paused:
+            self.need("Somebody has said `pause`: the arm is held. May it go on?")
+        if fault not in (None, known):
+            self.need(f"A fault stands: {fault}. Is what led to it put right?")
+        if fault is not None or paused:
+            self.do("resume")
 
     @property
     def simulated(self) -> bool:
@@ -139,8 +153,9 @@ def _zero(talk: Talk) -> None:
             return
         if NO_POWER not in done["text"].lower():
             raise NotProvenError(done["text"])
+        fault = talk.fault
         talk.need(f"{done['text']}. Switch arm power on. Is it on?")
-        talk.said("resume")
+        talk.clear(fault)
 
 
 def _survey(talk: Talk) -> None:
@@ -149,7 +164,7 @@ def _survey(talk: Talk) -> None:
     there = talk.said("go survey")
     said = there["text"].lower()
     if there["status"] != DONE and (NO_ZERO in said or NO_POWER in said):
-        talk.said("resume")
+        talk.clear(talk.fault)
         _zero(talk)
         there = talk.said("go survey")
     if there["status"] != DONE:

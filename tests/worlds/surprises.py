@@ -167,6 +167,7 @@ class Surprises(RuleBasedStateMachine):
     def talk_to_the_controller(self, door: int, keys: list[str], seconds: float, first: bool, leaves: bool) -> None:
         """An operator takes the controller's own terminal, mostly until he comes back from it."""
         self.set_to_work(first)
+        self.there.cell.controller.faults.line.clear()  # what is spoiled is no line that anybody typed
         here = self.there.sockets[door]
         here.say("robot monitor")
         for pressed in keys:

@@ -109,7 +109,7 @@ class Words:
         """Stops that are not answered yet: the line carries them more than once."""
         self._dry, self._resumed = False, 0
         self._typed: dict[Key, tuple[str, int]] = {}
-        """Lines that are not done yet, and how often somebody had said `resume` when they were typed."""
+        """Lines that are not done yet, and how often somebody had let go what was held when they were typed."""
         self._by_hand: dict[Key, int | None] = {}
         """What may open the hand: lines that are not done yet, and those (with their status) that failed: they may yet
         be carried out."""
@@ -155,24 +155,32 @@ class Words:
         self._tell(any(is_word(word, known) for known in MOVES))
 
     def _held_or_not(self, text: str, key: Key, now_s: float) -> None:
-        """What lets moves go counts as it is typed; what holds them, when it is done."""
+        """What lets moves go counts as it is typed, and as it is done; what holds them, when it is done."""
         self._typed[key] = text, self._resumed
+        self._let_go(text, now_s)
+        if is_word(first_word(text), "confirm") or text.lower().startswith("y"):
+            self._story.cell.judge.yes(now_s)
+
+    def _let_go(self, text: str, now_s: float) -> None:
         word, judge = first_word(text), self._story.cell.judge
         if is_word(word, "resume"):
             self._resumed += 1
             judge.held(now_s, False)
         if is_word(word, "step") and "on" not in text.split():
+            self._resumed += 1
             judge.each_asked(now_s, False)
         if is_word(word, "dry") and "on" not in text.split():
+            self._resumed += 1
             self._dry = False
-        if is_word(word, "confirm") or text.lower().startswith("y"):
-            judge.yes(now_s)
 
     def _holds(self, key: Key) -> None:
         """A line is done that may hold what moves."""
         text, resumed = self._typed.get(key, ("", 0))
         word, judge, now_s = first_word(text), self._story.cell.judge, self._story.stamp_s()
-        if is_word(word, "pause") and resumed == self._resumed:
+        self._let_go(text, now_s)
+        if resumed != self._resumed:  # which was done first nobody knows
+            return
+        if is_word(word, "pause"):
             judge.held(now_s, True)
         if is_word(word, "step") and "on" in text.split():
             judge.each_asked(now_s, True)

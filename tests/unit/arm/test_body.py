@@ -192,16 +192,15 @@ def outside_mm(points, links):
 
 
 def test_what_the_judge_of_the_simulated_cell_watches_of_the_arm_is_within_its_capsules():
-    """Palm, fingers, wrist, forearm, upper arm, told apart from ours; the tips of the fingers stand as points here."""
+    """Palm, camera bar, fingers, wrist, forearm, upper arm, told apart from ours; the tips of the fingers stand as
+    points here."""
     rods = [rod for rod in TRUTH.safety.body if (rod.name, rod.radius_mm) != ("a finger", 2.0)]
     watched = judge.Body(rods, PUMA, np.zeros(6))
-    bar = np.array(watched.names) == "the camera bar"
     for joints in np.random.default_rng(0).uniform(*PUMA.limits_rad.T, (10, 6)):
         motion = SimpleNamespace(joints_at=lambda _, joints=joints: joints)
         balls, _ = watched.at(motion, np.zeros(1))
         out_mm = outside_mm(balls[0], puma560.link_frames(joints[None], PUMA)[0]) + watched.radii_mm
-        assert out_mm[~bar].max() < 0.1
-        assert out_mm[bar].max() < 6.0, "the judge's is thicker than it is (facetd's: the corners of body_mm)"
+        assert out_mm.max() < 0.1
 
 
 def test_all_within_45_mm_of_the_wrist_s_axis_from_the_wrist_centre_to_the_flange_is_within_its_capsules():

@@ -282,6 +282,32 @@ def test_a_pause_holds_also_the_move_that_waited_for_a_yes_when_it_was_said(yes)
     assert [what for what, _ in heard] == [Interruption.PAUSE, Interruption.RESUME, Interruption.ABORT]
 
 
+def test_what_was_held_after_a_resume_was_decided_on_stays_held_and_the_fault_goes_all_the_same():
+    _, supervisor, _ = supervised()
+    supervisor.latch("stopped by bob")
+    supervisor.pause()
+    decided = supervisor.pauses
+    supervisor.pause()
+    supervisor.resume(None, decided)
+    assert (supervisor.fault, supervisor.paused) == (None, True)
+    supervisor.resume(None, supervisor.pauses)
+    assert not supervisor.paused
+
+
+def test_what_is_to_hold_for_all_of_a_job_is_changed_between_jobs_alone():
+    _, supervisor, _ = supervised()
+    supervisor.between_jobs("this")
+
+    async def story() -> None:
+        task = asyncio.create_task(supervisor.run("wait", asyncio.sleep(0.05)))
+        await asyncio.sleep(0.0)
+        with pytest.raises(RefusedError, match="busy: wait; this in between"):
+            supervisor.between_jobs("this")
+        await task
+
+    asyncio.run(story())
+
+
 async def endless(world: World) -> None:
     """A foreign motion: CAL, or a line typed at the monitor."""
     world.wire.append(("foreign", None))

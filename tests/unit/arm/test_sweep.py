@@ -143,6 +143,25 @@ def test_a_line_that_is_easy_is_followed_once_and_one_near_the_stretched_arm_mor
         assert len(asked_for) == count
 
 
+def test_a_line_so_near_to_the_stretched_arm_that_it_would_be_asked_for_in_more_places_than_any_is_given_up_before():
+    asked_for = []
+
+    def along(poses, joints_rad):
+        asked_for.append(len(poses))
+        return ROBOT.along(poses, joints_rad)
+
+    joints = np.radians([50.36, 2.15, -79.03, -111.98, 97.42, 119.58])
+    pose = puma560.forward(joints, ARM)
+    command = Command(frames.perturb(pose, np.array([176.5, -35.65, -163.5, -0.07, -0.215, -1.034])), True, 50.0, "a")
+    robot = SimpleNamespace(**vars(ROBOT) | {"along": along})
+    body = body_of(LIMITS.capsules, LIMITS.body_mm)
+    found = way_of(Reading(pose, joints), command, None, robot, body)
+    assert isinstance(found, Strike)
+    assert found.rule == "no_way"
+    assert "turn fast for little" in found.text
+    assert sum(asked_for) < 100
+
+
 LINES = (
     (hand(500, -100, 100), hand(500, 100, 100)),
     (hand(420, -100, -50, 10.0, 0.0), hand(560, 60, -120, 40.0, 70.0)),
@@ -155,9 +174,19 @@ def along(ends, shares):
     """What a line is bounded by at these shares: motion (6,), places (N, 8, 4, 4), Jacobians, the wrist's way each."""
     start = reading(ends[0])
     motion = frames.difference(ends[1], ends[0])
-    places = sweep._following(ROBOT, start, motion, shares)
+    places = ROBOT.frames(sweep._following(ROBOT, start, motion, shares, start.joints_rad))
     wrists_mm = (np.linalg.norm(motion[:3]) + np.linalg.norm(motion[3:]) * 130.0) * np.diff(shares)
     return motion, places, sweep._jacobians_mm(places), wrists_mm
+
+
+def test_joints_asked_for_near_to_others_are_the_turn_they_have_come_to_as_if_followed_all_the_way():
+    start, motion = LINES[1][0], frames.difference(LINES[1][1], LINES[1][0])
+    poses = np.array([frames.perturb(start, share * motion) for share in np.linspace(0.0, 1.0, 30)])
+    followed = ROBOT.along(poses, reading(start).joints_rad)
+    np.testing.assert_allclose(ROBOT.along(poses[1:], followed[:-1]), followed[1:], atol=1e-12)
+    free = replace(ARM, limits_rad=3.0 * ARM.limits_rad)
+    turned = followed + np.array([0.0, 0.0, 0.0, 2.0, 0.0, -2.0]) * np.pi
+    np.testing.assert_allclose(puma560.inverse_along(poses[1:], turned[:-1], free), turned[1:], atol=1e-12)
 
 
 def joints_along(ends, shares):

@@ -6,6 +6,7 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 import yaml
@@ -19,7 +20,9 @@ from drivers.puma560 import ArmGeometry, forward
 from drivers.pumas import PUBLISHED
 from drivers.simcell.arm import standing
 from drivers.simcell.controller import Controller, Manners
+from drivers.simcell.controller.manners import VAL_II_ASKS
 from drivers.simcell.history import Leg
+from drivers.val2.dialect import Dialect
 from drivers.val2.introduction import CAREFUL_S, ROUNDS, STEP_DEG, Acquaintance, Consult, UnclearError
 from drivers.val2.location import Location, location_from_matrix
 from drivers.val2.wire import Where
@@ -65,6 +68,19 @@ def test_without_a_yes_nothing_that_could_move_is_typed_and_the_dialect_is_found
     said = {line.upper() for line in typed(contact) if "!!" not in line and not set(line.upper()) <= set("WHER")}
     assert said <= {"ABORT", "DO BREAK", "PANIC", "Y"}
     assert "geometry" not in arm_file(contact.known, None)
+
+
+@pytest.mark.parametrize(("asks", "learnt"), [(("Boot now (Y/N)?", "Initialize (Y/N)?"), True), (VAL_II_ASKS, False)])
+def test_the_words_in_which_a_controller_asks_at_power_up_are_learnt_where_they_are_no_usual_ones(
+    asks: tuple[str, ...], learnt: bool
+) -> None:
+    strange = draw(0)
+    cold = replace(strange, cold=True, manners=replace(strange.manners, power_up=asks))
+    contact = in_simulated_time(lambda: meet(cold, no_to_moves))
+    section = {"dialect": {name: entry["value"] for name, entry in arm_file(contact.known, None)["dialect"].items()}}
+    found = msgspec.convert(section["dialect"].get("power_up_asks", ()), tuple[str, ...])
+    assert bool(found) is learnt
+    assert all(Dialect(power_up_asks=found).asks_after_power_up(question) for question in asks) is learnt
 
 
 def test_each_move_is_one_joint_by_two_degrees_and_is_announced_and_the_stop_is_proven_before_the_others() -> None:

@@ -369,6 +369,23 @@ def test_a_notice_does_not_spoil_the_line_being_typed() -> None:
     at_a_terminal(play)
 
 
+def test_a_line_that_was_typed_before_a_question_is_shown_and_read_after_it_answers_nothing() -> None:
+    """The daemon had no time to read for a moment: what had been typed at something else confirmed a move."""
+
+    async def play(terminal: Terminals, console: SerialConsole) -> None:
+        await terminal.sees("facetd> ")
+        asking = asyncio.ensure_future(console.ask("Send it?"))
+        os.write(terminal.person, b"\ry\r")
+        time.sleep(0.1)
+        await terminal.sees("Send it?")
+        await asyncio.sleep(0.1)
+        assert not asking.done()
+        await terminal.type(b"n\r")
+        assert await asking == "n"
+
+    at_a_terminal(play)
+
+
 def test_a_terminal_that_may_only_look_stops_the_arm_but_does_not_move_it() -> None:
     async def play(terminal: Terminals, _: SerialConsole) -> None:
         await terminal.sees("facetd> ")

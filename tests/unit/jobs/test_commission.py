@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from daemon.jobs.commission import FILE, _keep, _kept, commission, run
-from daemon.jobs.commission_steps import STEPS, NotProvenError, Order, Person, Talk
+from daemon.jobs.commission_steps import STEPS, NotProvenError, Order, Person, Talk, _zero
 from daemon.store.outside import FileError
 
 WHERE = {"world_from_tool": [[1, 0, 0, 420.0], [0, 1, 0, 0.0], [0, 0, 1, 60.0], [0, 0, 0, 1]]}
@@ -29,15 +29,17 @@ class ToldLink:
 
     def __init__(self, **fails: str) -> None:
         self.fails = {command.replace("_", " "): text for command, text in fails.items()}
-        self.said, self.calibration, self.model, self.fault = [], 0, None, None
+        self.said, self.calibration, self.model, self.fault, self.paused = [], 0, None, None, False
 
     def do(self, text, door, say, ask=None):
         if text == "status":
-            return done(data={"cell": "real", "model": {"version": self.model}, "fault": self.fault})
+            model = {"version": self.model}
+            return done(data={"cell": "real", "model": model, "fault": self.fault, "paused": self.paused})
         if text == "calibrate list":
             return done(data={"current": self.calibration})
         self.said.append(text)
         self.fault = None if text == "resume" else self.fault
+        self.paused &= text != "resume"
         if text in self.fails:
             return done(self.fails[text], status=1)
         self.calibration += text.startswith("calibrate stereo")
@@ -199,6 +201,38 @@ def test_a_fault_that_stands_is_for_the_person_to_put_right() -> None:
     link.fault, link.said[:] = "*Envelope error* Joint 2", []
     assert not sitting(link, answer="n")[0]
     assert "resume" not in link.said
+
+
+@pytest.mark.parametrize("meanwhile", ["a stop", "a pause", "nothing"])
+def test_a_stop_or_a_pause_of_somebody_else_is_not_lifted_behind_their_back(meanwhile: str) -> None:
+    """Who was sent to switch arm power on said `stop` there: it was cleared, and the arm went to find its zero."""
+
+    class NoPower(ToldLink):
+        def do(self, text, door, say, ask=None):
+            if text == "robot cal" and "robot cal" not in self.said:
+                self.said.append(text)
+                self.fault = "ControllerError: *Arm power off*"
+                return done("*Arm power off*", status=1)
+            return super().do(text, door, say, ask)
+
+    link, asked = NoPower(), []
+
+    def answer(question: str) -> str:
+        asked.append(question)
+        if "Switch arm power on" in question and meanwhile != "nothing":
+            link.fault = (
+                "ControllerError: *Arm power off*; then stopped by bob" if meanwhile == "a stop" else link.fault
+            )
+            link.paused = meanwhile == "a pause"
+        return "n" if "right?" in question or "held" in question else "y"
+
+    talk = Talk(link, Person(asked.append, answer), Order("9x6", 16.0, 4.0, "cube"))
+    if meanwhile == "nothing":
+        _zero(talk)
+    else:
+        with pytest.raises(NotProvenError, match="stopped by bob" if meanwhile == "a stop" else "is held"):
+            _zero(talk)
+    assert ("resume" in link.said) is (meanwhile == "nothing")
 
 
 def test_the_file_is_read_back_and_a_spoilt_one_is_told_in_one_line(tmp_path: Path, capsys) -> None:

@@ -240,6 +240,8 @@ def test_a_question_that_somebody_left_before_the_start_is_answered_by_nobody_as
     story.terminate()
     story.cell.controller.receive(b"EXEC PROG\r", story.now_s)
     story.start()
+    story.wait(30.0)
+    assert any("asks `Another part (Y/N)?`: `stop` answers N" in text for text in story.texts)
     story.sockets[0].say("robot power-up")
     story.wait(2.0)
     assert any("no question after power-up that facetd knows" in text for text in story.texts)

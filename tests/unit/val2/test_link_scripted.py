@@ -260,6 +260,20 @@ def test_the_answers_to_power_up_are_given_to_no_question_whose_yes_may_move_the
     assert lived(story()) == ["Y"]
 
 
+@pytest.mark.parametrize(("asks", "may_run"), [(FLOPPY, False), ("\r\nGo on (Y/N)? ", True), (ASKS, False)])
+def test_after_an_answer_to_a_question_that_nobody_knows_a_program_may_run(asks: str, may_run: bool) -> None:
+    async def story() -> bool:
+        port = Scripted(lambda line, _: asks if line == "CAL" else PROMPT)
+        link = linked(port)
+        await link.open()
+        with pytest.raises(ControllerError):
+            await link.command("CAL")
+        await link.power_up(("N",))
+        return link.program_may_run
+
+    assert lived(story()) is may_run
+
+
 @pytest.mark.parametrize(
     ("act", "typed", "settings"),
     [
