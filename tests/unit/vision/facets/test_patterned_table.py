@@ -10,7 +10,9 @@ from daemon.arrays import Array
 from daemon.vision.facets import patterned_table
 from daemon.vision.facets.patterned_table import _plane, seen_table
 from daemon.vision.facets.table import Table
+from daemon.vision.geometry import baseline
 from daemon.vision.image.both_eyes import open_eyes
+from tests.worlds import rendered
 from tests.worlds.printed import print_pair, straight_rig
 from tests.worlds.solids import CUBE
 
@@ -84,6 +86,17 @@ def test_much_may_stand_on_a_table_and_nothing_may_lie_beyond_it(
     disparities[other] += off_px * rng.uniform(0.3, 1.0, other.sum()).astype(np.float32)
     monkeypatch.setattr(patterned_table, "_disparities", lambda *_: disparities)
     assert (seen_table(eyes) is not None) == table
+
+
+@pytest.mark.parametrize(("rig", "columns", "rows"), [("A0", 756, 581), ("B", 640, 480)])
+def test_coarse_pictures_are_taken_from_where_the_lenses_say(rig: str, columns: int, rows: int) -> None:
+    geometry = baseline(rendered.rig(rendered.HERE, rig))
+    found = patterned_table.rectified(geometry, columns, rows)
+    places = np.stack(np.meshgrid(*(np.arange(n) for n in found.left.shape[:0:-1])), 2).reshape(-1, 2).astype(float)
+    for eye, taken in ((geometry.left, found.left), (geometry.right, found.right)):
+        shown = places[:, 0] >= (found.margin if eye is geometry.left else 0)
+        off_px = taken.reshape(2, -1).T - eye.pixels(found.ideal(places))
+        assert np.abs(off_px[shown]).max() < 0.1
 
 
 @pytest.mark.parametrize("seed", range(5))
