@@ -92,15 +92,26 @@ def test_one_high_above_the_table_may_be_held_and_one_sunk_in_it_shows_that_it_i
     assert rests_on(Ground(TABLE, True), SOLIDS["cube"], pose) is None
 
 
+def tilted(pose: Array, solid: Polyhedron, degrees: float) -> Array:
+    """Turned about a line in the table through its own origin, and set down again."""
+    turn, about = frames.rotation_from_vector(np.radians(degrees) * np.cross(UP, [1.0, 0.0, 0.0])), pose[:3, 3]
+    found = frames.rigid(turn, about - turn @ about) @ pose
+    lowest = (frames.apply(found, solid.corners_mm) @ UP).min() - TABLE.level_mm
+    return frames.rigid(np.eye(3), -lowest * UP) @ found
+
+
 @given(LABELS, st.integers(0, 6), st.floats(-3, 3))
 def test_one_that_stands_on_an_edge_does_not(name: str, which: int, spin: float) -> None:
-    pose = resting_pose(SOLIDS[name], which, spin)
-    tilted = frames.rotation_from_vector(np.radians(12.0) * np.cross(UP, [1.0, 0.0, 0.0]))
-    about = pose[:3, 3]
-    pose = frames.rigid(tilted, about - tilted @ about) @ pose
-    lowest = (frames.apply(pose, SOLIDS[name].corners_mm) @ UP).min() - TABLE.level_mm
-    pose = frames.rigid(np.eye(3), -lowest * UP) @ pose
+    pose = tilted(resting_pose(SOLIDS[name], which, spin), SOLIDS[name], 12.0)
     assert rests_on(Ground(TABLE, True), SOLIDS[name], pose) is False
+
+
+@given(LABELS, st.integers(0, 6), st.floats(-3, 3), st.sampled_from([(4.5, 0.0), (0.0, 4.5), (0.0, -4.5)]))
+def test_one_that_nearly_lies_speaks_neither_way(name: str, which: int, spin: float, off: tuple[float, float]) -> None:
+    pose = resting_pose(SOLIDS[name], which, spin, lifted_mm=off[1])
+    if off[0]:
+        pose = tilted(pose, SOLIDS[name], off[0])
+    assert rests_on(Ground(TABLE, True), SOLIDS[name], pose) is None
 
 
 def test_of_a_part_with_two_known_sides_nobody_knows_what_it_rests_on() -> None:
