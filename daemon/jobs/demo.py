@@ -23,7 +23,8 @@ from daemon.doors.client import DaemonLink, NotThereError
 from daemon.errors import FacetdError
 from daemon.store import places
 from daemon.store.records import Record
-from daemon.store.runs import follow
+from daemon.store.runs import follow, list_runs
+from daemon.store.standing import FILE, StandingFile
 
 TRIANGLE = "isosceles_triangle"
 VIEWS = (
@@ -75,6 +76,7 @@ def run(args: argparse.Namespace) -> int:
             _daemon(Path(folder), _configuration(args, seed, runs, folder)) as (process, link),
         ):
             written = Path(link.do("status", "demo", say)["data"]["run"])
+            _begin_beside(runs, written)
             look = "".join(f" --{name} {kind}" for name, kind in _variety(args).items() if kind != "plain")
             again = f"seed {seed} (repeat it with --seed {seed}{look})"
             say(f"facetctl demo: {again}, cell time x{args.time_scale:g}, run {written}")
@@ -88,6 +90,14 @@ def run(args: argparse.Namespace) -> int:
     say(f"report: {write_page(written, written / 'report.html')}")
     say("\n".join(found) or "the cell's judge saw the arm do nothing that it must never do")
     return 0 if picked == len(PARTS) and not found else 1
+
+
+def _begin_beside(runs: Path, written: Path) -> None:
+    """Where the first of all runs is a demo's, write for the daemon that comes after it that nothing stands: it finds
+    runs, and would take what stood in them for lost. Raises OSError."""
+    if runs == places.runs_folder(simulated=True).resolve() and list_runs(runs) == [written]:
+        with contextlib.closing(StandingFile(places.state_folder(simulated=True) / FILE)) as file:
+            file.begin(written.name)
 
 
 def _judged(verdict: Path) -> list[str]:

@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 
 from daemon.ctl import main as facetctl
+from daemon.store.standing import FILE, left_behind
 from tests.worlds.once import made_once
 
 AT_MOST_S = 300.0
@@ -57,10 +58,11 @@ def test_what_its_daemon_refuses_is_one_line_and_status_two(tmp_path: Path, caps
     assert list(tmp_path.iterdir()) == []
 
 
-def test_control_c_ends_it_with_its_daemon_and_leaves_a_whole_run(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "daemon.ctl", "demo", "--seed", "3", "--runs", str(tmp_path)]
+def test_control_c_ends_it_with_its_daemon_and_leaves_a_whole_run_and_nothing_to_doubt(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "daemon.ctl", "demo", "--seed", "3"]
+    own = {**os.environ, "STATE_DIRECTORY": str(tmp_path), "FACETD_RUNS": str(tmp_path / "runs")}
     process = subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True, env=own
     )
     assert process.stdout is not None
     while "teaching" not in process.stdout.readline():
@@ -68,8 +70,9 @@ def test_control_c_ends_it_with_its_daemon_and_leaves_a_whole_run(tmp_path: Path
     os.killpg(process.pid, signal.SIGINT)
     _, error = process.communicate(timeout=30)
     assert (process.returncode, error) == (1, "")
-    (run,) = tmp_path.iterdir()
+    (run,) = (tmp_path / "runs").iterdir()
     assert json.loads((run / "run.jsonl").read_text().splitlines()[-1])["kind"] == "run_end"
+    assert left_behind(tmp_path / FILE, ran_before=True) is None, "the newcomer's first daemon starts without a fault"
 
 
 def test_replayed_through_the_same_code_nothing_changes(
