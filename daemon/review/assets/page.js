@@ -144,7 +144,8 @@ const rows = new Map();
 for (const cycle of data.cycles) cycle.cause = cycle.causes.length ? cycle.causes[0].name : "";
 by("table").tHead.append(el("tr", {}, ...columns.map(([key, name]) => el("th", { class: `k-${key}${NUMBERS.includes(key) ? " num" : ""}`,
   onclick: () => { ascending = order === key ? !ascending : true; order = key; fill(); } }, name))));
-const content = { t: (c) => time(c.t, offset), s: (c) => duration(c.s), mm: (c) => number(c.mm), true_mm: (c) => number(c.true_mm),
+const digits = (value, count, unit = "") => (known(value) ? `${value.toFixed(count)}${unit}` : "–");  // a column's numbers end under each other
+const content = { t: (c) => time(c.t, offset), s: (c) => (c.s < 60 ? digits(c.s, 1, " s") : duration(c.s)), mm: (c) => digits(c.mm, 2), true_mm: (c) => digits(c.true_mm, 2),
   cause: (c) => (c.cause ? el("span", {}, el("b", {}, c.cause), ` ${c.why || ""}`) : c.why || "") };
 for (const cycle of data.cycles) {
   const cells = columns.map(([key]) => el("td", { class: `k-${key}${NUMBERS.includes(key) ? " num" : ""}${key === "outcome" ? ` o ${cycle.outcome.replace(" ", "-")}` : ""}` },
@@ -239,7 +240,7 @@ by("event-list").append(data.events.length ? el("ul", {}, ...data.events.map((e)
   time(e.t, offset), " ", e.cycle === null ? null : el("a", { href: "#cycle", onclick: () => open(e.cycle) }, `cycle ${e.cycle} `), e.text,
   e.after && ["fault", "refusal"].includes(e.kind) ? el("span", { class: "dim" }, ` — after: ${e.after}`) : null))) : el("p", { class: "dim" }, "none"));
 by("other-list").append(...data.outside.map((stop) => {
-  const box = el("details", {}, el("summary", {}, time(stop.t, offset), ` ${stop.purpose}: ${stop.parts.map((p) => p.label).join(", ") || "nothing named"}`));
+  const box = el("details", {}, el("summary", {}, time(stop.t, offset), ` ${stop.purpose}: ${stop.parts.map((p) => (p.label === "unknown" ? "a part without a name" : p.label)).join(", ") || "nothing seen"}`));
   box.addEventListener("toggle", () => { if (box.open && box.children.length === 1) box.append(lookView(stop)); });
   return box;
 }));
