@@ -12,7 +12,7 @@ const thousands = (n) => n.toLocaleString("en").replaceAll(",", "\u202f");
 const kindOf = (c) => c.state.replaceAll(" ", "-");
 const lasts = (list) => [...list].reverse().find(known);
 
-by("verdict").textContent = ill.length ? `${well} of ${plural(cells.length, "cell")} are well, ${ill.length} ${ill.length === 1 ? "needs" : "need"} somebody` : `All ${plural(cells.length, "cell")} are well`;
+by("verdict").textContent = ill.length ? `${well} of ${plural(cells.length, "cell")} are well, ${ill.length} ${ill.length === 1 ? "needs" : "need"} somebody` : cells.length === 1 ? "The one cell is well" : `All ${plural(cells.length, "cell")} are well`;
 by("verdict").className = ill.some((c) => c.state === "misses" || c.state === "faults") ? "bad" : ill.length ? "" : "good";
 by("summary").append(...[data.simulated ? el("b", { class: "tag" }, "simulated") : null, `${days[0]} to ${days[days.length - 1]} (UTC)`].filter(Boolean));
 by("ill").append(...ill.flatMap((c) => [el("button", { type: "button", onclick: () => open(c) }, c.name), el("span", { class: `state ${kindOf(c)}` }, c.state),
