@@ -43,6 +43,8 @@ _FITS = (3.0, 2), (1.0, 4)
 _FIRST_BLUR_PX = 0.7
 _FAINT_BLOCK = 0.4
 """A stretch of a side that shows less than this share of the side's mean slope shows no edge."""
+_WHOLE = 0.75
+"""Share of its stretches that show an edge, where a line lies along one; where fewer do, it may only cross it."""
 _BESIDE_PX = 8.5
 """How far to either hand shading and grain are compared."""
 _OUTERMOST_PX = np.array([[-REACH_PX], [REACH_PX]])
@@ -94,8 +96,9 @@ def find_sides(
 
     images: of unit noise, after a Gaussian of SMOOTHING_PX. Looks up to reach_px, (S,) or one for all, either way of
     expected_px (S,) outwards, and at tilts that move either end by a few pixels; gradients count by how near they are
-    to what is expected, with sigma_px (S,). Returns moved ends, and (S, BLOCKS) the slopes
-    across the moved sides, stretch by stretch, over a pixel (over two where it looks farther than two).
+    to what is expected, with sigma_px (S,), unless that leads to a line which only crosses an edge. Returns moved ends,
+    and (S, BLOCKS) the slopes across the moved sides, stretch by stretch, over a pixel (over two where it looks farther
+    than two).
     """
     length, at = stretches(start, end, _TRIM_PX)
     farthest = float(np.max(reach_px))
@@ -114,14 +117,26 @@ def find_sides(
     shifted += (np.arange(len(start) * BLOCKS, dtype=np.int32) * width).reshape(len(start), -1, 1, 1)
     across = slopes.ravel().take(shifted)
     lines = np.abs(across.sum(1))
-    lines *= (np.exp(-0.5 * (places / sigma_px[:, None]) ** 2) * within).astype(np.float32)[:, None]
-    best, each = lines.reshape(len(start), -1).argmax(1), np.arange(len(start))
+    likely = (np.exp(-0.5 * (places / sigma_px[:, None]) ** 2) * within).astype(np.float32)
+    each, across = np.arange(len(start)), across.reshape(len(start), BLOCKS, -1)
+    best = (lines * likely[:, None]).reshape(len(start), -1).argmax(1)
+    crossing = np.flatnonzero(_shown(across[each, :, best]) < _WHOLE)
+    if len(crossing):
+        there = (lines[crossing] * within[crossing, None]).reshape(len(crossing), -1).argmax(1)
+        whole = _shown(across[crossing, :, there]) >= _WHOLE
+        best[crossing[whole]] = there[whole]
     tilt, offset = tilts[each, best // width], places[each, best % width] + expected_px
     chord = end - start
     normal = np.stack([-chord[:, 1], chord[:, 0]], 1) / length[:, None]
     slope = tilt / np.maximum(1 - 2 * _TRIM_PX / length, 0.5)
     moved = start + (offset - slope)[:, None] * normal, end + (offset + slope)[:, None] * normal
-    return *moved, across.reshape(len(start), BLOCKS, -1)[each, :, best]
+    return *moved, across[each, :, best]
+
+
+def _shown(slopes: Image32) -> Array:
+    """(S,) the share of stretches of a line, with these slopes (S, BLOCKS) across it, that show an edge."""
+    whole = slopes.sum(1, keepdims=True)
+    return np.asarray((slopes * np.sign(whole) > _FAINT_BLOCK / BLOCKS * np.abs(whole)).sum(1) / BLOCKS)
 
 
 def probe_sides(images: Images, start: Array, end: Array, grain: Array | float = 1.0) -> tuple[Array, Array]:

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from daemon.arrays import Array
 from daemon.vision.geometry.polygon import Shape, is_simple, tidy
 from daemon.vision.geometry.polygon_batch import areas, convex, met, rings
-from daemon.vision.image.edge_lines import Exposure, fit_sides
+from daemon.vision.image.edge_lines import Exposure, find_sides, fit_sides
 from daemon.vision.image.grey import FINE, measure_noise
+from daemon.vision.image.regions import smoothed, unit_noise
 from daemon.vision.image.thesis_corners import find_corners, mic_response
 from tests.worlds.limit import side_bound
 
@@ -59,6 +60,28 @@ def test_a_side_is_found_to_a_few_hundredths_of_a_pixel(angle: float, inside: fl
     limit = 0.08 if abs(inside - outside) > 100 else 0.25
     assert np.abs(corners - truth).max() < limit
     assert np.sign(sides.step) == pytest.approx(np.sign(outside - inside))
+
+
+@pytest.mark.parametrize("turned_px", [-0.6, 0.0, 0.6])
+@pytest.mark.parametrize("inside_px", [2.5, 3.7])
+def test_a_rough_side_far_inside_a_strong_edge_comes_to_lie_along_it_and_not_across(
+    inside_px: float, turned_px: float
+) -> None:
+    """Regions end the farther inside, the stronger their edges are; expected is less, and a line that is tilted until
+    it crosses the edge has half of it nearer."""
+    truth = turned_square(0.3)
+    image = painted_polygon(truth, 220, 33, 1.5)
+    smooth = smoothed(unit_noise(image, measure_noise(image)))
+    start, end = truth, np.roll(truth, -1, 0)
+    chord = end - start
+    inwards = np.stack([chord[:, 1], -chord[:, 0]], 1) / np.hypot(*chord.T)[:, None]
+    inwards *= np.sign(np.sum(inwards * (80.3 - start), 1))[:, None]
+    rough = start + (inside_px + turned_px) * inwards, end + (inside_px - turned_px) * inwards
+    side = np.full(len(start), 1.2)
+    one, other, slopes = find_sides([(smooth, len(start))], *rough, 4.0, side, side)
+    off_px = [np.sum((found - true) * inwards, 1) for found, true in ((one, start), (other, end))]
+    assert np.abs(off_px).max() < 2.0
+    assert np.abs(slopes).min() > 0.5 * np.abs(slopes).max()
 
 
 def test_the_predicted_error_of_a_side_is_the_one_that_occurs() -> None:
