@@ -416,9 +416,9 @@ class SocketDoor:
         elif "done" in message:
             done = message["done"]
             self.story.told(done["text"], AT_REST if done["status"] == 0 else ())
-            key = (self, message.get("id", self.number))
-            self.answered = max(self.answered, key[1])
-            self.story.words.answered(key, done["text"], done["status"])
+            if "id" in message:  # what is no message has none, and says nothing of a line typed before it
+                self.answered = max(self.answered, message["id"])
+                self.story.words.answered((self, message["id"]), done["text"], done["status"])
         elif "notice" in message:
             self.story.told(message["notice"])
             if message["notice"].startswith("FAULT"):
