@@ -1,8 +1,14 @@
-"""The one name for arrays of numbers: shape, unit and frame are said where it is used."""
+"""The names for arrays of numbers: shape, unit and frame are said where they are used."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+Flags = NDArray[np.bool_]
+Image32 = NDArray[np.float32]
+Real = NDArray[np.floating[Any]]

@@ -22,7 +22,7 @@ from daemon.doors.client import DaemonLink, NotThereError
 from daemon.errors import DONE as DONE
 from daemon.errors import NOT_DONE as NOT_DONE
 from daemon.errors import NOT_UNDERSTOOD as NOT_UNDERSTOOD
-from daemon.errors import spelt, visible
+from daemon.errors import FacetdError, spelt, visible
 from daemon.store.outside import FileError, read_file
 
 if TYPE_CHECKING:
@@ -130,13 +130,22 @@ def _parser(modules: Iterable[str]) -> tuple[argparse.ArgumentParser, Mapping[st
 
 
 def _offline(module: str, words: list[str]) -> int:
+    """A job on files. Arguments, files or a disk that it cannot use are one line on stderr."""
     parser, _ = _parser([module])
     args = parser.parse_args(words)
     out: Any = _Shown(sys.stdout)
     errors: Any = _Shown(sys.stderr)
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(errors):
-        status: int = args.run(args)
-    return status
+        try:
+            return int(args.run(args))
+        except BrokenPipeError:
+            raise
+        except (FacetdError, OSError) as error:
+            from daemon.store.files import plain
+
+            job = f"calibrate {args.kind}" if args.command == "calibrate" else args.command
+            print(f"facetctl {job}: {plain(error)}", file=errors)
+            return NOT_UNDERSTOOD
 
 
 class _Shown:
@@ -297,7 +306,6 @@ def _model_without_daemon(words: list[str], as_json: bool) -> int:
     """`model list` and `model use N` when no daemon runs: the next one begins with what is in use now."""
     from daemon.commands.models import MODEL_USAGE, list_of, version_named
     from daemon.config import load_config
-    from daemon.errors import FacetdError
     from daemon.store import places
     from daemon.store.files import hold
     from daemon.store.model_store import ModelStore

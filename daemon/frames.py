@@ -32,14 +32,34 @@ def apply(b_from_a: Array, points: Array) -> Array:
     return points @ b_from_a[:3, :3].T + b_from_a[:3, 3]
 
 
+def cross_matrices(vectors: Array) -> Array:
+    """(..., 3) -> (..., 3, 3) with matrix @ x = vector x x."""
+    out = np.zeros((*vectors.shape, 3))
+    x, y, z = vectors[..., 0], vectors[..., 1], vectors[..., 2]
+    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -z, y, -x
+    out[..., 1, 0], out[..., 2, 0], out[..., 2, 1] = z, -y, x
+    return out
+
+
 def rotation_from_vector(vector: Array) -> Array:
     """(3,) axis times angle in rad -> (3, 3) rotation (Rodrigues)."""
     angle = float(np.linalg.norm(vector))
-    x, y, z = vector
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    cross = cross_matrices(np.asarray(vector, float))
     first, second = (1.0, 0.5) if angle < 1e-8 else (np.sin(angle) / angle, (1 - np.cos(angle)) / angle**2)
     rotation: Array = np.eye(3) + first * cross + second * (cross @ cross)
     return rotation
+
+
+def rotations_from_vectors(vectors: Array) -> Array:
+    """The same of many: (N, 3) rad -> (N, 3, 3)."""
+    angle = np.sqrt((vectors**2).sum(1))[:, None, None]
+    cross = cross_matrices(vectors)
+    small = angle < 1e-8
+    safe = np.where(small, 1.0, angle)
+    first = np.where(small, 1.0, np.sin(safe) / safe)
+    second = np.where(small, 0.5, (1 - np.cos(safe)) / safe**2)
+    rotations: Array = np.eye(3) + first * cross + second * (cross @ cross)
+    return rotations
 
 
 def vector_from_rotation(rotation: Array) -> Array:
@@ -77,20 +97,16 @@ def transport_covariance(c_from_b: Array, covariance_in_b: Array) -> Array:
 
 def lever_covariance(b_from_a: Array, covariance_of_c_from_b: Array, c_from_b: Array) -> Array:
     """What an uncertain c_from_b (6, 6; see module) adds to the covariance of c_from_a = c_from_b @ b_from_a."""
-    x, y, z = c_from_b[:3, :3] @ b_from_a[:3, 3]
     jacobian = np.eye(6)
-    jacobian[:3, 3:] = -np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    jacobian[:3, 3:] = -cross_matrices(c_from_b[:3, :3] @ b_from_a[:3, 3])
     return jacobian @ covariance_of_c_from_b @ jacobian.T
 
 
 def point_motion(levers: Array) -> Array:
     """(N, 3) levers from a's origin, along b's axes -> (N, 3, 6) motion of each point with a pose's (6,) motion."""
     rows = np.zeros((len(levers), 3, 6))
-    rows[:, range(3), range(3)] = 1.0
-    x, y, z = levers.T
-    rows[:, 0, 4], rows[:, 0, 5] = z, -y
-    rows[:, 1, 3], rows[:, 1, 5] = -z, x
-    rows[:, 2, 3], rows[:, 2, 4] = y, -x
+    rows[:, :, :3] = np.eye(3)
+    rows[:, :, 3:] = -cross_matrices(levers)
     return rows
 
 
@@ -103,6 +119,11 @@ def difference(b_from_a: Array, reference: Array) -> Array:
     """The (6,) motion with perturb(reference, motion) == b_from_a."""
     rotation = b_from_a[:3, :3] @ reference[:3, :3].T
     return np.concatenate([b_from_a[:3, 3] - reference[:3, 3], vector_from_rotation(rotation)])
+
+
+def size(motion: Array) -> tuple[float, float]:
+    """How far a (6,) motion goes, mm, and by how much it turns, rad."""
+    return float(np.linalg.norm(motion[:3])), float(np.linalg.norm(motion[3:]))
 
 
 def fuse(poses: list[Array], covariances: list[Array]) -> tuple[Array, Array]:

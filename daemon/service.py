@@ -28,7 +28,8 @@ from daemon.cell import sections
 from daemon.cell.no_arm import CellError
 from daemon.cell.pick_cell import pick_cell
 from daemon.commands import every_command, eyes
-from daemon.commands.moving import tell_end, tell_what_waits
+from daemon.commands.awaiting import tell_what_waits
+from daemon.commands.moving import tell_end
 from daemon.commands.simulated_hand import know_drawings
 from daemon.config import Config, load_config
 from daemon.console.context import CommandContext

@@ -7,6 +7,8 @@ import numpy as np
 from daemon import frames
 from daemon.arrays import Array
 
+NEAR_MM, FAR_MM = 100.0, 400.0
+
 
 def backed_off(world_from_tool: Array, distance_mm: float) -> Array:
     """The pose distance_mm back along the tool's own z."""
@@ -23,23 +25,19 @@ def lifted(world_from_tool: Array, height_mm: float) -> Array:
 def steps(at: Array, target: Array, most_mm: float, most_deg: float) -> list[Array]:
     """Poses from at (left out) to target (last), none farther from the one before than the limits, straight between."""
     motion = frames.difference(target, at)
-    share = max(
-        float(np.linalg.norm(motion[:3])) / most_mm, float(np.degrees(np.linalg.norm(motion[3:]))) / most_deg, 1e-9
-    )
+    far_mm, turn = frames.size(motion)
+    share = max(far_mm / most_mm, float(np.degrees(turn)) / most_deg, 1e-9)
     count = int(np.ceil(share / 0.98))
     return [frames.perturb(at, motion * (k / count)) for k in range(1, count)] + [target]
 
 
 def within(a: Array, b: Array, most_mm: float, most_deg: float) -> bool:
     """Whether one move from a to b stays within the limits, with a little to spare."""
-    motion = frames.difference(b, a)
-    far, turned = float(np.linalg.norm(motion[:3])), float(np.degrees(np.linalg.norm(motion[3:])))
-    return far < 0.98 * most_mm and turned < 0.98 * most_deg
+    far_mm, turn = frames.size(frames.difference(b, a))
+    return far_mm < 0.98 * most_mm and float(np.degrees(turn)) < 0.98 * most_deg
 
 
-def speed_pct(
-    distance_mm: float, travel_pct: float, near_pct: float, near_mm: float = 100.0, far_mm: float = 400.0
-) -> float:
-    """Speed by distance to the part: near_pct within near_mm, travel_pct beyond far_mm, a ramp between."""
-    share = float(np.clip((distance_mm - near_mm) / (far_mm - near_mm), 0.0, 1.0))
+def speed_pct(distance_mm: float, travel_pct: float, near_pct: float) -> float:
+    """Speed by distance to the part: near_pct within NEAR_MM, travel_pct beyond FAR_MM, a ramp between."""
+    share = float(np.clip((distance_mm - NEAR_MM) / (FAR_MM - NEAR_MM), 0.0, 1.0))
     return near_pct + share * (travel_pct - near_pct)

@@ -76,10 +76,9 @@ def tool(flange_from_tool: Array) -> Iterator[Implausible]:
         yield _found(keys, "the tool before the wrist (z > 0)", f"z = {flange_from_tool[2, 3]:g}", "invert the matrix?")
 
 
-def hand_eye(
-    tool_from_cyclopean: Array, reach_mm: float, keys: Keys = ("hand_eye", "tool_from_cyclopean")
-) -> Iterator[Implausible]:
+def hand_eye(tool_from_cyclopean: Array, reach_mm: float) -> Iterator[Implausible]:
     """hand_eye.tool_from_cyclopean (4, 4) of cameras on the hand of an arm that reaches reach_mm."""
+    keys: Keys = ("hand_eye", "tool_from_cyclopean")
     wrong = rigid(tool_from_cyclopean, keys)
     away_mm, before_mm = float(np.linalg.norm(tool_from_cyclopean[:3, 3])), float(tool_from_cyclopean[2, 3])
     if wrong is not None:

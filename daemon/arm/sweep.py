@@ -215,7 +215,7 @@ def _straight_way(
     """
     motion = frames.difference(command.world_from_tool, start.world_from_tool)
     tips = np.linalg.norm(body.placed(links[None])[0] - links[TOOL, :3, 3], axis=-1).max(axis=1) + body.radius_mm
-    far, turn = float(np.linalg.norm(motion[:3])), float(np.linalg.norm(motion[3:]))
+    far, turn = frames.size(motion)
     arm = body.frame <= WRIST_JOINTS
     speed_mm, arm_mm = np.where(arm, 0.0, far + turn * tips), np.where(arm, reaches[:WRIST_JOINTS], 0.0)
     hand_mm = float(np.linalg.norm(_wrist_off(links)))

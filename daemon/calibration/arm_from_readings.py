@@ -77,7 +77,6 @@ class ArmFound:
     reaches forward. base_mm (3,): where axes 1 and 2 cross, in the world; wrist_from_tool (4, 4). sigma: standard
     deviation of each of NAMES (mm, degrees). undetermined: names of what the readings leave open. place_mm,
     turn_deg: root mean square misfit; misfit: the sum of squares in units of what the digits leave open.
-    rivals: other conventions that fit as well.
     """
 
     convention: Convention
@@ -93,7 +92,6 @@ class ArmFound:
     place_mm: float
     turn_deg: float
     misfit: float
-    rivals: tuple[Convention, ...]
 
     @property
     def lengths_mm(self) -> tuple[float, float, float, float]:
@@ -154,15 +152,14 @@ def find_arm(world_from_tool: Array, printed_deg: Array, digits: tuple[float, fl
             best = sorted((model for model in fits if model is not None), key=lambda model: model.cost)
     if not best:
         raise NoArmError("no arm with a PUMA's wrist makes these readings: their orientations fit no such joints")
-    models = [_plain(model, readings) for model in best if model.cost < 2.0 * best[0].cost + 1e-6]
-    found = models[0]
+    found = _plain(best[0], readings)
     data = found.residuals[: 12 * len(readings)]
     if float(np.sqrt(np.mean(data**2))) > FITS:
         raise NoArmError(
             f"no arm of a PUMA's kind makes these readings: the nearest misses their places by "
             f"{_rms(data[9 * len(readings) :]) * readings.place_mm:.2f} mm"
         )
-    return _told(found, [model.convention for model in models[1:]], readings)
+    return _told(found, readings)
 
 
 def settle(
@@ -183,7 +180,7 @@ def settle(
     known |= _straight(x, found)
     x[list(known)] = list(known.values())
     readings = _read(world_from_tool, printed_deg, digits)
-    return _told(_at(found.convention, x, readings, known), (), readings)
+    return _told(_at(found.convention, x, readings, known), readings)
 
 
 def _straight(x: Array, found: ArmFound) -> dict[int, float]:
@@ -238,17 +235,6 @@ def _about_y(angle: Array | float) -> Array:
     return np.stack([np.stack([c, o, s], -1), np.stack([o, i, o], -1), np.stack([-s, o, c], -1)], -2)
 
 
-def _turned_by(vectors: Array) -> Array:
-    """(M, 3, 3) of rotation vectors (M, 3)."""
-    angle = np.maximum(np.linalg.norm(vectors, axis=1), 1e-12)[:, None, None]
-    x, y, z = vectors.T
-    o = np.zeros_like(x)
-    cross = np.stack([np.stack([o, -z, y], -1), np.stack([z, o, -x], -1), np.stack([-y, x, o], -1)], -2)
-    half = np.sin(angle / 2.0) / angle
-    turned: Array = np.eye(3) + np.sin(angle) / angle * cross + 2.0 * half**2 * (cross @ cross)
-    return turned
-
-
 def _arm_angles(zeros: Array, convention: Convention, printed: Array) -> tuple[Array, ...]:
     """q1, q2, q2 + q3, q4, q5, q6, each (M, N), of zeros (M, 5): of 1, 2, 2 + 3, 4 and 5; joint 6's is the tool's."""
     p = printed * np.array(convention.signs)
@@ -270,7 +256,7 @@ def _chain(x: Array, convention: Convention, printed: Array) -> tuple[Array, Arr
     q1, q2, q23 = q[:3]
     a2, a3, d3, d4 = (x[:, k, None] for k in range(5, 9))
     flange = _flange(q)
-    tool = _turned_by(x[:, 9:12])
+    tool = frames.rotations_from_vectors(x[:, 9:12])
     outward = a2 * np.cos(q2) + a3 * np.cos(q23) - d4 * np.sin(q23)
     upward = a2 * np.sin(q2) + a3 * np.sin(q23) + d4 * np.cos(q23)
     c, s = np.cos(q1), np.sin(q1)
@@ -452,7 +438,7 @@ def _wrapped(angle: Array) -> Array:
     return (angle + np.pi) % (2.0 * np.pi) - np.pi
 
 
-def _told(model: _Model, others: Sequence[Convention], readings: _Readings) -> ArmFound:
+def _told(model: _Model, readings: _Readings) -> ArmFound:
     """Values with how well they are known; joint 6 takes the tool's turn about its axis, not to be told from it."""
     count = len(readings)
     x, rows = model.parameters, 12 * count
@@ -476,5 +462,4 @@ def _told(model: _Model, others: Sequence[Convention], readings: _Readings) -> A
         place_mm=_rms(model.residuals[9 * count : rows]) * readings.place_mm,
         turn_deg=float(np.degrees(_rms(model.residuals[: 9 * count]) * readings.turn_rad * np.sqrt(3.0))),
         misfit=float((model.residuals[:rows] ** 2).sum()),
-        rivals=tuple(dict.fromkeys(other for other in others if other != model.convention)),
     )  # fmt: skip

@@ -15,13 +15,12 @@ from daemon.vision.health import Clue
 class DriftWatch:
     """One calibration, watched. A new calibration gets a new one, and so do other eyes; alone: the one that looks."""
 
-    def __init__(self, settings: Watching | None = None, alone: EyeName | None = None) -> None:
-        self.settings = settings or Watching()
+    def __init__(self, alone: EyeName | None = None) -> None:
         self.alone = alone
         self.drift: Drift | None = None
         self._watch: Watch = fresh()
 
     def seen(self, clue: Clue, at: str) -> Drift | None:
         """Take one look into account (at: when, for people); the drift that stands, or None."""
-        self._watch, self.drift = observe(self._watch, replace(clue, at=at), self.settings, self.alone)
+        self._watch, self.drift = observe(self._watch, replace(clue, at=at), Watching(), self.alone)
         return self.drift

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from datetime import datetime
+from datetime import UTC, datetime
 from pathlib import Path
 
 import msgspec
@@ -17,6 +17,7 @@ import yaml
 from daemon import frames
 from daemon.arm import EyeName
 from daemon.arrays import Array
+from daemon.calibration.stereo import StereoResult
 from daemon.pick.moved_pair import USUAL_MM
 from daemon.store.files import write_atomically
 from daemon.store.yamlfile import Document, Key, read
@@ -49,6 +50,24 @@ class Calibration:
     tool_from_cyclopean: Array | None = None
     quality: Quality = field(default_factory=Quality)
     alone: EyeName | None = None
+
+
+def now() -> datetime:
+    """As the time when a calibration was made is written: to the second."""
+    return datetime.now(UTC).replace(microsecond=0)
+
+
+def of_stereo(result: StereoResult, tool_from_cyclopean: Array | None = None) -> Calibration:
+    """What is kept of both eyes' calibration. A hand-eye from before is a start at best: the cyclopean frame has
+    moved."""
+    quality = Quality(
+        reprojection_px=round(result.stereo_rms_px, 4),
+        epipolar_px=round(result.epipolar_px, 4),
+        views=len(result.by_pair),
+        method="stereo",
+        made=now(),
+    )
+    return Calibration(result.rig, tool_from_cyclopean, quality)
 
 
 def same_geometry(a: Calibration, b: Calibration) -> bool:

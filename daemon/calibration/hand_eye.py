@@ -16,7 +16,7 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array
-from daemon.calibration.least_squares import Problem, UndeterminedError, chain, solve
+from daemon.calibration.least_squares import Problem, UndeterminedError, chain, pose_of, solve, transform_of
 from daemon.errors import FacetdError
 from daemon.vision.geometry import Camera, StereoRig
 
@@ -55,14 +55,13 @@ class ArmDoubt:
 
 @dataclass(frozen=True, eq=False)
 class HandEyeResult:
-    """tool_from_cyclopean, world_from_board (4, 4); sigma_mm, sigma_deg: one standard deviation of the hand-eye over
+    """tool_from_cyclopean (4, 4); sigma_mm, sigma_deg: one standard deviation of the hand-eye over
     all axes (jackknife, and what no residual shows: see `_with_hidden`); reprojection_px rms per point; solvers_mm,
     solvers_deg: how far the two closed forms differ; diversity_deg: see `diversity_deg`; left_out_mm: what each pose,
     predicted by all others, was off by; arm: what the arm was off its word by (see `arms_own`).
     """
 
     tool_from_cyclopean: Array
-    world_from_board: Array
     sigma_mm: float
     sigma_deg: float
     reprojection_px: float
@@ -105,10 +104,10 @@ def cyclopean_from_board(sample: Sample, rig: StereoRig) -> Array:
         rows = [_eye_rows(eye, x, sample.points_mm, px) for eye, px in _views(rig, sample)]
         return np.concatenate([r for r, _ in rows]), np.vstack([j for _, j in rows])
 
-    return _transform(solve(problem, _pose(start), passes=20).parameters)
+    return transform_of(solve(problem, pose_of(start), passes=20).parameters)
 
 
-def calibrate_hand_eye(samples: Sequence[Sample], rig: StereoRig, doubt: ArmDoubt | None = None) -> HandEyeResult:
+def calibrate_hand_eye(samples: Sequence[Sample], rig: StereoRig) -> HandEyeResult:
     """Solve for the hand-eye, refine it on all corners, and say how well it is known. Raises HandEyeError."""
     if len(samples) < FEWEST_POSES:
         raise HandEyeError(f"{len(samples)} poses, {FEWEST_POSES} are needed")
@@ -123,10 +122,10 @@ def calibrate_hand_eye(samples: Sequence[Sample], rig: StereoRig, doubt: ArmDoub
     first, second = park_martin(arm, eye), shah(arm, eye)
     boards = [a @ first @ e for a, e in zip(arm, eye, strict=True)]
     board, _ = frames.fuse(boards, [np.eye(6)] * len(boards))
-    doubt = doubt or ArmDoubt()
+    doubt = ArmDoubt()
     try:
         whole = solve(hand_eye_problem(samples, rig, doubt), _start(first, board, len(samples)))
-        hand, place = _transform(whole.parameters[:6]), _transform(whole.parameters[6:12])
+        hand, place = transform_of(whole.parameters[:6]), transform_of(whole.parameters[6:12])
         spared = [
             solve(hand_eye_problem(rest, rig, doubt), _start(hand, place, len(rest)), passes=8)
             for rest in ([*samples[:out], *samples[out + 1 :]] for out in range(len(samples)))
@@ -140,7 +139,6 @@ def calibrate_hand_eye(samples: Sequence[Sample], rig: StereoRig, doubt: ArmDoub
     sigma_mm, sigma_deg = _with_hidden(sigma_mm, sigma_deg, doubt)
     return HandEyeResult(
         tool_from_cyclopean=hand,
-        world_from_board=place,
         sigma_mm=sigma_mm,
         sigma_deg=sigma_deg,
         reprojection_px=PIXEL_SIGMA * float(np.sqrt(2 * (whole.residuals[6 * len(samples) :] ** 2).mean())),
@@ -155,7 +153,7 @@ def calibrate_hand_eye(samples: Sequence[Sample], rig: StereoRig, doubt: ArmDoub
 
 
 def _start(tool_from_cyclopean: Array, world_from_board: Array, count: int) -> Array:
-    return np.concatenate([_pose(tool_from_cyclopean), _pose(world_from_board), np.zeros(6 * count)])
+    return np.concatenate([pose_of(tool_from_cyclopean), pose_of(world_from_board), np.zeros(6 * count)])
 
 
 def park_martin(world_from_tool: Sequence[Array], cyclopean_from_board_: Sequence[Array]) -> Array:
@@ -220,7 +218,7 @@ def hand_eye_problem(samples: Sequence[Sample], rig: StereoRig, arm: ArmDoubt) -
         hand, by_hand = _inverted(x[:6])
         for k, sample in enumerate(samples):
             own = slice(12 + 6 * k, 18 + 6 * k)
-            to_said, by_board, _ = chain(x[6:12], _pose(frames.inverse(sample.world_from_tool)))
+            to_said, by_board, _ = chain(x[6:12], pose_of(frames.inverse(sample.world_from_tool)))
             to_tool, by_said, by_own = chain(to_said, x[own])
             to_eye, by_tool, by_hand_pose = chain(to_tool, hand)
             for eye, px in _views(rig, sample):
@@ -265,7 +263,7 @@ def _inverted(pose: Array) -> tuple[Array, Array]:
 
 def _eye_rows(eye: Camera, cyclopean_pose: Array, points: Array, px: Array) -> tuple[Array, Array]:
     """Residuals (2N,) px and Jacobian (2N, 6) of one eye by a pose (6,) of cyclopean_from_points."""
-    pose, by_pose, _ = chain(cyclopean_pose, _pose(frames.inverse(eye.cyclopean_from_camera)))
+    pose, by_pose, _ = chain(cyclopean_pose, pose_of(frames.inverse(eye.cyclopean_from_camera)))
     image, jacobian = cv2.projectPoints(points, pose[:3], pose[3:], eye.matrix, eye.distortion)
     return (np.asarray(image, float).reshape(-1, 2) - px).ravel(), np.asarray(jacobian[:, :6], float) @ by_pose
 
@@ -283,18 +281,10 @@ def _pnp(eye: Camera, points: Array, px: Array) -> Array:
     return eye.cyclopean_from_camera @ camera_from_board
 
 
-def _pose(transform: Array) -> Array:
-    return np.concatenate([frames.vector_from_rotation(transform[:3, :3]), transform[:3, 3]])
-
-
-def _transform(pose: Array) -> Array:
-    return frames.rigid(frames.rotation_from_vector(pose[:3]), pose[3:6])
-
-
 def _jackknife(whole: Array, spared: Sequence[Array]) -> tuple[float, float]:
     """(mm, degrees) over all three axes: variance (n - 1) / n times the summed squares of the left-out differences."""
-    reference = _transform(whole[:6])
-    motions = np.array([frames.difference(_transform(p[:6]), reference) for p in spared])
+    reference = transform_of(whole[:6])
+    motions = np.array([frames.difference(transform_of(p[:6]), reference) for p in spared])
     motions -= motions.mean(axis=0)
     variance = (len(motions) - 1) / len(motions) * (motions**2).sum(axis=0)
     return float(np.sqrt(variance[:3].sum())), float(np.degrees(np.sqrt(variance[3:].sum())))
@@ -319,6 +309,6 @@ def _with_hidden(sigma_mm: float, sigma_deg: float, arm: ArmDoubt) -> tuple[floa
 
 def _left_out_mm(sample: Sample, cyclopean_from_board_: Array, others: Array) -> float:
     """How far the board's corners, seen in this pose, lie from where all other poses put them, rms mm."""
-    seen = sample.world_from_tool @ _transform(others[:6]) @ cyclopean_from_board_
-    gaps = frames.apply(seen, sample.points_mm) - frames.apply(_transform(others[6:12]), sample.points_mm)
+    seen = sample.world_from_tool @ transform_of(others[:6]) @ cyclopean_from_board_
+    gaps = frames.apply(seen, sample.points_mm) - frames.apply(transform_of(others[6:12]), sample.points_mm)
     return float(np.sqrt((gaps**2).sum(axis=1).mean()))

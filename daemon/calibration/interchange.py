@@ -6,7 +6,6 @@ Those rectify; we do not, so that only what is geometry comes over: intrinsics, 
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 
 import cv2
@@ -18,12 +17,11 @@ from daemon import frames
 from daemon.arrays import Array
 from daemon.calibration.file import Calibration, Quality, load_calibration, save_calibration
 from daemon.calibration.recorded import keep_old
-from daemon.calibration.stereo import cyclopean_frame
+from daemon.calibration.stereo import rig_of
 from daemon.errors import FacetdError
 from daemon.store.files import write_atomically
-from daemon.store.outside import FileError
 from daemon.store.yamlfile import read
-from daemon.vision.geometry import Camera, StereoRig
+from daemon.vision.geometry import StereoRig
 
 MM_PER_M = 1000.0
 
@@ -50,18 +48,6 @@ class _CameraInfo(msgspec.Struct):
     rectification_matrix: _Matrix
     projection_matrix: _Matrix
     camera_name: str = ""
-
-
-def rig_of(
-    left: tuple[Array, Array], right: tuple[Array, Array], left_from_right: Array, size: tuple[int, int]
-) -> StereoRig:
-    """(matrix, distortion) of both eyes and the pose between them (4, 4) mm -> the rig in its cyclopean frame."""
-    cyclopean_from_left = frames.inverse(cyclopean_frame(left_from_right))
-    return StereoRig(
-        Camera(left[0], left[1], cyclopean_from_left),
-        Camera(right[0], right[1], cyclopean_from_left @ left_from_right),
-        size,
-    )
 
 
 def from_ros(left: Path, right: Path) -> StereoRig:
@@ -188,28 +174,20 @@ def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) ->
 
 
 def _import(args: argparse.Namespace) -> int:
-    try:
-        rig = from_ros(*args.ros) if args.ros else from_opencv(args.opencv, _size(args.size))
-        kept = keep_old(args.out)
-        save_calibration(Calibration(rig, None, Quality(method="imported")), args.out)
-        load_calibration(args.out)
-    except (InterchangeError, FileError, OSError) as error:
-        print(f"facetctl calibrate import: {error}", file=sys.stderr)
-        return 2
+    rig = from_ros(*args.ros) if args.ros else from_opencv(args.opencv, _size(args.size))
+    kept = keep_old(args.out)
+    save_calibration(Calibration(rig, None, Quality(method="imported")), args.out)
+    load_calibration(args.out)
     print(f"{args.out}: baseline {rig.baseline_mm:.2f} mm" + (f"; the old one is {kept.name}" if kept else ""))
     return 0
 
 
 def _export(args: argparse.Namespace) -> int:
-    try:
-        rig = load_calibration(args.calibration).rig
-        if args.ros:
-            to_ros(rig, *args.ros)
-        else:
-            to_opencv(rig, args.opencv[0])
-    except (FileError, OSError) as error:
-        print(f"facetctl calibrate export: {error}", file=sys.stderr)
-        return 2
+    rig = load_calibration(args.calibration).rig
+    if args.ros:
+        to_ros(rig, *args.ros)
+    else:
+        to_opencv(rig, args.opencv[0])
     print("written: " + ", ".join(map(str, args.ros or args.opencv[:1])))
     return 0
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from daemon import frames
 from daemon.arrays import Array
 
 Problem = Callable[[Array], tuple[Array, Array]]
@@ -98,6 +99,16 @@ def project(points: Array, pose: Array, intrinsics: Array) -> tuple[Array, Array
     px, jacobian = cv2.projectPoints(points, pose[:3], pose[3:], matrix, distortion)
     whole = np.asarray(jacobian, float)
     return np.asarray(px, float).reshape(-1, 2), whole[:, :6], whole[:, 6:15]
+
+
+def pose_of(transform: Array) -> Array:
+    """(6,) rotation vector and translation of a rigid (4, 4)."""
+    return np.concatenate([frames.vector_from_rotation(transform[:3, :3]), transform[:3, 3]])
+
+
+def transform_of(pose: Array) -> Array:
+    """What pose_of is of."""
+    return frames.rigid(frames.rotation_from_vector(pose[:3]), pose[3:6])
 
 
 def chain(first: Array, second: Array) -> tuple[Array, Array, Array]:

@@ -7,9 +7,7 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated
 
@@ -19,10 +17,9 @@ from msgspec import Meta
 
 from daemon import frames
 from daemon.arrays import Array
-from daemon.calibration.file import Calibration, Quality, save_calibration
+from daemon.calibration.file import Calibration, Quality, now, save_calibration
 from daemon.calibration.recorded import keep_old
 from daemon.calibration.session import meet
-from daemon.store.outside import FileError
 from daemon.store.yamlfile import read
 from daemon.vision.geometry import Camera, Converging, StereoRig, by_formula
 
@@ -124,15 +121,10 @@ _KEYS = Measured.__struct_fields__
 
 
 def run(args: argparse.Namespace) -> int:
-    """0 done, 2 unusable measurements."""
-    try:
-        result = calibrate_quick(read(args.measured).convert(Measured))
-        kept = keep_old(args.out)
-        quality = Quality(method="quick", made=datetime.now(UTC).replace(microsecond=0))
-        save_calibration(Calibration(result.rig, None, quality), args.out)
-    except (FileError, OSError) as error:
-        print(f"facetctl calibrate quick: {error}", file=sys.stderr)
-        return 2
+    """Raises FileError, OSError."""
+    result = calibrate_quick(read(args.measured).convert(Measured))
+    kept = keep_old(args.out)
+    save_calibration(Calibration(result.rig, None, Quality(method="quick", made=now())), args.out)
     if args.json:
         print(json.dumps({"focal_px": round(result.focal_px, 3), "depths": len(result.at_mm), **_figures(result)}))
         return 0

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 from collections import Counter
 from collections.abc import Sequence
 from datetime import UTC, datetime
@@ -12,8 +11,8 @@ from glob import glob
 from pathlib import Path
 
 from daemon.calibration.board import Board, BoardError, Grey, find_board, parse_board
-from daemon.calibration.file import Calibration, Quality, load_calibration, save_calibration
-from daemon.calibration.stereo import Pair, StereoError, StereoResult, calibrate_stereo
+from daemon.calibration.file import load_calibration, of_stereo, save_calibration
+from daemon.calibration.stereo import Pair, StereoResult, calibrate_stereo
 from daemon.store.files import write_atomically
 from daemon.store.outside import FileError, read_file
 from daemon.store.pictures import read_grey
@@ -38,30 +37,18 @@ def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) ->
 
 
 def run(args: argparse.Namespace) -> int:
-    """Calibrate from files. 0 done, 2 unusable arguments, pictures or views (one line on stderr)."""
-    try:
-        board = parse_board(args.board, args.square_mm, "charuco" if args.charuco else "chessboard")
-        files = list(zip(_expand(args.left, "--left"), _expand(args.right, "--right"), strict=True))
-    except BoardError as error:
-        return _refuse(str(error))
-    except ValueError:
-        counts = [len(_expand(names, "")) for names in (args.left, args.right)]
-        return _refuse(f"--left names {counts[0]} pictures and --right {counts[1]}: each needs its partner")
-    try:
-        pairs, unused, size = read_pairs(files, board)
-        result = calibrate_stereo(pairs, board, size)
-        warning = _changed_baseline(args.out, result)
-        kept = keep_old(args.out)
-        save_calibration(to_calibration(result), args.out)
-    except (BoardError, StereoError, OSError) as error:
-        return _refuse(str(error))
+    """Calibrate from files. Raises BoardError, StereoError, OSError: unusable arguments, pictures or views."""
+    board = parse_board(args.board, args.square_mm, "charuco" if args.charuco else "chessboard")
+    left, right = _expand(args.left, "--left"), _expand(args.right, "--right")
+    if len(left) != len(right):
+        raise BoardError(f"--left names {len(left)} pictures and --right {len(right)}: each needs its partner")
+    pairs, unused, size = read_pairs(list(zip(left, right, strict=True)), board)
+    result = calibrate_stereo(pairs, board, size)
+    warning = _changed_baseline(args.out, result)
+    kept = keep_old(args.out)
+    save_calibration(of_stereo(result), args.out)
     _print(args, result, unused, kept, warning)
     return 0
-
-
-def _refuse(text: str) -> int:
-    print(f"facetctl calibrate stereo: {text}", file=sys.stderr)
-    return 2
 
 
 def _expand(patterns: Sequence[str], option: str) -> list[Path]:
@@ -103,18 +90,6 @@ def _same_size(path: Path, image: Grey, size: tuple[int, int]) -> None:
     height, width = image.shape
     if (width, height) != size:
         raise BoardError(f"{path.name} is {width}x{height} px, most are {size[0]}x{size[1]}")
-
-
-def to_calibration(result: StereoResult) -> Calibration:
-    """What goes into the file; the hand-eye part is left out, because the cyclopean frame has moved."""
-    quality = Quality(
-        reprojection_px=round(result.stereo_rms_px, 4),
-        epipolar_px=round(result.epipolar_px, 4),
-        views=len(result.by_pair),
-        method="stereo",
-        made=datetime.now(UTC).replace(microsecond=0),
-    )
-    return Calibration(result.rig, None, quality)
 
 
 def keep_old(path: Path) -> Path | None:

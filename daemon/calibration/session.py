@@ -9,7 +9,6 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Awaitable, Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime
 from itertools import pairwise
 
 import numpy as np
@@ -28,7 +27,7 @@ from daemon.arm import (
 from daemon.arrays import Array
 from daemon.calibration.board import Board, BoardError, find_board
 from daemon.calibration.camera import CameraResult, calibrate_camera
-from daemon.calibration.file import Calibration, Quality, of_one
+from daemon.calibration.file import Calibration, Quality, now, of_one, of_stereo
 from daemon.calibration.guide import Shown, is_new, missing
 from daemon.calibration.hand_eye import ArmDoubt, HandEyeResult, Sample, calibrate_hand_eye, cyclopean_from_board
 from daemon.calibration.least_squares import Match
@@ -154,26 +153,26 @@ async def _see(session: Session, reading: Reading, name: str) -> View:
     return View(reading.world_from_tool, Pair(name, left, right))
 
 
-async def show_by_hand(session: Session, say: Say, most: int = 40) -> list[View]:
+async def show_by_hand(session: Session, say: Say) -> list[View]:
     """Nothing moves: a person shows the board, and hears which view is missing, until every kind was seen. One job of
     the arm: `stop` or `abort` ends it.
 
     Raises SessionError where no new view comes for PATIENCE_S.
     """
-    return await session.supervisor.run("calibrate by hand", _shown(session, say, most), moves=False)
+    return await session.supervisor.run("calibrate by hand", _shown(session, say), moves=False)
 
 
-PATIENCE_S = 60.0
+PATIENCE_S, MOST_VIEWS = 60.0, 40
 
 
-async def _shown(session: Session, say: Say, most: int) -> list[View]:
+async def _shown(session: Session, say: Say) -> list[View]:
     views, shown = list[View](), list[Shown]()
     board, calibration, clock = session.board, session.calibration, session.supervisor.mover.cell.clock
     last_s, told = clock(), ""
     nowhere = Reading(np.eye(4), np.zeros(6))
     size = np.array(calibration.rig.image_size, float)
     await say("Show the board to both cameras. A view counts when the board is held still for a moment.")
-    while len(views) < most and (wants := missing(shown) or ["a few more"] * (len(views) < FEWEST_PAIRS + 2)):
+    while len(views) < MOST_VIEWS and (wants := missing(shown) or ["a few more"] * (len(views) < FEWEST_PAIRS + 2)):
         if clock() - last_s > PATIENCE_S:
             raise SessionError(
                 f"no new view for {PATIENCE_S:.0f} s; {len(views)} were seen, missing: {'; '.join(wants)}"
@@ -211,20 +210,13 @@ async def _so_far(views: list[View], board: Board, calibration: Calibration) -> 
 def solve_stereo(views: Sequence[View], board: Board, before: Calibration) -> tuple[Calibration, StereoResult]:
     """Both eyes from the views; the hand-eye is kept as it was, and needs solving anew. Raises StereoError."""
     result = calibrate_stereo([v.pair for v in views], board, before.rig.image_size)
-    quality = Quality(
-        reprojection_px=round(result.stereo_rms_px, 4),
-        epipolar_px=round(result.epipolar_px, 4),
-        views=len(result.by_pair),
-        method="stereo",
-        made=_now(),
-    )
-    return Calibration(result.rig, before.tool_from_cyclopean, quality), result
+    return of_stereo(result, before.tool_from_cyclopean), result
 
 
 def solve_camera(views: Sequence[View], board: Board, before: Calibration) -> tuple[Calibration, CameraResult]:
     """The one eye from the views; the hand-eye needs solving anew. Raises StereoError."""
     result = calibrate_camera([(v.pair.name, v.pair.left) for v in views], board, before.rig.image_size)
-    quality = Quality(reprojection_px=round(result.rms_px, 4), views=len(result.used), method="one camera", made=_now())
+    quality = Quality(reprojection_px=round(result.rms_px, 4), views=len(result.used), method="one camera", made=now())
     rig = of_one(result.camera, before.rig.image_size)
     return Calibration(rig, before.tool_from_cyclopean, quality, "left"), result
 
@@ -239,7 +231,7 @@ def solve_hand_eye(views: Sequence[View], board: Board, before: Calibration) -> 
         hand_eye_deg=round(result.sigma_deg, 4),
         views=len(views),
         method=before.quality.method or "hand-eye",
-        made=_now(),
+        made=now(),
     )
     return replace(before, tool_from_cyclopean=result.tool_from_cyclopean, quality=quality), result
 
@@ -352,7 +344,3 @@ def sample_of(view: View, board: Board) -> Sample:
         return Sample(view.world_from_tool, board.points_mm()[seen.corner_ids], seen.corners_px, None)
     match = matched(view.pair, board)
     return Sample(view.world_from_tool, match.points_mm, match.left_px, match.right_px)
-
-
-def _now() -> datetime:
-    return datetime.now(UTC).replace(microsecond=0)

@@ -21,8 +21,10 @@ from daemon.calibration.least_squares import (
     Solution,
     UndeterminedError,
     eye_matrix,
+    pose_of,
     solve,
     stereo_problem,
+    transform_of,
 )
 from daemon.errors import FacetdError
 from daemon.vision.geometry import Camera, StereoRig
@@ -32,6 +34,7 @@ WORST_SHARE = 0.02
 """A focal length or baseline known no better than this share of itself was not measured."""
 POSE = slice(2 * INTRINSICS, 2 * INTRINSICS + 6)
 K3 = (8, INTRINSICS + 8)
+CELLS = 8
 NAMES = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
 
 
@@ -148,22 +151,18 @@ def _start(matches: Sequence[Match], image_size: tuple[int, int]) -> Array:
     return np.concatenate([*eyes, stereo, *boards[0]])
 
 
-def _transform(pose: Array) -> Array:
-    return frames.rigid(frames.rotation_from_vector(pose[:3]), pose[3:])
-
-
 def _middle_pose(left: Sequence[Array], right: Sequence[Array]) -> Array:
     """right_from_left (6,): of the poses the single boards give, the one nearest to all others."""
-    each = [_transform(r) @ frames.inverse(_transform(m)) for m, r in zip(left, right, strict=True)]
+    each = [transform_of(r) @ frames.inverse(transform_of(m)) for m, r in zip(left, right, strict=True)]
     gaps = [[np.linalg.norm(frames.difference(a, b) * (1, 1, 1, 300, 300, 300)) for b in each] for a in each]
     best = each[int(np.argmin(np.median(gaps, axis=1)))]
-    return np.concatenate([frames.vector_from_rotation(best[:3, :3]), best[:3, 3]])
+    return pose_of(best)
 
 
 def _refuse_impossible(stereo: Array, boards: list[list[Array]]) -> None:
-    right_from_left = _transform(stereo)
+    right_from_left = transform_of(stereo)
     spread = [
-        frames.angle_between(_transform(r), right_from_left @ _transform(m)) for m, r in zip(*boards, strict=True)
+        frames.angle_between(transform_of(r), right_from_left @ transform_of(m)) for m, r in zip(*boards, strict=True)
     ]
     if np.degrees(np.median(spread)) > 10.0:
         raise StereoError(
@@ -176,8 +175,11 @@ def _refuse_impossible(stereo: Array, boards: list[list[Array]]) -> None:
 
 
 def _rms_by_match(matches: Sequence[Match], residuals: Array) -> Array:
-    ends = np.cumsum([4 * len(m.points_mm) for m in matches])[:-1]
-    return np.array([np.sqrt(2 * (part**2).mean()) for part in np.split(residuals, ends)])
+    return np.array([np.sqrt(2 * (part**2).mean()) for part in _by_match(matches, residuals)])
+
+
+def _by_match(matches: Sequence[Match], residuals: Array) -> list[Array]:
+    return np.split(residuals, np.cumsum([4 * len(m.points_mm) for m in matches])[:-1])
 
 
 def _result(
@@ -196,8 +198,7 @@ def _result(
             f"the views are too like each other: focal length or baseline known to {100 * doubt:.1f} % only; "
             "tilt the board about both of its axes, near and far"
         )
-    ends = np.cumsum([4 * len(m.points_mm) for m in matches])[:-1]
-    halves = [np.split(part, 2) for part in np.split(solution.residuals, ends)]
+    halves = [np.split(part, 2) for part in _by_match(matches, solution.residuals)]
     left, right = (np.concatenate([h[k] for h in halves]) for k in (0, 1))
     rms = _rms_by_match(matches, solution.residuals)
     return StereoResult(
@@ -215,14 +216,17 @@ def _result(
 
 def rig_from_parameters(x: Array, image_size: tuple[int, int]) -> StereoRig:
     """Parameters of least_squares.stereo_problem -> the rig in its cyclopean frame (midway, x along the baseline)."""
-    left_from_right = frames.inverse(_transform(x[POSE]))
-    left_from_cyclopean = cyclopean_frame(left_from_right)
-    cyclopean_from_left = frames.inverse(left_from_cyclopean)
-    left, right = eye_matrix(x[:INTRINSICS]), eye_matrix(x[INTRINSICS : 2 * INTRINSICS])
+    left, right = (eye_matrix(x[first : first + INTRINSICS].copy()) for first in (0, INTRINSICS))
+    return rig_of(left, right, frames.inverse(transform_of(x[POSE])), image_size)
+
+
+def rig_of(
+    left: tuple[Array, Array], right: tuple[Array, Array], left_from_right: Array, image_size: tuple[int, int]
+) -> StereoRig:
+    """(matrix, distortion) of both eyes and the pose between them (4, 4) mm -> the rig in its cyclopean frame."""
+    cyclopean_from_left = frames.inverse(cyclopean_frame(left_from_right))
     return StereoRig(
-        Camera(left[0], left[1].copy(), cyclopean_from_left),
-        Camera(right[0], right[1].copy(), cyclopean_from_left @ left_from_right),
-        image_size,
+        Camera(*left, cyclopean_from_left), Camera(*right, cyclopean_from_left @ left_from_right), image_size
     )
 
 
@@ -238,8 +242,7 @@ def cyclopean_frame(left_from_right: Array) -> Array:
 def epipolar_distances(rig: StereoRig, left_px: Array, right_px: Array) -> Array:
     """(2N,) px: each point's distance from the epipolar line of its partner, in both images, lens distortion undone."""
     right_from_left = frames.inverse(rig.right.cyclopean_from_camera) @ rig.left.cyclopean_from_camera
-    x, y, z = right_from_left[:3, 3]
-    essential = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]) @ right_from_left[:3, :3]
+    essential = frames.cross_matrices(right_from_left[:3, 3]) @ right_from_left[:3, :3]
     a, b = (
         np.column_stack([c.normalised(p), np.ones(len(p))]) for c, p in ((rig.left, left_px), (rig.right, right_px))
     )
@@ -270,11 +273,11 @@ def _sigmas(solution: Solution) -> dict[str, float]:
     return named
 
 
-def coverage(matches: Sequence[Match], image_size: tuple[int, int], cells: int = 8) -> float:
-    """Share of the cells x cells fields of both images in which at least one corner was seen (0 to 1)."""
+def coverage(matches: Sequence[Match], image_size: tuple[int, int]) -> float:
+    """Share of the CELLS x CELLS fields of both images in which at least one corner was seen (0 to 1)."""
     shares = []
     for side in ("left_px", "right_px"):
-        px = np.concatenate([getattr(m, side) for m in matches]) / np.array(image_size) * cells
-        fields = np.clip(px.astype(int), 0, cells - 1)
-        shares.append(len(np.unique(fields[:, 0] * cells + fields[:, 1])) / cells**2)
+        px = np.concatenate([getattr(m, side) for m in matches]) / np.array(image_size) * CELLS
+        fields = np.clip(px.astype(int), 0, CELLS - 1)
+        shares.append(len(np.unique(fields[:, 0] * CELLS + fields[:, 1])) / CELLS**2)
     return float(np.mean(shares))

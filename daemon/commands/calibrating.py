@@ -29,7 +29,7 @@ from daemon.calibration.session import (
 )
 from daemon.calibration.stereo import StereoError, StereoResult
 from daemon.cell import sections
-from daemon.commands.moving import with_questions
+from daemon.commands.awaiting import with_questions
 from daemon.console.context import CommandContext
 from daemon.console.interpreter import NOT_DONE, NOT_UNDERSTOOD, Answer, CommandError, Door, command, no_more, one_of
 from daemon.errors import FacetdError
@@ -235,9 +235,8 @@ def arm_line(found: ArmDoubt, reckoned: Doubt) -> str:
 def _moved(before: Calibration, after: Calibration) -> str:
     if before.tool_from_cyclopean is None or after.tool_from_cyclopean is None:
         return "There was no hand-eye before."
-    motion = frames.difference(after.tool_from_cyclopean, before.tool_from_cyclopean)
-    mm, deg = np.linalg.norm(motion[:3]), np.degrees(np.linalg.norm(motion[3:]))
-    return f"Since the old calibration the hand-eye has changed by {mm:.2f} mm and {deg:.2f} degrees."
+    mm, turn = frames.size(frames.difference(after.tool_from_cyclopean, before.tool_from_cyclopean))
+    return f"Since the old calibration the hand-eye has changed by {mm:.2f} mm and {np.degrees(turn):.2f} degrees."
 
 
 def _verified(views: list[View], board: Board, calibration: Calibration) -> Answer:

@@ -6,8 +6,8 @@ import asyncio
 from functools import partial
 
 from daemon.cell.arm_on_link import moves_the_arm
+from daemon.commands.awaiting import with_questions
 from daemon.commands.monitoring import monitor, note_hand
-from daemon.commands.moving import with_questions
 from daemon.console.context import CommandContext
 from daemon.console.interpreter import NOT_DONE, Answer, CommandError, Door, command, no_more, one_of
 from daemon.console.notices import Level

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from daemon.arrays import Array
-from daemon.commands.moving import with_questions
+from daemon.commands.awaiting import with_questions
 from daemon.commands.sketch import COLUMNS, sketch
 from daemon.console.context import CommandContext
 from daemon.console.interpreter import Answer, CommandError, Door, command, number, one_of, version

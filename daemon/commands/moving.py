@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
-import time
-from collections.abc import Awaitable
-from typing import Any, TypeVar
+from typing import Any
 
 from daemon.arm import Let, RefusedError, StopRefusedError
 from daemon.commands import eyes
+from daemon.commands.awaiting import POLL_S, decide, with_questions
 from daemon.console.context import CommandContext
 from daemon.console.interpreter import (
     DONE,
@@ -28,12 +26,6 @@ from daemon.console.notices import Level
 from daemon.console.phrases import cut_off, plural
 from daemon.pick.outcome import CycleEnd, Outcome
 
-T = TypeVar("T")
-POLL_S = 0.05
-REMIND_S = 20.0
-"""How long a move waits for a yes before it is told once more, where nobody is asked."""
-UNASKED_S = 0.5
-"""How often it is looked whether one waits so."""
 MOST_PICKS = 1_000_000
 HELD = "Moves are held since: `resume` lets them go."
 AUTO_WORDS = ("on", "off", "wait", "resume")
@@ -260,13 +252,13 @@ async def step(context: CommandContext, words: list[str], _: Door) -> Answer:
 @command("confirm", "move", at_once=True)
 async def confirm(context: CommandContext, words: list[str], _: Door) -> Answer:
     """Yes to the move that waits."""
-    return _decide(context, True)
+    return decide(context, True)
 
 
 @command("refuse", "move", at_once=True)
 async def refuse(context: CommandContext, words: list[str], _: Door) -> Answer:
     """No to the move that waits."""
-    return _decide(context, False)
+    return decide(context, False)
 
 
 @command("dry on|off", "move", most=1, choices=("on", "off"))
@@ -277,68 +269,6 @@ async def dry(context: CommandContext, words: list[str], _: Door) -> Answer:
         return _how_it_is("dry", bool(context.cycle.status()["dry"]))
     context.cycle.supervisor.dry(on)
     return Answer("Moves are planned, guarded and logged, but not sent." if on else "Moves are sent again.")
-
-
-async def with_questions(context: CommandContext, work: Awaitable[T], door: Door) -> T:
-    """Wait for a motion's end; in step mode show each move at this door and ask, or tell that somebody must say so."""
-    task = asyncio.ensure_future(work)
-    told: Any = None
-    waits = Waits()
-    with context.notices.answered(door):
-        while not task.done():
-            await asyncio.wait([task], timeout=POLL_S)
-            state = context.cycle.status()
-            if state["predicted_mm"] is not None and (state["cycle"], state["stop"]) != told:
-                told = state["cycle"], state["stop"]
-                await door.say(_progress(state))
-            if state["pending"] is not None and door.asks:
-                await _ask_to_send(context, str(state["pending"]), task, door)
-            elif (line := waits.due(state["pending"])) is not None:
-                await door.say(line)
-        return await task
-
-
-class Waits:
-    """The move that waits for a yes: whether it is time to tell of it."""
-
-    def __init__(self) -> None:
-        self._told: tuple[object, float] = None, 0.0
-
-    def due(self, pending: object) -> str | None:
-        """The line to tell, once as it begins to wait and again every REMIND_S; None where there is none."""
-        now_s, (told, told_s) = time.monotonic(), self._told
-        if pending == told and (pending is None or now_s < told_s + REMIND_S):
-            return None
-        self._told = pending, now_s
-        return None if pending is None else f"Waits for a yes: {pending}; `confirm` sends it, `refuse` gives it up."
-
-
-async def tell_what_waits(context: CommandContext) -> None:
-    """For as long as the daemon runs: a move that waits for a yes while nobody is asked for it is told at every
-    door."""
-    waits = Waits()
-    while True:
-        await asyncio.sleep(UNASKED_S)
-        pending = None if context.notices.asked else context.cycle.status()["pending"]
-        if (line := waits.due(pending)) is not None:
-            context.notices.tell(line)
-
-
-async def _ask_to_send(context: CommandContext, pending: str, work: asyncio.Future[Any], door: Door) -> None:
-    """Ask whether to send the move that waits, for as long as it waits: others may decide, or stop the arm."""
-    asking = asyncio.ensure_future(yes_or_no(door, f"{pending}. Send it? [y/n]"))
-    while not (asking.done() or work.done()) and context.cycle.status()["pending"] == pending:
-        await asyncio.wait([asking, work], timeout=POLL_S, return_when=asyncio.FIRST_COMPLETED)
-    if asking.done() and context.cycle.status()["pending"] == pending:
-        with contextlib.suppress(RefusedError):  # somebody else has decided in this moment
-            _decide(context, asking.result() is True)
-    asking.cancel()
-    await asyncio.wait([asking])
-
-
-def _progress(state: dict[str, Any]) -> str:
-    error = f"{state['predicted_mm']:.2f} mm {state['predicted_deg']:.2f} degrees"
-    return f"{state['target']}, look {state['stop']}: predicted error at the grasp {error}"
 
 
 def describe_end(end: CycleEnd, why: bool = True) -> str:
@@ -392,16 +322,6 @@ def _cut_off(context: CommandContext, words: list[str]) -> tuple[int | None, flo
     if pick_order is None:
         raise CommandError("no auto was cut off; say `auto on`")
     return pick_order.count, pick_order.every_s
-
-
-def _decide(context: CommandContext, yes: bool) -> Answer:
-    if context.cycle.status()["pending"] is None:
-        raise CommandError("no move waits for an answer")
-    if yes:
-        context.cycle.supervisor.confirm()
-    else:
-        context.cycle.supervisor.refuse()
-    return Answer("Sent." if yes else "Not sent; the job is given up.")
 
 
 def _on_or_off(words: list[str], usage: str) -> bool | None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array
-from daemon.commands.moving import with_questions
+from daemon.commands.awaiting import with_questions
 from daemon.console.context import CommandContext
 from daemon.console.interpreter import (
     NOT_DONE,

@@ -12,27 +12,25 @@ from daemon.console.context import CommandContext
 from daemon.console.interpreter import Answer, CommandError, Door, command, number, one_of
 
 
-def _hand(context: CommandContext) -> SimulatedHand:
-    if context.hardware.hand is None:
+def _hand(context: CommandContext, label: str | None = None) -> SimulatedHand:
+    """The hand; label: a part that it must have. Raises CommandError."""
+    hand = context.hardware.hand
+    if hand is None:
         raise CommandError("this cell is real: put the part there yourself")
-    return context.hardware.hand
+    if label is not None and label not in hand.labels:
+        raise CommandError(f"the simulated cell has no {label}; it has {', '.join(hand.labels)}")
+    return hand
 
 
 def show(context: CommandContext, label: str) -> str:
     """Hold the part before the cameras in the next of its characteristic views; gives a line about it."""
-    hand = _hand(context)
-    if label not in hand.labels:
-        raise CommandError(f"the simulated cell has no {label}; it has {', '.join(hand.labels)}")
-    view = hand.show(label, len(context.trainer.model_store.views(label)))
+    view = _hand(context, label).show(label, len(context.trainer.model_store.views(label)))
     return f"(simulated) A hand shows the {label}, characteristic view {view + 1}."
 
 
 def lay(context: CommandContext, label: str) -> str:
     """Lay the part alone amid the table; gives a line about it."""
-    hand = _hand(context)
-    if label not in hand.labels:
-        raise CommandError(f"the simulated cell has no {label}; it has {', '.join(hand.labels)}")
-    hand.lay(label)
+    _hand(context, label).lay(label)
     return f"(simulated) A hand lays the {label} on the table."
 
 

@@ -9,18 +9,18 @@ from numpy.typing import NDArray
 
 from daemon.arrays import Array
 
-COLUMNS = 60
+COLUMNS, ROWS = 60, 16
 CELL_ASPECT = 2.0  # a character cell is about twice as high as wide
 
 
-def sketch(outlines: Sequence[tuple[Array, str]], columns: int = COLUMNS, rows: int = 16) -> str:
+def sketch(outlines: Sequence[tuple[Array, str]], columns: int = COLUMNS) -> str:
     """Draw closed outlines (N, 2) px, each with a short name in its middle, as large as fits the size given."""
     if not outlines:
         return ""
     every = np.concatenate([corners for corners, _ in outlines])
     low, span = every.min(axis=0), np.maximum(np.ptp(every, axis=0), 1e-9)
-    scale = min((columns - 1) / span[0], (rows - 1) * CELL_ASPECT / span[1])
-    canvas = np.full((rows, columns), " ")
+    scale = min((columns - 1) / span[0], (ROWS - 1) * CELL_ASPECT / span[1])
+    canvas = np.full((ROWS, columns), " ")
     for corners, _ in outlines:
         at = _cells(corners, low, scale)
         for start, end in zip(at, np.roll(at, -1, axis=0), strict=True):

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from daemon.arm import RefusedError
-from daemon.commands.moving import with_questions
+from daemon.commands.awaiting import with_questions
 from daemon.console.context import CommandContext
 from daemon.console.interpreter import NOT_DONE, Answer, CommandError, Door, number, yes_or_no
 from daemon.console.phrases import plural

@@ -10,7 +10,7 @@ import importlib.metadata
 import socket
 import time
 from collections.abc import Awaitable, Callable
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -29,7 +29,7 @@ from daemon.store.runlog import RunLog
 from daemon.store.runs import new_folder
 from daemon.teaching.trainer import Trainer
 from daemon.upkeep.watched import Troubles
-from daemon.vision.facets import Table
+from daemon.vision.facets import Table, table_at
 
 ANSWERABLE: tuple[type[Exception], ...] = (FacetdError, *EXPECTED_ERRORS)
 """What the world can do to a command: an answer, not a crash. Drivers have error roots of their own."""
@@ -64,9 +64,7 @@ class CommandContext:
 
     def table_in(self, seen: Look) -> Table:
         """The table in the cyclopean frame of a look."""
-        world_from_cyclopean = seen.world_from_cyclopean
-        height_mm = self.config.values.pick.limits.table_z_mm
-        return Table(world_from_cyclopean[2, :3], height_mm - float(world_from_cyclopean[2, 3]))
+        return table_at(self.config.values.pick.limits.table_z_mm, seen.world_from_cyclopean)
 
     async def look_with(self, alone: EyeName | None, why: str) -> None:
         """Look with one eye from now on, or with both (None); only while nothing is being done. Raises CameraError."""
@@ -111,7 +109,7 @@ class CommandContext:
         self.record_start(continues=before.name)
         pick_order = self.cycle.pick_order
         if pick_order is not None:
-            self.log.record("auto", on=True, count=pick_order.count, every_s=pick_order.every_s)
+            self.log.record("auto", on=True, **asdict(pick_order))
         if self.cycle.hand_full is not False:
             self.log.record("holding", held=self.cycle.hand_full)
 

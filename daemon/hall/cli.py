@@ -8,8 +8,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from daemon.errors import FacetdError
-from daemon.review.cli import DONE, UNUSABLE, command
+from daemon.errors import DONE, NOT_UNDERSTOOD, FacetdError
+from daemon.review.cli import command
 from daemon.store import places
 from daemon.store.runs import find_run, list_runs
 
@@ -138,7 +138,7 @@ def _replay(args: argparse.Namespace) -> int:
         print(_in_words(total))
         if out is not None:
             print(page)
-    return UNUSABLE if failed else REGRESSED if total["worse"] else DONE
+    return NOT_UNDERSTOOD if failed else REGRESSED if total["worse"] else DONE
 
 
 def _in_words(total: dict[str, Any]) -> str:

@@ -13,7 +13,7 @@ from typing import Any
 
 from daemon.hall.layout import Proof, proofs_of, proven_as
 from daemon.review.digest import Digest
-from daemon.review.replay import Seen, apart_mm, paired
+from daemon.review.replay import Seen, apart_mm, paired, untimed
 
 Json = dict[str, Any]
 LIGHTS = ((60.0, "under 60"), (120.0, "60 to 120"), (180.0, "120 to 180"), (float("inf"), "over 180"))
@@ -46,12 +46,8 @@ def _look(seen: Seen, proof: Proof | None) -> Json:
         "identical": seen.identical,
         "changes": [asdict(change) for change in seen.changes],
         "parts": [_pair(then, now, seen, proof) for then, now in paired(seen.then, seen.now)],
-        "now": _untimed(seen.now) if seen.changes else None,
+        "now": untimed(seen.now) if seen.changes else None,
     }
-
-
-def _untimed(scene: Json) -> Json:
-    return {name: value for name, value in scene.items() if name not in ("ms", "stages_ms")}
 
 
 def _pair(then: Json | None, now: Json | None, seen: Seen, proof: Proof | None) -> Json:

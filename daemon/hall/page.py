@@ -18,6 +18,7 @@ from daemon.calibration.drift import Watching
 from daemon.hall.questions import opened
 from daemon.hall.store import Store, StoreError
 from daemon.review.page import render
+from daemon.review.production import shares_apart
 from daemon.review.remedies import KNOWN
 from daemon.review.strips import AXES, NEAR
 from daemon.review.why import UNTOLD
@@ -61,7 +62,7 @@ def hall_data(store: Store, days: int) -> Json:
     cells = _cells(of, between, since, first, shown, calibrated)
     _judge(cells, last)
     parts = _summed(c["parts"] for c in cells)
-    causes = dict(sorted(_totals(c["causes"] for c in cells).items(), key=lambda x: -x[1]))
+    causes = dict(sum((Counter(c["causes"]) for c in cells), Counter[str]()).most_common())
     return {
         "title": "the hall",
         "days": [str(day) for day in shown],
@@ -216,14 +217,6 @@ def _short(value: Any) -> float | None:
     return None if value is None or not np.isfinite(value) else float(f"{value:.4g}")
 
 
-def _totals(counts: Any) -> dict[str, int]:
-    found: dict[str, int] = defaultdict(int)
-    for one in counts:
-        for name, count in one.items():
-            found[name] += count
-    return found
-
-
 def _summed(shares: Any) -> dict[str, list[int]]:
     found: dict[str, list[int]] = {}
     for one in shares:
@@ -303,7 +296,5 @@ def _worse(own: Sequence[int], others: Sequence[int]) -> bool:
     """Whether a share [part, of] is less than another by more than chance makes it, and by enough to matter."""
     if not own[1] or not others[1]:
         return False
-    gap = others[0] / others[1] - own[0] / own[1]
-    both = (own[0] + others[0]) / (own[1] + others[1])
-    sigma = float(np.sqrt(both * (1 - both) * (1 / own[1] + 1 / others[1])))
+    gap, sigma = shares_apart(own, others)
     return gap > LEAST_SHARE and gap > SIGMAS * sigma

@@ -195,7 +195,6 @@ def replay_many(
     workers: int,
     cluster: str | None,
     say: Callable[[int, int], object] = lambda *_: None,
-    memory: str = WORKER_MEMORY,
 ) -> tuple[list[tuple[str, Json]], list[str]]:
     """Do what is not done yet and give all results as (cell, result), in the order of jobs, and a line for each job
     that could not be done. cluster: the address of a scheduler, which goes on without us; None: `workers` of our own.
@@ -212,7 +211,7 @@ def replay_many(
     failed: list[str] = []
     say(len(jobs) - len(todo), len(jobs))
     if todo:
-        with _client(workers, cluster, memory) as (distributed, client):
+        with _client(workers, cluster) as (distributed, client):
             futures = client.map(work, todo, key=[f"replay-{job.key}" for job in todo], retries=2)
             told = {future.key: _in_words(job) for future, job in zip(futures, todo, strict=True)}
             if cluster:
@@ -236,7 +235,7 @@ def _done(out: Store) -> set[str]:
 
 
 @contextmanager
-def _client(workers: int, cluster: str | None, memory: str) -> Iterator[tuple[Any, Any]]:
+def _client(workers: int, cluster: str | None) -> Iterator[tuple[Any, Any]]:
     try:
         import dask
         import distributed as untyped
@@ -249,7 +248,7 @@ def _client(workers: int, cluster: str | None, memory: str) -> Iterator[tuple[An
             here: Any = cluster or distributed.LocalCluster(
                 n_workers=workers,
                 threads_per_worker=1,
-                memory_limit=memory,
+                memory_limit=WORKER_MEMORY,
                 dashboard_address="127.0.0.1:0",
                 local_directory=spare,
             )

@@ -72,24 +72,16 @@ def _whole(least: int, most: int) -> Callable[[str], int]:
 
 
 def _guarded(run: Callable[[argparse.Namespace], int]) -> Callable[[argparse.Namespace], int]:
-    """Trouble with cameras is one line and status 1, with arguments or files one line and status 2."""
+    """Trouble with cameras is one line and status 1; with arguments or files, as of every job, status 2."""
 
     def guarded(args: argparse.Namespace) -> int:
         from daemon.cell.build import EXPECTED_ERRORS
-        from daemon.store.outside import FileError
 
         try:
             return run(args)
         except EXPECTED_ERRORS as error:
             print(f"facetctl: {error}", file=sys.stderr)
             return 1
-        except FileError as error:
-            print(f"facetctl: {error}", file=sys.stderr)
-            return 2
-        except OSError as error:
-            where = f"{error.filename}: " if error.filename else ""
-            print(f"facetctl: {where}{error.strerror or error}", file=sys.stderr)
-            return 2
 
     return guarded
 

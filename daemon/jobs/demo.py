@@ -62,30 +62,24 @@ def register(subparsers: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run it; 0 only when every part was picked, 2 where the installation cannot be used."""
+    """Run it; 0 only when every part was picked. Raises FileError, DemoError, OSError where it cannot be."""
     from daemon.review.page import write_page
-    from daemon.store.files import plain
-    from daemon.store.outside import FileError
 
     seed = args.seed if args.seed is not None else random.SystemRandom().randrange(1_000_000)
     runs = (args.runs or places.runs_folder(simulated=True)).resolve()
     began = time.monotonic()
-    try:
-        with (
-            tempfile.TemporaryDirectory(prefix="facetd-demo-") as folder,
-            _daemon(Path(folder), _configuration(args, seed, runs, folder)) as (process, link),
-        ):
-            written = Path(link.do("status", "demo", say)["data"]["run"])
-            _begin_beside(runs, written)
-            look = "".join(f" --{name} {kind}" for name, kind in _variety(args).items() if kind != "plain")
-            again = f"seed {seed} (repeat it with --seed {seed}{look})"
-            say(f"facetctl demo: {again}, cell time x{args.time_scale:g}, run {written}")
-            _teach(link)
-            rows = _clear(link, follow(written, lambda: process.poll() is None))
-            found = _judged(Path(folder) / VERDICT)
-    except (FileError, DemoError, OSError) as error:
-        print(f"facetctl demo: {plain(error)}", file=sys.stderr)
-        return 2
+    with (
+        tempfile.TemporaryDirectory(prefix="facetd-demo-") as folder,
+        _daemon(Path(folder), _configuration(args, seed, runs, folder)) as (process, link),
+    ):
+        written = Path(link.do("status", "demo", say)["data"]["run"])
+        _begin_beside(runs, written)
+        look = "".join(f" --{name} {kind}" for name, kind in _variety(args).items() if kind != "plain")
+        again = f"seed {seed} (repeat it with --seed {seed}{look})"
+        say(f"facetctl demo: {again}, cell time x{args.time_scale:g}, run {written}")
+        _teach(link)
+        rows = _clear(link, follow(written, lambda: process.poll() is None))
+        found = _judged(Path(folder) / VERDICT)
     picked = _table(rows, time.monotonic() - began)
     say(f"report: {write_page(written, written / 'report.html')}")
     say("\n".join(found) or "the cell's judge saw the arm do nothing that it must never do")

@@ -123,7 +123,7 @@ def _likeness(model: Model, seen: Polyhedron, label: str, taught: Polyhedron) ->
     """How parts of this view look like another part: shared facet pairs, and by how much lengths and angles differ."""
     for count in (len(seen.facets), 2):
         for some in combinations(range(len(seen.facets)), count):
-            part = _cut(seen, some)
+            part = seen.only(some)
             if count > 1 and not part.seams:
                 continue
             fits = hypotheses(part, {label: model.metric[label]}, model.parameters.tolerance_mm)
@@ -136,18 +136,6 @@ def _likeness(model: Model, seen: Polyhedron, label: str, taught: Polyhedron) ->
                 shapes = ", ".join(part.types)
                 return f"{shapes} alone have the same pattern; {settled}"
     return ""
-
-
-def _cut(solid: Polyhedron, some: tuple[int, ...]) -> Polyhedron:
-    """Only these facets of a solid."""
-    kept = sorted({k for f in some for k in solid.facets[f]})
-    place = {k: n for n, k in enumerate(kept)}
-    return Polyhedron(
-        solid.corners_mm[kept],
-        tuple(tuple(place[k] for k in solid.facets[f]) for f in some),
-        solid.covariance_mm2[kept],
-        tuple(solid.types[f] for f in some),
-    )
 
 
 def _same_types(seen: Polyhedron, taught: Polyhedron, facets: tuple[int, ...]) -> bool:

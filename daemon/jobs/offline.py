@@ -8,14 +8,13 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from daemon.errors import FacetdError
+from daemon.errors import DONE, NOT_UNDERSTOOD, FacetdError
 from daemon.store.outside import FileError
 from daemon.store.yamlfile import read
 
@@ -23,8 +22,6 @@ if TYPE_CHECKING:
     from daemon.calibration.file import Calibration
     from daemon.vision.model import Model
     from daemon.vision.values import Scene
-
-DONE, UNUSABLE = 0, 2
 
 
 class OfflineError(FacetdError):
@@ -54,7 +51,7 @@ def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     train.add_argument("--out", type=Path, required=True, metavar="MODEL")
     train.add_argument("--facets", type=Path, metavar="YAML", help="the facet library (default: etc/facets.yaml)")
     train.add_argument("--parts", type=Path, metavar="YAML", help="names and ART-b codes (default: etc/parts.yaml)")
-    train.set_defaults(run=_guarded(_train))
+    train.set_defaults(run=_train)
     model = subparsers.add_parser("model", help="what a model knows: show, compare, check")
     kinds = model.add_subparsers(dest="what", required=True, metavar="show|diff|check")
     for name, files, text in (
@@ -65,7 +62,7 @@ def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         kind = kinds.add_parser(name, help=text)
         kind.add_argument("files", type=Path, nargs=files, metavar="MODEL", help="a file, or 3, or latest")
         kind.add_argument("--json", action="store_true", help="for machines")
-        kind.set_defaults(run=_guarded(_model))
+        kind.set_defaults(run=_model)
 
 
 def _register_recognise(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -75,20 +72,7 @@ def _register_recognise(subparsers: argparse._SubParsersAction[argparse.Argument
     recognise.add_argument("--json", action="store_true", help="one JSON object a line (it is so anyway)")
     recognise.add_argument("--draw", type=Path, metavar="PNG", help="draw what was seen; with several pairs PNG-<name>")
     recognise.add_argument("pairs", nargs="+", metavar="DIR", help="a folder with left.png and right.png")
-    recognise.set_defaults(run=_guarded(_recognise))
-
-
-def _guarded(run: Callable[[argparse.Namespace], int]) -> Callable[[argparse.Namespace], int]:
-    """Every unusable argument or file becomes one line on stderr and status 2."""
-
-    def guarded(args: argparse.Namespace) -> int:
-        try:
-            return run(args)
-        except FacetdError as error:
-            print(f"facetctl {args.command}: {error}", file=sys.stderr)
-            return UNUSABLE
-
-    return guarded
+    recognise.set_defaults(run=_recognise)
 
 
 def _recognise(args: argparse.Namespace) -> int:
@@ -113,7 +97,7 @@ def _recognise(args: argparse.Namespace) -> int:
                 _draw(_drawing_path(args.draw, name, len(args.pairs)), left, right, scene)
         except (FileError, VisionError) as error:
             print(f"facetctl {args.command}: {name}: {error}", file=sys.stderr)
-            status = UNUSABLE
+            status = NOT_UNDERSTOOD
     return status
 
 

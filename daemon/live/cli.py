@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 
 PORT = 8642
@@ -18,13 +17,9 @@ def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) ->
 
 
 def run(args: argparse.Namespace) -> int:
-    """Serve until control-C; 2 where that cannot be done."""
-    from daemon.live.server import LiveError, serve
+    """Serve until control-C. Raises LiveError."""
+    from daemon.live.server import serve
 
     print(f"http://127.0.0.1:{args.port}/   (control-C ends it; nothing can be moved from there)", flush=True)
-    try:
-        serve(args.port, args.socket)
-    except LiveError as error:
-        print(f"facetctl live: {error}", file=sys.stderr)
-        return 2
+    serve(args.port, args.socket)
     return 0

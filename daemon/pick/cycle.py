@@ -10,7 +10,7 @@ from __future__ import annotations
 import asyncio
 from collections import Counter, deque
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 from daemon import frames
 from daemon.arm import (
@@ -87,7 +87,7 @@ class Cycle:
             "state": self.state,
             **self.supervisor.status(),
             "auto": self._auto,
-            "left": None if order is None else {"count": order.count, "every_s": order.every_s},
+            "left": None if order is None else asdict(order),
             "cycle": self._cycles,
             "target": None if target is None else target.label,
             "stop": None if target is None else target.looks,
@@ -304,10 +304,7 @@ class Cycle:
         if pick_order == self.pick_order is None:
             return
         self.pick_order = pick_order
-        on = pick_order is not None
-        self.cell.log.record(
-            "auto", on=on, count=pick_order and pick_order.count, every_s=pick_order and pick_order.every_s
-        )
+        self.cell.log.record("auto", on=pick_order is not None, **asdict(pick_order or PickOrder()))
 
     async def _many(self, pick_order: PickOrder) -> list[CycleEnd]:
         ends: deque[CycleEnd] = deque(maxlen=KEPT_ENDS)

@@ -33,6 +33,8 @@ LEAST_SIZE_MM2, SAME_PLANE = 20.0, float(np.cos(np.radians(6.0)))
 """Twice the area of three corners that give a plane, and the cosine above which two planes are one."""
 LEAST_SLOPE, LEG_FACES = 1e-6, 0.9
 """The least that a face faces the fingers by to be met at all, and the least by which two are the sides of a leg."""
+SWEPT_MM = 80.0
+"""How long the last stretch is, on which neighbours must leave room."""
 ALONG_DEG = 9.0
 """A face this near to parallel lies along a finger; the closing finger turns the part the rest."""
 
@@ -358,11 +360,11 @@ def _in_the_palm(corners: Array, gripper: Gripper) -> bool:
     return bool(((corners[..., 2] < -gripper.pad_back_mm) & (np.abs(corners[..., :2]) < wide).all(axis=-1)).any())
 
 
-def _in_the_way(world_from_tool: Array, neighbour: Array, gripper: Gripper, back_mm: float = 80.0) -> bool:
+def _in_the_way(world_from_tool: Array, neighbour: Array, gripper: Gripper) -> bool:
     """Whether the neighbour reaches into the room the open fingers sweep on their last stretch (box against box along
     the tool's axes: errs towards `in the way`)."""
     local = frames.apply(frames.inverse(world_from_tool), neighbour)
     wide = gripper.opening_mm / 2 + gripper.finger_thick_mm
     half = gripper.finger_width_mm / 2
-    low, high = np.array([-half, -wide, -back_mm]), np.array([half, wide, gripper.tip_mm])
+    low, high = np.array([-half, -wide, -SWEPT_MM]), np.array([half, wide, gripper.tip_mm])
     return bool(np.all(local.min(axis=0) < high) and np.all(local.max(axis=0) > low))

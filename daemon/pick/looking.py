@@ -15,7 +15,7 @@ from daemon.arm import Pictures, Reading, Settling, Workcell, settled_pair
 from daemon.arrays import Array
 from daemon.pick.moved_pair import MovedPair, Places, hints, with_arm
 from daemon.pick.pose_fusion import Doubt
-from daemon.vision.facets import Table
+from daemon.vision.facets import Table, table_at
 from daemon.vision.geometry import Polyhedron, StereoRig, moved_rig
 from daemon.vision.health import (
     Clue,
@@ -180,10 +180,7 @@ async def take_look(
     world, None where what lies in it counts, too; expected: the part that should be there; where that is found, nothing
     else is looked for. Raises VisionError on images that mislead (frozen, covered, swapped, half), besides what see
     raises."""
-    table = None
-    if table_z_mm is not None:
-        up, level_mm = taken.world_from_cyclopean[2, :3], table_z_mm - float(taken.world_from_cyclopean[2, 3])
-        table = Table(up, level_mm)
+    table = None if table_z_mm is None else table_at(table_z_mm, taken.world_from_cyclopean)
 
     def see() -> tuple[Scene, tuple[Finding, ...], Fit | None, Clue]:
         health = _health(taken)
@@ -288,7 +285,7 @@ def log_look(
         where=look.reading.world_from_tool,
         world_from_cyclopean=look.world_from_cyclopean,
         whole=look.tracked is None,
-        table=None if look.table is None else {"up": look.table.up, "level_mm": look.table.level_mm},
+        table=None if look.table is None else look.table.json(),
         **({} if look.taken.moved is None else {"moved": look.taken.moved.json()}),
     )
 

@@ -173,13 +173,13 @@ def expected_entropy(chances: Array, shows: Array) -> float:
     return float(-(joint * logs).sum())
 
 
-def outlook(hypotheses: Sequence[Hypothesis], rig: StereoRig, distance_mm: float = CLOSE_MM) -> Outlook:
+def outlook(hypotheses: Sequence[Hypothesis], rig: StereoRig) -> Outlook:
     """Which facets of hypotheses (the last: something not taught) the cameras could not tell apart from so far; those
     that have the same label and the same facets count once, with the sum of what they were given."""
     *taught, stranger = hypotheses
     taught = sorted((h for h in taught if h.probability >= LEAST_CHANCE), key=lambda h: -h.probability)
     kept = [stranger, *taught[:MOST_HYPOTHESES]]
-    noise_mm2 = float(np.trace(corner_covariance(rig, distance_mm))) / 3
+    noise_mm2 = float(np.trace(corner_covariance(rig, CLOSE_MM))) / 3
     known = _Facets()
     numbers = [known.numbers(h, noise_mm2) for h in kept]
     once: dict[tuple[str, frozenset[int]], tuple[Hypothesis, Array]] = {}

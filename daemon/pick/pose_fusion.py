@@ -94,9 +94,8 @@ def sighting(
     anew = frames.transport_covariance(world_from_cyclopean, covariance)
     anew = anew + frames.lever_covariance(cyclopean_from_part, doubt.arm(), world_from_cyclopean)
     shared = np.zeros((6, 9))
-    x, y, z = world_from_tool[:3, :3] @ (tool_from_cyclopean @ cyclopean_from_part)[:3, 3]
-    lever = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     turn = world_from_tool[:3, :3]
+    lever = frames.cross_matrices(turn @ (tool_from_cyclopean @ cyclopean_from_part)[:3, 3])
     shared[:3, :3] = shared[3:, 3:6] = turn
     shared[:3, 3:6] = -lever @ turn
     pixels = shared_motion(cyclopean_from_part[None, :3, 3], focal_px, baseline_mm)[0, :, 6:]

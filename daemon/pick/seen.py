@@ -13,7 +13,7 @@ import numpy as np
 from daemon import frames
 from daemon.arrays import Array
 from daemon.pick.looking import Look
-from daemon.vision.geometry import newell_normal
+from daemon.vision.geometry import FACING, newell_normal
 from daemon.vision.values import Facet, Part, Recognition
 
 SAME_PLACE_MM = 30.0
@@ -105,13 +105,13 @@ def is_own(other: Seen, part: Seen) -> bool:
     return other.lone and same_place(other.centre, part.centre, reach)
 
 
-def seen_again(seen: Sequence[Facing], eye: Array, least_cosine: float = 0.3) -> float:
+def seen_again(seen: Sequence[Facing], eye: Array) -> float:
     """How well the facets told apart before would show to the eye (3,), world: 0 to 1, their mean."""
     if not seen:
         return 0.0
     rays = [eye - f.centre for f in seen]
     cosines = [float(f.normal @ ray) / float(np.linalg.norm(ray)) for f, ray in zip(seen, rays, strict=True)]
-    return float(np.mean(np.sqrt(np.clip((np.array(cosines) - least_cosine) / (1 - least_cosine), 0, 1))))
+    return float(np.mean(np.sqrt(np.clip((np.array(cosines) - FACING) / (1 - FACING), 0, 1))))
 
 
 def seen_parts(look: Look) -> list[Seen]:

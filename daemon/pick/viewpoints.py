@@ -8,7 +8,7 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array
-from daemon.vision.geometry import Polyhedron
+from daemon.vision.geometry import FACING, Polyhedron
 
 Reachable = Callable[[Array], bool]
 
@@ -21,12 +21,12 @@ def look_pose(rotation: Array, centre: Array, stand_off_mm: float, tool_from_cyc
     return world_from_cyclopean @ frames.inverse(tool_from_cyclopean)
 
 
-def view_worth(shape: Polyhedron, world_from_part: Array, eye: Array, least_cosine: float = 0.3) -> float:
+def view_worth(shape: Polyhedron, world_from_part: Array, eye: Array) -> float:
     """How well a look from the eye shows the part: facets well seen, the second one counting most (0 to 1).
 
     One facet alone fits too many parts; two that meet fix the part and its pose; a third adds little.
     """
-    seen = np.sort(np.clip((shape.facing(world_from_part, eye) - least_cosine) / (1 - least_cosine), 0, 1))[::-1]
+    seen = np.sort(np.clip((shape.facing(world_from_part, eye) - FACING) / (1 - FACING), 0, 1))[::-1]
     weights = np.array([0.3, 1.0, 0.3])[: len(seen)]
     return float(weights @ np.sqrt(seen[:3])) / 1.6
 

@@ -10,12 +10,10 @@ from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
 
-from daemon.errors import FacetdError, printable
+from daemon.errors import DONE, printable
 from daemon.store import places
 from daemon.store.records import Record
 from daemon.store.runs import find_run, follow
-
-DONE, UNUSABLE = 0, 2
 
 
 def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -42,18 +40,10 @@ def command(
     job: Callable[[argparse.Namespace], int],
     text: str,
 ) -> argparse.ArgumentParser:
-    """A command that reads runs; what cannot be used is one line and status 2."""
-
-    def run(args: argparse.Namespace) -> int:
-        try:
-            return job(args)
-        except (FacetdError, OSError) as error:
-            print(f"facetctl {name}: {error}", file=sys.stderr)
-            return UNUSABLE
-
+    """A command that reads runs."""
     parser = subparsers.add_parser(name, help=text)
     parser.add_argument("--runs", type=Path, default=None, metavar="DIR", help="where the run folders are")
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=job)
     return parser
 
 

@@ -42,9 +42,9 @@ def production(runs: Sequence[Digest]) -> Json:
         "hourly": 3600 * len(picked) / worked_s if worked_s > 0 and picked else None,
         "median_s": float(np.median(seconds)) if seconds else None,
         "p95_s": float(np.quantile(seconds, 0.95)) if seconds else None,
-        "grasp_mm": _median(c.predicted_mm for c in picked),
-        "true_mm": _median(c.true_mm for c in picked),
-        "looks": _median(c.looks for c in picked),
+        "grasp_mm": median_of(c.predicted_mm for c in picked),
+        "true_mm": median_of(c.true_mm for c in picked),
+        "looks": median_of(c.looks for c in picked),
         "stops": dict(Counter(chain.from_iterable(map(_stops, runs))).most_common()),
         "nameless": sum(map(_nameless, cycles)),
         "interventions": sum(map(interventions, runs)),
@@ -97,8 +97,9 @@ def interventions(run: Digest) -> int:
     return sum(bool(words) and words[0] not in ROUTINE for words in said)
 
 
-def _median(values: Iterable[float | None]) -> float | None:
-    known = [v for v in values if v is not None]
+def median_of(values: Iterable[Any]) -> float | None:
+    """Of those that are numbers; None where none is."""
+    known = [float(v) for v in values if isinstance(v, (int, float))]
     return float(np.median(known)) if known else None
 
 
@@ -145,10 +146,15 @@ def _share_row(name: str, before: tuple[int, int], now: tuple[int, int]) -> Json
     row: Json = {"name": name, "before": list(before), "now": list(now), "unit": "%", "delta": None, "matters": None}
     if not before[1] or not now[1]:
         return row
-    shares = before[0] / before[1], now[0] / now[1]
-    both = (before[0] + now[0]) / (before[1] + now[1])
-    sigma = float(np.sqrt(both * (1 - both) * (1 / before[1] + 1 / now[1])))
-    row["delta"] = 100 * (shares[1] - shares[0])
-    if abs(shares[1] - shares[0]) > 2 * sigma > 0:
-        row["matters"] = "better" if shares[1] > shares[0] else "worse"
+    gap, sigma = shares_apart(before, now)
+    row["delta"] = 100 * gap
+    if abs(gap) > 2 * sigma > 0:
+        row["matters"] = "better" if gap > 0 else "worse"
     return row
+
+
+def shares_apart(one: Sequence[int], other: Sequence[int]) -> tuple[float, float]:
+    """By how much the second of two shares [part, of] is the greater, and the standard error of that by chance."""
+    both = (one[0] + other[0]) / (one[1] + other[1])
+    sigma = float(np.sqrt(both * (1 - both) * (1 / one[1] + 1 / other[1])))
+    return other[0] / other[1] - one[0] / one[1], sigma

@@ -25,7 +25,7 @@ from daemon.store.outside import FileError
 from daemon.store.pictures import read_as_stored
 from daemon.store.records import Record
 from daemon.store.runs import RunError, kept_file
-from daemon.vision.facets import Table
+from daemon.vision.facets import table_of
 from daemon.vision.geometry import StereoRig
 from daemon.vision.look import look
 from daemon.vision.model import FacetLibrary, Model, empty_model
@@ -102,7 +102,9 @@ def replayed_looks(
             continue
         moved = places_of(record.get("moved"))
         taken_by = rig if moved is None else moved.rig(rig)
-        scene = look(*pair, taken_by, using.model or in_use or untaught, unhurried, thread_time, _table(record))
+        scene = look(
+            *pair, taken_by, using.model or in_use or untaught, unhurried, thread_time, table_of(record.get("table"))
+        )
         if moved is not None:
             scene = with_arm(scene, taken_by, moved.arm)
         now, then = scene_json(scene), record.get("scene") or {}
@@ -111,7 +113,7 @@ def replayed_looks(
         changes = tuple(
             Change(int(record["seq"]), record.get("cycle"), part, what, worse) for part, what, worse in found
         )
-        yield Seen(record, now, changes, _same(then, now) if whole else not found)
+        yield Seen(record, now, changes, untimed(then) == untimed(now) if whole else not found)
 
 
 def looks_with_models(folder: Path, run: Digest) -> Iterator[tuple[Record, Model | None]]:
@@ -178,11 +180,9 @@ def _corners(part: Json) -> Array:
     return np.array(corners, float).reshape(-1, 3)
 
 
-def _same(then: Json, now: Json) -> bool:
-    def bare(scene: Json) -> Json:
-        return {k: v for k, v in scene.items() if k not in TIMINGS}
-
-    return bare(then) == bare(now)
+def untimed(scene: Json) -> Json:
+    """A scene but for the time it took."""
+    return {name: value for name, value in scene.items() if name not in TIMINGS}
 
 
 def _gap_mm(a: Json, b: Json) -> float:
@@ -202,8 +202,8 @@ def _moved(then: Json, now: Json) -> str | None:
     worst = float(np.max(np.abs(motion) / sigma))
     if worst <= SIGMAS:
         return None
-    mm, deg = np.linalg.norm(motion[:3]), np.degrees(np.linalg.norm(motion[3:]))
-    return f"moved by {mm:.2f} mm and {deg:.2f} degrees, {worst:.1f} sigma"
+    mm, turn = frames.size(motion)
+    return f"moved by {mm:.2f} mm and {np.degrees(turn):.2f} degrees, {worst:.1f} sigma"
 
 
 def _corners_moved(then: Json, now: Json) -> str | None:
@@ -214,11 +214,6 @@ def _corners_moved(then: Json, now: Json) -> str | None:
     spread = sum(np.array(one["covariance"], float)[:3, :3] for one in (then, now))
     sigma = float(np.sqrt(max(np.linalg.eigvalsh(spread)[-1], 1e-12)))
     return None if mm <= SIGMAS * sigma else f"moved by {mm:.2f} mm at its corners, {mm / sigma:.1f} sigma"
-
-
-def _table(record: Record) -> Table | None:
-    table = record.get("table")
-    return None if not table else Table(np.array(table["up"], float), float(table["level_mm"]))
 
 
 def _pictures(folder: Path, record: Record) -> tuple[NDArray[Any], NDArray[Any]] | None:

@@ -13,7 +13,7 @@ from daemon.calibration.drift import Watching
 from daemon.review.brief import read_brief
 from daemon.review.digest import Digest
 from daemon.review.page import WEEK, render, run_time, write_page
-from daemon.review.production import production, remedies
+from daemon.review.production import median_of, production, remedies
 from daemon.store.files import write_atomically
 from daemon.store.runs import RunError, list_runs
 
@@ -76,9 +76,9 @@ def run_json(run: Digest) -> Json:
         "models": run.models_used(),
         "calibration": run.kept("calibration"),
         "drift": {name.removesuffix("_deg"): _trusted(looks, name) for name in DRIFTS},
-        "epipolar_px": _median([h.get("epipolar_pair") for h in looks]),
-        "light": {name.removeprefix("darkness_"): _median([h.get(name) for h in looks]) for name in LIGHTS},
-        "focus_px": {eye: _median([h.get(f"focus_{eye}") for h in looks]) for eye in ("left", "right")},
+        "epipolar_px": median_of([h.get("epipolar_pair") for h in looks]),
+        "light": {name.removeprefix("darkness_"): median_of([h.get(name) for h in looks]) for name in LIGHTS},
+        "focus_px": {eye: median_of([h.get(f"focus_{eye}") for h in looks]) for eye in ("left", "right")},
     }
 
 
@@ -90,8 +90,3 @@ def _trusted(looks: Sequence[Json], name: str) -> float | None:
         return None
     values, weights = np.array(told).T
     return float(np.sum(values * weights) / np.sum(weights))
-
-
-def _median(values: Sequence[Any]) -> float | None:
-    known = [float(v) for v in values if isinstance(v, (int, float))]
-    return float(np.median(known)) if known else None

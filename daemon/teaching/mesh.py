@@ -17,7 +17,8 @@ UNITS_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "inch": 25.4}
 """Neither format says what its numbers are; millimetres unless told."""
 LARGEST_BYTES = 4_000_000
 SMALLEST_MM, LARGEST_MM = 5.0, 1000.0
-STL_HEADER, STL_TRIANGLE = 84, 50
+STL_HEADER, STL_ROW = 84, np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("colour", "<u2")])
+"""Bytes before the triangles of a binary STL, and what one of them is."""
 
 
 class MeshError(FacetdError):
@@ -61,18 +62,19 @@ def _stl(content: bytes) -> Mesh:
     """Many binary files begin with `solid` as well: what tells them apart is the length their count asks for."""
     if len(content) >= STL_HEADER:
         count = int.from_bytes(content[80:84], "little")
-        if len(content) == STL_HEADER + STL_TRIANGLE * count:
+        if len(content) == STL_HEADER + STL_ROW.itemsize * count:
             return _binary_stl(content, count)
     if content.lstrip()[:5].lower() == b"solid" and b"\0" not in content:
         return _ascii_stl(content)
     if len(content) >= STL_HEADER:
-        raise MeshError(f": cut short or not STL: {len(content)} bytes, {STL_HEADER + STL_TRIANGLE * count} expected")
+        raise MeshError(
+            f": cut short or not STL: {len(content)} bytes, {STL_HEADER + STL_ROW.itemsize * count} expected"
+        )
     raise MeshError(": not STL")
 
 
 def _binary_stl(content: bytes, count: int) -> Mesh:
-    kind = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("colour", "<u2")])
-    triangles = np.frombuffer(content, kind, count, STL_HEADER)["corners"].astype(float)
+    triangles = np.frombuffer(content, STL_ROW, count, STL_HEADER)["corners"].astype(float)
     return _of_triangles(triangles.reshape(-1, 3))
 
 

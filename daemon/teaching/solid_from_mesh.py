@@ -12,7 +12,7 @@ import numpy as np
 
 from daemon.arrays import Array
 from daemon.teaching.mesh import Mesh, MeshError, read_mesh
-from daemon.vision.geometry import Polyhedron, border_loops
+from daemon.vision.geometry import Polyhedron, area_vector, border_loops
 from daemon.vision.model import FacetLibrary, type_facet
 
 Triangle = tuple[int, int, int]
@@ -71,8 +71,7 @@ def _welded(mesh: Mesh) -> tuple[Array, list[Triangle]]:
 
 def in_triangles(corners: Array, ring: list[int]) -> list[Triangle]:
     """A polygon cut into triangles, ear by ear: one with a notch is no fan. Source: Meisters, 1975."""
-    points = corners[ring]
-    normal = np.sum(np.cross(points - points[0], np.roll(points, -1, axis=0) - points[0]), axis=0)
+    normal = area_vector(corners[ring])
     rest, found = list(ring), []
     while len(rest) > 3:
         ears = (k for k in range(len(rest)) if _is_ear(corners, rest, k, normal))
@@ -162,7 +161,7 @@ def _outline(corners: Array, triangles: list[Triangle]) -> list[int]:
     """The outer border of a flat region; holes in it are not looked at."""
     own = {edge for triangle in triangles for edge in _edges(triangle)}
     loops = border_loops((a, b) for a, b in own if (b, a) not in own)
-    return max(loops, key=lambda ring: _area(corners[ring]))
+    return max(loops, key=lambda ring: float(np.linalg.norm(area_vector(corners[ring]))))
 
 
 def _straightened(corners: Array, ring: list[int]) -> list[int]:
@@ -179,11 +178,6 @@ def _straightened(corners: Array, ring: list[int]) -> list[int]:
         else:
             at += 1
     return kept
-
-
-def _area(ring: Array) -> float:
-    shifted = ring - ring.mean(axis=0)
-    return float(np.linalg.norm(np.cross(shifted, np.roll(shifted, -1, axis=0)).sum(axis=0)) / 2)
 
 
 def _edges(triangle: Triangle) -> tuple[Edge, Edge, Edge]:

@@ -26,7 +26,7 @@ from daemon.teaching.mesh import LARGEST_BYTES, MeshError
 from daemon.teaching.solid_from_mesh import solid_drawn
 from daemon.teaching.sufficiency import Sufficiency, judge
 from daemon.teaching.walked_round import solid_from, solid_json, stl_of
-from daemon.vision.facets import Table
+from daemon.vision.facets import Table, table_of
 from daemon.vision.geometry import Polyhedron, StereoRig
 from daemon.vision.image import VisionError
 from daemon.vision.look import look
@@ -155,7 +155,7 @@ class Trainer:
 
     def store(self, label: str, left: Image, right: Image, note: dict[str, Any]) -> StoredView:
         """Keep a view on disk. Raises ModelStoreError, and TeachError or VisionError as check does."""
-        self.check(label, left, right, _table_of(note), places_of(note.get("moved")))
+        self.check(label, left, right, table_of(note.get("table")), places_of(note.get("moved")))
         return self.model_store.add_view(label, left, right, note)
 
     def odd_drawing(self, label: str, name: str, content: bytes, unit: str) -> str | None:
@@ -226,7 +226,9 @@ class Trainer:
                 elif view.mesh is not None:
                     model = learn_solid(model, self._solid(view), self.rig, view.label, view.name)
                 else:
-                    group, _ = self.only_part(*view.images(), _table_of(view.note), places_of(view.note.get("moved")))
+                    group, _ = self.only_part(
+                        *view.images(), table_of(view.note.get("table")), places_of(view.note.get("moved"))
+                    )
                     model = learn_view(model, group, view.label, source=view.name)
             except (TeachError, VisionError, FileError, MeshError) as error:
                 left_out.append(f"{view.name}: {error}")
@@ -302,7 +304,7 @@ class Trainer:
             return self._drawing_verdict(tried, view)
         moved = places_of(view.note.get("moved"))
         rig = None if moved is None else moved.rig(self.rig)
-        parts = tried.see(*view.images(), _table_of(view.note), rig).parts
+        parts = tried.see(*view.images(), table_of(view.note.get("table")), rig).parts
         if not parts:
             return ViewVerdict(view.name, view.label, "nothing", 0.0, None, "no part was seen in it")
         best = max(parts, key=lambda p: len(p.facets)).recognition
@@ -325,7 +327,7 @@ def teaching_note(
     return ({} if moved is None else {"moved": moved.json()}) | {
         "who": who,
         "calibration": calibration,
-        "table": None if table is None else {"up": table.up.tolist(), "level_mm": table.level_mm},
+        "table": None if table is None else table.json(),
         "facets": [[facet.type for facet in facets]],
     }
 
@@ -354,11 +356,6 @@ def _another_shape(label: str, known: Polyhedron, drawn: Polyhedron) -> str | No
 
 def _apart_mm(solid: Polyhedron) -> Array:
     return np.asarray(np.linalg.norm(solid.corners_mm[:, None] - solid.corners_mm[None], axis=2))
-
-
-def _table_of(note: Mapping[str, Any]) -> Table | None:
-    table = note.get("table") or None
-    return None if table is None else Table(np.array(table["up"], float), float(table["level_mm"]))
 
 
 def _is_drawn(view: StoredView) -> bool:

@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 
 from daemon import frames
 from daemon.arrays import Array
+from daemon.teaching.mesh import STL_ROW
 from daemon.teaching.solid_from_mesh import in_triangles
 from daemon.vision.facets import Fused, only
-from daemon.vision.geometry import Fits, Polyhedron, fit_poses, measure
-from daemon.vision.model import FacetLibrary, TeachError, correspondences, type_facet
+from daemon.vision.geometry import Fits, Polyhedron, measure
+from daemon.vision.model import FacetLibrary, TeachError, correspondences, fit_shared, type_facet
 
 AT_TABLE_MM = 3.0
 """An edge whose ends are this near to the table is where the part lies on it."""
@@ -143,7 +144,7 @@ def deviations(learnt: Polyhedron, drawn: Polyhedron) -> tuple[Deviation | None,
 def stl_of(solid: Polyhedron) -> bytes:
     """A binary STL of the facets there are, mm; open where nothing was seen."""
     fans = [solid.corners_mm[list(one)] for ring in solid.facets for one in in_triangles(solid.corners_mm, list(ring))]
-    rows = np.zeros(len(fans), [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("colour", "<u2")])
+    rows = np.zeros(len(fans), STL_ROW)
     if fans:
         rows["corners"] = np.array(fans)
         normals = np.cross(rows["corners"][:, 1] - rows["corners"][:, 0], rows["corners"][:, 2] - rows["corners"][:, 0])
@@ -180,10 +181,7 @@ def solid_from(values: Mapping[str, Any]) -> Polyhedron:
 def _fit(learnt: Polyhedron, drawn: Polyhedron, corners: NDArray[np.intp]) -> Fits:
     """learnt_from_drawn by the corners both have."""
     both = np.flatnonzero(corners >= 0)
-    to = corners[both]
-    used = np.ones((1, len(both)), bool)
-    model, spread = drawn.corners_mm[to][None], drawn.covariance_mm2[to][None]
-    return fit_poses(learnt.corners_mm[both], learnt.covariance_mm2[both], model, spread, used, FIT_MM)
+    return fit_shared(learnt, both, drawn, corners[both], FIT_MM)
 
 
 def _measures(ring: Array) -> tuple[Array, Array]:

@@ -130,9 +130,13 @@ class Watch:
         context = self._context
         new = what not in context.troubles.standing
         context.troubles.tell(what, f"{what}: {text}")
-        state = context.cycle.status()
-        if new and (state["enabled"] or state["by_hand_only"]) and state["fault"] is None:
-            await context.cycle.supervisor.fail(what, text)
+        if new:
+            await self._stop_what_may_move(what, text)
+
+    async def _stop_what_may_move(self, code: str, text: str) -> None:
+        state = self._context.cycle.status()
+        if (state["enabled"] or state["by_hand_only"]) and state["fault"] is None:
+            await self._context.cycle.supervisor.fail(code, text)
 
     async def _keep_quota(self) -> None:
         context, limits = self._context, self._context.config.values.log
@@ -196,9 +200,7 @@ class Watch:
         if slept_s > ASLEEP_S:
             text = f"the computer was asleep for {slept_s:.0f} s"
             journal.tell("trouble", text, journal.WARNING)
-            state = self._context.cycle.status()
-            if (state["enabled"] or state["by_hand_only"]) and state["fault"] is None:
-                await self._context.cycle.supervisor.fail("asleep", text)
+            await self._stop_what_may_move("asleep", text)
 
     def _check_memory_of_motion(self, busy: bool) -> None:
         """While the cycle works, it is the cycle that talks to the devices: what it hears counts as their life. So does

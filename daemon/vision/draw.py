@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.arrays import Array
+from daemon.arrays import Array, Flags
 from daemon.vision.image import as_grey
 from daemon.vision.values import Facet, NearestGuess, Part, Scene
 
@@ -93,7 +93,7 @@ def _refusal(picture: Picture, corners: Array, number: int) -> None:
     _text(picture, f"x{number}", corners.mean(0), REFUSED, 0.42)
 
 
-def _guess(picture: Picture, label: str, edges_px: Array, shows: NDArray[np.bool_]) -> None:
+def _guess(picture: Picture, label: str, edges_px: Array, shows: Flags) -> None:
     """Edges (N, 2, 2) that speak for a guess are drawn through, those that speak against it dashed."""
     for (start, end), there in zip(edges_px, shows, strict=True):
         pieces = 1 if there else 2 * int(np.linalg.norm(end - start) / (2 * DASH_PX)) + 1

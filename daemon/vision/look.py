@@ -40,7 +40,7 @@ def look(
     table: where it is, for whoever knows; what lies in it is no part, and a part that lies on it is likelier.
     Raises VisionError where an image cannot be used.
     """
-    now = clock or _no_clock
+    now = clock or (lambda: 0.0)
     known = model or empty_model(FacetLibrary(()))
     full = settings or VisionSettings()
     eyes = open_eyes(left, right, rig)
@@ -80,10 +80,6 @@ def look(
 
 def _all_named(found: tuple[Recognised, ...]) -> bool:
     return bool(found) and all(r.named for r in found)
-
-
-def _no_clock() -> float:
-    return 0.0
 
 
 def _notes(view: FacetView, parts: tuple[Part, ...], model: Model | None, pictures: Pictures) -> tuple[str, ...]:

@@ -12,9 +12,8 @@ from enum import StrEnum
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from daemon.arrays import Array
+from daemon.arrays import Array, Flags
 from daemon.vision.geometry import Polyhedron, united
 
 UNKNOWN = "unknown"
@@ -80,7 +79,7 @@ class Group:
         return united(self.rings, np.concatenate(corners), np.concatenate(covariance), [f.type for f in self.facets])
 
     @property
-    def touching(self) -> NDArray[np.bool_]:
+    def touching(self) -> Flags:
         """(n, n) which facets share an edge."""
         return self.polyhedron.touching
 
@@ -170,8 +169,8 @@ class NearestGuess:
     label: str
     left_px: Array
     right_px: Array
-    left_shows: NDArray[np.bool_]
-    right_shows: NDArray[np.bool_]
+    left_shows: Flags
+    right_shows: Flags
 
     @property
     def share(self) -> float:

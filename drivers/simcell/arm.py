@@ -33,6 +33,8 @@ LINE_SPEED_MM_S, LINE_ACCELERATION_MM_S2 = 500.0, 2000.0
 TURN_SPEED_RAD_S, TURN_ACCELERATION_RAD_S2 = 1.6, 6.4
 EMERGENCY_BRAKING = 4.0
 WRIST_TOO_STRAIGHT_RAD = np.radians(1.0)
+CHECKS = 40
+"""At how many points of a straight line the joints are solved beforehand."""
 
 
 class SingularWristError(UnreachableError):
@@ -234,11 +236,11 @@ def plan_joints(
 
 
 def plan_straight(
-    start_rad: Array, world_from_tool: Array, speed: float, geometry: ArmGeometry, checks: int = 40
+    start_rad: Array, world_from_tool: Array, speed: float, geometry: ArmGeometry
 ) -> tuple[Callable[[float], Array], Trapezoid]:
     """The path and profile of a straight-line motion in the arm's present configuration.
 
-    The joints are solved at checks + 1 points; between them they follow from the pose, seeded by the nearest point.
+    The joints are solved at CHECKS + 1 points; between them they follow from the pose, seeded by the nearest point.
     Raises UnreachableError where the line leaves reach, SingularWristError where it passes a straight wrist.
     """
     start = forward(start_rad, geometry)
@@ -250,19 +252,19 @@ def plan_straight(
         return rigid(start[:3, :3] @ turn(axis, angle * way), start[:3, 3] + shift * way)
 
     knots = [start_rad]
-    for k in range(1, checks + 1):
-        knots.append(inverse(pose(k / checks), configuration, geometry, knots[-1]))
+    for k in range(1, CHECKS + 1):
+        knots.append(inverse(pose(k / CHECKS), configuration, geometry, knots[-1]))
         if wrist_is_singular(knots[-1], WRIST_TOO_STRAIGHT_RAD) and not np.allclose(knots[-1], start_rad):
             raise SingularWristError("the wrist is straight on the way")
         if np.max(np.abs(knots[-1] - knots[-2])) > np.radians(45):
             raise SingularWristError("the wrist would flip on the way")
 
     def path(way: float) -> Array:
-        return inverse(pose(way), configuration, geometry, knots[round(way * checks)])
+        return inverse(pose(way), configuration, geometry, knots[round(way * CHECKS)])
 
     distance = max(float(np.linalg.norm(shift)), 1e-9)
     turned = max(angle, 1e-9)
-    step = max(float(np.max(np.abs(np.diff(knots, axis=0)) / JOINT_SPEED_RAD_S)) * checks, 1e-9)
+    step = max(float(np.max(np.abs(np.diff(knots, axis=0)) / JOINT_SPEED_RAD_S)) * CHECKS, 1e-9)
     profile = Trapezoid(
         speed=speed * min(LINE_SPEED_MM_S / distance, TURN_SPEED_RAD_S / turned, 1.0 / step),
         acceleration=speed * min(LINE_ACCELERATION_MM_S2 / distance, TURN_ACCELERATION_RAD_S2 / turned, 4.0 / step),

@@ -150,13 +150,13 @@ class SimulatedCell:
         self.clear()
         self.world.bring_back(parts)
 
-    def place_for_teaching(self, label: str, view: int, world_from_cyclopean: Array | None = None) -> PlacedPart:
-        """Clear the cell; hold one part before the cameras (where they are, or as given) in a characteristic view.
+    def place_for_teaching(self, label: str, view: int) -> PlacedPart:
+        """Clear the cell; hold one part before the cameras in a characteristic view.
 
         Views are numbered from 0 (stand.VIEWS). Raises NoViewError, KeyError.
         """
         self.clear()
-        at = self.world_from_cyclopean() if world_from_cyclopean is None else world_from_cyclopean
+        at = self.world_from_cyclopean()
         eyes = [eye.eye().cyclopean_from_camera[:3, 3] for eye in (self._settings.left, self._settings.right)]
         if self.world.drawn(label):
             pose = drawn_pose(self.world.shape(label), view, at, eyes, self._settings.lighting)

@@ -62,10 +62,10 @@ class _Facts:
         """The value in force."""
         return self._values[bisect_right(self._times, moment_s) - 1]
 
-    def said_before(self, moment_s: float, value: float) -> float:
-        """When a value was said last."""
+    def true_before(self, moment_s: float) -> float:
+        """When it was last said to be so."""
         here = bisect_right(self._times, moment_s)
-        return next((self._times[k] for k in range(here - 1, -1, -1) if self._values[k] == value), float("-inf"))
+        return next((self._times[k] for k in range(here - 1, -1, -1) if self._values[k]), float("-inf"))
 
     def said_within(self, start_s: float, end_s: float, value: float) -> float | None:
         """When a value was said first after start_s, up to end_s."""
@@ -210,7 +210,7 @@ class Judge:
     def _unallowed(self, event: Leg | HandAct) -> Iterator[Violation]:
         """Begun while nothing may move, or after a stop that nobody has lifted."""
         what = "the arm set out" if isinstance(event, Leg) else "the hand was driven"
-        lifted_s = self._may.said_before(event.began_s, True)
+        lifted_s = self._may.true_before(event.began_s)
         withdrawn_s = self._may.said_within(lifted_s, event.began_s, False) if isfinite(lifted_s) else lifted_s
         if not (self._may.at(event.began_s) or self._out_of_reach(event, withdrawn_s)):
             yield Violation("not allowed", event.began_s, event.by, f"{what} while nothing may move")
@@ -225,7 +225,7 @@ class Judge:
         """Typed while moves were held, or each was to be asked for, and was not. Where the line carried what was typed
         spoiled, nobody knows when it was let go."""
         given_s = event.given_s
-        held_s, asked_s = (facts.said_before(given_s, True) + TYPED_S for facts in (self._held, self._each_asked))
+        held_s, asked_s = (facts.true_before(given_s) + TYPED_S for facts in (self._held, self._each_asked))
         if self._held.at(given_s) and given_s > held_s and self._hears.at(given_s) and self._hears.at(held_s - TYPED_S):
             yield Violation("while held", event.began_s, event.by, f"{given_s - held_s + TYPED_S:.1f} s after it was")
         if self._each_asked.at(given_s) and given_s > asked_s and (given_s, event.by) not in self._acts:

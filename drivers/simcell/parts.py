@@ -17,6 +17,7 @@ from drivers.arrays import Array
 from drivers.simcell.rigid import rigid, turn, turn_between
 
 FLAT_MM = 1e-6
+MARGIN_MM = 3.0
 AT_ONCE = 20_000
 """Triples of corners looked at together: memory against time."""
 
@@ -110,14 +111,14 @@ def volume_and_centre(solid: Polyhedron) -> tuple[float, Array]:
     return volume, moment / volume
 
 
-def stable_rests(solid: Polyhedron, centre_of_mass: Array, margin_mm: float = 3.0) -> tuple[Array, ...]:
-    """The (4, 4) rests_from_part of each face over whose inside, margin_mm from its sides, the centre of mass lies."""
+def stable_rests(solid: Polyhedron, centre_of_mass: Array) -> tuple[Array, ...]:
+    """The (4, 4) rests_from_part of each face over whose inside, MARGIN_MM from its sides, the centre of mass lies."""
     rests = []
     for face, normal in zip(solid.faces, solid.normals, strict=True):
         corners = solid.vertices[list(face)]
         along = np.roll(corners, -1, axis=0) - corners
         inward = np.cross(normal, along / np.linalg.norm(along, axis=1, keepdims=True))
-        if np.min(np.sum(inward * (centre_of_mass - corners), axis=1)) >= margin_mm:
+        if np.min(np.sum(inward * (centre_of_mass - corners), axis=1)) >= MARGIN_MM:
             down = turn_between(normal, np.array([0.0, 0.0, -1.0]))
             centre = down @ centre_of_mass
             rests.append(rigid(down, [-centre[0], -centre[1], -(down @ corners[0])[2]]))

@@ -52,7 +52,6 @@ def characteristic_pose(
     world_from_cyclopean: Array,
     eyes_cyclopean_mm: Sequence[Array],
     lighting: Lighting,
-    distance_mm: float = DISTANCE_MM,
 ) -> Array:
     """world_from_part (4, 4) that shows both eyes the view-th characteristic view, as clearly lit as turning it allows.
 
@@ -62,7 +61,7 @@ def characteristic_pose(
     if not 0 <= view < len(views):
         raise NoViewError(f"{label}: characteristic views are numbered 0 to {len(views) - 1}, not {view}")
     shape = part_shape(label)
-    middle = apply(world_from_cyclopean, np.array([0.0, 0.0, distance_mm]))
+    middle = apply(world_from_cyclopean, np.array([0.0, 0.0, DISTANCE_MM]))
     eyes = [apply(world_from_cyclopean, eye) for eye in eyes_cyclopean_mm]
     upright = turn_between(_direction(shape, views[view]), -world_from_cyclopean[:3, 2])
     best, best_score = None, 0.0
@@ -73,7 +72,7 @@ def characteristic_pose(
             if score > best_score:
                 best, best_score = pose, score
     if best is None:
-        raise NoViewError(f"{label}: view {view} cannot be shown at {distance_mm:.0f} mm")
+        raise NoViewError(f"{label}: view {view} cannot be shown at {DISTANCE_MM:.0f} mm")
     return best
 
 

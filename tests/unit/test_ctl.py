@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -20,3 +22,14 @@ def test_a_reader_who_has_read_enough_of_the_help_sees_no_traceback() -> None:
     command = f'{sys.executable} -c "{script}" | true'
     done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=False)
     assert done.stderr == ""
+
+
+def test_whoever_reads_no_further_is_told_nothing_more(tmp_path: Path) -> None:
+    """`facetctl runs | head`: the pipe is closed before the last line."""
+    unread, closed = os.pipe()
+    os.close(unread)
+    command = [sys.executable, "-m", "daemon.ctl", "runs", "--runs", str(tmp_path)]
+    with os.fdopen(closed, "wb") as pipe:
+        env = {**os.environ, "PYTHONUNBUFFERED": "1"}
+        done = subprocess.run(command, stdout=pipe, stderr=subprocess.PIPE, env=env, timeout=60, check=False)
+    assert (done.returncode, done.stderr) == (ctl.NOT_DONE, b"")

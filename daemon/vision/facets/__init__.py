@@ -6,7 +6,7 @@ from daemon.vision.facets.grouping import connected
 from daemon.vision.facets.looks_adjustment import shared_motion
 from daemon.vision.facets.patterned_table import seen_table
 from daemon.vision.facets.reconstruct import facets_seen, facets_step_by_step, find_facets
-from daemon.vision.facets.table import Table, without_table
+from daemon.vision.facets.table import Table, table_at, table_of, without_table
 from daemon.vision.facets.weld import weld
 
 __all__ = [
@@ -23,6 +23,8 @@ __all__ = [
     "only",
     "seen_table",
     "shared_motion",
+    "table_at",
+    "table_of",
     "weld",
     "without_table",
 ]

@@ -5,14 +5,12 @@ looks_adjustment.py's.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from daemon.arrays import Array
+from daemon.arrays import Array, Index
 from daemon.vision.facets.grouping import connected
 from daemon.vision.facets.looks_adjustment import LEAST_MM2
 from daemon.vision.geometry import area_vector, axes_in, inside, newell_normal
 
-Index = NDArray[np.intp]
 Ring = tuple[int, ...]
 Pieces = list[tuple[int, int]]
 """(look, facet) of what is one facet or a piece of it."""

@@ -9,13 +9,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from daemon.arrays import Array
+from daemon.arrays import Array, Index
 from daemon.vision.geometry import Baseline, Eye
 from daemon.vision.image import Sides
-
-Index = NDArray[np.intp]
 
 PLANE_MM = 0.02  # how flat a real facet is
 _MODEL_PX = 0.02  # how far a real side is from a straight line; both set by eye

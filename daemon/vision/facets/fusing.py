@@ -11,18 +11,16 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from daemon import frames
-from daemon.arrays import Array
+from daemon.arrays import Array, Flags, Index
 from daemon.vision.facets.association import OF_SHORTEST, Pieces, Ring, one_corner, one_facet, one_thing, uncontradicted
 from daemon.vision.facets.grouping import connected
 from daemon.vision.facets.looks_adjustment import LEAST_MM2, Adjusted, LookCorners, adjusted, shared_motion
 from daemon.vision.facets.outlining import LEAST_SINE, Plane, outlines, plane_of, supposed
-from daemon.vision.geometry import Polyhedron, StereoRig, area_vector, planarity
+from daemon.vision.geometry import Polyhedron, StereoRig, area_vector, planarity, sides_of
 from daemon.vision.values import Facet, Group
 
-Index = NDArray[np.intp]
 WELD_MM = 1.5  # how far a measured corner may lie from where the planes meet in it
 
 
@@ -60,7 +58,7 @@ class Fused:
     misfit: float
 
     @property
-    def seen(self) -> NDArray[np.bool_]:
+    def seen(self) -> Flags:
         """(L, F) which look saw which facet."""
         return np.asarray(self.seen_mm2 > 0)
 
@@ -71,7 +69,7 @@ class Fused:
         return np.asarray(np.clip(1.0 - self.seen_mm2 / np.maximum(whole, 1e-9), 0.0, 1.0))
 
     @property
-    def confirmed(self) -> NDArray[np.bool_]:
+    def confirmed(self) -> Flags:
         """(F,) the facets that were seen from two places or more."""
         return np.asarray(self.seen.sum(0) > 1)
 
@@ -164,7 +162,7 @@ def _shapes(pieces: _Measured, unseen: Sequence[Plane]) -> list[tuple[Array, int
 def _behind(rings: Sequence[Ring], places: Array) -> list[Plane]:
     """Planes that may lie beyond what was seen: each through two edges, of two facets, that meet and have nothing on
     their other side."""
-    edges = {(a, b): k for k, ring in enumerate(rings) for a, b in zip(ring, (*ring[1:], ring[0]), strict=True)}
+    edges = {(a, b): k for k, ring in enumerate(rings) for a, b in sides_of(ring)}
     after = {edge: k for edge, k in edges.items() if edge[::-1] not in edges}
     found = []
     for (a, b), (c, d) in combinations(after, 2):
@@ -235,24 +233,14 @@ def group_of(fused: Fused, members: Sequence[int], cyclopean_from_base: Array, r
 
 def only(fused: Fused, members: Sequence[int]) -> Fused:
     """What is known, of some of its facets alone."""
-    solid = fused.polyhedron
-    kept = [solid.facets[k] for k in members]
-    corners = np.array(sorted({k for ring in kept for k in ring}), np.intp)
-    number = {int(k): n for n, k in enumerate(corners)}
+    corners = fused.polyhedron.corners_of(members)
     at = (3 * corners[:, None] + np.arange(3)).ravel()
-    part = Polyhedron(
-        solid.corners_mm[corners],
-        tuple(tuple(number[k] for k in ring) for ring in kept),
-        solid.covariance_mm2[corners],
-    )
-    return Fused(
-        fused.looks,
-        fused.base_from_cyclopean,
-        part,
-        fused.covariance_mm2[np.ix_(at, at)],
-        fused.seen_mm2[:, list(members)],
-        fused.looks_at[corners],
-        fused.misfit,
+    return replace(
+        fused,
+        polyhedron=fused.polyhedron.only(members),
+        covariance_mm2=fused.covariance_mm2[np.ix_(at, at)],
+        seen_mm2=fused.seen_mm2[:, list(members)],
+        looks_at=fused.looks_at[corners],
     )
 
 
@@ -292,7 +280,7 @@ def _fused(looks: Sequence[SeenFrom], whole: Adjusted, pieces: _Measured, shapes
     """shapes: (set of pieces, ring); of two that claim one side of an edge that which was seen oftener stays."""
     edges, kept = set[tuple[int, int]](), list[tuple[int, Ring]]()
     for k, ring in sorted(shapes, key=lambda shape: -len(pieces.facets[shape[0]])):
-        own = set(zip(ring, (*ring[1:], ring[0]), strict=True))
+        own = set(sides_of(ring))
         if not own & edges:
             edges |= own
             kept.append((k, ring))

@@ -6,9 +6,8 @@ from collections.abc import Iterable, Sequence
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
-from daemon.arrays import Array
+from daemon.arrays import Array, Flags, Index
 from daemon.vision.geometry import fit_plane
 from daemon.vision.values import Facet, Group
 
@@ -16,21 +15,21 @@ _APART_MM = 6.0
 _FLUSH_MM, _RISE_MM = 2.0, 6.0
 
 
-def same_edges(a: Array, b: Array, tolerance_px: float) -> NDArray[np.bool_]:
+def same_edges(a: Array, b: Array, tolerance_px: float) -> Flags:
     """(N, M) whether side i of corners a (N, 2) px is side j of b (M, 2), run the other way."""
-    near: NDArray[np.bool_] = np.abs(a[:, None] - b).max(2) < tolerance_px
+    near: Flags = np.abs(a[:, None] - b).max(2) < tolerance_px
     if not near.any():
         return near
     return np.asarray(near[:, _turned(len(b))] & near[_turned(len(a))])
 
 
 @cache
-def _turned(count: int) -> NDArray[np.intp]:
+def _turned(count: int) -> Index:
     """Each corner's next."""
     return (np.arange(count) + 1) % count
 
 
-def connected(touch: NDArray[np.bool_]) -> list[list[int]]:
+def connected(touch: Flags) -> list[list[int]]:
     """Connected sets of a symmetric (n, n) table, each in rising order."""
     left = set(range(len(touch)))
     sets = []

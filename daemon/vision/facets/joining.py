@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from daemon.arrays import Index
 from daemon.vision.facets.candidates import Candidate
 from daemon.vision.facets.corner_adjustment import AdjustedCorners, pulls, settle
 from daemon.vision.geometry import Baseline
 from daemon.vision.values import Facet, Group
-
-Index = NDArray[np.intp]
 
 
 def settled(members: list[Candidate], group: Group, geometry: Baseline) -> Group:

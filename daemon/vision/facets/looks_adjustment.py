@@ -8,14 +8,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from daemon import frames
-from daemon.arrays import Array
+from daemon.arrays import Array, Index
 from daemon.vision.facets.corner_adjustment import flatness
-from daemon.vision.geometry import cross_matrices
-
-Index = NDArray[np.intp]
 
 OUTLIER = 4.0  # sigmas beyond which a corner counts less
 ROUNDS = 6
@@ -56,8 +52,7 @@ def shared_motion(points_mm: Array, focal_px: float, baseline_mm: float) -> Arra
     frame, then u, v and disparity offsets of the cameras, px."""
     x, y, z = points_mm.T
     rows = np.zeros((len(points_mm), 3, 9))
-    rows[:, range(3), range(3)] = 1.0
-    rows[:, :, 3:6] = -cross_matrices(points_mm)
+    rows[:, :, :6] = frames.point_motion(points_mm)
     rows[:, 0, 6] = rows[:, 1, 7] = z / focal_px
     rows[:, :, 8] = -np.stack([x, y, z], 1) * (z / (focal_px * baseline_mm))[:, None]
     return rows

@@ -9,13 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from daemon.arrays import Array
+from daemon.arrays import Array, Flags, Index
 from daemon.vision.geometry import Baseline, Eye
 from daemon.vision.settings import VisionSettings
 
-Index = NDArray[np.intp]
 _ROUGH_PX = 2.0
 """How much farther than an outline's the ends of a rough polygon may be from their epipolar lines; set by eye."""
 
@@ -57,9 +55,7 @@ def match_polygons(left: list[Array], right: list[Array], geometry: Baseline, se
     return sorted(found, key=lambda m: (m.cost, m.left, m.right))
 
 
-def in_both(
-    left: list[Array], right: list[Array], geometry: Baseline, settings: VisionSettings
-) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+def in_both(left: list[Array], right: list[Array], geometry: Baseline, settings: VisionSettings) -> tuple[Flags, Flags]:
     """Which rough polygons of the left (P,) and of the right eye (Q,) the other eye may have outlined as well: along
     the epipolar lines one of its own spans as much, at a depth where parts may be.
 

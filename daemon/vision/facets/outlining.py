@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from daemon.arrays import Array
-from daemon.vision.geometry import area_vector, axes_in, border_loops, inside
+from daemon.vision.geometry import area_vector, axes_in, border_loops, inside, sides_of
 
 LINE_MM, OF_WIDTH = 2.0, 0.15
 """A piece's side this near to a line lies on it, and so two sides to each other; less in a narrow facet."""
@@ -234,7 +234,7 @@ def _united(cells: Sequence[Array]) -> list[Array]:
     edges = set[tuple[int, int]]()
     for cell in cells:
         ring = [number(point) for point in (cell if _area(cell) > 0 else cell[::-1])]
-        for a, b in zip(ring, (*ring[1:], ring[0]), strict=True):
+        for a, b in sides_of(ring):
             if (b, a) in edges:
                 edges.discard((b, a))
             elif a != b:

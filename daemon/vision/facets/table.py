@@ -5,7 +5,9 @@ Where the table is, the arm knows (whoever looks says so); a look without that k
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -29,6 +31,20 @@ class Table:
         heights = facet.corners_mm @ self.up - self.level_mm
         sigma = np.sqrt(np.einsum("i,nij,j->n", self.up, facet.covariance_mm2, self.up))
         return bool(np.all(np.abs(heights) < FLAT_MM + SIGMAS * sigma))
+
+    def json(self) -> dict[str, Any]:
+        """As JSON values; `table_of` reads them."""
+        return {"up": self.up.tolist(), "level_mm": self.level_mm}
+
+
+def table_of(json: Mapping[str, Any] | None) -> Table | None:
+    """What `Table.json` gave; None where nobody knew of a table."""
+    return Table(np.array(json["up"], float), float(json["level_mm"])) if json else None
+
+
+def table_at(height_mm: float, world_from_cyclopean: Array) -> Table:
+    """The table at a height in the world, as cameras at (4, 4) mm see it."""
+    return Table(world_from_cyclopean[2, :3], height_mm - float(world_from_cyclopean[2, 3]))
 
 
 def without_table(view: FacetView, table: Table) -> FacetView:

@@ -9,11 +9,10 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from daemon.arrays import Index
 from daemon.vision.values import Facet, Group
 
-Index = NDArray[np.intp]
 WELD_PX = 6.0  # how far the two sightings of one corner may lie apart in an image; D'Souza has 4 px (section 5.1)
 OF_SHORTEST = 1 / 3  # the same as a share of the shortest side: a narrow facet's own edges must stay two
 

@@ -4,12 +4,12 @@ from daemon.vision.geometry.chisquare import chi_square_limit, chi_square_tail
 from daemon.vision.geometry.converging import Converging, by_formula, converging
 from daemon.vision.geometry.facet_measures import Measures, area_vector, measure, newell_normal
 from daemon.vision.geometry.planes import axes_in, fit_plane, planarities, planarity, weighted_plane
-from daemon.vision.geometry.polygon import Point, Shape, border_loops, drop_side, inside, is_simple, tidy
+from daemon.vision.geometry.polygon import Point, Shape, border_loops, drop_side, inside, is_simple, sides_of, tidy
 from daemon.vision.geometry.polygon_batch import Rings, areas, convex, different, met, rings
 from daemon.vision.geometry.polyhedron import Polyhedron, exact, united
 from daemon.vision.geometry.rectified import Baseline, Eye, baseline, disparity
 from daemon.vision.geometry.rig import Camera, StereoRig, corner_covariance, moved_rig
-from daemon.vision.geometry.rigid_fit import Fits, cross_matrices, fit_poses, rough_fit
+from daemon.vision.geometry.rigid_fit import Fits, fit_poses, rough_fit
 from daemon.vision.geometry.visibility import FACING, visible_from
 
 __all__ = [
@@ -36,7 +36,6 @@ __all__ = [
     "converging",
     "convex",
     "corner_covariance",
-    "cross_matrices",
     "different",
     "disparity",
     "drop_side",
@@ -53,6 +52,7 @@ __all__ = [
     "planarity",
     "rings",
     "rough_fit",
+    "sides_of",
     "tidy",
     "united",
     "visible_from",

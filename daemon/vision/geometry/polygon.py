@@ -5,14 +5,14 @@ looked at.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.arrays import Array
+from daemon.arrays import Array, Flags
 
 _STRAIGHT = math.radians(9.0)
 _FAR_PX = 2000.0
@@ -138,7 +138,7 @@ def is_simple(corners: Array) -> bool:
     return not bool(np.any(apart & (s > 0) & (s < 1) & (t > 0) & (t < 1)))
 
 
-def inside(points: Array, outlines: Array) -> NDArray[np.bool_]:
+def inside(points: Array, outlines: Array) -> Flags:
     """(F, P) which points (P, 2) lie inside each of the rings of corners (F, K, 2), convex or not, corners repeated or
     not: a line to the right crosses the border an odd number of times. Of two rings with a side in common, a point on
     it lies in one."""
@@ -148,6 +148,11 @@ def inside(points: Array, outlines: Array) -> NDArray[np.bool_]:
     with np.errstate(divide="ignore", invalid="ignore"):
         left = px < ax + (py - ay) * ((bx - ax) / (by - ay))
     return np.asarray((((ay > py) != (by > py)) & left).sum(axis=1) % 2 == 1)
+
+
+def sides_of(ring: Sequence[int]) -> Iterator[tuple[int, int]]:
+    """Each corner of a ring with the next."""
+    return zip(ring, (*ring[1:], *ring[:1]), strict=True)
 
 
 def border_loops(edges: Iterable[tuple[int, int]]) -> list[list[int]]:

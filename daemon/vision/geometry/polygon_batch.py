@@ -7,9 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.arrays import Array
-
-Index = NDArray[np.intp]
+from daemon.arrays import Array, Flags, Index
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +69,7 @@ def areas(shape: Rings) -> Array:
     return 0.5 * shape.sums(x * y[shape.next] - x[shape.next] * y)
 
 
-def convex(shape: Rings) -> NDArray[np.bool_]:
+def convex(shape: Rings) -> Flags:
     """Whether each polygon is convex and runs once round, anticlockwise as seen (P,)."""
     chord = shape.corners[shape.next] - shape.corners
     old = chord[shape.before]
@@ -79,7 +77,7 @@ def convex(shape: Rings) -> NDArray[np.bool_]:
     return (shape.least(-turn) > 0) & (np.abs(shape.sums(turn) + 2 * np.pi) < 1e-3)
 
 
-def different(start: Array, end: Array, tolerance_px: float) -> tuple[Index, Index, NDArray[np.bool_]]:
+def different(start: Array, end: Array, tolerance_px: float) -> tuple[Index, Index, Flags]:
     """Which of M sides (M, 2), (M, 2) px differ: (D,) indices of those, for each side which of them it is (M,), and
     whether it runs the other way (M,).
 
@@ -97,8 +95,8 @@ def different(start: Array, end: Array, tolerance_px: float) -> tuple[Index, Ind
     return kept, which, ~same[here, first]
 
 
-def _near(a: NDArray[np.float32], b: NDArray[np.float32], tolerance_px: float) -> NDArray[np.bool_]:
+def _near(a: NDArray[np.float32], b: NDArray[np.float32], tolerance_px: float) -> Flags:
     """(M, M) whether points (2, M) and (2, M) px are the same."""
-    near: NDArray[np.bool_] = np.abs(a[0, :, None] - b[0]) < tolerance_px
+    near: Flags = np.abs(a[0, :, None] - b[0]) < tolerance_px
     near &= np.abs(a[1, :, None] - b[1]) < tolerance_px
     return near

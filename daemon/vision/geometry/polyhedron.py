@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from daemon.arrays import Array
+from daemon.arrays import Array, Flags, Index
 from daemon.vision.geometry.facet_measures import area_vector
+from daemon.vision.geometry.polygon import sides_of
 
 SURE_MM2 = 1e-9  # keeps the weight of a corner known exactly finite
 
@@ -27,7 +27,7 @@ class Polyhedron:
     types: tuple[str, ...] = ()
 
     @cached_property
-    def rings(self) -> tuple[NDArray[np.intp], ...]:
+    def rings(self) -> tuple[Index, ...]:
         """The facets as arrays, to index corners with."""
         return tuple(np.array(f, np.intp) for f in self.facets)
 
@@ -35,9 +35,7 @@ class Polyhedron:
     def edges(self) -> dict[tuple[int, int], tuple[int, int]]:
         """{(corner, next corner): (facet, place of the corner in it)}."""
         return {
-            (a, corners[(i + 1) % len(corners)]): (f, i)
-            for f, corners in enumerate(self.facets)
-            for i, a in enumerate(corners)
+            side: (f, place) for f, corners in enumerate(self.facets) for place, side in enumerate(sides_of(corners))
         }
 
     @cached_property
@@ -57,7 +55,7 @@ class Polyhedron:
         return tuple(sorted((f, g) for f, g in pairs if f < g))
 
     @cached_property
-    def touching(self) -> NDArray[np.bool_]:
+    def touching(self) -> Flags:
         """(F, F) which facets share an edge."""
         touching = np.zeros((len(self.facets), len(self.facets)), dtype=bool)
         for f, g in self.seams:
@@ -65,7 +63,7 @@ class Polyhedron:
         return touching
 
     @cached_property
-    def lines(self) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
+    def lines(self) -> tuple[Index, Flags]:
         """Every edge once, by its two corners (E, 2), and which facets it bounds (F, E)."""
         number = {pair: k for k, pair in enumerate(dict.fromkeys((min(e), max(e)) for e in self.edges))}
         bounds = np.zeros((len(self.facets), len(number)), bool)
@@ -74,14 +72,14 @@ class Polyhedron:
         return np.array(list(number), np.intp).reshape(-1, 2), bounds
 
     @cached_property
-    def beside(self) -> NDArray[np.intp]:
+    def beside(self) -> Index:
         """(E, 2) the facets that each of the lines bounds; -1 where it bounds one only."""
         bounds = self.lines[1]
         facets = np.argsort(~bounds, axis=0, kind="stable")[:2].T
         return np.where(np.arange(2) < bounds.sum(0)[:, None], facets, -1)
 
     @cached_property
-    def steps(self) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
+    def steps(self) -> tuple[Index, Index, Index]:
         """Facet after facet, its corners (N,) and the next of each (N,); and where each facet begins (F,)."""
         following = [np.roll(ring, -1) for ring in self.rings]
         first = np.cumsum([0, *(len(ring) for ring in self.rings)])[:-1]
@@ -113,6 +111,21 @@ class Polyhedron:
         motions[:, :3, 3] = -(turns @ self.centres_mm[..., None])[..., 0]
         motions[:, 3, 3] = 1.0
         return motions
+
+    def corners_of(self, facets: Sequence[int]) -> Index:
+        """(K,) the corners that some facets have, by their numbers."""
+        return np.array(sorted({k for f in facets for k in self.facets[f]}), np.intp)
+
+    def only(self, facets: Sequence[int]) -> Polyhedron:
+        """Some facets, in this order, with their corners (corners_of)."""
+        kept = self.corners_of(facets)
+        place = {int(k): n for n, k in enumerate(kept)}
+        return Polyhedron(
+            self.corners_mm[kept],
+            tuple(tuple(place[k] for k in self.facets[f]) for f in facets),
+            self.covariance_mm2[kept],
+            tuple(self.types[f] for f in facets) if self.types else (),
+        )
 
     def facing(self, poses: Array, eye: Array | tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Array:
         """(..., F) cosines between each facet's outward normal and the way from its middle to an eye (3,), which sees

@@ -9,27 +9,22 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from daemon.arrays import Array
+from daemon import frames
+from daemon.arrays import Array, Flags, Index
 
-Index = NDArray[np.intp]
 STEPS = 3  # Gauss-Newton steps after the closed-form start; the third is below a micrometre
 
 
 @dataclass(frozen=True, eq=False)
 class Fits:
-    """B fits. poses (B, 4, 4) seen_from_model, mm; covariance (B, 6, 6) as daemon/frames.py; chi2, dof, rms_mm (B,);
-
-    misses (B, K) each corner's squared Mahalanobis distance, 0 where it has no counterpart.
-    """
+    """B fits. poses (B, 4, 4) seen_from_model, mm; covariance (B, 6, 6) as daemon/frames.py; chi2, dof, rms_mm (B,)."""
 
     poses: Array
     covariance: Array
     chi2: Array
-    dof: NDArray[np.intp]
+    dof: Index
     rms_mm: Array
-    misses: Array
 
 
 def fit_poses(
@@ -37,7 +32,7 @@ def fit_poses(
     seen_covariance: Array,
     model_mm: Array,
     model_covariance: Array,
-    used: NDArray[np.bool_],
+    used: Flags,
     tau_mm: float,
 ) -> Fits:
     """Fit B models of matched corners to the seen ones, each corner weighed by its own predicted error.
@@ -54,21 +49,19 @@ def fit_poses(
         if step <= 1:
             information = _information(seen_covariance, model_covariance, rotation, tau_mm) * used[:, :, None, None]
         weighted = (information @ (seen_mm - turned - shift[:, None, :])[..., None])[..., 0]
-        motion, normal = _step(information, weighted, cross_matrices(turned))
-        rotation = _rotations(motion[:, 3:]) @ rotation
+        motion, normal = _step(information, weighted, frames.cross_matrices(turned))
+        rotation = frames.rotations_from_vectors(motion[:, 3:]) @ rotation
         shift = shift + motion[:, :3]
     residual = seen_mm - model_mm @ rotation.transpose(0, 2, 1) - shift[:, None, :]
-    misses = (residual[..., None, :] @ information @ residual[..., None])[..., 0, 0]
+    chi2 = (residual[..., None, :] @ information @ residual[..., None])[..., 0, 0].sum(1)
     count = used.sum(1)
     poses = np.zeros((len(model_mm), 4, 4))
     poses[:, :3, :3], poses[:, :3, 3], poses[:, 3, 3] = rotation, shift, 1.0
     rms = np.sqrt(((residual**2).sum(2) * used).sum(1) / count)
-    return Fits(poses, np.asarray(np.linalg.inv(normal)), misses.sum(1), 3 * count - 6, rms, misses)
+    return Fits(poses, np.asarray(np.linalg.inv(normal)), chi2, 3 * count - 6, rms)
 
 
-def rough_fit(
-    seen_mm: Array, seen_covariance: Array, model_mm: Array, used: NDArray[np.bool_]
-) -> tuple[Array, Array, Array]:
+def rough_fit(seen_mm: Array, seen_covariance: Array, model_mm: Array, used: Flags) -> tuple[Array, Array, Array]:
     """Rotations (B, 3, 3), shifts (B, 3) and rms distances (B,) in mm after the closed form alone: enough to see which
     of many models are far off."""
     rotation, shift = closed_form(seen_mm, seen_covariance, model_mm, used)
@@ -82,7 +75,7 @@ def _information(seen: Array, model: Array, rotation: Array, tau_mm: float) -> A
     return np.asarray(np.linalg.inv(seen[None] + spread + tau_mm**2 * np.eye(3)))
 
 
-def closed_form(seen: Array, covariance: Array, model: Array, used: NDArray[np.bool_]) -> tuple[Array, Array]:
+def closed_form(seen: Array, covariance: Array, model: Array, used: Flags) -> tuple[Array, Array]:
     """Kabsch for B models with one weight a corner: rotations (B, 3, 3), shifts (B, 3)."""
     weight = used / np.maximum(np.trace(covariance, axis1=1, axis2=2), 1e-9)[None]
     weight = weight / weight.sum(1, keepdims=True)
@@ -111,24 +104,3 @@ def _step(information: Array, weighted: Array, lever: Array) -> tuple[Array, Arr
     right[:, :3] = weighted.sum(1)
     right[:, 3:] = (lever @ weighted[..., None])[..., 0].sum(1)
     return np.asarray(np.linalg.solve(normal, right[..., None]))[..., 0], normal
-
-
-def cross_matrices(vectors: Array) -> Array:
-    """(..., 3) -> (..., 3, 3) with matrix @ x = vector x x."""
-    out = np.zeros((*vectors.shape, 3))
-    x, y, z = vectors[..., 0], vectors[..., 1], vectors[..., 2]
-    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -z, y, -x
-    out[..., 1, 0], out[..., 2, 0], out[..., 2, 1] = z, -y, x
-    return out
-
-
-def _rotations(vectors: Array) -> Array:
-    """(B, 3) rad -> (B, 3, 3), by Rodrigues."""
-    angle = np.sqrt((vectors**2).sum(1))[:, None, None]
-    cross = cross_matrices(vectors)
-    small = angle < 1e-8
-    safe = np.where(small, 1.0, angle)
-    first = np.where(small, 1.0, np.sin(safe) / safe)
-    second = np.where(small, 0.5, (1 - np.cos(safe)) / safe**2)
-    turns: Array = np.eye(3) + first * cross + second * (cross @ cross)
-    return turns

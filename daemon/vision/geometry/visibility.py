@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-from daemon.arrays import Array
+from daemon.arrays import Array, Flags
 from daemon.vision.geometry.facet_measures import area_vector
 from daemon.vision.geometry.polygon import inside
 from daemon.vision.geometry.polyhedron import Polyhedron
@@ -20,7 +19,7 @@ EDGE_ON = 1e-3
 
 def visible_from(
     solid: Polyhedron, directions: Array, least_facing: float = FACING, beside: Sequence[Array] = ()
-) -> NDArray[np.bool_]:
+) -> Flags:
     """(D, F) the facets that face a camera in each of the directions (D, 3), far away, and that no other facet covers
     in part.
 
@@ -44,7 +43,7 @@ def _tried(corners: Array) -> Array:
     return np.asarray(middle + INSIDE * (np.concatenate([corners, middles]) - middle))
 
 
-def _in_front(ring: Array, points: Array, directions: Array) -> NDArray[np.bool_]:
+def _in_front(ring: Array, points: Array, directions: Array) -> Flags:
     """(D,) whether a ray from any of the points (N, 3) in each direction (D, 3) goes through a polygon (M, 3)."""
     normal = area_vector(ring)
     slope = directions @ normal

@@ -10,10 +10,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from daemon import frames
-from daemon.arrays import Array
+from daemon.arrays import Array, Index
 from daemon.vision.geometry import Polyhedron, StereoRig
 from daemon.vision.values import FacetView, Part, Scene
 
@@ -23,6 +22,8 @@ FEWEST_VOTES = 6
 VOTE_SIGMA_PX = 0.25
 CLEAR_LEAD = 1.5
 """How many pairs must agree on an offset, how closely, and how far ahead of the next offset they must be."""
+REACH_PX = 8.0
+"""How far off their epipolar lines corners are still paired."""
 DEPTHS_MM = (120.0, 1500.0)
 CORNER_SIGMA_PX = 0.1
 LENGTH_SIGMA = 0.004
@@ -108,7 +109,7 @@ def clue(rig: StereoRig, left_px: Array, right_px: Array, edges: Sequence[tuple[
     return Clue(turn, sigma, at)
 
 
-def same_height(rig: StereoRig, left_px: Array, right_px: Array, reach_px: float = 8.0) -> tuple[Array, Array]:
+def same_height(rig: StereoRig, left_px: Array, right_px: Array) -> tuple[Array, Array]:
     """Corners of both eyes that agree on one offset from their epipolar lines: (N, 2) left and right px, empty where no
     offset stands out.
 
@@ -122,11 +123,11 @@ def same_height(rig: StereoRig, left_px: Array, right_px: Array, reach_px: float
     lines, rays = _lines_and_rays(rig, left_px, right_px)
     gaps = np.einsum("ni,ni->n", lines[i], rays[j]) * rig.right.matrix[0, 0]
     nearness = rig.baseline_mm / np.maximum(_disparity(rig, left_px, right_px, i, j), 1e-9)
-    likely = (np.abs(gaps) < reach_px) & (nearness > DEPTHS_MM[0]) & (nearness < DEPTHS_MM[1])
+    likely = (np.abs(gaps) < REACH_PX) & (nearness > DEPTHS_MM[0]) & (nearness < DEPTHS_MM[1])
     i, j, gaps = i[likely], j[likely], gaps[likely]
     if len(gaps) < FEWEST_VOTES:
         return np.zeros((0, 2)), np.zeros((0, 2))
-    offsets = np.arange(-reach_px, reach_px, 0.1)
+    offsets = np.arange(-REACH_PX, REACH_PX, 0.1)
     votes = np.exp(-0.5 * ((offsets[:, None] - gaps[None]) / VOTE_SIGMA_PX) ** 2).sum(axis=1)
     best = offsets[int(np.argmax(votes))]
     rival = float(votes[np.abs(offsets - best) > 4 * VOTE_SIGMA_PX].max())
@@ -136,7 +137,7 @@ def same_height(rig: StereoRig, left_px: Array, right_px: Array, reach_px: float
     return left_px[i[near]], right_px[j[near]]
 
 
-def _disparity(rig: StereoRig, left_px: Array, right_px: Array, i: NDArray[np.intp], j: NDArray[np.intp]) -> Array:
+def _disparity(rig: StereoRig, left_px: Array, right_px: Array, i: Index, j: Index) -> Array:
     """Baseline over depth of each pair, from the angles of both rays in the plane of the baseline and the view."""
     slopes = []
     for eye, px in ((rig.left, left_px), (rig.right, right_px)):
@@ -149,8 +150,7 @@ def _disparity(rig: StereoRig, left_px: Array, right_px: Array, i: NDArray[np.in
 def _lines_and_rays(rig: StereoRig, left_px: Array, right_px: Array) -> tuple[Array, Array]:
     """(P, 3) epipolar lines of the left points in the right eye's plane z = 1, unit normals; (Q, 3) the right rays."""
     right_from_left = frames.inverse(rig.right.cyclopean_from_camera) @ rig.left.cyclopean_from_camera
-    x, y, z = right_from_left[:3, 3]
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    cross = frames.cross_matrices(right_from_left[:3, 3])
     lines = np.column_stack([rig.left.normalised(left_px), np.ones(len(left_px))]) @ (cross @ right_from_left[:3, :3]).T
     lines /= np.linalg.norm(lines[:, :2], axis=1, keepdims=True)
     # The normal's own sense is free: with its y made positive, an offset means the same for every line.

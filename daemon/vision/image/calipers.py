@@ -9,19 +9,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from daemon.arrays import Array
+from daemon.arrays import Array, Image32, Index, Real
 from daemon.vision.geometry import Eye
 from daemon.vision.image.grey import FINE, Fine
 
-Index = NDArray[np.intp]
-Image32 = NDArray[np.float32]
-Real = NDArray[np.floating[Any]]
 Images = Sequence[tuple[Fine, int]]
 """Images, each with how many of the sides, one after the other, lie in it."""
 FEWEST, MOST = 3, 400

@@ -14,14 +14,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.arrays import Array
+from daemon.arrays import Array, Flags, Image32, Index, Real
 from daemon.vision.geometry import Eye
 from daemon.vision.image.calipers import (
     BLOCKS,
     IN_BLOCK,
     Calipers,
     Images,
-    Real,
     lay_calipers,
     lens_bow,
     profiles,
@@ -31,9 +30,6 @@ from daemon.vision.image.calipers import (
 from daemon.vision.image.grey import SATURATED, Fine, Noise, noise_of_many
 from daemon.vision.image.regions import SMOOTHING_PX
 from daemon.vision.image.step_model import CLEAR, OFFSETS, REACH_PX, face_planes, unclipped
-
-Index = NDArray[np.intp]
-Image32 = NDArray[np.float32]
 
 # Set by eye on rendered sides, like the other numbers here that name no source.
 _TRIM_PX = 4.0
@@ -69,7 +65,7 @@ class Sides:
     support: Array
     blur: Array
 
-    def chosen(self, which: Index, turned: NDArray[np.bool_] | None = None) -> Sides:
+    def chosen(self, which: Index, turned: Flags | None = None) -> Sides:
         """Some of the sides, in this order; those `turned` run the other way, with the polygon on their other hand."""
         if turned is None or not turned.any():
             return Sides(

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.arrays import Array
+from daemon.arrays import Array, Index
 from daemon.errors import FacetdError
 
 Grey = NDArray[np.uint8]
@@ -99,14 +99,14 @@ class NoiseOfMany:
     """
 
     sigma: Array
-    first: NDArray[np.intp]
+    first: Index
 
     def at(self, level: Array) -> Array:
         """Sigma in grey levels at these grey levels (..., R)."""
         return np.asarray(self.sigma.take(level.clip(0.0, 255.0).astype(np.intp) + self.first))
 
 
-def noise_of_many(noises: Sequence[Noise], counts: NDArray[np.intp]) -> NoiseOfMany:
+def noise_of_many(noises: Sequence[Noise], counts: Index) -> NoiseOfMany:
     """The noise at so many places in each image, one image after the other."""
     return NoiseOfMany(np.array([n.sigma for n in noises]), (256 * np.arange(len(noises))).repeat(counts))
 
@@ -131,7 +131,7 @@ def measure_noise(image: Grey) -> Noise:
     return Noise(sigma, stretch.astype(np.float32))
 
 
-def _residuals(image: Grey) -> NDArray[np.intp]:
+def _residuals(image: Grey) -> Index:
     """At every few pixels the size of the product of second differences (6 sigma for noise sigma), plus _SIZES times
     the band of grey levels.
     """

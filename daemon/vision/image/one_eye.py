@@ -11,13 +11,13 @@ from statistics import median
 import cv2
 import numpy as np
 
+from daemon.arrays import Image32
 from daemon.vision.geometry import Eye
 from daemon.vision.image.edge_lines import Exposure
 from daemon.vision.image.grey import FINE, Fine, Grey, Noise, measure_noise
 from daemon.vision.image.outlines import Outline, Wanted, best_first, find_outlines, rough_polygons
 from daemon.vision.image.polygon_fit import Fitted, fit_polygons
 from daemon.vision.image.regions import (
-    Image32,
     Region,
     RoughPolygon,
     Scale,

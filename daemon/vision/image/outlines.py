@@ -12,17 +12,14 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from daemon.arrays import Array
+from daemon.arrays import Array, Flags, Index
 from daemon.vision.geometry import Point, Rings, Shape, areas, convex, different, drop_side, is_simple, met, rings, tidy
 from daemon.vision.image.calipers import Images
 from daemon.vision.image.edge_lines import find_sides, strengths
 from daemon.vision.image.grey import Fine
 from daemon.vision.image.regions import Border, Region, RoughPolygon
 from daemon.vision.settings import VisionSettings
-
-Index = NDArray[np.intp]
 
 # All set by eye on the rendered scenes; tests/bench/facets.py shows what each does to facets found and missed.
 _FIRST_REACH_PX, _SECOND_REACH_PX = 4.0, 1.5
@@ -145,7 +142,7 @@ def outlined(
     ]
 
 
-def _once(images: Images, shape: Rings) -> tuple[Images, Array, Array, Index, NDArray[np.bool_]]:
+def _once(images: Images, shape: Rings) -> tuple[Images, Array, Array, Index, Flags]:
     """The different sides of polygons in several images: how many are in each, their ends; for each side of the
     polygons which of them it is, and whether it runs the other way.
     """

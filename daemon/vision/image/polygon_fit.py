@@ -6,15 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from daemon.arrays import Array
+from daemon.arrays import Array, Flags, Index
 from daemon.vision.geometry import Rings, convex, different, is_simple, met, rings
 from daemon.vision.image.edge_lines import Exposure, Sides, fit_sides
 from daemon.vision.image.outlines import Outline
 from daemon.vision.values import Polygon
-
-Index = NDArray[np.intp]
 
 # Set by eye on the rendered scenes.
 _FARTHEST_PX = 6.0  # from its outline a fitted corner may be
@@ -45,7 +42,7 @@ def fit_polygons(of_images: Sequence[tuple[Exposure, Sequence[Outline]]]) -> lis
     if not outlines:
         return []
     shape = rings([o.corners for o in outlines])
-    starts, ends, chosen, turns = list[Array](), list[Array](), list[Index](), list[NDArray[np.bool_]]()
+    starts, ends, chosen, turns = list[Array](), list[Array](), list[Index](), list[Flags]()
     counts, first = list[tuple[Exposure, int]](), 0
     for exposure, own in of_images:
         here = slice(first, first + sum(len(o.corners) for o in own))

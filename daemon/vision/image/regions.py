@@ -16,10 +16,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.arrays import Array
+from daemon.arrays import Array, Image32
 from daemon.vision.image.grey import FINE, Fine, Grey, Noise
 
-Image32 = NDArray[np.float32]
 Border = NDArray[np.int32]
 Stretched = NDArray[np.int16]
 """An image (H, W) of unit noise, in steps of 1 / FINE of its sigma."""

@@ -11,12 +11,9 @@ from itertools import product
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from daemon.arrays import Array
+from daemon.arrays import Array, Index
 from daemon.vision.image.grey import Grey
-
-Index = NDArray[np.intp]
 
 SHARE = 0.5
 """Of the image's size, at which segments are looked for: half the pixels a side, a quarter of the time."""

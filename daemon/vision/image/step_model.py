@@ -7,13 +7,10 @@ for edge_lines.py.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from daemon.arrays import Array
-from daemon.vision.image.calipers import Calipers, Image32
+from daemon.arrays import Array, Flags, Image32
+from daemon.vision.image.calipers import Calipers
 from daemon.vision.image.grey import NoiseOfMany
-
-Flags = NDArray[np.bool_]
 
 REACH_PX = 4
 OFFSETS = np.arange(-REACH_PX, REACH_PX + 1, dtype=float)

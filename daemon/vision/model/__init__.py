@@ -10,7 +10,7 @@ from daemon.vision.model.facet_types import (
     type_facet,
     type_number,
 )
-from daemon.vision.model.merge import TOLERANCE_MM, MetricModel, merge_views
+from daemon.vision.model.merge import TOLERANCE_MM, MetricModel, fit_shared, merge_views
 from daemon.vision.model.model import (
     Model,
     Parameters,
@@ -42,6 +42,7 @@ __all__ = [
     "conditions",
     "correspondences",
     "empty_model",
+    "fit_shared",
     "learn_pattern",
     "learn_view",
     "merge_views",

@@ -12,12 +12,10 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
-from daemon.arrays import Array
+from daemon.arrays import Array, Index
 from daemon.vision.geometry import Polyhedron, fit_poses
 
-Index = NDArray[np.intp]
 Place = tuple[int, int]  # (facet, turn) or (facet, edge)
 EXACT_MM = 0.01
 """How far distances between corners may differ that a drawing made the same."""

@@ -9,10 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from daemon.arrays import Array
-from daemon.vision.geometry import Fits, Polyhedron, chi_square_limit, fit_poses, newell_normal
+from daemon.arrays import Array, Index
+from daemon.vision.geometry import Fits, Polyhedron, chi_square_limit, fit_poses
 from daemon.vision.model.correspond import Correspondence, correspondences
 from daemon.vision.model.facet_types import FALSE_ALARM, SIGMA_SCALE, FacetLibrary
 from daemon.vision.model.regularise import regularise
@@ -82,15 +81,14 @@ def _join(whole: Polyhedron, view: Polyhedron, tolerance_mm: float) -> Polyhedro
 def _fit(whole: Polyhedron, view: Polyhedron, way: Correspondence, tolerance_mm: float) -> Fits:
     """whole_from_view by the corners both have."""
     shared = np.nonzero(way.corners >= 0)[0]
-    there = way.corners[shared]
-    return fit_poses(
-        whole.corners_mm[there],
-        whole.covariance_mm2[there],
-        view.corners_mm[shared][None],
-        view.covariance_mm2[shared][None],
-        np.ones((1, len(shared)), dtype=bool),
-        tolerance_mm,
-    )
+    return fit_shared(whole, way.corners[shared], view, shared, tolerance_mm)
+
+
+def fit_shared(onto: Polyhedron, there: Index, one: Polyhedron, own: Index, tolerance_mm: float) -> Fits:
+    """onto_from_one by corners that two solids share, by their numbers in either (K,)."""
+    used = np.ones((1, len(own)), bool)
+    corners, spread = one.corners_mm[own][None], one.covariance_mm2[own][None]
+    return fit_poses(onto.corners_mm[there], onto.covariance_mm2[there], corners, spread, used, tolerance_mm)
 
 
 def _united(whole: Polyhedron, view: Polyhedron, way: Correspondence, fit: Fits) -> Polyhedron:
@@ -118,7 +116,7 @@ def _united(whole: Polyhedron, view: Polyhedron, way: Correspondence, fit: Fits)
     )
 
 
-def _owners(whole: Polyhedron, moved: Array, spread: Array, way: Correspondence) -> NDArray[np.intp]:
+def _owners(whole: Polyhedron, moved: Array, spread: Array, way: Correspondence) -> Index:
     """(K,) the corner of `whole` each corner of the view is, or the index it gets when it is new.
 
     Corners that no shared edge leads to are the same where they coincide in space within their errors.
@@ -154,13 +152,7 @@ def _same_shape(one: Array, other: Array) -> bool:
 
 
 def _in_part_frame(solid: Polyhedron) -> Polyhedron:
-    corners = solid.corners_mm
-    ring = list(solid.facets[0])
-    z = newell_normal(corners[ring])
-    x = corners[ring[1]] - corners[ring[0]]
-    x = x - z * (x @ z)
-    x /= np.linalg.norm(x)
-    part_from_look = np.stack([x, np.cross(z, x), z])
+    corners, part_from_look = solid.corners_mm, solid.laid_flat[0, :3, :3]
     return replace(
         solid,
         corners_mm=(corners - corners.mean(0)) @ part_from_look.T,

@@ -10,12 +10,12 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from daemon.arrays import Array
+from daemon.arrays import Array, Flags
 from daemon.art import FuzzyARTMAP
 from daemon.art.rotation import RotationLayer
 from daemon.errors import FacetdError
+from daemon.vision.facets import connected
 from daemon.vision.geometry import Polyhedron
 from daemon.vision.model.facet_types import FacetLibrary
 from daemon.vision.model.merge import TOLERANCE_MM, MetricModel, merge_views
@@ -54,7 +54,7 @@ class TaughtView:
     label: str
     solid: Polyhedron
     numbers: Array
-    touching: NDArray[np.bool_]
+    touching: Flags
     node: int
     source: str = ""
 
@@ -90,9 +90,9 @@ class Model:
         return RotationLayer(self.artmap.weights.reshape(shape), self.parameters.alpha, complement)
 
 
-def empty_model(library: FacetLibrary, parameters: Parameters = Parameters()) -> Model:
+def empty_model(library: FacetLibrary) -> Model:
     """A model that has been taught nothing."""
-    return Model(library, parameters)
+    return Model(library)
 
 
 def learn_view(model: Model, group: Group, label: str, source: str = "") -> Model:
@@ -115,7 +115,7 @@ def learn_pattern(model: Model, group: Group, label: str, source: str = "") -> M
     solid = replace(group, facets=facets).polyhedron
     if len(facets) < 2:
         raise TeachError(f"{label}: {len(facets)} facet in view; show at least two that share an edge")
-    if not _connected(solid.touching):
+    if len(connected(solid.touching)) > 1:
         raise TeachError(f"{label}: the {len(facets)} facets in view do not hang together; show the part alone")
     numbers = np.array([f.type_number for f in facets])
     view = TaughtView(label, solid, numbers, solid.touching, -1, source)
@@ -168,11 +168,3 @@ def _copied(model: Model) -> FuzzyARTMAP:
     p = model.parameters
     fresh = FuzzyARTMAP(p.rho, p.alpha, p.beta, complement=p.complement)
     return fresh if model.artmap is None else fresh.restore(model.artmap.state(), model.artmap.classes)
-
-
-def _connected(touching: NDArray[np.bool_]) -> bool:
-    reached = np.zeros(len(touching), dtype=bool)
-    reached[0] = True
-    for _ in range(len(touching)):
-        reached = reached | touching[reached].any(0)
-    return bool(reached.all())

@@ -9,9 +9,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from daemon.arrays import Array
+from daemon.arrays import Array, Flags
 from daemon.art.rotation import Recall, RotationLayer
 from daemon.vision.model.facet_types import FacetLibrary, type_facet
 from daemon.vision.values import Facet
@@ -34,7 +33,7 @@ def typed(facet: Facet, library: FacetLibrary) -> Facet:
     return replace(facet, type=kind.name, type_number=kind.number)
 
 
-def recall(layer: RotationLayer, numbers: Array, touching: NDArray[np.bool_]) -> Recall:
+def recall(layer: RotationLayer, numbers: Array, touching: Flags) -> Recall:
     """All nodes' answers to a view, each at its best numbering. A view with more facets than slots keeps the first."""
     slots = layer.taught.slots
     matrix = np.where(touching, numbers[:, None], 0.0)

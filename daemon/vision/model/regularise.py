@@ -18,11 +18,10 @@ FLAT_MM = 0.05  # how far a corner of a real facet lies off its plane
 STEPS = 4
 
 
-def regularise(solid: Polyhedron, library: FacetLibrary, strength: float = 1.0) -> Polyhedron:
+def regularise(solid: Polyhedron, library: FacetLibrary) -> Polyhedron:
     """The most likely corners given their measurement, the facets' types and their planes.
 
-    strength: how many times tighter than the library's tolerance the types are taken; the tolerance is that of the
-    drawing. Source: Gauss-Newton on corners weighted by their covariance plus the conditions of the types.
+    Source: Gauss-Newton on corners weighted by their covariance plus the conditions of the types.
     """
     count = len(solid.corners_mm)
     measured = np.linalg.inv(solid.covariance_mm2 + 1e-8 * np.eye(3))
@@ -30,7 +29,7 @@ def regularise(solid: Polyhedron, library: FacetLibrary, strength: float = 1.0) 
     for k in range(count):
         prior[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] = measured[k]
     rules = [conditions(solid.corners_mm[list(f)], t, library) for f, t in zip(solid.facets, solid.types, strict=True)]
-    weights = (strength / library.angle_tolerance_rad, strength / library.ratio_tolerance)
+    weights = (1.0 / library.angle_tolerance_rad, 1.0 / library.ratio_tolerance)
     corners = solid.corners_mm.copy()
     normal = prior
     for _ in range(STEPS):

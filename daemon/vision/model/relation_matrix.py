@@ -6,14 +6,13 @@ In: type numbers and who touches whom. Out: the matrix.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from daemon.arrays import Array
+from daemon.arrays import Array, Flags
 
 MATRIX_SIZE = 6  # rows and columns, as in section 4.4.3; grows where a view shows more facets
 
 
-def relation_matrix(numbers: Array, touching: NDArray[np.bool_], size: int = MATRIX_SIZE) -> Array:
+def relation_matrix(numbers: Array, touching: Flags, size: int = MATRIX_SIZE) -> Array:
     """(m, m) with the type number of facet i in row i, column j, where i and j touch; m = max(size, facets).
 
     numbers (n,) type numbers; touching (n, n). Rows and columns of absent facets stay 0, and so does the diagonal.

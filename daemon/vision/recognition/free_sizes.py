@@ -11,8 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from daemon import frames
 from daemon.arrays import Array
-from daemon.vision.geometry import Polyhedron, area_vector, cross_matrices, measure
+from daemon.vision.geometry import Polyhedron, area_vector, measure
 from daemon.vision.model import FacetLibrary, conditions
 
 RIGHT = 0.02  # cosine, or radians off, within which an angle is meant to be right
@@ -34,7 +35,7 @@ class FreeSizes:
         (K, 3) mm of the measured ones; range_mm: how far sizes may be from any at all, a standard deviation."""
         count = len(corners)
         about = corners - corners.mean(0)  # far from the origin a turn is next to a shift, and would be lost
-        rigid = np.concatenate([np.tile(np.eye(3), count), -cross_matrices(about).reshape(3 * count, 3).T])
+        rigid = np.concatenate([np.tile(np.eye(3), count), -frames.cross_matrices(about).reshape(3 * count, 3).T])
         rows = np.concatenate([bound, rigid])
         rows = rows / np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), 1e-9)
         _, size, ways = np.linalg.svd(rows)
@@ -89,7 +90,7 @@ def _plane(points: Array, area: Array) -> Array:
     """(N, 3N) a facet's corners off its plane."""
     normal = area / np.sqrt(area @ area)
     x = points[1] - points[0]
-    flat = np.stack([x, cross_matrices(normal) @ x], 1)
+    flat = np.stack([x, frames.cross_matrices(normal) @ x], 1)
     spanned = np.concatenate([np.ones((len(points), 1)), (points - points.mean(0)) @ flat], 1)
     off = np.eye(len(points)) - spanned @ np.linalg.solve(spanned.T @ spanned, spanned.T)
     return np.asarray((off[:, :, None] * normal).reshape(len(points), -1))
@@ -99,4 +100,4 @@ def _turning(points: Array, area: Array) -> Array:
     """(N, 3) derivatives of a facet's area vector along another's (3,), by the facet's corners."""
     here = np.arange(len(points))
     across = points[(here + 1) % len(points)] - points[here - 1]
-    return np.asarray(across @ cross_matrices(area) / 2)
+    return np.asarray(across @ frames.cross_matrices(area) / 2)

@@ -10,9 +10,8 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
-from daemon.arrays import Array
+from daemon.arrays import Array, Flags, Index
 from daemon.vision.geometry import Fits, Polyhedron, chi_square_tail, fit_poses, rough_fit
 from daemon.vision.model import Correspondence, MetricModel, spread_from, symmetries
 
@@ -40,7 +39,7 @@ class Hypothesis:
 
     label: str
     facets: tuple[int, ...]
-    corners: NDArray[np.intp]
+    corners: Index
     pose: Array
     covariance: Array
     chi2: float
@@ -197,7 +196,7 @@ def _distances(corners: Array) -> Array:
 
 
 @lru_cache(maxsize=64)
-def _pairs(count: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def _pairs(count: int) -> tuple[Index, Index]:
     """Every two of so many."""
     return np.triu_indices(count, 1)
 
@@ -249,7 +248,7 @@ def equivalents(best: Hypothesis, others: tuple[Hypothesis, ...], taught: Polyhe
 
 def _matched(
     seen: Polyhedron, metric: Mapping[str, MetricModel], ways: list[Way]
-) -> tuple[Array, Array, Array, Array, NDArray[np.bool_]]:
+) -> tuple[Array, Array, Array, Array, Flags]:
     """What fit_poses wants: seen corners, their covariance, their counterparts in each way, their covariance, which."""
     corners = np.stack([metric[label].solid.corners_mm[way.corners] for label, way in ways])
     covariance = np.stack([metric[label].solid.covariance_mm2[way.corners] for label, way in ways])

@@ -11,9 +11,8 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from daemon.arrays import Array
+from daemon.arrays import Array, Flags
 from daemon.vision.facets import weld
 from daemon.vision.geometry import newell_normal
 from daemon.vision.model import (
@@ -94,13 +93,18 @@ def joined(found: Sequence[Recognised], model: Model) -> tuple[Recognised, ...]:
     return tuple(sorted(parts, key=lambda r: float(np.linalg.norm(r.part.cyclopean_from_part[:3, 3]))))
 
 
+def recognised(group: Group, model: Model) -> Recognised:
+    """One group, and what it is taken for."""
+    return Recognised(group, recognise_group(group, model))
+
+
 def _as_one(one: Group, other: Group, model: Model) -> Recognised | None:
     """Two groups as one, where they share an edge and that has a name; else None."""
     whole = weld(one.facets + other.facets)
     if not whole.touching[: len(one.facets), len(one.facets) :].any():
         return None
-    part = recognise_group(whole, model)
-    return Recognised(whole, part) if part.named else None
+    found = recognised(whole, model)
+    return found if found.named else None
 
 
 def _parts_of(group: Group, model: Model) -> tuple[Recognised, ...]:
@@ -109,21 +113,19 @@ def _parts_of(group: Group, model: Model) -> tuple[Recognised, ...]:
     A shadow or a neighbour's corner seen as a facet must not hide the part it lies beside. Doubtful is a facet that is
     irregular, or that meets its neighbours in a hollow edge, as the table does.
     """
-    whole = Recognised(group, recognise_group(group, model))
+    whole = recognised(group, model)
     if whole.named or len(group.facets) < 3:
         return (whole,)
     for index, facet in enumerate(whole.part.facets):
         if facet.type_number <= LARGEST_NUMBER and not _hollow(whole.part.facets, group.touching[index], facet):
             continue
-        rest = group.only([k for k in range(len(group.facets)) if k != index])
-        part = recognise_group(rest, model)
-        if part.named:
-            alone = group.only([index])
-            return Recognised(rest, part), Recognised(alone, recognise_group(alone, model))
+        rest = recognised(group.only([k for k in range(len(group.facets)) if k != index]), model)
+        if rest.named:
+            return rest, recognised(group.only([index]), model)
     return (whole,)
 
 
-def _hollow(facets: tuple[Facet, ...], touching: NDArray[np.bool_], facet: Facet) -> bool:
+def _hollow(facets: tuple[Facet, ...], touching: Flags, facet: Facet) -> bool:
     """Whether a facet lies in front of every neighbour's plane: its middle is outside the solid they bound."""
     beside = [facets[k] for k in np.nonzero(touching)[0]]
     middle = facet.corners_mm.mean(0)
@@ -139,7 +141,7 @@ def left_open(one: Recognised, others: Sequence[str], model: Model) -> Recognise
     """A named group without its name, where other parts explain it as well."""
     labels = (one.label, *others)
     why = f"fits {' and '.join(labels)}"
-    verdict = replace(_silent(list(labels), 1 - 1 / len(labels), True, why), candidates=labels)
+    verdict = _silent(labels, 1 - 1 / len(labels), why, labels)
     return replace(one, part=_unknown_part(_typed(one.group, model), model, verdict))
 
 
@@ -156,7 +158,7 @@ def standing(group: Group, model: Model) -> tuple[Standing, ...]:
 def recognise_group(group: Group, model: Model) -> Part:
     """Name and locate one group of facets."""
     seen = _typed(group, model)
-    answers = _answers(seen, model)
+    answers = _answers(seen.facets, seen.touching, model)
     fits = _fits(seen, model)
     best = _best_by_label(fits)
     standing = [h for h in fits if _stands(h, seen)]
@@ -168,7 +170,9 @@ def recognise_group(group: Group, model: Model) -> Part:
     taught = model.metric[winner.label].solid
     facets = typed_as(seen.facets, (taught.types[g] for g in winner.facets), model.library)
     if any(f.type != g.type for f, g in zip(facets, seen.facets, strict=True)):
-        verdict = _with_pattern(verdict, facets, seen.touching, model)
+        for one in _answers(facets, seen.touching, model):
+            if one.label == verdict.label:  # with the types as they were settled
+                verdict = replace(verdict, match_ratio=one.match_ratio, activation=one.activation)
     fitted = most_likely_corners(seen.polyhedron, taught, winner, model.parameters.tolerance_mm)
     return Part(
         verdict,
@@ -192,12 +196,12 @@ def _doubted(facet: Facet) -> Facet:
     return replace(facet, covariance_mm2=facet.covariance_mm2 * excess[:, None, None])
 
 
-def _answers(seen: Group, model: Model) -> tuple[Answer, ...]:
+def _answers(facets: Sequence[Facet], touching: Flags, model: Model) -> tuple[Answer, ...]:
     """What the ARTMAP nodes say, best label first; nothing for a lone facet, which has no relations."""
-    if model.rotation is None or not seen.touching.any():
+    if model.rotation is None or not touching.any():
         return ()
-    numbers = np.array([f.type_number for f in seen.facets])
-    return by_label(recall(model.rotation, numbers, seen.touching), model.node_labels)
+    numbers = np.array([f.type_number for f in facets])
+    return by_label(recall(model.rotation, numbers, touching), model.node_labels)
 
 
 def _fits(seen: Group, model: Model) -> tuple[Hypothesis, ...]:
@@ -232,16 +236,16 @@ def _verdict(
     ranking = list(dict.fromkeys([h.label for h in standing] + [a.label for a in answers] + [h.label for h in best]))
     activation = {a.label: a for a in answers}
     if not standing:
-        return _silent(ranking, 1.0 if not best else 1.0 - max(h.tail for h in best), False, _why_not(seen, best))
+        return _silent(ranking, 1.0 if not best else 1.0 - max(h.tail for h in best), _why_not(seen, best))
     labels = tuple(h.label for h in standing)
     first = standing[0]
     chance = chances[first.label]
     if len(seen.facets) == 1:
         why = f"a single {seen.facets[0].type} is no proof: it fits {' and '.join(labels)}"
-        return replace(_silent(ranking, 1 - chance, True, why), candidates=labels)
+        return _silent(ranking, 1 - chance, why, labels)
     if chance < LEAST_PROBABILITY:
         why = f"fits {' and '.join(labels)} at {chance:.0%} for the first"
-        return replace(_silent(ranking, 1 - chance, True, why), candidates=labels)
+        return _silent(ranking, 1 - chance, why, labels)
     answer = activation.get(first.label)
     runner_up = next((name for name in ranking if name != first.label), None)
     why = f"{len(seen.facets)} facets fit to {first.rms_mm:.2f} mm rms, chi-square {first.chi2:.1f} of {first.dof}"
@@ -257,8 +261,10 @@ def _verdict(
     )
 
 
-def _silent(ranking: list[str], confidence: float, ambiguous: bool, why: str) -> Recognition:
-    return Recognition(UNKNOWN, confidence, 0.0, 0.0, ranking[0] if ranking else None, ambiguous, why)
+def _silent(ranking: Sequence[str], confidence: float, why: str, candidates: tuple[str, ...] = ()) -> Recognition:
+    """No name; candidates: what explains it as well as each other."""
+    runner_up = ranking[0] if ranking else None
+    return Recognition(UNKNOWN, confidence, 0.0, 0.0, runner_up, bool(candidates), why, candidates)
 
 
 def _why_not(seen: Group, best: tuple[Hypothesis, ...]) -> str:
@@ -277,17 +283,6 @@ def typed_as(facets: Iterable[Facet], kinds: Iterable[str], library: FacetLibrar
         replace(facet, type=kind, type_number=type_number(kind, library))
         for facet, kind in zip(facets, kinds, strict=True)
     )
-
-
-def _with_pattern(
-    verdict: Recognition, facets: tuple[Facet, ...], touching: NDArray[np.bool_], model: Model
-) -> Recognition:
-    """Activation and match ratio of the named label's best node, with the types as they were settled."""
-    if model.rotation is None or not touching.any():
-        return verdict
-    answers = by_label(recall(model.rotation, np.array([f.type_number for f in facets]), touching), model.node_labels)
-    own = next(a for a in answers if a.label == verdict.label)
-    return replace(verdict, match_ratio=own.match_ratio, activation=own.activation)
 
 
 def _unknown_part(seen: Group, model: Model, verdict: Recognition) -> Part:

@@ -12,7 +12,7 @@ from daemon.arrays import Array
 from daemon.vision.geometry import Polyhedron, Shape
 from daemon.vision.image import Eyes
 from daemon.vision.model import Model
-from daemon.vision.recognition import Recognised, joined, recognise_group
+from daemon.vision.recognition import Recognised, joined, recognised
 from daemon.vision.registration.measured import silhouette
 from daemon.vision.registration.twins import told_apart
 from daemon.vision.values import Facet, FacetView, Group, Rejected
@@ -80,4 +80,4 @@ def _left_over(unnamed: Recognised, theirs: Callable[[Facet, bool], bool], model
     own = [k for k, facet in enumerate(unnamed.group.facets) if not theirs(facet, alone)]
     if len(own) == len(unnamed.group.facets):
         return [unnamed]
-    return [Recognised(one, recognise_group(one, model)) for one in (unnamed.group.only([k]) for k in own)]
+    return [recognised(unnamed.group.only([k]), model) for k in own]

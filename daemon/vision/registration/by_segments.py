@@ -118,15 +118,11 @@ class Straight(NamedTuple):
     left_out: tuple[str, ...]
 
 
-def _no_haste() -> float:
-    return 0.0
-
-
 def named_by_segments(
     eyes: Eyes,
     model: Model,
     known: Sequence[Recognised],
-    spent: Callable[[], float] = _no_haste,
+    spent: Callable[[], float] = lambda: 0.0,
     told: Table | None = None,
 ) -> Straight:
     """The taught parts that the straight edges of both images prove, beside those that are named already.

@@ -13,10 +13,10 @@ from functools import lru_cache
 
 import numpy as np
 
-from daemon.arrays import Array
+from daemon.arrays import Array, Flags, Image32, Index
 from daemon.vision.geometry import Baseline, Polyhedron
 from daemon.vision.registration.directed import DirectedMap, Rays
-from daemon.vision.registration.posed import Flags, Image32, Index, Posed, Solids
+from daemon.vision.registration.posed import Posed, Solids
 from daemon.vision.registration.space_corners import SpaceCorners, angle, basis, taught_corners
 
 OFF = np.radians(7.0)  # by how much a corner's arm may point elsewhere in the right eye than the taught angle says

@@ -134,5 +134,5 @@ def poses_that_fit(shape: Polyhedron, facets: Sequence[Facet], most_residual_mm:
 
 
 def _same(a: Fit, b: Fit) -> bool:
-    motion = frames.difference(a.cyclopean_from_part, b.cyclopean_from_part)
-    return bool(np.linalg.norm(motion[:3]) < 3.0 and np.linalg.norm(motion[3:]) < 0.1)
+    far_mm, turn = frames.size(frames.difference(a.cyclopean_from_part, b.cyclopean_from_part))
+    return far_mm < 3.0 and turn < 0.1

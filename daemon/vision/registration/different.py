@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from daemon.arrays import Array
+from daemon.arrays import Array, Flags, Index
 from daemon.vision.image import Eyes
-from daemon.vision.registration.posed import Flags, Index, Posed, ideal
+from daemon.vision.registration.posed import Posed, ideal
 
 ROOM_PX = 12
 SAME_MM = 2.0  # poses that put every corner this near to the same place look the same

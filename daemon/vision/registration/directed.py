@@ -16,10 +16,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.arrays import Array
+from daemon.arrays import Array, Image32, Index, Real
 from daemon.vision.geometry import Baseline, Polyhedron, exact
 from daemon.vision.image import OneEye
-from daemon.vision.registration.posed import Image32, Index, Posed, Real, Solids, ideal
+from daemon.vision.registration.posed import Posed, Solids, ideal
 
 SHRINK = 2
 """A pixel of a map is as wide as so many of the camera's."""

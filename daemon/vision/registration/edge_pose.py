@@ -11,20 +11,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from daemon import frames
-from daemon.arrays import Array
-from daemon.vision.geometry import Polyhedron
+from daemon.arrays import Array, Flags, Index
+from daemon.vision.geometry import Polyhedron, sides_of
 from daemon.vision.image import Eyes, OneEye, edge_sigmas, find_sides, fit_sides, probe_sides
 from daemon.vision.model import TOLERANCE_MM
 from daemon.vision.registration.corner_pose import Fit
 from daemon.vision.registration.edge_adjustment import adjusted
 from daemon.vision.registration.expected_edges import THIN_PX, EdgeObservation, ExpectedEdges, Placements, expected
-from daemon.vision.registration.pose_step import TUKEY, Solved, across, off_places, solve
+from daemon.vision.registration.pose_step import TUKEY, Solved, across, moved, off_places, solve
 
-Flags = NDArray[np.bool_]
-Index = NDArray[np.intp]
 Outline = tuple[Array, Array]
 """A facet's corners (N, 2) px in one eye, and their covariance (N, 2, 2)."""
 
@@ -98,7 +95,7 @@ def locate(
             _searched(expected(laid, view, poses, open_, tolerance_mm), view, reach_mm * share) for view in eyes.views
         ]
         shares = _shares(rough, [seen.there for seen in rough], len(shapes))
-        poses = _moved(poses, _solved(rough, reach_mm, len(shapes)).motion)
+        poses = moved(poses, _solved(rough, reach_mm, len(shapes)).motion)
     open_ = shares >= HOPELESS
     for turn in range(MOST_ROUNDS):
         if not open_.any():
@@ -111,36 +108,27 @@ def locate(
             step = Solved(solved.motion[k], solved.information[k], solved.excess[k])
             found[k] = Located(shapes[k], poses[k], (left.only(k, laid), right.only(k, laid)), tolerance_mm, step)
         open_ = open_ & ~still & ~lost
-        poses = _moved(poses, solved.motion)
+        poses = moved(poses, solved.motion)
     return found
 
 
-def _moved(poses: Array, motions: Array) -> Array:
-    """Poses (P, 4, 4), each by its motion (P, 6)."""
-    return np.stack([frames.perturb(pose, motion) for pose, motion in zip(poses, motions, strict=True)])
-
-
-def fit_edges(
-    shape: Polyhedron, eyes: Eyes, near: Array, reach_mm: float = 5.0, tolerance_mm: float = TOLERANCE_MM
-) -> Fit | None:
+def fit_edges(shape: Polyhedron, eyes: Eyes, near: Array, reach_mm: float = 5.0) -> Fit | None:
     """The pose at which `locate` finds the part, with its covariance.
 
     None where an eye shows too few of the edges it should see, or they are too faint to be the part's, or leave the
     pose open. Fit.matched counts edges.
     """
-    found = locate([shape], eyes, near[None], reach_mm, tolerance_mm)[0]
+    found = locate([shape], eyes, near[None], reach_mm)[0]
     return None if found is None or clear_share(found, eyes) < LEAST_CLEAR else fit_of(found)
 
 
-def fit_each(
-    shape: Polyhedron, eyes: Eyes, near: Array, reach_mm: float = 5.0, tolerance_mm: float = TOLERANCE_MM
-) -> tuple[Fit, Fit] | None:
+def fit_each(shape: Polyhedron, eyes: Eyes, near: Array, reach_mm: float) -> tuple[Fit, Fit] | None:
     """As fit_edges, but what each eye says by itself, for eyes whose places against each other are in doubt."""
-    found = locate([shape], eyes, near[None], reach_mm, tolerance_mm)[0]
+    found = locate([shape], eyes, near[None], reach_mm)[0]
     whole = None if found is None or clear_share(found, eyes) < LEAST_CLEAR else fit_of(found)
     if found is None or whole is None:
         return None
-    alone = (adjusted(shape, found.pose, [seen], tolerance_mm) for seen in found.observed)
+    alone = (adjusted(shape, found.pose, [seen], found.tolerance_mm) for seen in found.observed)
     left, right = (replace(whole, cyclopean_from_part=one.pose, covariance=one.covariance) for one in alone)
     return left, right
 
@@ -300,7 +288,7 @@ def _sides_of(ring: Sequence[int], edges: ExpectedEdges, good: Flags) -> tuple[I
     """Which edge each side of a facet is (any, where the eye should not see it), whether it runs the other way there,
     and whether it is good."""
     at = {(int(a), int(b)): k for k, (a, b) in enumerate(edges.ends)}
-    pairs = list(zip(ring, (*ring[1:], *ring[:1]), strict=True))
+    pairs = list(sides_of(ring))
     which = np.array([at.get(p, at.get(p[::-1], -1)) for p in pairs], np.intp)
     turned = np.array([p not in at and p[::-1] in at for p in pairs], bool)
     return which, turned, (which >= 0) & np.append(good, False)[which]

@@ -8,16 +8,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from daemon import frames
-from daemon.arrays import Array
+from daemon.arrays import Array, Flags, Index
 from daemon.vision.geometry import Polyhedron
 from daemon.vision.image import OneEye, Sides
 from daemon.vision.registration.pose_step import across, corners_in
-
-Flags = NDArray[np.bool_]
-Index = NDArray[np.intp]
 
 THIN_PX = (-3.0, 6.0)
 """A facet this thin in the image (negative: just turned away) has edges that may be taken for one another."""

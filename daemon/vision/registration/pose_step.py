@@ -37,6 +37,11 @@ def corners_in(camera: Camera, cyclopean_from_part: Array, corners_mm: Array) ->
     return px, slope @ frames.point_motion(levers)
 
 
+def moved(poses: Array, motions: Array) -> Array:
+    """Poses (P, 4, 4), each by its motion (P, 6)."""
+    return np.stack([frames.perturb(pose, motion) for pose, motion in zip(poses, motions, strict=True)])
+
+
 def across(start: Array, end: Array) -> Array:
     """(E, 2) unit vectors across edges start -> end, (E, 2) each."""
     chord = end - start

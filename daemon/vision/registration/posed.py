@@ -9,19 +9,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from daemon.arrays import Array
+from daemon.arrays import Array, Flags, Image32, Index
 from daemon.vision.geometry import Baseline, Polyhedron
 from daemon.vision.model import Model
-
-Flags = NDArray[np.bool_]
-Image32 = NDArray[np.float32]
-Index = NDArray[np.intp]
-Real = NDArray[np.floating[Any]]
 
 LEAST_FACING = 0.08
 """Cosine below which a facet is too thin in the image to be looked for."""

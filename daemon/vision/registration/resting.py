@@ -12,9 +12,10 @@ from itertools import combinations
 
 import numpy as np
 
+from daemon import frames
 from daemon.arrays import Array
 from daemon.vision.facets import Table
-from daemon.vision.geometry import Baseline, Polyhedron, cross_matrices
+from daemon.vision.geometry import Baseline, Polyhedron
 from daemon.vision.registration.posed import Posed
 
 FLAT_MM = 1.0
@@ -134,7 +135,7 @@ def _lowest_mm(posed: Posed, table: Table) -> Array:
 
 def _turns(one: Array, to: Array) -> Array:
     """(G, 3, 3) the smallest rotations that take unit directions (G, 3) to another (3,)."""
-    cross = cross_matrices(np.cross(one, to))
+    cross = frames.cross_matrices(np.cross(one, to))
     return np.asarray(np.eye(3) + cross + cross @ cross / np.maximum(1 + one @ to, 1e-6)[:, None, None])
 
 

@@ -10,10 +10,9 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from daemon import frames
-from daemon.arrays import Array
+from daemon.arrays import Array, Flags, Index
 from daemon.vision.geometry import Baseline, Eye, Polyhedron
 from daemon.vision.image import SegmentCorners, pairs_within
 
@@ -39,7 +38,7 @@ class SpaceCorners:
     other: Array
     right: Array
 
-    def chosen(self, which: NDArray[np.intp]) -> SpaceCorners:
+    def chosen(self, which: Index) -> SpaceCorners:
         """Some of them."""
         return SpaceCorners(
             self.at[which], self.firm[which], self.plane[which], self.other[:, which], self.right[which]
@@ -60,7 +59,7 @@ class _Seen:
         at, ends = np.split(ideal, [len(found.at)])
         return cls(at, ends.reshape(-1, 2, 2) - at[:, None], found.sign)
 
-    def chosen(self, which: NDArray[np.intp], swapped: bool = False) -> _Seen:
+    def chosen(self, which: Index, swapped: bool = False) -> _Seen:
         """Some of them, their arms the other way round or not."""
         order = [1, 0] if swapped else [0, 1]
         return _Seen(self.at[which], self.arms[which][:, order], self.sign[which][:, order])
@@ -152,7 +151,7 @@ def corner_frames(solid: Polyhedron) -> tuple[Array, Array, Array]:
     return found, (x * to).sum(1), length[which]
 
 
-def _as_near(many: Array, one: Array) -> NDArray[np.bool_]:
+def _as_near(many: Array, one: Array) -> Flags:
     """(M,) of which sets of points (M, N, 3) each lies near one of points (K, 3)."""
     apart2 = ((many[:, :, None] - one) ** 2).sum(3)
     return np.asarray(apart2.min(2).max(1) < ALIKE_MM**2)

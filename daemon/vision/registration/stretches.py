@@ -15,10 +15,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon import frames
-from daemon.arrays import Array
+from daemon.arrays import Array, Flags
 from daemon.vision.image import Eyes, stretch_slopes
 from daemon.vision.registration.expected_edges import ExpectedEdges, Placements, expected
+from daemon.vision.registration.pose_step import moved
 
 REACH_PX = 8
 """How far across its edge each stretch is looked at."""
@@ -55,7 +55,7 @@ class Stretches:
     surprise: Array
 
     @property
-    def shows(self) -> NDArray[np.bool_]:
+    def shows(self) -> Flags:
         """(E,) which edges show, more than by chance."""
         return np.asarray(self.surprise.mean(1) > SHOWS)
 
@@ -155,4 +155,4 @@ def _moved(laid: Placements, eyes: Eyes, poses: Array, tolerance_mm: float, roun
             normal = np.add.reduceat(pull[:, :, None] * row[:, None, :], begins) + prior
             towards = np.add.reduceat(pull * found[:, None], begins)
             motion[present] = np.linalg.solve(normal, towards[..., None])[..., 0]
-    return np.stack([frames.perturb(pose, one) for pose, one in zip(poses, motion, strict=True)])
+    return moved(poses, motion)

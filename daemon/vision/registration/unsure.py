@@ -11,7 +11,7 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array
-from daemon.vision.geometry import Baseline, Polyhedron, cross_matrices
+from daemon.vision.geometry import Baseline, Polyhedron
 from daemon.vision.registration.different import Guesses, thinned
 from daemon.vision.registration.directed import DirectedMap, evidence
 from daemon.vision.registration.posed import Posed
@@ -34,7 +34,7 @@ def best_turned(
     few = thinned(guesses)
     few = few[np.argsort(guesses.against[few], kind="stable")[:MOST_TURNED]]
     posed, against = guesses.posed.chosen(few), guesses.against[few]
-    point, cross = hinges[few, 0], cross_matrices(hinges[few, 1])
+    point, cross = hinges[few, 0], frames.cross_matrices(hinges[few, 1])
     poses = np.stack([posed.poses] * (len(TURNS) + 1))
     for turned, by in zip(poses[1:], TURNS, strict=True):
         rotation = np.eye(3) + np.sin(by) * cross + (1 - np.cos(by)) * cross @ cross  # Rodrigues

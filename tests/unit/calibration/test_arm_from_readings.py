@@ -73,7 +73,7 @@ def test_twelve_readings_of_an_arm_with_any_convention_name_it_and_give_its_leng
     np.testing.assert_allclose(seen, np.abs(lengths), atol=0.1)
     assert (max(found.sigma[length] for length in ("a2", "a3", "d3", "d4"))) < 0.1
     assert found.convention.against_horizon is truth.against_horizon
-    assert found.undetermined == found.rivals == ()
+    assert found.undetermined == ()
     assert found.place_mm < 0.03
     assert np.abs(poses(found, printed) - places).max() < 0.1
     elsewhere = rng.uniform(LOW, HIGH, (20, 6))

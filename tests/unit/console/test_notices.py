@@ -9,8 +9,9 @@ from typing import Any
 
 import pytest
 
-from daemon.commands import moving
-from daemon.commands.moving import tell_end, tell_what_waits, with_questions
+from daemon.commands import awaiting
+from daemon.commands.awaiting import tell_what_waits, with_questions
+from daemon.commands.moving import tell_end
 from daemon.console.context import CommandContext
 from daemon.console.notices import Level, Notices
 
@@ -163,8 +164,8 @@ def test_a_move_that_waits_where_nobody_is_asked_is_told_there_and_at_every_door
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """A script, or an auto, in step mode would hang without a word of what is waited for."""
-    monkeypatch.setattr(moving, "UNASKED_S", 0.0)
-    monkeypatch.setattr(moving, "REMIND_S", 0.1)
+    monkeypatch.setattr(awaiting, "UNASKED_S", 0.0)
+    monkeypatch.setattr(awaiting, "REMIND_S", 0.1)
     state: dict[str, Any] = {"pending": "home: joints", "predicted_mm": None}
     context: Any = SimpleNamespace(cycle=SimpleNamespace(status=lambda: dict(state)), notices=Notices())
     script, console = Door(), Door()

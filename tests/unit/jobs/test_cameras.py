@@ -91,11 +91,11 @@ def test_a_folder_that_cannot_be_and_a_port_that_is_taken_are_one_line_each(
 ) -> None:
     (tmp_path / "file").touch()
     assert ctl.main(["snap", str(tmp_path / "file"), "--config", str(config)]) == 2
-    assert capsys.readouterr().err == f"facetctl: {tmp_path}/file: File exists\n"
+    assert capsys.readouterr().err == f"facetctl snap: {tmp_path}/file: File exists\n"
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         assert ctl.main(["stream", "--port", str(port), "--config", str(config)]) == 2
-    told = f"facetctl: 127.0.0.1:{port}: Address already in use: choose another --port\n"
+    told = f"facetctl stream: 127.0.0.1:{port}: Address already in use: choose another --port\n"
     assert capsys.readouterr().err == told
 
 

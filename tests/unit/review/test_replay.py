@@ -15,7 +15,6 @@ from daemon.review.page import read_digest
 from daemon.review.replay import (
     Change,
     Using,
-    _table,
     apart_mm,
     compare,
     looks_with_models,
@@ -27,6 +26,7 @@ from daemon.store.model import save
 from daemon.store.places import ETC
 from daemon.store.runlog import RunLog
 from daemon.store.runs import RunError
+from daemon.vision.facets import table_of
 from daemon.vision.model import empty_model
 from tests.worlds.made_run import FACET, part
 
@@ -125,10 +125,10 @@ def test_what_is_new_or_gone_is_told_only_where_all_was_looked_for_and_it_has_a_
 
 
 def test_the_table_of_a_look_is_the_one_it_was_taken_over() -> None:
-    table = _table({"table": {"up": [0, 0, 1], "level_mm": 3}})
+    table = table_of({"up": [0, 0, 1], "level_mm": 3})
     assert table is not None
     assert (table.up.tolist(), table.level_mm) == ([0, 0, 1], 3.0)
-    assert _table({}) is _table({"table": None}) is None
+    assert table_of({}) is table_of(None) is None
 
 
 LIBRARY = load_facets(FACETS)

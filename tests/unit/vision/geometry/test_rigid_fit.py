@@ -86,7 +86,6 @@ def test_a_corner_that_is_not_used_may_lie_anywhere() -> None:
     found = fit(seen, doubt_at(true), used)
     assert found.poses[0] == pytest.approx(pose, abs=1e-7)
     assert found.dof[0] == 3 * (len(SEEN) - 1) - 6
-    assert found.misses[0, 3] == 0.0
 
 
 @given(poses)
