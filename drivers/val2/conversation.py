@@ -228,12 +228,14 @@ class Conversation:
             raise Garbled(f"typed {text!r}, echoed with more behind it")
 
     async def _refuse_twice(self, text: str, first: Event) -> None:
-        """Raises Garbled where what came back, once the rest of it has come, is what was typed and that once more."""
-        await asyncio.sleep(10.0 * len(text) / self.dialect.baud + self.dialect.echo_settle_s)
-        behind = self.unheard()
-        for event in behind:
-            self.hear(event)  # for whoever finds the prompt again: an emergency stop is told there
-        back = b"".join(event.raw for event in (first, *behind)) + self._reader.pending
+        """Raises Garbled where what came back, once nothing more comes, is what was typed and that once more."""
+        back, before = b"", None
+        while before != back and len(back) < 2 * len(text):
+            await asyncio.sleep(10.0 * len(text) / self.dialect.baud + self.dialect.prompt_silence_s)
+            behind = self.unheard()
+            for event in behind:
+                self.hear(event)  # for whoever finds the prompt again: an emergency stop is told there
+            before, back = back, b"".join(event.raw for event in (first, *behind)) + self._reader.pending
         if _is_twice(text.encode("ascii"), back):
             raise Garbled(TWICE)
 
@@ -248,10 +250,12 @@ class Conversation:
 
 def _answer(command: str, events: Sequence[Event], seconds: float, dialect: Dialect) -> Answer:
     """Sort what came into an Answer. Raises Garbled where noise came in between, or a second echo."""
-    said = b"".join(event.raw for event in events).lstrip(b"\r\n")
-    if dialect.echo and said.splitlines()[:1] == [command.encode("ascii")]:
+    said, typed = b"".join(event.raw for event in events).lstrip(b"\r\n"), command.encode("ascii")
+    garbled = any(isinstance(event, Garble) for event in events)
+    again = said.translate(None, b"\r\n").startswith(typed) if garbled else said.splitlines()[:1] == [typed]
+    if dialect.echo and again:
         raise Garbled(TWICE)
-    if any(isinstance(event, Garble) for event in events):
+    if garbled:
         raise Garbled(f"the answer to {command!r} did not come through whole")
     tables = [event.where for event in events if isinstance(event, Table)]
     last = events[-1]

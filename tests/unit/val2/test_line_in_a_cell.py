@@ -15,11 +15,13 @@ import pytest
 
 from drivers.puma560 import READY_RAD
 from drivers.simcell.controller import Manners
+from drivers.val2.conversation import _answer as answer
 from drivers.val2.conversation import _is_twice as is_twice
-from drivers.val2.errors import LinkError, NoAnswer, PortError
+from drivers.val2.errors import Garbled, LinkError, NoAnswer, PortError
 from drivers.val2.introduction import Acquaintance, Heard, UnclearError, _line
 from drivers.val2.link import Dialect, Link
 from drivers.val2.port import OpenPort, Port, SerialPort
+from drivers.val2.wire import Garble, Prompt, Text
 from tests.worlds.arm_line import QUICK, MakesLine
 
 
@@ -115,7 +117,22 @@ def test_behind_a_converter_that_echoes_a_controller_that_echoes_too_is_told_bef
         steps.send(Heard(((0.1, b"WWHHEERREE"),), 1.0))
 
 
-@pytest.mark.parametrize("converter", [echoing, echoing_before_a_slow_controller])
+def echoing_before_a_controller_that_takes_its_time(path, dialect, on_bytes, on_lost):  # type: ignore[no-untyped-def]
+    """What the controller says comes a character at a time, and not as fast as the line could carry it."""
+    free_s = [0.0]
+
+    def slow(data: bytes) -> None:
+        loop = asyncio.get_running_loop()
+        for byte in data:
+            free_s[0] = max(free_s[0], loop.time()) + 0.005
+            loop.call_at(free_s[0], on_bytes, bytes([byte]))
+
+    return Converter(SerialPort(path, dialect, slow, on_lost), on_bytes)
+
+
+@pytest.mark.parametrize(
+    "converter", [echoing, echoing_before_a_slow_controller, echoing_before_a_controller_that_takes_its_time]
+)
 def test_behind_a_converter_that_echoes_a_controller_that_echoes_too_is_told_on_opening_and_no_line_is_opened(
     arm_line: MakesLine, converter: OpenPort
 ) -> None:
@@ -175,6 +192,15 @@ def test_a_converter_whose_echo_is_switched_on_in_mid_day_is_told_as_one(
 )  # fmt: skip
 def test_two_copies_of_what_was_typed_are_no_noise(back: bytes, twice: bool) -> None:
     assert is_twice(b"WHERE", back) is twice
+
+
+@pytest.mark.parametrize(
+    ("again", "told"), [(b"\rO BREAK\r\n", "comes back twice"), (b"\r\n", "did not come through whole")]
+)
+def test_a_second_echo_that_the_end_of_the_line_falls_into_is_no_noise(again: bytes, told: str) -> None:
+    events = [Garble(b"D", "", "D"), Text(again, again.decode().strip()), Prompt(b".")]
+    with pytest.raises(Garbled, match=told):
+        answer("DO BREAK", events, 0.1, Dialect())
 
 
 def test_an_adapter_pulled_out_just_as_it_is_opened_is_one_that_is_gone(
