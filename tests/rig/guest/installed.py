@@ -38,12 +38,13 @@ DROP_IN = """\
 [Service]
 ExecStart=
 ExecStart={facetd} --config /etc/facetd/facetd.yaml
-Environment=PYTHONDONTWRITEBYTECODE=1
+Environment=PYTHONDONTWRITEBYTECODE=1 PYTHONPATH={checkout}
 ProtectHome=no
 PrivateTmp={private_tmp}
 TimeoutStartSec=300
 TimeoutStopSec=60
 """
+"""PYTHONPATH: a checkout may share the virtual environment of another, whose daemon would run instead."""
 
 
 def run(*words: str, timeout_s: float = 120.0) -> subprocess.CompletedProcess[str]:
@@ -58,7 +59,7 @@ def install() -> None:
     (UNITS / "facetd.service.d").mkdir()
     facetd = Path(sys.executable).with_name("facetd")
     (UNITS / "facetd.service.d/rig.conf").write_text(
-        DROP_IN.format(facetd=facetd, private_tmp="no" if CHECKOUT.is_relative_to("/tmp") else "yes")
+        DROP_IN.format(facetd=facetd, checkout=CHECKOUT, private_tmp="no" if CHECKOUT.is_relative_to("/tmp") else "yes")
     )
     _let_everybody_read(Path(sys.executable).resolve(), CHECKOUT)
     run("groupadd", "--system", "facetd")
