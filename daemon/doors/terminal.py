@@ -8,6 +8,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import os
+import termios
 from collections import deque
 from collections.abc import Callable
 from functools import partial
@@ -120,7 +121,7 @@ class SerialConsole:
             self._port = serial.Serial(
                 settings.device, settings.baud, timeout=0, xonxoff=settings.flow_control, exclusive=True
             )
-        except (serial.SerialException, OSError, ValueError) as error:
+        except (serial.SerialException, OSError, ValueError, termios.error) as error:
             self._trouble(f"console.tty: {settings.device}: {_reason(error)}")
             return False
         os.set_blocking(self._port.fileno(), False)

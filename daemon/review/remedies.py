@@ -31,6 +31,9 @@ KNOWN: Mapping[str, Known] = {
         "line",
         "is the controller on, the serial cable in at both ends, arm.port the right one? Then `resume`",
     ),
+    "converter echoes": Known(
+        "line", "the switch or jumper of the converter on the line for its echo: off; then `resume`"
+    ),
     "noise on the line": Known("line", "serial cable, its shield and earth, arm.dialect.baud; then `resume`"),
     "arm not where it was sent": Known(
         "arm",

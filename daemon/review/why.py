@@ -46,6 +46,7 @@ TOLD: tuple[tuple[str, str], ...] = (
     (r"controller asks|floppy", "controller restarted"),
     (r"out of range|cannot be reached|out of reach", "out of the arm's reach"),
     (r"WHERE is .* off|at rest .* from where it was sent|not at rest within", "arm not where it was sent"),
+    (r"comes back twice", "converter echoes"),
     (r"^Garbled|did not come through|through whole|WHERE did not give|typed '.*', echoed '[^']", "noise on the line"),
     (r"^(NoAnswer|PortError|Busy|controller:)", "controller silent"),
     (r"suspect: hand-eye", "hand-eye"),

@@ -17,6 +17,10 @@ from drivers.val2.wire import Echo, Error, Event, Garble, Prompt, Question, Read
 
 POISON = b"!!"
 """Makes any half-typed line an error instead of a command, where it could not be cancelled."""
+TWICE = (
+    "what is typed comes back twice: the converter on the line echoes by itself, and what the controller read cannot "
+    "be told from it. Switch that echo off"
+)
 
 
 @dataclass(frozen=True)
@@ -214,12 +218,26 @@ class Conversation:
         while True:
             event = await self.next_event(wait_s, f"no echo of {text!r} within {wait_s:.1f} s")
             if isinstance(event, Garble):
+                await self._refuse_twice(text, event)
                 raise Garbled(f"typed {event.expected!r}, echoed {event.got!r}")
             if isinstance(event, Echo):
                 break
         await asyncio.sleep(self.dialect.echo_settle_s)
         if self._reader.state is not State.TYPED:
+            await self._refuse_twice(text, event)
             raise Garbled(f"typed {text!r}, echoed with more behind it")
+
+    async def _refuse_twice(self, text: str, first: Event) -> None:
+        """Raises Garbled where what came back, once nothing more comes, is what was typed and that once more."""
+        back, before = b"", None
+        while before != back and len(back) < 2 * len(text):
+            await asyncio.sleep(10.0 * len(text) / self.dialect.baud + self.dialect.prompt_silence_s)
+            behind = self.unheard()
+            for event in behind:
+                self.hear(event)  # for whoever finds the prompt again: an emergency stop is told there
+            before, back = back, b"".join(event.raw for event in (first, *behind)) + self._reader.pending
+        if _is_twice(text.encode("ascii"), back):
+            raise Garbled(TWICE)
 
     def _put(self, data: bytes) -> None:
         self._check()
@@ -231,8 +249,13 @@ class Conversation:
 
 
 def _answer(command: str, events: Sequence[Event], seconds: float, dialect: Dialect) -> Answer:
-    """Sort what came into an Answer. Raises Garbled where noise came in between."""
-    if any(isinstance(event, Garble) for event in events):
+    """Sort what came into an Answer. Raises Garbled where noise came in between, or a second echo."""
+    said, typed = b"".join(event.raw for event in events).lstrip(b"\r\n"), command.encode("ascii")
+    garbled = any(isinstance(event, Garble) for event in events)
+    again = said.translate(None, b"\r\n").startswith(typed) if garbled else said.splitlines()[:1] == [typed]
+    if dialect.echo and again:
+        raise Garbled(TWICE)
+    if garbled:
         raise Garbled(f"the answer to {command!r} did not come through whole")
     tables = [event.where for event in events if isinstance(event, Table)]
     last = events[-1]
@@ -244,6 +267,16 @@ def _answer(command: str, events: Sequence[Event], seconds: float, dialect: Dial
         question=last.text if isinstance(last, Question) else None,
         seconds=seconds,
     )
+
+
+def _is_twice(typed: bytes, back: bytes) -> bool:
+    """Whether `back` begins with two copies of what was typed, one behind the other or each a piece at a time."""
+    copies = {0}
+    """How much of one copy there may be; the rest is the other's."""
+    for k, byte in enumerate(back[: 2 * len(typed)]):
+        grown = {have + 1 for have in copies if typed[have : have + 1] == bytes([byte])}
+        copies = grown | {have for have in copies if typed[k - have : k - have + 1] == bytes([byte])}
+    return len(back) >= 2 * len(typed) and len(typed) in copies
 
 
 def _in_our_units(where: Where, dialect: Dialect) -> Where:

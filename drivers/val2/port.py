@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import os
+import termios
 from collections.abc import Callable
 from typing import Protocol
 
@@ -44,7 +45,7 @@ class SerialPort:
                 timeout=0,
                 exclusive=True,
             )
-        except (serial.SerialException, OSError, ValueError) as error:
+        except (serial.SerialException, OSError, ValueError, termios.error) as error:
             raise PortError(f"{path}: {_plain_reason(error)}") from error
         self._loop = asyncio.get_running_loop()
         self._loop.add_reader(self._serial.fileno(), self._readable)
@@ -89,6 +90,6 @@ def _plain_reason(error: Exception) -> str:
         return "no such port; is the adapter plugged in and the path right?"
     if "Permission denied" in text:
         return "permission denied; is this user in the group dialout?"
-    if "returned no data" in text or "Input/output error" in text:
+    if any(words in text for words in ("returned no data", "Input/output error", "No such device")):
         return "the port is gone (unplugged, or its other end was closed)"
     return text

@@ -125,6 +125,11 @@ class Reader:
         return self._state
 
     @property
+    def pending(self) -> bytes:
+        """What came since the last event."""
+        return bytes(self._raw)
+
+    @property
     def awaits_silence(self) -> bool:
         """Whether silence now would mean something."""
         return self._state is State.LINE and (self._dot_waits or self._question_waits or self._asked is not None)

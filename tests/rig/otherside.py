@@ -1,8 +1,9 @@
 """What stands around the guest: the simulated cell, on this machine, reached only as a real one would be.
 
-The arm's controller is on the guest's second serial line (the cell's own pty). The cameras' light goes through one
-virtio port: the guest asks for a pair, and gets what the eyes see from where the arm is at that moment. What a person
-at the cell would do (put parts on the table) and know (what is held) goes through another, as a JSON object a line.
+The arm's controller is at the other end of a serial line (line.py). The cameras' light goes through one virtio port:
+the guest asks for a pair, and gets what the eyes see from where the arm is at that moment. What a person at the cell
+would do (put parts on the table, pull an adapter out) and know (what is held) goes through another, as a JSON object a
+line.
 """
 
 from __future__ import annotations
@@ -16,18 +17,20 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import line
+
 from drivers.simcell.cell import SimulatedCell
 
 PORTS = ("light", "person")
 
 
-def qemu_devices(serial: str, folder: Path) -> list[str]:
-    """qemu's arguments: the serial line at ttyS1, and the two ports as unix sockets in the folder."""
-    line = ["-chardev", f"serial,id=arm,path={serial}", "-serial", "chardev:arm", "-device", "virtio-serial-pci"]
+def qemu_devices(folder: Path) -> list[str]:
+    """qemu's arguments: the serial line, and the two ports as unix sockets in the folder."""
+    devices = [*line.qemu_devices(folder), "-device", "virtio-serial-pci"]
     for name in PORTS:
-        line += ["-chardev", f"socket,id={name},path={folder / name},server=on,wait=off"]
-        line += ["-device", f"virtserialport,chardev={name},name=rig.{name}"]
-    return line
+        devices += ["-chardev", f"socket,id={name},path={folder / name},server=on,wait=off"]
+        devices += ["-device", f"virtserialport,chardev={name},name=rig.{name}"]
+    return devices
 
 
 def _connect(path: Path, ending: threading.Event) -> socket.socket | None:
@@ -50,8 +53,8 @@ def _serve(path: Path, ending: threading.Event, answer: Callable[[bytes], bytes]
         return
     with link, link.makefile("rwb") as stream:
         try:
-            for line in stream:
-                number, _, question = line.partition(b" ")
+            for asked in stream:
+                number, _, question = asked.partition(b" ")
                 stream.write(number + b" " + answer(question))
                 stream.flush()
         except OSError:
@@ -61,8 +64,8 @@ def _serve(path: Path, ending: threading.Event, answer: Callable[[bytes], bytes]
 class Surroundings:
     """Answers the guest's two ports from a simulated cell."""
 
-    def __init__(self, cell: SimulatedCell) -> None:
-        self.cell = cell
+    def __init__(self, cell: SimulatedCell, to_controller: line.Line) -> None:
+        self.cell, self.line = cell, to_controller
         cell.camera.open()
 
     def light(self, _: bytes) -> bytes:
@@ -70,10 +73,10 @@ class Surroundings:
         pair = self.cell.camera.grab(time.monotonic(), 5.0)
         return pair.left.pixels.tobytes() + pair.right.pixels.tobytes()
 
-    def person(self, line: bytes) -> bytes:
+    def person(self, asked: bytes) -> bytes:
         """Do or tell one thing; {"error": ...} where it cannot be done."""
         try:
-            words = json.loads(line)
+            words = json.loads(asked)
             answer = getattr(self, f"do_{words.pop('do')}")(**words)
         except Exception as error:
             answer = {"error": f"{type(error).__name__}: {error}"}
@@ -105,13 +108,50 @@ class Surroundings:
             "gripper_mm": here[:3, 3].tolist(), "moves": bool(abs(soon - here).max() > 0.05),
         }  # fmt: skip
 
+    def do_plug(self, adapter: str) -> dict[str, Any]:
+        """Put an adapter in; the controller's cable goes with its own."""
+        self.line.plugs[adapter].put_in()
+        if adapter == line.ARM:
+            self.line.end = self.line.plugs[adapter]
+        return {}
+
+    def do_pull(self) -> dict[str, Any]:
+        """Pull the arm's adapter out: nothing that is typed gets through any more."""
+        with self.cell.server.controller() as controller:
+            self.cell.judge.line(controller.now_s, False)
+            self.cell.judge.may_move(controller.now_s, False)
+        self.line.plugs[line.ARM].pull()
+        return {}
+
+    def do_echo(self, on: bool) -> dict[str, Any]:
+        """The converter's switch."""
+        self.line.echoes = on
+        return {}
+
+    def do_noise(self, kind: str) -> dict[str, Any]:
+        """What the next start of a motor is heard as."""
+        self.line.noise = kind
+        return {}
+
+    def do_allow(self, may: bool) -> dict[str, Any]:
+        """Tell the judge that the arm may move from now on, or may not, and that a stop would be heard."""
+        with self.cell.server.controller() as controller:
+            self.cell.judge.line(controller.now_s, True)
+            self.cell.judge.may_move(controller.now_s, may)
+        return {}
+
+    def do_judged(self) -> dict[str, Any]:
+        """What the arm did that it must never do, how often it set out, how many bursts of noise there were."""
+        found = [str(violation) for violation in self.cell.violations()]
+        return {"violations": found, "motions": len(self.cell.truth.motions), "bursts": self.line.bursts}
+
 
 @contextmanager
 def surroundings(truth: Path, seed: int, folder: Path) -> Iterator[list[str]]:
     """The cell, answering; gives the arguments that connect qemu to it."""
     ending = threading.Event()
     with SimulatedCell(truth, seed) as cell:
-        around = Surroundings(cell)
+        around = Surroundings(cell, line.Line(cell.port, folder, ending))
         threads = [
             threading.Thread(target=_serve, args=(folder / name, ending, getattr(around, name)), daemon=True)
             for name in PORTS
@@ -119,6 +159,6 @@ def surroundings(truth: Path, seed: int, folder: Path) -> Iterator[list[str]]:
         for thread in threads:
             thread.start()
         try:
-            yield qemu_devices(cell.port, folder)
+            yield qemu_devices(folder)
         finally:
             ending.set()

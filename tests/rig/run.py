@@ -34,8 +34,8 @@ def daemon() -> guest.Outcome:
         tempfile.TemporaryDirectory(prefix="ports-", dir=guest.FOLDER) as ports,
         otherside.surroundings(guest.CHECKOUT / "etc/simcell.yaml", 3, Path(ports)) as devices,
     ):
-        command = PYTEST + "tests/rig/guest/test_daemon.py"
-        return guest.run(command, 1200.0, guest.FOLDER / "results/daemon", extra=devices)
+        files = " ".join(f"tests/rig/guest/test_{part}.py" for part in ("daemon", "serial", "ending"))
+        return guest.run(PYTEST + files, 1500.0, guest.FOLDER / "results/daemon", extra=devices)
 
 
 JOBS = {"cameras": cameras, "daemon": daemon}

@@ -1,19 +1,15 @@
 """In the guest: the whole daemon under real systemd, with real V4L2 devices and a real serial line.
 
 One simulated cell for all tests, in the order of a day: start, teach, pick, trouble with cameras, clock, disk and
-memory, hang, stop.
+memory, hang. test_serial.py goes on with it, test_ending.py ends it.
 """
 
 from __future__ import annotations
 
-import math
 import re
 import shutil
 import statistics
-import subprocess
-import sys
 import time
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -21,46 +17,26 @@ from typing import Any
 import loopback
 import pytest
 from beside import FPS, Person
-from installed import CHECKOUT, STATE, command, configure, install, journal, looks, processor_s, run, unit, until
+from installed import (
+    CHECKOUT,
+    PART,
+    STATE,
+    command,
+    journal,
+    looks,
+    picks_it,
+    processor_s,
+    run,
+    start_feeder,
+    unit,
+    until,
+    write_down,
+)
 
 from daemon.doors.client import NotThereError
 from daemon.store.runs import check_wire, list_runs, read_run
 from drivers.camera.find import list_devices
 from drivers.camera.node import LINUX
-
-PART = "triangular_prism"
-"""Lies on a side, so that the approach sees two of its others."""
-BIN_MM = (250.0, 410.0, -150.0)
-"""As the configuration has it."""
-
-
-def start_feeder(*paths: str) -> None:
-    done = run("systemd-run", "--unit=feeder", "--collect", f"--working-directory={Path.cwd()}",
-        f"--setenv=PYTHONPATH={Path.cwd()}", sys.executable, str(Path(__file__).with_name("beside.py")),
-        *paths)  # fmt: skip
-    assert done.returncode == 0, done.stderr
-
-
-@pytest.fixture(scope="module")
-def person() -> Iterator[Person]:
-    """The machine as installed, cameras delivering, nothing started; and someone who stands at the cell."""
-    loopback.load()
-    start_feeder("/dev/video0", "/dev/video1")
-    install()
-    follow = ["journalctl", "--follow", "-u", "facetd", "-u", "feeder", "-o", "short-monotonic"]
-    with Path("/results/journal").open("w") as kept:
-        following = subprocess.Popen(follow, stdout=kept)
-        yield Person()
-        following.kill()
-        following.wait()
-    run("systemctl", "kill", "-s", "KILL", "facetd")
-    shutil.copytree(STATE / "runs", "/results/runs")
-    print(run("journalctl", "-u", "facetd", "-u", "feeder", "--no-pager", "-o", "short-monotonic").stdout)
-
-
-def write_down(line: str) -> None:
-    with Path("/results/measured").open("a") as lines:
-        lines.write(line + "\n")
 
 
 def test_systemd_starts_the_daemon_and_hears_when_it_is_ready(person: Person) -> None:
@@ -112,24 +88,6 @@ def test_a_part_is_taught_from_what_real_devices_show(person: Person) -> None:
     trained = command("train")
     assert trained["status"] == 0, trained["text"]
     assert command("status")["model"]["labels"] == [PART]
-
-
-def picks_it(person: Person) -> float:
-    """A part is laid there and brought to the bin, nothing struck; the seconds that the pick took."""
-    picked: dict[str, Any] = {}
-    for _ in range(2):  # how often a pick succeeds is measured elsewhere
-        person.do("lay", label=PART, rest=1)
-        started_s = time.monotonic()
-        picked = command(f"pick {PART}")
-        took_s = time.monotonic() - started_s
-        if picked["status"] == 0:
-            break
-        print(picked)
-    told = person.do("tell")
-    assert picked["status"] == 0, (picked, told)
-    assert list(told["parts"].values()) == ["BIN"], told
-    assert told["strikes"] == []
-    return took_s
 
 
 def test_it_picks_a_part_over_the_serial_line(person: Person) -> None:
@@ -283,44 +241,3 @@ def test_a_daemon_that_hangs_is_killed_by_the_watchdog_and_started_again() -> No
         or "watchdog" in run("journalctl", "-u", "facetd", "--no-pager").stdout.lower()
     )
     assert command("status")["status"] == 0
-
-
-def test_one_device_alone_looks_from_two_places_and_picks(person: Person) -> None:
-    """The right camera has gone for good, and the configuration says so."""
-    assert run("systemctl", "stop", "facetd", "feeder").returncode == 0
-    until(lambda: run("modprobe", "-r", "v4l2loopback").returncode == 0)
-    loopback.load("6")
-    start_feeder("/dev/video6")
-    configure(100.0, ("left",))
-    assert run("systemctl", "start", "facetd").returncode == 0
-    for text in ("resume", "enable", "go survey"):
-        assert command(text)["status"] == 0, text
-    write_down(f"one camera device alone: a {PART} picked in {picks_it(person):.0f} s")
-
-
-def test_sigterm_in_mid_motion_stops_the_arm_first_and_ends_in_time(person: Person) -> None:
-    cursor = journal()[-1]["__CURSOR"]
-    configure(4.0, ("left",))  # so slow that the move outlasts everything here
-    assert run("systemctl", "reload", "facetd").returncode == 0
-    until(lambda: [r for r in journal(cursor) if "configuration is taken over" in str(r.get("MESSAGE"))])
-    assert command("enable")["status"] == 0
-    tool = str(Path(sys.executable).with_name("facetctl"))
-    went = subprocess.Popen([tool, "go", "bin"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    until(lambda: person.do("tell")["moves"], every_s=0.05)
-    stopping_s = time.monotonic()
-    stopping = subprocess.Popen(["systemctl", "stop", "facetd"])
-    until(lambda: not person.do("tell")["moves"], every_s=0.02)
-    rest_s = time.monotonic()
-    rest = person.do("tell")
-    stopping.wait(120)
-    ended_s = time.monotonic()
-    time.sleep(1.0)
-    later = person.do("tell")
-    assert max(abs(a - b) for a, b in zip(rest["gripper_mm"], later["gripper_mm"], strict=True)) < 0.1
-    assert math.dist(rest["gripper_mm"], BIN_MM) > 20.0
-    assert unit("Result") == "success"
-    assert went.wait(120) != 0
-    write_down(
-        f"SIGTERM in mid-motion: arm at rest {rest_s - stopping_s:.1f} s after `systemctl stop` was typed, "
-        f"daemon ended after {ended_s - stopping_s:.1f} s"
-    )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import errno
 import json
 import os
 import pty
@@ -412,6 +413,36 @@ def test_a_port_that_is_not_there_is_told_and_tried_again(tmp_path: Path) -> Non
 
     asyncio.run(run())
     assert heard == [f"console.tty: {tmp_path / 'none'}: no such port; is the adapter plugged in?"]
+
+
+def test_a_terminal_pulled_out_just_as_it_is_opened_is_told_and_tried_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The kernel refuses what is set then with an error that is neither pyserial's nor the system's."""
+    heard: list[str | None] = []
+    far, near = os.openpty()
+
+    def gone(*_: object) -> None:
+        raise termios.error(errno.EIO, os.strerror(errno.EIO))
+
+    async def run() -> None:
+        context = fake_context(tmp_path)
+        settings = Terminal(device=os.ttyname(near))
+        console = SerialConsole(settings, Console(context, []), interrupter(context), heard.append)
+        task = asyncio.create_task(console.run())
+        await asyncio.sleep(0.05)
+        assert not task.done()
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
+
+    monkeypatch.setattr(termios, "tcflush", gone)
+    try:
+        asyncio.run(run())
+    finally:
+        os.close(far)
+        os.close(near)
+    assert len(heard) == 1
+    assert "Input/output error" in str(heard[0])
 
 
 def test_a_terminal_that_reads_nothing_does_not_hold_up_the_daemon() -> None:

@@ -251,6 +251,10 @@ PLANTED: dict[str, tuple[str, Callable[[MadeRun], None]]] = {
         "controller silent",
         fault("NoAnswer: typed 'DO OPENI', echoed ''; then no prompt after 3 attempts"),
     ),
+    "converter on the line": (
+        "converter echoes",
+        fault("NoAnswer: what is typed comes back twice: the converter on the line echoes by itself"),
+    ),
     "noise on the line": ("noise on the line", fault("Garbled: 'WHERF' came back for 'WHERE'")),
     "drifting arm": (
         "arm not where it was sent",

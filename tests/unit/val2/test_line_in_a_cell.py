@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import errno
+import os
+import termios
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,10 +15,13 @@ import pytest
 
 from drivers.puma560 import READY_RAD
 from drivers.simcell.controller import Manners
-from drivers.val2.errors import LinkError, PortError
+from drivers.val2.conversation import _answer as answer
+from drivers.val2.conversation import _is_twice as is_twice
+from drivers.val2.errors import Garbled, LinkError, NoAnswer, PortError
 from drivers.val2.introduction import Acquaintance, Heard, UnclearError, _line
 from drivers.val2.link import Dialect, Link
-from drivers.val2.port import Port, SerialPort
+from drivers.val2.port import OpenPort, Port, SerialPort
+from drivers.val2.wire import Garble, Prompt, Text
 from tests.worlds.arm_line import QUICK, MakesLine
 
 
@@ -81,6 +88,15 @@ def echoing(path, dialect, on_bytes, on_lost):  # type: ignore[no-untyped-def]
     return Converter(SerialPort(path, dialect, on_bytes, on_lost), on_bytes)
 
 
+def echoing_before_a_slow_controller(path, dialect, on_bytes, on_lost):  # type: ignore[no-untyped-def]
+    """The converter's echo is whole, and taken for the controller's, before that one's begins."""
+
+    def late(data: bytes) -> None:
+        asyncio.get_running_loop().call_later(5.0 * dialect.echo_settle_s, on_bytes, data)
+
+    return Converter(SerialPort(path, dialect, late, on_lost), on_bytes)
+
+
 def test_behind_a_converter_that_echoes_a_controller_that_does_not_is_one_that_does(arm_line: MakesLine) -> None:
     async def scene() -> None:
         link = Link(arm_line(Manners(echo=False)).server.port, QUICK, open_port=echoing)
@@ -99,6 +115,124 @@ def test_behind_a_converter_that_echoes_a_controller_that_echoes_too_is_told_bef
     assert next(steps).data == b"WHERE"
     with pytest.raises(UnclearError, match="comes back twice"):
         steps.send(Heard(((0.1, b"WWHHEERREE"),), 1.0))
+
+
+def echoing_before_a_controller_that_takes_its_time(path, dialect, on_bytes, on_lost):  # type: ignore[no-untyped-def]
+    """What the controller says comes a character at a time, and not as fast as the line could carry it."""
+    free_s = [0.0]
+
+    def slow(data: bytes) -> None:
+        loop = asyncio.get_running_loop()
+        for byte in data:
+            free_s[0] = max(free_s[0], loop.time()) + 0.005
+            loop.call_at(free_s[0], on_bytes, bytes([byte]))
+
+    return Converter(SerialPort(path, dialect, slow, on_lost), on_bytes)
+
+
+@pytest.mark.parametrize(
+    "converter", [echoing, echoing_before_a_slow_controller, echoing_before_a_controller_that_takes_its_time]
+)
+def test_behind_a_converter_that_echoes_a_controller_that_echoes_too_is_told_on_opening_and_no_line_is_opened(
+    arm_line: MakesLine, converter: OpenPort
+) -> None:
+    """Without an introduction as well: somebody put another converter in, or its switch over."""
+
+    async def scene() -> None:
+        cell = arm_line()
+        link = Link(cell.server.port, QUICK, open_port=converter)
+        with pytest.raises(
+            NoAnswer, match="what is typed comes back twice: the converter on the line echoes by itself"
+        ):
+            await link.open()
+        assert not link.connected
+        with cell.server.controller() as controller:
+            assert "ABORT" in controller.lines, "what nobody can be sure is at rest is told to stop"
+
+    asyncio.run(scene())
+
+
+@pytest.mark.parametrize("converter", [echoing, echoing_before_a_slow_controller])
+def test_a_converter_whose_echo_is_switched_on_in_mid_day_is_told_as_one(
+    arm_line: MakesLine, converter: OpenPort
+) -> None:
+    async def scene() -> None:
+        quiet = [True]
+
+        class Switched(Converter):
+            def write(self, data: bytes) -> None:
+                if quiet[0]:
+                    self._port.write(data)
+                else:
+                    super().write(data)
+
+        def switched(path, dialect, on_bytes, on_lost):  # type: ignore[no-untyped-def]
+            made = converter(path, dialect, on_bytes, on_lost)
+            return Switched(made._port, on_bytes)  # type: ignore[attr-defined]
+
+        cell = arm_line()
+        dialect = replace(QUICK, typing_attempts=1)
+        link = Link(cell.server.port, dialect, open_port=switched)
+        await link.open()
+        quiet[0] = False
+        with pytest.raises(LinkError, match="comes back twice"):
+            await link.where()
+        await link.close()
+
+    asyncio.run(scene())
+
+
+@pytest.mark.parametrize(
+    ("back", "twice"),
+    [
+        (b"WHEREWHERE", True), (b"WWHHEERREE", True), (b"WHWEREHERE", True), (b"WHEREWHERE\r\n", True),
+        (b"WHERE", False), (b"WHEREWHER", False), (b"WHEREE", False), (b"WWHHEERRE#", False), (b"WHEREHWERE", False),
+        (b"WHERE*Ill*", False),
+    ],
+)  # fmt: skip
+def test_two_copies_of_what_was_typed_are_no_noise(back: bytes, twice: bool) -> None:
+    assert is_twice(b"WHERE", back) is twice
+
+
+@pytest.mark.parametrize(
+    ("again", "told"), [(b"\rO BREAK\r\n", "comes back twice"), (b"\r\n", "did not come through whole")]
+)
+def test_a_second_echo_that_the_end_of_the_line_falls_into_is_no_noise(again: bytes, told: str) -> None:
+    events = [Garble(b"D", "", "D"), Text(again, again.decode().strip()), Prompt(b".")]
+    with pytest.raises(Garbled, match=told):
+        answer("DO BREAK", events, 0.1, Dialect())
+
+
+def test_an_adapter_pulled_out_just_as_it_is_opened_is_one_that_is_gone(
+    arm_line: MakesLine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The kernel refuses what is set then with an error that is neither pyserial's nor the system's."""
+
+    def gone(*_: object) -> None:
+        raise termios.error(errno.EIO, os.strerror(errno.EIO))
+
+    async def scene() -> None:
+        port = arm_line().server.port
+        monkeypatch.setattr(termios, "tcflush", gone)
+        with pytest.raises(PortError, match=f"^{port}: the port is gone"):
+            await Link(port, QUICK).open()
+
+    asyncio.run(scene())
+
+
+@pytest.mark.parametrize("number", [errno.ENODEV, errno.ENXIO, errno.EIO])
+def test_what_the_kernel_says_of_a_device_that_is_gone_is_told_plainly(
+    monkeypatch: pytest.MonkeyPatch, number: int
+) -> None:
+    def gone(*_: object) -> None:
+        raise OSError(number, os.strerror(number))
+
+    async def scene() -> None:
+        monkeypatch.setattr(os, "open", gone)
+        with pytest.raises(PortError, match=r"^/dev/ttyUSB7: the port is gone"):
+            SerialPort("/dev/ttyUSB7", QUICK, lambda _: None, lambda _: None)
+
+    asyncio.run(scene())
 
 
 def test_a_burst_of_noise_as_a_motor_starts_delays_a_reading_and_spoils_none(arm_line: MakesLine) -> None:
