@@ -6,7 +6,7 @@ robot is told, so that a stop or a fault that came meanwhile closes the gate.
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -201,10 +201,26 @@ class Mover:
             speed = round(min(speed_pct(leg.world_from_tool), self.limits.max_speed_pct), 1)
             await self.go(Command(leg.world_from_tool, leg.straight, speed, purpose, look_taken_s))
 
+    def check_through(self, poses: Iterable[Array]) -> None:
+        """Raise what `travel` would where straight ways through these poses (4, 4), one after the other from here,
+        could not all be gone: for whoever must come out again of where he goes in."""
+        here = self.here
+        if here is None:
+            return
+        for pose in poses:
+            self._way_from(here, Command(pose, straight=True, speed_pct=self.limits.max_speed_pct, purpose="plan"))
+            joints = self.cell.robot.reachable(pose, here.joints_rad)
+            assert joints is not None, "there is a way to it"
+            here = Reading(pose, joints)
+
     def _way(self, command: Command) -> tuple[Leg, ...]:
         if self.here is None:
             return (Leg(command.world_from_tool, command.straight),)
-        way = planned_way(command, self.standing(), self.here, self.cell.robot, self.bounds)
+        return self._way_from(self.here, command)
+
+    def _way_from(self, start: Reading, command: Command) -> tuple[Leg, ...]:
+        standing = replace(self.standing(), at=start.world_from_tool)
+        way = planned_way(command, standing, start, self.cell.robot, self.bounds)
         if not isinstance(way, Refusal):
             return way
         raise OutOfReachError(way.text) if way.rule == "out_of_reach" else self._refused(way)

@@ -33,6 +33,7 @@ async def final(context: PickContext, world: WorldModel) -> Literal[Event.THERE,
             rotation = stretch.at[:3, :3]
             round_it = viewpoints.look_pose(rotation, target.centre, far_mm, context.cell.tool_from_cyclopean)
             await travel(context, world, round_it, "round to the approach", target.look)
+        context.mover.check_through(stretch)  # the last look moved the grasp a little, and there is one way out of it
         await travel(context, world, stretch.before, "before the grasp", target.look, straight=True)
         await travel(context, world, stretch.at, "grasp", target.look, straight=True)
     except MOVE_ERRORS as error:

@@ -338,6 +338,18 @@ def test_a_move_gives_where_the_arm_is_then():
     assert asyncio.run(mover.go(command(NEAR, False, 50.0))) is mover.at
 
 
+def test_who_must_come_out_again_asks_for_the_whole_way_before_he_goes_in():
+    world = World(np.random.default_rng(0))
+    mover = mover_in(world)
+    deep, out = (frames.perturb(NEAR, np.array([0, 0, by_mm, 0, 0, 0.0])) for by_mm in (-30.0, 60.0))
+    mover.check_through([NEAR, deep, out])
+    world.unreached = out[:3, 3]
+    mover.check_through([NEAR, deep])
+    with pytest.raises(OutOfReachError, match="cannot reach"):
+        mover.check_through([NEAR, deep, out])
+    assert not world.wire
+
+
 def test_how_long_a_way_takes_from_here_is_told_at_no_more_than_the_greatest_speed():
     mover = mover_in(World(np.random.default_rng(0)), max_speed_pct=40.0)
     joints = mover.cell.robot.reachable(NEAR, mover.here.joints_rad)

@@ -58,6 +58,18 @@ def test_a_grasp_that_turns_out_of_reach_is_planned_again_with_the_hand_open_but
     assert not fake.closed
 
 
+def test_a_grasp_out_of_which_the_arm_could_not_be_lifted_is_not_gone_into():
+    """It was planned before the last look moved it; a lift that was refused left the hand closed around the part."""
+    fake = one_part()
+    context, world = begun(fake)
+    brought_to(State.FINAL, context, world)
+    target, sent = world.the_target(), len(fake.said("move"))
+    fake.unreached = target.plan.grasp.world_from_tool[:3, 3] + [0.0, 0.0, context.settings.lift_mm + 10.0]
+    assert step(context, world, State.FINAL) is Event.UNREACHABLE
+    assert len(fake.said("move")) == sent
+    assert not fake.closed
+
+
 def test_a_look_on_an_old_estimate_is_not_driven_on_blindly():
     fake = one_part()
     context, world = begun(fake)
