@@ -313,16 +313,21 @@ def _model_parts() -> tuple[dict[str, Any], Arrays]:
     return {key: value for key, value in header.items() if key != "sha256"}, arrays
 
 
+def fitting(header: dict[str, Any], arrays: Arrays) -> bytes:
+    """A model's file whose checksum fits whatever is in it. Raises where the header is none."""
+    told = header | {"sha256": _checksum(header, arrays)}
+    return pack(arrays | {"header": np.frombuffer(_canonical(told), np.uint8)})
+
+
 def _fitting_model(content: bytes, _: Path) -> object:
     """Of a header that somebody spoiled, the model whose checksum fits; whoever writes one writes its checksum. What is
     taken for one answers, too."""
     arrays = _model_parts()[1]
     try:
-        header = json.loads(content)
-        told = header | {"sha256": _checksum(header, arrays)}
+        file = fitting(json.loads(content), arrays)
     except (ValueError, TypeError, RecursionError, UnicodeError) as error:
         raise ModelError("no header") from error
-    model = from_bytes(pack(arrays | {"header": np.frombuffer(_canonical(told), np.uint8)})).model
+    model = from_bytes(file).model
     return recognise_group(view_of(CUBE, pose(np.array([0.3, 0.2, 0.9]), 1.0), np.random.default_rng(2)), model)
 
 

@@ -209,13 +209,18 @@ def test_whichever_keys_the_controller_does_not_know_it_reads_no_line_that_could
     assert [line for line in lines_read(sent, known) if moves_the_arm(line) and "!!" not in line] == []
 
 
+def asked_by_cal(context: Any) -> tuple[Typist, bytearray]:
+    """A terminal at which CAL was typed and agreed to, so that the controller asks; and what was sent to it."""
+    typist, sent = Typist(context, Shown()), bytearray()
+    for keys in (b"CAL\r", b"y"):
+        typist.typed(keys, sent.extend)
+    return typist, sent
+
+
 @pytest.mark.parametrize("paused", [False, True])
 def test_the_yes_to_what_the_controller_asks_before_a_motion_is_held_by_a_pause(paused: bool) -> None:
     context = standing()
-    sent, door = bytearray(), Shown()
-    typist = Typist(context, door)
-    for keys in (b"CAL\r", b"y"):
-        typist.typed(keys, sent.extend)
+    typist, sent = asked_by_cal(context)
     if paused:
         context.cycle.supervisor.pause()
     typist.typed(b"Y\r", sent.extend)
@@ -226,10 +231,7 @@ def test_the_yes_to_what_the_controller_asks_before_a_motion_is_held_by_a_pause(
 def test_of_a_yes_that_is_held_nothing_reaches_the_controller_that_begins_with_one(line: bytes) -> None:
     """A Y that stood there was one, to a controller that knows no key to take it back, whatever spoiled it."""
     context = standing()
-    sent, door = bytearray(), Shown()
-    typist = Typist(context, door)
-    for keys in (b"CAL\r", b"y"):
-        typist.typed(keys, sent.extend)
+    typist, sent = asked_by_cal(context)
     context.cycle.supervisor.pause()
     before = len(sent)
     typist.typed(line, sent.extend)

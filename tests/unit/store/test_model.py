@@ -19,18 +19,17 @@ from daemon.store.library import load_facets
 from daemon.store.model import (
     LARGEST_UNFOLDED,
     ModelError,
-    _canonical,
-    _checksum,
     from_bytes,
     load,
     load_file,
     save,
     to_bytes,
 )
-from daemon.store.npz import pack, unpack
+from daemon.store.npz import unpack
 from daemon.store.outside import FileError
 from daemon.vision.model.model import Model, TeachError, empty_model, forget, learn_view
 from daemon.vision.recognition.recognise import recognise_group
+from tests.worlds.hostile import fitting
 from tests.worlds.solids import CUBE, PENTAGONAL, PYRAMID, Body, pose, view_of
 
 VIEWS = (
@@ -184,12 +183,6 @@ def test_show_diff_and_check_say_what_a_model_knows(tmp_path: Path) -> None:
     assert check(a).data["sound"]
 
 
-def _fitting(header: dict[str, Any], arrays: dict[str, Any]) -> bytes:
-    """A file whose checksum fits whatever is in it."""
-    told = header | {"sha256": _checksum(header, arrays)}
-    return pack(arrays | {"header": np.frombuffer(_canonical(told), np.uint8)})
-
-
 def _parts() -> tuple[dict[str, Any], dict[str, Any]]:
     arrays = unpack(CONTENT, LARGEST_UNFOLDED)
     header = json.loads(arrays.pop("header").tobytes())
@@ -257,7 +250,7 @@ def test_what_its_checksum_fits_must_hold_together_as_well(
 ) -> None:
     """Whoever writes one writes its checksum; each look with such a model ended in a fault of the program."""
     header, arrays = _parts()
-    assert from_bytes(_fitting(header, arrays)).model.labels == trained().labels
+    assert from_bytes(fitting(header, arrays)).model.labels == trained().labels
     spoil(header, arrays)
     with pytest.raises(ModelError, match=f"does not hold together: .*{word}"):
-        from_bytes(_fitting(header, arrays))
+        from_bytes(fitting(header, arrays))

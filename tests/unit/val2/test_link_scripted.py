@@ -110,18 +110,22 @@ def test_of_two_readings_that_agree_an_abort_gives_the_later() -> None:
     assert lived(story())[0] == pytest.approx(500.01)
 
 
+async def rests_behind(link: Link) -> bool:
+    """Whether a link that is opened now takes the arm for at rest."""
+    await link.open()
+    try:
+        await link.still(0.0)
+    except NoAnswer:
+        return False
+    return True
+
+
 def test_a_reading_is_the_same_place_up_to_what_the_dialect_says_in_length_and_in_turn() -> None:
     async def story(x: float, turned: float) -> bool:
         def says(line: str, nth: int) -> str:
             return table(500.0 + x * (nth % 2), turned * (nth % 2)) if line == "WHERE" else PROMPT
 
-        link = linked(Scripted(says), same_place_mm=0.5, same_place_deg=0.5)
-        await link.open()
-        try:
-            await link.still(0.0)
-        except NoAnswer:
-            return False
-        return True
+        return await rests_behind(linked(Scripted(says), same_place_mm=0.5, same_place_deg=0.5))
 
     assert lived(story(0.5, 0.0))
     assert not lived(story(0.51, 0.0))
@@ -200,13 +204,7 @@ def test_an_arm_whose_joints_turn_while_its_tool_stays_where_it_is_does_not_rest
         return table(joints=f"1 2 3 {4 + nth * turned_deg:.3f} 5 6") if line == "WHERE" else PROMPT
 
     async def story() -> bool:
-        link = linked(Scripted(says))
-        await link.open()
-        try:
-            await link.still(0.0)
-        except NoAnswer:
-            return False
-        return True
+        return await rests_behind(linked(Scripted(says)))
 
     assert lived(story()) is rests
 
