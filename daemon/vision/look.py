@@ -7,14 +7,14 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 from numpy.typing import NDArray
 
 from daemon.vision.facets import Table, facets_step_by_step, without_table
 from daemon.vision.geometry import StereoRig
 from daemon.vision.health import SAID, Pictures, cause_of_nothing, with_causes
-from daemon.vision.image import open_eyes
+from daemon.vision.image import Eyes, open_eyes
 from daemon.vision.model import FacetLibrary, Model, empty_model
 from daemon.vision.recognition import Recognised, recognise
 from daemon.vision.registration import beside, named_by_segments, sharpened, told_apart
@@ -44,17 +44,14 @@ def look(
     known = model or empty_model(FacetLibrary(()))
     full = settings or VisionSettings()
     eyes = open_eyes(left, right, rig)
-    began, naming = now(), 0.0
-    groups, found = None, tuple[Recognised, ...]()
-    for seen in facets_step_by_step(eyes, full.brief() if known.labels else full):
-        start = now()
-        view = seen if table is None else without_table(seen, table)
-        if seen.groups is not groups:
-            groups = seen.groups
-            found = tuple(told_apart(one, known, eyes) for one in recognise(view.groups, known))
-        naming += now() - start
-        if known.labels and _all_named(found):
-            break
+    began = now()
+    brief = by_facets = _by_facets(eyes, full.brief() if known.labels else full, known, table, now)
+    naming = brief.seconds
+    if known.labels and not _all_named(brief.found) and all(eye.quiet(full) for eye in eyes.views):
+        closer = _by_facets(eyes, full.closer(), known, table, now)
+        by_facets = max(brief, closer, key=lambda one: sum(r.named for r in one.found))
+        naming += closer.seconds
+    found, view = by_facets.found, by_facets.view
     seconds = {"facets": now() - began - naming, "recognise": naming}
     guesses, left_out = tuple[NearestGuess, ...](), tuple[str, ...]()
     if known.labels and not _all_named(found):
@@ -76,6 +73,31 @@ def look(
     ended = f"the budget of {full.budget_s:g} s (vision: budget_s) ended this look"
     notes = (*view.notes, *_notes(view, parts, model, pictures), *(f"{ended}: {what}" for what in left_out))
     return Scene(parts, view.rejected, view, notes, seconds if clock else {}, guesses)
+
+
+class _ByFacets(NamedTuple):
+    """What facets name, the facets, and how long the naming took."""
+
+    found: tuple[Recognised, ...]
+    view: FacetView
+    seconds: float
+
+
+def _by_facets(
+    eyes: Eyes, effort: VisionSettings, known: Model, table: Table | None, now: Callable[[], float]
+) -> _ByFacets:
+    """What facets name with some effort; nothing more is asked for once all are named."""
+    groups, found, naming = None, tuple[Recognised, ...](), 0.0
+    for seen in facets_step_by_step(eyes, effort):
+        start = now()
+        view = seen if table is None else without_table(seen, table)
+        if seen.groups is not groups:
+            groups = seen.groups
+            found = tuple(told_apart(one, known, eyes) for one in recognise(view.groups, known))
+        naming += now() - start
+        if known.labels and _all_named(found):
+            break
+    return _ByFacets(found, view, naming)
 
 
 def _all_named(found: tuple[Recognised, ...]) -> bool:

@@ -25,6 +25,7 @@ from daemon.vision.image.regions import (
     closed_regions,
     edge_window,
     full_size,
+    is_quiet,
     shrunk,
     smoothed,
     unit_noise,
@@ -78,6 +79,10 @@ class OneEye:
         if shrink not in self.scales:
             self.scales[shrink] = shrunk(self.unit, shrink)
         return self.scales[shrink]
+
+    def quiet(self, settings: VisionSettings) -> bool:
+        """Whether little but parts shows edges: then full-size pixels cost little."""
+        return is_quiet(self.scale(2), settings.faintest)
 
     def rough(self, settings: VisionSettings) -> list[RoughPolygon]:
         """Polygons of closed regions, the largest first."""

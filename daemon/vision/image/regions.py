@@ -160,6 +160,15 @@ def edge_window(scale: Scale, level: float, shape: tuple[int, ...]) -> tuple[Arr
     return np.maximum(low - _WINDOW_RIM_PX, 0), np.minimum(high + _WINDOW_RIM_PX, size)
 
 
+def is_quiet(scale: Scale, level: float) -> bool:
+    """Whether no more of an image lies on edges stronger than `level` than parts and their shadows show."""
+    return not _speckled((scale.strength >= level * scale.sigma).astype(np.uint8))
+
+
+def _speckled(edges: NDArray[np.uint8]) -> bool:
+    return cv2.countNonZero(edges) > _SPECKLED * edges.size
+
+
 @cache
 def gradient_noise(sigma_px: float) -> float:
     """Standard deviation of one Sobel component (scaled to grey levels a px) of white unit noise, Gaussian-smoothed."""
@@ -177,8 +186,7 @@ def closed_regions(scale: Scale, level: float, least_px: float, largest_px: floa
     edges = (scale.strength >= level * scale.sigma).astype(np.uint8)
     size = scale.shrink**2
     least = max(_LEAST_AREA, least_px / size)
-    speckled = cv2.countNonZero(edges) > _SPECKLED * edges.size
-    holes = _holes_among_specks(edges, least) if speckled else _holes(edges)
+    holes = _holes_among_specks(edges, least) if _speckled(edges) else _holes(edges)
     sized = [(cv2.contourArea(h), h) for h in holes if len(h) >= _LEAST_BORDER]
     sized = sorted((s for s in sized if least <= s[0] <= largest_px / size), key=lambda s: -s[0])
     return [Region(border, area * size, scale) for area, border in sized]

@@ -18,7 +18,8 @@ from daemon.vision.registration.twins import told_apart
 from daemon.vision.values import Facet, FacetView, Group, Rejected
 
 COVERED = 0.2  # of the smaller area; more than that, and the two cannot both be there
-ON_FACE_MM = 4.0  # how far off a face a facet may have been measured that lies on it
+ON_FACE_MM, ON_FACE_SIGMAS = 4.0, 2.0
+"""How far off a face a facet may have been measured that lies on it: whichever is more."""
 
 
 def beside(
@@ -52,12 +53,14 @@ def beside(
 
 def lies_on(facet: Facet, solid: Polyhedron, pose: Array) -> bool:
     """Whether a facet lies on one of the faces that a part at cyclopean_from_part (4, 4) shows, or is print on it."""
-    points = frames.apply(frames.inverse(pose), facet.corners_mm)
     for index in np.flatnonzero(solid.facing(pose) > 0).tolist():
-        laid = frames.apply(solid.laid_flat[index], np.concatenate([points, solid.corners_mm[solid.rings[index]]]))
-        flat, ring = np.split(laid, [len(points)])
-        on_plane = np.abs(flat[:, 2]).max() < ON_FACE_MM
-        if on_plane and Shape.of(ring[:, :2]).depth(flat[:, :2]).min() > -ON_FACE_MM:
+        flat_from_camera = solid.laid_flat[index] @ frames.inverse(pose)
+        flat = frames.apply(flat_from_camera, facet.corners_mm)
+        ring = frames.apply(solid.laid_flat[index], solid.corners_mm[solid.rings[index]])
+        turn = flat_from_camera[:3, :3]
+        x, y, z = np.diagonal(turn @ facet.covariance_mm2 @ turn.T, axis1=1, axis2=2).T
+        off, aside = (np.maximum(ON_FACE_SIGMAS * np.sqrt(spread), ON_FACE_MM) for spread in (z, x + y))
+        if (np.abs(flat[:, 2]) < off).all() and (Shape.of(ring[:, :2]).depth(flat[:, :2]) > -aside).all():
             return True
     return False
 
