@@ -53,6 +53,15 @@ def model() -> Model:
     return taught
 
 
+@pytest.mark.parametrize("roll", [0.3, 1.0, 2.0])
+def test_a_small_part_far_away_is_looked_at_closer_and_named_by_its_facets(model: Model, roll: float) -> None:
+    far = pose(np.array((0.7, 0.55, -0.6)), roll, 780.0)
+    pair = paint_pair([(PYRAMID, far)], np.random.default_rng(0))
+    seen = look(*pair, rig(), model, clock=count().__next__)
+    assert [p.recognition.label for p in seen.parts] == ["pyramid"]
+    assert "edges" not in seen.seconds
+
+
 MOST_CALLS = {"clean-B-003": 6200, "textured-B-000": 7700}
 """Of Python functions in a look at a part by itself, somewhat more than it makes; what they do counts for more, but
 only calls are alike everywhere."""

@@ -10,6 +10,7 @@ from daemon.vision.image.grey import VisionError
 from daemon.vision.image.one_eye import OneEye, fits, outlines_near
 from daemon.vision.settings import VisionSettings
 from tests.worlds.painted import paint_pair
+from tests.worlds.printed import print_pair, straight_rig
 from tests.worlds.rigs import rig
 from tests.worlds.solids import CUBE, pose
 
@@ -27,6 +28,12 @@ def test_outlines_and_what_was_fitted_to_them_are_kept() -> None:
     assert view.rough(brief) is view.rough(brief)
     assert outlines_near([(view, view.rough(brief))], brief) == [outlines]
     assert all(a is b for a, b in zip(fits([(view, outlines)])[0], first, strict=True))
+
+
+def test_a_part_on_a_plain_table_is_quiet_and_a_patterned_table_is_not() -> None:
+    assert cube_seen().quiet(VisionSettings())
+    patterned = print_pair(CUBE, pose(np.array([0.45, 0.6, -0.66]), 0.4), speckled=True)
+    assert not open_eyes(*patterned, straight_rig()).left.quiet(VisionSettings())
 
 
 def test_nothing_is_measured_before_it_is_asked_for_and_nothing_twice() -> None:

@@ -65,6 +65,15 @@ def test_print_on_a_face_lies_on_it_and_what_stands_off_it_does_not() -> None:
     assert not lies_on(facet(label_on(face()) + 30.0 * (face()[1] - face()[0]) / 50.0), solid, WHERE)
 
 
+def test_a_corner_may_lie_off_its_face_as_far_as_it_is_unsure() -> None:
+    solid, pulled = exact(CUBE.corners_mm, CUBE.facets), facet(face())
+    ahead = pulled.corners_mm[0] / np.linalg.norm(pulled.corners_mm[0])
+    pulled.corners_mm[0] += 9.0 * ahead
+    assert not lies_on(pulled, solid, WHERE)
+    pulled.covariance_mm2[0] += 5.0**2 * np.outer(ahead, ahead)
+    assert lies_on(pulled, solid, WHERE)
+
+
 def test_more_named_parts_take_what_lies_on_them_and_leave_the_rest() -> None:
     cube = one(face(0), face(1))
     assert cube.named
