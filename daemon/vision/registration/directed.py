@@ -33,12 +33,16 @@ more from 4 on."""
 MOST_ROWS = 32000  # of a map that cv2.remap takes
 PLACES, SPACING_PX = 10, 5.0
 """Where along an edge is looked, and how far apart places are that say something of their own."""
+_ALONG = np.asarray((np.arange(PLACES) + 0.5) / PLACES, np.float32)
 SHOWS, LEAST_CHANCE, MOST_CHANCE = 0.75, 0.02, 0.7
 """How much of an edge that is there shows as segments; limits of what a picture's own chance is taken for."""
 GLANCED, GLANCE_NATS, MOST_PROMISING = (0.2, 0.5, 0.8), 25.0, 600
 """Shares of an edge at which many poses are looked at first, in one eye, what must speak for one of them to be looked
 at in earnest (half of what chosen ones ever had), and how many may."""
 SIZES, PARALLEL = (0.75, 0.8, 0.85, 0.9, 1.1, 1.15, 1.2, 1.25), 0.98
+ASIDE, NOT_ASIDE, FAR_ASIDE = 3, 9, 48
+"""Pixels of a map: steps by which a part is shifted over the picture to see what speaks for it elsewhere, from which
+shift on that is another place, and the farthest."""
 STEP, STEPS, BEYOND = 4, 34, (1, 3)
 """Along a ray is looked so many pixels of a map apart, so often; an edge that goes on this many steps past its end, to
 that many, is another."""
@@ -143,9 +147,8 @@ def evidence(posed: Posed, geometry: Baseline, maps: tuple[DirectedMap, Directed
     """(G,) log likelihood ratio of each part being there against chance, nats, and (G,) what it would be if every edge
     were found."""
     pose, ends = posed.edges()
-    along = np.asarray((np.arange(PLACES) + 0.5) / PLACES, np.float32)
     left, right = (
-        _of_one_eye(len(posed.part), pose, ends, corners, seen, along)
+        _of_one_eye(len(posed.part), pose, ends, corners, seen, _ALONG)
         for corners, seen in zip(ideal(posed.corners_mm(geometry), geometry), maps, strict=True)
     )
     return left[0] + right[0], left[1] + right[1]
@@ -188,6 +191,27 @@ def other_sizes(solid: Polyhedron, pose: Array, geometry: Baseline, maps: tuple[
     nats, most = evidence(Posed(sizes, each, pose[None].repeat(len(each), 0)), geometry, maps)
     share = nats / np.maximum(most, 1.0)
     return float(np.minimum(nats[1:] / max(nats[0], 1.0), share[1:] / max(share[0], 1e-3)).max())
+
+
+def elsewhere(solid: Polyhedron, pose: Array, geometry: Baseline, seen: DirectedMap) -> float:
+    """What the left eye's segments would give a part, shown as at this pose (4, 4), at another place nearby, over what
+    they give it where it is: near 1 on a pattern that repeats itself, as a chessboard does."""
+    one = Posed(Solids.of([""], [solid]), np.zeros(1, np.intp), pose[None])
+    _, ends = one.edges()
+    corners = ideal(one.corners_mm(geometry), geometry)[0]
+    steps = np.arange(-FAR_ASIDE, FAR_ASIDE + 1, ASIDE)
+    shift = np.stack(np.meshgrid(steps, steps), 2).reshape(-1, 2).astype(np.float32)
+    each = np.arange(len(shift))
+    nats, _ = _of_one_eye(
+        len(shift),
+        each.repeat(len(ends)),
+        (each[:, None, None] * len(corners) + ends).reshape(-1, 2),
+        (shift[:, None] / np.float32(seen.scale) + corners).reshape(-1, 2),
+        seen,
+        _ALONG,
+    )
+    aside = np.hypot(*shift.T)
+    return float(nats[aside >= NOT_ASIDE].max() / max(nats[aside <= ASIDE * 1.5].max(), 1.0))
 
 
 @lru_cache(maxsize=256)

@@ -187,6 +187,13 @@ def test_print_that_does_not_lie_on_its_faces_refuses_a_name(monkeypatch: pytest
     assert confidence(weak) < LEAST_CONFIDENCE - 0.2
 
 
+def test_a_picture_that_repeats_itself_refuses_a_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    weak = replace(max(all_laid("cube"), key=lambda one: one.borne.nats), borne=Borne(35.0, 0.9))
+    assert confidence(weak) > LEAST_CONFIDENCE
+    monkeypatch.setattr(by_segments, "elsewhere", lambda *_: 0.95)
+    assert confidence(weak) < LEAST_CONFIDENCE
+
+
 def test_what_came_nearest_is_told_with_the_edges_that_show_and_those_that_do_not() -> None:
     found = named_by_segments(eyes_on("steeper pyramid"), model(), [])
     assert not found.named

@@ -12,7 +12,15 @@ from daemon import frames
 from daemon.vision.geometry import exact
 from daemon.vision.image.both_eyes import Eyes, open_eyes
 from daemon.vision.registration.different import Guesses, different
-from daemon.vision.registration.directed import DirectedMap, Rays, directed_map, evidence, other_sizes, promising
+from daemon.vision.registration.directed import (
+    DirectedMap,
+    Rays,
+    directed_map,
+    elsewhere,
+    evidence,
+    other_sizes,
+    promising,
+)
 from daemon.vision.registration.faces import likeness
 from daemon.vision.registration.posed import Posed, Solids
 from tests.worlds.printed import print_pair, straight_rig
@@ -67,6 +75,16 @@ def test_most_speaks_for_a_part_where_it_is(name: str) -> None:
     assert nats[0] > 2 * max(nats[1:].max(), 0.0)
     assert (nats <= most).all()
     assert nats[0] > 0.75 * most[0]
+
+
+@pytest.mark.parametrize("name", sorted(KNOWN))
+def test_little_speaks_for_a_part_elsewhere_and_nearly_as_much_where_the_picture_repeats_itself(name: str) -> None:
+    eyes, solid = eyes_on(name, printed=False, patterned=False), shape(name)
+    once = eyes.left.grey
+    again = replace(eyes.left, grey=np.maximum(once, np.roll(once, 60, axis=1)), scales={})
+    lone, two = (elsewhere(solid, WHERE, eyes.geometry, directed_map(view)) for view in (eyes.left, again))
+    assert lone < 0.65
+    assert two > 0.85
 
 
 def test_of_many_poses_a_glance_leaves_those_that_much_speaks_for(monkeypatch: pytest.MonkeyPatch) -> None:
