@@ -35,8 +35,8 @@ def look(
 
     left, right: images as find_facets takes them, of the size the rig was calibrated for. Without a model every part is
     `unknown`. With one, what both eyes outline comes first, with a brief effort; where that is not all named, what one
-    eye outlines as well, and then straight edges, as the taught parts would show them, as far as the budget of time
-    goes. clock: seconds of processor, for the budget and for Scene.seconds by stage; without it there is neither.
+    eye outlines as well; full-size pixels, where a taught part may be there and few edges are; and then straight edges,
+    as the taught parts would show them, as far as the budget of time goes. clock: seconds of processor, for the budget and for Scene.seconds by stage; without it there is neither.
     table: where it is, for whoever knows; what lies in it is no part, and a part that lies on it is likelier.
     Raises VisionError where an image cannot be used.
     """
@@ -47,7 +47,7 @@ def look(
     began = now()
     brief = by_facets = _by_facets(eyes, full.brief() if known.labels else full, known, table, now)
     naming = brief.seconds
-    if known.labels and not _all_named(brief.found) and all(eye.quiet(full) for eye in eyes.views):
+    if _worth_a_closer_look(brief.found) and all(eye.quiet(full) for eye in eyes.views):
         closer = _by_facets(eyes, full.closer(), known, table, now)
         by_facets = max(brief, closer, key=lambda one: sum(r.named for r in one.found))
         naming += closer.seconds
@@ -98,6 +98,11 @@ def _by_facets(
         if known.labels and _all_named(found):
             break
     return _ByFacets(found, view, naming)
+
+
+def _worth_a_closer_look(found: tuple[Recognised, ...]) -> bool:
+    """Whether something could be a taught part, if more of it were seen."""
+    return any(r.part.recognition.candidates for r in found if not r.named)
 
 
 def _all_named(found: tuple[Recognised, ...]) -> bool:

@@ -65,8 +65,8 @@ class VisionSettings:
         return replace(self, shrinks=(2,), levels=(4.5, 8.0, 18.0), max_regions=12, alike=2)
 
     def closer(self) -> VisionSettings:
-        """The brief effort at full-size pixels as well: for small parts, where few edges are followed up."""
-        return replace(self.brief(), shrinks=(1, 2))
+        """The brief effort at full-size pixels: for small parts, where few edges are followed up."""
+        return replace(self.brief(), shrinks=(1,))
 
     def unhurried(self) -> VisionSettings:
         """The same for a look that nobody waits for: what it names must not hang on how fast the computer is."""
