@@ -36,8 +36,9 @@ def look(
     left, right: images as find_facets takes them, of the size the rig was calibrated for. Without a model every part is
     `unknown`. With one, what both eyes outline comes first, with a brief effort; where that is not all named, what one
     eye outlines as well; full-size pixels, where a taught part may be there and few edges are; and then straight edges,
-    as the taught parts would show them, as far as the budget of time goes. clock: seconds of processor, for the budget and for Scene.seconds by stage; without it there is neither.
-    table: where it is, for whoever knows; what lies in it is no part, and a part that lies on it is likelier.
+    as the taught parts would show them, as far as the budget of time goes. clock: seconds of processor, for the budget
+    and for Scene.seconds by stage; without it there is neither. table: where it is, for whoever knows; what lies in it
+    is no part, and a part that lies on it is likelier.
     Raises VisionError where an image cannot be used.
     """
     now = clock or (lambda: 0.0)
