@@ -25,7 +25,8 @@ from daemon.console.interpreter import (
     one_of,
     yes_or_no,
 )
-from daemon.console.phrases import plural
+from daemon.console.pages import table
+from daemon.console.phrases import at_utc, plural
 from daemon.pick.looking import Look
 from daemon.store.outside import read_file
 from daemon.store.yamlfile import LARGEST_BYTES
@@ -173,13 +174,13 @@ async def untaught(context: CommandContext, words: list[str], _: Door) -> Answer
 
 
 @command("views [LABEL]", most=1, choices=with_views)
-async def views(context: CommandContext, words: list[str], _: Door) -> Answer:
+async def views(context: CommandContext, words: list[str], door: Door) -> Answer:
     """The views that were taught."""
     label = one_of(words, 0, context.trainer.model_store.labels(), "part with views", views.usage) if words else None
     found = context.trainer.model_store.views(label)
-    rows = [f"{view.name:<24} {view.damage or _taught(view.note)}" for view in found]
+    rows = [(view.name, view.damage or _taught(view.note)) for view in found]
     data = [{"view": view.name, **{k: v for k, v in view.note.items() if k != ROUND}} for view in found]
-    return Answer("\n".join(rows) or "No view is stored: `teach LABEL`.", {"views": data})
+    return Answer(table(rows, door.columns) or "No view is stored: `teach LABEL`.", {"views": data})
 
 
 @command("forget LABEL [NUMBER]", "change", most=2, choices=with_views, further=_numbers)
@@ -319,7 +320,7 @@ def _named_otherwise(seen: Look, label: str) -> str | None:
 
 
 def _taught(note: dict[str, Any]) -> str:
-    return f"{note.get('taught', '?'):<26} {_what_of(note)}, by {note.get('who', '?')}"
+    return f"{at_utc(str(note.get('taught', '')))} UTC  {_what_of(note)}, by {note.get('who', '?')}"
 
 
 def _what_of(note: dict[str, Any]) -> str:
