@@ -188,6 +188,22 @@ class Digest:
         }
 
 
+def told_again(records: Sequence[Record]) -> frozenset[int]:
+    """The faults, by seq, that only say once more what stands already: nobody has resumed since, and the cycle and the
+    text are the same. A second `stop` while the first one's fault stands is one."""
+    standing: tuple[Any, Any] | None = None
+    again = set[int]()
+    for record in records:
+        if record["kind"] == "fault":
+            told = record.get("cycle"), record.get("text")
+            if told == standing:
+                again.add(int(record["seq"]))
+            standing = told
+        elif record["kind"] == "state" and record.get("from") == "fault" and record.get("to") != "fault":
+            standing = None
+    return frozenset(again)
+
+
 def digest(name: str, records: Sequence[Record], skipped: Sequence[str] = (), going: bool = False) -> Digest:
     """Sort a run's records (read by daemon/store/runs.py) into cycles and stops. going: it is being written still."""
     cycles: list[Cycle] = []

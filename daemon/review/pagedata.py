@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from daemon.review.digest import Cycle, Digest, Stop, duration_s, stops_of
+from daemon.review.digest import Cycle, Digest, Stop, duration_s, stops_of, told_again
 from daemon.review.production import production, remedies
 from daemon.review.strips import strips
 from daemon.review.why import causes, in_plain_words
@@ -194,6 +194,7 @@ def events(digest: Digest) -> list[Json]:
     found: list[Json] = []
     before, cycle = None, None
     zero = float(digest.records[0]["mono_s"]) if digest.records else 0.0
+    again = told_again(digest.records)
     for record in digest.records:
         kind = record["kind"]
         if kind == "cycle_start":
@@ -207,7 +208,8 @@ def events(digest: Digest) -> list[Json]:
                 "text": _event_text(record),
                 "after": None if before is None else _event_text(before),
             }
-            if not (found and all(found[-1][k] == event[k] for k in ("kind", "cycle", "text"))):
+            same = kind != "fault" and found and all(found[-1][k] == event[k] for k in ("kind", "cycle", "text"))
+            if not same and record["seq"] not in again:
                 found.append(event)
         elif kind in ("move", "hand", "decision", "command", "state"):
             before = record

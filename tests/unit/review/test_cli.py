@@ -24,9 +24,9 @@ def test_runs_are_tabled_and_laid_side_by_side(
     runs = ["--runs", str(tmp_path / "runs")]
     assert ctl.main(["runs", *runs]) == 0
     table = capsys.readouterr().out.splitlines()
-    assert [line.split()[:4] for line in table[1:]] == [
-        ["20260102T030405Z", "1", "1", "0"],
-        ["20260103T030405Z", "1", "0", "1"],
+    assert [line.split()[:5] for line in table[1:]] == [
+        ["20260102T030405Z", "1", "of", "1", "0"],
+        ["20260103T030405Z", "0", "of", "1", "1"],
     ]
     page = tmp_path / "page.html"
     assert ctl.main(["review", *runs, "--out", str(page), "--against", "20260102T030405Z"]) == 0
