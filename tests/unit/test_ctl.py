@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
+import fcntl
 import io
 import os
+import struct
 import subprocess
 import sys
+import termios
 from pathlib import Path
 
 import pytest
 
 from daemon import ctl
+from daemon.store.library import load_facets
+from daemon.store.model import save
+from daemon.teaching.aspects import learn_solid
+from daemon.vision.model import empty_model
+from tests.worlds import drawn, rendered
 from tests.worlds.made_run import MadeRun
 
 
@@ -69,3 +77,22 @@ def test_the_table_of_runs_fits_a_terminal_and_names_models_by_their_number(
     assert max(len(head), len(row)) <= 80
     assert row.split()[:5] == ["20260102T030405Z", "1", "of", "2", "1"]
     assert row.split()[-2:] == ["3", "yes"]
+
+
+def test_what_a_model_knows_is_no_wider_than_the_terminal(tmp_path: Path) -> None:
+    model, rig = empty_model(load_facets()), rendered.rig(rendered.HERE, "B")
+    for name in ("plank_as_it_was_first_drawn", "plank_as_it_was_drawn_again"):
+        model = learn_solid(
+            model, drawn.solid("plank.stl", drawn.binary_stl(*drawn.box(25, 70, 90))), rig, "plank", name
+        )
+    save(model, tmp_path / "model.npz")
+    ours, theirs = os.openpty()
+    fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 60, 0, 0))
+    command = [sys.executable, "-m", "daemon.ctl", "model", "show", str(tmp_path / "model.npz")]
+    env = {name: value for name, value in os.environ.items() if name != "COLUMNS"}
+    with os.fdopen(theirs, "wb") as terminal:
+        subprocess.run(command, stdin=terminal, stdout=terminal, env=env, timeout=60, check=True)
+        told = os.read(ours, 65536).decode().splitlines()
+    assert any("plank_as_it_was_drawn_again" in line for line in told)
+    assert max(map(len, told)) <= 60
+    os.close(ours)
