@@ -47,7 +47,8 @@ class CommandContext:
     run_log: RunLog
     log: Log
     troubles: Troubles
-    reload: Callable[[], Awaitable[str]]
+    reload: Callable[[str | None], Awaitable[str]]
+    """Asked for by that operator."""
     notices: Notices = field(default_factory=Notices)
     started_s: float = field(default_factory=time.monotonic)
     roll_due: bool = False
