@@ -157,7 +157,8 @@ def _replay(args: argparse.Namespace) -> int:
 def _in_words(total: dict[str, Any]) -> str:
     counts, (then_ms, now_ms) = total["all"], total["all"]["ms"]
     words = [
-        f"{total['looks']} looks of {total['runs']} runs: {total['identical']} identical, {total['worse']} worse",
+        f"{total['looks']} looks of {total['runs']} run{'s' * (total['runs'] != 1)}: "
+        f"{total['identical']} identical, {total['worse']} worse",
         f"named {counts['named'][0]} then, {counts['named'][1]} now of {counts['parts']}",
     ]
     if counts["proved"]:

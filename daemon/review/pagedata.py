@@ -89,6 +89,7 @@ def stop_json(stop: Stop) -> Json:
         "t": look.get("t"),
         "purpose": stop.purpose,
         "ms": scene.get("ms"),
+        "pictures_only": look.get("scene") is None,
         "seconds": {k: _short(v, 4) for k, v in (look.get("seconds") or {}).items()},
         "health": look.get("health") or {},
         "parts": [_part(p) for p in stop.parts],

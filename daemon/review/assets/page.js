@@ -246,7 +246,7 @@ const inAll = (parts) => {
   return Object.entries(count).map(named).join(", ") || "nothing seen";
 };
 by("other-list").append(...data.outside.map((stop) => {
-  const box = el("details", {}, el("summary", {}, time(stop.t, offset), ` ${stop.purpose}: ${inAll(stop.parts)}`));
+  const box = el("details", {}, el("summary", {}, time(stop.t, offset), ` ${stop.purpose}: ${stop.pictures_only ? "pictures only" : inAll(stop.parts)}`));
   box.addEventListener("toggle", () => { if (box.open && box.children.length === 1) box.append(lookView(stop)); });
   return box;
 }));

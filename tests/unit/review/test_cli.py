@@ -62,10 +62,12 @@ def test_an_unknown_run_is_one_line_and_status_2(tmp_path: Path, capsys: pytest.
 
 
 def test_tail_tells_a_run_line_by_line(made: MadeRun, capsys: pytest.CaptureFixture[str]) -> None:
+    made.write("look", stop=0, purpose="calibrate pose 1")
     made.pick()
     made.close()
     assert ctl.main(["tail", "--runs", str(made.folder.parent)]) == 0
     told = capsys.readouterr().out
+    assert "calibrate pose 1: pictures only" in told, "a board is seen there: not `nothing`"
     assert "approach: cube 98 %" in told
     assert "picked: gone from where it lay" in told
     assert "\x1b[" not in told

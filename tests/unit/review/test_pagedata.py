@@ -136,6 +136,7 @@ def test_a_look_of_which_nothing_was_kept_is_shown_all_the_same() -> None:
     (stop,) = digest("x", [line("cycle_start", 0, seq=0), bare]).cycles[0].stops
     assert stop_json(stop) == {
         "n": None, "seq": 1, "t": "2026-01-02T03:04:01.000Z", "purpose": "look", "ms": None, "seconds": {},
+        "pictures_only": True,
         "health": {}, "parts": [], "rejected": [], "guesses": [], "notes": [], "estimate": None, "moves": [],
     }  # fmt: skip
 
