@@ -13,6 +13,7 @@ import importlib.metadata
 import json
 import re
 import shlex
+import shutil
 import sys
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -167,6 +168,7 @@ class _Shown:
 def _help(words: list[str], status: int) -> int:
     """What there is, or all about one word, whether a daemon runs or not; nothing is done."""
     from daemon.commands import every_command
+    from daemon.console.pages import prose
 
     commands = {name: c for c in every_command("simulated") for name in (c.name, *c.aliases)}
     jobs = _parser([*OFFLINE.values(), TRAIN])[1]
@@ -175,9 +177,9 @@ def _help(words: list[str], status: int) -> int:
         return status
     name = words[0]
     if name in OWN:
-        print(f"facetctl {OWN[name][0]}\n  {OWN[name][1]}")
+        print("\n".join([f"facetctl {OWN[name][0]}", *prose(OWN[name][1], _columns())]))
     elif name in commands:
-        print(commands[name].described())
+        print(commands[name].described(_columns()))
         if name in BOTH and name in jobs:
             print("\nWithout a daemon, on files:\n")
     if name in jobs:
@@ -191,20 +193,26 @@ def _help(words: list[str], status: int) -> int:
     return NOT_UNDERSTOOD
 
 
-def _overview(commands: Mapping[str, Command], jobs: Mapping[str, argparse.ArgumentParser]) -> str:
-    from daemon.console.pages import fold, table
+def _columns() -> int:
+    """How wide the terminal is."""
+    return shutil.get_terminal_size().columns
 
-    said = fold(f"  {', '.join(sorted({c.name for c in commands.values()}))}", 78)
-    offline = fold(f"  {', '.join(sorted({*jobs, 'doctor', 'bundle'}))}", 78)
+
+def _overview(commands: Mapping[str, Command], jobs: Mapping[str, argparse.ArgumentParser]) -> str:
+    from daemon.console.pages import fold, prose, table
+
+    columns = min(_columns(), 80)
+    said = prose(", ".join(sorted({c.name for c in commands.values()})), columns)
+    offline = prose(", ".join(sorted({*jobs, "doctor", "bundle"})), columns)
     lines = [
-        "usage: facetctl [--socket PATH] [--json] COMMAND...     facetctl COMMAND --help",
+        *fold("usage: facetctl [--socket PATH] [--json] COMMAND...     facetctl COMMAND --help", columns),
         "",
-        *table([(f"  {usage}", text) for usage, text in OWN.values()], 80).splitlines(),
+        *table([(f"  {usage}", text) for usage, text in OWN.values()], columns).splitlines(),
         "To the running daemon:",
         *said,
         "Without a daemon:",
         *offline,
-        "To begin: `facetd --sim` in one window, `facetctl console` in another.",
+        *fold("To begin: `facetd --sim` in one window, `facetctl console` in another.", columns),
     ]
     return "\n".join(lines)
 
@@ -257,7 +265,7 @@ def _runs() -> bool:
 
 def _one_shot(link: DaemonLink, text: str, as_json: bool, door: str) -> int:
     def say(line: str) -> None:
-        print(line, file=sys.stderr if as_json else sys.stdout, flush=True)
+        _tell(line, sys.stderr if as_json else sys.stdout)
 
     from daemon.doors.keyboard import answer_to
 
@@ -273,10 +281,15 @@ def show(done: dict[str, Any], as_json: bool) -> int:
         print(json.dumps({"status": status, "text": done["text"], **done["data"]}), flush=True)
     elif done["text"]:
         error = "error" in done["data"]
-        print(
-            f"facetctl: {done['text']}" if error else done["text"], file=sys.stderr if error else sys.stdout, flush=True
-        )
+        _tell(f"facetctl: {done['text']}" if error else done["text"], sys.stderr if error else sys.stdout)
     return status
+
+
+def _tell(text: str, stream: TextIO) -> None:
+    """To a person folded between words, to a file or another program as it is."""
+    from daemon.console.pages import fold
+
+    print("\n".join(fold(text, _columns())) if stream.isatty() else text, file=stream, flush=True)
 
 
 def _script(link: DaemonLink, words: list[str], as_json: bool) -> int:

@@ -119,14 +119,16 @@ class Service:
         self._why = why
         self._ending.set()
 
-    async def reload(self) -> str:
+    async def reload(self, who: str | None = None) -> str:
         """Read configuration and calibration again; a bad one is refused, all stays as it was. Raises ConfigError.
+        who: the operator who asked for it, and is told by what this returns.
 
         Whoever enabled the arm did so knowing how it stands in its cell: where that is another, it is disabled first,
         and `enable` judges the new one.
         """
         assert self.context is not None
         context, old = self.context, self.context.config
+        disabled, answered = "", None
         journal.notify("RELOADING=1", f"MONOTONIC_USEC={time.monotonic_ns() // 1000}")
         try:
             config = load_config(self._config_path, self._simulated)
@@ -139,20 +141,22 @@ class Service:
             moved = _moved((old, context.calibration), (config, calibration))
             if not context.cycle.status()["enabled"]:
                 moved = []
-            disabled = f"The arm is no longer enabled: {', '.join(moved)} changed." if moved else ""
             if moved:
+                disabled = f"The arm is no longer enabled: {', '.join(moved)} changed."
                 await context.cycle.supervisor.disable()
-                self._notice(disabled)
             context.cycle.refit(*pick_cell(config, calibration, context.hardware, context.log))
             context.config, context.calibration = config, calibration
             context.trainer.rig, context.trainer.settings = calibration.rig, config.values.vision
             context.cycle.use(context.trainer.in_use)
             self._drift = DriftWatch()
             context.troubles.tell("calibration", None)
+            answered = who
         except FacetdError as error:
             journal.tell("reload", f"refused, the old configuration stays: {error}", journal.ERROR)
             raise
         finally:
+            if disabled:
+                context.notices.tell(disabled, by=answered)
             journal.notify("READY=1")
         late = [name for name in AT_START if getattr(config.values, name) != getattr(old.values, name)]
         text = f"The configuration is taken over. {disabled}".rstrip()

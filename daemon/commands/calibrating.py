@@ -66,7 +66,7 @@ async def calibrate(context: CommandContext, words: list[str], door: Door) -> An
     """
     kind = one_of(words, 0, (*KINDS, *KEPT), "kind of calibration", USAGE)
     if kind in KEPT:
-        return await _use(context, words) if kind == "use" else _list(context, words)
+        return await _use(context, words, door) if kind == "use" else _list(context, words)
     _check_eyes(context, kind)
     supervisor, stops = context.cycle.supervisor, context.cycle.supervisor.stops
     if kind not in ("verify", "touch"):
@@ -87,7 +87,7 @@ async def calibrate(context: CommandContext, words: list[str], door: Door) -> An
             return _verified(views, board, context.calibration)
         if kind == "touch":
             return await _touch(context, views[0], board, door)
-        return await _solved(context, kind, views, board)
+        return await _solved(context, kind, views, board, door)
     except (SessionError, StereoError, HandEyeError, BoardError) as error:
         raise CommandError(f"calibrate {kind}: {error}") from None
     finally:
@@ -124,7 +124,7 @@ def _board(words: list[str]) -> Board:
         raise CommandError(f"calibrate: {error}", NOT_UNDERSTOOD) from None
 
 
-async def _solved(context: CommandContext, kind: str, views: list[View], board: Board) -> Answer:
+async def _solved(context: CommandContext, kind: str, views: list[View], board: Board, door: Door) -> Answer:
     before = after = context.calibration
     lines: list[str] = []
     data: dict[str, object] = {"poses": len(views)}
@@ -150,7 +150,7 @@ async def _solved(context: CommandContext, kind: str, views: list[View], board: 
         "arm_deg": hand_eye.arm.deg,
         "warning": hand_eye.warning,
     }
-    lines += [_moved(before, after), *await _taken_over(context, after)]
+    lines += [_moved(before, after), *await _taken_over(context, after, door)]
     lines.append("Residuals are not accuracy: `calibrate verify` measures that from new poses.")
     return Answer("\n".join(lines), data)
 
@@ -159,17 +159,17 @@ async def _eyes_alone(context: CommandContext, board: Board, door: Door) -> Answ
     """Both eyes, from a board held by a person; no arm is needed."""
     views = await show_by_hand(_session(context, board), door.say)
     after, stereo = await asyncio.to_thread(solve_stereo, views, board, context.calibration)
-    lines = [*_stereo_lines(stereo), *await _taken_over(context, after)]
+    lines = [*_stereo_lines(stereo), *await _taken_over(context, after, door)]
     lines.append("Now `calibrate hand-eye`: the eyes' common frame has moved a little under the old one.")
     return Answer("\n".join(lines), {"views": len(views), "rms_px": stereo.stereo_rms_px, "sigmas": stereo.sigmas})
 
 
-async def _taken_over(context: CommandContext, after: Calibration) -> list[str]:
+async def _taken_over(context: CommandContext, after: Calibration, door: Door) -> list[str]:
     """Keep it, and work with it from now on."""
     calibrations = context.config.calibrations
     before, number = calibrations.current, await asyncio.to_thread(calibrations.keep, calibration_text(after))
     try:
-        taken = await context.reload()
+        taken = await context.reload(door.who)
     except FacetdError as error:
         calibrations.use(before)
         raise CommandError(f"kept as calibration {number}, and not taken into use: {error}") from None
@@ -186,7 +186,7 @@ def _list(context: CommandContext, words: list[str]) -> Answer:
     return Answer("\n".join(rows), {"current": calibrations.current, "numbers": calibrations.numbers()})
 
 
-async def _use(context: CommandContext, words: list[str]) -> Answer:
+async def _use(context: CommandContext, words: list[str], door: Door) -> Answer:
     no_more(words, 2, USAGE)
     calibrations = context.config.calibrations
     known = (CONFIGURED, *calibrations.numbers())
@@ -195,7 +195,7 @@ async def _use(context: CommandContext, words: list[str]) -> Answer:
     before = calibrations.current
     calibrations.use(int(word))
     try:
-        return Answer(f"Calibration {word} is in use. {await context.reload()}", {"current": int(word)})
+        return Answer(f"Calibration {word} is in use. {await context.reload(door.who)}", {"current": int(word)})
     except FacetdError:
         calibrations.use(before)
         raise
@@ -243,7 +243,7 @@ def _verified(views: list[View], board: Board, calibration: Calibration) -> Answ
     found = verify(views, board, calibration)
     lines = [
         f"From {found.poses} new poses: lengths {found.length_mm:.2f} mm off (scale {100 * found.scale_error:+.2f} %), "
-        f"{found.epipolar_px:.2f} px to the epipolar line,",
+        f"{found.epipolar_px:.2f} px to the epipolar line, "
         f"the same corner comes out {found.spread_mm:.2f} mm apart in the world (hand-eye and arm together).",
         *(f"FAILED {failure}" for failure in found.failures),
     ]

@@ -84,9 +84,9 @@ async def bundle(context: CommandContext, words: list[str], _: Door) -> Answer:
 
 
 @command("reload", "change")
-async def reload(context: CommandContext, words: list[str], _: Door) -> Answer:
+async def reload(context: CommandContext, words: list[str], door: Door) -> Answer:
     """Read the configuration again."""
-    return Answer(await context.reload())
+    return Answer(await context.reload(door.who))
 
 
 @command("notices [faults|outcomes|all]", most=1, choices=tuple(level.name.lower() for level in Level))

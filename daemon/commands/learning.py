@@ -25,13 +25,14 @@ from daemon.console.interpreter import (
     one_of,
     yes_or_no,
 )
-from daemon.console.phrases import plural
+from daemon.console.pages import table
+from daemon.console.phrases import at_utc, plural
 from daemon.pick.looking import Look
 from daemon.store.outside import read_file
 from daemon.store.yamlfile import LARGEST_BYTES
 from daemon.teaching.mesh import UNITS_MM, MeshError
 from daemon.teaching.solid_from_mesh import solid_drawn
-from daemon.teaching.sufficiency import VIEWPOINTS, Alike, Sufficiency
+from daemon.teaching.sufficiency import VIEWPOINTS, Alike, Sufficiency, apart_from
 from daemon.teaching.trainer import ROUND, teaching_note
 from daemon.vision.model import TeachError
 from daemon.vision.values import Facet
@@ -85,7 +86,8 @@ async def _teach_what_is_shown(context: CommandContext, label: str, door: Door) 
     moved = seen.taken.moved
     group, others = await asyncio.to_thread(context.trainer.check, label, left, right, table, moved)
     facets, sides = await asyncio.to_thread(context.trainer.with_view, label, group)
-    await door.say(_shown(facets, sides, [f for other in others for f in other.facets], door.columns))
+    apart, elsewhere = apart_from(group, others)
+    await door.say(_shown(label, facets, sides, (apart, elsewhere), door.columns))
     if any(len(other.facets) > 1 for other in others) and not door.asks:
         raise CommandError(f"{len(others) + 1} separate things are seen; show the {label} alone, evenly lit")
     named = _named_otherwise(seen, label)
@@ -97,7 +99,8 @@ async def _teach_what_is_shown(context: CommandContext, label: str, door: Door) 
     view = await asyncio.to_thread(context.trainer.store, label, left, right, note)
     verdict, data = await _sufficiency(context, label)
     text = f"Kept as view {view.name} ({plural(len(facets), 'facet')}).\n{verdict}"
-    return Answer(text, {"kept": True, "view": view.name, "facets": [facet.type for facet in facets], **data})
+    data |= {"kept": True, "view": view.name, "facets": [facet.type for facet in facets], "apart": len(apart)}
+    return Answer(text, data)
 
 
 async def _teach_around(context: CommandContext, words: list[str], door: Door) -> Answer:
@@ -173,13 +176,13 @@ async def untaught(context: CommandContext, words: list[str], _: Door) -> Answer
 
 
 @command("views [LABEL]", most=1, choices=with_views)
-async def views(context: CommandContext, words: list[str], _: Door) -> Answer:
+async def views(context: CommandContext, words: list[str], door: Door) -> Answer:
     """The views that were taught."""
     label = one_of(words, 0, context.trainer.model_store.labels(), "part with views", views.usage) if words else None
     found = context.trainer.model_store.views(label)
-    rows = [f"{view.name:<24} {view.damage or _taught(view.note)}" for view in found]
+    rows = [(view.name, view.damage or _taught(view.note)) for view in found]
     data = [{"view": view.name, **{k: v for k, v in view.note.items() if k != ROUND}} for view in found]
-    return Answer("\n".join(rows) or "No view is stored: `teach LABEL`.", {"views": data})
+    return Answer(table(rows, door.columns) or "No view is stored: `teach LABEL`.", {"views": data})
 
 
 @command("forget LABEL [NUMBER]", "change", most=2, choices=with_views, further=_numbers)
@@ -295,20 +298,38 @@ def sufficiency_json(judged: Sufficiency) -> dict[str, Any]:
     }
 
 
-def _shown(facets: Sequence[Facet], sides: list[int | None], others: Sequence[Facet], columns: int) -> str:
-    """The facets in view as a drawing, numbered as the part's sides, and how long their edges are. Facets of other
-    things have no number."""
+def _shown(
+    label: str,
+    facets: Sequence[Facet],
+    sides: list[int | None],
+    beside: tuple[Sequence[Facet], Sequence[Facet]],
+    columns: int,
+) -> str:
+    """The facets in view as a drawing, numbered as the part's sides, and how long their edges are. beside: those that
+    may be its own and meet none of them, and those of other things; they have no number."""
+    apart, elsewhere = beside
     marks = ["?" if side is None else str(side + 1) for side in sides]
-    outlines = [(f.left_px, "") for f in others]
+    outlines = [(f.left_px, "") for f in (*apart, *elsewhere)]
     outlines += [(facet.left_px, mark) for facet, mark in zip(facets, marks, strict=True)]
     rows: dict[str, list[str]] = {}
     for facet, mark in zip(facets, marks, strict=True):
         rows.setdefault(describe_facet(facet), []).append(mark)
     lines = [drawn(outlines, columns)]
     lines += [f"side {' '.join(sorted(numbers))}: {what}" for what, numbers in rows.items()]
-    if others:
-        lines.append(f"and {plural(len(others), 'facet')} of something else beside it")
+    if elsewhere:
+        lines.append(f"and {plural(len(elsewhere), 'facet')} of something else beside it")
+    if apart:
+        lines.append(_describe_apart(label, len(apart)))
     return "\n".join(lines)
+
+
+def _describe_apart(label: str, count: int) -> str:
+    """What is the matter with a view in which facets that may be the part's meet none of its sides, and what to do."""
+    meet, they_are, them = ("meets", "it is", "it") if count == 1 else ("meet", "they are", "them")
+    return (
+        f"{plural(count, 'facet')} {meet} none of these sides. If {they_are} the {label}'s, this view teaches little: "
+        f"say n, turn it a little until the edge between shows, and `teach` again. If not, take {them} away."
+    )
 
 
 def _named_otherwise(seen: Look, label: str) -> str | None:
@@ -319,7 +340,7 @@ def _named_otherwise(seen: Look, label: str) -> str | None:
 
 
 def _taught(note: dict[str, Any]) -> str:
-    return f"{note.get('taught', '?'):<26} {_what_of(note)}, by {note.get('who', '?')}"
+    return f"{at_utc(str(note.get('taught', '')))} UTC  {_what_of(note)}, by {note.get('who', '?')}"
 
 
 def _what_of(note: dict[str, Any]) -> str:

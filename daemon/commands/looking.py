@@ -15,6 +15,7 @@ from daemon.commands.awaiting import with_questions
 from daemon.commands.sketch import COLUMNS, sketch
 from daemon.console.context import CommandContext
 from daemon.console.interpreter import Answer, CommandError, Door, command, number, one_of, version
+from daemon.console.pages import table
 from daemon.console.phrases import cut_off, duration, millimetres, plural
 from daemon.pick.find import in_all
 from daemon.pick.looking import Look
@@ -162,7 +163,7 @@ async def where(context: CommandContext, words: list[str], _: Door) -> Answer:
 
 
 @command("parts")
-async def parts(context: CommandContext, words: list[str], _: Door) -> Answer:
+async def parts(context: CommandContext, words: list[str], door: Door) -> Answer:
     """The parts that have a name here, and how well each is known."""
     views = context.trainer.model_store.views()
     rows, data = [], {}
@@ -172,9 +173,9 @@ async def parts(context: CommandContext, words: list[str], _: Door) -> Answer:
         known = (
             f"{plural(len(metric.solid.facets), 'facet')}, {metric.size_mm:.0f} mm across" if metric else "not taught"
         )
-        rows.append(f"{label:<20} {plural(stored, 'view'):<9} {known}")
+        rows.append((label, f"{plural(stored, 'view')}, {known}"))
         data[label] = {"views": stored, "taught": metric is not None}
-    return Answer("\n".join(rows) or "no part is named in parts.yaml and none was taught", {"parts": data})
+    return Answer(table(rows, door.columns) or "no part is named in parts.yaml and none was taught", {"parts": data})
 
 
 def describe_scene(scene: Scene, columns: int) -> str:

@@ -19,7 +19,7 @@ from daemon.console.interpreter import (
     one_of,
     yes_or_no,
 )
-from daemon.console.phrases import plural
+from daemon.console.phrases import at_utc, plural
 from daemon.store.model_store import ModelStore
 from daemon.teaching.sufficiency import alike
 from daemon.teaching.trainer import ViewVerdict
@@ -127,8 +127,7 @@ def list_of(store: ModelStore) -> Answer:
     for version in store.versions():
         told = store.told(version)
         state = {current: "in use", candidate: "candidate"}.get(version, "before" if version in before else "")
-        when = told.trained.replace("T", " ")[:16] or "-"
-        rows.append(f"{version:>4}  {when:<16}  {state:<9}  {told.knows}")
+        rows.append(f"{version:>4}  {at_utc(told.trained):<16}  {state:<9}  {told.knows}")
         data.append({"version": version, "trained": told.trained, "state": state, "labels": list(told.labels)})
     if not rows:
         return Answer("No model was trained here yet: `teach`, then `train`.", {"models": []})

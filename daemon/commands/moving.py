@@ -273,8 +273,8 @@ async def dry(context: CommandContext, words: list[str], _: Door) -> Answer:
 
 def describe_end(end: CycleEnd, why: bool = True) -> str:
     """One pick in a line; without why, where whoever reads it has been told."""
-    name = end.label or "no part"
-    text = f"{end.outcome}: {name}, {plural(end.stops, 'look')}, {end.seconds:.1f} s"
+    approached = f"{end.label}, {plural(end.stops, 'look')}" if end.label else "no part"
+    text = f"{end.outcome}: {approached}, {end.seconds:.1f} s"
     if end.predicted_mm is not None and end.predicted_deg is not None:
         text += f", predicted error {end.predicted_mm:.2f} mm {end.predicted_deg:.2f} degrees"
     return text + (f" ({end.why})" if why and end.outcome != "picked" and end.why else "")

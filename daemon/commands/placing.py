@@ -22,7 +22,7 @@ from daemon.console.interpreter import (
     one_of,
     yes_or_no,
 )
-from daemon.console.phrases import plural
+from daemon.console.phrases import at_utc, plural
 from daemon.store.named_places import NamedPlaces
 
 AXES = {
@@ -164,12 +164,13 @@ async def places(context: CommandContext, words: list[str], door: Door) -> Answe
     no_more(words, 1, PLACES_USAGE)
     if words:
         one_of(words, 0, {one.name for one in named.history()}, "named place", PLACES_USAGE)
-        rows = [f"{one.kept}  {_at(one.world_from_tool)}  by {one.who}" for one in named.history(words[0])]
+        rows = [f"{at_utc(one.kept)} UTC  {_at(one.world_from_tool)}  by {one.who}" for one in named.history(words[0])]
         return Answer("\n".join(rows), {"history": len(rows)})
     configured, own = context.cycle.places(), named.now()
     poses, count = {**configured, **own}, len(own)
     rows = [f"{name:<{max(map(len, poses))}}  {_at(pose)}" for name, pose in [*configured.items(), *own.items()]]
-    rows.append(f"{plural(count, 'place')} named with `here NAME`; the others are the configuration's.")
+    own_ones = f"{plural(count, 'place')} named with `here NAME`; the others are" if count else "All are"
+    rows.append(f"{own_ones} the configuration's.")
     return Answer("\n".join(rows), {"places": {name: np.asarray(pose).tolist() for name, pose in poses.items()}})
 
 

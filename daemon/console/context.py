@@ -47,7 +47,8 @@ class CommandContext:
     run_log: RunLog
     log: Log
     troubles: Troubles
-    reload: Callable[[], Awaitable[str]]
+    reload: Callable[[str | None], Awaitable[str]]
+    """Asked for by that operator."""
     notices: Notices = field(default_factory=Notices)
     started_s: float = field(default_factory=time.monotonic)
     roll_due: bool = False
@@ -79,13 +80,14 @@ class CommandContext:
         self.troubles.tell("eyes", None if alone is None else f"looking with the {alone} eye alone: {why}")
 
     async def begin_auto(self, count: int | None, every_s: float | None = None) -> None:
-        """Pick in the background. Raises RefusedError where that may not begin."""
-        self._auto = asyncio.create_task(self.cycle.auto(count, every_s), name="auto")
-        self._auto.add_done_callback(self._auto_ended)
+        """Pick in the background. Raises RefusedError where that may not begin; an auto that is on stays the one that
+        `auto_ends` waits for."""
+        begun = asyncio.create_task(self.cycle.auto(count, every_s), name="auto")
+        begun.add_done_callback(self._auto_ended)
         await asyncio.sleep(0)
-        if self._auto.done():
-            refused, self._auto = self._auto, None
-            refused.result()
+        if begun.done():
+            begun.result()
+        self._auto = begun
 
     def _auto_ended(self, auto: asyncio.Task[list[CycleEnd]]) -> None:
         if not auto.cancelled() and auto.exception() is None:

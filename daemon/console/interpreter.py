@@ -12,14 +12,13 @@ import difflib
 import importlib.metadata
 import inspect
 import shlex
-import textwrap
 import traceback
 from collections.abc import Awaitable, Callable, Iterable
 from dataclasses import dataclass, field
 from typing import Any, Literal, Protocol
 
 from daemon.console.context import ANSWERABLE, CommandContext
-from daemon.console.pages import by_pages, table
+from daemon.console.pages import by_pages, fold, prose, table
 from daemon.console.phrases import is_no, is_yes
 from daemon.console.stop_words import means_stop
 from daemon.errors import DONE as DONE
@@ -138,10 +137,11 @@ class Command:
         """What the first argument can be, now."""
         return self.choices(context) if callable(self.choices) else self.choices
 
-    def described(self) -> str:
-        """All about it."""
-        also = f"\n  also: {', '.join(self.aliases)}" if self.aliases else ""
-        return f"{self.usage}\n  {self.summary}{also}" + (f"\n{self.details}" if self.details else "")
+    def described(self, columns: int) -> str:
+        """All about it, on a terminal so wide."""
+        also = prose(f"also: {', '.join(self.aliases)}", columns) if self.aliases else []
+        lines = [*fold(self.usage, columns), *prose(self.summary, columns), *also, *prose(self.details, columns)]
+        return "\n".join(lines)
 
 
 def command(
@@ -160,16 +160,15 @@ def command(
     """
 
     def made(run: Handler) -> Command:
-        begun, _, rest = (inspect.getdoc(run) or "").partition("\n")
+        begun, _, details = (inspect.getdoc(run) or "").partition("\n")
         summary = begun[:1].lower() + begun[1:].removesuffix(".")
-        details = textwrap.indent(rest.strip("\n"), "  ")
         return Command(
             usage.split()[0],
             usage,
             summary,
             run,
             grade,
-            details,
+            details.strip("\n"),
             at_once,
             choices,
             most,
@@ -218,7 +217,7 @@ class Console:
                 return Answer(f"facetd {version()}", {"version": version()})
             command = self._find(words[0])
             if any(word in HELP_WORDS for word in words[1:]):
-                return _described(command)
+                return _described(command, door)
             grade = command.does(words[1:])
             self._check_door(command, grade, door)
             if grade != "look":
@@ -310,7 +309,7 @@ class Console:
         if not words:
             return Answer(first_screen(self.commands.values()), {"commands": every})
         if words[0] != "all":
-            return _described(self._find(words[0]))
+            return _described(self._find(words[0]), door)
         return Answer(await by_pages(every_line(self.commands.values(), door.columns), door), {"commands": every})
 
 
@@ -319,8 +318,8 @@ def version() -> str:
     return importlib.metadata.version("facetd")
 
 
-def _described(command: Command) -> Answer:
-    return Answer(command.described(), {"usage": command.usage})
+def _described(command: Command, door: Door) -> Answer:
+    return Answer(command.described(door.columns), {"usage": command.usage})
 
 
 def one_of(words: list[str], place: int, choices: Iterable[str], what: str, usage: str) -> str:

@@ -18,6 +18,11 @@ def duration(seconds: float) -> str:
     return f"{seconds:.0f} s"
 
 
+def at_utc(iso: str) -> str:
+    """2026-11-23T04:31:16+00:00 -> `2026-11-23 04:31`, of a table that says UTC above it."""
+    return iso.replace("T", " ")[:16] or "-"
+
+
 def millimetres(lengths: Iterable[float]) -> str:
     """50 50 49.6 mm -> `50 50 50 mm`."""
     return " ".join(f"{length:.0f}" for length in lengths) + " mm"

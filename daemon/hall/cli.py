@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,20 @@ from daemon.store.runs import find_run, list_runs
 
 REGRESSED = NOT_ALL = 1
 COLLECTED = "collected"
+
+
+RUN_COLUMNS: dict[str, Callable[[dict[str, Any]], Any]] = {
+    "run": lambda row: row["run"],
+    "picked": lambda row: f"{row['picked']} of {row['cycles']}",
+    "missed": lambda row: row["missed"],
+    "refused": lambda row: row["refusals"],
+    "faults": lambda row: row["faults"],
+    "mm": lambda row: None if row["predicted_mm"] is None else f"{row['predicted_mm']:.2f}",
+    "true mm": lambda row: None if row["true_mm"] is None else f"{row['true_mm']:.2f}",
+    "model": lambda row: row["model_version"] or row["model"],
+    "ended": lambda row: row["ended"],
+}
+"""What people read of each run, within 80 columns; all of it is with --json. mm: predicted at the grasp, mean."""
 
 
 def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -72,9 +87,7 @@ def _runs(args: argparse.Namespace) -> int:
     if not rows:
         print("no runs yet")
         return DONE
-    columns = ("run", "cycles", "picked", "missed", "refusals", "faults", "mean_looks", "predicted_mm", "true_mm",
-               "model", "calibration", "ended")  # fmt: skip
-    _print_table([[name.replace("_", " ") for name in columns], *([_cell(row[c]) for c in columns] for row in rows)])
+    _print_table([list(RUN_COLUMNS), *([_cell(told(row)) for told in RUN_COLUMNS.values()] for row in rows)])
     return DONE
 
 
@@ -144,7 +157,8 @@ def _replay(args: argparse.Namespace) -> int:
 def _in_words(total: dict[str, Any]) -> str:
     counts, (then_ms, now_ms) = total["all"], total["all"]["ms"]
     words = [
-        f"{total['looks']} looks of {total['runs']} runs: {total['identical']} identical, {total['worse']} worse",
+        f"{total['looks']} looks of {total['runs']} run{'s' * (total['runs'] != 1)}: "
+        f"{total['identical']} identical, {total['worse']} worse",
         f"named {counts['named'][0]} then, {counts['named'][1]} now of {counts['parts']}",
     ]
     if counts["proved"]:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import shutil
 import sys
 from datetime import UTC, datetime
 from pathlib import Path
@@ -201,6 +202,7 @@ def _found(base: Path, name: str) -> Path:
 
 
 def _model(args: argparse.Namespace) -> int:
+    from daemon.console.pages import fold
     from daemon.jobs.modelview import check, compare, describe
     from daemon.store.model import load_file
     from daemon.store.model_store import model_file
@@ -212,5 +214,10 @@ def _model(args: argparse.Namespace) -> int:
         told = compare(files[0], files[1])
     else:
         told = check(files[0])
-    print(json.dumps(told.data) if args.json else told.text)
+    if args.json:
+        print(json.dumps(told.data))
+    elif sys.stdout.isatty():
+        print("\n".join(fold(told.text, shutil.get_terminal_size().columns)))
+    else:
+        print(told.text)
     return DONE

@@ -113,7 +113,7 @@ async def walk_round(context: PickContext, count: int, told: Told) -> tuple[Thin
             continue
         looks.append(await context.look(context.mover.at, f"round it, {name}"))
         seen = sum(len(group.facets) for group in thing.groups_in(looks[-1]))
-        await told(f"{name}: {seen} facets")
+        await told(f"{name}: {seen} facet" + "s" * (seen != 1))
     return thing, looks
 
 

@@ -282,7 +282,7 @@ def _tell_gain(context: PickContext, world: WorldModel, part: Seen, before: Sequ
         after = hypotheses_of(now, recogniser, table_z_mm)
         told, bits = in_words(after), outlook(after, context.cell.rig).entropy
     x, y, _ = part.centre
-    about, view = f"what lies at {x:.0f}, {y:.0f}", context.cell.rig
+    about, view = f"what lies at {x:.0f}, {y:.0f} mm", context.cell.rig
     world.tell(
         context,
         Gained(about, in_words(before), told, outlook(before, view).entropy, bits, gain.bits, gain.seconds),

@@ -119,7 +119,9 @@ def told(record: Record, utc_offset_s: float = 0.0) -> str | None:
 def _words(record: Record) -> str | None:
     match record["kind"]:
         case "look":
-            scene = record.get("scene") or {}
+            scene = record.get("scene")
+            if scene is None:  # as of the board in a calibration: nothing was looked for in it
+                return f"{record.get('purpose')}: pictures only"
             parts = ", ".join(map(_seen, scene.get("parts") or [])) or "nothing"
             return f"{record.get('purpose')}: {parts}"
         case "estimate":

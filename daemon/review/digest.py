@@ -136,7 +136,7 @@ class Digest:
 
     def models_used(self) -> list[str]:
         """The models that were in use: `version 3 (1f2e3d4c)`; where a file's version was not told, its hash."""
-        versions = {r["file"]: r.get("version") for r in self.of("model") if r.get("file")}
+        versions = self._versions()
         told = (
             f"version {versions[file]} ({short_hash(file)})" if versions.get(file) else str(short_hash(file))
             for file in self.models()
@@ -147,6 +147,15 @@ class Digest:
     def model(self) -> str | None:
         """The last model in use, by the first digits of its hash."""
         return short_hash(self.models()[-1]) if self.models() else None
+
+    @property
+    def model_version(self) -> int | None:
+        """The last model in use, by its number in the cell; None where that was not told."""
+        return self._versions().get(self.models()[-1]) if self.models() else None
+
+    def _versions(self) -> dict[str, int | None]:
+        """Each kept model file's number."""
+        return {r["file"]: r.get("version") for r in self.of("model") if r.get("file")}
 
     def kept(self, name: str) -> str | None:
         """A file the run began with (config, calibration, model), by the first digits of its hash."""
@@ -172,10 +181,27 @@ class Digest:
             "predicted_mm": _mean(c.predicted_mm for c in picked),
             "true_mm": _mean(c.true_mm for c in picked),
             "model": self.model,
+            "model_version": self.model_version,
             "calibration": self.kept("calibration"),
             "config": self.kept("config"),
             "ended": self.end is not None,
         }
+
+
+def told_again(records: Sequence[Record]) -> frozenset[int]:
+    """The faults, by seq, that only say once more what stands already: nobody has resumed since, and the cycle and the
+    text are the same. A second `stop` while the first one's fault stands is one."""
+    standing: tuple[Any, Any] | None = None
+    again = set[int]()
+    for record in records:
+        if record["kind"] == "fault":
+            told = record.get("cycle"), record.get("text")
+            if told == standing:
+                again.add(int(record["seq"]))
+            standing = told
+        elif record["kind"] == "state" and record.get("from") == "fault" and record.get("to") != "fault":
+            standing = None
+    return frozenset(again)
 
 
 def digest(name: str, records: Sequence[Record], skipped: Sequence[str] = (), going: bool = False) -> Digest:

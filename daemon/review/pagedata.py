@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from daemon.review.digest import Cycle, Digest, Stop, duration_s, stops_of
+from daemon.review.digest import Cycle, Digest, Stop, duration_s, stops_of, told_again
 from daemon.review.production import production, remedies
 from daemon.review.strips import strips
 from daemon.review.why import causes, in_plain_words
@@ -89,6 +89,7 @@ def stop_json(stop: Stop) -> Json:
         "t": look.get("t"),
         "purpose": stop.purpose,
         "ms": scene.get("ms"),
+        "pictures_only": look.get("scene") is None,
         "seconds": {k: _short(v, 4) for k, v in (look.get("seconds") or {}).items()},
         "health": look.get("health") or {},
         "parts": [_part(p) for p in stop.parts],
@@ -194,6 +195,7 @@ def events(digest: Digest) -> list[Json]:
     found: list[Json] = []
     before, cycle = None, None
     zero = float(digest.records[0]["mono_s"]) if digest.records else 0.0
+    again = told_again(digest.records)
     for record in digest.records:
         kind = record["kind"]
         if kind == "cycle_start":
@@ -207,7 +209,8 @@ def events(digest: Digest) -> list[Json]:
                 "text": _event_text(record),
                 "after": None if before is None else _event_text(before),
             }
-            if not (found and all(found[-1][k] == event[k] for k in ("kind", "cycle", "text"))):
+            same = kind != "fault" and found and all(found[-1][k] == event[k] for k in ("kind", "cycle", "text"))
+            if not same and record["seq"] not in again:
                 found.append(event)
         elif kind in ("move", "hand", "decision", "command", "state"):
             before = record

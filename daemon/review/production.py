@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from daemon.review.digest import Cycle, Digest
+from daemon.review.digest import Cycle, Digest, told_again
 from daemon.review.remedies import KNOWN
 from daemon.review.why import NOTHING_WRONG, causes, told
 
@@ -78,8 +78,9 @@ def _stops(run: Digest) -> Iterable[str]:
             found = [c.name for c in causes(cycle, others, run.going)[:1]]
             ended |= {(cycle.number, name) for name in found}
             yield from found
+    again = told_again(run.records)
     for record in run.outside:
-        if record["kind"] == "fault":
+        if record["kind"] == "fault" and record["seq"] not in again:
             yield from (c.name for c in told(record) if (record.get("cycle"), c.name) not in ended)
 
 

@@ -95,6 +95,20 @@ def judge(model: Model, label: str, rig: StereoRig) -> Sufficiency:
     )
 
 
+def apart_from(shown: Group, others: Sequence[Group]) -> tuple[list[Facet], list[Facet]]:
+    """Facets in view that share no edge with those of the part: first those that may be its own sides, as they lie
+    nearer to these than these reach (nothing is learnt of them from such a view); then those of other things."""
+    corners = np.concatenate([facet.corners_mm for facet in shown.facets])
+    reach_mm = _apart(corners, corners).max()
+    beside = [(facet, _apart(facet.corners_mm, corners).min()) for other in others for facet in other.facets]
+    return [f for f, mm in beside if mm < reach_mm], [f for f, mm in beside if mm >= reach_mm]
+
+
+def _apart(these: Array, those: Array) -> Array:
+    """(N, M) mm between points (N, 3) and (M, 3)."""
+    return np.asarray(np.linalg.norm(these[:, None] - those, axis=2))
+
+
 def alike(judged: Iterable[Sufficiency]) -> tuple[Alike, ...]:
     """Every two parts that could be taken for each other, those first of which the most facets do not tell them
     apart."""

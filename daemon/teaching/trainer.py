@@ -197,7 +197,12 @@ class Trainer:
             raise TeachError("no part is seen; put it where both cameras see it, lit from above, nothing else near")
         most = max(len(g.facets) for g in groups)
         largest = [g for g in groups if len(g.facets) == most]
-        if len(largest) > 1 or (len(groups) > 1 and most == 1):
+        if len(groups) > 1 and most == 1:
+            raise TeachError(
+                f"{len(groups)} facets are seen, and none meets another: turn the part a little until the edge between "
+                "two of them shows, and take away what is not of it"
+            )
+        if len(largest) > 1:
             raise TeachError(f"{len(groups)} parts are in view; show the one to be taught alone")
         return largest[0], tuple(g for g in groups if g is not largest[0])
 

@@ -2,14 +2,24 @@
 
 from __future__ import annotations
 
+import fcntl
+import io
 import os
+import struct
 import subprocess
 import sys
+import termios
 from pathlib import Path
 
 import pytest
 
 from daemon import ctl
+from daemon.store.library import load_facets
+from daemon.store.model import save
+from daemon.teaching.aspects import learn_solid
+from daemon.vision.model import empty_model
+from tests.worlds import drawn, rendered
+from tests.worlds.made_run import MadeRun
 
 
 def test_an_option_that_there_is_not_is_told_and_not_said_to_the_daemon(capsys: pytest.CaptureFixture[str]) -> None:
@@ -33,3 +43,56 @@ def test_whoever_reads_no_further_is_told_nothing_more(tmp_path: Path) -> None:
         env = {**os.environ, "PYTHONUNBUFFERED": "1"}
         done = subprocess.run(command, stdout=pipe, stderr=subprocess.PIPE, env=env, timeout=60, check=False)
     assert (done.returncode, done.stderr) == (ctl.NOT_DONE, b"")
+
+
+def test_help_and_answers_are_no_wider_than_the_terminal(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "40")
+    for words in (["--help"], ["stop", "--help"], ["teach", "--help"], ["commission", "--help"]):
+        ctl.main(words)
+        assert max(map(len, capsys.readouterr().out.splitlines())) <= 40, words
+    seen = io.StringIO()
+    monkeypatch.setattr(sys, "stdout", seen)
+    answer = {"text": "what the daemon says, in a line of more than forty columns", "data": {}, "status": 0}
+    ctl.show(answer, as_json=False)
+    assert len(seen.getvalue().splitlines()) == 1, "another program reads it as it was said"
+    seen.isatty = lambda: True  # type: ignore[method-assign]
+    ctl.show(answer, as_json=False)
+    assert max(map(len, seen.getvalue().splitlines()[1:])) <= 40
+
+
+def test_the_table_of_runs_fits_a_terminal_and_names_models_by_their_number(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = MadeRun(tmp_path / "20260102T030405Z")
+    model = tmp_path / "taught.npz"
+    model.write_bytes(b"taught")
+    run.write("model", action="accept", version=3, labels=["cube"], file=run.log.keep(model))
+    run.pick()
+    run.pick("missed")
+    run.close()
+    assert ctl.main(["runs", "--runs", str(tmp_path)]) == ctl.DONE
+    head, row = capsys.readouterr().out.splitlines()
+    assert max(len(head), len(row)) <= 80
+    assert row.split()[:5] == ["20260102T030405Z", "1", "of", "2", "1"]
+    assert row.split()[-2:] == ["3", "yes"]
+
+
+def test_what_a_model_knows_is_no_wider_than_the_terminal(tmp_path: Path) -> None:
+    model, rig = empty_model(load_facets()), rendered.rig(rendered.HERE, "B")
+    for name in ("plank_as_it_was_first_drawn", "plank_as_it_was_drawn_again"):
+        model = learn_solid(
+            model, drawn.solid("plank.stl", drawn.binary_stl(*drawn.box(25, 70, 90))), rig, "plank", name
+        )
+    save(model, tmp_path / "model.npz")
+    ours, theirs = os.openpty()
+    fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 60, 0, 0))
+    command = [sys.executable, "-m", "daemon.ctl", "model", "show", str(tmp_path / "model.npz")]
+    env = {name: value for name, value in os.environ.items() if name != "COLUMNS"}
+    with os.fdopen(theirs, "wb") as terminal:
+        subprocess.run(command, stdin=terminal, stdout=terminal, env=env, timeout=60, check=True)
+        told = os.read(ours, 65536).decode().splitlines()
+    assert any("plank_as_it_was_drawn_again" in line for line in told)
+    assert max(map(len, told)) <= 60
+    os.close(ours)

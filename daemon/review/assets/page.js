@@ -239,8 +239,14 @@ function lookView(stop) {
 by("event-list").append(data.events.length ? el("ul", {}, ...data.events.map((e) => el("li", { class: ["fault", "refusal", "gap"].includes(e.kind) ? "warn" : null },
   time(e.t, offset), " ", e.cycle === null ? null : el("a", { href: "#cycle", onclick: () => open(e.cycle) }, `cycle ${e.cycle} `), e.text,
   e.after && ["fault", "refusal"].includes(e.kind) ? el("span", { class: "dim" }, ` — after: ${e.after}`) : null))) : el("p", { class: "dim" }, "none"));
+const inAll = (parts) => {
+  const count = {};
+  for (const p of parts) count[p.label] = (count[p.label] || 0) + 1;
+  const named = ([label, n]) => (label !== "unknown" ? (n > 1 ? `${n} × ${label}` : label) : n > 1 ? `${n} parts without a name` : "a part without a name");
+  return Object.entries(count).map(named).join(", ") || "nothing seen";
+};
 by("other-list").append(...data.outside.map((stop) => {
-  const box = el("details", {}, el("summary", {}, time(stop.t, offset), ` ${stop.purpose}: ${stop.parts.map((p) => (p.label === "unknown" ? "a part without a name" : p.label)).join(", ") || "nothing seen"}`));
+  const box = el("details", {}, el("summary", {}, time(stop.t, offset), ` ${stop.purpose}: ${stop.pictures_only ? "pictures only" : inAll(stop.parts)}`));
   box.addEventListener("toggle", () => { if (box.open && box.children.length === 1) box.append(lookView(stop)); });
   return box;
 }));

@@ -23,7 +23,7 @@ ETC = Path(__file__).parents[3] / "etc"
 
 @pytest.fixture
 def context(tmp_path: Path) -> Any:
-    async def reload() -> str:
+    async def reload(who: str | None) -> str:
         return "Taken over."
 
     context = fake_context(tmp_path, reload)

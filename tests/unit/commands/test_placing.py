@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import re
 from pathlib import Path
 from typing import Any
 
@@ -90,7 +91,10 @@ def test_a_place_is_kept_with_its_history_and_gone_to(context: Any) -> None:
     assert door.asked == ["bin2 is 10.0 mm from here so far. Name this place bin2 instead? [y/n]"]
     assert say(context, "go bin2").text == "At bin2."
     assert context.cycle.told == ["move to bin2: [100.0, 200.0, 310.0]"]
-    assert len(say(context, "places bin2").text.splitlines()) == 2
+    history = say(context, "places bin2").text.splitlines()
+    assert [re.fullmatch(r"\d{4}-\d\d-\d\d \d\d:\d\d UTC  x .* by .*", line) is not None for line in history] == [
+        True
+    ] * 2
     assert "bin2" in say(context, "places").text
     assert say(context, "places drop bin2").status == 0
     assert say(context, "go bin2").status == 2

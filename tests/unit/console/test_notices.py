@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from daemon.arm import RefusedError
 from daemon.commands import awaiting
 from daemon.commands.awaiting import tell_what_waits, with_questions
 from daemon.commands.moving import tell_end
@@ -122,6 +123,32 @@ def test_the_end_of_an_auto_is_told_with_what_it_brought() -> None:
         return door.heard
 
     assert asyncio.run(run()) == ["Auto has ended: 2 parts picked."]
+
+
+def test_an_auto_that_may_not_begin_is_not_waited_for_in_place_of_the_one_that_is_on() -> None:
+    """`auto resume` beside an auto was refused as busy; `auto wait` then said at once that 0 parts had been picked."""
+    free, end_of_first = [True], asyncio.Event()
+
+    async def auto(*_: Any) -> list[Any]:
+        if not free:
+            raise RefusedError("busy: auto")
+        free.clear()
+        await end_of_first.wait()
+        return [end("picked")]
+
+    async def run() -> list[Any]:
+        context: Any = SimpleNamespace(cycle=SimpleNamespace(auto=auto), notices=Notices(), _auto=None)
+        context._auto_ended = lambda task: CommandContext._auto_ended(context, task)
+        await CommandContext.begin_auto(context, None)
+        with pytest.raises(RefusedError, match="busy"):
+            await CommandContext.begin_auto(context, None)
+        waiting = asyncio.ensure_future(CommandContext.auto_ends(context))
+        await asyncio.sleep(0)
+        assert not waiting.done()
+        end_of_first.set()
+        return await waiting
+
+    assert [one.outcome for one in asyncio.run(run())] == ["picked"]
 
 
 def test_a_question_is_taken_back_where_somebody_else_decides() -> None:

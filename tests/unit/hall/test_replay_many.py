@@ -77,7 +77,7 @@ def test_without_the_extra_a_cell_replays_its_own_runs_and_many_workers_are_refu
 
     alone = said()
     assert (alone.returncode, alone.stderr) == (0, "")
-    assert "0 looks of 1 runs" in alone.stdout
+    assert "0 looks of 1 run:" in alone.stdout
     many = said("--workers", "2")
     assert (many.returncode, many.stderr.count("\n")) == (2, 1)
     assert "extra-fleet" in many.stderr

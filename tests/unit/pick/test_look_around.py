@@ -37,6 +37,7 @@ def test_what_has_no_name_is_looked_at_from_so_many_places_and_each_look_tells_w
     told = world.said("gained")
     assert [record["look"] for record in told] == [2, 3]
     assert told[0]["before"] == told[0]["after"] == "not taught 100 %"
+    assert told[0]["about"].endswith(" mm")
     places = [look.world_from_cyclopean[:3, 3] for look in known.looks]
     assert min(float(np.linalg.norm(a - b)) for k, a in enumerate(places) for b in places[:k]) > 100.0
 

@@ -24,9 +24,9 @@ def test_runs_are_tabled_and_laid_side_by_side(
     runs = ["--runs", str(tmp_path / "runs")]
     assert ctl.main(["runs", *runs]) == 0
     table = capsys.readouterr().out.splitlines()
-    assert [line.split()[:4] for line in table[1:]] == [
-        ["20260102T030405Z", "1", "1", "0"],
-        ["20260103T030405Z", "1", "0", "1"],
+    assert [line.split()[:5] for line in table[1:]] == [
+        ["20260102T030405Z", "1", "of", "1", "0"],
+        ["20260103T030405Z", "0", "of", "1", "1"],
     ]
     page = tmp_path / "page.html"
     assert ctl.main(["review", *runs, "--out", str(page), "--against", "20260102T030405Z"]) == 0
@@ -62,10 +62,12 @@ def test_an_unknown_run_is_one_line_and_status_2(tmp_path: Path, capsys: pytest.
 
 
 def test_tail_tells_a_run_line_by_line(made: MadeRun, capsys: pytest.CaptureFixture[str]) -> None:
+    made.write("look", stop=0, purpose="calibrate pose 1")
     made.pick()
     made.close()
     assert ctl.main(["tail", "--runs", str(made.folder.parent)]) == 0
     told = capsys.readouterr().out
+    assert "calibrate pose 1: pictures only" in told, "a board is seen there: not `nothing`"
     assert "approach: cube 98 %" in told
     assert "picked: gone from where it lay" in told
     assert "\x1b[" not in told

@@ -11,7 +11,7 @@ import pytest
 from daemon.review.page import write_page
 from daemon.vision.report import scene_json
 from daemon.vision.values import FacetView, NearestGuess, Scene
-from tests.worlds.made_run import MadeRun
+from tests.worlds.made_run import MadeRun, part
 
 
 def rows(browser: Any) -> list[object]:
@@ -115,6 +115,29 @@ def test_charts_have_units_and_names(browser: Any, page: Path) -> None:
     told = browser.find_element("id", "plots").text
     for words in ("Predicted error at the grasp, look by look", "mm", "look at the part", "median", "look from above"):
         assert words in told
+
+
+def test_two_runs_side_by_side_fit_a_phone(browser: Any, tmp_path: Path) -> None:
+    """The column of differences, and the mark where one matters, were beyond the edge."""
+    for name in ("20260102T030405Z", "20260103T030405Z"):
+        made = MadeRun(tmp_path / name)
+        made.pick()
+        made.close()
+    page = write_page(made.folder, tmp_path / "page.html", tmp_path / "20260102T030405Z")
+    browser.set_window_size(420, 900)
+    open_page(browser, page)
+    wide = browser.execute_script("return document.documentElement.scrollWidth - document.documentElement.clientWidth")
+    heads = browser.find_elements("css selector", "#against-body th")
+    browser.set_window_size(1300, 1000)
+    assert wide <= 0
+    assert [head.text for head in heads][2:4] == ["this run", "difference"]
+
+
+def test_a_look_that_saw_three_parts_without_a_name_says_so_once(browser: Any, tmp_path: Path) -> None:
+    made = MadeRun(tmp_path / "20260102T030405Z")
+    made.look("find it", *(part(label) for label in ("unknown", "unknown", "cube", "unknown")))
+    open_page(browser, write_page(made.close(), tmp_path / "page.html"))
+    assert "find it: 3 parts without a name, cube" in browser.find_element("id", "other-list").text
 
 
 def test_a_phone_needs_no_sideways_scrolling(browser: Any, page: Path) -> None:

@@ -136,6 +136,7 @@ def test_a_look_of_which_nothing_was_kept_is_shown_all_the_same() -> None:
     (stop,) = digest("x", [line("cycle_start", 0, seq=0), bare]).cycles[0].stops
     assert stop_json(stop) == {
         "n": None, "seq": 1, "t": "2026-01-02T03:04:01.000Z", "purpose": "look", "ms": None, "seconds": {},
+        "pictures_only": True,
         "health": {}, "parts": [], "rejected": [], "guesses": [], "notes": [], "estimate": None, "moves": [],
     }  # fmt: skip
 
@@ -203,7 +204,7 @@ def test_the_figures_of_a_run(run: Digest) -> None:
         "run": "20260102T030401Z", "started": "2026-01-02T03:04:01.000Z", "seconds": 13.0, "cycles": 2, "picked": 1,
         "missed": 0, "outcomes": {"picked": 1, "unfinished": 1}, "looks": 3, "refusals": 1, "faults": 2,
         "mean_looks": 1, "mean_cycle_s": 6.5, "predicted_mm": 0.704, "true_mm": 0.515, "model": "dddddddd",
-        "calibration": "bbbbbbbb", "config": "cccccccc", "ended": True,
+        "model_version": 3, "calibration": "bbbbbbbb", "config": "cccccccc", "ended": True,
     }  # fmt: skip
     nothing = digest("x", []).statistics()
     assert (nothing["started"], nothing["seconds"], nothing["model"], nothing["mean_looks"]) == (None, 0, None, None)

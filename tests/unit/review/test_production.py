@@ -8,6 +8,7 @@ import pytest
 
 from daemon.review.brief import read_brief
 from daemon.review.page import read_digest
+from daemon.review.pagedata import events
 from daemon.review.production import compared, production, remedies
 from daemon.review.strips import strips
 from tests.worlds.made_run import MadeRun
@@ -34,6 +35,25 @@ def test_what_ended_a_cycle_and_is_told_right_after_it_stopped_it_once(made: Mad
     found = production([read_digest(made.close())])
     assert found["stops"] == {"operator's stop": 2}, "by the cycle and the one that was in none"
     assert list(remedies(found)) == ["operator's stop"]
+
+
+def test_a_second_stop_while_the_first_ones_fault_stands_is_one_and_one_after_a_resume_is_another(
+    made: MadeRun,
+) -> None:
+    """The page's title counted five stops, its list four; and of two stops with a resume between, the list had one."""
+    made.pick()
+
+    def fault(before: str) -> None:
+        made.write("fault", cycle=made.cycle, code="stopped by ann", text="stopped by ann", **{"while": ""})
+        made.write("state", cycle=made.cycle, event="stop", to="fault", **{"from": before})
+
+    fault("idle")
+    fault("fault")
+    made.write("state", cycle=made.cycle, event="resume", to="idle", **{"from": "fault"})
+    fault("idle")
+    run = read_digest(made.close())
+    assert production([run])["stops"] == {"operator's stop": 2}
+    assert [event["kind"] for event in events(run)].count("fault") == 2
 
 
 def test_a_brief_reading_says_the_same_of_a_run_as_a_whole_one(made: MadeRun) -> None:

@@ -193,6 +193,15 @@ def test_a_reload_that_is_refused_after_it_had_disabled_the_arm_takes_nothing_ov
     assert story.violations() == ()
 
 
+def test_whoever_asked_for_a_reload_is_told_once_that_it_has_disabled_the_arm(story: Story) -> None:
+    """By the answer: the notice to all doors said the same above it. (All sockets here are one operator's.)"""
+    story.write_config(limits={"box_low_mm": [0, -600, -300], "max_speed_pct": 40})
+    story.sockets[0].say("reload")
+    story.wait(1.0)
+    told = [text for text in story.texts if NO_LONGER in text]
+    assert told == [f"The configuration is taken over. {NO_LONGER}"]
+
+
 def test_a_yes_to_walk_round_a_part_is_void_where_the_arm_was_stopped_since_it_was_asked_for(story: Story) -> None:
     """`abort` leaves no fault: who had said it was told that the arm is stopped, and it set out."""
     story.sockets[0].say("teach cube --around 6")

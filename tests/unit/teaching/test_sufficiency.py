@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from daemon.teaching.sufficiency import (
     Mistake,
     Sufficiency,
     alike,
+    apart_from,
     imagined_view,
     judge,
     spread,
@@ -62,6 +65,19 @@ def test_what_was_never_seen_and_what_it_could_be_taken_for_is_told(trainer: Tra
     assert cube.named > 0
     alone = [mistake for mistake in cube.mistakes if mistake.facets == ("square",)]
     assert alone, "a single square is no proof of a cube"
+
+
+def test_a_side_that_meets_none_of_the_others_is_told_from_what_lies_elsewhere(trainer: Trainer) -> None:
+    """A bracket shown alone: its third side, whose edge no eye saw, was told to be something else's, and nobody was
+    told what to do about it."""
+    view = imagined_view(box(50, 60, 70), np.array([1.0, 1.0, 1.0]) / np.sqrt(3), trainer.rig)
+    assert view is not None
+    shown, lone = view.only([0, 1]), view.only([2])
+    near = replace(lone.facets[0], corners_mm=lone.facets[0].corners_mm + 10.0)
+    far = replace(near, corners_mm=near.corners_mm + 300.0)
+    others = [replace(lone, facets=(facet,)) for facet in (far, near)]
+    assert apart_from(shown, others) == ([near], [far])
+    assert apart_from(shown, []) == ([], [])
 
 
 def test_many_directions_at_once_see_what_each_alone_sees() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -35,6 +37,25 @@ def test_nothing_in_view_is_refused_with_what_to_do_and_nothing_is_kept(trainer:
     assert trainer.model_store.views() == []
     with pytest.raises(TeachError, match="no views to train on"):
         trainer.train()
+
+
+@pytest.mark.parametrize(
+    ("sizes", "told"),
+    [
+        ((1, 1), "2 facets are seen, and none meets another: turn the part a little until the edge between"),
+        ((2, 1, 2), "3 parts are in view; show the one to be taught alone"),
+    ],
+)
+def test_what_hangs_together_nowhere_is_not_told_to_be_so_many_parts(
+    trainer: Trainer, monkeypatch: pytest.MonkeyPatch, sizes: tuple[int, ...], told: str
+) -> None:
+    """A bracket alone in the hand, two of its sides without the edge between: "2 parts are in view; show it alone"."""
+    groups = tuple(SimpleNamespace(facets=(None,) * size) for size in sizes)
+    scene = SimpleNamespace(view=SimpleNamespace(groups=groups))
+    monkeypatch.setattr("daemon.teaching.trainer.look", lambda *_, **__: scene)
+    grey = np.full((480, 640), 90, np.uint8)
+    with pytest.raises(TeachError, match=told):
+        trainer.only_part(grey, grey, None)
 
 
 def test_a_view_that_can_no_longer_be_read_is_left_out_and_named(trainer: Trainer) -> None:
