@@ -16,12 +16,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.arrays import Array, Image32
+from daemon.arrays import Array, Image32, Index
 from daemon.vision.image.grey import FINE, Fine, Grey, Noise
 
 Border = NDArray[np.int32]
 Stretched = NDArray[np.int16]
 """An image (H, W) of unit noise, in steps of 1 / FINE of its sigma."""
+Window = tuple[Index, Index]
+"""Corners (left, top), (right, bottom) px of a part of an image."""
 
 SMOOTHING_PX = 1.0
 _KERNEL = (7, 7)
@@ -121,7 +123,7 @@ def shrunk(unit: Stretched, shrink: int) -> Scale:
     return Scale(shrink, np.full(2, (shrink - 1) / 2), strength, _grain(strength))
 
 
-def full_size(smooth: Fine, window: tuple[Array, Array], grain: float) -> Scale:
+def full_size(smooth: Fine, window: Window, grain: float) -> Scale:
     """The same at full size, of a part of the smoothed image; grain: its noise over that of white noise."""
     (left, top), (right, bottom) = window
     return Scale(1, np.array([left, top], float), _gradient(smooth)[top:bottom, left:right], grain)
@@ -147,8 +149,8 @@ def _gradient(smooth: Fine, shrink: int = 1) -> Image32:
     return np.asarray(cv2.magnitude(gx, gy), np.float32)
 
 
-def edge_window(scale: Scale, level: float, shape: tuple[int, ...]) -> tuple[Array, Array] | None:
-    """Corners (left, top), (right, bottom) px of the part of an image (H, W) in which a scale shows edges, or None."""
+def edge_window(scale: Scale, level: float, shape: tuple[int, ...]) -> Window | None:
+    """The part of an image (H, W) in which a scale shows edges, or None."""
     edges = (scale.strength >= level * scale.sigma).astype(np.uint8)
     borders = cv2.findContours(edges, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)[0]
     boxes = np.array([cv2.boundingRect(b) for b in borders], np.intp).reshape(-1, 4)

@@ -81,7 +81,7 @@ def test_most_speaks_for_a_part_where_it_is(name: str) -> None:
 def test_little_speaks_for_a_part_elsewhere_and_nearly_as_much_where_the_picture_repeats_itself(name: str) -> None:
     eyes, solid = eyes_on(name, printed=False, patterned=False), shape(name)
     once = eyes.left.grey
-    again = replace(eyes.left, grey=np.maximum(once, np.roll(once, 60, axis=1)), scales={})
+    again = replace(eyes.left, grey=np.maximum(once, np.roll(once, 60, axis=1)), scales={}, windows={})
     lone, two = (elsewhere(solid, WHERE, eyes.geometry, directed_map(view)) for view in (eyes.left, again))
     assert lone < 0.65
     assert two > 0.85
