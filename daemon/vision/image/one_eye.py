@@ -104,7 +104,7 @@ class OneEye:
         largest = settings.max_area_fraction * self.grey.size
         found = list[Region]()
         for shrink, level in product(settings.shrinks, settings.levels):
-            regions = closed_regions(self.scale(shrink), level, settings.min_area_px, largest)
+            regions = closed_regions(self.scale(shrink), window, level, settings.min_area_px, largest)
             found += regions[: settings.max_regions]
         return found
 

@@ -126,7 +126,7 @@ def shrunk(unit: Stretched, shrink: int) -> Scale:
 def full_size(smooth: Fine, window: Window, grain: float) -> Scale:
     """The same at full size, of a part of the smoothed image; grain: its noise over that of white noise."""
     (left, top), (right, bottom) = window
-    return Scale(1, np.array([left, top], float), _gradient(smooth)[top:bottom, left:right], grain)
+    return Scale(1, np.array([left, top], float), _gradient(smooth[top:bottom, left:right]), grain)
 
 
 def _grain(strength: Image32) -> float:
@@ -181,22 +181,25 @@ def gradient_noise(sigma_px: float) -> float:
     return float(np.sqrt(np.sum(along**2) * np.sum(across**2)))
 
 
-def closed_regions(scale: Scale, level: float, least_px: float, largest_px: float) -> list[Region]:
-    """Regions of so many full-size px that edges stronger than `level` close off, largest first; those at the image's
-    rim are left out.
+def closed_regions(scale: Scale, window: Window, level: float, least_px: float, largest_px: float) -> list[Region]:
+    """Regions of so many full-size px, in a part of the image, that edges stronger than `level` close off, largest
+    first; those at its rim are left out.
     """
     edges = (scale.strength >= level * scale.sigma).astype(np.uint8)
     size = scale.shrink**2
     least = max(_LEAST_AREA, least_px / size)
-    holes = _holes_among_specks(edges, least) if _speckled(edges) else _holes(edges)
+    (left, top), (right, bottom) = ((corner - scale.origin_px) / scale.shrink for corner in window)
+    first = max(int(left), 0), max(int(top), 0)
+    seen = edges[first[1] : int(bottom) + 1, first[0] : int(right) + 1]
+    holes = _holes_among_specks(seen, first, least) if _speckled(edges) else _holes(seen, first)
     sized = [(cv2.contourArea(h), h) for h in holes if len(h) >= _LEAST_BORDER]
     sized = sorted((s for s in sized if least <= s[0] <= largest_px / size), key=lambda s: -s[0])
     return [Region(border, area * size, scale) for area, border in sized]
 
 
-def _holes(edges: NDArray[np.uint8]) -> list[Border]:
-    """Borders (K, 1, 2) of everything that edges (H, W), 0 or 1, close off."""
-    borders, tree = cv2.findContours(edges, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
+def _holes(edges: NDArray[np.uint8], first: tuple[int, int]) -> list[Border]:
+    """Borders (K, 1, 2) of everything that edges (H, W), 0 or 1, close off; first: the place of their first pixel."""
+    borders, tree = cv2.findContours(edges, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE, offset=first)
     return (
         [np.asarray(borders[k], np.int32) for k in np.flatnonzero(np.asarray(tree)[0, :, 3] >= 0).tolist()]
         if borders
@@ -204,7 +207,7 @@ def _holes(edges: NDArray[np.uint8]) -> list[Border]:
     )
 
 
-def _holes_among_specks(edges: NDArray[np.uint8], least: float) -> list[Border]:
+def _holes_among_specks(edges: NDArray[np.uint8], first: tuple[int, int], least: float) -> list[Border]:
     """The same borders, of the largest few only, found by their areas first: following the borders of ten thousand
     specks costs more than all else.
     """
@@ -218,6 +221,7 @@ def _holes_among_specks(edges: NDArray[np.uint8], least: float) -> list[Border]:
             break
         x, y, width, height = stats[k, :4].tolist()
         outside = (labels[y - 1 : y + height + 1, x - 1 : x + width + 1] != k).astype(np.uint8)
-        borders, tree = cv2.findContours(outside, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE, offset=(x - 2, y - 2))
+        offset = first[0] + x - 2, first[1] + y - 2
+        borders, tree = cv2.findContours(outside, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE, offset=offset)
         found.append(np.asarray(borders[int(np.argmax(np.asarray(tree)[0, :, 3] >= 0))], np.int32))
     return found
