@@ -104,8 +104,8 @@ class OneEye:
         largest = settings.max_area_fraction * self.grey.size
         found = list[Region]()
         for shrink, level in product(settings.shrinks, settings.levels):
-            regions = closed_regions(self.scale(shrink), window, level, settings.min_area_px, largest)
-            found += regions[: settings.max_regions]
+            least, most = settings.min_area_px, settings.max_regions
+            found += closed_regions(self.scale(shrink), window, level, least, largest, most)
         return found
 
     def window(self, level: float) -> Window | None:

@@ -34,8 +34,8 @@ _LEAST_AREA, _LEAST_BORDER = 12.0, 10
 """Pixels of its scale in a region, and in its border."""
 _SPECKLED = 0.3
 """Share of pixels on edges that is more than parts have: grain, print, a rough table."""
-_MOST_HOLES = 40
-"""Regions followed among specks: as many as one level of a scale may give in full (settings.max_regions)."""
+_FOLLOWED = 2
+"""Regions followed among specks, of each that is wanted: the largest inside need not have the largest borders."""
 _LEAST_EXTENT, _WINDOW_RIM_PX = 12, 12
 """Width and height together of edges that are more than noise; room left about them, px."""
 _TILES, _QUIET = 8, 20
@@ -181,9 +181,11 @@ def gradient_noise(sigma_px: float) -> float:
     return float(np.sqrt(np.sum(along**2) * np.sum(across**2)))
 
 
-def closed_regions(scale: Scale, window: Window, level: float, least_px: float, largest_px: float) -> list[Region]:
-    """Regions of so many full-size px, in a part of the image, that edges stronger than `level` close off, largest
-    first; those at its rim are left out.
+def closed_regions(
+    scale: Scale, window: Window, level: float, least_px: float, largest_px: float, most: int
+) -> list[Region]:
+    """Regions of so many full-size px, in a part of the image, that edges stronger than `level` close off, so many of
+    the largest, the largest first; those at its rim are left out.
     """
     edges = (scale.strength >= level * scale.sigma).astype(np.uint8)
     size = scale.shrink**2
@@ -191,10 +193,10 @@ def closed_regions(scale: Scale, window: Window, level: float, least_px: float, 
     (left, top), (right, bottom) = ((corner - scale.origin_px) / scale.shrink for corner in window)
     first = max(int(left), 0), max(int(top), 0)
     seen = edges[first[1] : int(bottom) + 1, first[0] : int(right) + 1]
-    holes = _holes_among_specks(seen, first, least) if _speckled(edges) else _holes(seen, first)
+    holes = _holes_among_specks(seen, first, least, _FOLLOWED * most) if _speckled(edges) else _holes(seen, first)
     sized = [(cv2.contourArea(h), h) for h in holes if len(h) >= _LEAST_BORDER]
     sized = sorted((s for s in sized if least <= s[0] <= largest_px / size), key=lambda s: -s[0])
-    return [Region(border, area * size, scale) for area, border in sized]
+    return [Region(border, area * size, scale) for area, border in sized[:most]]
 
 
 def _holes(edges: NDArray[np.uint8], first: tuple[int, int]) -> list[Border]:
@@ -207,16 +209,16 @@ def _holes(edges: NDArray[np.uint8], first: tuple[int, int]) -> list[Border]:
     )
 
 
-def _holes_among_specks(edges: NDArray[np.uint8], first: tuple[int, int], least: float) -> list[Border]:
-    """The same borders, of the largest few only, found by their areas first: following the borders of ten thousand
-    specks costs more than all else.
+def _holes_among_specks(edges: NDArray[np.uint8], first: tuple[int, int], least: float, most: int) -> list[Border]:
+    """The same borders, of so many of the largest only, found by their areas first: following the borders of ten
+    thousand specks costs more than all else.
     """
     closed = cv2.copyMakeBorder(1 - edges, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=1)
     labels, stats = cv2.connectedComponentsWithStats(closed, connectivity=4)[1:3]
     area = stats[:, cv2.CC_STAT_AREA]
     area[[0, labels[0, 0]]] = 0  # the edges, and what is open to the rim
     found = []
-    for k in np.argsort(-area, kind="stable")[:_MOST_HOLES]:
+    for k in np.argsort(-area, kind="stable")[:most]:
         if area[k] < least / 2:  # inside a border that itself takes up as much again
             break
         x, y, width, height = stats[k, :4].tolist()
