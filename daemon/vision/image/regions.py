@@ -152,6 +152,8 @@ def _gradient(smooth: Fine, shrink: int = 1) -> Image32:
 def edge_window(scale: Scale, level: float, shape: tuple[int, ...]) -> Window | None:
     """The part of an image (H, W) in which a scale shows edges, or None."""
     edges = (scale.strength >= level * scale.sigma).astype(np.uint8)
+    if _speckled(edges):
+        return np.zeros(2, np.intp), np.array([shape[1], shape[0]])
     borders = cv2.findContours(edges, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)[0]
     boxes = np.array([cv2.boundingRect(b) for b in borders], np.intp).reshape(-1, 4)
     boxes = boxes[boxes[:, 2] + boxes[:, 3] >= _LEAST_EXTENT] * scale.shrink
