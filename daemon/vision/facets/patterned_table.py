@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from daemon.arrays import Array
 from daemon.vision.facets.table import Table
 from daemon.vision.geometry import Baseline, Eye
-from daemon.vision.image import Eyes
+from daemon.vision.image import Eyes, OneEye
+from daemon.vision.settings import VisionSettings
 
 COLUMNS = 213
 """How many the coarse pictures have, about."""
@@ -40,6 +41,9 @@ CELLS = (10, 8)
 LEAST_MATCHED, LEAST_CELLS, MOST_BEYOND = 0.1, 0.35, 0.15
 """A cell of the picture lies in the plane where so large a share of it does; so many of the cells must, and at most so
 many of the matches may lie beyond it."""
+LEAST_ON_EDGES = 0.02
+"""Of a cell that has anything to match: what one line across a part of it leaves. Where a plane was found in the
+rendered scenes, 99 in 100 cells had five times as much."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,6 +93,8 @@ def _taken_from(eye: Eye, wide: int, tall: int, per_unit: float, first: Array) -
 
 def seen_table(eyes: Eyes) -> Table | None:
     """The plane that most of both pictures shows, if there is one."""
+    if _plain(eyes.left):
+        return None
     tall, wide = eyes.left.grey.shape
     canvas = rectified(eyes.geometry, wide, tall)
     disparities = _disparities(eyes, canvas)
@@ -105,6 +111,13 @@ def seen_table(eyes: Eyes) -> Table | None:
     if (shares > LEAST_MATCHED).mean() < LEAST_CELLS or (beyond[matched] > 4 * ON_PLANE_PX).mean() > MOST_BEYOND:
         return None
     return _table(plane, canvas, eyes.geometry, (len(lies), lies.shape[1]))
+
+
+def _plain(view: OneEye) -> bool:
+    """Whether too few cells of a picture show any edges for a plane to lie in them."""
+    scale = view.scale(2)
+    edges = (scale.strength >= VisionSettings.faintest * scale.sigma).astype(np.float32)
+    return bool((cv2.resize(edges, CELLS, interpolation=cv2.INTER_AREA) > LEAST_ON_EDGES).mean() < LEAST_CELLS)
 
 
 def _disparities(eyes: Eyes, canvas: Rectified) -> NDArray[np.float32]:

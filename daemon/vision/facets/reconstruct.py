@@ -21,6 +21,8 @@ from daemon.vision.settings import VisionSettings
 from daemon.vision.values import Facet, FacetView, Group, Polygon, Rejected
 
 _DETECTED_PX = 0.7
+Welded = tuple[list[Candidate], Group]
+"""Candidates that hang together by shared edges, and their facets as a group."""
 
 
 def find_facets(
@@ -45,26 +47,31 @@ def facets_step_by_step(eyes: Eyes, settings: VisionSettings) -> Iterator[FacetV
     asks on, with those that one eye alone outlines: the same groups again where there are none."""
     outlines = outlines_of(eyes, settings, in_one=False)
     chosen, refused = choose(find_candidates(outlines, eyes, settings), settings)
-    view = None
-    if chosen and all(len(members) > 1 for members, _ in _welded(chosen)):
-        view = _grouped(chosen, refused, eyes, settings)
+    view, sets = None, _welded(chosen)
+    if chosen and all(len(members) > 1 for members, _ in sets):
+        view = _grouped(chosen, sets, refused, eyes, settings)
         yield _with_unmatched(view, outlines)
     outlines = outlines_of(eyes, settings, in_one=True)
     added = complete(chosen, outlines, eyes, settings)
     if added or view is None:
-        view = _grouped(chosen + added, refused, eyes, settings)
+        view = _grouped(chosen + added, _welded(chosen + added) if added else sets, refused, eyes, settings)
     yield _with_unmatched(view, outlines)
 
 
 def _grouped(
-    chosen: list[Candidate], refused: list[tuple[Candidate, str]], eyes: Eyes, settings: VisionSettings
+    chosen: list[Candidate],
+    sets: list[Welded],
+    refused: list[tuple[Candidate, str]],
+    eyes: Eyes,
+    settings: VisionSettings,
 ) -> FacetView:
-    """The chosen candidates as groups of facets, less those that a part stands on; these, and those refused, with the
-    reason."""
+    """The chosen candidates, welded in sets, as groups of facets, less those that a part stands on; these, and those
+    refused, with the reason."""
     if settings.corner_detector != "line_fit":
         chosen = [_with_detected_corners(c, eyes, settings) for c in chosen]
+        sets = _welded(chosen)
     groups, refused = list[Group](), list(refused)
-    for members, group in _welded(chosen):
+    for members, group in sets:
         whole = _settled(members, group, eyes.geometry, settings)
         under = lying_under(whole.facets)
         if under is None:
@@ -87,7 +94,7 @@ def _with_unmatched(view: FacetView, outlines: Sequence[Sequence[Outline]]) -> F
     return replace(view, rejected=alone + view.rejected)
 
 
-def _welded(candidates: list[Candidate]) -> list[tuple[list[Candidate], Group]]:
+def _welded(candidates: list[Candidate]) -> list[Welded]:
     """Sets of candidates that hang together by shared edges, each with its facets as a group."""
     if not candidates:
         return []

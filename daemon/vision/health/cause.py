@@ -19,6 +19,7 @@ from daemon.vision.image import SATURATED, block_means
 from daemon.vision.values import Cause, NearestGuess, Part
 
 BORDER_PX = 4.0  # an outline that ends so near the border was cut there, or may have been
+LIT_SHARE = 0.05  # of the part and its surroundings; with less that is bright at all it lies in the dark
 BURNT_SHARE = 0.2  # of the part and its surroundings; beside so much white its edges are lost
 PATTERNED_GREY = 2.0  # of unevenness; plain tables have 0.2 to 1.8, patterned ones 1.3 to 16 (bench: image_health)
 MOSTLY = 0.5
@@ -89,9 +90,11 @@ def _cause(
 
 def _light(levels: Sequence[Image]) -> Cause | None:
     """Whether either eye's grey levels, of any shape, lie too low or too high."""
-    if any(np.percentile(level, 95) < MEASURES["darkness"].limit for level in levels):
+    lit = int(MEASURES["darkness"].limit)
+    if any(np.count_nonzero(level >= lit) < LIT_SHARE * level.size for level in levels):
         return Cause.DARK
-    return Cause.BURNT if any(np.mean(level >= SATURATED) > BURNT_SHARE for level in levels) else None
+    burnt = any(np.count_nonzero(level >= SATURATED) > BURNT_SHARE * level.size for level in levels)
+    return Cause.BURNT if burnt else None
 
 
 def _holds(corners: Array, point: Array) -> bool:

@@ -22,6 +22,7 @@ from daemon.vision.image.regions import (
     RoughPolygon,
     Scale,
     Stretched,
+    Window,
     closed_regions,
     edge_window,
     full_size,
@@ -30,7 +31,7 @@ from daemon.vision.image.regions import (
     smoothed,
     unit_noise,
 )
-from daemon.vision.image.segments import Segments, find_segments
+from daemon.vision.image.segments import ABOUT_PX, Segments, find_segments
 from daemon.vision.settings import VisionSettings
 
 GRAIN_PX = 5
@@ -38,13 +39,14 @@ GRAIN_PX = 5
 
 @dataclass(frozen=True, eq=False)
 class OneEye:
-    """One eye's camera and its checked image (H, W); scales by their shrink, rough polygons by what was asked for, what
-    outlines lie near these, and what was fitted to outlines.
+    """One eye's camera and its checked image (H, W); scales by their shrink, windows by how strong edges count, rough
+    polygons by what was asked for, what outlines lie near these, and what was fitted to outlines.
     """
 
     eye: Eye
     grey: Grey
     scales: dict[int, Scale] = field(default_factory=dict)
+    windows: dict[float, Window | None] = field(default_factory=dict)
     sketched: dict[VisionSettings, list[RoughPolygon]] = field(default_factory=dict)
     outlined: dict[RoughPolygon, list[Outline]] = field(default_factory=dict)
     fitted: dict[Outline, Fitted | None] = field(default_factory=dict)
@@ -94,7 +96,7 @@ class OneEye:
         """Closed regions at every scale and level, the largest of each; at full size only where scale 2 shows edges,
         and none where it shows none.
         """
-        window = edge_window(self.scale(2), settings.faintest, self.grey.shape)
+        window = self.window(settings.faintest)
         if window is None:
             return []
         if 1 in settings.shrinks and 1 not in self.scales:
@@ -102,14 +104,25 @@ class OneEye:
         largest = settings.max_area_fraction * self.grey.size
         found = list[Region]()
         for shrink, level in product(settings.shrinks, settings.levels):
-            regions = closed_regions(self.scale(shrink), level, settings.min_area_px, largest)
-            found += regions[: settings.max_regions]
+            least, most = settings.min_area_px, settings.max_regions
+            found += closed_regions(self.scale(shrink), window, level, least, largest, most)
         return found
+
+    def window(self, level: float) -> Window | None:
+        """The part of the image in which scale 2 shows edges so many sigmas strong, or None."""
+        if level not in self.windows:
+            self.windows[level] = edge_window(self.scale(2), level, self.grey.shape)
+        return self.windows[level]
 
     @cached_property
     def segments(self) -> Segments:
-        """The straight segments of the image, the longest first."""
-        return find_segments(self.grey)
+        """The straight segments of the image, where scale 2 shows edges and near to there, the longest first."""
+        window = self.window(VisionSettings.faintest)
+        if window is None:
+            return Segments(np.zeros((0, 2)), np.zeros((0, 2)))
+        first, last = np.maximum(window[0] - ABOUT_PX, 0), window[1] + ABOUT_PX
+        found = find_segments(self.grey[first[1] : last[1], first[0] : last[0]])
+        return Segments(found.start + first, found.end + first)
 
     @cached_property
     def exposure(self) -> Exposure:

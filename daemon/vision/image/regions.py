@@ -16,12 +16,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.arrays import Array, Image32
+from daemon.arrays import Array, Image32, Index
 from daemon.vision.image.grey import FINE, Fine, Grey, Noise
 
 Border = NDArray[np.int32]
 Stretched = NDArray[np.int16]
 """An image (H, W) of unit noise, in steps of 1 / FINE of its sigma."""
+Window = tuple[Index, Index]
+"""Corners (left, top), (right, bottom) px of a part of an image."""
 
 SMOOTHING_PX = 1.0
 _KERNEL = (7, 7)
@@ -32,8 +34,8 @@ _LEAST_AREA, _LEAST_BORDER = 12.0, 10
 """Pixels of its scale in a region, and in its border."""
 _SPECKLED = 0.3
 """Share of pixels on edges that is more than parts have: grain, print, a rough table."""
-_MOST_HOLES = 40
-"""Regions followed among specks: as many as one level of a scale may give in full (settings.max_regions)."""
+_FOLLOWED = 2
+"""Regions followed among specks, of each that is wanted: the largest inside need not have the largest borders."""
 _LEAST_EXTENT, _WINDOW_RIM_PX = 12, 12
 """Width and height together of edges that are more than noise; room left about them, px."""
 _TILES, _QUIET = 8, 20
@@ -121,10 +123,10 @@ def shrunk(unit: Stretched, shrink: int) -> Scale:
     return Scale(shrink, np.full(2, (shrink - 1) / 2), strength, _grain(strength))
 
 
-def full_size(smooth: Fine, window: tuple[Array, Array], grain: float) -> Scale:
+def full_size(smooth: Fine, window: Window, grain: float) -> Scale:
     """The same at full size, of a part of the smoothed image; grain: its noise over that of white noise."""
     (left, top), (right, bottom) = window
-    return Scale(1, np.array([left, top], float), _gradient(smooth)[top:bottom, left:right], grain)
+    return Scale(1, np.array([left, top], float), _gradient(smooth[top:bottom, left:right]), grain)
 
 
 def _grain(strength: Image32) -> float:
@@ -147,9 +149,11 @@ def _gradient(smooth: Fine, shrink: int = 1) -> Image32:
     return np.asarray(cv2.magnitude(gx, gy), np.float32)
 
 
-def edge_window(scale: Scale, level: float, shape: tuple[int, ...]) -> tuple[Array, Array] | None:
-    """Corners (left, top), (right, bottom) px of the part of an image (H, W) in which a scale shows edges, or None."""
+def edge_window(scale: Scale, level: float, shape: tuple[int, ...]) -> Window | None:
+    """The part of an image (H, W) in which a scale shows edges, or None."""
     edges = (scale.strength >= level * scale.sigma).astype(np.uint8)
+    if _speckled(edges):
+        return np.zeros(2, np.intp), np.array([shape[1], shape[0]])
     borders = cv2.findContours(edges, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)[0]
     boxes = np.array([cv2.boundingRect(b) for b in borders], np.intp).reshape(-1, 4)
     boxes = boxes[boxes[:, 2] + boxes[:, 3] >= _LEAST_EXTENT] * scale.shrink
@@ -179,22 +183,27 @@ def gradient_noise(sigma_px: float) -> float:
     return float(np.sqrt(np.sum(along**2) * np.sum(across**2)))
 
 
-def closed_regions(scale: Scale, level: float, least_px: float, largest_px: float) -> list[Region]:
-    """Regions of so many full-size px that edges stronger than `level` close off, largest first; those at the image's
-    rim are left out.
+def closed_regions(
+    scale: Scale, window: Window, level: float, least_px: float, largest_px: float, most: int
+) -> list[Region]:
+    """Regions of so many full-size px, in a part of the image, that edges stronger than `level` close off, so many of
+    the largest, the largest first; those at its rim are left out.
     """
     edges = (scale.strength >= level * scale.sigma).astype(np.uint8)
     size = scale.shrink**2
     least = max(_LEAST_AREA, least_px / size)
-    holes = _holes_among_specks(edges, least) if _speckled(edges) else _holes(edges)
+    (left, top), (right, bottom) = ((corner - scale.origin_px) / scale.shrink for corner in window)
+    first = max(int(left), 0), max(int(top), 0)
+    seen = edges[first[1] : int(bottom) + 1, first[0] : int(right) + 1]
+    holes = _holes_among_specks(seen, first, least, _FOLLOWED * most) if _speckled(edges) else _holes(seen, first)
     sized = [(cv2.contourArea(h), h) for h in holes if len(h) >= _LEAST_BORDER]
     sized = sorted((s for s in sized if least <= s[0] <= largest_px / size), key=lambda s: -s[0])
-    return [Region(border, area * size, scale) for area, border in sized]
+    return [Region(border, area * size, scale) for area, border in sized[:most]]
 
 
-def _holes(edges: NDArray[np.uint8]) -> list[Border]:
-    """Borders (K, 1, 2) of everything that edges (H, W), 0 or 1, close off."""
-    borders, tree = cv2.findContours(edges, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
+def _holes(edges: NDArray[np.uint8], first: tuple[int, int]) -> list[Border]:
+    """Borders (K, 1, 2) of everything that edges (H, W), 0 or 1, close off; first: the place of their first pixel."""
+    borders, tree = cv2.findContours(edges, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE, offset=first)
     return (
         [np.asarray(borders[k], np.int32) for k in np.flatnonzero(np.asarray(tree)[0, :, 3] >= 0).tolist()]
         if borders
@@ -202,20 +211,21 @@ def _holes(edges: NDArray[np.uint8]) -> list[Border]:
     )
 
 
-def _holes_among_specks(edges: NDArray[np.uint8], least: float) -> list[Border]:
-    """The same borders, of the largest few only, found by their areas first: following the borders of ten thousand
-    specks costs more than all else.
+def _holes_among_specks(edges: NDArray[np.uint8], first: tuple[int, int], least: float, most: int) -> list[Border]:
+    """The same borders, of so many of the largest only, found by their areas first: following the borders of ten
+    thousand specks costs more than all else.
     """
     closed = cv2.copyMakeBorder(1 - edges, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=1)
     labels, stats = cv2.connectedComponentsWithStats(closed, connectivity=4)[1:3]
     area = stats[:, cv2.CC_STAT_AREA]
     area[[0, labels[0, 0]]] = 0  # the edges, and what is open to the rim
     found = []
-    for k in np.argsort(-area, kind="stable")[:_MOST_HOLES]:
+    for k in np.argsort(-area, kind="stable")[:most]:
         if area[k] < least / 2:  # inside a border that itself takes up as much again
             break
         x, y, width, height = stats[k, :4].tolist()
         outside = (labels[y - 1 : y + height + 1, x - 1 : x + width + 1] != k).astype(np.uint8)
-        borders, tree = cv2.findContours(outside, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE, offset=(x - 2, y - 2))
+        offset = first[0] + x - 2, first[1] + y - 2
+        borders, tree = cv2.findContours(outside, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE, offset=offset)
         found.append(np.asarray(borders[int(np.argmax(np.asarray(tree)[0, :, 3] >= 0))], np.int32))
     return found

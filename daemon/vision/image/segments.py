@@ -19,7 +19,9 @@ SHARE = 0.5
 """Of the image's size, at which segments are looked for: half the pixels a side, a quarter of the time."""
 SHORTEST_PX = 11.0
 PATTERNED = 150
-FAINT_SMOOTHING_PX, FAINT_WINDOW_PX, FAINT_GAIN = 0.8, 61, 4.0
+FAINT_SMOOTHING_PX, FAINT_GAIN = 0.8, 4.0
+ABOUT_PX = 30
+"""How far from a pixel lies, either way, what its grey level is raised against."""
 MOST_SEGMENTS = 800
 NEAR_PX, NEAR_SHARE = 12.0, 0.3
 """How far from its end a segment may meet another: px, and of its length."""
@@ -61,7 +63,7 @@ def find_segments(grey: Grey) -> Segments:
     found = _lsd(grey)
     if len(found) < PATTERNED:
         smooth = cv2.GaussianBlur(grey.astype(np.float32), (0, 0), FAINT_SMOOTHING_PX)
-        about = cv2.blur(smooth, (FAINT_WINDOW_PX, FAINT_WINDOW_PX))
+        about = cv2.blur(smooth, (2 * ABOUT_PX + 1, 2 * ABOUT_PX + 1))
         raised = cv2.addWeighted(smooth, FAINT_GAIN, about, -FAINT_GAIN, 128, dtype=cv2.CV_8U)
         found = np.concatenate([found, _lsd(np.asarray(raised, np.uint8))])
     length = np.hypot(found[:, 2] - found[:, 0], found[:, 3] - found[:, 1])

@@ -38,9 +38,9 @@ class FreeSizes:
         rigid = np.concatenate([np.tile(np.eye(3), count), -frames.cross_matrices(about).reshape(3 * count, 3).T])
         rows = np.concatenate([bound, rigid])
         rows = rows / np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), 1e-9)
-        _, size, ways = np.linalg.svd(rows)
+        squares, ways = np.linalg.eigh(rows.T @ rows)
         # A length that grows by a millimetre moves half of the corners by half of it either way.
-        free = ways[int((size > INDEPENDENT * size[0]).sum()) :].T * np.sqrt(count) / 2
+        free = ways[:, squares < INDEPENDENT**2 * squares[-1]] * np.sqrt(count) / 2
         number = free.shape[1]
         design = np.concatenate([free, rigid.T], 1)
         weighted = (weight @ design.reshape(count, 3, -1)).reshape(3 * count, -1)

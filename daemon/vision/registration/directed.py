@@ -82,13 +82,15 @@ class DirectedMap:
 
 
 def directed_map(view: OneEye) -> DirectedMap:
-    """Maps of what an eye sees."""
+    """Maps of what an eye sees: as large as its segments need, of a chance as in all of its image."""
     found, eye, shape = view.segments, view.eye, view.grey.shape
     scale = eye.focal_px / SHRINK
     rim = eye.ideal(np.array([[x, y] for x in (0.0, shape[1] - 1.0) for y in (0.0, shape[0] - 1.0)]))
-    origin = rim.min(0) - 1 / scale
-    width, height = np.ceil((rim.max(0) - origin) * scale).astype(int) + 2
-    ends = ((eye.ideal(np.concatenate([found.start, found.end])) - origin) * scale).reshape(2, -1, 2)
+    ends = (eye.ideal(np.concatenate([found.start, found.end])) - rim.min(0)) * scale
+    room = RIM + 2  # about the outermost segments, as one map lies above the other
+    low = (np.floor(ends.min(0)) if len(ends) else np.zeros(2)) - room
+    width, height = np.ceil(ends.max(0, initial=0.0) - low).astype(int) + room
+    ends = (ends - low).reshape(2, -1, 2)
     way = ends[1] - ends[0]
     direction = np.arctan2(way[:, 1], way[:, 0]) / np.pi * DIRECTIONS
     fixed = np.round(ends.transpose(1, 0, 2) * 16).astype(np.int32)
@@ -98,13 +100,9 @@ def directed_map(view: OneEye) -> DirectedMap:
         own = fixed[(wanted == k).any(0)]
         if len(own):
             cv2.polylines(lines[k], list(own[:, :, None]), False, 255, 1, cv2.LINE_8, 4)
-    lines[:, [*range(-RIM, RIM)]] = 0  # one map lies above the other
-    near = cv2.blur(cv2.dilate(lines.reshape(-1, width), _NEARBY), (3, 3))
-    hit = np.asarray(near, np.uint8).reshape(lines.shape)
-    hit[:, [0, -1]] = 0
-    hit[:, :, [0, -1]] = 0
-    chance = np.count_nonzero(hit > 127, (1, 2)) / hit[0].size
-    return DirectedMap(hit, np.clip(chance, LEAST_CHANCE, MOST_CHANCE), scale, origin)
+    hit = np.asarray(cv2.blur(cv2.dilate(lines.reshape(-1, width), _NEARBY), (3, 3)), np.uint8).reshape(lines.shape)
+    chance = np.count_nonzero(hit > 127, (1, 2)) / np.prod((rim.max(0) - rim.min(0)) * scale)
+    return DirectedMap(hit, np.clip(chance, LEAST_CHANCE, MOST_CHANCE), scale, rim.min(0) + low / scale)
 
 
 @dataclass(frozen=True, eq=False)

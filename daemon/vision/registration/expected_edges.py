@@ -6,10 +6,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from daemon import frames
 from daemon.arrays import Array, Flags, Index
 from daemon.vision.geometry import Polyhedron
 from daemon.vision.image import OneEye, Sides
@@ -63,6 +63,11 @@ class Placements:
             np.concatenate(beside),
             np.repeat(np.arange(len(shapes)), [len(s.beside) for s in shapes]),
         )
+
+    @cached_property
+    def middles_mm(self) -> Array:
+        """(P, 3) means of the placements' corners."""
+        return np.asarray(np.add.reduceat(self.corners_mm, self.begins[:-1]) / np.diff(self.begins)[:, None])
 
     def thickness(self, px: Array) -> Array:
         """(F,) area of each facet by length of its border, both halved round, with the corners seen at px (K, 2): the
@@ -151,7 +156,7 @@ def expected(laid: Placements, view: OneEye, poses: Array, wanted: Flags, tolera
     share = np.concatenate([first, last], 1)
     by_corner = np.stack([1 - share, share], 2)[..., None] * moves[:, None]
     owner, sharp = laid.owner[which], clear[which]
-    depth_mm = np.array([frames.apply(p, s.corners_mm)[:, 2].mean() for p, s in zip(poses, laid.shapes, strict=True)])
+    depth_mm = (poses[:, 2, :3] * laid.middles_mm).sum(1) + poses[:, 2, 3]
     px_per_mm = view.eye.focal_px / depth_mm[owner]
     return ExpectedEdges(
         owner, laid.ends[which], start + first * way, start + last * way, by_corner.sum(2), by_corner[..., :3],
@@ -163,14 +168,10 @@ def expected(laid: Placements, view: OneEye, poses: Array, wanted: Flags, tolera
 def _inside(start: Array, end: Array, shape: tuple[int, ...]) -> tuple[Array, Array]:
     """Shares (E,), (E,) of the way start -> end between which each edge is inside an image (Liang and Barsky); the
     second is not above the first where none of it is."""
-    way = end - start
-    first, last = np.zeros(len(start)), np.ones(len(start))
-    for axis, length in enumerate(shape[::-1]):
-        for sign, limit in ((-1.0, -ROOM_PX), (1.0, length - 1 - ROOM_PX)):
-            speed, room = sign * way[:, axis], limit - sign * start[:, axis]
-            with np.errstate(divide="ignore", invalid="ignore"):
-                at = room / speed
-            first = np.where(speed < -1e-9, np.maximum(first, at), first)
-            last = np.where(speed > 1e-9, np.minimum(last, at), last)
-            last = np.where((np.abs(speed) <= 1e-9) & (room < 0), -1.0, last)
-    return first, last
+    way, limit = (end - start).T, np.array([shape[::-1]]).T - 1 - ROOM_PX
+    speed, room = np.concatenate([-way, way]), np.concatenate([start.T - ROOM_PX, limit - start.T])  # to each border
+    along = np.abs(speed) <= 1e-9
+    at = room / np.where(along, 1.0, speed)
+    first, last = np.where(~along & (speed < 0), at, 0.0), np.where(~along & (speed > 0), at, 1.0)
+    outside = (along & (room < 0)).any(0)
+    return first.max(0, initial=0.0), np.where(outside, -1.0, last.min(0, initial=1.0))

@@ -39,7 +39,10 @@ def corners_in(camera: Camera, cyclopean_from_part: Array, corners_mm: Array) ->
 
 def moved(poses: Array, motions: Array) -> Array:
     """Poses (P, 4, 4), each by its motion (P, 6)."""
-    return np.stack([frames.perturb(pose, motion) for pose, motion in zip(poses, motions, strict=True)])
+    found = poses.copy()
+    found[:, :3, :3] = frames.rotations_from_vectors(motions[:, 3:]) @ poses[:, :3, :3]
+    found[:, :3, 3] += motions[:, :3]
+    return found
 
 
 def across(start: Array, end: Array) -> Array:

@@ -12,7 +12,6 @@ from functools import lru_cache
 
 import numpy as np
 
-from daemon import frames
 from daemon.arrays import Array
 from daemon.vision.geometry import Polyhedron
 from daemon.vision.image import Eyes
@@ -38,11 +37,10 @@ def untold(one: Recognised, model: Model, eyes: Eyes) -> tuple[str, ...]:
     """The twins of a named part that the pictures do not tell from it, where it lies."""
     solid, tolerance = model.metric[one.label].solid, model.parameters.tolerance_mm
     near = [
-        (label, known.solid, one.part.cyclopean_from_part @ turn)
+        (label, known.solid, pose)
         for label, known in model.metric.items()
-        if label != one.label
-        for turn in as_twins(solid, known.solid)
-        if _has_faces(known.solid, one.part.cyclopean_from_part @ turn, one.part.fitted_mm)
+        if label != one.label and len(turns := as_twins(solid, known.solid))
+        for pose in _with_faces(known.solid, one.part.cyclopean_from_part @ turns, one.part.fitted_mm)
     ]
     if not near:
         return ()
@@ -54,13 +52,14 @@ def untold(one: Recognised, model: Model, eyes: Eyes) -> tuple[str, ...]:
     return tuple(dict.fromkeys(found))
 
 
-def _has_faces(solid: Polyhedron, pose: Array, facets_mm: Sequence[Array]) -> bool:
-    """Whether each of some facets (N, 3) lies in the plane of a face that a solid at a pose (4, 4) shows."""
-    normals = pose[:3, :3] @ solid.normals.T
-    first = frames.apply(pose, solid.corners_mm[[ring[0] for ring in solid.rings]])
-    shown = solid.facing(pose) > 0
-    off = [np.abs(corners @ normals - (first.T * normals).sum(0)).max(0) for corners in facets_mm]
-    return all((shown & (one < IN_PLANE_MM)).any() for one in off)
+def _with_faces(solid: Polyhedron, poses: Array, facets_mm: Sequence[Array]) -> Array:
+    """Those of a solid's poses (P, 4, 4) at which each of some facets (N, 3) lies in the plane of a face it shows."""
+    normals = poses[:, :3, :3] @ solid.normals.T
+    level = (solid.normals * solid.corners_mm[[ring[0] for ring in solid.rings]]).sum(1)
+    level = level + (poses[:, None, :3, 3] @ normals)[:, 0]
+    shown = solid.facing(poses) > 0
+    near = [np.abs(corners @ normals - level[:, None]).max(1) < IN_PLANE_MM for corners in facets_mm]
+    return np.asarray(poses[np.all([(shown & one).any(1) for one in near], axis=0)])
 
 
 @lru_cache(maxsize=4096)

@@ -54,6 +54,13 @@ def test_a_plain_table_is_not_seen() -> None:
     assert seen(table_at(340.0, 0.6, 1.2), speckled=False, patterned=False) is None
 
 
+def test_in_a_plain_picture_nothing_is_matched(monkeypatch: pytest.MonkeyPatch) -> None:
+    where = table_at(340.0, 0.6, 1.2)
+    monkeypatch.setattr(patterned_table, "_disparities", lambda *_: pytest.fail("matched"))
+    on_it = where @ frames.rigid(np.diag([1.0, -1.0, -1.0]), np.zeros(3))
+    assert seen(where, CUBE, on_it, speckled=False, patterned=False) is None
+
+
 def test_a_printed_part_on_a_plain_table_is_no_table() -> None:
     where = table_at(340.0, 0.6, 1.2)
     assert (

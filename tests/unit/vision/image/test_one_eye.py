@@ -8,6 +8,7 @@ import pytest
 from daemon.vision.image.both_eyes import open_eyes
 from daemon.vision.image.grey import VisionError
 from daemon.vision.image.one_eye import OneEye, fits, outlines_near
+from daemon.vision.image.segments import find_segments
 from daemon.vision.settings import VisionSettings
 from tests.worlds.painted import paint_pair
 from tests.worlds.printed import print_pair, straight_rig
@@ -48,6 +49,27 @@ def test_an_eye_that_sees_nothing_is_not_smoothed() -> None:
     view = OneEye(cube_seen().eye, grey)
     assert view.rough(VisionSettings()) == []
     assert "smooth" not in vars(view)
+
+
+def test_segments_are_where_they_are_in_the_image_and_sought_near_edges_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    view, searched = cube_seen(), list[int]()
+    every = find_segments(view.grey)
+
+    def noted(grey: np.ndarray) -> object:
+        searched.append(grey.size)
+        return find_segments(grey)
+
+    monkeypatch.setattr("daemon.vision.image.one_eye.find_segments", noted)
+    found = view.segments
+    assert searched[0] < 0.5 * view.grey.size
+    for start, end in zip(every.start[:5], every.end[:5], strict=True):
+        assert np.hypot(*(found.start - start).T).min() < 1.0
+        assert np.hypot(*(found.end - end).T).min() < 1.0
+
+
+def test_an_eye_that_sees_nothing_has_no_segments() -> None:
+    grey = np.random.default_rng(2).normal(120, 2, (480, 640)).round().astype(np.uint8)
+    assert len(OneEye(cube_seen().eye, grey).segments.start) == 0
 
 
 def test_a_pair_of_another_size_than_calibrated_is_refused() -> None:

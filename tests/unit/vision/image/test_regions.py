@@ -19,16 +19,33 @@ def test_regions_among_specks_have_the_borders_that_following_every_border_gives
     def large(borders: list[np.ndarray]) -> set[bytes]:
         return {np.asarray(b, np.int32).tobytes() for b in borders if cv2.contourArea(b) >= 30}
 
-    every = large(_holes(edges))
+    every = large(_holes(edges, (0, 0)))
     assert len(every) > 1
-    assert large(_holes_among_specks(edges, 12.0)) == every
+    assert large(_holes_among_specks(edges, (0, 0), 12.0, 40)) == every
+
+
+ALL = np.array([0, 0]), np.array([80, 60])
 
 
 def test_a_region_open_to_the_rim_is_none() -> None:
     strength = np.zeros((60, 80), np.float32)
     strength[20:40, 30] = strength[20, 30:79] = strength[39, 30:79] = 9.0
-    assert closed_regions(Scale(1, np.zeros(2), strength, 1.0), 5.0, 40.0, 1e9) == []
+    assert closed_regions(Scale(1, np.zeros(2), strength, 1.0), ALL, 5.0, 40.0, 1e9, 40) == []
     strength[20:40, 78] = 9.0
-    found = closed_regions(Scale(1, np.zeros(2), strength, 1.0), 5.0, 40.0, 1e9)
+    found = closed_regions(Scale(1, np.zeros(2), strength, 1.0), ALL, 5.0, 40.0, 1e9, 40)
     assert len(found) == 1
     assert found[0].area_px == pytest.approx(19 * 48, rel=0.02)
+
+
+@pytest.mark.parametrize("speckled", [False, True])
+def test_a_region_is_where_it_is_in_the_image_whatever_part_of_that_is_searched(speckled: bool) -> None:
+    strength = np.zeros((60, 80), np.float32)
+    strength[20:40, 30:79] = 9.0
+    strength[23:37, 33:76] = 0.0
+    if speckled:
+        strength[::2, :20] = strength[:16:2] = strength[44::2] = 9.0
+    scale = Scale(2, np.full(2, 0.5), strength, 1.0)
+    near = np.array([50, 30]), np.array([160, 90])
+    (found,) = closed_regions(scale, near, 5.0, 40.0, 1e9, 40)
+    everywhere = closed_regions(scale, (np.array([0, 0]), np.array([160, 120])), 5.0, 40.0, 1e9, 40)
+    assert found.border.tolist() == everywhere[0].border.tolist()

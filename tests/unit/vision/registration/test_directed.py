@@ -81,7 +81,7 @@ def test_most_speaks_for_a_part_where_it_is(name: str) -> None:
 def test_little_speaks_for_a_part_elsewhere_and_nearly_as_much_where_the_picture_repeats_itself(name: str) -> None:
     eyes, solid = eyes_on(name, printed=False, patterned=False), shape(name)
     once = eyes.left.grey
-    again = replace(eyes.left, grey=np.maximum(once, np.roll(once, 60, axis=1)), scales={})
+    again = replace(eyes.left, grey=np.maximum(once, np.roll(once, 60, axis=1)), scales={}, windows={})
     lone, two = (elsewhere(solid, WHERE, eyes.geometry, directed_map(view)) for view in (eyes.left, again))
     assert lone < 0.65
     assert two > 0.85
@@ -184,3 +184,19 @@ def test_of_poses_that_look_the_same_only_one_is_looked_at_and_none_outside_the_
     kept = list(different(Guesses(posed(solid, poses), np.array([2.0, 1.0, 3.0, 0.0])), eyes))
     assert [which for which, _ in kept] == [1, 2]
     assert np.allclose(kept[0][1], eyes.rig.left.project(frames.apply(WHERE, solid.corners_mm)), atol=1e-3)
+
+
+def test_a_map_is_as_large_as_its_segments_and_empty_at_its_rim() -> None:
+    eyes = eyes_on("cube", printed=False, patterned=False)
+    seen = directed_map(eyes.left)
+    ends = (eyes.left.eye.ideal(np.concatenate([eyes.left.segments.start, eyes.left.segments.end])) - seen.origin) * (
+        seen.scale
+    )
+    assert (ends.min(0) > 0).all()
+    assert (ends.max(0) < seen.hit.shape[:0:-1]).all()
+    assert seen.hit[0].size < 0.5 * eyes.left.grey.size / 4
+    assert not seen.hit[:, [0, -1]].any()
+    assert not seen.hit[:, :, [0, -1]].any()
+    x = np.array([[-50.0, ends[0, 0], 2000.0]], np.float32)
+    y = np.array([[ends[0, 1], -50.0, 2000.0]], np.float32)
+    assert not seen.hits(np.array([[1.0, 0.0]], np.float32), x, y)[0].any()

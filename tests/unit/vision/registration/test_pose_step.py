@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from daemon import frames
 from daemon.vision.geometry.rig import Camera
-from daemon.vision.registration.pose_step import across, corners_in, off_places, solve
+from daemon.vision.registration.pose_step import across, corners_in, moved, off_places, solve
 
 CUBE = np.array([[x, y, z] for x in (-20.0, 20) for y in (-20.0, 20) for z in (-20.0, 20)])
 RING = [(0, 1), (1, 3), (3, 2), (2, 0), (4, 5), (5, 7), (7, 6), (6, 4), (0, 4), (1, 5), (3, 7), (2, 6)]
@@ -35,6 +35,14 @@ def test_corners_move_in_an_eye_as_their_slopes_say(pose, side):
     for k, step in enumerate(np.diag([0.01] * 3 + [1e-4] * 3)):
         ends = [corners_in(eye(side), frames.perturb(pose, way * step), CUBE)[0] for way in (1, -1)]
         assert slope[:, :, k] == pytest.approx((ends[0] - ends[1]) / (2 * step[k]), abs=1e-2)
+
+
+@given(many=st.lists(poses, min_size=1, max_size=5), seed=st.integers(0, 2**31))
+def test_poses_are_moved_side_by_side_as_each_by_itself(many, seed):
+    motions = np.random.default_rng(seed).normal(size=(len(many), 6)) * ([5.0] * 3 + [0.3] * 3)
+    motions[0, 3:] = 0.0
+    each = np.stack([frames.perturb(pose, motion) for pose, motion in zip(many, motions, strict=True)])
+    assert moved(np.stack(many), motions) == pytest.approx(each, abs=1e-9)
 
 
 @given(pose=poses, way=st.integers(0, 2**31))
