@@ -8,7 +8,7 @@ evidence an a contrario count (Desolneux, Moisan and Morel 2000) whose chance is
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -85,11 +85,8 @@ class Borne(NamedTuple):
 
 def stretches_of(laid: Placements, eyes: Eyes, poses: Array, tolerance_mm: float) -> list[Stretches]:
     """What each eye shows along the edges of parts at poses (P, 4, 4) cyclopean_from_part."""
-    wanted = np.ones(len(poses), bool)
     found = []
-    for view in eyes.views:
-        edges = expected(laid, view, poses, wanted, tolerance_mm)
-        sigmas = stretch_slopes(view.smooth, edges.end, edges.start, REACH_PX)[:, ::-1]  # outwards as across() has it
+    for edges, sigmas in _slopes(laid, eyes, poses, tolerance_mm):
         size = np.abs(sigmas)
         inner = size[..., 1:-1]
         peak = (inner >= LEAST_SIGMAS) & (inner >= size[..., :-2]) & (inner > size[..., 2:])
@@ -101,6 +98,16 @@ def stretches_of(laid: Placements, eyes: Eyes, poses: Array, tolerance_mm: float
         chance = np.where(own > 0, np.minimum(many * (WIDTH_PX / places), 1.0), 1.0)
         found.append(Stretches(edges, sigmas, -np.log(chance)))
     return found
+
+
+def _slopes(
+    laid: Placements, eyes: Eyes, poses: Array, tolerance_mm: float
+) -> Iterator[tuple[ExpectedEdges, NDArray[np.float32]]]:
+    """Each eye's expected edges and the sigmas (E, S, C) of the slopes across their stretches."""
+    wanted = np.ones(len(poses), bool)
+    for view in eyes.views:
+        edges = expected(laid, view, poses, wanted, tolerance_mm)
+        yield edges, stretch_slopes(view.smooth, edges.end, edges.start, REACH_PX)[:, ::-1]  # outwards as across() has
 
 
 def borne_out(both: Sequence[Stretches]) -> Borne:
@@ -118,17 +125,16 @@ def settled(laid: Placements, eyes: Eyes, poses: Array, tolerance_mm: float) -> 
 
 
 def _moved(laid: Placements, eyes: Eyes, poses: Array, tolerance_mm: float, rounds_px: Sequence[float]) -> Array:
-    both = stretches_of(laid, eyes, poses, tolerance_mm)
     count = len(poses)
     rows, sigmas, owner, weight = [], [], [], []
-    for seen in both:
-        stretches = seen.surprise.shape[1]
+    for edges, slopes in _slopes(laid, eyes, poses, tolerance_mm):
+        stretches = slopes.shape[1]
         at = ((np.arange(stretches) + 0.5) / stretches)[None, :, None]
-        jacobian = seen.edges.jacobian
+        jacobian = edges.jacobian
         rows.append(((1 - at) * jacobian[:, None, 0] + at * jacobian[:, None, 1]).reshape(-1, 6))
-        sigmas.append(np.abs(seen.sigmas).reshape(-1, 2 * REACH_PX + 1))
-        owner.append(np.repeat(seen.edges.owner, stretches))
-        weight.append(np.repeat(seen.edges.lengths_px * seen.edges.sharp / (15.0 * stretches), stretches))
+        sigmas.append(np.abs(slopes).reshape(-1, 2 * REACH_PX + 1))
+        owner.append(np.repeat(edges.owner, stretches))
+        weight.append(np.repeat(edges.lengths_px * edges.sharp / (15.0 * stretches), stretches))
     row, size, own, each = (np.concatenate(x) for x in (rows, sigmas, owner, weight))
     order = np.argsort(own, kind="stable")
     row, size, own, each = row[order], size[order], own[order], each[order]
