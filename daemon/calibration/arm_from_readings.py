@@ -296,9 +296,7 @@ def _both_ends(flange: Array, turns: Array) -> tuple[Array, Array, Array]:
     along = (made[..., 0] * seen[:, 0] + made[..., 1] * seen[:, 1]).sum(-1)
     first = np.arctan2(across, along)
     turned = _about_z(first)[:, None] @ flange
-    u, _, vt = np.linalg.svd(np.einsum("mnji,njk->mik", turned, turns))
-    u[np.linalg.det(u @ vt) < 0, :, 2] *= -1.0
-    tools = u @ vt
+    tools = frames.nearest_rotation(np.einsum("mnji,njk->mik", turned, turns))
     misfit = ((turned @ tools[:, None] - turns) ** 2).sum((1, 2, 3))
     return first, tools, misfit
 

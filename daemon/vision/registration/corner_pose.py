@@ -112,8 +112,7 @@ def _judged(shape: Polyhedron, pose: Array, corners: Array, met: Array, weights:
 def _onto(points: Array, onto: Array) -> Array:
     """The rigid onto_from_points (4, 4) with the least squared distance between (N, 3) and (N, 3) (Kabsch)."""
     here, there = points.mean(axis=0), onto.mean(axis=0)
-    u, _, vt = np.linalg.svd((points - here).T @ (onto - there))
-    turn = vt.T @ np.diag([1.0, 1.0, float(np.sign(np.linalg.det(vt.T @ u.T)))]) @ u.T
+    turn = frames.nearest_rotation((onto - there).T @ (points - here))
     return frames.rigid(turn, there - turn @ here)
 
 
