@@ -390,17 +390,12 @@ def _by_pendant(known: Acquaintance) -> Steps:
         if str(said).strip().lower() not in ("y", "yes"):
             return
         here = yield from _rest(known)
-        near = min((_turned(here, there) for there in known.readings), default=APART_DEG)
+        near = min((here.turned_deg(there) for there in known.readings), default=APART_DEG)
         if near < APART_DEG:
             yield Tell(f"all joints are within {near:.1f} degrees of a place that is known: farther, please")
             continue
         taken += 1
         known.readings.append(here)
-
-
-def _turned(here: Where, there: Where) -> float:
-    """Degrees of the joint that turned most."""
-    return max(abs(one - other) for one, other in zip(here.joints_deg, there.joints_deg, strict=True))
 
 
 def _all_digits(known: Acquaintance) -> None:
@@ -578,5 +573,4 @@ def _digits(text: str) -> tuple[int, int]:
 
 def _same(before: Where, now: Where) -> bool:
     off_mm, off_deg = apart(before.location, now.location)
-    turned = max(abs(a - b) for a, b in zip(before.joints_deg, now.joints_deg, strict=True))
-    return off_mm <= REST_MM and off_deg <= 5 * REST_DEG and turned <= REST_DEG
+    return off_mm <= REST_MM and off_deg <= 5 * REST_DEG and now.turned_deg(before) <= REST_DEG
