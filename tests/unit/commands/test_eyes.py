@@ -162,6 +162,27 @@ def test_auto_degrade_goes_on_by_itself_only_where_the_arm_may_move_and_nobody_s
     lived(story)
 
 
+def test_auto_degrade_lets_nothing_go_on_that_was_stopped_while_it_changed_eyes() -> None:
+    async def story(here: Hours) -> None:
+        begun: list[Any] = []
+
+        async def stopped_meanwhile(*_: Any) -> None:
+            await here.cycle.supervisor.stop()
+
+        async def begin_auto(*order: Any) -> None:
+            begun.append(order)
+
+        here.context.look_with = stopped_meanwhile  # type: ignore[method-assign]
+        here.context.begin_auto = begin_auto  # type: ignore[method-assign]
+        here.cycle.pick_order = PickOrder(3, None)
+        broken(here)
+        await BetweenPicks(here.context, Service(CONFIG, simulated=True).beside).go_on_with_one_eye()
+        assert here.cycle.supervisor.fault is not None
+        assert begun == []
+
+    lived(story)
+
+
 def test_auto_degrade_waits_for_the_first_time_that_an_operator_allowed_it() -> None:
     async def story(here: Hours) -> None:
         started: list[str] = []
