@@ -6,6 +6,7 @@ import asyncio
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 
@@ -13,6 +14,7 @@ from daemon.calibration.drift import Drift
 from daemon.calibration.drift_watch import DriftWatch
 from daemon.commands.between_picks import BetweenPicks
 from daemon.console.context import Troubles
+from daemon.pick.settings import Settings
 from daemon.service import Service
 
 LOOK: Any = SimpleNamespace(clue=None, taken=SimpleNamespace(moved=None))
@@ -63,3 +65,11 @@ def test_what_was_seen_of_another_calibration_is_no_drift_of_this_one(monkeypatc
         between.looked(LOOK)
     before, again, after, then = asked
     assert before is again is not after is then
+
+
+def test_the_daemons_cycle_tells_its_looks_and_picks_to_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("daemon.service.pick_cell", lambda *_: (Mock(), Settings()))
+    service: Any = Service(Path("facetd.yaml"))
+    service._hardware = Mock()
+    context = service._furnish(Mock(), Mock(), Mock(), Troubles(), Mock())
+    assert isinstance(context.cycle.observer, BetweenPicks)
