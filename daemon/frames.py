@@ -80,6 +80,39 @@ def vector_from_rotation(rotation: Array) -> Array:
     return axis * angle
 
 
+def nearest_rotation(matrices: Array) -> Array:
+    """The rotation R nearest to each of (..., 3, 3): proper, and with the largest trace of R^T matrix.
+
+    Of the sum of b a^T over matched vectors it is the turn that takes the a nearest to the b. Source: Kabsch, A
+    solution for the best rotation to relate two sets of vectors, Acta Crystallographica A32, 1976.
+    """
+    u, _, vt = np.linalg.svd(matrices)
+    u[np.linalg.det(u @ vt) < 0, :, 2] *= -1.0
+    nearest: Array = u @ vt
+    return nearest
+
+
+def not_a_rotation(matrix: Array, within: float) -> str | None:
+    """Why a finite (3, 3) is no rotation, each of R R^T to `within`: how far off it is, or that it mirrors."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        off = float(np.abs(matrix @ matrix.T - np.eye(3)).max())
+    if not off <= within:
+        return f"one off by {off:.2g}"
+    return "a mirrored one" if np.linalg.det(matrix) < 0 else None
+
+
+def not_rigid(matrix: Array) -> str | None:
+    """Why what a file gives for a rigid transform is none, in a line for who wrote it: a rotation to 1e-4 is one."""
+    if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
+        return "expected 4x4 finite numbers, found others: write four rows of four"
+    wrong = not_a_rotation(matrix[:3, :3], 1e-4)
+    if wrong is not None:
+        return f"expected a rotation in the 3x3 block, found {wrong}: write all digits, each axis a column"
+    if not np.array_equal(matrix[3], [0.0, 0.0, 0.0, 1.0]):
+        return f"expected a last row [0, 0, 0, 1], found {matrix[3].tolist()}: write the translation as last column"
+    return None
+
+
 def angle_between(a: Array, b: Array) -> float:
     """Angle in rad of the rotation that takes orientation a (3, 3 or 4, 4) to b."""
     return float(np.linalg.norm(vector_from_rotation(a[:3, :3].T @ b[:3, :3])))

@@ -21,29 +21,26 @@ from typing import Any
 import msgspec
 
 from daemon.arm import Supervisor
-from daemon.calibration.drift_watch import DriftWatch
 from daemon.calibration.file import Calibration, load_calibration, same_geometry
 from daemon.cell import build as cell
 from daemon.cell import sections
 from daemon.cell.no_arm import CellError
 from daemon.cell.pick_cell import pick_cell
-from daemon.commands import every_command, eyes
+from daemon.commands import every_command
 from daemon.commands.awaiting import tell_what_waits
-from daemon.commands.moving import tell_end
+from daemon.commands.between_picks import BetweenPicks
 from daemon.commands.simulated_hand import know_drawings
 from daemon.config import Config, load_config
 from daemon.console.context import CommandContext
 from daemon.console.interpreter import Console
 from daemon.console.notices import Level
-from daemon.console.phrases import cut_off
+from daemon.console.phrases import as_left
 from daemon.doors.rights import DoorError, Rights
 from daemon.doors.socket import SocketServer
 from daemon.doors.terminal import SerialConsole
 from daemon.errors import FacetdError
 from daemon.pick.cycle import Cycle
-from daemon.pick.looking import Look
 from daemon.pick.order import PickOrder
-from daemon.pick.outcome import CycleEnd
 from daemon.store.files import InUseError, hold, plain
 from daemon.store.library import load_facets, load_parts
 from daemon.store.model import load as load_model
@@ -51,7 +48,7 @@ from daemon.store.model_store import ModelStore
 from daemon.store.outside import FileError
 from daemon.store.runlog import RunLog
 from daemon.store.runs import enforce_quota, list_runs, new_folder
-from daemon.store.standing import FILE, Standing, StandingFile, left_behind
+from daemon.store.standing import FILE, StandingFile, left_behind
 from daemon.store.yamlfile import ConfigError
 from daemon.teaching.trainer import Trainer
 from daemon.upkeep import journal
@@ -93,7 +90,6 @@ class Service:
         self._hung_up = 0
         """How often, since the first of the hang-ups that are being answered."""
         self._tasks: set[asyncio.Task[Any]] = set()
-        self._drift = DriftWatch()
 
     async def run(self) -> int:
         """Start, serve until told to end, stop the arm, end. What goes wrong is one line."""
@@ -148,7 +144,6 @@ class Service:
             context.config, context.calibration = config, calibration
             context.trainer.rig, context.trainer.settings = calibration.rig, config.values.vision
             context.cycle.use(context.trainer.in_use)
-            self._drift = DriftWatch()
             context.troubles.tell("calibration", None)
             answered = who
         except FacetdError as error:
@@ -196,7 +191,7 @@ class Service:
         if left is not None:
             pick_order = None if auto is None else PickOrder(**auto)
             context.cycle.recover(left.state or "an unknown state", left.hand_closed, pick_order)
-            troubles.tell("restart", _told(left))
+            troubles.tell("restart", as_left(left))
         context.record_start()
         self._started = True
         if self._hardware.robot.stopped_on_opening:
@@ -218,10 +213,11 @@ class Service:
     ) -> CommandContext:
         assert self._hardware is not None
         log = journal.JournalledLog(run_log, self._logged)
-        cycle = Cycle(*pick_cell(config, calibration, self._hardware, log), trainer.in_use, self)
+        cycle = Cycle(*pick_cell(config, calibration, self._hardware, log), trainer.in_use)
         self.context = CommandContext(
             config, calibration, self._hardware, cycle, trainer, run_log, log, troubles, self.reload
         )
+        cycle.observer = BetweenPicks(self.context, self.beside)
         return self.context
 
     async def _open_doors(self, context: CommandContext) -> None:
@@ -283,63 +279,6 @@ class Service:
         else:
             journal.tell("trouble", text, journal.WARNING)
             self._notice(f"TROUBLE {text}")
-
-    # What the cycle tells (pick/outcome.py, Observer).
-
-    def looked(self, look: Look) -> None:
-        """Each look says a little of the calibration; a drift is told, and past its limit picking by itself ends."""
-        context = self.context
-        if context is None:
-            return
-        eye = None if look.taken.moved is None else look.taken.moved.eye
-        if eye != self._drift.alone:
-            self._drift = DriftWatch(alone=eye)
-        drift = self._drift.seen(look.clue, datetime.now().strftime("%H:%M"))
-        context.troubles.tell("calibration", None if drift is None else drift.text)
-        if drift is not None and drift.stops and context.cycle.status()["auto"]:
-            failing = context.cycle.supervisor.fail("calibration", drift.text)
-            self.beside(failing, "calibration drift")
-
-    def ended(self, end: CycleEnd) -> None:
-        """What is to be done between two picks."""
-        context = self.context
-        if context is None:
-            return
-        self._note_truth(context, end)
-        tell_end(context, end)
-        context.roll_if_due()
-        allowed = context.one_eye_allowed and context.config.values.pick.auto_degrade
-        if end.outcome == "fault" and allowed and context.cycle.pick_order is not None:
-            self.beside(self._go_on_with_one_eye(context), "one eye")
-
-    async def _go_on_with_one_eye(self, context: CommandContext) -> None:
-        """After a camera's fault in an auto, which an operator allowed beforehand: what `resume` would ask."""
-        supervisor = context.cycle.supervisor
-        stops, fault = supervisor.stops, supervisor.fault
-        while supervisor.busy:
-            await asyncio.sleep(0.05)
-        with contextlib.suppress(FacetdError):  # stopped meanwhile, or refused: it is left to the operator
-            left = None if fault is None else await eyes.remaining(context, fault)
-            if left is None or context.cycle.hand_full is None or not supervisor.enabled:
-                return
-            await context.look_with(*left)
-            pick_order = context.cycle.pick_order
-            if pick_order is None or supervisor.paused:
-                return
-            supervisor.resume(stops)
-            await context.begin_auto(pick_order.count, pick_order.every_s)
-            self._notice(f"Going on with the {left[0]} eye alone, as allowed (pick.auto_degrade): {left[1]}")
-
-    def _note_truth(self, context: CommandContext, end: CycleEnd) -> None:
-        """A simulated cell knows how well each grasp met the part, and the log keeps it beside the prediction."""
-        if context.hardware.hand is None:
-            return
-        if end.outcome not in ("picked", "missed") or end.grasp is None or end.corners is None:
-            return
-        truth = context.hardware.hand.grasp_error(end.grasp, end.corners)
-        if truth is not None:
-            error_mm, error_deg, held = truth
-            context.run_log.record("truth", cycle=end.cycle, error_mm=error_mm, error_deg=error_deg, held=held)
 
     def _logged(self, kind: str, text: str, who: str | None) -> None:
         """What the log is told, for those who want to hear it."""
@@ -447,20 +386,6 @@ def make_room(config: Config) -> None:
         journal.tell("trouble", journal.stuck(run, why), journal.WARNING)
 
     journal.tell_removed(enforce_quota(config.runs, most, None, least, tell_stuck))
-
-
-def _told(left: Standing) -> str:
-    """What an operator must know of it, and do."""
-    what = f"run {left.run} " + ("ended" if left.ended else f"was cut off in state {left.state or 'unknown'}")
-    if left.damage:
-        what = f"{left.damage}: nobody knows how the daemon before ended"
-    if left.fault is not None:
-        what += f", with a fault: {left.fault}"
-    if left.hand_closed:
-        what += f", with {f'the {left.label}' if left.label else 'a part'} perhaps in the gripper"
-    if left.auto is not None:
-        what += f"; {cut_off(left.auto.count)}"
-    return f"{what}: look at the cell, then say `resume`"
 
 
 async def _bring_to_rest(supervisor: Supervisor) -> None:

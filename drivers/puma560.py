@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from itertools import product
-from math import acos, atan2, cos, hypot, pi, sin, sqrt
+from math import atan2, cos, hypot, pi, sin
 
 import numpy as np
 
@@ -145,28 +145,19 @@ def inverse_along(world_from_tool: Array, near_rad: Array, arm: ArmGeometry = PU
     """
     configuration = configuration_of(near_rad.reshape(-1, 6)[0], arm)
     base_from_flange = _undo(arm.world_from_base) @ world_from_tool @ _undo(arm.flange_from_tool)
-    with np.errstate(invalid="ignore"):
-        arm_rad = _arm_angles_of(base_from_flange[:, :3, 3], configuration, arm)
-        turned = arm_rad.copy()
-        turned[:, 2] += turned[:, 1]
-        c1, s1, c23, s23 = np.cos(turned[:, 0]), np.sin(turned[:, 0]), np.cos(turned[:, 2]), np.sin(turned[:, 2])
-        zero = np.zeros_like(c1)
-        forearm = np.array([[c1 * c23, -s1, -c1 * s23], [s1 * c23, c1, -s1 * s23], [s23, zero, c23]])
-        r = np.einsum("ijn,nik->njk", forearm, base_from_flange[:, :3, :3])
-        sign = 1.0 if configuration.flip else -1.0
-        wrist = [
-            np.arctan2(-sign * r[:, 1, 2], -sign * r[:, 0, 2]),
-            np.arctan2(sign * np.hypot(r[:, 0, 2], r[:, 1, 2]), r[:, 2, 2]),
-            np.arctan2(-sign * r[:, 2, 1], sign * r[:, 2, 0]),
-        ]
-        joints = np.column_stack([arm_rad, *wrist])
-        if near_rad.ndim == 1:
-            known = np.isfinite(joints).all(axis=1)
-            joints[known] = np.unwrap(np.vstack([near_rad, joints[known]]), axis=0)[1:]
-        else:
-            joints -= 2 * pi * np.round((joints - near_rad) / (2 * pi))
-        low, high = arm.limits_rad[:, 0] - LIMIT_SLACK_RAD, arm.limits_rad[:, 1] + LIMIT_SLACK_RAD
-        joints[~((joints >= low) & (joints <= high)).all(axis=1)] = np.nan
+    arm_rad = _arm_angles(base_from_flange[:, :3, 3], configuration, arm)
+    q1, q23 = arm_rad[:, 0], arm_rad[:, 1] + arm_rad[:, 2]
+    c1, s1, c23, s23 = np.cos(q1), np.sin(q1), np.cos(q23), np.sin(q23)
+    forearm = np.array([[c1 * c23, -s1, -c1 * s23], [s1 * c23, c1, -s1 * s23], [s23, np.zeros_like(c1), c23]])
+    forearm_from_flange = np.einsum("ijn,nik->njk", forearm, base_from_flange[:, :3, :3])
+    joints = np.hstack([arm_rad, _wrist_angles(forearm_from_flange, configuration.flip)])
+    if near_rad.ndim == 1:
+        known = np.isfinite(joints).all(axis=1)
+        joints[known] = np.unwrap(np.vstack([near_rad, joints[known]]), axis=0)[1:]
+    else:
+        joints -= 2 * pi * np.round((joints - near_rad) / (2 * pi))
+    low, high = arm.limits_rad[:, 0] - LIMIT_SLACK_RAD, arm.limits_rad[:, 1] + LIMIT_SLACK_RAD
+    joints[~((joints >= low) & (joints <= high)).all(axis=1)] = np.nan
     return joints
 
 
@@ -181,10 +172,15 @@ def inverse(
     """
     near = np.zeros(6) if near_rad is None else near_rad
     base_from_flange = _undo(arm.world_from_base) @ world_from_tool @ _undo(arm.flange_from_tool)
-    q1, q2, q3 = _arm_angles(base_from_flange[:3, 3], configuration, arm)
-    forearm = _base_from_forearm(np.array([q1, q2, q3]), arm)[:3, :3]
-    wrist = _wrist_angles(forearm.T @ base_from_flange[:3, :3], configuration.flip, near)
-    raw = np.array([q1, q2, q3, *wrist])
+    arm_rad = _arm_angles(base_from_flange[:3, 3], configuration, arm)
+    if not np.isfinite(arm_rad).all():
+        raise UnreachableError(_out_of_reach(base_from_flange[:3, 3], arm))
+    turned = _base_from_forearm(arm_rad, arm)[:3, :3].T @ base_from_flange[:3, :3]
+    wrist = _wrist_angles(turned, configuration.flip)
+    if hypot(turned[0, 2], turned[1, 2]) < SINGULAR_SIN_Q5:
+        rest = _rotation_z(-near[3]) @ turned
+        wrist = np.array([near[3], wrist[1], atan2(rest[1, 0], rest[1, 1])])
+    raw = [*arm_rad.tolist(), *wrist.tolist()]
     return np.array([_within(k, raw[k], near[k], arm.limits_rad[k]) for k in range(6)])
 
 
@@ -241,49 +237,36 @@ def _base_from_forearm(joints_rad: Array, arm: ArmGeometry) -> Array:
     )
 
 
-def _arm_angles(wrist_mm: Array, configuration: Configuration, arm: ArmGeometry) -> tuple[float, float, float]:
-    """Joints 1 to 3 that put the wrist centre at (3,) mm in the base frame."""
-    x, y, z = (float(v) for v in wrist_mm)
-    squared = x * x + y * y - arm.d3_mm * arm.d3_mm
-    if squared < 0:
-        raise UnreachableError("too close to the column")
-    outward = -sqrt(squared) if configuration.lefty else sqrt(squared)
-    q1 = atan2(y, x) - atan2(-arm.d3_mm, outward)
-    forearm = arm.forearm_mm
-    stretch = (outward**2 + z * z - arm.a2_mm**2 - forearm**2) / (2 * arm.a2_mm * forearm)
-    if abs(stretch) > 1 + 1e-12:
-        raise UnreachableError("too far from the shoulder" if stretch > 0 else "too close to the shoulder")
-    bend = acos(max(-1.0, min(1.0, stretch)))
-    q3 = (bend if configuration.above == configuration.lefty else -bend) - atan2(arm.d4_mm, arm.a3_mm)
-    along, across = arm.a2_mm + arm.a3_mm * cos(q3) - arm.d4_mm * sin(q3), arm.a3_mm * sin(q3) + arm.d4_mm * cos(q3)
-    return q1, atan2(z, outward) - atan2(across, along), q3
-
-
-def _arm_angles_of(wrist_mm: Array, configuration: Configuration, arm: ArmGeometry) -> Array:
-    """_arm_angles of (N, 3) places at once: (N, 3), nan where there are none."""
-    x, y, z = wrist_mm.T
-    outward = np.sqrt(x * x + y * y - arm.d3_mm * arm.d3_mm) * (-1.0 if configuration.lefty else 1.0)
-    forearm = arm.forearm_mm
-    stretch = (outward**2 + z * z - arm.a2_mm**2 - forearm**2) / (2 * arm.a2_mm * forearm)
-    bend = np.arccos(np.where(np.abs(stretch) < 1 + 1e-12, np.clip(stretch, -1.0, 1.0), np.nan))
+def _arm_angles(wrist_mm: Array, configuration: Configuration, arm: ArmGeometry) -> Array:
+    """(..., 3): joints 1 to 3 that put the wrist centre at (..., 3) mm in the base frame; nan where none do."""
+    x, y, z = wrist_mm[..., 0], wrist_mm[..., 1], wrist_mm[..., 2]
+    with np.errstate(invalid="ignore"):
+        outward = np.sqrt(x * x + y * y - arm.d3_mm * arm.d3_mm) * (-1.0 if configuration.lefty else 1.0)
+        stretch = (outward**2 + z * z - arm.a2_mm**2 - arm.forearm_mm**2) / (2 * arm.a2_mm * arm.forearm_mm)
+        bend = np.arccos(np.where(np.abs(stretch) < 1 + 1e-12, np.clip(stretch, -1.0, 1.0), np.nan))
     q3 = (bend if configuration.above == configuration.lefty else -bend) - atan2(arm.d4_mm, arm.a3_mm)
     along = arm.a2_mm + arm.a3_mm * np.cos(q3) - arm.d4_mm * np.sin(q3)
     across = arm.a3_mm * np.sin(q3) + arm.d4_mm * np.cos(q3)
     q1 = np.arctan2(y, x) - np.arctan2(-arm.d3_mm, outward)
-    return np.column_stack([q1, np.arctan2(z, outward) - np.arctan2(across, along), q3])
+    return np.stack([q1, np.arctan2(z, outward) - np.arctan2(across, along), q3], axis=-1)
 
 
-def _wrist_angles(forearm_from_flange: Array, flip: bool, near: Array) -> tuple[float, float, float]:
-    """Joints 4 to 6 that turn the flange by a (3, 3) rotation against the forearm: Rz(q4) Ry(-q5) Rz(q6)."""
-    r = forearm_from_flange
-    level = hypot(r[0, 2], r[1, 2])
-    if level < SINGULAR_SIN_Q5:
-        # The tool is turned by both joints together: keep joint 4, give joint 6 the rest.
-        rest = _rotation_z(-near[3]) @ r
-        return float(near[3]), atan2(-level, r[2, 2]), atan2(rest[1, 0], rest[1, 1])
-    sign = 1.0 if flip else -1.0
-    q5 = atan2(sign * level, r[2, 2])
-    return atan2(-sign * r[1, 2], -sign * r[0, 2]), q5, atan2(-sign * r[2, 1], sign * r[2, 0])
+def _out_of_reach(wrist_mm: Array, arm: ArmGeometry) -> str:
+    """Why no joints 1 to 3 put the wrist centre at (3,) mm in the base frame."""
+    if hypot(wrist_mm[0], wrist_mm[1]) < abs(arm.d3_mm):
+        return "too close to the column"
+    far = float(wrist_mm @ wrist_mm) - arm.d3_mm**2 > arm.a2_mm**2 + arm.forearm_mm**2
+    return "too far from the shoulder" if far else "too close to the shoulder"
+
+
+def _wrist_angles(forearm_from_flange: Array, flip: bool) -> Array:
+    """(..., 3): joints 4 to 6 that turn the flange by (..., 3, 3) against the forearm: Rz(q4) Ry(-q5) Rz(q6)."""
+    r, sign = forearm_from_flange, 1.0 if flip else -1.0
+    level = np.hypot(r[..., 0, 2], r[..., 1, 2])
+    q4 = np.arctan2(-sign * r[..., 1, 2], -sign * r[..., 0, 2])
+    return np.stack(
+        [q4, np.arctan2(sign * level, r[..., 2, 2]), np.arctan2(-sign * r[..., 2, 1], sign * r[..., 2, 0])], axis=-1
+    )
 
 
 def _within(joint: int, angle: float, near: float, limits: Array) -> float:

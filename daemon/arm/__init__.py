@@ -8,6 +8,7 @@ from daemon.arm.guard import Limits, Point
 from daemon.arm.mover import Arrival, Mover, MoveRefusedError, NotSentError, OutOfReachError
 from daemon.arm.route import PATH_MM
 from daemon.arm.settling import NotSettledError, SettledPair, Settling, settled_pair
+from daemon.arm.speed import speed_pct
 from daemon.arm.supervisor import ABORT_S, Interruption, Let, OperatorRefusedError, RefusedError, Supervisor
 from daemon.arm.workcell import EYES, EyeName, Log, Picture, Pictures, Reading, StopRefusedError, Workcell
 
@@ -42,4 +43,5 @@ __all__ = [
     "body_like",
     "capsule_around",
     "settled_pair",
+    "speed_pct",
 ]

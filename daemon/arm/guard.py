@@ -105,11 +105,8 @@ def _not_a_location(command: Command, _: ArmState, __: Limits) -> str | None:
     pose = command.world_from_tool
     if pose.shape != (4, 4) or not np.all(np.isfinite(pose)):
         return "the target is not a 4x4 matrix of numbers"
-    rotation = pose[:3, :3]
-    off = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
-    if off > 1e-6 or np.linalg.det(rotation) < 0:
-        return "the target's orientation is not a rotation"
-    return None
+    wrong = frames.not_a_rotation(pose[:3, :3], 1e-6)
+    return None if wrong is None else f"the target's orientation is not a rotation: {wrong}"
 
 
 def _arm_lost(_: Command, standing: ArmState, __: Limits) -> str | None:

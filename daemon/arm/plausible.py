@@ -11,13 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from daemon import frames
 from daemon.arm.body import Capsule
 from daemon.arm.guard import Limits
 from daemon.arrays import Array
 
 Keys = tuple[str | int, ...]
 
-ORTHONORMAL = 1e-4
 ORIGIN = np.zeros(3)
 METRES_MM = 2.0
 """What is shorter than this altogether was written in metres: the shortest length that is meant is some 50 mm."""
@@ -47,16 +47,10 @@ def _found(keys: Keys, expected: str, found: str, remedy: str) -> Implausible:
 
 def rigid(matrix: Array, keys: Keys) -> Implausible | None:
     """What is wrong with a (4, 4) that should be a rotation, and a translation in mm between things on the hand."""
-    if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
-        return _found(keys, "4x4 finite numbers", "others", "write four rows of four")
-    rotation, away_mm = matrix[:3, :3], float(np.linalg.norm(matrix[:3, 3]))
-    off = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
-    if off > ORTHONORMAL:
-        return _found(keys, "a rotation in the 3x3 block", f"one off by {off:.2g}", "write all of its digits")
-    if np.linalg.det(rotation) < 0:
-        return _found(keys, "a right-handed rotation", "a mirrored one", "turn the sign of one axis, a column")
-    if not np.array_equal(matrix[3], [0.0, 0.0, 0.0, 1.0]):
-        return _found(keys, "a last row [0, 0, 0, 1]", f"{matrix[3].tolist()}", "write the translation as last column")
+    wrong = frames.not_rigid(matrix)
+    if wrong is not None:
+        return Implausible(keys, wrong)
+    away_mm = float(np.linalg.norm(matrix[:3, 3]))
     if 0.0 < away_mm < METRES_MM:
         return _found(keys, "millimetres", f"a translation of {away_mm:g} altogether", AS_METRES)
     if away_mm > LONGEST_HAND_MM:

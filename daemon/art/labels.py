@@ -11,9 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from daemon.art.arrays import Index
 from daemon.art.errors import InputError
-
-Index = NDArray[np.int64]
 
 
 class Labels:

@@ -26,6 +26,7 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array
+from daemon.calibration.arm_hypotheses import NAMES, Convention, about_y, about_z, arm_angles, flange_turns, tool_places
 from daemon.calibration.least_squares import Problem, minimise
 from daemon.errors import FacetdError
 
@@ -43,9 +44,6 @@ RANGE_MIDDLE_RAD, RANGE_HALF_RAD = np.radians([0.0, 90.0, -90.0]), np.radians([1
 """How far joints 1 to 3 of a PUMA turn, in our angles: the 560's data sheet; the others' differ by some degrees."""
 TELLS_MM = 1.0
 """A length between axes that is surely more than this is not zero."""
-NAMES = ("zero_1", "zero_2", "zero_23", "zero_4", "zero_5", "a2", "a3", "d3", "d4",
-         "tool_turn_x", "tool_turn_y", "tool_turn_z", "tool_x", "tool_y", "tool_z",
-         "base_x", "base_y", "base_z")  # fmt: skip
 LENGTHS = ("a2", "a3", "d3", "d4")
 ANGLES = 5
 LENGTH_LIKE = np.array([ANGLES <= k < ANGLES + 4 or k >= 12 for k in range(18)])
@@ -58,14 +56,6 @@ SURELY = 4.0
 
 class NoArmError(FacetdError):
     """The readings are too few, or no arm of a PUMA's kind makes them."""
-
-
-@dataclass(frozen=True)
-class Convention:
-    """signs (6,): +1 or -1. against_horizon: joint 3 is counted against the horizon, not against the upper arm."""
-
-    signs: tuple[float, ...]
-    against_horizon: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,7 +181,7 @@ def _straight(x: Array, found: ArmFound) -> dict[int, float]:
             known |= dict.fromkeys(together, 0.0)
     tool = frames.rotation_from_vector(x[9:12])
     quarter = np.pi / 2 * round(float(np.arctan2(tool[1, 0], tool[0, 0])) / (np.pi / 2))
-    off_deg = np.degrees(np.linalg.norm(frames.vector_from_rotation(_about_z(-quarter) @ tool)))
+    off_deg = np.degrees(np.linalg.norm(frames.vector_from_rotation(about_z(-quarter) @ tool)))
     if off_deg <= SURELY * max(found.sigma[name] for name in NAMES[9:12]) + 1e-3:
         known |= {9: 0.0, 10: 0.0, 11: quarter}
     return known
@@ -202,7 +192,7 @@ def _parameters(found: ArmFound) -> Array:
     zeros, tool = np.radians(found.zeros_deg), found.wrist_from_tool
     return np.concatenate([
         [zeros[0], zeros[1], zeros[1] + zeros[2], zeros[3], zeros[4]], found.lengths_mm,
-        frames.vector_from_rotation(_about_z(zeros[5]) @ tool[:3, :3]), _about_z(zeros[5]) @ tool[:3, 3], found.base_mm,
+        frames.vector_from_rotation(about_z(zeros[5]) @ tool[:3, :3]), about_z(zeros[5]) @ tool[:3, 3], found.base_mm,
     ])  # fmt: skip
 
 
@@ -212,57 +202,10 @@ def _rms(values: Array) -> float:
 
 def poses(found: ArmFound, printed_deg: Array) -> Array:
     """(N, 4, 4) mm: where the arm found has its tool at (N, 6) printed angles."""
-    turns, places = _chain(_parameters(found)[None], found.convention, np.radians(printed_deg))
+    turns, places = tool_places(_parameters(found)[None], found.convention, np.radians(printed_deg))
     made = np.tile(np.eye(4), (len(printed_deg), 1, 1))
     made[:, :3, :3], made[:, :3, 3] = turns[0], places[0]
     return made
-
-
-# The kinematics, for many parameters at once
-
-
-def _about_z(angle: Array | float) -> Array:
-    """(..., 3, 3)."""
-    c, s = np.cos(angle), np.sin(angle)
-    o, i = np.zeros_like(c), np.ones_like(c)
-    return np.stack([np.stack([c, -s, o], -1), np.stack([s, c, o], -1), np.stack([o, o, i], -1)], -2)
-
-
-def _about_y(angle: Array | float) -> Array:
-    """(..., 3, 3)."""
-    c, s = np.cos(angle), np.sin(angle)
-    o, i = np.zeros_like(c), np.ones_like(c)
-    return np.stack([np.stack([c, o, s], -1), np.stack([o, i, o], -1), np.stack([-s, o, c], -1)], -2)
-
-
-def _arm_angles(zeros: Array, convention: Convention, printed: Array) -> tuple[Array, ...]:
-    """q1, q2, q2 + q3, q4, q5, q6, each (M, N), of zeros (M, 5): of 1, 2, 2 + 3, 4 and 5; joint 6's is the tool's."""
-    p = printed * np.array(convention.signs)
-    both = p[:, 2] if convention.against_horizon else p[:, 1] + p[:, 2]
-    counted = np.stack([p[:, 0], p[:, 1], both, p[:, 3], p[:, 4]])
-    q = counted[None] + zeros[:, :, None]
-    return q[:, 0], q[:, 1], q[:, 2], q[:, 3], q[:, 4], np.broadcast_to(p[:, 5], q[:, 0].shape)
-
-
-def _flange(q: tuple[Array, ...]) -> Array:
-    """(M, N, 3, 3): the orientation of the arm's end."""
-    q1, _, q23, q4, q5, q6 = q
-    return _about_z(q1) @ _about_y(-q23) @ _about_z(q4) @ _about_y(-q5) @ _about_z(q6)
-
-
-def _chain(x: Array, convention: Convention, printed: Array) -> tuple[Array, Array]:
-    """(M, N, 3, 3) and (M, N, 3) mm: the tool, of parameters (M, 18)."""
-    q = _arm_angles(x[:, :5], convention, printed)
-    q1, q2, q23 = q[:3]
-    a2, a3, d3, d4 = (x[:, k, None] for k in range(5, 9))
-    flange = _flange(q)
-    tool = frames.rotations_from_vectors(x[:, 9:12])
-    outward = a2 * np.cos(q2) + a3 * np.cos(q23) - d4 * np.sin(q23)
-    upward = a2 * np.sin(q2) + a3 * np.sin(q23) + d4 * np.cos(q23)
-    c, s = np.cos(q1), np.sin(q1)
-    wrist = np.stack([c * outward + s * d3, s * outward - c * d3, upward], -1)
-    places = x[:, None, 15:18] + wrist + np.einsum("mnij,mj->mni", flange, x[:, 12:15])
-    return flange @ tool[:, None], places
 
 
 # Where to begin
@@ -278,7 +221,7 @@ def _starts(convention: Convention, most: int, readings: _Readings) -> Iterator[
     """So many (8,) starts on orientations alone: the five zeros, then the tool's turn; the likeliest first."""
     grid = np.array(list(product(GRID_RAD, repeat=3)))
     zeros = np.column_stack([np.zeros((len(grid), 2)), grid])
-    flange = _flange(_arm_angles(zeros, convention, readings.printed))
+    flange = flange_turns(arm_angles(zeros, convention, readings.printed))
     first, tools, misfit = _both_ends(flange, readings.turns)
     for k in np.argsort(misfit)[:most]:
         yield np.concatenate([[first[k]], zeros[k, 1:], frames.vector_from_rotation(tools[k])])
@@ -295,10 +238,8 @@ def _both_ends(flange: Array, turns: Array) -> tuple[Array, Array, Array]:
     across = (made[..., 0] * seen[:, 1] - made[..., 1] * seen[:, 0]).sum(-1)
     along = (made[..., 0] * seen[:, 0] + made[..., 1] * seen[:, 1]).sum(-1)
     first = np.arctan2(across, along)
-    turned = _about_z(first)[:, None] @ flange
-    u, _, vt = np.linalg.svd(np.einsum("mnji,njk->mik", turned, turns))
-    u[np.linalg.det(u @ vt) < 0, :, 2] *= -1.0
-    tools = u @ vt
+    turned = about_z(first)[:, None] @ flange
+    tools = frames.nearest_rotation(np.einsum("mnji,njk->mik", turned, turns))
     misfit = ((turned @ tools[:, None] - turns) ** 2).sum((1, 2, 3))
     return first, tools, misfit
 
@@ -343,7 +284,7 @@ def _problem(
     moved = np.concatenate([np.zeros((1, 18)), np.diag(steps)[free], -np.diag(steps)[free]])
 
     def problem(x: Array) -> tuple[Array, Array]:
-        made_turns, made_places = _chain(x + moved, convention, readings.printed)
+        made_turns, made_places = tool_places(x + moved, convention, readings.printed)
         parts = [(made_turns - readings.turns).reshape(len(moved), -1) / (readings.turn_rad * np.sqrt(2.0))]
         if places:
             parts.append((made_places - readings.places).reshape(len(moved), -1) / readings.place_mm)
@@ -358,8 +299,8 @@ def _problem(
 
 def _lengths(x: Array, convention: Convention, readings: _Readings) -> Array:
     """x with lengths, joint 2's zero, tool and base: linear in a2's two components, once the orientations are known."""
-    q1, q2, q23, *_ = q = _arm_angles(x[None, :5] * np.array([1, 0, 1, 1, 1]), convention, readings.printed)
-    flange, c, s = _flange(q)[0], np.cos(q1[0]), np.sin(q1[0])
+    q1, q2, q23, *_ = q = arm_angles(x[None, :5] * np.array([1, 0, 1, 1, 1]), convention, readings.printed)
+    flange, c, s = flange_turns(q)[0], np.cos(q1[0]), np.sin(q1[0])
 
     def placed(outward: Array, upward: Array) -> Array:
         return np.stack([c * outward, s * outward, upward], -1)
@@ -402,13 +343,13 @@ def _plain(model: _Model, readings: _Readings) -> _Model:
         signs, x = behind_signs, behind
     tool = frames.rotation_from_vector(x[9:12])
     if tool[2, 2] < 0:  # the hand points out of the wrist's back
-        half = _about_y(np.pi)
+        half = about_y(np.pi)
         x[4], signs[5] = x[4] - np.pi, -signs[5]
         tool, x[12:15] = half @ tool, half @ x[12:15]
     convention = Convention(tuple(signs), model.convention.against_horizon)
-    fourth = float(np.median(_arm_angles(x[None, :5], convention, readings.printed)[3]))
+    fourth = float(np.median(arm_angles(x[None, :5], convention, readings.printed)[3]))
     if abs(_wrapped(np.array(fourth))) > np.pi / 2 + 1e-6:  # the wrist flipped
-        half = _about_z(np.pi)
+        half = about_z(np.pi)
         x[3], signs[4], x[4] = x[3] - np.pi, -signs[4], -x[4]
         tool, x[12:15] = half @ tool, half @ x[12:15]
     x[:5] = _wrapped(x[:5])
@@ -427,7 +368,7 @@ def _from_behind(signs: list[float], x: Array) -> tuple[list[float], Array]:
 def _odd(x: Array, signs: Sequence[float], model: _Model, readings: _Readings) -> tuple[float, bool]:
     """How far joints 1 to 3 are out of a PUMA's ranges where the arm was read; and whether joint 1's zero is behind."""
     convention = Convention(tuple(signs), model.convention.against_horizon)
-    q1, q2, q23, *_ = (np.median(each) for each in _arm_angles(x[None, :5], convention, readings.printed))
+    q1, q2, q23, *_ = (np.median(each) for each in arm_angles(x[None, :5], convention, readings.printed))
     angles = _wrapped(np.array([q1, q2, q23 - q2]) - RANGE_MIDDLE_RAD)
     out = np.maximum(np.abs(angles) / RANGE_HALF_RAD - 1.0, 0.0)
     return round(float(out.sum()), 3), bool(abs(_wrapped(x[0])) > np.pi / 2 + 1e-6)
@@ -448,7 +389,7 @@ def _told(model: _Model, readings: _Readings) -> ArmFound:
     open_ones = sigma > np.where(angles, np.radians(1.0), PRIOR_MM / 100.0)
     tool = frames.rotation_from_vector(x[9:12])
     turn = float(np.arctan2(tool[1, 0] - tool[0, 1], tool[0, 0] + tool[1, 1]))
-    wrist_from_tool = frames.rigid(_about_z(-turn) @ tool, _about_z(-turn) @ x[12:15])
+    wrist_from_tool = frames.rigid(about_z(-turn) @ tool, about_z(-turn) @ x[12:15])
     zeros = _wrapped(np.array([x[0], x[1], x[2] - x[1], x[3], x[4], turn]))
     told = np.where(angles, np.degrees(sigma), sigma)
     return ArmFound(

@@ -24,7 +24,6 @@ from daemon.store.yamlfile import Document, Key, read
 from daemon.vision.geometry import Camera, StereoRig
 
 Rows = Sequence[Sequence[float]]
-ORTHONORMAL_TOLERANCE = 1e-4
 
 
 class Quality(msgspec.Struct, forbid_unknown_fields=True, frozen=True, omit_defaults=True):
@@ -176,14 +175,11 @@ def _matrix(document: Document, keys: tuple[Key, ...], rows: Rows, height: int, 
 
 
 def rigid(document: Document, keys: tuple[Key, ...], rows: Rows) -> Array:
-    """A 4x4 rigid transform, mm: its 3x3 block a rotation to 1e-4, its last row 0 0 0 1."""
+    """A 4x4 rigid transform, mm."""
     matrix = _matrix(document, keys, rows, 4, 4)
-    rotation = matrix[:3, :3]
-    off = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
-    if off > ORTHONORMAL_TOLERANCE or np.linalg.det(rotation) < 0:
-        raise document.error(keys, f"expected a rotation in the 3x3 block, found one off by {off:.2g} or mirrored")
-    if not np.array_equal(matrix[3], [0, 0, 0, 1]):
-        raise document.error(keys, f"expected a last row [0, 0, 0, 1], found {list(rows[3])}")
+    wrong = frames.not_rigid(matrix)
+    if wrong is not None:
+        raise document.error(keys, wrong)
     return matrix
 
 

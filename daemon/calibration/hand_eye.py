@@ -170,9 +170,8 @@ def park_martin(world_from_tool: Sequence[Array], cyclopean_from_board_: Sequenc
     ]
     outer = np.zeros((3, 3))
     for a, b in motions:
-        outer += np.outer(frames.vector_from_rotation(b[:3, :3]), frames.vector_from_rotation(a[:3, :3]))
-    u, _, vt = np.linalg.svd(outer)
-    rotation = vt.T @ np.diag([1, 1, np.linalg.det(vt.T @ u.T)]) @ u.T
+        outer += np.outer(frames.vector_from_rotation(a[:3, :3]), frames.vector_from_rotation(b[:3, :3]))
+    rotation = frames.nearest_rotation(outer)
     left = np.vstack([a[:3, :3] - np.eye(3) for a, _ in motions])
     right = np.concatenate([rotation @ b[:3, 3] - a[:3, 3] for a, b in motions])
     return frames.rigid(rotation, np.linalg.lstsq(left, right, rcond=None)[0])
@@ -189,18 +188,12 @@ def shah(world_from_tool: Sequence[Array], cyclopean_from_board_: Sequence[Array
     for a, b in zip(world_from_tool, inverse, strict=True):
         total += np.kron(b[:3, :3], a[:3, :3])
     u, _, vt = np.linalg.svd(total)
-    x, z = _nearest_rotation(vt[0].reshape(3, 3).T), _nearest_rotation(u[:, 0].reshape(3, 3).T)
+    either = np.stack([vt[0].reshape(3, 3).T, u[:, 0].reshape(3, 3).T])
+    x, z = frames.nearest_rotation(either * np.sign(np.linalg.det(either))[:, None, None])
     rows = [np.hstack([-a[:3, :3], np.eye(3)]) for a in world_from_tool]
     right = [a[:3, 3] - z @ b[:3, 3] for a, b in zip(world_from_tool, inverse, strict=True)]
     shifts = np.linalg.lstsq(np.vstack(rows), np.concatenate(right), rcond=None)[0]
     return frames.rigid(x, shifts[:3])
-
-
-def _nearest_rotation(matrix: Array) -> Array:
-    scaled = matrix * np.sign(np.linalg.det(matrix))
-    u, _, vt = np.linalg.svd(scaled)
-    rotation: Array = u @ np.diag([1, 1, np.linalg.det(u @ vt)]) @ vt
-    return rotation
 
 
 def hand_eye_problem(samples: Sequence[Sample], rig: StereoRig, arm: ArmDoubt) -> Problem:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from daemon.store.standing import Standing
+
 
 def plural(count: int, noun: str) -> str:
     """1 view, 2 views."""
@@ -33,6 +35,20 @@ def cut_off(count: int | None) -> str:
     if count is None:
         return "`auto on` was cut off before the table was empty"
     return f"`auto on` was cut off with {plural(count, 'part')} still to pick"
+
+
+def as_left(left: Standing) -> str:
+    """What an operator must know of how the daemon before ended, and do."""
+    what = f"run {left.run} " + ("ended" if left.ended else f"was cut off in state {left.state or 'unknown'}")
+    if left.damage:
+        what = f"{left.damage}: nobody knows how the daemon before ended"
+    if left.fault is not None:
+        what += f", with a fault: {left.fault}"
+    if left.hand_closed:
+        what += f", with {f'the {left.label}' if left.label else 'a part'} perhaps in the gripper"
+    if left.auto is not None:
+        what += f"; {cut_off(left.auto.count)}"
+    return f"{what}: look at the cell, then say `resume`"
 
 
 def is_yes(answer: str) -> bool:

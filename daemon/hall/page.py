@@ -17,10 +17,10 @@ import numpy as np
 from daemon.calibration.drift import Watching
 from daemon.hall.questions import opened
 from daemon.hall.store import Store, StoreError
+from daemon.review.measures import AXES, NEAR
 from daemon.review.page import render
 from daemon.review.production import shares_apart
 from daemon.review.remedies import KNOWN
-from daemon.review.strips import AXES, NEAR
 from daemon.review.why import UNTOLD
 from daemon.review.why import told as causes_of_fault
 from daemon.store.files import write_atomically

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from daemon.review.strips import AXES
+from daemon.review.measures import AXES
 from daemon.vision.health import MEASURES
 
 VERSION = 3

@@ -25,13 +25,11 @@ from daemon.cell.introduce import (
     Consult,
     Person,
     again,
-    arm_file,
-    arm_of,
     introduce,
-    page,
     read_transcript,
     serial_port,
 )
+from daemon.cell.introduced_arm import arm_file, arm_of, page
 from daemon.console.pages import fold
 from daemon.console.phrases import is_no, is_yes
 from daemon.doors.keyboard import forget_what_was_typed

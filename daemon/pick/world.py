@@ -11,7 +11,7 @@ from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
 
 from daemon import frames
-from daemon.arm import Mover, MoveRefusedError, OutOfReachError, Reading, RefusedError, Workcell, paths
+from daemon.arm import Mover, MoveRefusedError, OutOfReachError, Reading, RefusedError, Workcell, speed_pct
 from daemon.arrays import Array
 from daemon.errors import FacetdError
 from daemon.pick import moved_pair
@@ -256,7 +256,7 @@ async def travel(
 
     def speed(step: Array) -> float:
         away_mm = 1e9 if target is None else apart_mm(step[:3, 3], target.centre)
-        return paths.speed_pct(away_mm, settings.travel_pct, settings.near_pct)
+        return speed_pct(away_mm, settings.travel_pct, settings.near_pct)
 
     await context.mover.travel(pose, purpose, speed, straight, None if look is None else look.taken_s)
 

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from daemon.review.digest import Cycle, Digest, Stop, duration_s, stops_of, told_again
+from daemon.review.measures import strips
 from daemon.review.production import production, remedies
-from daemon.review.strips import strips
 from daemon.review.why import causes, in_plain_words
 
 Json = dict[str, Any]

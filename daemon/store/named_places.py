@@ -19,13 +19,12 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
+from daemon import frames
 from daemon.arrays import Array
 from daemon.store.files import write_atomically
 from daemon.store.outside import FileError, open_to_append, read_file
 
 LARGEST_BYTES = 4_000_000
-ORTHONORMAL = 1e-4
-"""Of a turn's columns, which are kept to the last digit."""
 
 Four = tuple[float, float, float, float]
 
@@ -122,14 +121,6 @@ def _read(line: bytes) -> NamedPlace | None:
     except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError):
         return None
     pose = None if one.world_from_tool is None else np.array(one.world_from_tool, float)
-    if pose is not None and not _is_place(pose):
-        pose = None
+    if pose is not None and frames.not_rigid(pose) is not None:
+        pose = None  # what is damaged on the disk is no place to go to
     return NamedPlace(one.name, one.t, one.who, pose)
-
-
-def _is_place(pose: Array) -> bool:
-    """Whether it turns and shifts and does nothing else: what is damaged on the disk is no place to go to."""
-    turn = pose[:3, :3]
-    if not np.array_equal(pose[3], [0, 0, 0, 1]) or np.abs(turn).max() > 1.1:
-        return False
-    return bool(np.allclose(turn @ turn.T, np.eye(3), atol=ORTHONORMAL) and np.linalg.det(turn) > 0)

@@ -31,8 +31,8 @@ from drivers.val2.errors import (
 from drivers.val2.ledger import Ledger
 from drivers.val2.location import Location, apart
 from drivers.val2.port import OpenPort, SerialPort
-from drivers.val2.session import Session
-from drivers.val2.wire import Error, Event, Question, Where
+from drivers.val2.session import Session, confirms
+from drivers.val2.wire import Event, Question, Where
 
 __all__ = [
     "Answer",
@@ -56,8 +56,6 @@ TINY_DEG = 1e-9
 """Of the difference of two printed numbers."""
 BRAKES_S = 0.5
 """Of an arm whose power went, until they hold it."""
-CONFIRMS = "are you sure"
-"""How a controller asks whether a command is meant; found open, it was typed by somebody who is gone."""
 
 
 class Link:
@@ -130,22 +128,23 @@ class Link:
     async def power_up(self, replies: Sequence[str] = ("Y", "Y")) -> Answer:
         """Answer what the controller asks, and what it asks next, where that is of the same kind: a yes to a question
         of power-up moves nothing, one to another may. Raises ControllerError."""
-        async with self._open_session.turn(answers_question=True) as talk:
-            asked, self._open_session.question = self.question, None
+        session = self._open_session
+        async with session.turn(answers_question=True) as talk:
+            asked, session.question = session.question, None
             if asked is None:
                 raise ControllerError("the controller asks nothing")
             usual = self.dialect.asks_after_power_up
             kind = usual(asked)
-            self.program_may_run |= not (kind or _confirms(asked))
+            self.program_may_run |= not (kind or confirms(asked))
             try:
                 answer = await talk.ask(
                     replies[0], replies[1:], self.dialect.calibrate_s, lambda text: usual(text) is kind
                 )
             except (Garbled, NoAnswer) as problem:
-                self._open_session.question = asked
-                await self._recover(problem)  # a half-typed answer is no beginning of the next command
+                session.question = asked
+                await session.recover(problem)  # a half-typed answer is no beginning of the next command
                 raise
-            return self._accept(answer)
+            return session.accept(answer)
 
     def terminal(self, on_bytes: Callable[[bytes], None]) -> AbstractAsyncContextManager[Callable[[bytes], None]]:
         """A person talks to the controller: commands wait until they are done; abort() still works."""
@@ -172,14 +171,15 @@ class Link:
 
     async def own_speed_only(self) -> None:
         """No program's speed multiplies ours any more; a controller that refuses this, in whatever words, has none."""
-        async with self._open_session.turn(moves=True) as talk:
-            answer = await self._ask(talk, commands.PROGRAM_SPEED, (), self.dialect.answer_s)
-            self._accept(replace(answer, errors=()))
+        session = self._open_session
+        async with session.turn(moves=True) as talk:
+            answer = await session.ask(talk, commands.PROGRAM_SPEED, (), self.dialect.answer_s)
+            session.accept(replace(answer, errors=()))
 
     async def calibrate(self, answer: str = "Y") -> Answer:
         """CAL, its question answered, and none that another asks: a controller whose power went just then. Raises
         ControllerError."""
-        return await self._carry_out((self.dialect.calibrate_word,), (answer,), self.dialect.calibrate_s, _confirms)
+        return await self._carry_out((self.dialect.calibrate_word,), (answer,), self.dialect.calibrate_s, confirms)
 
     async def tool(self, flange_from_tool: Location) -> None:
         """Tell the controller where the tool point is, seen from the flange."""
@@ -252,8 +252,9 @@ class Link:
 
     async def prove_stop(self) -> None:
         """See that the controller takes the word that stops the arm. Raises StopRefused."""
-        async with self._open_session.turn() as talk:
-            self._judge_stop(await self._ask(talk, self.dialect.abort_word, (), self.dialect.answer_s))
+        session = self._open_session
+        async with session.turn() as talk:
+            self._judge_stop(await session.ask(talk, self.dialect.abort_word, (), self.dialect.answer_s))
 
     # Inside
 
@@ -274,9 +275,9 @@ class Link:
         says nothing may as well: it is told to stop before it is asked again.
         """
         try:
-            await self._prompt_on_opening(session)
-            if _confirms(session.question or ""):
-                await self._decline(session)
+            await session.prompt_on_opening()
+            if confirms(session.question or ""):
+                await session.decline()
             if session.question is None:
                 async with session.turn() as talk:
                     await self._see_that_it_rests(talk)
@@ -294,31 +295,13 @@ class Link:
             raise silent from None
         self.stopped_on_opening = True
 
-    async def _prompt_on_opening(self, session: Session) -> None:
-        """To the prompt or question; asked again only where that keeps no arm moving. Raises NoAnswer."""
-        try:
-            await session.find_prompt(attempts=1)
-        except NoAnswer as problem:
-            if isinstance(problem, Busy) or not self.dialect.echo:
-                raise
-            await session.find_prompt()
-
-    async def _decline(self, session: Session) -> None:
-        """No to what somebody before us began; typed twice where something stood in the line before it."""
-        async with session.turn(answers_question=True) as talk:
-            for _ in range(2):
-                answer = await talk.ask("N", (), self.dialect.resync_s)
-                session.question = answer.question
-                if answer.question is None:
-                    return
-
     async def _see_that_it_rests(self, talk: Conversation) -> None:
         """Raises Busy where the arm moves, or the line is not clear enough to tell."""
         try:
             if not self.dialect.break_after_move:
                 await self._still(talk, 0.0, any_place=True)
-            elif self._met_a_rest(await talk.ask("DO BREAK", (), self.dialect.resync_s)):
-                await talk.ask("DO BREAK", (), self.dialect.resync_s)
+            else:
+                await self._open_session.ask_past_a_rest(talk, "DO BREAK", (), self.dialect.resync_s)
         except (NoAnswer, Garbled) as problem:
             raise Busy(problem.message) from problem
 
@@ -330,65 +313,19 @@ class Link:
         meant: Callable[[str], bool] = bool,
     ) -> Answer:
         """Several lines in one turn, so that no abort can fall between them unnoticed; the last one's answer."""
-        async with self._open_session.turn(moves=any(map(commands.moves_the_arm, lines))) as talk:
+        session = self._open_session
+        async with session.turn(moves=any(map(commands.moves_the_arm, lines))) as talk:
             for line in lines:
                 self.program_may_run |= line != self.dialect.calibrate_word and commands.begins_a_program(line)
                 default_s = self.dialect.motion_s if commands.moves_the_arm(line) else self.dialect.answer_s
-                answer = self._accept(await self._ask(talk, line, replies, timeout_s or default_s, meant))
+                answer = session.accept(await session.ask(talk, line, replies, timeout_s or default_s, meant))
         return answer
-
-    async def _ask(
-        self,
-        talk: Conversation,
-        text: str,
-        replies: Sequence[str],
-        wait_s: float,
-        meant: Callable[[str], bool] = bool,
-    ) -> Answer:
-        """Ask, and ask again as long as that is safe: the line was never ended, or it moves nothing."""
-        for _ in range(self.dialect.typing_attempts):
-            try:
-                answer = await talk.ask(text, replies, wait_s, meant)
-                if self._met_a_rest(answer):
-                    answer = await talk.ask(text, replies, wait_s, meant)
-                return answer
-            except (Garbled, NoAnswer) as caught:
-                problem = caught
-            once_only = talk.typed_whole and commands.moves_the_arm(text)
-            said = await self._recover(problem)
-            if said or once_only:
-                break
-        problem.where = await self._where_if_it_can(talk)
-        if said:
-            raise ControllerError("; ".join(said), problem.where) from problem
-        raise problem
-
-    def _met_a_rest(self, answer: Answer) -> bool:
-        """Whether the first line since the prompt was found was refused as a command nobody knows: not carried out."""
-        may_hold_rest, self._open_session.line_may_hold_rest = self._open_session.line_may_hold_rest, False
-        return may_hold_rest and bool(answer.errors) and all(map(_may_be_our_own_noise, answer.errors))
-
-    async def _recover(self, problem: LinkError) -> list[str]:
-        """Back to a prompt; the errors the controller reported on the way. Raises NoAnswer, ControllerError."""
-        try:
-            events = await self._open_session.find_prompt()
-        except NoAnswer as deaf:
-            raise NoAnswer(f"{problem.message}; then {deaf.message}") from problem
-        if self.question is not None:
-            raise ControllerError(f"the controller asks {self.question!r}: answer that first") from problem
-        return [event.text for event in events if isinstance(event, Error) and not _may_be_our_own_noise(event.text)]
-
-    async def _where_if_it_can(self, talk: Conversation) -> Where | None:
-        try:
-            return (await talk.ask("WHERE", (), self.dialect.answer_s)).where
-        except (Garbled, NoAnswer):
-            return None
 
     async def _where(self, talk: Conversation, any_place: bool = False) -> Where:
         """any_place: take the reading even when its place and joints do not belong together."""
-        why = "WHERE did not give its table"
+        session, why = self._open_session, "WHERE did not give its table"
         for _ in range(self.dialect.typing_attempts):
-            answer = self._accept(await self._ask(talk, "WHERE", (), self.dialect.answer_s))
+            answer = session.accept(await session.ask(talk, "WHERE", (), self.dialect.answer_s))
             if answer.where is None:
                 continue
             if any_place or self._belongs_together(answer.where):
@@ -409,12 +346,9 @@ class Link:
             before = now
 
     def _same_place(self, before: Where, now: Where) -> bool:
-        """By the joints as well: where the wrist is straight, two of them can turn and the tool stays where it is."""
         off_mm, off_deg = apart(before.location, now.location)
-        turned_deg = max(abs(b - n) for b, n in zip(before.joints_deg, now.joints_deg, strict=True))
-        return (
-            off_mm <= self.dialect.same_place_mm and max(off_deg, turned_deg - TINY_DEG) <= self.dialect.same_place_deg
-        )
+        turned_deg = max(off_deg, now.turned_deg(before) - TINY_DEG)
+        return off_mm <= self.dialect.same_place_mm and turned_deg <= self.dialect.same_place_deg
 
     async def _break(self, timeout_s: float) -> None:
         if self.dialect.break_after_move:
@@ -482,28 +416,8 @@ class Link:
             word, words = self.dialect.abort_word, "; ".join(answer.errors)
             raise StopRefused(f"the controller does not take the word {word} (it says `{words}`)")
 
-    def _accept(self, answer: Answer) -> Answer:
-        """An answer without errors and without an open question. Raises ControllerError on any other."""
-        if answer.question is not None:
-            self._open_session.question = answer.question
-        if answer.errors:
-            raise ControllerError("; ".join(answer.errors), answer.where)
-        if answer.question is not None:
-            raise ControllerError(f"the controller asks {answer.question!r}: answer that first")
-        return answer
-
 
 def _heard_of(aborting: asyncio.Task[Where | None]) -> None:
     """Whoever asked may have gone away before the controller did not confirm; that is nobody's unhandled error."""
     if not aborting.cancelled():
         aborting.exception()
-
-
-def _confirms(question: str) -> bool:
-    """Whether it asks if a command is meant."""
-    return CONFIRMS in question.lower()
-
-
-def _may_be_our_own_noise(text: str) -> bool:
-    """Whether a message may come from the characters that make a half-typed line an error."""
-    return "illegal command" in text.lower() or "syntax error" in text.lower()

@@ -1,17 +1,24 @@
-"""An open line to a controller: the port, the reader, silence, the ledger, whose turn it is. No commands here."""
+"""An open line to a controller: the port, the reader, silence, the ledger, whose turn it is, what is asked again.
+
+What the commands are, and what of their answers says where the arm is, is link.py's.
+"""
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager
+from collections.abc import AsyncIterator, Callable, Sequence
+from contextlib import asynccontextmanager, suppress
 
-from drivers.val2.conversation import Conversation
+from drivers.val2 import commands
+from drivers.val2.conversation import Answer, Conversation
 from drivers.val2.dialect import Dialect
-from drivers.val2.errors import ControllerError, LinkError, PortError, Preempted
+from drivers.val2.errors import Busy, ControllerError, Garbled, LinkError, NoAnswer, PortError, Preempted
 from drivers.val2.ledger import Ledger
 from drivers.val2.port import OpenPort
 from drivers.val2.wire import Error, Event, Question, Reader
+
+CONFIRMS = "are you sure"
+"""How a controller asks whether a command is meant; found open, it was typed by somebody who is gone."""
 
 
 class Session:
@@ -98,6 +105,74 @@ class Session:
         self.question = last.text if isinstance(last, Question) else None
         return events
 
+    async def prompt_on_opening(self) -> None:
+        """To the prompt or question; asked again only where that keeps no arm moving. Raises NoAnswer."""
+        try:
+            await self.find_prompt(attempts=1)
+        except NoAnswer as problem:
+            if isinstance(problem, Busy) or not self.dialect.echo:
+                raise
+            await self.find_prompt()
+
+    async def decline(self) -> None:
+        """No to what somebody before us began; typed twice where something stood in the line before it."""
+        async with self.turn(answers_question=True) as talk:
+            for _ in range(2):
+                answer = await talk.ask("N", (), self.dialect.resync_s)
+                self.question = answer.question
+                if answer.question is None:
+                    return
+
+    async def ask(
+        self, talk: Conversation, text: str, replies: Sequence[str], wait_s: float, meant: Callable[[str], bool] = bool
+    ) -> Answer:
+        """Ask, and ask again as long as that is safe: the line was never ended, or it moves nothing."""
+        for _ in range(self.dialect.typing_attempts):
+            try:
+                return await self.ask_past_a_rest(talk, text, replies, wait_s, meant)
+            except (Garbled, NoAnswer) as caught:
+                problem = caught
+            once_only = talk.typed_whole and commands.moves_the_arm(text)
+            said = await self.recover(problem)
+            if said or once_only:
+                break
+        with suppress(Garbled, NoAnswer):
+            problem.where = (await talk.ask("WHERE", (), self.dialect.answer_s)).where
+        if said:
+            raise ControllerError("; ".join(said), problem.where) from problem
+        raise problem
+
+    async def ask_past_a_rest(
+        self, talk: Conversation, text: str, replies: Sequence[str], wait_s: float, meant: Callable[[str], bool] = bool
+    ) -> Answer:
+        """Ask; once more where this was the first line since the prompt was found, and was refused as a command nobody
+        knows: it was not carried out."""
+        answer = await talk.ask(text, replies, wait_s, meant)
+        may_hold_rest, self.line_may_hold_rest = self.line_may_hold_rest, False
+        if may_hold_rest and answer.errors and all(map(_may_be_our_own_noise, answer.errors)):
+            answer = await talk.ask(text, replies, wait_s, meant)
+        return answer
+
+    async def recover(self, problem: LinkError) -> list[str]:
+        """Back to a prompt; the errors the controller reported on the way. Raises NoAnswer, ControllerError."""
+        try:
+            events = await self.find_prompt()
+        except NoAnswer as deaf:
+            raise NoAnswer(f"{problem.message}; then {deaf.message}") from problem
+        if self.question is not None:
+            raise self._unanswered() from problem
+        return [event.text for event in events if isinstance(event, Error) and not _may_be_our_own_noise(event.text)]
+
+    def accept(self, answer: Answer) -> Answer:
+        """An answer without errors and without an open question. Raises ControllerError on any other."""
+        if answer.question is not None:
+            self.question = answer.question
+        if answer.errors:
+            raise ControllerError("; ".join(answer.errors), answer.where)
+        if answer.question is not None:
+            raise self._unanswered()
+        return answer
+
     def send(self, data: bytes, kept: bytes) -> None:
         """Send bytes, then keep `kept` of them in the ledger. Raises PortError."""
         self._port.write(data)
@@ -114,7 +189,10 @@ class Session:
         if errors:
             raise ControllerError("; ".join(errors))
         if self.question is not None and not answers_question:
-            raise ControllerError(f"the controller asks {self.question!r}: answer that first")
+            raise self._unanswered()
+
+    def _unanswered(self) -> ControllerError:
+        return ControllerError(f"the controller asks {self.question!r}: answer that first")
 
     def _new_conversation(self) -> Conversation:
         return Conversation(self.dialect, self._reader, self.send, self.clock)
@@ -144,3 +222,13 @@ class Session:
         self.lost = True
         self._cancel_silence()
         self.talk.end(error)
+
+
+def confirms(question: str) -> bool:
+    """Whether it asks if a command is meant."""
+    return CONFIRMS in question.lower()
+
+
+def _may_be_our_own_noise(text: str) -> bool:
+    """Whether a message may come from the characters that make a half-typed line an error."""
+    return "illegal command" in text.lower() or "syntax error" in text.lower()

@@ -41,6 +41,11 @@ class Where:
     location: Location
     joints_deg: tuple[float, ...]
 
+    def turned_deg(self, before: Where) -> float:
+        """Of the joint that turned most since another reading. Where the wrist is straight, two of them can turn and
+        the tool stays where it is."""
+        return max(abs(now - then) for now, then in zip(self.joints_deg, before.joints_deg, strict=True))
+
 
 @dataclass(frozen=True)
 class Event:

@@ -71,3 +71,34 @@ def test_fusing_weighs_each_pose_by_what_it_knows() -> None:
 def test_fusing_nothing_is_refused() -> None:
     with pytest.raises(ValueError, match="no poses"):
         frames.fuse([], [])
+
+
+@given(vectors, vectors)
+def test_the_nearest_rotation_to_a_rotation_and_a_little_is_that_rotation(
+    turn: frames.Array, noise: frames.Array
+) -> None:
+    r = frames.rotation_from_vector(turn)
+    found = frames.nearest_rotation(np.stack([r, 3.0 * r, r + 1e-3 * frames.cross_matrices(noise) @ r]))
+    np.testing.assert_allclose(found[:2], [r, r], atol=1e-9)
+    assert frames.angle_between(found[2], r) < 1e-2
+    assert [frames.not_a_rotation(one, 1e-9) for one in found] == [None] * 3
+
+
+def test_the_nearest_rotation_to_a_mirror_is_no_mirror() -> None:
+    assert frames.not_a_rotation(frames.nearest_rotation(np.diag([3.0, 2.0, -1.0])), 1e-9) is None
+
+
+@pytest.mark.parametrize(
+    ("matrix", "told"),
+    [
+        (np.diag([1.0, -1.0, 1.0, 1.0]), "mirrored"),
+        (np.eye(4) * 1.01, "one off by 0.02"),
+        (np.eye(4) * 1e200, "one off by inf"),
+        (np.vstack([np.eye(4)[:3], [0.0, 0.0, 0.5, 1.0]]), "last row"),
+        (np.full((4, 4), np.nan), "4x4 finite"),
+        (np.eye(3), "4x4"),
+    ],
+)
+def test_what_is_no_rigid_transform_is_told_in_words(matrix: frames.Array, told: str) -> None:
+    assert told in str(frames.not_rigid(matrix))
+    assert frames.not_rigid(np.eye(4)) is None

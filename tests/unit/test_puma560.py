@@ -146,12 +146,20 @@ def test_the_poses_it_knows_by_name_are_within_its_limits(pose: Array) -> None:
     assert joint_out_of_limits(pose) is None
 
 
-@pytest.mark.parametrize("place", [[1500.0, 0.0, 0.0], [0.0, 0.0, 900.0], [100.0, 0.0, 0.0]])
-def test_a_place_out_of_reach_is_called_so(place: list[float]) -> None:
+@pytest.mark.parametrize(
+    ("place", "why"),
+    [
+        ([1500.0, 0.0, 0.0], "too far from the shoulder"),
+        ([0.0, 0.0, 900.0], "too close to the column"),
+        ([100.0, 0.0, 0.0], "too close to the column"),
+        ([0.0, 150.0501, 0.1], "too close to the shoulder"),
+    ],
+)
+def test_a_place_out_of_reach_is_called_so(place: list[float], why: str) -> None:
     pose = np.eye(4)
     pose[:3, 3] = place
     assert not reachable(pose)
-    with pytest.raises(UnreachableError) as refusal:
+    with pytest.raises(UnreachableError, match=why) as refusal:
         inverse(pose, Configuration(), UNLIMITED)
     assert refusal.value.joint is None
 

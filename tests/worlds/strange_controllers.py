@@ -11,8 +11,9 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array
-from daemon.cell.introduce import Arm as ArmSeen
-from daemon.cell.introduce import Person, arm_file, arm_of, introduce
+from daemon.cell.introduce import Person, introduce
+from daemon.cell.introduced_arm import Arm as ArmSeen
+from daemon.cell.introduced_arm import arm_file, arm_of
 from drivers.puma560 import ArmGeometry
 from drivers.pumas import PUBLISHED
 from drivers.simcell.arm import Arm
@@ -20,9 +21,9 @@ from drivers.simcell.controller import Controller, Manners, MemoryLine
 from drivers.simcell.controller.manners import drawn
 from drivers.simcell.controller.memory_line import MemoryPort
 from drivers.simcell.simulated_time import SimulatedLoop
+from drivers.val2.acquaintance import Acquaintance, Consult
 from drivers.val2.dialect import Dialect
 from drivers.val2.errors import PortError
-from drivers.val2.introduction import Acquaintance, Consult
 
 BAUDS = (9600, 9600, 9600, 4800, 1200)
 START_DEG = np.array([10.0, 60.0, -150.0, 20.0, -40.0, 30.0])

@@ -74,14 +74,14 @@ def settle(
     )  # fmt: skip
     own = len(left.ends)
     shift_mm = np.repeat([half, -half], [own, len(right.ends)])
-    by_size = [np.array([p for p in planes if len(p) == k]) for k in sorted({len(p) for p in planes})]
+    alike = planes_alike(planes)
     trust, flat = both.weight, np.zeros((0, count))
     slopes, held = np.zeros((len(trust), 2, count)), 1e-9 * np.eye(count)
     for turn_number in range(_ROUNDS):
         residual = _offsets(points, both, shift_mm)
         if turn_number < _LINEARISED:
             slopes = _slopes(points, both, shift_mm)
-            flat = np.concatenate([np.zeros((0, count)), *(flatness(points, alike) for alike in by_size)])
+            flat = flatness(points, alike)
             held = flat.T @ flat + 1e-9 * np.eye(count)
         size = (residual**2).sum(1)
         squares, say = float(trust @ size), 2 * float(trust.sum())
@@ -131,10 +131,19 @@ def _slopes(points: Array, seen: EdgeObservations, shift_mm: Array) -> Array:
     return slopes.transpose(0, 2, 1, 3).reshape(sides, 2, 3 * n)
 
 
-def flatness(points: Array, planes: Index) -> Array:
-    """Rows (P K, 3 V) that take all corners' coordinates to how far those of each plane (P, K) are off it, in PLANE_MM;
-    the plane is free to move and tilt.
+def planes_alike(planes: Sequence[Index]) -> list[Index]:
+    """Corner numbers of planes, those of as many corners together: (P, K) each."""
+    return [np.array([p for p in planes if len(p) == k]) for k in sorted({len(p) for p in planes})]
+
+
+def flatness(points: Array, alike: Sequence[Index]) -> Array:
+    """Rows (R, 3 V) that take all corners' coordinates to how far those of each plane are off it, in PLANE_MM; a plane
+    is free to move and tilt. alike: from planes_alike.
     """
+    return np.concatenate([np.zeros((0, points.size)), *(_flatness(points, planes) for planes in alike)])
+
+
+def _flatness(points: Array, planes: Index) -> Array:
     p = points[planes]
     count, k = planes.shape
     own, _, axes = np.linalg.svd(p - p.mean(1, keepdims=True), full_matrices=False)

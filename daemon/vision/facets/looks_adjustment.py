@@ -11,7 +11,7 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array, Index
-from daemon.vision.facets.corner_adjustment import flatness
+from daemon.vision.facets.corner_adjustment import flatness, planes_alike
 
 OUTLIER = 4.0  # sigmas beyond which a corner counts less
 ROUNDS = 6
@@ -79,7 +79,7 @@ def adjusted(looks: Sequence[LookCorners], planes: Sequence[Index], shared: Arra
         at = slice(first + 6 * k, first + 6 * k + 6)
         prior[at, at] = np.linalg.inv(one.covariance)
     prior[last:, last:] = np.linalg.inv(shared)
-    by_size = [np.array([p for p in planes if len(p) == n]) for n in sorted({len(p) for p in planes})]
+    alike = planes_alike(planes)
     places, off, trust = [one.base_from_cyclopean for one in looks], np.zeros(last + 9), np.ones(len(owner))
     hessian, squares = prior, 0.0
     for turn in range(ROUNDS):
@@ -98,7 +98,7 @@ def adjusted(looks: Sequence[LookCorners], planes: Sequence[Index], shared: Arra
         ]
         rows[:, :, last:] = slopes[:, :, 6:]
         weighed = (trust[:, None, None] * information @ rows).reshape(-1, last + 9)
-        flat = np.concatenate([np.zeros((0, first)), *(flatness(corners, alike) for alike in by_size)])
+        flat = flatness(corners, alike)
         hessian = prior + weighed.T @ rows.reshape(-1, last + 9)
         hessian[:first, :first] += flat.T @ flat + np.diag(np.repeat(held, 3))
         gradient = prior @ off + weighed.T @ residual.ravel()

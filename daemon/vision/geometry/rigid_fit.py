@@ -81,12 +81,8 @@ def closed_form(seen: Array, covariance: Array, model: Array, used: Flags) -> tu
     weight = weight / weight.sum(1, keepdims=True)
     seen_mean = weight @ seen
     model_mean = (weight[:, :, None] * model).sum(1)
-    spread = ((model - model_mean[:, None]) * weight[:, :, None]).transpose(0, 2, 1) @ (seen[None] - seen_mean[:, None])
-    u, _, vt = np.linalg.svd(spread)
-    turn = u @ vt
-    sign = np.ones((len(model), 3))
-    sign[:, 2] = np.sign(np.linalg.det(turn))
-    rotation: Array = vt.transpose(0, 2, 1) @ (sign[:, :, None] * u.transpose(0, 2, 1))
+    spread = (seen[None] - seen_mean[:, None]).transpose(0, 2, 1) @ ((model - model_mean[:, None]) * weight[:, :, None])
+    rotation = frames.nearest_rotation(spread)
     return rotation, seen_mean - (rotation @ model_mean[..., None])[..., 0]
 
 

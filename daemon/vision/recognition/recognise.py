@@ -34,7 +34,7 @@ from daemon.vision.recognition.hypotheses import (
     hypotheses,
     without_one_corner,
 )
-from daemon.vision.recognition.posterior import most_likely_corners
+from daemon.vision.recognition.likely_corners import most_likely_corners
 from daemon.vision.values import UNKNOWN, Facet, Group, Part, Recognition
 
 LEAST_TAIL = 1e-4  # a right hypothesis may fit so badly only this rarely

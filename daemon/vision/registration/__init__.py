@@ -2,7 +2,7 @@
 
 from daemon.vision.registration.beside import beside
 from daemon.vision.registration.by_segments import named_by_segments
-from daemon.vision.registration.corner_pose import Fit, poses_that_fit, refit
+from daemon.vision.registration.corner_pose import Fit, refit
 from daemon.vision.registration.edge_pose import fit_each, fit_edges, shown
 from daemon.vision.registration.sharpen import sharpened
 from daemon.vision.registration.twins import told_apart
@@ -13,7 +13,6 @@ __all__ = [
     "fit_each",
     "fit_edges",
     "named_by_segments",
-    "poses_that_fit",
     "refit",
     "sharpened",
     "shown",

@@ -107,32 +107,3 @@ def _judged(shape: Polyhedron, pose: Array, corners: Array, met: Array, weights:
     covariance = np.linalg.inv(np.einsum("nia,nij,njb->ab", jacobian, weights, jacobian))
     excess = float(np.einsum("ni,nij,nj->", errors, weights, errors)) / max(3 * len(errors) - 6, 1)
     return Fit(pose, covariance * max(excess, 1.0), residual_mm, len(np.unique(met)))
-
-
-def _onto(points: Array, onto: Array) -> Array:
-    """The rigid onto_from_points (4, 4) with the least squared distance between (N, 3) and (N, 3) (Kabsch)."""
-    here, there = points.mean(axis=0), onto.mean(axis=0)
-    u, _, vt = np.linalg.svd((points - here).T @ (onto - there))
-    turn = vt.T @ np.diag([1.0, 1.0, float(np.sign(np.linalg.det(vt.T @ u.T)))]) @ u.T
-    return frames.rigid(turn, there - turn @ here)
-
-
-def poses_that_fit(shape: Polyhedron, facets: Sequence[Facet], most_residual_mm: float = 2.5) -> list[Fit]:
-    """Every distinct pose of the shape that explains the seen facets, best first: a seen facet on each facet of the
-    shape with as many corners, each way round, refined on all corners."""
-    found: list[Fit] = []
-    for facet in facets:
-        for indices in shape.rings:
-            if len(indices) != len(facet.corners_mm):
-                continue
-            for turn in range(len(indices)):
-                near = _onto(np.roll(shape.corners_mm[indices], turn, axis=0), facet.corners_mm)
-                fit = refit(shape, facets, near, most_residual_mm=most_residual_mm)
-                if fit is not None and not any(_same(fit, other) for other in found):
-                    found.append(fit)
-    return sorted(found, key=lambda fit: (-fit.matched, fit.residual_mm))
-
-
-def _same(a: Fit, b: Fit) -> bool:
-    far_mm, turn = frames.size(frames.difference(a.cyclopean_from_part, b.cyclopean_from_part))
-    return far_mm < 3.0 and turn < 0.1

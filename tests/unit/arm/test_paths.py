@@ -19,8 +19,3 @@ def test_steps_end_at_the_target_and_none_is_too_long(move, turn):
     way = [TRUE, *paths.steps(TRUE, target, 100.0, 30.0)]
     assert np.allclose(way[-1], target)
     assert all(paths.within(a, b, 100.0, 30.0) for a, b in pairwise(way))
-
-
-def test_speed_falls_towards_the_part():
-    speeds = [paths.speed_pct(d, 100.0, 30.0) for d in (50, 100, 250, 400, 900)]
-    assert speeds == [30.0, 30.0, 65.0, 100.0, 100.0]

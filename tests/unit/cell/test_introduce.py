@@ -14,7 +14,8 @@ import yaml
 from daemon import config as configs
 from daemon.calibration.arm_from_readings import NoArmError
 from daemon.cell import sections
-from daemon.cell.introduce import StoppedByPersonError, again, arm_file, arm_of, page, read_transcript
+from daemon.cell.introduce import StoppedByPersonError, again, read_transcript
+from daemon.cell.introduced_arm import arm_file, arm_of, page
 from daemon.store import places
 from drivers.puma560 import ArmGeometry, forward
 from drivers.pumas import PUBLISHED
@@ -22,8 +23,9 @@ from drivers.simcell.arm import standing
 from drivers.simcell.controller import Controller, Manners
 from drivers.simcell.controller.manners import VAL_II_ASKS
 from drivers.simcell.history import Leg
+from drivers.val2.acquaintance import CAREFUL_S, Acquaintance, Consult, UnclearError
 from drivers.val2.dialect import Dialect
-from drivers.val2.introduction import CAREFUL_S, ROUNDS, STEP_DEG, Acquaintance, Consult, UnclearError
+from drivers.val2.first_moves import ROUNDS, STEP_DEG
 from drivers.val2.location import Location, location_from_matrix
 from drivers.val2.wire import Where
 from tests.bench.introductions import one

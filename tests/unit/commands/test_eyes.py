@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Coroutine
 from dataclasses import replace
 from typing import Any
 
 import pytest
 
+from daemon.commands.between_picks import BetweenPicks
 from daemon.commands.eyes import eyes
 from daemon.commands.looking import look
 from daemon.commands.moving import resume
@@ -138,7 +139,7 @@ def test_auto_degrade_goes_on_by_itself_only_where_the_arm_may_move_and_nobody_s
         async def begin_auto(*order: Any) -> None:
             begun.append(order)
 
-        service, context = Service(CONFIG, simulated=True), here.context
+        context = here.context
         context.begin_auto = begin_auto  # type: ignore[method-assign]
         here.cycle.pick_order = PickOrder(3, None)
         broken(here)
@@ -146,7 +147,7 @@ def test_auto_degrade_goes_on_by_itself_only_where_the_arm_may_move_and_nobody_s
             await here.cycle.supervisor.disable()
         if hindrance == "hand":
             here.cycle.hand_full = None
-        going = asyncio.create_task(service._go_on_with_one_eye(context))
+        going = asyncio.create_task(BetweenPicks(context, Service(CONFIG, simulated=True).beside).go_on_with_one_eye())
         if hindrance == "stopped":
             await asyncio.sleep(0)
             await here.cycle.supervisor.stop()
@@ -161,20 +162,46 @@ def test_auto_degrade_goes_on_by_itself_only_where_the_arm_may_move_and_nobody_s
     lived(story)
 
 
+def test_auto_degrade_lets_nothing_go_on_that_was_stopped_while_it_changed_eyes() -> None:
+    async def story(here: Hours) -> None:
+        begun: list[Any] = []
+
+        async def stopped_meanwhile(*_: Any) -> None:
+            await here.cycle.supervisor.stop()
+
+        async def begin_auto(*order: Any) -> None:
+            begun.append(order)
+
+        here.context.look_with = stopped_meanwhile  # type: ignore[method-assign]
+        here.context.begin_auto = begin_auto  # type: ignore[method-assign]
+        here.cycle.pick_order = PickOrder(3, None)
+        broken(here)
+        await BetweenPicks(here.context, Service(CONFIG, simulated=True).beside).go_on_with_one_eye()
+        assert here.cycle.supervisor.fault is not None
+        assert begun == []
+
+    lived(story)
+
+
 def test_auto_degrade_waits_for_the_first_time_that_an_operator_allowed_it() -> None:
     async def story(here: Hours) -> None:
-        service, started = Service(CONFIG, simulated=True), list[str]()
-        service.beside = lambda work, name: (work.close(), started.append(name))  # type: ignore[method-assign, assignment]
+        started: list[str] = []
+
+        def beside(work: Coroutine[Any, Any, None], name: str) -> None:
+            work.close()
+            started.append(name)
+
         values = here.context.config.values
         config = replace(here.context.config, values=replace(values, pick=replace(values.pick, auto_degrade=True)))
-        here.context.config, service.context = config, here.context
+        here.context.config = config
+        between = BetweenPicks(here.context, beside)
         here.cycle.pick_order = PickOrder(3, None)
         await here.cycle.supervisor.stop()
         end = replace(await _end(here), outcome="fault")  # type: ignore[type-var]
-        service.ended(end)
+        between.ended(end)
         assert started == []
         here.context.one_eye_allowed = True
-        service.ended(end)
+        between.ended(end)
         assert started == ["one eye"]
 
     lived(story)

@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 
 from daemon.review.brief import read_brief
+from daemon.review.measures import strips
 from daemon.review.page import read_digest
 from daemon.review.pagedata import events
 from daemon.review.production import compared, production, remedies
-from daemon.review.strips import strips
 from tests.worlds.made_run import MadeRun
 
 

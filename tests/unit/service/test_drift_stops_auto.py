@@ -6,12 +6,18 @@ import asyncio
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 
 from daemon.calibration.drift import Drift
+from daemon.calibration.drift_watch import DriftWatch
+from daemon.commands.between_picks import BetweenPicks
 from daemon.console.context import Troubles
+from daemon.pick.settings import Settings
 from daemon.service import Service
+
+LOOK: Any = SimpleNamespace(clue=None, taken=SimpleNamespace(moved=None))
 
 
 def told(drift: Drift | None, auto: bool) -> tuple[dict[str, str], list[tuple[str, str]]]:
@@ -22,13 +28,13 @@ def told(drift: Drift | None, auto: bool) -> tuple[dict[str, str], list[tuple[st
         failed.append((code, text))
 
     async def story() -> dict[str, str]:
-        service: Any = Service(Path("facetd.yaml"))
         cycle = SimpleNamespace(status=lambda: {"auto": auto}, supervisor=SimpleNamespace(fail=fail))
-        service.context = SimpleNamespace(cycle=cycle, troubles=Troubles())
-        service._drift = SimpleNamespace(seen=lambda clue, at: drift, alone=None)
-        service.looked(SimpleNamespace(clue=None, taken=SimpleNamespace(moved=None)))
+        context: Any = SimpleNamespace(cycle=cycle, troubles=Troubles(), calibration=None)
+        between: Any = BetweenPicks(context, Service(Path("facetd.yaml")).beside)
+        between._drift = SimpleNamespace(seen=lambda clue, at: drift, alone=None)
+        between.looked(LOOK)
         await asyncio.sleep(0.01)
-        standing: dict[str, str] = service.context.troubles.standing
+        standing: dict[str, str] = context.troubles.standing
         return standing
 
     return asyncio.run(story()), failed
@@ -47,3 +53,23 @@ def test_a_drift_is_told_and_past_its_limit_it_ends_auto(drift: Drift | None, au
     standing, failed = told(drift, auto)
     assert standing == ({} if drift is None else {"calibration": "an eye has moved"})
     assert failed == ([("calibration", "an eye has moved")] if fails else [])
+
+
+def test_what_was_seen_of_another_calibration_is_no_drift_of_this_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[object] = []
+    monkeypatch.setattr(DriftWatch, "seen", lambda watch, clue, at: asked.append(watch))
+    context: Any = SimpleNamespace(cycle=None, troubles=Troubles(), calibration="before")
+    between = BetweenPicks(context, lambda work, name: work.close())
+    for calibration in ("before", "before", "after", "after"):
+        context.calibration = calibration
+        between.looked(LOOK)
+    before, again, after, then = asked
+    assert before is again is not after is then
+
+
+def test_the_daemons_cycle_tells_its_looks_and_picks_to_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("daemon.service.pick_cell", lambda *_: (Mock(), Settings()))
+    service: Any = Service(Path("facetd.yaml"))
+    service._hardware = Mock()
+    context = service._furnish(Mock(), Mock(), Mock(), Troubles(), Mock())
+    assert isinstance(context.cycle.observer, BetweenPicks)

@@ -1,8 +1,8 @@
-"""The wire ledger: chained, verifiable, and good enough to be played again to the protocol and to a controller."""
+"""The wire ledger: whole, and good enough to be played again to the protocol and to a controller."""
 
 import asyncio
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from copy import copy
 from typing import Any
 
@@ -11,11 +11,12 @@ import pytest
 from drivers.puma560 import READY_RAD
 from drivers.simcell.arm import Arm
 from drivers.simcell.controller import Controller, LineFault
-from drivers.val2.ledger import Ledger, LedgerError, replay, verify, what_was_heard, what_was_read
+from drivers.val2.ledger import Ledger
 from drivers.val2.link import Dialect, Link
 from drivers.val2.location import Location
 from drivers.val2.wire import Prompt, Reader
 from tests.worlds.arm_line import MakesLine
+from tests.worlds.ledger_replay import replay, what_was_heard, what_was_read
 
 Records = list[dict[str, Any]]
 SCALE = 20.0
@@ -44,39 +45,8 @@ def a_session(arm_line: MakesLine, faults: Sequence[LineFault] = (), **settings:
 
 def test_a_session_s_ledger_is_whole(arm_line: MakesLine) -> None:
     records = a_session(arm_line)
-    assert verify(records) == len(records) > 20
-
-
-@pytest.mark.parametrize(
-    ("harm", "words"),
-    [
-        (lambda records: records[7].update(bytes="DO NEST"), "record 7: was altered"),
-        (lambda records: records[3].update(t_s=0.0), "record 3: was altered"),
-        (lambda records: records.pop(4), "record 4: found number 5"),
-        (lambda records: records.insert(2, records.pop(3)), "record 2: found number 3"),
-        (lambda records: records.pop(0), "record 0: found number 1"),
-    ],
-)
-def test_whatever_was_done_to_a_ledger_afterwards_is_found_and_named(
-    arm_line: MakesLine, harm: Callable[[list[dict[str, Any]]], object], words: str
-) -> None:
-    records = a_session(arm_line)
-    harm(records)
-    with pytest.raises(LedgerError, match=words):
-        verify(records)
-
-
-def test_a_record_rewritten_with_a_fitting_hash_breaks_the_chain_after_it() -> None:
-    records: list[dict[str, Any]] = []
-    ledger = Ledger(records.append)
-    for text in (b"WHERE", b"\r", b"DO READY"):
-        ledger.sent(text, 1.0)
-    forged: list[dict[str, Any]] = []
-    forger = Ledger(forged.append)
-    forger.sent(b"WHERE", 1.0)
-    forger.sent(b"\n", 1.0)
-    with pytest.raises(LedgerError, match="record 2: does not follow"):
-        verify([records[0], forged[1], records[2]])
+    assert [record["seq"] for record in records] == list(range(len(records)))
+    assert len(records) > 20
 
 
 @pytest.mark.parametrize(

@@ -15,10 +15,11 @@ import pytest
 
 from drivers.puma560 import READY_RAD
 from drivers.simcell.controller import Manners
+from drivers.val2.acquaintance import Acquaintance, Heard, UnclearError
 from drivers.val2.conversation import _answer as answer
 from drivers.val2.conversation import _is_twice as is_twice
 from drivers.val2.errors import Garbled, LinkError, NoAnswer, PortError
-from drivers.val2.introduction import Acquaintance, Heard, UnclearError, _line
+from drivers.val2.introduction import _line
 from drivers.val2.link import Dialect, Link
 from drivers.val2.port import OpenPort, Port, SerialPort
 from drivers.val2.wire import Garble, Prompt, Text

@@ -1,0 +1,215 @@
+"""What a first contact is made of: a line and its answer, a word to the person, and what is known so far. No I/O.
+
+What is asked in which order is introduction.py's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import Any, ClassVar, Literal
+
+from drivers.val2.conversation import POISON
+from drivers.val2.location import apart
+from drivers.val2.wire import Error, Prompt, Question, Reader, Table, Text, Where
+
+Sure = Literal["certain", "likely", "assumed"]
+STOP_WORDS = ("ABORT", "PANIC")
+"""VAL's, and the one of the systems whose ABORT lets a motion finish."""
+CAREFUL_S = 0.05
+"""Between characters, as long as it is not known how close they may follow."""
+QUIET_S, PATIENCE_S = 0.15, 3.0
+REST_MM, REST_DEG = 0.15, 0.02
+
+
+@dataclass(frozen=True)
+class Exchange:
+    """Send data, pace_s between characters; then listen until something came and then nothing for quiet_s, or for
+    most_s."""
+
+    data: bytes
+    quiet_s: float = QUIET_S
+    most_s: float = PATIENCE_S
+    pace_s: float = 0.0
+
+
+@dataclass(frozen=True)
+class Heard:
+    """What came, each piece with the seconds since the last byte was sent; seconds: how long was listened."""
+
+    pieces: tuple[tuple[float, bytes], ...]
+    seconds: float
+
+    @property
+    def data(self) -> bytes:
+        """All of it."""
+        return b"".join(piece for _, piece in self.pieces)
+
+
+@dataclass(frozen=True)
+class Tell:
+    """A line for the person."""
+
+    way: ClassVar = "says"
+    text: str
+
+
+@dataclass(frozen=True)
+class Consult:
+    """A question for the person: answered by a word. about: what for, `power-up`, `move`, `power` or `pendant`."""
+
+    way: ClassVar = "asks"
+    about: Literal["power-up", "move", "power", "pendant"]
+    text: str
+
+
+@dataclass(frozen=True)
+class Speed:
+    """Open the line anew at so many baud."""
+
+    way: ClassVar = "speed"
+    baud: int
+
+    @property
+    def text(self) -> str:
+        """For a transcript."""
+        return str(self.baud)
+
+
+Step = Exchange | Tell | Consult | Speed
+Steps = Generator[Step, Any, Any]
+
+
+class UnclearError(Exception):
+    """It could not be found out; the message says what was seen and asks what the person must do. Nothing moves."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing found: name is a key of the dialect where it has one. sure: certain (seen), likely, or assumed."""
+
+    name: str
+    value: Any
+    found: str
+    sure: Sure
+
+
+@dataclass(frozen=True)
+class Answer:
+    """One answer, read."""
+
+    raw: bytes
+    lines: tuple[str, ...]
+    errors: tuple[str, ...]
+    where: Where | None
+    prompt: str
+    question: str | None
+    prompt_s: float
+    """When the prompt came, after the line was sent."""
+    late_s: float
+    """How long after what was said before it."""
+
+
+@dataclass
+class Acquaintance:
+    """What is known so far. findings, by name; readings: WHEREs at rest, places and joints together."""
+
+    findings: dict[str, Finding] = field(default_factory=dict)
+    readings: list[Where] = field(default_factory=list)
+    moved: bool = False
+    end: bytes = b"\r"
+    pace_s: float = CAREFUL_S
+    stop_word: str = STOP_WORDS[0]
+
+    @property
+    def stop_bytes(self) -> bytes:
+        """What stops the arm, as far as is known: whatever stands in the line first becomes an error."""
+        words = [self.stop_word, *(word for word in STOP_WORDS if word != self.stop_word)]
+        return b"".join(part + self.end for part in (POISON, *(word.encode() for word in words)))
+
+    def found(self, name: str, value: Any, how: str, sure: Sure = "certain") -> None:
+        """Keep one thing."""
+        self.findings[name] = Finding(name, value, how, sure)
+
+    def dialect(self) -> dict[str, Any]:
+        """The values that are keys of the dialect."""
+        return {name: finding.value for name, finding in self.findings.items() if name not in SEEN_ALONE}
+
+
+SEEN_ALONE = frozenset(
+    {"prompt", "newline", "lower_case", "abbreviations", "where", "digits", "errors", "power_up",
+     "two_prompts", "stop_s"}
+)  # fmt: skip
+"""What is told, and is no key of the dialect: the driver is right either way."""
+
+
+def ask(known: Acquaintance, text: str, most_s: float = PATIENCE_S) -> Generator[Step, Any, Answer]:
+    """Type a line and read its answer, up to the prompt or a question; what is missing by then is missing."""
+    body = text.encode("ascii")
+    return (yield from listen(known, body + known.end, body, most_s))
+
+
+def listen(known: Acquaintance, data: bytes, typed: bytes, most_s: float) -> Generator[Step, Any, Answer]:
+    pieces: list[tuple[float, bytes]] = []
+    waited_s = 0.0
+    step = Exchange(data, QUIET_S, most_s, known.pace_s)
+    while True:
+        heard: Heard = yield step
+        pieces += [(waited_s + at_s, piece) for at_s, piece in heard.pieces]
+        waited_s += heard.seconds
+        answer = _read(pieces, typed)
+        if answer.prompt or answer.question or waited_s >= most_s - 1e-6:
+            return answer
+        step = Exchange(b"", QUIET_S, most_s - waited_s)
+
+
+def _read(pieces: Sequence[tuple[float, bytes]], typed: bytes) -> Answer:
+    raw = b"".join(piece for _, piece in pieces)
+    said = raw.replace(typed, b"", 1) if typed else raw
+    reader = Reader()
+    reader.line_ended(echoed=False)
+    events = reader.receive(said) + reader.silence()
+    errors = tuple(event.text for event in events if isinstance(event, Error))
+    tables = [event.where for event in events if isinstance(event, Table)]
+    last = events[-1] if events else None
+    tail = said.decode("latin-1").rsplit("\n", 1)[-1].rsplit("\r", 1)[-1]
+    at = [at_s for at_s, _ in pieces]
+    late_s = max((after - before for before, after in pairwise(at)), default=0.0)
+    return Answer(
+        raw=raw,
+        lines=tuple(event.text for event in events if isinstance(event, Text | Error)),
+        errors=errors,
+        where=tables[-1] if tables else None,
+        prompt=tail if isinstance(last, Prompt) else "",
+        question=last.text if isinstance(last, Question) else None,
+        prompt_s=at[-1] if at else 0.0,
+        late_s=late_s,
+    )
+
+
+def errors_in(raw: bytes) -> tuple[str, ...]:
+    return tuple(line.strip() for line in raw.decode("latin-1").replace("\r", "\n").split("\n") if "*" in line)
+
+
+def at_rest(known: Acquaintance) -> Steps:
+    """WHERE until two in a row agree. Raises UnclearError."""
+    before: Where | None = None
+    for _ in range(40):
+        answer = yield from ask(known, "WHERE", 5.0)
+        if answer.where is not None and before is not None and same_place(before, answer.where):
+            return answer.where
+        before = answer.where or before
+        yield Exchange(b"", 0.2, 0.2)
+    raise UnclearError("the arm does not come to rest by its own WHERE. Is it at work on a program?")
+
+
+def same_place(before: Where, now: Where) -> bool:
+    off_mm, off_deg = apart(before.location, now.location)
+    return off_mm <= REST_MM and off_deg <= 5 * REST_DEG and now.turned_deg(before) <= REST_DEG
+
+
+def agreed(about: Literal["move", "power", "pendant"], text: str) -> Generator[Step, Any, bool]:
+    """Whether the person says yes to it: whatever else is said is no."""
+    said = yield Consult(about, f"{text}. (yes or no)")
+    return str(said).strip().lower() in ("y", "yes")

@@ -1,0 +1,157 @@
+"""The first moves of an arm nobody knows, once the person said yes: the only file of a first contact that moves it.
+
+Each is `_step`: one joint, STEP_DEG, slowly, held against WHERE before the next. The first is cut short by the stop;
+where the arm does not come to rest short of its end, no other follows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from typing import Any
+
+from drivers.val2.acquaintance import (
+    CAREFUL_S,
+    Acquaintance,
+    Answer,
+    Exchange,
+    Heard,
+    Step,
+    Steps,
+    Tell,
+    UnclearError,
+    agreed,
+    ask,
+    at_rest,
+    errors_in,
+    listen,
+)
+from drivers.val2.conversation import POISON
+from drivers.val2.wire import Where
+
+MOTION_S = 30.0
+STEP_DEG, ROUNDS, SPEED, SHARE = 2.0, (1.0, 1.0, -1.0, -1.0), 20, 1
+"""A move: so many degrees; there and back; at so many percent of the monitor speed of so many percent."""
+FINE_DIGITS = 2
+"""WHERE with fewer behind its points is read to the other side as well: twice as far apart, twice as often."""
+FIRST_JOINT, CUT_AFTER_S = 6, 0.2
+OFF_DEG = 0.15
+
+
+def first_moves(known: Acquaintance) -> Steps:
+    """See the module; fills `known`, its readings too. Raises UnclearError."""
+    yield from ask(known, f"SPEED {SPEED}")
+    here = yield from at_rest(known)
+    words = known.findings.pop("stop_words").value
+    for word in words:
+        known.stop_word = word
+        short, here, seconds = yield from _cut_short(known, here)
+        if short:
+            known.found("abort_word", word, "it brought a moving joint to rest short of its end")
+            known.found("stop_s", round(seconds, 1), "seconds until two WHERE agreed")
+            break
+        yield Tell(f"{word} let the motion finish: that is not a stop.")
+    else:
+        raise UnclearError(
+            f"{' and '.join(words)} let a motion finish: which word stops the arm here? Joint {FIRST_JOINT} turned by "
+            f"{STEP_DEG:g} degrees; nothing else was moved"
+        )
+    known.readings[:] = [here]
+    early: list[bool] = []
+    coarse = min(known.findings["digits"].value) < FINE_DIGITS
+    for sign in ROUNDS + tuple(-sign for sign in ROUNDS) * coarse:
+        for joint in range(1, 7):
+            here = yield from _step(known, here, joint, sign * STEP_DEG, early)
+            known.readings.append(here)
+    known.found("prompt_after_move", "start" if any(early) else "end",
+                f"{sum(early)} of {len(early)} prompts came before the joint was there")  # fmt: skip
+
+
+def _drive(joint: int, degrees: float) -> str:
+    """The only text that moves. Raises ValueError beyond one small step."""
+    if joint not in range(1, 7) or abs(degrees) > STEP_DEG:
+        raise ValueError(f"joint {joint} by {degrees} degrees is no small step")
+    return f"DO DRIVE {joint},{degrees:g},{SHARE}"
+
+
+def _cut_short(known: Acquaintance, here: Where) -> Steps:
+    """Begin a step and stop it at once: whether it ended short, where, and how many seconds that took."""
+    yield Tell(f"joint {FIRST_JOINT} by {STEP_DEG:g} degrees, cut short by {known.stop_word}")
+    for _ in range(3):
+        misread = False
+        for sign in (1.0, -1.0):
+            known.moved = True
+            yield from _typed(known, _drive(FIRST_JOINT, sign * STEP_DEG))
+            began: Heard = yield Exchange(known.end, CUT_AFTER_S, CUT_AFTER_S)
+            answer = yield from ask(known, known.stop_word, MOTION_S)
+            errors = errors_in(began.data) + answer.errors
+            there = yield from at_rest(known)
+            turned = abs(there.joints_deg[FIRST_JOINT - 1] - here.joints_deg[FIRST_JOINT - 1])
+            if not errors:
+                if turned < OFF_DEG / 3:
+                    continue
+                return turned < STEP_DEG - OFF_DEG, there, answer.prompt_s
+            if any(f"JOINT {FIRST_JOINT}" in error.upper() for error in errors):
+                continue  # it stands near that end of its range: the other way
+            if all("illegal command" in error.lower() for error in errors):
+                # What was typed before was taken: a character was lost, on the way there or on the way to the stop.
+                known.pace_s, misread, here = CAREFUL_S, True, there
+                known.found("character_pause_s", CAREFUL_S, "at a quicker pace a command was spoilt", "likely")
+                continue
+            break
+        else:
+            if misread:
+                raise UnclearError(
+                    f"{_drive(FIRST_JOINT, STEP_DEG)} and {known.stop_word}, typed slowly, are answered by "
+                    f"{'; '.join(errors) or 'nothing'}: is it another system, or noise on the line?"
+                )
+            raise UnclearError(f"joint {FIRST_JOINT} does not turn; is the arm held, or its brake on?")
+        said = "; ".join(errors)
+        if not (yield from agreed("power", f"The controller says {said}. Put that right, then say yes")):
+            break
+    raise UnclearError(f"the arm does not move: the controller says {'; '.join(errors)}. What does it need?")
+
+
+def _step(known: Acquaintance, here: Where, joint: int, degrees: float, early: list[bool]) -> Steps:
+    """One step and the WHERE after it; only that joint may have turned, by that. Raises UnclearError."""
+    yield Tell(f"joint {joint} by {degrees:+g} degrees")
+    answer = yield from _moved(known, _drive(joint, degrees))
+    if answer.errors:
+        yield Tell(f"it says {'; '.join(answer.errors)}: the other way")
+        degrees = -degrees
+        answer = yield from _moved(known, _drive(joint, degrees))
+    if answer.errors:
+        raise UnclearError(
+            f"joint {joint} cannot be turned: the controller says {'; '.join(answer.errors)}. What does it need?"
+        )
+    first = yield from ask(known, "WHERE", 5.0)
+    there = yield from at_rest(known)
+    if first.where is not None:
+        early.append(abs(first.where.joints_deg[joint - 1] - there.joints_deg[joint - 1]) > OFF_DEG / 3)
+    off = [now - before - (degrees if k == joint else 0.0)
+           for k, (before, now) in enumerate(zip(here.joints_deg, there.joints_deg, strict=True), 1)]  # fmt: skip
+    if max(map(abs, off)) > OFF_DEG:
+        turned = ", ".join(f"{now - was:.2f}" for was, now in zip(here.joints_deg, there.joints_deg, strict=True))
+        raise UnclearError(
+            f"joint {joint} was to turn by {degrees:+g} degrees, and the joints turned by {turned}. What holds them?"
+        )
+    return there
+
+
+def _typed(known: Acquaintance, text: str) -> Steps:
+    """The characters without their end, and, of a controller that echoes, a look at the echo. Raises UnclearError."""
+    for _ in range(3):
+        heard: Heard = yield Exchange(text.encode(), 0.1, _typing_s(known, text), known.pace_s)
+        if not known.findings["echo"].value or heard.data.endswith(text.encode()):
+            return
+        yield from ask(known, POISON.decode())
+    raise UnclearError(f"{text!r} came back as {heard.data!r}, three times, and was not ended: noise on the line?")
+
+
+def _typing_s(known: Acquaintance, text: str) -> float:
+    """Long enough for characters and their echo."""
+    return 0.5 + 20.0 * len(text) / float(known.findings["baud"].value)
+
+
+def _moved(known: Acquaintance, text: str) -> Generator[Step, Any, Answer]:
+    yield from _typed(known, text)
+    return (yield from listen(known, known.end, b"", MOTION_S))
