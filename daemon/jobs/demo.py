@@ -87,11 +87,16 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _begin_beside(runs: Path, written: Path) -> None:
-    """Where the first of all runs is a demo's, write for the daemon that comes after it that nothing stands: it finds
-    runs, and would take what stood in them for lost. Raises OSError."""
+    """Where the first of all runs is a demo's, begin for the daemon that comes after it. Raises OSError."""
     if runs == places.runs_folder(simulated=True).resolve() and list_runs(runs) == [written]:
-        with contextlib.closing(StandingFile(places.state_folder(simulated=True) / FILE)) as file:
-            file.begin(written.name)
+        _begin(places.state_folder(simulated=True), written.name)
+
+
+def _begin(state: Path, run: str) -> None:
+    """Write that nothing stands, for a daemon that finds runs beside it which are not its own: it would take what stood
+    in them for lost. Raises OSError."""
+    with contextlib.closing(StandingFile(state / FILE)) as file:
+        file.begin(run)
 
 
 def _judged(verdict: Path) -> list[str]:
@@ -140,6 +145,7 @@ def _configuration(args: argparse.Namespace, seed: int, runs: Path, folder: str)
 def _daemon(folder: Path, configuration: dict[str, Any]) -> Iterator[tuple[subprocess.Popen[bytes], DaemonLink]]:
     """A daemon that keeps its things in a folder, and a line to it. Raises DemoError with its last word."""
     (folder / "facetd.yaml").write_text(json.dumps(configuration))
+    _begin(folder, "demo")
     command = [sys.executable, "-m", "daemon.main", "--config", str(folder / "facetd.yaml")]
     with (folder / "stderr").open("wb") as errors:
         process = subprocess.Popen(command, stderr=errors)

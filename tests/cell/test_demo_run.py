@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from daemon.ctl import main as facetctl
+from daemon.jobs import demo as job
 from daemon.store.standing import FILE, left_behind
 from tests.worlds.once import made_once
 
@@ -48,6 +52,18 @@ def test_it_picks_every_part_and_says_how_sure_it_was_and_how_far_off(demo: tupl
     truths = [r for r in records if r["kind"] == "truth" and r["held"]]
     assert len(truths) == 4
     assert all(r["error_mm"] < 3.0 for r in truths)
+
+
+def test_a_demo_after_another_finds_nothing_standing(demo: tuple[str, Path], tmp_path: Path) -> None:
+    """Its daemon has a state of its own, and the runs of all demos beside it."""
+    runs, args = tmp_path / "runs", argparse.Namespace(table="plain", parts="plain", time_scale=20.0)
+    shutil.copytree(demo[1], runs / demo[1].name)
+    with tempfile.TemporaryDirectory() as folder:
+        configuration = job._configuration(args, SEED, runs, folder)
+        with job._daemon(Path(folder), configuration) as (_, link):
+            assert link.do("status", "demo", lambda _: None)["data"]["fault"] is None
+            job._do(link, "enable")
+            job._do(link, "go survey")
 
 
 def test_what_its_daemon_refuses_is_one_line_and_status_two(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
