@@ -32,12 +32,12 @@ class _Scene(msgspec.Struct, omit_defaults=True):
 
 
 class _Line(msgspec.Struct, omit_defaults=True):
-    """Of every kind at once; what a kind does not have is left out again."""
+    """Of every kind at once; what a kind does not have is left out again, what every kind has is asked for."""
 
     kind: str
+    seq: Annotated[int, Meta(ge=0, le=2**53)]
+    t: datetime
     mono_s: Finite
-    t: datetime | None = None
-    seq: Annotated[int, Meta(ge=0, le=2**53)] = 0
     cycle: Count = None
     stop: Count = None
     purpose: Text = None
