@@ -27,6 +27,9 @@ Outline = tuple[Array, Array]
 
 ROUGHLY = (1.0, 0.4)
 """Shares of the reach within which edges are searched for, round by round."""
+INNER_SIGMAS = 10.0
+"""How much farther off its place an edge inside the outline is searched as likely: print lies inside, and may show more
+than the edge."""
 FEWEST_PX, MOST_PX = 2.0, 24.0
 """What a reach is at least and at most in the image."""
 HOPELESS = 0.4
@@ -211,7 +214,8 @@ def _searched(edges: ExpectedEdges, view: OneEye, reach_mm: float) -> EdgeObserv
     start, end, _ = find_sides(image, edges.start, edges.end, reach_px, np.zeros(count), reach_px / 2)
     strength, seen = probe_sides(image, start, end)
     there = (np.abs(strength) > LEAST_EVIDENCE) & (seen > LEAST_SUPPORT)
-    weight = np.eye(2) / (np.maximum(1.0, reach_px / 6) ** 2)[:, None, None]
+    doubt_px = np.maximum(1.0, reach_px / 6) * np.where(edges.outline, 1.0, INNER_SIGMAS)
+    weight = np.eye(2) / (doubt_px**2)[:, None, None]
     return EdgeObservation(edges, off_places(edges.start, edges.end, start, end), weight, there)
 
 

@@ -12,7 +12,7 @@ from daemon.vision.registration.expected_edges import Placements
 from tests.worlds import painted
 from tests.worlds.painted import paint_pair
 from tests.worlds.rigs import rig
-from tests.worlds.solids import KNOWN, pose
+from tests.worlds.solids import KNOWN, Body, pose
 
 VIEWS = ((0.75, 0.25, 0.6), (0.2, -0.5, 0.84), (-0.6, 0.55, 0.58))
 ALIKE = (95.0, 165.0, 165.0, 165.0, 165.0, 165.0, 165.0)
@@ -102,6 +102,26 @@ def test_shading_where_a_part_lay_is_not_that_part_though_it_turns_along_its_edg
     soft = [cv2.GaussianBlur(image, (0, 0), blur_px) for image in paint_pair([(KNOWN["cube"], where)], rng)]
     eyes = open_eyes(*(np.clip(i + rng.normal(0, 1.5, i.shape), 0, 255).astype(np.uint8) for i in soft), rig())
     assert (fit_edges(shape, eyes, where) is not None) == followed
+
+
+@pytest.mark.parametrize("beside_mm", [2.2, 2.8, 3.4])
+def test_a_stripe_printed_beside_a_faint_ridge_is_not_taken_for_the_ridge(monkeypatch, beside_mm):
+    """A pick went on 1.1 mm off, and the hand-eye was suspected: the outline says first where the ridge must be."""
+    monkeypatch.setattr(painted, "GREYS", (60.0, 165.0, 150.0, 185.0, 156.0, 205.0, 125.0))
+    prism, where, rng = (
+        KNOWN["triangular_prism"],
+        pose(np.array((1.0, 0.1, 0.35)), 0.3, 215.0),
+        np.random.default_rng(6),
+    )
+    low, away, high = prism.corners_mm[[0, 1, 3]]
+    near_side, far_side = (d * (away - low) / np.linalg.norm(away - low) for d in (beside_mm, beside_mm + 1.0))
+    stripe = Body(np.array([low + near_side, low + far_side, high + far_side, high + near_side]), ((0, 1, 2, 3),))
+    eyes = open_eyes(*paint_pair([(prism, where), (stripe, where)], rng), rig())
+    fit = fit_edges(shape_of("triangular_prism"), eyes, near(where, rng), 6.0)
+    assert fit is not None
+    error_mm, error_deg = error(fit, where, shape_of("triangular_prism"))
+    assert error_mm < 0.3
+    assert error_deg < 0.3
 
 
 STANDS = pose(np.array([0.75, 0.25, 0.6]), 0.3, 300.0)
