@@ -12,7 +12,10 @@ from hypothesis import settings
 from tests.chromium import chromium
 
 # A deadline in wall time fails on a busy machine and says nothing of the product; pytest's own timeout ends what hangs.
-settings.register_profile("house", deadline=None)
+# Drawn alike each time: what the tests say of a commit they say again. `--hypothesis-profile fresh` draws anew, for
+# whoever hunts; so does `make bench-faults`.
+settings.register_profile("fresh", deadline=None)
+settings.register_profile("house", deadline=None, derandomize=True)
 settings.load_profile("house")
 
 
