@@ -106,8 +106,16 @@ def _welded(candidates: list[Candidate]) -> list[Welded]:
 
 
 def _settled(members: list[Candidate], group: Group, geometry: Baseline, settings: VisionSettings) -> Group:
-    """The group, its corners estimated together unless they are to stay where a detector put them."""
-    return settled(members, group, geometry) if settings.corner_detector == "line_fit" else group
+    """The group, its corners estimated together unless they are to stay where a detector put them; what turns out to be
+    one corner only then is estimated as one."""
+    if settings.corner_detector != "line_fit":
+        return group
+    whole = settled(members, group, geometry)
+    if 2 * len(group.polyhedron.seams) == len(members) * (len(members) - 1):
+        return whole
+    again = weld(whole.facets)
+    fewer = len(set().union(*again.rings)) < len(set().union(*whole.rings))
+    return settled(members, again, geometry) if fewer else whole
 
 
 def _noise_at_parts(eyes: Eyes, chosen: list[Candidate]) -> tuple[float, float]:

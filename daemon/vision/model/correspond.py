@@ -69,7 +69,8 @@ def spread_from(
 @lru_cache(maxsize=4096)
 def symmetries(solid: Polyhedron) -> tuple[Index, Array]:
     """The turns that take a solid onto itself to EXACT_MM: (S, K) the corner that takes each one's place, and (S, 4, 4)
-    the turns; the first is none. A solid that was measured has none: what its corners differ by tells its turns apart.
+    the turns; the first is none. A solid that was measured has no other: what its corners differ by tells its turns
+    apart; nor has one whose facets do not all hang together, which only a file says.
     """
     corners = solid.corners_mm
     apart = np.linalg.norm(corners[:, None] - corners, axis=2)
@@ -78,7 +79,7 @@ def symmetries(solid: Polyhedron) -> tuple[Index, Array]:
         for laid in correspondences(solid, solid)
         if laid.explained == len(solid.facets) and np.abs(apart[laid.corners][:, laid.corners] - apart).max() < EXACT_MM
     ]
-    every = np.array(sorted(corners.tolist() for corners in onto), np.intp)
+    every = np.array(sorted(corners.tolist() for corners in onto) or [range(len(corners))], np.intp)
     even = np.tile(np.eye(3), (len(corners), 1, 1))
     turns = fit_poses(
         corners, even, corners[every], np.zeros((*every.shape, 3, 3)), np.ones(every.shape, bool), 0.0

@@ -29,7 +29,8 @@ from daemon.vision.registration.beside import COVERED, covered, lies_on
 from daemon.vision.registration.corner_guesses import guesses_from_space
 from daemon.vision.registration.different import Guesses, different
 from daemon.vision.registration.directed import DirectedMap, directed_map, elsewhere, evidence, other_sizes, promising
-from daemon.vision.registration.edge_pose import facets_in_view, facets_laid, fit_at
+from daemon.vision.registration.edge_pose import facets_in_view, facets_laid
+from daemon.vision.registration.equivalent import best_fitted
 from daemon.vision.registration.expected_edges import Placements
 from daemon.vision.registration.faces import likeness
 from daemon.vision.registration.measured import hull, measured_facet, silhouette
@@ -290,7 +291,9 @@ def _probability(log_odds: float) -> float:
 
 def _recognised(seen: Laid, confidence: float, eyes: Eyes, model: Model) -> Recognised:
     """The part with the facets that both eyes have in view, measured where its sides show."""
-    fit, observed = fit_at(seen.solid, eyes, seen.pose, model.parameters.tolerance_mm)
+    visible = tuple(seen.solid.corners_of(np.flatnonzero(seen.solid.facing(seen.pose) > 0).tolist()).tolist())
+    alike = np.array([seen.pose @ frames.inverse(turn) for turn in lookalikes(seen.solid, visible)])
+    fit, observed = best_fitted(seen.solid, alike, eyes, model.parameters.tolerance_mm)
     laid = facets_laid(seen.solid, observed)
     facets = typed_as(
         [measured_facet(f, eyes.geometry) for f in laid], (seen.solid.types[f.index] for f in laid), model.library

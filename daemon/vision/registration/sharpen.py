@@ -18,6 +18,7 @@ from daemon.vision.image import Eyes
 from daemon.vision.model import Model
 from daemon.vision.registration.edge_adjustment import Adjusted, adjusted
 from daemon.vision.registration.edge_pose import measured
+from daemon.vision.registration.equivalent import most_in_view
 from daemon.vision.registration.expected_edges import Placements, expected
 from daemon.vision.values import Part
 
@@ -32,26 +33,41 @@ MOST_APART = chi_square_limit(6, 1e-3)
 
 def sharpened(parts: Sequence[Part], model: Model, eyes: Eyes) -> tuple[Part, ...]:
     """The parts, the named ones where the edges in both images have them."""
-    named = [k for k, part in enumerate(parts) if part.named]
-    if not named:
-        return tuple(parts)
-    shapes = [model.metric[parts[k].recognition.label].solid for k in named]
-    poses = [parts[k].cyclopean_from_part for k in named]
-    found = _adjusted(shapes, np.stack(poses), eyes, model.parameters.tolerance_mm)
-    better = list(parts)
-    for k, shape, one in zip(named, shapes, found, strict=True):
-        if one is not None and _believed(one, parts[k]):
-            better[k] = _moved(parts[k], shape, one)
+    better, tolerance = list(parts), model.parameters.tolerance_mm
+    named = {k: model.metric[part.recognition.label].solid for k, part in enumerate(parts) if part.named}
+    most = {k: most_in_view(solid, parts[k].equivalents, eyes) for k, solid in named.items()}
+    for which in (most, {k: 0 for k, other in most.items() if other}):
+        still = {k: _turned(parts[k], turn) for k, turn in which.items() if better[k] is parts[k]}
+        found = _adjusted(
+            [named[k] for k in still], [part.cyclopean_from_part for part in still.values()], eyes, tolerance
+        )
+        for (k, part), one in zip(still.items(), found, strict=True):
+            if one is not None and _believed(one, part):
+                better[k] = _moved(part, named[k], one)
     return tuple(better)
 
 
-def _adjusted(shapes: list[Polyhedron], poses: Array, eyes: Eyes, tolerance_mm: float) -> list[Adjusted | None]:
-    """Each shape where its edges are near its pose (P, 4, 4); None where too few of them show.
+def _turned(part: Part, which: int) -> Part:
+    """The part at another of its equivalent poses."""
+    if which == 0:
+        return part
+    pose = part.equivalents[which]
+    moved = np.eye(6)
+    moved[:3] = frames.point_motion((pose - part.cyclopean_from_part)[None, :3, 3])[0]
+    equivalents = np.concatenate([pose[None], np.delete(part.equivalents, which, 0)])
+    covariance = moved @ part.covariance @ moved.T
+    return replace(part, cyclopean_from_part=pose, covariance=covariance, equivalents=equivalents)
+
+
+def _adjusted(shapes: list[Polyhedron], near: list[Array], eyes: Eyes, tolerance_mm: float) -> list[Adjusted | None]:
+    """Each shape where its edges are near its pose (4, 4); None where too few of them show.
 
     Most poses are good to a fraction of a px: the rough fit of a line is left to those that moved.
     """
-    laid, open_ = Placements.of(shapes), np.ones(len(shapes), bool)
     found: list[Adjusted | None] = [None] * len(shapes)
+    if not shapes:
+        return found
+    laid, poses, open_ = Placements.of(shapes), np.stack(near), np.ones(len(shapes), bool)
     for turn in range(ROUNDS):
         seen_by = [expected(laid, view, poses, open_, tolerance_mm) for view in eyes.views]
         both = measured(seen_by, eyes, on_place=turn == 0)

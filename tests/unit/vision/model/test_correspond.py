@@ -136,3 +136,10 @@ def test_the_symmetries_of_a_drawn_part_take_its_corners_onto_each_other(body: B
 def test_a_part_that_was_measured_has_no_symmetry() -> None:
     off = np.random.default_rng(3).normal(0, 0.1, CUBE.corners_mm.shape)
     assert len(symmetries(exact(CUBE.corners_mm + off, CUBE.facets))[0]) == 1
+
+
+def test_facets_that_do_not_hang_together_have_no_turn_but_none() -> None:
+    """A model file may say so; recognising with it was a ValueError."""
+    every, turns = symmetries(exact(CUBE.corners_mm, (CUBE.facets[0], CUBE.facets[1])))
+    assert every.tolist() == [list(range(8))]
+    assert turns == pytest.approx(np.eye(4)[None], abs=1e-9)
