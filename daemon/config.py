@@ -234,10 +234,12 @@ def load_config(path: Path, simulated: bool = False) -> Config:
 
 def _check_limits(document: Document, values: _File) -> None:
     limits = values.pick.limits
-    for axis, low, high in zip("xyz", limits.box_low_mm, limits.box_high_mm, strict=True):
-        if low >= high:
-            keys = ("pick", "limits", "box_low_mm")
-            raise document.error(keys, f"expected {axis} below box_high_mm's {high:g}, found {low:g}")
+    boxes = {"box": (limits.box_low_mm, limits.box_high_mm), "room": (limits.room_low_mm, limits.room_high_mm)}
+    for name, (lows, highs) in boxes.items():
+        for axis, low, high in zip("xyz", lows, highs, strict=True):
+            if low >= high:
+                keys = ("pick", "limits", f"{name}_low_mm")
+                raise document.error(keys, f"expected {axis} below {name}_high_mm's {high:g}, found {low:g}")
 
 
 def _check_stops(document: Document, values: _File) -> None:

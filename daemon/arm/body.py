@@ -166,7 +166,7 @@ def above_mm(ends: Array, radius_mm: Array, height_mm: float) -> Array:
 
 
 def within_mm(points: Array, low_mm: Point, high_mm: Point) -> Array:
-    """(N, 6): how far (N, 3) points are inside each side of a box: x, y, z above low, then below high."""
+    """(..., 6): how far (..., 3) points are inside each side of a box: x, y, z above low, then below high."""
     return np.concatenate([points - np.array(low_mm), np.array(high_mm) - points], axis=-1)
 
 

@@ -32,12 +32,15 @@ BODY_MM: tuple[Point, ...] = (
 
 @dataclass(frozen=True)
 class Limits:
-    """The rules' numbers. Box: where the tool centre point may be, world, mm. capsules: what of hand and arm may
-    strike; body_mm: points of the tool that may as well; both stay `clearance_mm` from the table and from each box of
-    keep_out. max_look_age_s: how old the look behind a computed location may be."""
+    """The rules' numbers. Box: where the tool centre point may be, world, mm; room: what nothing of the arm leaves, its
+    walls and ceiling, as far away as they may be. capsules: what of hand and arm may strike; body_mm: points of the
+    tool that may as well; both stay `clearance_mm` from the table, the room's sides and each box of keep_out.
+    max_look_age_s: how old the look behind a computed location may be."""
 
     box_low_mm: Point = (0.0, -650.0, -300.0)
     box_high_mm: Point = (900.0, 650.0, 1100.0)
+    room_low_mm: Point = (-2000.0, -2000.0, -2000.0)
+    room_high_mm: Point = (2000.0, 2000.0, 2000.0)
     table_z_mm: Coordinate = -300.0
     clearance_mm: Length = 2.0
     max_step_mm: Length = 450.0
@@ -138,6 +141,10 @@ def _below_table(command: Command, standing: ArmState, limits: Limits) -> str | 
     return _on_the_way("below_table", standing)
 
 
+def _outside_room(_: Command, standing: ArmState, __: Limits) -> str | None:
+    return _on_the_way("outside_room", standing)
+
+
 def _kept_out(_: Command, standing: ArmState, __: Limits) -> str | None:
     return _on_the_way("kept_out", standing)
 
@@ -176,6 +183,7 @@ RULES: tuple[tuple[str, Rule], ...] = (
     ("arm_lost", _arm_lost),
     ("outside_workspace", _outside_workspace),
     ("below_table", _below_table),
+    ("outside_room", _outside_room),
     ("kept_out", _kept_out),
     ("no_way", _no_way),
     ("step_too_long", _step_too_long),

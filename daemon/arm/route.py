@@ -19,7 +19,7 @@ PATH_MM = 40.0
 """How densely a straight way is checked for reach before it is parted in steps."""
 HIGHER_MM = (60.0, 120.0, 240.0, 400.0)
 """How far over the higher of start and target a way is looked for when the direct one strikes."""
-STRIKES = ("outside_workspace", "below_table", "kept_out")
+STRIKES = ("outside_workspace", "below_table", "outside_room", "kept_out")
 MOST_STEPS = 40
 
 

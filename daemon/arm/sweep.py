@@ -5,7 +5,8 @@ turn of its joints, and a thing that far from what it must not touch cannot touc
 not suffice the stretch is parted again (conservative advancement), so that many places are asked for only where it is
 tight. A way may be proven to within SLACK_MM of the limits, never beyond half the clearance.
 
-What is inside a limit when the way begins (below the table's clearance, in a keep-out, outside the box) may only leave:
+What is inside a limit when the way begins (below the table's clearance, in a keep-out, outside box or room) may only
+leave:
 its gap may nowhere be less than it was before on the same way, until it is clear; then it stays clear.
 """
 
@@ -148,13 +149,13 @@ class Tight:
     def columns(self, body: Body) -> NDArray[np.intp]:
         """(P,) which of all columns they are, in order."""
         count = len(body.names)
-        kept_out = (count + SIDES + self.boxes[:, None] * count + self.capsules).ravel()
-        return np.concatenate([self.capsules, count + np.arange(SIDES), kept_out])
+        of_all = np.concatenate([[0, count], 2 * count + SIDES + self.boxes * count])[:, None] + self.capsules
+        return np.concatenate([of_all[:2].ravel(), 2 * count + np.arange(SIDES), of_all[2:].ravel()])
 
     def where(self, unproven: NDArray[np.bool_], capsule: NDArray[np.intp], count: int) -> Tight:
         """Those with an unproven column of these (P,)."""
         capsules = np.union1d(capsule[unproven], count - 1)
-        of_boxes = unproven[len(self.capsules) + SIDES :].reshape(len(self.boxes), len(self.capsules))
+        of_boxes = unproven[2 * len(self.capsules) + SIDES :].reshape(len(self.boxes), len(self.capsules))
         return Tight(capsules, self.boxes[of_boxes.any(axis=1)])
 
 
@@ -300,12 +301,16 @@ class Gaps:
 
 
 def gaps_of(links: Array, body: Body, limits: Limits) -> Gaps:
-    """Everything of the body to the table and each keep-out, the tool centre point to the sides of its box."""
+    """Everything of the body to the table, the sides of the room and each keep-out, the tool centre point to the sides
+    of its box."""
     ends = body.placed(links)
     each = np.arange(len(body.names))
     least = limits.clearance_mm
     columns = [above_mm(ends, body.radius_mm, limits.table_z_mm) - least]
     what = [("below_table", name, "the table") for name in body.names]
+    both_ends = within_mm(ends, limits.room_low_mm, limits.room_high_mm)
+    columns.append(both_ends.min(axis=(2, 3)) - body.radius_mm - least)
+    what += [("outside_room", name, "a side of the room") for name in body.names]
     columns.append(within_mm(ends[:, TCP, 0], limits.box_low_mm, limits.box_high_mm))
     sides = [f"{side} {axis} of the box" for side in ("the least", "the greatest") for axis in "xyz"]
     what += [("outside_workspace", "tool centre point", side) for side in sides]
@@ -313,7 +318,7 @@ def gaps_of(links: Array, body: Body, limits: Limits) -> Gaps:
         away = away_mm(ends, body.radius_mm, limits.keep_out, NEAR_MM + least) - least
         columns.append(away.reshape(len(ends), -1))
         what += [("kept_out", name, box.name) for box in limits.keep_out for name in body.names]
-    capsule = np.concatenate([each, np.full(SIDES, each[TCP]), *[each for _ in limits.keep_out]])
+    capsule = np.concatenate([each, each, np.full(SIDES, each[TCP]), *[each for _ in limits.keep_out]])
     return Gaps(np.concatenate(columns, axis=1), tuple(what), capsule)
 
 
@@ -359,7 +364,8 @@ def _not_far(ends: Array, travel: Array, body: Body, limits: Limits) -> Tight:
     high = each.max(axis=0).reshape(ends.shape[1:]).max(axis=1) + margin
     boxes = np.array([(box.low_mm, box.high_mm) for box in limits.keep_out], float).reshape(-1, 2, 1, 3)
     meets = ((low < boxes[:, 1]) & (high > boxes[:, 0])).all(axis=2)
-    near = meets.any(axis=0) | (low[:, 2] < limits.table_z_mm)
+    leaves = ((low < limits.room_low_mm) | (high > limits.room_high_mm)).any(axis=1)
+    near = meets.any(axis=0) | leaves | (low[:, 2] < limits.table_z_mm)
     near[TCP] = True
     return Tight(np.flatnonzero(near), np.flatnonzero(meets.any(axis=1)))
 

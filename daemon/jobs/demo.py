@@ -123,14 +123,15 @@ def _configuration(args: argparse.Namespace, seed: int, runs: Path, folder: str)
 
     config = load_config(places.ETC / "facetd.yaml", simulated=True)
     files = {name: str(config.file(getattr(config.values.files, name))) for name in ("calibration", "facets", "parts")}
-    truth = str(config.file(config.values.simulated.truth))
+    truth, limits = str(config.file(config.values.simulated.truth)), config.values.pick.limits
+    room = {"room_low_mm": limits.room_low_mm, "room_high_mm": limits.room_high_mm}
     return {
         "version": 1,
         "cell": "simulated",
         "files": files,
         "folders": {"state": folder, "runtime": folder, "runs": str(runs)},
         "health": {"camera_silence_s": 3600},
-        "pick": {"stops": {"least_looks": 3}},
+        "pick": {"stops": {"least_looks": 3}, "limits": room},
         "simulated": {
             "truth": truth,
             "time_scale": args.time_scale,

@@ -141,14 +141,17 @@ class Cycle:
     async def look_around(self, most: int) -> WorldModel:
         """Look from where the arm stands, and from up to so many places more, each the one that settles most, until
         all that lies there has a name and two sides more show nothing new; what is known then. RefusedError when it may
-        not start."""
+        not start, or a part is in the hand: it would be taken for one that lies there, and gone round with it."""
         self._may_pick()
+        self._must_be_empty()
         return await self.supervisor.run("look around", self._around(most))
 
     async def walk_round(self, recogniser: Recogniser, count: int, told: Told) -> tuple[Thing, list[Look]]:
         """Look at the one thing there is from `count` places round it; recogniser: what the looks are made with. Raises
-        NoThingError, RefusedError."""
+        NoThingError, RefusedError (see look_around)."""
         self.supervisor.may_move()
+        self._must_know_the_hand()
+        self._must_be_empty()
         context = self._context(recogniser)
         return await self.supervisor.run("walk round", self._walk(context, count, told))
 
@@ -212,10 +215,19 @@ class Cycle:
 
     def _may_pick(self) -> None:
         self.supervisor.may_move()
-        if self.hand_full is None:
-            raise RefusedError("it is not known whether a part is in the gripper: say `holding yes` or `holding no`")
+        self._must_know_the_hand()
         if self.recogniser is None or not self.recogniser.labels:
             raise RefusedError("there is no model: teach and train first")
+
+    def _must_know_the_hand(self) -> None:
+        if self.hand_full is None:
+            raise RefusedError("it is not known whether a part is in the gripper: say `holding yes` or `holding no`")
+
+    def _must_be_empty(self) -> None:
+        if self.hand_full:
+            raise RefusedError(
+                "a part is in the gripper: put it down first (`hand open` lets go here, `pick` over the bin)"
+            )
 
     def _interrupted(self, what: Interruption) -> None:
         """What comes over the job from outside, as an event of the table."""

@@ -72,7 +72,7 @@ UNNAMED = {
 }  # fmt: skip
 REFUSED = {
     "below_table": "below the table", "outside_workspace": "outside the workspace", "kept_out": "kept out",
-    "no_way": "kept out", "not_enabled": "arm not enabled", "stale_look": "a look too old",
+    "outside_room": "kept out", "no_way": "kept out", "not_enabled": "arm not enabled", "stale_look": "a look too old",
 }  # fmt: skip
 FINDING = re.compile(r"(left|right|pair): (?:(?!left:|right:|pair:).)*\((\w+) [^()]*limit [^()]*\)")
 VALUE_AND_LIMIT = re.compile(r"\(\w+ ([\d.]+)[^,()]*, limit ([\d.]+)")

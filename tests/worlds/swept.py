@@ -7,7 +7,7 @@ Used by tests/bench/long/travels.py and the sweep's tests.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from types import SimpleNamespace
 from typing import Any
@@ -69,8 +69,9 @@ class Travel:
 
 @dataclass(frozen=True)
 class Truth:
-    """What is so: reached: the arm follows all the way. Least gaps on the way, mm (negative: inside): to the table and
-    keep-outs (touch), and of the tool centre point to the sides of its box (box); what: which of them was least."""
+    """What is so: reached: the arm follows all the way. Least gaps on the way, mm (negative: inside): to the table, the
+    room's sides and keep-outs (touch), and of the tool centre point to the sides of its box (box); what: which of them
+    was least."""
 
     reached: bool
     touch_mm: float
@@ -78,10 +79,17 @@ class Truth:
     what: str = ""
 
 
-def random_travel(rng: np.random.Generator, keep_outs: int = 0, straight: bool | None = None) -> Travel:
-    """A travel whose ends are each allowed, the whole body considered, and not farther apart than one step."""
+def random_travel(
+    rng: np.random.Generator, keep_outs: int = 0, straight: bool | None = None, room: bool = False
+) -> Travel:
+    """A travel whose ends are each allowed, the whole body considered, and not farther apart than one step. room: its
+    walls and its ceiling stand close about the arm."""
     while True:
         limits = Limits(keep_out=tuple(_post(rng, k) for k in range(keep_outs)))
+        if room:
+            low, high = rng.uniform([-550.0, -800.0], [-200.0, -450.0]), rng.uniform([700.0, 450.0], [1000.0, 800.0])
+            ceiling = float(rng.uniform(500.0, 900.0))
+            limits = replace(limits, room_low_mm=(*low.tolist(), -2000.0), room_high_mm=(*high.tolist(), ceiling))
         start = _place(rng, limits)
         target = _place(rng, limits, start)
         line = bool(rng.integers(2)) if straight is None else straight
@@ -211,13 +219,17 @@ def _at(links: Array, frame: int, middles: Array) -> Array:
 
 
 def _gaps(links: Array, limits: Limits) -> tuple[Array, Array, Sequence[str]]:
-    """(N, things) gaps to table and keep-outs, (N,) least gap of the tool centre point to its box, names of things."""
+    """(N, things) gaps to table, the room's sides and keep-outs, (N,) least gap of the tool centre point to its box,
+    names of things."""
     rows, points = _balls(limits.capsules, limits.body_mm)
     columns, names = [], []
     for name, frame, middles, radius in [("tool", 7, points, 0.0), *rows]:
         at = _at(links, frame, middles).transpose(2, 0, 1)
         columns.append(at[2].min(axis=1) - limits.table_z_mm - radius)
         names.append(f"{name}: table")
+        walls = zip(at, limits.room_low_mm, limits.room_high_mm, strict=True)
+        columns.append(np.min([np.minimum(x - low, high - x).min(axis=1) for x, low, high in walls], axis=0) - radius)
+        names.append(f"{name}: the room")
         for box in limits.keep_out:
             sides = zip(at, box.low_mm, box.high_mm, strict=True)
             x, y, z = (np.maximum(low - along, along - high) for along, low, high in sides)

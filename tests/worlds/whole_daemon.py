@@ -772,7 +772,8 @@ class Story:
 def _write_config(folder: Path, terminal: SerialDoor, **pick: Any) -> None:
     keep_out = [{"name": "post", "low_mm": [v - SPARE_MM for v in POST["low_mm"]],
                  "high_mm": [v + SPARE_MM for v in POST["high_mm"]]}]  # fmt: skip
-    limits = {"max_speed_pct": FASTEST, "keep_out": keep_out, **pick.pop("limits", {})}
+    room = _shipped_room()
+    limits = {"max_speed_pct": FASTEST, "keep_out": keep_out, **room, **pick.pop("limits", {})}
     values = {
         "version": 1,
         "folders": {"state": "state", "runtime": "."},
@@ -784,6 +785,13 @@ def _write_config(folder: Path, terminal: SerialDoor, **pick: Any) -> None:
         "log": {"keep_free_mb": 0, "sync_s": 60},
     }
     (folder / "facetd.yaml").write_bytes(yaml.dump(values, Dumper=yaml.CSafeDumper, encoding="utf-8"))
+
+
+@cache
+def _shipped_room() -> dict[str, list[float]]:
+    """Walls and ceiling of the cell of etc/, as its configuration has them."""
+    limits = yaml.safe_load((ETC / "facetd.yaml").read_text(encoding="utf-8"))["pick"]["limits"]
+    return {name: limits[name] for name in ("room_low_mm", "room_high_mm")}
 
 
 def _write_files(folder: Path, terminal: SerialDoor) -> None:

@@ -25,11 +25,11 @@ from tests.worlds.swept import ARM, NEARER, ROBOT, Travel, Truth, random_travel,
 
 CHUNK = 100
 SCENES = (0, 0, 1, 3)
-"""How many keep-out boxes stand about, each scene as often as the others."""
+"""How many keep-out boxes stand about, each scene as often as the others; every other one in a small room."""
 
 
 def kind_of(travel: Travel, truth: Truth) -> str:
-    """strikes: touches the table or a box, or its centre point leaves the workspace; close: within the clearance;
+    """strikes: touches the table, a side of the room or a box, or its centre point leaves the workspace; close: within the clearance;
     no way: the arm cannot follow; harmless: none of it."""
     if not truth.reached:
         return "no way"
@@ -61,7 +61,7 @@ def judged(seed: int, chunk: int) -> tuple[int, list[Judged]]:
     rng = np.random.default_rng([seed, chunk])
     found = []
     for number in range(CHUNK):
-        travel = random_travel(rng, SCENES[number % len(SCENES)])
+        travel = random_travel(rng, SCENES[number % len(SCENES)], room=number % 2 == 1)
         began = time.process_time()
         refusal = way_clear(travel.command, travel.standing, travel.start, ROBOT, travel.limits)
         ms = 1000.0 * (time.process_time() - began)

@@ -19,10 +19,11 @@ from daemon.arm.mover import Arrival, Mover, MoveRefusedError
 from daemon.config import load_config
 from daemon.pick.grasp import tool_rotation
 from drivers import puma560
+from drivers.simcell.truth import load_truth
 from tests.worlds.fake_cell import ARM, HEAD_DOWN, Allowed, World, build
 
 POST = KeepOut("post", (560.0, 120.0, -300.0), (620.0, 180.0, 300.0))
-LIMITS = Limits(keep_out=(POST,))
+LIMITS = Limits(keep_out=(POST,), room_low_mm=(-2000.0, -400.0, -2000.0))
 AT = HEAD_DOWN
 STANDING = ArmState(enabled=True, fault=None, at=AT, now_s=100.0)
 
@@ -52,6 +53,7 @@ BROKEN = [
     ("below_table", command(moved(z=-352.0)), STANDING),
     ("outside_workspace", command(), met("outside_workspace")),
     ("below_table", command(), met("below_table")),
+    ("outside_room", command(), met("outside_room")),
     ("kept_out", command(), met("kept_out")),
     ("no_way", command(), met("no_way")),
     ("step_too_long", command(moved(x=380.0, y=380.0)), STANDING),
@@ -254,15 +256,23 @@ def oracle_of_the_way(told, before):
     """What was wrong with the way of a straight command, looked along in 30 places with the arm's scalar kinematics."""
     motion = frames.difference(told.world_from_tool, before.world_from_tool)
     configuration = puma560.configuration_of(before.joints_rad)
-    gaps = []
+    gaps = {"into the post": [], "out of the room": []}
     for share in np.linspace(0, 1, 31):
         pose = frames.perturb(before.world_from_tool, share * motion)
         try:
             joints = puma560.inverse(pose, configuration, ARM, before.joints_rad)
         except puma560.UnreachableError:
             return ["to where the arm cannot follow"]
-        gaps.append(min(far_from_post(puma560.link_frames(joints[None], ARM)[0])))
-    return ["into the post"] if min(gaps) < min(0.0, gaps[0]) - 1.0 else []
+        links = puma560.link_frames(joints[None], ARM)[0]
+        gaps["into the post"].append(min(far_from_post(links)))
+        gaps["out of the room"].append(min(y - LIMITS.room_low_mm[1] for y in lowest_y(links)))
+    return [what for what, some in gaps.items() if min(some) < min(0.0, some[0]) - 1.0]
+
+
+def lowest_y(links):
+    for capsule in LIMITS.capsules:
+        ends = frames.apply(links[LINK_FRAME[capsule.link]], np.array([capsule.from_mm, capsule.to_mm]))
+        yield float(ends[:, 1].min()) - capsule.radius_mm
 
 
 def far_from_post(links):
@@ -359,8 +369,16 @@ def test_the_greatest_speed_is_allowed_and_so_is_an_orientation_a_millionth_off(
         assert (None if refusal is None else refusal.rule) == broken
 
 
-def test_who_configures_nothing_has_the_limits_that_the_configuration_of_etc_shows():
-    assert load_config(Path(__file__).parents[3] / "etc/facetd.yaml").values.pick.limits == Limits()
+def test_who_configures_nothing_has_the_limits_that_the_configuration_of_etc_shows_but_for_that_cell_s_room():
+    shipped = load_config(Path(__file__).parents[3] / "etc/facetd.yaml").values.pick.limits
+    assert replace(shipped, room_low_mm=Limits().room_low_mm, room_high_mm=Limits().room_high_mm) == Limits()
+
+
+def test_the_room_that_is_shipped_is_within_the_simulated_cell_s_walls():
+    shipped = load_config(Path(__file__).parents[3] / "etc/facetd.yaml").values.pick.limits
+    room = load_truth(Path(__file__).parents[3] / "etc/simcell.yaml").safety.room
+    assert (np.array(shipped.room_low_mm) - room.low_mm).min() >= 5.0
+    assert (np.array(room.high_mm) - shipped.room_high_mm).min() >= 5.0
 
 
 def test_two_millimetres_above_the_table_and_a_hundred_degrees_at_once_are_the_limits_of_who_says_none():

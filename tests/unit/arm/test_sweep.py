@@ -49,9 +49,9 @@ def rule(some):
 
 
 @settings(max_examples=200, deadline=None)
-@given(seed=SEEDS, things=st.sampled_from([0, 1, 3]))
-def test_what_is_allowed_keeps_clear_all_the_way_and_what_is_refused_does_not(seed, things):
-    some = random_travel(np.random.default_rng(seed), things)
+@given(seed=SEEDS, things=st.sampled_from([0, 1, 3]), room=st.booleans())
+def test_what_is_allowed_keeps_clear_all_the_way_and_what_is_refused_does_not(seed, things, room):
+    some = random_travel(np.random.default_rng(seed), things, room=room)
     truth, refusal = truth_of(some), asked(some)
     if refusal is None:
         assert not truth.reached or truth.touch_mm >= some.limits.clearance_mm - SLACK_MM
@@ -501,6 +501,44 @@ def test_a_place_is_judged_with_all_of_the_arm_and_by_no_leave_to_get_out():
     refusal = sweep.place_clear(told, there, ROBOT, replace(LIMITS, keep_out=(lamp,)))
     assert refusal.rule == "kept_out"
     assert "lamp" in refusal.text
+
+
+def test_the_elbow_stays_in_the_room_where_the_hand_is_well_inside_it():
+    """Near the column the elbow goes far out behind: a look around went through a wall with it, 29 mm."""
+    near_column = travel(hand(320, -250, 100), hand(200, -150, 200), False)
+    target = near_column.command.world_from_tool
+    joints = ROBOT.reachable(target, near_column.start.joints_rad)
+    links = puma560.link_frames(joints[None], ARM)
+    body = body_of(LIMITS.capsules, LIMITS.body_mm)
+    least = float((body.placed(links)[0].min(axis=1) - body.radius_mm[:, None])[:, 0].min())
+    assert least < -400.0
+    for low_mm, told in ((least + 5.0, "outside_room"), (least - 10.0, None)):
+        room = replace(LIMITS, room_low_mm=(low_mm, -900.0, -2000.0))
+        refusal = asked(replace(near_column, limits=room))
+        assert (refusal and refusal.rule) == told
+        assert told is None or "the elbow" in refusal.text
+        refusal = sweep.place_clear(near_column.command, Reading(target, joints), ROBOT, room)
+        assert (refusal and refusal.rule) == told
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("side", ["room_low_mm", "room_high_mm"])
+def test_each_side_of_the_room_holds_the_fingers_by_the_clearance(axis, side):
+    """Of each of the six alone, to the mm and a half that a way is proven to."""
+    start, target = hand(500, 0, 100), hand(500, 0, 100)
+    target[axis, 3] += 40.0 if side == "room_high_mm" else -40.0
+    bare = replace(LIMITS, capsules=(), body_mm=((0.0, 0.0, 0.0),))
+    for short_mm, told in ((1.0, "outside_room"), (-1.0, None)):
+        sides = list(getattr(bare, side))
+        beyond = LIMITS.clearance_mm - short_mm
+        sides[axis] = float(target[axis, 3]) + (beyond if side == "room_high_mm" else -beyond)
+        assert rule(travel(start, target, True, replace(bare, **{side: tuple(sides)}))) == told
+
+
+def test_what_is_outside_the_room_may_come_in_and_go_no_farther_out():
+    room = replace(LIMITS, capsules=(), body_mm=((0.0, 0.0, 0.0),), room_high_mm=(2000.0, 100.0, 2000.0))
+    assert rule(travel(hand(500, 120, 0), hand(500, 60, 0), True, room)) is None
+    assert rule(travel(hand(500, 120, 0), hand(500, 140, 0), True, room)) == "outside_room"
 
 
 def test_the_rules_of_the_moment_go_before_the_way():

@@ -77,6 +77,26 @@ def test_it_may_not_start_where_a_pick_may_not() -> None:
     assert moves(world) == 0
 
 
+@pytest.mark.parametrize(
+    ("held", "told"), [(True, "a part is in the gripper"), (None, "it is not known whether a part")]
+)
+def test_with_a_part_in_the_hand_nothing_is_gone_round(held: bool | None, told: str) -> None:
+    """The cameras see it; it was taken for a part that lies there, and the arm went round its own hand."""
+    world, cycle = nameless()
+    cycle.hand_full = held
+    with pytest.raises(RefusedError, match=told):
+        asyncio.run(cycle.look_around(1))
+    with pytest.raises(RefusedError, match=told):
+        asyncio.run(cycle.walk_round(cycle.recogniser, 8, _told))
+    assert moves(world) == 0
+    cycle.holding(False)
+    assert len(asyncio.run(cycle.look_around(1)).looks) == 2
+
+
+async def _told(_line: str) -> None:
+    """Nobody listens."""
+
+
 def test_dry_it_looks_once_and_nothing_moves() -> None:
     world, cycle = nameless()
     cycle.supervisor.dry(True)
