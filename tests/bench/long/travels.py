@@ -29,8 +29,8 @@ SCENES = (0, 0, 1, 3)
 
 
 def kind_of(travel: Travel, truth: Truth) -> str:
-    """strikes: touches the table, a side of the room or a box, or its centre point leaves the workspace; close: within the clearance;
-    no way: the arm cannot follow; harmless: none of it."""
+    """strikes: touches the table, a side of the room or a box, or its centre point leaves the workspace; close: within
+    the clearance; no way: the arm cannot follow; harmless: none of it."""
     if not truth.reached:
         return "no way"
     if truth.touch_mm < 0 or truth.box_mm < -SLACK_MM:
