@@ -81,6 +81,14 @@ def test_where_nothing_leads_over_it_the_reason_is_that_of_the_direct_way():
     assert refusal.text.endswith("nor is a way over it clear")
 
 
+def test_where_the_direct_way_leaves_the_room_a_way_over_is_looked_for_too():
+    narrow = replace(LIMITS, keep_out=(), room_high_mm=(650.0, 2000.0, 2000.0))
+    refusal = planned(hand(500, -300, -180), hand(500, 300, -180), limits=narrow)
+    assert isinstance(refusal, Refusal)
+    assert refusal.rule == "outside_room"
+    assert refusal.text.endswith("nor is a way over it clear")
+
+
 def test_long_ways_are_parted_in_steps_within_the_limits():
     short = Limits(max_step_mm=150.0)
     legs = planned(hand(560, -200, 100), hand(560, 200, 100), limits=short)

@@ -523,16 +523,33 @@ def test_the_elbow_stays_in_the_room_where_the_hand_is_well_inside_it():
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
 @pytest.mark.parametrize("side", ["room_low_mm", "room_high_mm"])
-def test_each_side_of_the_room_holds_the_fingers_by_the_clearance(axis, side):
-    """Of each of the six alone, to the mm and a half that a way is proven to."""
+def test_each_side_of_the_room_holds_what_sticks_out_farthest_to_it_by_the_clearance(axis, side):
+    """Of each of the six alone, to the mm and a half that a way is proven to; rods from the hand, whose far ends leave
+    first."""
+    out = 1.0 if side == "room_high_mm" else -1.0
     start, target = hand(500, 0, 100), hand(500, 0, 100)
-    target[axis, 3] += 40.0 if side == "room_high_mm" else -40.0
-    bare = replace(LIMITS, capsules=(), body_mm=((0.0, 0.0, 0.0),))
+    target[axis, 3] += 40.0 * out
+    rod = target[:3, :3].T @ (60.0 * out * np.eye(3)[axis])
+    bare = replace(LIMITS, capsules=(Capsule("rod", "tool", (0.0, 0.0, 0.0), tuple(rod.tolist()), 4.0),), body_mm=())
     for short_mm, told in ((1.0, "outside_room"), (-1.0, None)):
         sides = list(getattr(bare, side))
-        beyond = LIMITS.clearance_mm - short_mm
-        sides[axis] = float(target[axis, 3]) + (beyond if side == "room_high_mm" else -beyond)
+        sides[axis] = float(target[axis, 3]) + out * (60.0 + 4.0 + LIMITS.clearance_mm - short_mm)
         assert rule(travel(start, target, True, replace(bare, **{side: tuple(sides)}))) == told
+
+
+def test_a_gap_goes_by_the_travel_of_what_it_is_told_of():
+    """Were the elbow's gap to a wall thought to change as a finger goes, it would be proven where it is not so."""
+    limits = replace(LIMITS, keep_out=(KeepOut("post", (600.0, 0.0, 0.0), (700.0, 9.0, 9.0)),))
+    body = body_of(limits.capsules, limits.body_mm)
+    gaps = gaps_of(ROBOT.frames(reading(hand(500, 0, 100)).joints_rad[None]), body, limits)
+    parts = ["tool centre point" if thing.endswith("of the box") else part for _, part, thing in gaps.what]
+    assert parts == [
+        "tool centre point" if rule == "outside_workspace" else body.names[k]
+        for (rule, _, _), k in zip(gaps.what, gaps.capsule.tolist(), strict=True)
+    ]
+    assert {k for (rule, _, _), k in zip(gaps.what, gaps.capsule, strict=True) if rule == "outside_workspace"} == {
+        len(body.names) - 1
+    }
 
 
 def test_what_is_outside_the_room_may_come_in_and_go_no_farther_out():
