@@ -218,10 +218,9 @@ def _overview(commands: Mapping[str, Command], jobs: Mapping[str, argparse.Argum
 
 
 def _completion(words: list[str], socket_path: Path | None) -> int:
-    """A shell's script; or `of WORDS...`: what the running daemon says the last of them may become."""
+    """A shell's script; or `of WORDS...`: what the last of them may become."""
     if words[:1] == ["of"]:
-        with DaemonLink(socket_path) as link:
-            print("\n".join(option.rpartition(" ")[2] for option in link.options(" ".join(words[1:]))))
+        print("\n".join(_may_become(words[1:], socket_path)))
         return DONE
     from daemon.jobs.completion import SHELLS, script
 
@@ -233,6 +232,19 @@ def _completion(words: list[str], socket_path: Path | None) -> int:
     asked = [*(c.name for c in every_command("simulated")), "help"]
     print(script(words[0], asked, _parser([*OFFLINE.values(), TRAIN])[1], OWN), end="")
     return DONE
+
+
+def _may_become(words: list[str], socket_path: Path | None) -> list[str]:
+    """What the running daemon says the last word may become; without one, what it would always say."""
+    try:
+        with DaemonLink(socket_path) as link:
+            return [option.rpartition(" ")[2] for option in link.options(" ".join(words))]
+    except NotThereError:
+        from daemon.commands import every_command
+
+        name, *begun = words
+        choices = next((c.choices for c in every_command("simulated") if name in (c.name, *c.aliases)), ())
+        return [] if callable(choices) or len(begun) != 1 else [c for c in choices if c.startswith(begun[0])]
 
 
 def _online(words: list[str], socket_path: Path | None, as_json: bool) -> int:

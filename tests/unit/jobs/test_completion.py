@@ -15,6 +15,7 @@ from pathlib import Path
 
 import pytest
 
+from daemon.ctl import main
 from daemon.store import places
 
 SHELLS = {"bash": ["bash", "--norc", "--noprofile", "-i"], "zsh": ["zsh", "-f", "-i"]}
@@ -77,3 +78,15 @@ def test_a_shells_tab_offers_commands_options_files_and_what_the_daemon_knows(ta
     tab("facetctl forget cube py", "cube pyramid")
     asked = (tmp_path / "asked").read_text().split("\n")
     assert {"2: pick cu|", "3: forget cube py|"} <= set(asked)
+
+
+def test_without_a_daemon_tab_offers_the_words_that_are_always_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def offered(*words: str) -> list[str]:
+        assert main(["--socket", str(tmp_path / "none"), "completion", "of", *words]) == 0
+        return capsys.readouterr().out.split()
+
+    assert offered("model", "") == ["list", "use"]
+    assert offered("models", "u") == ["use"]
+    assert offered("pick", "") == offered("forget", "cube", "") == offered("nonsense", "") == []
