@@ -79,6 +79,21 @@ class Polyhedron:
         return np.where(np.arange(2) < bounds.sum(0)[:, None], facets, -1)
 
     @cached_property
+    def bisectors(self) -> Array:
+        """(E, 3) unit vectors out of the part, halfway between the normals on either hand of each of the lines; where
+        one facet is not known it is taken for square to the other; zero along hollows."""
+        known, ends = self.beside, self.lines[0]
+        normals = np.vstack([self.normals, np.zeros(3)])[known]
+        onward = np.array([self.edges.get((a, b), (-1, 0))[0] for a, b in ends.tolist()], np.intp) == known[:, 0]
+        away = np.cross(self.corners_mm[ends[:, 1]] - self.corners_mm[ends[:, 0]], normals[:, 0])
+        away = (
+            np.where(onward, 1.0, -1.0)[:, None] * away / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-12)
+        )
+        beyond = np.where(known[:, 1:] < 0, away, normals[:, 1])
+        outward = (normals[:, 0] + beyond) * (np.sum(away * beyond, 1) > 0)[:, None]
+        return np.asarray(outward / np.maximum(np.linalg.norm(outward, axis=1, keepdims=True), 1e-9))
+
+    @cached_property
     def steps(self) -> tuple[Index, Index, Index]:
         """Facet after facet, its corners (N,) and the next of each (N,); and where each facet begins (F,)."""
         following = [np.roll(ring, -1) for ring in self.rings]

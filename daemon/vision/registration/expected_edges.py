@@ -29,7 +29,8 @@ class Placements:
 
     shapes, P of them; corners_mm (K, 3) with the placement of each (K,), and where each placement's begin (P + 1,);
     here, after (N,) and first (F,): the facets' borders, as Polyhedron.steps has them; ends (E, 2): the corners of each
-    edge; beside (E, 2): the facets on either hand, F where there is none; owner (E,): its placement.
+    edge; beside (E, 2): the facets on either hand, F where there is none; bisectors (E, 3) as Polyhedron has them;
+    owner (E,): its placement.
     """
 
     shapes: tuple[Polyhedron, ...]
@@ -41,6 +42,7 @@ class Placements:
     first: Index
     ends: Index
     beside: Index
+    bisectors: Array
     owner: Index
 
     @classmethod
@@ -61,6 +63,7 @@ class Placements:
             np.concatenate([s.steps[2] + border for s, _, border, _ in every]),
             np.concatenate([s.lines[0] + corner for s, corner, _, _ in every]),
             np.concatenate(beside),
+            np.concatenate([s.bisectors for s in shapes]),
             np.repeat(np.arange(len(shapes)), [len(s.beside) for s in shapes]),
         )
 
@@ -83,7 +86,7 @@ class ExpectedEdges:
     ends (E, 2), its corners' numbers; start, end (E, 2) px; jacobian (E, 2, 6), how far each end moves across its edge
     with the pose, and by_corner (E, 2, 2, 3), with either corner of the edge; outline (E,): which belong to one facing
     facet only, and show in any light; sharp (E,): which cannot be taken for another; px_per_mm (E,); doubt_px (E,):
-    what the shape leaves open; corners_px (K, 2), all corners.
+    what the shape leaves open; corners_px (K, 2), all corners; outward (E, 3), cyclopean: Polyhedron.bisectors.
     """
 
     owner: Index
@@ -97,6 +100,7 @@ class ExpectedEdges:
     px_per_mm: Array
     doubt_px: Array
     corners_px: Array
+    outward: Array
 
     @property
     def lengths_px(self) -> Array:
@@ -108,7 +112,7 @@ class ExpectedEdges:
         return ExpectedEdges(
             np.zeros(len(own), np.intp), self.ends[own] - corners.start, self.start[own], self.end[own],
             self.jacobian[own], self.by_corner[own], self.outline[own], self.sharp[own], self.px_per_mm[own],
-            self.doubt_px[own], self.corners_px[corners],
+            self.doubt_px[own], self.corners_px[corners], self.outward[own],
         )  # fmt: skip
 
 
@@ -161,7 +165,7 @@ def expected(laid: Placements, view: OneEye, poses: Array, wanted: Flags, tolera
     return ExpectedEdges(
         owner, laid.ends[which], start + first * way, start + last * way, by_corner.sum(2), by_corner[..., :3],
         (facing[which] == 1) & sharp, sharp,
-        px_per_mm, tolerance_mm * px_per_mm, px,
+        px_per_mm, tolerance_mm * px_per_mm, px, (poses[owner, :3, :3] @ laid.bisectors[which, :, None])[..., 0],
     )  # fmt: skip
 
 

@@ -8,7 +8,7 @@ import pytest
 from daemon import frames
 from daemon.vision.geometry.polyhedron import exact
 from daemon.vision.image.both_eyes import open_eyes
-from daemon.vision.registration.edge_adjustment import adjusted
+from daemon.vision.registration.edge_adjustment import _wear, adjusted
 from daemon.vision.registration.edge_pose import locate
 from tests.worlds.painted import paint_pair
 from tests.worlds.rigs import rig
@@ -67,3 +67,39 @@ def test_strokes_of_print_beside_the_edges_between_faces_hardly_turn_the_part():
     found = adjusted(shape, located.pose, beside_print, TOLERANCE_MM)
     turned = np.degrees(np.linalg.norm(frames.difference(found.pose, clean.pose)[3:]))
     assert turned < 0.18
+
+
+def drawn_back(observed, by_mm):
+    """What is seen of a part whose edges are broken so far."""
+    moved = [-by_mm * (o.edges.jacobian[..., :3] @ o.edges.outward[..., None])[..., 0] for o in observed]
+    return [replace(seen, off=seen.off + by) for seen, by in zip(observed, moved, strict=True)]
+
+
+def without_wear(observed):
+    return [replace(o, edges=replace(o.edges, outward=np.zeros_like(o.edges.outward))) for o in observed]
+
+
+def test_a_part_with_broken_edges_is_not_taken_for_one_farther_away():
+    shape, located, sharp = fitted(CUBE.corners_mm)
+    worn = drawn_back(located.observed, 0.4)
+    away = [
+        np.linalg.norm(adjusted(shape, located.pose, seen, TOLERANCE_MM).pose[:3, 3] - sharp.pose[:3, 3])
+        for seen in (worn, without_wear(worn))
+    ]
+    assert away[0] < 0.05 < 0.15 < away[1]
+
+
+@pytest.mark.parametrize("by_mm", [0.0, -0.1])
+def test_no_edge_grows_and_a_sharp_part_lies_where_its_edges_are(by_mm):
+    shape, located, _ = fitted(CUBE.corners_mm)
+    seen = drawn_back(located.observed, by_mm)
+    with_it, without = (adjusted(shape, located.pose, o, TOLERANCE_MM) for o in (seen, without_wear(seen)))
+    assert np.linalg.norm(with_it.pose[:3, 3] - without.pose[:3, 3]) < 0.03
+    np.testing.assert_allclose(with_it.covariance, without.covariance, rtol=0.3, atol=1e-4)
+
+
+def test_wear_is_believed_where_it_is_seen():
+    assert _wear(-0.2, 0.01) == (0.0, 0.0)
+    little, much = _wear(0.05, 0.05**2)[0], _wear(0.3, 0.05**2)[0]
+    assert 0 < little < 0.015 < 0.295 < much < 0.3
+    assert _wear(30.0, 1e-4)[0] == pytest.approx(30.0)
