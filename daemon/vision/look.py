@@ -17,7 +17,7 @@ from daemon.vision.health import SAID, Pictures, cause_of_nothing, with_causes
 from daemon.vision.image import Eyes, open_eyes
 from daemon.vision.model import FacetLibrary, Model, empty_model
 from daemon.vision.recognition import Recognised, recognise
-from daemon.vision.registration import beside, named_by_segments, sharpened, told_apart
+from daemon.vision.registration import beside, named_by_segments, rested, sharpened, told_apart
 from daemon.vision.settings import VisionSettings
 from daemon.vision.values import FacetView, NearestGuess, Part, Scene
 
@@ -54,19 +54,19 @@ def look(
         naming += closer.seconds
     found, view = by_facets.found, by_facets.view
     seconds = {"facets": now() - began - naming, "recognise": naming}
-    guesses, left_out = tuple[NearestGuess, ...](), tuple[str, ...]()
+    guesses, left_out, ground = tuple[NearestGuess, ...](), tuple[str, ...](), None
     if known.labels and not _all_named(found):
         start = now()
         found, view = beside(found, view, (), known, eyes)
         if not _all_named(found) and any(outlines(view)):
             straight = named_by_segments(eyes, known, found, lambda: (now() - began) / full.budget_s, table)
             found, view = beside(found, view, straight.named, known, eyes)
-            guesses, left_out = straight.guesses, straight.left_out
+            guesses, left_out, ground = straight.guesses, straight.left_out, straight.ground
         seconds["edges"] = now() - start
     parts = tuple(r.part for r in found)
     if full.corner_detector == "line_fit" and full.stereo_formula == "exact":
         start = now()
-        parts = sharpened(parts, known, eyes)
+        parts = rested(sharpened(parts, known, eyes), known, ground)
         seconds["sharpen"] = now() - start
     pictures = eyes.left.grey, eyes.right.grey
     if known.labels:

@@ -4,6 +4,7 @@ from daemon.vision.registration.beside import beside
 from daemon.vision.registration.by_segments import named_by_segments
 from daemon.vision.registration.corner_pose import Fit, refit
 from daemon.vision.registration.edge_pose import fit_each, fit_edges, shown
+from daemon.vision.registration.on_table import rested
 from daemon.vision.registration.sharpen import sharpened
 from daemon.vision.registration.twins import told_apart
 
@@ -14,6 +15,7 @@ __all__ = [
     "fit_edges",
     "named_by_segments",
     "refit",
+    "rested",
     "sharpened",
     "shown",
     "told_apart",

@@ -115,11 +115,13 @@ class Likely(NamedTuple):
 
 
 class Straight(NamedTuple):
-    """What straight edges name, what came nearest to it where they name nothing, and what there was no time for."""
+    """What straight edges name, what came nearest to it where they name nothing, what there was no time for, and the
+    table, where that is seen or known."""
 
     named: list[Recognised]
     guesses: tuple[NearestGuess, ...]
     left_out: tuple[str, ...]
+    ground: Ground | None = None
 
 
 def named_by_segments(
@@ -161,7 +163,7 @@ def named_by_segments(
     for one in laid:
         if one.borne.share > NEAREST and not any(one.overlaps(other) for other in (*taken, *nearest)):
             nearest.append(one)
-    return Straight(found, tuple(map(_guess, nearest)), left_out)
+    return Straight(found, tuple(map(_guess, nearest)), left_out, ground)
 
 
 def _by_odds(laid: Iterable[Laid]) -> list[Laid]:

@@ -91,6 +91,17 @@ def rests_on(ground: Ground, solid: Polyhedron, pose: Array) -> bool | None:
     return False if ground.seen and known and -NEARLY_MM < lowest_mm < HIGH_MM else None
 
 
+def nearest_rest(solid: Polyhedron, down: Array) -> tuple[Array, Array]:
+    """Of the planes that a solid can rest on, the one that faces most down, a direction (3,) in the part: its outward
+    normal (3,), as the corners in it have it, and their middle (3,)."""
+    planes = rests(solid)
+    normal, level = np.split(planes[(planes[:, :3] @ down).argmax()], [3])
+    foot = solid.corners_mm[solid.corners_mm @ normal > level - FLAT_MM]
+    middle = foot.mean(0)
+    flat = np.linalg.svd(foot - middle)[2][2]
+    return np.asarray(flat * np.sign(flat @ normal)), np.asarray(middle)
+
+
 def laid_down(posed: Posed, hinges: Array, table: Table, geometry: Baseline) -> tuple[Posed, Array]:
     """Guesses that could be rests turned about a point of each until they are, and moved along the left eye's sight of
     it; hinges (G, 2, 3): that point and the direction of the line it could turn about else, cyclopean, no direction for
