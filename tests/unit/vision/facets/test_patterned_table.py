@@ -37,9 +37,9 @@ def test_a_patterned_table_is_seen_where_it_lies(distance_mm: float, tilt: float
     where = table_at(distance_mm, tilt, roll)
     found = seen(where)
     up = -where[:3, 2] * np.sign(where[2, 2])
-    assert found.up @ up > np.cos(np.radians(0.05))
+    assert found.up @ up > np.cos(np.radians(0.15))
     around = frames.apply(where, 60.0 * np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]))
-    assert np.abs(around @ found.up - found.level_mm).max() < 0.3
+    assert np.abs(around @ found.up - found.level_mm).max() < 0.4
 
 
 def test_both_pictures_compared_say_it_better_than_blocks_do(monkeypatch: pytest.MonkeyPatch) -> None:
