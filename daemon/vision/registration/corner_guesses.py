@@ -22,10 +22,11 @@ from daemon.vision.registration.space_corners import SpaceCorners, angle, basis,
 OFF = np.radians(7.0)  # by how much a corner's arm may point elsewhere in the right eye than the taught angle says
 MOST_ASKED = 0.03  # by how much of its cosine no direction in the plane has the taught angle
 MOST_COUNTED = 6000  # guesses of one part and side of the plane that count as such
-MOST_GUESSES, MOST_OF_ONE = 4000, 16
-"""Of all parts, and at one corner in space, those for whose two edges most speaks. In 57 rendered looks with four parts
-taught the first good guess was among the first 500 of some 10,000 in nineteen of twenty; with 64 taught, among 3,100 of
-300,000 in 23 of 24, and beyond 33,000 but for the limit at one corner."""
+MOST_GUESSES, MOST_OF_ONE = (4000, 200), (16, 1)
+"""Of all parts, and at one corner in space, those for whose two edges most speaks: so many, or so many for each taught
+part where that is more. In 57 rendered looks with four parts taught the first good guess was among the first 500 of
+some 10,000 in nineteen of twenty. With 64 taught, 4,000 and 16 named 37 of 57 parts on hard tables, these 46; twice as
+many at a corner named no more."""
 LENGTH_MM, ANGLE = 1.0, np.radians(2.0)
 """Edges of such lengths and at such angles are one kind."""
 LEAST_NATS = 20.0  # that must speak for two edges in both eyes together
@@ -83,7 +84,8 @@ def guesses_from_space(
     counts = np.minimum(
         [np.bincount(kinds.part, could[side].sum(1)[kinds.about]) for side in (0, 1)], MOST_COUNTED
     ).sum()
-    where, side, which = _likeliest(_nats(corners, geometry, maps, kinds, could, other), kinds)
+    most, most_of_one = (max(least, each * len(solids.labels)) for least, each in (MOST_GUESSES, MOST_OF_ONE))
+    where, side, which = _likeliest(_nats(corners, geometry, maps, kinds, could, other), kinds, most, most_of_one)
     cyclopean_from_corner = np.zeros((len(which), 4, 4))
     turn = geometry.cyclopean_from_baseline
     seconds = _second_edges(corners.chosen(where), kinds.cosine[which])[side, np.arange(len(which))]
@@ -148,21 +150,21 @@ def _nats(
     return np.asarray(first.reshape(count, 1, -1)[:, :, kinds.kinds[:, 0]] + seconds[:, :, kinds.kinds[:, 1]])
 
 
-def _likeliest(nats: Image32, kinds: Kinds) -> tuple[Index, Index, Index]:
+def _likeliest(nats: Image32, kinds: Kinds, most: int, most_of_one: int) -> tuple[Index, Index, Index]:
     """Corner in space, side and taught corner of the guesses for which most speaks, of nats (C, 2, T), a few at each
     corner in space, the likeliest first; (N,) each."""
     every = nats.reshape(len(nats), -1)
-    few = min(MOST_OF_ONE, every.shape[1])
+    few = min(most_of_one, every.shape[1])
     best = np.argpartition(-every, few - 1, axis=1)[:, :few]
     order = np.argsort(-np.take_along_axis(every, best, 1), axis=1, kind="stable")
     best = np.take_along_axis(best, order, 1)
     value = np.take_along_axis(every, best, 1)
     side, kind = np.divmod(best, nats.shape[2])
     each = np.diff(kinds.begins)[kind]
-    where, rank = np.nonzero((value > LEAST_NATS) & (np.cumsum(each, 1) - each < MOST_OF_ONE))
+    where, rank = np.nonzero((value > LEAST_NATS) & (np.cumsum(each, 1) - each < most_of_one))
     order = np.argsort(-value[where, rank], kind="stable")
     place = where[order], rank[order]
     each, kind = each[place], kind[place]
     which = np.arange(each.sum()) + np.repeat(kinds.begins[kind] - np.cumsum(each) + each, each)
     found = np.repeat(place[0], each), np.repeat(side[place], each), which
-    return found[0][:MOST_GUESSES], found[1][:MOST_GUESSES], found[2][:MOST_GUESSES]
+    return found[0][:most], found[1][:most], found[2][:most]

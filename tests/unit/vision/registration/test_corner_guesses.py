@@ -65,19 +65,31 @@ def test_of_many_sizes_the_right_one_is_among_as_few_guesses(name: str) -> None:
     sizes = solids(1.0, *np.linspace(0.5, 1.6, 16))
     found, could = guessed(name, sizes)
     assert could > 10 * guessed(name, solids(1.0))[1]
-    assert len(found.part) <= corner_guesses.MOST_GUESSES
+    least, each = corner_guesses.MOST_GUESSES
+    assert len(found.part) <= max(least, each * len(sizes.labels))
     assert off_mm(name, found).min() < 6.0
 
 
 def test_guesses_are_few_at_each_corner_and_in_all(monkeypatch: pytest.MonkeyPatch) -> None:
     every = len(guessed("cube", solids(1.0, 0.7, 1.3))[0].part)
-    monkeypatch.setattr(corner_guesses, "MOST_OF_ONE", 3)
+    monkeypatch.setattr(corner_guesses, "MOST_OF_ONE", (3, 0))
     few, could = guessed("cube", solids(1.0, 0.7, 1.3))
     assert 0 < len(few.part) < every
-    monkeypatch.setattr(corner_guesses, "MOST_GUESSES", 50)
+    monkeypatch.setattr(corner_guesses, "MOST_GUESSES", (50, 0))
     fewest, still = guessed("cube", solids(1.0, 0.7, 1.3))
     assert np.array_equal(fewest.poses, few.poses[:50])
     assert still == could
+
+
+def test_more_parts_taught_may_be_guessed_more_often(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Twelve parts here: each corner may be one of each, and all of them together so often."""
+    monkeypatch.setattr(corner_guesses, "MOST_OF_ONE", (3, 0))
+    few = len(guessed("cube", solids(1.0, 0.7, 1.3))[0].part)
+    monkeypatch.setattr(corner_guesses, "MOST_OF_ONE", (3, 1))
+    more = len(guessed("cube", solids(1.0, 0.7, 1.3))[0].part)
+    assert more > 2 * few
+    monkeypatch.setattr(corner_guesses, "MOST_GUESSES", (5, 2))
+    assert len(guessed("cube", solids(1.0, 0.7, 1.3))[0].part) == 24
 
 
 def test_parts_share_the_kinds_of_their_corners() -> None:
