@@ -92,6 +92,8 @@ HELP_WORDS, VERSION_WORDS = ("--help", "-h"), ("--version",)
 FIRST_WIDTH = 9
 MOST_ASKED = 5
 """How often a question is put that is answered by something else."""
+WITHDRAW = ("disable", "abort")
+"""Beside `stop`, the words that take the arm's leave to move, or what it is moving for."""
 
 
 def never(_: list[str]) -> bool:
@@ -253,6 +255,13 @@ class Console:
     def is_stop(self, text: str) -> bool:
         """Whether a line, whatever it is typed for, is to stop the arm."""
         return means_stop(text)
+
+    def withdraws(self, text: str) -> bool:
+        """Whether a line, whatever it is typed for, is to stop the arm or takes its leave to move: it answers no
+        question, and none that stands is worth asking any more."""
+        words = text.split()
+        command = self._meant(words)
+        return means_stop(text) or (command is not None and command.name in WITHDRAW and len(words) == 1)
 
     @property
     def stops(self) -> int:

@@ -299,7 +299,7 @@ class _Operator:
         elif isinstance(message.do, str):
             self._take(message.do if self._console.is_stop(message.do) else printable(message.do), message)
         elif isinstance(message.answer, str):
-            if self._console.is_stop(message.answer):
+            if self._console.withdraws(message.answer):
                 self._turns.take(message.answer, self._stopped)
             elif message.id == self._turns.question:
                 self._turns.answer(printable(message.answer))

@@ -55,6 +55,8 @@ class Turns:
             self._begin(text, answered)
         elif self._console.at_once(text):
             self.beside(lambda: self._do(self._console.interpret(text, self._door), answered))
+            if self._console.withdraws(text):
+                self._unasked()
         else:
             self._ahead.append((text, answered, self._console.stops))
 
@@ -90,8 +92,9 @@ class Turns:
                 self._show_question(None)
 
     def answer(self, text: str) -> bool:
-        """Take a line as the answer to what is asked. False where nothing is asked, and for `stop`: it is no answer."""
-        if self._asked is None or self._asked.done() or self._console.is_stop(text):
+        """Take a line as the answer to what is asked. False where nothing is asked, and for what takes the arm's leave
+        to move: it is no answer."""
+        if self._asked is None or self._asked.done() or self._console.withdraws(text):
             return False
         self._asked.set_result(text)
         return True

@@ -36,9 +36,12 @@ class Leg:
         return self.motion.started_s
 
 
+CONTROL_C = "control-C"
+
+
 @dataclass(frozen=True)
 class Stop:
-    """The controller was told to stop. by: the line, or control-C."""
+    """The controller was told to stop. by: the line, or CONTROL_C."""
 
     began_s: float
     by: str

@@ -17,7 +17,7 @@ import numpy as np
 from drivers.arrays import Array
 from drivers.puma560 import ArmGeometry, elbow_mm, forward
 from drivers.simcell.arm import Motion
-from drivers.simcell.history import Drop, Event, HandAct, History, Leg, Stop
+from drivers.simcell.history import CONTROL_C, Drop, Event, HandAct, History, Leg, Stop
 from drivers.simcell.rigid import inverse
 from drivers.simcell.truth import Box, Rod, Safety, Table
 
@@ -189,7 +189,7 @@ class Judge:
 
     def _judged(self, event: Event) -> Iterator[Violation]:
         if isinstance(event, Stop):
-            if not self._tried.at(event.began_s):
+            if not (self._tried.at(event.began_s) or self._made_by_noise(event)):
                 self.stop_received(event.began_s, event.by)
         elif isinstance(event, Drop):
             yield from self._dropped(event)
@@ -200,6 +200,11 @@ class Judge:
             yield from self._too_late(event)
             yield from self._said_to_rest_in(event)
             yield from self._ways(event, over=True)
+
+    def _made_by_noise(self, stop: Stop) -> bool:
+        """Whether a character that stops may be what a line that carries what it likes made of another: a word may
+        not."""
+        return stop.by == CONTROL_C and not self._hears.at(stop.began_s)
 
     def _ways(self, leg: Leg, over: bool) -> Iterator[Violation]:
         """How fast and how far it was to go, and, once it is over, what it came to on the way."""

@@ -103,6 +103,11 @@ class FakeCycle:
         self.fault, self.doing = f"stopped {why}", None
         self.stops += 1
 
+    async def disable(self) -> None:
+        self.told.append("disable")
+        self.doing = None
+        self.stops += 1
+
     async def go(self, place: str) -> None:
         if self.refuse_with:
             raise RefusedError(self.refuse_with)

@@ -120,6 +120,12 @@ class Words:
         stopped = self._in_doubt or (self._stopped and not self._resuming)
         return (self.enabled or bool(self._enabling)) and not stopped and not self._dry
 
+    @property
+    def _sent_off(self) -> bool:
+        """Whether somebody waits for a motion: a line that was opened meanwhile has its stop tried before it."""
+        lines = (text for key, (text, _) in self._typed.items() if isinstance(key[0], SocketDoor))
+        return any(is_word(first_word(line), known) for line in lines for known in MOVES)
+
     def said(self, text: str, key: Key, may: str) -> None:
         """A line was typed at a door that may do so much; key: of the answer to come."""
         word = first_word(text)
@@ -269,9 +275,8 @@ class Words:
         self._tell(False)
 
     def _tell(self, wanted: bool) -> None:
-        self._story.cell.judge.stop_tried(
-            self._story.stamp_s(), bool(self._stopping or (self._enabling and self.allowed))
-        )
+        tries = self.allowed and (bool(self._enabling) or self._sent_off)
+        self._story.cell.judge.stop_tried(self._story.stamp_s(), bool(self._stopping) or tries)
         self._story.may_move(self.allowed, wanted)
 
 

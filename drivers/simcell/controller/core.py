@@ -26,6 +26,7 @@ from drivers.simcell.controller.faults import Faults, Mishap
 from drivers.simcell.controller.machine import Machine
 from drivers.simcell.controller.manners import Manners
 from drivers.simcell.controller.terminal import Key, Line, Terminal
+from drivers.simcell.history import CONTROL_C
 
 TYPE_AHEAD_LINES = 16
 KEPT_LINES = 1000
@@ -135,7 +136,7 @@ class Controller:
 
     # What may happen to it
 
-    def abort(self, by: str = "control-C") -> None:
+    def abort(self, by: str = CONTROL_C) -> None:
         """Brake, forget what runs and what was typed ahead; the prompt comes when the arm is at rest."""
         self.machine.stop(by)
         self._drop()

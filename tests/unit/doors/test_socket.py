@@ -497,6 +497,25 @@ def test_a_stop_is_heard_over_the_socket_however_it_comes_while_something_moves(
     assert [told[:7] for told in context.cycle.told] == ["go home", "stop by"]
 
 
+@pytest.mark.parametrize("line", [b'{"do": "disable"}', b'{"answer": "disable", "id": 77}', b'{"answer": "DISA"}'])
+def test_the_leave_to_move_is_taken_also_by_what_was_to_answer_a_question(tmp_path: Path, line: bytes) -> None:
+    context = fake_context(tmp_path)
+    context.cycle.slow = True
+
+    def use(path: Path) -> None:
+        with socket.socket(socket.AF_UNIX) as door:
+            door.settimeout(5)
+            door.connect(str(path))
+            door.sendall(SLOW)
+            while context.cycle.doing is None:
+                time.sleep(0.01)
+            door.sendall(line + b"\n")
+            assert b"does not move until" in door.recv(4096)
+
+    listening(tmp_path, use, context=context)
+    assert context.cycle.told == ["go home", "disable"]
+
+
 def listening(folder: Path, use: Callable[[Path], Any], rights: Rights = EVERYBODY, context: Any = None) -> Any:
     """What a client in a thread made of a server with all commands."""
     context = context or fake_context(folder)

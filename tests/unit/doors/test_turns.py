@@ -42,6 +42,7 @@ class Operator:
             Command("go", "go", "", slow, "move"), Command("read", "read", "", slow), Command("ask", "ask", "", ask),
             Command("status", "status", "", now, at_once=True), Command("stop", "stop", "", now, "move", at_once=True),
             Command("resume", "resume", "", ask, at_once=True),
+            Command("disable", "disable", "", now, "move", at_once=True),
         ]  # fmt: skip
         context: Any = SimpleNamespace(
             log=SimpleNamespace(record=lambda *_, **__: None),
@@ -104,6 +105,32 @@ def test_a_stop_waits_for_nothing_drops_what_was_typed_ahead_and_answers_the_que
     assert operator.answers == ["now", "sure?: ''", "go 2: not done; the arm was stopped after it was typed"]
     assert operator.shown == ["sure?", None]
     assert operator.done == []
+
+
+@pytest.mark.parametrize("text", ["disable", "DISABLE", " disa "])
+def test_whoever_disables_answers_no_question_and_it_is_not_asked_any_more(text: str) -> None:
+    """Whoever takes the arm's leave to move while asked whether it may is not told to say y or n first."""
+
+    async def script(operator: Operator) -> None:
+        operator.types("ask sure?")
+        await a_moment()
+        operator.types(text)
+        await a_moment()
+
+    operator = play(script)
+    assert operator.answers == ["now", "sure?: ''"]
+    assert operator.shown == ["sure?", None]
+
+
+@pytest.mark.parametrize("text", ["disable now", "di", "status", "yes"])
+def test_what_takes_nothing_away_is_an_answer(text: str) -> None:
+    async def script(operator: Operator) -> None:
+        operator.types("ask sure?")
+        await a_moment()
+        operator.types(text)
+        await a_moment()
+
+    assert play(script).answers == [f"sure?: {text!r}"]
 
 
 def test_control_c_says_whether_something_may_be_about_to_move() -> None:

@@ -302,3 +302,18 @@ def test_what_is_in_the_hand_is_not_said_to_be_gone_under_an_arm_that_carries_it
     story.wait(0.1)
     assert any("busy: bin" in text for text in story.texts)
     assert story.close() == ()
+
+
+@pytest.mark.parametrize("word", ["DISABLE", "abort"])
+def test_who_takes_the_leave_to_move_while_asked_whether_a_line_may_be_sent_is_not_told_to_say_y_or_n(
+    story: Story, word: str
+) -> None:
+    """A second operator's yes sent it, and the first one's `disable` was never done: the arm went all its way."""
+    story.sockets[0].say("robot monitor DO READY")
+    story.wait(0.3)
+    story.sockets[0].answer(word)
+    story.sockets[1].say("confirm")
+    story.wait(4.0)
+    assert story.violations() == ()
+    assert story.cell.controller.machine.at_rest()
+    assert not any("the question stands" in text for text in story.texts)

@@ -120,6 +120,18 @@ def test_a_motion_after_a_stop_is_found_unless_somebody_said_that_it_may_move_ag
     assert cell.found() == ["after a stop"]
 
 
+@pytest.mark.parametrize(("stop", "found"), [("ABORT", ["after a stop"]), ("\x03", [])])
+def test_a_character_that_stops_may_be_noise_where_the_line_is_spoiled_and_a_word_may_not(
+    stop: str, found: list[str]
+) -> None:
+    """A noisy echo of a line that is typed again has no operator behind it."""
+    cell = Cell()
+    cell.judge.line(cell.now_s, hears=False)
+    cell.types(stop)
+    cell.types("DO DRIVE 2,-5,20")
+    assert cell.found() == found
+
+
 def test_a_stop_the_controller_does_not_know_counts_when_the_test_says_so() -> None:
     cell = Cell()
     cell.types("DO DRIVE 2,-40,5", 0.5)
