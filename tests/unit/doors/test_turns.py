@@ -116,10 +116,10 @@ def test_whoever_disables_answers_no_question_and_it_is_not_asked_any_more(text:
         await a_moment()
         operator.types(text)
         await a_moment()
+        assert operator.answers == ["now", "sure?: ''"]
+        assert operator.shown == ["sure?", None]
 
-    operator = play(script)
-    assert operator.answers == ["now", "sure?: ''"]
-    assert operator.shown == ["sure?", None]
+    play(script)
 
 
 @pytest.mark.parametrize("text", ["disable now", "di", "status", "yes"])

@@ -98,6 +98,13 @@ def test_no_edge_grows_and_a_sharp_part_lies_where_its_edges_are(by_mm):
     np.testing.assert_allclose(with_it.covariance, without.covariance, rtol=0.3, atol=1e-4)
 
 
+def test_edges_that_seem_to_have_grown_are_weighed_as_those_of_a_sharp_part():
+    shape, located, _ = fitted(CUBE.corners_mm)
+    seen = drawn_back(located.observed, -0.3)
+    with_it, without = (adjusted(shape, located.pose, o, TOLERANCE_MM) for o in (seen, without_wear(seen)))
+    np.testing.assert_allclose(with_it.pose, without.pose, atol=1e-6)
+
+
 def test_wear_is_believed_where_it_is_seen():
     assert _wear(-0.2, 0.01) == (0.0, 0.0)
     little, much = _wear(0.05, 0.05**2)[0], _wear(0.3, 0.05**2)[0]

@@ -13,7 +13,7 @@ from daemon.vision.facets.table import Table
 from daemon.vision.geometry import Polyhedron, baseline, exact
 from daemon.vision.registration import resting
 from daemon.vision.registration.posed import Posed, Solids
-from daemon.vision.registration.resting import Ground, laid_down, rests, rests_on
+from daemon.vision.registration.resting import Ground, laid_down, nearest_rest, rests, rests_on
 from tests.worlds.printed import straight_rig
 from tests.worlds.solids import KNOWN
 
@@ -48,6 +48,17 @@ def test_a_convex_part_rests_on_each_of_its_sides(name: str, sides: int) -> None
     assert len(found) == sides
     assert (solid.corners_mm @ found[:, :3].T <= found[:, 3] + 1e-9).all()
     assert all((solid.normals @ one[:3]).max() > 1 - 1e-9 for one in found)
+
+
+@given(LABELS, st.integers(0, 6), st.integers(0, 10_000))
+def test_the_side_that_faces_most_down_is_where_its_corners_have_it(name: str, which: int, seed: int) -> None:
+    """A solid as measured: its corners are not quite in one plane."""
+    rng, solid = np.random.default_rng(seed), SOLIDS[name]
+    measured = exact(solid.corners_mm + rng.normal(0, 0.1, solid.corners_mm.shape), solid.facets)
+    side = rests(solid)[which % len(rests(solid))]
+    normal, middle = nearest_rest(measured, side[:3] + rng.normal(0, 0.02, 3))
+    assert np.degrees(np.arccos(min(normal @ side[:3], 1.0))) < 1.0
+    assert abs(middle @ side[:3] - side[3]) < 0.3
 
 
 def test_a_side_that_was_not_taught_is_one_to_rest_on() -> None:
