@@ -178,7 +178,11 @@ class Surprises(RuleBasedStateMachine):
             here.press(LEAVES)
             self.there.wait(0.1)
 
-    @rule(door=DOOR, text=st.sampled_from(["y", "y", "n", "", "stop", "stop now", "yes", "maybe"]), seconds=SECONDS)
+    @rule(
+        door=DOOR,
+        text=st.sampled_from(["y", "y", "y", "n", "", "stop", "stop now", "yes", "maybe", "disable", "abort"]),
+        seconds=SECONDS,
+    )
     @kept
     def answer(self, door: int, text: str, seconds: float) -> None:
         """An operator answers what is asked, or what is not."""

@@ -23,7 +23,7 @@ import tempfile
 import time
 import tty
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
@@ -309,6 +309,8 @@ class SocketDoor:
     interrupts: int = 0
     stops: int = 0
     """Control-Cs, and stops typed as answers, of which nothing was said yet."""
+    withdrawn: list[Key] = field(default_factory=list)
+    """What else was typed as an answer and takes the leave to move, of which nothing was said yet."""
 
     def open(self) -> None:
         """Connect, where there is a daemon."""
@@ -331,9 +333,9 @@ class SocketDoor:
             self.line.close()
         self.line, self.question, self.heard = None, None, b""
         self.story.words.gone(self)
-        while self.interrupts:  # nobody reads what came of it; where there was a stop, its fault is told all
+        while self.interrupts > 0:  # nobody reads what came of it; where there was a stop, its fault is told all
             self._settled(None)
-        self.stops = 0
+        self.stops, self.withdrawn = 0, []
 
     @property
     def waits(self) -> bool:
@@ -350,9 +352,13 @@ class SocketDoor:
         """Type an answer to what is asked; where nothing is, to nothing."""
         number, question = self.question or (None, "")
         if self.send({"answer": text, "id": number}):
-            if is_word(first_word(text), "stop"):
+            word = first_word(text)
+            if is_word(word, "stop"):
                 self.stops += 1
                 self.story.words.stop("an answer")
+            elif len(text.split()) == 1 and (is_word(word, "disable") or is_word(word, "abort")):
+                self.withdrawn.append((self, f"{text} {self.number}"))
+                self.story.words.said(text, self.withdrawn[-1], self.may)
             elif text.lower().startswith("y"):
                 self.story.words.agreed(question)
 
@@ -414,7 +420,9 @@ class SocketDoor:
             self.story.told(message["stopped"], AT_REST)
             if message["stopped"] == "Nothing moves.":
                 self._settled(None)
-            elif self.stops:  # one that was typed as an answer
+            elif self.withdrawn:  # one that was typed as an answer
+                self.story.words.answered(self.withdrawn.pop(0), message["stopped"], 0)
+            elif self.stops:  # and so was this
                 self.stops -= 1
             else:
                 self._settled(message["stopped"])
