@@ -72,7 +72,8 @@ def test_of_many_sizes_the_right_one_is_among_as_few_guesses(name: str) -> None:
 
 def test_guesses_are_few_at_each_corner_and_in_all(monkeypatch: pytest.MonkeyPatch) -> None:
     every = len(guessed("cube", solids(1.0, 0.7, 1.3))[0].part)
-    monkeypatch.setattr(corner_guesses, "MOST_OF_ONE", (3, 0))
+    monkeypatch.setattr(corner_guesses, "MOST_GUESSES", (1_000_000, 0))
+    monkeypatch.setattr(corner_guesses, "MOST_OF_ONE", (1, 0))
     few, could = guessed("cube", solids(1.0, 0.7, 1.3))
     assert 0 < len(few.part) < every
     monkeypatch.setattr(corner_guesses, "MOST_GUESSES", (50, 0))
@@ -83,9 +84,10 @@ def test_guesses_are_few_at_each_corner_and_in_all(monkeypatch: pytest.MonkeyPat
 
 def test_more_parts_taught_may_be_guessed_more_often(monkeypatch: pytest.MonkeyPatch) -> None:
     """Twelve parts here: each corner may be one of each, and all of them together so often."""
-    monkeypatch.setattr(corner_guesses, "MOST_OF_ONE", (3, 0))
+    monkeypatch.setattr(corner_guesses, "MOST_GUESSES", (1_000_000, 0))
+    monkeypatch.setattr(corner_guesses, "MOST_OF_ONE", (1, 0))
     few = len(guessed("cube", solids(1.0, 0.7, 1.3))[0].part)
-    monkeypatch.setattr(corner_guesses, "MOST_OF_ONE", (3, 1))
+    monkeypatch.setattr(corner_guesses, "MOST_OF_ONE", (1, 1))
     more = len(guessed("cube", solids(1.0, 0.7, 1.3))[0].part)
     assert more > 2 * few
     monkeypatch.setattr(corner_guesses, "MOST_GUESSES", (5, 2))
