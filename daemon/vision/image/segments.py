@@ -50,11 +50,15 @@ class Segments:
 @dataclass(frozen=True, eq=False)
 class SegmentCorners:
     """Where two segments meet: at (C, 2) px; arms (C, 2, 2) px, the far ends of both; sign (C, 2): 1 where the segment
-    runs away from the corner, -1 where it runs towards it."""
+    runs away from the corner, -1 where it runs towards it; those with the longest shorter arm first."""
 
     at: Array
     arms: Array
     sign: Array
+
+    def longest(self, most: int) -> SegmentCorners:
+        """Those with the longest arms, as they are sorted."""
+        return SegmentCorners(self.at[:most], self.arms[:most], self.sign[:most])
 
 
 def find_segments(grey: Grey) -> Segments:

@@ -1,8 +1,8 @@
 """Parts named by straight edges, where no outline closes: printed faces, patterned tables, worn and shining edges.
 
-Corners in space say which taught parts could be there, and where; the segments of both images say how much speaks for
-each, turned to where most does, or laid onto the table where that is seen; the best are laid onto the grey levels,
-stretch by stretch. How likely such a part is there says what its edges show beyond the chance of this very picture,
+The likeliest guesses of which part could be where are laid onto the grey levels, stretch by stretch: first those from
+corners that both eyes see, then, where these name nothing, those from the table and the corners of either eye alone.
+How likely such a part is there says what its edges show beyond the chance of this very picture,
 whether it rests on the table, whether another size would fit better, whether the picture repeats itself, and whether
 its print lies on its faces: held against all guesses that were made, so that more taught parts raise the bar. And what
 only it has must tell it from every other taught part that could lie there.
@@ -12,8 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cache
-from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
@@ -22,37 +20,31 @@ from daemon import frames
 from daemon.arrays import Array
 from daemon.vision.facets import Table, seen_table, weld
 from daemon.vision.geometry import Polyhedron, Shape
-from daemon.vision.image import Eyes, joined, segment_corners
+from daemon.vision.image import Eyes
 from daemon.vision.model import Model
-from daemon.vision.recognition import Recognised, suspected, typed_as
+from daemon.vision.recognition import Recognised, typed_as
 from daemon.vision.registration.beside import COVERED, covered, lies_on
-from daemon.vision.registration.corner_guesses import guesses_from_space
-from daemon.vision.registration.different import Guesses, different
-from daemon.vision.registration.directed import DirectedMap, directed_map, elsewhere, evidence, other_sizes, promising
+from daemon.vision.registration.directed import directed_map, elsewhere, other_sizes
 from daemon.vision.registration.edge_pose import facets_in_view, facets_laid
 from daemon.vision.registration.equivalent import best_fitted
 from daemon.vision.registration.expected_edges import Placements
 from daemon.vision.registration.faces import likeness
-from daemon.vision.registration.measured import hull, measured_facet, silhouette
-from daemon.vision.registration.posed import Posed, pixels, taught_solids
-from daemon.vision.registration.resting import Ground, laid_down, rests_on
+from daemon.vision.registration.guessing import (
+    FEWEST_IN_VIEW,
+    SEARCHED,
+    Likely,
+    Scene,
+    guessed_in_space,
+    guessed_on_table,
+)
+from daemon.vision.registration.measured import measured_facet, silhouette
+from daemon.vision.registration.resting import Ground, rests_on
 from daemon.vision.registration.rivals import LEAST_APART, by_own_edges
-from daemon.vision.registration.space_corners import lookalikes, meet
+from daemon.vision.registration.space_corners import lookalikes
 from daemon.vision.registration.stretches import Borne, Stretches, borne_out, settled, stretches_of
-from daemon.vision.registration.unsure import best_turned, nearby
+from daemon.vision.registration.unsure import nearby
 from daemon.vision.values import Group, NearestGuess, Part, Recognition
 
-Maps = tuple[DirectedMap, DirectedMap]
-
-LOOKED_AT, MOST, PER_PLACE, PER_LABEL = 60, 24, 6, 2
-"""Guesses looked at in the order of what speaks for them; those of them laid onto the images, in all, at one place, and
-of each part there however many others are: a part that is like another must be there to be its rival."""
-SEARCHED, FEWEST_LAID = 0.6, 5
-"""Of a look's budget, after which no more guesses are asked for, and how many are laid onto the images yet."""
-WORTH = 0.6
-"""Of the evidence for the best guess at a place, what another there must have to be laid as well."""
-LEAST_NATS = 180.0
-"""Evidence of segments against chance, a third of which a guess must have to be looked at."""
 BY_NATS, BY_WHOLE, BY_SIZE, BY_LIKENESS, ELSE = 0.168, 12.7, 12.0, 6.4, -2.35
 """What a part's log odds are made of, before all guesses that were made share them: nats of evidence; the cube of its
 share of what there could be; less, the more speaks for another size and the less alike its print is in both eyes; and
@@ -74,8 +66,6 @@ UNDECIDED, MOST_UNDECIDED = (-1.0, 8.0), 3
 """Log odds between which it is not decided by its edges whether a part is there, and how many such are laid anew beside
 where they lie. In a trial fourteen true ones gained 1.3 by it on average, 5 at most; five strangers .5, 1 at most. They
 pay for their tries as turned guesses do: unpaid, a cylinder was taken for a prism."""
-FEWEST_IN_VIEW = 2
-"""Facets of a part that is named by its edges: one alone is no proof."""
 NEAREST = 0.4
 """Of the evidence there could be, what a guess has that is worth showing."""
 
@@ -106,14 +96,6 @@ class Laid:
         return self.covers.covers(other.covers) > COVERED
 
 
-class Likely(NamedTuple):
-    """A part and where it could be: its pose (4, 4) cyclopean_from_part, the best of so many tries at one guess."""
-
-    label: str
-    pose: Array
-    tries: float = 1.0
-
-
 class Straight(NamedTuple):
     """What straight edges name, what came nearest to it where they name nothing, what there was no time for, and the
     table, where that is seen or known."""
@@ -142,28 +124,45 @@ def named_by_segments(
     unnamed = [one.group for one in known if not one.named]
     named = [covered(one, model, eyes) for one in known if one.named]
     maps = directed_map(eyes.left), directed_map(eyes.right)
-    ground = Ground.of(seen_table(eyes), told)
-    likely, tests, left_out = _likely(eyes, model, unnamed, named, maps, ground, spent)
-    laid = _by_odds(_laid(eyes, model, likely, ground))
-    if spent() < SEARCHED:
-        laid = _by_odds([*laid, *_laid(eyes, model, _undecided(laid, tests, eyes), ground)])
-    sure = cache(lambda k: _confidence(laid[k], unnamed, eyes, maps, tests))
-    taken, found = list[Laid](), list[Recognised]()
-    for k, one in enumerate(laid):
-        if spent() > 1:
-            left_out = (*left_out, f"{len(laid) - k} of {len(laid)} guesses were not tried")
-            break
-        if any(one.overlaps(other) for other in taken) or sure(k) < LEAST_CONFIDENCE:
-            continue
-        taken.append(one)
-        rivals = (other for other in laid if other.label != one.label and other.overlaps(one))
-        if all(by_own_edges(one.seen, other.seen) > LEAST_APART for other in rivals):
-            found.append(_recognised(one, sure(k), eyes, model))
+    scene = Scene(eyes, model, unnamed, named, maps, Ground.of(seen_table(eyes), told))
+    laid, tests, left_out = list[Laid](), 0, tuple[str, ...]()
+    for guessed in (guessed_in_space, guessed_on_table):
+        likely, of, unasked = guessed(scene, spent)
+        tests += of
+        fresh = _by_odds(_laid(scene, likely))
+        if spent() < SEARCHED:
+            fresh += _laid(scene, _undecided(fresh, tests, eyes))
+        laid = _by_odds([*laid, *fresh])
+        taken, found, untried = _proven(scene, laid, tests, spent)
+        left_out += unasked + untried
+        if named or found or spent() > SEARCHED:
+            break  # the second way is for looks that would come home with nothing
     nearest = list[Laid]()
     for one in laid:
         if one.borne.share > NEAREST and not any(one.overlaps(other) for other in (*taken, *nearest)):
             nearest.append(one)
-    return Straight(found, tuple(map(_guess, nearest)), left_out, ground)
+    return Straight(found, tuple(map(_guess, nearest)), left_out, scene.ground)
+
+
+def _proven(
+    scene: Scene, laid: Sequence[Laid], tests: int, spent: Callable[[], float]
+) -> tuple[list[Laid], list[Recognised], tuple[str, ...]]:
+    """Of laid parts, the likeliest first, those that are there; those of them that no other could be as well, named;
+    and what there was no time for."""
+    taken, found = list[Laid](), list[Recognised]()
+    for k, one in enumerate(laid):
+        if spent() > 1:
+            return taken, found, (f"{len(laid) - k} of {len(laid)} guesses were not tried",)
+        if any(one.overlaps(other) for other in taken):
+            continue
+        confidence = _confidence(one, scene, tests)
+        if confidence < LEAST_CONFIDENCE:
+            continue
+        taken.append(one)
+        rivals = (other for other in laid if other.label != one.label and other.overlaps(one))
+        if all(by_own_edges(one.seen, other.seen) > LEAST_APART for other in rivals):
+            found.append(_recognised(one, confidence, scene.eyes, scene.model))
+    return taken, found, ()
 
 
 def _by_odds(laid: Iterable[Laid]) -> list[Laid]:
@@ -175,52 +174,11 @@ def _guess(one: Laid) -> NearestGuess:
     return NearestGuess(one.label, ends[0], ends[1], one.seen[0].shows, one.seen[1].shows)
 
 
-def _likely(
-    eyes: Eyes,
-    model: Model,
-    unnamed: Sequence[Group],
-    named: Sequence[Shape],
-    maps: Maps,
-    ground: Ground | None,
-    spent: Callable[[], float],
-) -> tuple[list[Likely], int, tuple[str, ...]]:
-    """The likeliest parts and places, of how many, and what there was no time to ask."""
-    left, right = (segment_corners(joined(view.segments)) for view in eyes.views)
-    if spent() > SEARCHED:
-        return [], 1, ("where taught parts could be was not looked for",)
-    solids = taught_solids(model)
-    guessed, hinges, tests = guesses_from_space(meet(left, right, eyes.geometry), eyes.geometry, maps, solids)
-    by_facet = [one for group in unnamed for facet in group.facets for one in suspected(facet, model)]
-    part = np.array([solids.labels.index(label) for label, _ in by_facet], np.intp)
-    posed = Posed(
-        solids,
-        np.concatenate([guessed.part, part]),
-        np.concatenate([guessed.poses, *(pose[None] for _, pose in by_facet)]),
-    )
-    middles = posed.chosen(np.arange(len(guessed.part), len(posed.part))).middles_mm()
-    hinges = np.concatenate([hinges, np.stack([middles, np.zeros_like(middles)], 1)])
-    if ground is not None:
-        posed, hinges = laid_down(posed, hinges, ground.table, eyes.geometry)
-    good = promising(posed, eyes.geometry, maps)
-    posed, hinges = posed.chosen(good), hinges[good]
-    nats, _ = evidence(posed, eyes.geometry, maps)
-    good = (nats > LEAST_NATS / 3) & (posed.in_view().sum(1) >= FEWEST_IN_VIEW)
-    if named:
-        middle_px = pixels(posed.middles_mm(), eyes.geometry)[0]
-        good &= np.all([shape.depth(middle_px) <= 0 for shape in named], axis=0)
-    guesses = Guesses(posed.chosen(good), -nats[good])
-    kept = _worth(*best_turned(guesses, hinges[good], eyes.geometry, maps), eyes)
-    told = tuple[str, ...]()
-    if spent() > SEARCHED and len(kept) > FEWEST_LAID:
-        told = (f"{len(kept) - FEWEST_LAID} of {len(kept)} guesses were not compared with the pictures",)
-        kept = kept[:FEWEST_LAID]
-    return kept, tests + len(by_facet), told
-
-
-def _laid(eyes: Eyes, model: Model, likely: Sequence[Likely], ground: Ground | None) -> Iterator[Laid]:
+def _laid(scene: Scene, likely: Sequence[Likely]) -> Iterator[Laid]:
     """Parts laid where their edges lie, near likely places."""
     if not likely:
         return
+    eyes, model, ground = scene.eyes, scene.model, scene.ground
     solids = [model.metric[one.label].solid for one in likely]
     laid, tolerance = Placements.of(solids), model.parameters.tolerance_mm
     poses = settled(laid, eyes, np.stack([one.pose for one in likely]), tolerance)
@@ -257,23 +215,9 @@ def _contradicts(group: Group, one: Laid) -> bool:
     )
 
 
-def _worth(guesses: Guesses, tries: Array, eyes: Eyes) -> list[Likely]:
-    """The best guesses: a few at each place, for which nearly as much speaks as for the best there."""
-    kept, shapes, posed = list[Likely](), list[tuple[Shape, float, str]](), guesses.posed
-    for k, corners_px in islice(different(guesses, eyes), LOOKED_AT):
-        shape, against, label = hull(corners_px), float(guesses.against[k]), posed.solids.labels[posed.part[k]]
-        there = [(worst, own) for other, worst, own in shapes if other.covers(shape) > COVERED]
-        own = [one for _, one in there].count(label)
-        if not there or ((len(there) < PER_PLACE or own < PER_LABEL) and against < WORTH * there[0][0]):
-            kept.append(Likely(label, posed.poses[k], float(tries[k])))
-            shapes.append((shape, against, label))
-        if len(kept) == MOST:
-            break
-    return kept
-
-
-def _confidence(one: Laid, unnamed: Sequence[Group], eyes: Eyes, maps: Maps, tests: int) -> float:
+def _confidence(one: Laid, scene: Scene, tests: int) -> float:
     """How likely a laid part is there, of so many guesses of which each could have come so far by chance."""
+    eyes, maps = scene.eyes, scene.maps
     if facets_in_view(one.solid, eyes, one.pose) < FEWEST_IN_VIEW:
         return 0.0
     odds = one.odds - np.log(tests)
@@ -284,7 +228,7 @@ def _confidence(one: Laid, unnamed: Sequence[Group], eyes: Eyes, maps: Maps, tes
     odds -= BY_SIZE * (np.clip(gain, 1.0, MOST_SIZE) - 1)
     odds -= BY_LIKENESS * (1 - (USUAL_LIKENESS if alike is None else max(alike, 0.0)))
     odds -= BY_ELSEWHERE * max(elsewhere(one.solid, one.pose, eyes.geometry, maps[0]) - USUAL_ELSEWHERE, 0.0)
-    return _probability(odds + CONTRADICTED * any(_contradicts(group, one) for group in unnamed))
+    return _probability(odds + CONTRADICTED * any(_contradicts(group, one) for group in scene.unnamed))
 
 
 def _probability(log_odds: float) -> float:

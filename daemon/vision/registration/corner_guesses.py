@@ -24,9 +24,9 @@ MOST_ASKED = 0.03  # by how much of its cosine no direction in the plane has the
 MOST_COUNTED = 6000  # guesses of one part and side of the plane that count as such
 MOST_GUESSES, MOST_OF_ONE = (4000, 200), (16, 1)
 """Of all parts, and at one corner in space, those for whose two edges most speaks: so many, or so many for each taught
-part where that is more. In 57 rendered looks with four parts taught the first good guess was among the first 500 of
-some 10,000 in nineteen of twenty. With 64 taught, 4,000 and 16 named 37 of 57 parts on hard tables, these 46; twice as
-many at a corner named no more."""
+part where that is more; at a corner its share of all, where corners are few. In 57 rendered looks with four parts
+taught the first good guess was among the first 500 of some 10,000 in nineteen of twenty. With 64 taught, 4,000 and 16
+named 37 of 57 parts on hard tables, these 46; twice as many at a corner named no more."""
 LENGTH_MM, ANGLE = 1.0, np.radians(2.0)
 """Edges of such lengths and at such angles are one kind."""
 LEAST_NATS = 20.0  # that must speak for two edges in both eyes together
@@ -84,8 +84,8 @@ def guesses_from_space(
     counts = np.minimum(
         [np.bincount(kinds.part, could[side].sum(1)[kinds.about]) for side in (0, 1)], MOST_COUNTED
     ).sum()
-    most, most_of_one = (max(least, each * len(solids.labels)) for least, each in (MOST_GUESSES, MOST_OF_ONE))
-    where, side, which = _likeliest(_nats(corners, geometry, maps, kinds, could, other), kinds, most, most_of_one)
+    nats = _nats(corners, geometry, maps, kinds, could, other)
+    where, side, which = _likeliest(nats, kinds, *_most(len(solids.labels), len(corners.at)))
     cyclopean_from_corner = np.zeros((len(which), 4, 4))
     turn = geometry.cyclopean_from_baseline
     seconds = _second_edges(corners.chosen(where), kinds.cosine[which])[side, np.arange(len(which))]
@@ -96,6 +96,12 @@ def guesses_from_space(
     about = _hinge(corners.at[where], corners.firm[where], seconds) @ turn.T
     hinges = np.stack([cyclopean_from_corner[:, :3, 3], about], 1)
     return Posed(solids, kinds.part[which], cyclopean_from_corner @ kinds.corner_from_part[which]), hinges, int(counts)
+
+
+def _most(taught: int, corners: int) -> tuple[int, int]:
+    """Guesses in all, and at one of so many corners."""
+    most, of_one = (max(least, each * taught) for least, each in (MOST_GUESSES, MOST_OF_ONE))
+    return most, max(of_one, most // corners)
 
 
 def _hinge(ray: Array, one: Array, other: Array) -> Array:

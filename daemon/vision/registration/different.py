@@ -31,13 +31,15 @@ class Guesses:
         return Guesses(self.posed.chosen(which), self.against[which])
 
 
-def thinned(guesses: Guesses) -> Index:
-    """Which are the likeliest of every bundle of guesses of one part at much the same pose."""
+def thinned(guesses: Guesses, of_each: int = 1) -> Index:
+    """Which are the likeliest few of every bundle of guesses of one part at much the same pose."""
     posed = guesses.posed
     cells = [posed.part[:, None], posed.middles_mm() / CELL_MM, posed.poses[:, :3, :2].reshape(-1, 6) / CELL_TURN]
     bundle = np.rint(np.concatenate(cells, 1)).astype(np.int64) @ _BUNDLE
-    order = np.argsort(guesses.against, kind="stable")
-    return np.asarray(order[np.unique(bundle[order], return_index=True)[1]])
+    order = np.lexsort((guesses.against, bundle))
+    begins = np.flatnonzero(np.diff(bundle[order], prepend=-1))
+    rank = np.arange(len(order)) - np.repeat(begins, np.diff(begins, append=len(order)))
+    return np.asarray(order[rank < of_each])
 
 
 def different(guesses: Guesses, eyes: Eyes) -> Iterator[tuple[int, Array]]:

@@ -36,9 +36,9 @@ PLACES, SPACING_PX = 10, 5.0
 _ALONG = np.asarray((np.arange(PLACES) + 0.5) / PLACES, np.float32)
 SHOWS, LEAST_CHANCE, MOST_CHANCE = 0.75, 0.02, 0.7
 """How much of an edge that is there shows as segments; limits of what a picture's own chance is taken for."""
-GLANCED, GLANCE_NATS, MOST_PROMISING = (0.2, 0.5, 0.8), 25.0, 600
-"""Shares of an edge at which many poses are looked at first, in one eye, what must speak for one of them to be looked
-at in earnest (half of what chosen ones ever had), and how many may."""
+GLANCED, GLANCE_NATS = (0.2, 0.5, 0.8), 25.0
+"""Shares of an edge at which many poses are looked at first, in one eye, and what must speak for one of them to be
+looked at in earnest: half of what chosen ones ever had."""
 SIZES, PARALLEL = (0.75, 0.8, 0.85, 0.9, 1.1, 1.15, 1.2, 1.25), 0.98
 ASIDE, NOT_ASIDE, FAR_ASIDE = 3, 9, 48
 """Pixels of a map: steps by which a part is shifted over the picture to see what speaks for it elsewhere, from which
@@ -79,6 +79,15 @@ class DirectedMap:
             rows = slice(k, k + MOST_ROWS)
             cv2.remap(every, x[rows], y[rows], cv2.INTER_NEAREST, found[rows], cv2.BORDER_CONSTANT, 0)
         return found, which
+
+    def of_lines(self, start: Image32, way: Image32, along: Image32) -> tuple[Image32, Image32]:
+        """(N,) nats for lines that begin at start (N, 2) and end way (N, 2) farther, px of the map, looked at at shares
+        along (M,) of them; and the most there could be."""
+        hits, which = self.hits(way, start[:, :1] + along * way[:, :1], start[:, 1:] + along * way[:, 1:])
+        hit = hits.sum(1, dtype=np.uint16) * np.float32(1 / 255 / len(along))
+        there, missing = self.nats
+        length = np.hypot(way[:, 0], way[:, 1]) * np.float32(SHRINK / SPACING_PX)
+        return length * (hit * there[which] + (1 - hit) * missing[which]), length * there[which]
 
 
 def directed_map(view: OneEye) -> DirectedMap:
@@ -152,15 +161,12 @@ def evidence(posed: Posed, geometry: Baseline, maps: tuple[DirectedMap, Directed
     return left[0] + right[0], left[1] + right[1]
 
 
-def promising(posed: Posed, geometry: Baseline, maps: tuple[DirectedMap, DirectedMap]) -> Index:
-    """Which (Q,) of many poses a few places of the left eye already speak for, the likeliest where there are more than
-    MOST_PROMISING."""
+def promising(posed: Posed, geometry: Baseline, maps: tuple[DirectedMap, DirectedMap]) -> tuple[Index, Array]:
+    """Which (Q,) of many poses a few places of the left eye already speak for, and how many nats (Q,)."""
     left = ideal(posed.corners_mm(geometry), geometry)[0]
     nats, _ = _of_one_eye(len(posed.part), *posed.edges(), left, maps[0], np.array(GLANCED, np.float32))
     good = np.flatnonzero(nats > GLANCE_NATS)
-    if len(good) > MOST_PROMISING:
-        good = good[np.argpartition(-nats[good], MOST_PROMISING)[:MOST_PROMISING]]
-    return np.asarray(good)
+    return good, nats[good]
 
 
 def _of_one_eye(
@@ -170,12 +176,7 @@ def _of_one_eye(
     edges that show; corners: all, in ideal coordinates; along (M,) shares of an edge at which is looked."""
     at = (corners - seen.origin.astype(np.float32)) * np.float32(seen.scale)
     start = at[ends[:, 0]]
-    way = at[ends[:, 1]] - start
-    hits, which = seen.hits(way, start[:, :1] + along * way[:, :1], start[:, 1:] + along * way[:, 1:])
-    hit = hits.sum(1, dtype=np.uint16) * np.float32(1 / 255 / len(along))
-    there, missing = seen.nats
-    length = np.hypot(way[:, 0], way[:, 1]) * (SHRINK / SPACING_PX)
-    by_edge = length * (hit * there[which] + (1 - hit) * missing[which]), length * there[which]
+    by_edge = seen.of_lines(start, at[ends[:, 1]] - start, along)
     nats, most = (np.asarray(np.bincount(pose, each, count), float) for each in by_edge)
     return nats, most
 

@@ -46,7 +46,7 @@ class SpaceCorners:
 
 
 @dataclass(frozen=True, eq=False)
-class _Seen:
+class CornersInEye:
     """Corners in one eye, in ideal coordinates: at (C, 2), arms (C, 2, 2) from it, sign (C, 2)."""
 
     at: Array
@@ -54,15 +54,21 @@ class _Seen:
     sign: Array
 
     @classmethod
-    def of(cls, found: SegmentCorners, eye: Eye) -> _Seen:
+    def of(cls, found: SegmentCorners, eye: Eye) -> CornersInEye:
         ideal = eye.ideal(np.concatenate([found.at, found.arms.reshape(-1, 2)]))
         at, ends = np.split(ideal, [len(found.at)])
         return cls(at, ends.reshape(-1, 2, 2) - at[:, None], found.sign)
 
-    def chosen(self, which: Index, swapped: bool = False) -> _Seen:
+    def chosen(self, which: Index, swapped: bool = False) -> CornersInEye:
         """Some of them, their arms the other way round or not."""
         order = [1, 0] if swapped else [0, 1]
-        return _Seen(self.at[which], self.arms[which][:, order], self.sign[which][:, order])
+        return CornersInEye(self.at[which], self.arms[which][:, order], self.sign[which][:, order])
+
+    def longer_first(self) -> CornersInEye:
+        """The same, the longer arm of each first."""
+        each, longer = np.arange(len(self.at)), np.linalg.norm(self.arms, axis=2).argmax(1)
+        order = np.stack([longer, 1 - longer], 1)
+        return CornersInEye(self.at, self.arms[each[:, None], order], self.sign[each[:, None], order])
 
     def planes(self) -> Array:
         """(C, 2, 3) unit normals of the planes through the eye and each arm."""
@@ -73,7 +79,7 @@ class _Seen:
 
 def meet(left: SegmentCorners, right: SegmentCorners, geometry: Baseline) -> SpaceCorners:
     """Every two corners, one in each eye, that could be one."""
-    in_left, in_right = _Seen.of(left, geometry.left), _Seen.of(right, geometry.right)
+    in_left, in_right = CornersInEye.of(left, geometry.left), CornersInEye.of(right, geometry.right)
     i, j = pairs_within(in_left.at[:, 1], in_right.at[:, 1], ROW_PX / geometry.left.focal_px)
     apart = in_left.at[i, 0] - in_right.at[j, 0]
     near = (apart * FARTHEST_MM > geometry.length_mm) & (apart * NEAREST_MM < geometry.length_mm)
@@ -104,8 +110,8 @@ def meet(left: SegmentCorners, right: SegmentCorners, geometry: Baseline) -> Spa
     return SpaceCorners(depth[:, None] * ray, direction, planes[every, 1 - firm], arms, other.at)
 
 
-def _joined(parts: list[_Seen]) -> _Seen:
-    return _Seen(*(np.concatenate([getattr(p, name) for p in parts]) for name in ("at", "arms", "sign")))
+def _joined(parts: list[CornersInEye]) -> CornersInEye:
+    return CornersInEye(*(np.concatenate([getattr(p, name) for p in parts]) for name in ("at", "arms", "sign")))
 
 
 @lru_cache(maxsize=256)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from itertools import chain, repeat
@@ -16,9 +17,11 @@ from daemon.vision.facets.weld import weld
 from daemon.vision.image.both_eyes import Eyes, open_eyes
 from daemon.vision.model.model import Model, empty_model, learn_view
 from daemon.vision.recognition.recognise import Recognised, recognise_group
-from daemon.vision.registration import by_segments
+from daemon.vision.registration import by_segments, guessing
 from daemon.vision.registration.by_segments import LEAST_CONFIDENCE, named_by_segments
 from daemon.vision.registration.directed import directed_map
+from daemon.vision.registration.guessing import Guessed, Scene, guessed_in_space
+from daemon.vision.registration.resting import rests
 from daemon.vision.registration.stretches import Borne, Stretches
 from daemon.vision.values import Group
 from tests.worlds.printed import print_pair, straight_rig
@@ -99,17 +102,17 @@ def _in_both(facet):
 
 @cache
 def all_laid(name: str) -> tuple[by_segments.Laid, ...]:
+    there = scene(name)
+    return tuple(by_segments._laid(there, guessed_in_space(there, lambda: 0.0).likely))
+
+
+def scene(name: str, groups: Sequence[Group] = ()) -> Scene:
     eyes = eyes_on(name)
-    likely, _, _ = by_segments._likely(eyes, model(), [], [], maps(eyes), None, lambda: 0.0)
-    return tuple(by_segments._laid(eyes, model(), likely, None))
+    return Scene(eyes, model(), groups, (), (directed_map(eyes.left), directed_map(eyes.right)), None)
 
 
-def maps(eyes: Eyes) -> by_segments.Maps:
-    return directed_map(eyes.left), directed_map(eyes.right)
-
-
-def confidence(one: by_segments.Laid, groups: tuple[Group, ...] | list[Group] = (), tests: int = 1000) -> float:
-    return by_segments._confidence(one, groups, eyes_on("cube"), maps(eyes_on("cube")), tests)
+def confidence(one: by_segments.Laid, groups: Sequence[Group] = (), tests: int = 1000) -> float:
+    return by_segments._confidence(one, scene("cube", groups), tests)
 
 
 @pytest.mark.parametrize(
@@ -128,7 +131,7 @@ def test_a_look_whose_time_is_up_tells_what_it_left_out(looks_at_the_clock: int,
 
 
 def test_where_time_grows_short_the_likeliest_guesses_alone_are_laid(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(by_segments, "FEWEST_LAID", 2)
+    monkeypatch.setattr(guessing, "FEWEST_LAID", 2)
     spent = chain(repeat(0.0, 2), repeat(0.7))
     straight = named_by_segments(eyes_on("cube"), model(), [], lambda: next(spent))
     assert len(straight.left_out) == 1
@@ -223,3 +226,40 @@ def test_a_part_is_held_against_the_table_that_is_seen_and_else_against_the_one_
     monkeypatch.setattr(by_segments, "rests_on", lambda ground, solid, pose: grounds.append(ground))
     named_by_segments(eyes_on("cube"), model(), [], told=known)
     assert {(ground.table, ground.seen) for ground in grounds} == {(there, True) if seen else (known, False)}
+
+
+TABLE = Table(np.array([0.0, 0.0, -1.0]), -352.5)
+"""On which no part rests as it does here: what is guessed on it comes to nothing."""
+
+
+@pytest.mark.parametrize("name", sorted(KNOWN))
+def test_a_part_of_which_the_eyes_see_no_corner_together_is_named_where_it_rests(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(by_segments, "guessed_in_space", lambda *_: Guessed([], 1000))
+    monkeypatch.setattr(by_segments, "seen_table", lambda eyes: None)
+    assert named_by_segments(eyes_on(name), model(), []).named == [], "nobody knows of a table"
+    (found,) = named_by_segments(eyes_on(name), model(), [], told=below(name)).named
+    corners = frames.apply(WHERE, KNOWN[name].corners_mm)
+    off = np.linalg.norm(np.concatenate(found.part.fitted_mm)[:, None] - corners, axis=2).min(1)
+    assert (found.label, off.max() < 1.5) == (name, True)
+
+
+def below(name: str) -> Table:
+    """A table on which a part rests where it is."""
+    solid = model().metric[name].solid
+    pose_of_model = next(one.pose for one in all_laid(name) if one.label == name)
+    down = rests(solid)[:, :3] @ pose_of_model[:3, :3].T
+    side = down[:, 2].argmax()
+    return Table(-down[side], float(rests(solid)[side, 3] * -1 - down[side] @ pose_of_model[:3, 3]))
+
+
+def test_the_table_is_asked_where_nothing_else_names_a_part(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = list[Scene]()
+    monkeypatch.setattr(by_segments, "guessed_on_table", lambda scene, spent: asked.append(scene) or Guessed([], 0))
+    known = named_by_segments(eyes_on("cube"), model(), [], told=TABLE).named
+    assert (len(known), asked) == (1, [])
+    named_by_segments(eyes_on(None), model(), known, told=TABLE)
+    assert asked == []
+    named_by_segments(eyes_on(None), model(), [], told=TABLE)
+    assert len(asked) == 1

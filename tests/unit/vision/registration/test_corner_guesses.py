@@ -65,33 +65,30 @@ def test_of_many_sizes_the_right_one_is_among_as_few_guesses(name: str) -> None:
     sizes = solids(1.0, *np.linspace(0.5, 1.6, 16))
     found, could = guessed(name, sizes)
     assert could > 10 * guessed(name, solids(1.0))[1]
-    least, each = corner_guesses.MOST_GUESSES
-    assert len(found.part) <= max(least, each * len(sizes.labels))
+    assert len(found.part) <= corner_guesses._most(len(sizes.labels), 1)[0]
     assert off_mm(name, found).min() < 6.0
 
 
 def test_guesses_are_few_at_each_corner_and_in_all(monkeypatch: pytest.MonkeyPatch) -> None:
-    every = len(guessed("cube", solids(1.0, 0.7, 1.3))[0].part)
-    monkeypatch.setattr(corner_guesses, "MOST_GUESSES", (1_000_000, 0))
-    monkeypatch.setattr(corner_guesses, "MOST_OF_ONE", (1, 0))
+    monkeypatch.setattr(corner_guesses, "_most", lambda taught, corners: (10**6, 3))
+    several, _ = guessed("cube", solids(1.0, 0.7, 1.3))
+    monkeypatch.setattr(corner_guesses, "_most", lambda taught, corners: (10**6, 1))
     few, could = guessed("cube", solids(1.0, 0.7, 1.3))
-    assert 0 < len(few.part) < every
-    monkeypatch.setattr(corner_guesses, "MOST_GUESSES", (50, 0))
+    assert 0 < len(few.part) < len(several.part)
+    monkeypatch.setattr(corner_guesses, "_most", lambda taught, corners: (50, 1))
     fewest, still = guessed("cube", solids(1.0, 0.7, 1.3))
     assert np.array_equal(fewest.poses, few.poses[:50])
     assert still == could
 
 
-def test_more_parts_taught_may_be_guessed_more_often(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Twelve parts here: each corner may be one of each, and all of them together so often."""
-    monkeypatch.setattr(corner_guesses, "MOST_GUESSES", (1_000_000, 0))
-    monkeypatch.setattr(corner_guesses, "MOST_OF_ONE", (1, 0))
-    few = len(guessed("cube", solids(1.0, 0.7, 1.3))[0].part)
-    monkeypatch.setattr(corner_guesses, "MOST_OF_ONE", (1, 1))
-    more = len(guessed("cube", solids(1.0, 0.7, 1.3))[0].part)
-    assert more > 2 * few
-    monkeypatch.setattr(corner_guesses, "MOST_GUESSES", (5, 2))
-    assert len(guessed("cube", solids(1.0, 0.7, 1.3))[0].part) == 24
+@pytest.mark.parametrize(
+    ("taught", "corners", "most"),
+    [(4, 800, (4000, 16)), (64, 800, (12800, 64)), (4, 50, (4000, 80)), (64, 50, (12800, 256))],
+)
+def test_more_may_be_guessed_where_more_is_taught_and_at_a_corner_where_those_are_few(
+    taught: int, corners: int, most: tuple[int, int]
+) -> None:
+    assert corner_guesses._most(taught, corners) == most
 
 
 def test_parts_share_the_kinds_of_their_corners() -> None:

@@ -1,0 +1,150 @@
+"""Which taught parts could be where by straight edges: few guesses of many, to be laid onto the images.
+
+In: both eyes, what is named and what is not, the table. Out: likely parts and places, and of how many guesses they are
+the best. Guesses come from corners that both eyes see together and from facets without a name; or from corners that one
+eye sees, of parts that rest on the table. Segments say how much speaks for each, turned to where most does, or laid
+onto the table where that is known.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import islice
+from typing import NamedTuple
+
+import numpy as np
+
+from daemon.arrays import Array
+from daemon.vision.geometry import Shape
+from daemon.vision.image import Eyes, SegmentCorners, joined, segment_corners
+from daemon.vision.model import Model
+from daemon.vision.recognition import suspected
+from daemon.vision.registration.beside import COVERED
+from daemon.vision.registration.corner_guesses import guesses_from_space
+from daemon.vision.registration.different import Guesses, different, thinned
+from daemon.vision.registration.directed import DirectedMap, evidence, promising
+from daemon.vision.registration.measured import hull
+from daemon.vision.registration.posed import Posed, pixels, taught_solids
+from daemon.vision.registration.resting import Ground, laid_down
+from daemon.vision.registration.space_corners import meet
+from daemon.vision.registration.table_guesses import guesses_on_table
+from daemon.vision.registration.unsure import best_turned
+from daemon.vision.values import Group
+
+LOOKED_AT, MOST, PER_PLACE, PER_LABEL = 60, 24, 6, 2
+"""Guesses looked at in the order of what speaks for them; those of them laid onto the images, in all, at one place, and
+of each part there however many others are: a part that is like another must be there to be its rival."""
+SEARCHED, FEWEST_LAID = 0.6, 5
+"""Of a look's budget, after which no more guesses are asked for, and how many are laid onto the images yet."""
+WORTH = 0.6
+"""Of the evidence for the best guess at a place, what another there must have to be laid as well."""
+MOST_PROMISING, OF_A_BUNDLE = 600, 4
+"""Guesses that a glance speaks for, of which both eyes are asked; and where there are more, how many at much the same
+pose: a part in plain sight has thousands, and one beside it is there as well."""
+LEAST_NATS = 180.0
+"""Evidence of segments against chance, a third of which a guess must have to be looked at."""
+FEWEST_IN_VIEW = 2
+"""Facets of a part that is named by its edges: one alone is no proof."""
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """What guesses are made from: both eyes, the taught parts, groups of facets without a name, what the left eye sees
+    of the parts that have one, maps of segments of both eyes, and the table, where that is seen or known."""
+
+    eyes: Eyes
+    model: Model
+    unnamed: Sequence[Group]
+    named: Sequence[Shape]
+    maps: tuple[DirectedMap, DirectedMap]
+    ground: Ground | None
+
+    @cached_property
+    def corners(self) -> tuple[SegmentCorners, SegmentCorners]:
+        """Where straight segments meet, in either eye."""
+        left, right = (segment_corners(joined(view.segments)) for view in self.eyes.views)
+        return left, right
+
+
+class Likely(NamedTuple):
+    """A part and where it could be: its pose (4, 4) cyclopean_from_part, the best of so many tries at one guess."""
+
+    label: str
+    pose: Array
+    tries: float = 1.0
+
+
+class Guessed(NamedTuple):
+    """The likeliest parts and places, of how many, and what there was no time to ask."""
+
+    likely: Sequence[Likely]
+    tests: int
+    left_out: tuple[str, ...] = ()
+
+
+def guessed_in_space(scene: Scene, spent: Callable[[], float]) -> Guessed:
+    """By corners that both eyes see, and by facets that have no name."""
+    left, right = scene.corners
+    if spent() > SEARCHED:
+        return Guessed([], 1, ("where taught parts could be was not looked for",))
+    solids, geometry = taught_solids(scene.model), scene.eyes.geometry
+    guesses, hinges, tests = guesses_from_space(meet(left, right, geometry), geometry, scene.maps, solids)
+    by_facet = [one for group in scene.unnamed for facet in group.facets for one in suspected(facet, scene.model)]
+    part = np.array([solids.labels.index(label) for label, _ in by_facet], np.intp)
+    posed = Posed(
+        solids,
+        np.concatenate([guesses.part, part]),
+        np.concatenate([guesses.poses, *(pose[None] for _, pose in by_facet)]),
+    )
+    middles = posed.chosen(np.arange(len(guesses.part), len(posed.part))).middles_mm()
+    hinges = np.concatenate([hinges, np.stack([middles, np.zeros_like(middles)], 1)])
+    if scene.ground is not None:
+        posed, hinges = laid_down(posed, hinges, scene.ground.table, geometry)
+    return _likeliest(scene, posed, hinges, tests + len(by_facet), spent)
+
+
+def guessed_on_table(scene: Scene, spent: Callable[[], float]) -> Guessed:
+    """By corners that one eye sees; nothing where no table is known."""
+    if scene.ground is None or spent() > SEARCHED:
+        return Guessed([], 0)
+    solids, geometry = taught_solids(scene.model), scene.eyes.geometry
+    posed, tests = guesses_on_table(scene.corners, geometry, scene.maps, scene.ground.table, solids)
+    return _likeliest(scene, posed, np.zeros((len(posed.part), 2, 3)), tests, spent)
+
+
+def _likeliest(scene: Scene, posed: Posed, hinges: Array, tests: int, spent: Callable[[], float]) -> Guessed:
+    """Those of many poses for which most speaks, each turned about its hinge (G, 2, 3) to where most does."""
+    eyes, geometry, maps = scene.eyes, scene.eyes.geometry, scene.maps
+    good, nats = promising(posed, geometry, maps)
+    if len(good) > MOST_PROMISING:
+        few = thinned(Guesses(posed.chosen(good), -nats), OF_A_BUNDLE)
+        good = good[few[np.argsort(-nats[few], kind="stable")[:MOST_PROMISING]]]
+    posed, hinges = posed.chosen(good), hinges[good]
+    nats, _ = evidence(posed, geometry, maps)
+    good = (nats > LEAST_NATS / 3) & (posed.in_view().sum(1) >= FEWEST_IN_VIEW)
+    if scene.named:
+        middle_px = pixels(posed.middles_mm(), geometry)[0]
+        good &= np.all([shape.depth(middle_px) <= 0 for shape in scene.named], axis=0)
+    guesses = Guesses(posed.chosen(good), -nats[good])
+    kept = _worth(*best_turned(guesses, hinges[good], geometry, maps), eyes)
+    if spent() > SEARCHED and len(kept) > FEWEST_LAID:
+        told = f"{len(kept) - FEWEST_LAID} of {len(kept)} guesses were not compared with the pictures"
+        return Guessed(kept[:FEWEST_LAID], tests, (told,))
+    return Guessed(kept, tests)
+
+
+def _worth(guesses: Guesses, tries: Array, eyes: Eyes) -> list[Likely]:
+    """The best guesses: a few at each place, for which nearly as much speaks as for the best there."""
+    kept, shapes, posed = list[Likely](), list[tuple[Shape, float, str]](), guesses.posed
+    for k, corners_px in islice(different(guesses, eyes), LOOKED_AT):
+        shape, against, label = hull(corners_px), float(guesses.against[k]), posed.solids.labels[posed.part[k]]
+        there = [(worst, own) for other, worst, own in shapes if other.covers(shape) > COVERED]
+        own = [one for _, one in there].count(label)
+        if not there or ((len(there) < PER_PLACE or own < PER_LABEL) and against < WORTH * there[0][0]):
+            kept.append(Likely(label, posed.poses[k], float(tries[k])))
+            shapes.append((shape, against, label))
+        if len(kept) == MOST:
+            break
+    return kept
