@@ -10,7 +10,17 @@ from daemon.vision.image.one_eye import OneEye, fits, outlines_near
 from daemon.vision.image.outlines import Outline, outlined
 from daemon.vision.image.polygon_fit import MODEL_PX, Fitted
 from daemon.vision.image.regions import Scale
-from daemon.vision.image.segments import SegmentCorners, Segments, find_segments, joined, pairs_within, segment_corners
+from daemon.vision.image.segments import (
+    SegmentCorners,
+    Segments,
+    cells_of,
+    find_segments,
+    joined,
+    pairs_within,
+    ranks,
+    segment_corners,
+    shared_out,
+)
 from daemon.vision.image.thesis_corners import find_corners
 
 __all__ = [
@@ -28,6 +38,7 @@ __all__ = [
     "VisionError",
     "as_grey",
     "block_means",
+    "cells_of",
     "edge_sigmas",
     "find_corners",
     "find_segments",
@@ -40,6 +51,8 @@ __all__ = [
     "outlines_near",
     "pairs_within",
     "probe_sides",
+    "ranks",
     "segment_corners",
+    "shared_out",
     "stretch_slopes",
 ]

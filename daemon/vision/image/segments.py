@@ -12,7 +12,7 @@ from itertools import product
 import cv2
 import numpy as np
 
-from daemon.arrays import Array, Index
+from daemon.arrays import Array, Flags, Index
 from daemon.vision.image.grey import Grey
 
 SHARE = 0.5
@@ -22,7 +22,8 @@ PATTERNED = 150
 FAINT_SMOOTHING_PX, FAINT_GAIN = 0.8, 4.0
 ABOUT_PX = 30
 """How far from a pixel lies, either way, what its grey level is raised against."""
-MOST_SEGMENTS = 800
+MOST_SEGMENTS, DIRECTIONS = 800, 16
+"""The longest of each direction, so many in all: the grain of wood has thousands of one, and leaves those of a part."""
 NEAR_PX, NEAR_SHARE = 12.0, 0.3
 """How far from its end a segment may meet another: px, and of its length."""
 GAP_PX, OVERLAP_PX, OFF_LINE_PX, END_OFF_LINE_PX = 14.0, 4.0, 1.5, 3.75
@@ -30,7 +31,9 @@ SAME_WAY = np.cos(np.radians(4.0))
 """How a segment may go on that was broken: px to the next piece, px both may overlap, px that begins and ends off the
 line of the first, and the angle between them."""
 LEAST_ANGLE = np.sin(np.radians(15.0))
-MOST_CORNERS = 1500
+MOST_CORNERS, CELL_PX = 1500, 64.0
+"""Of those in each cell of the image as many with the longest arms: a ruled table has thousands, and leaves a part its
+own."""
 AT_ONCE = 64  # segments held against all others: what a processor's cache holds
 
 
@@ -46,6 +49,10 @@ class Segments:
         """(N,) px."""
         return np.asarray(np.linalg.norm(self.end - self.start, axis=1))
 
+    def chosen(self, which: Index | Flags) -> Segments:
+        """Some of them."""
+        return Segments(self.start[which], self.end[which])
+
 
 @dataclass(frozen=True, eq=False)
 class SegmentCorners:
@@ -56,9 +63,10 @@ class SegmentCorners:
     arms: Array
     sign: Array
 
-    def longest(self, most: int) -> SegmentCorners:
-        """Those with the longest arms, as they are sorted."""
-        return SegmentCorners(self.at[:most], self.arms[:most], self.sign[:most])
+    def at_most(self, most: int) -> SegmentCorners:
+        """So many with long arms, all over the image."""
+        kept = shared_out(cells_of(self.at), most)
+        return SegmentCorners(self.at[kept], self.arms[kept], self.sign[kept])
 
 
 def find_segments(grey: Grey) -> Segments:
@@ -70,10 +78,18 @@ def find_segments(grey: Grey) -> Segments:
         about = cv2.blur(smooth, (2 * ABOUT_PX + 1, 2 * ABOUT_PX + 1))
         raised = cv2.addWeighted(smooth, FAINT_GAIN, about, -FAINT_GAIN, 128, dtype=cv2.CV_8U)
         found = np.concatenate([found, _lsd(np.asarray(raised, np.uint8))])
-    length = np.hypot(found[:, 2] - found[:, 0], found[:, 3] - found[:, 1])
-    order = np.argsort(-length)[:MOST_SEGMENTS]
-    ends = found[order[length[order] >= SHORTEST_PX]]
-    return Segments(ends[:, :2], ends[:, 2:])
+    every = Segments(found[:, :2], found[:, 2:])
+    return _longest(every.chosen(every.lengths_px >= SHORTEST_PX))
+
+
+def _longest(every: Segments) -> Segments:
+    """The longest of every direction, MOST_SEGMENTS in all, the longest first."""
+    every = every.chosen(np.argsort(-every.lengths_px, kind="stable"))
+    if len(every.start) <= MOST_SEGMENTS:
+        return every
+    way = every.end - every.start
+    direction = np.rint(np.arctan2(way[:, 1], way[:, 0]) * (DIRECTIONS / np.pi)).astype(int) % DIRECTIONS
+    return every.chosen(shared_out(direction, MOST_SEGMENTS))
 
 
 def _lsd(grey: Grey) -> Array:
@@ -97,9 +113,7 @@ def joined(found: Segments) -> Segments:
     on_line = (off < OFF_LINE_PX) & (np.abs((beyond * normal).sum(1)) < END_OFF_LINE_PX)
     good = straight & on_line & (along > -OVERLAP_PX) & (along < GAP_PX)
     first, second = first[good], second[good]
-    every = Segments(np.concatenate([start, start[first]]), np.concatenate([end, end[second]]))
-    longest = np.argsort(-every.lengths_px, kind="stable")[:MOST_SEGMENTS]
-    return Segments(every.start[longest], every.end[longest])
+    return _longest(Segments(np.concatenate([start, start[first]]), np.concatenate([end, end[second]])))
 
 
 def segment_corners(found: Segments) -> SegmentCorners:
@@ -126,8 +140,31 @@ def segment_corners(found: Segments) -> SegmentCorners:
     which = np.stack([first, second], 1)
     arms = np.where(away[..., None], found.end[which], found.start[which])
     reach = np.linalg.norm(arms - at[:, None], axis=2).min(1)
-    order = np.argsort(-reach)[:MOST_CORNERS]
+    order = np.argsort(-reach, kind="stable")
+    order = order[shared_out(cells_of(at[order]), MOST_CORNERS)]
     return SegmentCorners(at[order], arms[order], np.where(away, 1, -1)[order])
+
+
+def cells_of(at: Array) -> Index:
+    """(N,) in which part of the image each of places (N, 2) px lies."""
+    column, row = np.floor(at / CELL_PX).astype(np.intp).T
+    return np.asarray(column + 1000 * row)
+
+
+def shared_out(group: Index, most: int) -> Index:
+    """Which of N, the best first, each of a group (N,), are kept, in their order: at most so many, and of no group more
+    than of another that has more to give."""
+    if len(group) <= most:
+        return np.arange(len(group))
+    return np.sort(np.argsort(ranks(group), kind="stable")[:most])
+
+
+def ranks(group: Index) -> Index:
+    """(N,) how many of the same group (N,) come before each."""
+    order = np.argsort(group, kind="stable")
+    found = np.empty(len(group), np.intp)
+    found[order] = np.arange(len(group)) - np.searchsorted(group[order], group[order])
+    return found
 
 
 def _ends_near(found: Segments, reach_px: Array) -> tuple[Index, Index]:

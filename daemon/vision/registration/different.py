@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from daemon.arrays import Array, Flags, Index
-from daemon.vision.image import Eyes
+from daemon.vision.image import Eyes, ranks
 from daemon.vision.registration.posed import Posed, ideal
 
 ROOM_PX = 12
@@ -36,10 +36,8 @@ def thinned(guesses: Guesses, of_each: int = 1) -> Index:
     posed = guesses.posed
     cells = [posed.part[:, None], posed.middles_mm() / CELL_MM, posed.poses[:, :3, :2].reshape(-1, 6) / CELL_TURN]
     bundle = np.rint(np.concatenate(cells, 1)).astype(np.int64) @ _BUNDLE
-    order = np.lexsort((guesses.against, bundle))
-    begins = np.flatnonzero(np.diff(bundle[order], prepend=-1))
-    rank = np.arange(len(order)) - np.repeat(begins, np.diff(begins, append=len(order)))
-    return np.asarray(order[rank < of_each])
+    order = np.argsort(guesses.against, kind="stable")
+    return np.asarray(order[ranks(bundle[order]) < of_each])
 
 
 def different(guesses: Guesses, eyes: Eyes) -> Iterator[tuple[int, Array]]:

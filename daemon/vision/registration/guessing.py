@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from daemon.arrays import Array
+from daemon.arrays import Array, Index
 from daemon.vision.geometry import Shape
 from daemon.vision.image import Eyes, SegmentCorners, joined, segment_corners
 from daemon.vision.model import Model
@@ -117,10 +117,8 @@ def guessed_on_table(scene: Scene, spent: Callable[[], float]) -> Guessed:
 def _likeliest(scene: Scene, posed: Posed, hinges: Array, tests: int, spent: Callable[[], float]) -> Guessed:
     """Those of many poses for which most speaks, each turned about its hinge (G, 2, 3) to where most does."""
     eyes, geometry, maps = scene.eyes, scene.eyes.geometry, scene.maps
-    good, nats = promising(posed, geometry, maps)
-    if len(good) > MOST_PROMISING:
-        few = thinned(Guesses(posed.chosen(good), -nats), OF_A_BUNDLE)
-        good = good[few[np.argsort(-nats[few], kind="stable")[:MOST_PROMISING]]]
+    good, by_glance = promising(posed, geometry, maps)
+    good = good[_varied(Guesses(posed.chosen(good), -by_glance))]
     posed, hinges = posed.chosen(good), hinges[good]
     nats, _ = evidence(posed, geometry, maps)
     good = (nats > LEAST_NATS / 3) & (posed.in_view().sum(1) >= FEWEST_IN_VIEW)
@@ -133,6 +131,14 @@ def _likeliest(scene: Scene, posed: Posed, hinges: Array, tests: int, spent: Cal
         told = f"{len(kept) - FEWEST_LAID} of {len(kept)} guesses were not compared with the pictures"
         return Guessed(kept[:FEWEST_LAID], tests, (told,))
     return Guessed(kept, tests)
+
+
+def _varied(guesses: Guesses) -> Index:
+    """Those that both eyes are asked of: where they are too many, a few of every bundle."""
+    if len(guesses.against) <= MOST_PROMISING:
+        return np.arange(len(guesses.against))
+    few = thinned(guesses, OF_A_BUNDLE)
+    return few[np.argsort(guesses.against[few], kind="stable")[:MOST_PROMISING]]
 
 
 def _worth(guesses: Guesses, tries: Array, eyes: Eyes) -> list[Likely]:

@@ -31,8 +31,8 @@ LEAST_SLOPE = 0.15
 """Of the sight against the table."""
 BEHIND = 0.1
 """Of a corner's depth: what ends nearer to the eye is not in sight."""
-TOO_LONG, ROOM, LEAST_SHOWN = 1.1, 0.01, 0.3
-"""So many times its length an edge may show, and so much more in ideal coordinates; of both edges that much must."""
+TOO_LONG, ROOM = 1.1, 0.01
+"""So many times its length an edge may show, and so much more in ideal coordinates."""
 MOST_ASKED, MOST_GUESSES = 100_000, 1500
 """Kinds of corners times corners of one eye, those with the longest arms, so many as that leaves; guesses of them that
 the other eye bears out most."""
@@ -101,7 +101,7 @@ def guesses_on_table(
     turn = geometry.cyclopean_from_baseline
     parts, poses, tests = list[Index](), list[Array](), 0
     for k, eye in enumerate((geometry.left, geometry.right)):
-        corners = CornersInEye.of(seen[k].longest(MOST_ASKED // len(taught.kinds)), eye).longer_first()
+        corners = CornersInEye.of(seen[k].at_most(MOST_ASKED // len(taught.kinds)), eye).longer_first()
         eye_mm = geometry.middle_mm + (k - 0.5) * geometry.length_mm * turn[:, 0]
         which, at, ways = _possible(corners, taught, turn.T @ table.up, float(table.up @ eye_mm) - table.level_mm)
         tests += len(which)
@@ -131,7 +131,7 @@ def _possible(corners: CornersInEye, taught: RestingCorners, up: Array, eye_mm: 
     each = np.diff(taught.begins)[kind]
     which = np.arange(each.sum()) + np.repeat(taught.begins[kind] - np.cumsum(each) + each, each)
     of = np.repeat(np.arange(len(kind)), each)
-    depth = np.maximum(eye_mm - taught.height_mm[which], 0.0) / slope[c[of]]
+    depth = (eye_mm - taught.height_mm[which]) / slope[c[of]]
     good = depth > 0
     which, of, depth = which[good], of[good], depth[good]
     shown = np.linalg.norm(corners.arms, axis=2)[c[of]]
@@ -140,7 +140,7 @@ def _possible(corners: CornersInEye, taught: RestingCorners, up: Array, eye_mm: 
         along, own = taught.lengths_mm[which, edge] / depth, ways[edge]
         shift = np.linalg.norm(own[:, :2] - corners.at[c] * own[:, 2:], axis=1)
         reach[:, edge] = along * shift[of] / np.maximum(1 + along * own[of, 2], BEHIND)
-    good = (shown < TOO_LONG * reach + ROOM).all(1) & (shown.sum(1) > LEAST_SHOWN * reach.sum(1))
+    good = (shown < TOO_LONG * reach + ROOM).all(1)
     which, of = which[good], of[good]
     return which, depth[good, None] * ray[c[of]], _ways(bearing[of], taught.angles[which], axes)
 

@@ -2,11 +2,26 @@
 
 from __future__ import annotations
 
+from collections import Counter
+
 import cv2
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from daemon.vision.image.segments import PATTERNED, Segments, _lsd, find_segments, joined, segment_corners
+from daemon.vision.image import segments
+from daemon.vision.image.segments import (
+    MOST_SEGMENTS,
+    PATTERNED,
+    Segments,
+    _lsd,
+    cells_of,
+    find_segments,
+    joined,
+    segment_corners,
+    shared_out,
+)
 
 SQUARE = np.array([[150.0, 110.0], [330.0, 130.0], [310.0, 300.0], [135.0, 285.0]])
 
@@ -89,3 +104,41 @@ def test_pieces_that_turn_or_step_aside_are_not_joined() -> None:
     start = np.array([[100.0, 100.0], [135.0, 106.0], [135.0, 95.0], [200.0, 100.0]])
     end = np.array([[130.0, 100.0], [170.0, 106.0], [165.0, 90.0], [230.0, 100.0]])
     assert len(joined(Segments(start, end)).start) == len(start)
+
+
+@given(st.lists(st.integers(0, 6), max_size=60), st.integers(0, 70))
+def test_what_is_shared_out_is_the_best_of_each_group_and_none_has_more_than_one_that_could(
+    groups: list[int], most: int
+) -> None:
+    kept = shared_out(np.array(groups, np.intp), most).tolist()
+    assert kept == sorted(kept)
+    assert len(kept) == min(most, len(groups))
+    count = Counter(groups[k] for k in kept)
+    most_of_one = max(count.values(), default=0)
+    for group in set(groups):
+        own = [k for k, one in enumerate(groups) if one == group]
+        assert [k for k in kept if groups[k] == group] == own[: count[group]]
+        assert count[group] == len(own) or count[group] >= most_of_one - 1
+
+
+def test_of_a_table_with_a_grain_the_segments_of_a_part_are_kept() -> None:
+    """The grain's are a thousand, and each of them longer."""
+    start = np.stack([np.tile(np.arange(0.0, 1000.0, 20.0), 20), np.repeat(np.arange(20.0) * 40, 50)], 1)
+    grain = Segments(start, start + np.array([0.0, 35.0]))
+    part = Segments(np.array([[300.0, 300.0], [300.0, 320.0]]), np.array([[320.0, 300.0], [320.0, 321.0]]))
+    found = joined(Segments(np.concatenate([grain.start, part.start]), np.concatenate([grain.end, part.end])))
+    assert len(found.start) == MOST_SEGMENTS < len(grain.start)
+    assert {(20.0, 0.0), (20.0, 1.0)} <= {tuple(way) for way in (found.end - found.start).round(6).tolist()}
+    assert (np.diff(found.lengths_px) <= 1e-9).all()
+
+
+def test_of_a_ruled_table_the_corners_of_a_part_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(segments, "MOST_CORNERS", 30)
+    lines = 40.0 * np.arange(1, 12)
+    across = np.stack([np.full(11, 20.0), lines], 1), np.stack([np.full(11, 480.0), lines], 1)
+    down = across[0][:, ::-1] + np.array([150.0, 0.0]), across[1][:, ::-1] + np.array([150.0, 0.0])
+    small = np.array([[700.0, 700.0]] * 2), np.array([[715.0, 700.0], [700.0, 715.0]])
+    found = segment_corners(Segments(*(np.concatenate(each) for each in zip(across, down, small, strict=True))))
+    assert len(found.at) == 30
+    assert (np.abs(found.at - 700.0).max(1) < 1.0).any()
+    assert (np.abs(found.at_most(len(set(cells_of(found.at)))).at - 700.0).max(1) < 1.0).any()

@@ -177,8 +177,58 @@ def test_nothing_seen_or_nothing_taught_is_nothing_guessed() -> None:
 
 def test_from_below_a_table_nothing_is_guessed() -> None:
     """A table that somebody told wrongly."""
+    assert len(guessed_over(Table(np.array([0.0, 0.0, -1.0]), 100.0))[0].part) == 0
+
+
+def test_where_the_sight_grazes_the_table_nothing_is_guessed() -> None:
+    """There a little height is a long way."""
+    up, least = np.array([0.0, -0.985, -0.17]) / np.linalg.norm([0.0, -0.985, -0.17]), table_guesses.LEAST_SLOPE
+    where, above_mm = cube_on_a_table(up, np.array([20.0, -6.0, 330.0]))
+    corners = shown(SOLIDS["cube"], where, 0)
+    slope = -np.concatenate([corners.at, np.ones((len(corners.at), 1))], 1) @ up
+    assert slope.min() < 0.9 * least < 1.1 * least < slope.max()
+    axes = GEOMETRY.cyclopean_from_baseline
+    _, at, _ = table_guesses._possible(corners, resting_corners((SOLIDS["cube"],)), axes.T @ up, above_mm)
+    assert len(at)
+    assert (-at @ axes.T @ up > least * at[:, 2]).all()
+
+
+def cube_on_a_table(up: Array, middle_mm: Array) -> tuple[Array, float]:
+    """Its pose (4, 4), and how high the left eye is over the table."""
+    solid = SOLIDS["cube"]
+    turn = frames.rotation_from_vector(0.3 * up) @ taking(rests(solid)[0, :3], -up)
+    where = frames.rigid(turn, middle_mm - turn @ solid.corners_mm.mean(0))
+    eye_mm = GEOMETRY.middle_mm - 0.5 * GEOMETRY.length_mm * GEOMETRY.cyclopean_from_baseline[:, 0]
+    return where, float(up @ eye_mm - (frames.apply(where, solid.corners_mm) @ up).min())
+
+
+def guessed_over(table: Table) -> tuple[Posed, int]:
     eyes = eyes_on("cube")
     maps = directed_map(eyes.left), directed_map(eyes.right)
     taught = Solids.of(NAMES, [SOLIDS[name] for name in NAMES])
-    above = Table(np.array([0.0, 0.0, -1.0]), 100.0)
-    assert len(guesses_on_table(corners_of("cube"), eyes.geometry, maps, above, taught)[0].part) == 0
+    return guesses_on_table(corners_of("cube"), eyes.geometry, maps, table, taught)
+
+
+def test_an_edge_that_stands_up_steep_says_nothing_of_how_a_part_is_turned() -> None:
+    angles = resting_corners((SOLIDS["cube"],)).angles
+    assert np.abs(angles[:, 0]).max() < 1e-6
+    assert np.abs(angles[:, 1]).max() == pytest.approx(np.pi / 2)
+
+
+@pytest.mark.parametrize(("by", "fewest"), [(0.8, 2), (1.0, 20)])
+def test_how_long_an_edge_may_show_is_seen_in_perspective(by: float, fewest: int) -> None:
+    """A cube that is near and lies aslant, so that the far ends of its edges are much farther than the near ones; it
+    has 24 corners of two edges, and a smaller one could be at few of them."""
+    solid, up = SOLIDS["cube"], np.array([0.0, -0.8, -0.6])
+    where, above_mm = cube_on_a_table(up, np.array([-90.0, 60.0, 190.0]))
+    taught, corners = resting_corners((exact(by * solid.corners_mm, solid.facets),)), shown(solid, where, 0)
+    kept = 0
+    for k in range(len(corners.at)):
+        one = corners.chosen(np.array([k]))
+        which, at, ways = table_guesses._possible(one, taught, GEOMETRY.cyclopean_from_baseline.T @ up, above_mm)
+        ends = at[:, None] + taught.lengths_mm[which][..., None] * ways.transpose(1, 0, 2)
+        reach = np.linalg.norm(ends[..., :2] / ends[..., 2:] - one.at, axis=2)
+        longest = 1.02 * table_guesses.TOO_LONG * reach + table_guesses.ROOM  # angles are a degree off
+        assert (np.linalg.norm(one.arms, axis=2) < longest).all()
+        kept += len(which) > 0
+    assert kept >= fewest
