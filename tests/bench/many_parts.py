@@ -14,13 +14,14 @@ import sys
 import time
 from collections.abc import Iterator
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 
 from daemon.arrays import Array
 from daemon.main import tame_malloc
+from daemon.teaching.aspects import learn_solid
 from daemon.teaching.sufficiency import visible_facets
 from daemon.vision.geometry.rig import StereoRig
 from daemon.vision.look import look
@@ -34,7 +35,7 @@ from drivers.simcell.truth import Truth, load_truth
 from tests.bench.recognise import Tally, judge, test_folders, trained
 from tests.bench.simulated_looks import ETC, pose_above, true_rig
 from tests.worlds import rendered
-from tests.worlds.drawn import solid
+from tests.worlds.drawn import obj, solid
 from tests.worlds.many_parts import DrawnPart, drawn_parts, taught
 
 COUNTS = (4, 16, 64)
@@ -82,6 +83,7 @@ def main(pictures: int = PICTURES, *only: int) -> None:
         _reliability(count, found)
     if rendered.ALL.is_dir() and not only:
         _rendered(known)
+        _strangers_drawn()
 
 
 def _told(answers: Iterator[Answer]) -> Iterator[Answer]:
@@ -180,6 +182,41 @@ def _rendered(parts: tuple[DrawnPart, ...]) -> None:
             counts = f"{c['right']:>7}{c['silent']:>7}{c['mistaken']:>7}{c['invented'] + c['ghost']:>9}"
             columns = "".join(f"{ms:>{width}.0f}" for ms, width in zip(times, (9, 7, 7), strict=True))
             print(f"{kind:<18}{len(model.labels):>7}{counts}{columns}", flush=True)
+
+
+MOST_DRAWN = 20
+"""Facets of a stranger that is taught from a drawing: not a cylinder's."""
+
+
+def _strangers_drawn() -> None:
+    """The strangers of the rendered scenes, each taught by its own drawing beside the four parts."""
+    rig = rendered.rig(rendered.ALL, "B")
+    few, models, tallies = trained(rig), dict[str, Model](), dict[str, Tally]()
+    for folder in test_folders(rendered.ALL):
+        told = rendered.truth(folder)
+        for body in told["objects"]:
+            label, kind = body["label"], folder.name.partition("-")[0]
+            if label in few.labels or len(body["facets"]) > MOST_DRAWN:
+                continue
+            if label not in models:
+                models[label] = learn_solid(few, solid(f"{label}.obj", _drawing(body)), rig, label)
+            tally = tallies.setdefault(kind, Tally())
+            judge(look(*rendered.pair(folder), rig, models[label]), told, models[label].labels, tally)
+    print(f"\n{'strangers, drawn':<18}{'right':>7}{'silent':>7}{'wrong':>7}{'corners mm 50 %':>17}{'95 %':>7}")
+    for kind, tally in tallies.items():
+        c, off = tally.counts, np.percentile(tally.fitted_mm or [np.nan], [50, 95])
+        wrong = c["mistaken"] + c["invented"] + c["ghost"]
+        print(f"{kind:<18}{c['right']:>7}{c['silent']:>7}{wrong:>7}{off[0]:>17.2f}{off[1]:>7.2f}", flush=True)
+
+
+def _drawing(body: dict[str, Any]) -> bytes:
+    """An OBJ file of a body as the scene's truth has it; its rings run anticlockwise from outside."""
+    part_from_cyclopean = inverse(np.array(body["cyclopean_from_part"]))
+    faces = [np.asarray(f["corners_mm"]) @ part_from_cyclopean[:3, :3].T + part_from_cyclopean[:3, 3]
+             for f in body["facets"]]  # fmt: skip
+    corners, number = np.unique(np.concatenate(faces).round(2), axis=0, return_inverse=True)
+    rings = np.split(number.reshape(-1), np.cumsum([len(face) for face in faces])[:-1])
+    return obj(corners, [tuple(ring.tolist()) for ring in rings])
 
 
 if __name__ == "__main__":

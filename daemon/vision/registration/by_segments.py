@@ -2,10 +2,10 @@
 
 The likeliest guesses of which part could be where are laid onto the grey levels, stretch by stretch: first those from
 corners that both eyes see, then, where these name nothing, those from the table and the corners of either eye alone.
-How likely such a part is there says what its edges show beyond the chance of this very picture,
-whether it rests on the table, whether another size would fit better, whether the picture repeats itself, and whether
-its print lies on its faces: held against all guesses that were made, so that more taught parts raise the bar. And what
-only it has must tell it from every other taught part that could lie there.
+How likely such a part is there says what its edges show beyond the chance of this very picture, whether it rests on the
+table, whether another size would fit better, whether the picture repeats itself, and whether its print lies on its
+faces: held against all guesses that were made, so that more taught parts raise the bar. And what only it has must tell
+it from every other taught part that could lie there.
 """
 
 from __future__ import annotations

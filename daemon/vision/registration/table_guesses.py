@@ -1,5 +1,4 @@
-"""Where taught parts would be that rest on a table and have such a corner as one eye sees: for where no
-corner is seen by both.
+"""Where taught parts would be that rest on a table and have such a corner as one eye sees: for where both see none.
 
 In: segment corners of one eye, a table, taught solids, maps of segments. Out: poses, to be laid onto both images. A
 guess is no recognition. How high a corner of a part is over the table that it rests on says where on its sight it lies;
@@ -34,8 +33,8 @@ BEHIND = 0.1
 TOO_LONG, ROOM = 1.1, 0.01
 """So many times its length an edge may show, and so much more in ideal coordinates."""
 MOST_ASKED, MOST_GUESSES = 100_000, 1500
-"""Kinds of corners times corners of one eye, those with the longest arms, so many as that leaves; guesses of them that
-the other eye bears out most."""
+"""Kinds of taught corners times corners of one eye, as many of these as that leaves; of their guesses those that the
+other eye bears out most."""
 ANGLE = np.radians(2.0)
 """Corners at such angles are one kind."""
 SHARES = np.array([0.1, 0.3, 0.5, 0.7, 0.9], np.float32)
@@ -159,7 +158,7 @@ def _turned(corners: CornersInEye, ray: Array, axes: Array, kinds: Array) -> tup
     first, second = corners.arms[:, 0], corners.arms[:, 1]
     across = np.cross(ray, np.concatenate([first, np.zeros((len(first), 1))], 1)) @ axes.T
     slopes, of_slope = np.unique(kinds[:, 0], return_inverse=True)
-    share = -np.tan(slopes)[:, None] * (across[:, 2] / np.hypot(across[:, 0], across[:, 1]))
+    share = -np.tan(slopes)[:, None] * (across[:, 2] / np.maximum(np.hypot(across[:, 0], across[:, 1]), 1e-12))
     aside = np.arccos(np.clip(share, -1, 1))
     middle = np.arctan2(across[:, 1], across[:, 0])
     bearing = np.stack([middle - aside, middle + aside])  # (2, V, C)
