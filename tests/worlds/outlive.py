@@ -7,6 +7,7 @@ in another, configured as for a real cell, on the cell's serial line. tests/benc
 from __future__ import annotations
 
 import shutil
+import signal
 import tempfile
 import time
 from collections.abc import Callable, Sequence
@@ -27,7 +28,7 @@ from tests.worlds.sentry import CONFIG, Act, Found, Sentry, come_back, go_on, ki
 POISONED = ("!!", "\x15")
 """What makes a line an error at any controller: left by who cancelled it."""
 SAME_DEG = 0.002
-RESTS_S, DRAINED_S, MOMENT_S = 60.0, 0.2, 10.0
+RESTS_S, DRAINED_S, MOMENT_S = 60.0, 0.2, 30.0
 
 
 MOMENTS: dict[str, Callable[[SimulatedCell], bool]] = {
@@ -93,9 +94,17 @@ class Beside(Sentry):
         return list(map(str, self.cell.violations()))
 
     def await_moment(self) -> None:
-        """Wait until the cell is in what the kill is for."""
-        until_s = time.monotonic() + MOMENT_S
-        while self.at is not None and not MOMENTS[self.at](self.cell) and time.monotonic() < until_s:
+        """Wait until the cell is in what the kill is for, and hold the daemon there: a busy machine may be late."""
+        if self.at is None or self.process is None:
+            return
+        there, until_s = MOMENTS[self.at], time.monotonic() + MOMENT_S
+        while time.monotonic() < until_s:
+            if there(self.cell):
+                self.process.send_signal(signal.SIGSTOP)
+                time.sleep(DRAINED_S)
+                if there(self.cell):
+                    return
+                self.process.send_signal(signal.SIGCONT)
             time.sleep(0.001)
 
     @property

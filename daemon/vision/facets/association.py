@@ -76,12 +76,16 @@ def one_facet(moved: list[Array], spread: list[Array], outlines: list[list[Ring]
     every = [(look, f) for look, rings in enumerate(outlines) for f in range(len(rings))]
     shapes = {(look, f): moved[look][list(outlines[look][f])] for look, f in every}
     doubts = {(k, f): np.sqrt(np.trace(spread[k][list(outlines[k][f])], axis1=1, axis2=2)) for k, f in every}
+    normals = {at: newell_normal(shapes[at]) for at in every}
     tilts = {at: _tilt(shapes[at], doubts[at]) for at in every}
     every.sort(key=lambda at: tilts[at])
     found = list[Pieces]()
     for at in every:
+        most = np.cos(min(np.radians(TILT_DEG) + tilts[at], np.radians(MOST_TILT_DEG)))
+        near_mm = np.maximum(GAP_MM, SIGMAS * doubts[at])
         for one in found:
-            level = _same_plane(shapes[one[0]], shapes[at], doubts[at])
+            normal, middle = normals[one[0]], shapes[one[0]].mean(0)
+            level = normal @ normals[at] > most and (np.abs((shapes[at] - middle) @ normal) < near_mm).all()
             if level and any(_touch(shapes[k], shapes[at]) for k in one):
                 one.append(at)
                 break
@@ -143,14 +147,6 @@ def one_thing(marks: list[set[tuple[int, int]]]) -> list[list[int]]:
 def _tilt(outline: Array, doubt: Array) -> float:
     """How far, about, the normal of an outline (N, 3) may be off whose corners may be by doubt (N,) mm, radians."""
     return float((LEAST_MM + doubt.max()) / np.sqrt(max(float(np.linalg.norm(area_vector(outline))), 1e-9)))
-
-
-def _same_plane(sure: Array, other: Array, doubt: Array) -> bool:
-    """Whether outlines (N, 3), (M, 3) lie in one plane, the corners of the other known to doubt (M,) mm."""
-    normal = newell_normal(sure)
-    most = np.radians(TILT_DEG) + _tilt(other, doubt)
-    level = normal @ newell_normal(other) > np.cos(min(most, np.radians(MOST_TILT_DEG)))
-    return bool(level and (np.abs((other - sure.mean(0)) @ normal) < np.maximum(GAP_MM, SIGMAS * doubt)).all())
 
 
 def _touch(large: Array, small: Array) -> bool:

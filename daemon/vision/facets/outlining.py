@@ -103,7 +103,7 @@ def _facets(plane: Plane, others: Sequence[Plane]) -> list[Array]:
         cells = [half for cell in cells for half in _halves(cell, line)]
     if not cells:  # pieces of no extent
         return []
-    shares = np.array([_covered(cell, plane) for cell in cells])
+    shares = _covered(cells, plane)
     rims = np.array([bool(((cell < low + 1e-6) | (cell > high - 1e-6)).any()) for cell in cells])
     reached = np.array([_reached(cell, met) for cell in cells])
     taken = np.where(shares > COVERED, reached >= 0, (reached > REACHED) & ~rims)
@@ -210,14 +210,20 @@ def _halves(cell: Array, line: Array) -> list[Array]:
     return found
 
 
-def _covered(cell: Array, plane: Plane) -> float:
-    """Share of a convex cell that pieces of looks enough cover, by points between its middle and its border."""
-    middle = cell.mean(0)
-    rim = np.concatenate([cell, (cell + np.roll(cell, -1, axis=0)) / 2])
-    points = np.concatenate([middle + depth * (rim - middle) for depth in DEPTHS])
-    weight = np.repeat([max(depth, 0.05) for depth in DEPTHS], len(rim))
-    hit = np.sum([inside(points, piece[None])[0] for piece in plane.pieces], axis=0) >= OF_LOOKS * plane.looks
-    return float(weight @ hit / weight.sum())
+def _covered(cells: Sequence[Array], plane: Plane) -> Array:
+    """(C,) share of each convex cell that pieces of looks enough cover, by points between its middle and its border."""
+    points, weights = list[Array](), list[Array]()
+    for cell in cells:
+        middle = cell.mean(0)
+        rim = np.concatenate([cell, (cell + np.roll(cell, -1, axis=0)) / 2])
+        points += [middle + depth * (rim - middle) for depth in DEPTHS]
+        weights.append(np.repeat(np.maximum(DEPTHS, 0.05), len(rim)))
+    most = max(len(piece) for piece in plane.pieces)
+    rings = np.array([np.pad(piece, ((0, most - len(piece)), (0, 0)), mode="edge") for piece in plane.pieces])
+    hit = inside(np.concatenate(points), rings).sum(0) >= OF_LOOKS * plane.looks
+    begins = np.cumsum([0, *(len(one) for one in weights[:-1])])
+    weight = np.concatenate(weights)
+    return np.asarray(np.add.reduceat(weight * hit, begins) / np.add.reduceat(weight, begins))
 
 
 def _united(cells: Sequence[Array]) -> list[Array]:
