@@ -2,7 +2,7 @@
 
 What is typed is drivers/val2/introduction.py's, which arm it met introduced_arm.py's; here is the port, the person and
 the clock, and the same again from a transcript: lines of JSON, each {"t_s", "way", "bytes" or "text"}: way is out, in,
-speed, says, asks, answers, unclear or stop.
+heard (what came in since is what was waited for), speed, says, asks, answers, unclear or stop.
 """
 
 from __future__ import annotations
@@ -217,6 +217,7 @@ async def _exchange(step: Exchange, line: _Line) -> Heard:
             ends_s = min(ends_s, max(line.last_s, sent_s) + step.quiet_s)
         if now_s >= ends_s - 1e-9:
             pieces = tuple((max(0.0, at_s - sent_s), piece) for at_s, piece in line.taken())
+            line.note("heard")  # a computer that is late hears more than the clock says
             return Heard(pieces, now_s - sent_s)
         await line.news(ends_s - now_s)
 
@@ -256,12 +257,20 @@ def _as_then(step: Step, records: list[dict[str, Any]], at: int) -> tuple[str | 
     """What differs (None: nothing), where the record goes on, and what was answered then."""
     if isinstance(step, Exchange):
         return _exchange_as_then(step, records, at)
+    _said_first(records, at)
     if at >= len(records) or (records[at]["way"], records[at].get("text")) != (step.way, step.text):
         then = "nothing" if at >= len(records) else f"{records[at]['way']} {records[at].get('text', '')!r}"
         return f"record {at + 1}: then {then}, now {step.way} {step.text!r}", at, None
     if not isinstance(step, Consult):
         return None, at + 1, None
+    _said_first(records, at + 1)
     return None, at + 2, records[at + 1]["text"]
+
+
+def _said_first(records: list[dict[str, Any]], at: int) -> None:
+    """What came in after an exchange had ended was heard by the next one: what was said meanwhile is put before it."""
+    said = next((k for k in range(at, len(records)) if records[k]["way"] != "in"), at)
+    records[at : said + 1] = [*records[said : said + 1], *records[at:said]]
 
 
 def _exchange_as_then(step: Exchange, records: list[dict[str, Any]], at: int) -> tuple[str | None, int, Any]:
@@ -275,14 +284,17 @@ def _exchange_as_then(step: Exchange, records: list[dict[str, Any]], at: int) ->
         at += 1
     if sent != step.data:
         return f"record {at}: then {sent!r} was typed, now {step.data!r}", at, None
-    last_s = None
+    last_s, ends = None, next((k for k in range(at, len(records)) if records[k]["way"] != "in"), at)
+    marked = ends < len(records) and records[ends]["way"] == "heard"  # older transcripts have the clock alone
     while at < len(records) and records[at]["way"] == "in":
         since_s = max(0.0, records[at]["t_s"] - sent_s)
         ends_s = step.most_s if last_s is None and not pieces else min(step.most_s, (last_s or 0.0) + step.quiet_s)
-        if since_s > ends_s + 1e-3:
+        if since_s > ends_s + 1e-3 and not marked:
             break
         pieces.append((since_s, records[at]["bytes"].encode("latin-1")))
         last_s, at = since_s, at + 1
+    if marked:
+        return None, at + 1, Heard(tuple(pieces), max(0.0, records[at]["t_s"] - sent_s))
     seconds = step.most_s if not pieces else min(step.most_s, (last_s or 0.0) + step.quiet_s)
     return None, at, Heard(tuple(pieces), seconds)
 

@@ -271,6 +271,20 @@ def test_a_transcript_is_followed_word_for_word_and_the_first_change_is_shown() 
     assert difference.startswith(f"record {k + 1}") or "Z" in difference
 
 
+def test_a_transcript_of_a_computer_that_was_late_is_followed_too() -> None:
+    """It heard an answer after its time was up, and a prompt that came twice when nothing more was expected."""
+    records = in_simulated_time(lambda: meet(draw(2))).transcript
+    step = next(k for k, record in enumerate(records) if record.get("text", "").startswith("joint 1 by +"))
+    before = max(k for k in range(step) if records[k]["way"] == "heard")
+    assert records[before - 1]["way"] == "in"
+    late = [dict(record) for record in records]
+    for record in late[before - 1 :]:
+        record["t_s"] += 30.0
+    assert list(again(late)) == []
+    stray = {"t_s": records[step]["t_s"] - 0.001, "way": "in", "bytes": "\r\n"}
+    assert list(again([*records[: before + 1], stray, *records[before + 1 :]])) == []
+
+
 @pytest.mark.parametrize("path", sorted(HERE.glob("*.jsonl")), ids=lambda path: path.stem)
 def test_today_s_driver_says_what_it_said_in_the_recorded_introductions(path: Path) -> None:
     assert list(again(read_transcript(path.read_text().splitlines()))) == []
