@@ -150,7 +150,7 @@ def _part(model: Model, label: str, code: str) -> dict[str, Any]:
         "views": sum(v.label == label for v in model.views),
         "facets": len(metric.solid.facets),
         "corners": len(metric.solid.corners_mm),
-        "size_mm": round(metric.size_mm, 2),
+        "size_mm": round(metric.solid.size_mm, 2),
         "not_joined": _not_joined(model, label),
     }
 

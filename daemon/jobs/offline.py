@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
+from daemon.console.phrases import plural
 from daemon.errors import DONE, NOT_UNDERSTOOD, FacetdError
 from daemon.store.outside import FileError
 from daemon.store.yamlfile import read
@@ -155,7 +156,8 @@ def _train(args: argparse.Namespace) -> int:
         model = learn_solid(model, solid, calibration.rig, label, source=str(file))
     codes = {label: parts[label].code for label in model.labels} if set(model.labels) <= set(parts) else None
     save(model, args.out, trained=datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"), codes=codes)
-    print(f"{args.out}: {len(model.labels)} parts from {len(model.views)} views, {len(model.node_labels)} nodes")
+    known = plural(len(model.labels), "part"), plural(len(model.views), "view"), plural(len(model.node_labels), "node")
+    print(f"{args.out}: {known[0]} from {known[1]}, {known[2]}")
     return DONE
 
 

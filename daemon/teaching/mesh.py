@@ -132,5 +132,5 @@ def _numbers(words: list[str], count: int, line: int) -> tuple[float, ...]:
 
 
 def _lines(content: bytes) -> list[tuple[int, str]]:
-    text = content.decode("latin-1")
-    return [(n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip() and not line.startswith("#")]
+    lines = (line.decode("latin-1") for line in content.splitlines())  # of the text, a letter such as Å would end one
+    return [(n, line) for n, line in enumerate(lines, 1) if line.strip() and not line.startswith("#")]

@@ -7,10 +7,11 @@ a camera could not tell (a corner in the middle of a straight side) goes.
 from __future__ import annotations
 
 from collections import deque
+from itertools import product
 
 import numpy as np
 
-from daemon.arrays import Array
+from daemon.arrays import Array, Index
 from daemon.teaching.mesh import Mesh, MeshError, read_mesh
 from daemon.vision.geometry import Polyhedron, area_vector, border_loops
 from daemon.vision.model import FacetLibrary, type_facet
@@ -18,6 +19,7 @@ from daemon.vision.model import FacetLibrary, type_facet
 Triangle = tuple[int, int, int]
 Edge = tuple[int, int]
 SAME_CORNER_MM = 0.01
+"""Corners nearer than half of this each way are one."""
 SAME_PLANE_DEG, SAME_PLANE_MM = 0.5, 0.05
 STRAIGHT_DEG = 1.0
 MOST_FACETS = 40
@@ -55,11 +57,13 @@ def solid_of(mesh: Mesh, library: FacetLibrary) -> Polyhedron:
 
 
 def _welded(mesh: Mesh) -> tuple[Array, list[Triangle]]:
-    """Corners apart by more than a hundredth of a millimetre, and the triangles between them that have an area."""
-    cells = np.round(mesh.corners_mm / SAME_CORNER_MM).astype(np.int64)
-    _, first, owner = np.unique(cells, axis=0, return_index=True, return_inverse=True)
-    owner = owner.ravel()
-    corners = mesh.corners_mm[first]
+    """Corners that are not one, and the triangles between them that have an area."""
+    first = _first_of_each(mesh.corners_mm)
+    kept = np.unique(first)
+    kept = kept[np.lexsort(np.round(mesh.corners_mm[kept] / SAME_CORNER_MM).T[::-1])]
+    owner = np.zeros(len(first), np.intp)
+    owner[kept] = np.arange(len(kept))
+    corners, owner = mesh.corners_mm[kept], owner[first]
     triangles = []
     for polygon in mesh.polygons:
         ring = [int(owner[k]) for k in polygon]
@@ -67,6 +71,23 @@ def _welded(mesh: Mesh) -> tuple[Array, list[Triangle]]:
     if len(triangles) < 4:
         raise MeshError(f"{len(triangles)} triangles bound no solid")
     return corners, triangles
+
+
+def _first_of_each(corners: Array) -> Index:
+    """(K,) the first of those that each of corners (K, 3) is one with: what lies nearer together each way than half of
+    SAME_CORNER_MM has a cell of that size in common, in one of the grids that are shifted by half a cell or not."""
+    first = here = np.arange(len(corners))
+    for shift in product((0.0, 0.5), repeat=3):
+        cells = np.floor(corners / SAME_CORNER_MM + shift).astype(np.int64)
+        cell = np.unique(cells, axis=0, return_inverse=True)[1].ravel()
+        while True:
+            least, onto = np.full(len(corners), len(corners)), here.copy()
+            np.minimum.at(least, cell, first)
+            np.minimum.at(onto, first, least[cell])
+            if (onto == here).all():
+                break
+            first = onto[first]
+    return first
 
 
 def in_triangles(corners: Array, ring: list[int]) -> list[Triangle]:

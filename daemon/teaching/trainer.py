@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon import frames
-from daemon.arrays import Array
 from daemon.pick.moved_pair import Places, places_of, with_arm
 from daemon.store.library import PartEntry
 from daemon.store.model_store import ModelStore, ModelStoreError, StoredView
@@ -39,6 +38,8 @@ from daemon.vision.values import UNKNOWN, Facet, Group, Part, Scene
 Image = NDArray[np.uint8]
 ROUND = "around"
 """What the note of a view is known by that was learnt by walking round, and where its solid is."""
+SECONDS = len("2026-11-23T22:00:00")
+"""Of an ISO time in UTC, up to its seconds."""
 SAME_SIZE_MM = 2.0
 """How far apart the largest lengths of one part may come out, drawn and seen."""
 SAME_SIDE_MM = 5.0
@@ -140,9 +141,15 @@ class Trainer:
         return [label for label in self.parts if label not in shown]
 
     def waiting(self) -> list[StoredView]:
-        """Stored views that the model in use was not trained on."""
-        known = {view.source for view in self.model.views}
-        return [view for view in self.model_store.views() if view.name not in known]
+        """Stored views that the model in use was not trained on. The number of one that was forgotten may be another's
+        by now: what was taught after the training is none of its."""
+        store, known = self.model_store, {view.source for view in self.model.views}
+        trained = "" if store.current is None else store.told(store.current).trained[:SECONDS]
+        return [
+            view
+            for view in store.views()
+            if view.name not in known or (trained and str(view.note.get("taught", ""))[:SECONDS] > trained)
+        ]
 
     def check(
         self, label: str, left: Image, right: Image, table: Table | None, moved: Places | None = None
@@ -162,8 +169,9 @@ class Trainer:
         """What a person should be asked about before a drawing is kept under a label: that it is there already, under
         this label or another, or is another shape than the one known. Raises MeshError, ModelStoreError."""
         for view in self.model_store.views():
-            if view.mesh is not None and view.note.get("unit", "mm") == unit and _drawing(view) == content:
-                return f"this drawing is kept already, as {view.name}"
+            with contextlib.suppress(FileError):  # one that cannot be read any more is not this one
+                if view.mesh is not None and view.note.get("unit", "mm") == unit and _drawing(view) == content:
+                    return f"this drawing is kept already, as {view.name}"
         known = self.learnt()[0].metric.get(label)
         return (
             None
@@ -211,6 +219,8 @@ class Trainer:
         be told. Raises TeachError."""
         model = learn_view(self.learnt()[0], group, label)
         seen = recognise_group(group, model)
+        if seen.recognition.label != label:  # as much like another part: how it lies is not known
+            return seen.facets, [None] * len(seen.facets)
         return seen.facets, _sides(seen, model.metric[label].solid)
 
     def learnt(self) -> tuple[Model, list[str]]:
@@ -348,7 +358,7 @@ def _another_shape(label: str, known: Polyhedron, drawn: Polyhedron) -> str | No
     """How a drawing differs from what is known of a part: more of its facets of one kind were seen than are drawn, or
     corners were seen farther apart. None where it may be the same."""
     lacking = Counter(known.types) - Counter(drawn.types)
-    sizes = [float(pdist.max()) for pdist in (_apart_mm(known), _apart_mm(drawn))]
+    sizes = known.size_mm, drawn.size_mm
     told = (
         f"{len(known.types)} facets, {sizes[0]:.0f} mm across; this drawing has {len(drawn.types)}, {sizes[1]:.0f} mm"
     )
@@ -357,10 +367,6 @@ def _another_shape(label: str, known: Polyhedron, drawn: Polyhedron) -> str | No
     larger = sizes[0] > sizes[1] + SAME_SIZE_MM
     closed = len(known.types) == len(drawn.types) and abs(sizes[0] - sizes[1]) > SAME_SIZE_MM
     return f"{label} is known by {told}" if larger or closed else None
-
-
-def _apart_mm(solid: Polyhedron) -> Array:
-    return np.asarray(np.linalg.norm(solid.corners_mm[:, None] - solid.corners_mm[None], axis=2))
 
 
 def _is_drawn(view: StoredView) -> bool:

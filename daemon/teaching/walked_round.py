@@ -51,8 +51,9 @@ def learnt_round(fused: Fused | None, table_mm: float, library: FacetLibrary) ->
         raise TeachError("none of the places showed a facet of it")
     sides = fused.seen.sum(0)
     doubt_mm = np.sqrt(np.trace(fused.polyhedron.covariance_mm2, axis1=1, axis2=2) / 3)
+    closed = _closed_in(fused.polyhedron, table_mm)
     sure = [k for k, ring in enumerate(fused.polyhedron.rings) if doubt_mm[ring].max() < DOUBTFUL_MM]
-    part = only(fused, [k for k in sure if sides[k] >= LEAST_SEEN or k in _closed_in(fused.polyhedron, table_mm)])
+    part = only(fused, [k for k in sure if sides[k] >= LEAST_SEEN or k in closed])
     closed, seen = _closed_in(part.polyhedron, table_mm), part.seen.sum(0)
     part = only(part, [k for k in range(len(seen)) if k in closed or _ends(part, k, int(seen[k]))])
     whole = max(part.things(), key=len, default=[])

@@ -7,12 +7,13 @@ towards the cameras). Frames: px in the distorted image; mm in the cyclopean fra
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import cached_property
 
 import numpy as np
 
+from daemon import frames
 from daemon.arrays import Array, Flags
 from daemon.vision.geometry import Polyhedron, united
 
@@ -156,6 +157,17 @@ class Part:
     def named(self) -> bool:
         """Whether it was taken for a taught part."""
         return self.recognition.label != UNKNOWN
+
+    def laid(self, pose: Array, covariance: Array, fitted_mm: tuple[Array, ...]) -> Part:
+        """The part at another pose (4, 4), with its corners there; the poses that fit as well go with it."""
+        turn = pose @ frames.inverse(self.cyclopean_from_part)
+        return replace(
+            self,
+            cyclopean_from_part=pose,
+            covariance=covariance,
+            fitted_mm=fitted_mm,
+            equivalents=turn @ self.equivalents,
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -70,7 +70,7 @@ def test_what_its_daemon_refuses_is_one_line_and_status_two(tmp_path: Path, caps
     assert facetctl(["demo", "--seed", "-3", "--runs", str(tmp_path)]) == 2
     error = capsys.readouterr().err
     assert error.count("\n") == 1
-    assert "simulated.seed: expected int from 0" in error
+    assert "simulated.seed: expected a whole number from 0" in error
     assert list(tmp_path.iterdir()) == []
 
 

@@ -1,6 +1,6 @@
 """Two sets of outlines -> facets in space, grouped, corners welded once; several looks fused. Nothing is named."""
 
-from daemon.vision.facets.candidates import corner_covariance
+from daemon.vision.facets.candidates import triangulated_covariance
 from daemon.vision.facets.fusing import Fused, SeenFrom, fuse, group_of, only
 from daemon.vision.facets.grouping import connected
 from daemon.vision.facets.looks_adjustment import shared_motion
@@ -14,7 +14,6 @@ __all__ = [
     "SeenFrom",
     "Table",
     "connected",
-    "corner_covariance",
     "facets_seen",
     "facets_step_by_step",
     "find_facets",
@@ -25,6 +24,7 @@ __all__ = [
     "shared_motion",
     "table_at",
     "table_of",
+    "triangulated_covariance",
     "weld",
     "without_table",
 ]

@@ -76,7 +76,7 @@ def one_facet(moved: list[Array], spread: list[Array], outlines: list[list[Ring]
     every = [(look, f) for look, rings in enumerate(outlines) for f in range(len(rings))]
     shapes = {(look, f): moved[look][list(outlines[look][f])] for look, f in every}
     doubts = {(k, f): np.sqrt(np.trace(spread[k][list(outlines[k][f])], axis1=1, axis2=2)) for k, f in every}
-    normals = {at: newell_normal(shapes[at]) for at in every}
+    planes = {at: (newell_normal(shapes[at]), shapes[at].mean(0)) for at in every}
     tilts = {at: _tilt(shapes[at], doubts[at]) for at in every}
     every.sort(key=lambda at: tilts[at])
     found = list[Pieces]()
@@ -84,8 +84,8 @@ def one_facet(moved: list[Array], spread: list[Array], outlines: list[list[Ring]
         most = np.cos(min(np.radians(TILT_DEG) + tilts[at], np.radians(MOST_TILT_DEG)))
         near_mm = np.maximum(GAP_MM, SIGMAS * doubts[at])
         for one in found:
-            normal, middle = normals[one[0]], shapes[one[0]].mean(0)
-            level = normal @ normals[at] > most and (np.abs((shapes[at] - middle) @ normal) < near_mm).all()
+            normal, middle = planes[one[0]]
+            level = normal @ planes[at][0] > most and (np.abs((shapes[at] - middle) @ normal) < near_mm).all()
             if level and any(_touch(shapes[k], shapes[at]) for k in one):
                 one.append(at)
                 break

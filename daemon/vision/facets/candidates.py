@@ -17,7 +17,7 @@ from daemon.vision.values import Facet, Polygon
 
 # Set by eye on the rendered scenes, like the shares in choose() and what it calls.
 _FEW = 2  # pairs of much the same region that are fitted
-_COVERED = 0.25  # of the smaller: more than that, and the two cannot both be there
+COVERED = 0.25  # of the smaller: more than that, and the two cannot both be there
 _MODEL_RAD = 2e-3  # a corner may be this much of its distance off, where another edge runs close by
 _PER_CORNER = 0.05  # of worth, that each corner must bring
 _BENT = float(np.radians(10))
@@ -120,9 +120,9 @@ def choose(
         else:
             flat.append(c)
     for c in flat:
-        if any(c.covers(k) > _COVERED for k in chosen):
+        if any(c.covers(k) > COVERED for k in chosen):
             continue
-        if _is_made_of_parts(c, flat, settings):
+        if _is_made_of_parts(c, flat):
             refused.append((c, "it is made up of facets that do not lie in its plane"))
             continue
         chosen.append(c)
@@ -138,7 +138,7 @@ def flatness_sigmas(facet: Facet) -> float:
     return float(np.abs(residuals).max())
 
 
-def _is_made_of_parts(whole: Candidate, others: list[Candidate], settings: VisionSettings) -> bool:
+def _is_made_of_parts(whole: Candidate, others: list[Candidate]) -> bool:
     """Whether disjoint candidates hardly less worthy, not in the whole's plane, fill most of it in the left eye."""
     filled = 0.0
     parts: list[Candidate] = []
@@ -147,7 +147,7 @@ def _is_made_of_parts(whole: Candidate, others: list[Candidate], settings: Visio
         if c.left_shape.area > 0.8 * whole.left_shape.area or c.worth < whole.worth - 0.3:
             continue
         inside = c.left_shape.common(whole.left_shape)
-        if inside < 0.85 * c.left_shape.area or any(c.covers(p) > _COVERED for p in parts):
+        if inside < 0.85 * c.left_shape.area or any(c.covers(p) > COVERED for p in parts):
             continue
         parts.append(c)
         filled += inside
@@ -168,14 +168,14 @@ def triangulate(pairs: Sequence[tuple[Polygon, Polygon]], geometry: Baseline) ->
     spread = (np.concatenate([pair[eye].covariance_px2 for pair in pairs]) for eye in (0, 1))
     left, right = geometry.left.ideal(shape.corners), geometry.right.ideal(other.corners)
     corners = geometry.points(left, right)
-    covariance = corner_covariance(geometry, left, right, *spread)
+    covariance = triangulated_covariance(geometry, left, right, *spread)
     off = np.abs(left[:, 1] - right[:, 1]) * geometry.left.focal_px
     flat = planarities(shape.moved(corners))
     each = (shape.split(v) for v in (corners, covariance, shape.corners, other.corners, off))
     return [Facet(*values) for values in zip(*each, flat, strict=True)]
 
 
-def corner_covariance(geometry: Baseline, left: Array, right: Array, left_px2: Array, right_px2: Array) -> Array:
+def triangulated_covariance(geometry: Baseline, left: Array, right: Array, left_px2: Array, right_px2: Array) -> Array:
     """(N, 3, 3) mm^2 of triangulated corners, to first order. left, right: ideal coordinates (N, 2)."""
     d = disparity(left, right)
     z = geometry.length_mm / d

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from daemon.arrays import Array
-from daemon.vision.facets.candidates import Candidate, candidates, flatness_sigmas
+from daemon.vision.facets.candidates import COVERED, Candidate, candidates, flatness_sigmas
 from daemon.vision.facets.grouping import same_edges
 from daemon.vision.geometry import Baseline, areas, rings
 from daemon.vision.image import Eyes, OneEye, Outline, fits, outlined, probe_sides
@@ -50,7 +50,7 @@ def complete(
                 continue
             tried += 1
             found = _swing(outline, hinge, seen, other, is_left, eyes.geometry, settings)
-            if found is not None and not any(found.covers(k) > 0.25 for k in chosen + added):
+            if found is not None and not any(found.covers(k) > COVERED for k in chosen + added):
                 added.append(found)
     return added
 
@@ -60,7 +60,7 @@ def _hinge(outline: Outline, known: list[Candidate], is_left: bool) -> _Hinge | 
     found = None
     for c in known:
         own, far = (c.left.polygon, c.right.polygon) if is_left else (c.right.polygon, c.left.polygon)
-        if outline.shape.covers(c.left_shape if is_left else c.right_shape) > 0.25:
+        if outline.shape.covers(c.left_shape if is_left else c.right_shape) > COVERED:
             return None
         found = found or _common_side(outline.corners, own, far)
     return found

@@ -48,6 +48,11 @@ class Polyhedron:
         """Edges with a facet on one side only; 0: closed."""
         return len(self.edges) - len(self.across)
 
+    @property
+    def size_mm(self) -> float:
+        """Largest distance between two corners."""
+        return float(np.linalg.norm(self.corners_mm[:, None] - self.corners_mm, axis=2).max())
+
     @cached_property
     def seams(self) -> tuple[tuple[int, int], ...]:
         """Pairs of facets that share an edge (run through in opposite directions), the smaller index first."""

@@ -23,7 +23,7 @@ LIT_SHARE = 0.05  # of the part and its surroundings; with less that is bright a
 BURNT_SHARE = 0.2  # of the part and its surroundings; beside so much white its edges are lost
 PATTERNED_GREY = 2.0  # of unevenness; plain tables have 0.2 to 1.8, patterned ones 1.3 to 16 (bench: image_health)
 MOSTLY = 0.5
-"""A guess of whose edges so much shows is the part, and something hides the rest."""
+"""A guess of whose edges so much shows is the part, and the rest is hidden, or too faint or too small to be seen."""
 
 
 class Said(NamedTuple):
@@ -37,7 +37,7 @@ SAID = {
     Cause.BORDER: Said("too near the border of the picture", "move it, or the arm, so that both eyes see it whole"),
     Cause.DARK: Said("too dark where it lies", "add light, or lengthen exposure_us"),
     Cause.BURNT: Said("burnt out where it lies", "take light away, or shorten exposure_us"),
-    Cause.HIDDEN: Said("part of it is hidden", "move what lies before it, or look from another side"),
+    Cause.HIDDEN: Said("part of it does not show", "look nearer or from another side, or move what lies before it"),
     Cause.ALIKE: Said("too little of it shows to tell it from another part", "look from another side, or turn it"),
     Cause.PATTERNED: Said(
         "the pattern of the table runs into its edges", "put it on a plain ground, or light it better"

@@ -13,13 +13,12 @@ from daemon.vision.image.regions import Scale
 from daemon.vision.image.segments import (
     SegmentCorners,
     Segments,
-    cells_of,
     find_segments,
     joined,
     pairs_within,
     ranks,
+    runs,
     segment_corners,
-    shared_out,
 )
 from daemon.vision.image.thesis_corners import find_corners
 
@@ -38,7 +37,6 @@ __all__ = [
     "VisionError",
     "as_grey",
     "block_means",
-    "cells_of",
     "edge_sigmas",
     "find_corners",
     "find_segments",
@@ -52,7 +50,7 @@ __all__ = [
     "pairs_within",
     "probe_sides",
     "ranks",
+    "runs",
     "segment_corners",
-    "shared_out",
     "stretch_slopes",
 ]

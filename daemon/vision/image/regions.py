@@ -131,9 +131,11 @@ def full_size(smooth: Fine, window: Window, grain: float) -> Scale:
 
 def _grain(strength: Image32) -> float:
     """How much coarser-grained than white the noise is: the gradient of the quieter tiles over what white
-    noise gives.
+    noise gives; 1 where there is not a pixel for each tile.
     """
     height, width = (n // _TILES for n in strength.shape)
+    if not (height and width):
+        return 1.0
     step = max(1, min(height, width) // 12)
     tiles = strength[: height * _TILES, : width * _TILES].reshape(_TILES, height, _TILES, width)[:, ::step, :, ::step]
     each = np.sort(tiles.swapaxes(1, 2).reshape(_TILES * _TILES, -1), axis=1)

@@ -187,6 +187,11 @@ def pairs_within(ones: Array, others: Array, reach: Array | float) -> tuple[Inde
     first, in their order, and which of the second."""
     order = np.argsort(others)
     low, high = (np.searchsorted(others[order], ones + side * reach) for side in (-1, 1))
-    count = high - low
-    first = np.repeat(np.arange(len(ones)), count)
-    return first, order[np.arange(len(first)) + np.repeat(low - np.cumsum(count) + count, count)]
+    first, place = runs(low, high - low)
+    return first, order[place]
+
+
+def runs(begin: Index, count: Index) -> tuple[Index, Index]:
+    """Every number of runs of counts (N,) that begin at (N,), run after run: which run it is of, and the number."""
+    of = np.repeat(np.arange(len(count)), count)
+    return of, np.arange(len(of)) + np.repeat(begin - np.cumsum(count) + count, count)

@@ -105,15 +105,15 @@ def type_facet(corners_mm: Array, covariance_mm2: Array, library: FacetLibrary) 
     return (Typing(name, _other_number(name), 0.0, 0),)
 
 
-def conditions(corners_mm: Array, name: str, library: FacetLibrary) -> tuple[Array, Array]:
-    """(A, b) with A @ [angles, log sides] = b for a facet of that type, in the turn that fits these corners best.
+def conditions(measures: Measures, name: str, library: FacetLibrary) -> tuple[Array, Array]:
+    """(A, b) with A @ [angles, log sides] = b for a facet of that type, in the turn that fits its measures best.
 
     No rows for a type the library does not have.
     """
     kind = library.type_named(name)
-    if kind is None or kind.sides != len(corners_mm):
-        return np.zeros((0, 2 * len(corners_mm))), np.zeros(0)
-    values = measure(corners_mm).values
+    values = measures.values
+    if kind is None or kind.sides != len(measures.sides):
+        return np.zeros((0, len(values))), np.zeros(0)
     a, b, _ = min(kind.tests, key=lambda test: float(((test[0] @ values - test[1]) ** 2).sum()))
     return a, b
 

@@ -32,12 +32,6 @@ class MetricModel:
     solid: Polyhedron
     joined: tuple[int, ...]
 
-    @property
-    def size_mm(self) -> float:
-        """Largest distance between two known corners."""
-        corners = self.solid.corners_mm
-        return float(np.sqrt(((corners[:, None] - corners[None]) ** 2).sum(2).max()))
-
 
 def merge_views(
     views: tuple[Polyhedron, ...], library: FacetLibrary, tolerance_mm: float = TOLERANCE_MM

@@ -28,16 +28,17 @@ def regularise(solid: Polyhedron, library: FacetLibrary) -> Polyhedron:
     prior = np.zeros((3 * count, 3 * count))
     for k in range(count):
         prior[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] = measured[k]
-    rules = [conditions(solid.corners_mm[list(f)], t, library) for f, t in zip(solid.facets, solid.types, strict=True)]
+    measures = (measure(solid.corners_mm[ring]) for ring in solid.rings)
+    rules = [conditions(one, name, library) for one, name in zip(measures, solid.types, strict=True)]
     weights = (1.0 / library.angle_tolerance_rad, 1.0 / library.ratio_tolerance)
     corners = solid.corners_mm.copy()
     normal = prior
     for _ in range(STEPS):
         normal = prior.copy()
         right = prior @ (solid.corners_mm - corners).ravel()
-        for ring, (a, b) in zip(solid.facets, rules, strict=True):
-            jacobian, miss = _facet_rows(corners[list(ring)], a, b, weights)
-            at = (3 * np.array(ring)[:, None] + np.arange(3)).ravel()
+        for ring, (a, b) in zip(solid.rings, rules, strict=True):
+            jacobian, miss = _facet_rows(corners[ring], a, b, weights)
+            at = (3 * ring[:, None] + np.arange(3)).ravel()
             normal[np.ix_(at, at)] += jacobian.T @ jacobian
             right[at] -= jacobian.T @ miss
         step = np.linalg.solve(normal, right)

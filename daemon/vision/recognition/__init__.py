@@ -1,6 +1,6 @@
 """A group of facets and a model -> label, pose, confidence; or unknown, with the reason. No image."""
 
-from daemon.vision.recognition.hypotheses import hypotheses
+from daemon.vision.recognition.hypotheses import hypotheses, made_ready
 from daemon.vision.recognition.recognise import (
     Recognised,
     Standing,
@@ -20,6 +20,7 @@ __all__ = [
     "hypotheses",
     "joined",
     "left_open",
+    "made_ready",
     "recognise",
     "recognise_group",
     "recognised",

@@ -67,8 +67,9 @@ def bonds(corners: Array, seen: Polyhedron, types: Sequence[str], library: Facet
     firm, more = [np.zeros((0, 3 * count))], [np.zeros((0, 3 * count))]
     for ring, kind, area in zip(seen.rings, types, areas, strict=True):
         points = corners[ring]
-        a, b = conditions(points, kind, library)
-        said = a @ measure(points).jacobian
+        measures = measure(points)
+        a, b = conditions(measures, kind, library)
+        said = a @ measures.jacobian
         right = ((a != 0).sum(1) == 1) & (np.abs(b - np.pi / 2) < RIGHT)
         at = (3 * ring[:, None] + np.arange(3)).ravel()
         for kept, rows in ((firm, [_plane(points, area), said[right]]), (more, [said[~right]])):

@@ -73,6 +73,13 @@ def hypotheses(seen: Polyhedron, metric: Mapping[str, MetricModel], tolerance_mm
     return found or _fitted(seen, metric, _nearest_ways(seen, metric), tolerance_mm)
 
 
+def made_ready(metric: Mapping[str, MetricModel]) -> None:
+    """Make what is made once of taught parts, and kept for all looks that ask for their facets."""
+    labels, solids = tuple(metric), tuple(known.solid for known in metric.values())
+    for sides in {len(ring) for solid in solids for ring in solid.facets}:
+        _every_place(labels, solids, sides)
+
+
 def facet_poses(seen: Polyhedron, metric: Mapping[str, MetricModel], rms_mm: float) -> list[tuple[str, Array]]:
     """Every taught facet in every turn whose corners come so near to those of a lone seen one, the nearest first: the
     part, and its pose (4, 4)."""

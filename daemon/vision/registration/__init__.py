@@ -3,7 +3,8 @@
 from daemon.vision.registration.beside import beside
 from daemon.vision.registration.by_segments import named_by_segments
 from daemon.vision.registration.corner_pose import Fit, refit
-from daemon.vision.registration.edge_pose import fit_each, fit_edges, shown
+from daemon.vision.registration.edge_pose import borne_out, fit_each, fit_edges, shown
+from daemon.vision.registration.guessing import made_ready
 from daemon.vision.registration.on_table import rested
 from daemon.vision.registration.sharpen import sharpened
 from daemon.vision.registration.twins import told_apart
@@ -11,8 +12,10 @@ from daemon.vision.registration.twins import told_apart
 __all__ = [
     "Fit",
     "beside",
+    "borne_out",
     "fit_each",
     "fit_edges",
+    "made_ready",
     "named_by_segments",
     "refit",
     "rested",

@@ -33,7 +33,7 @@ from daemon.vision.registration.guessing import (
     FEWEST_IN_VIEW,
     SEARCHED,
     Likely,
-    Scene,
+    Search,
     guessed_in_space,
     guessed_on_table,
 )
@@ -41,7 +41,7 @@ from daemon.vision.registration.measured import measured_facet, silhouette
 from daemon.vision.registration.resting import Ground, rests_on
 from daemon.vision.registration.rivals import LEAST_APART, by_own_edges
 from daemon.vision.registration.space_corners import lookalikes
-from daemon.vision.registration.stretches import Borne, Stretches, borne_out, settled, stretches_of
+from daemon.vision.registration.stretches import Borne, Stretches, settled, stretches_of
 from daemon.vision.registration.unsure import nearby
 from daemon.vision.values import Group, NearestGuess, Part, Recognition
 
@@ -124,28 +124,28 @@ def named_by_segments(
     unnamed = [one.group for one in known if not one.named]
     named = [covered(one, model, eyes) for one in known if one.named]
     maps = directed_map(eyes.left), directed_map(eyes.right)
-    scene = Scene(eyes, model, unnamed, named, maps, Ground.of(seen_table(eyes), told))
+    search = Search(eyes, model, unnamed, named, maps, Ground.of(seen_table(eyes), told))
     laid, tests, left_out = list[Laid](), 0, tuple[str, ...]()
     for guessed in (guessed_in_space, guessed_on_table):
-        likely, of, unasked = guessed(scene, spent)
+        likely, of, unasked = guessed(search, spent)
         tests += of
-        fresh = _by_odds(_laid(scene, likely))
+        fresh = _by_odds(_laid(search, likely))
         if spent() < SEARCHED:
-            fresh += _laid(scene, _undecided(fresh, tests, eyes))
+            fresh += _laid(search, _undecided(fresh, tests, eyes))
         laid = _by_odds([*laid, *fresh])
-        taken, found, untried = _proven(scene, laid, tests, spent)
+        taken, found, untried = _proven(search, laid, tests, spent)
         left_out += unasked + untried
-        if named or found or spent() > SEARCHED:
-            break  # the second way is for looks that would come home with nothing
+        if named or found or search.ground is None or spent() > SEARCHED:
+            break  # the second way is for looks that would come home with nothing, and needs a table
     nearest = list[Laid]()
     for one in laid:
         if one.borne.share > NEAREST and not any(one.overlaps(other) for other in (*taken, *nearest)):
             nearest.append(one)
-    return Straight(found, tuple(map(_guess, nearest)), left_out, scene.ground)
+    return Straight(found, tuple(map(_guess, nearest)), left_out, search.ground)
 
 
 def _proven(
-    scene: Scene, laid: Sequence[Laid], tests: int, spent: Callable[[], float]
+    search: Search, laid: Sequence[Laid], tests: int, spent: Callable[[], float]
 ) -> tuple[list[Laid], list[Recognised], tuple[str, ...]]:
     """Of laid parts, the likeliest first, those that are there; those of them that no other could be as well, named;
     and what there was no time for."""
@@ -155,13 +155,13 @@ def _proven(
             return taken, found, (f"{len(laid) - k} of {len(laid)} guesses were not tried",)
         if any(one.overlaps(other) for other in taken):
             continue
-        confidence = _confidence(one, scene, tests)
+        confidence = _confidence(one, search, tests)
         if confidence < LEAST_CONFIDENCE:
             continue
         taken.append(one)
         rivals = (other for other in laid if other.label != one.label and other.overlaps(one))
         if all(by_own_edges(one.seen, other.seen) > LEAST_APART for other in rivals):
-            found.append(_recognised(one, confidence, scene.eyes, scene.model))
+            found.append(_recognised(one, confidence, search.eyes, search.model))
     return taken, found, ()
 
 
@@ -174,11 +174,11 @@ def _guess(one: Laid) -> NearestGuess:
     return NearestGuess(one.label, ends[0], ends[1], one.seen[0].shows, one.seen[1].shows)
 
 
-def _laid(scene: Scene, likely: Sequence[Likely]) -> Iterator[Laid]:
+def _laid(search: Search, likely: Sequence[Likely]) -> Iterator[Laid]:
     """Parts laid where their edges lie, near likely places."""
     if not likely:
         return
-    eyes, model, ground = scene.eyes, scene.model, scene.ground
+    eyes, model, ground = search.eyes, search.model, search.ground
     solids = [model.metric[one.label].solid for one in likely]
     laid, tolerance = Placements.of(solids), model.parameters.tolerance_mm
     poses = settled(laid, eyes, np.stack([one.pose for one in likely]), tolerance)
@@ -186,7 +186,7 @@ def _laid(scene: Scene, likely: Sequence[Likely]) -> Iterator[Laid]:
     for k, (one, solid, pose) in enumerate(zip(likely, solids, poses, strict=True)):
         own = seen[0].only(k, laid), seen[1].only(k, laid)
         rests = None if ground is None else rests_on(ground, solid, pose)
-        yield Laid(one.label, solid, pose, own, borne_out(own), silhouette(solid, pose, eyes), one.tries, rests)
+        yield Laid(one.label, solid, pose, own, Borne.of(own), silhouette(solid, pose, eyes), one.tries, rests)
 
 
 def _undecided(laid: Sequence[Laid], tests: int, eyes: Eyes) -> list[Likely]:
@@ -215,20 +215,20 @@ def _contradicts(group: Group, one: Laid) -> bool:
     )
 
 
-def _confidence(one: Laid, scene: Scene, tests: int) -> float:
+def _confidence(one: Laid, search: Search, tests: int) -> float:
     """How likely a laid part is there, of so many guesses of which each could have come so far by chance."""
-    eyes, maps = scene.eyes, scene.maps
-    if facets_in_view(one.solid, eyes, one.pose) < FEWEST_IN_VIEW:
-        return 0.0
+    eyes, maps = search.eyes, search.maps
     odds = one.odds - np.log(tests)
     if _probability(odds) < LEAST_CONFIDENCE:  # what follows only lessens them
+        return 0.0
+    if facets_in_view(one.solid, eyes, one.pose) < FEWEST_IN_VIEW:
         return 0.0
     gain = other_sizes(one.solid, one.pose, eyes.geometry, maps)
     alike = likeness(one.solid, one.pose, eyes)
     odds -= BY_SIZE * (np.clip(gain, 1.0, MOST_SIZE) - 1)
     odds -= BY_LIKENESS * (1 - (USUAL_LIKENESS if alike is None else max(alike, 0.0)))
     odds -= BY_ELSEWHERE * max(elsewhere(one.solid, one.pose, eyes.geometry, maps[0]) - USUAL_ELSEWHERE, 0.0)
-    return _probability(odds + CONTRADICTED * any(_contradicts(group, one) for group in scene.unnamed))
+    return _probability(odds + CONTRADICTED * any(_contradicts(group, one) for group in search.unnamed))
 
 
 def _probability(log_odds: float) -> float:
@@ -237,8 +237,7 @@ def _probability(log_odds: float) -> float:
 
 def _recognised(seen: Laid, confidence: float, eyes: Eyes, model: Model) -> Recognised:
     """The part with the facets that both eyes have in view, measured where its sides show."""
-    visible = tuple(seen.solid.corners_of(np.flatnonzero(seen.solid.facing(seen.pose) > 0).tolist()).tolist())
-    alike = np.array([seen.pose @ frames.inverse(turn) for turn in lookalikes(seen.solid, visible)])
+    alike = _alike(seen.solid, seen.pose, np.flatnonzero(seen.solid.facing(seen.pose) > 0).tolist())
     fit, observed = best_fitted(seen.solid, alike, eyes, model.parameters.tolerance_mm)
     laid = facets_laid(seen.solid, observed)
     facets = typed_as(
@@ -249,7 +248,13 @@ def _recognised(seen: Laid, confidence: float, eyes: Eyes, model: Model) -> Reco
     fitted = tuple(corners[seen.solid.rings[f.index]] for f in laid)
     why = f"{100 * seen.borne.share:.0f} % of what its edges could show is there in both eyes"
     name = Recognition(seen.label, confidence, 0.0, 0.0, None, False, why, (seen.label,))
-    shown_corners = tuple(sorted({corner for f in laid for corner in seen.solid.facets[f.index]}))
-    equivalents = np.array([pose @ frames.inverse(turn) for turn in lookalikes(seen.solid, shown_corners)])
+    equivalents = _alike(seen.solid, pose, [f.index for f in laid])
     part = Part(name, facets, pose, fit.covariance, fit.residual_mm, fitted, equivalents)
     return Recognised(weld(list(facets)), part)
+
+
+def _alike(solid: Polyhedron, pose: Array, facets: Sequence[int]) -> Array:
+    """(S, 4, 4) the poses at which the corners of some facets lie where they do at this one (4, 4), which is the first,
+    or where others of the solid do."""
+    turns = lookalikes(solid, tuple(solid.corners_of(facets).tolist()))
+    return np.array([pose @ frames.inverse(turn) for turn in turns])

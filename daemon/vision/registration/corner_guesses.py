@@ -15,9 +15,10 @@ import numpy as np
 
 from daemon.arrays import Array, Flags, Image32, Index
 from daemon.vision.geometry import Baseline, Polyhedron
+from daemon.vision.image import runs
 from daemon.vision.registration.directed import DirectedMap, Rays
 from daemon.vision.registration.posed import Posed, Solids
-from daemon.vision.registration.space_corners import SpaceCorners, angle, basis, taught_corners
+from daemon.vision.registration.space_corners import ANGLE, SpaceCorners, angle, basis, sorted_by_kind, taught_corners
 
 OFF = np.radians(7.0)  # by how much a corner's arm may point elsewhere in the right eye than the taught angle says
 MOST_ASKED = 0.03  # by how much of its cosine no direction in the plane has the taught angle
@@ -27,8 +28,8 @@ MOST_GUESSES, MOST_OF_ONE = (4000, 200), (16, 1)
 part where that is more; at a corner its share of all, where corners are few. In 57 rendered looks with four parts
 taught the first good guess was among the first 500 of some 10,000 in nineteen of twenty. With 64 taught, 4,000 and 16
 named 37 of 57 parts on hard tables, these 46; twice as many at a corner named no more."""
-LENGTH_MM, ANGLE = 1.0, np.radians(2.0)
-"""Edges of such lengths and at such angles are one kind."""
+LENGTH_MM = 1.0
+"""Edges whose lengths round to the same in this are one kind."""
 LEAST_NATS = 20.0  # that must speak for two edges in both eyes together
 
 
@@ -62,12 +63,10 @@ def corner_kinds(shapes: tuple[Polyhedron, ...]) -> Kinds:
     first_mm, first = np.unique((lengths[:, 0] / LENGTH_MM).round() * LENGTH_MM, return_inverse=True)
     second_mm = (lengths[:, 1] / LENGTH_MM).round() * LENGTH_MM
     seconds, second = np.unique(np.stack([which, second_mm], 1), axis=0, return_inverse=True)
-    kinds, kind = np.unique(np.stack([first, second.reshape(-1)], 1), axis=0, return_inverse=True)
-    order = np.argsort(kind.reshape(-1), kind="stable")
-    begins = np.searchsorted(kind.reshape(-1)[order], np.arange(len(kinds) + 1))
+    kinds, order, begins = sorted_by_kind(np.stack([first, second.reshape(-1)], 1))
     return Kinds(
         part[order], from_part[order], cosines[order], which[order], np.cos(angles * ANGLE), first_mm,
-        seconds[:, 1], seconds[:, 0].astype(np.intp), kinds, begins,
+        seconds[:, 1], seconds[:, 0].astype(np.intp), kinds.astype(np.intp), begins,
     )  # fmt: skip
 
 
@@ -171,6 +170,5 @@ def _likeliest(nats: Image32, kinds: Kinds, most: int, most_of_one: int) -> tupl
     order = np.argsort(-value[where, rank], kind="stable")
     place = where[order], rank[order]
     each, kind = each[place], kind[place]
-    which = np.arange(each.sum()) + np.repeat(kinds.begins[kind] - np.cumsum(each) + each, each)
-    found = np.repeat(place[0], each), np.repeat(side[place], each), which
-    return found[0][:most], found[1][:most], found[2][:most]
+    of, which = (one[:most] for one in runs(kinds.begins[kind], each))
+    return place[0][of], side[place][of], which

@@ -15,10 +15,13 @@ from daemon import frames
 from daemon.arrays import Array
 from daemon.vision.geometry import Polyhedron
 from daemon.vision.model import TOLERANCE_MM
+from daemon.vision.registration.pose_step import SCALE
 from daemon.vision.values import Facet
 
 VAGUE_MM = 8.0
 """A facet with a corner known no better than this says nothing."""
+MOST_RESIDUAL_MM = 2.5
+"""Corners that fit worse than this, rms, are not the shape's."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,26 +35,18 @@ class Fit:
     matched: int
 
 
-def refit(
-    shape: Polyhedron,
-    facets: Sequence[Facet],
-    near: Array,
-    gate_mm: float = 12.0,
-    most_residual_mm: float = 2.5,
-    tolerance_mm: float = TOLERANCE_MM,
-) -> Fit | None:
+def refit(shape: Polyhedron, facets: Sequence[Facet], near: Array, gate_mm: float = 12.0) -> Fit | None:
     """The pose nearest to `near` (cyclopean_from_part) that fits the seen facets to the shape, or None.
 
     Corners farther than gate_mm from every corner of the shape are left out (a facet not taught, a neighbour's), and so
     are facets of which a corner is hardly known; where the rest does not fit, the vaguest facet goes, and so on. None
-    where fewer than three different corners in general position are met, or they fit worse than most_residual_mm rms.
-    tolerance_mm: how well the shape's corners are known, a standard deviation per axis.
+    where fewer than three different corners in general position are met, or they fit worse than MOST_RESIDUAL_MM.
     Source: weighted Gauss-Newton on point matches, nearest first (ICP on corners). Where the corners fit worse than
     their own covariance says, the pose's covariance grows by the same factor.
     """
     known = [f for f in facets if _vague_mm(f) < VAGUE_MM]
     while known:
-        fit = _refit(shape, known, near, gate_mm, most_residual_mm, tolerance_mm)
+        fit = _refit(shape, known, near, gate_mm)
         if fit is not None:
             return fit
         known.remove(max(known, key=_vague_mm))
@@ -63,16 +58,9 @@ def _vague_mm(facet: Facet) -> float:
     return float(np.sqrt(np.trace(facet.covariance_mm2, axis1=1, axis2=2).max()))
 
 
-def _refit(
-    shape: Polyhedron,
-    facets: Sequence[Facet],
-    near: Array,
-    gate_mm: float,
-    most_residual_mm: float,
-    tolerance_mm: float,
-) -> Fit | None:
+def _refit(shape: Polyhedron, facets: Sequence[Facet], near: Array, gate_mm: float) -> Fit | None:
     corners = np.concatenate([f.corners_mm for f in facets])
-    weights = np.linalg.inv(np.concatenate([f.covariance_mm2 for f in facets]) + tolerance_mm**2 * np.eye(3))
+    weights = np.linalg.inv(np.concatenate([f.covariance_mm2 for f in facets]) + TOLERANCE_MM**2 * np.eye(3))
     pose = near
     for _ in range(6):
         placed = frames.apply(pose, shape.corners_mm)
@@ -85,23 +73,19 @@ def _refit(
         jacobian, weight = frames.point_motion(levers), weights[keep]
         errors = corners[keep] - placed[nearest[keep]]
         information = np.einsum("nia,nij,njb->ab", jacobian, weight, jacobian)
-        if np.linalg.cond(information * np.outer(_SCALE, _SCALE)) > 1e6:
+        if np.linalg.cond(information * np.outer(SCALE, SCALE)) > 1e6:
             return None
         step = np.linalg.solve(information, np.einsum("nia,nij,nj->a", jacobian, weight, errors))
         pose = frames.perturb(pose, step)
         if np.linalg.norm(step * (1, 1, 1, 50, 50, 50)) < 1e-4:
             break
-    return _judged(shape, pose, corners[keep], nearest[keep], weights[keep], most_residual_mm)
+    return _judged(shape, pose, corners[keep], nearest[keep], weights[keep])
 
 
-_SCALE = np.array([1.0, 1.0, 1.0, 0.03, 0.03, 0.03])
-"""Turns are weighed at a lever of some 30 mm, so that mm and rad compare."""
-
-
-def _judged(shape: Polyhedron, pose: Array, corners: Array, met: Array, weights: Array, most_mm: float) -> Fit | None:
+def _judged(shape: Polyhedron, pose: Array, corners: Array, met: Array, weights: Array) -> Fit | None:
     errors = corners - frames.apply(pose, shape.corners_mm)[met]
     residual_mm = float(np.sqrt((errors**2).sum(axis=1).mean()))
-    if residual_mm > most_mm:
+    if residual_mm > MOST_RESIDUAL_MM:
         return None
     jacobian = frames.point_motion(frames.apply(pose, shape.corners_mm)[met] - pose[:3, 3])
     covariance = np.linalg.inv(np.einsum("nia,nij,njb->ab", jacobian, weights, jacobian))

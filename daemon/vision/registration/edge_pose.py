@@ -20,9 +20,9 @@ from daemon.vision.model import TOLERANCE_MM
 from daemon.vision.registration.corner_pose import Fit
 from daemon.vision.registration.edge_adjustment import adjusted
 from daemon.vision.registration.expected_edges import THIN_PX, EdgeObservation, ExpectedEdges, Placements, expected
-from daemon.vision.registration.pose_step import TUKEY, Solved, across, moved, off_places, solve
+from daemon.vision.registration.pose_step import SCALE, TUKEY, across, moved, off_places, solve
 
-Outline = tuple[Array, Array]
+SeenCorners = tuple[Array, Array]
 """A facet's corners (N, 2) px in one eye, and their covariance (N, 2, 2)."""
 
 ROUGHLY = (1.0, 0.4)
@@ -52,67 +52,61 @@ LEAST_SIGMAS = 4.0
 FOUND_PX = 0.1
 """How sure a side that was found is, at best."""
 SAFE_CONDITION = 1e7
-SCALE = np.array([1.0, 1.0, 1.0, 0.03, 0.03, 0.03])
-"""Turns are weighed at a lever of some 30 mm, so that mm and rad compare."""
 
 
 @dataclass(frozen=True, eq=False)
 class Located:
     """pose (4, 4) cyclopean_from_part of a shape at which edges were last measured; observed: in the left and right
-    eye; tolerance_mm: how well the shape's corners are known; solved: what would move the pose yet.
+    eye; information (6, 6) of the pose in those edges that agree.
     """
 
     shape: Polyhedron
     pose: Array
     observed: tuple[EdgeObservation, EdgeObservation]
-    tolerance_mm: float
-    solved: Solved
+    information: Array
 
 
 @dataclass(frozen=True, eq=False)
-class ConfirmedFacet:
-    """A facet of a shape of which both images show the sides: its index, and its corners in either eye."""
+class LaidFacet:
+    """A facet of a shape that both eyes have in view: its index, and its corners in either eye."""
 
     index: int
-    left: Outline
-    right: Outline
+    left: SeenCorners
+    right: SeenCorners
 
 
-def locate(
-    shapes: Sequence[Polyhedron], eyes: Eyes, near: Array, reach_mm: float, tolerance_mm: float = TOLERANCE_MM
-) -> list[Located | None]:
-    """Where within some reach_mm of `near` (P, 4, 4) cyclopean_from_part the edges of each of the P shapes lie on the
-    images' edges.
+def locate(shape: Polyhedron, eyes: Eyes, near: Array, reach_mm: float) -> Located | None:
+    """Where within some reach_mm of `near` (4, 4) cyclopean_from_part the edges of a shape lie on the images' edges;
+    None where too few edges show for that.
 
-    None where too few edges show for that. tolerance_mm: how well the shapes' corners are known, a standard deviation.
-    All are laid side by side, and each leaves as soon as its place is certain or hopeless.
     Source: edges searched for across their expected places, the pose by Gauss-Newton on their ends with Tukey's weights
     (as Harris's RAPiD does point by point), then on sub-pixel lines until it moves no more.
     """
-    found: list[Located | None] = [None] * len(shapes)
-    if not shapes:
-        return found
-    laid, poses, open_ = Placements.of(shapes), near, np.ones(len(shapes), bool)
+    laid, poses = Placements.of([shape]), near[None]
     for share in ROUGHLY:
-        rough = [
-            _searched(expected(laid, view, poses, open_, tolerance_mm), view, reach_mm * share) for view in eyes.views
-        ]
-        shares = _shares(rough, [seen.there for seen in rough], len(shapes))
-        poses = moved(poses, _solved(rough, reach_mm, len(shapes)).motion)
-    open_ = shares >= HOPELESS
+        rough = [_searched(edges, view, reach_mm * share) for edges, view in _expected(laid, eyes, poses)]
+        shown_share = _share(rough, [seen.there for seen in rough])
+        poses = moved(poses, _solved(rough, reach_mm)[0][None])
+    if shown_share < HOPELESS:
+        return None
     for turn in range(MOST_ROUNDS):
-        if not open_.any():
+        left, right = measured([edges for edges, _ in _expected(laid, eyes, poses)], eyes)
+        motion, information = _solved((left, right), reach_mm)
+        still = np.linalg.norm(motion / SCALE) < SMALL_MM
+        if turn and not still and _share((left, right), (left.on_place, right.on_place)) < HOPELESS:
+            return None
+        if still or turn == MOST_ROUNDS - 1:
             break
-        left, right = measured([expected(laid, view, poses, open_, tolerance_mm) for view in eyes.views], eyes)
-        solved = _solved((left, right), reach_mm, len(shapes))
-        still = np.linalg.norm(solved.motion / SCALE, axis=1) < SMALL_MM
-        lost = (_shares((left, right), (left.on_place, right.on_place), len(shapes)) < HOPELESS) & ~still & (turn > 0)
-        for k in np.flatnonzero(open_ & (still | (turn == MOST_ROUNDS - 1)) & ~lost).tolist():
-            step = Solved(solved.motion[k], solved.information[k], solved.excess[k])
-            found[k] = Located(shapes[k], poses[k], (left.only(k, laid), right.only(k, laid)), tolerance_mm, step)
-        open_ = open_ & ~still & ~lost
-        poses = moved(poses, solved.motion)
-    return found
+        poses = moved(poses, motion[None])
+    return Located(shape, poses[0], (left, right), information)
+
+
+def _expected(
+    laid: Placements, eyes: Eyes, poses: Array, tolerance_mm: float = TOLERANCE_MM
+) -> list[tuple[ExpectedEdges, OneEye]]:
+    """What either eye should see of one placement, with the eye."""
+    wanted = np.ones(1, bool)
+    return [(expected(laid, view, poses, wanted, tolerance_mm), view) for view in eyes.views]
 
 
 def fit_edges(shape: Polyhedron, eyes: Eyes, near: Array, reach_mm: float = 5.0) -> Fit | None:
@@ -121,17 +115,17 @@ def fit_edges(shape: Polyhedron, eyes: Eyes, near: Array, reach_mm: float = 5.0)
     None where an eye shows too few of the edges it should see, or they are too faint to be the part's, or leave the
     pose open. Fit.matched counts edges.
     """
-    found = locate([shape], eyes, near[None], reach_mm)[0]
+    found = locate(shape, eyes, near, reach_mm)
     return None if found is None or clear_share(found, eyes) < LEAST_CLEAR else fit_of(found)
 
 
 def fit_each(shape: Polyhedron, eyes: Eyes, near: Array, reach_mm: float) -> tuple[Fit, Fit] | None:
     """As fit_edges, but what each eye says by itself, for eyes whose places against each other are in doubt."""
-    found = locate([shape], eyes, near[None], reach_mm)[0]
+    found = locate(shape, eyes, near, reach_mm)
     whole = None if found is None or clear_share(found, eyes) < LEAST_CLEAR else fit_of(found)
     if found is None or whole is None:
         return None
-    alone = (adjusted(shape, found.pose, [seen], found.tolerance_mm) for seen in found.observed)
+    alone = (adjusted(shape, found.pose, [seen], TOLERANCE_MM) for seen in found.observed)
     left, right = (replace(whole, cyclopean_from_part=one.pose, covariance=one.covariance) for one in alone)
     return left, right
 
@@ -143,12 +137,11 @@ def fit_of(found: Located) -> Fit | None:
     shares = map(_outline_share, (seen.edges for seen in found.observed), on_place)
     if min(shares) < LEAST_OUTLINE:
         return None
-    solved = found.solved
-    if np.linalg.cond(solved.information * np.outer(SCALE, SCALE)) > SAFE_CONDITION:
+    if np.linalg.cond(found.information * np.outer(SCALE, SCALE)) > SAFE_CONDITION:
         return None
     off_px = np.concatenate([seen.off[good] for seen, good in zip(found.observed, on_place, strict=True)])
     residual_mm = float(np.sqrt((off_px**2).mean()) / found.observed[0].edges.px_per_mm[0])
-    final = adjusted(found.shape, found.pose, found.observed, found.tolerance_mm)
+    final = adjusted(found.shape, found.pose, found.observed, TOLERANCE_MM)
     return Fit(final.pose, final.covariance, residual_mm, len(off_px))
 
 
@@ -156,9 +149,9 @@ def fit_at(
     shape: Polyhedron, eyes: Eyes, pose: Array, tolerance_mm: float
 ) -> tuple[Fit, tuple[EdgeObservation, EdgeObservation]]:
     """Where the edges of a part have it that is at a pose (4, 4) cyclopean_from_part to a px or so; and those edges."""
-    laid, once = Placements.of([shape]), np.ones(1, bool)
+    laid = Placements.of([shape])
     for _ in range(AGAIN):
-        left, right = measured([expected(laid, view, pose[None], once, tolerance_mm) for view in eyes.views], eyes)
+        left, right = measured([edges for edges, _ in _expected(laid, eyes, pose[None], tolerance_mm)], eyes)
         final = adjusted(shape, pose, (left, right), tolerance_mm)
         pose = final.pose
         if np.linalg.norm(final.motion / SCALE) < SMALL_MM:
@@ -171,9 +164,15 @@ def fit_at(
 def shown(shape: Polyhedron, eyes: Eyes, pose: Array, reach_mm: float) -> float:
     """Share of the outline of a part at cyclopean_from_part (4, 4) near which both eyes have edges, within reach_mm;
     0 where an eye does not have it in view. Cheaper than a fit, and for what is only partly in view."""
-    laid, once = Placements.of([shape]), np.ones(1, bool)
-    expectations = [(expected(laid, view, pose[None], once, TOLERANCE_MM), view) for view in eyes.views]
-    return min(_outline_share(edges, _searched(edges, view, reach_mm).there) for edges, view in expectations)
+    both = _expected(Placements.of([shape]), eyes, pose[None])
+    return min(_outline_share(edges, _searched(edges, view, reach_mm).there) for edges, view in both)
+
+
+def borne_out(shape: Polyhedron, eyes: Eyes, near: Array, reach_mm: float) -> float:
+    """How surely a part lies within some reach_mm of `near` (4, 4) cyclopean_from_part: the clear share of its edges, 0
+    where too few of them show on their place."""
+    found = locate(shape, eyes, near, reach_mm)
+    return 0.0 if found is None or fit_of(found) is None else clear_share(found, eyes)
 
 
 def facets_in_view(shape: Polyhedron, eyes: Eyes, pose: Array) -> int:
@@ -188,10 +187,10 @@ def clear_share(found: Located, eyes: Eyes) -> float:
     """Of the length of all edges in both eyes, that of those on their place that stand out from the shading and the
     grain beside them."""
     good = [_clear(seen, view) for seen, view in zip(found.observed, eyes.views, strict=True)]
-    return float(_shares(found.observed, good, 1)[0])
+    return _share(found.observed, good)
 
 
-def facets_laid(shape: Polyhedron, observed: Sequence[EdgeObservation]) -> list[ConfirmedFacet]:
+def facets_laid(shape: Polyhedron, observed: Sequence[EdgeObservation]) -> list[LaidFacet]:
     """Every facet that both eyes see, none of them edge-on: its corners from the sides that show where they should, and
     from the pose where they do not."""
     laid = Placements.of([shape])
@@ -200,7 +199,7 @@ def facets_laid(shape: Polyhedron, observed: Sequence[EdgeObservation]) -> list[
     for index in np.flatnonzero(np.all(thick, axis=0)).tolist():
         ring = shape.facets[index]
         outlines = (_outline(ring, seen, *_sides_of(ring, seen.edges, seen.on_place)) for seen in observed)
-        found_facets.append(ConfirmedFacet(index, *outlines))
+        found_facets.append(LaidFacet(index, *outlines))
     return found_facets
 
 
@@ -244,34 +243,21 @@ def _nothing(edges: ExpectedEdges) -> EdgeObservation:
     return EdgeObservation(edges, np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(0, bool))
 
 
-def _solved(observed: Sequence[EdgeObservation], reach_mm: float, count: int) -> Solved:
-    """The motions (P, 6) that bring the poses of so many placements onto the edges of both eyes, not much more than the
-    reach."""
-    owner = np.concatenate([seen.edges.owner for seen in observed])
-    order = np.argsort(owner, kind="stable")
-    edges = np.bincount(owner, minlength=count)
-    place = np.arange(len(owner)) - (np.cumsum(edges) - edges)[owner[order]]
-
-    def padded(each: Sequence[Array]) -> Array:
-        """(P, most edges of any, ...) from (E, ...) of each eye; zero where a placement has fewer."""
-        values = np.concatenate(each)
-        wide = np.zeros((count, edges.max(initial=1), *values.shape[1:]))
-        wide[owner[order], place] = values[order]
-        return wide
-
-    off, jacobian = padded([o.off for o in observed]), padded([o.edges.jacobian for o in observed])
-    weight = padded([o.weight for o in observed])
-    usable = padded([(o.there & o.edges.sharp).astype(float) for o in observed])
+def _solved(observed: Sequence[EdgeObservation], reach_mm: float) -> tuple[Array, Array]:
+    """The motion (6,) that brings a pose onto the edges of both eyes, not much more than the reach; and the information
+    (6, 6) of those that agree."""
+    off, jacobian, weight, usable = (
+        np.concatenate(each)
+        for each in zip(*((o.off, o.edges.jacobian, o.weight, o.there & o.edges.sharp) for o in observed), strict=True)
+    )
     prior = np.diag(([reach_mm**-2] * 3) + [np.radians(SEARCH_DEG) ** -2] * 3)
-    return solve(off, jacobian, weight, usable, prior, TUKEY, PASSES)
+    return solve(off, jacobian, weight, usable.astype(float), prior, TUKEY, PASSES)
 
 
-def _shares(observed: Sequence[EdgeObservation], good: Sequence[Flags], count: int) -> Array:
-    """(P,) of the length of all edges of each of so many placements in both eyes, that of the good ones."""
+def _share(observed: Sequence[EdgeObservation], good: Sequence[Flags]) -> float:
+    """Of the length of all edges in both eyes, that of the good ones."""
     lengths = np.concatenate([seen.edges.lengths_px for seen in observed])
-    owner = np.concatenate([seen.edges.owner for seen in observed])
-    total, part = (np.bincount(owner, each, count) for each in (lengths, lengths * np.concatenate(good)))
-    return np.asarray(part / np.maximum(total, 1e-9))
+    return float(lengths @ np.concatenate(good) / max(lengths.sum(), 1e-9))
 
 
 def _outline_share(edges: ExpectedEdges, good: Flags) -> float:
@@ -298,7 +284,7 @@ def _sides_of(ring: Sequence[int], edges: ExpectedEdges, good: Flags) -> tuple[I
     return which, turned, (which >= 0) & np.append(good, False)[which]
 
 
-def _outline(ring: Sequence[int], seen: EdgeObservation, which: Index, turned: Flags, good: Flags) -> Outline:
+def _outline(ring: Sequence[int], seen: EdgeObservation, which: Index, turned: Flags, good: Flags) -> SeenCorners:
     """Most likely corners given the model and the sides that were found."""
     assert seen.sides is not None
     sides = seen.sides.chosen(which, turned)

@@ -17,7 +17,7 @@ from daemon.vision.registration.corner_pose import Fit
 from daemon.vision.registration.edge_adjustment import Adjusted, adjusted
 from daemon.vision.registration.edge_pose import facets_in_view, fit_at, measured
 from daemon.vision.registration.expected_edges import EdgeObservation, Placements, expected
-from daemon.vision.registration.stretches import borne_out, settled, stretches_of
+from daemon.vision.registration.stretches import Borne, settled, stretches_of
 
 MORE = 1.02
 """So many times the area in view a pose must show of what was taught to be thought better unasked."""
@@ -52,7 +52,7 @@ def best_fitted(
     laid, middle = Placements.of([solid] * len(asked)), frames.apply(poses[0], solid.corners_mm).mean(0)
     near = settled(laid, eyes, poses[asked], tolerance_mm)
     stretches = stretches_of(laid, eyes, near, tolerance_mm)
-    shares = np.array([borne_out([seen.only(k, laid) for seen in stretches]).share for k in range(len(asked))])
+    shares = np.array([Borne.of([seen.only(k, laid) for seen in stretches]).share for k in range(len(asked))])
     good = shares > shares[0] - LESS
     edges = measured([expected(laid, view, near, good, tolerance_mm) for view in eyes.views], eyes)
     held = [

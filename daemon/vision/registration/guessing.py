@@ -22,14 +22,14 @@ from daemon.vision.image import Eyes, SegmentCorners, joined, segment_corners
 from daemon.vision.model import Model
 from daemon.vision.recognition import suspected
 from daemon.vision.registration.beside import COVERED
-from daemon.vision.registration.corner_guesses import guesses_from_space
+from daemon.vision.registration.corner_guesses import corner_kinds, guesses_from_space
 from daemon.vision.registration.different import Guesses, different, thinned
 from daemon.vision.registration.directed import DirectedMap, evidence, promising
 from daemon.vision.registration.measured import hull
 from daemon.vision.registration.posed import Posed, pixels, taught_solids
 from daemon.vision.registration.resting import Ground, laid_down
 from daemon.vision.registration.space_corners import meet
-from daemon.vision.registration.table_guesses import guesses_on_table
+from daemon.vision.registration.table_guesses import guesses_on_table, resting_corners
 from daemon.vision.registration.unsure import best_turned
 from daemon.vision.values import Group
 
@@ -50,7 +50,7 @@ FEWEST_IN_VIEW = 2
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class Search:
     """What guesses are made from: both eyes, the taught parts, groups of facets without a name, what the left eye sees
     of the parts that have one, maps of segments of both eyes, and the table, where that is seen or known."""
 
@@ -84,14 +84,22 @@ class Guessed(NamedTuple):
     left_out: tuple[str, ...] = ()
 
 
-def guessed_in_space(scene: Scene, spent: Callable[[], float]) -> Guessed:
+def made_ready(model: Model) -> None:
+    """Make what is made once of taught parts, and kept for all looks that guess."""
+    shapes = taught_solids(model).shapes
+    if shapes:
+        corner_kinds(shapes)
+        resting_corners(shapes)
+
+
+def guessed_in_space(search: Search, spent: Callable[[], float]) -> Guessed:
     """By corners that both eyes see, and by facets that have no name."""
-    left, right = scene.corners
+    left, right = search.corners
     if spent() > SEARCHED:
         return Guessed([], 1, ("where taught parts could be was not looked for",))
-    solids, geometry = taught_solids(scene.model), scene.eyes.geometry
-    guesses, hinges, tests = guesses_from_space(meet(left, right, geometry), geometry, scene.maps, solids)
-    by_facet = [one for group in scene.unnamed for facet in group.facets for one in suspected(facet, scene.model)]
+    solids, geometry = taught_solids(search.model), search.eyes.geometry
+    guesses, hinges, tests = guesses_from_space(meet(left, right, geometry), geometry, search.maps, solids)
+    by_facet = [one for group in search.unnamed for facet in group.facets for one in suspected(facet, search.model)]
     part = np.array([solids.labels.index(label) for label, _ in by_facet], np.intp)
     posed = Posed(
         solids,
@@ -100,31 +108,31 @@ def guessed_in_space(scene: Scene, spent: Callable[[], float]) -> Guessed:
     )
     middles = posed.chosen(np.arange(len(guesses.part), len(posed.part))).middles_mm()
     hinges = np.concatenate([hinges, np.stack([middles, np.zeros_like(middles)], 1)])
-    if scene.ground is not None:
-        posed, hinges = laid_down(posed, hinges, scene.ground.table, geometry)
-    return _likeliest(scene, posed, hinges, tests + len(by_facet), spent)
+    if search.ground is not None:
+        posed, hinges = laid_down(posed, hinges, search.ground.table, geometry)
+    return _likeliest(search, posed, hinges, tests + len(by_facet), spent)
 
 
-def guessed_on_table(scene: Scene, spent: Callable[[], float]) -> Guessed:
+def guessed_on_table(search: Search, spent: Callable[[], float]) -> Guessed:
     """By corners that one eye sees; nothing where no table is known."""
-    if scene.ground is None or spent() > SEARCHED:
+    if search.ground is None or spent() > SEARCHED:
         return Guessed([], 0)
-    solids, geometry = taught_solids(scene.model), scene.eyes.geometry
-    posed, tests = guesses_on_table(scene.corners, geometry, scene.maps, scene.ground.table, solids)
-    return _likeliest(scene, posed, np.zeros((len(posed.part), 2, 3)), tests, spent)
+    solids, geometry = taught_solids(search.model), search.eyes.geometry
+    posed, tests = guesses_on_table(search.corners, geometry, search.maps, search.ground.table, solids)
+    return _likeliest(search, posed, np.zeros((len(posed.part), 2, 3)), tests, spent)
 
 
-def _likeliest(scene: Scene, posed: Posed, hinges: Array, tests: int, spent: Callable[[], float]) -> Guessed:
+def _likeliest(search: Search, posed: Posed, hinges: Array, tests: int, spent: Callable[[], float]) -> Guessed:
     """Those of many poses for which most speaks, each turned about its hinge (G, 2, 3) to where most does."""
-    eyes, geometry, maps = scene.eyes, scene.eyes.geometry, scene.maps
+    eyes, geometry, maps = search.eyes, search.eyes.geometry, search.maps
     good, by_glance = promising(posed, geometry, maps)
     good = good[_varied(Guesses(posed.chosen(good), -by_glance))]
     posed, hinges = posed.chosen(good), hinges[good]
     nats, _ = evidence(posed, geometry, maps)
     good = (nats > LEAST_NATS / 3) & (posed.in_view().sum(1) >= FEWEST_IN_VIEW)
-    if scene.named:
+    if search.named:
         middle_px = pixels(posed.middles_mm(), geometry)[0]
-        good &= np.all([shape.depth(middle_px) <= 0 for shape in scene.named], axis=0)
+        good &= np.all([shape.depth(middle_px) <= 0 for shape in search.named], axis=0)
     guesses = Guesses(posed.chosen(good), -nats[good])
     kept = _worth(*best_turned(guesses, hinges[good], geometry, maps), eyes)
     if spent() > SEARCHED and len(kept) > FEWEST_LAID:

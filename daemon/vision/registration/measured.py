@@ -7,21 +7,21 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array
-from daemon.vision.facets import corner_covariance
+from daemon.vision.facets import triangulated_covariance
 from daemon.vision.geometry import Baseline, Polyhedron, Shape, planarity
 from daemon.vision.image import Eyes
-from daemon.vision.registration.edge_pose import ConfirmedFacet
+from daemon.vision.registration.edge_pose import LaidFacet
 from daemon.vision.registration.posed import pixels
 from daemon.vision.values import Facet
 
 
-def measured_facet(seen: ConfirmedFacet, geometry: Baseline) -> Facet:
-    """The facet triangulated from where the images show its sides to meet."""
+def measured_facet(seen: LaidFacet, geometry: Baseline) -> Facet:
+    """The facet triangulated from its corners in both eyes."""
     (left, left_doubt), (right, right_doubt) = seen.left, seen.right
     ideal = geometry.left.ideal(left), geometry.right.ideal(right)
     corners = geometry.points(*ideal)
     off = np.abs(ideal[0][:, 1] - ideal[1][:, 1]) * geometry.left.focal_px
-    covariance = corner_covariance(geometry, *ideal, left_doubt, right_doubt)
+    covariance = triangulated_covariance(geometry, *ideal, left_doubt, right_doubt)
     return Facet(corners, covariance, left, right, off, planarity(corners))
 
 

@@ -7,7 +7,6 @@ patterned table says both better, from all of the picture. Whether a part lies o
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -43,9 +42,7 @@ def _laid(part: Part, model: Model, ground: Ground) -> Part:
     pose, covariance = found
     turn = pose @ frames.inverse(part.cyclopean_from_part)
     fitted = tuple(frames.apply(turn, ring) for ring in part.fitted_mm)
-    return replace(
-        part, cyclopean_from_part=pose, covariance=covariance, fitted_mm=fitted, equivalents=turn @ part.equivalents
-    )
+    return part.laid(pose, covariance, fitted)
 
 
 def flat_on(table: Table, solid: Polyhedron, pose: Array, covariance: Array) -> tuple[Array, Array] | None:

@@ -5,11 +5,7 @@ decided here.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
 from daemon import frames
 from daemon.arrays import Array
@@ -17,16 +13,8 @@ from daemon.vision.geometry import Camera
 
 TUKEY = 5.6
 """So many sigmas off, an edge counts no more."""
-
-
-@dataclass(frozen=True, eq=False)
-class Solved:
-    """motion (..., 6) as daemon/frames.py has it; information (..., 6, 6) of the edges that agree; excess (...): how
-    much worse these fit than they should (chi-square a degree of freedom, 1 at least)."""
-
-    motion: Array
-    information: Array
-    excess: Array
+SCALE = np.array([1.0, 1.0, 1.0, 0.03, 0.03, 0.03])
+"""Turns are weighed at a lever of some 30 mm, so that mm and rad compare."""
 
 
 def corners_in(camera: Camera, cyclopean_from_part: Array, corners_mm: Array) -> tuple[Array, Array]:
@@ -45,6 +33,14 @@ def moved(poses: Array, motions: Array) -> Array:
     return found
 
 
+def turned(poses: Array, turns: Array, points: Array) -> Array:
+    """Poses (P, 4, 4), each turned (P, 3, 3) about a point (P, 3) of the frame they lead to."""
+    found = poses.copy()
+    found[:, :3, :3] = turns @ poses[:, :3, :3]
+    found[:, :3, 3] = points + (turns @ (poses[:, :3, 3] - points)[..., None])[..., 0]
+    return found
+
+
 def across(start: Array, end: Array) -> Array:
     """(E, 2) unit vectors across edges start -> end, (E, 2) each."""
     chord = end - start
@@ -58,26 +54,26 @@ def off_places(start: Array, end: Array, found_start: Array, found_end: Array) -
     return np.stack([((found_start - start) * normal).sum(1), ((found_end - end) * normal).sum(1)], 1)
 
 
-def solve(off: Array, jacobian: Array, weight: Array, usable: Array, prior: Array, tukey: float, passes: int) -> Solved:
-    """The motion that takes the edges' ends off (..., E, 2) px away, robustly, and not much farther than the prior
-    (6, 6); one for each of the leading axes, on which poses are solved for side by side.
+def solve(
+    off: Array, jacobian: Array, weight: Array, usable: Array, prior: Array, tukey: float, passes: int
+) -> tuple[Array, Array]:
+    """The motion (6,) that takes the edges' ends off (E, 2) px away, robustly, and not much farther than the prior
+    (6, 6), as daemon/frames.py has it; and the information (6, 6) of the edges that agree.
 
-    jacobian (..., E, 2, 6) of the ends by the motion; weight (..., E, 2, 2), the inverse of their covariance; usable
-    (..., E), 0 or 1; tukey: so many sigmas off, an edge counts no more.
+    jacobian (E, 2, 6) of the ends by the motion; weight (E, 2, 2), the inverse of their covariance; usable (E,), 0 or
+    1; tukey: so many sigmas off, an edge counts no more.
     Source: Gauss-Newton with Tukey's weights, as Harris's RAPiD does point by point.
     """
-    by_row = (*off.shape[:-2], -1)
-    pull = np.swapaxes((weight @ jacobian).reshape(*by_row, 6), -1, -2)
-    rows, wanted = jacobian.reshape(*by_row, 6), (weight @ off[..., None]).reshape(by_row)
-    trust: NDArray[Any] = usable
-    motion, information, chi2 = np.zeros(6), np.zeros((6, 6)), np.zeros(())
+    rows, wanted = jacobian.reshape(-1, 6), (weight @ off[..., None]).reshape(-1)
+    pull = (weight @ jacobian).reshape(-1, 6).T
+    trust = usable
+    motion: Array = np.zeros(6)
+    information: Array = np.zeros((6, 6))
     for _ in range(passes):
-        each = np.repeat(trust, 2, -1)
-        information = (pull * each[..., None, :]) @ rows
-        towards = np.swapaxes(rows, -1, -2) @ (wanted * each)[..., None]
-        motion = np.linalg.solve(information + prior, towards)[..., 0]
-        left = off - (rows @ motion[..., None]).reshape(off.shape)
+        each = np.repeat(trust, 2)
+        information = (pull * each) @ rows
+        motion = np.asarray(np.linalg.solve(information + prior, rows.T @ (wanted * each)), float)
+        left = off - (rows @ motion).reshape(off.shape)
         miss = ((weight @ left[..., None])[..., 0] * left).sum(-1)
-        chi2 = (miss * trust).sum(-1) / np.maximum(2.0 * trust.sum(-1) - 6.0, 1.0)
         trust = usable * np.maximum(1 - miss / tukey**2, 0.0) ** 2
-    return Solved(motion, information, np.maximum(chi2, 1.0))
+    return motion, information

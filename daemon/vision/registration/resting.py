@@ -16,6 +16,7 @@ from daemon import frames
 from daemon.arrays import Array
 from daemon.vision.facets import Table
 from daemon.vision.geometry import Baseline, Polyhedron
+from daemon.vision.registration.pose_step import turned
 from daemon.vision.registration.posed import Posed
 
 FLAT_MM = 1.0
@@ -69,10 +70,10 @@ def rests(solid: Polyhedron) -> Array:
         normal = np.concatenate([normal, -normal])
         own = (normal * np.concatenate([a[wide]] * 2)).sum(1)
     levels = (normal @ corners.T).max(1, initial=-np.inf)
-    found = list[Array]()
-    for one, level in zip(normal[levels < own + FLAT_MM], levels[levels < own + FLAT_MM], strict=True):
-        if all(other[:3] @ one < SAME_TURN for other in found):
-            found.append(np.array([*one, level]))
+    left, found = np.column_stack([normal, levels])[levels < own + FLAT_MM], list[Array]()
+    while len(left):
+        found.append(left[0])
+        left = left[1:][left[1:, :3] @ left[0, :3] < SAME_TURN]
     return np.array(found).reshape(-1, 4)
 
 
@@ -112,9 +113,7 @@ def laid_down(posed: Posed, hinges: Array, table: Table, geometry: Baseline) -> 
     points = hinges[:, 0]
     rest, cosine = _nearest_rest(posed, table)
     turns = _turns((posed.poses[:, :3, :3] @ rest[..., None])[..., 0], -table.up)
-    poses = posed.poses.copy()
-    poses[:, :3, :3] = turns @ poses[:, :3, :3]
-    poses[:, :3, 3] = points + (turns @ (poses[:, :3, 3] - points)[..., None])[..., 0]
+    poses = turned(posed.poses, turns, points)
     sight = points - (geometry.middle_mm - geometry.cyclopean_from_baseline[:, 0] * geometry.length_mm / 2)
     sight = sight / np.linalg.norm(sight, axis=1, keepdims=True)
     too_high_mm = _lowest_mm(Posed(posed.solids, posed.part, poses), table)

@@ -97,11 +97,4 @@ def _moved(part: Part, shape: Polyhedron, found: Adjusted) -> Part:
     """The part at another pose, its fitted corners and the poses that fit as well with it."""
     before = frames.apply(part.cyclopean_from_part, shape.corners_mm)
     nearest = [np.linalg.norm(ring[:, None] - before, axis=2).argmin(1) for ring in part.fitted_mm]
-    turn = found.pose @ frames.inverse(part.cyclopean_from_part)
-    return replace(
-        part,
-        cyclopean_from_part=found.pose,
-        covariance=found.covariance,
-        fitted_mm=tuple(found.corners_mm[ring] for ring in nearest),
-        equivalents=turn @ part.equivalents,
-    )
+    return part.laid(found.pose, found.covariance, tuple(found.corners_mm[ring] for ring in nearest))

@@ -21,6 +21,7 @@ ROW_PX = 2.0  # how far apart the rows may be in which two eyes see a corner
 MOST_MET = 800  # of corners seen by both eyes those with the longest arms: each is a guess for every taught corner
 TURNED = np.radians(28.0)  # by how much a corner's arm may point elsewhere in the other eye
 FIRM = np.sin(np.radians(1.2))  # of the angle between the planes of an edge; less, and its direction is anyone's
+ANGLE = np.radians(2.0)  # taught corners are of a kind whose angles round to the same in this
 ALIKE_MM = 1.5  # corners of a solid this near to others' places after a turn make the turn one of its symmetries
 
 
@@ -123,11 +124,17 @@ def taught_corners(solid: Polyhedron) -> tuple[Array, Array, Array]:
     every, cosines, lengths = corner_frames(solid)
     corner_from_part = np.asarray(np.linalg.inv(every), float)
     seen = solid.corners_mm @ corner_from_part[:, :3, :3].transpose(0, 2, 1) + corner_from_part[:, None, :3, 3]
+    far = np.linalg.norm(seen, axis=2)
+    facets = {frozenset(ring) for ring in solid.facets}
     found, left = list[int](), np.arange(len(every))
     while len(left):
-        found.append(int(left[0]))
-        alike = _as_near(seen[left], seen[left[0]])
-        alike[alike] = [_same_facets(solid, seen[one], seen[left[0]]) for one in left[alike]]
+        first = int(left[0])
+        found.append(first)
+        alike = _as_far(far[left], far[first])
+        apart2 = _apart2(seen[left[alike]], seen[first])
+        alike[alike] = near = apart2.min(2).max(1) < ALIKE_MM**2
+        onto = apart2[near].argmin(2)
+        alike[alike] = [{frozenset(to[ring].tolist()) for ring in solid.rings} == facets for to in onto]
         left = left[~alike]
     return corner_from_part[found], cosines[found], lengths[found]
 
@@ -140,15 +147,16 @@ def lookalikes(solid: Polyhedron, seen: tuple[int, ...]) -> Array:
     own = np.flatnonzero((every[:, :3, 3] == solid.corners_mm[seen[0]]).all(1))[0]
     turns = np.delete(every, own, 0) @ frames.inverse(every[own])
     moved = solid.corners_mm[list(seen)] @ turns[:, :3, :3].transpose(0, 2, 1) + turns[:, None, :3, 3]
-    return np.concatenate([np.eye(4)[None], turns[_as_near(moved, solid.corners_mm)]])
+    near = _apart2(moved, solid.corners_mm).min(2).max(1) < ALIKE_MM**2
+    return np.concatenate([np.eye(4)[None], turns[near]])
 
 
+@lru_cache(maxsize=1024)
 def corner_frames(solid: Polyhedron) -> tuple[Array, Array, Array]:
     """Every two edges at every corner, in either order: part_from_corner (K, 4, 4), the cosine between them (K,), and
     how long both are (K, 2), mm."""
     ends = np.concatenate([solid.lines[0], solid.lines[0][:, ::-1]])
-    pairs = [(k, m) for k in range(len(ends)) for m in range(len(ends)) if k != m and ends[k, 0] == ends[m, 0]]
-    which = np.array(pairs, np.intp).reshape(-1, 2)
+    which = np.argwhere((ends[:, :1] == ends[:, 0]) & ~np.eye(len(ends), dtype=bool))
     ways = solid.corners_mm[ends[:, 1]] - solid.corners_mm[ends[:, 0]]
     length = np.sqrt((ways * ways).sum(1))
     x, to = (ways[own] / length[own, None] for own in which.T)
@@ -157,16 +165,29 @@ def corner_frames(solid: Polyhedron) -> tuple[Array, Array, Array]:
     return found, (x * to).sum(1), length[which]
 
 
-def _as_near(many: Array, one: Array) -> Flags:
-    """(M,) of which sets of points (M, N, 3) each lies near one of points (K, 3)."""
-    apart2 = ((many[:, :, None] - one) ** 2).sum(3)
-    return np.asarray(apart2.min(2).max(1) < ALIKE_MM**2)
+def _apart2(many: Array, one: Array) -> Array:
+    """(M, N, K) squares of the distances of sets of points (M, N, 3) from points (K, 3)."""
+    found = np.zeros((*many.shape[:2], len(one)))
+    for axis in range(3):
+        off = many[:, :, None, axis] - one[:, axis]
+        found += off * off
+    return found
 
 
-def _same_facets(solid: Polyhedron, one: Array, other: Array) -> bool:
-    """Whether the facets of a solid whose corners lie at (N, 3) are where those of the same at others (N, 3) are."""
-    to = np.linalg.norm(one[:, None] - other, axis=2).argmin(1)
-    return {frozenset(to[ring].tolist()) for ring in solid.rings} == {frozenset(ring) for ring in solid.facets}
+def _as_far(many: Array, one: Array) -> Flags:
+    """(M,) of which sets of distances (M, N) from the origin each has one of (K,) that points so near could have."""
+    known = np.concatenate([[-np.inf], np.sort(one), [np.inf]])
+    after = np.searchsorted(known, many)
+    off = np.minimum(many - known[after - 1], known[after] - many)
+    return np.asarray(off.max(1) < ALIKE_MM + 1e-6)
+
+
+def sorted_by_kind(rows: Array) -> tuple[Array, Index, Index]:
+    """The kinds (U, M) of which rows (K, M) are, the order (K,) that sorts them by kind, and where each begins there
+    (U + 1,)."""
+    kinds, kind = np.unique(rows, axis=0, return_inverse=True)
+    order = np.argsort(kind.reshape(-1), kind="stable")
+    return kinds, order, np.searchsorted(kind.reshape(-1)[order], np.arange(len(kinds) + 1))
 
 
 def basis(x: Array, to: Array) -> Array:

@@ -82,6 +82,13 @@ class Borne(NamedTuple):
     nats: float
     share: float
 
+    @classmethod
+    def of(cls, both: Sequence[Stretches]) -> Borne:
+        """By the stretches of both eyes along the edges of one placement."""
+        nats = sum(float(seen.nats.sum()) for seen in both)
+        most = sum(float(seen.weight.sum()) for seen in both) * (MOST_SURPRISE - 1)
+        return cls(nats, nats / max(most, 1e-9))
+
 
 def stretches_of(laid: Placements, eyes: Eyes, poses: Array, tolerance_mm: float) -> list[Stretches]:
     """What each eye shows along the edges of parts at poses (P, 4, 4) cyclopean_from_part."""
@@ -108,13 +115,6 @@ def _slopes(
     for view in eyes.views:
         edges = expected(laid, view, poses, wanted, tolerance_mm)
         yield edges, stretch_slopes(view.smooth, edges.end, edges.start, REACH_PX)[:, ::-1]  # outwards as across() has
-
-
-def borne_out(both: Sequence[Stretches]) -> Borne:
-    """What the stretches of both eyes say of one placement."""
-    nats = sum(float(seen.nats.sum()) for seen in both)
-    most = sum(float(seen.weight.sum()) for seen in both) * (MOST_SURPRISE - 1)
-    return Borne(nats, nats / max(most, 1e-9))
 
 
 def settled(laid: Placements, eyes: Eyes, poses: Array, tolerance_mm: float) -> Array:

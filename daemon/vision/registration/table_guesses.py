@@ -16,11 +16,11 @@ import numpy as np
 from daemon.arrays import Array, Index
 from daemon.vision.facets import Table
 from daemon.vision.geometry import Baseline, Polyhedron
-from daemon.vision.image import SegmentCorners
+from daemon.vision.image import SegmentCorners, runs
 from daemon.vision.registration.directed import DirectedMap
 from daemon.vision.registration.posed import Posed, Solids
 from daemon.vision.registration.resting import rests
-from daemon.vision.registration.space_corners import CornersInEye, basis, taught_corners
+from daemon.vision.registration.space_corners import ANGLE, CornersInEye, basis, sorted_by_kind, taught_corners
 
 OFF = np.tan(np.radians(6.0))
 """By how much the second edge may point elsewhere than the first one and the table have it."""
@@ -35,8 +35,6 @@ TOO_LONG, ROOM = 1.1, 0.01
 MOST_ASKED, MOST_GUESSES = 100_000, 1500
 """Kinds of taught corners times corners of one eye, as many of these as that leaves; of their guesses those that the
 other eye bears out most."""
-ANGLE = np.radians(2.0)
-"""Corners at such angles are one kind."""
 SHARES = np.array([0.1, 0.3, 0.5, 0.7, 0.9], np.float32)
 """At which shares of an edge the other eye is asked."""
 
@@ -78,9 +76,7 @@ def resting_corners(shapes: tuple[Polyhedron, ...]) -> RestingCorners:
         good = np.cos(angles[:, 0]) > LEAST_LEVEL
         found.append(tuple(a[good] for a in (np.full(len(k), number), corner_from_part[k], height, lengths[k], angles)))
     part, from_part, height, lengths, angles = (np.concatenate(each) for each in zip(*found, strict=True))
-    kinds, kind = np.unique((angles / ANGLE).round(), axis=0, return_inverse=True)
-    order = np.argsort(kind.reshape(-1), kind="stable")
-    begins = np.searchsorted(kind.reshape(-1)[order], np.arange(len(kinds) + 1))
+    kinds, order, begins = sorted_by_kind((angles / ANGLE).round())
     return RestingCorners(
         part[order], from_part[order], height[order], lengths[order], angles[order], kinds * ANGLE, begins
     )
@@ -127,9 +123,7 @@ def _possible(corners: CornersInEye, taught: RestingCorners, up: Array, eye_mm: 
     axes = np.stack([east, np.cross(up, east), up])
     kind, c, bearing = _turned(corners, ray, axes, taught.kinds)
     ways = _ways(bearing, taught.kinds[kind], axes)
-    each = np.diff(taught.begins)[kind]
-    which = np.arange(each.sum()) + np.repeat(taught.begins[kind] - np.cumsum(each) + each, each)
-    of = np.repeat(np.arange(len(kind)), each)
+    of, which = runs(taught.begins[kind], np.diff(taught.begins)[kind])
     depth = (eye_mm - taught.height_mm[which]) / slope[c[of]]
     good = depth > 0
     which, of, depth = which[good], of[good], depth[good]

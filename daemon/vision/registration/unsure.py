@@ -14,6 +14,7 @@ from daemon.arrays import Array
 from daemon.vision.geometry import Baseline, Polyhedron
 from daemon.vision.registration.different import Guesses, thinned
 from daemon.vision.registration.directed import DirectedMap, evidence
+from daemon.vision.registration.pose_step import turned
 from daemon.vision.registration.posed import Posed
 
 MOST_TURNED, TURNS = 100, np.radians([-24.0, -16.0, -8.0, 8.0, 16.0, 24.0])
@@ -35,11 +36,8 @@ def best_turned(
     few = few[np.argsort(guesses.against[few], kind="stable")[:MOST_TURNED]]
     posed, against = guesses.posed.chosen(few), guesses.against[few]
     point, cross = hinges[few, 0], frames.cross_matrices(hinges[few, 1])
-    poses = np.stack([posed.poses] * (len(TURNS) + 1))
-    for turned, by in zip(poses[1:], TURNS, strict=True):
-        rotation = np.eye(3) + np.sin(by) * cross + (1 - np.cos(by)) * cross @ cross  # Rodrigues
-        turned[:, :3, :3] = rotation @ turned[:, :3, :3]
-        turned[:, :3, 3] = point + (rotation @ (turned[:, :3, 3] - point)[..., None])[..., 0]
+    rotations = (np.eye(3) + np.sin(by) * cross + (1 - np.cos(by)) * cross @ cross for by in TURNS)  # Rodrigues
+    poses = np.stack([posed.poses, *(turned(posed.poses, rotation, point) for rotation in rotations)])
     every = Posed(posed.solids, np.tile(posed.part, len(TURNS)), poses[1:].reshape(-1, 4, 4))
     nats, _ = evidence(every, geometry, maps)
     each = np.concatenate([against[None], -nats.reshape(len(TURNS), -1)])

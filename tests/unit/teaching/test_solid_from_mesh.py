@@ -66,6 +66,20 @@ def test_corners_on_a_straight_side_and_a_hole_in_a_facet_are_not_looked_at() ->
     assert max(float(np.linalg.norm(a)) for a in pierced.areas_mm2) == pytest.approx(2500)
 
 
+@pytest.mark.parametrize("off_mm", [1e-6, 1e-4, 2e-3])
+@pytest.mark.parametrize("sides", [(9.525, 31.75, 19.045), (40.005, 50.0, 60.015)])
+def test_corners_that_a_program_wrote_a_little_apart_are_one_wherever_they_lie(
+    sides: tuple[float, float, float], off_mm: float
+) -> None:
+    """At three eighths of an inch and a micrometre apart they fell to two cells: `not closed`, of a closed box."""
+    corners, rings = drawn.box(*sides)
+    own = [tuple(range(k, k + 4)) for k in range(0, 24, 4)]
+    apart = np.concatenate([corners[list(ring)] for ring in rings])
+    apart += np.random.default_rng(2).uniform(-off_mm, off_mm, apart.shape)
+    found = solid("box.obj", drawn.obj(apart, own))
+    assert (len(found.corners_mm), len(found.facets), found.open_edges) == (8, 6, 0)
+
+
 def test_units_are_believed_when_said_and_doubted_when_absurd() -> None:
     inches = drawn.obj(*drawn.box(2, 2, 2))
     with pytest.raises(MeshError, match=r"cube\.obj: 2 mm long: is it in mm\? say cm, m, inch behind"):

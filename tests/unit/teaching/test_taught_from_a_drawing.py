@@ -12,6 +12,7 @@ from daemon.commands.learning import teach
 from daemon.console.interpreter import NOT_UNDERSTOOD, CommandError
 from daemon.store.library import load_facets, load_parts
 from daemon.teaching.aspects import aspects
+from daemon.teaching.mesh import MeshError, read_mesh
 from daemon.teaching.trainer import Trainer
 from daemon.vision.recognition.recognise import recognise_group
 from tests.worlds import drawn, rendered
@@ -132,3 +133,18 @@ def test_a_drawing_that_is_odd_under_its_label_is_asked_about(trainer: Trainer) 
     larger = trainer.odd_drawing("cube", "cube.obj", drawn.obj(*drawn.box(80, 80, 80)), "mm")
     assert larger is not None
     assert "139 mm" in larger
+
+
+def test_a_drawing_that_cannot_be_read_any_more_keeps_nobody_from_teaching_another(trainer: Trainer) -> None:
+    cube = drawn.binary_stl(*CUBE)
+    mesh = trainer.store_mesh("block", "block.stl", cube, "mm", {}).mesh
+    assert mesh is not None
+    mesh.unlink()
+    mesh.mkdir()
+    assert trainer.odd_drawing("cube", "cube.stl", cube, "mm") is None
+
+
+def test_a_line_is_counted_as_a_persons_editor_counts_it() -> None:
+    content = "# drawn by \u00c5ngstr\u00f6m\nv 1 2\n".encode()
+    with pytest.raises(MeshError, match=r"p\.obj:2: expected 3 numbers"):
+        read_mesh("p.obj", content)

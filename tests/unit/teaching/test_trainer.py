@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import json
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from daemon.teaching.sufficiency import imagined_view
 from daemon.teaching.trainer import Trainer
 from daemon.vision.model.model import TeachError
 from daemon.vision.settings import VisionSettings
-from tests.worlds import rendered
+from tests.worlds import drawn, rendered
 from tests.worlds.taught import scenes, taught
 
 
@@ -66,6 +68,29 @@ def test_a_view_that_can_no_longer_be_read_is_left_out_and_named(trainer: Traine
     assert "not an image" in trained.left_out[0]
 
 
+@pytest.mark.parametrize("wrong", [{"unit": "furlong"}, {"moved": {"eye": "left"}}, {"moved": {"eye": "third"}}])
+def test_a_note_with_an_unknown_unit_or_half_a_place_spoils_its_own_view_and_no_other(
+    trainer: Trainer, wrong: dict[str, object]
+) -> None:
+    """A unit that nobody knows ended every training with a KeyError, and so did half a place."""
+    for label in ("cube", "brick"):
+        trainer.store_mesh(label, "box.obj", drawn.obj(*drawn.box(40, 50, 60)), "mm", {})
+    note = trainer.model_store.views("cube")[0].folder / "view.json"
+    note.write_text(json.dumps(json.loads(note.read_text()) | wrong))
+    trained = trainer.train()
+    assert [line.split(":")[0] for line in trained.left_out] == ["cube/1"]
+    assert [verdict.label for verdict in trained.verdicts] == ["brick"]
+
+
+def test_the_sides_of_a_view_that_could_be_another_part_are_not_told(trainer: Trainer) -> None:
+    """How such a part lies is not known, and those of a small one were told by chance: the nearest of any turn."""
+    trainer.store_mesh("brick", "brick.obj", drawn.obj(*drawn.box(12, 16, 24)), "mm", {})
+    view = imagined_view(drawn.block(12, 16, 24), np.array([0.6, 0.5, 0.62]), trainer.rig)
+    assert view is not None
+    assert trainer.with_view("block", view)[1] == [None] * 3
+    assert sorted(map(str, trainer.with_view("brick", view)[1])) != ["None"] * 3
+
+
 def test_what_a_candidate_names_does_not_hang_on_how_fast_the_computer_is(trainer: Trainer) -> None:
     """On an emulated computer a view that a look names by straight edges only was taught, and failed its own check."""
     scene = scenes("printed")[3]
@@ -78,3 +103,15 @@ def test_what_a_candidate_names_does_not_hang_on_how_fast_the_computer_is(traine
     assert candidate is not None
     named = [part for part in candidate.see(*rendered.pair(scene)).parts if part.named]
     assert not named, "the look itself keeps to its budget"
+
+
+def test_a_view_that_took_the_number_of_a_forgotten_one_is_not_in_use_yet(trainer: Trainer) -> None:
+    taught(trainer)
+    trainer.train()
+    trainer.accept()
+    last = trainer.model_store.views()[-1]
+    pictures = last.images()
+    assert trainer.model_store.drop_views(last.label, last.number) == 1
+    again = trainer.model_store.add_view(last.label, *pictures, {"taught": "2999-01-01T00:00:00+00:00"})
+    assert again.name == last.name
+    assert [view.name for view in trainer.waiting()] == [last.name]

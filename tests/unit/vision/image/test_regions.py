@@ -6,7 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from daemon.vision.image.regions import Scale, _holes, _holes_among_specks, closed_regions
+from daemon.vision.image.grey import measure_noise
+from daemon.vision.image.regions import Scale, _holes, _holes_among_specks, closed_regions, shrunk, unit_noise
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -49,3 +50,13 @@ def test_a_region_is_where_it_is_in_the_image_whatever_part_of_that_is_searched(
     (found,) = closed_regions(scale, near, 5.0, 40.0, 1e9, 40)
     everywhere = closed_regions(scale, (np.array([0, 0]), np.array([160, 120])), 5.0, 40.0, 1e9, 40)
     assert found.border.tolist() == everywhere[0].border.tolist()
+
+
+@pytest.mark.parametrize("size", [(32, 32), (120, 160), (160, 120), (480, 640)])
+@pytest.mark.parametrize("shrink", [2, 8, 16])
+def test_a_picture_of_any_size_has_a_gradient_at_pixels_of_any_size(size: tuple[int, int], shrink: int) -> None:
+    """Pixels of sixteen leave a small camera's picture too few to be told grain by, and a look ended with an error."""
+    grey = np.random.default_rng(1).normal(120, 3, size).astype(np.uint8)
+    scale = shrunk(unit_noise(grey, measure_noise(grey)), shrink)
+    assert 1.0 <= scale.sigma <= 1.7
+    assert np.isfinite(scale.strength).all()

@@ -134,7 +134,7 @@ def test_what_surely_leans_has_no_right_angles(side: float, lean_deg: float, mot
 def test_the_conditions_of_its_type_hold_of_a_drawn_facet(kind: tuple[str, Array], motion: Array) -> None:
     name, corners = kind
     moved = frames.apply(motion, corners)
-    a, b = conditions(moved, name, LIBRARY)
+    a, b = conditions(measure(moved), name, LIBRARY)
     assert len(b) > 0
     np.testing.assert_allclose(a @ measure(moved).values, b, atol=1e-6)
 

@@ -20,7 +20,7 @@ from daemon.vision.recognition.recognise import Recognised, recognise_group
 from daemon.vision.registration import by_segments, guessing
 from daemon.vision.registration.by_segments import LEAST_CONFIDENCE, named_by_segments
 from daemon.vision.registration.directed import directed_map
-from daemon.vision.registration.guessing import Guessed, Scene, guessed_in_space
+from daemon.vision.registration.guessing import Guessed, Search, guessed_in_space
 from daemon.vision.registration.resting import rests
 from daemon.vision.registration.stretches import Borne, Stretches
 from daemon.vision.values import Group
@@ -106,9 +106,9 @@ def all_laid(name: str) -> tuple[by_segments.Laid, ...]:
     return tuple(by_segments._laid(there, guessed_in_space(there, lambda: 0.0).likely))
 
 
-def scene(name: str, groups: Sequence[Group] = ()) -> Scene:
+def scene(name: str, groups: Sequence[Group] = ()) -> Search:
     eyes = eyes_on(name)
-    return Scene(eyes, model(), groups, (), (directed_map(eyes.left), directed_map(eyes.right)), None)
+    return Search(eyes, model(), groups, (), (directed_map(eyes.left), directed_map(eyes.right)), None)
 
 
 def confidence(one: by_segments.Laid, groups: Sequence[Group] = (), tests: int = 1000) -> float:
@@ -255,7 +255,7 @@ def below(name: str) -> Table:
 
 
 def test_the_table_is_asked_where_nothing_else_names_a_part(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked = list[Scene]()
+    asked = list[Search]()
     monkeypatch.setattr(by_segments, "guessed_on_table", lambda scene, spent: asked.append(scene) or Guessed([], 0))
     known = named_by_segments(eyes_on("cube"), model(), [], told=TABLE).named
     assert (len(known), asked) == (1, [])

@@ -9,7 +9,7 @@ from daemon import frames
 from daemon.vision.geometry.polyhedron import exact
 from daemon.vision.image.both_eyes import open_eyes
 from daemon.vision.registration.edge_adjustment import _wear, adjusted
-from daemon.vision.registration.edge_pose import locate
+from daemon.vision.registration.edge_pose import _solved, locate
 from tests.worlds.painted import paint_pair
 from tests.worlds.rigs import rig
 from tests.worlds.solids import CUBE, Body, pose
@@ -22,7 +22,7 @@ def fitted(corners_mm):
     """A painted part with these corners, fitted as the taught cube."""
     rng, shape = np.random.default_rng(4), exact(CUBE.corners_mm, CUBE.facets)
     eyes = open_eyes(*paint_pair([(Body(corners_mm, CUBE.facets), WHERE)], rng), rig())
-    located = locate([shape], eyes, WHERE[None], 3.0, TOLERANCE_MM)[0]
+    located = locate(shape, eyes, WHERE, 3.0)
     assert located is not None
     return shape, located, adjusted(shape, located.pose, located.observed, TOLERANCE_MM)
 
@@ -32,7 +32,7 @@ def test_a_part_a_little_larger_or_smaller_than_taught_is_not_taken_for_a_nearer
     middle = CUBE.corners_mm.mean(axis=0)
     _, located, found = fitted(middle + larger * (CUBE.corners_mm - middle))
     there = frames.apply(WHERE, middle)
-    each_for_itself = frames.perturb(located.pose, located.solved.motion)
+    each_for_itself = frames.perturb(located.pose, _solved(located.observed, 3.0)[0])
     assert abs(frames.apply(found.pose, middle)[2] - there[2]) < 0.6
     assert abs(frames.apply(each_for_itself, middle)[2] - there[2]) > 1.0
 

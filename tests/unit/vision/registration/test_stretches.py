@@ -12,7 +12,7 @@ from daemon.arrays import Array
 from daemon.vision.geometry import exact
 from daemon.vision.image.both_eyes import Eyes, open_eyes
 from daemon.vision.registration.expected_edges import Placements
-from daemon.vision.registration.stretches import Borne, borne_out, settled, stretches_of
+from daemon.vision.registration.stretches import Borne, settled, stretches_of
 from tests.worlds.printed import print_pair, straight_rig
 from tests.worlds.solids import KNOWN, pose
 
@@ -34,7 +34,7 @@ def moved(motion: list[float]) -> Array:
 
 
 def said(name: str, where: Array, eyes: Eyes) -> Borne:
-    return borne_out(stretches_of(Placements.of([shape(name)]), eyes, where[None], TOLERANCE_MM))
+    return Borne.of(stretches_of(Placements.of([shape(name)]), eyes, where[None], TOLERANCE_MM))
 
 
 @pytest.mark.parametrize("name", sorted(KNOWN))
@@ -73,7 +73,7 @@ def test_what_one_says_does_not_hang_on_what_is_laid_beside_it() -> None:
     laid = Placements.of(solids)
     both = stretches_of(laid, eyes_on("cube"), np.stack([WHERE, WHERE]), TOLERANCE_MM)
     for k, name in enumerate(("cube", "pyramid")):
-        assert borne_out([seen.only(k, laid) for seen in both]) == pytest.approx(said(name, WHERE, eyes_on("cube")))
+        assert Borne.of([seen.only(k, laid) for seen in both]) == pytest.approx(said(name, WHERE, eyes_on("cube")))
 
 
 def test_edges_that_show_are_told_from_those_that_do_not() -> None:
