@@ -20,7 +20,7 @@ from daemon.arrays import Array
 from daemon.calibration.stereo import StereoResult
 from daemon.pick.moved_pair import USUAL_MM
 from daemon.store.files import write_atomically
-from daemon.store.yamlfile import Document, Key, read
+from daemon.store.yamlfile import ConfigError, Document, Key, parse, read
 from daemon.vision.geometry import Camera, StereoRig
 
 Rows = Sequence[Sequence[float]]
@@ -105,7 +105,10 @@ class _File(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
 
 def load_calibration(path: Path) -> Calibration:
     """Read and check calibration.yaml. Raises ConfigError."""
-    document = read(path)
+    return _checked(read(path))
+
+
+def _checked(document: Document) -> Calibration:
     file = document.convert(_File)
     if file.version != 1:
         raise document.error(("version",), f"expected 1, found {file.version}")
@@ -130,8 +133,14 @@ def of_one(eye: Camera, image_size: tuple[int, int]) -> StereoRig:
 
 
 def save_calibration(calibration: Calibration, path: Path) -> None:
-    """Write calibration.yaml so that a power cut leaves the old or the new one. Raises OSError."""
-    write_atomically(path, calibration_text(calibration))
+    """Write calibration.yaml so that a power cut leaves the old or the new one. Raises ConfigError for one that could
+    not be read again, which is not written; OSError."""
+    content = calibration_text(calibration)
+    try:
+        _checked(parse(path, content))
+    except ConfigError as error:
+        raise ConfigError(f"not written: {error}") from None
+    write_atomically(path, content)
 
 
 def calibration_text(calibration: Calibration) -> bytes:

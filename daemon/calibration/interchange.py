@@ -35,8 +35,10 @@ class _Matrix(msgspec.Struct, forbid_unknown_fields=True):
     cols: int
     data: list[float]
 
-    def array(self) -> Array:
-        return np.array(self.data, float).reshape(self.rows, self.cols)
+
+ROS = {"camera_matrix": (3, 3), "rectification_matrix": (3, 3), "projection_matrix": (3, 4)}
+OPENCV = {"M1": 9, "M2": 9, "R": 9, "T": 3}
+"""What their matrices must be: rows and columns; how many numbers."""
 
 
 class _CameraInfo(msgspec.Struct):
@@ -53,22 +55,33 @@ class _CameraInfo(msgspec.Struct):
 def from_ros(left: Path, right: Path) -> StereoRig:
     """Two camera_info files of one stereo pair (metres). Raises InterchangeError, FileError."""
     infos = [read(path).convert(_CameraInfo) for path in (left, right)]
+    found: list[dict[str, Array]] = []
     for path, info in zip((left, right), infos, strict=True):
+        found.append({name: _array(path, name, getattr(info, name)) for name in (*ROS, "distortion_coefficients")})
         if info.distortion_model != "plumb_bob":
             raise InterchangeError(f"{path}: distortion_model: expected plumb_bob, found {info.distortion_model}")
     sizes = {(info.image_width, info.image_height) for info in infos}
     if len(sizes) != 1:
         raise InterchangeError(f"{left}, {right}: image sizes differ: {sorted(sizes)}")
-    projection = infos[1].projection_matrix.array()
+    projection = found[1]["projection_matrix"]
     shift_m = -projection[0, 3] / projection[0, 0]
     if not shift_m > 0:
         raise InterchangeError(
             f"{right}: projection_matrix: no baseline (P[0,3] = {projection[0, 3]:g}): one eye's file?"
         )
-    turns = [info.rectification_matrix.array() for info in infos]
+    turns = [one["rectification_matrix"] for one in found]
     left_from_right = frames.rigid(turns[0].T @ turns[1], turns[0].T @ np.array([shift_m * MM_PER_M, 0, 0]))
-    eyes = [(i.camera_matrix.array(), _five(i.distortion_coefficients.array())) for i in infos]
+    eyes = [(one["camera_matrix"], _five(one["distortion_coefficients"])) for one in found]
     return rig_of(eyes[0], eyes[1], left_from_right, sizes.pop())
+
+
+def _array(path: Path, name: str, matrix: _Matrix) -> Array:
+    """(rows, columns). Raises InterchangeError where its name asks for others, or its numbers are not as many."""
+    rows, columns = ROS.get(name, (1, matrix.cols))
+    if (matrix.rows, matrix.cols) != (rows, columns) or len(matrix.data) != rows * columns:
+        told = f"{matrix.rows}x{matrix.cols} of {len(matrix.data)} numbers"
+        raise InterchangeError(f"{path}: {name}: expected {rows}x{columns} numbers, found {told}")
+    return np.array(matrix.data, float).reshape(rows, columns)
 
 
 def to_ros(rig: StereoRig, left: Path, right: Path) -> None:
@@ -103,6 +116,9 @@ def from_opencv(files: list[Path], size: tuple[int, int] | None) -> StereoRig:
     missing = [name for name in ("M1", "D1", "M2", "D2", "R", "T") if name not in found]
     if missing:
         raise InterchangeError(f"{', '.join(map(str, files))}: lacks {' '.join(missing)}")
+    for name, count in OPENCV.items():
+        if found[name].size != count:
+            raise InterchangeError(f"{files[0]}: {name}: expected {count} numbers, found {found[name].size}")
     if size is None and "imageSize" not in found:
         raise InterchangeError(f"{files[0]}: lacks imageSize; give --size WIDTHxHEIGHT")
     width, height = size if size is not None else (int(v) for v in found["imageSize"].ravel()[:2])
@@ -177,7 +193,6 @@ def _import(args: argparse.Namespace) -> int:
     rig = from_ros(*args.ros) if args.ros else from_opencv(args.opencv, _size(args.size))
     kept = keep_old(args.out)
     save_calibration(Calibration(rig, None, Quality(method="imported")), args.out)
-    load_calibration(args.out)
     print(f"{args.out}: baseline {rig.baseline_mm:.2f} mm" + (f"; the old one is {kept.name}" if kept else ""))
     return 0
 

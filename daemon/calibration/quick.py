@@ -57,8 +57,8 @@ class Measured(msgspec.Struct, forbid_unknown_fields=True):
 
 @dataclass(frozen=True, eq=False)
 class QuickResult:
-    """rig; focal_px and its standard deviation over the widths; at_mm (K,) true depths; error_mm (K,) of formula (2.3),
-    of the same compensated (each reading from the others), and of exact rays."""
+    """rig; focal_px and its standard deviation over the widths (nan for one); at_mm (K,) true depths; error_mm (K,) of
+    formula (2.3), of the same compensated (each reading from the others), and of exact rays."""
 
     rig: StereoRig
     focal_px: float
@@ -128,7 +128,8 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps({"focal_px": round(result.focal_px, 3), "depths": len(result.at_mm), **_figures(result)}))
         return 0
-    print(f"focal length {result.focal_px:.1f} +- {result.focal_sigma_px:.1f} px over the widths")
+    doubt = f" +- {result.focal_sigma_px:.1f}" if np.isfinite(result.focal_sigma_px) else ""
+    print(f"focal length {result.focal_px:.1f}{doubt} px over the widths")
     if len(result.at_mm):
         print("  depth mm   formula (2.3)   compensated   exact rays: error, mm")
         for at, *errors in zip(result.at_mm, result.formula_mm, result.compensated_mm, result.rays_mm, strict=True):

@@ -72,8 +72,9 @@ def read_pairs(files: Sequence[tuple[Path, Path]], board: Board) -> tuple[list[P
         raise BoardError(str(error)) from None
     sizes = Counter((image.shape[1], image.shape[0]) for image in images.values())
     size = sizes.most_common(1)[0][0]
+    apart = len({path.name for path in images}) == len(images)
     for left, right in files:
-        name = f"{left.name}, {right.name}"
+        name = f"{left.name}, {right.name}" if apart else f"{left}, {right}"
         try:
             for path in (left, right):
                 _same_size(path, images[path], size)

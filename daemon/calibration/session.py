@@ -260,7 +260,7 @@ LENGTH_LIMIT_MM, EPIPOLAR_LIMIT_PX, SPREAD_LIMIT_MM = 0.3, 0.3, 0.6
 
 def verify(views: Sequence[View], board: Board, calibration: Calibration) -> Verified:
     """Hold the calibration against looks at a board of known size. Of one eye, each two poses next to each other are a
-    pair, and the arm's error at both may show in it. Raises SessionError with fewer than 4 views."""
+    pair, and the arm's error at both may show in it. Raises SessionError with fewer than 4 views, or no pair."""
     if len(views) < 4:
         raise SessionError(f"{len(views)} poses show the board, 4 are needed to verify")
     ratios, errors, gaps, corners = [], [], [], []
@@ -270,6 +270,8 @@ def verify(views: Sequence[View], board: Board, calibration: Calibration) -> Ver
         ratios.append(found.sum() / known.sum())
         errors.append(found - known)
         gaps.append(epipolar_distances(rig, match.left_px, match.right_px))
+    if not errors:
+        raise SessionError("no two poses next to each other are far enough apart to be a pair; verify again")
     for view in views:
         corners.append(frames.apply(board_in_world(view, board, calibration), board.points_mm()))
     placed = np.array(corners)

@@ -16,7 +16,8 @@ from daemon.store.runs import find_run, list_runs
 
 REGRESSED = NOT_ALL = 1
 COLLECTED = "collected"
-
+MOST = 9999
+"""Of runs, days or workers that somebody asks for."""
 
 RUN_COLUMNS: dict[str, Callable[[dict[str, Any]], Any]] = {
     "run": lambda row: row["run"],
@@ -35,7 +36,7 @@ RUN_COLUMNS: dict[str, Callable[[dict[str, Any]], Any]] = {
 def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Add the commands to facetctl."""
     runs = command(subparsers, "runs", _runs, "a table of all runs; `runs collect`: many cells' runs into one store")
-    runs.add_argument("--last", type=int, default=30, metavar="N", help="how many, newest last (30)")
+    runs.add_argument("--last", type=_count, default=30, metavar="N", help="how many, newest last (30)")
     runs.add_argument("--json", action="store_true", help="a line for machines each")
     collect = runs.add_subparsers(metavar="[collect ...]").add_parser(
         "collect", help="take finished runs into a store (extra `fleet`)"
@@ -58,26 +59,33 @@ def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         help="instead of the runs' own: a model (a file, 3, latest), a calibration, a facetd.yaml; may be repeated",
     )  # fmt: skip
     replay.add_argument(
-        "--workers", type=int, metavar="N", help="by so many processes of this computer (extra `fleet`)"
+        "--workers", type=_count, metavar="N", help="by so many processes of this computer (extra `fleet`)"
     )
     replay.add_argument("--cluster", metavar="ADDRESS", help="by the workers of this dask scheduler")
     replay.add_argument("--out", metavar="DIR", help="results and report.html; called again, it goes on there")
     replay.add_argument("--json", action="store_true", help="one line for machines")
     hall = command(subparsers, "hall", _hall, "one HTML page for all cells of a store (extra `fleet`)")
     hall.add_argument("store", metavar="STORE", help="what `facetctl runs collect` made")
-    hall.add_argument("--days", type=int, default=7, metavar="N", help="up to the last run in it (7)")
+    hall.add_argument("--days", type=_count, default=7, metavar="N", help="up to the last run in it (7)")
     hall.add_argument("--out", type=Path, default=Path("hall.html"), metavar="PAGE.html", help="(hall.html)")
+
+
+def _count(text: str) -> int:
+    """How many; argparse tells what is wrong with another."""
+    if not (text.isdecimal() and 1 <= int(text) <= MOST):
+        raise argparse.ArgumentTypeError(f"expected a whole number from 1 to {MOST}, found {text}")
+    return int(text)
 
 
 def _runs(args: argparse.Namespace) -> int:
     if "job" in args:
         return int(args.job(args))
-    from daemon.review.page import read_digest
+    from daemon.review.brief import read_brief
 
     rows = []
     for folder in list_runs(args.runs or places.runs_folder())[-args.last :]:
         try:
-            rows.append(read_digest(folder).statistics())
+            rows.append(read_brief(folder).statistics())
         except FacetdError as error:  # one bad run keeps nobody from seeing the others
             print(f"facetctl runs: {error}", file=sys.stderr)
     if args.json:

@@ -14,7 +14,7 @@ import numpy as np
 
 from daemon.hall.schema import TABLES, VERSION, Column
 from daemon.hall.store import Store, StoreError
-from daemon.review.digest import Cycle, Digest, duration_s, eyes_of, parts_of, short_hash
+from daemon.review.digest import Cycle, Digest, duration_s, eyes_of, in_use, parts_of, short_hash
 from daemon.review.production import interventions, tried
 from daemon.review.replay import NEAR_MM
 from daemon.review.why import NOTHING_WRONG, causes
@@ -126,23 +126,20 @@ def _cycle(cycle: Cycle, run: Digest) -> Row:
     found = causes(cycle, [c for c in run.cycles if c is not cycle], False)[:1] if wrong else []
     plain = ("seconds", "label", "outcome", "why", "looks", "predicted_mm", "predicted_deg", "true_mm", "true_deg")
     return {
-        **{name: getattr(cycle, name) for name in (*plain, "eyes")},
+        **{name: getattr(cycle, name) for name in (*plain, "eyes", "model", "calibration")},
         "t": cycle.started,
         "cycle": cycle.number,
         "target": cycle.records[0].get("target"),
         "tried": tried(cycle, False),
         "cause": next((c.name for c in found), None),
-        "model": run.model,
-        "calibration": run.kept("calibration"),
     }
 
 
 def _looks(run: Digest) -> list[Row]:
     estimates = {id(s.look): s.estimate or {} for s in run.stops}
-    model, rows = (run.start or {}).get("model"), []
-    for record in run.of("look", "model"):
-        if record["kind"] == "model":
-            model = record.get("file") or model
+    rows = []
+    for record, kept in in_use(run.records):
+        if record["kind"] != "look":
             continue
         scene, estimate = record.get("scene") or {}, estimates.get(id(record), {})
         images, parts = record.get("images") or {}, parts_of(record)
@@ -158,7 +155,7 @@ def _looks(run: Digest) -> list[Row]:
                 "noise": (record.get("health") or {}).get("noise"),
                 "left": images.get("left"),
                 "right": images.get("right"),
-                "model": short_hash(model),
+                "model": short_hash(kept.get("model")),
                 "eyes": eyes_of(record),
             }
         )

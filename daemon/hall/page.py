@@ -48,7 +48,7 @@ def write_hall(store: Store, days: int, out: Path) -> Path:
 def hall_data(store: Store, days: int) -> Json:
     """What the page shows. Raises StoreError where there is nothing to show."""
     months = sorted({f.split("month=")[1].split("/")[0] for f in store.fs.glob(store.path("tables/runs/*/*/*"))})
-    if not months or days < 1:
+    if not months:
         raise StoreError(f"{store.url}: no runs in it yet: `facetctl runs collect CELL=RUNS --into {store.url}`")
     last = opened(store, months[-1:]).execute("SELECT max(day) FROM runs").fetchone()[0]
     first = last - timedelta(days=days - 1)
@@ -102,9 +102,13 @@ def _cells(
     before = f"day >= '{since}' AND day < '{first}'"
     picked = "count(*) FILTER (outcome = 'picked')"
     told = _by(
-        of(f"""SELECT cell, max(t)::TIMESTAMP, count(*), sum(interventions), arg_max(release, t) FROM runs
+        of(f"""SELECT cell, count(*), sum(interventions), arg_max(release, t) FROM runs
         WHERE {between} GROUP BY cell""")
     )
+    heard = _by(
+        of("""SELECT cell, max(t + to_milliseconds((1000 * coalesce(seconds, 0))::BIGINT))::TIMESTAMP FROM runs
+        GROUP BY cell""")
+    )  # by the end of its last run: a quiet cell's goes on for days
     usual = _by(of(f"SELECT cell, {picked}, count(*) FROM cycles WHERE tried AND {before} GROUP BY cell"))
     ever = [cell for (cell,) in of("SELECT DISTINCT cell FROM runs ORDER BY cell")]
     daily = _days(
@@ -139,12 +143,13 @@ def _cells(
     for cell in ever:
         of_day = [daily.get((cell, day), (0, 0, None, None)) for day in shown]
         measured = [health.get((cell, day), (None,) * 5) for day in shown]
-        at, count, hands, version = told.get(cell, (None, 0, 0, None))
+        count, hands, version = told.get(cell, (0, 0, None))
+        (at,) = heard[cell]
         ms, eyes, one_eyed = looks.get(cell, (None, None, 0))
         found.append(
             {
                 "name": cell,
-                "last": at and at.isoformat(),
+                "last": at.isoformat(),
                 "runs": count,
                 "interventions": hands,
                 "release": version,
@@ -232,8 +237,8 @@ def _judge(cells: Sequence[Json], last: date) -> None:
     total = [sum(c["picked"] for c in cells), sum(c["tried"] for c in cells)]
     for cell in cells:
         told: list[tuple[str, str]] = []
-        if not cell["runs"] or date.fromisoformat(cell["last"][:10]) < last - timedelta(days=1):
-            told.append(("silent", "no run " + (f"since {cell['last'][:10]}" if cell["last"] else "in these days")))
+        if date.fromisoformat(cell["last"][:10]) < last - timedelta(days=1):
+            told.append(("silent", f"no run since {cell['last'][:10]}"))
         if sum(cell["faults"].values()):
             most = [f"{count} × {name}" for name, count in cell["faults"].items()]
             told.append(("faults", ", ".join([*most[:3], *([f"{len(most) - 3} more"] if len(most) > 3 else [])])))

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import base64
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-import cv2
-import numpy as np
-
 from daemon.hall.judged import Json, kinds_of
 from daemon.hall.store import Store, StoreError, open_store
 from daemon.review.digest import Stop
-from daemon.review.page import JPEG_QUALITY, PICTURE_BUDGET, render
+from daemon.review.page import PICTURE_BUDGET, embedded, jpeg_of, render
 from daemon.review.pagedata import stop_json
 from daemon.store.outside import FileError, open_below
 from daemon.store.records import Record, record_of
@@ -39,7 +35,7 @@ def write_replay_page(
         if record is not None:
             row["looks"] = [stop_json(Stop(None, "", r, None, ())) for r in (record, record | {"scene": one["now"]})]
         for eye, image in images.items():
-            pictures[f"{number}-{eye}"] = "data:image/jpeg;base64," + base64.b64encode(image).decode()
+            pictures[f"{number}-{eye}"] = embedded(image)
             spent += len(image)
         rows.append(row)
     data = {
@@ -82,10 +78,4 @@ def _look(folder: Path, seq: int) -> tuple[Record | None, dict[str, bytes]]:
     if line is None:
         return None, {}
     record = record_of(line)
-    images = {}
-    for eye, name in (record.get("images") or {}).items():
-        with open_below(folder, name) as file:
-            pixels = cv2.imdecode(np.frombuffer(file.read(), np.uint8), cv2.IMREAD_GRAYSCALE)
-        if pixels is not None:
-            images[eye] = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1].tobytes()
-    return record, images
+    return record, {eye: jpeg_of(folder, name) for eye, name in (record.get("images") or {}).items()}

@@ -108,8 +108,8 @@ class Store:
 
     def collected(self) -> dict[tuple[str, str], str]:
         """(cell, run) -> id of every run that is safe here."""
-        named = (name.removesuffix(".json").split(",") for name in self.names("collected") if name.endswith(".json"))
-        return {(cell, run): short for short, cell, run in named}
+        named = [name.removesuffix(".json").split(",") for name in self.names("collected") if name.endswith(".json")]
+        return {(one[1], one[2]): one[0] for one in named if len(one) == 3}  # another file there is somebody else's
 
     def manifest(self, cell: str, run: str) -> Collected:
         """What is known of a collected run. Raises StoreError."""

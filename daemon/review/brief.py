@@ -1,10 +1,12 @@
-"""A run read without its scenes: what runs are compared by, of hundreds of them, in seconds.
+"""A run read without its scenes' corners: what runs are compared by, of hundreds of them, in seconds.
 
 A look's record is nine tenths corners; whoever compares runs wants none. The lines are the same, read by fields.
 """
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Iterable
 from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Any
@@ -14,8 +16,8 @@ from msgspec import Meta
 
 from daemon.review.digest import Digest, digest
 from daemon.store.files import being_written
-from daemon.store.outside import open_below
-from daemon.store.records import Count, Finite, Number, Pose, Record, Text
+from daemon.store.outside import FileError, open_below
+from daemon.store.records import Count, Finite, Flag, Number, Pose, Record, Text
 from daemon.store.runs import RUN, lines_of
 
 
@@ -25,8 +27,13 @@ class _Part(msgspec.Struct, omit_defaults=True):
     cyclopean_from_part: Pose = None
 
 
+class _Refused(msgspec.Struct):
+    """An outline that was refused: that there is one is all that is asked."""
+
+
 class _Scene(msgspec.Struct, omit_defaults=True):
     ms: Number = None
+    rejected: list[_Refused] | None = None
     notes: list[str] | None = None
     parts: list[_Part] | None = None
 
@@ -36,7 +43,7 @@ class _Line(msgspec.Struct, omit_defaults=True):
 
     kind: str
     seq: Annotated[int, Meta(ge=0, le=2**53)]
-    t: datetime
+    t: str
     mono_s: Finite
     cycle: Count = None
     stop: Count = None
@@ -45,6 +52,8 @@ class _Line(msgspec.Struct, omit_defaults=True):
     label: Text = None
     event: Text = None
     to: Text = None
+    before: Text = msgspec.field(default=None, name="from")
+    closed: Flag = None
     code: Text = None
     rule: Text = None
     text: Text = None
@@ -77,12 +86,25 @@ _DECODER = msgspec.json.Decoder(_Line)
 
 
 def read_brief(folder: Path) -> Digest:
-    """The run in `folder` without its scenes; lines that cannot be read are left out. Raises FileError."""
+    """The run in `folder` without its scenes' corners; lines that cannot be read are left out. Raises FileError."""
     records = list[Record]()
     with open_below(folder, RUN) as file:
         for _, line, _ in lines_of(file):
             try:
-                records.append(msgspec.to_builtins(_DECODER.decode(line)))
+                read = _DECODER.decode(line)
+                msgspec.convert(read.t, datetime)
+                records.append(msgspec.to_builtins(read))
             except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError):
                 continue
     return digest(folder.name, records, going=being_written(folder / RUN))
+
+
+def that_picked(folders: Iterable[Path]) -> dict[Path, Digest]:
+    """The runs in some folders that have a cycle, in brief; one that cannot be read, or has just gone, is none."""
+    found = {}
+    for folder in folders:
+        with contextlib.suppress(FileError):
+            run = read_brief(folder)
+            if run.cycles:
+                found[folder] = run
+    return found

@@ -12,8 +12,9 @@ from typing import Any
 
 from daemon.errors import DONE, printable
 from daemon.store import places
+from daemon.store.files import being_written
 from daemon.store.records import Record
-from daemon.store.runs import find_run, follow
+from daemon.store.runs import RUN, find_run, follow
 
 
 def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -94,7 +95,7 @@ def _tail(args: argparse.Namespace) -> int:
     colour = sys.stdout.isatty()
     print(f"{folder}")
     try:
-        for record in follow(folder, lambda: not args.once):
+        for record in follow(folder, lambda: not args.once and being_written(folder / RUN)):
             line = told(record)
             if line is not None:
                 print(_coloured(record["kind"], line) if colour else line, flush=True)

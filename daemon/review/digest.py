@@ -6,14 +6,18 @@ Reads every version of the format since 1; a field that a run does not have is N
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import pairwise
 from statistics import fmean
 from typing import Any
 
 from daemon.errors import spelt
 from daemon.store.records import Record
+
+Kept = Mapping[str, str | None]
+"""Files kept with a run, by what they are: model, calibration."""
 
 
 @dataclass(frozen=True)
@@ -31,16 +35,23 @@ class Stop:
         """What was recognised, as the look has it."""
         return parts_of(self.look)
 
+    @property
+    def notes(self) -> str:
+        """What the look tells people beside its parts."""
+        return " ".join(str(n) for n in (self.look.get("scene") or {}).get("notes") or [])
+
 
 @dataclass(frozen=True)
 class Cycle:
-    """One pick: its records from cycle_start to cycle_end. outcome None: the run ended in the middle of it."""
+    """One pick: its records from cycle_start to cycle_end. outcome None: the run ended in the middle of it; in_use:
+    the files it began with."""
 
     number: int
     records: tuple[Record, ...]
     stops: tuple[Stop, ...]
     end: Record | None
     truth: Record | None
+    in_use: Kept = field(default_factory=dict)
 
     @property
     def outcome(self) -> str:
@@ -94,6 +105,21 @@ class Cycle:
     def looks(self) -> int:
         """Looks at the part it went for."""
         return sum(s.estimate is not None for s in self.stops)
+
+    @property
+    def model(self) -> str | None:
+        """The model it was picked with, by the first digits of its hash."""
+        return short_hash(self.in_use.get("model"))
+
+    @property
+    def calibration(self) -> str | None:
+        """The same of the calibration."""
+        return short_hash(self.in_use.get("calibration"))
+
+    @cached_property
+    def named_looks(self) -> int:
+        """Looks in which something has a name."""
+        return sum(any(part.get("label") != "unknown" for part in stop.parts) for stop in self.stops)
 
     @property
     def eyes(self) -> str | None:
@@ -204,38 +230,51 @@ def told_again(records: Sequence[Record]) -> frozenset[int]:
     return frozenset(again)
 
 
+def in_use(records: Iterable[Record]) -> Iterator[tuple[Record, Kept]]:
+    """Each record with what is in use from it on: a reload and another calibration begin no new run, they tell
+    run_start again."""
+    kept: Kept = {}
+    for record in records:
+        if record["kind"] == "run_start":
+            kept = {name: record.get(name) or kept.get(name) for name in ("model", "calibration")}
+        elif record["kind"] == "model":
+            kept = {**kept, "model": record.get("file") or kept.get("model")}
+        yield record, kept
+
+
 def digest(name: str, records: Sequence[Record], skipped: Sequence[str] = (), going: bool = False) -> Digest:
     """Sort a run's records (read by daemon/store/runs.py) into cycles and stops. going: it is being written still."""
     cycles: list[Cycle] = []
     outside: list[Record] = []
     current: list[Record] | None = None
+    began: Kept = {}
     truths = {r.get("cycle"): r for r in records if r["kind"] == "truth"}
-    for record in records:
+    for record, kept in in_use(records):
         kind = record["kind"]
         if kind == "cycle_start":
             if current is not None:
-                cycles.append(_cycle(current, truths))
-            current = [record]
+                cycles.append(_cycle(current, truths, began))
+            current, began = [record], kept
         elif current is None or kind in ("run_start", "run_end", "truth"):
             outside.append(record)
         else:
             current.append(record)
             if kind == "cycle_end":
-                cycles.append(_cycle(current, truths))
+                cycles.append(_cycle(current, truths, began))
                 current = None
     if current is not None:
-        cycles.append(_cycle(current, truths))
+        cycles.append(_cycle(current, truths, began))
     start = next((r for r in records if r["kind"] == "run_start"), None)
     end = next((r for r in reversed(records) if r["kind"] == "run_end"), None)
     going = going and end is None
     return Digest(spelt(name), start, end, tuple(cycles), tuple(outside), tuple(records), tuple(skipped), going)
 
 
-def _cycle(records: list[Record], truths: dict[Any, Record]) -> Cycle:
+def _cycle(records: list[Record], truths: dict[Any, Record], began: Kept) -> Cycle:
     number = int(records[0].get("cycle") or 0)
     last = records[-1]
     end = last if last["kind"] == "cycle_end" else None
-    return Cycle(number, tuple(records), tuple(stops_of(records)), end, truths.get(records[0].get("cycle")))
+    return Cycle(number, tuple(records), tuple(stops_of(records)), end, truths.get(records[0].get("cycle")), began)
 
 
 def stops_of(records: Sequence[Record]) -> list[Stop]:

@@ -36,7 +36,7 @@ def to_csv(run: Digest, out: Path, cell: str) -> list[Path]:
     for name, (columns, rows) in tables(run, cell).items():
         written.append(out / f"{name}.csv")
         with written[-1].open("w", newline="") as file:
-            writer = csv.DictWriter(file, list(columns))
+            writer = csv.DictWriter(file, columns)
             writer.writeheader()
             writer.writerows(rows)
     return written

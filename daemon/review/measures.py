@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from daemon.calibration.drift import Watching, fresh, observe
-from daemon.review.digest import Digest
+from daemon.review.digest import Digest, eyes_of
 from daemon.store.records import Record
 from daemon.vision.health import MEASURES, Clue
 
@@ -69,7 +69,7 @@ def strips(run: Digest) -> list[Json]:
     """Every measure that the run has values of, those of the pick first."""
     zero = float(run.records[0]["mono_s"]) if run.records else 0.0
     limits = (run.start or {}).get("limits") or {}
-    made = [*_of_pick(run, zero, limits), *_of_pictures(run.of("look"), zero), _drift(run.of("look"), zero)]
+    made = [*_of_pick(run, zero, limits), *_of_pictures(run.of("look"), zero), _drift(run, zero)]
     return [strip.json() for strip in made if strip.worst() is not None]
 
 
@@ -97,7 +97,7 @@ def _of_pictures(looks: Sequence[Record], zero: float) -> list[Strip]:
     found = []
     for name, measure in MEASURES.items():
         eyes = {
-            eye: [_number((r.get("health") or {}).get(f"{name}_{eye}")) for r in looks]
+            eye: [number((r.get("health") or {}).get(f"{name}_{eye}")) for r in looks]
             for eye in ("left", "right", "pair")
         }
         lines = {eye.replace("pair", ""): line for eye, line in eyes.items() if any(v is not None for v in line)}
@@ -108,18 +108,26 @@ def _of_pictures(looks: Sequence[Record], zero: float) -> list[Strip]:
     return found
 
 
-def _drift(looks: Sequence[Record], zero: float) -> Strip:
-    """What the watch for drift made of the looks: by how much the right eye has turned, once it is sure of that."""
-    watch, settings, line = fresh(), Watching(), list[float | None]()
-    for look in looks:
-        health = look.get("health") or {}
-        turn = [np.radians(_number(health.get(f"{axis}_deg")) or 0.0) for axis in AXES]
-        sigma = [_number(health.get(f"{axis}_sigma_deg")) for axis in AXES]
+def _drift(run: Digest, zero: float) -> Strip:
+    """What the watch for drift made of the looks: by how much the right eye has turned, once it is sure of that. It
+    begins anew where the daemon's did: with what is told again (run_start) after a calibration, and with other eyes."""
+    watch, eyes, settings, line = fresh(), "both", Watching(), list[float | None]()
+    for record in run.of("run_start", "look"):
+        if record["kind"] == "run_start" or eyes_of(record) != eyes:
+            watch, eyes = fresh(), eyes_of(record)
+        if record["kind"] == "run_start":
+            continue
+        health = record.get("health") or {}
+        turn = [np.radians(number(health.get(f"{axis}_deg")) or 0.0) for axis in AXES]
+        sigma = [number(health.get(f"{axis}_sigma_deg")) for axis in AXES]
         known = np.array([np.inf if s is None or s <= 0 else np.radians(s) for s in sigma])
         watch, drift = observe(watch, Clue(np.array(turn), known, ""), settings)
         line.append(0.0 if drift is None else abs(drift.degrees))
-    return Strip("right eye turned against the left", "°", settings.stop_deg, True, _s(looks, zero), {"": line})
+    return Strip(
+        "right eye turned against the left", "°", settings.stop_deg, True, _s(run.of("look"), zero), {"": line}
+    )
 
 
-def _number(value: Any) -> float | None:
+def number(value: Any) -> float | None:
+    """What a record has for a number, where it is one."""
     return float(value) if isinstance(value, (int, float)) and np.isfinite(value) else None

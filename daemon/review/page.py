@@ -17,7 +17,7 @@ from typing import Any
 import cv2
 
 from daemon.errors import spelt
-from daemon.review.brief import read_brief
+from daemon.review.brief import that_picked
 from daemon.review.compare import kept_differences
 from daemon.review.digest import Digest, digest
 from daemon.review.pagedata import page_data
@@ -61,7 +61,7 @@ def _before(folder: Path) -> dict[str, Any]:
     began, known = run_time(folder.name), list_runs(folder.parent)
     earlier = known[: known.index(folder)] if folder in known else []
     week = {f for f in earlier if began and (t := run_time(f.name)) and began - t <= WEEK}
-    runs = {f: run for f in earlier if (f in week or f is earlier[-1]) and (run := read_brief(f)).cycles}
+    runs = that_picked(f for f in earlier if f in week or f is earlier[-1])
     last = next(reversed(runs), None)
     of_week = [run for f, run in runs.items() if f in week]
     return {
@@ -118,14 +118,24 @@ def _pictures(folder: Path, run: Digest) -> tuple[dict[str, str], int]:
                 left_out += 1
                 continue
             try:
-                image = read_grey(Path(name), folder)
+                content = jpeg_of(folder, name)
             except FileError:
                 left_out += 1
                 continue
-            content = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1].tobytes()
-            chosen[f"{look['seq']}-{eye}"] = "data:image/jpeg;base64," + base64.b64encode(content).decode()
+            chosen[f"{look['seq']}-{eye}"] = embedded(content)
             spent += len(content)
     return chosen, left_out
+
+
+def jpeg_of(folder: Path, name: str) -> bytes:
+    """A picture of a run as a page carries it. Raises FileError."""
+    image = read_grey(Path(name), folder)
+    return cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1].tobytes()
+
+
+def embedded(jpeg: bytes) -> str:
+    """The same as an address that needs no file."""
+    return "data:image/jpeg;base64," + base64.b64encode(jpeg).decode()
 
 
 def _by_interest(run: Digest) -> Iterable[dict[str, Any]]:

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from daemon.review.denied import denied, told_of
 from daemon.review.digest import Cycle, Digest, Stop, duration_s, stops_of, told_again
 from daemon.review.measures import strips
 from daemon.review.production import production, remedies
@@ -20,7 +21,7 @@ Json = dict[str, Any]
 IN_STATE = {
     "survey": "look from above", "second_view": "look from elsewhere", "choose": "choose a part", "stop_n": "go nearer",
     "looking": "look", "estimating": "say where it is", "final": "reach for it", "closing": "close the hand",
-    "retreat": "lift it", "verify": "see that it is gone", "place": "bring it away", "home": "go home",
+    "retreat": "lift it", "verify": "see that it is held", "place": "bring it away", "home": "go home",
 }  # fmt: skip
 """What a pick does in its states, for people."""
 
@@ -191,16 +192,21 @@ def timeline(digest: Digest) -> list[Json]:
 
 
 def events(digest: Digest) -> list[Json]:
-    """Faults, refusals, gaps, clock jumps and model changes, each once, with the record that led to it."""
+    """Faults, refusals, gaps, clock jumps, model changes and parts that went to the bin uncounted, each once, with the
+    record that led to it."""
     found: list[Json] = []
     before, cycle = None, None
     zero = float(digest.records[0]["mono_s"]) if digest.records else 0.0
     again = told_again(digest.records)
-    for record in digest.records:
+    uncounted = {
+        miss["seq"]: {**miss, "kind": "uncounted", "text": told_of(miss)} for c in digest.cycles for miss in denied(c)
+    }
+    for line in digest.records:
+        record = uncounted.get(line["seq"], line)
         kind = record["kind"]
         if kind == "cycle_start":
             cycle = record.get("cycle")
-        if kind in ("fault", "refusal", "gap", "clock", "model", "eyes", "gained", "run_end"):
+        if kind in ("fault", "refusal", "gap", "clock", "model", "eyes", "gained", "uncounted", "run_end"):
             event = {
                 "t": record.get("t"),
                 "s": round(float(record["mono_s"]) - zero, 2),
@@ -239,6 +245,8 @@ def _event_text(record: Json) -> str:
     if kind == "model":
         version = record.get("version")
         return "no model in use" if version is None else f"model version {version} in use ({record.get('action')})"
+    if kind == "uncounted":
+        return str(record.get("text"))
     if kind == "clock":
         return f"the machine's clock jumped by {record.get('jump_s')} s"
     return f"{EVENTS.get(kind, kind)} {text}".strip()

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from daemon.review.denied import denied
 from daemon.review.digest import Cycle, Digest, told_again
 from daemon.review.remedies import KNOWN
 from daemon.review.why import NOTHING_WRONG, causes, told
@@ -38,6 +39,7 @@ def production(runs: Sequence[Digest]) -> Json:
         "runs": len(runs),
         "tried": len(cycles),
         "picked": len(picked),
+        "uncounted": sum(len(denied(c)) for c in cycles),
         "parts": by_part,
         "hourly": 3600 * len(picked) / worked_s if worked_s > 0 and picked else None,
         "median_s": float(np.median(seconds)) if seconds else None,

@@ -80,7 +80,7 @@ KNOWN: Mapping[str, Known] = {
         "somebody or something moved it after it was seen: keep the table clear while it picks",
     ),
     "too near the border": Known("table", "move it, or the arm, so that both eyes see it whole"),
-    "hidden": Known("table", "move what lies before it"),
+    "hidden": Known("table", "move what lies before it, or turn it"),
     "looks like another": Known("model", "turn it, or teach the side that tells it apart (`try` names what it fits)"),
     "ground too patterned": Known("table", "put it on a plain ground, or light it better"),
     "not taught": Known("model", "`teach` it, or this side of it, then `train`; or take it off the table"),
@@ -92,6 +92,10 @@ KNOWN: Mapping[str, Known] = {
     "gripper": Known(
         "grasp",
         "do the fingers open to pick.gripper.opening_mm, and close (air, valve)? Then `calibrate touch`",
+    ),
+    "look after the lift": Known(
+        "images",
+        "count what is in the bin; the picture of the look after the lift shows what was taken for the part",
     ),
     "cut off": Known(
         "computer",

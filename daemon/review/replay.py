@@ -19,7 +19,7 @@ from daemon import frames
 from daemon.arrays import Array
 from daemon.calibration.file import load_calibration
 from daemon.pick.moved_pair import places_of, with_arm
-from daemon.review.digest import Digest
+from daemon.review.digest import Digest, in_use
 from daemon.store.model import load
 from daemon.store.outside import FileError
 from daemon.store.pictures import read_as_stored
@@ -83,19 +83,21 @@ def replayed_looks(
     folder: Path, run: Digest, library: FacetLibrary, using: Using, chosen: Container[int] | None = None
 ) -> Iterator[Seen | str]:
     """Each look of a run again, or a line that says why it cannot be. chosen: the looks by seq (None: all); library:
-    facet types for looks before there was a model.
+    facet types for looks before there was a model. Pictures in which nothing was looked for, as of the board in a
+    calibration, are held against nothing and left out.
 
     Raises RunError where the run keeps no calibration, ConfigError or ModelError where a kept file is not usable.
     """
-    kept = (run.start or {}).get("calibration")
-    if not kept and using.rig is None:
-        raise RunError(f"{folder}: no calibration was kept with this run; it cannot be replayed")
-    rig = using.rig or load_calibration(kept_file(folder, kept)).rig
+    rigs: dict[str, StereoRig] = {}
+    models: dict[str, Model] = {}
     untaught = empty_model(library)
     unhurried = (using.settings or VisionSettings()).unhurried()
-    for record, in_use in looks_with_models(folder, run):
+    for record, kept in in_use(run.records):
+        if record["kind"] != "look" or record.get("scene") is None:
+            continue
         if chosen is not None and record["seq"] not in chosen:
             continue
+        rig, model = using.rig or _rig(folder, kept.get("calibration"), rigs), _model(folder, kept.get("model"), models)
         pair = _pictures(folder, record)
         if pair is None:
             yield f"look {record['seq']}: its pictures are not in the run folder"
@@ -103,7 +105,7 @@ def replayed_looks(
         moved = places_of(record.get("moved"))
         taken_by = rig if moved is None else moved.rig(rig)
         scene = look(
-            *pair, taken_by, using.model or in_use or untaught, unhurried, thread_time, table_of(record.get("table"))
+            *pair, taken_by, using.model or model or untaught, unhurried, thread_time, table_of(record.get("table"))
         )
         if moved is not None:
             scene = with_arm(scene, taken_by, moved.arm)
@@ -116,17 +118,20 @@ def replayed_looks(
         yield Seen(record, now, changes, untimed(then) == untimed(now) if whole else not found)
 
 
-def looks_with_models(folder: Path, run: Digest) -> Iterator[tuple[Record, Model | None]]:
-    """Each look with the model that was in use then (None before there was one). Raises ModelError, RunError."""
-    loaded: dict[str, Model] = {}
-    current = (run.start or {}).get("model")
-    for record in run.records:
-        if record["kind"] == "model":
-            current = record.get("file") or current
-        elif record["kind"] == "look":
-            if current and current not in loaded:
-                loaded[current] = load(kept_file(folder, current))
-            yield record, loaded.get(current) if current else None
+def _rig(folder: Path, kept: str | None, loaded: dict[str, StereoRig]) -> StereoRig:
+    """Of a calibration that was kept, read once. Raises RunError where none was."""
+    if not kept:
+        raise RunError(f"{folder}: no calibration was kept with this run; it cannot be replayed")
+    if kept not in loaded:
+        loaded[kept] = load_calibration(kept_file(folder, kept)).rig
+    return loaded[kept]
+
+
+def _model(folder: Path, kept: str | None, loaded: dict[str, Model]) -> Model | None:
+    """A model that was kept, read once; None before there was one."""
+    if kept and kept not in loaded:
+        loaded[kept] = load(kept_file(folder, kept))
+    return loaded.get(kept or "")
 
 
 def compare(then: Json, now: Json, whole: bool = True, one_model: bool = True) -> list[tuple[str, str, bool]]:

@@ -9,30 +9,29 @@ from daemon.store.records import Record
 
 Row = dict[str, Any]
 
-CYCLE_COLUMNS: dict[str, str] = {
-    "cell": "string", "day": "string", "run": "string", "cycle": "int64", "started": "string", "seconds": "float64",
-    "label": "string", "outcome": "string", "looks": "int64", "predicted_mm": "float64", "predicted_deg": "float64",
-    "true_mm": "float64", "true_deg": "float64", "why": "string", "model": "string", "calibration": "string",
-}  # fmt: skip
-LOOK_COLUMNS: dict[str, str] = {
-    "cell": "string", "day": "string", "run": "string", "seq": "int64", "cycle": "int64", "stop": "int64",
-    "purpose": "string", "taken": "string", "ms": "float64", "parts": "int64", "named": "int64", "labels": "string",
-    "best_confidence": "float64", "residual_mm": "float64", "epipolar_px": "float64", "noise": "float64",
-    "predicted_mm": "float64", "chi2": "float64",
-}  # fmt: skip
+CYCLE_COLUMNS = (
+    "cell", "day", "run", "cycle", "started", "seconds", "label", "outcome", "looks", "predicted_mm", "predicted_deg",
+    "true_mm", "true_deg", "why", "model", "calibration",
+)  # fmt: skip
+LOOK_COLUMNS = (
+    "cell", "day", "run", "seq", "cycle", "stop", "purpose", "taken", "ms", "parts", "named", "labels",
+    "best_confidence", "residual_mm", "epipolar_px", "noise", "predicted_mm", "chi2",
+)  # fmt: skip
 
 
-def tables(run: Digest, cell: str) -> dict[str, tuple[dict[str, str], list[Row]]]:
+def tables(run: Digest, cell: str) -> dict[str, tuple[tuple[str, ...], list[Row]]]:
     """Each table's name -> its columns and its rows."""
     return {"cycles": (CYCLE_COLUMNS, cycle_rows(run, cell)), "looks": (LOOK_COLUMNS, look_rows(run, cell))}
 
 
 def cycle_rows(run: Digest, cell: str) -> list[Row]:
     """One row a cycle, with CYCLE_COLUMNS."""
-    same = {"cell": cell, "run": run.name, "model": run.model, "calibration": run.kept("calibration")}
-    plain = ("started", "label", "outcome", "looks", "predicted_mm", "predicted_deg", "true_mm", "true_deg", "why")
+    plain = (
+        *("started", "label", "outcome", "looks", "predicted_mm", "predicted_deg", "true_mm", "true_deg", "why"),
+        *("model", "calibration"),
+    )
     return [
-        same
+        {"cell": cell, "run": run.name}
         | {name: getattr(cycle, name) for name in plain}
         | {"day": cycle.started[:10], "cycle": cycle.number, "seconds": round(cycle.seconds, 3)}
         for cycle in run.cycles

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from daemon.calibration.drift import Watching
-from daemon.review.brief import read_brief
+from daemon.review.brief import that_picked
 from daemon.review.digest import Digest
+from daemon.review.measures import number
 from daemon.review.page import WEEK, render, run_time, write_page
 from daemon.review.production import median_of, production, remedies
 from daemon.store.files import write_atomically
@@ -31,12 +32,11 @@ def write_week(runs: Path, last: Path, out: Path) -> Path:
     if end is None:
         raise RunError(f"{last}: its name is no time, so that it is not known which week it ended")
     folders = [f for f in list_runs(runs) if (t := run_time(f.name)) is not None and end - WEEK < t <= end]
-    digests = [read_brief(folder) for folder in folders]
-    picked = [(folder, run) for folder, run in zip(folders, digests, strict=True) if run.cycles]
-    for folder, _ in picked:
+    picked = that_picked(folders)
+    for folder in picked:
         if not _is_fresh(folder):
             write_page(folder, folder / REPORT)
-    data = week_data([run for _, run in picked], [_link(folder, out) for folder, _ in picked])
+    data = week_data([*picked.values()], [_link(folder, out) for folder in picked])
     write_atomically(out, render("week", data, {}).encode())
     return out
 
@@ -84,8 +84,8 @@ def run_json(run: Digest) -> Json:
 
 def _trusted(looks: Sequence[Json], name: str) -> float | None:
     """The mean over the looks, each by what it is worth."""
-    sigmas = [h.get(name.replace("_deg", "_sigma_deg")) for h in looks]
-    told = [(h[name], s**-2) for h, s in zip(looks, sigmas, strict=True) if h.get(name) is not None and s]
+    known = [(number(h.get(name)), number(h.get(name.replace("_deg", "_sigma_deg")))) for h in looks]
+    told = [(value, sigma**-2) for value, sigma in known if value is not None and sigma]
     if not told:
         return None
     values, weights = np.array(told).T

@@ -17,10 +17,11 @@ from typing import Any
 import numpy as np
 
 from daemon.pick.pose_fusion import CHI_SQUARE_6
+from daemon.review.denied import denied, told_of
 from daemon.review.digest import Cycle, Stop
 from daemon.review.remedies import KNOWN
 from daemon.store.records import Record
-from daemon.vision.health import SAID
+from daemon.vision.health import MEASURES, SAID
 from daemon.vision.values import Cause as Unnamed
 
 NOTHING_WRONG = frozenset({"picked", "placed", "empty", "dry"})
@@ -153,7 +154,7 @@ def _pictures(measures: Iterable[tuple[str, str]], text: str, at: int) -> Iterat
         by_measure.setdefault(measure, set()).add(eye)
     for measure, eyes in by_measure.items():
         both_dark = measure == "covered" and len(eyes) == 2
-        yield Cause("light off" if both_dark else MEASURED[measure], 1.0, text, at)
+        yield Cause("light off" if both_dark else MEASURED.get(measure, UNTOLD), 1.0, text, at)
 
 
 def _refused(cycle: Cycle, _: Sequence[Cycle]) -> Iterator[Cause]:
@@ -214,15 +215,19 @@ def _all_moves(cycle: Cycle, _: Sequence[Cycle]) -> Iterator[Cause]:
 
 
 def _eyes_apart(cycle: Cycle, others: Sequence[Cycle]) -> Iterator[Cause]:
-    """Both eyes see outlines and they do not meet, although they did before."""
-    unmatched = [s for s in cycle.stops if _outlines_of(s) >= OUTLINES]
-    met = [s for s in (*cycle.stops, *(s for c in others for s in c.stops)) if _named(s)]
+    """Both eyes see outlines and they do not meet, although they did before; those of a pattern need not."""
+    patterned = sum(map(_patterned, cycle.stops))
+    unmatched = [s for s in cycle.stops if _outlines_of(s) >= OUTLINES and not _patterned(s)]
+    if patterned and not unmatched and "no facet" in str(cycle.why):
+        evidence = f"{patterned} looks: nothing there, or nothing to be told from the table's pattern"
+        yield Cause("ground too patterned", 0.7, evidence, _last(cycle))
     if not unmatched:
         return
+    met = sum(c.named_looks for c in (cycle, *others))
     evidence = f"{len(unmatched)} looks saw outlines in both eyes that do not fit one another"
     share = len(unmatched) / len(cycle.stops)
     if met and (len(unmatched) > 1 or share == 1.0):
-        yield Cause("camera knocked", 0.8, f"{evidence}, and {len(met)} saw parts", _seq(unmatched[0]))
+        yield Cause("camera knocked", 0.8, f"{evidence}, and {met} saw parts", _seq(unmatched[0]))
     elif "knocked camera" in str(cycle.why):
         yield Cause("camera knocked", 0.7, str(cycle.why), _seq(unmatched[0]))
 
@@ -272,7 +277,7 @@ def _unnamed(cycle: Cycle, _: Sequence[Cycle]) -> Iterator[Cause]:
         causes_told = [cause for cause, said in SAID.items() if said.words in why]
         if not causes_told and "fits nothing that was taught" in why:  # so say all looks together
             causes_told = [Unnamed.STRANGE]
-        for cause in causes_told or [Unnamed(name) for name, _ in Counter(map(str, seen)).most_common(1)]:
+        for cause in causes_told or [name for name, _ in Counter(seen).most_common(1) if name in UNNAMED]:
             yield Cause(UNNAMED[cause], 0.7, why, _last(cycle))
 
 
@@ -301,9 +306,8 @@ def _missed(cycle: Cycle, others: Sequence[Cycle]) -> Iterator[Cause]:
     tries = [r for r in cycle.of("decision") if r.get("text") == "missed"]
     if cycle.outcome != "missed" and not tries:
         return
-    weight = (
-        0.6 if cycle.outcome == "missed" else 0.75
-    )  # what it is taken for after it was knocked about follows from it
+    # What it is taken for after it was knocked about follows from the miss.
+    weight = 0.6 if cycle.outcome == "missed" else 0.75
     verify = [s for s in cycle.stops if s.purpose == "verify"]
     moved = None if not verify else _moved_mm(cycle, verify[-1])
     at = _seq(verify[0]) if verify else _last(cycle)
@@ -315,7 +319,9 @@ def _missed(cycle: Cycle, others: Sequence[Cycle]) -> Iterator[Cause]:
     chosen = " ".join(str(r.get("why")) for r in cycle.of("decision"))
     slant = max(map(float, re.findall(r"contacts (\d+) degrees", chosen)), default=0.0)
     held = sorted({str(c.label) for c in others if c.outcome == "picked"})
-    if "came back empty" in why or "knocked away" in why or (moved or 0.0) > SQUEEZED_OUT_MM:
+    if erred := denied(cycle):
+        yield Cause("look after the lift", 0.95, f"{told_of(erred[-1])}{witness}", at)
+    elif "came back empty" in why or "knocked away" in why or (moved or 0.0) > SQUEEZED_OUT_MM:
         yield Cause("part slipped", weight + 0.05, f"{why}{lies}{witness}", at)
     elif slant > SLANTED_DEG:
         evidence = f"{why}{lies}: the fingers met it {slant:.0f} degrees off square{witness}"
@@ -354,26 +360,25 @@ def _uncertain(cycle: Cycle, _: Sequence[Cycle]) -> Iterator[Cause]:
 def _cut_off(cycle: Cycle, _: Sequence[Cycle]) -> Iterator[Cause]:
     """The run ends in the middle of it."""
     if cycle.end is None and not cycle.of("fault"):
-        at = _last(cycle)
-        yield Cause(
-            "cut off", 0.95, f"the run ends in the middle of the cycle, after `{cycle.records[-1]['kind']}`", at
-        )
+        evidence = f"the run ends in the middle of the cycle, after `{cycle.records[-1]['kind']}`"
+        yield Cause("cut off", 0.95, evidence, _last(cycle))
 
 
 def _outlines_of(stop: Stop) -> int:
     """How many outlines each eye saw at least, where no facet was made of them."""
-    notes = " ".join(str(n) for n in (stop.look.get("scene") or {}).get("notes") or [])
-    found = UNMATCHED.search(notes)
-    return min(int(found[1]), int(found[2])) if found else 0
+    return min(map(int, found.groups())) if (found := UNMATCHED.search(stop.notes)) else 0
+
+
+def _patterned(stop: Stop) -> bool:
+    """Whether its outlines are the table's pattern, and the eyes were measured to stand as calibrated."""
+    knocked_px = (stop.look.get("health") or {}).get("knocked_pair")
+    stands = isinstance(knocked_px, float) and knocked_px < MEASURES["knocked"].limit
+    return stands and SAID[Unnamed.PATTERNED].words in stop.notes
 
 
 def _rejected(stop: Stop) -> Sequence[Any]:
     rejected: Sequence[Any] = (stop.look.get("scene") or {}).get("rejected") or []
     return rejected
-
-
-def _named(stop: Stop) -> bool:
-    return any(p.get("label") != "unknown" for p in stop.parts)
 
 
 def _seq(stop: Stop) -> int:

@@ -107,7 +107,7 @@ class Calibrations:
         path = self.folder / "state.json"
         try:
             return msgspec.json.decode(read_file(path, LARGEST_BYTES), type=_State)
-        except (FileError, msgspec.MsgspecError, RecursionError) as error:
+        except (FileError, msgspec.MsgspecError, RecursionError, UnicodeDecodeError) as error:
             if not os.path.lexists(path):
                 return _State()
             raise CalibrationsError(f"{path}: cannot be read: {error}; remove it, and `calibrate use N`") from None

@@ -289,6 +289,17 @@ class _Table(msgspec.Struct):
     level_mm: float
 
 
+_Row = tuple[float, float, float, float]
+
+
+class _Moved(msgspec.Struct):
+    eye: Literal["left", "right"]
+    left: tuple[_Row, _Row, _Row, _Row]
+    right: tuple[_Row, _Row, _Row, _Row]
+    arm_mm: float
+    arm_deg: float
+
+
 class _Note(msgspec.Struct):
     """What of a view's note is looked at again."""
 
@@ -297,7 +308,8 @@ class _Note(msgspec.Struct):
     table: _Table | None = None
     facets: list[list[str]] = []
     mesh: str = ""
-    unit: str = "mm"
+    unit: Literal["mm", "cm", "m", "inch"] = "mm"
+    moved: _Moved | None = None
 
 
 def _stored(label: str, folder: Path) -> StoredView:

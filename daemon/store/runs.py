@@ -65,8 +65,8 @@ def list_runs(runs: Path) -> list[Path]:
 
 
 def find_run(runs: Path, name: str) -> Path:
-    """`latest`, a folder's name in `runs`, or a path -> the run folder. Of those that somebody named otherwise none is
-    the latest as long as there are others. Raises RunError."""
+    """`latest`, a folder's name in `runs`, or a path (`.`, too) -> the run folder. Of those that somebody named
+    otherwise none is the latest as long as there are others. Raises RunError."""
     known = list_runs(runs)
     if name == "latest":
         if not known:
@@ -74,7 +74,7 @@ def find_run(runs: Path, name: str) -> Path:
         return max(known, key=lambda f: (RUN_NAME.fullmatch(f.name) is not None, _age_key(f)))
     for folder in (runs / name, Path(name)):
         if os.path.isfile(folder / RUN):
-            return folder
+            return folder if folder.name not in ("", "..") else folder.resolve()
     raise RunError(f"{name}: no such run (neither a folder with run.jsonl nor a name in {runs})")
 
 
@@ -91,8 +91,10 @@ def read_run(folder: Path, scenes_of: Container[int] | None = None) -> RunRecord
                     record.pop("scene", None)
                 records.append(record)
             except ValueError as error:
-                what = f"unreadable line ({error})" if whole else "torn last line"
-                skipped.append(f"{folder}/{RUN}:{number}: {what}, {len(line)} bytes skipped")
+                long = len(line) > LONGEST_LINE
+                what = f"unreadable line ({error})" if whole or long else "torn last line"
+                count = f"more than {LONGEST_LINE}" if long else len(line)
+                skipped.append(f"{folder}/{RUN}:{number}: {what}, {count} bytes skipped")
         if file.tell() >= LARGEST_RUN:
             skipped.append(f"{folder}/{RUN}: too large: only {LARGEST_RUN // 1_000_000} MB of it are read")
     return RunRecords(folder, tuple(records), tuple(skipped))
@@ -255,12 +257,13 @@ def has_failure(folder: Path) -> bool:
 
 
 def lines_of(file: BinaryIO) -> Iterator[tuple[int, bytes, bool]]:
-    """Number, line, and whether its end is there; one that is too long comes in pieces. No more than LARGEST_RUN."""
-    number = 0
+    """Number, line, and whether its end is there; of one that is too long the beginning. No more than LARGEST_RUN."""
+    number, goes_on = 0, False
     while file.tell() < LARGEST_RUN and (line := file.readline(LONGEST_LINE + 2)):
-        number += 1
-        if line != b"\n":
-            yield number, line.rstrip(b"\n"), line.endswith(b"\n")
+        begins, goes_on = not goes_on, not line.endswith(b"\n")
+        number += begins
+        if begins and line != b"\n":
+            yield number, line.rstrip(b"\n"), not goes_on
 
 
 def _age_key(folder: Path) -> tuple[str, int]:

@@ -94,7 +94,7 @@ def after(standing: Standing, kind: str, fields: Mapping[str, Any]) -> Standing:
                 change["auto"] = standing.auto.one_less()
         case "auto":
             change = {"auto": Auto(fields.get("count"), fields.get("every_s")) if fields.get("on") else None}
-        case "hand":
+        case "hand" if fields.get("sent") is not False:
             change = {"hand_closed": bool(fields.get("closed"))}
         case "holding":
             change = {"hand_closed": fields.get("held") is not False}

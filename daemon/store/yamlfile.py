@@ -23,6 +23,15 @@ from daemon.store.outside import FileError, read_file
 
 T = TypeVar("T")
 Key = str | int
+PLAIN = {
+    "int": "a whole number",
+    "float": "a number",
+    "str": "text",
+    "bool": "true or false",
+    "array": "a list",
+    "object": "keys and values",
+}
+"""What people call the types of the structures."""
 UNIONS = (typing.Union, types.UnionType)
 ODD_NUMBER = re.compile(r"[-+]?(0[0-7_]+|[0-9_.]+(:[0-9_.]+)+)")
 """What YAML 1.1 takes for octal or for minutes and seconds, where a person means a number with zeros, or a time."""
@@ -97,15 +106,21 @@ class Document:
         if "Invalid enum value" in problem:
             choices = ", ".join(str(choice) for choice in typing.get_args(_bare(expected_kind)))
             return self.error(where, f"expected one of {choices}, found {found}")
-        expected = re.sub(r", got .*", "", problem).replace("`", "").replace("object", "keys and values")
+        expected = re.sub(r", got .*", "", problem).replace("`", "")
+        expected = re.sub(r"\b\w+\b", lambda word: PLAIN.get(word[0], word[0]), expected)
         return self.error(where, f"{expected[:1].lower()}{expected[1:]}, found {found}")
 
 
 def read(path: Path) -> Document:
-    """Parse one file. Raises FileError where it cannot be read, ConfigError where it is not YAML, is too large or too
-    deep, says a key twice, or has a number that YAML reads otherwise than people do."""
+    """Parse one file. Raises FileError where it cannot be read, and as parse does."""
+    return parse(path, read_file(path, LARGEST_BYTES))
+
+
+def parse(path: Path, content: bytes) -> Document:
+    """The content of a file. Raises ConfigError where it is not YAML, is too large or too deep, says a key twice, or
+    has a number that YAML reads otherwise than people do."""
     try:
-        text = read_file(path, LARGEST_BYTES).decode()
+        text = content.decode()
     except UnicodeDecodeError:
         raise ConfigError(f"{path}: not a text file (UTF-8 expected)") from None
     try:
@@ -154,7 +169,8 @@ def _without_empty_sections(data: Any, kind: Any) -> Any:
         return {}
     if not isinstance(data, dict):
         return data
-    return {key: _without_empty_sections(value, fields.get(key)) for key, value in data.items()}
+    each = typing.get_args(kind)[1] if typing.get_origin(kind) is dict else None
+    return {key: _without_empty_sections(value, fields.get(key, each)) for key, value in data.items()}
 
 
 def _kind_at(kind: Any, keys: tuple[Key, ...]) -> Any:
@@ -176,13 +192,14 @@ def _bare(kind: Any) -> Any:
 
 
 def _bounds(kind: Any) -> str | None:
-    """`from 0.1 to 100` for a number with two ends, `int from ...` for a whole one; None for any other type."""
+    """`from 0.1 to 100` for a number with two ends, `a whole number from ...` for an int; None for any other type."""
     if typing.get_origin(kind) in UNIONS:
         return next(filter(None, map(_bounds, typing.get_args(kind))), None)
     for meta in getattr(kind, "__metadata__", ()):
         low = f"above {meta.gt:.10g}" if meta.gt is not None else f"from {meta.ge:.10g}" if meta.ge is not None else ""
         if low and meta.le is not None:
-            return f"{'int ' if _bare(kind) is int else ''}{low} to {meta.le:.10g}"
+            whole = f"{PLAIN['int']} " if _bare(kind) is int else ""
+            return f"{whole}{low} to {meta.le:.10g}"
     return None
 
 

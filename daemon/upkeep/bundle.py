@@ -1,7 +1,7 @@
 """Everything a maintainer would ask for, in one file. Reads and packs; nothing leaves the machine.
 
-Configuration, calibration, model state, the newest runs' records (pictures of the newest one only, up to a limit), the
-journal, versions and what the kernel says of the devices.
+Configuration, the calibration in use, model state, the newest runs' records (pictures of the newest one only, up to a
+limit), the journal, versions and what the kernel says of the devices.
 """
 
 from __future__ import annotations
@@ -94,7 +94,8 @@ def _output(command: list[str]) -> bytes:
 def _files(config: Config) -> Iterator[tuple[str, AbstractContextManager[BinaryIO]]]:
     """What a person named is read by whatever link; of a run, only what lies in it."""
     yield "facetd.yaml", open_file(config.path)
-    for name in ("calibration", "facets", "parts"):
+    yield "calibration.yaml", open_file(config.calibration)
+    for name in ("facets", "parts"):
         yield f"{name}.yaml", open_file(config.file(getattr(config.values.files, name)))
     for name in ("models/state.json", "standing"):
         yield name, open_below(config.state, name)

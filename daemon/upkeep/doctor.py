@@ -21,6 +21,7 @@ from daemon.cell import sections
 from daemon.cell.build import Hardware
 from daemon.config import Config
 from daemon.errors import FacetdError
+from daemon.review import why
 from daemon.store.library import load_facets, load_parts
 from daemon.store.model_store import ModelStore
 from daemon.store.runs import list_runs
@@ -57,15 +58,26 @@ def examine(config: Config, running: bool) -> list[Finding]:
     return findings
 
 
-def from_service(hardware: Hardware, troubles: Mapping[str, str]) -> list[Finding]:
-    """What only the running daemon knows."""
-    now = hardware.clock()
-    findings = [Finding("good", "cameras", hardware.eyes.describe())]
+def from_service(hardware: Hardware, troubles: Mapping[str, str], fault: str | None) -> list[Finding]:
+    """What only the running daemon knows. fault: the one that stands."""
     heard = hardware.robot.heard_s
-    if heard is not None:
-        findings.append(Finding("good", "controller", f"answered {now - heard:.0f} s ago at {hardware.where}"))
-    findings += [Finding("bad", source, text) for source, text in troubles.items()]
+    findings = []
+    if "cameras" not in troubles:
+        findings.append(Finding("good", "cameras", hardware.eyes.describe()))
+    if "controller" not in troubles and heard is not None:
+        ago = f"answered {hardware.clock() - heard:.0f} s ago at {hardware.where}"
+        findings.append(Finding("good", "controller", ago))
+    if fault is not None:
+        findings.append(Finding("bad", "fault", fault, mend_of(fault) or "`resume` once its cause is gone"))
+    for source, text in troubles.items():
+        findings.append(Finding("bad", source, text.removeprefix(f"{source}: "), mend_of(text)))
     return findings
+
+
+def mend_of(text: str) -> str:
+    """What to do about a fault or a trouble, by its own words; empty where they say nothing, or an operator's stop."""
+    cause = next(why.told({"text": text}))
+    return "" if cause.stage == "operator" or cause.name == why.UNTOLD else cause.remedy
 
 
 def _configuration(config: Config, _: bool) -> Iterator[Finding]:
@@ -80,6 +92,8 @@ def _configuration(config: Config, _: bool) -> Iterator[Finding]:
 def _calibration(config: Config, _: bool) -> Iterator[Finding]:
     calibration = load_calibration(config.calibration)
     sections.check_hand_eye(config, calibration)
+    for wrong in sections.of_another_size(config, calibration):
+        yield Finding("bad", "calibration", wrong)
     quality = calibration.quality
     yield _calibration_age(config, calibration)
     for name, value, good in (
@@ -166,17 +180,23 @@ def _holders(path: str) -> list[str]:
 
 
 def _disk(config: Config, _: bool) -> Iterator[Finding]:
-    folder = next(p for p in (config.state, *config.state.parents) if p.exists())
-    free_mb = shutil.disk_usage(folder).free / 1e6
-    runs = list_runs(config.runs)
-    if not os.access(folder, os.W_OK):
-        yield Finding("bad", "disk", f"{folder} cannot be written", "The daemon's user must own it")
-    elif free_mb < config.values.log.keep_free_mb:
-        mend = "Free some space; old runs go by themselves (log.quota_mb)"
-        yield Finding("bad", "disk", f"{free_mb:.0f} MB free in {folder}", mend)
-    else:
-        kept = "1 run" if len(runs) == 1 else f"{len(runs)} runs"
-        yield Finding("good", "disk", f"{free_mb:.0f} MB free, {kept} kept in {config.runs}")
+    """The runs' disk, and that of the state where it is another."""
+    folders = [next(p for p in (one, *one.parents) if p.exists()) for one in (config.runs, config.state)]
+    disks = {os.stat(folder).st_dev: folder for folder in folders}
+    free_mb = {disk: shutil.disk_usage(folder).free / 1e6 for disk, folder in disks.items()}
+    well = True
+    for disk, folder in disks.items():
+        if not os.access(folder, os.W_OK):
+            well = False
+            yield Finding("bad", "disk", f"{folder} cannot be written", "The daemon's user must own it")
+        elif free_mb[disk] < config.values.log.keep_free_mb:
+            well = False
+            mend = "Free some space; old runs go by themselves (log.quota_mb)"
+            yield Finding("bad", "disk", f"{free_mb[disk]:.0f} MB free in {folder}", mend)
+    if well:
+        runs = len(list_runs(config.runs))
+        kept = "1 run" if runs == 1 else f"{runs} runs"
+        yield Finding("good", "disk", f"{next(iter(free_mb.values())):.0f} MB free, {kept} kept in {config.runs}")
 
 
 def _clock(config: Config, _: bool) -> Iterator[Finding]:

@@ -134,9 +134,9 @@ class Watch:
             await self._stop_what_may_move(what, text)
 
     async def _stop_what_may_move(self, code: str, text: str) -> None:
-        state = self._context.cycle.status()
-        if (state["enabled"] or state["by_hand_only"]) and state["fault"] is None:
-            await self._context.cycle.supervisor.fail(code, text)
+        supervisor = self._context.cycle.supervisor
+        if supervisor.let and supervisor.fault is None:
+            await supervisor.fail(code, text)
 
     async def _keep_quota(self) -> None:
         context, limits = self._context, self._context.config.values.log
@@ -167,7 +167,10 @@ class Watch:
         if size > limits.roll_mb * 1_000_000:
             context.roll_due = True
             if context.cycle.status()["doing"] is None:
-                context.roll_if_due()
+                try:
+                    context.roll_if_due()
+                except (FileError, OSError) as error:
+                    context.troubles.tell("disk", f"disk: the log does not go on in a new run: {plain(error)}")
 
     def _check_folder(self) -> None:
         """Where somebody removed the run that is being written, the log goes on in a new one, and it is told."""

@@ -36,7 +36,7 @@ const beside = (of) => [last ? `last run ${of(last)}` : null, week ? `week ${of(
 const tile = (name, value, under, kind = "") => el("div", { class: `tile ${kind}` }, el("span", {}, name), el("b", {}, value), under ? el("small", {}, under) : null);
 const partOf = (p, label) => (p.parts[label] ? share(p.parts[label]) : "–");
 by("tiles").append(
-  tile("picked of tried", `${done.picked} of ${done.tried}`, beside((p) => share([p.picked, p.tried])), failed ? "bad" : ""),
+  tile("picked of tried", `${done.picked} of ${done.tried}`, [done.uncounted ? `${done.uncounted} more likely in the bin` : null, beside((p) => share([p.picked, p.tried]))].filter(Boolean).join(" · "), failed ? "bad" : done.uncounted ? "warn" : ""),
   tile("picks an hour", number(done.hourly), beside((p) => number(p.hourly))),
   tile("a pick, median", duration(done.median_s), [`95 %: ${duration(done.p95_s)}`, beside((p) => duration(p.median_s))].filter(Boolean).join(" · ")),
   tile("interventions by people", done.interventions, beside((p) => `${p.interventions}${p.runs > 1 ? ` in ${p.runs} runs` : ""}`), done.interventions ? "warn" : ""),
@@ -236,7 +236,7 @@ function lookView(stop) {
 }
 
 // ---- events, other looks
-by("event-list").append(data.events.length ? el("ul", {}, ...data.events.map((e) => el("li", { class: ["fault", "refusal", "gap"].includes(e.kind) ? "warn" : null },
+by("event-list").append(data.events.length ? el("ul", {}, ...data.events.map((e) => el("li", { class: ["fault", "refusal", "gap", "uncounted"].includes(e.kind) ? "warn" : null },
   time(e.t, offset), " ", e.cycle === null ? null : el("a", { href: "#cycle", onclick: () => open(e.cycle) }, `cycle ${e.cycle} `), e.text,
   e.after && ["fault", "refusal"].includes(e.kind) ? el("span", { class: "dim" }, ` — after: ${e.after}`) : null))) : el("p", { class: "dim" }, "none"));
 const inAll = (parts) => {

@@ -78,7 +78,7 @@ def test_a_file_that_is_not_yaml_names_the_line(tmp_path: Path) -> None:
         ("version: 1", "version: 2", ":2: version: expected 1, found 2"),
         ("  - [0.0, 0.0, 1.0]", "", "left.camera_matrix: expected 3x3 numbers, found 2x3"),
         ("[640, 480]", "[640]", "image_size: expected [width, height] px, found [640]"),
-        ("[640, 480]", "[640, wide]", "image_size[1]: expected int, found 'wide'"),
+        ("[640, 480]", "[640, wide]", "image_size[1]: expected a whole number, found 'wide'"),
         ("  distortion:", "  distorsion:", "left.distorsion: unknown key; did you mean `distortion`?"),
         ("- [700.0,", "- [-700.0,", "left.camera_matrix: expected focal lengths above 0"),
         ("- [0.0, 1.0, 0.0, 0.0]", "- [0.0, 1.1, 0.0, 0.0]", "expected a rotation in the 3x3 block"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -55,3 +56,45 @@ def test_the_commands_carry_a_calibration_out_and_back(tmp_path: Path) -> None:
     assert ctl.main(["calibrate", "export", "--calibration", str(tmp_path / "c.yaml"), "--ros", *names]) == 0
     assert ctl.main(["calibrate", "import", "--ros", *names, "--out", str(tmp_path / "d.yaml")]) == 0
     assert_same(load_calibration(tmp_path / "d.yaml").rig, unlike_rig())
+
+
+def test_what_could_not_be_read_again_leaves_the_old_calibration(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Lengths in metres, as many OpenCV files have them: the eyes come out a tenth of a millimetre apart."""
+    out, foreign = tmp_path / "c.yaml", tmp_path / "stereo.yml"
+    save_calibration(Calibration(unlike_rig()), out)
+    before = out.read_bytes()
+    to_opencv(unlike_rig(), foreign)
+    storage = cv2.FileStorage(str(foreign), cv2.FILE_STORAGE_READ)
+    values = {name: storage.getNode(name).mat() for name in ("imageSize", "M1", "D1", "M2", "D2", "R", "T")}
+    written = cv2.FileStorage(str(foreign), cv2.FILE_STORAGE_WRITE)
+    for name, value in values.items():
+        written.write(name, value / 1000 if name == "T" else value)
+    written.release()
+    assert ctl.main(["calibrate", "import", "--opencv", str(foreign), "--out", str(out)]) == 2
+    assert "not written" in (told := capsys.readouterr().err)
+    assert "less than 1 mm apart" in told
+    assert out.read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [("cols: 4", "cols: 3", "projection_matrix: expected 3x4"), ("cols: 5", "cols: 6", "found 1x6 of 5 numbers")],
+)
+def test_a_matrix_of_another_size_than_it_must_have_is_named(tmp_path: Path, old: str, new: str, told: str) -> None:
+    to_ros(unlike_rig(), tmp_path / "l.yaml", tmp_path / "r.yaml")
+    (tmp_path / "r.yaml").write_text((tmp_path / "r.yaml").read_text().replace(old, new))
+    with pytest.raises(InterchangeError, match=rf"r\.yaml: .*{told}"):
+        from_ros(tmp_path / "l.yaml", tmp_path / "r.yaml")
+
+
+def test_a_turn_that_is_no_matrix_is_named(tmp_path: Path) -> None:
+    written = cv2.FileStorage(str(tmp_path / "stereo.yml"), cv2.FILE_STORAGE_WRITE)
+    for name in ("M1", "M2"):
+        written.write(name, np.eye(3))
+    for name in ("D1", "D2", "R", "T"):
+        written.write(name, np.zeros((3, 1)))
+    written.release()
+    with pytest.raises(InterchangeError, match=r"stereo\.yml: R: expected 9 numbers, found 3"):
+        from_opencv([tmp_path / "stereo.yml"], (640, 480))

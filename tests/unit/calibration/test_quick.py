@@ -69,3 +69,20 @@ def test_a_missing_measurement_is_named(tmp_path: Path, capsys: pytest.CaptureFi
     said = capsys.readouterr().err
     assert said.count("\n") == 1
     assert "fixation_mm" in said
+
+
+def test_one_width_says_nothing_of_how_well_it_is_known_and_nothing_unusable_is_written(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = (
+        "image_size: [512, 480]\nbaseline_mm: 200\nfixation_mm: 567\npin_left_px: [256, 240]\n"
+        "pin_right_px: [256, 240]\nwidths: [{mm: 50, at_mm: 500, px: 76}]\n"
+    )
+    given, out = tmp_path / "measured.yaml", tmp_path / "c.yaml"
+    given.write_text(text)
+    assert ctl.main(["calibrate", "quick", str(given), "--out", str(out)]) == 0
+    assert "focal length 760.0 px" in capsys.readouterr().out
+    before = out.read_bytes()
+    given.write_text(text.replace("[512, 480]", "[5, 4]"))
+    assert ctl.main(["calibrate", "quick", str(given), "--out", str(out)]) == 2
+    assert out.read_bytes() == before

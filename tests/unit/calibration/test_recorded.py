@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import cv2
+import numpy as np
 import pytest
 
 from daemon.calibration.board import BoardError
@@ -34,3 +35,16 @@ def test_a_picture_that_cannot_be_read_is_named_with_what_is_wrong(tmp_path: Pat
     right.write_bytes(left.read_bytes()[:-20])
     with pytest.raises(BoardError, match=r"right\.png: not a picture, or cut short"):
         read_pairs([(left, right)], BOARD)
+
+
+def test_pairs_that_are_named_alike_in_folders_of_their_own_stay_several(tmp_path: Path) -> None:
+    """left.png and right.png in a folder a pair: by their names alone they would all be one."""
+    files = []
+    for number in range(3):
+        (tmp_path / str(number)).mkdir()
+        files.append((tmp_path / str(number) / "left.png", tmp_path / str(number) / "right.png"))
+        for path in files[-1]:
+            cv2.imwrite(str(path), drawn_board() if number else np.full_like(drawn_board(), 90))
+    pairs, unused, _ = read_pairs(files, BOARD)
+    assert [pair.name for pair in pairs] == [f"{left}, {right}" for left, right in files[1:]]
+    assert list(unused) == [f"{files[0][0]}, {files[0][1]}"]

@@ -282,3 +282,9 @@ def test_without_the_extra_one_line_says_what_installs_it(tmp_path: Path) -> Non
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1
     assert "extra-fleet" in done.stderr
+
+
+def test_a_file_of_somebody_elses_among_the_manifests_is_passed_over(store: Store, cell: CellMaker) -> None:
+    collect(store, [source_of(f"north={cell('north')}")])
+    store.write(b"{}", "collected", "notes.json")
+    assert list(store.collected()) == [("north", "20260102T030405Z")]

@@ -12,6 +12,7 @@ import pytest
 from daemon.hall.layout import add_rows, rows_of
 from daemon.hall.page import STATES, _by_cause, _worse, hall_data, write_hall
 from daemon.hall.store import Store, StoreError, open_store
+from daemon.review.digest import Digest, digest
 from daemon.review.page import read_digest
 from tests.worlds.made_run import MadeRun
 
@@ -141,3 +142,22 @@ def test_where_nothing_was_missed_no_empty_table_stands(browser: Any, tmp_path: 
     assert "Nothing was missed." in browser.find_element("css selector", "body").text
     assert browser.find_elements("id", "causes") == []
     assert browser.get_log("browser") == []
+
+
+def test_a_cell_whose_run_goes_on_for_days_is_not_silent_while_it_does(tmp_path: Path) -> None:
+    """It had picked the day before, and the page said that there was no run in these days."""
+
+    def run(day: int, days: int) -> Digest:
+        end = day + days
+        kinds = (("run_start", day), ("cycle_start", end), ("cycle_end", end), ("run_end", end))
+        return digest(f"2026010{day}T030000Z", [
+            {"kind": kind, "seq": k, "t": f"2026-01-0{d}T03:00:0{k}.000Z", "mono_s": 86400.0 * (d - day) + k,
+             "cycle": 1, "outcome": "picked", "label": "cube"} for k, (kind, d) in enumerate(kinds)
+        ])  # fmt: skip
+
+    store = open_store(str(tmp_path))
+    for name, one in (("slow", run(2, 3)), ("gone", run(2, 0)), ("usual", run(6, 0))):
+        add_rows(store, name, [rows_of(one)])
+    states = {cell["name"]: (cell["state"], cell["told"]) for cell in hall_data(store, 3)["cells"]}
+    assert states["slow"] == ("well", [])
+    assert states["gone"] == ("silent", [["silent", "no run since 2026-01-02"]])

@@ -96,3 +96,13 @@ def test_a_report_lies_in_a_bucket_and_has_pictures_from_one(cell: CellMaker) ->
     page = bucket.read("report.html").decode()
     assert page.count("data:image/jpeg;base64,") == 2
     assert "now unknown: one facet" in page
+
+
+def test_a_difference_whose_picture_is_damaged_is_told_without_it(tmp_path: Path) -> None:
+    made = MadeRun(tmp_path / "runs" / "20260102T030405Z")
+    made.look("survey")
+    run = made.close()
+    one = {"cell": "north", "run": run.name, "seq": 1, "changes": [], "parts": [], "whole": True, "now": {}}
+    (run / "images" / "000001-left.png").write_bytes(b"")
+    page = write_replay_page(open_store(str(tmp_path / "out")), summed([]), [one], [str(run)], [])
+    assert '"looks":null' in Path(page).read_text()

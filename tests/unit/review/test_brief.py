@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import json
 
+import numpy as np
 import pytest
 
 from daemon.review.brief import read_brief
+from daemon.review.page import read_digest
+from daemon.review.production import production
+from daemon.review.week import run_json
 from daemon.store.runs import read_run
-from tests.worlds.made_run import MadeRun
+from tests.worlds.made_run import MadeRun, part
 
 
 @pytest.mark.parametrize("missing", ["kind", "seq", "t", "mono_s"])
@@ -25,3 +29,26 @@ def test_a_fault_without_what_every_line_has_is_no_line_for_either_reading(made:
     whole = [record["seq"] for record in read_run(folder).records]
     assert [record["seq"] for record in read_brief(folder).records] == whole
     assert len(whole) == len(lines) - 1
+
+
+def test_a_week_counts_what_the_runs_own_page_does(made: MadeRun) -> None:
+    """A hand that closes once more before it opens over the bin was taken for one that had opened before."""
+    made.cycle += 1
+    made.write("cycle_start", cycle=1, target=None)
+    made.look("survey 1", part("cube"))
+    made.write("estimate", cycle=1, stop=1, label="cube", world_from_part=np.eye(4))
+    made.write("decision", cycle=1, text="missed", why="cube still lies there")
+    made.write("hand", cycle=1, closed=True)
+    made.write("move", cycle=1, how="joint", purpose="bin", target=None, speed_pct=100)
+    made.write("hand", cycle=1, closed=False)
+    made.look("survey 1")
+    made.write("cycle_end", cycle=1, outcome="picked", label="cube", stops=2, why="gone", predicted=None)
+    folder = made.close()
+    whole = production([read_digest(folder)])
+    assert (production([read_brief(folder)]), whole["uncounted"]) == (whole, 1)
+
+
+def test_a_measure_that_is_no_number_is_none(made: MadeRun) -> None:
+    made.look("survey", pitch_deg=0.5, pitch_sigma_deg="far")
+    made.look("survey", pitch_deg=0.25, pitch_sigma_deg=0.1)
+    assert run_json(read_brief(made.close()))["drift"]["pitch"] == 0.25

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from daemon import ctl
+from daemon.review.page import read_digest
 from tests.worlds.made_run import MadeRun
 
 
@@ -99,3 +100,37 @@ def test_a_run_whose_name_is_no_utf_8_is_read_as_any_other(tmp_path: Path, capsy
         assert ctl.main([*words, "--runs", str(tmp_path)]) == 0
         assert "bad?" in capsys.readouterr().out or words[0] == "tail"
     assert "bad?" in (tmp_path / name / "report.html").read_text()
+
+
+def test_how_many_runs_or_days_is_a_number_from_one_on(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """None of the last runs were all of them; days beyond all calendars were a traceback, and none an empty store."""
+    for day in (1, 2, 3):
+        MadeRun(tmp_path / f"2026010{day}T030405Z", pictures=False).close()
+    assert ctl.main(["runs", "--runs", str(tmp_path), "--last", "2"]) == 0
+    assert len(capsys.readouterr().out.splitlines()) == 3
+    for words in (["runs", "--last", "0"], ["hall", "STORE", "--days", "0"], ["hall", "STORE", "--days", "1000000"]):
+        with pytest.raises(SystemExit):
+            ctl.main(words)
+        assert "expected a whole number from 1 to 9999" in capsys.readouterr().err
+
+
+def test_the_table_of_runs_is_what_a_whole_reading_says(made: MadeRun, capsys: pytest.CaptureFixture[str]) -> None:
+    made.pick()
+    made.write("truth", cycle=made.cycle, error_mm=0.4, error_deg=0.1, held=True)
+    made.write("model", action="accept", version=3, file="kept/22222222aa.npz")
+    made.pick("missed")
+    made.write("fault", code="link", text="the cable", cycle=None, **{"while": "idle"})
+    run = made.close()
+    assert ctl.main(["runs", "--runs", str(run.parent), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == read_digest(run).statistics()
+
+
+@pytest.mark.timeout(20)
+def test_tail_of_a_run_that_was_cut_off_ends_with_it(made: MadeRun, capsys: pytest.CaptureFixture[str]) -> None:
+    """Nobody writes it any more: whoever looked on waited for ever."""
+    made.pick()
+    run = made.close()
+    lines = (run / "run.jsonl").read_bytes().splitlines(keepends=True)
+    (run / "run.jsonl").write_bytes(b"".join(lines[:-1]))
+    assert ctl.main(["tail", "--runs", str(run.parent)]) == 0
+    assert "picked: gone from where it lay" in capsys.readouterr().out

@@ -9,6 +9,7 @@ import numpy as np
 from daemon.review.digest import digest
 from daemon.review.page import read_digest
 from daemon.review.pagedata import page_data
+from daemon.review.tables import cycle_rows
 from daemon.store.runs import read_run
 from tests.worlds.made_run import MadeRun
 
@@ -63,3 +64,17 @@ def test_the_page_tells_which_picks_were_made_with_which_eyes_and_when_that_chan
     data = page_data(run)
     assert [c["eyes"] for c in data["cycles"]] == ["both", "left"]
     assert "looking with left: right eye: frozen" in [e["text"] for e in data["events"]]
+
+
+def test_each_pick_has_the_model_and_the_calibration_it_was_made_with(made: MadeRun, tmp_path: Path) -> None:
+    made.write("model", action="start", version=1, file="kept/11111111aa.npz")
+    made.pick()
+    made.write("model", action="accept", version=2, file="kept/22222222aa.npz")
+    made.pick()
+    made.write("run_start", reloaded=True, model="kept/22222222aa.npz", calibration="kept/33333333aa.yaml")
+    made.pick()
+    run = read_digest(made.close())
+    first = run.kept("calibration")
+    with_what = [("11111111", first), ("22222222", first), ("22222222", "33333333")]
+    assert [(c.model, c.calibration) for c in run.cycles] == with_what
+    assert [(row["model"], row["calibration"]) for row in cycle_rows(run, "7")] == with_what

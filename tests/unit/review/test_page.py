@@ -11,12 +11,27 @@ from typing import Any
 import pytest
 
 from daemon.review.page import read_digest, render, write_page
+from daemon.review.week import write_week
 from tests.worlds.made_run import MadeRun
 
 
 def test_a_run_without_a_cycle_makes_a_page(made: MadeRun) -> None:
     page = write_page(made.close(), made.folder / "page.html")
     assert "20260102T030405Z" in page.read_text()
+
+
+def test_an_earlier_run_that_cannot_be_read_spoils_no_page_of_another(tmp_path: Path) -> None:
+    """The disk does not give it, or the quota has just removed it: no page of its week could be made."""
+    runs = tmp_path / "runs"
+    for day in (1, 3):
+        made = MadeRun(runs / f"2026010{day}T000000Z", pictures=False)
+        made.pick()
+        folder = made.close()
+    (runs / "20260102T000000Z").mkdir()
+    (runs / "20260102T000000Z" / "run.jsonl").symlink_to(runs / "20260101T000000Z" / "run.jsonl")
+    before = data_of(write_page(folder, tmp_path / "page.html").read_text())["before"]
+    assert before["week"]["tried"] == 1
+    assert data_of(write_week(runs, folder, tmp_path / "week.html").read_text())["production"]["tried"] == 2
 
 
 def test_a_wire_ledger_that_was_altered_is_said_on_the_page(made: MadeRun) -> None:

@@ -8,6 +8,8 @@ import pytest
 
 from daemon.review import pagedata
 from daemon.review.digest import Digest, digest, duration_s, short_hash
+from daemon.review.measures import strips
+from daemon.review.page import read_digest
 from daemon.review.pagedata import (
     cycle_json,
     events,
@@ -18,6 +20,7 @@ from daemon.review.pagedata import (
     timeline,
 )
 from daemon.review.tables import tables
+from tests.worlds.made_run import MadeRun
 
 Json = dict[str, Any]
 FACET = {
@@ -275,3 +278,15 @@ def test_why_a_part_was_not_picked_is_asked_with_all_the_other_cycles(
         cycle_json(cycle, run.cycles, going=False)
     first, second = run.cycles
     assert asked == [(first, []), (second, [first])], "what was picked needs no reason"
+
+
+def test_after_a_calibration_the_eyes_usual_place_is_another(made: MadeRun) -> None:
+    def looks(count: int, deg: float) -> None:
+        for _ in range(count):
+            made.look("survey", vergence_deg=deg, vergence_sigma_deg=0.01)
+
+    looks(25, 0.0)
+    made.write("run_start", reloaded=True, calibration="kept/33333333aa.yaml")
+    looks(25, 0.3)
+    strip = next(one for one in strips(read_digest(made.close())) if one["name"].startswith("right eye"))
+    assert (strip["worst"], len(strip["s"])) == (0.0, 50)

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from daemon import frames
 from daemon.review.brief import read_brief
 from daemon.review.measures import strips
 from daemon.review.page import read_digest
 from daemon.review.pagedata import events
 from daemon.review.production import compared, production, remedies
-from tests.worlds.made_run import MadeRun
+from tests.worlds.made_run import MadeRun, part
 
 
 def test_picked_of_tried_stops_by_cause_and_interventions(made: MadeRun) -> None:
@@ -26,6 +28,31 @@ def test_picked_of_tried_stops_by_cause_and_interventions(made: MadeRun) -> None
     assert found["parts"] == {"cube": [1, 2], "pyramid": [1, 1]}
     assert found["stops"] == {"gripper": 1}
     assert found["median_s"] == pytest.approx(found["p95_s"])
+
+
+def test_a_part_that_a_look_denied_and_that_went_to_the_bin_is_told_though_the_pick_went_on_to_another(
+    made: MadeRun,
+) -> None:
+    """An `auto on 1` had put two parts into the bin, and the page said `1 of 1`."""
+    made.cycle += 1
+    made.write("cycle_start", cycle=made.cycle, target=None)
+    elsewhere = part("cube", cyclopean_from_part=frames.rigid(np.eye(3), np.array([200.0, 0.0, 0.0])).tolist())
+    made.look("survey 1", part("cube"), elsewhere)
+    made.write("estimate", cycle=1, stop=1, label="cube", world_from_part=np.eye(4), covariance=np.eye(6),
+               predicted_mm=0.6, predicted_deg=0.2, chi2=1.0)  # fmt: skip
+    made.look("verify", part("cube"), stop=2)
+    made.write("decision", cycle=1, text="missed", why="cube still lies there")
+    made.write("move", cycle=1, how="joint", purpose="bin", target=None, speed_pct=100)
+    made.write("hand", cycle=1, closed=False)
+    made.look("survey 1", elsewhere)
+    made.write("cycle_end", cycle=1, outcome="picked", label="cube", stops=2, why="cube is gone from where it lay",
+               predicted=None)  # fmt: skip
+    digest = read_digest(made.close())
+    found = production([digest])
+    assert (found["picked"], found["uncounted"], found["stops"]) == (1, 1, {})
+    (told,) = [e["text"] for e in events(digest) if e["kind"] == "uncounted"]
+    assert told.startswith("`cube still lies there`, but nothing did")
+    assert "likely in the bin" in told
 
 
 def test_what_ended_a_cycle_and_is_told_right_after_it_stopped_it_once(made: MadeRun) -> None:
@@ -52,7 +79,8 @@ def test_a_second_stop_while_the_first_ones_fault_stands_is_one_and_one_after_a_
     made.write("state", cycle=made.cycle, event="resume", to="idle", **{"from": "fault"})
     fault("idle")
     run = read_digest(made.close())
-    assert production([run])["stops"] == {"operator's stop": 2}
+    for reading in (run, read_brief(made.folder)):
+        assert production([reading])["stops"] == {"operator's stop": 2}
     assert [event["kind"] for event in events(run)].count("fault") == 2
 
 

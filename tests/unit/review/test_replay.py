@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from daemon.calibration.file import load_calibration
+from daemon.calibration.file import load_calibration, save_calibration
 from daemon.review import replay
 from daemon.review.digest import Digest
 from daemon.review.page import read_digest
@@ -17,7 +18,6 @@ from daemon.review.replay import (
     Using,
     apart_mm,
     compare,
-    looks_with_models,
     paired,
     replayed_looks,
 )
@@ -27,6 +27,7 @@ from daemon.store.places import ETC
 from daemon.store.runlog import RunLog
 from daemon.store.runs import RunError
 from daemon.vision.facets import table_of
+from daemon.vision.look import look
 from daemon.vision.model import empty_model
 from tests.worlds.made_run import FACET, part
 
@@ -143,8 +144,9 @@ def recorded(tmp_path: Path, *looks: dict[str, Any], calibration: bool = True) -
     nothing = np.full((480, 640), 90, np.uint8)
     for more in looks:
         log.record(
-            "look", cycle=1, stop=0, purpose="survey", **({"images": {"left": nothing, "right": nothing}} | more)
-        )
+            "look", cycle=1, stop=0, purpose="survey",
+            **({"images": {"left": nothing, "right": nothing}, "scene": scene()} | more),
+        )  # fmt: skip
     log.close()
     return log.folder, read_digest(log.folder)
 
@@ -162,10 +164,13 @@ def test_a_part_that_was_there_and_is_not_is_told_by_look_and_cycle(tmp_path: Pa
     assert (full.identical, full.then) == (False, scene(part("cube")))
 
 
-def test_a_look_without_a_scene_or_that_only_followed_a_part_is_held_against_nothing(tmp_path: Path) -> None:
-    bare, followed = looked(tmp_path, {}, {"whole": False, "scene": scene(part("cube"))})
-    assert (bare.then, bare.changes, bare.identical) == ({}, (), False)
+def test_a_look_that_only_followed_a_part_is_held_against_nothing(tmp_path: Path) -> None:
+    (followed,) = looked(tmp_path, {"whole": False, "scene": scene(part("cube"))})
     assert (followed.changes, followed.identical) == ((), True)
+
+
+def test_pictures_of_the_board_in_which_nothing_was_looked_for_are_left_out(tmp_path: Path) -> None:
+    assert [seen.record["seq"] for seen in looked(tmp_path, {"scene": None}, {})] == [2]
 
 
 def test_looks_are_chosen_by_number_and_one_without_pictures_is_a_line(tmp_path: Path) -> None:
@@ -195,26 +200,41 @@ def test_a_pair_of_one_eye_is_seen_with_the_arms_errors_and_one_of_two_is_not(
     assert rig.right.cyclopean_from_camera[0, 3] - rig.left.cyclopean_from_camera[0, 3] == pytest.approx(60.0)
 
 
-def test_each_look_has_the_model_that_was_in_use_then(tmp_path: Path) -> None:
+def test_each_look_has_the_model_and_the_calibration_that_were_in_use_then(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    used: list[tuple[Any, float]] = []
+
+    def looked_at(left: Any, right: Any, rig: Any, model: Any, *_: Any) -> Any:
+        used.append((model, rig.left.matrix[0, 0]))
+        return look(left, right, rig)
+
+    monkeypatch.setattr(replay, "look", looked_at)
     log = RunLog(tmp_path / "run")
     files = []
     for number in (1, 2):
         save(empty_model(LIBRARY), tmp_path / f"{number}.npz", trained=f"2026-11-2{number}T10:00:00Z")
         files.append(log.keep(tmp_path / f"{number}.npz"))
-    log.record("run_start")
-    log.record("look", purpose="before there was one")
+    usual = load_calibration(ETC / "calibration.yaml")
+    other = replace(usual.rig.left, matrix=usual.rig.left.matrix * [[2.0], [2.0], [1.0]])
+    save_calibration(replace(usual, rig=replace(usual.rig, left=other)), tmp_path / "other.yaml")
+    nothing = np.full((480, 640), 90, np.uint8)
+
+    def looked_so(purpose: str) -> None:
+        log.record("look", purpose=purpose, scene=scene(), images={"left": nothing, "right": nothing})
+
+    log.record("run_start", calibration=log.keep(ETC / "calibration.yaml"))
+    looked_so("before there was a model")
     for more in ({"file": files[0]}, {}, {"file": files[1]}, {"file": files[0]}):
         log.record("model", action="accept", version=1, **more)
-        log.record("look", purpose="with one")
+        looked_so("with one")
+    log.record("run_start", reloaded=True, calibration=log.keep(tmp_path / "other.yaml"), model=files[1])
+    looked_so("calibrated anew")
     log.close()
-    before, *found = [model for _, model in looks_with_models(log.folder, read_digest(log.folder))]
-    assert before is None
+    list(replayed_looks(log.folder, read_digest(log.folder), LIBRARY, USUAL))
+    before, *found = [model for model, _ in used]
     assert found[0] is found[1] is found[3]
-    assert found[2] is not None
-    assert found[2] is not found[0]
-    begun = RunLog(tmp_path / "other")
-    begun.record("run_start", model=begun.keep(tmp_path / "1.npz"))
-    begun.record("look", purpose="from the start")
-    begun.close()
-    ((_, model),) = looks_with_models(begun.folder, read_digest(begun.folder))
-    assert model is not None
+    assert found[2] is found[4]
+    assert len({id(model) for model in (before, found[0], found[2])}) == 3
+    focal = usual.rig.left.matrix[0, 0]
+    assert [f for _, f in used] == [focal] * 5 + [2 * focal]

@@ -51,3 +51,11 @@ def test_a_state_that_cannot_be_read_is_said_and_not_guessed(kept: Calibrations)
     (kept.folder / "state.json").write_text("{")
     with pytest.raises(CalibrationsError, match="cannot be read"):
         _ = kept.in_use
+
+
+def test_a_state_that_is_no_text_says_so(tmp_path: Path) -> None:
+    calibrations = Calibrations(tmp_path, "real", tmp_path / "c.yaml")
+    calibrations.folder.mkdir(parents=True)
+    (calibrations.folder / "state.json").write_bytes(b'{"instead_of":"\xff"}')
+    with pytest.raises(CalibrationsError, match="cannot be read"):
+        _ = calibrations.current

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from daemon.store.library import FACETS, PARTS, library_digest, load_facets, load_parts
+from daemon.store.library import FACETS, PARTS, Grasp, library_digest, load_facets, load_parts
 from daemon.store.yamlfile import ConfigError
 
 
@@ -75,3 +75,8 @@ def test_a_library_s_digest_changes_with_what_it_says_and_with_nothing_else(tmp_
     other = broken(tmp_path / "other.yaml", FACETS, "ratio: 0.01", "ratio: 0.02")
     assert library_digest(load_facets(same)) == library_digest(load_facets())
     assert library_digest(load_facets(other)) != library_digest(load_facets())
+
+
+def test_a_part_whose_hints_are_commented_out_has_none(tmp_path: Path) -> None:
+    (tmp_path / "parts.yaml").write_text('version: 1\nparts:\n  cube: {name: Cube, code: "001", grasp: }\n')
+    assert load_parts(tmp_path / "parts.yaml")["cube"].grasp == Grasp()

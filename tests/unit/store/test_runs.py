@@ -355,3 +355,19 @@ def test_the_number_behind_a_run_s_name_counts_up_to_nine_digits() -> None:
     """Whatever is longer nobody counted."""
     told = [_age_key(Path(name)) for name in ("a", "a-7", "a-999999999", "a-1000000000", "a-x")]
     assert told == [("a", 0), ("a", 7), ("a", 999_999_999), ("a", 0), ("a", 0)]
+
+
+def test_a_line_that_is_too_long_is_one_line_and_not_the_torn_end(tmp_path: Path) -> None:
+    line = b'{"v":1,"seq":0,"t":"2026-01-01T00:00:00Z","mono_s":1,"kind":"rest"}\n'
+    at = f"{tmp_path}/run.jsonl"
+    long = f"{at}:2: unreadable line (too long), more than 1000000 bytes skipped"
+    (tmp_path / "run.jsonl").write_bytes(line + b"x" * 2_500_000 + b"\n[]\n" + line)
+    assert read_run(tmp_path).skipped == (long, f"{at}:3: unreadable line (not a record), 2 bytes skipped")
+    (tmp_path / "run.jsonl").write_bytes(line + b"x" * 2_500_000)
+    assert read_run(tmp_path).skipped == (long,)
+
+
+def test_the_folder_one_stands_in_is_a_run_with_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    run = run_with(tmp_path / "20260101T000000Z")
+    monkeypatch.chdir(run)
+    assert find_run(tmp_path / "elsewhere", ".").name == run.name

@@ -234,6 +234,7 @@ PICKING = Standing("a", cycle=4, state="retreat", label="cube", auto=Auto(3, 2.5
         ("auto", {"on": False, "count": 3}, {"auto": None}),
         ("hand", {"closed": True}, {"hand_closed": True}),
         ("hand", {"closed": False}, {"hand_closed": False}),
+        ("hand", {"closed": True, "sent": False}, {}),
         ("holding", {"held": None}, {"hand_closed": True}),
         ("holding", {"held": True}, {"hand_closed": True}),
         ("holding", {"held": False}, {"hand_closed": False}),

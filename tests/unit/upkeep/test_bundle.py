@@ -73,3 +73,13 @@ def test_links_and_fifos_in_a_run_are_left_out_and_a_linked_configuration_is_pac
     assert not [name for name in members if "999999" in name or name.endswith(("x.yaml", "fifo"))]
     assert f"runs/{run.name}/run.jsonl" in members
     assert [name for name in members if "/images/" in name]
+
+
+def test_the_calibration_in_use_is_packed_be_it_the_configurations_or_one_made_here(tmp_path: Path) -> None:
+    made = load_config(tmp_path / "real.yaml").calibrations
+    made.keep((tmp_path / "calibration.yaml").read_bytes() + b"# made here\n")
+    with tarfile.open(bundle.pack(load_config(tmp_path / "real.yaml"), tmp_path / "out")) as archive:
+        (name,) = [member.name for member in archive if member.name.endswith("/calibration.yaml")]
+        packed = archive.extractfile(name)
+        assert packed is not None
+        assert packed.read().endswith(b"# made here\n")

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -17,7 +18,7 @@ import pytest
 
 from daemon.config import Config, load_config
 from daemon.upkeep import doctor
-from daemon.upkeep.doctor import Finding, examine, from_service
+from daemon.upkeep.doctor import Finding, examine, from_service, mend_of
 
 ETC = Path(__file__).resolve().parents[3] / "etc"
 
@@ -136,14 +137,33 @@ def test_the_running_daemon_adds_its_devices_and_its_troubles() -> None:
         robot=SimpleNamespace(heard_s=47.0),
         where="/dev/facetd-arm",
     )
-    lines = [finding.line() for finding in from_service(hardware, {"disk": "12 MB free"})]
+    lines = [finding.line() for finding in from_service(hardware, {"disk": "disk: 12 MB free"}, None)]
     assert lines == [
         "ok   cameras: two eyes at 30 Hz",
         "ok   controller: answered 3 s ago at /dev/facetd-arm",
         "BAD  disk: 12 MB free",
     ]
+    lines = [f.line() for f in from_service(hardware, {"cameras": "cameras: unplugged"}, "*Arm power off*")]
+    assert [line[:20] for line in lines] == ["ok   controller: ans", "BAD  fault: *Arm pow", "BAD  cameras: unplug"]
+    assert "switch arm power on" in lines[1], "`All is well` was said under a fault"
+    assert "plug it in" in lines[2]
     hardware.robot.heard_s = None
-    assert [finding.what for finding in from_service(hardware, {})] == ["cameras"]
+    assert [finding.what for finding in from_service(hardware, {}, None)] == ["cameras"]
+
+
+@pytest.mark.parametrize(
+    ("fault", "mend"),
+    [
+        ("ControllerError: *Emergency stop*", "unlatch"),
+        ("CameraError: simulated pair: no frame within 5.00 s (unplugged)", "plug it in"),
+        ("stopped by control-C of ann, console", ""),
+        ("KeyError: 'x'", ""),
+    ],
+)
+def test_what_a_fault_asks_for_is_told_where_its_words_say_it(fault: str, mend: str) -> None:
+    told = mend_of(fault)
+    assert mend in told
+    assert bool(told) is bool(mend)
 
 
 def test_a_systemd_that_does_not_answer_spoils_its_own_check_only(
@@ -162,3 +182,18 @@ def test_a_systemd_that_does_not_answer_spoils_its_own_check_only(
     (found,) = of(findings, "unit")
     assert (found.level, "timed out after 5 seconds" in found.found) == ("bad", True)
     assert of(findings, "clock")
+
+
+def test_runs_on_a_disk_of_their_own_are_told_by_that_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The state's disk had room; the one that the runs were to go to was full, and it was well."""
+    other = Path("/dev/shm")
+    config = configured(tmp_path, "cell: simulated\n")
+    values = replace(config.values, folders=replace(config.values.folders, runs=str(other)))
+    config = replace(config, values=values)
+    free = {tmp_path: 9_000_000_000, other: 3_000_000_000}
+    monkeypatch.setattr(doctor.shutil, "disk_usage", lambda folder: SimpleNamespace(free=free[folder]))
+    (found,) = of(examine(config, running=False), "disk")
+    assert (found.level, found.found.split(",")[0]) == ("good", "3000 MB free")
+    free[other] = 1_000_000
+    (found,) = of(examine(config, running=False), "disk")
+    assert (found.level, found.found) == ("bad", "1 MB free in /dev/shm")

@@ -32,7 +32,7 @@ class WatchedCell:
         self.failed: list[str] = []
         self.line_opened_anew = Mock()
         self.camera_fails = False
-        self.enabled = True
+        self.let = True
         self.notes: list[str] = []
         health = SimpleNamespace(camera_silence_s=0.2, arm_check_s=0.1)
         log = SimpleNamespace(quota_mb=10, keep_free_mb=0, roll_mb=1)
@@ -52,12 +52,12 @@ class WatchedCell:
         self.set_by_s = 0.0
         self.doing: str | None = None
 
+    @property
+    def fault(self) -> str | None:
+        return self.failed[-1] if self.failed else None
+
     def status(self) -> dict[str, Any]:
-        fault = self.failed[-1] if self.failed else None
-        return {
-            "doing": self.doing, "fault": fault, "enabled": self.enabled, "by_hand_only": False, "state": "idle",
-            "picked": 0, "failed": 0,
-        }  # fmt: skip
+        return {"doing": self.doing, "fault": self.fault, "state": "idle", "picked": 0, "failed": 0}
 
     async def grab(self, not_before_s: float, timeout_s: float) -> None:
         if self.camera_fails:
@@ -113,7 +113,7 @@ def test_a_camera_lost_while_the_arm_may_move_stops_it_once_and_is_told_until_it
 
 def test_a_camera_lost_while_the_arm_may_not_move_is_told_and_no_fault(tmp_path: Path) -> None:
     async def play(watched: WatchedCell, _: Watch) -> None:
-        watched.enabled, watched.camera_fails = False, True
+        watched.let, watched.camera_fails = False, True
         await asyncio.sleep(0.8)
         assert "cameras" in watched.context.troubles.standing
 
@@ -346,7 +346,7 @@ def test_a_computer_that_slept_does_not_go_on_where_it_was(
 ) -> None:
     """The clock that looks are timed by stands still meanwhile: an auto went on an hour later by what it saw before."""
     watched = WatchedCell(tmp_path)
-    watched.enabled = enabled
+    watched.let = enabled
 
     async def story() -> None:
         one = Watch(watched.context)
@@ -358,3 +358,16 @@ def test_a_computer_that_slept_does_not_go_on_where_it_was(
 
     asyncio.run(story())
     assert watched.failed == ["asleep: the computer was asleep for 3600 s"] * enabled
+
+
+def test_a_new_run_that_a_full_disk_does_not_take_is_told(tmp_path: Path) -> None:
+    watched = WatchedCell(tmp_path)
+
+    def full() -> None:
+        raise OSError(errno.ENOSPC, "No space left on device", str(tmp_path / "runs"))
+
+    watched.context.roll_if_due = full
+    with patch("daemon.upkeep.watch.run_bytes", lambda _: 10**12):
+        asyncio.run(Watch(watched.context)._keep_quota())
+    assert "does not go on in a new run" in watched.context.troubles.standing["disk"]
+    watched.run_log.close()
