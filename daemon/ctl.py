@@ -132,8 +132,10 @@ def _parser(modules: Iterable[str]) -> tuple[argparse.ArgumentParser, Mapping[st
 
 def _offline(module: str, words: list[str]) -> int:
     """A job on files. Arguments, files or a disk that it cannot use are one line on stderr."""
-    parser, _ = _parser([module])
-    args = parser.parse_args(words)
+    parser, jobs = _parser([module])
+    args, unknown = parser.parse_known_args(words)
+    if unknown:
+        jobs[words[0]].error(f"unrecognized arguments: {' '.join(unknown)}")
     out: Any = _Shown(sys.stdout)
     errors: Any = _Shown(sys.stderr)
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(errors):

@@ -166,7 +166,12 @@ class Service:
     async def _start(self) -> None:
         config, calibration, trainer = read_files(self._config_path, self._simulated)
         _tell_notes(config)
-        self._lock = hold(config.state)
+        try:
+            self._lock = hold(config.state)
+        except OSError as error:
+            raise OSError(
+                f"no folder for runs and models: {plain(error)}; see folders.state in {config.path}"
+            ) from None
         troubles = Troubles(self._on_trouble)
         make_room(config)
         left = left_behind(config.state / FILE, bool(list_runs(config.runs)))
@@ -177,7 +182,7 @@ class Service:
         run_log = self._run_log = RunLog(
             folder,
             fsync_every_s=config.values.log.sync_s,
-            on_trouble=lambda text: loop.call_soon_threadsafe(troubles.tell, "log", text),
+            on_trouble=lambda text: loop.call_soon_threadsafe(troubles.tell, "log", text and f"log: {text}"),
             standing=standing,
         )
         auto = None if left is None or left.auto is None else msgspec.structs.asdict(left.auto)
@@ -358,6 +363,7 @@ def read_files(config_path: Path, simulated: bool) -> tuple[Config, Calibration,
     files = config.values.files
     calibration = load_calibration(config.calibration)
     sections.check_hand_eye(config, calibration)
+    config = replace(config, notes=(*config.notes, *sections.of_another_size(config, calibration)))
     library, parts = load_facets(config.file(files.facets)), load_parts(config.file(files.parts))
     first = None if files.model is None else load_model(config.file(files.model))
     trainer = Trainer(ModelStore(config.state), calibration.rig, library, parts, config.values.vision, first)

@@ -132,10 +132,15 @@ def _outside_workspace(command: Command, standing: ArmState, limits: Limits) -> 
     return _on_the_way("outside_workspace", standing)
 
 
-def _below_table(command: Command, standing: ArmState, limits: Limits) -> str | None:
+def hand_above_mm(world_from_tool: Array, limits: Limits) -> float:
+    """How far the lowest of the hand, and what it holds, is above the table at a pose (4, 4)."""
     body = body_of(tuple(c for c in limits.capsules if c.link == "tool"), limits.body_mm)
-    ends = frames.apply(command.world_from_tool, body.ends_mm)
-    lowest = float(above_mm(ends, body.radius_mm, limits.table_z_mm).min())
+    ends = frames.apply(world_from_tool, body.ends_mm)
+    return float(above_mm(ends, body.radius_mm, limits.table_z_mm).min())
+
+
+def _below_table(command: Command, standing: ArmState, limits: Limits) -> str | None:
+    lowest = hand_above_mm(command.world_from_tool, limits)
     if lowest < limits.clearance_mm:
         return f"the tool would be {lowest:.1f} mm above the table, {limits.clearance_mm:g} is the least"
     return _on_the_way("below_table", standing)

@@ -14,8 +14,8 @@ import numpy as np
 
 from daemon import frames
 from daemon.arm.body import Capsule
-from daemon.arm.guard import ArmState, Command, Limits, Refusal
-from daemon.arm.route import Leg, planned_way
+from daemon.arm.guard import ArmState, Command, Limits, Refusal, hand_above_mm
+from daemon.arm.route import OUT_MM, Leg, planned_way
 from daemon.arm.sweep import place_clear, way_clear
 from daemon.arm.workcell import Reading, Workcell
 from daemon.arrays import Array
@@ -36,11 +36,16 @@ class MoveRefusedError(NotSentError):
 
 
 class NotThereError(FacetdError):
-    """The controller says that the arm is at rest elsewhere than it was sent."""
+    """The controller says that the arm is at rest elsewhere than it was sent, or otherwise than it was to get there."""
 
 
 class OutOfReachError(NotSentError):
     """The arm, as it is configured, has no way there; nothing was sent."""
+
+
+OTHERWISE_DEG = 5.0
+"""More than what an arrival may be off (Arrival.within_deg) turns a joint by, the wrist as near to straight as it may
+be; an arm that has turned over is far more off."""
 
 
 @dataclass(frozen=True)
@@ -121,6 +126,12 @@ class Mover:
         """Where the next move starts: where the arm is, or, dry, where it would be by now."""
         return self._imagined or self.at
 
+    @property
+    def low(self) -> bool:
+        """Whether the hand, or what it holds, is amid what may lie on the table."""
+        assert self.here is not None
+        return hand_above_mm(self.here.world_from_tool, self.bounds) < OUT_MM
+
     def standing(self) -> ArmState:
         """How things stand now."""
         at = None if self.here is None else self.here.world_from_tool
@@ -181,6 +192,8 @@ class Mover:
         )
         self.at = reading
         self._arrived(command, reading, self.cell.clock() - started_s)
+        if joints is not None:
+            _went_as_looked_along(command, reading, joints)
         return reading
 
     async def travel(
@@ -227,7 +240,11 @@ class Mover:
 
     async def hand(self, closed: bool) -> None:
         """Open or close the gripper: held back, and refused by enable and fault, as a move is. Raises NotThereError
-        where the arm was moved while it was held back."""
+        where the arm was moved while it was held back.
+
+        Whoever reads the log after a crash must not take a hand for open that only was to be: it is told closed before
+        it is, and open once it was opened.
+        """
         self._check_hand()
         place = self.at
         if await self.gate(f"{'close' if closed else 'open'} the hand") and place is not None and not self.dry:
@@ -237,13 +254,16 @@ class Mover:
                     f"the hand is {off_mm:.2f} mm from where it was to be worked: somebody moved the arm"
                 )
         self._check_hand()
-        self.cell.log.record("hand", cycle=self.cycle, closed=closed, sent=not self.dry)
         if self.dry:
+            self._log_hand(closed)
             return
         self.closed = None
+        if closed:
+            self._log_hand(closed)
         await self.cell.robot.hand(closed)
         self.closed = closed
         if not closed:
+            self._log_hand(closed)
             self.carried = ()
 
     def _check_hand(self) -> None:
@@ -256,6 +276,9 @@ class Mover:
         """Logged, and to be raised."""
         self.cell.log.record("refusal", cycle=self.cycle, rule=refusal.rule, text=refusal.text)
         return MoveRefusedError(refusal)
+
+    def _log_hand(self, closed: bool) -> None:
+        self.cell.log.record("hand", cycle=self.cycle, closed=closed, sent=not self.dry)
 
     def _log_move(self, command: Command) -> None:
         self.cell.log.record(
@@ -282,6 +305,21 @@ class Mover:
         )
         if off_mm > self.arrival.within_mm or off_deg > self.arrival.within_deg:
             raise NotThereError(f"{command.purpose}: sent, but WHERE is {off_mm:.2f} mm and {off_deg:.2f} degrees off")
+
+
+def _went_as_looked_along(command: Command, reading: Reading, joints_rad: Array) -> None:
+    """Raise NotThereError where the joints ended otherwise than looked along (6,): somebody has told the controller to
+    turn shoulder, elbow or wrist over (FLIP, LEFTY, BELOW), and it has gone a way that nobody looked along. On a line
+    a joint may have gone once round."""
+    off_deg = np.degrees(np.abs(reading.joints_rad - joints_rad))
+    if command.straight:
+        off_deg = np.abs((off_deg + 180.0) % 360.0 - 180.0)
+    joint = int(off_deg.argmax())
+    if off_deg[joint] > OTHERWISE_DEG:
+        raise NotThereError(
+            f"{command.purpose}: the arm is there, but with joint {joint + 1} turned by {off_deg[joint]:.0f} degrees "
+            "against the way that was looked along: it was told to turn over (FLIP, LEFTY, BELOW)?"
+        )
 
 
 def _in_words(command: Command) -> str:

@@ -5,12 +5,12 @@ Pure: where the arm is and what it is to do in, legs or the reason why there are
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
 from daemon.arm import paths
-from daemon.arm.guard import ArmState, Command, Limits, Refusal, refuse
+from daemon.arm.guard import ArmState, Command, Limits, Refusal, hand_above_mm, refuse
 from daemon.arm.sweep import way_clear
 from daemon.arm.workcell import Reading, Robot
 from daemon.arrays import Array
@@ -19,6 +19,9 @@ PATH_MM = 40.0
 """How densely a straight way is checked for reach before it is parted in steps."""
 HIGHER_MM = (60.0, 120.0, 240.0, 400.0)
 """How far over the higher of start and target a way is looked for when the direct one strikes."""
+OUT_MM = 60.0
+"""How high over the table the hand, and what it holds, is where it goes elsewhere than straight: no guard knows of the
+parts that lie there, which are lower."""
 STRIKES = ("outside_workspace", "below_table", "outside_room", "kept_out")
 MOST_STEPS = 40
 
@@ -36,15 +39,18 @@ def planned_way(
 ) -> tuple[Leg, ...] | Refusal:
     """The legs to the command's target, none of which breaks a rule as things stand.
 
-    Where a joint-interpolated way strikes: straight up, across at that height, straight down; the lowest that is clear.
-    A straight way is asked for because only that will do, and is refused where it strikes.
+    A joint-interpolated way that begins or ends low goes straight up first and straight down last, where it can, out of
+    and into what lies on the table. Where one strikes: straight up, across at that height, straight down; the lowest
+    that is clear. A straight way is asked for because only that will do, and is refused where it strikes.
     """
     whole = Leg(command.world_from_tool, command.straight)
+    may_be_there = refuse(command, replace(standing, at=command.world_from_tool), limits) is None
+    for legs in _upright(whole, start, limits) if may_be_there and not command.straight else ():
+        upright = _clear(legs, command, standing, start, robot, limits)
+        if not isinstance(upright, Refusal):
+            return upright
     direct = _clear([whole], command, standing, start, robot, limits)
-    if not isinstance(direct, Refusal) or command.straight or direct.rule not in STRIKES:
-        return direct
-    at_target = replace(standing, at=command.world_from_tool)
-    if refuse(command, at_target, limits) is not None:
+    if not isinstance(direct, Refusal) or command.straight or direct.rule not in STRIKES or not may_be_there:
         return direct
     for height_mm in HIGHER_MM:
         top_mm = height_mm + max(start.world_from_tool[2, 3], command.world_from_tool[2, 3])
@@ -54,6 +60,18 @@ def planned_way(
         if not isinstance(higher, Refusal):
             return higher
     return replace(direct, text=f"{direct.text}; nor is a way over it clear")
+
+
+def _upright(whole: Leg, start: Reading, limits: Limits) -> Iterator[list[Leg]]:
+    """The joints' way up first and down last; where it cannot come down so, up first alone. None where it begins and
+    ends high."""
+    ends = start.world_from_tool, whole.world_from_tool
+    out_mm, in_mm = (max(0.0, OUT_MM - hand_above_mm(end, limits)) for end in ends)
+    up = [Leg(paths.lifted(start.world_from_tool, out_mm), True)] if out_mm else []
+    if in_mm:
+        yield [*up, Leg(paths.lifted(whole.world_from_tool, in_mm), False), replace(whole, straight=True)]
+    if up:
+        yield [*up, whole]
 
 
 def _clear(

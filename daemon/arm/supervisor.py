@@ -77,7 +77,8 @@ class Supervisor:
         self.mover = Mover(cell, limits, arrival, self, self._hold)
         self.fault: str | None = None
         """What stands until resume."""
-        self._let = Let.NOTHING
+        self._let, self._let_by = Let.NOTHING, 0
+        """What an operator let, and the stop that had been seen to work then."""
         self._interrupted = interrupted
         self._task: asyncio.Task[Any] | None = None
         self._doing = self._why = ""
@@ -110,13 +111,24 @@ class Supervisor:
 
     @property
     def enabled(self) -> bool:
-        """Whether an operator lets the arm move, and its stop was seen to work since the line was opened."""
-        return self._let is Let.ALL and self.mover.cell.robot.stop_seen
+        """Whether an operator lets the arm move, its stop seen to work."""
+        return self._let is Let.ALL and self._stop_as_then
 
     @property
     def by_hand_only(self) -> bool:
         """Whether an operator lets the arm do what he tells the controller himself, and nothing else."""
-        return self._let is Let.BY_HAND and self.mover.cell.robot.stop_seen
+        return self._let is Let.BY_HAND and self._stop_as_then
+
+    @property
+    def _stop_as_then(self) -> bool:
+        """Whether the stop is seen to work as it was when leave was given. Where it was not meanwhile (the line was
+        lost, the controller switched off, or refuses it), that it is seen again gives no leave back."""
+        return self.mover.cell.robot.stop_seen == self._let_by > 0
+
+    @property
+    def let(self) -> bool:
+        """Whether an operator let the arm move, be its stop seen to work still or not."""
+        return self._let is not Let.NOTHING
 
     @property
     def paused(self) -> bool:
@@ -183,11 +195,11 @@ class Supervisor:
         self.not_after(stops, "enable")
         if not self.mover.cell.robot.stop_seen:
             raise RefusedError("no stop of this arm was seen to work since the line was opened; say `enable` once more")
-        self._let = let
+        self._let, self._let_by = let, self.mover.cell.robot.stop_seen
 
     async def disable(self) -> str | None:
         """Do not let the arm move; stop it where it may. Gives what `stop` does."""
-        may_move = self._let is not Let.NOTHING or self.busy or self.stopping
+        may_move = self.let or self.busy or self.stopping
         self._let = Let.NOTHING
         self.stops += 1
         return await self._halt(Interruption.ABORT, "disabled", fault=None) if may_move else None
@@ -320,7 +332,7 @@ class Supervisor:
 
     async def close(self) -> None:
         """Stop the arm where it may move, and end the job; from then on nothing moves."""
-        may_move = self._let is not Let.NOTHING or self.busy or self.stopping
+        may_move = self.let or self.busy or self.stopping
         self._let, self._closed = Let.NOTHING, True
         if may_move:
             await self._halt(Interruption.ABORT, "the daemon ends", fault=None)
@@ -338,8 +350,8 @@ class Supervisor:
         """The arm first, then the report. fault: what stands from now on, if anything. Gives what `stop` does."""
         if fault is not None and not self._alarmed:
             self.latch(_on_top_of(self.fault, fault))
-        if not self.mover.cell.robot.stop_seen:
-            self._let = Let.NOTHING  # that it is seen now gives no leave back
+        if not self._stop_as_then:
+            self._let = Let.NOTHING
         self._why = why
         self.mover.forget()
         self.stops += 1

@@ -37,8 +37,9 @@ class Robot(Protocol):
     """The arm, in matrices. Every method may raise; a method that raised has not promised that the arm stands still."""
 
     @property
-    def stop_seen(self) -> bool:
-        """Whether the controller was seen to take the word that stops the arm since the line to it was opened."""
+    def stop_seen(self) -> int:
+        """0 where the controller was not seen to take the word that stops the arm since the line to it was opened, or
+        since it was switched on; else a number that is another each time it has come to be seen."""
 
     async def where(self) -> Reading:
         """Ask the controller where the arm is; one that moves is a place on the way."""

@@ -14,6 +14,7 @@ from daemon.arrays import Array
 from daemon.cell.no_arm import CellError
 from drivers import puma560
 from drivers.val2.commands import moves_the_arm as moves_the_arm
+from drivers.val2.commands import turns_over as turns_over
 from drivers.val2.commands import works_the_hand as works_the_hand
 from drivers.val2.dialect import Dialect
 from drivers.val2.errors import Elsewhere, NoAnswer, Preempted, StopRefused
@@ -39,7 +40,7 @@ class ArmOnLink:
         """When the controller last answered, on the cell's clock."""
         self.aside = False
         """Somebody talks to the controller, or waits for the end of a motion; nobody else is to ask it anything."""
-        self._arm = arm
+        self.arm = arm
         self._speed_pct: float | None = None
         self._introduced = False
         self._o_deg = 0.0
@@ -117,8 +118,8 @@ class ArmOnLink:
         return True
 
     @property
-    def stop_seen(self) -> bool:
-        """Whether the controller was seen to take the word that stops the arm since the line was opened."""
+    def stop_seen(self) -> int:
+        """Workcell's, of the link."""
         return self.link.stop_seen
 
     @property
@@ -142,25 +143,25 @@ class ArmOnLink:
 
     def reachable(self, world_from_tool: Array, joints_rad: Array) -> Array | None:
         """Joints (6,) rad that reach the pose as the arm is configured now, clear of a singular wrist, or None."""
-        configuration = puma560.configuration_of(joints_rad, self._arm)
+        configuration = puma560.configuration_of(joints_rad, self.arm)
         try:
-            joints = puma560.inverse(world_from_tool, configuration, self._arm, joints_rad)
+            joints = puma560.inverse(world_from_tool, configuration, self.arm, joints_rad)
         except puma560.UnreachableError:
             return None
         return None if puma560.wrist_is_singular(joints, within_rad=NEAR_SINGULAR_RAD) else joints
 
     def between(self, joints_rad: Array, to_rad: Array, share: float) -> Array:
         """Where the tool is a share of the way of a joint-interpolated move."""
-        return puma560.forward(joints_rad + share * (to_rad - joints_rad), self._arm)
+        return puma560.forward(joints_rad + share * (to_rad - joints_rad), self.arm)
 
     def frames(self, joints_rad: Array) -> Array:
         """Where base, links and tool are, (N, 8, 4, 4)."""
-        return puma560.link_frames(joints_rad, self._arm)
+        return puma560.link_frames(joints_rad, self.arm)
 
     def along(self, world_from_tool: Array, joints_rad: Array) -> Array:
         """Joints (N, 6) along a straight way from (6,), or near to others (N, 6); nan where it leaves reach or comes
         near a singular wrist."""
-        joints = puma560.inverse_along(world_from_tool, joints_rad, self._arm)
+        joints = puma560.inverse_along(world_from_tool, joints_rad, self.arm)
         joints[np.abs(np.sin(joints[:, 4])) < np.sin(NEAR_SINGULAR_RAD)] = np.nan
         return joints
 
@@ -260,7 +261,7 @@ class ArmOnLink:
     async def _introduce_tool(self) -> None:
         """Tell the controller of our tool: switched on, it knows none, and would bring the bare wrist to each place."""
         if self.link.question is None:
-            await self.link.tool(location_from_matrix(self._arm.tool_for_controller))
+            await self.link.tool(location_from_matrix(self.arm.tool_for_controller))
             self._introduced = True
 
     def _reading(self, where: Where) -> Reading:

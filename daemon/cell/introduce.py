@@ -269,8 +269,13 @@ def _as_then(step: Step, records: list[dict[str, Any]], at: int) -> tuple[str | 
 
 def _said_first(records: list[dict[str, Any]], at: int) -> None:
     """What came in after an exchange had ended was heard by the next one: what was said meanwhile is put before it."""
-    said = next((k for k in range(at, len(records)) if records[k]["way"] != "in"), at)
+    said = _after_heard(records, at)
     records[at : said + 1] = [*records[said : said + 1], *records[at:said]]
+
+
+def _after_heard(records: list[dict[str, Any]], at: int) -> int:
+    """The first record from there on that is not of what came in; their number where all are."""
+    return next((k for k in range(at, len(records)) if records[k]["way"] != "in"), len(records))
 
 
 def _exchange_as_then(step: Exchange, records: list[dict[str, Any]], at: int) -> tuple[str | None, int, Any]:
@@ -284,7 +289,7 @@ def _exchange_as_then(step: Exchange, records: list[dict[str, Any]], at: int) ->
         at += 1
     if sent != step.data:
         return f"record {at}: then {sent!r} was typed, now {step.data!r}", at, None
-    last_s, ends = None, next((k for k in range(at, len(records)) if records[k]["way"] != "in"), at)
+    last_s, ends = None, _after_heard(records, at)
     marked = ends < len(records) and records[ends]["way"] == "heard"  # older transcripts have the clock alone
     while at < len(records) and records[at]["way"] == "in":
         since_s = max(0.0, records[at]["t_s"] - sent_s)

@@ -12,6 +12,7 @@ import numpy as np
 from daemon.arm import Reading
 from daemon.arrays import Array
 from daemon.errors import FacetdError
+from drivers.puma560 import PUMA560
 
 
 class CellError(FacetdError):
@@ -25,6 +26,7 @@ class NoArm:
     question: str | None = None
     aside = stopped_on_opening = asks_whether_to_move = stop_seen = False
     connected = True
+    arm = PUMA560
 
     async def _nothing(self) -> None:
         """Nothing is there to open, close or check, and nothing moves."""

@@ -13,11 +13,11 @@ from daemon.calibration.file import Calibration, Quality
 from daemon.calibration.session import EPIPOLAR_LIMIT_PX, SPREAD_LIMIT_MM
 from daemon.calibration.tour import DISTANCES_MM
 from daemon.cell.build import Hardware
-from daemon.cell.sections import arm_geometry
 from daemon.config import Config
 from daemon.pick.moved_pair import seen_by_one
 from daemon.pick.pose_fusion import Doubt
 from daemon.pick.settings import Settings
+from drivers.puma560 import ArmGeometry
 
 WORST_MM = SPREAD_LIMIT_MM / sqrt(3)
 WORST_DEG = degrees(SPREAD_LIMIT_MM / sqrt(2) / median(DISTANCES_MM))
@@ -33,13 +33,13 @@ def pick_cell(config: Config, calibration: Calibration, hardware: Hardware, log:
         rig, tool_from_cyclopean = seen_by_one(rig, tool_from_cyclopean, alone)
     workcell = Workcell(hardware.robot, hardware.eyes, log, hardware.clock, rig, tool_from_cyclopean, alone)
     settings = config.values.pick
-    return workcell, replace(settings, limits=guarded(config), doubt=doubt_of(calibration.quality, settings.doubt))
+    limits, doubt = guarded(settings.limits, hardware.robot.arm), doubt_of(calibration.quality, settings.doubt)
+    return workcell, replace(settings, limits=limits, doubt=doubt)
 
 
-def guarded(config: Config) -> Limits:
-    """pick.limits; capsules that the file leaves as they are become those of the arm that stands there."""
-    limits = config.values.pick.limits
-    arm = arm_geometry(config)
+def guarded(limits: Limits, arm: ArmGeometry) -> Limits:
+    """The limits; capsules that the file leaves as they are become those of the arm that stands there: the one that
+    moves are computed for, whatever its file says by now."""
     return replace(limits, capsules=body_like(arm.a2_mm, arm.d3_mm, arm.d4_mm)) if limits.capsules == ARM else limits
 
 

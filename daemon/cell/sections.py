@@ -36,7 +36,10 @@ def check(config: Config) -> None:
     for wrong in (*plausible.tool(arm.flange_from_tool), *plausible.limits(limits, arm.reach_mm, shoulder_mm)):
         raise config.document.error(wrong.keys, wrong.problem)
     if config.kind == "real":
-        camera_settings(config)
+        cameras = camera_settings(config)
+        if cameras.left == cameras.right:
+            problem = f"expected another camera than left's, found the same: {cameras.right}"
+            raise config.document.error(("cameras", "right"), problem)
     if config.kind == "simulated":
         truth(config)
 
@@ -49,6 +52,18 @@ def out_of_reach(config: Config) -> Iterator[str]:
         if not reachable(place.pose(), arm=arm):
             x, y, z = place.point_mm
             yield f"pick.{name}: the arm as it is configured cannot reach {x:g}, {y:g}, {z:g} mm at that angle"
+
+
+def of_another_size(config: Config, calibration: Calibration) -> Iterator[str]:
+    """A line where the cameras shall give pictures of another size than the calibration is of: nothing can be looked
+    for in them, and yet the cell must start to be calibrated."""
+    if config.kind == "real":
+        cameras, calibrated = camera_settings(config), calibration.rig.image_size
+        if calibrated != (cameras.width, cameras.height):
+            found = (
+                f"{cameras.width}x{cameras.height}, cameras.width and height, are not {calibrated[0]}x{calibrated[1]}"
+            )
+            yield f"{config.calibration}: {found}, of which it was made: `calibrate stereo`, or the size as it was"
 
 
 def camera_settings(config: Config) -> CameraSettings:

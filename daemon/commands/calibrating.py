@@ -42,7 +42,8 @@ USAGE = "calibrate stereo|camera|by-hand|hand-eye|verify|touch [CxR SQUARE_MM [c
 POSES = {"stereo": 28, "camera": 28, "hand-eye": 24, "verify": 8, "touch": 0}
 USUAL_BOARD = ("9x6", "16")
 SPEED_PCT = 60.0
-TOUCH_ABOVE_MM = 2.0
+OVER_MM, TOUCH_ABOVE_MM = 60.0, 2.0
+"""How high over the corner the finger tips stop, and where they then are: that last way is straight, and slow."""
 ARM_WORSE = 3.0
 """So many times as far off its word as the configuration says, an arm is told to be. The poses of a tour are far apart
 and tilted; looks at one part are near each other, and what errs with the pose errs alike in them."""
@@ -257,10 +258,13 @@ async def _touch(context: CommandContext, view: View, board: Board, door: Door) 
     heights_mm = frames.apply(world_from_board, board.points_mm())[:, 2]
     corner, table_mm = world_from_board[:3, 3], context.config.values.pick.limits.table_z_mm
     tip_mm = context.config.values.pick.gripper.tip_mm
-    for above_mm in (60.0, TOUCH_ABOVE_MM):
-        down = frames.rigid(np.diag([-1.0, 1.0, -1.0]), corner + np.array([0.0, 0.0, tip_mm + above_mm]))
-        work = context.cycle.move_to(down, f"touch test, {above_mm:g} mm above the corner")
-        await with_questions(context, work, door)
+    over, down = (
+        frames.rigid(np.diag([-1.0, 1.0, -1.0]), corner + np.array([0.0, 0.0, tip_mm + above_mm]))
+        for above_mm in (OVER_MM, TOUCH_ABOVE_MM)
+    )
+    purpose = "touch test, {:g} mm above the corner".format
+    await with_questions(context, context.cycle.move_to(over, purpose(OVER_MM)), door)
+    await with_questions(context, context.cycle.jog(lambda _: down, purpose(TOUCH_ABOVE_MM)), door)
     await door.say(f"The finger tips should be {TOUCH_ABOVE_MM:g} mm above the first inner corner of the board.")
     answer = await door.ask("How far off are they, along world x and y, in mm? (e.g. 0.5 -0.3) ")
     try:

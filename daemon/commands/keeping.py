@@ -5,9 +5,9 @@ from __future__ import annotations
 import asyncio
 from functools import partial
 
-from daemon.cell.arm_on_link import moves_the_arm
+from daemon.cell.arm_on_link import moves_the_arm, turns_over
 from daemon.commands.awaiting import with_questions
-from daemon.commands.monitoring import monitor, note_hand
+from daemon.commands.monitoring import NO_TURNING_OVER, monitor, note_hand
 from daemon.console.context import CommandContext
 from daemon.console.interpreter import NOT_DONE, Answer, CommandError, Door, command, no_more, one_of
 from daemon.console.notices import Level
@@ -46,7 +46,12 @@ async def robot(context: CommandContext, words: list[str], door: Door) -> Answer
         if arm.asks_whether_to_move:
             if not (supervisor.enabled or supervisor.by_hand_only):
                 raise CommandError(NOT_OF_POWER_UP.format(question))
-            said = await with_questions(context, by_hand("power-up", lambda: arm.power_up(replies)), door)
+
+            async def answered() -> list[str]:
+                context.cycle.doubt_the_hand()
+                return await arm.power_up(replies)
+
+            said = await with_questions(context, by_hand("power-up", answered), door)
         else:
             said = await supervisor.converse("power-up", lambda: arm.power_up(replies), moves=False)
         return _replies([question, *said])
@@ -58,6 +63,8 @@ async def robot(context: CommandContext, words: list[str], door: Door) -> Answer
     if not text:
         return await monitor(context, door)
     arm.check_typable(text)
+    if turns_over(text):
+        raise CommandError(f"{text}: {NO_TURNING_OVER}; not sent")
 
     async def typed() -> list[str]:
         note_hand(context, text)
@@ -72,7 +79,7 @@ async def robot(context: CommandContext, words: list[str], door: Door) -> Answer
 async def doctor(context: CommandContext, words: list[str], _: Door) -> Answer:
     """Check everything the cell needs; says how to mend it."""
     findings = await asyncio.to_thread(doctors.examine, context.config, True)
-    findings += doctors.from_service(context.hardware, context.troubles.standing)
+    findings += doctors.from_service(context.hardware, context.troubles.standing, context.cycle.supervisor.fault)
     return doctor_answer(findings)
 
 

@@ -344,11 +344,11 @@ def _taught(note: dict[str, Any]) -> str:
 
 
 def _what_of(note: dict[str, Any]) -> str:
-    if ROUND in note:
-        return f"walked round, {plural(len(note['facets'][0]), 'facet')}"
-    if "mesh" in note:
-        return f"drawing {note['mesh']} in {note.get('unit', 'mm')}, {plural(len(note['facets'][0]), 'facet')}"
     groups: list[list[str]] = note.get("facets") or [[]]
+    if ROUND in note:
+        return f"walked round, {plural(len(groups[0]), 'facet')}"
+    if "mesh" in note:
+        return f"drawing {note['mesh']} in {note.get('unit', 'mm')}, {plural(len(groups[0]), 'facet')}"
     return ", ".join(sorted(groups, key=len)[-1]) or "?"
 
 

@@ -20,6 +20,7 @@ from daemon.console.phrases import cut_off, duration, millimetres, plural
 from daemon.pick.find import in_all
 from daemon.pick.looking import Look
 from daemon.pick.world import WorldModel
+from daemon.upkeep.doctor import mend_of
 from daemon.vision.health import SAID, findings_json, troubles
 from daemon.vision.report import scene_json
 from daemon.vision.values import Facet, Part, Scene
@@ -34,12 +35,14 @@ async def status(context: CommandContext, words: list[str], _: Door) -> Answer:
     state = context.cycle.status()
     model = context.trainer.model
     model_store = context.trainer.model_store
-    in_use = "none accepted yet" if model_store.current is None else f"version {model_store.current}"
+    in_use = "not accepted yet" if model_store.current is None else f"version {model_store.current}"
     up = duration(time.monotonic() - context.started_s)
     lines = [
         f"cell      {context.hardware.kind}; {_standing(state)}",
         f"doing     {_doing(context, state)}",
-        f"model     {in_use}; knows {', '.join(model.labels) or 'nothing: teach, train, accept'}",
+        f"model     {in_use}; knows {', '.join(model.labels)}"
+        if model.labels
+        else "model     none: `teach`, then `train`",
         f"so far    {state['picked']} picked, {state['failed']} failed; up {up}; facetd {version()}",
         f"run       {context.run_log.folder}",
     ]
@@ -48,7 +51,10 @@ async def status(context: CommandContext, words: list[str], _: Door) -> Answer:
         lines.insert(2, f"left      {cut_off(pick_order.count)}: `auto resume` takes it up, `auto off` gives it up")
     if model_store.candidate is not None:
         lines.insert(3, f"candidate version {model_store.candidate}, not in use: `try` it, then `accept`")
+    left_out: Any = state["skipped"]
+    lines += map(_left_out, left_out)
     lines += [f"TROUBLE   {text}" for text in context.troubles.standing.values()]
+    lines[1:1] = _to_do(state)
     data: dict[str, Any] = {
         **state,
         "version": version(),
@@ -72,6 +78,24 @@ def _standing(state: dict[str, Any]) -> str:
     return ", ".join(words)
 
 
+def _to_do(state: dict[str, Any]) -> list[str]:
+    """What a fault asks for before `resume`, and a hand of which nobody knows what it holds."""
+    lines = []
+    if state["fault"] and (mend := mend_of(state["fault"])):
+        lines.append(f"to mend   {mend}")
+    if not state["doing"] and state["holding"] is None:
+        lines.append("gripper   nobody knows whether it holds a part: `holding yes` or `holding no`")
+    if not state["doing"] and state["holding"]:
+        lines.append("gripper   holds a part: the next pick first puts it into the bin")
+    return lines
+
+
+def _left_out(part: dict[str, Any]) -> str:
+    """A part that the last pick or auto left alone."""
+    x, y, z = part["at"]
+    return f"left out  {part['label']} at {x:.0f}, {y:.0f}, {z:.0f} mm: {part['why']}"
+
+
 def _doing(context: CommandContext, state: dict[str, Any]) -> str:
     text = f"{state['doing'] or 'nothing'} ({state['state']})"
     if state["auto"] and context.cycle.pick_order is not None and context.cycle.pick_order.count is not None:
@@ -80,7 +104,7 @@ def _doing(context: CommandContext, state: dict[str, Any]) -> str:
         text += f", {state['target']}, look {state['stop']}"
     if state["pending"]:
         text += f"; waits for `confirm` or `refuse`: {state['pending']}"
-    if not state["doing"] and state["last"]:
+    if not state["doing"] and state["last"] and state["last"] != f"fault: {state['fault']}":
         text += f"; last: {state['last']}"
     return text
 
@@ -89,7 +113,8 @@ def _doing(context: CommandContext, state: dict[str, Any]) -> str:
 async def look(context: CommandContext, words: list[str], door: Door) -> Answer:
     """See what the cameras see; nothing moves.
 
-    With one eye the arm moves it by 40 to 120 mm between two pictures, and back, so that it must be enabled.
+    With one eye the arm moves it by 40 to 120 mm between two pictures, and back: it must be enabled, and the hand
+    above what lies on the table.
     look around moves the arm: it looks from where it stands and then from up to N places more (3), each the one
     that is expected to settle most for its time, until all has a name and two sides more show nothing new. It
     tells look by look what was thought before and what is known now. The arm stays where it looked last.
@@ -171,7 +196,9 @@ async def parts(context: CommandContext, words: list[str], door: Door) -> Answer
         stored = sum(view.label == label for view in views)
         metric = context.trainer.model.metric.get(label)
         known = (
-            f"{plural(len(metric.solid.facets), 'facet')}, {metric.size_mm:.0f} mm across" if metric else "not taught"
+            f"{plural(len(metric.solid.facets), 'facet')}, {metric.solid.size_mm:.0f} mm across"
+            if metric
+            else "not taught"
         )
         rows.append((label, f"{plural(stored, 'view')}, {known}"))
         data[label] = {"views": stored, "taught": metric is not None}

@@ -12,7 +12,7 @@ import contextlib
 from collections.abc import Callable, Coroutine
 from typing import Any
 
-from daemon.cell.arm_on_link import moves_the_arm, works_the_hand
+from daemon.cell.arm_on_link import moves_the_arm, turns_over, works_the_hand
 from daemon.cell.no_arm import CellError
 from daemon.console.context import ANSWERABLE, CommandContext
 from daemon.console.interpreter import Answer, CommandError, Door
@@ -27,6 +27,7 @@ SPOIL = CANCEL + b"!!\r"
 """Takes a typed line back; makes it an error where the controller knows no such key."""
 GREETING = "The controller's own terminal; the daemon stands aside. Control-] comes back, control-C stops the arm."
 ASKED = "this may move the arm, and no guard sees where it goes. Send it? [y/n]"
+NO_TURNING_OVER = "the next way of the arm would be another than facetd looks along (turn its joints over by DO DRIVE)"
 POLL_S = 0.2
 """How often it is looked whether there is still a line to the controller."""
 ANSWER_AFTER_S = 0.3
@@ -161,6 +162,8 @@ class Typist:
         moves, why = moves_the_arm(text), self._held()
         if why is not None and (moves or (self._moving and text[:1].encode() in YES)):
             self._keep_back(text, why, send)
+        elif turns_over(text):
+            self._keep_back(text, NO_TURNING_OVER, send)
         elif moves:
             self._asked = text, self._clock()
             self._door.show(f"\r\nfacetd: {ASKED} ".encode())
@@ -197,6 +200,8 @@ class Typist:
         if text:
             self.lines += 1
             self._record(text)
+        if self._moving and text[:1].encode() in YES:  # a program may go on with it
+            self._context.cycle.doubt_the_hand()
         note_hand(self._context, text)
         self._moving |= moves_the_arm(text)
         send((SPOIL + text.encode() if self._edited else bytes(self._unsent)) + b"\r")
@@ -210,4 +215,4 @@ class Typist:
 def note_hand(context: CommandContext, text: str) -> None:
     """Where a line may work the hand, by a word or by a program it starts, nobody knows whether a part is in it."""
     if works_the_hand(text):
-        context.cycle.hand_full = None
+        context.cycle.doubt_the_hand()

@@ -107,7 +107,7 @@ async def resume(context: CommandContext, words: list[str], door: Door) -> Answe
     before, stops, pauses = context.cycle.status(), supervisor.stops, supervisor.pauses
     if before["fault"] is None:
         supervisor.resume()
-        return Answer("Going on." if before["paused"] else "Nothing was held.")
+        return Answer("Going on." if before["paused"] else "Nothing to resume: no fault stands, nothing is paused.")
     supervisor.not_while_stopping("resume")
     lines = [f"The fault is cleared: {before['fault']}."]
     told = await eyes.offered(context, str(before["fault"]), door)
@@ -115,6 +115,9 @@ async def resume(context: CommandContext, words: list[str], door: Door) -> Answe
     if before["holding"] is None and door.asks:
         held = await yes_or_no(door, "Is a part in the gripper? [y/n]")
         if held is not None:
+            supervisor.not_after(stops, "resume")
+            if supervisor.fault is None or context.cycle.status()["holding"] is not None:
+                raise CommandError("meanwhile somebody else went on: `status` tells what is taken to be in the gripper")
             lines.append(_take_word(context, held))
     known, pick_order = context.cycle.status()["holding"] is not None, context.cycle.pick_order
     if known and pick_order is not None and door.asks and _eyes_on_hand(context):
@@ -126,6 +129,8 @@ async def resume(context: CommandContext, words: list[str], door: Door) -> Answe
         await supervisor.prove_stop()
         if not _eyes_on_hand(context):
             raise CommandError("the fault stands: meanwhile a calibration without hand_eye was taken over")
+        if context.cycle.pick_order != pick_order:
+            raise CommandError("meanwhile somebody else took up or gave up what was left of the auto")
         supervisor.resume(stops, pauses)
         supervisor.enable(stops)
         try:
@@ -156,12 +161,18 @@ async def pause(context: CommandContext, words: list[str], _: Door) -> Answer:
 @command("abort", "move", at_once=True)
 async def abort(context: CommandContext, words: list[str], _: Door) -> Answer:
     """Stop the arm, give the part up; leaves no fault."""
-    return _stopped(await context.cycle.supervisor.abort(), "Stopped; the part is given up.")
+    done = "Stopped; the part is given up." if context.cycle.status()["doing"] else "Nothing was being done."
+    return _stopped(await context.cycle.supervisor.abort(), done)
 
 
 @command("pick [LABEL]", "move", most=1, choices=lambda context: context.trainer.model.labels, first=True)
 async def pick(context: CommandContext, words: list[str], door: Door) -> Answer:
-    """Bring one part to the bin."""
+    """Bring one part to the bin.
+
+    Without LABEL the one that is known best of all in reach (pick.order). It looks, goes nearer and looks again
+    until the error at the grasp is small enough, grasps, lifts, and looks whether it has the part. A part that
+    has no name or cannot be reached is left alone, and told. control-C or `stop` stops it.
+    """
     label = one_of(words, 0, context.trainer.model.labels, "taught part", pick.usage) if words else None
     end = await with_questions(context, context.cycle.pick(label), door)
     heard = end.outcome is Outcome.FAULT and context.notices.level(door) is not None
@@ -226,7 +237,11 @@ async def hand(context: CommandContext, words: list[str], door: Door) -> Answer:
 
 @command("holding yes|no", "move", most=1, choices=("yes", "no"))
 async def holding(context: CommandContext, words: list[str], _: Door) -> Answer:
-    """Say whether a part is in the gripper."""
+    """Say whether a part is in the gripper.
+
+    Asked for where a stop, a fault or a restart came between closing and opening the hand. After yes the next
+    pick first puts the part into the bin.
+    """
     word = one_of(words, 0, ("yes", "no"), "word", holding.usage)
     context.cycle.supervisor.between_jobs("what is in the gripper is said")
     return Answer(_take_word(context, word == "yes"))
@@ -273,6 +288,8 @@ async def dry(context: CommandContext, words: list[str], _: Door) -> Answer:
 
 def describe_end(end: CycleEnd, why: bool = True) -> str:
     """One pick in a line; without why, where whoever reads it has been told."""
+    if end.outcome == "placed":
+        return f"{end.outcome}: {end.why}, {end.seconds:.1f} s"
     approached = f"{end.label}, {plural(end.stops, 'look')}" if end.label else "no part"
     text = f"{end.outcome}: {approached}, {end.seconds:.1f} s"
     if end.predicted_mm is not None and end.predicted_deg is not None:

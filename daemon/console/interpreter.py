@@ -92,6 +92,11 @@ HELP_WORDS, VERSION_WORDS = ("--help", "-h"), ("--version",)
 FIRST_WIDTH = 9
 MOST_ASKED = 5
 """How often a question is put that is answered by something else."""
+OF_THE_SHELL = (
+    *("arm", "cameras", "commission", "completion", "console", "demo", "export", "hall", "live", "recognise"),
+    *("replay", "review", "runs", "script", "snap", "stream", "tail"),
+)
+"""Words of `facetctl` that are none of the daemon's."""
 WITHDRAW = ("disable", "abort")
 """Beside `stop`, the words that take the arm's leave to move, or what it is moving for."""
 
@@ -298,6 +303,10 @@ class Console:
             return self.commands[name]
         if name in ("quit", "exit", "bye", "logout"):
             raise CommandError("this console stays open; there is nothing to leave")
+        if name == "facetctl":
+            raise CommandError("here without `facetctl`: the command alone", NOT_UNDERSTOOD)
+        if name in OF_THE_SHELL:
+            raise CommandError(f"{word}: not of this console; in the shell: `facetctl {name}`", NOT_UNDERSTOOD)
         begun = [c for c in self.commands if c.startswith(name)] if len(name) >= 3 else []
         if len(begun) == 1:
             return self.commands[begun[0]]

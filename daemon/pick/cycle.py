@@ -47,8 +47,7 @@ HANDLERS: dict[State, Handler] = {
     State.PLACE: take.place,
     State.HOME: take.home,
 }
-HAND_IN_DOUBT = frozenset({State.CLOSING, State.RETREAT, State.VERIFY, State.PLACE})
-"""Whoever is stopped here may have a part in the hand."""
+CUT_OFF = (Event.STOP, Event.ERROR, Event.ABORT)
 FAILED = (Outcome.MISSED, Outcome.LOST, Outcome.FAULT)
 IDLE_LOOKS = 2
 """After so many looks in turn that show nothing new, what has a name is taken for all there is."""
@@ -211,6 +210,12 @@ class Cycle:
         if not answer:
             self.supervisor.mover.carried = ()
 
+    def doubt_the_hand(self) -> None:
+        """Others than the cycle may have worked it: whether a part is in it nobody knows, and what was held before may
+        be another part by now."""
+        self.hand_full, self.supervisor.mover.carried = None, ()
+        self.cell.log.record("holding", held=None)
+
     # Inside.
 
     def _may_pick(self) -> None:
@@ -238,7 +243,7 @@ class Cycle:
         then = follows(self.state, event, self._held)
         if event is Event.PAUSE:
             self._held = self.state
-        elif event in (Event.STOP, Event.ERROR, Event.ABORT) and {self.state, self._held} & HAND_IN_DOUBT:
+        elif then is State.CLOSING or (event in CUT_OFF and State.PLACE in (self.state, self._held)):
             self.hand_full = None
         before, self.state = self.state, then
         if event is Event.PLACED and self.pick_order is not None:
@@ -255,7 +260,7 @@ class Cycle:
         if self.recogniser is None:
             raise RefusedError("there is no recogniser to look with")
         mover = self.supervisor.mover
-        before = await self._set_out()
+        before = await self._set_out_to_look()
         look = await self._context(self.recogniser).lit_look(before, purpose)
         if self.cell.alone is not None:  # who looks ten times finds the arm where it was
             await mover.travel(before.world_from_tool, "back from beside", lambda _: self.settings.near_pct, True)
@@ -264,7 +269,7 @@ class Cycle:
     async def _around(self, most: int) -> WorldModel:
         assert self.recogniser is not None
         context, world = self._context(self.recogniser), WorldModel([])
-        world.take_in(context, await context.lit_look(await self._set_out(), "look around"))
+        world.take_in(context, await context.lit_look(await self._set_out_to_look(), "look around"))
         idle = 0
         for _ in range(0 if context.mover.dry else most):
             world.doubtful, before = find.least_known(context, world), find.in_all(world.found)
@@ -278,13 +283,14 @@ class Cycle:
         return world
 
     async def _walk(self, context: PickContext, count: int, told: Told) -> tuple[Thing, list[Look]]:
-        await self._set_out()
+        await self._set_out_to_look()
         return await walk_round(context, count, told)
 
     async def _hand(self, closed: bool) -> None:
-        """Whether a part is in it is open from the moment it is told to close, and settled once it has opened."""
+        """Whether a part is in it is open from the moment it is told to close, or to let go of one, and settled once it
+        has opened."""
         mover, before = self.supervisor.mover, self.hand_full
-        if closed and not mover.dry:
+        if (closed or before) and not mover.dry:
             self.hand_full = None
         try:
             await mover.hand(closed)
@@ -303,13 +309,23 @@ class Cycle:
         self.guard_the_hand()
         return await self.supervisor.mover.rest()
 
+    async def _set_out_to_look(self) -> Reading:
+        """From where the arm stands. Raises RefusedError where it would go aside for the second picture of one eye,
+        amid the parts."""
+        here = await self._set_out()
+        if self.cell.alone is not None and self.supervisor.mover.low:
+            raise RefusedError(
+                "with one eye a look moves the hand aside, and it is amid what may lie on the table: `jog z` up first"
+            )
+        return here
+
     def guard_the_hand(self) -> None:
         """What may be in the hand, and nobody saw how, is guarded any way round from now on: as a ball that the longest
         of the parts known fits in, wherever it is held."""
         mover = self.supervisor.mover
         if self.hand_full is not False and not mover.carried and self.recogniser is not None:
             known = [shape.corners_mm for label in self.recogniser.labels if (shape := self.recogniser.shape(label))]
-            mover.carried = (ball_of(known, "what may be in the hand"),)
+            mover.carried = (ball_of(known, "what may be in the hand"),) if known else ()
 
     def _order(self, pick_order: PickOrder | None) -> None:
         """What auto has to bring from now on; None: it is done, or given up."""

@@ -41,7 +41,9 @@ from daemon.pick.world import (
     travel,
 )
 from daemon.vision.geometry import Polyhedron
+from daemon.vision.health import cause_of_nothing
 from daemon.vision.look import outlines
+from daemon.vision.values import Cause
 
 SIDES_DEG = (20, 35)
 """How much a look leans that is to show what others hide: of facets of parts that touch most are found from there
@@ -62,15 +64,24 @@ async def survey(context: PickContext, world: WorldModel) -> Literal[Event.SEEN,
         assert context.mover.at is not None
         seen = await context.lit_look(context.mover.at, f"survey {number}")
         world.take_in(context, seen)
-        world.unmatched += all(outlines(seen.scene.view))
         if any(part.named for part in world.left(context)):
             _settle_question(context, world)
             return Event.SEEN
     _settle_question(context, world)
-    if not world.found and world.unmatched and world.outcome is Outcome.EMPTY:
+    if not world.found and world.outcome is Outcome.EMPTY:
+        _tell_outlines(world)
+    return Event.SEEN if world.left(context) else Event.NOTHING
+
+
+def _tell_outlines(world: WorldModel) -> None:
+    """A table on which nothing was found is empty, unless both eyes have outlines there that do not fit one another and
+    are not those of a pattern."""
+    odd = [seen for seen in world.looks if all(outlines(seen.scene.view))]
+    if odd and all(cause_of_nothing(seen.taken.images) is Cause.PATTERNED for seen in odd):
+        world.why = "no part shows on the patterned table"
+    elif odd:
         world.outcome = Outcome.UNKNOWN
         world.why = "outlines in both images, but no facet: light, focus, a knocked camera?"
-    return Event.SEEN if world.left(context) else Event.NOTHING
 
 
 def _settle_question(context: PickContext, world: WorldModel) -> None:

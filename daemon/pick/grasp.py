@@ -313,7 +313,7 @@ def grasps(
             for middle in middles:
                 grasp = _placed(rotation, tilt_deg, middle, mass, sides, table_z_mm, gripper)
                 if grasp is not None:
-                    blocked = any(_in_the_way(grasp.world_from_tool, n, gripper) for n in neighbours)
+                    blocked = any(in_the_way(grasp.world_from_tool, n, gripper) for n in neighbours)
                     found.append(replace(grasp, blocked=blocked))
     return sorted(found, key=lambda g: (g.blocked, round(g.slip_deg / 5.0), g.tilt_deg))
 
@@ -360,7 +360,7 @@ def _in_the_palm(corners: Array, gripper: Gripper) -> bool:
     return bool(((corners[..., 2] < -gripper.pad_back_mm) & (np.abs(corners[..., :2]) < wide).all(axis=-1)).any())
 
 
-def _in_the_way(world_from_tool: Array, neighbour: Array, gripper: Gripper) -> bool:
+def in_the_way(world_from_tool: Array, neighbour: Array, gripper: Gripper) -> bool:
     """Whether the neighbour reaches into the room the open fingers sweep on their last stretch (box against box along
     the tool's axes: errs towards `in the way`)."""
     local = frames.apply(frames.inverse(world_from_tool), neighbour)

@@ -6,7 +6,7 @@ Pure: what is seen and what the arm can reach in, plans out. Doing them is appro
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -28,10 +28,12 @@ SAME_SIDE_RAD = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """How one part will be taken: the grasp, and how well looks along its approach show the part (0 to 2)."""
+    """How one part will be taken: the grasp; how well looks along its approach show the part (0 to 2); neighbours:
+    (M, 3) world corners of the parts that leave it room."""
 
     grasp: Grasp
     worth: float
+    neighbours: Sequence[Array] = ()
 
 
 class LastStretch(NamedTuple):
@@ -89,7 +91,7 @@ def plan_part(
         if any(viewpoints.angle_at(centre, eye, centre + away) < SAME_SIDE_RAD for away in unseen_from):
             continue
         worth = viewpoints.view_worth(shape, world_from_part, eye) + seen_again(seen, eye)
-        plans.append(Plan(grasp, worth))
+        plans.append(Plan(grasp, worth, neighbours))
     if not plans:
         return "it was looked for from every side that a grasp leaves"
     plans.sort(key=lambda p: (p.grasp.blocked, p.grasp.slip_deg / 45.0 - p.worth))
@@ -105,15 +107,15 @@ def plan_part(
 
 
 def regrasp(shape: Polyhedron, world_from_part: Array, before: Plan, settings: Settings) -> Plan | None:
-    """The same grasp on the part where it is now known to be: the nearest of today's grasps by turn and place. None
-    where none is near (the part lies otherwise than was thought: plan again)."""
+    """The same grasp on the part where it is now known to be: the nearest of today's grasps by turn and place that its
+    neighbours leave room. None where none is near (the part lies otherwise than was thought: plan again)."""
     old = before.grasp.world_from_tool
     table_z_mm, gripper = settings.limits.table_z_mm, settings.gripper
-    found = grasps(shape, world_from_part, table_z_mm, gripper, near=old[:3, :3])
+    found = grasps(shape, world_from_part, table_z_mm, gripper, before.neighbours, near=old[:3, :3])
 
     def away(grasp: Grasp) -> float:
         gap_mm = apart_mm(grasp.world_from_tool[:3, 3], old[:3, 3])
         return gap_mm + 50.0 * frames.angle_between(grasp.world_from_tool, old)
 
-    nearest = min(found, key=away, default=None)
-    return None if nearest is None or away(nearest) > MOST_CHANGE_MM else Plan(nearest, before.worth)
+    nearest = min((one for one in found if not one.blocked), key=away, default=None)
+    return None if nearest is None or away(nearest) > MOST_CHANGE_MM else replace(before, grasp=nearest)

@@ -9,7 +9,7 @@ from typing import Literal
 from daemon import frames
 from daemon.arm import capsule_around
 from daemon.pick import viewpoints
-from daemon.pick.following import Target, came_back_empty, still_there
+from daemon.pick.following import Target, came_back_empty, in_hand, still_there
 from daemon.pick.looking import Look
 from daemon.pick.outcome import Outcome
 from daemon.pick.plan import last_stretch
@@ -49,8 +49,7 @@ async def closing(context: PickContext, world: WorldModel) -> Literal[Event.CLOS
     """Close the hand; from now on the part is guarded as the hand is, where it was thought to lie in it."""
     target = world.the_target()
     await context.mover.hand(closed=True)
-    tool_from_part = frames.inverse(target.plan.grasp.world_from_tool) @ target.world_from_part
-    corners = frames.apply(tool_from_part, target.shape.corners_mm)
+    corners = frames.apply(target.tool_from_part, target.shape.corners_mm)
     context.mover.carried = (capsule_around(corners, f"{target.label} in the hand"),)
     await asyncio.sleep(context.settings.hand_s)
     return Event.CLOSED
@@ -69,23 +68,26 @@ async def retreat(context: PickContext, world: WorldModel) -> Literal[Event.THER
 
 
 async def verify(context: PickContext, world: WorldModel) -> Literal[Event.GONE, Event.MISSED]:
-    """Look whether the part is gone from where it lay, and nowhere else but in the hand."""
-    target = world.the_target()
-    failed = _failed(context, world, target, await look(context, world, "verify"))
+    """Look whether the part is in the hand, or at least gone from where it lay and nowhere else. A look may err, so a
+    hand that is said to have missed opens over the bin, as one that holds the part does."""
+    target, seen = world.the_target(), await look(context, world, "verify")
+    held = in_hand(target, seen, context.cell)
+    failed = None if held else _failed(context, world, target, seen)
     if failed is None:
-        world.outcome, world.why = Outcome.PICKED, f"{target.label} is gone from where it lay"
+        shown = "is seen in the hand" if held else "is gone from where it lay"
+        world.outcome, world.why = Outcome.PICKED, f"{target.label} {shown}"
         return Event.GONE
     world.failures += 1
     world.outcome, world.why = Outcome.MISSED, f"{target.label} {failed}"
-    context.decide("missed", world.why)
+    context.decide("missed", f"{world.why}; the hand opens over the bin, as this look may err")
     if world.failures >= context.settings.tries:
         skip(context, world, Outcome.MISSED, target, f"{failed} after {world.failures} tries")
-    await context.mover.hand(closed=False)
+    await _let_go(context, world)
     return Event.MISSED
 
 
 def _failed(context: PickContext, world: WorldModel, target: Target, seen: Look) -> str | None:
-    """What a look says against the part's being in the hand; None where it says nothing."""
+    """What a look that does not show the part in the hand says against its being there; None where it says nothing."""
     hand, settings = seen.reading.world_from_tool[:3, 3], context.settings
     on_table = [p for p in seen_parts(seen) if not same_place(p.centre, hand, HAND_REACH_MM)]
     left = any(same_place(p.centre, target.centre, settings.gone_mm + SEEN_OFF_MM) for p in on_table)
@@ -105,12 +107,20 @@ def _knocked_away(world: WorldModel, target: Target, on_table: list[Seen]) -> bo
     return any(not any(same_place(now, before) for before in others) for now in alike)
 
 
-async def place(context: PickContext, world: WorldModel) -> Literal[Event.PLACED]:
+async def place(context: PickContext, world: WorldModel) -> Literal[Event.PLACED, Event.DRY]:
     """To the bin, and let go."""
+    await _let_go(context, world)
+    if context.mover.dry:
+        world.outcome, world.why = Outcome.DRY, "what is in the hand would be put down now"
+        return Event.DRY
+    return Event.PLACED
+
+
+async def _let_go(context: PickContext, world: WorldModel) -> None:
+    """Open the hand over the bin: nowhere else does a pick open a hand that has closed."""
     await travel(context, world, context.settings.bin.pose(), "bin")
     await context.mover.hand(closed=False)
     await asyncio.sleep(context.settings.hand_s)
-    return Event.PLACED
 
 
 async def home(context: PickContext, world: WorldModel) -> Literal[Event.THERE]:

@@ -149,8 +149,8 @@ class WorldModel:
     look brought; ghosts: (3,) middles of lone facets that did not show again; unseen_from: (3,) where a part lay and
     (3,) in which direction from it a look along its approach did not find it; last_target: stays when the target is
     given up; doubtful: to be looked at from another side; failures: of tries at a target; old_looks: how often a table
-    was looked at again because its looks got old; unmatched: looks with outlines in both images; questioned: what was
-    found before two looks at the target disagreed; doubts: how often they did and the whole table had to be looked at.
+    was looked at again because its looks got old; questioned: what was found before two looks at the target disagreed;
+    doubts: how often they did and the whole table had to be looked at.
     All in world, mm.
     """
 
@@ -167,7 +167,6 @@ class WorldModel:
     failures: int = 0
     replans: int = 0
     old_looks: int = 0
-    unmatched: int = 0
     questioned: Question | None = None
     doubts: int = 0
     outcome: Outcome = Outcome.EMPTY

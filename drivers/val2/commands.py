@@ -19,6 +19,8 @@ HARMLESS_DO = frozenset({"BREAK", "SET"})
 ARM_ALONE = HARMLESS_DO | {"ALIGN", "APPRO", "APPROS", "DEPART", "DEPARTS", "DRIVE", "MOVE", "MOVES", "NEST", "READY",
                            "SPEED"}  # fmt: skip
 """Program instructions that work no hand, spelled out: of a beginning nobody knows for which it is taken."""
+TURNS_OVER = ("ABOVE", "BELOW", "FLIP", "LEFTY", "NOFLIP", "RIGHTY")
+"""Program instructions after which the next motion, whoever's, goes with shoulder, elbow or wrist turned over."""
 SHORTEST = 3
 """Letters that a beginning of a harmless word has at least: with fewer it may be another word's on some system."""
 
@@ -75,6 +77,15 @@ def works_the_hand(command: str) -> bool:
     """Whether a typed command may work the hand: whatever moves, and is not known to move the arm alone."""
     words = command.upper().split()
     return moves_the_arm(command) and not (words[0] == "DO" and words[1:2] and words[1] in ARM_ALONE)
+
+
+def turns_over(command: str) -> bool:
+    """Whether a typed command may have the next motion turn shoulder, elbow or wrist over, by any beginning of such a
+    word. What a program says nobody knows."""
+    words = command.upper().split()
+    if len(words) < 2 or not "DO".startswith(words[0]):
+        return False
+    return any(known.startswith(words[1]) for known in TURNS_OVER)
 
 
 def begins_a_program(command: str) -> bool:

@@ -83,8 +83,9 @@ class Link:
         self._aborting: asyncio.Task[Where | None] | None = None
         self.stopped_on_opening = False
         """Whether the arm was found at work when the port was opened last, and was stopped."""
-        self.stop_seen = False
-        """Whether the controller was seen to take the word that stops the arm since the port was opened."""
+        self.stop_seen = self._times_seen = 0
+        """How often it has come to be seen that the controller takes the word that stops the arm; 0 where it was not
+        since the port was opened, or the controller switched on: it may be another, or have been taught otherwise."""
         self.program_may_run = False
         """Whether a person may have begun a program since that word was taken last: what is asked may be its question,
         and two WHERE that agree a pause of it."""
@@ -97,7 +98,9 @@ class Link:
         An arm that is still at work on what somebody before us told it (a program that was killed) is stopped.
         """
         self._let_go()
-        self._session = Session(self.port, self.dialect, self.clock, self._ledger, self._open_port)
+        self._session = Session(
+            self.port, self.dialect, self.clock, self._ledger, self._open_port, self._unsee_the_stop
+        )
         self.stopped_on_opening = False
         try:
             await self._come_to_a_still_arm(self._session)
@@ -110,10 +113,14 @@ class Link:
         self._let_go()
 
     def _let_go(self) -> None:
-        self.stop_seen = self.program_may_run = False
+        self._unsee_the_stop()
+        self.program_may_run = False
         if self._session is not None:
             self._session.close()
             self._session = None
+
+    def _unsee_the_stop(self) -> None:
+        self.stop_seen = 0
 
     @property
     def connected(self) -> bool:
@@ -367,7 +374,7 @@ class Link:
                     if isinstance(last, Question):
                         switched_on = self.dialect.asks_after_power_up(last.text) and not self.program_may_run
                         if switched_on and last.text == asked:
-                            session.question, self.stop_seen = asked, False
+                            session.question = asked
                             await asyncio.sleep(BRAKES_S)
                             return None
                         before, asked = b"" if switched_on else no, last.text
@@ -410,11 +417,14 @@ class Link:
 
     def _judge_stop(self, answer: Answer) -> None:
         """Raises StopRefused."""
-        self.stop_seen = not answer.errors
-        self.program_may_run &= not self.stop_seen
         if answer.errors:
+            self._unsee_the_stop()
             word, words = self.dialect.abort_word, "; ".join(answer.errors)
             raise StopRefused(f"the controller does not take the word {word} (it says `{words}`)")
+        self.program_may_run = False
+        if not self.stop_seen:
+            self._times_seen += 1
+            self.stop_seen = self._times_seen
 
 
 def _heard_of(aborting: asyncio.Task[Where | None]) -> None:

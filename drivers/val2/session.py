@@ -25,9 +25,16 @@ class Session:
     """Bytes become events and reach whoever has the turn; what is sent and heard goes to the ledger."""
 
     def __init__(
-        self, path: str, dialect: Dialect, clock: Callable[[], float], ledger: Ledger, open_port: OpenPort
+        self,
+        path: str,
+        dialect: Dialect,
+        clock: Callable[[], float],
+        ledger: Ledger,
+        open_port: OpenPort,
+        switched_on: Callable[[], None],
     ) -> None:
-        """Claim the port. Raises PortError. Needs a running event loop."""
+        """Claim the port. Raises PortError. Needs a running event loop. switched_on: called as the controller asks what
+        it asks at power-up, whoever has the line."""
         self.path, self.dialect, self.clock = path, dialect, clock
         self.question: str | None = None
         """What the controller asks and nobody has answered yet."""
@@ -36,7 +43,7 @@ class Session:
         that cannot cancel lines, and happened to print a prompt just then, looks as if it had."""
         self.lost = False
         """Whether the port is gone, or was closed."""
-        self._ledger = ledger
+        self._ledger, self._switched_on = ledger, switched_on
         self._reader = Reader()
         self.talk = self._new_conversation()
         self._turn = asyncio.Lock()
@@ -210,6 +217,8 @@ class Session:
 
     def _deliver(self, events: list[Event]) -> None:
         for event in events:
+            if isinstance(event, Question) and self.dialect.asks_after_power_up(event.text):
+                self._switched_on()
             self.talk.hear(event)
             self._ledger.heard(event, self.clock())
 

@@ -8,6 +8,7 @@ import yaml
 
 from daemon.arm.supervisor import RefusedError
 from daemon.jobs.demo import PARTS
+from daemon.pick import take
 from daemon.store import places
 from drivers.simcell.controller import LineFault, Mishap
 from tests.worlds import simulated_cell
@@ -108,6 +109,22 @@ def test_a_part_taken_away_while_the_hand_closes_is_missed_and_not_said_to_be_pi
     end, hand_full = run(story())
     assert (end.outcome, hand_full) == ("missed", False)
     assert "the hand came back empty" in end.why
+
+
+def test_looks_that_deny_a_part_that_is_held_let_it_fall_nowhere_but_into_the_bin(model, monkeypatch):
+    """The weave of a dark table was taken for the edges of a prism that hung from the hand, and the hand opened."""
+    monkeypatch.setattr(take, "in_hand", lambda *_: False)
+    monkeypatch.setattr(take, "still_there", lambda *_: True)
+
+    async def story():
+        async with rig(seed=4, model=model) as here:
+            simulated_cell.lay(here, "cube", np.random.default_rng(1))
+            await here.cycle.pick()
+            return here.log.said("decision"), here.lies("cube")
+
+    decisions, lies = run(story())  # the rig's judge must have seen nothing dropped
+    assert "missed" in [each["text"] for each in decisions]
+    assert lies == "bin"
 
 
 @pytest.mark.parametrize("mishap", list(Mishap))

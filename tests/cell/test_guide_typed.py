@@ -230,8 +230,8 @@ class Operator:
             self.daemon.do("accept")
 
     def begins_anew(self, section: str) -> None:
-        """A page of the guide is begun with moves that neither wait nor are only planned; the first hour, with nothing
-        learnt; many cells, with runs that ended long ago."""
+        """A page of the guide is begun with no fault, and with moves that neither wait nor are only planned; the first
+        hour, with nothing learnt; many cells, with runs that ended long ago."""
         if section == "Many cells":
             self.daemon.end()
             quiet(self.daemon.runs)
@@ -242,7 +242,7 @@ class Operator:
             self.daemon.start()
             for line in ("robot power-up", "enable", "robot cal", "resume", "enable", "robot cal"):
                 self.daemon.do(line)
-        for line in ("step off", "dry off"):
+        for line in ("resume", "step off", "dry off"):
             self.daemon.do(line)
 
     def lets_it_move(self) -> None:

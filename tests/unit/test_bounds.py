@@ -185,11 +185,11 @@ def test_any_number_of_the_shipped_file_that_is_none_is_refused_by_line(folder: 
 @pytest.mark.parametrize(
     ("section", "want"),
     [
-        ("pick: {stops: {stand_offs_mm: []}}", "stand_offs_mm: expected array of length >= 1, found []"),
+        ("pick: {stops: {stand_offs_mm: []}}", "stand_offs_mm: expected a list of length >= 1, found []"),
         ("pick: {stops: {stand_offs_mm: [200, 300]}}", "far to near, found [200.0, 300.0]"),
         ("pick: {stops: {stand_offs_mm: [300, -5]}}", "stand_offs_mm[1]: expected above 0 to 5000, found -5"),
         ("pick: {stops: {least_looks: 4, most_looks: 3}}", "expected at least as many looks, found 3, less than"),
-        ("pick: {surveys: []}", "surveys: expected array of length >= 1, found []"),
+        ("pick: {surveys: []}", "surveys: expected a list of length >= 1, found []"),
         ("pick: {limits: {box_low_mm: [4000, 0, 0]}}", "expected x below box_high_mm's 900, found 4000"),
         ("vision: {depth_range_mm: [300, 200]}", "depth_range_mm: expected the near end first, found 300 and 200"),
         ("vision: {min_side_px: -5}", ":2: vision.min_side_px: expected above 0 to 100, found -5"),

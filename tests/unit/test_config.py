@@ -63,6 +63,22 @@ def test_a_place_that_the_arm_cannot_reach_is_told_before_a_part_is_in_the_hand(
     )
 
 
+def test_one_device_for_both_cameras_is_refused_and_pictures_of_another_size_than_calibrated_are_told(
+    path: Path,
+) -> None:
+    """`--check` had called both good, and the first look failed."""
+    path.write_text("version: 1\ncameras: {left: /dev/video0, right: /dev/video0}\n")
+    with pytest.raises(ConfigError, match=r":2: cameras.right: expected another camera than left's, found the same"):
+        sections.check(load_config(path))
+    path.write_text("version: 1\ncameras: {left: a, right: b, width: 1280, height: 960}\n")
+    config = load_config(path)
+    sections.check(config)
+    (told,) = sections.of_another_size(config, load_calibration(config.calibration))
+    assert "1280x960, cameras.width and height, are not 640x480" in told
+    path.write_text("version: 1\ncameras: {left: a, right: b}\n")
+    assert not list(sections.of_another_size(load_config(path), load_calibration(config.calibration)))
+
+
 def test_sections_with_every_key_commented_out_mean_their_defaults(path: Path) -> None:
     path.write_text("version: 1\ncameras: {left: a, right: b}\npick:\n  stops:\nconsole:\nlog:\n")
     assert load_config(path).values.log.quota_mb == 4000
@@ -74,8 +90,8 @@ def test_sections_with_every_key_commented_out_mean_their_defaults(path: Path) -
         ("", ": expected keys and values, found an empty file"),
         ("- 1\n", ":1: expected keys and values, found [1]"),
         ("version: 1\nlog: {quota: 3}\n", ":2: log.quota: unknown key; did you mean `quota_mb`?"),
-        ("version: 1\nlog:\n  quota_mb: many\n", ":3: log.quota_mb: expected int, found 'many'"),
-        ("version: 1\nlog:\n  quota_mb: 0\n", ":3: log.quota_mb: expected int from 1 to 100000000, found 0"),
+        ("version: 1\nlog:\n  quota_mb: many\n", ":3: log.quota_mb: expected a whole number, found 'many'"),
+        ("version: 1\nlog:\n  quota_mb: 0\n", ":3: log.quota_mb: expected a whole number from 1 to 100000000, found 0"),
         ("version: 1\ncell: reel\n", ":2: cell: expected one of real, recorded, simulated, found 'reel'"),
         ("version: 2\n", ":1: version: expected one of 1, found 2"),
         ("cell: real\n", ":1: the key `version` is missing"),
@@ -88,9 +104,9 @@ def test_sections_with_every_key_commented_out_mean_their_defaults(path: Path) -
         ),
         ("version: 1\npick: {limits: {max_speed_pct: 200}}\n", "pick.limits.max_speed_pct: expected from 0.1 to 100"),
         ("version: 1\npick: {limits: {table: 3}}\n", ":2: pick.limits.table: unknown key; did you mean `table_z_mm`?"),
-        ("version: 1\npick: {home: {point_mm: [1, 2]}}\n", ":2: pick.home.point_mm: expected array of length 3"),
+        ("version: 1\npick: {home: {point_mm: [1, 2]}}\n", ":2: pick.home.point_mm: expected a list of length 3"),
         ("version: 1\nfiles:\n  calibration: none.yaml\n", ":3: files.calibration: expected a file, found none at"),
-        ("version: 1\nmetrics: {port: 80}\n", ":2: metrics.port: expected int from 1024 to 65535, found 80"),
+        ("version: 1\nmetrics: {port: 80}\n", ":2: metrics.port: expected a whole number from 1024 to 65535, found 80"),
         ("version: 1\ncameras: {fps: 15}\n", ":2: cameras: left: expected a camera, found none"),
         ("version: 1\ncameras: {left: a, right: b, fsp: 15}\n", ":2: cameras.fsp: unknown key; did you mean `fps`?"),
         (
@@ -98,7 +114,7 @@ def test_sections_with_every_key_commented_out_mean_their_defaults(path: Path) -
             ":2: cameras: formats: expected some of GREY, Y16, YUYV, NV12, MJPEG; found XYZ",
         ),
         ("version: 1\narm:\n  dialect: {boud: 9600}\n", ":3: arm.dialect.boud: unknown key; did you mean `baud`?"),
-        ("version: 1\narm: {flange_from_tool: [[1]]}\n", ":2: arm.flange_from_tool: expected array of length 4"),
+        ("version: 1\narm: {flange_from_tool: [[1]]}\n", ":2: arm.flange_from_tool: expected a list of length 4"),
         ("version: 1\nversion: 1\n", ":2: version: said twice"),
         (
             "version: 1\npick:\n  limits: {table_z_mm: -0300}\n",

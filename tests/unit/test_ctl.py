@@ -14,6 +14,8 @@ from pathlib import Path
 import pytest
 
 from daemon import ctl
+from daemon.commands import every_command
+from daemon.console.interpreter import OF_THE_SHELL
 from daemon.store.library import load_facets
 from daemon.store.model import save
 from daemon.teaching.aspects import learn_solid
@@ -25,6 +27,20 @@ from tests.worlds.made_run import MadeRun
 def test_an_option_that_there_is_not_is_told_and_not_said_to_the_daemon(capsys: pytest.CaptureFixture[str]) -> None:
     assert ctl.main(["--config", "facetd.yaml", "runs"]) == ctl.NOT_UNDERSTOOD
     assert capsys.readouterr().err.startswith("facetctl: --config: no such option before a command;")
+
+
+def test_an_option_that_a_job_has_not_is_told_with_how_that_job_is_used(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        ctl.main(["demo", "--tabel", "patterned"])
+    told = capsys.readouterr().err
+    assert "usage: facetctl demo" in told
+    assert "--table {plain,patterned}" in told
+    assert "facetctl demo: error: unrecognized arguments: --tabel patterned" in told
+
+
+def test_a_console_says_of_every_word_of_the_shell_that_it_is_one() -> None:
+    said_to_the_daemon = {name for c in every_command() for name in (c.name, *c.aliases)}
+    assert set(OF_THE_SHELL) == {*ctl.OFFLINE, *ctl.OWN} - said_to_the_daemon
 
 
 def test_a_reader_who_has_read_enough_of_the_help_sees_no_traceback() -> None:

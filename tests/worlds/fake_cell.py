@@ -105,10 +105,11 @@ class World:
 ARM = puma560.ArmGeometry(flange_from_tool=frames.rigid(np.eye(3), np.array([0.0, 0.0, 130.0])))
 
 
-def joints(world_from_tool: np.ndarray) -> np.ndarray:
-    """The six joints of a righty arm with its elbow above; nan where it does not get there."""
+def joints(world_from_tool: np.ndarray, near_rad: np.ndarray | None = None) -> np.ndarray:
+    """The six joints of a righty arm with its elbow above, turned as little as may be; nan where it does not get
+    there."""
     try:
-        return puma560.inverse(world_from_tool, puma560.Configuration(), ARM)
+        return puma560.inverse(world_from_tool, puma560.Configuration(), ARM, near_rad)
     except puma560.UnreachableError:
         return np.full(6, np.nan)
 
@@ -126,11 +127,19 @@ class FakeRobot:
 
     def __init__(self, world: World) -> None:
         self.world = world
-        self.stop_seen = True
+        self.stop_seen = 1
+        self._before: np.ndarray | None = None
+
+    def _joints(self, world_from_tool: np.ndarray) -> np.ndarray:
+        """Where they are, turned on from where they were."""
+        here = joints(world_from_tool, self._before)
+        if np.isfinite(here).all():
+            self._before = here
+        return here
 
     async def where(self) -> Reading:
         self.world.before("where")
-        return Reading(self.world.at.copy(), joints(self.world.at))
+        return Reading(self.world.at.copy(), self._joints(self.world.at))
 
     async def rest(self) -> Reading:
         return await FakeRobot.where(self)
@@ -144,7 +153,7 @@ class FakeRobot:
         jitter = self.world.rng.normal(0, self.world.arm_sigma_mm, 3)
         self.world.at = frames.perturb(world_from_tool, np.concatenate([jitter, np.zeros(3)]))
         self.world.before("moved")
-        return Reading(world_from_tool.copy(), joints(world_from_tool))
+        return Reading(world_from_tool.copy(), self._joints(world_from_tool))
 
     async def hand(self, closed: bool) -> None:
         world = self.world
@@ -172,7 +181,7 @@ class FakeRobot:
 
     async def prove_stop(self) -> None:
         self.world.before("prove")
-        self.stop_seen = True
+        self.stop_seen = self.stop_seen or 2
 
     async def abort(self) -> None:
         self.world.wire.append(("abort", None))

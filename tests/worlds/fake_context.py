@@ -35,6 +35,7 @@ class FakeCycle:
     pauses: int = 0
     paused: bool = False
     auto: bool = False
+    skipped: list[dict[str, Any]] = field(default_factory=list)
     at: Any = field(default_factory=lambda: np.diag([-1.0, 1.0, -1.0, 1.0]))
 
     @property
@@ -47,7 +48,7 @@ class FakeCycle:
             "state": "fault" if self.fault else "idle", "doing": self.doing, "fault": self.fault, "enabled": True,
             "paused": False, "step": False, "dry": False, "pending": self.pending, "auto": self.auto, "cycle": 1,
             "target": None, "stop": None, "predicted_mm": None, "predicted_deg": None, "holding": self.held,
-            "picked": 2, "failed": 1, "skipped": [], "last": None,
+            "picked": 2, "failed": 1, "skipped": self.skipped, "last": None,
         }  # fmt: skip
 
     async def move_to(self, world_from_tool: Any, purpose: str) -> None:

@@ -31,6 +31,7 @@ from daemon.service import Service
 from daemon.store import runlog
 from daemon.upkeep import journal
 from daemon.vision.values import Facet, Scene
+from drivers.puma560 import PUMA560
 from drivers.simcell.simulated_time import SimulatedLoop
 from tests.worlds.fake_cell import FakeEyes, FakePair, FakePicture, FakeRobot, TruthRecogniser, World
 
@@ -62,6 +63,7 @@ class Robot(FakeRobot):
     """What the service and the watch ask of an arm besides."""
 
     question = None
+    arm = PUMA560
     aside = stopped_on_opening = asks_whether_to_move = False
     connected = True
     heard_s: float | None = None

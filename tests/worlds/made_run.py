@@ -57,9 +57,11 @@ class MadeRun:
         self.log.record(kind, **fields)
 
     def look(
-        self, purpose: str, *parts: dict[str, Any], stop: int = 0, guesses: Any = (), notes: Any = (), **health: Any
-    ) -> None:
-        scene = {"ms": 12.0, "parts": list(parts), "rejected": [], "notes": list(notes), "guesses": list(guesses)}
+        self, purpose: str, *parts: dict[str, Any], stop: int = 0, guesses: Any = (), notes: Any = (),
+        refused: int = 0, **health: Any,
+    ) -> None:  # fmt: skip
+        rejected = [{"eye": "left", "reason": "its corners do not lie in one plane", "corners_px": []}] * refused
+        scene = {"ms": 12.0, "parts": list(parts), "rejected": rejected, "notes": list(notes), "guesses": list(guesses)}
         images = {} if self.image is None else {"images": {"left": self.image, "right": self.image}}
         self.write(
             "look", cycle=self.cycle, stop=stop, purpose=purpose, scene=scene, seconds={"facets": 0.01},

@@ -2,6 +2,7 @@
 the answer to a move is waited for."""
 
 import asyncio
+import contextlib
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from daemon.arm.mover import Arrival, Mover, MoveRefusedError, NotThereError, Ou
 from daemon.arm.workcell import Reading
 from drivers import puma560
 from drivers.simcell.arm import SingularWristError, plan_joints, plan_straight
-from tests.worlds.fake_cell import HEAD_DOWN, Allowed, World, build
+from tests.worlds.fake_cell import ARM, HEAD_DOWN, Allowed, World, build
 
 START = np.radians([10.0, -120.0, 30.0, 5.0, 60.0, 20.0])
 
@@ -210,6 +211,61 @@ def test_dry_a_move_leaves_from_where_the_one_before_would_have_ended_and_no_arm
     assert [record["sent"] for kind in ("move", "hand") for record in world.said(kind)] == [False] * 3
 
 
+@pytest.mark.parametrize("straight", [False, True])
+def test_an_arm_that_gets_there_turned_over_has_not_gone_the_way_that_was_looked_along(straight):
+    """A person's FLIP at the controller counts for the next motion: of 400 low ways that were clear, 20 would have
+    struck the table so. It was told to be there."""
+    world = World(np.random.default_rng(0))
+    mover = mover_in(world)
+    honest = mover.cell.robot.move
+
+    async def flipped(world_from_tool, **how):
+        reading = await honest(world_from_tool, **how)
+        over = puma560.inverse(world_from_tool, puma560.Configuration(flip=True), ARM, reading.joints_rad)
+        return Reading(reading.world_from_tool, over)
+
+    asyncio.run(mover.go(command(NEAR, False, 50.0)))
+    mover.cell.robot.move = flipped
+    asyncio.run(mover.rest())
+    with pytest.raises(NotThereError, match="told to turn over"):
+        asyncio.run(mover.go(command(NEAR, straight, 50.0)))
+
+
+@pytest.mark.parametrize("straight", [False, True])
+def test_on_a_line_alone_a_joint_may_have_gone_once_round(straight):
+    world = World(np.random.default_rng(0))
+    mover = mover_in(world)
+    asyncio.run(mover.go(command(NEAR, straight, 50.0)))
+    honest = mover.cell.robot.move
+
+    async def once_round(world_from_tool, **how):
+        reading = await honest(world_from_tool, **how)
+        return Reading(reading.world_from_tool, reading.joints_rad + np.eye(6)[5] * 2 * np.pi)
+
+    mover.cell.robot.move = once_round
+    with contextlib.nullcontext() if straight else pytest.raises(NotThereError, match="360 degrees"):
+        asyncio.run(mover.go(command(NEAR, straight, 50.0)))
+
+
+@pytest.mark.parametrize(("closed", "told"), [(True, [True]), (False, [])])
+def test_a_hand_is_told_closed_before_it_closes_and_open_once_it_has_opened(closed, told):
+    """A start after a crash believes what was told: one that was to be opened, and was not, let the part fall."""
+    world = World(np.random.default_rng(0))
+    mover = mover_in(world)
+
+    def fail(name):
+        if name == "hand":
+            raise OSError("the cable came out")
+
+    world.before = fail
+    with pytest.raises(OSError, match="cable"):
+        asyncio.run(mover.hand(closed))
+    assert [record["closed"] for record in world.said("hand")] == told
+    world.before = lambda name: None
+    asyncio.run(mover.hand(closed))
+    assert [record["closed"] for record in world.said("hand")] == [*told, closed]
+
+
 def test_what_is_carried_is_guarded_until_the_hand_was_opened():
     world = World(np.random.default_rng(0))
     mover = mover_in(world)
@@ -288,11 +344,12 @@ def test_an_arm_that_is_exactly_where_it_was_sent_is_there_however_little_it_may
     world = World(np.random.default_rng(0))
     mover = Mover(build(world), Limits(), Arrival(within_mm=0.0, within_deg=0.0), Allowed())
 
+    here = asyncio.run(mover.rest())
+
     async def exactly(world_from_tool, **_):
-        return Reading(world_from_tool, START)
+        return Reading(world_from_tool, here.joints_rad)
 
     mover.cell.robot.move = exactly
-    asyncio.run(mover.rest())
     asyncio.run(mover.go(command(HEAD_DOWN, True, 20.0)))
     assert world.said("moved")[0]["error_mm"] == 0.0
 

@@ -9,7 +9,7 @@ import pytest
 
 from daemon import frames
 from daemon.arm import route
-from daemon.arm.body import KeepOut
+from daemon.arm.body import Capsule, KeepOut
 from daemon.arm.guard import ArmState, Command, Limits, Refusal
 from daemon.arm.mover import Arrival, Mover, MoveRefusedError, OutOfReachError
 from daemon.arm.route import planned_way
@@ -43,6 +43,43 @@ def test_a_free_way_is_gone_directly():
     (leg,) = planned(hand(560, -200, 100), hand(560, 200, 100))
     assert not leg.straight
     assert np.array_equal(leg.world_from_tool, hand(560, 200, 100))
+
+
+@pytest.mark.parametrize(("tip_mm", "low"), [(10.0, False), (60.0, True)])
+def test_a_hand_amid_what_lies_on_the_table_goes_straight_up_out_of_it_first(tip_mm, low):
+    """Stopped around a part, it went sideways through those beside it, with the part: 40 mm mostly, 320 at most. What
+    is held reaches lower than the tips."""
+    held = Capsule("part", "tool", (0.0, 0.0, 0.0), (0.0, 0.0, tip_mm), 5.0)
+    limits = replace(Limits(), capsules=(*Limits().capsules, held))
+    start, target = hand(560, -100, -220), hand(350, 250, -100)
+    legs = planned(start, target, limits=limits)
+    assert not isinstance(legs, Refusal)
+    assert legs[0].straight is low
+    if low:
+        np.testing.assert_allclose(legs[0].world_from_tool[:2], start[:2])
+        assert legs[0].world_from_tool[2, 3] == pytest.approx(-300.0 + route.OUT_MM + tip_mm + 5.0)
+    assert np.array_equal(legs[-1].world_from_tool, target)
+
+
+@pytest.mark.parametrize("start", [hand(350, 250, -100), hand(560, -100, -250)])
+def test_a_hand_that_is_sent_amid_what_lies_on_the_table_comes_straight_down_into_it(start):
+    """`go` came in sideways through the parts beside the place, low above the table: by 41 mm mostly, 158 at most."""
+    target = hand(480, 60, -280)
+    legs = planned(start, target, limits=Limits())
+    assert not isinstance(legs, Refusal)
+    *_, over, down = legs
+    assert (over.straight, down.straight) == (False, True)
+    np.testing.assert_allclose(over.world_from_tool[:2], target[:2])
+    assert over.world_from_tool[2, 3] == pytest.approx(-300.0 + route.OUT_MM + 10.0)
+    assert np.array_equal(down.world_from_tool, target)
+
+
+def test_a_hand_that_cannot_go_straight_up_goes_as_it_can(monkeypatch):
+    start, target = hand(560, -100, -270), hand(500, 0, -200)
+    assert planned(start, target, limits=Limits())[0].straight
+    monkeypatch.setattr(route, "OUT_MM", 2000.0)
+    (leg,) = planned(start, target, limits=Limits())
+    assert not leg.straight
 
 
 def test_a_way_through_a_post_is_planned_over_it_up_across_down_and_each_leg_is_clear():

@@ -356,7 +356,7 @@ def test_what_an_operator_tells_the_controller_is_held_and_confirmed_like_a_move
         while supervisor.status()["pending"] is None:
             await asyncio.sleep(0)
         assert supervisor.status()["pending"] == "CAL"
-        supervisor.mover.cell.robot.stop_seen = False  # the line was opened anew
+        supervisor.mover.cell.robot.stop_seen = 0  # the line was opened anew
         supervisor.confirm()
         with pytest.raises(RefusedError, match="not enabled"):
             await task
@@ -679,7 +679,7 @@ def test_an_enable_that_was_asked_for_before_a_stop_or_a_disable_is_void(voids):
 def test_nothing_moves_without_a_stop_that_was_seen_to_work_since_the_line_was_opened():
     world, supervisor, _ = supervised(enabled=False)
     robot = supervisor.mover.cell.robot
-    robot.stop_seen = False
+    robot.stop_seen = 0
 
     async def story() -> None:
         with pytest.raises(RefusedError, match="no stop of this arm was seen to work"):
@@ -688,7 +688,7 @@ def test_nothing_moves_without_a_stop_that_was_seen_to_work_since_the_line_was_o
         supervisor.enable()
         await supervisor.mover.rest()
         await supervisor.mover.go(Command(NEAR, False, 50.0, "a test"))
-        robot.stop_seen = False  # as after the line was opened anew
+        robot.stop_seen = 0  # as after the line was opened anew
         with pytest.raises(MoveRefusedError, match="not_enabled"):
             await supervisor.mover.go(Command(HEAD_DOWN, False, 50.0, "a test"))
         with pytest.raises(RefusedError, match="say `enable`"):
@@ -718,10 +718,10 @@ def test_a_line_that_was_opened_anew_takes_the_enable_away_and_no_stop_gives_it_
 def test_a_stop_that_is_seen_to_work_gives_no_leave_back():
     world, supervisor, _ = supervised()
     robot = supervisor.mover.cell.robot
-    robot.stop_seen = False  # the controller was switched off and on
+    robot.stop_seen = 0  # the controller was switched off and on
 
     def hook(_: str) -> None:
-        robot.stop_seen = True
+        robot.stop_seen = 2
 
     world.before = hook
     asyncio.run(supervisor.stop())
@@ -905,12 +905,12 @@ def test_a_stop_is_tried_once_while_a_line_is_open_and_one_that_is_not_taken_is_
         tried.append(True)
         raise StopRefusedError("the controller does not take the word HALT")
 
-    robot.stop_seen, robot.prove_stop = False, prove_stop
+    robot.stop_seen, robot.prove_stop = 0, prove_stop
 
     async def story() -> None:
         with pytest.raises(StopRefusedError, match="HALT"):
             await supervisor.prove_stop()
-        robot.stop_seen = True
+        robot.stop_seen = 2
         await supervisor.prove_stop()
 
     asyncio.run(story())
@@ -1085,18 +1085,20 @@ def test_who_goes_away_while_his_job_runs_is_gone_and_the_job_goes_on():
     _, supervisor, _ = supervised()
 
     async def story() -> None:
-        ended = asyncio.Event()
+        begun, goes_on, ended = asyncio.Event(), asyncio.Event(), asyncio.Event()
 
         async def work() -> None:
-            await asyncio.sleep(0.02)
+            begun.set()
+            await goes_on.wait()
             ended.set()
 
         asking = asyncio.create_task(supervisor.run("look", work(), moves=False))
-        await asyncio.sleep(0.01)
+        await begun.wait()
         asking.cancel()
         with pytest.raises(asyncio.CancelledError):
             await asking
         assert supervisor.busy
+        goes_on.set()
         await ended.wait()
 
     asyncio.run(story())

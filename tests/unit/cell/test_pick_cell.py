@@ -15,9 +15,10 @@ from daemon.arm import ARM
 from daemon.calibration.file import Quality, load_calibration
 from daemon.calibration.session import SPREAD_LIMIT_MM
 from daemon.cell.pick_cell import doubt_of, guarded, pick_cell
+from daemon.cell.sections import arm_geometry
 from daemon.config import load_config
 from daemon.pick.pose_fusion import Doubt
-from drivers.puma560 import ArmGeometry
+from drivers.puma560 import PUMA560, ArmGeometry
 from drivers.simcell.truth import load_truth
 from tests.worlds.first_day import arm_yaml
 
@@ -25,7 +26,7 @@ CONFIG = Path(__file__).resolve().parents[3] / "etc" / "facetd.yaml"
 
 
 def built(calibration: Any, alone: str | None = None) -> Any:
-    hardware: Any = SimpleNamespace(robot="robot", eyes=SimpleNamespace(alone=alone), clock=None)
+    hardware: Any = SimpleNamespace(robot=SimpleNamespace(arm=PUMA560), eyes=SimpleNamespace(alone=alone), clock=None)
     return pick_cell(load_config(CONFIG), calibration, hardware, "log")  # type: ignore[arg-type]
 
 
@@ -78,7 +79,8 @@ def test_the_guard_s_body_is_of_the_arm_that_stands_there_and_what_was_typed_sta
         (tmp_path / path.name).write_bytes(path.read_bytes())
     (tmp_path / "arm.yaml").write_text(yaml.safe_dump(arm_yaml(ArmGeometry(203.2, 0.0, -127.0, 203.2))))
     (tmp_path / "facetd.yaml").write_text("version: 1\narm: {file: arm.yaml}\n")
-    guard = guarded(load_config(tmp_path / "facetd.yaml"))
+    config = load_config(tmp_path / "facetd.yaml")
+    guard = guarded(config.values.pick.limits, arm_geometry(config))
     shoulder, usual = guard.capsules[0], ARM[0]
     assert shoulder.from_mm[0] == pytest.approx(usual.from_mm[0] * 203.2 / 431.8)
     assert shoulder.from_mm[2] == pytest.approx(-usual.from_mm[2] * 127.0 / 150.05)
@@ -87,4 +89,5 @@ def test_the_guard_s_body_is_of_the_arm_that_stands_there_and_what_was_typed_sta
     typed = ", ".join(mine % link for link in ("upper_arm", "forearm", "wrist", "tool"))
     own = f"version: 1\narm: {{file: arm.yaml}}\npick: {{limits: {{capsules: [{typed}]}}}}\n"
     (tmp_path / "facetd.yaml").write_text(own)
-    assert {capsule.name for capsule in guarded(load_config(tmp_path / "facetd.yaml")).capsules} == {"mine"}
+    limits = load_config(tmp_path / "facetd.yaml").values.pick.limits
+    assert {capsule.name for capsule in guarded(limits, arm_geometry(config)).capsules} == {"mine"}

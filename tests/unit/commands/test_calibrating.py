@@ -7,9 +7,11 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 import yaml
 
+from daemon import frames
 from daemon.calibration.hand_eye import ArmDoubt
 from daemon.commands import calibrating, every_command
 from daemon.commands.calibrating import arm_line
@@ -104,6 +106,32 @@ def test_what_may_be_in_the_hand_is_guarded_before_a_tour_sets_out(
     monkeypatch.setattr(calibrating, "view_tour", tour)
     assert say(context, f"calibrate {kind}").text == "far enough"
     assert context.cycle.told == ["guarded", "tour"]
+
+
+def test_the_last_way_down_to_the_touch_test_is_a_small_straight_one(
+    context: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It went down on the board as fast as the arm travels."""
+    context.cycle.guard_the_hand = lambda: None
+    context.cycle.settings = SimpleNamespace(settling=None)
+    context.calibration = None
+    context.config.values.pick = SimpleNamespace(
+        limits=SimpleNamespace(table_z_mm=-300.0), gripper=SimpleNamespace(tip_mm=10.0)
+    )
+
+    async def tour(*_: Any) -> Any:
+        return [None]
+
+    monkeypatch.setattr(calibrating, "view_tour", tour)
+    board_lies = np.array([500.0, 20.0, -296.0])
+    monkeypatch.setattr(calibrating, "board_in_world", lambda *_: frames.rigid(np.eye(3), board_lies))
+    answer = say(context, "calibrate touch", FakeDoor(answers=["0.3 -0.4"]))
+    assert answer.text.startswith("0.50 mm off: good")
+    assert context.cycle.told == [
+        "move to touch test, 60 mm above the corner: [500.0, 20.0, -226.0]",
+        "touch test, 2 mm above the corner",
+    ]
+    assert context.cycle.at[:3, 3].tolist() == [500.0, 20.0, -284.0]
 
 
 def test_a_tour_does_not_set_out_after_a_stop_that_came_before_it(

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
-from daemon.commands.learning import _shown
+from daemon.commands.learning import _shown, _taught
 from daemon.vision.values import Facet
 
 
@@ -35,3 +37,8 @@ def test_what_lies_elsewhere_is_something_elses_and_a_view_without_either_says_n
     told = _shown("bracket", shown, [0, 1], ([], [facet(400.0)]), 80).splitlines()
     assert told[-1] == "and 1 facet of something else beside it"
     assert _shown("bracket", shown, [0, 1], ([], []), 80).splitlines()[-1] == "side 1 2: square 40 40 40 40 mm"
+
+
+@pytest.mark.parametrize("note", [{"mesh": "cube.stl"}, {"around": {}}, {"mesh": "cube.stl", "facets": []}])
+def test_a_view_whose_note_says_nothing_of_its_facets_is_listed(note: dict[str, Any]) -> None:
+    assert "0 facets" in _taught(note)

@@ -19,12 +19,12 @@ from tests.worlds.fake_context import FakeDoor, fake_context
 def test_a_part_without_a_name_comes_with_the_cause_and_what_to_do_about_it() -> None:
     px = np.array([[300.0, 200], [300, 280], [380, 280], [380, 200]])
     facet = Facet(np.eye(4, 3), np.zeros((4, 3, 3)), px, px, np.zeros(4), 0.0, "square", 0.5)
-    why = Recognition("unknown", 0.5, 0, 0, None, False, "part of it is hidden (a square)", cause=Cause.HIDDEN)
+    why = Recognition("unknown", 0.5, 0, 0, None, False, "part of it does not show (a square)", cause=Cause.HIDDEN)
     note = f"unknown: {why.reason}"
     told = describe_scene(
         Scene((Part(why, (facet,), np.eye(4), np.eye(6), 0.1),), (), FacetView((), (), (), (), 2.0), (note,)), 80
     )
-    assert "not named: part of it is hidden; move what lies before it, or look from another side" in told
+    assert "not named: part of it does not show; look nearer or from another side, or move what lies before it" in told
     assert note not in told
 
 
@@ -39,3 +39,38 @@ def test_tables_of_views_and_parts_fit_the_terminal(tmp_path: Path, columns: int
         told = asyncio.run(console.interpret(word, FakeDoor(columns=columns))).text
         assert max(map(len, told.splitlines())) <= columns
         assert word == "parts" or "2026-11-23 04:31 UTC" in told
+
+
+@pytest.mark.parametrize(
+    ("fault", "held", "told"),
+    [
+        (None, None, ["gripper   nobody knows whether it holds a part: `holding yes` or `holding no`"]),
+        (None, True, ["gripper   holds a part: the next pick first puts it into the bin"]),
+        (None, False, []),
+        ("stopped by ann", False, []),
+        (
+            "ControllerError: *Arm power off*",
+            False,
+            ["to mend   switch arm power on at the controller, see what cut it, then `resume`"],
+        ),
+    ],
+)
+def test_status_tells_what_stands_between_the_operator_and_the_next_pick(
+    fault: str | None, held: bool | None, told: list[str], tmp_path: Path
+) -> None:
+    """A hand that might hold a part was told by the next `pick` only, and what to do about a fault by the guide."""
+    context = fake_context(tmp_path)
+    context.cycle.fault, context.cycle.held = fault, held
+    lines = asyncio.run(Console(context, every_command()).interpret("status", FakeDoor())).text.splitlines()
+    assert lines[0].startswith("cell")
+    assert lines[1 : 1 + len(told)] == told
+    assert lines[1 + len(told)].startswith("doing")
+
+
+def test_status_lists_what_the_last_pick_left_alone(tmp_path: Path) -> None:
+    """The guide had said so, and only `--json` did."""
+    context = fake_context(tmp_path)
+    left = {"label": "cube", "at": [520.4, -90.0, -275.2], "why": "no grasp holds it as it lies"}
+    context.cycle.skipped = [left]
+    told = asyncio.run(Console(context, every_command()).interpret("status", FakeDoor())).text.splitlines()
+    assert told[-1] == "left out  cube at 520, -90, -275 mm: no grasp holds it as it lies"

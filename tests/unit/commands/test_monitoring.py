@@ -15,15 +15,17 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from daemon.arm import Arrival, Limits, Supervisor
+from daemon.arm import capsule_around
 from daemon.cell.arm_on_link import ArmOnLink, moves_the_arm
 from daemon.cell.no_arm import CellError
 from daemon.commands.monitoring import SPOIL, Typist, shown
+from daemon.pick.cycle import Cycle
+from daemon.pick.settings import Settings
 from daemon.store.runs import check_wire, list_runs, read_run
 from drivers.simcell.arm import Arm
 from drivers.simcell.controller import Controller
 from drivers.val2.link import Link
-from tests.worlds.fake_cell import World, build
+from tests.worlds.fake_cell import TruthRecogniser, World, build
 from tests.worlds.fake_context import FakeDoor, FakeLog
 from tests.worlds.person import Person
 from tests.worlds.running import Running, judged_daemon
@@ -31,12 +33,11 @@ from tests.worlds.running import Running, judged_daemon
 
 def standing(fault: str | None = None, enabled: bool = True) -> Any:
     """As much of a context as a typist sees."""
-    supervisor = Supervisor(build(World(np.random.default_rng(0))), Limits(), Arrival(), lambda _: None)
+    cycle = Cycle(build(World(np.random.default_rng(0))), Settings())
     if enabled:
-        supervisor.enable()
-    supervisor.fault = fault
+        cycle.supervisor.enable()
+    cycle.supervisor.fault = fault
     robot = SimpleNamespace(asks_whether_to_move=False)
-    cycle = SimpleNamespace(supervisor=supervisor, hand_full=False)
     hardware = SimpleNamespace(clock=count().__next__, robot=robot)
     return SimpleNamespace(cycle=cycle, hardware=hardware, log=FakeLog())
 
@@ -102,6 +103,37 @@ def test_a_hand_that_was_worked_here_is_asked_about_later(line: bytes) -> None:
     assert context.cycle.hand_full is None
 
 
+def test_what_is_held_after_the_hand_was_worked_here_is_guarded_as_what_nobody_saw_grasped() -> None:
+    """A part that was known to be in it stood for whatever was put there instead, however long."""
+    context = standing()
+    known = capsule_around(np.eye(3), "a part")
+    context.cycle.supervisor.mover.carried = (known,)
+    typed(context, b"DO MOVE P1\r", b"y")
+    assert context.cycle.supervisor.mover.carried == (known,)
+    typed(context, b"DO CLOSEI\r", b"y")
+    context.cycle.recogniser = TruthRecogniser(World(np.random.default_rng(0)))
+    context.cycle.guard_the_hand()
+    assert [capsule.name for capsule in context.cycle.supervisor.mover.carried] == ["what may be in the hand"]
+
+
+@pytest.mark.parametrize("line", [b"DO FLIP", b"d lef", b"DO BEL", b"DO R"])
+def test_a_word_that_turns_the_next_way_over_is_not_sent(line: bytes) -> None:
+    """The guard had looked along another: half a turn of the wrist came with it."""
+    sent, door = typed(standing(), line + b"\r", b"y\r")
+    assert b"\r" not in sent.replace(SPOIL, b"").removesuffix(b"y\r")
+    assert "another than facetd looks along" in door.said[0]
+
+
+def test_a_yes_to_a_program_that_asks_may_work_the_hand() -> None:
+    """It was taken for what it had been before the program went on."""
+    context = standing()
+    context.hardware.robot.asks_whether_to_move = True
+    typed(context, b"N\r")
+    assert context.cycle.hand_full is False
+    typed(context, b"Y\r")
+    assert context.cycle.hand_full is None
+
+
 @pytest.mark.parametrize("keys", [[b"DO READY\r", b"n"], [b"DO READY\ry"], [b"DO READY\r", b" ", b"y"]])
 def test_a_line_that_may_move_the_arm_is_sent_after_a_yes_to_the_question_that_was_shown(keys: list[bytes]) -> None:
     sent, door = typed(standing(), *keys, apart_s=0.2 if len(keys) == 1 else 1.0)
@@ -121,7 +153,7 @@ def test_a_line_that_may_move_the_arm_is_held_like_a_move_also_after_the_yes(mea
     elif meanwhile == "fault":
         supervisor.latch("stopped by bob")
     elif meanwhile == "line opened anew":
-        supervisor.mover.cell.robot.stop_seen = False
+        supervisor.mover.cell.robot.stop_seen = 0
     typist.typed(b"y", sent.extend)
     assert (bytes(sent) == b"DO READY\r") is (meanwhile == "nothing")
     assert ("not sent" in door.said[-1]) is (meanwhile != "nothing")

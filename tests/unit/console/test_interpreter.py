@@ -36,6 +36,8 @@ def context(tmp_path: Path) -> object:
         ("   # a comment", "", 0),
         ("hlep", "hlep: no such command; did you mean help?", 2),
         ("tech cube", "tech: no such command; did you mean teach?", 2),
+        ("review latest", "review: not of this console; in the shell: `facetctl review`", 2),
+        ("facetctl status", "here without `facetctl`: the command alone", 2),
         ("flurb", "flurb: no such command; `help` lists what there is", 2),
         ("pick cub", "cub: no such taught part; did you mean cube?", 2),
         ("pick sphere", "sphere: no such taught part; known: cube", 2),

@@ -8,8 +8,9 @@ import pytest
 
 from daemon import frames
 from daemon.arm.supervisor import RefusedError
+from daemon.pick import find
 from daemon.pick.settings import Settings
-from daemon.vision.values import Polygon, Recognition, Rejected
+from daemon.vision.values import Cause, Polygon, Recognition, Rejected
 from drivers.simcell import parts
 from tests.worlds.fake_cell import World, build, cycle_of, one_part
 
@@ -61,7 +62,10 @@ def test_an_empty_table_is_told_and_the_arm_goes_home():
 
 
 @pytest.mark.parametrize("used", [True, False])
-def test_a_table_with_outlines_that_make_no_facet_is_not_called_empty(used):
+@pytest.mark.parametrize("patterned", [True, False])
+def test_a_table_with_outlines_that_make_no_facet_is_not_called_empty_unless_they_are_a_patterns(
+    monkeypatch, used, patterned
+):
     world = World(np.random.default_rng(0))
     cycle = cycle_of(world)
     see = cycle.recogniser.see
@@ -76,9 +80,10 @@ def test_a_table_with_outlines_that_make_no_facet_is_not_called_empty(used):
         return replace(scene, view=replace(scene.view, rejected=alone))
 
     cycle.recogniser.see = outlined
+    monkeypatch.setattr(find, "cause_of_nothing", lambda _: Cause.PATTERNED if patterned else None)
     end = asyncio.run(cycle.pick())
-    assert end.outcome == "unknown"
-    assert "knocked camera" in end.why
+    assert end.outcome == ("empty" if patterned else "unknown")
+    assert ("the patterned table" if patterned else "knocked camera") in end.why
 
 
 def test_an_empty_table_is_looked_at_again_at_the_interval():
@@ -144,7 +149,8 @@ def test_a_part_knocked_away_by_the_closing_hand_is_not_taken_for_picked():
     world.before = knock
     _, end = picked(world)
     assert knocked
-    assert [r["why"] for r in world.said("decision") if r["text"] == "missed"] == ["cube was knocked away"]
+    (why,) = (r["why"] for r in world.said("decision") if r["text"] == "missed")
+    assert why.startswith("cube was knocked away; the hand opens over the bin")
     assert (end.outcome, world.binned) == ("picked", ["cube"])
 
 

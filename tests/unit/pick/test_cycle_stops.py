@@ -268,6 +268,20 @@ def test_dry_does_everything_but_the_bytes():
     assert not any(r["sent"] for r in world.said("move"))
 
 
+def test_a_dry_pick_with_a_full_hand_puts_nothing_down_and_says_so():
+    """It said `placed`, and took the hand for empty: the next pick let the part fall where it opened its hand."""
+    world = one_part()
+    cycle = cycle_of(world)
+    world.held = "pyramid"
+    cycle.holding(True)
+    cycle.supervisor.dry(True)
+    end = asyncio.run(cycle.pick())
+    assert (end.outcome, cycle.status()["holding"], world.wire) == ("dry", True, [])
+    cycle.supervisor.dry(False)
+    assert asyncio.run(cycle.pick()).outcome == "placed"
+    assert world.binned == ["pyramid"]
+
+
 def test_a_second_job_is_refused_while_one_runs_and_says_which():
     world = one_part()
     cycle = cycle_of(world)
@@ -322,6 +336,22 @@ def test_a_stop_with_the_hand_around_a_part_asks_about_the_gripper():
     cycle = cycle_of(world)
     asyncio.run(during(world, cycle, "handed", 2, cycle.supervisor.stop))
     assert cycle.status()["holding"] is None
+
+
+def test_what_a_hand_holds_that_has_closed_is_not_known_until_it_was_looked_at():
+    """`status` said that it was empty, all the way up with the part in it."""
+    world = one_part()
+    cycle = cycle_of(world)
+    said = []
+
+    def note(name):
+        if name in ("handed", "moved"):
+            said.append((world.closed, cycle.state, cycle.status()["holding"]))
+
+    world.before = note
+    assert asyncio.run(cycle.pick()).outcome == "picked"
+    assert {holding for closed, state, holding in said if closed and state != "place"} == {None}
+    assert {holding for closed, _, holding in said if not closed} == {False, True}, "until it was opened"
 
 
 def test_closing_the_daemon_stops_the_arm_and_ends_its_task():

@@ -12,12 +12,13 @@ from daemon import frames
 from daemon.arm import Reading
 from daemon.calibration.file import load_calibration
 from daemon.config import load_config
-from daemon.pick.following import came_back_empty, fitted
+from daemon.pick.following import came_back_empty, fitted, in_hand
 from daemon.pick.looking import Taken
 from daemon.store import places
 from daemon.vision.geometry import StereoRig, exact
 from daemon.vision.values import Part, Recognition
 from drivers.simcell.cell import SimulatedCell
+from drivers.simcell.parts import part_shape
 from drivers.simcell.rigid import rigid, turn
 from drivers.simcell.world import Where
 from tests.worlds.solids import CUBE, measured, pose
@@ -31,20 +32,35 @@ def taken(pair: Any, rig: StereoRig) -> Taken:
     return Taken(pair, pair, Reading(np.eye(4), np.zeros(6)), 0.0, rig, np.eye(4))
 
 
-def seems_empty(seed: int, holds_cube: bool) -> bool:
-    """From over a patterned table, the hand upright; the cube's print is the seed's."""
+IN_THE_HAND = rigid(turn([0, 0, 1], np.pi / 2), [0.0, 0.0, 10.0])
+
+
+def look_back(seed: int, holds_cube: bool) -> tuple[Any, Any]:
+    """A look from over a patterned table, the hand upright, and the cell; the cube's print is the seed's."""
     believed = load_calibration(CONFIG.calibration)
     with SimulatedCell(ETC / "simcell.yaml", seed=seed, table="patterned", parts="printed") as cell:
         cell.world_from_tool = lambda real_s=None: rigid(turn([1, 0, 0], np.pi), [470.0, 0.0, 0.0])  # type: ignore[method-assign]
         if holds_cube:
             cell.world.scatter(["pyramid"], np.random.default_rng(0))
-            cell.world.put("cube", rigid(turn([0, 0, 1], np.pi / 2), [0.0, 0.0, 10.0]), Where.HAND)
+            cell.world.put("cube", IN_THE_HAND, Where.HAND)
         cell.world.gap_mm = 50.0 if holds_cube else 0.0
         cell.camera.open()
         pair = cell.camera.grab(0.0, 1.0)
-    look: Any = SimpleNamespace(taken=taken(pair, believed.rig))
     workcell = SimpleNamespace(tool_from_cyclopean=believed.tool_from_cyclopean)
-    return came_back_empty(look, workcell, CONFIG.values.pick.gripper)  # type: ignore[arg-type]
+    return SimpleNamespace(taken=taken(pair, believed.rig)), workcell
+
+
+def seems_empty(seed: int, holds_cube: bool) -> bool:
+    return came_back_empty(*look_back(seed, holds_cube), CONFIG.values.pick.gripper)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("held", [True, False])
+def test_a_part_is_seen_in_the_hand_that_holds_it_and_in_no_other(seed: int, held: bool) -> None:
+    askew = frames.perturb(IN_THE_HAND, np.array([2.0, -1.0, 1.5, *np.radians([1.5, -1.0, 2.0])]))
+    cube = part_shape("cube").hull
+    target: Any = SimpleNamespace(shape=exact(cube.vertices, cube.faces), tool_from_part=askew)
+    assert in_hand(target, *look_back(seed, held)) is held
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])

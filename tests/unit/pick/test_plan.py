@@ -1,8 +1,11 @@
 """Plans: reached all the way or told why not; the same grasp found again on a better estimate."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from daemon import frames
+from daemon.pick.grasp import in_the_way
 from daemon.pick.plan import last_stretch, plan_part, regrasp
 from daemon.pick.settings import Settings
 from drivers.simcell.parts import part_shape
@@ -33,6 +36,25 @@ def test_the_same_grasp_is_found_again_on_a_better_estimate_and_not_on_another_p
     gap = again.grasp.world_from_tool[:3, 3] - plan.grasp.world_from_tool[:3, 3]
     assert np.allclose(gap[:2], [2.0, -1.0], atol=0.5)
     assert regrasp(shape, lying("cube", 0, 0.3, 560.0), plan, Settings()) is None
+
+
+def test_a_grasp_moved_by_a_better_estimate_keeps_clear_of_what_lies_beside():
+    """The refined grasp asked for no room: a finger went down on the neighbour."""
+    rng, shape, pose, settings = np.random.default_rng(2), shape_of("cube"), lying("cube", 0), Settings()
+    corners, would_strike = part_shape("pyramid").hull.vertices, 0
+    for _ in range(60):
+        away = frames.rotation_from_vector(np.array([0.0, 0.0, rng.uniform(-np.pi, np.pi)]))[:, 0]
+        beside = frames.apply(lying("pyramid", 0, rng.uniform(0.0, 1.5)), corners) + away * rng.uniform(60.0, 85.0)
+        plan = plan_part(shape, pose, [beside], settings, TOOL_FROM_CYCLOPEAN, lambda _: True)
+        if isinstance(plan, str):
+            continue
+        nearer = frames.perturb(pose, np.array([*rng.uniform(-4.0, 4.0, 2), 0.0, 0.0, 0.0, rng.normal(0.0, 0.04)]))
+        alone = regrasp(shape, nearer, replace(plan, neighbours=()), settings)
+        again = regrasp(shape, nearer, plan, settings)
+        if alone is not None and in_the_way(alone.grasp.world_from_tool, beside, settings.gripper):
+            would_strike += 1
+        assert again is None or not in_the_way(again.grasp.world_from_tool, beside, settings.gripper)
+    assert would_strike
 
 
 def test_what_is_gone_through_without_a_look_is_what_was_checked():

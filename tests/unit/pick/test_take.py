@@ -92,6 +92,21 @@ def test_a_hand_seen_empty_is_a_miss_though_the_part_is_gone(monkeypatch, empty)
     assert event is (Event.MISSED if empty else Event.GONE)
     assert world.outcome == ("missed" if empty else "picked")
     assert fake.closed is not empty, "a hand that missed is opened"
+    if empty:
+        assert np.allclose(fake.at, context.settings.bin.pose(), atol=0.1), "over the bin, as a look may err"
+
+
+def test_a_part_that_is_seen_in_the_hand_is_not_still_where_it_lay(monkeypatch):
+    """Edges of the table's weave had passed for those of the part."""
+    fake = one_part()
+    context, world = begun(fake)
+    brought_to(State.VERIFY, context, world)
+    for denial in ("still_there", "_knocked_away", "came_back_empty"):
+        monkeypatch.setattr(take, denial, lambda *_: True)
+    monkeypatch.setattr(take, "in_hand", lambda *_: True)
+    assert step(context, world, State.VERIFY) is Event.GONE
+    assert world.outcome == "picked"
+    assert fake.closed
 
 
 def test_a_part_in_the_hand_is_guarded_as_the_hand_is_until_it_is_let_go():

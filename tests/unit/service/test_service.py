@@ -303,6 +303,13 @@ def test_a_bad_start_is_one_line_and_nothing_is_left_behind(
     assert want in told
 
 
+def test_a_state_folder_that_cannot_be_is_told_with_the_key_that_names_it(folder: Path) -> None:
+    (folder / "state").write_text("")
+    got, told = bad_start(folder, "", "--sim")
+    assert (got, told.count("\n")) == (2, 1), told
+    assert f"{folder}/state: File exists; see folders.state in {folder}/facetd.yaml" in told
+
+
 def test_a_controller_that_does_not_answer_ends_the_start_with_what_to_check(folder: Path) -> None:
     ours, theirs = pty.openpty()
     try:

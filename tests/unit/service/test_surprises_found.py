@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import pytest
 import yaml
 
-from drivers.puma560 import READY_RAD
+from drivers.puma560 import READY_RAD, ArmGeometry, configuration_of
 from drivers.simcell.controller import Mishap
 from drivers.simcell.controller.commands import Ask
 from drivers.simcell.controller.machine import Machine
 from drivers.simcell.controller.monitor import MONITOR_COMMANDS
+from tests.worlds.first_day import arm_yaml
 from tests.worlds.whole_daemon import Story
 
 pytestmark = pytest.mark.slow
@@ -138,6 +140,23 @@ def test_a_hand_word_that_left_before_the_stop_is_carried_out_by_a_controller_wh
     assert story.close() == ()
 
 
+def test_whether_a_hand_that_was_stopped_as_it_let_go_holds_its_part_still_is_asked() -> None:
+    """It was said to hold it, which lay on the floor by then; the next pick told that it had put it into the bin."""
+    story = Story(holds=True)
+    story.sockets[0].say("enable")
+    story.wait(1.0)
+    story.sockets[0].say("hand open")
+    story.wait(0.31)
+    story.sockets[1].say("stop")
+    story.wait(2.0)
+    assert not story.cell.controller.machine.hand_closed
+    story.sockets[0].say("resume")
+    story.wait(0.3)
+    assert story.sockets[0].question is not None
+    assert "Is a part in the gripper?" in story.sockets[0].question[1]
+    assert story.close() == ()
+
+
 def test_a_hand_told_to_open_before_something_else_was_typed_may_drop_what_it_holds() -> None:
     story = Story(holds=True)
     story.sockets[0].say("enable")
@@ -205,6 +224,22 @@ def test_a_reload_that_is_refused_after_it_had_disabled_the_arm_takes_nothing_ov
     assert context is not None
     guarded, read = context.cycle.settings.limits, context.config.values.pick.limits
     assert guarded.box_low_mm == read.box_low_mm == (0, -650, -300)
+    assert story.violations() == ()
+
+
+def test_a_reload_guards_no_other_arm_than_the_one_that_stands_there(story: Story) -> None:
+    """An arm.yaml of a smaller arm, for the next start: its body was guarded at once, and the larger arm moved on."""
+    context = story._service.context
+    assert context is not None
+    before = context.cycle.settings.limits.capsules
+    small = yaml.safe_dump(arm_yaml(ArmGeometry(203.2, 0.0, 127.0, 203.2)))
+    (story.folder / "arm.yaml").write_text(small)
+    with (story.folder / "facetd.yaml").open("a") as file:
+        file.write("arm: {file: arm.yaml}\n")
+    story.sockets[0].say("reload")
+    story.wait(1.0)
+    assert any("Only after a restart: arm" in text for text in story.texts)
+    assert context.cycle.settings.limits.capsules == before
     assert story.violations() == ()
 
 
@@ -302,6 +337,204 @@ def test_what_is_in_the_hand_is_not_said_to_be_gone_under_an_arm_that_carries_it
     story.wait(0.1)
     assert any("busy: bin" in text for text in story.texts)
     assert story.close() == ()
+
+
+@pytest.mark.parametrize("meanwhile", [("resume", "holding yes", "go bin"), ("holding yes",)])
+def test_an_answer_to_what_is_in_the_hand_counts_only_as_long_as_things_are_as_it_was_asked(
+    meanwhile: tuple[str, ...],
+) -> None:
+    """Somebody else had said it meanwhile, and the arm was on its way with the part: it was guarded no more."""
+    story = Story(holds=True)
+    context = story._service.context
+    assert context is not None
+    story.sockets[0].say("enable")
+    story.wait(0.5)
+    closed_by_a_word(story)
+    for text in ("stop", "resume"):
+        story.sockets[0].say(text)
+        story.wait(0.7)
+    assert story.sockets[0].question is not None
+    for text in meanwhile:
+        story.sockets[2].say(text)
+        story.wait(0.5)
+    carried = context.cycle.supervisor.mover.carried
+    story.sockets[0].answer("n")
+    story.wait(0.2)
+    assert context.cycle.status()["holding"] is True
+    assert context.cycle.supervisor.mover.carried == carried
+    assert any("meanwhile somebody else went on" in text for text in story.texts)
+    assert story.close() == ()
+
+
+def test_what_was_left_of_an_auto_and_was_given_up_meanwhile_is_not_taken_up_by_a_yes_from_before(
+    story: Story,
+) -> None:
+    for text, seconds in (("auto on 2", 0.3), ("stop", 1.0), ("resume", 0.3)):
+        story.sockets[0].say(text)
+        story.wait(seconds)
+    assert "Let the arm move and go on?" in (story.sockets[0].question or (0, ""))[1]
+    story.sockets[1].say("auto off")
+    story.wait(0.3)
+    story.sockets[0].answer("y")
+    story.wait(2.0)
+    assert story.cell.controller.machine.at_rest()
+    assert any("gave up what was left" in text for text in story.texts)
+    assert story.violations() == ()
+
+
+@pytest.mark.parametrize("told", ["at the monitor", "otherwise"])
+def test_no_arm_that_was_told_to_turn_its_wrist_over_goes_a_way_that_nobody_looked_along_and_is_told_to_be_there(
+    story: Story, told: str
+) -> None:
+    """FLIP at the controller's monitor turned joints 4 and 6 by half a turn each on the next way."""
+    story.sockets[0].say("go home")
+    story.wait(4.0)
+    machine = story.cell.controller.machine
+    before = configuration_of(machine.joints())
+    if told == "otherwise":
+        machine.wanted = replace(machine.wanted, flip=True)
+    for text in ("robot monitor DO FLIP", "go bin"):
+        story.sockets[0].say(text)
+        story.wait(0.3)
+        if story.sockets[0].question is not None:
+            story.sockets[0].answer("y")
+        story.wait(8.0)
+    turned_over = configuration_of(machine.joints()) != before
+    assert turned_over is (told == "otherwise")
+    assert ("At bin." in story.texts) is not turned_over
+    assert any("against the way that was looked along" in text for text in story.texts) is turned_over
+    assert story.violations() == ()
+
+
+def test_a_hand_amid_the_parts_goes_aside_for_no_look_of_one_eye(story: Story) -> None:
+    """Asked to look where it had been stopped, 6 mm above the table, it went 40 mm aside through them, and back."""
+    story.sockets[0].say("go survey")
+    story.wait(6.0)
+    story.sockets[0].say("eyes left")
+    story.wait(3.0)
+    for text in ["jog z -100"] * 3 + ["jog z -40"] * 6:
+        story.sockets[0].say(text)
+        story.wait(3.0)
+    story.sockets[0].say("look")
+    before = story.cell.world_from_tool()
+    story.wait(0.5)
+    assert story.cell.controller.machine.at_rest()
+    assert (story.cell.world_from_tool() == before).all()
+    assert any("`jog z` up first" in text for text in story.texts)
+    assert story.violations() == ()
+
+
+def test_an_arm_whose_controller_was_switched_off_is_enabled_by_nothing_but_enable(story: Story) -> None:
+    """`resume` said so; whoever came back from the controller's terminal, nothing typed there, had the stop seen to
+    work again, and the arm might move."""
+    story.sockets[0].say("go bin")
+    story.wait(0.5)
+    story.sockets[0].interrupt()
+    story.wait(0.02)
+    story.mishap(Mishap.POWER_CYCLED)
+    story.wait(1.2)
+    for text in ("robot power-up", "resume", "robot monitor"):
+        story.sockets[0].say(text)
+        story.wait(0.4)
+    assert any("The arm does not move until `enable`" in text for text in story.texts)
+    story.sockets[0].send({"leave": True})
+    story.wait(2.0)
+    context = story._service.context
+    assert context is not None
+    assert context.hardware.robot.stop_seen
+    assert not context.cycle.status()["enabled"]
+    assert story.violations() == ()
+
+
+def answered_at_its_own_terminal(story: Story) -> None:
+    story.sockets[0].say("robot monitor")
+    story.wait(0.5)
+    for keys in ("Y\r", "Y\r"):
+        story.sockets[0].send({"keys": keys})
+        story.wait(0.5)
+    story.sockets[0].send({"leave": True})
+
+
+def answered_by_us(story: Story) -> None:
+    for text in ("where", "robot power-up"):
+        story.sockets[0].say(text)
+        story.wait(1.0)
+
+
+@pytest.mark.parametrize("answered", [answered_at_its_own_terminal, answered_by_us])
+def test_an_arm_whose_controller_was_switched_off_as_it_stood_there_is_not_enabled_any_more(
+    story: Story, answered: Callable[[Story], None]
+) -> None:
+    """It stayed so: the stop was taken for seen to work until a stop met the questions. CAL went by no `enable`."""
+    story.mishap(Mishap.POWER_CYCLED)
+    story.repair()
+    answered(story)
+    story.wait(2.0)
+    assert story.cell.controller.question is None
+    story.sockets[0].say("robot cal")
+    story.wait(1.0)
+    if story.sockets[0].question is not None:
+        story.sockets[0].answer("y")
+    story.wait(3.0)
+    assert "the arm is not enabled: say `enable`" in story.texts
+    assert not story.cell.controller.machine.calibrated
+    assert story.violations() == ()
+
+
+def test_a_move_that_is_held_is_not_said_to_be_sent(story: Story) -> None:
+    """It was, and set out at the `resume` of somebody else."""
+    for text in ("step on", "go bin"):
+        story.sockets[2].say(text)
+        story.wait(0.5)
+    for text in ("pause", "confirm"):
+        story.sockets[0].say(text)
+        story.wait(0.5)
+    assert "Sent." not in story.texts
+    assert any("not sent yet: moves are held" in text for text in story.texts)
+    assert story.cell.controller.machine.at_rest()
+    assert story.violations() == ()
+
+
+def kill(story: Story) -> None:
+    """SIGKILL: what it would have done at its end is not done; what is in its files is."""
+    context = story._service.context
+    assert context is not None
+    context.run_log.close = lambda *_, **__: None  # type: ignore[method-assign]
+    story.terminate()
+    story.start()
+    story.wait(1.0)
+
+
+def closed_by_a_word(story: Story) -> None:
+    story.sockets[0].say("robot monitor DO CLOSEI")
+    story.wait(0.3)
+    story.sockets[0].answer("y")
+    story.wait(1.0)
+
+
+def told_to_open_on_a_line_that_was_pulled(story: Story) -> None:
+    story.sockets[0].say("hand close")
+    story.wait(1.0)
+    story.harm(story.cell.server.unplug)  # type: ignore[union-attr]
+    story.sockets[0].say("hand open")
+    story.wait(1.0)
+    story.repair()
+
+
+@pytest.mark.parametrize("closed", [closed_by_a_word, told_to_open_on_a_line_that_was_pulled])
+def test_a_hand_that_was_closed_when_the_daemon_was_killed_is_not_taken_for_empty(
+    story: Story, closed: Callable[[Story], None]
+) -> None:
+    """The next pick would have let the part fall where it opens its hand, a stand-off above the table."""
+    closed(story)
+    assert story.cell.controller.machine.hand_closed
+    kill(story)
+    story.sockets[0].say("status")
+    story.wait(0.5)
+    context = story._service.context
+    assert context is not None
+    assert context.cycle.status()["holding"] is None
+    assert story.violations() == ()
 
 
 @pytest.mark.parametrize("word", ["DISABLE", "abort"])

@@ -25,7 +25,9 @@ class Wire:
         self.answers: list[tuple[float, bytes]] = []
         """What is said to the next thing that is typed, and how long after it."""
         self.records: list[dict[str, Any]] = []
-        self.session = Session("wire", Dialect(), self.loop.time, Ledger(self.records.append), self._opened)
+        self.session = Session(
+            "wire", Dialect(), self.loop.time, Ledger(self.records.append), self._opened, lambda: None
+        )
 
     def _opened(self, path: str, dialect: Dialect, on_bytes: Any, on_lost: Any) -> Any:
         self.hear, self.lose = on_bytes, on_lost

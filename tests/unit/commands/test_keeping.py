@@ -1,0 +1,36 @@
+"""What an operator tells the controller in a word of ours."""
+
+from __future__ import annotations
+
+import asyncio
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from daemon.commands.keeping import robot
+from daemon.console.notices import Notices
+from daemon.pick.cycle import Cycle
+from daemon.pick.settings import Settings
+from tests.worlds.fake_cell import World, build
+from tests.worlds.fake_context import FakeDoor
+
+
+def test_a_yes_to_what_is_no_question_of_power_up_leaves_it_open_what_the_hand_holds() -> None:
+    """A program may go on by it, and close the hand: the next pick would open it at a stand-off."""
+    cycle, answered = Cycle(build(World(np.random.default_rng(0))), Settings()), list[str]()
+    cycle.supervisor.enable()
+
+    async def power_up(replies: list[str]) -> list[str]:
+        answered.extend(replies)
+        return ["PROGRAM COMPLETED"]
+
+    arm = SimpleNamespace(
+        question="Another part (Y/N)?", asks_whether_to_move=True, check_typable=len, power_up=power_up
+    )
+    context: Any = SimpleNamespace(cycle=cycle, hardware=SimpleNamespace(robot=arm), notices=Notices())
+
+    assert cycle.status()["holding"] is False
+    asyncio.run(robot.run(context, ["power-up", "Y"], FakeDoor()))
+    assert answered == ["Y"]
+    assert cycle.status()["holding"] is None
