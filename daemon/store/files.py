@@ -16,6 +16,9 @@ from pathlib import Path
 
 from daemon.errors import FacetdError
 
+NO_ROOM = (errno.ENOSPC, errno.EDQUOT)
+"""What a disk says that is full."""
+
 
 class OpenFile:
     """A file that is written for as long as it is open, and synced from another thread."""
@@ -223,6 +226,6 @@ def plain(error: BaseException) -> str:
     """An error for people, on one line; those of the operating system as `file: what is wrong`, and what to do where
     the disk is full."""
     if isinstance(error, OSError) and error.strerror and error.filename is not None:
-        remedy = "; free some space there" if error.errno in (errno.ENOSPC, errno.EDQUOT) else ""
+        remedy = "; free some space there" if error.errno in NO_ROOM else ""
         return f"{error.filename}: {error.strerror}{remedy}"
     return " ".join(str(error).split()) or type(error).__name__

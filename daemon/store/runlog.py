@@ -15,6 +15,7 @@ import logging
 import queue
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
 from functools import partial
@@ -27,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon.errors import spelt
-from daemon.store.files import LineFile, Syncer, write_atomically
+from daemon.store.files import NO_ROOM, LineFile, Syncer, write_atomically
 from daemon.store.outside import read_file
 from daemon.store.standing import Standing, StandingFile, after
 
@@ -42,7 +43,7 @@ KINDS: Mapping[str, str] = {
     " times_life (how much faster than life a simulated cell runs)",
     "auto": "on count every_s (what is to be picked from now on; on false: done, or given up)",
     "left": "run cycle state hand_closed label auto fault (how the daemon before ended; stands until resume)",
-    "holding": "held (what an operator saw in the gripper; null: not known)",
+    "holding": "held (what an operator saw in the gripper; null: not known, as where others may have worked it)",
     "command": "who door text",
     "state": "from event to",
     "cycle_start": "cycle target",
@@ -57,7 +58,7 @@ KINDS: Mapping[str, str] = {
     "refusal": "rule text",
     "fault": "code text while",
     "rest": "text (after an alarm that a stop was not confirmed, the arm was seen at rest)",
-    "hand": "closed",
+    "hand": "closed sent (told before the hand closes, and once it has opened)",
     "cycle_end": "cycle outcome label stops why grasp predicted",
     "touch": "off_mm distance_mm corner (the touch test: where the operator saw the finger tips)",
     "truth": "cycle error_mm error_deg held (simulation only)",
@@ -92,6 +93,8 @@ class RunLog:
         self.trouble: str | None = None
         self._troubles: dict[str, str] = {}
         """By what the disk does not take."""
+        self._refused: deque[Callable[[], None]] = deque()
+        """The pictures that there is no room for: written once the disk takes lines again."""
         self._clock, self._wall, self._patience_s, self._on_trouble = clock, wall, patience_s, on_trouble
         self._run = _Run(folder)
         self._standing, self._stands = standing, Standing(folder.name)
@@ -172,11 +175,13 @@ class RunLog:
         """Write run_end and let go of the files, within some seconds even when the disk hangs; safe to call twice."""
         if self._closed:
             return
+        shown = self._pictures.end(1.5)
+        self._lost += len(self._refused)
         self.record("run_end", why=why, **fields)
         self._closed = True
-        ended = [worker.end(1.5) for worker in (self._lines, self._pictures)]
+        told = self._lines.end(1.5)
         self._syncer.stop()
-        if all(ended):
+        if shown and told:
             self._run.close()
             if self._standing is not None:
                 self._standing.close()
@@ -204,12 +209,20 @@ class RunLog:
                 self._write_gap()
             file.append(content)
             self._tell("lines", None)
+            self._catch_up()
         except OSError as error:
             self._lost += 1
             self._tell("lines", f"{file.path.parent}: {error.strerror}")
         written.set()
         self._behind = self._behind and self._lines.waiting > 0
         self._syncer.take(file)
+
+    def _catch_up(self) -> None:
+        """The disk takes lines: perhaps it takes by now what else it refused."""
+        if self._standing is not None and "standing" in self._troubles:
+            self._write_standing(self._standing, self._stands)
+        if self._refused and not self._pictures.waiting:
+            self._pictures.do(self._refused.popleft())
 
     def _write_standing(self, file: StandingFile, standing: Standing) -> None:
         try:
@@ -235,9 +248,15 @@ class RunLog:
         try:
             _, png = cv2.imencode(".png", pixels, [cv2.IMWRITE_PNG_COMPRESSION, 1])
             write_atomically(path, png.tobytes(), synced=False)
-            self._tell("pictures", None)
+            if self._refused:
+                self._pictures.do(self._refused.popleft())
+            else:
+                self._tell("pictures", None)
         except OSError as error:
-            self._lost += 1
+            if error.errno in NO_ROOM and len(self._refused) < PICTURES_WAITING:
+                self._refused.append(partial(self._write_picture, path, pixels))
+            else:
+                self._lost += 1
             self._tell("pictures", f"{path}: {error.strerror}")
 
     def _tell(self, of: str, trouble: str | None) -> None:

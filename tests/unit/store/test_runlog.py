@@ -317,6 +317,36 @@ def test_a_picture_that_the_disk_does_not_take_is_told_with_its_file(
     assert gap["lost"] == 1
 
 
+def test_what_a_full_disk_refused_is_written_once_it_has_room_and_the_trouble_ends_with_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It stood until the next look, hours after room had been made; and the pictures were gone."""
+    standing = StandingFile(tmp_path / "standing")
+    standing.begin("run")
+    log = RunLog(tmp_path / "run", standing=standing)
+
+    def full(*_: object, **__: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with monkeypatch.context() as disk:
+        disk.setattr("daemon.store.runlog.write_atomically", full)
+        disk.setattr(standing, "write", full)
+        log.record("look", images={"left": image(), "right": image()})
+        log.record("hand", closed=True)
+        assert log.settle()
+        assert log.trouble is not None
+    log.wire({"seq": 0, "sent": "where"})
+    assert log.settle()
+    assert log.settle(), "what follows of it"
+    assert log.trouble is None
+    assert sorted(path.name for path in (log.folder / "images").iterdir()) == ["000000-left.png", "000000-right.png"]
+    log.close()
+    assert not [record for record in read_run(log.folder).records if record["kind"] == "gap"]
+    known = left_behind(tmp_path / "standing", ran_before=True)
+    assert known is not None
+    assert known.hand_closed
+
+
 def test_a_file_s_name_that_is_no_utf_8_does_not_keep_a_fault_out_of_the_log(tmp_path: Path) -> None:
     """Nor does it end the thread that writes, and with it every record after."""
     odd = os.fsdecode(b"/media/caf\xe9.yaml")
