@@ -100,7 +100,8 @@ def test_a_full_disk_still_takes_what_the_hand_did(path: Path, tmp_path: Path, m
 def test_that_it_cannot_be_kept_is_told_until_it_can(
     path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """However many lines the log takes meanwhile: the next of them said that all was well again."""
+    """However many lines the log takes meanwhile: the next of them said that all was well again. Once it can, the next
+    line has it kept, not the next change."""
     told: list[str | None] = []
     log = RunLog(tmp_path / "run", standing=StandingFile(path), on_trouble=told.append)
 
@@ -113,12 +114,15 @@ def test_that_it_cannot_be_kept_is_told_until_it_can(
         log.record("decision")
         log.settle()
         assert told == [f"{path}: Input/output error"]
+        log.record("decision")
+        log.settle()
+        assert len(told) == 1
     log.record("decision")
     log.settle()
-    assert len(told) == 1
-    log.record("hand", closed=False)
-    log.settle()
     assert told[1:] == [None]
+    left = left_behind(path, ran_before=True)
+    assert left is not None
+    assert left.hand_closed
     log.close()
 
 
