@@ -221,7 +221,7 @@ class RunLog:
         """The disk takes lines: perhaps it takes by now what else it refused."""
         if self._standing is not None and "standing" in self._troubles:
             self._write_standing(self._standing, self._stands)
-        if self._refused and not self._pictures.waiting:
+        if self._refused:
             self._pictures.do(self._refused.popleft())
 
     def _write_standing(self, file: StandingFile, standing: Standing) -> None:
