@@ -18,6 +18,8 @@ REMIND_S = 20.0
 """How long a move waits for a yes before it is told once more, where nobody is asked."""
 UNASKED_S = 0.5
 """How often it is looked whether one waits so."""
+GOES = "Agreed to: it is sent if its way is clear still."
+"""The guard is asked once more after the wait; what it refuses is told where the job was ordered."""
 
 
 async def with_questions(context: CommandContext, work: Awaitable[T], door: Door) -> T:
@@ -92,4 +94,4 @@ def decide(context: CommandContext, yes: bool) -> Answer:
         context.cycle.supervisor.refuse()
     if yes and context.cycle.status()["paused"]:
         return Answer("Agreed to, and not sent yet: moves are held; `resume` lets them go.")
-    return Answer("Sent." if yes else "Not sent; the job is given up.")
+    return Answer(GOES if yes else "Not sent; the job is given up.")

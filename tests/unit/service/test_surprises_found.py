@@ -8,6 +8,7 @@ from dataclasses import replace
 import pytest
 import yaml
 
+from daemon.commands.awaiting import GOES
 from drivers.puma560 import READY_RAD, ArmGeometry, configuration_of
 from drivers.simcell.controller import Mishap
 from drivers.simcell.controller.commands import Ask
@@ -489,7 +490,7 @@ def test_a_move_that_is_held_is_not_said_to_be_sent(story: Story) -> None:
     for text in ("pause", "confirm"):
         story.sockets[0].say(text)
         story.wait(0.5)
-    assert "Sent." not in story.texts
+    assert GOES not in story.texts
     assert any("not sent yet: moves are held" in text for text in story.texts)
     assert story.cell.controller.machine.at_rest()
     assert story.violations() == ()
