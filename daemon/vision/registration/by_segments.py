@@ -160,9 +160,16 @@ def _proven(
             continue
         taken.append(one)
         rivals = (other for other in laid if other.label != one.label and other.overlaps(one))
-        if all(by_own_edges(one.seen, other.seen) > LEAST_APART for other in rivals):
+        if all(_ahead_of(one, other) for other in rivals):
             found.append(_recognised(one, confidence, search.eyes, search.model))
     return taken, found, ()
+
+
+def _ahead_of(one: Laid, other: Laid) -> bool:
+    """Whether of two parts laid at one place it is the first: by the edges that only one of them has, and by whether it
+    lies on the table. The print of a face may be where another part would have its edges."""
+    edges = by_own_edges(one.seen, other.seen) - LEAST_APART
+    return BY_NATS * edges + ON_TABLE[one.rests] - ON_TABLE[other.rests] > 0
 
 
 def _by_odds(laid: Iterable[Laid]) -> list[Laid]:

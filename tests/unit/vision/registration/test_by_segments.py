@@ -150,6 +150,19 @@ def test_a_part_that_shows_the_same_edges_leaves_the_name_open_however_little_it
         assert [one.label for one in named_by_segments(eyes_on("cube"), model(), []).named] == names
 
 
+def test_of_two_that_show_nearly_the_same_edges_the_one_that_lies_on_the_table_is_there(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A pyramid lay there whole; the stripes printed on its base were edges of a prism, which hung beside the table."""
+    best = max(all_laid("cube"), key=lambda one: one.borne.nats if one.label == "cube" else 0.0)
+    less_of_it = replace(best, seen=(less(best.seen[0]), best.seen[1]))
+    rival = replace(best, label="pyramid", borne=best.borne._replace(nats=0.5 * best.borne.nats))
+    for lies, other_lies, names in ((True, None, ["cube"]), (True, True, []), (None, None, []), (None, True, [])):
+        laid = replace(less_of_it, rests=lies), replace(rival, rests=other_lies)
+        monkeypatch.setattr(by_segments, "_laid", lambda *_, laid=laid: iter(laid))
+        assert [one.label for one in named_by_segments(eyes_on("cube"), model(), []).named] == names
+
+
 def less(seen: Stretches) -> Stretches:
     """Without the edge for which most speaks."""
     kept = np.delete(np.arange(len(seen.surprise)), seen.nats.argmax())
