@@ -495,6 +495,33 @@ def test_a_move_that_is_held_is_not_said_to_be_sent(story: Story) -> None:
     assert story.violations() == ()
 
 
+def test_an_arm_that_its_pendant_moved_while_a_way_down_was_held_goes_aslant_to_no_place_amid_the_parts(
+    story: Story,
+) -> None:
+    """The way to a low place ends straight down, for the parts that lie there. Held before that, and moved aside, the
+    hand went aslant through them."""
+    story.sockets[0].say("go survey")
+    story.wait(6.0)
+    for text in ["jog z -100"] * 3 + ["jog z -40", "here low", "jog z 40", "jog z 100", "step on", "go low"]:
+        story.sockets[2].say(text)
+        story.wait(3.0)
+    above = story.cell.world_from_tool()
+    story.sockets[0].say("confirm")
+    story.wait(3.0)
+    machine = story.cell.controller.machine
+    aside = machine.pose()
+    aside[1, 3] += 150.0
+    machine.arm.move_joints(machine.joints_for(aside), 0.3, machine.now_s)
+    story.wait(3.0)
+    before = story.cell.world_from_tool()
+    assert before[2, 3] < above[2, 3]
+    story.sockets[0].say("confirm")
+    story.wait(3.0)
+    assert (story.cell.world_from_tool() == before).all()
+    assert any("while it was held somebody moved the arm" in text for text in story.texts)
+    assert story.violations() == ()
+
+
 def kill(story: Story) -> None:
     """SIGKILL: what it would have done at its end is not done; what is in its files is."""
     context = story._service.context
