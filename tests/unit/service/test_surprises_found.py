@@ -252,6 +252,36 @@ def test_whoever_asked_for_a_reload_is_told_once_that_it_has_disabled_the_arm(st
     assert told == [f"The configuration is taken over. {NO_LONGER}"]
 
 
+def test_of_two_reloads_the_later_one_counts(story: Story) -> None:
+    """The first one waited for the arm's stop, and then took over what it had read before the second one, whose limits
+    were said to be taken over and held no more."""
+    for door, most_mm in ((0, 400.0), (1, 300.0)):
+        story.write_config(limits={"max_step_mm": most_mm})
+        story.sockets[door].say("reload")
+        story.wait(0.01)
+    story.wait(2.0)
+    context = story._service.context
+    assert context is not None
+    assert context.cycle.settings.limits.max_step_mm == context.config.values.pick.limits.max_step_mm == 300.0
+    assert story.violations() == ()
+
+
+def test_a_yes_to_go_on_counts_only_in_the_cell_that_it_was_asked_in(story: Story) -> None:
+    """Limits and gripper were others by then, and the arm set out; an arm that was enabled had been disabled."""
+    for text in ("auto on 2", "stop", "disable", "resume"):
+        story.sockets[0].say(text)
+        story.wait(1.0)
+    assert "Let the arm move and go on?" in (story.sockets[0].question or (0, ""))[1]
+    story.write_config(limits={"max_step_mm": 300.0})
+    story.sockets[1].say("reload")
+    story.wait(0.5)
+    story.sockets[0].answer("y")
+    story.wait(2.0)
+    assert story.cell.controller.machine.at_rest()
+    assert any("say `resume` once more" in text for text in story.texts)
+    assert story.violations() == ()
+
+
 def test_a_yes_to_walk_round_a_part_is_void_where_the_arm_was_stopped_since_it_was_asked_for(story: Story) -> None:
     """`abort` leaves no fault: who had said it was told that the arm is stopped, and it set out."""
     story.sockets[0].say("teach cube --around 6")
