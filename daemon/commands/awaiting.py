@@ -92,4 +92,4 @@ def decide(context: CommandContext, yes: bool) -> Answer:
         context.cycle.supervisor.refuse()
     if yes and context.cycle.status()["paused"]:
         return Answer("Agreed to, and not sent yet: moves are held; `resume` lets them go.")
-    return Answer("Sent." if yes else "Not sent; the job is given up.")
+    return Answer("Agreed to." if yes else "Not sent; the job is given up.")

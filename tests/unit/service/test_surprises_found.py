@@ -511,6 +511,18 @@ def test_an_arm_whose_controller_was_switched_off_as_it_stood_there_is_not_enabl
     assert story.violations() == ()
 
 
+def test_a_move_that_dry_keeps_back_is_not_said_to_be_sent(story: Story) -> None:
+    for text in ("dry on", "step on", "go bin"):
+        story.sockets[2].say(text)
+        story.wait(0.5)
+    story.sockets[0].say("confirm")
+    story.wait(1.0)
+    assert "Agreed to." in story.texts
+    assert not any(text.startswith("Sent") for text in story.texts)
+    assert story.cell.controller.machine.at_rest()
+    assert story.violations() == ()
+
+
 def test_a_move_that_is_held_is_not_said_to_be_sent(story: Story) -> None:
     """It was, and set out at the `resume` of somebody else."""
     for text in ("step on", "go bin"):
@@ -519,7 +531,7 @@ def test_a_move_that_is_held_is_not_said_to_be_sent(story: Story) -> None:
     for text in ("pause", "confirm"):
         story.sockets[0].say(text)
         story.wait(0.5)
-    assert "Sent." not in story.texts
+    assert "Agreed to." not in story.texts
     assert any("not sent yet: moves are held" in text for text in story.texts)
     assert story.cell.controller.machine.at_rest()
     assert story.violations() == ()
