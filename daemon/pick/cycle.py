@@ -174,7 +174,7 @@ class Cycle:
         where that is, (4, 4) mm."""
 
         async def small_move() -> Array:
-            target = there((await self._set_out()).world_from_tool)
+            target = there((await self.set_out()).world_from_tool)
             await self.supervisor.mover.travel(target, purpose, lambda _: self.settings.near_pct, straight=True)
             return target
 
@@ -301,18 +301,18 @@ class Cycle:
             self.hand_full = False
 
     async def _travel(self, target: Array, purpose: str) -> None:
-        await self._set_out()
+        await self.set_out()
         await self.supervisor.mover.travel(target, purpose, lambda _: self.settings.travel_pct)
 
-    async def _set_out(self) -> Reading:
-        """Where the arm is at rest, from where it may go."""
+    async def set_out(self) -> Reading:
+        """Where the arm is at rest, from where a job may go: each that moves begins so."""
         self.guard_the_hand()
         return await self.supervisor.mover.rest()
 
     async def _set_out_to_look(self) -> Reading:
         """From where the arm stands. Raises RefusedError where it would go aside for the second picture of one eye,
         amid the parts."""
-        here = await self._set_out()
+        here = await self.set_out()
         if self.cell.alone is not None and self.supervisor.mover.low:
             raise RefusedError(
                 "with one eye a look moves the hand aside, and it is amid what may lie on the table: `jog z` up first"
@@ -386,7 +386,7 @@ class Cycle:
         return end
 
     async def _through(self, context: PickContext, world: WorldModel) -> None:
-        await self._set_out()
+        await self.set_out()
         if self.hand_full:
             world.outcome, world.why = Outcome.PLACED, "put down what was in the hand"
         self._enter(Event.FULL_HAND if self.hand_full else Event.BEGIN)

@@ -52,6 +52,27 @@ def test_what_the_cameras_see_in_the_hand_is_not_gone_round() -> None:
     assert story.close() == ()
 
 
+def test_a_calibration_that_is_refused_while_a_part_is_let_go_puts_no_part_back_into_the_hand() -> None:
+    """What may be in the hand was guarded before it was known whether the arm was free: the hand was open by then, and
+    every pick after it was told to be out of reach with what it did not hold."""
+    story = Story(holds=True)
+    story.write_config(hand_s=1.0)
+    for text in ("reload", "enable", "pick"):
+        story.sockets[0].say(text)
+        story.wait(0.5)
+    while story.cell.controller.machine.hand_closed:
+        story.wait(0.1)
+    story.wait(0.3)
+    story.sockets[1].say("calibrate verify")
+    story.wait(3.0)
+    context = story._service.context
+    assert context is not None
+    assert "busy: pick" in story.texts
+    assert context.cycle.hand_full is False
+    assert context.cycle.supervisor.mover.carried == ()
+    assert story.close() == ()
+
+
 def test_a_job_that_was_ended_before_it_began_leaves_nothing_behind(story: Story) -> None:
     story.sockets[0].say("hand close")
     story.sockets[1].say("stop")
