@@ -116,14 +116,12 @@ class Cycle:
     async def pick(self, label: str | None = None) -> CycleEnd:
         """Pick one part; RefusedError when it may not start."""
         self._may_pick()
-        self.skipped = []
-        return await self.supervisor.run("pick", self._one(label, stay=False))
+        return await self.supervisor.run("pick", self._only(label))
 
     async def auto(self, count: int | None = None, wait_s: float | None = None) -> list[CycleEnd]:
         """Pick until the table is empty, count is reached or auto_off(); wait_s: an empty table is looked at again at
         that interval instead of ending."""
         self._may_pick()
-        self.skipped = []
         return await self.supervisor.run("auto", self._many(PickOrder(count, wait_s)))
 
     def auto_off(self) -> None:
@@ -336,7 +334,7 @@ class Cycle:
 
     async def _many(self, pick_order: PickOrder) -> list[CycleEnd]:
         ends: deque[CycleEnd] = deque(maxlen=KEPT_ENDS)
-        self._auto = True
+        self._auto, self.skipped = True, []
         self._order(pick_order)
         try:
             while self._auto and self.pick_order is not None and not self.pick_order.done:
@@ -358,6 +356,10 @@ class Cycle:
         finally:
             self._auto = False
         return list(ends)
+
+    async def _only(self, label: str | None) -> CycleEnd:
+        self.skipped = []
+        return await self._one(label, stay=False)
 
     async def _one(self, label: str | None, stay: bool) -> CycleEnd:
         """Run the machine from idle back to idle, or to fault."""
