@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from daemon.arm import EyeName, RefusedError
 from daemon.commands.between_picks import BetweenPicks
 from daemon.commands.eyes import eyes
 from daemon.commands.looking import look
@@ -53,6 +54,33 @@ def test_resume_offers_the_eye_that_is_left_says_what_it_costs_and_looks_with_it
         assert here.log.said("eyes")[0]["alone"] == "left"
         assert "left eye alone" in here.context.troubles.standing["eyes"]
         assert not here.log.said("move")
+
+    lived(story)
+
+
+@pytest.mark.parametrize("stopped", [False, True])
+def test_nobody_looks_while_the_eyes_are_changed_and_a_stop_leaves_them_as_they_were(stopped: bool) -> None:
+    """The cameras were closed and one of them opened again for seconds: a look that began meanwhile had its one picture
+    for both eyes', and the change was refused as `busy`."""
+
+    async def story(here: Hours) -> None:
+        change = here.context.hardware.eyes.use
+
+        async def slowly(alone: EyeName | None) -> None:
+            await change(alone)
+            await asyncio.sleep(2.0)
+
+        here.context.hardware.eyes.use = slowly  # type: ignore[method-assign]
+        changing = asyncio.create_task(here.context.look_with("left", "a test"))
+        await asyncio.sleep(0.1)
+        with pytest.raises(RefusedError, match="busy: change eyes"):
+            await here.cycle.look()
+        if stopped:
+            await here.cycle.supervisor.stop()
+        await asyncio.wait([changing])
+        assert isinstance(changing.exception(), RefusedError) is stopped
+        alone = None if stopped else "left"
+        assert (here.context.hardware.eyes.alone, here.cycle.cell.alone) == (alone, alone)
 
     lived(story)
 
