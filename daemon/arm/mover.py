@@ -215,7 +215,7 @@ class Mover:
         what `go` raises.
         """
         for leg in self._way(Command(target, straight, self.limits.max_speed_pct, purpose, look_taken_s)):
-            speed = round(min(speed_pct(leg.world_from_tool), self.limits.max_speed_pct), 1)
+            speed = min(round(speed_pct(leg.world_from_tool), 1), self.limits.max_speed_pct)
             await self.go(Command(leg.world_from_tool, leg.straight, speed, purpose, look_taken_s))
 
     def check_through(self, poses: Iterable[Array]) -> None:

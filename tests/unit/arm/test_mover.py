@@ -162,6 +162,14 @@ def test_a_way_is_cut_into_steps_and_its_speed_to_the_limit():
     np.testing.assert_allclose(sent[-1]["target"], far)
 
 
+def test_a_limit_of_more_digits_than_a_speed_has_is_kept_and_refuses_nothing():
+    """33.35 % was rounded to 33.4, and each move refused as too fast."""
+    world = World(np.random.default_rng(0))
+    mover = mover_in(world, max_speed_pct=33.35)
+    asyncio.run(mover.travel(NEAR, "near", lambda _: 100.0))
+    assert [r["speed_pct"] for r in world.said("move")] == [33.35]
+
+
 @pytest.mark.parametrize("straight", [True, False])
 def test_where_the_arm_has_no_way_nothing_is_sent_and_the_place_is_told(straight):
     world = World(np.random.default_rng(0))
