@@ -317,6 +317,21 @@ def test_a_yes_to_walk_round_a_part_is_void_where_the_arm_was_stopped_since_it_w
     assert story.violations() == ()
 
 
+def test_who_let_the_arm_go_round_a_part_is_not_told_that_it_would_have_gone(story: Story) -> None:
+    """Whether `dry` was on was asked before the question, and somebody else switched it off before the yes."""
+    story.cell.place_for_teaching("cube", 0)
+    for door, text in ((1, "dry on"), (0, "teach cube --around 6"), (1, "dry off")):
+        story.sockets[door].say(text)
+        story.wait(1.0)
+    assert "May it?" in (story.sockets[0].question or (0, ""))[1]
+    story.sockets[0].answer("y")
+    before = story.cell.world_from_tool()
+    story.wait(60.0)
+    assert (story.cell.world_from_tool() != before).any()
+    assert not any("would be gone to" in text for text in story.texts)
+    assert story.violations() == ()
+
+
 @pytest.mark.parametrize("key", ["", "W"])
 def test_a_line_that_is_lost_while_a_person_has_the_controllers_terminal_is_told_and_the_arm_is_stopped(
     story: Story, key: str
