@@ -95,8 +95,8 @@ class Leave(Protocol):
 
 
 Gate = Callable[[str, Callable[[], Awaitable[object]]], Awaitable[None]]
-"""May hold back what moves, told in words. What is to be seen after a wait is seen behind the gate, and held again is what
-was to be held by then."""
+"""May hold back what moves, told in words. How things stand after a wait is seen by the gate itself, by what it is
+given, and what was to be held by then is held again."""
 
 
 async def _open_gate(_: str, __: Callable[[], Awaitable[object]]) -> None:
@@ -264,8 +264,8 @@ class Mover:
             self.carried = ()
 
     async def _held(self, text: str) -> None:
-        """Held back by the gate. Raises NotThereError where the arm stands elsewhere after it: somebody had time to move
-        it by its pendant, and its way amid what lies there was planned from where it stood."""
+        """Held back by the gate. Raises NotThereError where the arm stands elsewhere after it: somebody had time to
+        move it by its pendant, and its way amid what lies there was planned from where it stood."""
         place = self.at
 
         async def still_there() -> None:

@@ -474,8 +474,8 @@ class Supervisor:
     async def _hold(
         self, text: str, seen: Callable[[], Awaitable[object]] = _nothing_to_see, ask: bool = False
     ) -> None:
-        """Wait out a pause, also one that began while it was asked, or while it was seen how things stand after the wait;
-        ask in step mode (or where told to). text: what is to be done."""
+        """Wait out a pause, also one that began while it was asked, or while how things stand after a wait was seen; ask
+        in step mode (or where told to). text: what is to be done."""
         agreed = False
         while self.paused or ((self._step or ask) and not agreed):
             if self.paused:

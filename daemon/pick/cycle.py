@@ -14,6 +14,7 @@ from dataclasses import asdict, replace
 
 from daemon import frames
 from daemon.arm import (
+    Capsule,
     Interruption,
     NotSentError,
     OperatorRefusedError,
@@ -73,6 +74,8 @@ class Cycle:
         self.skipped: list[Skipped] = []
         self.hand_full: bool | None = False
         self.pick_order: PickOrder | None = None
+        self._ball: tuple[Capsule, ...] = ()
+        """What is guarded in the hand where nobody saw how it was grasped."""
         self._world: WorldModel | None = None
         self._cycles = 0
         self._auto = False
@@ -319,11 +322,13 @@ class Cycle:
 
     def guard_the_hand(self) -> None:
         """What may be in the hand, and nobody saw how, is guarded any way round from now on: as a ball that the longest
-        of the parts known fits in, wherever it is held."""
+        of the parts known fits in, also one that was taught since, wherever it is held."""
         mover = self.supervisor.mover
-        if self.hand_full is not False and not mover.carried and self.recogniser is not None:
-            known = [shape.corners_mm for label in self.recogniser.labels if (shape := self.recogniser.shape(label))]
-            mover.carried = (ball_of(known, "what may be in the hand"),) if known else ()
+        if self.hand_full is False or self.recogniser is None or mover.carried not in ((), self._ball):
+            return
+        known = [shape.corners_mm for label in self.recogniser.labels if (shape := self.recogniser.shape(label))]
+        balls = mover.carried + ((ball_of(known, "what may be in the hand"),) if known else ())
+        mover.carried = self._ball = tuple(sorted(balls, key=lambda ball: ball.radius_mm)[-1:])
 
     def _order(self, pick_order: PickOrder | None) -> None:
         """What auto has to bring from now on; None: it is done, or given up."""
