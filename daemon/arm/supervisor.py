@@ -222,9 +222,9 @@ class Supervisor:
     def resume(self, stops: int | None = None, pauses: int | None = None) -> None:
         """Go on after pause; clear a fault (what was going on does not go on). stops, pauses: as many as there had been
         when it was decided; a later one stands. Raises RefusedError."""
+        self.not_after(stops, "resume")
         if self.fault is not None:
             self.not_while_stopping("resume", busy=self._task is not None)
-            self.not_after(stops, "resume")
             self.fault = None
             self.mover.forget()
             self._tell(lambda: self._interrupted(Interruption.RESUME))
@@ -474,7 +474,7 @@ class Supervisor:
     async def _hold(
         self, text: str, seen: Callable[[], Awaitable[object]] = _nothing_to_see, ask: bool = False
     ) -> None:
-        """Wait out a pause, also one that began while it was asked, or while how things stand after a wait was seen; ask
+        """Wait out a pause, also one that began while it was asked, or while it was seen how things stand by then; ask
         in step mode (or where told to). text: what is to be done."""
         agreed = False
         while self.paused or ((self._step or ask) and not agreed):

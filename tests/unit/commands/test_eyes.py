@@ -211,6 +211,31 @@ def test_auto_degrade_lets_nothing_go_on_that_was_stopped_while_it_changed_eyes(
     lived(story)
 
 
+@pytest.mark.parametrize("resumed", [False, True])
+def test_auto_degrade_lets_nothing_go_on_that_was_stopped_before_it_began(resumed: bool) -> None:
+    """A stop said in the moment in which the pick ended was cleared with the camera's fault; and whoever cleared it, and
+    was told that nothing goes on by itself, had the auto go on."""
+
+    async def story(here: Hours) -> None:
+        begun: list[Any] = []
+
+        async def begin_auto(*order: Any) -> None:
+            begun.append(order)
+
+        here.context.begin_auto = begin_auto  # type: ignore[method-assign]
+        here.cycle.pick_order = PickOrder(3, None)
+        broken(here)
+        going = BetweenPicks(here.context, Service(CONFIG, simulated=True).beside).go_on_with_one_eye()
+        await here.cycle.supervisor.stop()
+        if resumed:
+            here.cycle.supervisor.resume()
+        await going
+        assert (here.cycle.supervisor.fault is None) is resumed
+        assert begun == []
+
+    lived(story)
+
+
 def test_auto_degrade_waits_for_the_first_time_that_an_operator_allowed_it() -> None:
     async def story(here: Hours) -> None:
         started: list[str] = []
