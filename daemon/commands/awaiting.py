@@ -1,4 +1,5 @@
-"""Waiting for the end of a motion: in step mode each move is shown and asked about, or told where nobody is asked."""
+"""Waiting for the end of a motion: in step mode each move is shown and asked about, or told where nobody is asked; that
+`pause` holds it is told, too."""
 
 from __future__ import annotations
 
@@ -24,7 +25,7 @@ async def with_questions(context: CommandContext, work: Awaitable[T], door: Door
     """Wait for a motion's end; in step mode show each move at this door and ask, or tell that somebody must say so."""
     task = asyncio.ensure_future(work)
     told: Any = None
-    waits = Waits()
+    waits, held = Waits(), False
     with context.notices.answered(door):
         while not task.done():
             await asyncio.wait([task], timeout=POLL_S)
@@ -32,6 +33,9 @@ async def with_questions(context: CommandContext, work: Awaitable[T], door: Door
             if state["predicted_mm"] is not None and (state["cycle"], state["stop"]) != told:
                 told = state["cycle"], state["stop"]
                 await door.say(_progress(state))
+            if state.get("state") == "paused" and not held:
+                await door.say("Held before the next move: `resume` lets it go.")
+            held = state.get("state") == "paused"
             if state["pending"] is not None and door.asks:
                 await _ask_to_send(context, str(state["pending"]), task, door)
             elif (line := waits.due(state["pending"])) is not None:
