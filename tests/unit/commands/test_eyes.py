@@ -213,8 +213,8 @@ def test_auto_degrade_lets_nothing_go_on_that_was_stopped_while_it_changed_eyes(
 
 @pytest.mark.parametrize("resumed", [False, True])
 def test_auto_degrade_lets_nothing_go_on_that_was_stopped_before_it_began(resumed: bool) -> None:
-    """A stop said in the moment in which the pick ended was cleared with the camera's fault; and whoever cleared it, and
-    was told that nothing goes on by itself, had the auto go on."""
+    """A stop said in the moment in which the pick ended was cleared with the camera's fault; and whoever cleared it,
+    told that nothing goes on by itself, had the auto go on."""
 
     async def story(here: Hours) -> None:
         begun: list[Any] = []
