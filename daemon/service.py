@@ -87,6 +87,7 @@ class Service:
         self._opening: asyncio.Task[None] | None = None
         """May be stopping an arm that was found at work: told to end meanwhile, the daemon waits for it."""
         self._started = self._ready = False
+        self._reloading = asyncio.Lock()
         self._hung_up = 0
         """How often, since the first of the hang-ups that are being answered."""
         self._tasks: set[asyncio.Task[Any]] = set()
@@ -119,9 +120,14 @@ class Service:
         """Read configuration and calibration again; a bad one is refused, all stays as it was. Raises ConfigError.
         who: the operator who asked for it, and is told by what this returns.
 
-        Whoever enabled the arm did so knowing how it stands in its cell: where that is another, it is disabled first,
-        and `enable` judges the new one.
+        One at a time: what was read first would else be taken over last, where it waits for the arm's stop.
         """
+        async with self._reloading:
+            return await self._reload(who)
+
+    async def _reload(self, who: str | None) -> str:
+        """Whoever enabled the arm, or was asked whether it may move, knew how it stands in its cell: where that is
+        another, it is disabled first, and `enable` judges the new one."""
         assert self.context is not None
         context, old = self.context, self.context.config
         disabled, answered = "", None
@@ -135,10 +141,9 @@ class Service:
             if context.cycle.status()["doing"]:
                 raise ConfigError(f"{config.path}: not taken over while busy; say `reload` when nothing is being done")
             moved = _moved((old, context.calibration), (config, calibration))
-            if not context.cycle.status()["enabled"]:
-                moved = []
             if moved:
-                disabled = f"The arm is no longer enabled: {', '.join(moved)} changed."
+                if context.cycle.supervisor.let:
+                    disabled = f"The arm is no longer enabled: {', '.join(moved)} changed."
                 await context.cycle.supervisor.disable()
             context.cycle.refit(*pick_cell(config, calibration, context.hardware, context.log))
             context.config, context.calibration = config, calibration

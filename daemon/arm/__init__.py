@@ -3,7 +3,7 @@
 Nothing here knows what a pick is; whoever wants the arm moved comes through this door.
 """
 
-from daemon.arm.body import ARM, ball_of, body_like, capsule_around
+from daemon.arm.body import ARM, Capsule, ball_of, body_like, capsule_around
 from daemon.arm.guard import Limits, Point
 from daemon.arm.mover import Arrival, Mover, MoveRefusedError, NotSentError, OutOfReachError
 from daemon.arm.route import PATH_MM
@@ -18,6 +18,7 @@ __all__ = [
     "EYES",
     "PATH_MM",
     "Arrival",
+    "Capsule",
     "EyeName",
     "Interruption",
     "Let",

@@ -61,6 +61,10 @@ class Arrival:
     slowest_deg_s: Turn = 50.0
     timeout_s: Seconds = 60.0
 
+    def missed_by(self, off_mm: float, off_deg: float) -> bool:
+        """Whether that is elsewhere."""
+        return off_mm > self.within_mm or off_deg > self.within_deg
+
     def longest_s(self, start: Reading, command: Command, joints_rad: Array | None) -> float:
         """How long this move may take; joints_rad (6,): where the joints end, if that is known."""
         way_s = self._way_s(start, command.world_from_tool, joints_rad)
@@ -90,12 +94,13 @@ class Leave(Protocol):
         """The fault that stands, or the stop that is under way."""
 
 
-Gate = Callable[[str], Awaitable[bool]]
-"""May hold back what moves, told in words; says whether it did."""
+Gate = Callable[[str, Callable[[], Awaitable[object]]], Awaitable[None]]
+"""May hold back what moves, told in words. How things stand after a wait is seen by the gate itself, by what it is
+given, and what was to be held by then is held again."""
 
 
-async def _open_gate(_: str) -> bool:
-    return False
+async def _open_gate(_: str, __: Callable[[], Awaitable[object]]) -> None:
+    return None
 
 
 class Mover:
@@ -172,8 +177,7 @@ class Mover:
     async def go(self, command: Command) -> Reading:
         """One move, to rest. Raises MoveRefusedError before, NotThereError after, or what the robot raises."""
         self.check(command)
-        if await self.gate(_in_words(command)) and not self.dry:
-            await self.rest()  # whoever had time may have moved the arm by its pendant
+        await self._held(_in_words(command))
         self.check(command)
         assert self.here is not None
         self._log_move(command)
@@ -211,7 +215,7 @@ class Mover:
         what `go` raises.
         """
         for leg in self._way(Command(target, straight, self.limits.max_speed_pct, purpose, look_taken_s)):
-            speed = round(min(speed_pct(leg.world_from_tool), self.limits.max_speed_pct), 1)
+            speed = min(round(speed_pct(leg.world_from_tool), 1), self.limits.max_speed_pct)
             await self.go(Command(leg.world_from_tool, leg.straight, speed, purpose, look_taken_s))
 
     def check_through(self, poses: Iterable[Array]) -> None:
@@ -239,20 +243,13 @@ class Mover:
         raise OutOfReachError(way.text) if way.rule == "out_of_reach" else self._refused(way)
 
     async def hand(self, closed: bool) -> None:
-        """Open or close the gripper: held back, and refused by enable and fault, as a move is. Raises NotThereError
-        where the arm was moved while it was held back.
+        """Open or close the gripper: held back, and refused by enable and fault, as a move is.
 
         Whoever reads the log after a crash must not take a hand for open that only was to be: it is told closed before
         it is, and open once it was opened.
         """
         self._check_hand()
-        place = self.at
-        if await self.gate(f"{'close' if closed else 'open'} the hand") and place is not None and not self.dry:
-            off_mm = float(np.linalg.norm((await self.rest()).world_from_tool[:3, 3] - place.world_from_tool[:3, 3]))
-            if off_mm > self.arrival.within_mm:
-                raise NotThereError(
-                    f"the hand is {off_mm:.2f} mm from where it was to be worked: somebody moved the arm"
-                )
+        await self._held(f"{'close' if closed else 'open'} the hand")
         self._check_hand()
         if self.dry:
             self._log_hand(closed)
@@ -265,6 +262,22 @@ class Mover:
         if not closed:
             self._log_hand(closed)
             self.carried = ()
+
+    async def _held(self, text: str) -> None:
+        """Held back by the gate. Raises NotThereError where the arm stands elsewhere after it: somebody had time to
+        move it by its pendant, and its way amid what lies there was planned from where it stood."""
+        place = self.at
+
+        async def still_there() -> None:
+            if self.dry:
+                return
+            now = await self.rest()
+            off = (0.0, 0.0) if place is None else _apart(now.world_from_tool, place.world_from_tool)
+            if self.arrival.missed_by(*off):
+                told = "{:.2f} mm and {:.2f} degrees".format(*off)
+                raise NotThereError(f"{text}: while it was held somebody moved the arm, by {told}")
+
+        await self.gate(text, still_there)
 
     def _check_hand(self) -> None:
         hindrance = self.leave.hindrance
@@ -292,8 +305,7 @@ class Mover:
         )
 
     def _arrived(self, command: Command, reading: Reading, seconds: float) -> None:
-        off_mm = float(np.linalg.norm(reading.world_from_tool[:3, 3] - command.world_from_tool[:3, 3]))
-        off_deg = float(np.degrees(frames.angle_between(reading.world_from_tool, command.world_from_tool)))
+        off_mm, off_deg = _apart(reading.world_from_tool, command.world_from_tool)
         self.cell.log.record(
             "moved",
             cycle=self.cycle,
@@ -303,7 +315,7 @@ class Mover:
             error_deg=off_deg,
             seconds=seconds,
         )
-        if off_mm > self.arrival.within_mm or off_deg > self.arrival.within_deg:
+        if self.arrival.missed_by(off_mm, off_deg):
             raise NotThereError(f"{command.purpose}: sent, but WHERE is {off_mm:.2f} mm and {off_deg:.2f} degrees off")
 
 
@@ -320,6 +332,11 @@ def _went_as_looked_along(command: Command, reading: Reading, joints_rad: Array)
             f"{command.purpose}: the arm is there, but with joint {joint + 1} turned by {off_deg[joint]:.0f} degrees "
             "against the way that was looked along: it was told to turn over (FLIP, LEFTY, BELOW)?"
         )
+
+
+def _apart(a: Array, b: Array) -> tuple[float, float]:
+    """mm and degrees between two poses (4, 4)."""
+    return float(np.linalg.norm(a[:3, 3] - b[:3, 3])), float(np.degrees(frames.angle_between(a, b)))
 
 
 def _in_words(command: Command) -> str:

@@ -56,6 +56,10 @@ class OperatorRefusedError(NotSentError):
     """In step mode the operator said no to a move."""
 
 
+async def _nothing_to_see() -> None:
+    return None
+
+
 @dataclass(frozen=True, eq=False)
 class _Pending:
     """What waits for a yes; by_hand: whether step mode is on or not."""
@@ -218,9 +222,9 @@ class Supervisor:
     def resume(self, stops: int | None = None, pauses: int | None = None) -> None:
         """Go on after pause; clear a fault (what was going on does not go on). stops, pauses: as many as there had been
         when it was decided; a later one stands. Raises RefusedError."""
+        self.not_after(stops, "resume")
         if self.fault is not None:
             self.not_while_stopping("resume", busy=self._task is not None)
-            self.not_after(stops, "resume")
             self.fault = None
             self.mover.forget()
             self._tell(lambda: self._interrupted(Interruption.RESUME))
@@ -299,7 +303,7 @@ class Supervisor:
         """
 
         async def held() -> T:
-            await self._hold(doing, ask)
+            await self._hold(doing, ask=ask)
             self.may_move_by_hand()
             return await work()
 
@@ -467,12 +471,13 @@ class Supervisor:
 
     # Before a move.
 
-    async def _hold(self, text: str, ask: bool = False) -> bool:
-        """Wait out a pause, also one that began while it was asked; ask in step mode (or where told to). Whether there
-        was any waiting. text: what is to be done."""
-        held = agreed = False
+    async def _hold(
+        self, text: str, seen: Callable[[], Awaitable[object]] = _nothing_to_see, ask: bool = False
+    ) -> None:
+        """Wait out a pause, also one that began while it was asked, or while it was seen how things stand by then; ask
+        in step mode (or where told to). text: what is to be done."""
+        agreed = False
         while self.paused or ((self._step or ask) and not agreed):
-            held = True
             if self.paused:
                 self._interrupted(Interruption.PAUSE)
                 await self._going.wait()
@@ -480,7 +485,7 @@ class Supervisor:
             else:
                 await self._agreed(text, ask)
                 agreed = True
-        return held
+            await seen()
 
     async def _agreed(self, text: str, by_hand: bool) -> None:
         """Wait for a yes. Raises OperatorRefusedError on a no."""

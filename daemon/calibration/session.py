@@ -62,9 +62,11 @@ class View:
 
 @dataclass(frozen=True, eq=False)
 class Session:
-    """Where calibrating is done: who has the arm, how still images must be, the board, and the calibration so far."""
+    """Where calibrating is done: who has the arm, how it sets out, how still images must be, the board, and the
+    calibration so far."""
 
     supervisor: Supervisor
+    set_out: Callable[[], Awaitable[Reading]]
     settling: Settling
     board: Board
     calibration: Calibration
@@ -86,7 +88,7 @@ async def _tour(session: Session, count: int, say: Say, speed_pct: float) -> lis
         raise RefusedError("dry: the arm goes nowhere, and what would be seen from where it stands calibrates nothing")
     if session.calibration.tool_from_cyclopean is None:
         raise SessionError("no hand_eye in calibration.yaml to begin with: a rough one, by ruler, is enough")
-    reading = await mover.rest()
+    reading = await session.set_out()
     try:
         first = await _see(session, reading, "pose 0")
     except BoardError as error:

@@ -1,4 +1,5 @@
-"""Waiting for the end of a motion: in step mode each move is shown and asked about, or told where nobody is asked."""
+"""Waiting for the end of a motion: in step mode each move is shown and asked about, or told where nobody is asked; that
+`pause` holds it is told, too."""
 
 from __future__ import annotations
 
@@ -18,15 +19,13 @@ REMIND_S = 20.0
 """How long a move waits for a yes before it is told once more, where nobody is asked."""
 UNASKED_S = 0.5
 """How often it is looked whether one waits so."""
-GOES = "Agreed to: it is sent if its way is clear still."
-"""The guard is asked once more after the wait; what it refuses is told where the job was ordered."""
 
 
 async def with_questions(context: CommandContext, work: Awaitable[T], door: Door) -> T:
     """Wait for a motion's end; in step mode show each move at this door and ask, or tell that somebody must say so."""
     task = asyncio.ensure_future(work)
     told: Any = None
-    waits = Waits()
+    waits, held = Waits(), False
     with context.notices.answered(door):
         while not task.done():
             await asyncio.wait([task], timeout=POLL_S)
@@ -34,6 +33,9 @@ async def with_questions(context: CommandContext, work: Awaitable[T], door: Door
             if state["predicted_mm"] is not None and (state["cycle"], state["stop"]) != told:
                 told = state["cycle"], state["stop"]
                 await door.say(_progress(state))
+            if state.get("state") == "paused" and not held:
+                await door.say("Held before the next move: `resume` lets it go.")
+            held = state.get("state") == "paused"
             if state["pending"] is not None and door.asks:
                 await _ask_to_send(context, str(state["pending"]), task, door)
             elif (line := waits.due(state["pending"])) is not None:
@@ -94,4 +96,4 @@ def decide(context: CommandContext, yes: bool) -> Answer:
         context.cycle.supervisor.refuse()
     if yes and context.cycle.status()["paused"]:
         return Answer("Agreed to, and not sent yet: moves are held; `resume` lets them go.")
-    return Answer(GOES if yes else "Not sent; the job is given up.")
+    return Answer("Agreed to." if yes else "Not sent; the job is given up.")

@@ -49,10 +49,14 @@ class BetweenPicks:
         if end.outcome == "fault" and allowed and context.cycle.pick_order is not None:
             self._beside(self.go_on_with_one_eye(), "one eye")
 
-    async def go_on_with_one_eye(self) -> None:
-        """After a camera's fault in an auto, which an operator allowed beforehand: what `resume` would ask."""
+    def go_on_with_one_eye(self) -> Coroutine[Any, Any, None]:
+        """After a camera's fault in an auto, which an operator allowed beforehand: what `resume` would ask. Of the
+        fault that stands now, and of none that comes before this is begun."""
+        supervisor = self._context.cycle.supervisor
+        return self._gone_on(supervisor.stops, supervisor.fault)
+
+    async def _gone_on(self, stops: int, fault: str | None) -> None:
         context, supervisor = self._context, self._context.cycle.supervisor
-        stops, fault = supervisor.stops, supervisor.fault
         while supervisor.busy:
             await asyncio.sleep(0.05)
         with contextlib.suppress(FacetdError):  # stopped meanwhile, or refused: it is left to the operator

@@ -81,7 +81,6 @@ async def calibrate(context: CommandContext, words: list[str], door: Door) -> An
         if kind == "by-hand":
             return await _eyes_alone(context, board, door)
         supervisor.not_after(stops, f"calibrate {kind}")
-        context.cycle.guard_the_hand()
         tour = view_tour(_session(context, board), POSES[kind], door.say, SPEED_PCT)
         views = await with_questions(context, tour, door)
         if kind == "verify":
@@ -112,7 +111,8 @@ def _check_eyes(context: CommandContext, kind: str) -> None:
 
 
 def _session(context: CommandContext, board: Board) -> Session:
-    return Session(context.cycle.supervisor, context.cycle.settings.settling, board, context.calibration)
+    cycle = context.cycle
+    return Session(cycle.supervisor, cycle.set_out, cycle.settings.settling, board, context.calibration)
 
 
 def _board(words: list[str]) -> Board:

@@ -36,8 +36,8 @@ AXES = {
 FRAMES = ("world", "tool")
 LONGEST = {"mm": 100.0, "degrees": 30.0}
 """More than that in one go is no small move: `go` to a place."""
-SAME_MM = 0.5
-"""An arm that is no farther from where it was has not moved."""
+SAME_MM, SAME_DEG = 0.5, 0.2
+"""An arm that is no farther from where it was, and turned by no more, has not moved."""
 JOG_USAGE = "jog x|y|z|rx|ry|rz DISTANCE [world|tool]"
 PLACES_USAGE = "places [NAME] | places drop NAME"
 NAME = re.compile(r"[a-z][a-z0-9_]{0,29}")
@@ -139,7 +139,8 @@ async def here(context: CommandContext, words: list[str], door: Door) -> Answer:
             door, f"{name} is {apart:.1f} mm from here so far. Name this place {name} instead? [y/n]"
         ):
             return Answer("Nothing is changed.", status=NOT_DONE)
-        if float(np.linalg.norm((await context.cycle.rest())[:3, 3] - pose[:3, 3])) > SAME_MM:
+        off_mm, turned = frames.size(frames.difference(await context.cycle.rest(), pose))
+        if off_mm > SAME_MM or np.degrees(turned) > SAME_DEG:
             raise CommandError(f"the arm has moved since it was asked: say `here {name}` once more")
     kept(context).keep(name, pose, door.who)
     x, y, z = pose[:3, 3]

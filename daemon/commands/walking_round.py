@@ -35,7 +35,6 @@ def places_asked(words: list[str]) -> int:
 
 async def learnt(context: CommandContext, label: str, count: int, door: Door) -> WalkedRound | None:
     """Ask, walk, fuse and tell; None where the operator would not. Raises CommandError."""
-    dry = bool(context.cycle.status().get("dry"))
     seconds = count * SECONDS_A_PLACE * (1.0 if context.hardware.eyes.alone is None else 2.0)
     supervisor, stops = context.cycle.supervisor, context.cycle.supervisor.stops
     told = f"The arm goes to {count} places round the {label}, some 300 mm from it: about {seconds:.0f} s"
@@ -48,7 +47,7 @@ async def learnt(context: CommandContext, label: str, count: int, door: Door) ->
         thing, looks = await with_questions(context, context.cycle.walk_round(sight, count, door.say), door)
     except NoThingError as error:
         raise CommandError(f"teach {label}: {error}", NOT_DONE) from None
-    if dry:
+    if context.cycle.status().get("dry"):
         raise RefusedError(f"dry: {plural(count, 'place')} would be gone to, and nothing is learnt")
     found = await asyncio.to_thread(_fused, context, thing, looks)
     try:

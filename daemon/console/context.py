@@ -68,10 +68,12 @@ class CommandContext:
         return table_at(self.config.values.pick.limits.table_z_mm, seen.world_from_cyclopean)
 
     async def look_with(self, alone: EyeName | None, why: str) -> None:
-        """Look with one eye from now on, or with both (None); only while nothing is being done. Raises CameraError."""
+        """Look with one eye from now on, or with both (None); only while nothing is being done, and nobody looks
+        meanwhile. Raises CameraError, RefusedError."""
         before, eyes = self.hardware.eyes.alone, self.hardware.eyes
-        await eyes.use(alone)
+        self.cycle.supervisor.between_jobs("eyes are changed")  # a change that is under way is not undone
         try:
+            await self.cycle.supervisor.run("change eyes", eyes.use(alone), moves=False)
             self.cycle.refit(*pick_cell(self.config, self.calibration, self.hardware, self.log))
         except FacetdError:
             await eyes.use(before)

@@ -14,6 +14,7 @@ from dataclasses import asdict, replace
 
 from daemon import frames
 from daemon.arm import (
+    Capsule,
     Interruption,
     NotSentError,
     OperatorRefusedError,
@@ -73,6 +74,8 @@ class Cycle:
         self.skipped: list[Skipped] = []
         self.hand_full: bool | None = False
         self.pick_order: PickOrder | None = None
+        self._ball: tuple[Capsule, ...] = ()
+        """What is guarded in the hand where nobody saw how it was grasped."""
         self._world: WorldModel | None = None
         self._cycles = 0
         self._auto = False
@@ -116,14 +119,12 @@ class Cycle:
     async def pick(self, label: str | None = None) -> CycleEnd:
         """Pick one part; RefusedError when it may not start."""
         self._may_pick()
-        self.skipped = []
-        return await self.supervisor.run("pick", self._one(label, stay=False))
+        return await self.supervisor.run("pick", self._only(label))
 
     async def auto(self, count: int | None = None, wait_s: float | None = None) -> list[CycleEnd]:
         """Pick until the table is empty, count is reached or auto_off(); wait_s: an empty table is looked at again at
         that interval instead of ending."""
         self._may_pick()
-        self.skipped = []
         return await self.supervisor.run("auto", self._many(PickOrder(count, wait_s)))
 
     def auto_off(self) -> None:
@@ -174,7 +175,7 @@ class Cycle:
         where that is, (4, 4) mm."""
 
         async def small_move() -> Array:
-            target = there((await self._set_out()).world_from_tool)
+            target = there((await self.set_out()).world_from_tool)
             await self.supervisor.mover.travel(target, purpose, lambda _: self.settings.near_pct, straight=True)
             return target
 
@@ -301,18 +302,18 @@ class Cycle:
             self.hand_full = False
 
     async def _travel(self, target: Array, purpose: str) -> None:
-        await self._set_out()
+        await self.set_out()
         await self.supervisor.mover.travel(target, purpose, lambda _: self.settings.travel_pct)
 
-    async def _set_out(self) -> Reading:
-        """Where the arm is at rest, from where it may go."""
+    async def set_out(self) -> Reading:
+        """Where the arm is at rest, from where a job may go: each that moves begins so."""
         self.guard_the_hand()
         return await self.supervisor.mover.rest()
 
     async def _set_out_to_look(self) -> Reading:
         """From where the arm stands. Raises RefusedError where it would go aside for the second picture of one eye,
         amid the parts."""
-        here = await self._set_out()
+        here = await self.set_out()
         if self.cell.alone is not None and self.supervisor.mover.low:
             raise RefusedError(
                 "with one eye a look moves the hand aside, and it is amid what may lie on the table: `jog z` up first"
@@ -321,11 +322,13 @@ class Cycle:
 
     def guard_the_hand(self) -> None:
         """What may be in the hand, and nobody saw how, is guarded any way round from now on: as a ball that the longest
-        of the parts known fits in, wherever it is held."""
+        of the parts known fits in, also one that was taught since, wherever it is held."""
         mover = self.supervisor.mover
-        if self.hand_full is not False and not mover.carried and self.recogniser is not None:
-            known = [shape.corners_mm for label in self.recogniser.labels if (shape := self.recogniser.shape(label))]
-            mover.carried = (ball_of(known, "what may be in the hand"),) if known else ()
+        if self.hand_full is False or self.recogniser is None or mover.carried not in ((), self._ball):
+            return
+        known = [shape.corners_mm for label in self.recogniser.labels if (shape := self.recogniser.shape(label))]
+        balls = mover.carried + ((ball_of(known, "what may be in the hand"),) if known else ())
+        mover.carried = self._ball = tuple(sorted(balls, key=lambda ball: ball.radius_mm)[-1:])
 
     def _order(self, pick_order: PickOrder | None) -> None:
         """What auto has to bring from now on; None: it is done, or given up."""
@@ -336,7 +339,7 @@ class Cycle:
 
     async def _many(self, pick_order: PickOrder) -> list[CycleEnd]:
         ends: deque[CycleEnd] = deque(maxlen=KEPT_ENDS)
-        self._auto = True
+        self._auto, self.skipped = True, []
         self._order(pick_order)
         try:
             while self._auto and self.pick_order is not None and not self.pick_order.done:
@@ -358,6 +361,10 @@ class Cycle:
         finally:
             self._auto = False
         return list(ends)
+
+    async def _only(self, label: str | None) -> CycleEnd:
+        self.skipped = []
+        return await self._one(label, stay=False)
 
     async def _one(self, label: str | None, stay: bool) -> CycleEnd:
         """Run the machine from idle back to idle, or to fault."""
@@ -386,7 +393,7 @@ class Cycle:
         return end
 
     async def _through(self, context: PickContext, world: WorldModel) -> None:
-        await self._set_out()
+        await self.set_out()
         if self.hand_full:
             world.outcome, world.why = Outcome.PLACED, "put down what was in the hand"
         self._enter(Event.FULL_HAND if self.hand_full else Event.BEGIN)

@@ -84,7 +84,7 @@ async def calibrated(seed: int) -> Calibrated:
         await cycle.go("survey")
         assert hardware.hand is not None
         hardware.hand.show_board(9, 6, 16.0, False)
-        session = Session(cycle.supervisor, config.values.pick.settling, BOARD, start)
+        session = Session(cycle.supervisor, cycle.set_out, config.values.pick.settling, BOARD, start)
         views = await view_tour(session, 28, silence, 100.0)
         found, stereo = await asyncio.to_thread(solve_stereo, views, BOARD, start)
         found, hand_eye = await asyncio.to_thread(solve_hand_eye, views, BOARD, found)

@@ -27,7 +27,7 @@ async def silence(_: str) -> None:
 
 
 def session(here, believed):
-    return Session(here.cycle.supervisor, here.cycle.settings.settling, BOARD, believed)
+    return Session(here.cycle.supervisor, here.cycle.set_out, here.cycle.settings.settling, BOARD, believed)
 
 
 def test_a_board_passes_the_true_calibration_and_fails_it_once_an_eye_was_knocked():

@@ -91,7 +91,7 @@ def age(mover: Mover, world: World) -> None:
 def test_what_came_while_a_move_was_held_back_closes_the_gate(meanwhile, rule):
     world = World(np.random.default_rng(0))
 
-    async def held(_: str) -> None:
+    async def held(*_) -> None:
         meanwhile(mover, world)
 
     mover = mover_in(world, held)
@@ -106,7 +106,7 @@ def test_what_came_while_a_move_was_held_back_closes_the_gate(meanwhile, rule):
 def test_a_move_that_is_refused_before_is_not_held_back_first():
     world, asked = World(np.random.default_rng(0)), []
 
-    async def gate(told: str) -> None:
+    async def gate(told: str, _) -> None:
         asked.append(told)
 
     mover = mover_in(world, gate)
@@ -162,6 +162,14 @@ def test_a_way_is_cut_into_steps_and_its_speed_to_the_limit():
     np.testing.assert_allclose(sent[-1]["target"], far)
 
 
+def test_a_limit_of_more_digits_than_a_speed_has_is_kept_and_refuses_nothing():
+    """33.35 % was rounded to 33.4, and each move refused as too fast."""
+    world = World(np.random.default_rng(0))
+    mover = mover_in(world, max_speed_pct=33.35)
+    asyncio.run(mover.travel(NEAR, "near", lambda _: 100.0))
+    assert [r["speed_pct"] for r in world.said("move")] == [33.35]
+
+
 @pytest.mark.parametrize("straight", [True, False])
 def test_where_the_arm_has_no_way_nothing_is_sent_and_the_place_is_told(straight):
     world = World(np.random.default_rng(0))
@@ -176,15 +184,19 @@ def test_where_the_arm_has_no_way_nothing_is_sent_and_the_place_is_told(straight
     assert not mover.allows(frames.perturb(NEAR, np.array([0, 0, -400.0, 0, 0, 0]))), "below the table"
 
 
-def test_who_held_a_move_back_may_have_moved_the_arm_and_so_its_place_is_asked_for_again():
+@pytest.mark.parametrize("turned", [False, True])
+def test_who_held_a_move_back_may_have_moved_the_arm_and_then_it_is_not_sent(turned):
+    """Its way was planned from where the arm stood: straight up out of what lies there first, straight down into it
+    last."""
     world = World(np.random.default_rng(0))
+    by = np.array([0, 0, 0, 0, 0, 0.1]) if turned else np.array([-30.0, 0, 0, 0, 0, 0])
 
-    async def gate(_: Command) -> bool:
-        world.at = frames.perturb(HEAD_DOWN, np.array([-30.0, 0, 0, 0, 0, 0]))
-        return True
+    async def gate(_, seen) -> None:
+        world.at = frames.perturb(HEAD_DOWN, by)
+        await seen()
 
-    mover = mover_in(world, gate, max_step_mm=40.0)
-    with pytest.raises(MoveRefusedError, match="step_too_long"):
+    mover = mover_in(world, gate)
+    with pytest.raises(NotThereError, match="while it was held somebody moved the arm"):
         asyncio.run(mover.go(command(NEAR, False, 50.0)))
     assert not world.wire
 
@@ -192,8 +204,8 @@ def test_who_held_a_move_back_may_have_moved_the_arm_and_so_its_place_is_asked_f
 def test_dry_a_move_leaves_from_where_the_one_before_would_have_ended_and_no_arm_is_asked():
     world, asked = World(np.random.default_rng(0)), []
 
-    async def gate(_: Command) -> bool:
-        return True
+    async def gate(_, seen) -> None:
+        await seen()
 
     mover = mover_in(world, gate, max_step_mm=40.0)
     world.before = asked.append
@@ -310,7 +322,7 @@ def test_the_hand_is_not_driven_while_nothing_may_move(meanwhile, rule):
 def test_what_came_while_the_hand_was_held_back_keeps_it_as_it_is(meanwhile, rule):
     world = World(np.random.default_rng(0))
 
-    async def held(told: str) -> None:
+    async def held(told: str, _) -> None:
         assert told == "open the hand"
         meanwhile(mover, world)
 
@@ -326,14 +338,14 @@ def test_a_hand_that_was_held_back_is_worked_only_where_it_was_to_be(off_mm):
     """Over the bin, for one: whoever had time may have moved the arm by its pendant."""
     world = World(np.random.default_rng(0))
 
-    async def held(_: str) -> bool:
+    async def held(_, seen) -> None:
         world.at[0, 3] += off_mm
-        return True
+        await seen()
 
     mover = mover_in(world, held)
     asyncio.run(mover.rest())
     if off_mm:
-        with pytest.raises(NotThereError, match="mm from where it was to be worked"):
+        with pytest.raises(NotThereError, match="while it was held somebody moved the arm"):
             asyncio.run(mover.hand(closed=False))
     else:
         asyncio.run(mover.hand(closed=False))

@@ -194,7 +194,7 @@ def test_one_move_through_a_post_is_not_sent_even_when_it_was_not_planned(straig
 def test_the_whole_way_is_asked_about_again_after_the_gate_and_from_where_the_arm_is_then():
     mover, robot = mover_at(hand(560, 100, -180))
 
-    async def moved_meanwhile(_):
+    async def moved_meanwhile(*_):
         mover.at = reading(LEFT)
 
     mover.gate = moved_meanwhile

@@ -8,7 +8,7 @@ import pytest
 
 from daemon import frames
 from daemon.arm.guard import Command, Limits
-from daemon.arm.mover import Arrival, MoveRefusedError
+from daemon.arm.mover import Arrival, MoveRefusedError, NotThereError
 from daemon.arm.supervisor import ABORT_S, Interruption, Let, OperatorRefusedError, RefusedError, Supervisor
 from daemon.arm.workcell import StopRefusedError
 from tests.worlds.fake_cell import HEAD_DOWN, World, build
@@ -398,8 +398,9 @@ def test_after_a_stop_and_after_words_of_others_nobody_knows_where_the_arm_is_an
 
 
 @pytest.mark.parametrize("way", ["pause", "step"])
-def test_a_move_that_was_held_starts_from_where_the_arm_is_by_then(way):
-    """While it waits, somebody drives the arm elsewhere by its pendant: what was one step is now farther than one."""
+def test_a_move_that_was_held_is_given_up_where_the_arm_was_moved_meanwhile(way):
+    """While it waits, somebody drives the arm elsewhere by its pendant: what was one step is now farther than one, and
+    what was straight down is now aslant."""
     world, supervisor, heard = supervised()
     mover = supervisor.mover
 
@@ -415,12 +416,35 @@ def test_a_move_that_was_held_starts_from_where_the_arm_is_by_then(way):
         supervisor.resume()
         if way == "step":
             supervisor.confirm()
-        with pytest.raises(MoveRefusedError):
+        with pytest.raises(NotThereError, match="somebody moved the arm"):
             await task
 
     asyncio.run(story())
-    assert world.wire == []
-    np.testing.assert_array_equal(mover.at.world_from_tool, world.at)
+    assert [name for name, _ in world.wire] == ["abort"]
+
+
+@pytest.mark.parametrize("work", ["move", "hand"])
+def test_a_pause_said_while_it_is_asked_where_the_arm_is_after_a_wait_holds_what_waited(work):
+    """It was told to hold, and the move was sent half a second later: WHERE takes its time on the line."""
+    world, supervisor, _ = supervised()
+    mover = supervisor.mover
+
+    async def story() -> None:
+        await mover.rest()
+        supervisor.pause()
+        what = mover.go(Command(NEAR, False, 50.0, "a test")) if work == "move" else mover.hand(closed=True)
+        task = asyncio.create_task(supervisor.run("go", what))
+        await asyncio.sleep(0.01)
+        world.before = lambda name: supervisor.pause() if name == "where" else None
+        supervisor.resume()
+        await asyncio.sleep(0.05)
+        assert world.wire == []
+        world.before = lambda _: None
+        supervisor.resume()
+        await task
+
+    asyncio.run(story())
+    assert [name for name, _ in world.wire] == [work]
 
 
 def test_in_a_dry_run_a_move_that_was_held_goes_on_from_where_the_arm_would_be():

@@ -54,7 +54,11 @@ def test_a_tour_that_begins_on_a_moving_arm_takes_no_view() -> None:
         raise OSError("not at rest within 5 s")
 
     supervisor.mover.cell.robot.rest = moving  # type: ignore[assignment]
-    session: Any = SimpleNamespace(supervisor=supervisor, calibration=SimpleNamespace(tool_from_cyclopean=np.eye(4)))
+    session: Any = SimpleNamespace(
+        supervisor=supervisor,
+        set_out=supervisor.mover.rest,
+        calibration=SimpleNamespace(tool_from_cyclopean=np.eye(4)),
+    )
     with pytest.raises(OSError, match="not at rest"):
         asyncio.run(view_tour(session, 0, AsyncMock(), 60.0))
     assert not world.said("look")

@@ -13,6 +13,7 @@ import yaml
 
 from daemon import frames
 from daemon.calibration.hand_eye import ArmDoubt
+from daemon.calibration.session import Session
 from daemon.commands import calibrating, every_command
 from daemon.commands.calibrating import arm_line
 from daemon.console.interpreter import Answer, CommandError, Console
@@ -96,23 +97,26 @@ def test_what_may_be_in_the_hand_is_guarded_before_a_tour_sets_out(
     context: Any, monkeypatch: pytest.MonkeyPatch, kind: str
 ) -> None:
     """After a restart with a part in the hand the tour's ways were looked along without it."""
-    context.cycle.guard_the_hand = lambda: context.cycle.told.append("guarded")
     context.cycle.settings = SimpleNamespace(settling=None)
 
-    async def tour(*_: Any) -> Any:
-        context.cycle.told.append("tour")
+    async def set_out() -> None:
+        context.cycle.told.append("set out")
+
+    async def tour(session: Session, *_: Any) -> Any:
+        await session.set_out()
         raise CommandError("far enough")
 
+    context.cycle.set_out = set_out
     monkeypatch.setattr(calibrating, "view_tour", tour)
     assert say(context, f"calibrate {kind}").text == "far enough"
-    assert context.cycle.told == ["guarded", "tour"]
+    assert context.cycle.told == ["set out"]
 
 
 def test_the_last_way_down_to_the_touch_test_is_a_small_straight_one(
     context: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It went down on the board as fast as the arm travels."""
-    context.cycle.guard_the_hand = lambda: None
+    context.cycle.set_out = None
     context.cycle.settings = SimpleNamespace(settling=None)
     context.calibration = None
     context.config.values.pick = SimpleNamespace(

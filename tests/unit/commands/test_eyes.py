@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from daemon.arm import EyeName, RefusedError
 from daemon.commands.between_picks import BetweenPicks
 from daemon.commands.eyes import eyes
 from daemon.commands.looking import look
@@ -53,6 +54,35 @@ def test_resume_offers_the_eye_that_is_left_says_what_it_costs_and_looks_with_it
         assert here.log.said("eyes")[0]["alone"] == "left"
         assert "left eye alone" in here.context.troubles.standing["eyes"]
         assert not here.log.said("move")
+
+    lived(story)
+
+
+@pytest.mark.parametrize("stopped", [False, True])
+def test_nobody_looks_while_the_eyes_are_changed_and_a_stop_leaves_them_as_they_were(stopped: bool) -> None:
+    """The cameras were closed and one of them opened again for seconds: a look that began meanwhile had its one picture
+    for both eyes', and the change was refused as `busy`."""
+
+    async def story(here: Hours) -> None:
+        change = here.context.hardware.eyes.use
+
+        async def slowly(alone: EyeName | None) -> None:
+            await change(alone)
+            await asyncio.sleep(2.0)
+
+        here.context.hardware.eyes.use = slowly  # type: ignore[method-assign]
+        changing = asyncio.create_task(here.context.look_with("left", "a test"))
+        await asyncio.sleep(0.1)
+        with pytest.raises(RefusedError, match="busy: change eyes"):
+            await here.cycle.look()
+        with pytest.raises(RefusedError, match="busy: change eyes; eyes are changed in between"):
+            await here.context.look_with(None, "somebody else")
+        if stopped:
+            await here.cycle.supervisor.stop()
+        await asyncio.wait([changing])
+        assert isinstance(changing.exception(), RefusedError) is stopped
+        alone = None if stopped else "left"
+        assert (here.context.hardware.eyes.alone, here.cycle.cell.alone) == (alone, alone)
 
     lived(story)
 
@@ -178,6 +208,31 @@ def test_auto_degrade_lets_nothing_go_on_that_was_stopped_while_it_changed_eyes(
         broken(here)
         await BetweenPicks(here.context, Service(CONFIG, simulated=True).beside).go_on_with_one_eye()
         assert here.cycle.supervisor.fault is not None
+        assert begun == []
+
+    lived(story)
+
+
+@pytest.mark.parametrize("resumed", [False, True])
+def test_auto_degrade_lets_nothing_go_on_that_was_stopped_before_it_began(resumed: bool) -> None:
+    """A stop said in the moment in which the pick ended was cleared with the camera's fault; and whoever cleared it,
+    told that nothing goes on by itself, had the auto go on."""
+
+    async def story(here: Hours) -> None:
+        begun: list[Any] = []
+
+        async def begin_auto(*order: Any) -> None:
+            begun.append(order)
+
+        here.context.begin_auto = begin_auto  # type: ignore[method-assign]
+        here.cycle.pick_order = PickOrder(3, None)
+        broken(here)
+        going = BetweenPicks(here.context, Service(CONFIG, simulated=True).beside).go_on_with_one_eye()
+        await here.cycle.supervisor.stop()
+        if resumed:
+            here.cycle.supervisor.resume()
+        await going
+        assert (here.cycle.supervisor.fault is None) is resumed
         assert begun == []
 
     lived(story)

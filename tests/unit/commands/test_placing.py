@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from daemon import frames
 from daemon.commands import every_command
 from daemon.console.interpreter import Answer, Console
 from tests.worlds.fake_context import FakeDoor, fake_context
@@ -115,8 +116,10 @@ def test_a_name_that_has_become_the_configurations_as_well_is_gone_to_under_neit
     assert say(context, "go survey2").status == 0
 
 
-def test_a_place_is_not_named_where_the_arm_no_longer_is_once_it_was_asked(context: Any) -> None:
-    """Somebody sent the arm off while the question stood; `go bin2` came back to where it had been before."""
+@pytest.mark.parametrize("by", [[-100.0, 0, 0, 0, 0, 0], [0, 0, 0, 0, 0, 0.5]])
+def test_a_place_is_not_named_where_the_arm_no_longer_is_once_it_was_asked(context: Any, by: list[float]) -> None:
+    """Somebody sent the arm off while the question stood, or turned the hand; `go bin2` came back to where it had been
+    before."""
     context.cycle.at[:3, 3] = [400.0, 0.0, 50.0]
     say(context, "here bin2")
     context.cycle.at = context.cycle.at.copy()
@@ -124,8 +127,7 @@ def test_a_place_is_not_named_where_the_arm_no_longer_is_once_it_was_asked(conte
 
     class Meanwhile(FakeDoor):
         async def ask(self, question: str) -> str:
-            context.cycle.at = context.cycle.at.copy()
-            context.cycle.at[0, 3] = 300.0
+            context.cycle.at = frames.perturb(context.cycle.at, np.array(by))
             return await super().ask(question)
 
     told = say(context, "here bin2", Meanwhile(answers=["y"]))

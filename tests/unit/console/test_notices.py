@@ -175,6 +175,21 @@ def test_a_question_is_taken_back_where_somebody_else_decides() -> None:
     assert door.asked == ["home: joints. Send it? [y/n]"]
 
 
+def test_who_waits_for_a_move_that_somebody_else_holds_is_told_so_each_time() -> None:
+    """Nothing was said: whoever went to the arm to see why stood there when it was let go."""
+    state: dict[str, Any] = {"state": "idle", "pending": None, "predicted_mm": None}
+    context: Any = SimpleNamespace(cycle=SimpleNamespace(status=lambda: dict(state)), notices=Notices())
+    door = Door()
+
+    async def move() -> None:
+        for held in ("idle", "paused", "idle", "paused"):
+            state["state"] = held
+            await asyncio.sleep(2.5 * awaiting.POLL_S)
+
+    asyncio.run(with_questions(context, move(), door))  # type: ignore[arg-type]
+    assert door.said == ["Held before the next move: `resume` lets it go."] * 2
+
+
 def test_a_door_that_fails_keeps_no_other_from_hearing() -> None:
     class Broken:
         def notice(self, text: str) -> None:

@@ -137,6 +137,29 @@ def test_a_part_missed_too_often_is_given_up_with_the_hand_open():
     assert world.lying
 
 
+def test_a_pick_that_is_refused_lets_no_auto_try_again_what_it_had_left_alone():
+    """Whoever asked was told `busy`, and the arm went back for the part that had slipped out of the hand too often."""
+    world = one_part("cube")
+    world.put("pyramid", 400, 90, 1.0)
+    world.slippery = 2
+    cycle, asked = cycle_of(world), []
+
+    def ask(name: str) -> None:
+        if name == "moving" and cycle.skipped:
+            asked.append(asyncio.get_running_loop().create_task(cycle.pick()))
+
+    async def story():
+        world.before = ask
+        ends = await cycle.auto()
+        return ends, await asyncio.gather(*asked, return_exceptions=True)
+
+    ends, answers = asyncio.run(story())
+    assert any("busy: auto" in str(answer) for answer in answers)
+    assert [s.label for s in ends[0].skipped] == ["cube"]
+    assert world.binned == ["pyramid"]
+    assert "cube" in world.lying
+
+
 def test_a_part_knocked_away_by_the_closing_hand_is_not_taken_for_picked():
     world = one_part()
     knocked = []

@@ -8,7 +8,8 @@ import pytest
 from daemon.arm import capsule_around
 from daemon.pick import take
 from daemon.pick.transitions import Event, State
-from tests.worlds.fake_cell import cycle_of, one_part
+from drivers.simcell import parts
+from tests.worlds.fake_cell import TruthRecogniser, World, cycle_of, one_part, shape_of
 from tests.worlds.pick_steps import begun, brought_to, step
 
 
@@ -142,6 +143,19 @@ def test_a_part_that_may_be_in_the_hand_and_nobody_saw_how_is_guarded_any_way_ro
     asyncio.run(cycle.go("home"))
     assert mover.carried == ()
     assert mover.allows(low)
+
+
+def test_what_was_taught_since_may_be_in_the_hand_as_well():
+    """The ball was made once, of what was known by then: a longer part hung out of it, though it had a name by now."""
+    cycle = cycle_of(one_part())
+    by_length = sorted(parts.TAUGHT, key=lambda label: np.linalg.norm(np.ptp(shape_of(label).corners_mm, axis=0)))
+    cycle.hand_full, radii = None, []
+    for labels in (by_length[:1], by_length, by_length[:1]):
+        cycle.use(TruthRecogniser(World(np.random.default_rng(0)), tuple(labels)))
+        asyncio.run(cycle.go("home"))
+        (carried,) = cycle.supervisor.mover.carried
+        radii.append(carried.radius_mm)
+    assert radii[0] < radii[1] == radii[2], "what was known may still be in it"
 
 
 def test_what_an_operator_sees_to_be_empty_carries_nothing():

@@ -8,7 +8,6 @@ from dataclasses import replace
 import pytest
 import yaml
 
-from daemon.commands.awaiting import GOES
 from drivers.puma560 import READY_RAD, ArmGeometry, configuration_of
 from drivers.simcell.controller import Mishap
 from drivers.simcell.controller.commands import Ask
@@ -50,6 +49,27 @@ def test_what_the_cameras_see_in_the_hand_is_not_gone_round() -> None:
     story.wait(8.0)
     assert any("a part is in the gripper: put it down first" in text for text in story.texts)
     assert (story.cell.world_from_tool() == before).all()
+    assert story.close() == ()
+
+
+def test_a_calibration_that_is_refused_while_a_part_is_let_go_puts_no_part_back_into_the_hand() -> None:
+    """What may be in the hand was guarded before it was known whether the arm was free: the hand was open by then, and
+    every pick after it was told to be out of reach with what it did not hold."""
+    story = Story(holds=True)
+    story.write_config(hand_s=1.0)
+    for text in ("reload", "enable", "pick"):
+        story.sockets[0].say(text)
+        story.wait(0.5)
+    while story.cell.controller.machine.hand_closed:
+        story.wait(0.1)
+    story.wait(0.3)
+    story.sockets[1].say("calibrate verify")
+    story.wait(3.0)
+    context = story._service.context
+    assert context is not None
+    assert "busy: pick" in story.texts
+    assert context.cycle.hand_full is False
+    assert context.cycle.supervisor.mover.carried == ()
     assert story.close() == ()
 
 
@@ -253,6 +273,36 @@ def test_whoever_asked_for_a_reload_is_told_once_that_it_has_disabled_the_arm(st
     assert told == [f"The configuration is taken over. {NO_LONGER}"]
 
 
+def test_of_two_reloads_the_later_one_counts(story: Story) -> None:
+    """The first one waited for the arm's stop, and then took over what it had read before the second one, whose limits
+    were said to be taken over and held no more."""
+    for door, most_mm in ((0, 400.0), (1, 300.0)):
+        story.write_config(limits={"max_step_mm": most_mm})
+        story.sockets[door].say("reload")
+        story.wait(0.01)
+    story.wait(2.0)
+    context = story._service.context
+    assert context is not None
+    assert context.cycle.settings.limits.max_step_mm == context.config.values.pick.limits.max_step_mm == 300.0
+    assert story.violations() == ()
+
+
+def test_a_yes_to_go_on_counts_only_in_the_cell_that_it_was_asked_in(story: Story) -> None:
+    """Limits and gripper were others by then, and the arm set out; an arm that was enabled had been disabled."""
+    for text in ("auto on 2", "stop", "disable", "resume"):
+        story.sockets[0].say(text)
+        story.wait(1.0)
+    assert "Let the arm move and go on?" in (story.sockets[0].question or (0, ""))[1]
+    story.write_config(limits={"max_step_mm": 300.0})
+    story.sockets[1].say("reload")
+    story.wait(0.5)
+    story.sockets[0].answer("y")
+    story.wait(2.0)
+    assert story.cell.controller.machine.at_rest()
+    assert any("say `resume` once more" in text for text in story.texts)
+    assert story.violations() == ()
+
+
 def test_a_yes_to_walk_round_a_part_is_void_where_the_arm_was_stopped_since_it_was_asked_for(story: Story) -> None:
     """`abort` leaves no fault: who had said it was told that the arm is stopped, and it set out."""
     story.sockets[0].say("teach cube --around 6")
@@ -264,6 +314,21 @@ def test_a_yes_to_walk_round_a_part_is_void_where_the_arm_was_stopped_since_it_w
     story.wait(2.0)
     assert any("meanwhile it was stopped" in text for text in story.texts)
     assert story.cell.controller.machine.at_rest()
+    assert story.violations() == ()
+
+
+def test_who_let_the_arm_go_round_a_part_is_not_told_that_it_would_have_gone(story: Story) -> None:
+    """Whether `dry` was on was asked before the question, and somebody else switched it off before the yes."""
+    story.cell.place_for_teaching("cube", 0)
+    for door, text in ((1, "dry on"), (0, "teach cube --around 6"), (1, "dry off")):
+        story.sockets[door].say(text)
+        story.wait(1.0)
+    assert "May it?" in (story.sockets[0].question or (0, ""))[1]
+    story.sockets[0].answer("y")
+    before = story.cell.world_from_tool()
+    story.wait(60.0)
+    assert (story.cell.world_from_tool() != before).any()
+    assert not any("would be gone to" in text for text in story.texts)
     assert story.violations() == ()
 
 
@@ -482,6 +547,18 @@ def test_an_arm_whose_controller_was_switched_off_as_it_stood_there_is_not_enabl
     assert story.violations() == ()
 
 
+def test_a_move_that_dry_keeps_back_is_not_said_to_be_sent(story: Story) -> None:
+    for text in ("dry on", "step on", "go bin"):
+        story.sockets[2].say(text)
+        story.wait(0.5)
+    story.sockets[0].say("confirm")
+    story.wait(1.0)
+    assert "Agreed to." in story.texts
+    assert not any(text.startswith("Sent") for text in story.texts)
+    assert story.cell.controller.machine.at_rest()
+    assert story.violations() == ()
+
+
 def test_a_move_that_is_held_is_not_said_to_be_sent(story: Story) -> None:
     """It was, and set out at the `resume` of somebody else."""
     for text in ("step on", "go bin"):
@@ -490,9 +567,36 @@ def test_a_move_that_is_held_is_not_said_to_be_sent(story: Story) -> None:
     for text in ("pause", "confirm"):
         story.sockets[0].say(text)
         story.wait(0.5)
-    assert GOES not in story.texts
+    assert "Agreed to." not in story.texts
     assert any("not sent yet: moves are held" in text for text in story.texts)
     assert story.cell.controller.machine.at_rest()
+    assert story.violations() == ()
+
+
+def test_an_arm_that_its_pendant_moved_while_a_way_down_was_held_goes_aslant_to_no_place_amid_the_parts(
+    story: Story,
+) -> None:
+    """The way to a low place ends straight down, for the parts that lie there. Held before that, and moved aside, the
+    hand went aslant through them."""
+    story.sockets[0].say("go survey")
+    story.wait(6.0)
+    for text in ["jog z -100"] * 3 + ["jog z -40", "here low", "jog z 40", "jog z 100", "step on", "go low"]:
+        story.sockets[2].say(text)
+        story.wait(3.0)
+    above = story.cell.world_from_tool()
+    story.sockets[0].say("confirm")
+    story.wait(3.0)
+    machine = story.cell.controller.machine
+    aside = machine.pose()
+    aside[1, 3] += 150.0
+    machine.arm.move_joints(machine.joints_for(aside), 0.3, machine.now_s)
+    story.wait(3.0)
+    before = story.cell.world_from_tool()
+    assert before[2, 3] < above[2, 3]
+    story.sockets[0].say("confirm")
+    story.wait(3.0)
+    assert (story.cell.world_from_tool() == before).all()
+    assert any("while it was held somebody moved the arm" in text for text in story.texts)
     assert story.violations() == ()
 
 
