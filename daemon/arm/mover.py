@@ -177,7 +177,7 @@ class Mover:
     async def go(self, command: Command) -> Reading:
         """One move, to rest. Raises MoveRefusedError before, NotThereError after, or what the robot raises."""
         self.check(command)
-        await self._held(_in_words(command))
+        await self._held(_in_words(command), command.speed_pct)
         self.check(command)
         assert self.here is not None
         self._log_move(command)
@@ -263,9 +263,11 @@ class Mover:
             self._log_hand(closed)
             self.carried = ()
 
-    async def _held(self, text: str) -> None:
-        """Held back by the gate. Raises NotThereError where the arm stands elsewhere after it: somebody had time to
-        move it by its pendant, and its way amid what lies there was planned from where it stood."""
+    async def _held(self, text: str, speed_pct: float | None = None) -> None:
+        """Held back by the gate, once the controller knows the speed: on a bad line that takes seconds, in which a
+        pause may be said, and after it nothing is typed before the move itself. Raises NotThereError where the arm
+        stands elsewhere after it: somebody had time to move it by its pendant, and its way amid what lies there was
+        planned from where it stood."""
         place = self.at
 
         async def still_there() -> None:
@@ -276,8 +278,14 @@ class Mover:
             if self.arrival.missed_by(*off):
                 told = "{:.2f} mm and {:.2f} degrees".format(*off)
                 raise NotThereError(f"{text}: while it was held somebody moved the arm, by {told}")
+            await self._tell_speed(speed_pct)
 
+        await self._tell_speed(speed_pct)
         await self.gate(text, still_there)
+
+    async def _tell_speed(self, speed_pct: float | None) -> None:
+        if speed_pct is not None and not self.dry:
+            await self.cell.robot.at_speed(speed_pct)
 
     def _check_hand(self) -> None:
         hindrance = self.leave.hindrance

@@ -47,6 +47,9 @@ class Robot(Protocol):
     async def rest(self) -> Reading:
         """Where the arm is at rest (two WHERE that agree); waits a little for it, raises where it goes on moving."""
 
+    async def at_speed(self, speed_pct: float) -> None:
+        """Have the controller know how fast the next move is; as often as is liked: said where it may not know."""
+
     async def move(self, world_from_tool: Array, *, straight: bool, speed_pct: float, timeout_s: float) -> Reading:
         """Send one move and return when the arm is at rest (two WHERE that agree), with the last WHERE.
 

@@ -81,15 +81,19 @@ class ArmOnLink:
         with contextlib.suppress(Preempted):
             await self.where()
 
-    async def move(self, world_from_tool: Array, *, straight: bool, speed_pct: float, timeout_s: float) -> Reading:
-        """One move; returns when the arm is at rest, there or elsewhere. Raises LinkError."""
-        location = location_from_matrix(world_from_tool, self._o_deg)
+    async def at_speed(self, speed_pct: float) -> None:
+        """SPEED, and that programs leave it, where the controller may not know. Raises LinkError."""
         if self._speed_pct is None:
             await self.link.own_speed_only()
         if speed_pct != self._speed_pct:
             self._speed_pct = None
             await self.link.speed(speed_pct)
             self._speed_pct = speed_pct
+
+    async def move(self, world_from_tool: Array, *, straight: bool, speed_pct: float, timeout_s: float) -> Reading:
+        """One move; returns when the arm is at rest, there or elsewhere. Raises LinkError."""
+        location = location_from_matrix(world_from_tool, self._o_deg)
+        await self.at_speed(speed_pct)
         with self._line_taken():
             await (self.link.move_straight if straight else self.link.move)(location, timeout_s)
             try:

@@ -153,6 +153,9 @@ class Jumping:
     async def rest(self):
         return self.at
 
+    async def at_speed(self, speed_pct):
+        pass
+
     async def move(self, world_from_tool, *, straight, speed_pct, timeout_s):
         self.sent.append((straight, world_from_tool))
         self.at = Reading(world_from_tool, ROBOT.reachable(world_from_tool, self.at.joints_rad))

@@ -600,6 +600,23 @@ def test_an_arm_that_its_pendant_moved_while_a_way_down_was_held_goes_aslant_to_
     assert story.violations() == ()
 
 
+@pytest.mark.parametrize("word", ["step on", "pause"])
+def test_no_move_sets_out_after_a_hold_that_was_said_while_its_speed_was_being_told(story: Story, word: str) -> None:
+    """The controller's answer to SPEED was lost: it was told again after five seconds, and then the move."""
+    story.sockets[0].say("go survey")
+    story.wait(0.12)
+    faults = story.cell.controller.faults
+    story.harm(lambda: setattr(faults, "mute_answers", 1))
+    story.wait(1.0)
+    story.sockets[2].say(word)
+    story.wait(0.5)
+    before = story.cell.world_from_tool()
+    story.wait(15.0)
+    assert any(text.startswith(("Holding before", "Every move is shown")) for text in story.texts)
+    assert (story.cell.world_from_tool() == before).all()
+    assert story.violations() == ()
+
+
 def kill(story: Story) -> None:
     """SIGKILL: what it would have done at its end is not done; what is in its files is."""
     context = story._service.context
