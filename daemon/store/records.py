@@ -235,6 +235,8 @@ SHAPES: Mapping[str, Any] = {
     **dict.fromkeys(("cycle_start", "cycle_end"), _Cycle),
 }
 """Kinds whose fields are more than words."""
+for _shape in (*SHAPES.values(), _Words):
+    msgspec.json.Decoder(_shape)  # looked up now: done at the first record of a kind, it swallows a control-C of then
 
 
 def record_of(line: bytes) -> Record:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -125,3 +127,27 @@ def test_a_line_may_be_a_megabyte_long() -> None:
     assert record_of(line("say", x="y" * (1_000_000 - len(long))))
     with pytest.raises(ValueError, match="too long"):
         record_of(line("say", x="y" * (1_000_001 - len(long))))
+
+
+LOOKS_UP = """
+import sys
+from daemon.store.records import SHAPES, record_of
+ran = set()
+sys.setprofile(lambda frame, event, _: ran.add(frame.f_code.co_filename))
+for kind in (*SHAPES, "command"):
+    try:
+        record_of(b'{"kind":"%s"}' % kind.encode())
+    except ValueError:
+        pass
+sys.setprofile(None)
+print(*ran)
+"""
+
+
+def test_reading_the_first_record_of_a_kind_swallows_no_control_c() -> None:
+    """`facetctl tail` ran on after it: it came as the kind's fields were looked up, where msgspec takes every error for
+    a field that is not there."""
+    told = subprocess.run([sys.executable, "-c", LOOKS_UP], capture_output=True, text=True, check=True, timeout=60.0)
+    assert "records.py" in told.stdout
+    assert "typing.py" not in told.stdout
+    assert "msgspec" not in told.stdout
