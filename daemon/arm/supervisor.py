@@ -11,6 +11,7 @@ import asyncio
 from collections.abc import Awaitable, Callable, Coroutine
 from dataclasses import dataclass
 from enum import StrEnum
+from math import inf
 from typing import Any, TypeVar
 
 from daemon.arm.guard import Limits
@@ -24,8 +25,6 @@ AGAIN_S = 0.5
 """Between two rounds of telling the arm to stop (each types the word several times)."""
 AT_REST_S = 2.0
 """How long an arm that is at rest takes to show it."""
-
-
 UNCONFIRMED, THEN = "NOT CONFIRMED", "; then "
 
 
@@ -62,11 +61,12 @@ async def _nothing_to_see() -> None:
 
 @dataclass(frozen=True, eq=False)
 class _Pending:
-    """What waits for a yes; by_hand: whether step mode is on or not."""
+    """What waits for a yes; by_hand: whether step mode is on or not; since_s: the loop's time as it began to wait."""
 
     text: str
     answer: asyncio.Future[bool]
     by_hand: bool
+    since_s: float
 
 
 class Supervisor:
@@ -167,6 +167,11 @@ class Supervisor:
         except Exception:
             return False
         return rests and not (self.busy or self.stopping)
+
+    @property
+    def pending_s(self) -> float:
+        """For how long the move has waited that waits for confirm or refuse; endless where none does."""
+        return inf if self._pending is None else asyncio.get_running_loop().time() - self._pending.since_s
 
     def status(self) -> dict[str, object]:
         """How things stand, JSON values only. pending: the move, in words, that waits for confirm or refuse."""
@@ -489,7 +494,8 @@ class Supervisor:
 
     async def _agreed(self, text: str, by_hand: bool) -> None:
         """Wait for a yes. Raises OperatorRefusedError on a no."""
-        self._pending = _Pending(text, asyncio.get_running_loop().create_future(), by_hand)
+        loop = asyncio.get_running_loop()
+        self._pending = _Pending(text, loop.create_future(), by_hand, loop.time())
         try:
             if not await self._pending.answer:
                 raise OperatorRefusedError(f"the operator refused: {text}")

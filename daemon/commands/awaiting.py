@@ -14,6 +14,8 @@ from daemon.console.context import CommandContext
 from daemon.console.interpreter import Answer, CommandError, Door, yes_or_no
 
 T = TypeVar("T")
+READ_S = 1.0
+"""Nobody has read of a move and typed `confirm` sooner than this after it began to wait."""
 POLL_S = 0.05
 REMIND_S = 20.0
 """How long a move waits for a yes before it is told once more, where nobody is asked."""
@@ -84,6 +86,14 @@ async def _ask_to_send(context: CommandContext, pending: str, work: asyncio.Futu
 def _progress(state: dict[str, Any]) -> str:
     error = f"{state['predicted_mm']:.2f} mm {state['predicted_deg']:.2f} degrees"
     return f"{state['target']}, look {state['stop']}: predicted error at the grasp {error}"
+
+
+def not_too_soon(context: CommandContext) -> None:
+    """Raise CommandError where a `confirm` was typed for the move before the one that waits: of two operators who say
+    yes to one move, the slower would send the next."""
+    if context.cycle.supervisor.pending_s < READ_S:
+        pending = context.cycle.status()["pending"]
+        raise CommandError(f"not sent, as it has only just come up: {pending}; `confirm` sends it")
 
 
 def decide(context: CommandContext, yes: bool) -> Answer:

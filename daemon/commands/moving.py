@@ -7,7 +7,7 @@ from typing import Any
 
 from daemon.arm import Let, RefusedError, StopRefusedError
 from daemon.commands import eyes
-from daemon.commands.awaiting import POLL_S, decide, with_questions
+from daemon.commands.awaiting import POLL_S, decide, not_too_soon, with_questions
 from daemon.console.context import CommandContext
 from daemon.console.interpreter import (
     DONE,
@@ -267,6 +267,7 @@ async def step(context: CommandContext, words: list[str], _: Door) -> Answer:
 @command("confirm", "move", at_once=True)
 async def confirm(context: CommandContext, words: list[str], _: Door) -> Answer:
     """Yes to the move that waits."""
+    not_too_soon(context)
     return decide(context, True)
 
 

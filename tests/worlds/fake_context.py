@@ -26,6 +26,7 @@ class FakeCycle:
     fault: str | None = None
     doing: str | None = None
     pending: str | None = None
+    pending_s: float = 60.0
     refuse_with: str | None = None
     stop_refused_with: str | None = None
     slow: bool = False

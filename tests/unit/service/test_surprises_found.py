@@ -550,7 +550,7 @@ def test_an_arm_whose_controller_was_switched_off_as_it_stood_there_is_not_enabl
 def test_a_move_that_dry_keeps_back_is_not_said_to_be_sent(story: Story) -> None:
     for text in ("dry on", "step on", "go bin"):
         story.sockets[2].say(text)
-        story.wait(0.5)
+        story.wait(1.2)
     story.sockets[0].say("confirm")
     story.wait(1.0)
     assert "Agreed to." in story.texts
@@ -566,7 +566,7 @@ def test_a_move_that_is_held_is_not_said_to_be_sent(story: Story) -> None:
         story.wait(0.5)
     for text in ("pause", "confirm"):
         story.sockets[0].say(text)
-        story.wait(0.5)
+        story.wait(0.7)
     assert "Agreed to." not in story.texts
     assert any("not sent yet: moves are held" in text for text in story.texts)
     assert story.cell.controller.machine.at_rest()
@@ -597,6 +597,29 @@ def test_an_arm_that_its_pendant_moved_while_a_way_down_was_held_goes_aslant_to_
     story.wait(3.0)
     assert (story.cell.world_from_tool() == before).all()
     assert any("while it was held somebody moved the arm" in text for text in story.texts)
+    assert story.violations() == ()
+
+
+def test_of_two_who_say_yes_to_one_move_the_slower_does_not_send_the_next(story: Story) -> None:
+    for text in ("step on", "go bin"):
+        story.sockets[2].say(text)
+        story.wait(0.5)
+    context = story._service.context
+    assert context is not None
+    first = context.cycle.status()["pending"]
+    story.wait(1.0)
+    story.sockets[0].say("confirm")
+    while (second := context.cycle.status()["pending"]) in (None, first):
+        story.wait(0.1)
+    before = story.cell.world_from_tool()
+    story.sockets[1].say("confirm")
+    story.wait(3.0)
+    assert any(f"only just come up: {second}; `confirm` sends it" in text for text in story.texts)
+    assert context.cycle.status()["pending"] == second
+    assert (story.cell.world_from_tool() == before).all()
+    story.sockets[1].say("confirm")
+    story.wait(3.0)
+    assert (story.cell.world_from_tool() != before).any()
     assert story.violations() == ()
 
 
