@@ -74,6 +74,8 @@ class Cycle:
         self.skipped: list[Skipped] = []
         self.hand_full: bool | None = False
         self.pick_order: PickOrder | None = None
+        self._by_word = False
+        """Whether nobody but an operator says that the hand is empty."""
         self._ball: tuple[Capsule, ...] = ()
         """What is guarded in the hand where nobody saw how it was grasped."""
         self._world: WorldModel | None = None
@@ -206,7 +208,9 @@ class Cycle:
         self.state = State.FAULT
 
     def holding(self, answer: bool) -> None:
-        """What the operator sees in the gripper."""
+        """What the operator sees in the gripper. A hand that is empty by this word alone opens over the bin all the
+        same: he may have looked at another cell, or not seen a small part in it."""
+        self._by_word = not answer and (self._by_word or self.hand_full is not False)
         self.hand_full = answer
         if not answer:
             self.supervisor.mover.carried = ()
@@ -393,10 +397,14 @@ class Cycle:
         return end
 
     async def _through(self, context: PickContext, world: WorldModel) -> None:
+        mover = context.mover
         await self.set_out()
         if self.hand_full:
             world.outcome, world.why = Outcome.PLACED, "put down what was in the hand"
         self._enter(Event.FULL_HAND if self.hand_full else Event.BEGIN)
+        if self._by_word and mover.closed is not False:
+            await take.let_go(context, world)
+        self._by_word = self._by_word and mover.dry
         while self.state is not State.IDLE:
             event = await HANDLERS[self.state](context, world)
             if event is Event.GONE:

@@ -82,7 +82,7 @@ async def verify(context: PickContext, world: WorldModel) -> Literal[Event.GONE,
     context.decide("missed", f"{world.why}; the hand opens over the bin, as this look may err")
     if world.failures >= context.settings.tries:
         skip(context, world, Outcome.MISSED, target, f"{failed} after {world.failures} tries")
-    await _let_go(context, world)
+    await let_go(context, world)
     return Event.MISSED
 
 
@@ -109,14 +109,14 @@ def _knocked_away(world: WorldModel, target: Target, on_table: list[Seen]) -> bo
 
 async def place(context: PickContext, world: WorldModel) -> Literal[Event.PLACED, Event.DRY]:
     """To the bin, and let go."""
-    await _let_go(context, world)
+    await let_go(context, world)
     if context.mover.dry:
         world.outcome, world.why = Outcome.DRY, "what is in the hand would be put down now"
         return Event.DRY
     return Event.PLACED
 
 
-async def _let_go(context: PickContext, world: WorldModel) -> None:
+async def let_go(context: PickContext, world: WorldModel) -> None:
     """Open the hand over the bin: nowhere else does a pick open a hand that has closed."""
     await travel(context, world, context.settings.bin.pose(), "bin")
     await context.mover.hand(closed=False)

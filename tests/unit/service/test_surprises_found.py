@@ -13,6 +13,7 @@ from drivers.simcell.controller import Mishap
 from drivers.simcell.controller.commands import Ask
 from drivers.simcell.controller.machine import Machine
 from drivers.simcell.controller.monitor import MONITOR_COMMANDS
+from drivers.simcell.world import Where
 from tests.worlds.first_day import arm_yaml
 from tests.worlds.whole_daemon import Story
 
@@ -175,6 +176,24 @@ def test_whether_a_hand_that_was_stopped_as_it_let_go_holds_its_part_still_is_as
     story.wait(0.3)
     assert story.sockets[0].question is not None
     assert "Is a part in the gripper?" in story.sockets[0].question[1]
+    assert story.close() == ()
+
+
+def test_a_hand_that_holds_a_part_and_is_said_to_hold_none_opens_over_the_bin() -> None:
+    """Nobody had looked, and the next pick opened it where it looked from: the part fell 250 mm."""
+    story = Story(parts=True)
+    for text in ("enable", "pick"):
+        story.sockets[0].say(text)
+        story.wait(0.3)
+    while not story.cell.controller.machine.hand_closed:
+        story.wait(0.2)
+    story.wait(2.0)
+    for text in ("disable", "holding no", "enable", "pick"):
+        story.sockets[1].say(text)
+        story.wait(2.0)
+    assert story.texts.count("The gripper is taken as empty; the next pick opens it over the bin all the same.") == 1
+    story.wait(25.0)
+    assert sum(part.where is Where.BIN for part in story.cell.world.parts) == 2
     assert story.close() == ()
 
 
