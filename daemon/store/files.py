@@ -53,6 +53,8 @@ class LineFile(OpenFile):
         with contextlib.suppress(OSError):  # a file system without locks: readers will take it for ended
             fcntl.flock(self._handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         self._length = 0
+        self._torn = False
+        """Whether half a line may stand at its end: a full disk may have no room to cut it off either."""
 
     @property
     def in_place(self) -> bool:
@@ -63,15 +65,23 @@ class LineFile(OpenFile):
             return False
 
     def append(self, content: bytes) -> None:
-        """Add one line. Raises OSError, and then nothing of it is in the file."""
+        """Add one line. Raises OSError, and then nothing of it is in the file, or will be once it is written again."""
         line = content + b"\n"
+        self._cut_off()
+        self._torn = True
         try:
             if os.write(self._handle, line) != len(line):
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         except OSError:
-            os.ftruncate(self._handle, self._length)
+            self._cut_off()
             raise
+        self._torn = False
         self._length += len(line)
+
+    def _cut_off(self) -> None:
+        if self._torn:
+            os.ftruncate(self._handle, self._length)
+            self._torn = False
 
 
 def being_written(path: Path) -> bool:
