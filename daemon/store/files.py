@@ -11,7 +11,7 @@ import fcntl
 import os
 import tempfile
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from daemon.errors import FacetdError
@@ -104,8 +104,10 @@ def being_written(path: Path) -> bool:
 class Syncer:
     """Brings lines from the kernel to the disk: at once for urgent kinds, else at most every so often."""
 
-    def __init__(self, every_s: float) -> None:
-        self._every_s, self._stop = every_s, False
+    def __init__(self, every_s: float, done: Callable[[OpenFile, OSError | None], object] = lambda *_: None) -> None:
+        """done: told of each try, in this thread, and why the disk cannot keep what it took, if so. It has forgotten it
+        then, and says of the next try that all is well."""
+        self._every_s, self._done, self._stop = every_s, done, False
         self._dirty: set[OpenFile] = set()
         self._wake, self._urgent, self._clean = threading.Event(), threading.Event(), threading.Event()
         self._lock = threading.Lock()
@@ -146,8 +148,10 @@ class Syncer:
             for file in files:
                 try:
                     file.sync()
-                except OSError:
-                    continue
+                except OSError as error:
+                    self._done(file, error)
+                else:
+                    self._done(file, None)
             with self._lock:
                 if not self._dirty:
                     self._clean.set()
