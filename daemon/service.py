@@ -61,7 +61,7 @@ AT_START = ("cell", "cameras", "arm", "folders", "console", "files", "simulated"
 """Sections of the configuration that only a start looks at."""
 GUARDING = ("limits", "gripper")
 """Keys of `pick` that say how hand and cell stand to each other."""
-AT_WORK = "at work: the controller was still carrying out what it was told before this start; it was stopped (ABORT)"
+AT_WORK = "the controller was still carrying out what it was told before this start; it was stopped (ABORT)"
 RELOAD_S = 1.0
 """Between two reloads that hang-ups (SIGHUP) ask for."""
 HALT_S = 8.4
@@ -205,7 +205,7 @@ class Service:
         context.record_start()
         self._started = True
         if self._hardware.robot.stopped_on_opening:
-            context.log.record("fault", code="at work", text=AT_WORK, **{"while": "starting"})
+            await context.cycle.supervisor.fail("at work", AT_WORK)
         if self._hardware.hand is not None:
             await know_drawings(context)
             self._hardware.hand.scatter()

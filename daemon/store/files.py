@@ -11,7 +11,7 @@ import fcntl
 import os
 import tempfile
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from daemon.errors import FacetdError
@@ -53,6 +53,8 @@ class LineFile(OpenFile):
         with contextlib.suppress(OSError):  # a file system without locks: readers will take it for ended
             fcntl.flock(self._handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         self._length = 0
+        self._torn = False
+        """Whether half a line may stand at its end: a full disk may have no room to cut it off either."""
 
     @property
     def in_place(self) -> bool:
@@ -63,15 +65,23 @@ class LineFile(OpenFile):
             return False
 
     def append(self, content: bytes) -> None:
-        """Add one line. Raises OSError, and then nothing of it is in the file."""
+        """Add one line. Raises OSError, and then nothing of it is in the file, or will be once it is written again."""
         line = content + b"\n"
+        self._cut_off()
+        self._torn = True
         try:
             if os.write(self._handle, line) != len(line):
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         except OSError:
-            os.ftruncate(self._handle, self._length)
+            self._cut_off()
             raise
+        self._torn = False
         self._length += len(line)
+
+    def _cut_off(self) -> None:
+        if self._torn:
+            os.ftruncate(self._handle, self._length)
+            self._torn = False
 
 
 def being_written(path: Path) -> bool:
@@ -94,8 +104,10 @@ def being_written(path: Path) -> bool:
 class Syncer:
     """Brings lines from the kernel to the disk: at once for urgent kinds, else at most every so often."""
 
-    def __init__(self, every_s: float) -> None:
-        self._every_s, self._stop = every_s, False
+    def __init__(self, every_s: float, done: Callable[[OpenFile, OSError | None], object] = lambda *_: None) -> None:
+        """done: told of each try, in this thread, and why the disk cannot keep what it took, if so. It has forgotten it
+        then, and says of the next try that all is well."""
+        self._every_s, self._done, self._stop = every_s, done, False
         self._dirty: set[OpenFile] = set()
         self._wake, self._urgent, self._clean = threading.Event(), threading.Event(), threading.Event()
         self._lock = threading.Lock()
@@ -136,8 +148,10 @@ class Syncer:
             for file in files:
                 try:
                     file.sync()
-                except OSError:
-                    continue
+                except OSError as error:
+                    self._done(file, error)
+                else:
+                    self._done(file, None)
             with self._lock:
                 if not self._dirty:
                     self._clean.set()

@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon.errors import spelt
-from daemon.store.files import NO_ROOM, LineFile, Syncer, write_atomically
+from daemon.store.files import NO_ROOM, LineFile, OpenFile, Syncer, write_atomically
 from daemon.store.outside import read_file
 from daemon.store.standing import Standing, StandingFile, after
 
@@ -103,7 +103,7 @@ class RunLog:
         self._behind = False
         self._closed = False
         self._lines, self._pictures = _Worker("runlog-lines"), _Worker("runlog-pictures")
-        self._syncer = Syncer(fsync_every_s)
+        self._syncer = Syncer(fsync_every_s, self._synced)
 
     @property
     def folder(self) -> Path:
@@ -159,7 +159,7 @@ class RunLog:
         with self._lock:
             before, self._run = self._run, fresh
             self._stands = msgspec.structs.replace(self._stands, run=folder.name)
-            self._lines.do(before.close)
+            self._lines.do(partial(self._let_go, before))
 
     def settle(self, timeout_s: float = 5.0) -> bool:
         """Wait until all recorded so far, pictures too, is on the disk; False when that took longer."""
@@ -219,7 +219,7 @@ class RunLog:
 
     def _catch_up(self) -> None:
         """The disk takes lines: perhaps it takes by now what else it refused."""
-        if self._standing is not None and "standing" in self._troubles:
+        if self._standing is not None and {"standing", str(self._standing.path)} & self._troubles.keys():
             self._write_standing(self._standing, self._stands)
         if self._refused:
             self._pictures.do(self._refused.popleft())
@@ -231,6 +231,15 @@ class RunLog:
         except OSError as error:
             self._tell("standing", f"{file.path}: {error.strerror}")
         self._syncer.take(file)
+
+    def _synced(self, file: OpenFile, error: OSError | None) -> None:
+        self._tell(str(file.path), None if error is None else f"{file.path}: not kept: {error.strerror}")
+
+    def _let_go(self, run: _Run) -> None:
+        """What of it is not on the disk by now is not to be mended."""
+        run.close()
+        for file in (run.lines, run.wire):
+            self._tell(str(file.path), None)
 
     def _write_gap(self) -> None:
         with self._lock:

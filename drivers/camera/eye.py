@@ -19,6 +19,7 @@ from drivers.camera.pixels import FORMATS, Image, Layout, read_grey, stride, who
 from drivers.camera.settings import CameraSettings
 
 BUFFERS = 4
+STAMPED_TO_S = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +60,8 @@ class Eye:
         self._system, self._clock = system, clock
         self._maps: list[mmap.mmap] = []
         self._last_sequence: int | None = None
+        self._all_stamped = True
+        """Whether every frame that was taken since somebody looked had a stamp that says something."""
         self._exposure_s = 0.0
         self._streaming_since_s = 0.0
 
@@ -129,7 +132,8 @@ class Eye:
         return True
 
     def _exposure(self, buffer: v4l2.Buffer) -> Exposure:
-        """When the frame was exposed. Stamps of another clock say nothing: then the moment of taking stands in."""
+        """When the frame was exposed. Stamps of another clock say nothing, nor do those ahead of ours, which a driver
+        reckoned wrongly: then the moment of taking stands in."""
         at_start = buffer.flags & v4l2.BUFFER_STAMP_MASK == v4l2.BUFFER_STAMP_START_OF_EXPOSURE
         stamp_s, now_s = buffer.seconds + buffer.microseconds * 1e-6, self._clock()
         clock = buffer.flags & v4l2.BUFFER_CLOCK_MASK
@@ -137,7 +141,8 @@ class Eye:
             self.stamps_are_monotonic |= self._streaming_since_s <= stamp_s <= now_s
         else:
             self.stamps_are_monotonic = clock == v4l2.BUFFER_CLOCK_MONOTONIC
-        if not self.stamps_are_monotonic:
+        if not self.stamps_are_monotonic or stamp_s > now_s + STAMPED_TO_S:
+            self._all_stamped = False
             return exposure_of(now_s, False, self.period_s, self._exposure_s)
         return exposure_of(stamp_s, at_start, self.period_s, self._exposure_s)
 
@@ -147,9 +152,9 @@ class Eye:
         Nothing when every buffer was full (newer frames had nowhere to go), or while it is not known that stamps are
         usable (nobody can say how old a waiting frame is).
         """
-        knew = self.stamps_are_monotonic
+        knew, self._all_stamped = self.stamps_are_monotonic, True
         frames = self.take()
-        return frames if knew and len(frames) < BUFFERS else []
+        return frames if knew and self._all_stamped and len(frames) < BUFFERS else []
 
     def brighten(self, factor: float) -> float | None:
         """See controls.brighten; a frame's period is the longest."""

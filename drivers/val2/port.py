@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import os
 import termios
 from collections.abc import Callable
@@ -19,6 +20,9 @@ class Port(Protocol):
 
     def write(self, data: bytes) -> None:
         """Send all of data. Raises PortError."""
+
+    def overtake(self) -> None:
+        """What is sent next goes out at once: nothing that waits goes before it, and nobody holds the line."""
 
     def close(self) -> None:
         """Let go of the port; safe to call twice."""
@@ -64,9 +68,23 @@ class SerialPort:
         if written != len(data):
             raise PortError(f"{self._path}: the line takes no more bytes ({written} of {len(data)} went out)")
 
+    def overtake(self) -> None:
+        """What is sent next goes out at once: nothing that waits goes before it, and nobody holds the line.
+
+        XOFF, which holds it, is one spoiled bit off from a 3 and from an S, and then no XON follows. Of a line held so
+        the kernel lets go only where it was told itself to hold it.
+        """
+        with contextlib.suppress(serial.SerialException, termios.error):  # one that is gone is told by what is sent
+            handle = self._serial.fileno()
+            termios.tcflush(handle, termios.TCOFLUSH)
+            termios.tcflow(handle, termios.TCOOFF)
+            termios.tcflow(handle, termios.TCOON)
+
     def close(self) -> None:
-        """Let go of the port; safe to call twice."""
+        """Let go of the port; safe to call twice. For what waits on a line that is held the kernel would wait, half a
+        minute, and the whole daemon with it."""
         if self._serial.is_open:
+            self.overtake()
             self._loop.remove_reader(self._serial.fileno())
             self._serial.close()
 

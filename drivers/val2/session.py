@@ -79,6 +79,7 @@ class Session:
         """The line now, whoever has it: they get Preempted, and cannot send another byte."""
         self._may_go_on.clear()
         self.talk.end(Preempted("aborted"))
+        self._port.overtake()
         self.talk = self._new_conversation()
         try:
             yield self.talk

@@ -514,7 +514,7 @@ class AtOnce:
 class NoSyncer:
     """What is written is on the disk, without a thread that sees to it."""
 
-    def __init__(self, every_s: float) -> None:
+    def __init__(self, every_s: float, done: object) -> None:
         pass
 
     def take(self, file: object) -> None:

@@ -95,6 +95,9 @@ class MemoryPort:
         """Send all of data. Raises PortError."""
         self._line.typed(self, data)
 
+    def overtake(self) -> None:
+        """Nothing waits here, and nobody holds the line."""
+
     def close(self) -> None:
         """Let go of the line; safe to call twice."""
         self._closed = True

@@ -232,6 +232,32 @@ def test_a_device_whose_stamps_are_of_another_clock_never_passes_off_an_old_fram
     assert pair.left.sequence > 20
 
 
+def test_a_stamp_that_is_ahead_of_the_time_it_is_read_at_says_nothing_whatever_clock_it_is_said_to_be_of() -> None:
+    """What cameras stamp themselves is reckoned into the computer's time by the driver, and now and then far off."""
+    system = machine()
+    for device in system.devices.values():
+        for frame in device.schedule:
+            frame.stamp_s = frame.at_s + 1.0
+    eyes = camera(system)
+    eyes.open()
+    eyes.grab(100.0, 2.0)
+    system.now_s = 100.34
+    assert eyes.grab(100.34, 2.0).left.sequence == 5, "the first that was exposed wholly after that"
+
+
+def test_a_frame_that_waited_with_a_stamp_ahead_of_the_time_is_of_no_known_age_and_not_looked_at() -> None:
+    system = machine()
+    for device in system.devices.values():
+        device.schedule[3].stamp_s = 102.0
+    eyes = camera(system)
+    eyes.grab(100.0, 2.0)
+    system.now_s = 100.41
+    for device in system.devices.values():
+        device.advance(100.39)
+        device.schedule = [frame for frame in device.schedule if frame.sequence > 4]
+    assert eyes.grab(100.25, 2.0).left.sequence == 5, "not 3, which came at 100.32 and was exposed since 100.22"
+
+
 def test_wished_controls_are_set_on_both_eyes_and_reported() -> None:
     system = machine()
     for device in system.devices.values():

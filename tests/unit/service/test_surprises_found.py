@@ -701,6 +701,29 @@ def test_a_hand_that_was_closed_when_the_daemon_was_killed_is_not_taken_for_empt
     assert story.violations() == ()
 
 
+def test_an_arm_found_at_work_is_asked_about_at_that_start_and_not_at_the_next(story: Story) -> None:
+    """Where no pick had been cut off no fault stood, `resume` found nothing to clear, and every later start said that
+    the daemon had ended with that fault."""
+    story.terminate()
+    controller = story.cell.controller
+    controller.receive(b"DO DRIVE 1,20,2\r", story.now_s)
+    story.start()
+    story.wait(1.0)
+    assert controller.machine.at_rest()
+    context = story._service.context
+    assert context is not None
+    assert "at work: the controller was still carrying out" in str(context.cycle.status()["fault"])
+    story.sockets[0].say("resume")
+    story.wait(1.0)
+    assert "The fault is cleared" in story.texts[-1]
+    story.terminate()
+    story.start()
+    context = story._service.context
+    assert context is not None
+    assert context.cycle.status()["fault"] is None
+    assert context.troubles.standing == {}
+
+
 @pytest.mark.parametrize("word", ["DISABLE", "abort"])
 def test_who_takes_the_leave_to_move_while_asked_whether_a_line_may_be_sent_is_not_told_to_say_y_or_n(
     story: Story, word: str

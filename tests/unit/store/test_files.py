@@ -88,6 +88,28 @@ def test_a_short_write_is_cut_off_again_and_told_as_a_full_disk(
     file.close()
 
 
+def test_half_a_line_that_could_not_be_cut_off_at_once_is_before_the_next_one_is_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A file system that copies on writing has, full, no room to shorten a file either. What came next was written
+    behind the half, and was lost with it: the very line that says how many were lost before it."""
+
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    file, write = LineFile(tmp_path / "lines"), os.write
+    file.append(b"one")
+    with monkeypatch.context() as patched:
+        patched.setattr("os.write", lambda handle, line: write(handle, line[:2]))
+        patched.setattr("os.ftruncate", full)
+        for line in (b"two", b"three"):
+            with pytest.raises(OSError, match="No space left"):
+                file.append(line)
+    file.append(b"four")
+    assert (tmp_path / "lines").read_bytes() == b"one\nfour\n"
+    file.close()
+
+
 def test_who_writes_a_file_holds_it_until_it_is_closed(tmp_path: Path) -> None:
     file = LineFile(tmp_path / "lines")
     assert stat.S_IMODE((tmp_path / "lines").stat().st_mode) == 0o640

@@ -347,6 +347,59 @@ def test_what_a_full_disk_refused_is_written_once_it_has_room_and_the_trouble_en
     assert known.hand_closed
 
 
+def test_a_disk_that_takes_a_line_and_then_cannot_keep_it_is_told_until_it_can(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Such a line is read back from memory, and gone with the power: nobody was told. What a restart must know is
+    written again: a second try to bring the same bytes to the disk says that they are there, and they are not."""
+    told: list[str | None] = []
+    standing = StandingFile(tmp_path / "standing")
+    log = RunLog(tmp_path / "run", standing=standing, on_trouble=told.append)
+
+    def failing(_: int) -> None:
+        raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    with monkeypatch.context() as patched:
+        patched.setattr("os.fsync", failing)
+        for _ in range(3):
+            log.record("hand", closed=True)
+            assert log.settle()
+    assert len(told) == 1, "once, whatever it does not keep"
+    assert "not kept: Input/output error" in str(told[0])
+    written: list[bytes] = []
+    write = os.pwrite
+    monkeypatch.setattr("os.pwrite", lambda handle, slot, at: written.append(slot) or write(handle, slot, at))
+    log.record("hand", closed=True)
+    assert log.settle()
+    log.wire({"seq": 0, "sent": "where"})
+    assert log.settle()
+    assert told[-1] is None
+    assert len(written) == 1, "that the hand is closed, which the disk may not have, and once"
+    log.close()
+
+
+def test_what_was_not_kept_of_a_run_is_no_trouble_of_the_next_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    log = RunLog(tmp_path / "run")
+
+    def failing(_: int) -> None:
+        raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    with monkeypatch.context() as patched:
+        patched.setattr("os.fsync", failing)
+        log.record("decision")
+        log.wire({"seq": 0, "sent": "where"})
+        assert log.settle()
+        assert log.trouble is not None
+        log.roll(tmp_path / "next")
+        assert log.settle()
+    log.record("decision")
+    assert log.settle()
+    assert log.trouble is None
+    log.close()
+
+
 def test_a_file_s_name_that_is_no_utf_8_does_not_keep_a_fault_out_of_the_log(tmp_path: Path) -> None:
     """Nor does it end the thread that writes, and with it every record after."""
     odd = os.fsdecode(b"/media/caf\xe9.yaml")

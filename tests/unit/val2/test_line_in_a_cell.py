@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.puma560 import READY_RAD
+from drivers.puma560 import READY_RAD, forward
 from drivers.simcell.controller import Manners
 from drivers.val2.acquaintance import Acquaintance, Heard, UnclearError
 from drivers.val2.conversation import _answer as answer
@@ -21,6 +21,7 @@ from drivers.val2.conversation import _is_twice as is_twice
 from drivers.val2.errors import Garbled, LinkError, NoAnswer, PortError
 from drivers.val2.introduction import _line
 from drivers.val2.link import Dialect, Link
+from drivers.val2.location import location_from_matrix
 from drivers.val2.port import OpenPort, Port, SerialPort
 from drivers.val2.wire import Garble, Prompt, Text
 from tests.worlds.arm_line import QUICK, MakesLine
@@ -79,6 +80,10 @@ class Converter:
         """Send all of data."""
         asyncio.get_running_loop().call_soon(self._on_bytes, data)
         self._port.write(data)
+
+    def overtake(self) -> None:
+        """See Port."""
+        self._port.overtake()
 
     def close(self) -> None:
         """Let go of the port."""
@@ -252,5 +257,58 @@ def test_a_burst_of_noise_as_a_motor_starts_delays_a_reading_and_spoils_none(arm
                     await link.close()
                     await link.open()
             np.testing.assert_allclose((await link.where()).joints_deg, np.degrees(READY_RAD), atol=1e-3)
+
+    asyncio.run(scene())
+
+
+XOFF = b"\x13"
+"""What one spoiled bit makes of a 3, and of an S."""
+
+
+def test_a_stop_goes_out_on_a_line_that_noise_holds_and_so_does_what_is_typed_on_one_that_was_opened_anew(
+    arm_line: MakesLine,
+) -> None:
+    """No XON follows: every stop was refused by the system, for as long as the daemon ran, and the arm went on."""
+
+    async def scene() -> None:
+        cell = arm_line()
+        far = location_from_matrix(forward(READY_RAD + np.radians([90, -20, 5, 0, 10, 0])))
+        async with cell.link(replace(QUICK, software_flow_control=True)) as link:
+            await link.speed(2)
+            await link.move(far)
+            with cell.server.controller() as controller:
+                assert not controller.machine.at_rest()
+            os.write(cell.server._master, XOFF)
+            await asyncio.sleep(0.05)
+            with pytest.raises(LinkError, match="the line takes no more bytes"):
+                link._open_session.send(b".", b"")
+            assert await link.abort() is not None
+            with cell.server.controller() as controller:
+                assert controller.machine.at_rest()
+            os.write(cell.server._master, XOFF)
+            await asyncio.sleep(0.05)
+            await link.close()
+            await link.open()
+            await link.where()
+
+    asyncio.run(scene())
+
+
+def test_what_waits_on_a_line_goes_out_neither_before_a_stop_nor_after_it_was_let_go(
+    arm_line: MakesLine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A pseudo-terminal keeps nothing waiting: what the kernel is told is all there is to see."""
+    told: list[tuple[str, int]] = []
+    monkeypatch.setattr(termios, "tcflush", lambda _, what: told.append(("flush", what)))
+    monkeypatch.setattr(termios, "tcflow", lambda _, what: told.append(("flow", what)))
+
+    async def scene() -> None:
+        async with arm_line().link() as link:
+            for let_go in (link.abort, link.close):
+                told.clear()
+                await let_go()
+                assert told == [
+                    ("flush", termios.TCOFLUSH), ("flow", termios.TCOOFF), ("flow", termios.TCOON)
+                ]  # fmt: skip
 
     asyncio.run(scene())

@@ -52,6 +52,9 @@ class Scripted:
         if said:
             self.loop.call_later(0.001, self.hear, said.encode())
 
+    def overtake(self) -> None:
+        """See Port."""
+
     def close(self) -> None:
         """See Port."""
 

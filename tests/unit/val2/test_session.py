@@ -40,6 +40,9 @@ class Wire:
             self.loop.call_later(late_s, self.hear, said)
         self.answers = []
 
+    def overtake(self) -> None:
+        """See Port."""
+
     def close(self) -> None:
         """See Port."""
         self.open = False
