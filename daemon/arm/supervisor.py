@@ -364,10 +364,9 @@ class Supervisor:
         self._why = why
         self.mover.forget()
         self.stops += 1
-        alarm = await self._brought_to_rest()
-        if alarm is None:
-            self._report(event, fault)
-        return alarm
+        self._tell_to_stop()
+        # Whoever waits may be ended by the next stop: what is to be known of this one is told all the same.
+        return await asyncio.shield(asyncio.create_task(self._brought_to_rest(event, fault), name="report a stop"))
 
     async def _halt(self, event: Interruption, why: str, fault: str | None) -> str | None:
         """End the job: the fault is set in the same breath as its task is cancelled, before anything can run."""
@@ -383,19 +382,25 @@ class Supervisor:
             self._ending -= 1
         return alarm
 
-    async def _brought_to_rest(self) -> str | None:
-        """Tell the arm to stop, or join in; comes back when it was seen at rest, or else with the alarm."""
+    def _tell_to_stop(self) -> None:
+        """Begin to, or join in."""
         if not self._being_told:
             self._told.clear()
             self._alarm = asyncio.get_running_loop().create_future()
             self._telling = asyncio.create_task(self._tell_until_at_rest(self._alarm), name="stop")
+
+    async def _brought_to_rest(self, event: Interruption, fault: str | None) -> str | None:
+        """Comes back when the arm was seen at rest, and that was reported, or else with the alarm."""
         assert self._telling is not None
         assert self._alarm is not None
         either: set[asyncio.Future[Any]] = {self._telling, self._alarm}
         await asyncio.wait(either, return_when=asyncio.FIRST_COMPLETED)
         if not self._alarm.done() and self._telling.cancelled():
             self._sound(self._alarm, "the daemon has ended")
-        return self._alarm.result() if self._alarm.done() else None
+        if self._alarm.done():
+            return self._alarm.result()
+        self._report(event, fault)
+        return None
 
     async def _tell_until_at_rest(self, alarm: asyncio.Future[str]) -> None:
         """However long it takes. The alarm sounds at once where the controller refuses, and after ABORT_S."""

@@ -695,3 +695,25 @@ def test_who_takes_the_leave_to_move_while_asked_whether_a_line_may_be_sent_is_n
     assert story.violations() == ()
     assert story.cell.controller.machine.at_rest()
     assert not any("the question stands" in text for text in story.texts)
+
+
+@pytest.mark.parametrize("word", ["abort", "disable", "stop"])
+def test_a_fault_is_told_and_outlives_the_daemon_also_where_somebody_stops_the_arm_as_it_is_being_stopped(
+    story: Story, word: str
+) -> None:
+    """Its report was ended with the job: no door heard of it, no log had it, and after a restart nothing stood."""
+    story.sockets[0].say("go bin")
+    story.wait(0.3)
+    story.cell.controller.faults.refusals.append("*Location out of range*")
+    context = story._service.context
+    assert context is not None
+    while not context.cycle.supervisor.stopping:
+        story.wait(0.01)
+    story.sockets[1].say(word)
+    story.wait(2.0)
+    assert any(text.startswith("FAULT ControllerError: *Location out of range*") for text in story.texts)
+    kill(story)
+    context = story._service.context
+    assert context is not None
+    assert context.cycle.supervisor.fault == "restarted: the daemon ended in fault"
+    assert story.violations() == ()
