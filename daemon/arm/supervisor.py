@@ -286,6 +286,10 @@ class Supervisor:
 
     async def run(self, doing: str, work: Coroutine[Any, Any, T], moves: bool = True) -> T:
         """Run one job; it goes on when the one who asked goes away. moves: an error in it stops the arm."""
+        return await self.end_of(doing, self.begin(doing, work, moves))
+
+    def begin(self, doing: str, work: Coroutine[Any, Any, T], moves: bool = True) -> asyncio.Task[T]:
+        """Begin one job, as `run` does, in this very moment."""
         if self._task is not None or (moves and self.stopping):
             work.close()
             raise RefusedError(f"busy: {self._doing or self.hindrance}")
@@ -293,6 +297,10 @@ class Supervisor:
         self._doing, self._task = doing, task
         task.add_done_callback(self._done)
         task.add_done_callback(lambda _: work.close())  # one that was ended before it began was never awaited
+        return task
+
+    async def end_of(self, doing: str, task: asyncio.Task[T]) -> T:
+        """Wait for the end of a job that was begun."""
         try:
             return await asyncio.shield(task)
         except asyncio.CancelledError:

@@ -84,11 +84,8 @@ class CommandContext:
     async def begin_auto(self, count: int | None, every_s: float | None = None) -> None:
         """Pick in the background. Raises RefusedError where that may not begin; an auto that is on stays the one that
         `auto_ends` waits for."""
-        begun = asyncio.create_task(self.cycle.auto(count, every_s), name="auto")
+        begun = asyncio.create_task(self.cycle.begin_auto(count, every_s), name="auto")
         begun.add_done_callback(self._auto_ended)
-        await asyncio.sleep(0)
-        if begun.done():
-            begun.result()
         self._auto = begun
 
     def _auto_ended(self, auto: asyncio.Task[list[CycleEnd]]) -> None:

@@ -717,3 +717,30 @@ def test_a_fault_is_told_and_outlives_the_daemon_also_where_somebody_stops_the_a
     assert context is not None
     assert context.cycle.supervisor.fault == "restarted: the daemon ended in fault"
     assert story.violations() == ()
+
+
+@pytest.mark.parametrize("door", [0, 1])
+def test_an_auto_off_that_is_heard_right_behind_an_auto_on_ends_it(story: Story, door: int) -> None:
+    """It was told that no auto is on, and the arm picked on until the table was empty."""
+    story.sockets[0].say("auto on")
+    story.sockets[door].say("auto off")
+    story.wait(1.0)
+    assert any(text.startswith("Picking, until") for text in story.texts)
+    assert "No auto is on." not in story.texts
+    context = story._service.context
+    assert context is not None
+    state = context.cycle.status()
+    assert (state["auto"], state["doing"], state["left"]) == (False, None, None)
+    assert story.cell.controller.machine.at_rest()
+    assert story.violations() == ()
+
+
+def test_an_auto_that_was_stopped_before_it_began_is_not_on(story: Story) -> None:
+    for text in ("auto on 2", "stop"):
+        story.sockets[0].say(text)
+    story.wait(1.0)
+    context = story._service.context
+    assert context is not None
+    state = context.cycle.status()
+    assert (state["auto"], state["doing"], state["left"]) == (False, None, {"count": 2, "every_s": None})
+    assert story.violations() == ()
