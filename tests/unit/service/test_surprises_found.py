@@ -14,7 +14,7 @@ from drivers.simcell.controller.commands import Ask
 from drivers.simcell.controller.machine import Machine
 from drivers.simcell.controller.monitor import MONITOR_COMMANDS
 from tests.worlds.first_day import arm_yaml
-from tests.worlds.whole_daemon import Story
+from tests.worlds.whole_daemon import SocketDoor, Story
 
 pytestmark = pytest.mark.slow
 NO_LONGER = "The arm is no longer enabled: pick.limits changed."
@@ -743,4 +743,42 @@ def test_an_auto_that_was_stopped_before_it_began_is_not_on(story: Story) -> Non
     assert context is not None
     state = context.cycle.status()
     assert (state["auto"], state["doing"], state["left"]) == (False, None, {"count": 2, "every_s": None})
+    assert story.violations() == ()
+
+
+def reads_nothing(story: Story, door: SocketDoor) -> None:
+    """Whoever sits there has frozen the terminal, with more on its way to it than is taken on the way."""
+    assert door.line is not None
+    story.loop.remove_reader(door.line)
+    for _ in range(60):
+        for _ in range(40):
+            door.send({"complete": ""})
+        story.wait(0.01)
+
+
+def test_a_stop_is_heard_of_one_who_reads_nothing_and_was_told_before_that_a_line_is_no_message(story: Story) -> None:
+    """Until that was read nothing more of theirs was: the arm went all its way."""
+    story.sockets[0].say("go bin")
+    story.wait(0.2)
+    reads_nothing(story, story.sockets[0])
+    assert not story.cell.controller.machine.at_rest()
+    story.sockets[0].send({"complete": 1})
+    story.wait(0.05)
+    story.sockets[0].say("stop")
+    story.wait(0.3)
+    assert story.cell.controller.machine.at_rest()
+    assert story.violations() == ()
+
+
+def test_a_stop_is_answered_though_whoever_has_the_controllers_terminal_reads_nothing(story: Story) -> None:
+    """For ten minutes nobody was told that the arm had stopped, and no `resume` was heard."""
+    story.sockets[0].say("robot monitor")
+    story.wait(0.5)
+    reads_nothing(story, story.sockets[0])
+    story.sockets[1].say("stop")
+    story.wait(3.0)
+    assert "Stopped. Nothing moves until `resume`." in story.texts
+    context = story._service.context
+    assert context is not None
+    assert not context.cycle.supervisor.stopping
     assert story.violations() == ()
