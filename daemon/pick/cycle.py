@@ -303,7 +303,7 @@ class Cycle:
         if (closed or before) and not mover.dry:
             self.hand_full = None
         try:
-            await mover.hand(closed)
+            await mover.hand(closed, self.settings.hand_s)
         except NotSentError:
             self.hand_full = before
             raise

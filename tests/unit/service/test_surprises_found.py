@@ -782,3 +782,27 @@ def test_a_stop_is_answered_though_whoever_has_the_controllers_terminal_reads_no
     assert context is not None
     assert not context.cycle.supervisor.stopping
     assert story.violations() == ()
+
+
+def test_a_move_right_behind_a_hand_that_opens_waits_until_its_fingers_have_opened() -> None:
+    """A pick waited that long. After `hand open` the gripper was said to be open at once, and the arm set out with the
+    part between its fingers."""
+    story = Story(holds=True)
+    story.write_config(hand_s=1.0)
+    for text in ("reload", "enable"):
+        story.sockets[0].say(text)
+        story.wait(0.5)
+    for text in ("hand open", "go home"):
+        story.sockets[0].say(text)
+    while story.cell.controller.machine.hand_closed:
+        story.wait(0.05)
+    story.wait(0.8)
+    context = story._service.context
+    assert context is not None
+    assert "The gripper is open." not in story.texts
+    assert story.cell.controller.machine.at_rest()
+    assert context.cycle.status()["doing"] == "open the hand"
+    story.wait(1.0)
+    assert "The gripper is open." in story.texts
+    assert not story.cell.controller.machine.at_rest()
+    assert story.close() == ()
