@@ -256,7 +256,7 @@ class Supervisor:
         self.mover.dry = on
 
     def refit(self, cell: Workcell, limits: Limits, arrival: Arrival) -> None:
-        """Go on with another calibration or other limits; only while nothing is being done."""
+        """Go on with another calibration or other limits; only while nothing else is being done."""
         self.between_jobs("settings are changed")
         self.mover.cell, self.mover.limits, self.mover.arrival = cell, limits, arrival
 
@@ -483,8 +483,9 @@ class Supervisor:
             raise RefusedError(f"meanwhile it was stopped again{why}; say `{word}` once more")
 
     def between_jobs(self, what: str) -> None:
-        """Raise RefusedError where something is being done: what holds for the whole of it is not changed under it."""
-        if self._task is not None:
+        """Raise RefusedError where something is being done, but by that itself: what holds for the whole of it is not
+        changed under it."""
+        if self._task is not None and self._task is not asyncio.current_task():
             raise RefusedError(f"busy: {self._doing}; {what} in between")
 
     # Before a move.

@@ -71,13 +71,17 @@ class CommandContext:
         """Look with one eye from now on, or with both (None); only while nothing is being done, and nobody looks
         meanwhile. Raises CameraError, RefusedError."""
         before, eyes = self.hardware.eyes.alone, self.hardware.eyes
-        self.cycle.supervisor.between_jobs("eyes are changed")  # a change that is under way is not undone
-        try:
-            await self.cycle.supervisor.run("change eyes", eyes.use(alone), moves=False)
+
+        async def changed() -> None:
+            try:
+                await eyes.use(alone)
+            except BaseException:  # stopped amid it, the cameras may be changed already
+                await eyes.use(before)
+                raise
             self.cycle.refit(*pick_cell(self.config, self.calibration, self.hardware, self.log))
-        except FacetdError:
-            await eyes.use(before)
-            raise
+
+        self.cycle.supervisor.between_jobs("eyes are changed")
+        await self.cycle.supervisor.run("change eyes", changed(), moves=False)
         self.log.record("eyes", alone=alone, why=why)
         self.troubles.tell("eyes", None if alone is None else f"looking with the {alone} eye alone: {why}")
 

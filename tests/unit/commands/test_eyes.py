@@ -98,6 +98,24 @@ def test_after_a_no_the_fault_stands_and_both_eyes_stay() -> None:
     lived(story)
 
 
+def test_whoever_looks_as_soon_as_the_eyes_are_changed_looks_with_those_that_the_arm_is_reckoned_with() -> None:
+    """The look began in between: with one eye's pictures, taken for both's; and the change was undone amid it."""
+
+    async def story(here: Hours) -> None:
+        supervisor = here.cycle.supervisor
+        changing = asyncio.create_task(here.context.look_with("left", "a test"))
+        while not supervisor.busy:
+            await asyncio.sleep(0)
+        while supervisor.busy:
+            await asyncio.sleep(0)
+        seen = await here.cycle.look("a test")
+        await changing
+        assert here.cycle.cell.alone == here.context.hardware.eyes.alone == "left"
+        assert seen.taken.moved is not None
+
+    lived(story)
+
+
 def test_a_door_that_cannot_ask_is_told_the_word_and_nothing_changes() -> None:
     async def story(here: Hours) -> None:
         broken(here)
