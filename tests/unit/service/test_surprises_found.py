@@ -806,3 +806,21 @@ def test_a_move_right_behind_a_hand_that_opens_waits_until_its_fingers_have_open
     assert "The gripper is open." in story.texts
     assert not story.cell.controller.machine.at_rest()
     assert story.close() == ()
+
+
+@pytest.mark.parametrize("door", [0, 3])
+def test_a_stop_behind_a_word_whose_ends_cannot_be_read_is_heard(story: Story, door: int) -> None:
+    """Tab after `go` hung up whoever pressed it where the named places could not be read; at the terminal what had been
+    typed behind it was lost, a control-C, too."""
+    story.sockets[1].say("go bin")
+    story.wait(0.3)
+    (story.folder / "state" / "places.jsonl").mkdir()
+    if door == 3:
+        story.terminal.send_bytes(b"go \t\x03")
+    else:
+        story.sockets[door].send({"complete": "go "})
+        story.sockets[door].interrupt()
+    story.wait(0.5)
+    assert story.cell.controller.machine.at_rest()
+    assert any(text.startswith("FAULT stopped by control-C") for text in story.texts)
+    assert story.violations() == ()
