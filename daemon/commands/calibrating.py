@@ -86,6 +86,7 @@ async def calibrate(context: CommandContext, words: list[str], door: Door) -> An
         if kind == "verify":
             return _verified(views, board, context.calibration)
         if kind == "touch":
+            supervisor.not_after(stops, f"calibrate {kind}")
             return await _touch(context, views[0], board, door)
         return await _solved(context, kind, views, board, door)
     except (SessionError, StereoError, HandEyeError, BoardError) as error:
@@ -262,9 +263,8 @@ async def _touch(context: CommandContext, view: View, board: Board, door: Door) 
         frames.rigid(np.diag([-1.0, 1.0, -1.0]), corner + np.array([0.0, 0.0, tip_mm + above_mm]))
         for above_mm in (OVER_MM, TOUCH_ABOVE_MM)
     )
-    purpose = "touch test, {:g} mm above the corner".format
-    await with_questions(context, context.cycle.move_to(over, purpose(OVER_MM)), door)
-    await with_questions(context, context.cycle.jog(lambda _: down, purpose(TOUCH_ABOVE_MM)), door)
+    purpose = f"touch test, {TOUCH_ABOVE_MM:g} mm above the corner"
+    await with_questions(context, context.cycle.go_down(over, down, purpose), door)
     await door.say(f"The finger tips should be {TOUCH_ABOVE_MM:g} mm above the first inner corner of the board.")
     answer = await door.ask("How far off are they, along world x and y, in mm? (e.g. 0.5 -0.3) ")
     try:

@@ -190,6 +190,16 @@ class Cycle:
 
         return await self.supervisor.run(purpose, small_move())
 
+    async def go_down(self, over: Array, down: Array, purpose: str) -> None:
+        """To a place above another, and from there straight and slowly down to that: one job, as nobody is to move the
+        arm in between."""
+
+        async def ways() -> None:
+            await self._travel(over, f"{purpose}, over it")
+            await self.supervisor.mover.travel(down, purpose, lambda _: self.settings.near_pct, straight=True)
+
+        await self.supervisor.run(purpose, ways())
+
     async def rest(self) -> Array:
         """Where the arm is at rest, world_from_tool (4, 4) mm."""
         reading = await self.supervisor.run("where", self.supervisor.mover.rest(), moves=False)

@@ -115,7 +115,7 @@ def test_what_may_be_in_the_hand_is_guarded_before_a_tour_sets_out(
 def test_the_last_way_down_to_the_touch_test_is_a_small_straight_one(
     context: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """It went down on the board as fast as the arm travels."""
+    """It went down on the board as fast as the arm travels; and after a stop that came once the board had been seen."""
     context.cycle.set_out = None
     context.cycle.settings = SimpleNamespace(settling=None)
     context.calibration = None
@@ -131,11 +131,17 @@ def test_the_last_way_down_to_the_touch_test_is_a_small_straight_one(
     monkeypatch.setattr(calibrating, "board_in_world", lambda *_: frames.rigid(np.eye(3), board_lies))
     answer = say(context, "calibrate touch", FakeDoor(answers=["0.3 -0.4"]))
     assert answer.text.startswith("0.50 mm off: good")
-    assert context.cycle.told == [
-        "move to touch test, 60 mm above the corner: [500.0, 20.0, -226.0]",
-        "touch test, 2 mm above the corner",
-    ]
+    assert context.cycle.told == ["touch test, 2 mm above the corner, from over it: [500.0, 20.0, -226.0]"]
     assert context.cycle.at[:3, 3].tolist() == [500.0, 20.0, -284.0]
+    context.cycle.told.clear()
+
+    async def stopped(*_: Any) -> Any:
+        context.cycle.stops += 1
+        return [None]
+
+    monkeypatch.setattr(calibrating, "view_tour", stopped)
+    assert "stopped again" in say(context, "calibrate touch", FakeDoor(answers=["0.3 -0.4"])).text
+    assert context.cycle.told == []
 
 
 def test_a_tour_does_not_set_out_after_a_stop_that_came_before_it(

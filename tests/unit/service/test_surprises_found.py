@@ -753,7 +753,7 @@ def reads_nothing(story: Story, door: SocketDoor) -> None:
     for _ in range(60):
         for _ in range(40):
             door.send({"complete": ""})
-        story.wait(0.01)
+        story.wait(0.001)
 
 
 def test_a_stop_is_heard_of_one_who_reads_nothing_and_was_told_before_that_a_line_is_no_message(story: Story) -> None:
@@ -823,4 +823,26 @@ def test_a_stop_behind_a_word_whose_ends_cannot_be_read_is_heard(story: Story, d
     story.wait(0.5)
     assert story.cell.controller.machine.at_rest()
     assert any(text.startswith("FAULT stopped by control-C") for text in story.texts)
+    assert story.violations() == ()
+
+
+def test_the_way_down_of_a_touch_test_follows_the_way_over_the_corner_and_nothing_else(story: Story) -> None:
+    """It was a job of its own. Whoever had asked for it read nothing for a while, others moved the arm and aborted what
+    it did; then it went straight down to the corner from where it stood."""
+    for door, text, seconds in ((0, "go survey", 6.0), (1, "pause", 0.1), (0, "calibrate touch", 0.02)):
+        story.sockets[door].say(text)
+        story.wait(seconds)
+    reads_nothing(story, story.sockets[0])
+    for text, seconds in (("status", 5.0), ("resume", 20.0), ("go home", 0.9), ("abort", 2.0)):
+        story.sockets[1].say(text)
+        story.wait(seconds)
+    context = story._service.context
+    assert context is not None
+    assert context.cycle.status()["doing"] is None
+    before = story.cell.world_from_tool()
+    assert story.sockets[0].line is not None
+    story.loop.add_reader(story.sockets[0].line, story.sockets[0].hear)
+    story.wait(3.0)
+    assert "How far off are they" in (story.sockets[0].question or (0, ""))[1]
+    assert (story.cell.world_from_tool() == before).all()
     assert story.violations() == ()
