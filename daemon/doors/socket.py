@@ -245,8 +245,8 @@ class _Operator:
             self._file.set_exception(CommandError("the operator went away"))
 
     async def say(self, text: str) -> None:
-        """Show some lines now."""
-        await self._send({"say": text})
+        """Show some lines now; waits for nobody's reading, as it may be an arm on its way that says them."""
+        self._write({"say": text})
 
     def notice(self, text: str) -> None:
         """Show what nobody there asked for."""

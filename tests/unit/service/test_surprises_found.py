@@ -846,3 +846,25 @@ def test_the_way_down_of_a_touch_test_follows_the_way_over_the_corner_and_nothin
     assert "How far off are they" in (story.sockets[0].question or (0, ""))[1]
     assert (story.cell.world_from_tool() == before).all()
     assert story.violations() == ()
+
+
+def test_an_arm_on_its_way_round_a_part_waits_for_nobodys_reading(story: Story) -> None:
+    """Each place is told as it was looked from. Whoever had sent it off read nothing: the arm stood there for minutes,
+    nobody had told it to, and set out again once they read on, or were hung up."""
+    story.cell.place_for_teaching("cube", 0)
+    story.sockets[0].say("teach cube --around 6")
+    story.wait(1.0)
+    story.sockets[0].answer("y")
+    story.wait(2.0)
+    reads_nothing(story, story.sockets[0])
+    story.wait(60.0)
+    context = story._service.context
+    assert context is not None
+    assert context.cycle.status()["doing"] is None
+    before = story.cell.world_from_tool()
+    assert story.sockets[0].line is not None
+    story.loop.add_reader(story.sockets[0].line, story.sockets[0].hear)
+    story.wait(3.0)
+    assert "Is this the cube?" in (story.sockets[0].question or (0, ""))[1]
+    assert (story.cell.world_from_tool() == before).all()
+    assert story.violations() == ()
