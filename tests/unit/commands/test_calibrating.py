@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -12,6 +13,7 @@ import pytest
 import yaml
 
 from daemon import frames
+from daemon.calibration.file import load_calibration
 from daemon.calibration.hand_eye import ArmDoubt
 from daemon.calibration.session import Session
 from daemon.commands import calibrating, every_command
@@ -155,3 +157,29 @@ def test_a_tour_does_not_set_out_after_a_stop_that_came_before_it(
     monkeypatch.setattr(Calibrations, "check", aborted)
     answer = say(context, "calibrate stereo")
     assert (answer.status, answer.text, context.cycle.told) == (1, "stopped again", [])
+
+
+def test_a_calibration_that_was_solved_while_another_was_taken_over_is_kept_and_not_used(
+    context: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Who had gone back to an older one was told that it is in use, and seconds after it was not."""
+    calibrations, known = context.config.calibrations, load_calibration(ETC / "calibration.yaml")
+    calibrations.keep((ETC / "calibration.yaml").read_bytes())
+    context.calibration = known
+    context.cycle.set_out = None
+    context.cycle.settings = SimpleNamespace(settling=None)
+
+    async def shown(*_: Any) -> Any:
+        return []
+
+    def solved(*_: Any) -> Any:
+        context.calibration = replace(known, tool_from_cyclopean=np.eye(4))
+        return known, SimpleNamespace(stereo_rms_px=0.1, epipolar_px=0.1, sigmas={})
+
+    monkeypatch.setattr(calibrating, "show_by_hand", shown)
+    monkeypatch.setattr(calibrating, "solve_stereo", solved)
+    monkeypatch.setattr(calibrating, "_stereo_lines", lambda _: [])
+    answer = say(context, "calibrate by-hand")
+    assert answer.status == 1
+    assert "kept as calibration 2, and not taken into use: meanwhile another one was" in answer.text
+    assert calibrations.current == 1
