@@ -6,6 +6,7 @@ robot is told, so that a stop or a fault that came meanwhile closes the gate.
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Awaitable, Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import Protocol
@@ -242,8 +243,9 @@ class Mover:
             return way
         raise OutOfReachError(way.text) if way.rule == "out_of_reach" else self._refused(way)
 
-    async def hand(self, closed: bool) -> None:
-        """Open or close the gripper: held back, and refused by enable and fault, as a move is.
+    async def hand(self, closed: bool, hand_s: float = 0.0) -> None:
+        """Open or close the gripper: held back, and refused by enable and fault, as a move is. hand_s: what its fingers
+        need; until then it is neither open nor closed.
 
         Whoever reads the log after a crash must not take a hand for open that only was to be: it is told closed before
         it is, and open once it was opened.
@@ -258,6 +260,7 @@ class Mover:
         if closed:
             self._log_hand(closed)
         await self.cell.robot.hand(closed)
+        await asyncio.sleep(hand_s)
         self.closed = closed
         if not closed:
             self._log_hand(closed)

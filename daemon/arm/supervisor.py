@@ -256,7 +256,7 @@ class Supervisor:
         self.mover.dry = on
 
     def refit(self, cell: Workcell, limits: Limits, arrival: Arrival) -> None:
-        """Go on with another calibration or other limits; only while nothing is being done."""
+        """Go on with another calibration or other limits; only while nothing else is being done."""
         self.between_jobs("settings are changed")
         self.mover.cell, self.mover.limits, self.mover.arrival = cell, limits, arrival
 
@@ -286,6 +286,10 @@ class Supervisor:
 
     async def run(self, doing: str, work: Coroutine[Any, Any, T], moves: bool = True) -> T:
         """Run one job; it goes on when the one who asked goes away. moves: an error in it stops the arm."""
+        return await self.end_of(doing, self.begin(doing, work, moves))
+
+    def begin(self, doing: str, work: Coroutine[Any, Any, T], moves: bool = True) -> asyncio.Task[T]:
+        """Begin one job, as `run` does, in this very moment."""
         if self._task is not None or (moves and self.stopping):
             work.close()
             raise RefusedError(f"busy: {self._doing or self.hindrance}")
@@ -293,6 +297,10 @@ class Supervisor:
         self._doing, self._task = doing, task
         task.add_done_callback(self._done)
         task.add_done_callback(lambda _: work.close())  # one that was ended before it began was never awaited
+        return task
+
+    async def end_of(self, doing: str, task: asyncio.Task[T]) -> T:
+        """Wait for the end of a job that was begun."""
         try:
             return await asyncio.shield(task)
         except asyncio.CancelledError:
@@ -364,10 +372,9 @@ class Supervisor:
         self._why = why
         self.mover.forget()
         self.stops += 1
-        alarm = await self._brought_to_rest()
-        if alarm is None:
-            self._report(event, fault)
-        return alarm
+        self._tell_to_stop()
+        # Whoever waits may be ended by the next stop: what is to be known of this one is told all the same.
+        return await asyncio.shield(asyncio.create_task(self._brought_to_rest(event, fault), name="report a stop"))
 
     async def _halt(self, event: Interruption, why: str, fault: str | None) -> str | None:
         """End the job: the fault is set in the same breath as its task is cancelled, before anything can run."""
@@ -383,19 +390,25 @@ class Supervisor:
             self._ending -= 1
         return alarm
 
-    async def _brought_to_rest(self) -> str | None:
-        """Tell the arm to stop, or join in; comes back when it was seen at rest, or else with the alarm."""
+    def _tell_to_stop(self) -> None:
+        """Begin to, or join in."""
         if not self._being_told:
             self._told.clear()
             self._alarm = asyncio.get_running_loop().create_future()
             self._telling = asyncio.create_task(self._tell_until_at_rest(self._alarm), name="stop")
+
+    async def _brought_to_rest(self, event: Interruption, fault: str | None) -> str | None:
+        """Comes back when the arm was seen at rest, and that was reported, or else with the alarm."""
         assert self._telling is not None
         assert self._alarm is not None
         either: set[asyncio.Future[Any]] = {self._telling, self._alarm}
         await asyncio.wait(either, return_when=asyncio.FIRST_COMPLETED)
         if not self._alarm.done() and self._telling.cancelled():
             self._sound(self._alarm, "the daemon has ended")
-        return self._alarm.result() if self._alarm.done() else None
+        if self._alarm.done():
+            return self._alarm.result()
+        self._report(event, fault)
+        return None
 
     async def _tell_until_at_rest(self, alarm: asyncio.Future[str]) -> None:
         """However long it takes. The alarm sounds at once where the controller refuses, and after ABORT_S."""
@@ -470,8 +483,9 @@ class Supervisor:
             raise RefusedError(f"meanwhile it was stopped again{why}; say `{word}` once more")
 
     def between_jobs(self, what: str) -> None:
-        """Raise RefusedError where something is being done: what holds for the whole of it is not changed under it."""
-        if self._task is not None:
+        """Raise RefusedError where something is being done, but by that itself: what holds for the whole of it is not
+        changed under it."""
+        if self._task is not None and self._task is not asyncio.current_task():
             raise RefusedError(f"busy: {self._doing}; {what} in between")
 
     # Before a move.

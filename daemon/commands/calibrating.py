@@ -13,7 +13,7 @@ import numpy as np
 
 from daemon import frames
 from daemon.calibration.board import Board, BoardError, parse_board
-from daemon.calibration.file import Calibration, calibration_text, load_calibration
+from daemon.calibration.file import Calibration, calibration_text, load_calibration, same_geometry
 from daemon.calibration.hand_eye import ArmDoubt, HandEyeError, HandEyeResult
 from daemon.calibration.session import (
     Session,
@@ -86,6 +86,7 @@ async def calibrate(context: CommandContext, words: list[str], door: Door) -> An
         if kind == "verify":
             return _verified(views, board, context.calibration)
         if kind == "touch":
+            supervisor.not_after(stops, f"calibrate {kind}")
             return await _touch(context, views[0], board, door)
         return await _solved(context, kind, views, board, door)
     except (SessionError, StereoError, HandEyeError, BoardError) as error:
@@ -151,7 +152,7 @@ async def _solved(context: CommandContext, kind: str, views: list[View], board: 
         "arm_deg": hand_eye.arm.deg,
         "warning": hand_eye.warning,
     }
-    lines += [_moved(before, after), *await _taken_over(context, after, door)]
+    lines += [_moved(before, after), *await _taken_over(context, before, after, door)]
     lines.append("Residuals are not accuracy: `calibrate verify` measures that from new poses.")
     return Answer("\n".join(lines), data)
 
@@ -159,22 +160,25 @@ async def _solved(context: CommandContext, kind: str, views: list[View], board: 
 async def _eyes_alone(context: CommandContext, board: Board, door: Door) -> Answer:
     """Both eyes, from a board held by a person; no arm is needed."""
     views = await show_by_hand(_session(context, board), door.say)
-    after, stereo = await asyncio.to_thread(solve_stereo, views, board, context.calibration)
-    lines = [*_stereo_lines(stereo), *await _taken_over(context, after, door)]
+    before = context.calibration
+    after, stereo = await asyncio.to_thread(solve_stereo, views, board, before)
+    lines = [*_stereo_lines(stereo), *await _taken_over(context, before, after, door)]
     lines.append("Now `calibrate hand-eye`: the eyes' common frame has moved a little under the old one.")
     return Answer("\n".join(lines), {"views": len(views), "rms_px": stereo.stereo_rms_px, "sigmas": stereo.sigmas})
 
 
-async def _taken_over(context: CommandContext, after: Calibration, door: Door) -> list[str]:
-    """Keep it, and work with it from now on."""
+async def _taken_over(context: CommandContext, before: Calibration, after: Calibration, door: Door) -> list[str]:
+    """Keep it, and work with it from now on. before: what was worked with as it was solved."""
     calibrations = context.config.calibrations
-    before, number = calibrations.current, await asyncio.to_thread(calibrations.keep, calibration_text(after))
+    used, number = calibrations.current, await asyncio.to_thread(calibrations.keep, calibration_text(after))
     try:
+        if not same_geometry(before, context.calibration):
+            raise CommandError(f"meanwhile another one was; `calibrate use {number}` goes over to it")
         taken = await context.reload(door.who)
     except FacetdError as error:
-        calibrations.use(before)
+        calibrations.use(used)
         raise CommandError(f"kept as calibration {number}, and not taken into use: {error}") from None
-    return [taken, f"Kept as calibration {number}, {calibrations.path(number)}; `calibrate use {before}` goes back."]
+    return [taken, f"Kept as calibration {number}, {calibrations.path(number)}; `calibrate use {used}` goes back."]
 
 
 def _list(context: CommandContext, words: list[str]) -> Answer:
@@ -262,9 +266,8 @@ async def _touch(context: CommandContext, view: View, board: Board, door: Door) 
         frames.rigid(np.diag([-1.0, 1.0, -1.0]), corner + np.array([0.0, 0.0, tip_mm + above_mm]))
         for above_mm in (OVER_MM, TOUCH_ABOVE_MM)
     )
-    purpose = "touch test, {:g} mm above the corner".format
-    await with_questions(context, context.cycle.move_to(over, purpose(OVER_MM)), door)
-    await with_questions(context, context.cycle.jog(lambda _: down, purpose(TOUCH_ABOVE_MM)), door)
+    purpose = f"touch test, {TOUCH_ABOVE_MM:g} mm above the corner"
+    await with_questions(context, context.cycle.go_down(over, down, purpose), door)
     await door.say(f"The finger tips should be {TOUCH_ABOVE_MM:g} mm above the first inner corner of the board.")
     answer = await door.ask("How far off are they, along world x and y, in mm? (e.g. 0.5 -0.3) ")
     try:

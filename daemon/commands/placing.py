@@ -33,6 +33,8 @@ AXES = {
     "ry": (1, "degrees"),
     "rz": (2, "degrees"),
 }
+WRITTEN = {"mm": "mm", "degrees": "deg"}
+"""How a unit may stand behind a distance: another than the axis has is no distance along it."""
 FRAMES = ("world", "tool")
 LONGEST = {"mm": 100.0, "degrees": 30.0}
 """More than that in one go is no small move: `go` to a place."""
@@ -78,7 +80,7 @@ async def jog(context: CommandContext, words: list[str], door: Door) -> Answer:
 
 def _distance(word: str, unit: str) -> float:
     try:
-        distance = float(word.removesuffix("mm").removesuffix("deg"))
+        distance = float(word.removesuffix(WRITTEN[unit]))
     except ValueError:
         distance = np.nan
     if not 0 < abs(distance) <= LONGEST[unit]:

@@ -71,24 +71,25 @@ class CommandContext:
         """Look with one eye from now on, or with both (None); only while nothing is being done, and nobody looks
         meanwhile. Raises CameraError, RefusedError."""
         before, eyes = self.hardware.eyes.alone, self.hardware.eyes
-        self.cycle.supervisor.between_jobs("eyes are changed")  # a change that is under way is not undone
-        try:
-            await self.cycle.supervisor.run("change eyes", eyes.use(alone), moves=False)
+
+        async def changed() -> None:
+            try:
+                await eyes.use(alone)
+            except BaseException:  # stopped amid it, the cameras may be changed already
+                await eyes.use(before)
+                raise
             self.cycle.refit(*pick_cell(self.config, self.calibration, self.hardware, self.log))
-        except FacetdError:
-            await eyes.use(before)
-            raise
+
+        self.cycle.supervisor.between_jobs("eyes are changed")
+        await self.cycle.supervisor.run("change eyes", changed(), moves=False)
         self.log.record("eyes", alone=alone, why=why)
         self.troubles.tell("eyes", None if alone is None else f"looking with the {alone} eye alone: {why}")
 
     async def begin_auto(self, count: int | None, every_s: float | None = None) -> None:
         """Pick in the background. Raises RefusedError where that may not begin; an auto that is on stays the one that
         `auto_ends` waits for."""
-        begun = asyncio.create_task(self.cycle.auto(count, every_s), name="auto")
+        begun = asyncio.create_task(self.cycle.begin_auto(count, every_s), name="auto")
         begun.add_done_callback(self._auto_ended)
-        await asyncio.sleep(0)
-        if begun.done():
-            begun.result()
         self._auto = begun
 
     def _auto_ended(self, auto: asyncio.Task[list[CycleEnd]]) -> None:

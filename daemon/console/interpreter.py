@@ -274,15 +274,19 @@ class Console:
         return self.context.cycle.supervisor.stops
 
     def complete(self, typed: str) -> list[str]:
-        """Every line that the one typed so far may become."""
+        """Every line that the one typed so far may become; none where that cannot be read, as whoever asks has more to
+        hear, a stop perhaps."""
         *before, begun = typed.split(" ")
         if not before:
             return [name for name in sorted(self.commands) if name.startswith(begun)]
         command = self.commands.get(before[0])
         if command is None or len(before) > 2:
             return []
-        offered = command.offered(self.context) if len(before) == 1 else command.further(self.context, before[1])
-        return [" ".join([*before, choice]) for choice in sorted(offered) if choice.startswith(begun)]
+        try:
+            offered = command.offered(self.context) if len(before) == 1 else command.further(self.context, before[1])
+            return [" ".join([*before, choice]) for choice in sorted(offered) if choice.startswith(begun)]
+        except ANSWERABLE:
+            return []
 
     def moves(self, text: str) -> bool:
         """Whether a line is about moving the arm."""

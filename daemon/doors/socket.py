@@ -215,7 +215,8 @@ class _Operator:
             try:
                 self._hear(_message(line))
             except ValueError as error:
-                await self._send({"done": _plain(Answer(f"not a message: {error}", {}, 2))})
+                # Nobody waits here for one who does not read: their next line may be a stop.
+                self._write({"done": _plain(Answer(f"not a message: {error}", {}, 2))})
         self.leave()
         await self._turns.end()
 
@@ -244,8 +245,8 @@ class _Operator:
             self._file.set_exception(CommandError("the operator went away"))
 
     async def say(self, text: str) -> None:
-        """Show some lines now."""
-        await self._send({"say": text})
+        """Show some lines now; waits for nobody's reading, as it may be an arm on its way that says them."""
+        self._write({"say": text})
 
     def notice(self, text: str) -> None:
         """Show what nobody there asked for."""
@@ -275,7 +276,7 @@ class _Operator:
             await self._left.wait()
         finally:
             self._typed = None
-            await self._send({"terminal": False})
+            self._write({"terminal": False})  # a stop has ended with this: it waits for nobody's reading
 
     def show(self, data: bytes) -> None:
         """Bytes onto the operator's terminal."""

@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import asyncio
 from collections import Counter, deque
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
 from dataclasses import asdict, replace
+from typing import Any
 
 from daemon import frames
 from daemon.arm import (
@@ -126,8 +127,16 @@ class Cycle:
     async def auto(self, count: int | None = None, wait_s: float | None = None) -> list[CycleEnd]:
         """Pick until the table is empty, count is reached or auto_off(); wait_s: an empty table is looked at again at
         that interval instead of ending."""
+        return await self.begin_auto(count, wait_s)
+
+    def begin_auto(self, count: int | None = None, wait_s: float | None = None) -> Coroutine[Any, Any, list[CycleEnd]]:
+        """The same, on in this very moment: an auto_off() that comes next ends it. Gives what waits for its end."""
         self._may_pick()
-        return await self.supervisor.run("auto", self._many(PickOrder(count, wait_s)))
+        task = self.supervisor.begin("auto", self._many(wait_s))
+        task.add_done_callback(self._auto_over)
+        self._auto, self.skipped = True, []
+        self._order(PickOrder(count, wait_s))
+        return self.supervisor.end_of("auto", task)
 
     def auto_off(self) -> None:
         """End auto after the part in hand; where it was cut off, give up what is left."""
@@ -182,6 +191,16 @@ class Cycle:
             return target
 
         return await self.supervisor.run(purpose, small_move())
+
+    async def go_down(self, over: Array, down: Array, purpose: str) -> None:
+        """To a place above another, and from there straight and slowly down to that: one job, as nobody is to move the
+        arm in between."""
+
+        async def ways() -> None:
+            await self._travel(over, f"{purpose}, over it")
+            await self.supervisor.mover.travel(down, purpose, lambda _: self.settings.near_pct, straight=True)
+
+        await self.supervisor.run(purpose, ways())
 
     async def rest(self) -> Array:
         """Where the arm is at rest, world_from_tool (4, 4) mm."""
@@ -298,7 +317,7 @@ class Cycle:
         if (closed or before) and not mover.dry:
             self.hand_full = None
         try:
-            await mover.hand(closed)
+            await mover.hand(closed, self.settings.hand_s)
         except NotSentError:
             self.hand_full = before
             raise
@@ -341,10 +360,12 @@ class Cycle:
         self.pick_order = pick_order
         self.cell.log.record("auto", on=pick_order is not None, **asdict(pick_order or PickOrder()))
 
-    async def _many(self, pick_order: PickOrder) -> list[CycleEnd]:
+    def _auto_over(self, _: asyncio.Task[list[CycleEnd]]) -> None:
+        """Also of one that was stopped before it began."""
+        self._auto = False
+
+    async def _many(self, every_s: float | None) -> list[CycleEnd]:
         ends: deque[CycleEnd] = deque(maxlen=KEPT_ENDS)
-        self._auto, self.skipped = True, []
-        self._order(pick_order)
         try:
             while self._auto and self.pick_order is not None and not self.pick_order.done:
                 ends.append(await self._one(None, stay=self.pick_order.count != 1))
@@ -355,15 +376,13 @@ class Cycle:
                 if ends[-1].outcome in (Outcome.PICKED, Outcome.PLACED):
                     self.skipped = [s for s in self.skipped if s.outcome is Outcome.MISSED]
                 else:
-                    if pick_order.every_s is None or not self._auto:
+                    if every_s is None or not self._auto:
                         break
-                    await asyncio.sleep(pick_order.every_s)
+                    await asyncio.sleep(every_s)
                     self.skipped = []
             self._order(None)
         except asyncio.CancelledError:
             pass  # stopped while it waited for parts: the arm stands, and what was picked is told
-        finally:
-            self._auto = False
         return list(ends)
 
     async def _only(self, label: str | None) -> CycleEnd:

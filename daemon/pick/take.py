@@ -3,7 +3,6 @@ handler is."""
 
 from __future__ import annotations
 
-import asyncio
 from typing import Literal
 
 from daemon import frames
@@ -48,10 +47,9 @@ async def final(context: PickContext, world: WorldModel) -> Literal[Event.THERE,
 async def closing(context: PickContext, world: WorldModel) -> Literal[Event.CLOSED]:
     """Close the hand; from now on the part is guarded as the hand is, where it was thought to lie in it."""
     target = world.the_target()
-    await context.mover.hand(closed=True)
+    await context.mover.hand(closed=True, hand_s=context.settings.hand_s)
     corners = frames.apply(target.tool_from_part, target.shape.corners_mm)
     context.mover.carried = (capsule_around(corners, f"{target.label} in the hand"),)
-    await asyncio.sleep(context.settings.hand_s)
     return Event.CLOSED
 
 
@@ -119,8 +117,7 @@ async def place(context: PickContext, world: WorldModel) -> Literal[Event.PLACED
 async def let_go(context: PickContext, world: WorldModel) -> None:
     """Open the hand over the bin: nowhere else does a pick open a hand that has closed."""
     await travel(context, world, context.settings.bin.pose(), "bin")
-    await context.mover.hand(closed=False)
-    await asyncio.sleep(context.settings.hand_s)
+    await context.mover.hand(closed=False, hand_s=context.settings.hand_s)
 
 
 async def home(context: PickContext, world: WorldModel) -> Literal[Event.THERE]:

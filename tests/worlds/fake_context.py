@@ -55,6 +55,10 @@ class FakeCycle:
     async def move_to(self, world_from_tool: Any, purpose: str) -> None:
         self.told.append(f"move to {purpose}: {world_from_tool[:3, 3].round(3).tolist()}")
 
+    async def go_down(self, over: Any, down: Any, purpose: str) -> None:
+        self.told.append(f"{purpose}, from over it: {over[:3, 3].round(3).tolist()}")
+        self.at = down
+
     async def rest(self) -> Any:
         return self.at
 

@@ -156,6 +156,9 @@ def test_an_abort_that_is_not_answered_is_a_fault_that_sends_to_the_emergency_st
 def test_one_job_at_a_time_and_nothing_is_switched_under_it():
     _, supervisor, _ = supervised()
 
+    async def by_somebody(act, *values) -> None:
+        act(*values)
+
     async def story() -> None:
         free = asyncio.Event()
         task = asyncio.create_task(supervisor.run("wait", free.wait()))
@@ -163,8 +166,8 @@ def test_one_job_at_a_time_and_nothing_is_switched_under_it():
         assert supervisor.status()["doing"] == "wait"
         for refused in (
             supervisor.run("other", asyncio.sleep(0)),
-            asyncio.to_thread(supervisor.dry, True),
-            asyncio.to_thread(supervisor.refit, supervisor.mover.cell, Limits(), Arrival()),
+            by_somebody(supervisor.dry, True),
+            by_somebody(supervisor.refit, supervisor.mover.cell, Limits(), Arrival()),
         ):
             with pytest.raises(RefusedError, match="busy: wait"):
                 await refused

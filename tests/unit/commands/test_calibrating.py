@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -12,6 +13,7 @@ import pytest
 import yaml
 
 from daemon import frames
+from daemon.calibration.file import load_calibration
 from daemon.calibration.hand_eye import ArmDoubt
 from daemon.calibration.session import Session
 from daemon.commands import calibrating, every_command
@@ -115,7 +117,7 @@ def test_what_may_be_in_the_hand_is_guarded_before_a_tour_sets_out(
 def test_the_last_way_down_to_the_touch_test_is_a_small_straight_one(
     context: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """It went down on the board as fast as the arm travels."""
+    """It went down on the board as fast as the arm travels; and after a stop that came once the board had been seen."""
     context.cycle.set_out = None
     context.cycle.settings = SimpleNamespace(settling=None)
     context.calibration = None
@@ -131,11 +133,17 @@ def test_the_last_way_down_to_the_touch_test_is_a_small_straight_one(
     monkeypatch.setattr(calibrating, "board_in_world", lambda *_: frames.rigid(np.eye(3), board_lies))
     answer = say(context, "calibrate touch", FakeDoor(answers=["0.3 -0.4"]))
     assert answer.text.startswith("0.50 mm off: good")
-    assert context.cycle.told == [
-        "move to touch test, 60 mm above the corner: [500.0, 20.0, -226.0]",
-        "touch test, 2 mm above the corner",
-    ]
+    assert context.cycle.told == ["touch test, 2 mm above the corner, from over it: [500.0, 20.0, -226.0]"]
     assert context.cycle.at[:3, 3].tolist() == [500.0, 20.0, -284.0]
+    context.cycle.told.clear()
+
+    async def stopped(*_: Any) -> Any:
+        context.cycle.stops += 1
+        return [None]
+
+    monkeypatch.setattr(calibrating, "view_tour", stopped)
+    assert "stopped again" in say(context, "calibrate touch", FakeDoor(answers=["0.3 -0.4"])).text
+    assert context.cycle.told == []
 
 
 def test_a_tour_does_not_set_out_after_a_stop_that_came_before_it(
@@ -149,3 +157,29 @@ def test_a_tour_does_not_set_out_after_a_stop_that_came_before_it(
     monkeypatch.setattr(Calibrations, "check", aborted)
     answer = say(context, "calibrate stereo")
     assert (answer.status, answer.text, context.cycle.told) == (1, "stopped again", [])
+
+
+def test_a_calibration_that_was_solved_while_another_was_taken_over_is_kept_and_not_used(
+    context: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Who had gone back to an older one was told that it is in use, and seconds after it was not."""
+    calibrations, known = context.config.calibrations, load_calibration(ETC / "calibration.yaml")
+    calibrations.keep((ETC / "calibration.yaml").read_bytes())
+    context.calibration = known
+    context.cycle.set_out = None
+    context.cycle.settings = SimpleNamespace(settling=None)
+
+    async def shown(*_: Any) -> Any:
+        return []
+
+    def solved(*_: Any) -> Any:
+        context.calibration = replace(known, tool_from_cyclopean=np.eye(4))
+        return known, SimpleNamespace(stereo_rms_px=0.1, epipolar_px=0.1, sigmas={})
+
+    monkeypatch.setattr(calibrating, "show_by_hand", shown)
+    monkeypatch.setattr(calibrating, "solve_stereo", solved)
+    monkeypatch.setattr(calibrating, "_stereo_lines", lambda _: [])
+    answer = say(context, "calibrate by-hand")
+    assert answer.status == 1
+    assert "kept as calibration 2, and not taken into use: meanwhile another one was" in answer.text
+    assert calibrations.current == 1

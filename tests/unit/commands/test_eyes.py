@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Awaitable, Callable, Coroutine
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -12,6 +13,7 @@ import pytest
 from daemon.arm import EyeName, RefusedError
 from daemon.commands.between_picks import BetweenPicks
 from daemon.commands.eyes import eyes
+from daemon.commands.learning import teach
 from daemon.commands.looking import look
 from daemon.commands.moving import resume
 from daemon.console.interpreter import CommandError
@@ -94,6 +96,46 @@ def test_after_a_no_the_fault_stands_and_both_eyes_stay() -> None:
             await resume.run(here.context, [], FakeDoor(answers=["n"]))
         assert here.cycle.supervisor.fault == FAULT
         assert here.cycle.cell.alone is None
+
+    lived(story)
+
+
+def test_whoever_looks_as_soon_as_the_eyes_are_changed_looks_with_those_that_the_arm_is_reckoned_with() -> None:
+    """The look began in between: with one eye's pictures, taken for both's; and the change was undone amid it."""
+
+    async def story(here: Hours) -> None:
+        supervisor = here.cycle.supervisor
+        changing = asyncio.create_task(here.context.look_with("left", "a test"))
+        while not supervisor.busy:
+            await asyncio.sleep(0)
+        while supervisor.busy:
+            await asyncio.sleep(0)
+        seen = await here.cycle.look("a test")
+        await changing
+        assert here.cycle.cell.alone == here.context.hardware.eyes.alone == "left"
+        assert seen.taken.moved is not None
+
+    lived(story)
+
+
+def test_a_yes_to_teach_a_new_part_moves_no_eye_where_the_arm_was_stopped_since_it_was_asked_for() -> None:
+    """`abort` leaves no fault: the arm moved the eye aside after it."""
+
+    async def story(here: Hours) -> None:
+        await eyes.run(here.context, ["left"], FakeDoor())
+        here.context.hardware = replace(here.context.hardware, hand=None)
+        known = SimpleNamespace(labels=lambda: ())
+        here.context.trainer = SimpleNamespace(parts={}, model=SimpleNamespace(labels=()), model_store=known)  # type: ignore[assignment]
+        door = FakeDoor(answers=["y", "n"])
+
+        async def asked(question: str) -> str:
+            await here.cycle.supervisor.abort()
+            return door.answers.pop(0)
+
+        door.ask = asked  # type: ignore[method-assign]
+        with pytest.raises(RefusedError, match="meanwhile it was stopped"):
+            await teach.run(here.context, ["bolt"], door)
+        assert not here.log.said("move")
 
     lived(story)
 

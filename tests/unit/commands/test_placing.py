@@ -30,6 +30,7 @@ def say(context: Any, text: str, door: FakeDoor | None = None) -> Answer:
     [
         ("jog z -5", [0, 0, -5]),
         ("jog x 2.5mm world", [2.5, 0, 0]),
+        ("jog rz 30deg", [0, 0, 0]),
         ("jog z 5 tool", [0, 0, -5]),
         ("jog x 1 tool", [-1, 0, 0]),
         ("jog rz 30", [0, 0, 0]),
@@ -62,6 +63,9 @@ def test_a_turn_is_about_the_point_between_the_fingers(context: Any) -> None:
         ("jog z 0", "found 0"),
         ("jog z nan", "found nan"),
         ("jog z 101", "found 101"),
+        ("jog z 5deg", "expected up to 100 mm either way, found 5deg"),
+        ("jog rz 5mm", "expected up to 30 degrees either way, found 5mm"),
+        ("jog z 5mmdeg", "found 5mmdeg"),
         ("jog rz 31", "expected up to 30 degrees either way, found 31"),
         ("jog z 5 part", "part: no such frame; known: tool, world"),
         ("jog z 5 tool now", "now: one word too many"),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
 from types import SimpleNamespace
 from typing import Any
 
@@ -113,7 +113,7 @@ def test_the_end_of_an_auto_is_told_with_what_it_brought() -> None:
         return [end("picked"), end("missed"), end("picked"), end("empty")]
 
     async def run() -> list[str]:
-        context: Any = SimpleNamespace(cycle=SimpleNamespace(auto=auto), notices=Notices(), _auto=None)
+        context: Any = SimpleNamespace(cycle=SimpleNamespace(begin_auto=auto), notices=Notices(), _auto=None)
         context._auto_ended = lambda task: CommandContext._auto_ended(context, task)
         door = Door()
         context.notices.listen(door)
@@ -129,15 +129,18 @@ def test_an_auto_that_may_not_begin_is_not_waited_for_in_place_of_the_one_that_i
     """`auto resume` beside an auto was refused as busy; `auto wait` then said at once that 0 parts had been picked."""
     free, end_of_first = [True], asyncio.Event()
 
-    async def auto(*_: Any) -> list[Any]:
-        if not free:
-            raise RefusedError("busy: auto")
-        free.clear()
+    async def ended() -> list[Any]:
         await end_of_first.wait()
         return [end("picked")]
 
+    def auto(*_: Any) -> Coroutine[Any, Any, list[Any]]:
+        if not free:
+            raise RefusedError("busy: auto")
+        free.clear()
+        return ended()
+
     async def run() -> list[Any]:
-        context: Any = SimpleNamespace(cycle=SimpleNamespace(auto=auto), notices=Notices(), _auto=None)
+        context: Any = SimpleNamespace(cycle=SimpleNamespace(begin_auto=auto), notices=Notices(), _auto=None)
         context._auto_ended = lambda task: CommandContext._auto_ended(context, task)
         await CommandContext.begin_auto(context, None)
         with pytest.raises(RefusedError, match="busy"):

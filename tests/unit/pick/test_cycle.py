@@ -398,3 +398,15 @@ def test_a_look_that_is_asked_for_is_lit_too():
     seen = asyncio.run(cycle_of(world).look())
     left, right = (float(p.pixels.mean()) for p in (seen.pictures.left, seen.pictures.right))
     assert left == pytest.approx(right, rel=0.1)
+
+
+def test_the_way_down_to_a_place_from_over_it_is_a_straight_and_slow_one():
+    world = World(np.random.default_rng(0))
+    cycle = cycle_of(world)
+    over, down = (frames.rigid(np.diag([-1.0, 1.0, -1.0]), [500.0, 20.0, z]) for z in (-226.0, -284.0))
+    asyncio.run(cycle.go_down(over, down, "touch"))
+    *_, before, last = world.said("move")
+    assert np.array_equal(before["target"], over)
+    assert (last["how"], last["speed_pct"]) == ("straight", cycle.settings.near_pct)
+    assert np.array_equal(last["target"], down)
+    assert before["speed_pct"] > last["speed_pct"]

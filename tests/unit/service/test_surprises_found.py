@@ -15,7 +15,7 @@ from drivers.simcell.controller.machine import Machine
 from drivers.simcell.controller.monitor import MONITOR_COMMANDS
 from drivers.simcell.world import Where
 from tests.worlds.first_day import arm_yaml
-from tests.worlds.whole_daemon import Story
+from tests.worlds.whole_daemon import SocketDoor, Story
 
 pytestmark = pytest.mark.slow
 NO_LONGER = "The arm is no longer enabled: pick.limits changed."
@@ -737,3 +737,176 @@ def test_who_takes_the_leave_to_move_while_asked_whether_a_line_may_be_sent_is_n
     assert story.violations() == ()
     assert story.cell.controller.machine.at_rest()
     assert not any("the question stands" in text for text in story.texts)
+
+
+@pytest.mark.parametrize("word", ["abort", "disable", "stop"])
+def test_a_fault_is_told_and_outlives_the_daemon_also_where_somebody_stops_the_arm_as_it_is_being_stopped(
+    story: Story, word: str
+) -> None:
+    """Its report was ended with the job: no door heard of it, no log had it, and after a restart nothing stood."""
+    story.sockets[0].say("go bin")
+    story.wait(0.3)
+    story.cell.controller.faults.refusals.append("*Location out of range*")
+    context = story._service.context
+    assert context is not None
+    while not context.cycle.supervisor.stopping:
+        story.wait(0.01)
+    story.sockets[1].say(word)
+    story.wait(2.0)
+    assert any(text.startswith("FAULT ControllerError: *Location out of range*") for text in story.texts)
+    kill(story)
+    context = story._service.context
+    assert context is not None
+    assert context.cycle.supervisor.fault == "restarted: the daemon ended in fault"
+    assert story.violations() == ()
+
+
+@pytest.mark.parametrize("door", [0, 1])
+def test_an_auto_off_that_is_heard_right_behind_an_auto_on_ends_it(story: Story, door: int) -> None:
+    """It was told that no auto is on, and the arm picked on until the table was empty."""
+    story.sockets[0].say("auto on")
+    story.sockets[door].say("auto off")
+    story.wait(1.0)
+    assert any(text.startswith("Picking, until") for text in story.texts)
+    assert "No auto is on." not in story.texts
+    context = story._service.context
+    assert context is not None
+    state = context.cycle.status()
+    assert (state["auto"], state["doing"], state["left"]) == (False, None, None)
+    assert story.cell.controller.machine.at_rest()
+    assert story.violations() == ()
+
+
+def test_an_auto_that_was_stopped_before_it_began_is_not_on(story: Story) -> None:
+    for text in ("auto on 2", "stop"):
+        story.sockets[0].say(text)
+    story.wait(1.0)
+    context = story._service.context
+    assert context is not None
+    state = context.cycle.status()
+    assert (state["auto"], state["doing"], state["left"]) == (False, None, {"count": 2, "every_s": None})
+    assert story.violations() == ()
+
+
+def reads_nothing(story: Story, door: SocketDoor) -> None:
+    """Whoever sits there has frozen the terminal, with more on its way to it than is taken on the way."""
+    assert door.line is not None
+    story.loop.remove_reader(door.line)
+    for _ in range(60):
+        for _ in range(40):
+            door.send({"complete": ""})
+        story.wait(0.001)
+
+
+def test_a_stop_is_heard_of_one_who_reads_nothing_and_was_told_before_that_a_line_is_no_message(story: Story) -> None:
+    """Until that was read nothing more of theirs was: the arm went all its way."""
+    story.sockets[0].say("go bin")
+    story.wait(0.2)
+    reads_nothing(story, story.sockets[0])
+    assert not story.cell.controller.machine.at_rest()
+    story.sockets[0].send({"complete": 1})
+    story.wait(0.05)
+    story.sockets[0].say("stop")
+    story.wait(0.3)
+    assert story.cell.controller.machine.at_rest()
+    assert story.violations() == ()
+
+
+def test_a_stop_is_answered_though_whoever_has_the_controllers_terminal_reads_nothing(story: Story) -> None:
+    """For ten minutes nobody was told that the arm had stopped, and no `resume` was heard."""
+    story.sockets[0].say("robot monitor")
+    story.wait(0.5)
+    reads_nothing(story, story.sockets[0])
+    story.sockets[1].say("stop")
+    story.wait(3.0)
+    assert "Stopped. Nothing moves until `resume`." in story.texts
+    context = story._service.context
+    assert context is not None
+    assert not context.cycle.supervisor.stopping
+    assert story.violations() == ()
+
+
+def test_a_move_right_behind_a_hand_that_opens_waits_until_its_fingers_have_opened() -> None:
+    """A pick waited that long. After `hand open` the gripper was said to be open at once, and the arm set out with the
+    part between its fingers."""
+    story = Story(holds=True)
+    story.write_config(hand_s=1.0)
+    for text in ("reload", "enable"):
+        story.sockets[0].say(text)
+        story.wait(0.5)
+    for text in ("hand open", "go home"):
+        story.sockets[0].say(text)
+    while story.cell.controller.machine.hand_closed:
+        story.wait(0.05)
+    story.wait(0.8)
+    context = story._service.context
+    assert context is not None
+    assert "The gripper is open." not in story.texts
+    assert story.cell.controller.machine.at_rest()
+    assert context.cycle.status()["doing"] == "open the hand"
+    story.wait(1.0)
+    assert "The gripper is open." in story.texts
+    assert not story.cell.controller.machine.at_rest()
+    assert story.close() == ()
+
+
+@pytest.mark.parametrize("door", [0, 3])
+def test_a_stop_behind_a_word_whose_ends_cannot_be_read_is_heard(story: Story, door: int) -> None:
+    """Tab after `go` hung up whoever pressed it where the named places could not be read; at the terminal what had been
+    typed behind it was lost, a control-C, too."""
+    story.sockets[1].say("go bin")
+    story.wait(0.3)
+    (story.folder / "state" / "places.jsonl").mkdir()
+    if door == 3:
+        story.terminal.send_bytes(b"go \t\x03")
+    else:
+        story.sockets[door].send({"complete": "go "})
+        story.sockets[door].interrupt()
+    story.wait(0.5)
+    assert story.cell.controller.machine.at_rest()
+    assert any(text.startswith("FAULT stopped by control-C") for text in story.texts)
+    assert story.violations() == ()
+
+
+def test_the_way_down_of_a_touch_test_follows_the_way_over_the_corner_and_nothing_else(story: Story) -> None:
+    """It was a job of its own. Whoever had asked for it read nothing for a while, others moved the arm and aborted what
+    it did; then it went straight down to the corner from where it stood."""
+    for door, text, seconds in ((0, "go survey", 6.0), (1, "pause", 0.1), (0, "calibrate touch", 0.02)):
+        story.sockets[door].say(text)
+        story.wait(seconds)
+    reads_nothing(story, story.sockets[0])
+    for text, seconds in (("status", 5.0), ("resume", 20.0), ("go home", 0.9), ("abort", 2.0)):
+        story.sockets[1].say(text)
+        story.wait(seconds)
+    context = story._service.context
+    assert context is not None
+    assert context.cycle.status()["doing"] is None
+    before = story.cell.world_from_tool()
+    assert story.sockets[0].line is not None
+    story.loop.add_reader(story.sockets[0].line, story.sockets[0].hear)
+    story.wait(3.0)
+    assert "How far off are they" in (story.sockets[0].question or (0, ""))[1]
+    assert (story.cell.world_from_tool() == before).all()
+    assert story.violations() == ()
+
+
+def test_an_arm_on_its_way_round_a_part_waits_for_nobodys_reading(story: Story) -> None:
+    """Each place is told as it was looked from. Whoever had sent it off read nothing: the arm stood there for minutes,
+    nobody had told it to, and set out again once they read on, or were hung up."""
+    story.cell.place_for_teaching("cube", 0)
+    story.sockets[0].say("teach cube --around 6")
+    story.wait(1.0)
+    story.sockets[0].answer("y")
+    story.wait(2.0)
+    reads_nothing(story, story.sockets[0])
+    story.wait(60.0)
+    context = story._service.context
+    assert context is not None
+    assert context.cycle.status()["doing"] is None
+    before = story.cell.world_from_tool()
+    assert story.sockets[0].line is not None
+    story.loop.add_reader(story.sockets[0].line, story.sockets[0].hear)
+    story.wait(3.0)
+    assert "Is this the cube?" in (story.sockets[0].question or (0, ""))[1]
+    assert (story.cell.world_from_tool() == before).all()
+    assert story.violations() == ()
