@@ -9,7 +9,7 @@ from daemon.arm.mover import Arrival, Mover, MoveRefusedError, NotSentError, Out
 from daemon.arm.route import PATH_MM
 from daemon.arm.settling import NotSettledError, SettledPair, Settling, settled_pair
 from daemon.arm.speed import speed_pct
-from daemon.arm.supervisor import ABORT_S, Interruption, Let, OperatorRefusedError, RefusedError, Supervisor
+from daemon.arm.supervisor import ABORT_S, Interruption, Let, OperatorRefusedError, RefusedError, Supervisor, said
 from daemon.arm.workcell import EYES, EyeName, Log, Picture, Pictures, Reading, StopRefusedError, Workcell
 
 __all__ = [
@@ -43,6 +43,7 @@ __all__ = [
     "ball_of",
     "body_like",
     "capsule_around",
+    "said",
     "settled_pair",
     "speed_pct",
 ]

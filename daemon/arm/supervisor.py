@@ -8,7 +8,9 @@ anything reported. Who hears of it may fail: the stop does not.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable, Coroutine
+from collections.abc import Awaitable, Callable, Coroutine, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar, copy_context
 from dataclasses import dataclass
 from enum import StrEnum
 from math import inf
@@ -26,6 +28,21 @@ AGAIN_S = 0.5
 AT_REST_S = 2.0
 """How long an arm that is at rest takes to show it."""
 UNCONFIRMED, THEN = "NOT CONFIRMED", "; then "
+
+
+_SAID: ContextVar[tuple[str, int] | None] = ContextVar("said", default=None)
+"""The word that is being done, and how often the arm had been stopped when it was said."""
+
+
+@contextmanager
+def said(word: str, stops: int) -> Iterator[None]:
+    """What is done herein is done for an operator's word, said when the arm had been stopped so often: once it was
+    stopped again, however much later, that word begins nothing that moves."""
+    before = _SAID.set((word, stops))
+    try:
+        yield
+    finally:
+        _SAID.reset(before)
 
 
 class Interruption(StrEnum):
@@ -290,10 +307,14 @@ class Supervisor:
 
     def begin(self, doing: str, work: Coroutine[Any, Any, T], moves: bool = True) -> asyncio.Task[T]:
         """Begin one job, as `run` does, in this very moment."""
-        if self._task is not None or (moves and self.stopping):
+        try:
+            self._may_begin(moves)
+        except RefusedError:
             work.close()
-            raise RefusedError(f"busy: {self._doing or self.hindrance}")
-        task: asyncio.Task[T] = asyncio.create_task(self._watched(work, moves), name=f"arm: {doing}")
+            raise
+        own = copy_context()
+        own.run(_SAID.set, None)  # what a job leaves to be done after it is nobody's word
+        task: asyncio.Task[T] = asyncio.create_task(self._watched(work, moves), name=f"arm: {doing}", context=own)
         self._doing, self._task = doing, task
         task.add_done_callback(self._done)
         task.add_done_callback(lambda _: work.close())  # one that was ended before it began was never awaited
@@ -481,6 +502,13 @@ class Supervisor:
         if stops is not None and stops != self.stops:
             why = f": {self.fault}" if self.fault else ""
             raise RefusedError(f"meanwhile it was stopped again{why}; say `{word}` once more")
+
+    def _may_begin(self, moves: bool) -> None:
+        if self._task is not None or (moves and self.stopping):
+            raise RefusedError(f"busy: {self._doing or self.hindrance}")
+        word, stops = _SAID.get() or ("", None)
+        if moves:
+            self.not_after(stops, word)
 
     def between_jobs(self, what: str) -> None:
         """Raise RefusedError where something is being done, but by that itself: what holds for the whole of it is not

@@ -69,7 +69,6 @@ async def calibrate(context: CommandContext, words: list[str], door: Door) -> An
     if kind in KEPT:
         return await _use(context, words, door) if kind == "use" else _list(context, words)
     _check_eyes(context, kind)
-    supervisor, stops = context.cycle.supervisor, context.cycle.supervisor.stops
     if kind not in ("verify", "touch"):
         await asyncio.to_thread(context.config.calibrations.check)
     board = _board(words[1:])
@@ -80,13 +79,11 @@ async def calibrate(context: CommandContext, words: list[str], door: Door) -> An
     try:
         if kind == "by-hand":
             return await _eyes_alone(context, board, door)
-        supervisor.not_after(stops, f"calibrate {kind}")
         tour = view_tour(_session(context, board), POSES[kind], door.say, SPEED_PCT)
         views = await with_questions(context, tour, door)
         if kind == "verify":
             return _verified(views, board, context.calibration)
         if kind == "touch":
-            supervisor.not_after(stops, f"calibrate {kind}")
             return await _touch(context, views[0], board, door)
         return await _solved(context, kind, views, board, door)
     except (SessionError, StereoError, HandEyeError, BoardError) as error:

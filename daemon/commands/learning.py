@@ -68,9 +68,7 @@ async def teach(context: CommandContext, words: list[str], door: Door) -> Answer
         return await _teach_drawing(context, words, door)
     if "--around" in words:
         return await _teach_around(context, words, door)
-    supervisor, stops = context.cycle.supervisor, context.cycle.supervisor.stops
     label = await _label(context, words, door)
-    supervisor.not_after(stops, f"teach {label}")  # with one eye the look moves the arm
     hand = context.hardware.hand
     if hand is None:
         return await _teach_what_is_shown(context, label, door)

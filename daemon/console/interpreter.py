@@ -17,6 +17,7 @@ from collections.abc import Awaitable, Callable, Iterable
 from dataclasses import dataclass, field
 from typing import Any, Literal, Protocol
 
+from daemon.arm import said
 from daemon.console.context import ANSWERABLE, CommandContext
 from daemon.console.pages import by_pages, fold, prose, table
 from daemon.console.phrases import is_no, is_yes
@@ -231,7 +232,8 @@ class Console:
                 self.context.log.record("command", who=door.who, door=door.name, text=text.strip())
             if command.most is not None:
                 no_more(words[1:], command.most, command.usage)
-            return await command.run(self.context, words[1:], door)
+            with said(command.name, self.stops):
+                return await command.run(self.context, words[1:], door)
         except CommandError as problem:
             return _trouble(problem)
         except ANSWERABLE as error:

@@ -203,7 +203,7 @@ class Surprises(RuleBasedStateMachine):
         """What nobody types, and its end: the rest of a line would be taken for the beginning of the next."""
         self.send_off(going)
         if b"\x03" not in data:
-            self.there.doors[door].send_bytes(data + (b"\n" if door < 3 else b"\x15"))
+            self.there.doors[door].throw(data + (b"\n" if door < 3 else b"\x15"))
             self.there.wait(0.02)
 
     @rule(door=st.integers(0, 2), going=GOING)

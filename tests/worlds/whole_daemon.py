@@ -304,6 +304,8 @@ class SocketDoor:
     line: socket.socket | None = None
     question: tuple[int, str] | None = None
     heard: bytes = b""
+    at_controller: bool = False
+    """Whether what is typed here goes to the controller."""
     number: int = 0
     answered: int = 0
     interrupts: int = 0
@@ -331,7 +333,7 @@ class SocketDoor:
         if self.line is not None:
             self.story.loop.remove_reader(self.line)
             self.line.close()
-        self.line, self.question, self.heard = None, None, b""
+        self.line, self.question, self.heard, self.at_controller = None, None, b"", False
         self.story.words.gone(self)
         while self.interrupts > 0:  # nobody reads what came of it; where there was a stop, its fault is told all
             self._settled(None)
@@ -361,6 +363,12 @@ class SocketDoor:
                 self.story.words.said(text, self.withdrawn[-1], self.may)
             elif text.lower().startswith("y"):
                 self.story.words.agreed(question)
+
+    def throw(self, data: bytes) -> None:
+        """What nobody types; at the controller's own terminal it may be keys all the same."""
+        self.send_bytes(data)
+        if self.at_controller and b'"keys"' in data:
+            self.story.words.pressed(json.loads(data)["keys"])
 
     def press(self, keys: str) -> None:
         """Keys at the controller's own terminal; where it is not open, to nobody."""
@@ -414,6 +422,8 @@ class SocketDoor:
             self.question = message["id"], message["ask"]
         elif "unasked" in message:
             self.question = None
+        elif "terminal" in message:
+            self.at_controller = bool(message["terminal"])
         elif "fetch" in message:
             self.send({"no_file": "there is none"})
         elif "stopped" in message:
@@ -475,6 +485,10 @@ class SerialDoor:
         if self.story.alive:
             select.select([self._slave], [], [], 0.2)
         return True
+
+    def throw(self, data: bytes) -> None:
+        """What nobody types."""
+        self.send_bytes(data)
 
     def open(self) -> None:
         """It is never away."""

@@ -9,7 +9,7 @@ import pytest
 from daemon import frames
 from daemon.arm.guard import Command, Limits
 from daemon.arm.mover import Arrival, MoveRefusedError, NotThereError
-from daemon.arm.supervisor import ABORT_S, Interruption, Let, OperatorRefusedError, RefusedError, Supervisor
+from daemon.arm.supervisor import ABORT_S, Interruption, Let, OperatorRefusedError, RefusedError, Supervisor, said
 from daemon.arm.workcell import StopRefusedError
 from tests.worlds.fake_cell import HEAD_DOWN, World, build
 from tests.worlds.in_time import lived
@@ -283,6 +283,33 @@ def test_a_pause_holds_also_the_move_that_waited_for_a_yes_when_it_was_said(yes)
 
     asyncio.run(asyncio.wait_for(story(), 10.0))
     assert [what for what, _ in heard] == [Interruption.PAUSE, Interruption.RESUME, Interruption.ABORT]
+
+
+def test_a_word_from_before_a_stop_begins_nothing_that_moves_and_what_a_job_leaves_behind_is_no_word():
+    _, supervisor, _ = supervised()
+    left: list[asyncio.Task[str]] = []
+
+    async def work(what: str = "done") -> str:
+        return what
+
+    async def leaving() -> None:
+        left.append(asyncio.create_task(later()))
+
+    async def later() -> str:
+        await asyncio.sleep(0.1)
+        return await supervisor.run("go on", work("went on"))
+
+    async def story() -> None:
+        with said("pick", supervisor.stops):
+            await supervisor.run("pick", leaving())
+            await supervisor.abort()
+            with pytest.raises(RefusedError, match="meanwhile it was stopped again; say `pick` once more"):
+                await supervisor.run("pick", work())
+            assert await supervisor.run("look", work("seen"), moves=False) == "seen"
+        assert await supervisor.run("pick", work()) == "done"
+        assert await left[0] == "went on"
+
+    asyncio.run(story())
 
 
 def test_what_was_held_after_a_resume_was_decided_on_stays_held_and_the_fault_goes_all_the_same():

@@ -117,7 +117,7 @@ def test_what_may_be_in_the_hand_is_guarded_before_a_tour_sets_out(
 def test_the_last_way_down_to_the_touch_test_is_a_small_straight_one(
     context: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """It went down on the board as fast as the arm travels; and after a stop that came once the board had been seen."""
+    """It went down on the board as fast as the arm travels."""
     context.cycle.set_out = None
     context.cycle.settings = SimpleNamespace(settling=None)
     context.calibration = None
@@ -135,28 +135,6 @@ def test_the_last_way_down_to_the_touch_test_is_a_small_straight_one(
     assert answer.text.startswith("0.50 mm off: good")
     assert context.cycle.told == ["touch test, 2 mm above the corner, from over it: [500.0, 20.0, -226.0]"]
     assert context.cycle.at[:3, 3].tolist() == [500.0, 20.0, -284.0]
-    context.cycle.told.clear()
-
-    async def stopped(*_: Any) -> Any:
-        context.cycle.stops += 1
-        return [None]
-
-    monkeypatch.setattr(calibrating, "view_tour", stopped)
-    assert "stopped again" in say(context, "calibrate touch", FakeDoor(answers=["0.3 -0.4"])).text
-    assert context.cycle.told == []
-
-
-def test_a_tour_does_not_set_out_after_a_stop_that_came_before_it(
-    context: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """An `abort` while it was looked whether the result can be kept left no fault, and the arm set out after it."""
-
-    def aborted(_: Any) -> None:
-        context.cycle.stops += 1
-
-    monkeypatch.setattr(Calibrations, "check", aborted)
-    answer = say(context, "calibrate stereo")
-    assert (answer.status, answer.text, context.cycle.told) == (1, "stopped again", [])
 
 
 def test_a_calibration_that_was_solved_while_another_was_taken_over_is_kept_and_not_used(

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from daemon.arm import EyeName, RefusedError
+from daemon.arm import EyeName, RefusedError, said
 from daemon.commands.between_picks import BetweenPicks
 from daemon.commands.eyes import eyes
 from daemon.commands.learning import teach
@@ -133,7 +133,7 @@ def test_a_yes_to_teach_a_new_part_moves_no_eye_where_the_arm_was_stopped_since_
             return door.answers.pop(0)
 
         door.ask = asked  # type: ignore[method-assign]
-        with pytest.raises(RefusedError, match="meanwhile it was stopped"):
+        with said("teach", here.cycle.supervisor.stops), pytest.raises(RefusedError, match="say `teach` once more"):
             await teach.run(here.context, ["bolt"], door)
         assert not here.log.said("move")
 
