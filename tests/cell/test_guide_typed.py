@@ -19,6 +19,7 @@ import pytest
 import yaml
 
 from daemon.commands import every_command
+from daemon.commands.awaiting import READ_S
 from daemon.console.stop_words import means_stop
 from daemon.doors.client import DaemonLink
 from daemon.store import places
@@ -208,6 +209,7 @@ class Operator:
             self.begun.append(threading.Thread(target=self.daemon.do, args=("go home",)))
             self.begun[-1].start()
             self.until(lambda: self.status()["pending"])
+            time.sleep(READ_S)  # who agrees to a move has read which
         if text in ("accept", "rollback"):
             self.has_models(2)
             if text == "accept":
