@@ -249,12 +249,12 @@ async def holding(context: CommandContext, words: list[str], _: Door) -> Answer:
 
 def _take_word(context: CommandContext, held: bool) -> str:
     """Believe the operator about the gripper."""
-    known = context.cycle.status()["holding"] is False
     context.cycle.holding(held)
     context.log.record("holding", held=held)
     if held:
         return "The next pick first puts it into the bin."
-    return "The gripper is taken as empty" + ("." if known else "; the next pick opens it over the bin all the same.")
+    by_word = context.cycle.by_word
+    return "The gripper is taken as empty" + ("; the next pick opens it over the bin all the same." if by_word else ".")
 
 
 @command("step on|off", "move", most=1, at_once=True, choices=("on", "off"))

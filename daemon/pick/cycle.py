@@ -75,8 +75,8 @@ class Cycle:
         self.skipped: list[Skipped] = []
         self.hand_full: bool | None = False
         self.pick_order: PickOrder | None = None
-        self._by_word = False
-        """Whether nobody but an operator says that the hand is empty."""
+        self.by_word = True
+        """Whether nobody but an operator, or a file of before the start, says that the hand is empty."""
         self._ball: tuple[Capsule, ...] = ()
         """What is guarded in the hand where nobody saw how it was grasped."""
         self._world: WorldModel | None = None
@@ -229,7 +229,7 @@ class Cycle:
     def holding(self, answer: bool) -> None:
         """What the operator sees in the gripper. A hand that is empty by this word alone opens over the bin all the
         same: he may have looked at another cell, or not seen a small part in it."""
-        self._by_word = not answer and (self._by_word or self.hand_full is not False)
+        self.by_word = not answer and (self.by_word or self.hand_full is not False)
         self.hand_full = answer
         if not answer:
             self.supervisor.mover.carried = ()
@@ -322,7 +322,7 @@ class Cycle:
             self.hand_full = before
             raise
         if not (closed or mover.dry):
-            self.hand_full = False
+            self.hand_full = self.by_word = False
 
     async def _travel(self, target: Array, purpose: str) -> None:
         await self.set_out()
@@ -421,9 +421,9 @@ class Cycle:
         if self.hand_full:
             world.outcome, world.why = Outcome.PLACED, "put down what was in the hand"
         self._enter(Event.FULL_HAND if self.hand_full else Event.BEGIN)
-        if self._by_word and mover.closed is not False:
-            await take.let_go(context, world)
-        self._by_word = self._by_word and mover.dry
+        if self.by_word and not self.hand_full:
+            await take.let_go(context, world, "bin, to open the hand, which nobody saw open")
+        self.by_word = self.by_word and mover.dry
         while self.state is not State.IDLE:
             event = await HANDLERS[self.state](context, world)
             if event is Event.GONE:

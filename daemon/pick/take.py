@@ -114,9 +114,9 @@ async def place(context: PickContext, world: WorldModel) -> Literal[Event.PLACED
     return Event.PLACED
 
 
-async def let_go(context: PickContext, world: WorldModel) -> None:
+async def let_go(context: PickContext, world: WorldModel, purpose: str = "bin") -> None:
     """Open the hand over the bin: nowhere else does a pick open a hand that has closed."""
-    await travel(context, world, context.settings.bin.pose(), "bin")
+    await travel(context, world, context.settings.bin.pose(), purpose)
     await context.mover.hand(closed=False, hand_s=context.settings.hand_s)
 
 

@@ -219,7 +219,8 @@ def test_in_step_mode_each_move_is_told_and_waits_for_a_yes():
 
     end, told = asyncio.run(story())
     assert end.outcome == "picked"
-    assert told[0].startswith("survey 1: joints to ")
+    assert told[0].startswith("bin, to open the hand, which nobody saw open: joints to ")
+    assert told[told.index("open the hand") + 1].startswith("survey 1: joints to ")
     assert len(told) == len(world.wire)
     assert [text for text in told if text.endswith("the hand")] == ["open the hand", "close the hand", "open the hand"]
 
@@ -336,6 +337,35 @@ def test_a_stop_with_the_hand_around_a_part_asks_about_the_gripper():
     cycle = cycle_of(world)
     asyncio.run(during(world, cycle, "handed", 2, cycle.supervisor.stop))
     assert cycle.status()["holding"] is None
+
+
+@pytest.mark.parametrize(
+    ("said", "first"), [("", "bin, to"), ("no", "bin, to"), ("open", "survey 1"), ("yes", "bin"), ("dry", "bin, to")]
+)
+def test_that_a_hand_is_empty_which_this_daemon_never_opened_is_a_word_and_it_opens_over_the_bin(said, first):
+    """A state folder that is new, or from a backup, and a `holding no` of before a restart say that it is empty; where
+    a part was in it all the same, it fell on the table from where the first approach began."""
+    world = one_part()
+    cycle = cycle_of(world)
+
+    async def story():
+        if said in ("yes", "no"):
+            cycle.holding(said == "yes")
+        if said == "open":
+            await cycle.hand(False)
+        if said == "dry":
+            cycle.supervisor.mover.dry = True
+            await cycle.pick()
+            cycle.supervisor.mover.dry = False
+        begun = len(world.records)
+        return [await cycle.pick(), await cycle.pick()], begun
+
+    ends, begun = asyncio.run(story())
+    assert [end.outcome for end in ends] == (["placed", "picked"] if said == "yes" else ["picked", "empty"])
+    moves = [r for r in world.records[begun:] if r["kind"] == "move"]
+    assert moves[0]["purpose"].startswith(first)
+    over = sum(move["purpose"].startswith("bin, to") for move in moves)
+    assert over == (2 if first == "bin, to" else 0), "there and down, once"
 
 
 def test_what_a_hand_holds_that_has_closed_is_not_known_until_it_was_looked_at():
@@ -505,7 +535,7 @@ def test_a_pause_on_the_way_to_the_part_or_to_the_bin_holds_the_hand_as_well(pur
 
         world.before = pause
         picking = asyncio.create_task(cycle.pick())
-        while ("hand", closes) not in world.wire[2:]:
+        while ("hand", closes) not in world.wire[3:]:
             while cycle.state != "paused":
                 await asyncio.sleep(0.01)
             told = len(world.wire)
