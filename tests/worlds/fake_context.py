@@ -32,6 +32,7 @@ class FakeCycle:
     slow: bool = False
     pick_order: PickOrder | None = None
     held: bool | None = False
+    by_word: bool = True
     stops: int = 0
     pauses: int = 0
     paused: bool = False
