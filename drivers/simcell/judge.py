@@ -125,6 +125,8 @@ class Judge:
         self._stops: list[tuple[float, str]] = []
         self._said_to_rest: list[tuple[float, str]] = []
         self._by_hand: dict[str, float] = {}
+        self._left_mm: dict[str, float] = {}
+        """How deep, by rule, the arm still is where a person's own line has left it."""
         self._read = 0
         self._found: list[Violation] = []
 
@@ -171,7 +173,7 @@ class Judge:
 
     def by_hand(self, at_s: float, line: str) -> None:
         """A person typed this line to the controller themselves: where it goes, and how fast, is theirs to answer for.
-        That it may move, and that it stops, is not."""
+        That it may move, and that it stops, is not; nor does the next motion answer for starting where theirs ended."""
         self._by_hand.setdefault(line, at_s)
 
     def violations(self, until_s: float) -> tuple[Violation, ...]:
@@ -211,6 +213,8 @@ class Judge:
         if leg.began_s < self._by_hand.get(leg.by, float("inf")):
             yield from self._too_much(leg)
             yield from self._struck(leg) if over else ()
+        elif over:
+            self._left_mm = self._depths_at_rest(leg)
 
     def _unallowed(self, event: Leg | HandAct) -> Iterator[Violation]:
         """Begun while nothing may move, or after a stop that nobody has lifted."""
@@ -293,10 +297,20 @@ class Judge:
             text = f"the tool at {speeds[k]:.0f} mm/s, allowed are {self._safety.fastest_mm_s:g}"
             yield Violation("too fast", times[k], leg.by, text)
         for rule, deep in self._depths(balls).items():
-            if deep.max(initial=0.0) > HAIR_MM:
-                moment, ball = np.unravel_index(int(np.argmax(deep)), deep.shape)
-                text = f"{self._body.names[ball]} {deep.max():.1f} mm {rule}"
+            clear = np.logical_or.accumulate(deep.max(axis=1, initial=-np.inf) <= 0.0)
+            too_deep = deep - np.where(clear, 0.0, self._left_mm.get(rule, 0.0))[:, None]
+            if too_deep.max(initial=0.0) > HAIR_MM:
+                moment, ball = np.unravel_index(int(np.argmax(too_deep)), deep.shape)
+                text = f"{self._body.names[ball]} {deep[moment, ball]:.1f} mm {rule}"
                 yield Violation(rule, times[moment], leg.by, text)
+            if clear[-1]:
+                self._left_mm.pop(rule, None)
+
+    def _depths_at_rest(self, leg: Leg) -> dict[str, float]:
+        """By rule, mm: how deep the body is where a motion has ended, where it is deep at all."""
+        balls, _ = self._body.at(leg.motion, np.array([leg.motion.ends_s]))
+        deepest = {rule: float(deep.max(initial=-np.inf)) for rule, deep in self._depths(balls).items()}
+        return {rule: deep for rule, deep in deepest.items() if deep > 0.0}
 
     def _depths(self, balls: Array) -> dict[str, Array]:
         """(N, K, 3) -> by rule, (N, K) mm: how deep each ball is where it must not be; negative: how far from there."""
@@ -334,6 +348,7 @@ class Judge:
 
 
 def _distance(points: Array, box: Box) -> Array:
-    """(..., 3) mm -> (...) mm from the box, 0 inside."""
-    beside = np.maximum(np.maximum(np.array(box.low_mm) - points, points - np.array(box.high_mm)), 0.0)
-    return np.asarray(np.linalg.norm(beside, axis=-1))
+    """(..., 3) mm -> (...) mm from the box; inside negative, how far it is to the nearest side."""
+    outside = np.maximum(np.array(box.low_mm) - points, points - np.array(box.high_mm))
+    beside = np.linalg.norm(np.maximum(outside, 0.0), axis=-1)
+    return np.asarray(beside + np.minimum(outside.max(axis=-1), 0.0))

@@ -366,6 +366,25 @@ def test_where_a_person_sends_the_arm_is_theirs_but_that_it_may_go_and_stops_is_
     assert cell.found()[before:] == ["not allowed"]
 
 
+def test_the_way_out_of_where_a_person_sent_the_arm_is_nobody_s_fault_as_long_as_it_is_a_way_out() -> None:
+    """Their own line takes the fingers into a box: out again is fair, deeper is not, nor is coming back."""
+    in_box = "DO MOVE TRANS(520,0,-180,0,90,0)"
+    cell = Cell(keep_out=[Box([400.0, -120.0, -400.0], [640.0, 120.0, -170.0])])
+    cell.judge.by_hand(cell.now_s, in_box)
+    cell.types(ABOVE_TABLE)
+    cell.types(in_box)
+    cell.types("DO MOVES TRANS(520,0,-176,0,90,0)")
+    cell.types("DO MOVES TRANS(520,0,-179,0,90,0)")
+    assert cell.found() == []
+    cell.types("DO MOVES TRANS(520,0,-185,0,90,0)")
+    assert cell.found() == ["in keep-out box 1"]
+    cell.types(in_box)
+    cell.types("DO MOVES TRANS(520,0,-100,0,90,0)")
+    assert len(cell.found()) == 1
+    cell.types("DO MOVES TRANS(520,0,-175,0,90,0)")
+    assert len(cell.found()) == 2
+
+
 def test_the_upper_arm_is_judged_from_behind_the_shoulder_to_the_elbow() -> None:
     """A box that only the upper arm comes to: 300 mm from the shoulder, beside the column."""
     cell = Cell(keep_out=[Box([220.0, -260.0, 150.0], [300.0, -180.0, 300.0])])
