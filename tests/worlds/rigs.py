@@ -5,6 +5,8 @@ Rigs of the rendered scenes are read from their files (rendered.py), the simulat
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from daemon import frames
@@ -49,3 +51,11 @@ def thesis_rig() -> StereoRig:
     """The thesis's: 200 mm apart, converging at 567 mm, 760 px, no distortion."""
     turn_rad, centre = np.arctan2(100.0, 567.0), (255.5, 239.5)
     return rig(200.0, turn_rad, (760.0, 760.0), (centre, centre), STRAIGHT, (512, 480))
+
+
+def turned(rig: StereoRig, axis: int, degrees: float) -> StereoRig:
+    """The rig after a knock: its right eye turned about its own x, y or z."""
+    turn = np.zeros(3)
+    turn[axis] = np.radians(degrees)
+    knock = frames.rigid(frames.rotation_from_vector(turn), np.zeros(3))
+    return replace(rig, right=replace(rig.right, cyclopean_from_camera=rig.right.cyclopean_from_camera @ knock))

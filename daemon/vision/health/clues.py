@@ -21,7 +21,10 @@ AXES = ("pitched", "rolled", "turned in")
 FEWEST_VOTES = 6
 VOTE_SIGMA_PX = 0.25
 CLEAR_LEAD = 1.5
-"""How many pairs must agree on an offset, how closely, and how far ahead of the next offset they must be."""
+"""How many corners of either eye must agree on an offset, how closely, and how far ahead of the next offset they must
+be."""
+SAME_PX = 1.5
+"""Corners of one eye this near are one: several outlines go through it."""
 REACH_PX = 8.0
 """How far off their epipolar lines corners are still paired."""
 DEPTHS_MM = (120.0, 1500.0)
@@ -69,7 +72,13 @@ def _corners(view: FacetView, eye: Literal["left", "right"]) -> Array:
     """(N, 2) px: the corners of every outline of one eye, used or refused. After a knock most are refused."""
     used = view.polygons_left if eye == "left" else view.polygons_right
     found = [p.corners_px for p in used] + [r.corners_px for r in view.rejected if r.eye == eye]
-    return np.concatenate(found) if found else np.zeros((0, 2))
+    return _each_once(np.concatenate(found)) if found else np.zeros((0, 2))
+
+
+def _each_once(corners: Array) -> Array:
+    """Of corners (N, 2) that are one, the first."""
+    near = np.linalg.norm(corners[:, None] - corners, axis=2) < SAME_PX
+    return corners[near.argmax(1) == np.arange(len(corners))]
 
 
 def _edges(part: Part, shape_of: ShapeOf) -> list[tuple[float, float, float]]:
@@ -115,26 +124,36 @@ def same_height(rig: StereoRig, left_px: Array, right_px: Array) -> tuple[Array,
 
     left_px (P, 2), right_px (Q, 2): all corners found, in any order. A recogniser pairs corners by their epipolar
     lines, so that after a knock it pairs none, or the wrong ones; here every pair at a possible depth votes for its
-    offset, and the true ones vote alike.
+    offset, and the true ones vote alike. Of the pairs of one corner only one is true: it has one vote for an offset,
+    whatever lies in a row with it, as the dots of a print or the weave of a table do.
     """
     if min(len(left_px), len(right_px)) < FEWEST_VOTES:
         return np.zeros((0, 2)), np.zeros((0, 2))
     i, j = (k.ravel() for k in np.indices((len(left_px), len(right_px))))
     lines, rays = _lines_and_rays(rig, left_px, right_px)
     gaps = np.einsum("ni,ni->n", lines[i], rays[j]) * rig.right.matrix[0, 0]
-    nearness = rig.baseline_mm / np.maximum(_disparity(rig, left_px, right_px, i, j), 1e-9)
-    likely = (np.abs(gaps) < REACH_PX) & (nearness > DEPTHS_MM[0]) & (nearness < DEPTHS_MM[1])
+    depth_mm = rig.baseline_mm / np.maximum(_disparity(rig, left_px, right_px, i, j), 1e-9)
+    likely = (np.abs(gaps) < REACH_PX) & (depth_mm > DEPTHS_MM[0]) & (depth_mm < DEPTHS_MM[1])
     i, j, gaps = i[likely], j[likely], gaps[likely]
     if len(gaps) < FEWEST_VOTES:
         return np.zeros((0, 2)), np.zeros((0, 2))
     offsets = np.arange(-REACH_PX, REACH_PX, 0.1)
-    votes = np.exp(-0.5 * ((offsets[:, None] - gaps[None]) / VOTE_SIGMA_PX) ** 2).sum(axis=1)
+    nearness = np.exp(-0.5 * ((offsets[:, None] - gaps[None]) / VOTE_SIGMA_PX) ** 2)
+    votes = np.minimum(_of_each(nearness, i), _of_each(nearness, j))
     best = offsets[int(np.argmax(votes))]
     rival = float(votes[np.abs(offsets - best) > 4 * VOTE_SIGMA_PX].max())
     near = np.abs(gaps - best) < 3 * VOTE_SIGMA_PX
-    if near.sum() < FEWEST_VOTES or float(votes.max()) < CLEAR_LEAD * rival:
+    corners = min(len(np.unique(i[near])), len(np.unique(j[near])))
+    if corners < FEWEST_VOTES or float(votes.max()) < CLEAR_LEAD * rival:
         return np.zeros((0, 2)), np.zeros((0, 2))
     return left_px[i[near]], right_px[j[near]]
+
+
+def _of_each(nearness: Array, corner: Index) -> Array:
+    """(O,) votes for each offset: of the pairs (O, N) of one corner (N,) the one that is nearest to it."""
+    order = np.argsort(corner, kind="stable")
+    begins = np.flatnonzero(np.diff(corner[order], prepend=-1))
+    return np.maximum.reduceat(nearness[:, order], begins, axis=1).sum(1)
 
 
 def _disparity(rig: StereoRig, left_px: Array, right_px: Array, i: Index, j: Index) -> Array:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,18 +11,11 @@ from daemon import frames
 from daemon.calibration.drift import Drift, Watching, fresh, observe
 from daemon.vision.geometry.rig import StereoRig
 from daemon.vision.health.clues import Clue, clue
-from tests.worlds.rigs import unlike_rig
+from tests.worlds.rigs import turned, unlike_rig
 
 Array = frames.Array
 CUBE = 25.0 * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
 EDGES = [(i, j) for i in range(8) for j in range(i) if np.abs(CUBE[i] - CUBE[j]).sum() == 50.0]
-
-
-def turned(rig: StereoRig, axis: int, degrees: float) -> StereoRig:
-    turn = np.zeros(3)
-    turn[axis] = np.radians(degrees)
-    knock = frames.rigid(frames.rotation_from_vector(turn), np.zeros(3))
-    return replace(rig, right=replace(rig.right, cyclopean_from_camera=rig.right.cyclopean_from_camera @ knock))
 
 
 def met(rig: StereoRig, left_px: Array, right_px: Array) -> Array:
