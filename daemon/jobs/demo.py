@@ -228,7 +228,7 @@ def _clear(link: DaemonLink, records: Iterator[Record]) -> list[dict[str, Any]]:
         ended, true = _told(records)
         ends, truths = ends + ended, truths | true
     tried = [end for end in ends if end["outcome"] in ("picked", "missed", "fault") and end["predicted"]]
-    unknown = {"error_mm": float("nan"), "error_deg": float("nan"), "held": False}
+    unknown = {"error_mm": None, "error_deg": None, "held": False}
     return [{**end, **truths.get(end["cycle"], unknown)} for end in tried]
 
 
@@ -264,10 +264,15 @@ def _table(rows: list[dict[str, Any]], seconds: float) -> int:
     """Print part by part; returns how many were picked (and truly held)."""
     say(f"\n{'part':18}{'outcome':9}{'looks':>6}{'predicted':>20}{'true error at grasp':>23}{'time':>8}")
     for row in rows:
-        predicted = f"{row['predicted']['mm']:.2f} mm {row['predicted']['deg']:.2f} deg"
-        error = f"{row['error_mm']:.2f} mm {row['error_deg']:.2f} deg"
+        predicted = _error(row["predicted"]["mm"], row["predicted"]["deg"])
+        error = _error(row["error_mm"], row["error_deg"])
         outcome = row["outcome"] if row["held"] or row["outcome"] != "picked" else "WRONG"
         say(f"{row['label']:18}{outcome:9}{row['stops']:6}{predicted:>20}{error:>23}{row['seconds']:6.1f} s")
     picked = sum(bool(row["outcome"] == "picked" and row["held"]) for row in rows)
     say(f"{picked} of {len(PARTS)} parts picked, {seconds:.0f} s in all")
     return picked
+
+
+def _error(mm: float | None, deg: float | None) -> str:
+    """None: the pick ended before it was known."""
+    return "-" if mm is None or deg is None else f"{mm:.2f} mm {deg:.2f} deg"
