@@ -78,7 +78,7 @@ def _corners(view: FacetView, eye: Literal["left", "right"]) -> Array:
 def _each_once(corners: Array) -> Array:
     """Of corners (N, 2) that are one, the first."""
     near = np.linalg.norm(corners[:, None] - corners, axis=2) < SAME_PX
-    return corners[near.argmax(1) == np.arange(len(corners))]
+    return np.asarray(corners[near.argmax(1) == np.arange(len(corners))])
 
 
 def _edges(part: Part, shape_of: ShapeOf) -> list[tuple[float, float, float]]:
@@ -153,7 +153,7 @@ def _of_each(nearness: Array, corner: Index) -> Array:
     """(O,) votes for each offset: of the pairs (O, N) of one corner (N,) the one that is nearest to it."""
     order = np.argsort(corner, kind="stable")
     begins = np.flatnonzero(np.diff(corner[order], prepend=-1))
-    return np.maximum.reduceat(nearness[:, order], begins, axis=1).sum(1)
+    return np.asarray(np.maximum.reduceat(nearness[:, order], begins, axis=1).sum(1))
 
 
 def _disparity(rig: StereoRig, left_px: Array, right_px: Array, i: Index, j: Index) -> Array:
