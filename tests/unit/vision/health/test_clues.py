@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,7 +11,7 @@ from daemon import frames
 from daemon.arrays import Array
 from daemon.vision.geometry.rig import StereoRig
 from daemon.vision.health.clues import clue_of, same_height
-from daemon.vision.values import FacetView, Rejected, Scene
+from daemon.vision.values import FacetView, Part, Recognition, Rejected, Scene
 from tests.worlds.rigs import turned, unlike_rig
 
 CUBE = 25.0 * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
@@ -22,6 +24,11 @@ def seen_by_both(truth: StereoRig) -> list[Array]:
     """A cube's corners in either eye."""
     cube = CUBE @ frames.rotation_from_vector(np.array([0.4, 0.7, 0.2])).T + AT_MM
     return [eye.project(cube) for eye in (truth.left, truth.right)]
+
+
+def named(confidence: float) -> Part:
+    """A part of which no edge is measured."""
+    return Part(Recognition("cube", confidence, 1, 1, None, False, "fits"), (), np.eye(4), np.eye(6), 0.1)
 
 
 def outlined(left: Array, right: Array, seed: int = 0) -> Scene:
@@ -41,6 +48,15 @@ def test_the_corners_of_many_outlines_say_how_far_the_right_eye_has_pitched(degr
     seen = clue_of(outlined(*seen_by_both(turned(rig, 0, degrees))), rig, lambda _: None)
     assert np.degrees(seen.turn[0]) == pytest.approx(degrees, abs=0.02)
     assert np.degrees(seen.sigma[0]) < 0.02
+
+
+def test_where_a_part_is_surely_named_no_eye_is_so_far_off_that_none_could_be() -> None:
+    """Half a degree is 6 px: the outlines' pairs are a pattern's."""
+    rig = unlike_rig()
+    seen = outlined(*seen_by_both(turned(rig, 0, 0.5)))
+    says = [np.isfinite(clue_of(replace(seen, parts=p), rig, lambda _: None).sigma[0]) for p in ((), (named(0.5),))]
+    assert all(says)
+    assert not np.isfinite(clue_of(replace(seen, parts=(named(0.99),)), rig, lambda _: None).sigma[0])
 
 
 def test_three_corners_say_nothing_however_many_outlines_go_through_them() -> None:
