@@ -56,6 +56,8 @@ class Running:
         )
         self.process: subprocess.Popen[bytes] | None = None
         self.program = "daemon.main"
+        self.launcher: tuple[str, ...] = ()
+        """The command that starts it, where that is another's."""
         self.environment: dict[str, str] = {}
         self._allowed: list[tuple[float, bool]] = []
         """From when on the arm might move or not, by what was said to it."""
@@ -75,7 +77,7 @@ class Running:
             notes.settimeout(0.2)
             environment = {**os.environ, "NOTIFY_SOCKET": str(place), "OMP_NUM_THREADS": "1", **self.environment}
             config = str(self.folder / "facetd.yaml")
-            command = [sys.executable, "-m", self.program, "--config", config, *arguments]
+            command = [*self.launcher, sys.executable, "-m", self.program, "--config", config, *arguments]
             began = time.monotonic()
             with (self.folder / "stderr").open("ab") as errors:
                 self.process = subprocess.Popen(command, stderr=errors, env=environment)
