@@ -18,7 +18,7 @@ from daemon.vision.registration.twins import told_apart
 from daemon.vision.values import Facet, FacetView, Group, Rejected
 
 COVERED = 0.2  # of the smaller area; more than that, and the two cannot both be there
-ON_FACE_MM, ON_FACE_SIGMAS = 4.0, 2.0
+ON_FACE_MM, ON_FACE_SIGMAS = 4.0, 3.0
 """How far off a face a facet may have been measured that lies on it: whichever is more."""
 
 

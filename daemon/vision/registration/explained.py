@@ -1,0 +1,53 @@
+"""How much of the straight edges that both eyes see where a part would be are that part's own.
+
+In: both eyes, a part laid onto them. Out: a share. Where a stranger lies, a guess has some of its edges by chance, and
+leaves the others unexplained. Print leaves some, too: it lies inside the faces of parts that are there.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from daemon import frames
+from daemon.arrays import Array, Flags
+from daemon.vision.geometry import Polyhedron
+from daemon.vision.image import Eyes, Segments
+from daemon.vision.registration.expected_edges import ExpectedEdges
+from daemon.vision.registration.measured import hull
+from daemon.vision.registration.posed import pixels
+
+ASIDE_PX = 3.0
+"""How far beside what a part covers the middle of a segment may lie that is held against it."""
+OFF_PX, TURNED, BEYOND = 2.5, np.sin(np.radians(10.0)), 0.05
+"""How far the middle of a segment may lie off its edge, and past its end as a share of its length; and the sine of the
+angle between them."""
+
+
+def explained(solid: Polyhedron, pose: Array, edges: tuple[ExpectedEdges, ExpectedEdges], eyes: Eyes) -> float | None:
+    """Of the length of all segments where a part at cyclopean_from_part (4, 4) would be, the share of those that lie on
+    the edges it should show; None where there are none."""
+    own = every = 0.0
+    corners_px = pixels(frames.apply(pose, solid.corners_mm), eyes.geometry)
+    for view, expected, corners in zip(eyes.views, edges, corners_px, strict=True):
+        middle = (view.segments.start + view.segments.end) / 2
+        there = view.segments.chosen(hull(corners).depth(middle) > -ASIDE_PX)
+        lengths = there.lengths_px
+        own += float(lengths[_on_an_edge(there, expected)].sum())
+        every += float(lengths.sum())
+    return own / every if every else None
+
+
+def _on_an_edge(segments: Segments, edges: ExpectedEdges) -> Flags:
+    """(N,) which segments lie on any of the edges."""
+    way, along = segments.end - segments.start, edges.end - edges.start
+    from_start = ((segments.start + segments.end) / 2)[:, None] - edges.start
+    length_px = edges.lengths_px
+    off_px = np.abs(_cross(along, from_start)) / length_px
+    share = (from_start * along).sum(2) / length_px**2
+    turned = np.abs(_cross(along, way[:, None])) / (length_px * segments.lengths_px[:, None])
+    near = (off_px < OFF_PX) & (share > -BEYOND) & (share < 1 + BEYOND) & (turned < TURNED)
+    return np.asarray(near.any(1))
+
+
+def _cross(one: Array, other: Array) -> Array:
+    return np.asarray(one[..., 0] * other[..., 1] - one[..., 1] * other[..., 0])
