@@ -8,6 +8,7 @@ supervisor (arm/supervisor.py: enable, stop, pause, step ... are asked of it); a
 from __future__ import annotations
 
 import asyncio
+import contextlib
 from collections import Counter, deque
 from collections.abc import Callable, Coroutine
 from dataclasses import asdict, replace
@@ -406,14 +407,19 @@ class Cycle:
             world.why = supervisor.fault or "aborted"
         except OperatorRefusedError as error:
             world.outcome, world.why = Outcome.ABORTED, str(error)
-            await supervisor.stop_arm(Interruption.ABORT, world.why, None)
+            await self._stop_arm(Interruption.ABORT, world.why, None)
         except Exception as error:
             world.outcome, world.why = Outcome.FAULT, f"{type(error).__name__}: {error}"
-            await supervisor.stop_arm(Interruption.ERROR, world.why, world.why)
+            await self._stop_arm(Interruption.ERROR, world.why, world.why)
         end = self._ended(world, before, started_s)
         self._world = None
         tell(self.observer, end)
         return end
+
+    async def _stop_arm(self, event: Interruption, why: str, fault: str | None) -> None:
+        """Who stops the arm as it is being stopped ends the job, and not what is to be known of this pick's end."""
+        with contextlib.suppress(asyncio.CancelledError):
+            await self.supervisor.stop_arm(event, why, fault)
 
     async def _through(self, context: PickContext, world: WorldModel) -> None:
         mover = context.mover
