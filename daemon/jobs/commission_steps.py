@@ -61,9 +61,13 @@ class Talk:
         """What a tour of this sitting has said of it already."""
 
     def said(self, command: str) -> dict[str, Any]:
-        """One command, shown; what came of it. What it asks, the person is asked."""
+        """One command, shown; what came of it. What it asks, the person is asked. Raises NotProvenError where they
+        pressed control-C meanwhile: also where nothing moved then, something may next."""
         self.person.tell(f"  facetd> {command}")
-        return self._link.do(command, "commission", lambda line: self.person.tell(f"  {line}"), self.person.answer)
+        done = self._link.do(command, "commission", lambda line: self.person.tell(f"  {line}"), self.person.answer)
+        if "interrupted" in done:
+            raise NotProvenError(f"control-C was pressed at `{command}`: {done['text']}")
+        return done
 
     def do(self, command: str) -> dict[str, Any]:
         """One command that must be done; its data. Raises NotProvenError."""
