@@ -259,12 +259,19 @@ def _take_word(context: CommandContext, held: bool) -> str:
 
 @command("step on|off", "move", most=1, at_once=True, choices=("on", "off"))
 async def step(context: CommandContext, words: list[str], _: Door) -> Answer:
-    """Show each move of arm and hand and wait for a yes before it is sent."""
+    """Show each move of arm and hand and wait for a yes before it is sent.
+
+    One that waits as you say `step off` still does: `confirm` sends it.
+    """
     on = _on_or_off(words, step.usage)
     if on is None:
         return _how_it_is("step", bool(context.cycle.status()["step"]))
     context.cycle.supervisor.step(on)
-    return Answer("Every move is shown and waits for `confirm` or `refuse`." if on else "Moves no longer wait.")
+    if on:
+        return Answer("Every move is shown and waits for `confirm` or `refuse`.")
+    pending = context.cycle.status()["pending"]
+    still = "" if pending is None else f" This one still does: {pending}; `confirm` sends it, `refuse` gives it up."
+    return Answer(f"Moves no longer wait.{still}")
 
 
 @command("confirm", "move", at_once=True)

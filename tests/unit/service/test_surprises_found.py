@@ -739,6 +739,23 @@ def test_who_takes_the_leave_to_move_while_asked_whether_a_line_may_be_sent_is_n
     assert not any("the question stands" in text for text in story.texts)
 
 
+def test_a_move_about_which_somebody_is_asked_is_sent_by_no_step_off_of_somebody_else(story: Story) -> None:
+    """It set out before the eyes of whoever was reading the question whether it may."""
+    story.sockets[0].say("step on")
+    story.wait(0.3)
+    story.sockets[0].say("go bin")
+    story.wait(1.0)
+    assert story.sockets[0].question is not None
+    story.sockets[1].say("step off")
+    story.wait(2.0)
+    assert story.cell.controller.machine.at_rest()
+    assert "This one still does: bin: joints to x" in story.texts[-1]
+    story.sockets[0].answer("y")
+    story.wait(10.0)
+    assert "At bin." in story.texts, "nor is anything further asked"
+    assert story.violations() == ()
+
+
 @pytest.mark.parametrize("word", ["abort", "disable", "stop"])
 def test_a_fault_is_told_and_outlives_the_daemon_also_where_somebody_stops_the_arm_as_it_is_being_stopped(
     story: Story, word: str
