@@ -409,7 +409,7 @@ def test_a_pause_said_after_a_resume_was_asked_for_holds_what_its_yes_sets_going
     story.sockets[0].answer("y")
     story.wait(4.0)
     assert story.violations() == ()
-    assert any("Moves are held since" in text for text in story.texts)
+    assert any("Moves are held:" in text for text in story.texts)
 
 
 def test_what_is_in_the_hand_is_not_said_to_be_gone_under_an_arm_that_carries_it() -> None:
@@ -754,6 +754,15 @@ def test_a_move_about_which_somebody_is_asked_is_sent_by_no_step_off_of_somebody
     story.wait(10.0)
     assert "At bin." in story.texts, "nor is anything further asked"
     assert story.violations() == ()
+
+
+def test_who_begins_an_auto_that_a_pause_of_before_holds_is_told_so(story: Story) -> None:
+    """It was said to be picking, and nothing moved: only `status` told why."""
+    for text in ("pause", "auto on 2"):
+        story.sockets[0].say(text)
+        story.wait(0.5)
+    assert "Picking, at most 2 parts" in story.texts[-1]
+    assert "Moves are held: `resume` lets them go." in story.texts[-1]
 
 
 @pytest.mark.parametrize("word", ["abort", "disable", "stop"])
