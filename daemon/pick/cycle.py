@@ -83,6 +83,8 @@ class Cycle:
         self._world: WorldModel | None = None
         self._cycles = 0
         self._auto = False
+        self._told_off = asyncio.Event()
+        """Ends the wait for parts."""
 
     def status(self) -> dict[str, object]:
         """How things stand, JSON values only."""
@@ -136,6 +138,7 @@ class Cycle:
         task = self.supervisor.begin("auto", self._many(wait_s))
         task.add_done_callback(self._auto_over)
         self._auto, self.skipped = True, []
+        self._told_off.clear()
         self._order(PickOrder(count, wait_s))
         return self.supervisor.end_of("auto", task)
 
@@ -144,6 +147,7 @@ class Cycle:
         if not self._auto:
             self._order(None)
         self._auto = False
+        self._told_off.set()
 
     async def look(self, purpose: str = "look") -> Look:
         """One settled look from where the arm stands; nothing moves, and nothing needs to be enabled, but with one eye,
@@ -379,7 +383,8 @@ class Cycle:
                 else:
                     if every_s is None or not self._auto:
                         break
-                    await asyncio.sleep(every_s)
+                    with contextlib.suppress(TimeoutError):
+                        await asyncio.wait_for(self._told_off.wait(), every_s)
                     self.skipped = []
             self._order(None)
         except asyncio.CancelledError:
