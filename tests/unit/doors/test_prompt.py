@@ -23,7 +23,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[3]))
 
 from daemon.doors import prompt
 from daemon.doors.client import DaemonLink, NotThereError
-from daemon.doors.keyboard import answer_to
+from daemon.doors.keyboard import Lines, answer_to
 from tests.worlds.person import Person
 
 
@@ -204,6 +204,24 @@ def test_a_line_typed_before_a_question_was_shown_does_not_answer_it(monkeypatch
         reading.join(5)
     assert typed.answer("Send it? [y/n]") == "", "nobody answers any more"
     assert [typed.lines.get() for _ in range(3)] == ["go bin", "y", None]
+
+
+def test_a_stop_typed_at_a_terminal_is_heard_whatever_is_waited_for_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Typed as a tour of commissioning went on, it was not read until the next question, and forgotten there; and as
+    the answer to that it was neither a yes nor a no."""
+    master, slave = pty.openpty()
+    stops: SimpleQueue[str] = SimpleQueue()
+    with open(slave, encoding="utf-8") as stdin:
+        monkeypatch.setattr(sys, "stdin", stdin)
+        lines = Lines(stops.put)
+        os.write(master, b"y\nSTOP!\n")
+        assert stops.get(timeout=10.0) == "STOP!"
+        for typed, answer in (("y\n", "y"), ("halt\n", ""), ("\n", "")):
+            typed_later(lambda text: os.write(master, text.encode()), typed)
+            assert lines.answer("Everybody out of the arm's reach? [y/n]") == answer
+        assert stops.get(timeout=10.0) == "halt"
+        lines.close()
+    os.close(master)
 
 
 def test_keys_typed_at_a_terminal_before_a_question_was_shown_do_not_answer_it(monkeypatch: pytest.MonkeyPatch) -> None:
