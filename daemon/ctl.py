@@ -265,7 +265,7 @@ def _online(words: list[str], socket_path: Path | None, as_json: bool) -> int:
             return run(link, words[1:])
         if words[0] == "script":
             return _script(link, words[1:], as_json)
-        return _one_shot(link, shlex.join(words), as_json, "one-shot")
+        return show(_one_shot(link, shlex.join(words), as_json, "one-shot"), as_json)
 
 
 def _runs() -> bool:
@@ -277,15 +277,14 @@ def _runs() -> bool:
     return True
 
 
-def _one_shot(link: DaemonLink, text: str, as_json: bool, door: str) -> int:
+def _one_shot(link: DaemonLink, text: str, as_json: bool, door: str) -> dict[str, Any]:
     def say(line: str) -> None:
         _tell(line, sys.stderr if as_json else sys.stdout)
 
     from daemon.doors.keyboard import answer_to
 
     asks = sys.stdin.isatty() and not as_json and door == "one-shot"
-    done = link.do(text, door, say, answer_to if asks else None)
-    return show(done, as_json)
+    return link.do(text, door, say, answer_to if asks else None)
 
 
 def show(done: dict[str, Any], as_json: bool) -> int:
@@ -322,9 +321,12 @@ def _script(link: DaemonLink, words: list[str], as_json: bool) -> int:
     for number, line in enumerate(text.splitlines(), 1):
         if not line.split("#")[0].strip():
             continue
-        status = _one_shot(link, line, as_json, "script")
+        done = _one_shot(link, line, as_json, "script")
+        status, what = show(done, as_json), "not done"
+        if status == DONE and "interrupted" in done:  # what this line does is no motion, and what follows may be
+            status, what = NOT_DONE, "control-C"
         if status != DONE:
-            print(f"facetctl: {words[0]}:{number}: not done; the rest is left out", file=sys.stderr)
+            print(f"facetctl: {words[0]}:{number}: {what}; the rest is left out", file=sys.stderr)
             return status
     return DONE
 

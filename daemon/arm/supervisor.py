@@ -78,11 +78,10 @@ async def _nothing_to_see() -> None:
 
 @dataclass(frozen=True, eq=False)
 class _Pending:
-    """What waits for a yes; by_hand: whether step mode is on or not; since_s: the loop's time as it began to wait."""
+    """What waits for a yes; since_s: the loop's time as it began to wait."""
 
     text: str
     answer: asyncio.Future[bool]
-    by_hand: bool
     since_s: float
 
 
@@ -254,10 +253,8 @@ class Supervisor:
             self._going.set()
 
     def step(self, on: bool) -> None:
-        """One confirmed move at a time, or not."""
+        """One confirmed move at a time, or not. One that waits goes on waiting: somebody may be asked about it."""
         self._step = on
-        if not on and self._pending is not None and not self._pending.by_hand:
-            self.confirm()
 
     def confirm(self) -> None:
         """Yes to the pending move."""
@@ -530,14 +527,14 @@ class Supervisor:
                 await self._going.wait()
                 self._interrupted(Interruption.RESUME)
             else:
-                await self._agreed(text, ask)
+                await self._agreed(text)
                 agreed = True
             await seen()
 
-    async def _agreed(self, text: str, by_hand: bool) -> None:
+    async def _agreed(self, text: str) -> None:
         """Wait for a yes. Raises OperatorRefusedError on a no."""
         loop = asyncio.get_running_loop()
-        self._pending = _Pending(text, loop.create_future(), by_hand, loop.time())
+        self._pending = _Pending(text, loop.create_future(), loop.time())
         try:
             if not await self._pending.answer:
                 raise OperatorRefusedError(f"the operator refused: {text}")

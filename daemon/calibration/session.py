@@ -96,7 +96,7 @@ async def _tour(session: Session, count: int, say: Say, speed_pct: float) -> lis
     if count == 0:
         return [first]
     poses = _plan(session, first, count)
-    await say(f"The board is in view. {len(poses)} poses round it follow; `stop` stops the arm at any moment.")
+    await say(f"The board is in view. {len(poses)} poses round it follow; control-C stops the arm at any moment.")
     views = [first]
     for number, pose in enumerate(poses, start=1):
         try:

@@ -67,7 +67,8 @@ class _Line:
         self._port: Port | None = None
         self._came: list[tuple[float, bytes]] = []
         self._news = asyncio.Event()
-        self._lost: PortError | None = None
+        self._broken: PortError | OSError | None = None
+        """The port is gone, or the transcript cannot be kept."""
         self._heard, self._heard_s = b"", 0.0
 
     def open(self, baud: int) -> None:
@@ -83,12 +84,22 @@ class _Line:
             self._port = None
 
     def send(self, data: bytes) -> None:
-        """Raises PortError."""
-        if self._lost is not None:
-            raise self._lost
+        """Raises PortError, or OSError where that cannot be written down."""
+        self.note("out", bytes=data.decode("latin-1"))
+        self.check()
         if self._port is not None:
-            self.note("out", bytes=data.decode("latin-1"))
             self._port.write(data)
+
+    def send_stop(self, data: bytes) -> None:
+        """The same of what stops the arm, also where it cannot be written down. Raises PortError."""
+        self.note("out", bytes=data.decode("latin-1"))
+        if self._port is not None:
+            self._port.write(data)
+
+    def check(self) -> None:
+        """Raises PortError or OSError where what follows would not be typed, or not be kept."""
+        if self._broken is not None:
+            raise self._broken
 
     def taken(self) -> list[tuple[float, bytes]]:
         """What came since it was asked last."""
@@ -101,17 +112,16 @@ class _Line:
         return self._came[-1][0] if self._came else None
 
     async def news(self, most_s: float) -> None:
-        """Wait until something comes, most_s at most. Raises PortError."""
+        """Wait until something comes, most_s at most. Raises PortError, OSError."""
         self._news.clear()
         with contextlib.suppress(TimeoutError):
             await asyncio.wait_for(self._news.wait(), max(most_s, 0.0))
-        if self._lost is not None:
-            raise self._lost
+        self.check()
 
     def note(self, way: str, **what: str) -> None:
         """A line of the transcript; what was heard before it comes first."""
         self._note_heard()
-        self._write({"t_s": round(self.clock(), 4), "way": way, **what})
+        self._keep({"t_s": round(self.clock(), 4), "way": way, **what})
 
     def _hear(self, data: bytes) -> None:
         now_s = self.clock()
@@ -123,11 +133,17 @@ class _Line:
 
     def _note_heard(self) -> None:
         if self._heard:
-            self._write({"t_s": round(self._heard_s, 4), "way": "in", "bytes": self._heard.decode("latin-1")})
+            self._keep({"t_s": round(self._heard_s, 4), "way": "in", "bytes": self._heard.decode("latin-1")})
             self._heard = b""
 
-    def _end(self, error: PortError) -> None:
-        self._lost = error
+    def _keep(self, record: dict[str, Any]) -> None:
+        try:
+            self._write(record)
+        except OSError as error:
+            self._end(error)
+
+    def _end(self, error: PortError | OSError) -> None:
+        self._broken = error
         self._news.set()
 
 
@@ -142,7 +158,7 @@ async def introduce(
     """The first contact at a port. write: takes each line of the transcript; pendant: whether the person brings the arm
     to more places.
 
-    Raises UnclearError with a question, PortError, StoppedByPersonError once the stop was sent.
+    Raises UnclearError with a question, PortError, StoppedByPersonError once the stop was sent, and what write raises.
     """
     known = Acquaintance()
     line = _Line(path, open_port, asyncio.get_running_loop().time, write)
@@ -153,12 +169,18 @@ async def introduce(
             try:
                 step = steps.send(reply)
             except StopIteration:
+                line.check()
                 return known
             reply = await _unless_stopped(_do(step, line, person), known, line, person)
-    except UnclearError as unclear:
-        line.note("unclear", text=str(unclear))
-        if known.moved:  # by its own WHERE nobody knows whether it rests
-            await _typed(known.stop_bytes, known.pace_s, line)
+    except StoppedByPersonError:
+        raise
+    except BaseException as error:  # the disk, the person's terminal: nobody looks any more whether the arm rests
+        if isinstance(error, UnclearError):
+            line.note("unclear", text=str(error))
+        if known.moved:
+            await _typed(known.stop_bytes, known.pace_s, line.send_stop)
+            with contextlib.suppress(OSError):
+                person.tell(f"{known.stop_word} was sent. Look whether the arm rests")
         raise
     finally:
         steps.close()
@@ -173,7 +195,7 @@ async def _unless_stopped(doing: Awaitable[Any], known: Acquaintance, line: _Lin
         if person.wants_stop.is_set():
             line.note("stop", text="wanted by the person")
             for _ in range(2):
-                await _typed(known.stop_bytes, known.pace_s, line)
+                await _typed(known.stop_bytes, known.pace_s, line.send_stop)
                 await asyncio.sleep(STOP_TWICE_S)
             raise StoppedByPersonError(f"stopped: {known.stop_word} was sent, twice. Look whether the arm rests")
         return task.result()
@@ -199,16 +221,16 @@ async def _do(step: Step, line: _Line, person: Person) -> Heard | str | None:
     return None
 
 
-async def _typed(data: bytes, pace_s: float, line: _Line) -> None:
+async def _typed(data: bytes, pace_s: float, send: Callable[[bytes], None]) -> None:
     """All of it, or pace_s between its characters."""
     for part in filter(None, [data] if pace_s <= 0 else [data[k : k + 1] for k in range(len(data))]):
-        line.send(part)
+        send(part)
         if pace_s > 0:
             await asyncio.sleep(pace_s)
 
 
 async def _exchange(step: Exchange, line: _Line) -> Heard:
-    await _typed(step.data, step.pace_s, line)
+    await _typed(step.data, step.pace_s, line.send)
     sent_s = line.clock()
     while True:
         now_s = line.clock()

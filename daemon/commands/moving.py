@@ -27,7 +27,7 @@ from daemon.console.phrases import cut_off, plural
 from daemon.pick.outcome import CycleEnd, Outcome
 
 MOST_PICKS = 1_000_000
-HELD = "Moves are held since: `resume` lets them go."
+HELD = "Moves are held: `resume` lets them go."
 AUTO_WORDS = ("on", "off", "wait", "resume")
 AUTO_USAGE = "auto on [N] [every S] | auto resume | auto off | auto wait"
 
@@ -194,7 +194,8 @@ async def auto(context: CommandContext, words: list[str], door: Door) -> Answer:
         await context.begin_auto(count, every_s)
         what = "until the table is empty" if count is None else f"at most {plural(count, 'part')}"
         what += "" if every_s is None else f", looking again every {every_s:g} s when it is empty"
-        return Answer(f"Picking, {what}; `auto off` ends it after a part, `status` tells how far it is.")
+        told = f"Picking, {what}; `auto off` ends it after a part, `status` tells how far it is."
+        return Answer(f"{told}\n{HELD}" if context.cycle.supervisor.paused else told)
     no_more(words, 1, AUTO_USAGE)
     if word == "off":
         was_on, left = context.cycle.status()["auto"], context.cycle.pick_order is not None
@@ -259,12 +260,19 @@ def _take_word(context: CommandContext, held: bool) -> str:
 
 @command("step on|off", "move", most=1, at_once=True, choices=("on", "off"))
 async def step(context: CommandContext, words: list[str], _: Door) -> Answer:
-    """Show each move of arm and hand and wait for a yes before it is sent."""
+    """Show each move of arm and hand and wait for a yes before it is sent.
+
+    One that waits as you say `step off` still does: `confirm` sends it.
+    """
     on = _on_or_off(words, step.usage)
     if on is None:
         return _how_it_is("step", bool(context.cycle.status()["step"]))
     context.cycle.supervisor.step(on)
-    return Answer("Every move is shown and waits for `confirm` or `refuse`." if on else "Moves no longer wait.")
+    if on:
+        return Answer("Every move is shown and waits for `confirm` or `refuse`.")
+    pending = context.cycle.status()["pending"]
+    still = "" if pending is None else f" This one still does: {pending}; `confirm` sends it, `refuse` gives it up."
+    return Answer(f"Moves no longer wait.{still}")
 
 
 @command("confirm", "move", at_once=True)

@@ -37,7 +37,7 @@ async def learnt(context: CommandContext, label: str, count: int, door: Door) ->
     """Ask, walk, fuse and tell; None where the operator would not. Raises CommandError."""
     seconds = count * SECONDS_A_PLACE * (1.0 if context.hardware.eyes.alone is None else 2.0)
     told = f"The arm goes to {count} places round the {label}, some 300 mm from it: about {seconds:.0f} s"
-    if door.asks and not await yes_or_no(door, f"{told}; `stop` stops it at any moment. May it? [y/n]"):
+    if door.asks and not await yes_or_no(door, f"{told}; control-C stops it at any moment. May it? [y/n]"):
         return None
     trainer = context.trainer
     sight = Recogniser(empty_model(trainer.library), trainer.rig, trainer.settings)

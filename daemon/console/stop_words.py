@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 
 STOP_WORDS = ("stop", "halt")
 SHORTEST_STOP = 3
@@ -18,3 +19,9 @@ def means_stop(text: str) -> bool:
     letters = re.match("[a-zA-Z]*", word)
     begun = letters[0].lower() if letters else ""
     return len(begun) >= SHORTEST_STOP and any(w.startswith(begun) or begun.startswith(w) for w in STOP_WORDS)
+
+
+def ends_in_stop(taken: Sequence[str], line: str) -> bool:
+    """Whether a line means to stop that was begun before questions came and went: taken, what stood at the prompt each
+    time, and was taken from under the hands of whoever typed it."""
+    return any(means_stop("".join(taken[k:]) + line) for k in range(len(taken) + 1))

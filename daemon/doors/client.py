@@ -71,7 +71,8 @@ class DaemonLink:
     def do(
         self, text: str, door: str, say: Callable[[str], None], ask: Callable[[str], str] | None = None
     ) -> dict[str, Any]:
-        """Say one command; show what comes meanwhile; give {text, data, status}. Control-C stops the arm.
+        """Say one command; show what comes meanwhile; give {text, data, status}. Control-C stops the arm; where it was
+        pressed there is {interrupted: True} as well: whoever did that wants nothing further to be said by itself.
 
         ask: puts a question to somebody; without it questions are taken as answered by yes. Raises NotThereError when
         the daemon goes away.
@@ -85,7 +86,7 @@ class DaemonLink:
 
     def _listen(self, text: str, say: Callable[[str], None], ask: Callable[[str], str] | None) -> dict[str, Any]:
         done: dict[str, Any] | None = None
-        messages = self._messages()
+        messages, pressed = self._messages(), {}
         while done is None or self._stops:
             try:
                 message = next(messages, None)
@@ -104,8 +105,8 @@ class DaemonLink:
                         self._send(piece)
             except KeyboardInterrupt:
                 self._stop()
-                messages = self._messages()
-        return done
+                messages, pressed = self._messages(), {"interrupted": True}
+        return done | pressed
 
     def options(self, typed: str) -> list[str]:
         """Every line that the typed one may become."""

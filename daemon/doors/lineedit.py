@@ -73,6 +73,11 @@ class LineEditor:
             b"H": self._home, b"F": self._end, b"3~": self._delete,
         }  # fmt: skip
 
+    @property
+    def text(self) -> str:
+        """The line as it is typed so far."""
+        return self._text
+
     def feed(self, data: bytes) -> Typed:
         """Take what the terminal sent."""
         typed = Typed()

@@ -22,6 +22,7 @@ from prompt_toolkit.document import Document
 from prompt_toolkit.key_binding import KeyBindings
 
 from daemon.console.pages import NARROWEST, fold
+from daemon.console.stop_words import ends_in_stop
 from daemon.doors.client import DaemonLink, NotThereError, file_in_pieces
 from daemon.doors.keyboard import Keyboard
 from daemon.doors.paths import files_begun
@@ -52,6 +53,10 @@ class ListeningPrompt:
         """The question that stands: its number and its words."""
         self._kept = ""
         """What was being typed when the question came."""
+        self._taken: list[str] = []
+        """What of the line being typed stood there when questions came or went: a stop may be amid it."""
+        self._given_back = ""
+        """What stood there before the question, and does again: it was not typed since."""
         self._options: deque[asyncio.Future[list[str]]] = deque()
         self._status = 0
         self._keyboard: Keyboard | None = None
@@ -124,12 +129,16 @@ class ListeningPrompt:
     def _stop(self) -> None:
         """Control-C, at any moment."""
         self._kept = ""
+        self._taken.clear()
         self._session.default_buffer.reset()
         if not self._send({"interrupt": True}):
             self._show(self._why_gone or NOT_THERE)
 
     def _typed(self, line: str) -> None:
         """A line to the daemon: the answer to its question, or a command."""
+        if ends_in_stop(self._taken, line.removeprefix(self._given_back)):
+            line, self._kept = "stop", ""
+        self._taken, self._given_back = [], ""
         if self._answering is not None:
             number, _ = self._answering
             if self._asked == self._answering:
@@ -226,20 +235,28 @@ class ListeningPrompt:
         """Put a question in place of the prompt; what was being typed comes back after it."""
         self._asked, self._history.remember = (number, question), False
         if self._session.app.is_running and not self._session.app.is_done:
-            self._kept = self._session.default_buffer.text
-            self._session.default_buffer.reset()
+            self._kept = self._take_line()
 
     def _unask(self) -> None:
         """It is answered, or no longer asked: it was to stop, or somebody else decided."""
         self._asked, self._history.remember = None, True
         if self._session.app.is_running and not self._session.app.is_done:
+            self._take_line()
             self._session.default_buffer.reset(Document(self._take_kept()))
+
+    def _take_line(self) -> str:
+        """Take away what stands at the prompt."""
+        text = self._session.default_buffer.text
+        self._session.default_buffer.reset()
+        self._taken += filter(None, [text.removeprefix(self._given_back)])
+        self._given_back = ""
+        return text
 
     def _take_kept(self) -> str:
         if self._asked is not None:
             return ""
-        text, self._kept = self._kept, ""
-        return text
+        self._given_back, self._kept = self._kept, ""
+        return self._given_back
 
     def _show(self, text: str) -> None:
         """Lines above the one being typed, which is drawn again. Keys go on being taken one by one meanwhile."""

@@ -29,7 +29,7 @@ def converse(link: DaemonLink) -> int:
 
 def _piped(link: DaemonLink) -> int:
     """One line after the other, each when the one before is done; but a stop is said as soon as it comes, and what came
-    before it and still waits is dropped. Control-C stops the arm.
+    before it and still waits is dropped. Control-C stops the arm, and drops what waits as well.
     """
     typed = _Typed()
     threading.Thread(target=typed.read, args=(link,), daemon=True, name="standard input").start()
@@ -41,8 +41,11 @@ def _piped(link: DaemonLink) -> int:
                 return status
             done = link.do(line, "console", _say, typed.answer if sys.stdin.isatty() else None)
         except KeyboardInterrupt:
+            typed.drop()
             _say(link.interrupt())
             continue
+        if "interrupted" in done:
+            typed.drop()
         if done["text"]:
             _say(done["text"])
         status = int(done["status"])
@@ -63,9 +66,7 @@ class _Typed:
             if not means_stop(line):
                 (self._answers if self._asked.is_set() else self.lines).put(line)
                 continue
-            with contextlib.suppress(Empty):
-                while True:
-                    _say(f"not done: {self.lines.get_nowait()}")
+            self.drop()
             try:
                 with link.beside() as another:
                     _say(another.do(line, "console", _say)["text"])
@@ -75,6 +76,18 @@ class _Typed:
         self._over = True
         self._answers.put("")
         self.lines.put(None)
+
+    def drop(self) -> None:
+        """What was typed before a stop, and waits, is not said any more; but the end is the end."""
+        over = False
+        with contextlib.suppress(Empty):
+            while True:
+                line = self.lines.get_nowait()
+                over = over or line is None
+                if line is not None:
+                    _say(f"not done: {line}")
+        if over:
+            self.lines.put(None)
 
     def answer(self, question: str) -> str:
         """The next line, as the answer to what is asked."""

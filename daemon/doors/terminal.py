@@ -19,7 +19,7 @@ import serial
 
 from daemon.config import Terminal
 from daemon.console.interpreter import NOT_UNDERSTOOD, Answer, CommandError, Console
-from daemon.console.stop_words import means_stop
+from daemon.console.stop_words import ends_in_stop, means_stop
 from daemon.doors.client import LONGEST_FILE
 from daemon.doors.lineedit import ASK_SIZE, Key, LineEditor, to_terminal
 from daemon.doors.paths import files_begun
@@ -59,6 +59,8 @@ class SerialConsole:
         self._keys: Callable[[bytes], None] | None = None
         self._unshown = self._read_before = False
         """Whether a question is put that is not shown yet; whether something was read before the loop had called."""
+        self._taken: list[str] = []
+        """What of the line being typed stood there when a question came: a stop may be amid it."""
         self._left = asyncio.Event()
 
     async def run(self) -> None:
@@ -179,6 +181,9 @@ class SerialConsole:
             self._left.set()
 
     def _hear(self, event: str | Key) -> None:
+        if isinstance(event, str) and ends_in_stop(self._taken, event):
+            event = "stop"
+        self._taken.clear()
         if event is Key.INTERRUPT:
             self._turns.beside(self._stop)
         elif event == "" and (self._unshown or not self._turns.asking):
@@ -203,6 +208,7 @@ class SerialConsole:
             self._hear_what_came_before()
         self._set_prompt()
         if question is not None:
+            self._taken += filter(None, [self._editor.text])
             self._editor.feed(KILL_LINE)  # what was typed for something else is no answer
             self.notice(question)
 

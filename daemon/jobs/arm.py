@@ -12,6 +12,7 @@ import json
 import shutil
 import signal
 import sys
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +33,7 @@ from daemon.cell.introduce import (
 from daemon.cell.introduced_arm import arm_file, arm_of, page
 from daemon.console.pages import fold
 from daemon.console.phrases import is_no, is_yes
+from daemon.console.stop_words import means_stop
 from daemon.doors.keyboard import forget_what_was_typed
 from daemon.errors import DONE, NOT_DONE, NOT_UNDERSTOOD
 from daemon.store.files import write_atomically
@@ -110,8 +112,9 @@ async def _meet(port: str, baud: int | None, pendant: bool, file: Any) -> Acquai
     def write(record: dict[str, Any]) -> None:
         print(json.dumps(record), file=file, flush=True)
 
-    person = Person(_tell, _ask, wants_stop)
-    print("control-C stops the arm at any moment.", flush=True)
+    person = Person(_tell, partial(_ask, wants_stop=wants_stop), wants_stop)
+    _listen(wants_stop)
+    print("control-C stops the arm at any moment, and so does `stop`.", flush=True)
     bauds = BAUDS if baud is None else (baud,)
     return await introduce(port, serial_port, person, write, bauds, pendant)
 
@@ -122,15 +125,17 @@ def _tell(text: str, end: str = "\n") -> None:
     print("\n".join(lines), end=end, flush=True)
 
 
-async def _ask(consult: Consult) -> str:
+async def _ask(consult: Consult, wants_stop: asyncio.Event) -> str:
     """The person's answer, typed after it was asked for; where it is to be a yes or a no one of these: another word is
-    asked again; nothing at the terminal's end."""
+    asked again; nothing at the terminal's end, and where it was to stop."""
     question = consult.text
     while True:
         forget_what_was_typed()
         _tell(question, " ")
-        line = await _typed()
+        line = await _typed(wants_stop)
         said = line.strip()
+        if wants_stop.is_set():
+            return ""
         if consult.about == "power-up" or not line:
             return said
         if is_yes(said) or is_no(said):
@@ -138,21 +143,35 @@ async def _ask(consult: Consult) -> str:
         question = f"`{said}` is neither: yes or no?"
 
 
-async def _typed() -> str:
+async def _typed(wants_stop: asyncio.Event) -> str:
     """A line typed at this terminal; nothing at its end."""
     loop = asyncio.get_running_loop()
     typed: asyncio.Future[str] = loop.create_future()
-
-    def take() -> None:
-        if not typed.done():
-            typed.set_result(sys.stdin.readline())
-
-    loop.add_reader(sys.stdin.fileno(), take)
+    loop.add_reader(sys.stdin.fileno(), _hear, wants_stop, typed)
     try:
         return await typed
     finally:
         with contextlib.suppress(ValueError):
             loop.remove_reader(sys.stdin.fileno())
+            _listen(wants_stop)
+
+
+def _listen(wants_stop: asyncio.Event) -> None:
+    """A line typed where nothing is asked may be a stop."""
+    if sys.stdin.isatty():
+        asyncio.get_running_loop().add_reader(sys.stdin.fileno(), _hear, wants_stop, None)
+
+
+def _hear(wants_stop: asyncio.Event, typed: asyncio.Future[str] | None) -> None:
+    line = ""
+    with contextlib.suppress(OSError):  # a terminal that was hung up has no line
+        line = sys.stdin.readline()
+    if means_stop(line):
+        wants_stop.set()
+    if typed is not None and not typed.done():
+        typed.set_result(line)
+    elif not line:
+        asyncio.get_running_loop().remove_reader(sys.stdin.fileno())
 
 
 def _replay(args: argparse.Namespace) -> int:

@@ -7,14 +7,16 @@ model that it was proven with, so that an evening can be a morning as well.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Mapping
+import contextlib
+import sys
+from collections.abc import Callable, Iterator, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 
 import msgspec
 
-from daemon.doors.client import DaemonLink
-from daemon.doors.keyboard import answer_to
+from daemon.doors.client import DaemonLink, NotThereError
+from daemon.doors.keyboard import Lines, answer_to
 from daemon.errors import DONE, NOT_DONE, NOT_UNDERSTOOD
 from daemon.jobs.commission_steps import STEPS, NotProvenError, Order, Person, Step, Talk
 from daemon.store.files import write_atomically
@@ -75,9 +77,10 @@ def run(link: DaemonLink, words: list[str]) -> int:
         if options.step is not None:
             proofs = {name: proof for name, proof in proofs.items() if name in names[: names.index(options.step)]}
         options.keep.mkdir(parents=True, exist_ok=True)
-        person = Person(lambda text: print(text, flush=True), lambda question: answer_to(f"  {question}"))
         order = Order(options.board, options.square_mm, options.board_mm, options.part, options.charuco)
-        all_proven = commission(Talk(link, person, order), proofs, lambda now: _keep(path, now))
+        with _answers(link) as answer:
+            person = Person(_tell, lambda question: answer(f"  {question}"))
+            all_proven = commission(Talk(link, person, order), proofs, lambda now: _keep(path, now))
     except (FileError, OSError) as error:
         print(f"facetctl: {error}", flush=True)
         return NOT_UNDERSTOOD
@@ -86,6 +89,31 @@ def run(link: DaemonLink, words: list[str]) -> int:
             f"The cell picks. {path} says what was proven when; deploy/README.md leads on from section 6.", flush=True
         )
     return DONE if all_proven else NOT_DONE
+
+
+def _tell(text: str) -> None:
+    print(text, flush=True)
+
+
+@contextlib.contextmanager
+def _answers(link: DaemonLink) -> Iterator[Callable[[str], str]]:
+    """What asks the person, who sits at a terminal: a stop typed there is said at once, whatever is awaited."""
+    if not sys.stdin.isatty():
+        yield answer_to
+        return
+
+    def stop(line: str) -> None:
+        try:
+            with link.beside() as another:
+                _tell(another.do(line, "commission", _tell)["text"])
+        except NotThereError as error:
+            _tell(f"facetctl: {error}")
+
+    lines = Lines(stop)
+    try:
+        yield lines.answer
+    finally:
+        lines.close()
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -61,9 +61,13 @@ class Talk:
         """What a tour of this sitting has said of it already."""
 
     def said(self, command: str) -> dict[str, Any]:
-        """One command, shown; what came of it. What it asks, the person is asked."""
+        """One command, shown; what came of it. What it asks, the person is asked. Raises NotProvenError where they
+        pressed control-C meanwhile: also where nothing moved then, something may next."""
         self.person.tell(f"  facetd> {command}")
-        return self._link.do(command, "commission", lambda line: self.person.tell(f"  {line}"), self.person.answer)
+        done = self._link.do(command, "commission", lambda line: self.person.tell(f"  {line}"), self.person.answer)
+        if "interrupted" in done:
+            raise NotProvenError(f"control-C was pressed at `{command}`: {done['text']}")
+        return done
 
     def do(self, command: str) -> dict[str, Any]:
         """One command that must be done; its data. Raises NotProvenError."""
@@ -95,13 +99,24 @@ class Talk:
     def clear(self, known: str | None) -> None:
         """Go on after a fault that the person knows of. Of another, such as somebody's stop since, they are asked
         first, and where somebody holds the arm. Raises NotProvenError."""
-        fault, paused = self.fault, self._status()["paused"]
-        if paused:
-            self.need("Somebody has said `pause`: the arm is held. May it go on?")
-        if fault not in (None, known):
-            self.need(f"A fault stands: {fault}. Is what led to it put right?")
-        if fault is not None or paused:
+        may_go_on = False
+        while True:  # what is said while they think of their answer is not lifted by it
+            status = self._status()
+            if status["paused"] and not may_go_on:
+                self.need("Somebody has said `pause`: the arm is held. May it go on?")
+                may_go_on = True
+            elif status["fault"] not in (None, known):
+                known = status["fault"]
+                self.need(f"A fault stands: {known}. Is what led to it put right?")
+            else:
+                break
+        if status["fault"] is not None or status["paused"]:
             self.do("resume")
+
+    def fault_told(self, text: str) -> str | None:
+        """The fault that stands, where it is the one that this answer told of, and no stop of anybody's came since."""
+        fault = self.fault
+        return fault if fault is not None and fault.endswith(text) else None
 
     @property
     def simulated(self) -> bool:
@@ -153,7 +168,7 @@ def _zero(talk: Talk) -> None:
             return
         if NO_POWER not in done["text"].lower():
             raise NotProvenError(done["text"])
-        fault = talk.fault
+        fault = talk.fault_told(done["text"])
         talk.need(f"{done['text']}. Switch arm power on. Is it on?")
         talk.clear(fault)
 
@@ -164,7 +179,7 @@ def _survey(talk: Talk) -> None:
     there = talk.said("go survey")
     said = there["text"].lower()
     if there["status"] != DONE and (NO_ZERO in said or NO_POWER in said):
-        talk.clear(talk.fault)
+        talk.clear(talk.fault_told(there["text"]))
         _zero(talk)
         there = talk.said("go survey")
     if there["status"] != DONE:

@@ -8,6 +8,7 @@ supervisor (arm/supervisor.py: enable, stop, pause, step ... are asked of it); a
 from __future__ import annotations
 
 import asyncio
+import contextlib
 from collections import Counter, deque
 from collections.abc import Callable, Coroutine
 from dataclasses import asdict, replace
@@ -82,6 +83,8 @@ class Cycle:
         self._world: WorldModel | None = None
         self._cycles = 0
         self._auto = False
+        self._told_off = asyncio.Event()
+        """Ends the wait for parts."""
 
     def status(self) -> dict[str, object]:
         """How things stand, JSON values only."""
@@ -135,6 +138,7 @@ class Cycle:
         task = self.supervisor.begin("auto", self._many(wait_s))
         task.add_done_callback(self._auto_over)
         self._auto, self.skipped = True, []
+        self._told_off.clear()
         self._order(PickOrder(count, wait_s))
         return self.supervisor.end_of("auto", task)
 
@@ -143,6 +147,7 @@ class Cycle:
         if not self._auto:
             self._order(None)
         self._auto = False
+        self._told_off.set()
 
     async def look(self, purpose: str = "look") -> Look:
         """One settled look from where the arm stands; nothing moves, and nothing needs to be enabled, but with one eye,
@@ -378,7 +383,8 @@ class Cycle:
                 else:
                     if every_s is None or not self._auto:
                         break
-                    await asyncio.sleep(every_s)
+                    with contextlib.suppress(TimeoutError):
+                        await asyncio.wait_for(self._told_off.wait(), every_s)
                     self.skipped = []
             self._order(None)
         except asyncio.CancelledError:
@@ -406,14 +412,19 @@ class Cycle:
             world.why = supervisor.fault or "aborted"
         except OperatorRefusedError as error:
             world.outcome, world.why = Outcome.ABORTED, str(error)
-            await supervisor.stop_arm(Interruption.ABORT, world.why, None)
+            await self._stop_arm(Interruption.ABORT, world.why, None)
         except Exception as error:
             world.outcome, world.why = Outcome.FAULT, f"{type(error).__name__}: {error}"
-            await supervisor.stop_arm(Interruption.ERROR, world.why, world.why)
+            await self._stop_arm(Interruption.ERROR, world.why, world.why)
         end = self._ended(world, before, started_s)
         self._world = None
         tell(self.observer, end)
         return end
+
+    async def _stop_arm(self, event: Interruption, why: str, fault: str | None) -> None:
+        """Who stops the arm as it is being stopped ends the job, and not what is to be known of this pick's end."""
+        with contextlib.suppress(asyncio.CancelledError):
+            await self.supervisor.stop_arm(event, why, fault)
 
     async def _through(self, context: PickContext, world: WorldModel) -> None:
         mover = context.mover

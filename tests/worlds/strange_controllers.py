@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import errno
+import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -109,8 +111,10 @@ async def meet(
     stop_s: float | None = None,
     dead: bool = False,
     pendant: bool = False,
+    full: Callable[[Controller], bool] = lambda controller: False,
 ) -> Contact:
-    """The first contact, by a person who says Y to power-up questions and yes to moves. Raises as introduce."""
+    """The first contact, by a person who says Y to power-up questions and yes to moves. full: whether the disk that the
+    transcript is on is. Raises as introduce."""
     loop = asyncio.get_running_loop()
     arm = Arm(strange.geometry, np.radians(strange.joints_deg))
     controller = Controller(arm, strange.manners, cold=strange.cold)
@@ -129,9 +133,14 @@ async def meet(
             return answer(controller, consult)
         return willing(controller, consult)
 
+    def write(record: dict[str, Any]) -> None:
+        if full(controller):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        contact.transcript.append(record)
+
     person = Person(contact.told.append, answered, wants_stop)
     try:
-        contact.known = await introduce("memory", line.open, person, contact.transcript.append, pendant=pendant)
+        contact.known = await introduce("memory", line.open, person, write, pendant=pendant)
     finally:
         strangers.append(contact)
     return contact

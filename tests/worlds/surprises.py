@@ -290,7 +290,7 @@ class Surprises(RuleBasedStateMachine):
             return
         self.there.repair()
         door, machine = self.there.sockets[0], self.there.cell.controller.machine
-        for text in ("robot power-up", "resume", "enable", "robot cal", "step off", "dry off"):
+        for text in ("refuse", "robot power-up", "resume", "enable", "robot cal", "step off", "dry off"):
             if text == "robot cal" and machine.calibrated:
                 continue
             door.say(text)

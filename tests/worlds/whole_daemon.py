@@ -632,7 +632,7 @@ class Story:
         if not self.alive or context is None or self.cell.controller.question is not None:
             return False
         state = context.cycle.status()
-        held = state["fault"] or state["stopping"] or state["paused"] or state["step"] or state["dry"]
+        held = any(state[name] for name in ("fault", "stopping", "paused", "step", "dry", "pending"))
         return bool(state["enabled"]) and not held and machine.arm_power and machine.calibrated
 
     def start(self) -> None:

@@ -403,3 +403,18 @@ def test_what_becomes_unclear_after_something_was_moved_ends_with_the_stop(seed:
         in_simulated_time(lambda: meet(draw(seed), deaf))
     since = [record["way"] for record in strangers[-1].transcript].index("unclear")
     assert b"ABORT" in b"".join(r["bytes"].encode() for r in strangers[-1].transcript[since:] if r["way"] == "out")
+
+
+def test_a_disk_that_fills_with_a_joint_on_its_way_ends_it_with_the_stop() -> None:
+    """It ended there, with the joint on its way and nobody to look whether it came to rest."""
+    with pytest.raises(OSError, match="No space left"):
+        in_simulated_time(lambda: meet(draw(2), full=lambda controller: not controller.machine.at_rest()))
+    assert moved(strangers[-1])
+    assert typed(strangers[-1])[-1] in ("ABORT", "PANIC")
+
+
+def test_no_disk_that_is_full_keeps_the_persons_stop_back() -> None:
+    with pytest.raises(StoppedByPersonError):
+        in_simulated_time(lambda: meet(draw(2), stop_s=60.0, full=lambda _: asyncio.get_running_loop().time() >= 60.0))
+    assert moved(strangers[-1])
+    assert typed(strangers[-1])[-1] in ("ABORT", "PANIC")

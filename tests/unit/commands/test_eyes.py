@@ -304,6 +304,34 @@ def test_auto_degrade_waits_for_the_first_time_that_an_operator_allowed_it() -> 
     lived(story)
 
 
+def test_auto_degrade_lets_no_pick_go_on_that_was_aborted_as_it_was_being_stopped_for_the_cameras_fault() -> None:
+    async def story(here: Hours) -> None:
+        started: list[str] = []
+
+        def beside(work: Coroutine[Any, Any, None], name: str) -> None:
+            work.close()
+            started.append(name)
+
+        values = here.context.config.values
+        config = replace(here.context.config, values=replace(values, pick=replace(values.pick, auto_degrade=True)))
+        here.context.config, here.context.one_eye_allowed = config, True
+        here.cycle.observer = BetweenPicks(here.context, beside)
+        here.cycle.pick_order = PickOrder(3, None)
+        here.cell.camera.ail("right", "away")
+        supervisor = here.cycle.supervisor
+        pick = supervisor.begin("pick", here.cycle._one(None, stay=True))
+        while not (supervisor.stopping or pick.done()):
+            await asyncio.sleep(0.01)
+        await supervisor.abort()
+        assert (await pick).outcome == "fault"
+        assert started == []
+        supervisor.resume()
+        assert (await supervisor.begin("pick", here.cycle._one(None, stay=True))).outcome == "fault"
+        assert started == ["one eye"]
+
+    lived(story)
+
+
 async def _end(here: Hours) -> Any:
     here.cycle.supervisor.resume()
     here.cell.clear()

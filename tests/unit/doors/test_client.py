@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import io
 import json
 import socket
 import threading
@@ -13,7 +14,10 @@ from unittest.mock import patch
 
 import pytest
 
+from daemon import ctl
+from daemon.doors import prompt
 from daemon.doors.client import PIECE, DaemonLink, NotThereError, file_in_pieces
+from daemon.jobs.commission_steps import NotProvenError, Order, Person, Talk
 
 
 class Scripted:
@@ -101,9 +105,38 @@ def test_control_c_stops_and_the_command_is_waited_for_and_then_the_stop(daemon:
 
     said: list[str] = []
     with DaemonLink(daemon.path) as link:
-        assert link.do("go", "here", say) == DONE["done"]
+        assert link.do("go", "here", say) == DONE["done"] | {"interrupted": True}
         assert said == ["going", "Stopped."]
+        assert link.do("True", "here", said.append) == DONE["done"]
     assert daemon.heard[1] == {"interrupt": True}
+
+
+@pytest.mark.parametrize("way", ["script", "console", "commission"])
+def test_control_c_at_what_moves_nothing_keeps_back_what_was_to_follow_and_may_move(
+    daemon: Scripted, way: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Pressed as a script trained, it was answered that nothing moves; then the script went on to its pick."""
+    monkeypatch.setattr("sys.stdin", io.StringIO("train\npick\n"))
+    pressed = iter([KeyboardInterrupt()])
+
+    def say(text: str, *_: object) -> None:
+        print(text)
+        if "learning" in text:
+            for key in pressed:
+                raise key
+
+    daemon.answers |= {"train": [{"say": "learning"}], "True": [DONE, {"stopped": "Nothing moves."}]}
+    daemon.answers |= {"pick": [DONE]}
+    if way == "commission":
+        with DaemonLink(daemon.path) as link, pytest.raises(NotProvenError, match="control-C was pressed at `train`"):
+            Talk(link, Person(say, lambda _: "y"), Order("9x6", 16.0, 4.0, "cube")).do("train")
+    else:
+        monkeypatch.setattr(ctl, "_tell", say)
+        monkeypatch.setattr(prompt, "_say", say)
+        words = ["script", "-"] if way == "script" else ["console"]
+        assert ctl.main(["--socket", str(daemon.path), *words]) == (ctl.NOT_DONE if way == "script" else ctl.DONE)
+    assert [message.get("do") for message in daemon.heard] == ["train", None]
+    assert "Nothing moves." in capsys.readouterr().out
 
 
 def test_options_and_an_interrupt_are_the_next_answers_of_their_kind(daemon: Scripted) -> None:

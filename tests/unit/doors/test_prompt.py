@@ -14,6 +14,8 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from queue import SimpleQueue
+from typing import Any
 
 import pytest
 
@@ -21,7 +23,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[3]))
 
 from daemon.doors import prompt
 from daemon.doors.client import DaemonLink, NotThereError
-from daemon.doors.keyboard import answer_to
+from daemon.doors.keyboard import Lines, answer_to
 from tests.worlds.person import Person
 
 
@@ -135,6 +137,52 @@ def test_a_stop_through_a_pipe_is_said_while_the_line_before_it_is_being_done_an
     assert sorted(done) == ["done: pick", "done: stop"], "in whichever order they are heard"
 
 
+class Asking:
+    """A daemon's socket, at which questions come and go."""
+
+    def __init__(self, place: Path) -> None:
+        self.heard: SimpleQueue[dict[str, Any]] = SimpleQueue()
+        self._listening = socket.socket(socket.AF_UNIX)
+        self._listening.bind(str(place))
+        self._listening.listen(1)
+        threading.Thread(target=self._serve, daemon=True).start()
+
+    def _serve(self) -> None:
+        with self._listening, self._listening.accept()[0] as line, line.makefile("rwb") as self._file:
+            for said in iter(self._file.readline, b""):
+                self.heard.put(json.loads(said))
+
+    def tell(self, **message: object) -> None:
+        self._file.write(json.dumps(message).encode() + b"\n")
+        self._file.flush()
+
+
+@pytest.mark.parametrize(
+    ("first", "amid", "last"), [("st", "", "op"), ("", "st", "op"), ("s", "t", "op"), ("go home", "s", "top")]
+)
+def test_a_stop_that_a_question_comes_or_goes_amid_is_heard(place: Path, first: str, amid: str, last: str) -> None:
+    """Somebody else said yes to the move that was asked about here: the `st` that stood there was taken away with the
+    question, and what was left of the word was none."""
+    daemon, person = Asking(place), Person(place.parent, "console")
+    person.sees("facetd>")
+    if first:
+        person.types(first)
+        person.sees(first.split()[-1])
+    daemon.tell(ask="Send it?", id=1)
+    person.sees("Send it?")
+    if amid:
+        person.types(amid)
+        person.sees(amid)
+        daemon.tell(unasked=1)
+        person.sees("facetd>")
+    person.types(f"{last}\r")
+    assert daemon.heard.get(timeout=10.0) == {"notices": True}
+    said = daemon.heard.get(timeout=10.0)
+    assert said.get("do", said.get("answer")) == "stop"
+    person.types("\x04")
+    assert person.leaves() == 0
+
+
 def typed_later(write: Callable[[str], object], text: str) -> None:
     threading.Timer(0.2, write, [text]).start()
 
@@ -156,6 +204,24 @@ def test_a_line_typed_before_a_question_was_shown_does_not_answer_it(monkeypatch
         reading.join(5)
     assert typed.answer("Send it? [y/n]") == "", "nobody answers any more"
     assert [typed.lines.get() for _ in range(3)] == ["go bin", "y", None]
+
+
+def test_a_stop_typed_at_a_terminal_is_heard_whatever_is_waited_for_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Typed as a tour of commissioning went on, it was not read until the next question, and forgotten there; and as
+    the answer to that it was neither a yes nor a no."""
+    master, slave = pty.openpty()
+    stops: SimpleQueue[str] = SimpleQueue()
+    with open(slave, encoding="utf-8") as stdin:
+        monkeypatch.setattr(sys, "stdin", stdin)
+        lines = Lines(stops.put)
+        os.write(master, b"y\nSTOP!\n")
+        assert stops.get(timeout=10.0) == "STOP!"
+        for typed, answer in (("y\n", "y"), ("halt\n", ""), ("\n", "")):
+            typed_later(lambda text: os.write(master, text.encode()), typed)
+            assert lines.answer("Everybody out of the arm's reach? [y/n]") == answer
+        assert stops.get(timeout=10.0) == "halt"
+        lines.close()
+    os.close(master)
 
 
 def test_keys_typed_at_a_terminal_before_a_question_was_shown_do_not_answer_it(monkeypatch: pytest.MonkeyPatch) -> None:

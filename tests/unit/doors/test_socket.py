@@ -387,6 +387,23 @@ def test_a_line_that_was_typed_before_a_question_is_shown_and_read_after_it_answ
     at_a_terminal(play)
 
 
+@pytest.mark.parametrize(("begun", "ended"), [(b"st", b"op\r"), (b"stop", b"\r"), (b"go bin\rstop", b"!\r")])
+def test_a_stop_that_a_question_came_amid_is_heard(begun: bytes, ended: bytes) -> None:
+    """What was typed by then was taken away, as no answer; what was left of the word was none, and no stop either."""
+
+    async def play(terminal: Terminals, console: SerialConsole) -> None:
+        await terminal.sees("facetd> ")
+        await terminal.type(begun)
+        await terminal.sees(begun.decode()[-4:])
+        asking = asyncio.ensure_future(console.ask("Send it?"))
+        await terminal.sees("Send it?")
+        await terminal.type(ended)
+        assert await asking == ""
+        await terminal.sees("Stopped")
+
+    assert any(told.startswith("stop") for told in at_a_terminal(play).cycle.told)
+
+
 def test_a_terminal_that_may_only_look_stops_the_arm_but_does_not_move_it() -> None:
     async def play(terminal: Terminals, _: SerialConsole) -> None:
         await terminal.sees("facetd> ")

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import asyncio
+import io
 import os
+import pty
 import sys
 from pathlib import Path
 
 import pytest
 
 from daemon import ctl
-from daemon.cell.introduce import Consult
+from daemon.cell.introduce import Acquaintance, Consult, Person
+from daemon.jobs import arm
 from daemon.jobs.arm import _ask
 from daemon.store import places
 
@@ -66,5 +69,30 @@ def test_a_yes_or_no_is_asked_until_it_is_one_and_the_controllers_question_is_an
     os.close(writing)
     with open(reading, buffering=1) as terminal:
         monkeypatch.setattr(sys, "stdin", terminal)
-        assert asyncio.run(_ask(Consult(about, "May I?"))) == answered  # type: ignore[arg-type]
+        asking = _ask(Consult(about, "May I?"), asyncio.Event())  # type: ignore[arg-type]
+        assert asyncio.run(asking) == answered
     assert ("`maybe` is neither" in capsys.readouterr().out) is ("maybe" in typed)
+
+
+@pytest.mark.parametrize("asked", [False, True])
+def test_a_stop_typed_at_a_first_contact_stops_the_arm_whether_anything_is_asked_or_not(
+    asked: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """While a joint was on its way nobody read it; as an answer it was neither a yes nor a no."""
+    master, slave = pty.openpty()
+
+    async def meeting(port: str, open_port: object, person: Person, *_: object) -> Acquaintance:
+        if asked:
+            asyncio.get_running_loop().call_later(0.1, os.write, master, b"STOP!\n")
+            assert await person.answer(Consult("move", "May I?")) == ""
+        else:
+            os.write(master, b"sto\n")
+        await asyncio.wait_for(person.wants_stop.wait(), 10.0)
+        return Acquaintance()
+
+    with open(slave, encoding="utf-8") as stdin:
+        monkeypatch.setattr(sys, "stdin", stdin)
+        monkeypatch.setattr(arm, "introduce", meeting)
+        asyncio.run(arm._meet("/dev/none", None, False, io.StringIO()))
+    os.close(master)
+    assert "neither" not in capsys.readouterr().out

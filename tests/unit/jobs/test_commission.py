@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from daemon.jobs.commission import FILE, _keep, _kept, commission, run
-from daemon.jobs.commission_steps import STEPS, NotProvenError, Order, Person, Talk, _zero
+from daemon.jobs.commission_steps import STEPS, NotProvenError, Order, Person, Talk, _survey, _zero
 from daemon.store.outside import FileError
 
 WHERE = {"world_from_tool": [[1, 0, 0, 420.0], [0, 1, 0, 0.0], [0, 0, 1, 60.0], [0, 0, 0, 1]]}
@@ -233,6 +233,37 @@ def test_a_stop_or_a_pause_of_somebody_else_is_not_lifted_behind_their_back(mean
         with pytest.raises(NotProvenError, match="stopped by bob" if meanwhile == "a stop" else "is held"):
             _zero(talk)
     assert ("resume" in link.said) is (meanwhile == "nothing")
+
+
+def test_a_stop_that_somebody_says_while_a_fault_is_asked_about_is_not_lifted_by_the_answer() -> None:
+    """The yes was to the fault that stood before: with it the stop of whoever had gone to the arm was cleared, and the
+    arm was enabled."""
+    link, asked = ToldLink(), []
+    link.fault = "*Envelope error* Joint 2"
+
+    def answer(question: str) -> str:
+        asked.append(question)
+        link.fault = "*Envelope error* Joint 2; then stopped by bob"
+        return "n" if "bob" in question else "y"
+
+    with pytest.raises(NotProvenError, match="stopped by bob"):
+        Talk(link, Person(asked.append, answer), Order("9x6", 16.0, 4.0, "cube")).enable()
+    assert link.said == []
+
+
+def test_a_stop_right_behind_what_told_that_the_arm_has_no_zero_is_asked_about() -> None:
+    class Stopped(ToldLink):
+        def do(self, text, door, say, ask=None):
+            if text == "go survey":
+                self.fault = "ControllerError: *Not calibrated*; then stopped by bob"
+                return done("*Not calibrated*", status=1)
+            return super().do(text, door, say, ask)
+
+    link = Stopped()
+    talk = Talk(link, Person(lambda _: None, lambda question: "n"), Order("9x6", 16.0, 4.0, "cube"))
+    with pytest.raises(NotProvenError, match="stopped by bob"):
+        _survey(talk)
+    assert link.said == ["enable"]
 
 
 def test_the_file_is_read_back_and_a_spoilt_one_is_told_in_one_line(tmp_path: Path, capsys) -> None:

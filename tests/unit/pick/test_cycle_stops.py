@@ -88,6 +88,32 @@ def test_whatever_raises_ends_in_a_fault_with_the_arm_stopped_and_nothing_moves_
     assert len(world.wire) == sent
 
 
+@pytest.mark.parametrize("word", ["stop", "abort", "disable"])
+def test_a_pick_that_is_stopped_as_it_is_being_stopped_for_a_fault_has_ended_with_that(word):
+    """It had no end: no record had one, nobody was told of it or counted it, and `status` told of its target on."""
+    world = one_part()
+    cycle = cycle_of(world)
+    stopping = []
+
+    async def story():
+        def fail(name):
+            if name == "grab" and cycle.status()["target"] and not stopping:
+                raise RuntimeError("something broke")
+            if name == "abort" and not stopping:
+                stopping.append(asyncio.ensure_future(getattr(cycle.supervisor, word)()))
+
+        world.before = fail
+        end = await cycle.pick()
+        await asyncio.gather(*stopping)
+        return end
+
+    end = asyncio.run(story())
+    assert (end.outcome, end.why) == ("fault", "RuntimeError: something broke")
+    assert [record["outcome"] for record in world.said("cycle_end")] == ["fault"]
+    assert (cycle.status()["target"], cycle.status()["failed"]) == (None, 1)
+    assert not moves_after_abort(world)
+
+
 def test_an_abort_that_is_not_answered_either_sends_the_operator_to_the_emergency_stop():
     world = one_part()
     cycle = cycle_of(world)

@@ -91,6 +91,23 @@ def test_auto_off_gives_up_what_is_left_also_while_something_else_is_done() -> N
     assert cycle.pick_order is None
 
 
+def test_an_auto_that_waits_for_parts_is_over_as_soon_as_it_is_told_off() -> None:
+    """It waited on, for an hour at most, and everything else was refused as `busy: auto`."""
+    world = World(np.random.default_rng(0))
+    cycle = cycle_of(world)
+
+    async def scene() -> None:
+        task = asyncio.create_task(cycle.auto(wait_s=3600.0))
+        while not world.said("cycle_end"):
+            await asyncio.sleep(0)
+        cycle.auto_off()
+        await asyncio.wait_for(task, 5.0)
+        await cycle.go("home")
+
+    asyncio.run(scene())
+    assert cycle.pick_order is None
+
+
 def test_auto_off_said_while_an_auto_is_being_cut_off_leaves_nothing_to_take_up() -> None:
     world = some(2)
     cycle = cycle_of(world)

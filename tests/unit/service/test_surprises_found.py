@@ -409,7 +409,7 @@ def test_a_pause_said_after_a_resume_was_asked_for_holds_what_its_yes_sets_going
     story.sockets[0].answer("y")
     story.wait(4.0)
     assert story.violations() == ()
-    assert any("Moves are held since" in text for text in story.texts)
+    assert any("Moves are held:" in text for text in story.texts)
 
 
 def test_what_is_in_the_hand_is_not_said_to_be_gone_under_an_arm_that_carries_it() -> None:
@@ -737,6 +737,32 @@ def test_who_takes_the_leave_to_move_while_asked_whether_a_line_may_be_sent_is_n
     assert story.violations() == ()
     assert story.cell.controller.machine.at_rest()
     assert not any("the question stands" in text for text in story.texts)
+
+
+def test_a_move_about_which_somebody_is_asked_is_sent_by_no_step_off_of_somebody_else(story: Story) -> None:
+    """It set out before the eyes of whoever was reading the question whether it may."""
+    story.sockets[0].say("step on")
+    story.wait(0.3)
+    story.sockets[0].say("go bin")
+    story.wait(1.0)
+    assert story.sockets[0].question is not None
+    story.sockets[1].say("step off")
+    story.wait(2.0)
+    assert story.cell.controller.machine.at_rest()
+    assert "This one still does: bin: joints to x" in story.texts[-1]
+    story.sockets[0].answer("y")
+    story.wait(10.0)
+    assert "At bin." in story.texts, "nor is anything further asked"
+    assert story.violations() == ()
+
+
+def test_who_begins_an_auto_that_a_pause_of_before_holds_is_told_so(story: Story) -> None:
+    """It was said to be picking, and nothing moved: only `status` told why."""
+    for text in ("pause", "auto on 2"):
+        story.sockets[0].say(text)
+        story.wait(0.5)
+    assert "Picking, at most 2 parts" in story.texts[-1]
+    assert "Moves are held: `resume` lets them go." in story.texts[-1]
 
 
 @pytest.mark.parametrize("word", ["abort", "disable", "stop"])
