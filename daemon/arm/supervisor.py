@@ -180,7 +180,8 @@ class Supervisor:
             self._asking = asyncio.ensure_future(self.mover.cell.robot.at_rest())
             self._asking.add_done_callback(lambda asking: asking.cancelled() or asking.exception())
         try:
-            rests = await asyncio.wait_for(asyncio.shield(self._asking), AT_REST_S)
+            async with asyncio.timeout(AT_REST_S):
+                rests = await asyncio.shield(self._asking)
         except Exception:
             return False
         return rests and not (self.busy or self.stopping)

@@ -104,7 +104,8 @@ class _Line:
         """Wait until something comes, most_s at most. Raises PortError."""
         self._news.clear()
         with contextlib.suppress(TimeoutError):
-            await asyncio.wait_for(self._news.wait(), max(most_s, 0.0))
+            async with asyncio.timeout(max(most_s, 0.0)):
+                await self._news.wait()
         if self._lost is not None:
             raise self._lost
 

@@ -96,7 +96,8 @@ class Conversation:
         """The next event. Raises NoAnswer(otherwise), Preempted, PortError."""
         self._check()
         try:
-            event = await asyncio.wait_for(self._inbox.get(), timeout_s)
+            async with asyncio.timeout(timeout_s):
+                event = await self._inbox.get()
         except TimeoutError:
             raise NoAnswer(otherwise) from None
         self._check()

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from unittest.mock import patch
 
 import pytest
 import yaml
@@ -14,6 +16,8 @@ from drivers.simcell.controller.commands import Ask
 from drivers.simcell.controller.machine import Machine
 from drivers.simcell.controller.monitor import MONITOR_COMMANDS
 from drivers.simcell.world import Where
+from drivers.val2.conversation import Conversation
+from drivers.val2.wire import Event, Prompt
 from tests.worlds.first_day import arm_yaml
 from tests.worlds.whole_daemon import SocketDoor, Story
 
@@ -909,4 +913,30 @@ def test_an_arm_on_its_way_round_a_part_waits_for_nobodys_reading(story: Story) 
     story.wait(3.0)
     assert "Is this the cube?" in (story.sockets[0].question or (0, ""))[1]
     assert (story.cell.world_from_tool() == before).all()
+    assert story.violations() == ()
+
+
+@pytest.mark.parametrize("answers", range(5))
+def test_an_abort_in_the_moment_of_an_answer_ends_what_is_done_there_and_leaves_no_fault(
+    story: Story, answers: int
+) -> None:
+    """The pick's end was lost where its answer came in the same breath: it went on as far as the guard, which refused
+    it, and told a fault that nobody had seen, `Preempted` or `MoveRefused`, that stood until `resume`."""
+    supervisor = story._service.context.cycle.supervisor  # type: ignore[union-attr]
+    aborted: list[asyncio.Future[str | None]] = []
+    hear, left = Conversation.hear, [answers]
+
+    def heard(talk: Conversation, event: Event) -> None:
+        hear(talk, event)
+        if isinstance(event, Prompt) and supervisor.busy:
+            left[0] -= 1
+            if left[0] == -1:
+                aborted.append(asyncio.ensure_future(supervisor.abort()))
+
+    with patch.object(Conversation, "hear", heard):
+        story.sockets[0].say("pick")
+        story.wait(4.0)
+    assert aborted[0].result() is None
+    assert supervisor.fault is None
+    assert any(text.startswith("aborted") for text in story.texts)
     assert story.violations() == ()
