@@ -149,7 +149,7 @@ class Link:
                 )
             except (Garbled, NoAnswer) as problem:
                 session.question = asked
-                await session.recover(problem)  # a half-typed answer is no beginning of the next command
+                await session.recover(talk, problem)  # a half-typed answer is no beginning of the next command
                 raise
             return session.accept(answer)
 
@@ -261,7 +261,7 @@ class Link:
         """See that the controller takes the word that stops the arm. Raises StopRefused."""
         session = self._open_session
         async with session.turn() as talk:
-            self._judge_stop(await session.ask(talk, self.dialect.abort_word, (), self.dialect.answer_s))
+            self._judge_stop(session, await session.ask(talk, self.dialect.abort_word, (), self.dialect.answer_s))
 
     # Inside
 
@@ -380,7 +380,7 @@ class Link:
                         before, asked = b"" if switched_on else no, last.text
                         continue
                     before, session.question = b"", None
-                    return await self._stopped(talk)
+                    return await self._stopped(session, talk)
                 except StopRefused:
                     raise
                 except (NoAnswer, Garbled, ControllerError) as failed:
@@ -397,9 +397,9 @@ class Link:
         await talk.type_raw((before or self.dialect.cancel_line) + POISON + end + word + end + word)
         return await talk.last_prompt_or_question(self.dialect.resync_s)
 
-    async def _stopped(self, talk: Conversation) -> Where:
+    async def _stopped(self, session: Session, talk: Conversation) -> Where:
         """The word once more where its answer can be judged, then two WHERE that agree. Raises StopRefused."""
-        self._judge_stop(await talk.ask(self.dialect.abort_word, (), self.dialect.resync_s))
+        self._judge_stop(session, await talk.ask(self.dialect.abort_word, (), self.dialect.resync_s))
         table_s = self.dialect.resync_s + WHERE_CHARACTERS * 10 / self.dialect.baud
         readings = []
         for _ in range(2):
@@ -415,12 +415,13 @@ class Link:
             raise NoAnswer(f"the arm still moves after {self.dialect.abort_word}", readings[-1])
         return readings[-1]
 
-    def _judge_stop(self, answer: Answer) -> None:
-        """Raises StopRefused."""
+    def _judge_stop(self, session: Session, answer: Answer) -> None:
+        """Raises StopRefused; ControllerError where it asks instead: it has taken the word for an answer."""
         if answer.errors:
             self._unsee_the_stop()
             word, words = self.dialect.abort_word, "; ".join(answer.errors)
             raise StopRefused(f"the controller does not take the word {word} (it says `{words}`)")
+        session.accept(answer)
         self.program_may_run = False
         if not self.stop_seen:
             self._times_seen += 1

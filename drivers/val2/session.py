@@ -100,15 +100,16 @@ class Session:
                 self._listener = None
                 if talk is self.talk:
                     talk.unheard()  # what the person was told is no answer of ours
-                    await self.find_prompt()
+                    await self.find_prompt(talk)
                     await asyncio.sleep(self.dialect.prompt_silence_s)
                     while talk.unheard():  # nor what was still on its way
                         await asyncio.sleep(self.dialect.prompt_silence_s)
 
-    async def find_prompt(self, attempts: int = 3) -> list[Event]:
-        """Get to the prompt, or to the question the controller asks (kept in `question`). Raises NoAnswer."""
+    async def find_prompt(self, talk: Conversation, attempts: int = 3) -> list[Event]:
+        """Get to the prompt, or to the question the controller asks (kept in `question`). Raises NoAnswer. talk: whose
+        line it is; where a stop has taken it meanwhile not a byte is typed into the stop."""
         self.line_may_hold_rest = True
-        events = await self.talk.resynchronise(attempts)
+        events = await talk.resynchronise(attempts)
         last = events[-1]
         self.question = last.text if isinstance(last, Question) else None
         return events
@@ -116,11 +117,11 @@ class Session:
     async def prompt_on_opening(self) -> None:
         """To the prompt or question; asked again only where that keeps no arm moving. Raises NoAnswer."""
         try:
-            await self.find_prompt(attempts=1)
+            await self.find_prompt(self.talk, attempts=1)
         except NoAnswer as problem:
             if isinstance(problem, Busy) or not self.dialect.echo:
                 raise
-            await self.find_prompt()
+            await self.find_prompt(self.talk)
 
     async def decline(self) -> None:
         """No to what somebody before us began; typed twice where something stood in the line before it."""
@@ -141,7 +142,7 @@ class Session:
             except (Garbled, NoAnswer) as caught:
                 problem = caught
             once_only = talk.typed_whole and commands.moves_the_arm(text)
-            said = await self.recover(problem)
+            said = await self.recover(talk, problem)
             if said or once_only:
                 break
         with suppress(Garbled, NoAnswer):
@@ -161,10 +162,10 @@ class Session:
             answer = await talk.ask(text, replies, wait_s, meant)
         return answer
 
-    async def recover(self, problem: LinkError) -> list[str]:
+    async def recover(self, talk: Conversation, problem: LinkError) -> list[str]:
         """Back to a prompt; the errors the controller reported on the way. Raises NoAnswer, ControllerError."""
         try:
-            events = await self.find_prompt()
+            events = await self.find_prompt(talk)
         except NoAnswer as deaf:
             raise NoAnswer(f"{problem.message}; then {deaf.message}") from problem
         if self.question is not None:

@@ -577,3 +577,52 @@ def test_an_error_is_told_with_the_place_that_was_printed_before_it() -> None:
     came, *_ = told(lambda link: link.command("FOO"), says)
     assert str(came) == "*Out of range*"
     assert came.where.location.x_mm == 432.0
+
+
+def test_whoever_hears_no_answer_as_the_arm_is_stopped_types_nothing_into_the_stop() -> None:
+    """They sought the prompt on the line that was the stop's by then: their key that takes a line back went out behind
+    its first words, and what the controller said to those they heard instead of the stop, which was a second late."""
+
+    async def story() -> tuple[bytes, float]:
+        typed, loop = bytearray(), asyncio.get_running_loop()
+        port = Scripted(lambda line, nth: "" if line == "STATUS" else usual(line, nth))
+        link = linked(port)
+        await link.open()
+        write, stopping = port.write, list[asyncio.Task[Where | None]]()
+        port.write = lambda data: (typed.extend(data), write(data))  # type: ignore[method-assign]
+
+        def stop() -> None:
+            stopping.append(asyncio.ensure_future(link.abort()))
+            loop.sleep(0.001)  # type: ignore[attr-defined]  # the computer is busy, and their time is up
+
+        asking = asyncio.ensure_future(link.command("STATUS", timeout_s=2.0))
+        while "STATUS" not in port.lines:
+            await asyncio.sleep(0.0001)
+        loop.call_later(1.9995, stop)
+        with pytest.raises(Preempted):
+            await asking
+        began_s = loop.time()
+        await stopping[0]
+        return bytes(typed), loop.time() - began_s
+
+    typed, seconds = lived(story())
+    assert typed == b"STATUS\r\x15!!\rABORT\r\rABORT\rABORT\rWHERE\rWHERE\r"
+    assert seconds < 0.5
+
+
+def test_a_controller_that_asks_what_it_asks_at_power_up_has_not_taken_the_word_that_stops_the_arm() -> None:
+    """Switched off and on as the stop was tried, it asked instead of answering: the stop was taken for seen, the arm
+    was enabled, and the next thing that was told was typed as the answer to its question."""
+
+    async def story() -> tuple[int, str | None, list[str]]:
+        asks = "\r\nLoad VAL II from floppy (Y/N)? "
+        port = Scripted(lambda line, nth: asks if line == "ABORT" else usual(line, nth))
+        link = linked(port)
+        await link.open()
+        with pytest.raises(ControllerError, match="floppy"):
+            await link.prove_stop()
+        with pytest.raises(ControllerError, match="floppy"):
+            await link.where()
+        return link.stop_seen, link.question, port.lines
+
+    assert lived(story()) == (0, "Load VAL II from floppy (Y/N)?", ["DO BREAK", "ABORT"])
