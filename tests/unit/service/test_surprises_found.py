@@ -940,3 +940,18 @@ def test_an_abort_in_the_moment_of_an_answer_ends_what_is_done_there_and_leaves_
     assert supervisor.fault is None
     assert any(text.startswith("aborted") for text in story.texts)
     assert story.violations() == ()
+
+
+def test_an_auto_does_not_go_on_where_the_daemon_was_held_still_for_an_hour() -> None:
+    """Control-Z, and an hour later somebody said `fg`: it looked again, and went on picking."""
+    story = Story(parts=True)
+    for text, seconds in (("enable", 0.1), ("auto on", 2.0)):
+        story.sockets[0].say(text)
+        story.wait(seconds)
+    story.hang(3600.0)
+    story.wait(0.5)
+    before = story.cell.world_from_tool()
+    story.wait(8.0)
+    assert (story.cell.world_from_tool() == before).all()
+    assert any("asleep: facetd was held still for 36" in text for text in story.texts)
+    assert story.close() == ()
