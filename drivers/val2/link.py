@@ -15,7 +15,7 @@ from dataclasses import replace
 from typing import Any
 
 from drivers.val2 import commands
-from drivers.val2.conversation import POISON, Answer, Conversation
+from drivers.val2.conversation import POISON, Answer, Conversation, never
 from drivers.val2.dialect import Dialect
 from drivers.val2.errors import (
     Busy,
@@ -81,6 +81,8 @@ class Link:
         self._open_port = open_port
         self._session: Session | None = None
         self._aborting: asyncio.Task[Where | None] | None = None
+        self.held: Callable[[], bool] = never
+        """Asked before a line that moves is ended, at each try: whether it is held back; then it is taken back."""
         self.stopped_on_opening = False
         """Whether the arm was found at work when the port was opened last, and was stopped."""
         self.stop_seen = self._times_seen = 0
@@ -324,8 +326,9 @@ class Link:
         async with session.turn(moves=any(map(commands.moves_the_arm, lines))) as talk:
             for line in lines:
                 self.program_may_run |= line != self.dialect.calibrate_word and commands.begins_a_program(line)
-                default_s = self.dialect.motion_s if commands.moves_the_arm(line) else self.dialect.answer_s
-                answer = session.accept(await session.ask(talk, line, replies, timeout_s or default_s, meant))
+                moves = commands.moves_the_arm(line)
+                default_s, held = (self.dialect.motion_s, self.held) if moves else (self.dialect.answer_s, never)
+                answer = session.accept(await session.ask(talk, line, replies, timeout_s or default_s, meant, held))
         return answer
 
     async def _where(self, talk: Conversation, any_place: bool = False) -> Where:

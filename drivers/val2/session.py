@@ -10,9 +10,9 @@ from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager, suppress
 
 from drivers.val2 import commands
-from drivers.val2.conversation import Answer, Conversation
+from drivers.val2.conversation import Answer, Conversation, never
 from drivers.val2.dialect import Dialect
-from drivers.val2.errors import Busy, ControllerError, Garbled, LinkError, NoAnswer, PortError, Preempted
+from drivers.val2.errors import Busy, ControllerError, Garbled, HeldBack, LinkError, NoAnswer, PortError, Preempted
 from drivers.val2.ledger import Ledger
 from drivers.val2.port import OpenPort
 from drivers.val2.wire import Error, Event, Question, Reader
@@ -133,15 +133,21 @@ class Session:
                     return
 
     async def ask(
-        self, talk: Conversation, text: str, replies: Sequence[str], wait_s: float, meant: Callable[[str], bool] = bool
+        self,
+        talk: Conversation,
+        text: str,
+        replies: Sequence[str],
+        wait_s: float,
+        meant: Callable[[str], bool] = bool,
+        held: Callable[[], bool] = never,
     ) -> Answer:
         """Ask, and ask again as long as that is safe: the line was never ended, or it moves nothing."""
         for _ in range(self.dialect.typing_attempts):
             try:
-                return await self.ask_past_a_rest(talk, text, replies, wait_s, meant)
-            except (Garbled, NoAnswer) as caught:
+                return await self.ask_past_a_rest(talk, text, replies, wait_s, meant, held)
+            except (Garbled, NoAnswer, HeldBack) as caught:
                 problem = caught
-            once_only = talk.typed_whole and commands.moves_the_arm(text)
+            once_only = isinstance(problem, HeldBack) or (talk.typed_whole and commands.moves_the_arm(text))
             said = await self.recover(talk, problem)
             if said or once_only:
                 break
@@ -152,14 +158,20 @@ class Session:
         raise problem
 
     async def ask_past_a_rest(
-        self, talk: Conversation, text: str, replies: Sequence[str], wait_s: float, meant: Callable[[str], bool] = bool
+        self,
+        talk: Conversation,
+        text: str,
+        replies: Sequence[str],
+        wait_s: float,
+        meant: Callable[[str], bool] = bool,
+        held: Callable[[], bool] = never,
     ) -> Answer:
         """Ask; once more where this was the first line since the prompt was found, and was refused as a command nobody
         knows: it was not carried out."""
-        answer = await talk.ask(text, replies, wait_s, meant)
+        answer = await talk.ask(text, replies, wait_s, meant, held)
         may_hold_rest, self.line_may_hold_rest = self.line_may_hold_rest, False
         if may_hold_rest and answer.errors and all(map(_may_be_our_own_noise, answer.errors)):
-            answer = await talk.ask(text, replies, wait_s, meant)
+            answer = await talk.ask(text, replies, wait_s, meant, held)
         return answer
 
     async def recover(self, talk: Conversation, problem: LinkError) -> list[str]:

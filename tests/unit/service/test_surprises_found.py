@@ -13,6 +13,7 @@ import yaml
 from drivers.puma560 import READY_RAD, ArmGeometry, configuration_of
 from drivers.simcell.controller import Mishap
 from drivers.simcell.controller.commands import Ask
+from drivers.simcell.controller.faults import LineFault
 from drivers.simcell.controller.machine import Machine
 from drivers.simcell.controller.monitor import MONITOR_COMMANDS
 from drivers.simcell.world import Where
@@ -955,3 +956,38 @@ def test_an_auto_does_not_go_on_where_the_daemon_was_held_still_for_an_hour() ->
     assert (story.cell.world_from_tool() == before).all()
     assert any("asleep: facetd was held still for 36" in text for text in story.texts)
     assert story.close() == ()
+
+
+@pytest.mark.parametrize("word", ["pause", "step on"])
+@pytest.mark.parametrize(("typed", "begins"), [("go survey", "DO MOVE"), ("hand close", "DO CLOSEI"),
+                                               ("robot monitor DO DRIVE 1,5,30", "DO DRIVE")])  # fmt: skip
+def test_nothing_that_moves_is_typed_once_more_after_a_hold_that_was_said_while_it_was_typed(
+    story: Story, word: str, typed: str, begins: str
+) -> None:
+    """The echo of its line was lost: two seconds later the line was taken back, typed again and carried out."""
+    machine, type_line, lost = story.cell.controller.machine, Conversation._type_line, list[str]()
+
+    async def typing(talk: Conversation, text: str, *others: Callable[[], bool]) -> None:
+        if text.startswith(begins) and not lost:
+            lost.append(text)
+            drop = LineFault("to_host", "drop", count=len(text))
+            story.harm(lambda: story.cell.controller.faults.line.append(drop))
+        await type_line(talk, text, *others)
+
+    with patch.object(Conversation, "_type_line", typing):
+        story.sockets[0].say(typed)
+        story.wait(0.3)
+        story.sockets[0].answer("y")
+        story.wait(0.5)
+        story.sockets[2].say(word)
+        before = story.cell.world_from_tool(), machine.hand_closed
+        story.wait(6.0)
+        assert lost
+        assert ((story.cell.world_from_tool() == before[0]).all(), machine.hand_closed) == (True, before[1])
+        for text in ("step off", "resume"):
+            story.sockets[2].say(text)
+        story.wait(1.0)
+        story.sockets[0].answer("y")
+        story.wait(3.0)
+    assert ((story.cell.world_from_tool() == before[0]).all(), machine.hand_closed) != (True, before[1])
+    assert story.violations() == ()

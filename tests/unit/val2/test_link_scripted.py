@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from drivers.val2.dialect import Dialect
-from drivers.val2.errors import ControllerError, Elsewhere, Garbled, NoAnswer, PortError, Preempted
+from drivers.val2.errors import ControllerError, Elsewhere, Garbled, HeldBack, NoAnswer, PortError, Preempted
 from drivers.val2.link import Link, Where
 from drivers.val2.location import Location
 from tests.worlds.in_time import lived
@@ -626,3 +626,24 @@ def test_a_controller_that_asks_what_it_asks_at_power_up_has_not_taken_the_word_
         return link.stop_seen, link.question, port.lines
 
     assert lived(story()) == (0, "Load VAL II from floppy (Y/N)?", ["DO BREAK", "ABORT"])
+
+
+@pytest.mark.parametrize("told", [PROMPT, "\r\n*Emergency stop*" + PROMPT])
+def test_a_line_that_moves_and_is_held_back_is_taken_back_before_it_is_ended_and_what_was_told_meanwhile_is_not_lost(
+    told: str,
+) -> None:
+    async def story() -> tuple[list[str], bytes, str]:
+        port = Scripted(usual)
+        link = linked(port)
+        await link.open()
+        link.held = lambda: True
+        port.at_first = told
+        await link.speed(30)
+        with pytest.raises((HeldBack, ControllerError)) as raised:
+            await link.move(GOAL)
+        return port.lines, port._line, str(raised.value)
+
+    lines, half_typed, why = lived(story())
+    assert lines == ["DO BREAK", "SPEED 30", "WHERE"]
+    assert half_typed == b""
+    assert why == (f"'DO MOVE {TRANS}' was held back" if told == PROMPT else "*Emergency stop*")
