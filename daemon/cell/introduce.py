@@ -172,6 +172,8 @@ async def _unless_stopped(doing: Awaitable[Any], known: Acquaintance, line: _Lin
     try:
         await asyncio.wait({task, stop}, return_when=asyncio.FIRST_COMPLETED)
         if person.wants_stop.is_set():
+            task.cancel()  # what it would type on stood amid the letters of the stop
+            await asyncio.wait({task})
             line.note("stop", text="wanted by the person")
             for _ in range(2):
                 await _typed(known.stop_bytes, known.pace_s, line)
