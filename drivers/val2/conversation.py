@@ -125,15 +125,24 @@ class Conversation:
 
     async def last_prompt_or_question(self, timeout_s: float) -> Event:
         """The prompt or question behind which nothing more comes: not one that was on its way when we typed. Raises as
-        next_event."""
-        last = await self.next_prompt_or_question(timeout_s)
+        next_event, and where something is printed on and on."""
+        last = await self._prompt_before_long(timeout_s)
         while True:
             await asyncio.sleep(max(self.dialect.prompt_silence_s, 2.0 * self.dialect.prompt_late_s))
             more = self.unheard()
             if not more:
                 return last
             waits = isinstance(more[-1], Prompt | Question)
-            last = more[-1] if waits else await self.next_prompt_or_question(timeout_s)
+            last = more[-1] if waits else await self._prompt_before_long(timeout_s)
+
+    async def _prompt_before_long(self, timeout_s: float) -> Event:
+        """The next prompt or question, and no longer than a table takes: a program may print on and on. Raises as
+        next_event."""
+        try:
+            async with asyncio.timeout(self.dialect.table_s):
+                return await self.next_prompt_or_question(timeout_s)
+        except TimeoutError:
+            raise NoAnswer(f"no prompt in what was printed for {self.dialect.table_s:.1f} s") from None
 
     async def resynchronise(self, attempts: int = 3) -> list[Event]:
         """Get the controller to an empty line and its prompt or question; what it said, that last.

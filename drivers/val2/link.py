@@ -50,8 +50,6 @@ __all__ = [
 ]
 
 ABORT_ATTEMPTS = 5
-WHERE_CHARACTERS = 300
-"""What WHERE prints, and some."""
 TINY_DEG = 1e-9
 """Of the difference of two printed numbers."""
 BRAKES_S = 0.5
@@ -403,11 +401,10 @@ class Link:
     async def _stopped(self, session: Session, talk: Conversation) -> Where:
         """The word once more where its answer can be judged, then two WHERE that agree. Raises StopRefused."""
         self._judge_stop(session, await talk.ask(self.dialect.abort_word, (), self.dialect.resync_s))
-        table_s = self.dialect.resync_s + WHERE_CHARACTERS * 10 / self.dialect.baud
         readings = []
         for _ in range(2):
             await asyncio.sleep(self.dialect.poll_s)
-            answer = await talk.ask("WHERE", (), table_s)
+            answer = await talk.ask("WHERE", (), self.dialect.table_s)
             if answer.errors:
                 said = "; ".join(answer.errors)
                 raise ControllerError(f"WHERE is refused (`{said}`: mend that, then restart facetd)")

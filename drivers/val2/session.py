@@ -115,9 +115,13 @@ class Session:
         return events
 
     async def prompt_on_opening(self) -> None:
-        """To the prompt or question; asked again only where that keeps no arm moving. Raises NoAnswer."""
+        """To the prompt or question; asked again only where that keeps no arm moving. Raises NoAnswer, Busy also where
+        a program prints on and on."""
         try:
-            await self.find_prompt(self.talk, attempts=1)
+            async with asyncio.timeout(self.dialect.table_s):
+                await self.find_prompt(self.talk, attempts=1)
+        except TimeoutError:
+            raise Busy(f"no prompt in what was printed for {self.dialect.table_s:.1f} s") from None
         except NoAnswer as problem:
             if isinstance(problem, Busy) or not self.dialect.echo:
                 raise

@@ -647,3 +647,60 @@ def test_a_line_that_moves_and_is_held_back_is_taken_back_before_it_is_ended_and
     assert lines == ["DO BREAK", "SPEED 30", "WHERE"]
     assert half_typed == b""
     assert why == (f"'DO MOVE {TRANS}' was held back" if told == PROMPT else "*Emergency stop*")
+
+
+class Printing(Scripted):
+    """Its program prints a line every half second, from EX on, until it has read the word that stops it so often."""
+
+    def __init__(self, stops: int, at_once: bool = False) -> None:
+        super().__init__(self._answer)
+        self._stops, self._prints, self.at_first = stops, at_once, "" if at_once else PROMPT
+
+    def open(self, *args: Any) -> Scripted:
+        super().open(*args)
+        self._print()
+        return self
+
+    def _answer(self, line: str, nth: int) -> str:
+        self._stops -= line == "ABORT"
+        if line == "EX" or self._stops <= 0:
+            self._prints, self.at_first = line == "EX", "" if line == "EX" else PROMPT
+        return "" if self._prints else usual(line, nth)
+
+    def _print(self) -> None:
+        if self._prints:
+            self.hear(b"\r\nPART 17 IS DONE\r\n")
+        self.loop.call_later(0.5, self._print)
+
+
+def test_a_stop_amid_what_a_program_prints_is_typed_again_as_long_as_it_prints() -> None:
+    """Where the first words were lost nobody typed another: each line that the program printed was waited for."""
+
+    async def story() -> float:
+        port = Printing(stops=3)
+        link = linked(port)
+        await link.open()
+        running = asyncio.ensure_future(link.command("EX", timeout_s=60.0))
+        await asyncio.sleep(2.0)
+        began_s = asyncio.get_running_loop().time()
+        async with asyncio.timeout(60.0):
+            await link.abort()
+        with pytest.raises(Preempted):
+            await running
+        return asyncio.get_running_loop().time() - began_s
+
+    assert lived(story()) < 3.0
+
+
+def test_a_program_that_prints_on_and_on_as_the_line_is_opened_is_stopped() -> None:
+    async def story() -> tuple[bool, list[str], float]:
+        port = Printing(stops=1, at_once=True)
+        link = linked(port)
+        async with asyncio.timeout(60.0):
+            await link.open()
+        return link.stopped_on_opening, port.lines, asyncio.get_running_loop().time()
+
+    stopped, lines, seconds = lived(story())
+    assert stopped
+    assert "ABORT" in lines
+    assert seconds < 3.0
