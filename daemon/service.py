@@ -415,7 +415,8 @@ def _tell_unheard(_: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None
 async def _within(seconds: float, work: Awaitable[Any]) -> None:
     """One step of the end: what it raises is told, what it takes is bounded."""
     try:
-        await asyncio.wait_for(work, seconds)
+        async with asyncio.timeout(seconds):
+            await work
     except TimeoutError:
         journal.tell(
             "trouble", f"{getattr(work, '__qualname__', 'a step')} took longer than {seconds:g} s", journal.WARNING

@@ -10,7 +10,17 @@ from daemon.arm.route import PATH_MM
 from daemon.arm.settling import NotSettledError, SettledPair, Settling, settled_pair
 from daemon.arm.speed import speed_pct
 from daemon.arm.supervisor import ABORT_S, Interruption, Let, OperatorRefusedError, RefusedError, Supervisor, said
-from daemon.arm.workcell import EYES, EyeName, Log, Picture, Pictures, Reading, StopRefusedError, Workcell
+from daemon.arm.workcell import (
+    EYES,
+    EyeName,
+    HeldBackError,
+    Log,
+    Picture,
+    Pictures,
+    Reading,
+    StopRefusedError,
+    Workcell,
+)
 
 __all__ = [
     "ABORT_S",
@@ -20,6 +30,7 @@ __all__ = [
     "Arrival",
     "Capsule",
     "EyeName",
+    "HeldBackError",
     "Interruption",
     "Let",
     "Limits",

@@ -18,7 +18,7 @@ from daemon.arm.body import Capsule
 from daemon.arm.guard import ArmState, Command, Limits, Refusal, hand_above_mm
 from daemon.arm.route import OUT_MM, Leg, planned_way
 from daemon.arm.sweep import place_clear, way_clear
-from daemon.arm.workcell import Reading, Workcell
+from daemon.arm.workcell import HeldBackError, Reading, Workcell
 from daemon.arrays import Array
 from daemon.errors import FacetdError
 from daemon.quantities import Length, Seconds, Turn
@@ -188,13 +188,17 @@ class Mover:
             return self._imagined
         longest_s = self.arrival.longest_s(self.here, command, joints)
         started_s = self.cell.clock()
-        self.at = None
-        reading = await self.cell.robot.move(
-            command.world_from_tool,
-            straight=command.straight,
-            speed_pct=command.speed_pct,
-            timeout_s=longest_s,
-        )
+        start, self.at = self.at, None
+        try:
+            reading = await self.cell.robot.move(
+                command.world_from_tool,
+                straight=command.straight,
+                speed_pct=command.speed_pct,
+                timeout_s=longest_s,
+            )
+        except HeldBackError:  # as it was being typed: nothing has left, and all is asked again
+            self.at = start
+            return await self.go(command)
         self.at = reading
         self._arrived(command, reading, self.cell.clock() - started_s)
         if joints is not None:
@@ -256,10 +260,15 @@ class Mover:
         if self.dry:
             self._log_hand(closed)
             return
-        self.closed = None
+        before, self.closed = self.closed, None
         if closed:
             self._log_hand(closed)
-        await self.cell.robot.hand(closed)
+        try:
+            await self.cell.robot.hand(closed)
+        except HeldBackError:
+            self.closed = before
+            await self.hand(closed, hand_s)
+            return
         await asyncio.sleep(hand_s)
         self.closed = closed
         if not closed:

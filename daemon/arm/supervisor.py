@@ -18,7 +18,7 @@ from typing import Any, TypeVar
 
 from daemon.arm.guard import Limits
 from daemon.arm.mover import Arrival, Mover, NotSentError
-from daemon.arm.workcell import StopRefusedError, Workcell
+from daemon.arm.workcell import HeldBackError, StopRefusedError, Workcell
 
 T = TypeVar("T")
 ABORT_S = 4.0
@@ -95,6 +95,7 @@ class Supervisor:
         self, cell: Workcell, limits: Limits, arrival: Arrival, interrupted: Callable[[Interruption], None]
     ) -> None:
         self.mover = Mover(cell, limits, arrival, self, self._hold)
+        cell.robot.held = self._held_back
         self.fault: str | None = None
         """What stands until resume."""
         self._let, self._let_by = Let.NOTHING, 0
@@ -113,6 +114,8 @@ class Supervisor:
         """How often the arm was stopped or disabled: what was asked for before the last of them is void."""
         self.pauses = 0
         """How often moves were told to be held: what was to let them go before the last of them does not."""
+        self._holds = self._let_go_at = 0
+        """How often the next move was told to wait (pause, step), and how often as the last one was let go."""
         self._closed = False
         self._going = asyncio.Event()
         self._going.set()
@@ -179,7 +182,8 @@ class Supervisor:
             self._asking = asyncio.ensure_future(self.mover.cell.robot.at_rest())
             self._asking.add_done_callback(lambda asking: asking.cancelled() or asking.exception())
         try:
-            rests = await asyncio.wait_for(asyncio.shield(self._asking), AT_REST_S)
+            async with asyncio.timeout(AT_REST_S):
+                rests = await asyncio.shield(self._asking)
         except Exception:
             return False
         return rests and not (self.busy or self.stopping)
@@ -238,6 +242,7 @@ class Supervisor:
     def pause(self) -> None:
         """Hold before the next move of arm or hand."""
         self.pauses += 1
+        self._holds += 1
         self._going.clear()
 
     def resume(self, stops: int | None = None, pauses: int | None = None) -> None:
@@ -254,6 +259,7 @@ class Supervisor:
 
     def step(self, on: bool) -> None:
         """One confirmed move at a time, or not. One that waits goes on waiting: somebody may be asked about it."""
+        self._holds += on and not self._step
         self._step = on
 
     def confirm(self) -> None:
@@ -336,7 +342,10 @@ class Supervisor:
         async def held() -> T:
             await self._hold(doing, ask=ask)
             self.may_move_by_hand()
-            return await work()
+            try:
+                return await work()
+            except HeldBackError:
+                return await held()
 
         self.may_move_by_hand()
         return await self.converse(doing, held, moves=True)
@@ -530,6 +539,13 @@ class Supervisor:
                 await self._agreed(text)
                 agreed = True
             await seen()
+        self._let_go_at = self._holds
+
+    def _held_back(self) -> bool:
+        """Whether what was let go is held back after all. Asked before its last byte leaves: on a bad line it takes
+        seconds until that is so, and whoever is told in them that the next move waits means this one."""
+        may_move = self.enabled or self.by_hand_only
+        return self._holds != self._let_go_at or self.hindrance is not None or not may_move
 
     async def _agreed(self, text: str) -> None:
         """Wait for a yes. Raises OperatorRefusedError on a no."""

@@ -25,6 +25,10 @@ class StopRefusedError(FacetdError):
     """The controller does not take the word that is to stop the arm."""
 
 
+class HeldBackError(FacetdError):
+    """What was to move was held back as the last byte of it was about to leave: nothing was carried out."""
+
+
 @dataclass(frozen=True, eq=False)
 class Reading:
     """Where the controller says the arm is: world_from_tool (4, 4) mm, joints_rad (6,)."""
@@ -34,7 +38,12 @@ class Reading:
 
 
 class Robot(Protocol):
-    """The arm, in matrices. Every method may raise; a method that raised has not promised that the arm stands still."""
+    """The arm, in matrices. Every method may raise; a method that raised has not promised that the arm stands still.
+
+    held: asked before the last byte of what moves arm or hand leaves: whether it is held back; raises HeldBackError.
+    """
+
+    held: Callable[[], bool]
 
     @property
     def stop_seen(self) -> int:

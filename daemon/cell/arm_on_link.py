@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from daemon.arm import Reading, StopRefusedError
+from daemon.arm import HeldBackError, Reading, StopRefusedError
 from daemon.arrays import Array
 from daemon.cell.no_arm import CellError
 from drivers import puma560
@@ -17,7 +17,7 @@ from drivers.val2.commands import moves_the_arm as moves_the_arm
 from drivers.val2.commands import turns_over as turns_over
 from drivers.val2.commands import works_the_hand as works_the_hand
 from drivers.val2.dialect import Dialect
-from drivers.val2.errors import Elsewhere, NoAnswer, Preempted, StopRefused
+from drivers.val2.errors import Elsewhere, HeldBack, NoAnswer, Preempted, StopRefused
 from drivers.val2.link import Link
 from drivers.val2.location import apart, location_from_matrix, matrix_from_location
 from drivers.val2.wire import Where
@@ -94,7 +94,7 @@ class ArmOnLink:
         """One move; returns when the arm is at rest, there or elsewhere. Raises LinkError."""
         location = location_from_matrix(world_from_tool, self._o_deg)
         await self.at_speed(speed_pct)
-        with self._line_taken():
+        with self._line_taken(), _refusals():
             await (self.link.move_straight if straight else self.link.move)(location, timeout_s)
             try:
                 return self._reading(await self.link.rest(location, timeout_s))
@@ -105,7 +105,8 @@ class ArmOnLink:
 
     async def hand(self, closed: bool) -> None:
         """CLOSEI or OPENI."""
-        await (self.link.close_hand if closed else self.link.open_hand)()
+        with _refusals():
+            await (self.link.close_hand if closed else self.link.open_hand)()
         self._heard()
 
     async def at_rest(self) -> bool:
@@ -125,6 +126,15 @@ class ArmOnLink:
     def stop_seen(self) -> int:
         """Workcell's, of the link."""
         return self.link.stop_seen
+
+    @property
+    def held(self) -> Callable[[], bool]:
+        """Workcell's, of the link."""
+        return self.link.held
+
+    @held.setter
+    def held(self, held: Callable[[], bool]) -> None:
+        self.link.held = held
 
     @property
     def connected(self) -> bool:
@@ -241,7 +251,7 @@ class ArmOnLink:
     @contextlib.contextmanager
     def _words_of_others(self) -> Iterator[None]:
         """Stand aside; afterwards SPEED and TOOL may be theirs."""
-        with self._line_taken():
+        with self._line_taken(), _refusals():
             try:
                 yield
             finally:
@@ -287,9 +297,11 @@ def arm_on_link(
 
 @contextlib.contextmanager
 def _refusals() -> Iterator[None]:
-    """The driver's refusal of a stop as the house's."""
+    """The driver's refusal of a stop, and of what is held back, as the house's."""
     try:
         yield
+    except HeldBack as held_back:
+        raise HeldBackError(held_back.message) from held_back
     except StopRefused as refused:
         raise StopRefusedError(refused.message) from refused
 

@@ -61,7 +61,8 @@ class ThreadedEyes:
     async def close(self) -> None:
         """Release the cameras; safe to call twice."""
         with contextlib.suppress(RuntimeError, TimeoutError, CameraError):
-            await asyncio.wait_for(self._call(self.camera.close), 1.0)
+            async with asyncio.timeout(1.0):
+                await self._call(self.camera.close)
         self._thread.shutdown(wait=False, cancel_futures=True)
 
     def describe(self) -> str:

@@ -115,7 +115,8 @@ class _Line:
         """Wait until something comes, most_s at most. Raises PortError, OSError."""
         self._news.clear()
         with contextlib.suppress(TimeoutError):
-            await asyncio.wait_for(self._news.wait(), max(most_s, 0.0))
+            async with asyncio.timeout(max(most_s, 0.0)):
+                await self._news.wait()
         self.check()
 
     def note(self, way: str, **what: str) -> None:
@@ -193,6 +194,8 @@ async def _unless_stopped(doing: Awaitable[Any], known: Acquaintance, line: _Lin
     try:
         await asyncio.wait({task, stop}, return_when=asyncio.FIRST_COMPLETED)
         if person.wants_stop.is_set():
+            task.cancel()  # what it would type on stood amid the letters of the stop
+            await asyncio.wait({task})
             line.note("stop", text="wanted by the person")
             for _ in range(2):
                 await _typed(known.stop_bytes, known.pace_s, line.send_stop)

@@ -5,6 +5,7 @@ Honours daemon/arm/workcell.py's Robot, and what the console asks of an arm besi
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NoReturn
 
 import numpy as np
@@ -27,6 +28,9 @@ class NoArm:
     aside = stopped_on_opening = asks_whether_to_move = stop_seen = False
     connected = True
     arm = PUMA560
+
+    def __init__(self) -> None:
+        self.held: Callable[[], bool] = bool
 
     async def _nothing(self) -> None:
         """Nothing is there to open, close or check, and nothing moves."""

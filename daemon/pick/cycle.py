@@ -384,7 +384,8 @@ class Cycle:
                     if every_s is None or not self._auto:
                         break
                     with contextlib.suppress(TimeoutError):
-                        await asyncio.wait_for(self._told_off.wait(), every_s)
+                        async with asyncio.timeout(every_s):
+                            await self._told_off.wait()
                     self.skipped = []
             self._order(None)
         except asyncio.CancelledError:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import shutil
 import time
+from functools import partial
 from pathlib import Path
 
 from daemon.cell.build import EXPECTED_ERRORS
@@ -23,6 +24,8 @@ REOPEN_S = 5.0
 QUOTA_S = 60.0
 CLOCK_JUMP_S = ASLEEP_S = 2.0
 CHECK_LIMIT_S = 20.0
+STOOD_STILL_S = 10.0
+"""Longer than anything of the daemon's own keeps it from its next tick, also on a busy computer."""
 
 
 def asleep_s() -> float:
@@ -37,6 +40,7 @@ class Watch:
         self._context = context
         self._offset_s = time.time() - time.monotonic()
         self._asleep_s = asleep_s()
+        self._ticked_s = time.monotonic()
         self._fed_s = 0.0
         self._quota_s = time.monotonic() + 5.0
         self._checks: dict[str, asyncio.Task[None]] = {}
@@ -62,6 +66,8 @@ class Watch:
 
     def _tick(self) -> None:
         now = time.monotonic()
+        still_s, self._ticked_s = now - self._ticked_s, now
+        self._start("sleep", partial(self._check_sleep, still_s), now, 0.0)
         health = self._context.config.values.health
         state = self._context.cycle.status()
         busy = state["doing"] is not None
@@ -75,7 +81,6 @@ class Watch:
         if state["fault"] is None:
             self._context.troubles.tell("restart", None)
         self._check_clock()
-        self._start("sleep", self._check_sleep, now, 0.0)
         self._check_folder()
         self._check_memory_of_motion(busy)
         self._feed(now, busy)
@@ -195,15 +200,20 @@ class Watch:
             journal.tell("trouble", f"the clock was set by {jump_s:+.1f} s", journal.NOTICE)
             self._context.run_log.record("clock", jump_s=round(jump_s, 3))
 
-    async def _check_sleep(self) -> None:
-        """A computer that slept goes on in the middle of what it did, hours later and with no clock that tells: nobody
-        beside the arm expects that."""
+    async def _check_sleep(self, still_s: float) -> None:
+        """A computer that slept goes on in the middle of what it did, hours later and with no clock that tells; so does
+        a daemon that was held still (control-Z, a guest that was paused, a disk that swaps) for still_s, heard nobody
+        meanwhile and has what was begun before to go on with. Nobody beside the arm expects that."""
         now_s = asleep_s()
         slept_s, self._asleep_s = now_s - self._asleep_s, now_s
         if slept_s > ASLEEP_S:
             text = f"the computer was asleep for {slept_s:.0f} s"
-            journal.tell("trouble", text, journal.WARNING)
-            await self._stop_what_may_move("asleep", text)
+        elif still_s > STOOD_STILL_S:
+            text = f"facetd was held still for {still_s:.0f} s"
+        else:
+            return
+        journal.tell("trouble", text, journal.WARNING)
+        await self._stop_what_may_move("asleep", text)
 
     def _check_memory_of_motion(self, busy: bool) -> None:
         """While the cycle works, it is the cycle that talks to the devices: what it hears counts as their life. So does

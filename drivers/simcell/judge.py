@@ -28,7 +28,7 @@ BALLS_APART_MM = 10.0
 HALF_TURN_OF_2 = np.array([0.0, np.pi, 0.0, 0.0, 0.0, 0.0])
 LAST_MOMENTS_S = 0.05
 """An arm that brakes shows two readings that agree so long before it stands."""
-TYPED_S = 2.0
+TYPED_S = 0.1
 """What was let go just before moves were held has been typed whole by then."""
 HAIR_MM = 0.5
 """A length beyond its limit by less is the arm's repeatability."""

@@ -11,7 +11,7 @@ from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass, replace
 
 from drivers.val2.dialect import Dialect
-from drivers.val2.errors import Busy, Garbled, LinkError, NoAnswer
+from drivers.val2.errors import Busy, Garbled, HeldBack, LinkError, NoAnswer
 from drivers.val2.location import Location
 from drivers.val2.wire import Echo, Error, Event, Garble, Prompt, Question, Reader, State, Table, Text, Where
 
@@ -21,6 +21,11 @@ TWICE = (
     "what is typed comes back twice: the converter on the line echoes by itself, and what the controller read cannot "
     "be told from it. Switch that echo off"
 )
+
+
+def never() -> bool:
+    """Nothing is held back."""
+    return False
 
 
 @dataclass(frozen=True)
@@ -72,16 +77,21 @@ class Conversation:
         return events
 
     async def ask(
-        self, command: str, replies: Sequence[str], timeout_s: float, meant: Callable[[str], bool] = bool
+        self,
+        command: str,
+        replies: Sequence[str],
+        timeout_s: float,
+        meant: Callable[[str], bool] = bool,
+        held: Callable[[], bool] = never,
     ) -> Answer:
         """Type a command, and the replies to what it asks, and gather everything up to the prompt, or to a question
-        that there is no reply to, or that the replies are not meant for.
+        that there is no reply to, or that the replies are not meant for. held: asked before the command is ended.
 
-        Raises Garbled, NoAnswer, Preempted, PortError, ValueError on what cannot be typed.
+        Raises Garbled, NoAnswer, HeldBack, Preempted, PortError, ValueError on what cannot be typed.
         """
         began_s = self.clock()
         self.typed_whole = False
-        await self._type_line(command)
+        await self._type_line(command, held)
         left = list(replies)
         gathered: list[Event] = []
         while True:
@@ -96,7 +106,8 @@ class Conversation:
         """The next event. Raises NoAnswer(otherwise), Preempted, PortError."""
         self._check()
         try:
-            event = await asyncio.wait_for(self._inbox.get(), timeout_s)
+            async with asyncio.timeout(timeout_s):
+                event = await self._inbox.get()
         except TimeoutError:
             raise NoAnswer(otherwise) from None
         self._check()
@@ -114,15 +125,24 @@ class Conversation:
 
     async def last_prompt_or_question(self, timeout_s: float) -> Event:
         """The prompt or question behind which nothing more comes: not one that was on its way when we typed. Raises as
-        next_event."""
-        last = await self.next_prompt_or_question(timeout_s)
+        next_event, and where something is printed on and on."""
+        last = await self._prompt_before_long(timeout_s)
         while True:
             await asyncio.sleep(max(self.dialect.prompt_silence_s, 2.0 * self.dialect.prompt_late_s))
             more = self.unheard()
             if not more:
                 return last
             waits = isinstance(more[-1], Prompt | Question)
-            last = more[-1] if waits else await self.next_prompt_or_question(timeout_s)
+            last = more[-1] if waits else await self._prompt_before_long(timeout_s)
+
+    async def _prompt_before_long(self, timeout_s: float) -> Event:
+        """The next prompt or question, and no longer than a table takes: a program may print on and on. Raises as
+        next_event."""
+        try:
+            async with asyncio.timeout(self.dialect.table_s):
+                return await self.next_prompt_or_question(timeout_s)
+        except TimeoutError:
+            raise NoAnswer(f"no prompt in what was printed for {self.dialect.table_s:.1f} s") from None
 
     async def resynchronise(self, attempts: int = 3) -> list[Event]:
         """Get the controller to an empty line and its prompt or question; what it said, that last.
@@ -187,10 +207,10 @@ class Conversation:
             waiting.put_nowait(b"")
             await asyncio.wait({task})
 
-    async def _type_line(self, text: str) -> None:
+    async def _type_line(self, text: str, held: Callable[[], bool] = never) -> None:
         """Send the characters, compare what comes back, and only then send the line end.
 
-        Raises Garbled (the line end was not sent), NoAnswer (no echo; likewise).
+        Raises Garbled (the line end was not sent), NoAnswer (no echo; likewise), HeldBack (likewise).
         """
         if not self.dialect.can_type(text):
             raise ValueError(f"{text!r} cannot be typed: at most {self.dialect.line_limit} plain characters")
@@ -201,6 +221,8 @@ class Conversation:
             await self._hear_echo(text)
         elif body:
             await self._send_paced(body)
+        if held():
+            raise HeldBack(f"{text!r} was held back")
         self._put(self.dialect.line_end)
         self._reader.line_ended(self.dialect.echo)
         self.typed_whole = True

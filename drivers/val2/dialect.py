@@ -17,6 +17,8 @@ Angle = Annotated[float, Meta(ge=-360, le=360)]
 Word = Annotated[str, Meta(min_length=1, max_length=40, pattern="^[ -~]+$")]
 Asked = Annotated[str, Meta(min_length=3, max_length=80, pattern="^[ -~]+$")]
 SHORTEST_SILENCE_S, SHORTEST_SETTLE_S = 0.006, 0.002
+WHERE_CHARACTERS = 300
+"""What WHERE prints, and some."""
 
 
 @dataclass(frozen=True)
@@ -77,6 +79,11 @@ class Dialect:
     """How near the target the rest must be."""
     stall_s: Seconds = 1.5
     """An arm at rest elsewhere for this long will not arrive."""
+
+    @property
+    def table_s(self) -> float:
+        """How long WHERE may print, and wait for its prompt, where nothing moves."""
+        return self.resync_s + WHERE_CHARACTERS * 10 / self.baud
 
     def can_type(self, text: str) -> bool:
         """Whether a line is short enough for the controller, and plain."""

@@ -44,3 +44,7 @@ class Elsewhere(LinkError):  # noqa: N818
 
 class Preempted(LinkError):  # noqa: N818
     """An abort came in between: whatever was being done is no longer being done."""
+
+
+class HeldBack(LinkError):  # noqa: N818
+    """What moves was held back as its line was about to be ended: it was taken back, and nothing was carried out."""

@@ -15,7 +15,7 @@ from dataclasses import replace
 from typing import Any
 
 from drivers.val2 import commands
-from drivers.val2.conversation import POISON, Answer, Conversation
+from drivers.val2.conversation import POISON, Answer, Conversation, never
 from drivers.val2.dialect import Dialect
 from drivers.val2.errors import (
     Busy,
@@ -50,8 +50,6 @@ __all__ = [
 ]
 
 ABORT_ATTEMPTS = 5
-WHERE_CHARACTERS = 300
-"""What WHERE prints, and some."""
 TINY_DEG = 1e-9
 """Of the difference of two printed numbers."""
 BRAKES_S = 0.5
@@ -81,6 +79,8 @@ class Link:
         self._open_port = open_port
         self._session: Session | None = None
         self._aborting: asyncio.Task[Where | None] | None = None
+        self.held: Callable[[], bool] = never
+        """Asked before a line that moves is ended, at each try: whether it is held back; then it is taken back."""
         self.stopped_on_opening = False
         """Whether the arm was found at work when the port was opened last, and was stopped."""
         self.stop_seen = self._times_seen = 0
@@ -149,7 +149,7 @@ class Link:
                 )
             except (Garbled, NoAnswer) as problem:
                 session.question = asked
-                await session.recover(problem)  # a half-typed answer is no beginning of the next command
+                await session.recover(talk, problem)  # a half-typed answer is no beginning of the next command
                 raise
             return session.accept(answer)
 
@@ -261,7 +261,7 @@ class Link:
         """See that the controller takes the word that stops the arm. Raises StopRefused."""
         session = self._open_session
         async with session.turn() as talk:
-            self._judge_stop(await session.ask(talk, self.dialect.abort_word, (), self.dialect.answer_s))
+            self._judge_stop(session, await session.ask(talk, self.dialect.abort_word, (), self.dialect.answer_s))
 
     # Inside
 
@@ -324,8 +324,9 @@ class Link:
         async with session.turn(moves=any(map(commands.moves_the_arm, lines))) as talk:
             for line in lines:
                 self.program_may_run |= line != self.dialect.calibrate_word and commands.begins_a_program(line)
-                default_s = self.dialect.motion_s if commands.moves_the_arm(line) else self.dialect.answer_s
-                answer = session.accept(await session.ask(talk, line, replies, timeout_s or default_s, meant))
+                moves = commands.moves_the_arm(line)
+                default_s, held = (self.dialect.motion_s, self.held) if moves else (self.dialect.answer_s, never)
+                answer = session.accept(await session.ask(talk, line, replies, timeout_s or default_s, meant, held))
         return answer
 
     async def _where(self, talk: Conversation, any_place: bool = False) -> Where:
@@ -380,7 +381,7 @@ class Link:
                         before, asked = b"" if switched_on else no, last.text
                         continue
                     before, session.question = b"", None
-                    return await self._stopped(talk)
+                    return await self._stopped(session, talk)
                 except StopRefused:
                     raise
                 except (NoAnswer, Garbled, ControllerError) as failed:
@@ -397,14 +398,13 @@ class Link:
         await talk.type_raw((before or self.dialect.cancel_line) + POISON + end + word + end + word)
         return await talk.last_prompt_or_question(self.dialect.resync_s)
 
-    async def _stopped(self, talk: Conversation) -> Where:
+    async def _stopped(self, session: Session, talk: Conversation) -> Where:
         """The word once more where its answer can be judged, then two WHERE that agree. Raises StopRefused."""
-        self._judge_stop(await talk.ask(self.dialect.abort_word, (), self.dialect.resync_s))
-        table_s = self.dialect.resync_s + WHERE_CHARACTERS * 10 / self.dialect.baud
+        self._judge_stop(session, await talk.ask(self.dialect.abort_word, (), self.dialect.resync_s))
         readings = []
         for _ in range(2):
             await asyncio.sleep(self.dialect.poll_s)
-            answer = await talk.ask("WHERE", (), table_s)
+            answer = await talk.ask("WHERE", (), self.dialect.table_s)
             if answer.errors:
                 said = "; ".join(answer.errors)
                 raise ControllerError(f"WHERE is refused (`{said}`: mend that, then restart facetd)")
@@ -415,12 +415,13 @@ class Link:
             raise NoAnswer(f"the arm still moves after {self.dialect.abort_word}", readings[-1])
         return readings[-1]
 
-    def _judge_stop(self, answer: Answer) -> None:
-        """Raises StopRefused."""
+    def _judge_stop(self, session: Session, answer: Answer) -> None:
+        """Raises StopRefused; ControllerError where it asks instead: it has taken the word for an answer."""
         if answer.errors:
             self._unsee_the_stop()
             word, words = self.dialect.abort_word, "; ".join(answer.errors)
             raise StopRefused(f"the controller does not take the word {word} (it says `{words}`)")
+        session.accept(answer)
         self.program_may_run = False
         if not self.stop_seen:
             self._times_seen += 1

@@ -10,9 +10,9 @@ from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager, suppress
 
 from drivers.val2 import commands
-from drivers.val2.conversation import Answer, Conversation
+from drivers.val2.conversation import Answer, Conversation, never
 from drivers.val2.dialect import Dialect
-from drivers.val2.errors import Busy, ControllerError, Garbled, LinkError, NoAnswer, PortError, Preempted
+from drivers.val2.errors import Busy, ControllerError, Garbled, HeldBack, LinkError, NoAnswer, PortError, Preempted
 from drivers.val2.ledger import Ledger
 from drivers.val2.port import OpenPort
 from drivers.val2.wire import Error, Event, Question, Reader
@@ -100,27 +100,32 @@ class Session:
                 self._listener = None
                 if talk is self.talk:
                     talk.unheard()  # what the person was told is no answer of ours
-                    await self.find_prompt()
+                    await self.find_prompt(talk)
                     await asyncio.sleep(self.dialect.prompt_silence_s)
                     while talk.unheard():  # nor what was still on its way
                         await asyncio.sleep(self.dialect.prompt_silence_s)
 
-    async def find_prompt(self, attempts: int = 3) -> list[Event]:
-        """Get to the prompt, or to the question the controller asks (kept in `question`). Raises NoAnswer."""
+    async def find_prompt(self, talk: Conversation, attempts: int = 3) -> list[Event]:
+        """Get to the prompt, or to the question the controller asks (kept in `question`). Raises NoAnswer. talk: whose
+        line it is; where a stop has taken it meanwhile not a byte is typed into the stop."""
         self.line_may_hold_rest = True
-        events = await self.talk.resynchronise(attempts)
+        events = await talk.resynchronise(attempts)
         last = events[-1]
         self.question = last.text if isinstance(last, Question) else None
         return events
 
     async def prompt_on_opening(self) -> None:
-        """To the prompt or question; asked again only where that keeps no arm moving. Raises NoAnswer."""
+        """To the prompt or question; asked again only where that keeps no arm moving. Raises NoAnswer, Busy also where
+        a program prints on and on."""
         try:
-            await self.find_prompt(attempts=1)
+            async with asyncio.timeout(self.dialect.table_s):
+                await self.find_prompt(self.talk, attempts=1)
+        except TimeoutError:
+            raise Busy(f"no prompt in what was printed for {self.dialect.table_s:.1f} s") from None
         except NoAnswer as problem:
             if isinstance(problem, Busy) or not self.dialect.echo:
                 raise
-            await self.find_prompt()
+            await self.find_prompt(self.talk)
 
     async def decline(self) -> None:
         """No to what somebody before us began; typed twice where something stood in the line before it."""
@@ -132,16 +137,22 @@ class Session:
                     return
 
     async def ask(
-        self, talk: Conversation, text: str, replies: Sequence[str], wait_s: float, meant: Callable[[str], bool] = bool
+        self,
+        talk: Conversation,
+        text: str,
+        replies: Sequence[str],
+        wait_s: float,
+        meant: Callable[[str], bool] = bool,
+        held: Callable[[], bool] = never,
     ) -> Answer:
         """Ask, and ask again as long as that is safe: the line was never ended, or it moves nothing."""
         for _ in range(self.dialect.typing_attempts):
             try:
-                return await self.ask_past_a_rest(talk, text, replies, wait_s, meant)
-            except (Garbled, NoAnswer) as caught:
+                return await self.ask_past_a_rest(talk, text, replies, wait_s, meant, held)
+            except (Garbled, NoAnswer, HeldBack) as caught:
                 problem = caught
-            once_only = talk.typed_whole and commands.moves_the_arm(text)
-            said = await self.recover(problem)
+            once_only = isinstance(problem, HeldBack) or (talk.typed_whole and commands.moves_the_arm(text))
+            said = await self.recover(talk, problem)
             if said or once_only:
                 break
         with suppress(Garbled, NoAnswer):
@@ -151,20 +162,26 @@ class Session:
         raise problem
 
     async def ask_past_a_rest(
-        self, talk: Conversation, text: str, replies: Sequence[str], wait_s: float, meant: Callable[[str], bool] = bool
+        self,
+        talk: Conversation,
+        text: str,
+        replies: Sequence[str],
+        wait_s: float,
+        meant: Callable[[str], bool] = bool,
+        held: Callable[[], bool] = never,
     ) -> Answer:
         """Ask; once more where this was the first line since the prompt was found, and was refused as a command nobody
         knows: it was not carried out."""
-        answer = await talk.ask(text, replies, wait_s, meant)
+        answer = await talk.ask(text, replies, wait_s, meant, held)
         may_hold_rest, self.line_may_hold_rest = self.line_may_hold_rest, False
         if may_hold_rest and answer.errors and all(map(_may_be_our_own_noise, answer.errors)):
-            answer = await talk.ask(text, replies, wait_s, meant)
+            answer = await talk.ask(text, replies, wait_s, meant, held)
         return answer
 
-    async def recover(self, problem: LinkError) -> list[str]:
+    async def recover(self, talk: Conversation, problem: LinkError) -> list[str]:
         """Back to a prompt; the errors the controller reported on the way. Raises NoAnswer, ControllerError."""
         try:
-            events = await self.find_prompt()
+            events = await self.find_prompt(talk)
         except NoAnswer as deaf:
             raise NoAnswer(f"{problem.message}; then {deaf.message}") from problem
         if self.question is not None:

@@ -1304,3 +1304,35 @@ def test_what_a_job_that_is_ended_makes_of_its_end_is_no_fault(way):
     asyncio.run(asyncio.wait_for(story(), 10.0))
     assert supervisor.fault is None
     assert [name for name, _ in world.wire] == ["foreign", "abort"], "told once"
+
+
+@pytest.mark.parametrize(
+    ("act", "held"),
+    [
+        (lambda s: None, False),
+        (lambda s: s.pause(), True),
+        (lambda s: (s.pause(), s.resume()), True),  # it is asked again, and goes then
+        (lambda s: s.step(True), True),
+        (lambda s: s.step(False), False),
+        (lambda s: s.latch("cameras: gone"), True),
+        (lambda s: s.line_opened_anew(), True),
+    ],
+)
+def test_what_the_gate_has_let_go_is_held_back_by_what_is_said_until_its_last_byte_leaves(act, held):
+    world, supervisor, _ = supervised()
+    asked = []
+
+    def hook(what: str) -> None:
+        if what == "move":
+            act(supervisor)
+            asked.append(supervisor.mover.cell.robot.held())
+
+    async def story() -> None:
+        await supervisor.mover.rest()
+        supervisor.pause()
+        supervisor.resume()
+        await supervisor.mover.go(Command(NEAR, True, 50.0, "over"))
+
+    world.before = hook
+    lived(supervisor.run("go", story()))
+    assert asked == [held]

@@ -5,6 +5,7 @@ import json
 import re
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -160,6 +161,24 @@ def test_the_person_s_stop_is_read_by_a_controller_that_loses_what_follows_too_c
     assert draw(seed).manners.lost_within_s == 0.02
     in_simulated_time(story)
     assert typed(strangers[-1])[-1] in ("ABORT", "PANIC")
+
+
+def test_the_person_s_stop_stands_amid_nothing_else_that_is_being_typed() -> None:
+    """A letter at a time, the command and the stop went out by turns: `!E! \r4A,B2O,R1T`."""
+
+    def begins(record: dict[str, Any]) -> bool:
+        return record["way"] == "out" and record["bytes"] == "V"
+
+    async def story(stop_s: float) -> None:
+        with pytest.raises(StoppedByPersonError):
+            await meet(draw(3), stop_s=stop_s)
+
+    in_simulated_time(lambda: meet(draw(3)))
+    drive_s = [record["t_s"] for record in strangers[-1].transcript if begins(record)][-1]
+    in_simulated_time(lambda: story(drive_s + 0.001))
+    ways = [record["way"] for record in strangers[-1].transcript]
+    sent = [record["bytes"] for record in strangers[-1].transcript[ways.index("stop") :] if record["way"] == "out"]
+    assert "".join(sent) == 2 * "!!\rABORT\rPANIC\r"
 
 
 def beside_the_others(folder: Path, text: str) -> Path:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from unittest.mock import patch
 
 import pytest
 import yaml
@@ -11,9 +13,12 @@ import yaml
 from drivers.puma560 import READY_RAD, ArmGeometry, configuration_of
 from drivers.simcell.controller import Mishap
 from drivers.simcell.controller.commands import Ask
+from drivers.simcell.controller.faults import LineFault
 from drivers.simcell.controller.machine import Machine
 from drivers.simcell.controller.monitor import MONITOR_COMMANDS
 from drivers.simcell.world import Where
+from drivers.val2.conversation import Conversation
+from drivers.val2.wire import Event, Prompt
 from tests.worlds.first_day import arm_yaml
 from tests.worlds.whole_daemon import SocketDoor, Story
 
@@ -935,4 +940,80 @@ def test_an_arm_on_its_way_round_a_part_waits_for_nobodys_reading(story: Story) 
     story.wait(3.0)
     assert "Is this the cube?" in (story.sockets[0].question or (0, ""))[1]
     assert (story.cell.world_from_tool() == before).all()
+    assert story.violations() == ()
+
+
+@pytest.mark.parametrize("answers", range(5))
+def test_an_abort_in_the_moment_of_an_answer_ends_what_is_done_there_and_leaves_no_fault(
+    story: Story, answers: int
+) -> None:
+    """The pick's end was lost where its answer came in the same breath: it went on as far as the guard, which refused
+    it, and told a fault that nobody had seen, `Preempted` or `MoveRefused`, that stood until `resume`."""
+    supervisor = story._service.context.cycle.supervisor  # type: ignore[union-attr]
+    aborted: list[asyncio.Future[str | None]] = []
+    hear, left = Conversation.hear, [answers]
+
+    def heard(talk: Conversation, event: Event) -> None:
+        hear(talk, event)
+        if isinstance(event, Prompt) and supervisor.busy:
+            left[0] -= 1
+            if left[0] == -1:
+                aborted.append(asyncio.ensure_future(supervisor.abort()))
+
+    with patch.object(Conversation, "hear", heard):
+        story.sockets[0].say("pick")
+        story.wait(4.0)
+    assert aborted[0].result() is None
+    assert supervisor.fault is None
+    assert any(text.startswith("aborted") for text in story.texts)
+    assert story.violations() == ()
+
+
+def test_an_auto_does_not_go_on_where_the_daemon_was_held_still_for_an_hour() -> None:
+    """Control-Z, and an hour later somebody said `fg`: it looked again, and went on picking."""
+    story = Story(parts=True)
+    for text, seconds in (("enable", 0.1), ("auto on", 2.0)):
+        story.sockets[0].say(text)
+        story.wait(seconds)
+    story.hang(3600.0)
+    story.wait(0.5)
+    before = story.cell.world_from_tool()
+    story.wait(8.0)
+    assert (story.cell.world_from_tool() == before).all()
+    assert any("asleep: facetd was held still for 36" in text for text in story.texts)
+    assert story.close() == ()
+
+
+@pytest.mark.parametrize("word", ["pause", "step on"])
+@pytest.mark.parametrize(("typed", "begins"), [("go survey", "DO MOVE"), ("hand close", "DO CLOSEI"),
+                                               ("robot monitor DO DRIVE 1,5,30", "DO DRIVE")])  # fmt: skip
+def test_nothing_that_moves_is_typed_once_more_after_a_hold_that_was_said_while_it_was_typed(
+    story: Story, word: str, typed: str, begins: str
+) -> None:
+    """The echo of its line was lost: two seconds later the line was taken back, typed again and carried out."""
+    machine, type_line, lost = story.cell.controller.machine, Conversation._type_line, list[str]()
+
+    async def typing(talk: Conversation, text: str, *others: Callable[[], bool]) -> None:
+        if text.startswith(begins) and not lost:
+            lost.append(text)
+            drop = LineFault("to_host", "drop", count=len(text))
+            story.harm(lambda: story.cell.controller.faults.line.append(drop))
+        await type_line(talk, text, *others)
+
+    with patch.object(Conversation, "_type_line", typing):
+        story.sockets[0].say(typed)
+        story.wait(0.3)
+        story.sockets[0].answer("y")
+        story.wait(0.5)
+        story.sockets[2].say(word)
+        before = story.cell.world_from_tool(), machine.hand_closed
+        story.wait(6.0)
+        assert lost
+        assert ((story.cell.world_from_tool() == before[0]).all(), machine.hand_closed) == (True, before[1])
+        for text in ("step off", "resume"):
+            story.sockets[2].say(text)
+        story.wait(1.0)
+        story.sockets[0].answer("y")
+        story.wait(3.0)
+    assert ((story.cell.world_from_tool() == before[0]).all(), machine.hand_closed) != (True, before[1])
     assert story.violations() == ()

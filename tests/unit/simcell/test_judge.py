@@ -14,7 +14,7 @@ from drivers.simcell.arm import Arm
 from drivers.simcell.cell import SimulatedCell
 from drivers.simcell.controller import Controller, Manners
 from drivers.simcell.history import KEPT, Drop, Leg, Stop
-from drivers.simcell.judge import APART_MM, Body, Judge
+from drivers.simcell.judge import APART_MM, TYPED_S, Body, Judge
 from drivers.simcell.rigid import rigid, turn
 from drivers.simcell.truth import Box, Rod, load_truth, rigid_matrix
 
@@ -412,7 +412,7 @@ def test_the_judge_s_upper_arm_lies_where_the_arm_s_own_geometry_has_it() -> Non
 
 
 @pytest.mark.parametrize("line", ["DO READY", "DO CLOSEI"])
-@pytest.mark.parametrize("after_s", [1.9, 2.1])
+@pytest.mark.parametrize("after_s", [0.9 * TYPED_S, 1.1 * TYPED_S])
 def test_what_is_typed_while_moves_are_held_is_found_once_what_was_let_go_before_must_have_been_typed(
     line: str, after_s: float
 ) -> None:
@@ -420,10 +420,10 @@ def test_what_is_typed_while_moves_are_held_is_found_once_what_was_let_go_before
     cell.judge.held(cell.now_s, True)
     cell.types("", after_s)
     cell.types(line)
-    assert cell.found() == ["while held"] * (after_s > 2.0)
+    assert cell.found() == ["while held"] * (after_s > TYPED_S)
     cell.judge.held(cell.now_s, False)
     cell.types("DO DRIVE 1,5,50")
-    assert len(cell.found()) == (after_s > 2.0)
+    assert len(cell.found()) == (after_s > TYPED_S)
 
 
 def test_a_motion_typed_while_moves_were_held_over_a_line_that_carried_nothing_may_have_been_let_go_before() -> None:

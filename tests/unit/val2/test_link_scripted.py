@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from drivers.val2.dialect import Dialect
-from drivers.val2.errors import ControllerError, Elsewhere, Garbled, NoAnswer, PortError, Preempted
+from drivers.val2.errors import ControllerError, Elsewhere, Garbled, HeldBack, NoAnswer, PortError, Preempted
 from drivers.val2.link import Link, Where
 from drivers.val2.location import Location
 from tests.worlds.in_time import lived
@@ -577,3 +577,130 @@ def test_an_error_is_told_with_the_place_that_was_printed_before_it() -> None:
     came, *_ = told(lambda link: link.command("FOO"), says)
     assert str(came) == "*Out of range*"
     assert came.where.location.x_mm == 432.0
+
+
+def test_whoever_hears_no_answer_as_the_arm_is_stopped_types_nothing_into_the_stop() -> None:
+    """They sought the prompt on the line that was the stop's by then: their key that takes a line back went out behind
+    its first words, and what the controller said to those they heard instead of the stop, which was a second late."""
+
+    async def story() -> tuple[bytes, float]:
+        typed, loop = bytearray(), asyncio.get_running_loop()
+        port = Scripted(lambda line, nth: "" if line == "STATUS" else usual(line, nth))
+        link = linked(port)
+        await link.open()
+        write, stopping = port.write, list[asyncio.Task[Where | None]]()
+        port.write = lambda data: (typed.extend(data), write(data))  # type: ignore[method-assign]
+
+        def stop() -> None:
+            stopping.append(asyncio.ensure_future(link.abort()))
+            loop.sleep(0.001)  # type: ignore[attr-defined]  # the computer is busy, and their time is up
+
+        asking = asyncio.ensure_future(link.command("STATUS", timeout_s=2.0))
+        while "STATUS" not in port.lines:
+            await asyncio.sleep(0.0001)
+        loop.call_later(1.9995, stop)
+        with pytest.raises(Preempted):
+            await asking
+        began_s = loop.time()
+        await stopping[0]
+        return bytes(typed), loop.time() - began_s
+
+    typed, seconds = lived(story())
+    assert typed == b"STATUS\r\x15!!\rABORT\r\rABORT\rABORT\rWHERE\rWHERE\r"
+    assert seconds < 0.5
+
+
+def test_a_controller_that_asks_what_it_asks_at_power_up_has_not_taken_the_word_that_stops_the_arm() -> None:
+    """Switched off and on as the stop was tried, it asked instead of answering: the stop was taken for seen, the arm
+    was enabled, and the next thing that was told was typed as the answer to its question."""
+
+    async def story() -> tuple[int, str | None, list[str]]:
+        asks = "\r\nLoad VAL II from floppy (Y/N)? "
+        port = Scripted(lambda line, nth: asks if line == "ABORT" else usual(line, nth))
+        link = linked(port)
+        await link.open()
+        with pytest.raises(ControllerError, match="floppy"):
+            await link.prove_stop()
+        with pytest.raises(ControllerError, match="floppy"):
+            await link.where()
+        return link.stop_seen, link.question, port.lines
+
+    assert lived(story()) == (0, "Load VAL II from floppy (Y/N)?", ["DO BREAK", "ABORT"])
+
+
+@pytest.mark.parametrize("told", [PROMPT, "\r\n*Emergency stop*" + PROMPT])
+def test_a_line_that_moves_and_is_held_back_is_taken_back_before_it_is_ended_and_what_was_told_meanwhile_is_not_lost(
+    told: str,
+) -> None:
+    async def story() -> tuple[list[str], bytes, str]:
+        port = Scripted(usual)
+        link = linked(port)
+        await link.open()
+        link.held = lambda: True
+        port.at_first = told
+        await link.speed(30)
+        with pytest.raises((HeldBack, ControllerError)) as raised:
+            await link.move(GOAL)
+        return port.lines, port._line, str(raised.value)
+
+    lines, half_typed, why = lived(story())
+    assert lines == ["DO BREAK", "SPEED 30", "WHERE"]
+    assert half_typed == b""
+    assert why == (f"'DO MOVE {TRANS}' was held back" if told == PROMPT else "*Emergency stop*")
+
+
+class Printing(Scripted):
+    """Its program prints a line every half second, from EX on, until it has read the word that stops it so often."""
+
+    def __init__(self, stops: int, at_once: bool = False) -> None:
+        super().__init__(self._answer)
+        self._stops, self._prints, self.at_first = stops, at_once, "" if at_once else PROMPT
+
+    def open(self, *args: Any) -> Scripted:
+        super().open(*args)
+        self._print()
+        return self
+
+    def _answer(self, line: str, nth: int) -> str:
+        self._stops -= line == "ABORT"
+        if line == "EX" or self._stops <= 0:
+            self._prints, self.at_first = line == "EX", "" if line == "EX" else PROMPT
+        return "" if self._prints else usual(line, nth)
+
+    def _print(self) -> None:
+        if self._prints:
+            self.hear(b"\r\nPART 17 IS DONE\r\n")
+        self.loop.call_later(0.5, self._print)
+
+
+def test_a_stop_amid_what_a_program_prints_is_typed_again_as_long_as_it_prints() -> None:
+    """Where the first words were lost nobody typed another: each line that the program printed was waited for."""
+
+    async def story() -> float:
+        port = Printing(stops=3)
+        link = linked(port)
+        await link.open()
+        running = asyncio.ensure_future(link.command("EX", timeout_s=60.0))
+        await asyncio.sleep(2.0)
+        began_s = asyncio.get_running_loop().time()
+        async with asyncio.timeout(60.0):
+            await link.abort()
+        with pytest.raises(Preempted):
+            await running
+        return asyncio.get_running_loop().time() - began_s
+
+    assert lived(story()) < 3.0
+
+
+def test_a_program_that_prints_on_and_on_as_the_line_is_opened_is_stopped() -> None:
+    async def story() -> tuple[bool, list[str], float]:
+        port = Printing(stops=1, at_once=True)
+        link = linked(port)
+        async with asyncio.timeout(60.0):
+            await link.open()
+        return link.stopped_on_opening, port.lines, asyncio.get_running_loop().time()
+
+    stopped, lines, seconds = lived(story())
+    assert stopped
+    assert "ABORT" in lines
+    assert seconds < 3.0

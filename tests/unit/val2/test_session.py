@@ -174,7 +174,7 @@ def test_what_is_sent_and_heard_is_in_the_ledger() -> None:
     async def story() -> list[dict[str, Any]]:
         wire = Wire()
         wire.answers = [(0.001, b"\r\nhello\r\n.")]
-        assert isinstance((await wire.session.find_prompt())[-1], Prompt)
+        assert isinstance((await wire.session.find_prompt(wire.session.talk))[-1], Prompt)
         return wire.records
 
     records = lived(story())
@@ -245,13 +245,13 @@ def test_the_prompt_is_sought_three_times_unless_told_otherwise_and_a_question_i
         session = wire.session
         session.line_may_hold_rest = False
         with pytest.raises(NoAnswer, match="after 3 attempts"):
-            await session.find_prompt()
+            await session.find_prompt(session.talk)
         assert session.line_may_hold_rest
         wire.answers = [(0.001, b"\r\nAre you sure (Y/N)? ")]
-        await session.find_prompt()
+        await session.find_prompt(session.talk)
         assert session.question == "Are you sure (Y/N)?"
         wire.answers = [(0.001, PROMPT)]
-        await session.find_prompt()
+        await session.find_prompt(session.talk)
         assert session.question is None
 
     lived(story())
