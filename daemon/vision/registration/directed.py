@@ -110,7 +110,7 @@ def directed_map(view: OneEye) -> DirectedMap:
         if len(own):
             cv2.polylines(lines[k], list(own[:, :, None]), False, 255, 1, cv2.LINE_8, 4)
     hit = np.asarray(cv2.blur(cv2.dilate(lines.reshape(-1, width), _NEARBY), (3, 3)), np.uint8).reshape(lines.shape)
-    chance = np.count_nonzero(hit > 127, (1, 2)) / np.prod((rim.max(0) - rim.min(0)) * scale)
+    chance = np.array([np.count_nonzero(one) for one in hit > 127]) / np.prod((rim.max(0) - rim.min(0)) * scale)
     return DirectedMap(hit, np.clip(chance, LEAST_CHANCE, MOST_CHANCE), scale, rim.min(0) + low / scale)
 
 
