@@ -96,7 +96,7 @@ def directed_map(view: OneEye) -> DirectedMap:
     scale = eye.focal_px / SHRINK
     rim = eye.ideal(np.array([[x, y] for x in (0.0, shape[1] - 1.0) for y in (0.0, shape[0] - 1.0)]))
     ends = (eye.ideal(np.concatenate([found.start, found.end])) - rim.min(0)) * scale
-    room = RIM + 2  # about the outermost segments, as one map lies above the other
+    room = RIM + 2  # about the outermost segments
     low = (np.floor(ends.min(0)) if len(ends) else np.zeros(2)) - room
     width, height = np.ceil(ends.max(0, initial=0.0) - low).astype(int) + room
     ends = (ends - low).reshape(2, -1, 2)
@@ -104,13 +104,14 @@ def directed_map(view: OneEye) -> DirectedMap:
     direction = np.arctan2(way[:, 1], way[:, 0]) / np.pi * DIRECTIONS
     fixed = np.round(ends.transpose(1, 0, 2) * 16).astype(np.int32)
     wanted = np.stack([np.round(direction + step).astype(int) % DIRECTIONS for step in NEAR])
-    lines = np.zeros((DIRECTIONS, height, width), np.uint8)
-    for k in range(DIRECTIONS):
+    hit, often = np.zeros((DIRECTIONS, height, width), np.uint8), np.zeros(DIRECTIONS)
+    for k in range(DIRECTIONS):  # map by map, which a processor's cache holds
         own = fixed[(wanted == k).any(0)]
         if len(own):
-            cv2.polylines(lines[k], list(own[:, :, None]), False, 255, 1, cv2.LINE_8, 4)
-    hit = np.asarray(cv2.blur(cv2.dilate(lines.reshape(-1, width), _NEARBY), (3, 3)), np.uint8).reshape(lines.shape)
-    chance = np.array([np.count_nonzero(one) for one in hit > 127]) / np.prod((rim.max(0) - rim.min(0)) * scale)
+            cv2.polylines(hit[k], list(own[:, :, None]), False, 255, 1, cv2.LINE_8, 4)
+            cv2.blur(cv2.dilate(hit[k], _NEARBY), (3, 3), hit[k])
+            often[k] = np.count_nonzero(hit[k] > 127)
+    chance = often / np.prod((rim.max(0) - rim.min(0)) * scale)
     return DirectedMap(hit, np.clip(chance, LEAST_CHANCE, MOST_CHANCE), scale, rim.min(0) + low / scale)
 
 
