@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from daemon.arrays import Array, Image32, Index, Real
-from daemon.vision.geometry import Eye
+from daemon.vision.geometry import Eye, outward
 from daemon.vision.image.grey import FINE, Fine
 
 Images = Sequence[tuple[Fine, int]]
@@ -75,7 +75,7 @@ def lay_calipers(start_px: Array, end_px: Array, bow_px: Array | None, trim_px: 
     count = np.minimum(np.maximum(np.ceil((length - 2 * trim) / spacing_px), FEWEST), MOST).astype(np.intp)
     first = count.cumsum() - count
     side = np.arange(len(count)).repeat(count)
-    normal = np.stack([-chord[:, 1], chord[:, 0]], 1) / length[:, None]
+    normal = outward(chord, length)
     bow = np.zeros_like(chord) if bow_px is None else bow_px
     reach = 1 - 2 * trim / length
     by_side = np.concatenate([(start_px + end_px).T / 2, chord.T / 2, bow.T, normal.T, [first, 2 / count, reach]])
@@ -123,7 +123,7 @@ def stretch_profiles(
     """
     chord = end - start
     length, places = stretches(start, end, trim_px)
-    normal = np.stack([-chord[:, 1], chord[:, 0]], 1) / length[:, None]
+    normal = outward(chord, length)
     # In-block first: a mean over the leading axis adds whole arrays.
     fine = (
         places + (np.arange(IN_BLOCK)[:, None, None] - (IN_BLOCK - 1) / 2) * (places[:, 1:2] - places[:, :1]) / IN_BLOCK

@@ -225,7 +225,7 @@ def measured(both: Sequence[ExpectedEdges], eyes: Eyes, *, on_place: bool = Fals
         return [_nothing(edges) for edges in both]
     start, end = (np.concatenate([getattr(edges, name) for edges in both]) for name in ("start", "end"))
     exposures = [(view.exposure, count) for view, count in zip(eyes.views, counts, strict=True) if count]
-    own = [np.unique(edges.owner, return_counts=True)[1] for edges in both]
+    own = [(each := np.bincount(edges.owner))[each > 0] for edges in both]
     blurs = [view.blur_px for view in eyes.views]
     known = np.repeat([b for b in blurs if b], [len(o) for o in own]) if on_place and all(blurs) else None
     sides = fit_sides(exposures, start, end, np.concatenate(own), known)

@@ -156,7 +156,7 @@ def expected(laid: Placements, view: OneEye, poses: Array, wanted: Flags, tolera
     which, a, b, first, last = which[keep], a[keep], b[keep], first[keep, None], last[keep, None]
     start, way = px[a], px[b] - px[a]
     normal = across(px[a], px[b])[:, None]
-    moves = np.stack([(normal @ slope[k])[:, 0] for k in (a, b)], 1)  # across the edge, of either corner
+    moves = (normal[:, None] @ slope[laid.ends[which]])[:, :, 0]  # across the edge, of either corner
     share = np.concatenate([first, last], 1)
     by_corner = np.stack([1 - share, share], 2)[..., None] * moves[:, None]
     owner, sharp = laid.owner[which], clear[which]
