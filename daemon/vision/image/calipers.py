@@ -154,10 +154,10 @@ def stretches(start: Array, end: Array, trim_px: float) -> tuple[Array, Array]:
 
 def bilinear(image: Fine, x: Image32, y: Image32) -> Image32:
     """Image values at real pixel coordinates (N, M); outside the image its rim."""
-    wide = x.shape[1] > x.shape[0]  # cv2.remap takes maps of fewer than 32768 rows and columns
-    step = _MOST_COLUMNS
-    every = x.shape[1] if wide else x.shape[0]
-    cuts = [np.s_[:, k : k + step] if wide else np.s_[k : k + step] for k in range(0, every, step)]
-    parts = [cv2.remap(image, x[c], y[c], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE) for c in cuts]
-    values = parts[0] if len(parts) == 1 else np.concatenate(parts, int(wide))
+    longer = int(x.shape[1] > x.shape[0])
+    if x.shape[longer] > _MOST_COLUMNS:
+        cuts = range(_MOST_COLUMNS, x.shape[longer], _MOST_COLUMNS)
+        parts = zip(*(np.split(each, cuts, longer) for each in (x, y)), strict=True)
+        return np.concatenate([bilinear(image, *part) for part in parts], longer)
+    values = cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     return np.multiply(values, 1 / FINE, dtype=np.float32)

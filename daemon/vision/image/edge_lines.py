@@ -41,6 +41,8 @@ _FAINT_BLOCK = 0.4
 """A stretch of a side that shows less than this share of the side's mean slope shows no edge."""
 _WHOLE = 0.75
 """Share of its stretches that show an edge, where a line lies along one; where fewer do, it may only cross it."""
+_TILTS = np.linspace(-1, 1, 7)
+"""At which a line is tried, shares of the steepest."""
 _BESIDE_PX = 8.5
 """How far to either hand shading and grain are compared."""
 _OUTERMOST_PX = np.array([[-REACH_PX], [REACH_PX]])
@@ -100,13 +102,13 @@ def find_sides(
     farthest = float(np.max(reach_px))
     pitch = 1.0 if farthest > 2 else 0.5
     offsets = np.arange(-farthest - pitch, farthest + 1.5 * pitch, pitch)
-    late = np.broadcast_to(farthest - reach_px, len(start))  # each side's offsets begin at its own reach
+    late = np.zeros(len(start)) + (farthest - reach_px)  # each side's offsets begin at its own reach
     values = stretch_profiles(images, start, end, _TRIM_PX, offsets, expected_px + late)
     places = offsets[1:-1] + late[:, None]
     within = places < farthest - late[:, None] + 0.5 * pitch
     last = within.sum(1, dtype=np.int32)[:, None, None, None] - 1
     slopes = values[:, :, 2:] - values[:, :, :-2]
-    tilts = np.linspace(-1, 1, 7) * np.clip(0.06 * length, 0.4, 3.5)[:, None]
+    tilts = _TILTS * (0.06 * length).clip(0.4, 3.5)[:, None]
     width = slopes.shape[2]
     shifted = np.rint(at[:, :, None] * (tilts / pitch)[:, None, :]).astype(np.int32)[:, :, :, None]
     shifted = np.minimum(np.maximum(shifted + np.arange(width, dtype=np.int32), 0), last)

@@ -95,7 +95,7 @@ def adjusted(shape: Polyhedron, pose: Array, observed: Sequence[EdgeObservation]
         pull = (design * trust[:, None, None]).reshape(-1, size).T
         hessian = held + pull @ flat
         solution = np.linalg.solve(hessian, pull @ wanted.ravel())
-        if solution[-1] < 0:  # no edge grows
+        if solution[-1] < 0 and held[-1, -1] < SHARP:  # no edge grows
             held[-1, -1] += SHARP
             hessian[-1, -1] += SHARP
             solution = np.linalg.solve(hessian, pull @ wanted.ravel())
