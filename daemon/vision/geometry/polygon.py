@@ -132,9 +132,8 @@ def is_simple(corners: Array) -> bool:
     if not np.all(np.isfinite(corners)) or signed_area(corners) >= 0:
         return False
     n = len(corners)
-    a, b = corners, np.roll(corners, -1, 0)
-    side = b - a
-    rel = a[None, :, :] - a[:, None, :]
+    side = np.concatenate([corners[1:], corners[:1]]) - corners
+    rel = corners - corners[:, None]
     cross = side[:, None, 0] * side[None, :, 1] - side[:, None, 1] * side[None, :, 0]
     safe = np.where(np.abs(cross) < 1e-12, np.inf, cross)
     s = (rel[..., 0] * side[None, :, 1] - rel[..., 1] * side[None, :, 0]) / safe

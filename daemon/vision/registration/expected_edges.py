@@ -148,7 +148,7 @@ def expected(laid: Placements, view: OneEye, poses: Array, wanted: Flags, tolera
     px, slope = corners_in(view.eye.camera, poses[laid.of_corner], laid.corners_mm)
     thick_px = np.append(laid.thickness(px), -np.inf)[laid.beside]
     facing = (thick_px >= THIN_PX[1]).sum(1)
-    clear = np.logical_not(np.any((thick_px > THIN_PX[0]) & (thick_px < THIN_PX[1]), axis=1))
+    clear = np.asarray(~((thick_px > THIN_PX[0]) & (thick_px < THIN_PX[1])).any(1))
     which = np.flatnonzero((facing > 0) & wanted[laid.owner])
     a, b = laid.ends[which].T
     first, last = _inside(px[a], px[b], view.grey.shape)
