@@ -36,7 +36,7 @@ class EdgeObservations:
 
 def pulls(sides: Sequence[Sides], ends: Index, weight: Array, eye: Eye) -> EdgeObservations:
     """All facets' sides in one eye, one facet's after the other's; ends and weight as EdgeObservations has them."""
-    start, end = np.split(eye.ideal(np.concatenate([*(s.start for s in sides), *(s.end for s in sides)])), 2)
+    start, end = eye.ideal(np.concatenate([*(s.start for s in sides), *(s.end for s in sides)])).reshape(2, -1, 2)
     x, y = (end - start).T
     line = np.array([-y, x, start[:, 0] * y - start[:, 1] * x]) / np.hypot(x, y)
     covariance = np.concatenate([s.covariance for s in sides]) + _MODEL_PX**2 * np.eye(2)

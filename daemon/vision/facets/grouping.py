@@ -40,7 +40,7 @@ def connected(touch: Flags) -> list[list[int]]:
             if k in left:
                 left.discard(k)
                 members.append(k)
-                todo.extend(int(m) for m in np.flatnonzero(touch[k]))
+                todo.extend(touch[k].nonzero()[0].tolist())
         sets.append(sorted(members))
     return sets
 

@@ -38,17 +38,15 @@ def match_polygons(left: list[Array], right: list[Array], geometry: Baseline, se
     """
     if not left or not right:
         return []
-    ideal_left, ideal_right = _ideal(left, geometry.left), _ideal(right, geometry.right)
-    one, other = _summary(ideal_left), _summary(ideal_right)
+    one, other = _Ideal.of(left, geometry.left), _Ideal.of(right, geometry.right)
     band = settings.search_epipolar_px / geometry.left.focal_px
-    gap = np.abs(one[:, None, 1:] - other[None, :, 1:]).max(2)
-    same = one[:, None, 0] == other[None, :, 0]
-    pairs = np.argwhere(same & (gap < band))
-    corners = one[pairs[:, 0], 0]
+    gap = np.abs(one.boxes[:, None, 1::2] - other.boxes[:, 1::2]).max(2)
+    pairs = np.argwhere((one.count[:, None] == other.count) & (gap < band))
+    corners = one.count[pairs[:, 0]]
     found = list[Match]()
-    for count in np.unique(corners):
+    for count in sorted(set(corners.tolist())):
         i, j = pairs[corners == count].T
-        a, b = (np.stack([polygons[k] for k in own]) for polygons, own in ((ideal_left, i), (ideal_right, j)))
+        a, b = (eye.corners[eye.first[own, None] + np.arange(count)] for eye, own in ((one, i), (other, j)))
         shift, cost = _best_shifts(a, b, geometry, settings)
         good = np.isfinite(cost)
         found += map(Match, *(column[good].tolist() for column in (i, j, shift, cost)))
@@ -64,25 +62,31 @@ def in_both(left: list[Array], right: list[Array], geometry: Baseline, settings:
     if not left or not right:
         return np.zeros(len(left), bool), np.zeros(len(right), bool)
     nearest, farthest = settings.depth_range_mm
-    one, other = (
-        np.array([(*p.min(0), *p.max(0)) for p in _ideal(polygons, eye)])
-        for polygons, eye in ((left, geometry.left), (right, geometry.right))
-    )
-    apart = one[:, None] - other  # of the least x, y, of the greatest x, y
+    one, other = _Ideal.of(left, geometry.left), _Ideal.of(right, geometry.right)
+    apart = one.boxes[:, None] - other.boxes  # of the least x, y, of the greatest x, y
     near = np.abs(apart[:, :, 1::2]).max(2) < (settings.search_epipolar_px + _ROUGH_PX) / geometry.left.focal_px
     shift = apart[:, :, ::2]
     near &= (shift.max(2) > geometry.length_mm / farthest) & (shift.min(2) < geometry.length_mm / nearest)
     return near.any(1), near.any(0)
 
 
-def _ideal(polygons: list[Array], eye: Eye) -> list[Array]:
-    every = eye.ideal(np.concatenate(polygons))
-    return list(np.split(every, np.cumsum([len(p) for p in polygons])[:-1]))
+@dataclass(frozen=True, eq=False)
+class _Ideal:
+    """P polygons of one eye in ideal coordinates: corners (M, 2), one's after the other's; first, count (P,); boxes
+    (P, 4): the least x and y of each, the greatest x and y."""
 
+    corners: Array
+    first: Index
+    count: Index
+    boxes: Array
 
-def _summary(polygons: list[Array]) -> Array:
-    """Per polygon its number of corners and the epipolar band it spans, (P, 3)."""
-    return np.array([(len(p), p[:, 1].min(), p[:, 1].max()) for p in polygons])
+    @classmethod
+    def of(cls, polygons: list[Array], eye: Eye) -> _Ideal:
+        """polygons: corners (N, 2) px of each."""
+        corners, count = eye.ideal(np.concatenate(polygons)), np.array([len(p) for p in polygons])
+        first = count.cumsum() - count
+        boxes = np.concatenate([extreme.reduceat(corners, first) for extreme in (np.minimum, np.maximum)], 1)
+        return cls(corners, first, count, boxes)
 
 
 def _best_shifts(a: Array, b: Array, geometry: Baseline, settings: VisionSettings) -> tuple[Index, Array]:

@@ -4,7 +4,17 @@ from daemon.vision.geometry.chisquare import chi_square_limit, chi_square_tail
 from daemon.vision.geometry.converging import Converging, by_formula, converging
 from daemon.vision.geometry.facet_measures import Measures, area_vector, measure, newell_normal
 from daemon.vision.geometry.planes import axes_in, fit_plane, planarities, planarity, weighted_plane
-from daemon.vision.geometry.polygon import Point, Shape, border_loops, drop_side, inside, is_simple, sides_of, tidy
+from daemon.vision.geometry.polygon import (
+    Point,
+    Shape,
+    border_loops,
+    drop_side,
+    inside,
+    is_simple,
+    outward,
+    sides_of,
+    tidy,
+)
 from daemon.vision.geometry.polygon_batch import Rings, areas, convex, different, met, rings
 from daemon.vision.geometry.polyhedron import Polyhedron, exact, united
 from daemon.vision.geometry.rectified import Baseline, Eye, baseline, disparity
@@ -48,6 +58,7 @@ __all__ = [
     "met",
     "moved_rig",
     "newell_normal",
+    "outward",
     "planarities",
     "planarity",
     "rings",

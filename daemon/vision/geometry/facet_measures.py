@@ -35,7 +35,7 @@ class Measures:
         n = len(self.sides)
         blocks = self.jacobian.reshape(2 * n, n, 3)
         weighted = np.matmul(blocks.transpose(1, 0, 2), corner_covariance)
-        return np.asarray(np.tensordot(weighted, blocks.transpose(1, 0, 2), axes=((0, 2), (0, 2))))
+        return np.asarray(weighted.transpose(1, 0, 2).reshape(2 * n, 3 * n) @ self.jacobian.T)
 
 
 def area_vector(corners: Array) -> Array:

@@ -29,7 +29,7 @@ def weighted_plane(points: Array, covariance: Array) -> tuple[Array, float, Arra
     """
     normal, d = fit_plane(points)
     for _ in range(2):
-        sigma = np.sqrt(np.maximum(np.einsum("i,nij,j->n", normal, covariance, normal), 1e-8))
+        sigma = np.sqrt(np.maximum(covariance @ normal @ normal, 1e-8))
         weight = 1 / sigma**2
         centre = (weight @ points) / weight.sum()
         normal = np.linalg.svd((points - centre) / sigma[:, None])[2][2]

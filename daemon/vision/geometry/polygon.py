@@ -17,11 +17,17 @@ from daemon.arrays import Array, Flags
 _STRAIGHT = math.radians(9.0)
 _FAR_PX = 2000.0
 _MEET_PX = 25.0
+_OUTWARD = np.array([-1.0, 1.0])
 
 
 def signed_area(corners: Array) -> float:
     """Shoelace area in px^2; negative for corners that run anticlockwise as seen (v points down)."""
     return float(cv2.contourArea(corners.astype(np.float32), True))
+
+
+def outward(chord: Array, length: Array) -> Array:
+    """(S, 2) unit vectors square to chords (S, 2) of lengths (S,): out of a polygon of which they are sides."""
+    return np.asarray(chord[:, ::-1] * _OUTWARD / length[:, None])
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,9 +132,8 @@ def is_simple(corners: Array) -> bool:
     if not np.all(np.isfinite(corners)) or signed_area(corners) >= 0:
         return False
     n = len(corners)
-    a, b = corners, np.roll(corners, -1, 0)
-    side = b - a
-    rel = a[None, :, :] - a[:, None, :]
+    side = np.concatenate([corners[1:], corners[:1]]) - corners
+    rel = corners - corners[:, None]
     cross = side[:, None, 0] * side[None, :, 1] - side[:, None, 1] * side[None, :, 0]
     safe = np.where(np.abs(cross) < 1e-12, np.inf, cross)
     s = (rel[..., 0] * side[None, :, 1] - rel[..., 1] * side[None, :, 0]) / safe

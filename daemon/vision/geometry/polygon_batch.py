@@ -91,8 +91,8 @@ def different(start: Array, end: Array, tolerance_px: float) -> tuple[Index, Ind
     here = np.arange(len(start))
     first = (same | back).argmax(1) if len(start) else here
     first = np.where(first[first] == first, first, here)
-    kept, which = np.unique(first, return_inverse=True)
-    return kept, which, ~same[here, first]
+    own = first == here
+    return here[own], (own.cumsum() - 1)[first], ~same[here, first]
 
 
 def _near(a: NDArray[np.float32], b: NDArray[np.float32], tolerance_px: float) -> Flags:

@@ -101,9 +101,8 @@ class Polyhedron:
     @cached_property
     def steps(self) -> tuple[Index, Index, Index]:
         """Facet after facet, its corners (N,) and the next of each (N,); and where each facet begins (F,)."""
-        following = [np.roll(ring, -1) for ring in self.rings]
-        first = np.cumsum([0, *(len(ring) for ring in self.rings)])[:-1]
-        return np.concatenate(self.rings), np.concatenate(following), first
+        here, after = np.array([side for ring in self.facets for side in sides_of(ring)], np.intp).reshape(-1, 2).T
+        return here, after, np.cumsum([0, *(len(ring) for ring in self.facets)])[:-1]
 
     @cached_property
     def areas_mm2(self) -> Array:

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from daemon.arrays import Array, Image32, Index, Real
-from daemon.vision.geometry import Eye
+from daemon.vision.geometry import Eye, outward
 from daemon.vision.image.grey import FINE, Fine
 
 Images = Sequence[tuple[Fine, int]]
@@ -75,7 +75,7 @@ def lay_calipers(start_px: Array, end_px: Array, bow_px: Array | None, trim_px: 
     count = np.minimum(np.maximum(np.ceil((length - 2 * trim) / spacing_px), FEWEST), MOST).astype(np.intp)
     first = count.cumsum() - count
     side = np.arange(len(count)).repeat(count)
-    normal = np.stack([-chord[:, 1], chord[:, 0]], 1) / length[:, None]
+    normal = outward(chord, length)
     bow = np.zeros_like(chord) if bow_px is None else bow_px
     reach = 1 - 2 * trim / length
     by_side = np.concatenate([(start_px + end_px).T / 2, chord.T / 2, bow.T, normal.T, [first, 2 / count, reach]])
@@ -123,25 +123,25 @@ def stretch_profiles(
     """
     chord = end - start
     length, places = stretches(start, end, trim_px)
-    normal = np.stack([-chord[:, 1], chord[:, 0]], 1) / length[:, None]
-    # In-block first: a mean over the leading axis adds whole arrays.
+    normal = outward(chord, length)
     fine = (
         places + (np.arange(IN_BLOCK)[:, None, None] - (IN_BLOCK - 1) / 2) * (places[:, 1:2] - places[:, :1]) / IN_BLOCK
     )
     middle = (start + end) / 2 + normal * bias_px[:, None]
+    # (C, IN_BLOCK, S * BLOCKS): long rows are reckoned and read out faster than ones of a few offsets.
     x, y = (
-        np.asarray(middle[:, k, None] + fine * chord[:, k, None] / 2, np.float32)[..., None]
-        + normal.astype(np.float32)[:, k, None, None] * offsets.astype(np.float32)
+        np.asarray(middle[:, k, None] + fine * chord[:, k, None] / 2, np.float32).reshape(IN_BLOCK, -1)
+        + offsets.astype(np.float32)[:, None, None] * normal[:, k].astype(np.float32).repeat(BLOCKS)
         for k in (0, 1)
     )
-    width, first, means = len(offsets), 0, []
+    first, means = 0, []
     for image, count in images:
         if count:
-            own = np.s_[:, first : first + count]
-            values = bilinear(image, x[own].reshape(-1, width), y[own].reshape(-1, width))
-            means.append(values.reshape(IN_BLOCK, count, BLOCKS, width).mean(0))
+            own, wide = slice(BLOCKS * first, BLOCKS * (first + count)), BLOCKS * count
+            values = bilinear(image, x[..., own].reshape(-1, wide), y[..., own].reshape(-1, wide))
+            means.append(values.reshape(len(offsets), IN_BLOCK, count, BLOCKS).mean(1))
             first += count
-    return np.concatenate(means)
+    return np.ascontiguousarray(np.concatenate(means, 1).transpose(1, 2, 0))
 
 
 def stretches(start: Array, end: Array, trim_px: float) -> tuple[Array, Array]:
@@ -154,10 +154,10 @@ def stretches(start: Array, end: Array, trim_px: float) -> tuple[Array, Array]:
 
 def bilinear(image: Fine, x: Image32, y: Image32) -> Image32:
     """Image values at real pixel coordinates (N, M); outside the image its rim."""
-    wide = x.shape[1] > x.shape[0]  # cv2.remap takes maps of fewer than 32768 rows and columns
-    step = _MOST_COLUMNS
-    every = x.shape[1] if wide else x.shape[0]
-    cuts = [np.s_[:, k : k + step] if wide else np.s_[k : k + step] for k in range(0, every, step)]
-    parts = [cv2.remap(image, x[c], y[c], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE) for c in cuts]
-    values = parts[0] if len(parts) == 1 else np.concatenate(parts, int(wide))
+    longer = int(x.shape[1] > x.shape[0])
+    if x.shape[longer] > _MOST_COLUMNS:
+        cuts = range(_MOST_COLUMNS, x.shape[longer], _MOST_COLUMNS)
+        parts = zip(*(np.split(each, cuts, longer) for each in (x, y)), strict=True)
+        return np.concatenate([bilinear(image, *part) for part in parts], longer)
+    values = cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     return np.multiply(values, 1 / FINE, dtype=np.float32)

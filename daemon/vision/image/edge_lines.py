@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon.arrays import Array, Flags, Image32, Index, Real
-from daemon.vision.geometry import Eye
+from daemon.vision.geometry import Eye, outward
 from daemon.vision.image.calipers import (
     BLOCKS,
     IN_BLOCK,
@@ -41,6 +41,8 @@ _FAINT_BLOCK = 0.4
 """A stretch of a side that shows less than this share of the side's mean slope shows no edge."""
 _WHOLE = 0.75
 """Share of its stretches that show an edge, where a line lies along one; where fewer do, it may only cross it."""
+_TILTS = np.linspace(-1, 1, 7)
+"""At which a line is tried, shares of the steepest."""
 _BESIDE_PX = 8.5
 """How far to either hand shading and grain are compared."""
 _OUTERMOST_PX = np.array([[-REACH_PX], [REACH_PX]])
@@ -100,13 +102,13 @@ def find_sides(
     farthest = float(np.max(reach_px))
     pitch = 1.0 if farthest > 2 else 0.5
     offsets = np.arange(-farthest - pitch, farthest + 1.5 * pitch, pitch)
-    late = np.broadcast_to(farthest - reach_px, len(start))  # each side's offsets begin at its own reach
+    late = np.zeros(len(start)) + (farthest - reach_px)  # each side's offsets begin at its own reach
     values = stretch_profiles(images, start, end, _TRIM_PX, offsets, expected_px + late)
     places = offsets[1:-1] + late[:, None]
     within = places < farthest - late[:, None] + 0.5 * pitch
     last = within.sum(1, dtype=np.int32)[:, None, None, None] - 1
     slopes = values[:, :, 2:] - values[:, :, :-2]
-    tilts = np.linspace(-1, 1, 7) * np.clip(0.06 * length, 0.4, 3.5)[:, None]
+    tilts = _TILTS * (0.06 * length).clip(0.4, 3.5)[:, None]
     width = slopes.shape[2]
     shifted = np.rint(at[:, :, None] * (tilts / pitch)[:, None, :]).astype(np.int32)[:, :, :, None]
     shifted = np.minimum(np.maximum(shifted + np.arange(width, dtype=np.int32), 0), last)
@@ -123,7 +125,7 @@ def find_sides(
         best[crossing[whole]] = there[whole]
     tilt, offset = tilts[each, best // width], places[each, best % width] + expected_px
     chord = end - start
-    normal = np.stack([-chord[:, 1], chord[:, 0]], 1) / length[:, None]
+    normal = outward(chord, length)
     slope = tilt / np.maximum(1 - 2 * _TRIM_PX / length, 0.5)
     moved = start + (offset - slope)[:, None] * normal, end + (offset + slope)[:, None] * normal
     return *moved, across[each, :, best]
@@ -221,13 +223,12 @@ def fit_sides(
     """
     counts = np.array([count for _, count in exposures])
     in_image = counts.cumsum() - counts
-    bow = _bows([e for e, _ in exposures], np.split(start, in_image[1:]), np.split(end, in_image[1:]))
+    bow = _bows(exposures, start, end)
     sides_of = counts if sets is None else sets
-    first = sides_of.cumsum() - sides_of
     blurs = np.full(len(sides_of), _FIRST_BLUR_PX) if known_blurs is None else known_blurs
     for spacing_px, rounds in _FITS[0 if known_blurs is None else 1 :]:
         calipers = lay_calipers(start, end, bow, _TRIM_PX, spacing_px)
-        steps = _steps([e for e, _ in exposures], in_image, calipers, blurs, first)
+        steps = _steps([e for e, _ in exposures], in_image, calipers, blurs, sides_of)
         offset, slope, covariance, support = _robust_line(calipers, steps.position, 1 / steps.sigma, rounds)
         start = start + (offset - slope)[:, None] * calipers.normal
         end = end + (offset + slope)[:, None] * calipers.normal
@@ -237,10 +238,16 @@ def fit_sides(
     return Sides(start, end, ends @ covariance @ ends.T, steps.height, evidence, support, blurs.repeat(sides_of))
 
 
-def _bows(exposures: Sequence[Exposure], starts: Sequence[Array], ends: Sequence[Array]) -> Array:
+def _bows(exposures: Sequence[tuple[Exposure, int]], start: Array, end: Array) -> Array:
     """lens_bow of the sides in each image, (S, 2) px."""
-    bows = [lens_bow(start, end, e.eye) for e, start, end in zip(exposures, starts, ends, strict=True)]
-    return np.concatenate([np.zeros_like(s) if b is None else b for b, s in zip(bows, starts, strict=True)])
+    bows, first = np.zeros_like(start), 0
+    for exposure, count in exposures:
+        own = slice(first, first + count)
+        bow = lens_bow(start[own], end[own], exposure.eye)
+        if bow is not None:
+            bows[own] = bow
+        first += count
+    return bows
 
 
 @dataclass(frozen=True, eq=False)
@@ -257,9 +264,9 @@ class _Steps:
     blur_error_px: Array
 
 
-def _steps(exposures: Sequence[Exposure], in_image: Index, calipers: Calipers, blurs: Array, first: Index) -> _Steps:
+def _steps(exposures: Sequence[Exposure], in_image: Index, calipers: Calipers, blurs: Array, sides_of: Index) -> _Steps:
     """Where the blurred step crosses each caliper: its residual against the model, over the model's slope. blurs (B,)
-    px: the first of them that of the sides from first[0] on, and so on; likewise the exposures from in_image[0] on."""
+    px, each of so many sides (B,), one after the other; the first exposure's sides begin at in_image[0], and so on."""
     cuts = [*calipers.first[in_image].tolist(), len(calipers.side)]
     values = profiles([e.image for e in exposures], cuts, calipers, OFFSETS)
     noise = noise_of_many([e.noise for e in exposures], np.diff(cuts))
@@ -268,8 +275,8 @@ def _steps(exposures: Sequence[Exposure], in_image: Index, calipers: Calipers, b
     rise = np.array([[0.5 + 0.5 * math.erf(value * math.sqrt(0.5)) for value in row] for row in x.tolist()])
     slope = np.exp(-0.5 * x**2) / (blurs[:, None] * np.sqrt(2 * np.pi))
     planes, clear = face_planes(values, mean, noise, calipers)
-    planes = unclipped(mean, calipers, planes, np.repeat(blurs, np.diff(first, append=len(calipers.first))))
-    begins = calipers.first[first]
+    planes = unclipped(mean, calipers, planes, blurs.repeat(sides_of))
+    begins = calipers.first[sides_of.cumsum() - sides_of]
     faces = np.stack([1 - rise, OFFSETS * (1 - rise), rise, OFFSETS * rise], 2)
     model = _by_blur(faces, planes, begins)
     usable = (clear & (np.maximum(model, values - 4) < SATURATED)).astype(np.float32)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from daemon.arrays import Array, Flags, Index
-from daemon.vision.geometry import Rings, convex, different, is_simple, met, rings
+from daemon.vision.geometry import Rings, convex, different, is_simple, met, outward, rings
 from daemon.vision.image.edge_lines import Exposure, Sides, fit_sides
 from daemon.vision.image.outlines import Outline
 from daemon.vision.values import Polygon
@@ -57,15 +57,15 @@ def fit_polygons(of_images: Sequence[tuple[Exposure, Sequence[Outline]]]) -> lis
         first = here.stop
     sides = fit_sides(counts, np.concatenate(starts), np.concatenate(ends))
     every = sides.chosen(np.concatenate(chosen), np.concatenate(turns))
-    shape = shape.moved(met(shape, every.start, every.end))
+    rough, shape = shape.corners, shape.moved(met(shape, every.start, every.end))
     covariance = met_covariance(shape, every)
-    sound = convex(shape)
+    astray = np.maximum.reduceat(np.abs(shape.corners - rough).max(1), shape.first)
+    shortest = shape.least(np.hypot(*(shape.corners - shape.corners[shape.next]).T))
+    good, sound = (astray < _FARTHEST_PX) & (shortest > _SHORTEST_PX), convex(shape)
     fitted: list[Fitted | None] = []
     for k, (o, corners) in enumerate(zip(outlines, shape.split(), strict=True)):
-        part = shape.first[k] + np.arange(shape.count[k])
-        shortest = np.hypot(*(corners - np.roll(corners, -1, 0)).T).min()
-        moved = np.abs(corners - o.corners).max()
-        if moved < _FARTHEST_PX and shortest > _SHORTEST_PX and (sound[k] or is_simple(corners)):
+        if good[k] and (sound[k] or is_simple(corners)):
+            part = shape.first[k] + np.arange(shape.count[k])
             sides = every.chosen(part)
             polygon = Polygon(corners, covariance[part], np.abs(sides.step), o.border.astype(float))
             fitted.append(Fitted(polygon, sides))
@@ -77,7 +77,7 @@ def fit_polygons(of_images: Sequence[tuple[Exposure, Sequence[Outline]]]) -> lis
 def met_covariance(shape: Rings, sides: Sides) -> Array:
     """Covariance (M, 2, 2) px^2 of corners where the side before ends and the corner's own side starts."""
     chord = sides.end - sides.start
-    normal = np.stack([chord[:, 1], -chord[:, 0]], 1) / np.hypot(chord[:, 0], chord[:, 1])[:, None]
+    normal = outward(-chord, np.hypot(chord[:, 0], chord[:, 1]))
     before = normal[shape.before]
     sine = before[:, 0] * normal[:, 1] - before[:, 1] * normal[:, 0]
     sine = np.where(np.abs(sine) < 0.02, 0.02, sine)

@@ -206,11 +206,10 @@ def closed_regions(
 def _holes(edges: NDArray[np.uint8], first: tuple[int, int]) -> list[Border]:
     """Borders (K, 1, 2) of everything that edges (H, W), 0 or 1, close off; first: the place of their first pixel."""
     borders, tree = cv2.findContours(edges, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE, offset=first)
-    return (
-        [np.asarray(borders[k], np.int32) for k in np.flatnonzero(np.asarray(tree)[0, :, 3] >= 0).tolist()]
-        if borders
-        else []
-    )
+    if not borders:
+        return []
+    around = np.asarray(tree)[0, :, 3].tolist()
+    return [np.asarray(border, np.int32) for border, outer in zip(borders, around, strict=True) if outer >= 0]
 
 
 def _holes_among_specks(edges: NDArray[np.uint8], first: tuple[int, int], least: float, most: int) -> list[Border]:

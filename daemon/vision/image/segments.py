@@ -7,7 +7,6 @@ straight. Source: LSD (Grompone von Gioi, Jakubowicz, Morel and Randall 2010), O
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import product
 
 import cv2
 import numpy as np
@@ -169,17 +168,19 @@ def ranks(group: Index) -> Index:
 
 def _ends_near(found: Segments, reach_px: Array) -> tuple[Index, Index]:
     """Every two segments, the earlier first, of which two ends are no farther apart than both may reach."""
-    every = np.asarray(np.stack([found.start, found.end]).transpose(0, 2, 1), np.float32)
-    reach, pairs = reach_px.astype(np.float32), [np.zeros((0, 2), np.intp)]
-    for k in range(0, len(reach), AT_ONCE):
-        own = slice(k, k + AT_ONCE)
-        within2 = (reach[own, None] + reach[k:]) ** 2
-        near = np.zeros(within2.shape, bool)
-        for (x, y), (u, v) in product(every[:, :, own], every[:, :, k:]):
-            near |= (x[:, None] - u) ** 2 + (y[:, None] - v) ** 2 <= within2
-        pairs.append(np.argwhere(np.triu(near, 1)) + k)
-    first, second = np.concatenate(pairs).T
-    return first, second
+    count, ends, reach = len(reach_px), np.concatenate([found.start, found.end]), np.tile(reach_px, 2)
+    x, y = (ends - ends.sum(0) / max(len(ends), 1)).T  # small numbers: single precision is enough for their squares
+    own, one = x * x + y * y - reach * reach, np.ones(len(ends))
+    # (x - u)^2 + (y - v)^2 - (r + s)^2 as a product of matrices, which is quicker than term by term
+    some = np.array([-2 * x, -2 * y, -2 * reach, own, one], np.float32).T.reshape(2, count, 5)
+    others = np.array([x, y, reach, one, own], np.float32).reshape(5, 2, count)
+    pairs = [np.zeros(0, np.intp)]
+    for k in range(0, count, AT_ONCE):
+        beyond = some[:, k : k + AT_ONCE].reshape(-1, 5) @ others[:, :, k:].reshape(5, -1)
+        near = beyond.reshape(2, -1, 2, count - k).min(0).min(1) <= 0
+        first, second = np.divmod(np.flatnonzero(near), count - k)
+        pairs.append(((first + k) * count + second + k)[first < second])
+    return np.divmod(np.concatenate(pairs), max(count, 1))
 
 
 def pairs_within(ones: Array, others: Array, reach: Array | float) -> tuple[Index, Index]:

@@ -70,7 +70,7 @@ class Model:
     matrix_size: int = MATRIX_SIZE
     metric: dict[str, MetricModel] = field(default_factory=dict)
 
-    @property
+    @cached_property
     def labels(self) -> tuple[str, ...]:
         """Every taught label, in the order first taught."""
         return tuple(dict.fromkeys(v.label for v in self.views))

@@ -62,6 +62,6 @@ def _facet_rows(corners: Array, a: Array, b: Array, weights: tuple[float, float]
     if n > 3:
         normal = newell_normal(corners)
         centring = np.eye(n) - 1.0 / n
-        rows.append(np.asarray(np.kron(centring, normal[None, :]) / FLAT_MM, float))
+        rows.append((centring[:, :, None] * normal).reshape(n, 3 * n) / FLAT_MM)
         misses.append(centring @ (corners @ normal) / FLAT_MM)
     return np.vstack(rows), np.concatenate(misses)

@@ -149,8 +149,8 @@ def _spread(seen: Polyhedron, metric: Mapping[str, MetricModel], start: int, pla
 
 def _alone(seen: Polyhedron, taught: Polyhedron, facet: int, turn: int) -> Correspondence:
     """A lone seen facet laid onto a taught one."""
-    corners = np.empty(len(seen.corners_mm), np.intp)
-    corners[seen.rings[0]] = np.roll(taught.rings[facet], -turn)
+    corners, ring = np.empty(len(seen.corners_mm), np.intp), taught.facets[facet]
+    corners[seen.rings[0]] = ring[turn:] + ring[:turn]
     return Correspondence((facet,), corners)
 
 

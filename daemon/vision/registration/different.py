@@ -41,8 +41,8 @@ def thinned(guesses: Guesses, of_each: int = 1) -> Index:
 
 
 def different(guesses: Guesses, eyes: Eyes) -> Iterator[tuple[int, Array]]:
-    """Which of them are inside both images, the likeliest first, none of which looks like an earlier one; and where
-    the left eye sees all corners of each (K, 2) px."""
+    """Which of a few hundred are inside both images, the likeliest first, none of which looks like an earlier one; and
+    where the left eye sees all corners of each (K, 2) px."""
     posed = guesses.posed
     if not len(posed.part):
         return
@@ -54,18 +54,17 @@ def different(guesses: Guesses, eyes: Eyes) -> Iterator[tuple[int, Array]]:
     both = zip((geometry.left, geometry.right), ideal(corners_mm, geometry), strict=True)
     seen = [eye.pixels(corners.astype(float)).reshape(*shows.shape, 2) for eye, corners in both]
     most = np.array(eyes.rig.image_size) - 1 - ROOM_PX
-    open_ = count > 0
+    inside = count > 0
     for px in seen:
-        open_ &= (((px >= ROOM_PX) & (px <= most)).all(2) | ~shows).all(1)
-    against = np.where(open_, guesses.against, np.inf)  # infinite once looked at, or like one that was
-    while True:
-        best = int(against.argmin())
-        if against[best] == np.inf:
-            return
-        against[best] = np.inf
+        inside &= (((px >= ROOM_PX) & (px <= most)).all(2) | ~shows).all(1)
+    of_one = (posed.part[:, None] == posed.part) & (count[:, None] == count)
+    alike = of_one & (((middle_mm[:, None] - middle_mm) ** 2).sum(2) < SAME_MM**2)
+    order, out = np.argsort(guesses.against, kind="stable"), ~inside
+    for best in order.tolist():
+        if out[best]:
+            continue
         yield best, seen[0][best][own[best]]
-        own_part = posed.part == posed.part[best]
-        alike = own_part & (((middle_mm - middle_mm[best]) ** 2).sum(1) < SAME_MM**2) & (count == count[best])
-        near = np.flatnonzero(alike)
-        apart2 = ((corners_mm[near, :, None] - corners_mm[best, shows[best]]) ** 2).sum(3).min(2)
-        against[near[((apart2 < SAME_MM**2) | ~shows[near]).all(1)]] = np.inf
+        (near,) = alike[best].nonzero()
+        if len(near) > 1:
+            apart2 = ((corners_mm[near, :, None] - corners_mm[best, shows[best]]) ** 2).sum(3).min(2)
+            out[near[((apart2 < SAME_MM**2) | ~shows[near]).all(1)]] = True

@@ -30,7 +30,7 @@ _NEARBY[::4, ::4] = 0
 RIM = 3
 """Pixels of a map this near to a segment's lie on it: less surely from 2 on, the mean of a pixel's neighbours, and no
 more from 4 on."""
-MOST_ROWS = 32000  # of a map that cv2.remap takes
+MOST_COLUMNS = 32000  # of a map that cv2.remap takes
 PLACES, SPACING_PX = 10, 5.0
 """Where along an edge is looked, and how far apart places are that say something of their own."""
 _ALONG = np.asarray((np.arange(PLACES) + 0.5) / PLACES, np.float32)
@@ -68,23 +68,23 @@ class DirectedMap:
         return np.log(SHOWS / chance).astype(np.float32), np.log((1 - SHOWS) / (1 - chance)).astype(np.float32)
 
     def hits(self, way: Image32, x: Real, y: Real) -> tuple[NDArray[np.uint8], Index]:
-        """(N, M) how surely, of 255, segments of the directions of ways (N, 2) lie at (N, M), (N, M) px of the map; and
-        the number of each direction (N,)."""
+        """(M, N) how surely, of 255, segments of the directions of ways (N, 2) lie at (M, N), (M, N) px of the map; and
+        the number of each direction (N,). Long rows are read out faster than many."""
         which = np.rint(np.arctan2(way[:, 1], way[:, 0]) * np.float32(DIRECTIONS / np.pi)).astype(np.intp) % DIRECTIONS
         _, height, width = self.hit.shape
         every = self.hit.reshape(-1, width)
-        y = np.clip(y, 0, height - 1) + (which * height).astype(np.float32)[:, None]
+        y = y.clip(0, height - 1) + (which * height).astype(np.float32)
         found = np.empty(x.shape, np.uint8)
-        for k in range(0, len(x), MOST_ROWS):
-            rows = slice(k, k + MOST_ROWS)
-            cv2.remap(every, x[rows], y[rows], cv2.INTER_NEAREST, found[rows], cv2.BORDER_CONSTANT, 0)
+        for k in range(0, len(way), MOST_COLUMNS):
+            own = np.s_[:, k : k + MOST_COLUMNS]
+            found[own] = cv2.remap(every, x[own], y[own], cv2.INTER_NEAREST, None, cv2.BORDER_CONSTANT, 0)
         return found, which
 
     def of_lines(self, start: Image32, way: Image32, along: Image32) -> tuple[Image32, Image32]:
         """(N,) nats for lines that begin at start (N, 2) and end way (N, 2) farther, px of the map, looked at at shares
         along (M,) of them; and the most there could be."""
-        hits, which = self.hits(way, start[:, :1] + along * way[:, :1], start[:, 1:] + along * way[:, 1:])
-        hit = hits.sum(1, dtype=np.uint16) * np.float32(1 / 255 / len(along))
+        hits, which = self.hits(way, *(start[:, k] + along[:, None] * way[:, k] for k in (0, 1)))
+        hit = hits.sum(0, dtype=np.uint16) * np.float32(1 / 255 / len(along))
         there, missing = self.nats
         length = np.hypot(way[:, 0], way[:, 1]) * np.float32(SHRINK / SPACING_PX)
         return length * (hit * there[which] + (1 - hit) * missing[which]), length * there[which]
@@ -96,7 +96,7 @@ def directed_map(view: OneEye) -> DirectedMap:
     scale = eye.focal_px / SHRINK
     rim = eye.ideal(np.array([[x, y] for x in (0.0, shape[1] - 1.0) for y in (0.0, shape[0] - 1.0)]))
     ends = (eye.ideal(np.concatenate([found.start, found.end])) - rim.min(0)) * scale
-    room = RIM + 2  # about the outermost segments, as one map lies above the other
+    room = RIM + 2  # about the outermost segments
     low = (np.floor(ends.min(0)) if len(ends) else np.zeros(2)) - room
     width, height = np.ceil(ends.max(0, initial=0.0) - low).astype(int) + room
     ends = (ends - low).reshape(2, -1, 2)
@@ -104,19 +104,20 @@ def directed_map(view: OneEye) -> DirectedMap:
     direction = np.arctan2(way[:, 1], way[:, 0]) / np.pi * DIRECTIONS
     fixed = np.round(ends.transpose(1, 0, 2) * 16).astype(np.int32)
     wanted = np.stack([np.round(direction + step).astype(int) % DIRECTIONS for step in NEAR])
-    lines = np.zeros((DIRECTIONS, height, width), np.uint8)
-    for k in range(DIRECTIONS):
+    hit, often = np.zeros((DIRECTIONS, height, width), np.uint8), np.zeros(DIRECTIONS)
+    for k in range(DIRECTIONS):  # map by map, which a processor's cache holds
         own = fixed[(wanted == k).any(0)]
         if len(own):
-            cv2.polylines(lines[k], list(own[:, :, None]), False, 255, 1, cv2.LINE_8, 4)
-    hit = np.asarray(cv2.blur(cv2.dilate(lines.reshape(-1, width), _NEARBY), (3, 3)), np.uint8).reshape(lines.shape)
-    chance = np.count_nonzero(hit > 127, (1, 2)) / np.prod((rim.max(0) - rim.min(0)) * scale)
+            cv2.polylines(hit[k], list(own[:, :, None]), False, 255, 1, cv2.LINE_8, 4)
+            cv2.blur(cv2.dilate(hit[k], _NEARBY), (3, 3), hit[k])
+            often[k] = np.count_nonzero(hit[k] > 127)
+    chance = often / np.prod((rim.max(0) - rim.min(0)) * scale)
     return DirectedMap(hit, np.clip(chance, LEAST_CHANCE, MOST_CHANCE), scale, rim.min(0) + low / scale)
 
 
 @dataclass(frozen=True, eq=False)
 class Rays:
-    """What one eye shows along N straight lines in space that begin at points: nats (N, STEPS + 1) of a segment there
+    """What one eye shows along N straight lines in space that begin at points: nats (STEPS + 1, N) of a segment there
     against chance, summed from its beginning step by step; reach, fall (N,): how far along a line t mm show in the map,
     t reach / (1 + t fall) px."""
 
@@ -133,21 +134,21 @@ class Rays:
         reach = np.hypot(shift[:, 0], shift[:, 1])
         unit = np.asarray(shift / np.maximum(reach, np.float32(1e-6))[:, None], np.float32)
         start = ((ideal - seen.origin) * seen.scale).astype(np.float32)
-        far = np.asarray((np.arange(STEPS) + 0.5) * STEP, np.float32)
-        hit, which = seen.hits(unit, start[:, :1] + far * unit[:, :1], start[:, 1:] + far * unit[:, 1:])
-        there, missing = (each[which, None] * np.float32(STEP * SHRINK / SPACING_PX) for each in seen.nats)
-        nats = np.zeros((len(at), STEPS + 1), np.float32)
-        np.cumsum(missing + hit * ((there - missing) * np.float32(1 / 255)), 1, out=nats[:, 1:])
+        far = np.asarray((np.arange(STEPS) + 0.5) * STEP, np.float32)[:, None]
+        hit, which = seen.hits(unit, *(start[:, k] + far * unit[:, k] for k in (0, 1)))
+        there, missing = (each[which] * np.float32(STEP * SHRINK / SPACING_PX) for each in seen.nats)
+        nats = np.zeros((STEPS + 1, len(at)), np.float32)
+        np.cumsum(missing + hit * ((there - missing) * np.float32(1 / 255)), 0, out=nats[1:])
         return cls(nats, reach, (way[:, 2] / at[:, 2]).astype(np.float32))
 
     def of_edges(self, ray: Index, length_mm: Image32) -> Image32:
         """(M,) nats of edges of so many mm that begin where rays (M,) do, less what goes on beyond their ends."""
         px = self.reach[ray] * length_mm / np.maximum(1 + self.fall[ray] * length_mm, np.float32(0.1))
         step = np.minimum(px * np.float32(1 / STEP) + np.float32(0.5), STEPS - BEYOND[1]).astype(np.intp)
-        step += ray * (STEPS + 1)
-        nats = self.nats.reshape(-1)
-        beyond = nats[step + BEYOND[1]] - nats[step + BEYOND[0]]
-        return np.asarray(nats[step] - np.maximum(beyond, np.float32(0)))
+        count = self.nats.shape[1]
+        nats, place = self.nats.reshape(-1), step * count + ray
+        beyond = nats[place + BEYOND[1] * count] - nats[place + BEYOND[0] * count]
+        return np.asarray(nats[place] - np.maximum(beyond, np.float32(0)))
 
 
 def evidence(posed: Posed, geometry: Baseline, maps: tuple[DirectedMap, DirectedMap]) -> tuple[Array, Array]:

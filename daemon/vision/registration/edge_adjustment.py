@@ -71,7 +71,7 @@ def adjusted(shape: Polyhedron, pose: Array, observed: Sequence[EdgeObservation]
     held[6:-1, 6:-1].reshape(count, 3, count, 3)[corner, :, corner] = np.linalg.inv(
         turn @ shape.covariance_mm2 @ turn.T + loose
     )
-    rows, off, usable = [], [], []
+    rows, off, doubts, usable = [], [], [], []
     for seen in observed:
         if seen.sides is None:
             continue
@@ -83,19 +83,19 @@ def adjusted(shape: Polyhedron, pose: Array, observed: Sequence[EdgeObservation]
         jacobian[..., -1:] = -seen.edges.jacobian[..., :3] @ seen.edges.outward[..., None]
         known_px = np.sqrt(np.trace(seen.sides.covariance, axis1=1, axis2=2) / 2)
         ragged = np.where(seen.edges.outline, 1.0, np.maximum(known_px * seen.sides.evidence / RAGGED_PX, 1.0))
-        doubt = (LINE_SIGMAS * ragged[:, None, None]) ** 2 * seen.sides.covariance + MODEL_PX**2 * np.eye(2)
-        whiten = np.linalg.inv(np.linalg.cholesky(doubt))
-        rows.append(whiten @ jacobian)
-        off.append(whiten @ seen.off[..., None])
+        rows.append(jacobian)
+        off.append(seen.off)
+        doubts.append((LINE_SIGMAS * ragged[:, None, None]) ** 2 * seen.sides.covariance + MODEL_PX**2 * np.eye(2))
         usable.append(seen.there & seen.edges.sharp)
-    design, wanted = np.concatenate(rows), np.concatenate(off)[..., 0]
+    whiten = np.linalg.inv(np.linalg.cholesky(np.concatenate(doubts)))
+    design, wanted = whiten @ np.concatenate(rows), (whiten @ np.concatenate(off)[..., None])[..., 0]
     use = np.concatenate(usable).astype(float)
     trust, flat, solution, excess, hessian = use, design.reshape(-1, size), np.zeros(size), 1.0, held
     for _ in range(PASSES):
         pull = (design * trust[:, None, None]).reshape(-1, size).T
         hessian = held + pull @ flat
         solution = np.linalg.solve(hessian, pull @ wanted.ravel())
-        if solution[-1] < 0:  # no edge grows
+        if solution[-1] < 0 and held[-1, -1] < SHARP:  # no edge grows
             held[-1, -1] += SHARP
             hessian[-1, -1] += SHARP
             solution = np.linalg.solve(hessian, pull @ wanted.ravel())

@@ -225,12 +225,12 @@ def measured(both: Sequence[ExpectedEdges], eyes: Eyes, *, on_place: bool = Fals
         return [_nothing(edges) for edges in both]
     start, end = (np.concatenate([getattr(edges, name) for edges in both]) for name in ("start", "end"))
     exposures = [(view.exposure, count) for view, count in zip(eyes.views, counts, strict=True) if count]
-    own = [np.unique(edges.owner, return_counts=True)[1] for edges in both]
+    own = [(each := np.bincount(edges.owner))[each > 0] for edges in both]
     blurs = [view.blur_px for view in eyes.views]
     known = np.repeat([b for b in blurs if b], [len(o) for o in own]) if on_place and all(blurs) else None
     sides = fit_sides(exposures, start, end, np.concatenate(own), known)
-    found = []
-    for edges, which in zip(both, np.split(np.arange(len(start)), counts[:1]), strict=True):
+    found, every = [], np.arange(len(start))
+    for edges, which in zip(both, (every[: counts[0]], every[counts[0] :]), strict=True):
         seen = sides.chosen(which)
         weight = np.asarray(np.linalg.inv(seen.covariance + edges.doubt_px[:, None, None] ** 2 * np.eye(2)))
         there = (seen.evidence > LEAST_EVIDENCE) & (seen.support > LEAST_SUPPORT)

@@ -75,6 +75,6 @@ def _in_view_px2(solid: Polyhedron, poses: Array, eyes: Eyes) -> Array:
     total = np.zeros(len(poses))
     for view in eyes.views:
         px = view.eye.camera.project(corners.reshape(-1, 3)).reshape(*corners.shape[:2], 2)
-        (x, y), (u, v) = np.moveaxis(px[:, here], 2, 0), np.moveaxis(px[:, after], 2, 0)
+        (x, y), (u, v) = (px[:, which].transpose(2, 0, 1) for which in (here, after))
         total += np.maximum(-np.add.reduceat(x * v - y * u, first, axis=1), 0.0).sum(1) / 2
     return total

@@ -148,7 +148,7 @@ def expected(laid: Placements, view: OneEye, poses: Array, wanted: Flags, tolera
     px, slope = corners_in(view.eye.camera, poses[laid.of_corner], laid.corners_mm)
     thick_px = np.append(laid.thickness(px), -np.inf)[laid.beside]
     facing = (thick_px >= THIN_PX[1]).sum(1)
-    clear = np.logical_not(np.any((thick_px > THIN_PX[0]) & (thick_px < THIN_PX[1]), axis=1))
+    clear = np.asarray(~((thick_px > THIN_PX[0]) & (thick_px < THIN_PX[1])).any(1))
     which = np.flatnonzero((facing > 0) & wanted[laid.owner])
     a, b = laid.ends[which].T
     first, last = _inside(px[a], px[b], view.grey.shape)
@@ -156,7 +156,7 @@ def expected(laid: Placements, view: OneEye, poses: Array, wanted: Flags, tolera
     which, a, b, first, last = which[keep], a[keep], b[keep], first[keep, None], last[keep, None]
     start, way = px[a], px[b] - px[a]
     normal = across(px[a], px[b])[:, None]
-    moves = np.stack([(normal @ slope[k])[:, 0] for k in (a, b)], 1)  # across the edge, of either corner
+    moves = (normal[:, None] @ slope[laid.ends[which]])[:, :, 0]  # across the edge, of either corner
     share = np.concatenate([first, last], 1)
     by_corner = np.stack([1 - share, share], 2)[..., None] * moves[:, None]
     owner, sharp = laid.owner[which], clear[which]

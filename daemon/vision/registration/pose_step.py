@@ -9,7 +9,7 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array
-from daemon.vision.geometry import Camera
+from daemon.vision.geometry import Camera, outward
 
 TUKEY = 5.6
 """So many sigmas off, an edge counts no more."""
@@ -43,9 +43,8 @@ def turned(poses: Array, turns: Array, points: Array) -> Array:
 
 def across(start: Array, end: Array) -> Array:
     """(E, 2) unit vectors across edges start -> end, (E, 2) each."""
-    chord = end - start
-    length = np.maximum(np.hypot(chord[:, 0], chord[:, 1]), 1e-6)
-    return np.asarray(np.stack([chord[:, 1], -chord[:, 0]], 1) / length[:, None])
+    chord = start - end
+    return outward(chord, np.maximum(np.hypot(chord[:, 0], chord[:, 1]), 1e-6))
 
 
 def off_places(start: Array, end: Array, found_start: Array, found_end: Array) -> Array:

@@ -10,13 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.arrays import Array, Flags
-from daemon.vision.image import Eyes, stretch_slopes
+from daemon.arrays import Array, Flags, Index
+from daemon.vision.image import Eyes, ranks, stretch_slopes
 from daemon.vision.registration.expected_edges import ExpectedEdges, Placements, expected
 from daemon.vision.registration.pose_step import moved
 
@@ -135,30 +135,33 @@ def _moved(laid: Placements, eyes: Eyes, poses: Array, tolerance_mm: float, roun
         sigmas.append(np.abs(slopes).reshape(-1, 2 * REACH_PX + 1))
         owner.append(np.repeat(edges.owner, stretches))
         weight.append(np.repeat(edges.lengths_px * edges.sharp / (15.0 * stretches), stretches))
-    row, size, own, each = (np.concatenate(x) for x in (rows, sigmas, owner, weight))
-    order = np.argsort(own, kind="stable")
-    row, size, own, each = row[order], size[order], own[order], each[order]
-    present = np.unique(own)
-    begins = np.searchsorted(own, present)
-    if not len(present):
+    own = np.concatenate(owner)
+    if not len(own):
         return poses
+    place = own, ranks(own)  # side by side, what has fewer stretches filled up with some that weigh nothing
+    row, size, each = (_side_by_side(np.concatenate(one), place, count) for one in (rows, sigmas, weight))
     prior = np.diag([PRIOR_MM**-2.0] * 3 + [PRIOR_RAD**-2.0] * 3)
-    motion = np.zeros((count, 6))
     offsets = np.arange(-REACH_PX, REACH_PX + 1, dtype=np.float32)
-    size = np.where(size >= LEAST_SIGMAS, np.sqrt(size), 0.0)
-    far = np.arange(len(row))
+    size = np.where(size >= LEAST_SIGMAS, np.sqrt(size), np.float32(0))
+    motion, here = np.zeros((count, 6)), np.zeros(each.shape)
     for near in rounds_px:
-        here = (row * motion[own]).sum(1)
-        likely = size * np.exp(-0.5 * ((offsets - here[:, None].astype(np.float32)) / near) ** 2)
-        best = np.clip(likely.argmax(1), 1, len(offsets) - 2)
-        low, top, high = (size[far, best + k] for k in (-1, 0, 1))
+        likely = size * np.exp(-0.5 * ((offsets - here[..., None].astype(np.float32)) / near) ** 2)
+        best = likely.argmax(2).clip(1, len(offsets) - 2)
+        low, top, high = np.take_along_axis(size, best[..., None] + np.arange(-1, 2), 2).transpose(2, 0, 1)
         bend = low - 2 * top + high
-        found = offsets[best] + np.where(bend < -1e-6, 0.5 * (low - high) / np.minimum(bend, -1e-6), 0.0).clip(-1, 1)
+        between = np.where(bend < -1e-6, 0.5 * (low - high) / np.minimum(bend, -1e-6), 0.0)
+        found = offsets[best] + between.clip(-1, 1)
         for _ in range(2):
-            off = found - (row * motion[own]).sum(1)
+            off = found - here
             trust = each * (top > 0) * np.maximum(1 - (off / (PULLED * near)) ** 2, 0.0) ** 2
-            pull = row * trust[:, None]
-            normal = np.add.reduceat(pull[:, :, None] * row[:, None, :], begins) + prior
-            towards = np.add.reduceat(pull * found[:, None], begins)
-            motion[present] = np.linalg.solve(normal, towards[..., None])[..., 0]
-    return moved(poses, motion)
+            pull = (row * trust[..., None]).swapaxes(1, 2)
+            motion = np.linalg.solve(pull @ row + prior, pull @ found[..., None])
+            here = (row @ motion)[..., 0]
+    return moved(poses, motion[..., 0])
+
+
+def _side_by_side(values: NDArray[Any], place: tuple[Index, Index], count: int) -> NDArray[Any]:
+    """(P, M, ...) values (N, ...), each at the place (N,), (N,) of its own; nought where there is none."""
+    found = np.zeros((count, place[1].max() + 1, *values.shape[1:]), values.dtype)
+    found[place] = values
+    return found

@@ -196,6 +196,6 @@ def test_a_map_is_as_large_as_its_segments_and_empty_at_its_rim() -> None:
     assert seen.hit[0].size < 0.5 * eyes.left.grey.size / 4
     assert not seen.hit[:, [0, -1]].any()
     assert not seen.hit[:, :, [0, -1]].any()
-    x = np.array([[-50.0, ends[0, 0], 2000.0]], np.float32)
-    y = np.array([[ends[0, 1], -50.0, 2000.0]], np.float32)
+    x = np.array([[-50.0], [ends[0, 0]], [2000.0]], np.float32)
+    y = np.array([[ends[0, 1]], [-50.0], [2000.0]], np.float32)
     assert not seen.hits(np.array([[1.0, 0.0]], np.float32), x, y)[0].any()
