@@ -66,7 +66,7 @@ RELOAD_S = 1.0
 """Between two reloads that hang-ups (SIGHUP) ask for."""
 HALT_S = 8.4
 """What the arm's stop may take of the time that systemd gives the end (TimeoutStopSec): the alarm where no rest is seen
-(arm/supervisor.py, ABORT_S), and more tries after it. What comes after it takes at most 1.5 s."""
+(arm/stopping.py, ABORT_S), and more tries after it. What comes after it takes at most 1.5 s."""
 
 
 class Service:

@@ -6,10 +6,12 @@ Nothing here knows what a pick is; whoever wants the arm moved comes through thi
 from daemon.arm.body import ARM, Capsule, ball_of, body_like, capsule_around
 from daemon.arm.guard import Limits, Point
 from daemon.arm.mover import Arrival, Mover, MoveRefusedError, NotSentError, OutOfReachError
+from daemon.arm.operators import Interruption, Let, OperatorRefusedError, RefusedError, said
 from daemon.arm.route import PATH_MM
 from daemon.arm.settling import NotSettledError, SettledPair, Settling, settled_pair
 from daemon.arm.speed import speed_pct
-from daemon.arm.supervisor import ABORT_S, Interruption, Let, OperatorRefusedError, RefusedError, Supervisor, said
+from daemon.arm.stopping import ABORT_S
+from daemon.arm.supervisor import Supervisor
 from daemon.arm.workcell import (
     EYES,
     EyeName,

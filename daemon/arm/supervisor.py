@@ -8,81 +8,21 @@ anything reported. Who hears of it may fail: the stop does not.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable, Coroutine, Iterator
-from contextlib import contextmanager
-from contextvars import ContextVar, copy_context
-from dataclasses import dataclass
-from enum import StrEnum
-from math import inf
+from collections.abc import Awaitable, Callable, Coroutine
+from contextvars import copy_context
 from typing import Any, TypeVar
 
 from daemon.arm.guard import Limits
+from daemon.arm.hold import Hold
 from daemon.arm.mover import Arrival, Mover, NotSentError
-from daemon.arm.workcell import HeldBackError, StopRefusedError, Workcell
+from daemon.arm.operators import SAID, Interruption, Let, RefusedError
+from daemon.arm.stopping import UNCONFIRMED, Stopping
+from daemon.arm.workcell import HeldBackError, Workcell
 
 T = TypeVar("T")
-ABORT_S = 4.0
-"""How long it may take until the arm was seen at rest before the operator is sent to the emergency stop."""
-AGAIN_S = 0.5
-"""Between two rounds of telling the arm to stop (each types the word several times)."""
 AT_REST_S = 2.0
 """How long an arm that is at rest takes to show it."""
-UNCONFIRMED, THEN = "NOT CONFIRMED", "; then "
-
-
-_SAID: ContextVar[tuple[str, int] | None] = ContextVar("said", default=None)
-"""The word that is being done, and how often the arm had been stopped when it was said."""
-
-
-@contextmanager
-def said(word: str, stops: int) -> Iterator[None]:
-    """What is done herein is done for an operator's word, said when the arm had been stopped so often: once it was
-    stopped again, however much later, that word begins nothing that moves."""
-    before = _SAID.set((word, stops))
-    try:
-        yield
-    finally:
-        _SAID.reset(before)
-
-
-class Interruption(StrEnum):
-    """What comes over a job from outside."""
-
-    PAUSE = "pause"
-    RESUME = "resume"
-    STOP = "stop"
-    ABORT = "abort"
-    ERROR = "error"
-
-
-class Let(StrEnum):
-    """What an operator lets the arm do."""
-
-    NOTHING = "nothing"
-    BY_HAND = "by hand"
-    """Only what an operator tells the controller himself: no guard knows how this cell stands."""
-    ALL = "all"
-
-
-class RefusedError(NotSentError):
-    """Not done now; the message says why and what to do."""
-
-
-class OperatorRefusedError(NotSentError):
-    """In step mode the operator said no to a move."""
-
-
-async def _nothing_to_see() -> None:
-    return None
-
-
-@dataclass(frozen=True, eq=False)
-class _Pending:
-    """What waits for a yes; since_s: the loop's time as it began to wait."""
-
-    text: str
-    answer: asyncio.Future[bool]
-    since_s: float
+THEN = "; then "
 
 
 class Supervisor:
@@ -94,7 +34,9 @@ class Supervisor:
     def __init__(
         self, cell: Workcell, limits: Limits, arrival: Arrival, interrupted: Callable[[Interruption], None]
     ) -> None:
-        self.mover = Mover(cell, limits, arrival, self, self._hold)
+        self.hold = Hold(interrupted)
+        """Pause, step mode, and the move that waits for a yes."""
+        self.mover = Mover(cell, limits, arrival, self, self.hold.wait)
         cell.robot.held = self._held_back
         self.fault: str | None = None
         """What stands until resume."""
@@ -104,23 +46,14 @@ class Supervisor:
         self._task: asyncio.Task[Any] | None = None
         self._doing = self._why = ""
         self._ending = 0
-        self._telling: asyncio.Task[None] | None = None
-        self._alarm: asyncio.Future[str] | None = None
+        self._stopping = Stopping(lambda: self.mover.cell.robot, self._alarmed)
         self._asking: asyncio.Future[bool] | None = None
         """Whether it rests, while it is being asked."""
         self._told: set[str] = set()
         """The faults told of in the present stop: whoever joins in with the same one need not tell it again."""
         self.stops = 0
         """How often the arm was stopped or disabled: what was asked for before the last of them is void."""
-        self.pauses = 0
-        """How often moves were told to be held: what was to let them go before the last of them does not."""
-        self._holds = self._let_go_at = 0
-        """How often the next move was told to wait (pause, step), and how often as the last one was let go."""
         self._closed = False
-        self._going = asyncio.Event()
-        self._going.set()
-        self._step = False
-        self._pending: _Pending | None = None
 
     @property
     def busy(self) -> bool:
@@ -130,7 +63,7 @@ class Supervisor:
     @property
     def stopping(self) -> bool:
         """Whether a stop is under way: until the arm was seen at rest and the job has ended."""
-        return self._ending > 0 or self._being_told
+        return self._ending > 0 or self._stopping.under_way
 
     @property
     def enabled(self) -> bool:
@@ -154,24 +87,9 @@ class Supervisor:
         return self._let is not Let.NOTHING
 
     @property
-    def paused(self) -> bool:
-        """Whether moves are held."""
-        return not self._going.is_set()
-
-    @property
     def hindrance(self) -> str | None:
         """The fault that stands, or the stop that is under way: nothing moves."""
         return self.fault or (f"being stopped ({self._why})" if self.stopping else None)
-
-    @property
-    def _alarmed(self) -> bool:
-        """Whether the stop under way was not confirmed in time, or was refused."""
-        return self._being_told and self._alarm is not None and self._alarm.done()
-
-    @property
-    def _being_told(self) -> bool:
-        """Whether the arm is being told to stop."""
-        return self._telling is not None and not self._telling.done()
 
     async def at_rest(self) -> bool:
         """Whether nothing moves, by the arm's own word, and nothing that may move it began while it was asked. Who asks
@@ -188,11 +106,6 @@ class Supervisor:
             return False
         return rests and not (self.busy or self.stopping)
 
-    @property
-    def pending_s(self) -> float:
-        """For how long the move has waited that waits for confirm or refuse; endless where none does."""
-        return inf if self._pending is None else asyncio.get_running_loop().time() - self._pending.since_s
-
     def status(self) -> dict[str, object]:
         """How things stand, JSON values only. pending: the move, in words, that waits for confirm or refuse."""
         return {
@@ -201,10 +114,10 @@ class Supervisor:
             "stopping": self.stopping,
             "enabled": self.enabled,
             "by_hand_only": self.by_hand_only,
-            "paused": self.paused,
-            "step": self._step,
+            "paused": self.hold.paused,
+            "step": self.hold.stepping,
             "dry": self.mover.dry,
-            "pending": None if self._pending is None else self._pending.text,
+            "pending": self.hold.pending,
         }
 
     # What may be.
@@ -239,12 +152,6 @@ class Supervisor:
         self.stops += 1
         self.mover.forget()
 
-    def pause(self) -> None:
-        """Hold before the next move of arm or hand."""
-        self.pauses += 1
-        self._holds += 1
-        self._going.clear()
-
     def resume(self, stops: int | None = None, pauses: int | None = None) -> None:
         """Go on after pause; clear a fault (what was going on does not go on). stops, pauses: as many as there had been
         when it was decided; a later one stands. Raises RefusedError."""
@@ -254,21 +161,7 @@ class Supervisor:
             self.fault = None
             self.mover.forget()
             self._tell(lambda: self._interrupted(Interruption.RESUME))
-        if pauses in (None, self.pauses):
-            self._going.set()
-
-    def step(self, on: bool) -> None:
-        """One confirmed move at a time, or not. One that waits goes on waiting: somebody may be asked about it."""
-        self._holds += on and not self._step
-        self._step = on
-
-    def confirm(self) -> None:
-        """Yes to the pending move."""
-        self._answer(True)
-
-    def refuse(self) -> None:
-        """No to the pending move: the job is given up."""
-        self._answer(False)
+        self.hold.let_go(pauses)
 
     def dry(self, on: bool) -> None:
         """Everything but the bytes, or not."""
@@ -316,7 +209,7 @@ class Supervisor:
             work.close()
             raise
         own = copy_context()
-        own.run(_SAID.set, None)  # what a job leaves to be done after it is nobody's word
+        own.run(SAID.set, None)  # what a job leaves to be done after it is nobody's word
         task: asyncio.Task[T] = asyncio.create_task(self._watched(work, moves), name=f"arm: {doing}", context=own)
         self._doing, self._task = doing, task
         task.add_done_callback(self._done)
@@ -340,7 +233,7 @@ class Supervisor:
         """
 
         async def held() -> T:
-            await self._hold(doing, ask=ask)
+            await self.hold.wait(doing, ask=ask)
             self.may_move_by_hand()
             try:
                 return await work()
@@ -383,8 +276,7 @@ class Supervisor:
 
     async def rested(self) -> None:
         """Wait until a stop that is under way has ended, however long."""
-        if self._telling is not None:
-            await asyncio.wait({self._telling})
+        await self._stopping.over()
 
     def latch(self, fault: str) -> None:
         """A fault stands from now on; nothing is told to the arm."""
@@ -392,14 +284,15 @@ class Supervisor:
 
     async def stop_arm(self, event: Interruption, why: str, fault: str | None) -> str | None:
         """The arm first, then the report. fault: what stands from now on, if anything. Gives what `stop` does."""
-        if fault is not None and not self._alarmed:
+        if fault is not None and not self._stopping.alarm:
             self.latch(_on_top_of(self.fault, fault))
         if not self._stop_as_then:
             self._let = Let.NOTHING
         self._why = why
         self.mover.forget()
         self.stops += 1
-        self._tell_to_stop()
+        if self._stopping.tell(self.fault or why):
+            self._told.clear()
         # Whoever waits may be ended by the next stop: what is to be known of this one is told all the same.
         return await asyncio.shield(asyncio.create_task(self._brought_to_rest(event, fault), name="report a stop"))
 
@@ -417,53 +310,19 @@ class Supervisor:
             self._ending -= 1
         return alarm
 
-    def _tell_to_stop(self) -> None:
-        """Begin to, or join in."""
-        if not self._being_told:
-            self._told.clear()
-            self._alarm = asyncio.get_running_loop().create_future()
-            self._telling = asyncio.create_task(self._tell_until_at_rest(self._alarm), name="stop")
-
     async def _brought_to_rest(self, event: Interruption, fault: str | None) -> str | None:
         """Comes back when the arm was seen at rest, and that was reported, or else with the alarm."""
-        assert self._telling is not None
-        assert self._alarm is not None
-        either: set[asyncio.Future[Any]] = {self._telling, self._alarm}
-        await asyncio.wait(either, return_when=asyncio.FIRST_COMPLETED)
-        if not self._alarm.done() and self._telling.cancelled():
-            self._sound(self._alarm, "the daemon has ended")
-        if self._alarm.done():
-            return self._alarm.result()
-        self._report(event, fault)
-        return None
+        alarm = await self._stopping.outcome()
+        if alarm is None:
+            self._report(event, fault)
+        return alarm
 
-    async def _tell_until_at_rest(self, alarm: asyncio.Future[str]) -> None:
-        """However long it takes. The alarm sounds at once where the controller refuses, and after ABORT_S."""
-        problem = "no answer"
-        late = asyncio.get_running_loop().call_later(ABORT_S, lambda: self._sound(alarm, problem))
-        try:
-            while True:
-                try:
-                    await self.mover.cell.robot.abort()
-                    break
-                except StopRefusedError as refused:
-                    self._sound(alarm, str(refused))
-                except Exception as error:
-                    problem = str(error) or type(error).__name__
-                await asyncio.sleep(AGAIN_S)
-        finally:
-            late.cancel()
-        if alarm.done():
+    def _alarmed(self, text: str | None) -> None:
+        if text is None:
             self._tell(lambda: self.mover.cell.log.record("rest", text="the arm was seen at rest at last"))
-
-    def _sound(self, alarm: asyncio.Future[str], problem: str) -> None:
-        """The last resort, once."""
-        if alarm.done():
-            return
-        text = f"{self.fault or self._why}; {UNCONFIRMED}: {problem}: press the emergency stop"
-        alarm.set_result(f"{text}; the arm goes on being told to stop")
-        self.latch(text)
-        self._report(Interruption.ERROR, text)
+        else:
+            self.latch(text)
+            self._report(Interruption.ERROR, text)
 
     def _report(self, event: Interruption, fault: str | None) -> None:
         if fault is not None and fault not in self._told:
@@ -492,14 +351,15 @@ class Supervisor:
             raise
 
     def _done(self, task: asyncio.Task[Any]) -> None:
-        self._task, self._doing, self._pending = None, "", None
+        self._task, self._doing = None, ""
+        self.hold.forget()
         if not task.cancelled():
             task.exception()  # whoever awaits the job hears of it; nobody has to
 
     def not_while_stopping(self, word: str, busy: bool = False) -> None:
         """Raise RefusedError where a stop is under way: this word is not heard then."""
         if self.stopping or busy:
-            doubt = f" ({self.fault})" if self._alarmed else ""
+            doubt = f" ({self.fault})" if self._stopping.alarm else ""
             raise RefusedError(f"the arm is still being stopped{doubt}; say `{word}` once more when it is at rest")
 
     def not_after(self, stops: int | None, word: str) -> None:
@@ -512,7 +372,7 @@ class Supervisor:
     def _may_begin(self, moves: bool) -> None:
         if self._task is not None or (moves and self.stopping):
             raise RefusedError(f"busy: {self._doing or self.hindrance}")
-        word, stops = _SAID.get() or ("", None)
+        word, stops = SAID.get() or ("", None)
         if moves:
             self.not_after(stops, word)
 
@@ -522,45 +382,10 @@ class Supervisor:
         if self._task is not None and self._task is not asyncio.current_task():
             raise RefusedError(f"busy: {self._doing}; {what} in between")
 
-    # Before a move.
-
-    async def _hold(
-        self, text: str, seen: Callable[[], Awaitable[object]] = _nothing_to_see, ask: bool = False
-    ) -> None:
-        """Wait out a pause, also one that began while it was asked, or while it was seen how things stand by then; ask
-        in step mode (or where told to). text: what is to be done."""
-        agreed = False
-        while self.paused or ((self._step or ask) and not agreed):
-            if self.paused:
-                self._interrupted(Interruption.PAUSE)
-                await self._going.wait()
-                self._interrupted(Interruption.RESUME)
-            else:
-                await self._agreed(text)
-                agreed = True
-            await seen()
-        self._let_go_at = self._holds
-
     def _held_back(self) -> bool:
-        """Whether what was let go is held back after all. Asked before its last byte leaves: on a bad line it takes
-        seconds until that is so, and whoever is told in them that the next move waits means this one."""
+        """Whether what was let go is held back after all: asked before its last byte leaves."""
         may_move = self.enabled or self.by_hand_only
-        return self._holds != self._let_go_at or self.hindrance is not None or not may_move
-
-    async def _agreed(self, text: str) -> None:
-        """Wait for a yes. Raises OperatorRefusedError on a no."""
-        loop = asyncio.get_running_loop()
-        self._pending = _Pending(text, loop.create_future(), loop.time())
-        try:
-            if not await self._pending.answer:
-                raise OperatorRefusedError(f"the operator refused: {text}")
-        finally:
-            self._pending = None
-
-    def _answer(self, yes: bool) -> None:
-        if self._pending is None or self._pending.answer.done():
-            raise RefusedError("no move waits for an answer")
-        self._pending.answer.set_result(yes)
+        return self.hold.again or self.hindrance is not None or not may_move
 
 
 def _on_top_of(standing: str | None, fault: str) -> str:

@@ -91,7 +91,7 @@ def _progress(state: dict[str, Any]) -> str:
 def not_too_soon(context: CommandContext) -> None:
     """Raise CommandError where a `confirm` was typed for the move before the one that waits: of two operators who say
     yes to one move, the slower would send the next."""
-    if context.cycle.supervisor.pending_s < READ_S:
+    if context.cycle.supervisor.hold.pending_s < READ_S:
         pending = context.cycle.status()["pending"]
         raise CommandError(f"not sent, as it has only just come up: {pending}; `confirm` sends it")
 
@@ -101,9 +101,9 @@ def decide(context: CommandContext, yes: bool) -> Answer:
     if context.cycle.status()["pending"] is None:
         raise CommandError("no move waits for an answer")
     if yes:
-        context.cycle.supervisor.confirm()
+        context.cycle.supervisor.hold.confirm()
     else:
-        context.cycle.supervisor.refuse()
+        context.cycle.supervisor.hold.refuse()
     if yes and context.cycle.status()["paused"]:
         return Answer("Agreed to, and not sent yet: moves are held; `resume` lets them go.")
     return Answer("Agreed to." if yes else "Not sent; the job is given up.")

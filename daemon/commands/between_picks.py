@@ -66,7 +66,7 @@ class BetweenPicks:
                 return
             await context.look_with(*left)
             pick_order = context.cycle.pick_order
-            if pick_order is None or supervisor.paused:
+            if pick_order is None or supervisor.hold.paused:
                 return
             supervisor.resume(stops)
             await context.begin_auto(pick_order.count, pick_order.every_s)

@@ -187,7 +187,7 @@ class Typist:
             supervisor.may_move_by_hand()
         except FacetdError as refused:
             return f"the arm may not move now: {refused}"
-        return "moves are held: say `resume`" if supervisor.paused else None
+        return "moves are held: say `resume`" if supervisor.hold.paused else None
 
     def _keep_back(self, text: str, why: str, send: Callable[[bytes], None]) -> None:
         send(SPOIL)

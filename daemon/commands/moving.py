@@ -104,7 +104,7 @@ async def resume(context: CommandContext, words: list[str], door: Door) -> Answe
     Not heard while a stop is under way: until the arm was seen at rest. Does not enable the arm.
     """
     supervisor = context.cycle.supervisor
-    before, stops, pauses = context.cycle.status(), supervisor.stops, supervisor.pauses
+    before, stops, pauses = context.cycle.status(), supervisor.stops, supervisor.hold.pauses
     if before["fault"] is None:
         supervisor.resume()
         return Answer("Going on." if before["paused"] else "Nothing to resume: no fault stands, nothing is paused.")
@@ -138,13 +138,13 @@ async def resume(context: CommandContext, words: list[str], door: Door) -> Answe
         except RefusedError as refused:  # somebody else was faster; the fault is gone all the same, and is told so
             return Answer("\n".join([*lines, f"{left}, and does not go on: {refused}; then say `auto resume`."]))
         lines.append("Going on; `auto off` ends it after a part.")
-        return Answer("\n".join([*lines, HELD] if supervisor.paused else lines))
+        return Answer("\n".join([*lines, HELD] if supervisor.hold.paused else lines))
     supervisor.resume(stops, pauses)
     if not known:
         lines.append("Is a part in the gripper? Say `holding yes` or `holding no` before the next pick.")
     if not context.cycle.status()["enabled"]:
         lines.append("The arm does not move until `enable`; then `pick` or `auto on` go on.")
-    if supervisor.paused:
+    if supervisor.hold.paused:
         lines.append(HELD)
     if pick_order is not None:
         lines.append(f"{cut_off(pick_order.count)}: `auto resume` takes it up, `auto off` gives it up.")
@@ -154,7 +154,7 @@ async def resume(context: CommandContext, words: list[str], door: Door) -> Answe
 @command("pause", "move", at_once=True)
 async def pause(context: CommandContext, words: list[str], _: Door) -> Answer:
     """Hold before the next move of arm or hand."""
-    context.cycle.supervisor.pause()
+    context.cycle.supervisor.hold.pause()
     return Answer("Holding before the next move; `resume` goes on.")
 
 
@@ -195,7 +195,7 @@ async def auto(context: CommandContext, words: list[str], door: Door) -> Answer:
         what = "until the table is empty" if count is None else f"at most {plural(count, 'part')}"
         what += "" if every_s is None else f", looking again every {every_s:g} s when it is empty"
         told = f"Picking, {what}; `auto off` ends it after a part, `status` tells how far it is."
-        return Answer(f"{told}\n{HELD}" if context.cycle.supervisor.paused else told)
+        return Answer(f"{told}\n{HELD}" if context.cycle.supervisor.hold.paused else told)
     no_more(words, 1, AUTO_USAGE)
     if word == "off":
         was_on, left = context.cycle.status()["auto"], context.cycle.pick_order is not None
@@ -267,7 +267,7 @@ async def step(context: CommandContext, words: list[str], _: Door) -> Answer:
     on = _on_or_off(words, step.usage)
     if on is None:
         return _how_it_is("step", bool(context.cycle.status()["step"]))
-    context.cycle.supervisor.step(on)
+    context.cycle.supervisor.hold.step(on)
     if on:
         return Answer("Every move is shown and waits for `confirm` or `refuse`.")
     pending = context.cycle.status()["pending"]

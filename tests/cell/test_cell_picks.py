@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import yaml
 
-from daemon.arm.supervisor import RefusedError
+from daemon.arm.operators import RefusedError
 from daemon.jobs.demo import PARTS
 from daemon.pick import take
 from daemon.store import places

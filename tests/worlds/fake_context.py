@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from daemon.arm.supervisor import Let, RefusedError
+from daemon.arm.operators import Let, RefusedError
 from daemon.arm.workcell import StopRefusedError
 from daemon.console.notices import Notices
 from daemon.pick.order import PickOrder
@@ -43,6 +43,11 @@ class FakeCycle:
     @property
     def supervisor(self) -> FakeCycle:
         """Who has the arm: told the same."""
+        return self
+
+    @property
+    def hold(self) -> FakeCycle:
+        """What holds its moves: told the same."""
         return self
 
     def status(self) -> dict[str, Any]:

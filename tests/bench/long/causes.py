@@ -61,12 +61,12 @@ def _abort(here: Rig) -> None:
 
 def _refuse(here: Rig) -> None:
     supervisor = here.cycle.supervisor
-    supervisor.step(True)
+    supervisor.hold.step(True)
 
     async def no() -> None:
         while supervisor.status()["pending"] is None:
             await asyncio.sleep(0.01)
-        supervisor.refuse()
+        supervisor.hold.refuse()
 
     here.later = asyncio.get_running_loop().create_task(no())  # type: ignore[attr-defined]
 

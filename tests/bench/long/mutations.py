@@ -49,7 +49,8 @@ import yaml
 FORK = multiprocessing.get_context("fork")
 ROOT = Path(__file__).resolve().parents[3]
 FILES = (
-    *(f"daemon/arm/{name}.py" for name in ("guard", "mover", "supervisor", "sweep", "route", "body")),
+    *(f"daemon/arm/{name}.py" for name in (
+        "guard", "mover", "supervisor", "stopping", "hold", "sweep", "route", "body")),
     *(f"drivers/val2/{name}.py" for name in ("link", "wire", "session", "conversation")),
     *(f"daemon/store/{name}.py" for name in (
         "outside", "standing", "records", "runs", "runlog", "files", "npz", "pictures", "model_store", "yamlfile")),

@@ -9,7 +9,9 @@ import pytest
 from daemon import frames
 from daemon.arm.guard import Command, Limits
 from daemon.arm.mover import Arrival, MoveRefusedError, NotThereError
-from daemon.arm.supervisor import ABORT_S, Interruption, Let, OperatorRefusedError, RefusedError, Supervisor, said
+from daemon.arm.operators import Interruption, Let, OperatorRefusedError, RefusedError, said
+from daemon.arm.stopping import ABORT_S
+from daemon.arm.supervisor import Supervisor
 from daemon.arm.workcell import StopRefusedError
 from tests.worlds.fake_cell import HEAD_DOWN, World, build
 from tests.worlds.in_time import lived
@@ -205,7 +207,7 @@ def test_a_pause_is_told_when_a_move_meets_it_and_its_end_when_it_goes_on():
     world, supervisor, heard = supervised()
 
     async def story() -> None:
-        supervisor.pause()
+        supervisor.hold.pause()
         assert not heard
         task = asyncio.create_task(supervisor.run("travel", travelling(supervisor)))
         while not heard:
@@ -226,13 +228,13 @@ def test_a_no_to_a_pending_move_leaves_it_unsent_and_no_fault():
     world, supervisor, _ = supervised()
 
     async def story() -> None:
-        supervisor.step(True)
+        supervisor.hold.step(True)
         with pytest.raises(RefusedError, match="no move waits"):
-            supervisor.confirm()
+            supervisor.hold.confirm()
         task = asyncio.create_task(supervisor.run("travel", travelling(supervisor)))
         while supervisor.status()["pending"] is None:
             await asyncio.sleep(0)
-        supervisor.refuse()
+        supervisor.hold.refuse()
         with pytest.raises(OperatorRefusedError, match="to and fro: joints to"):
             await task
 
@@ -245,16 +247,16 @@ def test_neither_step_on_nor_step_off_is_a_yes_to_the_move_that_waits():
     world, supervisor, _ = supervised()
 
     async def story() -> None:
-        supervisor.step(True)
+        supervisor.hold.step(True)
         task = asyncio.create_task(supervisor.run("travel", travelling(supervisor)))
         while supervisor.status()["pending"] is None:
             await asyncio.sleep(0)
         for on in (True, False):
-            supervisor.step(on)
+            supervisor.hold.step(on)
             for _ in range(20):
                 await asyncio.sleep(0)
             assert not world.wire
-        supervisor.confirm()
+        supervisor.hold.confirm()
         while not world.wire:
             await asyncio.sleep(0)
         await supervisor.abort()
@@ -269,11 +271,11 @@ def test_a_pause_holds_also_the_move_that_waited_for_a_yes_when_it_was_said():
     world, supervisor, heard = supervised()
 
     async def story() -> None:
-        supervisor.step(True)
+        supervisor.hold.step(True)
         task = asyncio.create_task(supervisor.run("travel", travelling(supervisor)))
         await eventually(lambda: supervisor.status()["pending"] is not None)
-        supervisor.pause()
-        supervisor.confirm()
+        supervisor.hold.pause()
+        supervisor.hold.confirm()
         await eventually(lambda: bool(heard))
         assert (world.wire, supervisor.status()["pending"]) == ([], None)
         supervisor.resume()
@@ -316,13 +318,13 @@ def test_a_word_from_before_a_stop_begins_nothing_that_moves_and_what_a_job_leav
 def test_what_was_held_after_a_resume_was_decided_on_stays_held_and_the_fault_goes_all_the_same():
     _, supervisor, _ = supervised()
     supervisor.latch("stopped by bob")
-    supervisor.pause()
-    decided = supervisor.pauses
-    supervisor.pause()
+    supervisor.hold.pause()
+    decided = supervisor.hold.pauses
+    supervisor.hold.pause()
     supervisor.resume(None, decided)
-    assert (supervisor.fault, supervisor.paused) == (None, True)
-    supervisor.resume(None, supervisor.pauses)
-    assert not supervisor.paused
+    assert (supervisor.fault, supervisor.hold.paused) == (None, True)
+    supervisor.resume(None, supervisor.hold.pauses)
+    assert not supervisor.hold.paused
 
 
 def test_what_is_to_hold_for_all_of_a_job_is_changed_between_jobs_alone():
@@ -351,7 +353,7 @@ def test_what_an_operator_tells_the_controller_himself_is_refused_where_the_arm_
     if way == "fault":
         supervisor.latch("stopped")
     supervisor.dry(way == "dry")
-    supervisor.step(True)
+    supervisor.hold.step(True)
     with pytest.raises(RefusedError):
         asyncio.run(asyncio.wait_for(supervisor.by_hand("CAL", lambda: endless(world)), 1.0))
     assert world.wire == []
@@ -379,8 +381,8 @@ def test_what_an_operator_tells_the_controller_is_held_and_confirmed_like_a_move
     world, supervisor, _ = supervised()
 
     async def story() -> None:
-        supervisor.pause()
-        supervisor.step(True)
+        supervisor.hold.pause()
+        supervisor.hold.step(True)
         task = asyncio.create_task(supervisor.by_hand("CAL", lambda: endless(world)))
         await asyncio.sleep(0.01)
         supervisor.resume()
@@ -388,7 +390,7 @@ def test_what_an_operator_tells_the_controller_is_held_and_confirmed_like_a_move
             await asyncio.sleep(0)
         assert supervisor.status()["pending"] == "CAL"
         supervisor.mover.cell.robot.stop_seen = 0  # the line was opened anew
-        supervisor.confirm()
+        supervisor.hold.confirm()
         with pytest.raises(RefusedError, match="not enabled"):
             await task
 
@@ -437,16 +439,16 @@ def test_a_move_that_was_held_is_given_up_where_the_arm_was_moved_meanwhile(way)
 
     async def story() -> None:
         await mover.rest()
-        supervisor.step(way == "step")
+        supervisor.hold.step(way == "step")
         if way == "pause":
-            supervisor.pause()
+            supervisor.hold.pause()
         task = asyncio.create_task(supervisor.run("go", mover.go(Command(NEAR, False, 50.0, "a test"))))
         while not heard and supervisor.status()["pending"] is None:
             await asyncio.sleep(0)
         world.at = frames.perturb(HEAD_DOWN, np.array([-430.0, 0, 0, 0, 0, 0]))
         supervisor.resume()
         if way == "step":
-            supervisor.confirm()
+            supervisor.hold.confirm()
         with pytest.raises(NotThereError, match="somebody moved the arm"):
             await task
 
@@ -462,11 +464,11 @@ def test_a_pause_said_while_it_is_asked_where_the_arm_is_after_a_wait_holds_what
 
     async def story() -> None:
         await mover.rest()
-        supervisor.pause()
+        supervisor.hold.pause()
         what = mover.go(Command(NEAR, False, 50.0, "a test")) if work == "move" else mover.hand(closed=True)
         task = asyncio.create_task(supervisor.run("go", what))
         await asyncio.sleep(0.01)
-        world.before = lambda name: supervisor.pause() if name == "where" else None
+        world.before = lambda name: supervisor.hold.pause() if name == "where" else None
         supervisor.resume()
         await asyncio.sleep(0.05)
         assert world.wire == []
@@ -485,12 +487,12 @@ def test_in_a_dry_run_a_move_that_was_held_goes_on_from_where_the_arm_would_be()
     world.before = asked.append
 
     async def story() -> None:
-        supervisor.step(True)
+        supervisor.hold.step(True)
         task = asyncio.create_task(supervisor.run("travel", travelling(supervisor)))
         for _ in range(3):
             while supervisor.status()["pending"] is None:
                 await asyncio.sleep(0)
-            supervisor.confirm()
+            supervisor.hold.confirm()
             await asyncio.sleep(0)
         assert asked == ["where"], "before the first, and never again"
         await supervisor.abort()
@@ -591,8 +593,8 @@ async def eventually(so) -> None:
 @pytest.fixture
 def soon(monkeypatch: pytest.MonkeyPatch) -> None:
     """The alarm and the next round come at once."""
-    monkeypatch.setattr("daemon.arm.supervisor.ABORT_S", 0.05)
-    monkeypatch.setattr("daemon.arm.supervisor.AGAIN_S", 0.01)
+    monkeypatch.setattr("daemon.arm.stopping.ABORT_S", 0.05)
+    monkeypatch.setattr("daemon.arm.stopping.AGAIN_S", 0.01)
 
 
 def failing_aborts(world: World, error: Exception, count: int) -> list[str]:
@@ -650,7 +652,7 @@ def test_an_arm_that_is_not_seen_at_rest_is_told_to_stop_eight_times_before_the_
         began_s = asyncio.get_running_loop().time()
         await supervisor.stop()
         assert asyncio.get_running_loop().time() - began_s == pytest.approx(ABORT_S, abs=0.1)
-        supervisor._telling.cancel()
+        supervisor._stopping._telling.cancel()
 
     lived(story())
     assert 8 <= len(told) <= 9
@@ -811,10 +813,10 @@ def test_what_is_told_by_hand_waits_for_a_yes_of_its_own():
     async def story() -> None:
         task = asyncio.create_task(supervisor.by_hand("DO READY", lambda: endless(world), ask=True))
         await eventually(lambda: supervisor.status()["pending"] == "DO READY")
-        supervisor.step(False)  # moves no longer wait: this is none of them
+        supervisor.hold.step(False)  # moves no longer wait: this is none of them
         await asyncio.sleep(0.01)
         assert supervisor.status()["pending"] == "DO READY"
-        supervisor.refuse()
+        supervisor.hold.refuse()
         with pytest.raises(OperatorRefusedError):
             await task
 
@@ -945,10 +947,10 @@ def test_an_error_of_a_job_that_nobody_waits_for_any_more_is_nobodys_unhandled_e
 
 def test_it_is_paused_from_pause_to_resume():
     _, supervisor, _ = supervised()
-    said = [supervisor.paused]
-    for word in (supervisor.pause, supervisor.resume):
+    said = [supervisor.hold.paused]
+    for word in (supervisor.hold.pause, supervisor.resume):
         word()
-        said.append(supervisor.paused)
+        said.append(supervisor.hold.paused)
     assert said == [False, True, False]
 
 
@@ -992,8 +994,8 @@ def test_a_stop_whose_telling_was_ended_with_the_daemon_is_not_called_confirmed(
 
     async def story() -> None:
         stopping = asyncio.create_task(supervisor.stop("by ann"))
-        await eventually(lambda: supervisor._telling is not None)
-        supervisor._telling.cancel()
+        await eventually(lambda: supervisor._stopping._telling is not None)
+        supervisor._stopping._telling.cancel()
         assert "NOT CONFIRMED: the daemon has ended: press the emergency stop" in str(await stopping)
 
     asyncio.run(story())
@@ -1028,11 +1030,11 @@ def test_a_move_that_waits_for_a_yes_is_told_to_a_tenth_of_a_millimetre():
     target = frames.perturb(HEAD_DOWN, np.array([30.26, 0.04, -7.0, 0, 0, 0]))
 
     async def story() -> None:
-        supervisor.step(True)
+        supervisor.hold.step(True)
         task = asyncio.create_task(supervisor.run("travel", travel(target)))
         await eventually(lambda: supervisor.status()["pending"] is not None)
         assert supervisor.status()["pending"] == "there: joints to x 450.3 y 0 z 53 mm at 50 %"
-        supervisor.refuse()
+        supervisor.hold.refuse()
         with pytest.raises(OperatorRefusedError):
             await task
 
@@ -1224,7 +1226,7 @@ def test_a_stop_that_is_never_answered_at_all_sounds_the_alarm_with_that():
 
     async def story() -> str | None:
         alarm = await supervisor.stop("by hand")
-        supervisor._telling.cancel()
+        supervisor._stopping._telling.cancel()
         return alarm
 
     alarm = lived(story())
@@ -1251,7 +1253,7 @@ def test_why_a_stop_could_not_be_confirmed_is_told_with_the_alarm(error, told):
 
     async def story() -> str | None:
         alarm = await supervisor.stop("by hand")
-        supervisor._telling.cancel()
+        supervisor._stopping._telling.cancel()
         return alarm
 
     alarm = lived(story())
@@ -1310,10 +1312,10 @@ def test_what_a_job_that_is_ended_makes_of_its_end_is_no_fault(way):
     ("act", "held"),
     [
         (lambda s: None, False),
-        (lambda s: s.pause(), True),
-        (lambda s: (s.pause(), s.resume()), True),  # it is asked again, and goes then
-        (lambda s: s.step(True), True),
-        (lambda s: s.step(False), False),
+        (lambda s: s.hold.pause(), True),
+        (lambda s: (s.hold.pause(), s.resume()), True),  # it is asked again, and goes then
+        (lambda s: s.hold.step(True), True),
+        (lambda s: s.hold.step(False), False),
         (lambda s: s.latch("cameras: gone"), True),
         (lambda s: s.line_opened_anew(), True),
     ],
@@ -1329,7 +1331,7 @@ def test_what_the_gate_has_let_go_is_held_back_by_what_is_said_until_its_last_by
 
     async def story() -> None:
         await supervisor.mover.rest()
-        supervisor.pause()
+        supervisor.hold.pause()
         supervisor.resume()
         await supervisor.mover.go(Command(NEAR, True, 50.0, "over"))
 

@@ -13,7 +13,8 @@ import pytest
 from daemon import frames
 from daemon.arm.guard import Limits
 from daemon.arm.mover import Arrival
-from daemon.arm.supervisor import RefusedError, Supervisor
+from daemon.arm.operators import RefusedError
+from daemon.arm.supervisor import Supervisor
 from daemon.calibration.hand_eye import LEAST_TURN_DEG, diversity_deg
 from daemon.calibration.session import view_tour
 from daemon.calibration.tour import in_order, looks_at, spread_out

@@ -225,9 +225,9 @@ def test_auto_degrade_goes_on_by_itself_only_where_the_arm_may_move_and_nobody_s
             await here.cycle.supervisor.stop()
         if hindrance in ("paused", "auto off"):
             await asyncio.sleep(0)
-            here.cycle.supervisor.pause() if hindrance == "paused" else here.cycle.auto_off()
+            here.cycle.supervisor.hold.pause() if hindrance == "paused" else here.cycle.auto_off()
         await going
-        assert here.cycle.supervisor.paused is (hindrance == "paused")
+        assert here.cycle.supervisor.hold.paused is (hindrance == "paused")
         assert begun == ([] if hindrance else [(3, None)])
         assert (here.cycle.supervisor.fault is None) == (hindrance is None)
 

@@ -149,7 +149,7 @@ def test_a_line_that_may_move_the_arm_is_held_like_a_move_also_after_the_yes(mea
     typist = Typist(context, door)
     typist.typed(b"DO READY\r", sent.extend)
     if meanwhile == "pause":
-        supervisor.pause()
+        supervisor.hold.pause()
     elif meanwhile == "fault":
         supervisor.latch("stopped by bob")
     elif meanwhile == "line opened anew":
@@ -254,7 +254,7 @@ def test_the_yes_to_what_the_controller_asks_before_a_motion_is_held_by_a_pause(
     context = standing()
     typist, sent = asked_by_cal(context)
     if paused:
-        context.cycle.supervisor.pause()
+        context.cycle.supervisor.hold.pause()
     typist.typed(b"Y\r", sent.extend)
     assert bytes(sent) == b"CAL\r" + (SPOIL if paused else b"Y\r")
 
@@ -264,7 +264,7 @@ def test_of_a_yes_that_is_held_nothing_reaches_the_controller_that_begins_with_o
     """A Y that stood there was one, to a controller that knows no key to take it back, whatever spoiled it."""
     context = standing()
     typist, sent = asked_by_cal(context)
-    context.cycle.supervisor.pause()
+    context.cycle.supervisor.hold.pause()
     before = len(sent)
     typist.typed(line, sent.extend)
     assert not any(read.strip().startswith(("Y", "y")) for read in lines_read(bytes(sent[before:]), frozenset()))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from daemon import frames
-from daemon.arm.supervisor import RefusedError
+from daemon.arm.operators import RefusedError
 from daemon.pick import find
 from daemon.pick.settings import Settings
 from daemon.vision.values import Cause, Polygon, Recognition, Rejected

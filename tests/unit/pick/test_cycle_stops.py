@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from daemon.arm.mover import MoveRefusedError
-from daemon.arm.supervisor import OperatorRefusedError, RefusedError
+from daemon.arm.operators import OperatorRefusedError, RefusedError
 from daemon.pick.cycle import Cycle
 from tests.worlds.fake_cell import World, cycle_of, one_part
 
@@ -196,7 +196,7 @@ def test_pause_holds_before_the_next_move_and_resume_goes_on():
     async def story():
         task = asyncio.create_task(cycle.pick())
         await asyncio.sleep(0.02)
-        cycle.supervisor.pause()
+        cycle.supervisor.hold.pause()
         while cycle.state != "paused":
             await asyncio.sleep(0.001)
         sent = len(world.wire)
@@ -214,7 +214,7 @@ def test_stop_while_paused_is_heard():
     cycle = cycle_of(world)
 
     async def story():
-        cycle.supervisor.pause()
+        cycle.supervisor.hold.pause()
         task = asyncio.create_task(cycle.pick())
         while cycle.state != "paused":
             await asyncio.sleep(0.001)
@@ -230,7 +230,7 @@ def test_in_step_mode_each_move_is_told_and_waits_for_a_yes():
     cycle = cycle_of(world)
 
     async def story():
-        cycle.supervisor.step(True)
+        cycle.supervisor.hold.step(True)
         task = asyncio.create_task(cycle.pick())
         told = []
         while not task.done():
@@ -239,7 +239,7 @@ def test_in_step_mode_each_move_is_told_and_waits_for_a_yes():
             if pending is not None:
                 told.append(pending)
                 assert len(world.wire) == len(told) - 1
-                cycle.supervisor.confirm()
+                cycle.supervisor.hold.confirm()
                 await asyncio.sleep(0)
         return await task, told
 
@@ -256,11 +256,11 @@ def test_a_no_in_step_mode_gives_the_pick_up_before_the_move():
     cycle = cycle_of(world)
 
     async def story():
-        cycle.supervisor.step(True)
+        cycle.supervisor.hold.step(True)
         task = asyncio.create_task(cycle.pick())
         while cycle.status()["pending"] is None:
             await asyncio.sleep(0.001)
-        cycle.supervisor.refuse()
+        cycle.supervisor.hold.refuse()
         return await task
 
     assert asyncio.run(story()).outcome == "aborted"
@@ -272,11 +272,11 @@ def test_no_to_a_move_asked_for_by_hand_is_no_fault():
     cycle = cycle_of(world)
 
     async def story():
-        cycle.supervisor.step(True)
+        cycle.supervisor.hold.step(True)
         task = asyncio.create_task(cycle.go("home"))
         while cycle.status()["pending"] is None:
             await asyncio.sleep(0.001)
-        cycle.supervisor.refuse()
+        cycle.supervisor.hold.refuse()
         with pytest.raises(OperatorRefusedError):
             await task
 
@@ -557,7 +557,7 @@ def test_a_pause_on_the_way_to_the_part_or_to_the_bin_holds_the_hand_as_well(pur
     async def story():
         def pause(name):
             if name == "moving" and world.said("move")[-1]["purpose"] == purpose:
-                cycle.supervisor.pause()
+                cycle.supervisor.hold.pause()
 
         world.before = pause
         picking = asyncio.create_task(cycle.pick())
@@ -580,12 +580,12 @@ def test_in_step_mode_the_hand_waits_for_a_yes_and_a_no_leaves_it_and_what_is_kn
     cycle = cycle_of(world)
 
     async def story():
-        cycle.supervisor.step(True)
+        cycle.supervisor.hold.step(True)
         closing = asyncio.create_task(cycle.hand(closed=True))
         while cycle.status()["pending"] is None:
             await asyncio.sleep(0)
         assert (cycle.status()["pending"], world.wire) == ("close the hand", [])
-        cycle.supervisor.refuse()
+        cycle.supervisor.hold.refuse()
         with pytest.raises(OperatorRefusedError):
             await closing
 

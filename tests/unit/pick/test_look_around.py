@@ -7,7 +7,7 @@ import asyncio
 import numpy as np
 import pytest
 
-from daemon.arm.supervisor import OperatorRefusedError, RefusedError
+from daemon.arm.operators import OperatorRefusedError, RefusedError
 from daemon.pick.cycle import Cycle
 from daemon.pick.world import WorldModel
 from daemon.vision.values import Recognition
@@ -133,7 +133,7 @@ def test_a_pause_holds_it_before_its_next_move_until_resume() -> None:
     world, cycle = nameless()
 
     async def around() -> WorldModel:
-        cycle.supervisor.pause()
+        cycle.supervisor.hold.pause()
         work = asyncio.ensure_future(cycle.look_around(1))
         for _ in range(2000):
             await asyncio.sleep(0.001)
@@ -152,10 +152,10 @@ def test_step_by_step_a_move_that_is_refused_ends_it_and_is_not_sent() -> None:
     world, cycle = nameless()
 
     async def around() -> None:
-        cycle.supervisor.step(True)
+        cycle.supervisor.hold.step(True)
         work = asyncio.ensure_future(cycle.look_around(2))
         await asyncio.wait_for(_waiting(cycle, "pending"), 30.0)
-        cycle.supervisor.refuse()
+        cycle.supervisor.hold.refuse()
         with pytest.raises(OperatorRefusedError):
             await work
 

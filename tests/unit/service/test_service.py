@@ -20,7 +20,7 @@ from typing import Any
 import pytest
 import yaml
 
-from daemon.arm.supervisor import ABORT_S
+from daemon.arm.stopping import ABORT_S
 from daemon.cell import build as build_room
 from daemon.cell.no_arm import CellError
 from daemon.config import load_config

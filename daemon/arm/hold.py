@@ -1,0 +1,120 @@
+"""What holds the next move of arm or hand: a pause, and step mode, in which each waits for a yes.
+
+Whether anything may move at all is the supervisor's; here only, whether it waits.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+from math import inf
+
+from daemon.arm.operators import Interruption, OperatorRefusedError, RefusedError
+
+
+async def _nothing_to_see() -> None:
+    return None
+
+
+@dataclass(frozen=True, eq=False)
+class _Pending:
+    """What waits for a yes; since_s: the loop's time as it began to wait."""
+
+    text: str
+    answer: asyncio.Future[bool]
+    since_s: float
+
+
+class Hold:
+    """See the module. interrupted: told as a pause holds a job, and as it goes on."""
+
+    def __init__(self, interrupted: Callable[[Interruption], None]) -> None:
+        self._interrupted = interrupted
+        self.pauses = 0
+        """How often moves were told to be held: what was to let them go before the last of them does not."""
+        self.stepping = False
+        """Whether each move waits for a yes."""
+        self._holds = self._let_go_at = 0
+        """How often the next move was told to wait (pause, step), and how often as the last one was let go."""
+        self._going = asyncio.Event()
+        self._going.set()
+        self._pending: _Pending | None = None
+
+    @property
+    def paused(self) -> bool:
+        """Whether moves are held."""
+        return not self._going.is_set()
+
+    @property
+    def pending(self) -> str | None:
+        """The move, in words, that waits for confirm or refuse."""
+        return None if self._pending is None else self._pending.text
+
+    @property
+    def pending_s(self) -> float:
+        """For how long it has waited; endless where none does."""
+        return inf if self._pending is None else asyncio.get_running_loop().time() - self._pending.since_s
+
+    @property
+    def again(self) -> bool:
+        """Whether a move was told to wait since the last one was let go. On a bad line it takes seconds until its last
+        byte leaves, and whoever is told in them that the next move waits means this one."""
+        return self._holds != self._let_go_at
+
+    def pause(self) -> None:
+        """Hold before the next move of arm or hand."""
+        self.pauses += 1
+        self._holds += 1
+        self._going.clear()
+
+    def let_go(self, pauses: int | None = None) -> None:
+        """Go on after pause. pauses: as many as there had been when it was decided; a later one stands."""
+        if pauses in (None, self.pauses):
+            self._going.set()
+
+    def step(self, on: bool) -> None:
+        """One confirmed move at a time, or not. One that waits goes on waiting: somebody may be asked about it."""
+        self._holds += on and not self.stepping
+        self.stepping = on
+
+    def confirm(self) -> None:
+        """Yes to the pending move. Raises RefusedError where none waits."""
+        self._answer(True)
+
+    def refuse(self) -> None:
+        """No to the pending move: the job is given up. Raises RefusedError where none waits."""
+        self._answer(False)
+
+    def forget(self) -> None:
+        """Nothing waits any more: its job has ended."""
+        self._pending = None
+
+    async def wait(self, text: str, seen: Callable[[], Awaitable[object]] = _nothing_to_see, ask: bool = False) -> None:
+        """Wait out a pause, also one that began while it was asked, or while it was seen how things stand by then; ask
+        in step mode (or where told to). text: what is to be done. Raises OperatorRefusedError on a no."""
+        agreed = False
+        while self.paused or ((self.stepping or ask) and not agreed):
+            if self.paused:
+                self._interrupted(Interruption.PAUSE)
+                await self._going.wait()
+                self._interrupted(Interruption.RESUME)
+            else:
+                await self._agreed(text)
+                agreed = True
+            await seen()
+        self._let_go_at = self._holds
+
+    async def _agreed(self, text: str) -> None:
+        loop = asyncio.get_running_loop()
+        self._pending = _Pending(text, loop.create_future(), loop.time())
+        try:
+            if not await self._pending.answer:
+                raise OperatorRefusedError(f"the operator refused: {text}")
+        finally:
+            self._pending = None
+
+    def _answer(self, yes: bool) -> None:
+        if self._pending is None or self._pending.answer.done():
+            raise RefusedError("no move waits for an answer")
+        self._pending.answer.set_result(yes)

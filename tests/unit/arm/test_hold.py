@@ -1,0 +1,100 @@
+"""What holds the next move, by itself: a pause and step mode; with the arm behind it in test_supervisor.py."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from math import inf
+
+import pytest
+
+from daemon.arm.hold import Hold
+from daemon.arm.operators import Interruption, OperatorRefusedError, RefusedError
+
+
+def waits(hold: Hold, ask: bool, then: Callable[[asyncio.Task[None]], object]) -> str:
+    """What became of a move that waits, after what is said then."""
+
+    async def told() -> str:
+        move = asyncio.create_task(hold.wait("to the bin", ask=ask))
+        await asyncio.sleep(0)
+        await asyncio.sleep(0)
+        then(move)
+        try:
+            async with asyncio.timeout(0.05):
+                await move
+        except OperatorRefusedError as no:
+            return str(no)
+        except TimeoutError:
+            return "waits"
+        return "goes"
+
+    return asyncio.run(told())
+
+
+def test_a_pause_holds_until_it_is_let_go_and_tells_both() -> None:
+    said: list[Interruption] = []
+    for then, becomes in ((lambda _: None, "waits"), (lambda hold: hold.let_go(), "goes")):
+        hold = Hold(said.append)
+        hold.pause()
+        assert waits(hold, False, lambda _, hold=hold, then=then: then(hold)) == becomes
+    assert said == [Interruption.PAUSE, Interruption.PAUSE, Interruption.RESUME]
+
+
+def test_what_lets_go_by_an_older_pause_lets_nothing_go() -> None:
+    hold = Hold(lambda _: None)
+    hold.pause()
+    decided = hold.pauses
+    hold.pause()
+    hold.let_go(decided)
+    assert hold.paused
+    hold.let_go(hold.pauses)
+    assert not hold.paused
+
+
+@pytest.mark.parametrize("ask", [False, True])
+def test_in_step_mode_or_where_told_to_a_move_waits_for_a_yes(ask: bool) -> None:
+    hold = Hold(lambda _: None)
+    hold.step(not ask)
+    assert waits(hold, ask, lambda _: None) == "waits"
+    assert waits(hold, ask, lambda _: hold.confirm()) == "goes"
+    assert waits(hold, ask, lambda _: hold.refuse()) == "the operator refused: to the bin"
+    assert (hold.pending, hold.pending_s) == (None, inf)
+
+
+def test_a_yes_sends_nothing_that_a_pause_holds_by_then() -> None:
+    hold = Hold(lambda _: None)
+    hold.step(True)
+
+    def paused_before_the_yes(_: object) -> None:
+        hold.pause()
+        hold.confirm()
+
+    assert waits(hold, False, paused_before_the_yes) == "waits"
+
+
+def test_a_second_answer_and_one_to_nothing_are_refused() -> None:
+    hold = Hold(lambda _: None)
+    with pytest.raises(RefusedError, match="no move waits"):
+        hold.confirm()
+    hold.step(True)
+
+    def twice(_: object) -> None:
+        hold.confirm()
+        with pytest.raises(RefusedError, match="no move waits"):
+            hold.refuse()
+
+    assert waits(hold, False, twice) == "goes"
+
+
+def test_a_hold_said_after_a_move_was_let_go_is_seen_until_the_next_is() -> None:
+    hold = Hold(lambda _: None)
+    assert waits(hold, False, lambda _: None) == "goes"
+    assert not hold.again
+    for said in (hold.pause, lambda: hold.step(True)):
+        said()
+        assert hold.again
+    hold.let_go()
+    hold.step(False)
+    assert waits(hold, False, lambda _: None) == "goes"
+    assert not hold.again

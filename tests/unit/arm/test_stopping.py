@@ -1,0 +1,80 @@
+"""The one stop by itself, of an arm that obeys late, refuses, or is not there; with its jobs in test_supervisor.py."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any
+
+import pytest
+
+from daemon.arm.stopping import Stopping
+from daemon.arm.workcell import StopRefusedError
+
+UNSURE = "jog; NOT CONFIRMED: {}: press the emergency stop"
+
+
+class Arm:
+    """Answers each round of telling in turn, an error by raising it; the last answer for ever."""
+
+    def __init__(self, *answers: Exception | None) -> None:
+        self.answers, self.told = iter(answers), 0
+        self._last: Exception | None = None
+
+    async def abort(self) -> None:
+        self.told += 1
+        self._last = next(self.answers, self._last)
+        if self._last is not None:
+            raise self._last
+
+
+@pytest.fixture(autouse=True)
+def _soon(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("daemon.arm.stopping.ABORT_S", 0.05)
+    monkeypatch.setattr("daemon.arm.stopping.AGAIN_S", 0.01)
+
+
+def stopped(arm: Any, said: list[str | None]) -> tuple[str | None, bool]:
+    """What the stop came to, and whether it was over then."""
+
+    async def told() -> tuple[str | None, bool]:
+        stopping = Stopping(lambda: arm, said.append)
+        assert stopping.tell("jog")
+        assert not stopping.tell("jog"), "who comes later joins in"
+        outcome = await stopping.outcome()
+        over = not stopping.under_way
+        assert stopping.alarm is (outcome is not None and not over)
+        if not over and arm.told < 2:
+            arm.answers = iter([None])
+            await stopping.over()
+        return outcome, over
+
+    return asyncio.run(told())
+
+
+def test_an_arm_that_is_seen_at_rest_is_told_no_more_and_no_alarm_sounds() -> None:
+    arm, said = Arm(None), list[str | None]()
+    assert stopped(arm, said) == (None, True)
+    assert (arm.told, said) == (1, [])
+
+
+def test_one_that_does_not_answer_at_once_is_told_again() -> None:
+    arm, said = Arm(OSError("no prompt"), OSError("no prompt"), None), list[str | None]()
+    assert stopped(arm, said) == (None, True)
+    assert (arm.told, said) == (3, [])
+
+
+def test_one_that_refuses_is_told_of_at_once_and_told_on_until_it_rests() -> None:
+    arm, said = Arm(StopRefusedError("*Illegal command*")), list[str | None]()
+    outcome, over = stopped(arm, said)
+    assert outcome == UNSURE.format("*Illegal command*") + "; the arm goes on being told to stop"
+    assert not over
+    assert said == [UNSURE.format("*Illegal command*"), None]
+    assert arm.told == 2
+
+
+def test_one_that_is_not_seen_at_rest_in_time_is_told_of_once_by_its_last_problem() -> None:
+    arm, said = Arm(OSError("no echo"), OSError("no prompt")), list[str | None]()
+    outcome, _ = stopped(arm, said)
+    assert outcome == UNSURE.format("no prompt") + "; the arm goes on being told to stop"
+    assert said == [UNSURE.format("no prompt")]
+    assert arm.told > 2
