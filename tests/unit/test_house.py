@@ -12,6 +12,7 @@ from importlib.metadata import entry_points, packages_distributions
 from pathlib import Path
 
 import pytest
+import yaml
 
 from daemon.store.places import HOUSE
 
@@ -129,3 +130,9 @@ def test_pictures_are_worked_on_in_one_thread() -> None:
     ask = [sys.executable, "-c", "import daemon, cv2; print(cv2.getNumThreads())"]
     said = subprocess.run(ask, cwd=HOUSE, env=bare, capture_output=True, text=True, check=True)
     assert said.stdout == "1\n"
+
+
+def test_each_wrong_known_by_name_can_still_be_put_where_it_was_found() -> None:
+    for wrong in yaml.safe_load((HOUSE / "tests/bench/data/mutations.yaml").read_text(encoding="utf-8")):
+        assert wrong["before"] in (HOUSE / wrong["file"]).read_text(encoding="utf-8"), wrong["what"]
+        assert (HOUSE / wrong["tests"]).exists(), wrong["what"]
