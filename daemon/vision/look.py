@@ -19,7 +19,7 @@ from daemon.vision.health import SAID, Pictures, cause_of_nothing, with_causes
 from daemon.vision.image import Eyes, open_eyes
 from daemon.vision.model import FacetLibrary, Model, empty_model
 from daemon.vision.recognition import Recognised, recognise
-from daemon.vision.registration import beside, named_by_segments, rested, sharpened, told_apart
+from daemon.vision.registration import all_explained, beside, named_by_segments, rested, sharpened, told_apart
 from daemon.vision.settings import VisionSettings
 from daemon.vision.values import FacetView, NearestGuess, Part, Scene
 
@@ -36,10 +36,11 @@ def look(
     """See, name and locate everything in one stereo pair.
 
     left, right: images as find_facets takes them, of the size the rig was calibrated for. Without a model every part is
-    `unknown`. With one, what both eyes outline comes first, with a brief effort; where that is not all named, what one
-    eye outlines as well; full-size pixels, where a taught part may be there and few edges are; and then straight edges,
-    as the taught parts would show them, as far as the budget of time goes. clock: seconds of processor, for the budget
-    and for Scene.seconds by stage; without it there is neither. What is made once a model is on no look's budget.
+    `unknown`. With one, what both eyes outline comes first, with a brief effort; where named parts do not explain all
+    of that, what one eye outlines as well; full-size pixels, where a taught part may be there and few edges are; and
+    then straight edges, as the taught parts would show them, as far as the budget of time goes. clock: seconds of
+    processor, for the budget and for Scene.seconds by stage; without it there is neither. What is made once a model is
+    on no look's budget.
     table: where it is, for whoever knows; what lies in it is no part, and a part that lies on it is likelier.
     Raises VisionError where an image cannot be used.
     """
@@ -59,10 +60,10 @@ def look(
     found, view = by_facets.found, by_facets.view
     seconds = {"facets": now() - began - naming, "recognise": naming}
     guesses, left_out, ground = tuple[NearestGuess, ...](), tuple[str, ...](), None
-    if known.labels and not _all_named(found):
+    if known.labels and not all_explained(found, view, known, eyes):
         start = now()
         found, view = beside(found, view, (), known, eyes)
-        if not _all_named(found) and any(outlines(view)):
+        if not all_explained(found, view, known, eyes) and any(outlines(view)):
             straight = named_by_segments(eyes, known, found, lambda: (now() - began) / full.budget_s, table)
             found, view = beside(found, view, straight.named, known, eyes)
             guesses, left_out, ground = straight.guesses, straight.left_out, straight.ground
@@ -107,7 +108,7 @@ def _by_facets(
             groups = seen.groups
             found = tuple(told_apart(one, known, eyes) for one in recognise(view.groups, known))
         naming += now() - start
-        if known.labels and _all_named(found):
+        if known.labels and all_explained(found, view, known, eyes):
             break
     return _ByFacets(found, view, naming)
 
@@ -115,10 +116,6 @@ def _by_facets(
 def _worth_a_closer_look(found: tuple[Recognised, ...]) -> bool:
     """Whether something could be a taught part, if more of it were seen."""
     return any(r.part.recognition.candidates for r in found if not r.named)
-
-
-def _all_named(found: tuple[Recognised, ...]) -> bool:
-    return bool(found) and all(r.named for r in found)
 
 
 def _notes(view: FacetView, parts: tuple[Part, ...], model: Model | None, pictures: Pictures) -> tuple[str, ...]:

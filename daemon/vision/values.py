@@ -57,11 +57,13 @@ class Facet:
 
 @dataclass(frozen=True, eq=False)
 class Rejected:
-    """A candidate that was looked at and refused: where in which image, and why in words."""
+    """A candidate that was looked at and refused: where in which image, and why in words. unexplained: both eyes
+    outline it, so that something is there, and no facet came of it."""
 
     corners_px: Array
     eye: str
     reason: str
+    unexplained: bool = False
 
 
 @dataclass(frozen=True, eq=False)

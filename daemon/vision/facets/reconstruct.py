@@ -21,6 +21,7 @@ from daemon.vision.settings import VisionSettings
 from daemon.vision.values import Facet, FacetView, Group, Polygon, Rejected
 
 _DETECTED_PX = 0.7
+STOOD_ON = "the part stands on it: a shadow, or a mark on the table"
 Welded = tuple[list[Candidate], Group]
 """Candidates that hang together by shared edges, and their facets as a group."""
 
@@ -70,20 +71,23 @@ def _grouped(
     if settings.corner_detector != "line_fit":
         chosen = [_with_detected_corners(c, eyes, settings) for c in chosen]
         sets = _welded(chosen)
-    groups, refused = list[Group](), list(refused)
+    groups, under_parts = list[Group](), list[Candidate]()
     for members, group in sets:
         whole = _settled(members, group, eyes.geometry, settings)
         under = lying_under(whole.facets)
         if under is None:
             groups.append(whole)
             continue
-        refused.append((members[under], "the part stands on it: a shadow, or a mark on the table"))
+        under_parts.append(members[under])
         for rest, own in _welded([c for c in members if c is not members[under]]):
             groups.append(_settled(rest, own, eyes.geometry, settings))
     if settings.stereo_formula != "exact":
         groups = [replace(g, facets=tuple(_by_formula(g.facets, eyes.rig, settings))) for g in groups]
     polygons = tuple(c.left.polygon for c in chosen), tuple(c.right.polygon for c in chosen)
-    rejected = tuple(Rejected(c.facet.left_px, "left", why) for c, why in refused)
+    rejected = (
+        *(Rejected(c.facet.left_px, "left", why, unexplained=True) for c, why in refused),
+        *(Rejected(c.facet.left_px, "left", STOOD_ON) for c in under_parts),
+    )
     sigma, blur = _noise_at_parts(eyes, chosen)
     return FacetView(nearest_first(groups), rejected, *polygons, sigma, blur_px=blur)
 

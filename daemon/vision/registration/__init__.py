@@ -1,6 +1,6 @@
 """A part that is known, or suspected, laid onto both images: its pose from edges; proof or refusal."""
 
-from daemon.vision.registration.beside import beside
+from daemon.vision.registration.beside import all_explained, beside
 from daemon.vision.registration.by_segments import named_by_segments
 from daemon.vision.registration.corner_pose import Fit, refit
 from daemon.vision.registration.edge_pose import borne_out, fit_each, fit_edges, shown
@@ -11,6 +11,7 @@ from daemon.vision.registration.twins import told_apart
 
 __all__ = [
     "Fit",
+    "all_explained",
     "beside",
     "borne_out",
     "fit_each",

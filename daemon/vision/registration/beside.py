@@ -65,6 +65,15 @@ def lies_on(facet: Facet, solid: Polyhedron, pose: Array) -> bool:
     return False
 
 
+def all_explained(found: Sequence[Recognised], view: FacetView, model: Model, eyes: Eyes) -> bool:
+    """Whether something was found and all of it has a name, and whatever else both eyes outline lies where that is."""
+    if not found or not all(one.named for one in found):
+        return False
+    rest = [Shape.of(one.corners_px) for one in view.rejected if one.unexplained]
+    taken = [covered(one, model, eyes) for one in found] if rest else []
+    return all(any(shape.common(own) > COVERED * shape.area for own in taken) for shape in rest)
+
+
 def covered(one: Recognised, model: Model, eyes: Eyes) -> Shape:
     """What a named part covers in the left eye."""
     return silhouette(model.metric[one.label].solid, one.part.cyclopean_from_part, eyes)

@@ -14,8 +14,8 @@ from daemon.vision.geometry import exact
 from daemon.vision.image.both_eyes import Eyes, open_eyes
 from daemon.vision.model.model import Model, empty_model, learn_view
 from daemon.vision.recognition.recognise import Recognised, recognise_group
-from daemon.vision.registration.beside import beside, lies_on
-from daemon.vision.values import Facet, FacetView, Group
+from daemon.vision.registration.beside import all_explained, beside, lies_on
+from daemon.vision.values import Facet, FacetView, Group, Rejected
 from tests.worlds.printed import print_pair, straight_rig
 from tests.worlds.solids import CUBE, measured, pose, seen_facets, view_of
 
@@ -88,6 +88,22 @@ def test_a_part_that_is_named_already_is_not_named_again() -> None:
     cube = one(face(0), face(1))
     known, _ = beside([cube], view(cube.group), [cube], model(), eyes())
     assert len(known) == 1
+
+
+def test_all_is_explained_where_what_is_found_has_a_name_and_what_came_to_nothing_lies_on_it() -> None:
+    cube, aside = one(face(0), face(1)), one(face() + ASIDE_MM)
+
+    def explained(*found: Recognised, bent: np.ndarray | None = None, by_both: bool = True) -> bool:
+        outlines = () if bent is None else (Rejected(facet(bent).left_px, "left", "bent", unexplained=by_both),)
+        seen = replace(view(*(r.group for r in found)), rejected=outlines)
+        return all_explained(found, seen, model(), eyes())
+
+    assert explained(cube)
+    assert explained(cube, bent=face(0))
+    assert not explained(cube, bent=face(0) + ASIDE_MM)
+    assert explained(cube, bent=face(0) + ASIDE_MM, by_both=False), "a shadow's outline in one eye"
+    assert not explained(cube, aside)
+    assert not explained()
 
 
 def test_nothing_more_leaves_what_was_found() -> None:
