@@ -280,19 +280,24 @@ def test_auto_degrade_lets_nothing_go_on_that_was_stopped_before_it_began(resume
     lived(story)
 
 
+def auto_degrading(here: Hours) -> tuple[BetweenPicks, list[str]]:
+    """What happens between picks where the configuration has one eye go on by itself, and what is begun there."""
+    begun: list[str] = []
+
+    def beside(work: Coroutine[Any, Any, None], name: str) -> None:
+        work.close()
+        begun.append(name)
+
+    values = here.context.config.values
+    config = replace(here.context.config, values=replace(values, pick=replace(values.pick, auto_degrade=True)))
+    here.context.config = config
+    here.cycle.pick_order = PickOrder(3, None)
+    return BetweenPicks(here.context, beside), begun
+
+
 def test_auto_degrade_waits_for_the_first_time_that_an_operator_allowed_it() -> None:
     async def story(here: Hours) -> None:
-        started: list[str] = []
-
-        def beside(work: Coroutine[Any, Any, None], name: str) -> None:
-            work.close()
-            started.append(name)
-
-        values = here.context.config.values
-        config = replace(here.context.config, values=replace(values, pick=replace(values.pick, auto_degrade=True)))
-        here.context.config = config
-        between = BetweenPicks(here.context, beside)
-        here.cycle.pick_order = PickOrder(3, None)
+        between, started = auto_degrading(here)
         await here.cycle.supervisor.stop()
         end = replace(await _end(here), outcome="fault")  # type: ignore[type-var]
         between.ended(end)
@@ -306,17 +311,8 @@ def test_auto_degrade_waits_for_the_first_time_that_an_operator_allowed_it() -> 
 
 def test_auto_degrade_lets_no_pick_go_on_that_was_aborted_as_it_was_being_stopped_for_the_cameras_fault() -> None:
     async def story(here: Hours) -> None:
-        started: list[str] = []
-
-        def beside(work: Coroutine[Any, Any, None], name: str) -> None:
-            work.close()
-            started.append(name)
-
-        values = here.context.config.values
-        config = replace(here.context.config, values=replace(values, pick=replace(values.pick, auto_degrade=True)))
-        here.context.config, here.context.one_eye_allowed = config, True
-        here.cycle.observer = BetweenPicks(here.context, beside)
-        here.cycle.pick_order = PickOrder(3, None)
+        here.cycle.observer, started = auto_degrading(here)
+        here.context.one_eye_allowed = True
         here.cell.camera.ail("right", "away")
         supervisor = here.cycle.supervisor
         pick = supervisor.begin("pick", here.cycle._one(None, stay=True))
