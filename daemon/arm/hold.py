@@ -86,10 +86,6 @@ class Hold:
         """No to the pending move: the job is given up. Raises RefusedError where none waits."""
         self._answer(False)
 
-    def forget(self) -> None:
-        """Nothing waits any more: its job has ended."""
-        self._pending = None
-
     async def wait(self, text: str, seen: Callable[[], Awaitable[object]] = _nothing_to_see, ask: bool = False) -> None:
         """Wait out a pause, also one that began while it was asked, or while it was seen how things stand by then; ask
         in step mode (or where told to). text: what is to be done. Raises OperatorRefusedError on a no."""

@@ -352,7 +352,6 @@ class Supervisor:
 
     def _done(self, task: asyncio.Task[Any]) -> None:
         self._task, self._doing = None, ""
-        self.hold.forget()
         if not task.cancelled():
             task.exception()  # whoever awaits the job hears of it; nobody has to
 
