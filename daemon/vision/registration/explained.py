@@ -11,9 +11,10 @@ import numpy as np
 from daemon import frames
 from daemon.arrays import Array, Flags
 from daemon.vision.geometry import Polyhedron
-from daemon.vision.image import Eyes, Segments
+from daemon.vision.image import Eyes
 from daemon.vision.registration.expected_edges import ExpectedEdges
 from daemon.vision.registration.measured import hull
+from daemon.vision.registration.pose_step import across
 from daemon.vision.registration.posed import pixels
 
 ASIDE_PX = 3.0
@@ -30,24 +31,19 @@ def explained(solid: Polyhedron, pose: Array, edges: tuple[ExpectedEdges, Expect
     corners_px = pixels(frames.apply(pose, solid.corners_mm), eyes.geometry)
     for view, expected, corners in zip(eyes.views, edges, corners_px, strict=True):
         middle = (view.segments.start + view.segments.end) / 2
-        there = view.segments.chosen(hull(corners).depth(middle) > -ASIDE_PX)
-        lengths = there.lengths_px
-        own += float(lengths[_on_an_edge(there, expected)].sum())
+        there = hull(corners).depth(middle) > -ASIDE_PX
+        segments = view.segments.chosen(there)
+        lengths = segments.lengths_px
         every += float(lengths.sum())
+        way = (segments.end - segments.start) / lengths[:, None]
+        own += float(lengths[_on_an_edge(middle[there], way, expected)].sum())
     return own / every if every else None
 
 
-def _on_an_edge(segments: Segments, edges: ExpectedEdges) -> Flags:
-    """(N,) which segments lie on any of the edges."""
-    way, along = segments.end - segments.start, edges.end - edges.start
-    from_start = ((segments.start + segments.end) / 2)[:, None] - edges.start
-    length_px = edges.lengths_px
-    off_px = np.abs(_cross(along, from_start)) / length_px
-    share = (from_start * along).sum(2) / length_px**2
-    turned = np.abs(_cross(along, way[:, None])) / (length_px * segments.lengths_px[:, None])
-    near = (off_px < OFF_PX) & (share > -BEYOND) & (share < 1 + BEYOND) & (turned < TURNED)
+def _on_an_edge(middle: Array, way: Array, edges: ExpectedEdges) -> Flags:
+    """(N,) which segments with such middles (N, 2) px and unit ways (N, 2) lie on any of the edges."""
+    normal, from_start = across(edges.start, edges.end), middle[:, None] - edges.start
+    off_px = np.abs((from_start * normal).sum(2))
+    share = (from_start * (edges.end - edges.start)).sum(2) / edges.lengths_px**2
+    near = (off_px < OFF_PX) & (share > -BEYOND) & (share < 1 + BEYOND) & (np.abs(way @ normal.T) < TURNED)
     return np.asarray(near.any(1))
-
-
-def _cross(one: Array, other: Array) -> Array:
-    return np.asarray(one[..., 0] * other[..., 1] - one[..., 1] * other[..., 0])
