@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.arrays import Array
+from daemon.arrays import Array, Flags
 from daemon.vision.facets.table import Table
 from daemon.vision.geometry import Baseline, Eye
 from daemon.vision.image import Eyes, OneEye
@@ -26,6 +26,10 @@ COLUMNS = 213
 """How many the coarse pictures have, about."""
 OVERLAP = 0.62
 """The largest disparity, as a share of the picture's width: nearer things are in one eye only."""
+SLANTS = (0.1, 0.35)
+"""By how much disparity grows from row to row where blocks are matched as they are, the second for what the first does
+not find: eyes that are held upright see a table so, the more the flatter they look. Where it is known how they see it,
+the nearest of these, either way, is all that is tried."""
 BLOCK_PX, TEXTURE, UNIQUE = 11, 110, 12
 """Of the matching by blocks: their side; the least slope in one; by how many per cent the second best is worse."""
 SAMPLED, TRIES = 1500, 120
@@ -40,12 +44,20 @@ EVERY = 8
 evenly between, to a tenth of a pixel."""
 STEPS, ROUNDED_UP = 16, 7.5 / 256
 """Of a disparity's unit in OpenCV's answer; which is rounded up to them, by so much on average."""
+WORTH_ANOTHER = 0.3
+"""Share of a picture that is matched, in a plane or not, without which another slant shows no more."""
 FEWEST, LEAST_AREA_PX2 = 400, 1000.0
 """Matches, without which there is no plane; twice the area of three that are worth one."""
 CELLS = (10, 8)
-LEAST_MATCHED, LEAST_CELLS, MOST_BEYOND = 0.1, 0.35, 0.15
-"""A cell of the picture lies in the plane where so large a share of it does; so many of the cells must, and at most so
-many of the matches may lie beyond it."""
+LEAST_MATCHED, IN_BOTH = 0.1, 0.5
+"""A cell of the picture lies in the plane where so large a share of it does, and is in both pictures where so large a
+share would be."""
+LEAST_CELLS, FEWEST_CELLS, LEAST_AROUND = 0.2, 20, 0.5
+"""Of the cells in both pictures, which should be so many, such a share must lie in the table; with those between them
+they fill so much of the picture, as no part's face does."""
+MOST_BEYOND, ALL = 0.3, 8.0
+"""Of a cell lies all beyond the plane if so many times more does than lies in it, for a pattern that repeats itself is
+matched here and there; and for every cell in the plane no more than so much of one may lie beyond."""
 LEAST_ON_EDGES = 0.02
 """Of a cell that has anything to match: what one line across a part of it leaves. Where a plane was found in the
 rendered scenes, 99 in 100 cells had five times as much."""
@@ -55,7 +67,9 @@ rendered scenes, 99 in 100 cells had five times as much."""
 class Rectified:
     """Where coarse rectified pictures of both eyes take their pixels from, x and y (2, H, W) px each; their pixels per
     unit of the ideal coordinates, and these at the first pixel (2,); the least disparity that is sought, and how many;
-    the first column of the left eye's own picture, further left there is room for the right one's.
+    the first column of the left eye's own picture, further left there is room for the right one's; base (3,): the
+    plane of disparities that all others are counted from, base . (column, row, 1); and between which columns the right
+    picture shows anything where that is nought.
     """
 
     left: NDArray[np.float32]
@@ -65,15 +79,22 @@ class Rectified:
     least: int
     count: int
     margin: int
+    base: Array
+    shown: tuple[float, float]
 
     def ideal(self, points: Array) -> Array:
         """(N, 2) columns and rows -> ideal coordinates."""
         return np.asarray(points / self.per_unit + self.first)
 
+    def in_both(self, places: Array, disparities: Array) -> Flags:
+        """Whether what the left picture has at places (N, 3), at disparities (..., N), is in the right one as well."""
+        there = places[:, 0] + self.margin - places @ self.base - disparities
+        return np.asarray((there > self.shown[0]) & (there < self.shown[1]))
+
 
 @lru_cache(maxsize=4)
-def rectified(geometry: Baseline, columns: int, rows: int) -> Rectified:
-    """For pictures of so many columns and rows."""
+def rectified(geometry: Baseline, columns: int, rows: int, slant: float) -> Rectified:
+    """For pictures of so many columns and rows, and a table that is seen at about such a slant."""
     border = np.array([[x, y] for x in (0, columns / 2, columns - 1) for y in (0, rows / 2, rows - 1)])
     left, right = (eye.ideal(border) for eye in (geometry.left, geometry.right))
     per_unit = geometry.left.focal_px * COLUMNS / columns
@@ -84,40 +105,86 @@ def rectified(geometry: Baseline, columns: int, rows: int) -> Rectified:
     margin = least + count + BLOCK_PX
     first = np.array([low - margin / per_unit, top])
     wide, tall = int(per_unit * (high - low)) + margin, int(per_unit * (bottom - top))
-    from_left, from_right = (_taken_from(eye, wide, tall, per_unit, first) for eye in (geometry.left, geometry.right))
-    return Rectified(from_left, from_right, per_unit, first, least, count, margin)
+    base = slant * np.array([0.0, 1.0, -tall / 2])
+    from_left = _taken_from(geometry.left, wide, tall, per_unit, first, np.zeros(3))
+    from_right = _taken_from(geometry.right, wide, tall, per_unit, first, base)
+    shown = (right[:, 0].min() - first[0]) * per_unit, (right[:, 0].max() - first[0]) * per_unit
+    return Rectified(from_left, from_right, per_unit, first, least, count, margin, base, shown)
 
 
-def _taken_from(eye: Eye, wide: int, tall: int, per_unit: float, first: Array) -> NDArray[np.float32]:
-    """(2, tall, wide) px of an eye's own picture, x and y. An arm that moves one eye makes a new rig of every look."""
+def _taken_from(eye: Eye, wide: int, tall: int, per_unit: float, first: Array, base: Array) -> NDArray[np.float32]:
+    """(2, tall, wide) px of an eye's own picture, x and y, all moved to the right by what base (3,) says. An arm that
+    moves one eye makes a new rig of every look."""
     columns, rows = ((np.arange(-1, most // EVERY + 2) + 0.5) * EVERY - 0.5 for most in (wide, tall))
-    few = eye.pixels(np.stack(np.meshgrid(columns, rows), 2).reshape(-1, 2) / per_unit + first)
+    places = np.stack(np.meshgrid(columns, rows), 2).reshape(-1, 2)
+    places[:, 0] -= places @ base[:2] + base[2]
+    few = eye.pixels(places / per_unit + first)
     many = cv2.resize(few.reshape(len(rows), len(columns), 2), None, fx=EVERY, fy=EVERY, interpolation=cv2.INTER_LINEAR)
     return np.ascontiguousarray(many[EVERY : EVERY + tall, EVERY : EVERY + wide].transpose(2, 0, 1), np.float32)
 
 
-def seen_table(eyes: Eyes) -> Table | None:
-    """The plane that most of both pictures shows, if there is one."""
+def seen_table(eyes: Eyes, known: Table | None = None) -> Table | None:
+    """The plane that most of both pictures shows, if there is one. known: about as it should lie; unless the eyes are
+    upright it is not seen without that where it is steep in them."""
     if _plain(eyes.left):
         return None
     tall, wide = eyes.left.grey.shape
-    canvas = rectified(eyes.geometry, wide, tall)
-    pictures = _pictures(eyes, canvas)
-    disparities = _disparities(pictures, canvas)
-    rows, columns = np.nonzero(disparities > canvas.least)
-    own, places = disparities[rows, columns], np.stack([columns, rows, np.ones(len(rows))], 1, dtype=float)
-    plane = _plane(places, own)
+    for slant in SLANTS if known is None else (_slant(known, eyes.geometry),):
+        canvas = rectified(eyes.geometry, wide, tall, slant)
+        pictures = _pictures(eyes, canvas)
+        disparities = _disparities(pictures, canvas)
+        table = _table_of(disparities, pictures, eyes.geometry, canvas)
+        if table is not None or (disparities > canvas.least).mean() < WORTH_ANOTHER:
+            return table
+    return None
+
+
+def _slant(table: Table, geometry: Baseline) -> float:
+    """The one of SLANTS, either way, that is nearest to a table's."""
+    up = table.up @ geometry.cyclopean_from_baseline
+    height_mm = max(float(table.up @ geometry.middle_mm) - table.level_mm, 1.0)
+    own = -geometry.length_mm * float(up[1]) / height_mm
+    return float(np.copysign(min(SLANTS, key=lambda slant: abs(slant - abs(own))), own))
+
+
+def _table_of(
+    disparities: NDArray[np.float32], pictures: tuple[NDArray[Any], NDArray[Any]], geometry: Baseline, canvas: Rectified
+) -> Table | None:
+    """The plane that most of the disparities (H, W) lie in, as both pictures have it."""
+    every, own = _places(disparities.shape), disparities.ravel()
+    matched = own > canvas.least
+    places = every[matched]
+    plane = _plane(places, own[matched], canvas)
     if plane is None:
         return None
-    plane = _compared(plane, places[np.abs(places @ plane - own) < ON_PLANE_PX], pictures, canvas)
-    y, x = np.mgrid[: disparities.shape[0], : disparities.shape[1]]
-    beyond = plane[0] * x + plane[1] * y + plane[2] - disparities
-    matched = disparities > canvas.least
-    lies = matched & (np.abs(beyond) < 2 * ON_PLANE_PX)
-    shares = cv2.resize(lies.astype(np.float32), CELLS, interpolation=cv2.INTER_AREA)
-    if (shares > LEAST_MATCHED).mean() < LEAST_CELLS or (beyond[matched] > 4 * ON_PLANE_PX).mean() > MOST_BEYOND:
+    plane = _compared(plane, places[np.abs(places @ plane - own[matched]) < ON_PLANE_PX], pictures, canvas)
+    there = every @ plane
+    in_both = canvas.in_both(every, there)
+    beyond = np.where(matched & in_both, there - own, np.nan)
+    lies, farther, both = (
+        cv2.resize(each.reshape(disparities.shape).astype(np.float32), CELLS, interpolation=cv2.INTER_AREA)
+        for each in (np.abs(beyond) < 2 * ON_PLANE_PX, beyond > 4 * ON_PLANE_PX, in_both)
+    )
+    least = LEAST_MATCHED * both
+    if not _most_of_it((lies > least) & (lies > farther), (farther > least) & (farther > ALL * lies), both > IN_BOTH):
         return None
-    return _table(plane, canvas, eyes.geometry, (len(lies), lies.shape[1]))
+    return _in_space(plane + canvas.base, canvas, geometry, disparities.shape)
+
+
+@lru_cache(maxsize=4)
+def _places(shape: tuple[int, int]) -> Array:
+    """(N, 3) column, row and 1 of every pixel of a coarse picture."""
+    row, column = np.indices(shape).reshape(2, -1)
+    return np.stack([column, row, np.ones_like(row)], 1).astype(float)
+
+
+def _most_of_it(lies: Flags, farther: Flags, in_both: Flags) -> bool:
+    """Whether cells (rows, columns) that lie in a plane, those of which all lies beyond it, and those that both eyes
+    would see, make it the table."""
+    if lies.sum() < LEAST_CELLS * max(in_both.sum(), FEWEST_CELLS) or farther.sum() > MOST_BEYOND * lies.sum():
+        return False
+    around = cv2.convexHull(np.argwhere(lies).astype(np.float32))
+    return bool(cv2.contourArea(around) > LEAST_AROUND * np.prod(np.subtract(lies.shape, 1)))
 
 
 def _plain(view: OneEye) -> bool:
@@ -148,8 +215,9 @@ def _disparities(pictures: tuple[NDArray[Any], NDArray[Any]], canvas: Rectified)
     return np.asarray(found / STEPS - ROUNDED_UP, np.float32)
 
 
-def _plane(places: Array, disparities: NDArray[np.float32]) -> Array | None:
-    """(3,) the plane, disparity = plane . (column, row, 1), in which most of places (N, 3) lie and few beyond."""
+def _plane(places: Array, disparities: NDArray[np.float32], canvas: Rectified) -> Array | None:
+    """(3,) the plane, disparity = plane . (column, row, 1), in which most of places (N, 3) lie and few beyond it, where
+    both eyes would see it."""
     if len(places) < FEWEST:
         return None
     some = np.linspace(0, len(places) - 1, SAMPLED).astype(int)
@@ -159,8 +227,10 @@ def _plane(places: Array, disparities: NDArray[np.float32]) -> Array | None:
     if not len(three):
         return None
     planes = np.linalg.solve(few[three], own[three][..., None])[..., 0]
-    beyond = planes @ few.T - own
-    votes = (np.abs(beyond) < ON_PLANE_PX).sum(1) - 2 * (beyond > 4 * ON_PLANE_PX).sum(1)
+    there = planes @ few.T
+    beyond = there - own
+    against = (beyond > 4 * ON_PLANE_PX) & canvas.in_both(few, there)
+    votes = (np.abs(beyond) < ON_PLANE_PX).sum(1) - 2 * against.sum(1)
     plane = planes[votes.argmax()]
     for _ in range(REFINED):
         near = np.abs(few @ plane - own) < ON_PLANE_PX
@@ -190,7 +260,7 @@ def _compared(plane: Array, places: Array, pictures: tuple[NDArray[Any], NDArray
     return answer[:3]
 
 
-def _table(plane: Array, canvas: Rectified, geometry: Baseline, shape: tuple[int, int]) -> Table:
+def _in_space(plane: Array, canvas: Rectified, geometry: Baseline, shape: tuple[int, int]) -> Table:
     """A plane of disparities as it lies in space."""
     tall, wide = shape
     places = np.array([[canvas.margin, 0], [canvas.margin + wide, 0], [canvas.margin + wide / 2, tall]], float)

@@ -128,7 +128,7 @@ def named_by_segments(
     unnamed = [one.group for one in known if not one.named]
     named = [covered(one, model, eyes) for one in known if one.named]
     maps = directed_map(eyes.left), directed_map(eyes.right)
-    search = Search(eyes, model, unnamed, named, maps, Ground.of(seen_table(eyes), told))
+    search = Search(eyes, model, unnamed, named, maps, Ground.of(seen_table(eyes, told), told))
     laid, tests, left_out = list[Laid](), 0, tuple[str, ...]()
     for guessed in (guessed_in_space, guessed_on_table):
         likely, of, unasked = guessed(search, spent)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
 
@@ -23,11 +24,9 @@ def table_at(distance_mm: float, tilt: float, roll: float) -> Array:
     return frames.rigid(turn, np.array([0.0, 0.0, distance_mm]))
 
 
-def seen(where: Array, body=None, lies=None, **kind) -> Table | None:
-    kind = {"speckled": True, **kind}
-    return seen_table(
-        open_eyes(*print_pair(body, where if lies is None else lies, table=where, **kind), straight_rig())
-    )
+def seen(where: Array, body=None, lies=None, known: Table | None = None, **kind) -> Table | None:
+    pair = print_pair(body, where if lies is None else lies, table=where, **{"speckled": True, **kind})
+    return seen_table(open_eyes(*pair, straight_rig()), known)
 
 
 @pytest.mark.parametrize(
@@ -95,29 +94,90 @@ def test_noise_is_no_table() -> None:
     assert seen_table(open_eyes(*noise, straight_rig())) is None
 
 
-@pytest.mark.parametrize(("off_px", "table"), [(30.0, True), (-30.0, False)])
+@pytest.mark.parametrize(
+    ("off_px", "where", "table"),
+    [
+        (30.0, "in a quarter", True),
+        (-30.0, "in a quarter", False),
+        (-30.0, "here and there", True),
+        (0.0, "in one place", False),
+    ],
+)
 def test_much_may_stand_on_a_table_and_nothing_may_lie_beyond_it(
-    off_px: float, table: bool, monkeypatch: pytest.MonkeyPatch
+    off_px: float, where: str, table: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A quarter of the matches is nearer, or farther, than the plane that the others lie in."""
+    """A quarter of the picture is nearer, or farther, than the plane that the rest lies in; a pattern that repeats
+    itself makes much of some places look farther; and what has a pattern in one place alone may be a part's face."""
     rng = np.random.default_rng(6)
     eyes = open_eyes(*print_pair(None, table_at(340.0, 0.0, 0.9)), straight_rig())
     disparities = np.full((160, 213), 60.0, np.float32)
-    other = rng.random(disparities.shape) < 0.25
+    other = np.zeros(disparities.shape, bool)
+    if where == "here and there":
+        other[:, 80:160] = rng.random((160, 80)) < 0.7
+    elif where == "in a quarter":
+        other[:80, :106] = True
+    else:
+        disparities[:40] = disparities[125:] = disparities[:, :45] = disparities[:, 180:] = 0.0
     disparities[other] += off_px * rng.uniform(0.3, 1.0, other.sum()).astype(np.float32)
     monkeypatch.setattr(patterned_table, "_disparities", lambda *_: disparities)
     assert (seen_table(eyes) is not None) == table
 
 
+@pytest.mark.parametrize("slant", [0.0, 0.3])
 @pytest.mark.parametrize(("rig", "columns", "rows"), [("A0", 756, 581), ("B", 640, 480)])
-def test_coarse_pictures_are_taken_from_where_the_lenses_say(rig: str, columns: int, rows: int) -> None:
+def test_coarse_pictures_are_taken_from_where_the_lenses_say(rig: str, columns: int, rows: int, slant: float) -> None:
     geometry = baseline(rendered.rig(rendered.HERE, rig))
-    found = patterned_table.rectified(geometry, columns, rows)
-    places = np.stack(np.meshgrid(*(np.arange(n) for n in found.left.shape[:0:-1])), 2).reshape(-1, 2).astype(float)
-    for eye, taken in ((geometry.left, found.left), (geometry.right, found.right)):
+    found = patterned_table.rectified(geometry, columns, rows, slant)
+    _, tall, wide = found.left.shape
+    places = np.stack(np.meshgrid(np.arange(wide), np.arange(tall)), 2).reshape(-1, 2).astype(float)
+    moved = np.array([slant, 0.0]) * (places[:, 1:] - tall / 2)
+    for eye, taken, at in ((geometry.left, found.left, places), (geometry.right, found.right, places - moved)):
         shown = places[:, 0] >= (found.margin if eye is geometry.left else 0)
-        off_px = taken.reshape(2, -1).T - eye.pixels(found.ideal(places))
+        off_px = taken.reshape(2, -1).T - eye.pixels(found.ideal(at))
         assert np.abs(off_px[shown]).max() < 0.1
+
+
+def test_what_only_the_left_eye_sees_says_nothing_against_a_table() -> None:
+    """Of a near table the left third is not in the right picture; what is matched there all the same lies far away."""
+    canvas = straight_canvas()
+    places, near = patterned_table._places((160, 213)), 140.0
+    alone = ~canvas.in_both(places, np.full(len(places), near))
+    assert 0.3 < alone.mean() < 0.5
+    far = np.random.default_rng(7).uniform(1.0, 48.0, len(places))
+    disparities = np.where(alone, far, near).astype(np.float32)
+    found = _plane(places, disparities, canvas)
+    assert np.abs(places @ found - near).max() < 0.1
+
+
+@pytest.mark.parametrize(("slant", "upright"), [(0.12, True), (0.6, True), (-0.6, False)])
+def test_grain_at_a_slant_is_seen_by_upright_eyes_and_by_others_where_the_table_is_known(
+    slant: float, upright: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    where = table_at(340.0, 0.0, 0.9)
+    eyes = open_eyes(*print_pair(None, where, table=where, speckled=True), straight_rig())
+    monkeypatch.setattr(patterned_table, "_pictures", lambda _, canvas: grain(slant, canvas))
+    found = seen_table(eyes)
+    assert (found is not None) == upright
+    up = np.array([0.0, -slant / 60.0, -1 / 300.0])  # of a baseline of 60 mm, 300 mm away in front
+    known = Table(up / np.linalg.norm(up), -1.0 / np.linalg.norm(up))
+    assert seen_table(eyes, known).up @ known.up > np.cos(np.radians(1.0))
+
+
+def grain(slant: float, canvas: patterned_table.Rectified) -> tuple[np.ndarray, np.ndarray]:
+    """Coarse pictures of wood whose disparity grows so from row to row."""
+    rng = np.random.default_rng(8)
+    _, tall, wide = canvas.left.shape
+    fibres = cv2.GaussianBlur(rng.normal(size=(tall, 2 * wide)).astype(np.float32), (0, 0), sigmaX=9, sigmaY=0.9)
+    turned = cv2.getRotationMatrix2D((wide, tall / 2), 35, 1.0)
+    wood = cv2.warpAffine(fibres, turned, (2 * wide, tall), borderMode=cv2.BORDER_REFLECT)
+    column, row = np.meshgrid(np.arange(wide), np.arange(tall))
+    nearer = 233 * 60 / 300 + slant * (row - tall / 2) - canvas.base[1] * row - canvas.base[2]
+    pair = [cv2.remap(wood, (column + by).astype(np.float32), row.astype(np.float32), 1) for by in (0 * row, nearer)]
+    return tuple(np.clip(128 + 150 * one + rng.normal(0, 2, one.shape), 0, 255).astype(np.uint8) for one in pair)
+
+
+def straight_canvas() -> patterned_table.Rectified:
+    return patterned_table.rectified(baseline(straight_rig()), 640, 480, 0.0)
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -128,5 +188,5 @@ def test_a_plane_is_found_among_wrong_matches(seed: int) -> None:
     disparities = places @ plane + rng.normal(0, 0.1, 3000)
     disparities[:1200] = rng.uniform(5, 130, 1200)
     order = rng.permutation(3000)
-    found = _plane(places[order], disparities[order].astype(np.float32))
+    found = _plane(places[order], disparities[order].astype(np.float32), straight_canvas())
     assert np.abs(places @ (found - plane)).max() < 0.1

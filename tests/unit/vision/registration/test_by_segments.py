@@ -235,7 +235,7 @@ def test_a_part_is_held_against_the_table_that_is_seen_and_else_against_the_one_
     """Which is told by the arm, and may have something on it that the part lies on."""
     known, there = (Table(np.array([0.0, 0.0, -1.0]), level_mm) for level_mm in (-395.0, -390.0))
     grounds = []
-    monkeypatch.setattr(by_segments, "seen_table", lambda eyes: there if seen else None)
+    monkeypatch.setattr(by_segments, "seen_table", lambda *_: there if seen else None)
     monkeypatch.setattr(by_segments, "rests_on", lambda ground, solid, pose: grounds.append(ground))
     named_by_segments(eyes_on("cube"), model(), [], told=known)
     assert {(ground.table, ground.seen) for ground in grounds} == {(there, True) if seen else (known, False)}
@@ -250,7 +250,7 @@ def test_a_part_of_which_the_eyes_see_no_corner_together_is_named_where_it_rests
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(by_segments, "guessed_in_space", lambda *_: Guessed([], 1000))
-    monkeypatch.setattr(by_segments, "seen_table", lambda eyes: None)
+    monkeypatch.setattr(by_segments, "seen_table", lambda *_: None)
     assert named_by_segments(eyes_on(name), model(), []).named == [], "nobody knows of a table"
     (found,) = named_by_segments(eyes_on(name), model(), [], told=below(name)).named
     corners = frames.apply(WHERE, KNOWN[name].corners_mm)
