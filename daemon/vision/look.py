@@ -64,7 +64,14 @@ def look(
         start = now()
         found, view = beside(found, view, (), known, eyes)
         if not all_explained(found, view, known, eyes) and any(outlines(view)):
-            straight = named_by_segments(eyes, known, found, lambda: (now() - began) / full.budget_s, table)
+            straight = named_by_segments(
+                eyes,
+                known,
+                found,
+                lambda: (now() - began) / full.budget_s,
+                table,
+                lambda new: all_explained(*beside(found, view, new, known, eyes), known, eyes),
+            )
             found, view = beside(found, view, straight.named, known, eyes)
             guesses, left_out, ground = straight.guesses, straight.left_out, straight.ground
         seconds["edges"] = now() - start

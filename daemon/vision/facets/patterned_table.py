@@ -86,10 +86,11 @@ class Rectified:
         """(N, 2) columns and rows -> ideal coordinates."""
         return np.asarray(points / self.per_unit + self.first)
 
-    def in_both(self, places: Array, disparities: Array) -> Flags:
-        """Whether what the left picture has at places (N, 3), at disparities (..., N), is in the right one as well."""
-        there = places[:, 0] + self.margin - places @ self.base - disparities
-        return np.asarray((there > self.shown[0]) & (there < self.shown[1]))
+    def in_both(self, places: Array) -> tuple[Array, Array]:
+        """(N,), (N,) between which disparities what the left picture has at places (N, 3) is in the right one as
+        well."""
+        own = places[:, 0] + self.margin - places @ self.base
+        return own - self.shown[1], own - self.shown[0]
 
 
 @lru_cache(maxsize=4)
@@ -159,7 +160,8 @@ def _table_of(
         return None
     plane = _compared(plane, places[np.abs(places @ plane - own[matched]) < ON_PLANE_PX], pictures, canvas)
     there = every @ plane
-    in_both = canvas.in_both(every, there)
+    low, high = canvas.in_both(every)
+    in_both = (there > low) & (there < high)
     beyond = np.where(matched & in_both, there - own, np.nan)
     lies, farther, both = (
         cv2.resize(each.reshape(disparities.shape).astype(np.float32), CELLS, interpolation=cv2.INTER_AREA)
@@ -227,10 +229,10 @@ def _plane(places: Array, disparities: NDArray[np.float32], canvas: Rectified) -
     if not len(three):
         return None
     planes = np.linalg.solve(few[three], own[three][..., None])[..., 0]
-    there = planes @ few.T
-    beyond = there - own
-    against = (beyond > 4 * ON_PLANE_PX) & canvas.in_both(few, there)
-    votes = (np.abs(beyond) < ON_PLANE_PX).sum(1) - 2 * against.sum(1)
+    low, high = (limit.astype(np.float32) for limit in canvas.in_both(few))
+    there = planes.astype(np.float32) @ few.T.astype(np.float32)
+    against = (there > np.maximum(own + np.float32(4 * ON_PLANE_PX), low)) & (there < high)
+    votes = np.count_nonzero(np.abs(there - own) < ON_PLANE_PX, 1) - 2 * np.count_nonzero(against, 1)
     plane = planes[votes.argmax()]
     for _ in range(REFINED):
         near = np.abs(few @ plane - own) < ON_PLANE_PX

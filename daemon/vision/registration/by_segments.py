@@ -1,7 +1,8 @@
 """Parts named by straight edges, where no outline closes: printed faces, patterned tables, worn and shining edges.
 
-The likeliest guesses of which part could be where are laid onto the grey levels, stretch by stretch: first those from
-corners that both eyes see, then, where these name nothing, those from the table and the corners of either eye alone.
+The likeliest guesses of which part could be where are laid onto the grey levels, stretch by stretch: first, where
+little but parts shows edges, those from facets without a name, which cost little; then those from corners that both
+eyes see; then, where these name nothing, those from the table and the corners of either eye alone.
 How likely such a part is there says what its edges show beyond the chance of this very picture, whether it rests on the
 table, whether another size would fit better, whether the picture repeats itself, whether its print lies on its faces,
 and how much of what is seen there is its own: held against all guesses that were made, so that more taught parts raise
@@ -35,6 +36,7 @@ from daemon.vision.registration.guessing import (
     SEARCHED,
     Likely,
     Search,
+    guessed_by_facets,
     guessed_in_space,
     guessed_on_table,
 )
@@ -116,12 +118,13 @@ def named_by_segments(
     known: Sequence[Recognised],
     spent: Callable[[], float] = lambda: 0.0,
     told: Table | None = None,
+    enough: Callable[[Sequence[Recognised]], bool] = bool,
 ) -> Straight:
     """The taught parts that the straight edges of both images prove, beside those that are named already.
 
     Unnamed groups of facets say what each could be, and rule out what does not have them. spent: the share of the
     look's budget that is gone. told: the table as others know it, for where both eyes do not see it; what does not lie
-    on that one may lie on something else.
+    on that one may lie on something else. enough: whether so many more names leave nothing to be named.
     """
     if spent() > SEARCHED:
         return Straight([], (), ("straight edges were not looked for",))
@@ -129,7 +132,12 @@ def named_by_segments(
     named = [covered(one, model, eyes) for one in known if one.named]
     maps = directed_map(eyes.left), directed_map(eyes.right)
     search = Search(eyes, model, unnamed, named, maps, Ground.of(seen_table(eyes, told), told))
-    laid, tests, left_out = list[Laid](), 0, tuple[str, ...]()
+    by_facets = guessed_by_facets(search, spent)
+    laid = _by_odds(_laid(search, by_facets.likely))
+    _, found, _ = _proven(search, laid, by_facets.tests, spent)
+    if found and enough(found):
+        return Straight(found, (), (), search.ground)
+    tests, left_out = 0, tuple[str, ...]()
     for guessed in (guessed_in_space, guessed_on_table):
         likely, of, unasked = guessed(search, spent)
         tests += of

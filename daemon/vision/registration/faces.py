@@ -17,7 +17,8 @@ from daemon.vision.image import Eyes
 from daemon.vision.registration.posed import pixels
 
 SPACING_MM, MARGIN_PX, LEAST_FACING = 1.5, 5.0, 0.3
-FEWEST = 12
+FEWEST, ENOUGH = 12, 1600
+"""Places on a face: fewer say nothing, and on a large face more need not be asked."""
 LEAST_PRINT = 25.0
 """Mean square of what is left of a face's grey levels without its shading, in sigmas of the noise: less is no print."""
 
@@ -46,7 +47,8 @@ def _on_face(solid: Polyhedron, index: int) -> Array:
     """(N, 3) places about a facet, in its plane, in the solid's frame."""
     flat_from_part = solid.laid_flat[index]
     flat = frames.apply(flat_from_part, solid.corners_mm[solid.rings[index]])[:, :2]
-    steps = (np.arange(low, high, SPACING_MM) for low, high in zip(flat.min(0), flat.max(0), strict=True))
+    spacing_mm = max(SPACING_MM, float(np.sqrt(np.prod(np.ptp(flat, axis=0)) / ENOUGH)))
+    steps = (np.arange(low, high, spacing_mm) for low, high in zip(flat.min(0), flat.max(0), strict=True))
     places = np.stack(np.meshgrid(*steps, 0.0), -1).reshape(-1, 3)
     return frames.apply(frames.inverse(flat_from_part), places)
 

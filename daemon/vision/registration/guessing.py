@@ -31,6 +31,7 @@ from daemon.vision.registration.resting import Ground, laid_down
 from daemon.vision.registration.space_corners import meet
 from daemon.vision.registration.table_guesses import guesses_on_table, resting_corners
 from daemon.vision.registration.unsure import best_turned
+from daemon.vision.settings import VisionSettings
 from daemon.vision.values import Group
 
 LOOKED_AT, MOST, PER_PLACE, PER_LABEL = 60, 24, 6, 2
@@ -45,6 +46,9 @@ MOST_PROMISING, OF_A_BUNDLE = 600, 4
 pose: a part in plain sight has thousands, and one beside it is there as well."""
 LEAST_NATS = 180.0
 """Evidence of segments against chance, a third of which a guess must have to be looked at."""
+FEWEST_TESTS = 6000
+"""Guesses that facets without a name are taken to have been chosen from at least: a facet is where edges are, and log
+odds were weighed where most looks had made about so many."""
 FEWEST_IN_VIEW = 2
 """Facets of a part that is named by its edges: one alone is no proof."""
 
@@ -60,6 +64,11 @@ class Search:
     named: Sequence[Shape]
     maps: tuple[DirectedMap, DirectedMap]
     ground: Ground | None
+
+    @cached_property
+    def quiet(self) -> bool:
+        """Whether little but parts shows edges: then what a facet could be is likely, and asked by itself."""
+        return all(view.quiet(VisionSettings()) for view in self.eyes.views)
 
     @cached_property
     def corners(self) -> tuple[SegmentCorners, SegmentCorners]:
@@ -92,25 +101,45 @@ def made_ready(model: Model) -> None:
         resting_corners(shapes)
 
 
+def guessed_by_facets(search: Search, spent: Callable[[], float]) -> Guessed:
+    """By facets that have no name, where they are asked by themselves."""
+    posed, hinges = _by_facets(search)
+    if not search.quiet or not len(posed.part) or spent() > SEARCHED:
+        return Guessed([], FEWEST_TESTS)
+    return _likeliest(search, *_laid_down(search, posed, hinges), max(len(posed.part), FEWEST_TESTS), spent)
+
+
 def guessed_in_space(search: Search, spent: Callable[[], float]) -> Guessed:
-    """By corners that both eyes see, and by facets that have no name."""
+    """By corners that both eyes see, and by facets that have no name if these were not asked by themselves."""
     left, right = search.corners
     if spent() > SEARCHED:
         return Guessed([], 1, ("where taught parts could be was not looked for",))
     solids, geometry = taught_solids(search.model), search.eyes.geometry
     guesses, hinges, tests = guesses_from_space(meet(left, right, geometry), geometry, search.maps, solids)
-    by_facet = [one for group in search.unnamed for facet in group.facets for one in suspected(facet, search.model)]
-    part = np.array([solids.labels.index(label) for label, _ in by_facet], np.intp)
-    posed = Posed(
-        solids,
-        np.concatenate([guesses.part, part]),
-        np.concatenate([guesses.poses, *(pose[None] for _, pose in by_facet)]),
-    )
-    middles = posed.chosen(np.arange(len(guesses.part), len(posed.part))).middles_mm()
-    hinges = np.concatenate([hinges, np.stack([middles, np.zeros_like(middles)], 1)])
-    if search.ground is not None:
-        posed, hinges = laid_down(posed, hinges, search.ground.table, geometry)
-    return _likeliest(search, posed, hinges, tests + len(by_facet), spent)
+    posed = Posed(solids, guesses.part, guesses.poses)
+    if not search.quiet:
+        more, more_hinges = _by_facets(search)
+        tests += len(more.part)
+        posed = Posed(solids, np.append(posed.part, more.part), np.concatenate([posed.poses, more.poses]))
+        hinges = np.concatenate([hinges, more_hinges])
+    return _likeliest(search, *_laid_down(search, posed, hinges), tests, spent)
+
+
+def _by_facets(search: Search) -> tuple[Posed, Array]:
+    """What facets without a name could be, and hinges (G, 2, 3): none, but that they lie in the middle."""
+    likely = [one for group in search.unnamed for facet in group.facets for one in suspected(facet, search.model)]
+    solids = taught_solids(search.model)
+    part = np.array([solids.labels.index(label) for label, _ in likely], np.intp)
+    posed = Posed(solids, part, np.array([pose for _, pose in likely]).reshape(-1, 4, 4))
+    middles = posed.middles_mm()
+    return posed, np.stack([middles, np.zeros_like(middles)], 1)
+
+
+def _laid_down(search: Search, posed: Posed, hinges: Array) -> tuple[Posed, Array]:
+    """Guesses and their hinges (G, 2, 3), laid onto the table where that is known."""
+    if search.ground is None:
+        return posed, hinges
+    return laid_down(posed, hinges, search.ground.table, search.eyes.geometry)
 
 
 def guessed_on_table(search: Search, spent: Callable[[], float]) -> Guessed:

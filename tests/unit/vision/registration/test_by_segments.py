@@ -14,9 +14,10 @@ from daemon import frames
 from daemon.store.library import load_facets
 from daemon.vision.facets.table import Table
 from daemon.vision.facets.weld import weld
+from daemon.vision.geometry import Shape
 from daemon.vision.image.both_eyes import Eyes, open_eyes
 from daemon.vision.model.model import Model, empty_model, learn_view
-from daemon.vision.recognition.recognise import Recognised, recognise_group
+from daemon.vision.recognition.recognise import Recognised, recognise_group, suspected
 from daemon.vision.registration import by_segments, guessing
 from daemon.vision.registration.by_segments import LEAST_CONFIDENCE, named_by_segments
 from daemon.vision.registration.directed import directed_map
@@ -276,3 +277,44 @@ def test_the_table_is_asked_where_nothing_else_names_a_part(monkeypatch: pytest.
     assert asked == []
     named_by_segments(eyes_on(None), model(), [], told=TABLE)
     assert len(asked) == 1
+
+
+@pytest.mark.parametrize("label", ["cube", "pyramid"])
+def test_a_lone_facet_on_a_plain_table_names_the_part_with_no_look_for_corners(
+    label: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(by_segments, "guessed_in_space", lambda *_: pytest.fail("corners were looked for"))
+    (found,) = named_by_segments(plain(label), model(), [lone_facet(label)]).named
+    corners = frames.apply(WHERE, KNOWN[label].corners_mm)
+    off = np.linalg.norm(np.concatenate(found.part.fitted_mm)[:, None] - corners, axis=2).min(1)
+    assert (found.label, off.max() < 1.5) == (label, True)
+
+
+def test_where_that_leaves_something_unnamed_or_the_table_has_a_pattern_corners_are_asked_as_well(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    asked = list[Search]()
+    monkeypatch.setattr(by_segments, "guessed_in_space", lambda scene, spent: asked.append(scene) or Guessed([], 1))
+    (found,) = named_by_segments(plain("cube"), model(), [lone_facet("cube")], enough=lambda new: not new).named
+    assert (found.label, len(asked)) == ("cube", 1)
+    assert named_by_segments(eyes_on("cube"), model(), [lone_facet("cube")]).named == []
+    assert len(asked) == 2
+
+
+def test_on_a_patterned_table_a_lone_facet_is_one_guess_among_those_of_corners() -> None:
+    (facet,) = lone_facet("cube").group.facets
+    alone, with_facet = (guessed_in_space(scene("cube", groups), lambda: 0.0) for groups in ([], [weld([facet])]))
+    assert with_facet.tests == alone.tests + len(suspected(facet, model()))
+
+
+@cache
+def plain(name: str) -> Eyes:
+    return open_eyes(*print_pair(KNOWN[name], WHERE, printed=False, patterned=False), straight_rig())
+
+
+def lone_facet(name: str) -> Recognised:
+    """The largest facet of a part, seen where it lies."""
+    facet = max(
+        (_in_both(one) for one in view_of(KNOWN[name], WHERE).facets), key=lambda one: Shape.of(one.left_px).area
+    )
+    return unnamed(weld([facet]))

@@ -21,7 +21,7 @@ from daemon.vision.registration.directed import (
     other_sizes,
     promising,
 )
-from daemon.vision.registration.faces import likeness
+from daemon.vision.registration.faces import ENOUGH, _on_face, likeness
 from daemon.vision.registration.posed import Posed, Solids
 from tests.worlds.printed import print_pair, straight_rig
 from tests.worlds.solids import KNOWN, STRANGERS, pose
@@ -172,6 +172,14 @@ def test_print_is_alike_where_it_lies_on_the_faces_and_only_there() -> None:
     assert nearer is not None
     assert nearer < 0.7
     assert likeness(solid, WHERE, eyes_on("cube", printed=False)) is None
+
+
+def test_a_large_face_is_asked_at_no_more_places_than_say_enough() -> None:
+    cube = shape("cube")
+    large = exact(20.0 * cube.corners_mm, cube.facets)
+    small, many = _on_face(cube, 0), _on_face(large, 0)
+    assert len(small) < len(many) < 1.2 * ENOUGH
+    assert np.allclose(np.ptp(many, axis=0), 20.0 * np.ptp(small, axis=0), atol=50.0)
 
 
 def test_of_poses_that_look_the_same_only_one_is_looked_at_and_none_outside_the_images() -> None:
