@@ -58,6 +58,8 @@ BY_LIKENESS, USUAL_LIKENESS, BY_EXPLAINED, USUAL_EXPLAINED = 12.0, 0.9, 3.3, 0.7
 """Less, the less alike its print is in both eyes, and the more of the segments where it lies are none of its edges: and
 what no print, and no segments, are taken for. By 191 parts laid in 300 other such looks and 174 guesses where nothing
 taught lay: of these the worst then had log odds of 2.6 instead of 4.1, and three parts more had their names."""
+MOST_LIKENESS, MOST_EXPLAINED = BY_LIKENESS * (1 - USUAL_LIKENESS), BY_EXPLAINED * (1 - USUAL_EXPLAINED)
+"""What they can add at most."""
 BY_ELSEWHERE, USUAL_ELSEWHERE = 7.5, 0.35
 """Less, the more the picture would give the part elsewhere, from this share on: two of three true ones of those looks
 had less, the worst .74; of 151 guesses on photographed chessboards 149 had more than .72."""
@@ -235,21 +237,35 @@ def _contradicts(group: Group, one: Laid) -> bool:
 
 
 def _confidence(one: Laid, search: Search, tests: int) -> float:
-    """How likely a laid part is there, of so many guesses of which each could have come so far by chance."""
-    eyes, maps = search.eyes, search.maps
+    """How likely a laid part is there, of so many guesses of which each could have come so far by chance; 0 where that
+    is not enough for a name."""
     odds = one.odds - np.log(tests)
-    if _probability(odds + BY_EXPLAINED * (1 - USUAL_EXPLAINED)) < LEAST_CONFIDENCE:  # what follows adds no more
+    if (
+        _probability(odds + MOST_EXPLAINED) < LEAST_CONFIDENCE
+        or facets_in_view(one.solid, search.eyes, one.pose) < FEWEST_IN_VIEW
+    ):
         return 0.0
-    if facets_in_view(one.solid, eyes, one.pose) < FEWEST_IN_VIEW:
-        return 0.0
+    for term, yet in _for_and_against(one, search):
+        odds += term
+        if _probability(odds + yet) < LEAST_CONFIDENCE:
+            return 0.0
+    return _probability(odds)
+
+
+def _for_and_against(one: Laid, search: Search) -> Iterator[tuple[float, float]]:
+    """What else than its edges speaks for a laid part, or against it, in log odds, the cheapest first; and how much
+    more what follows can add."""
+    eyes, maps = search.eyes, search.maps
+    yet = MOST_LIKENESS + MOST_EXPLAINED
+    yield CONTRADICTED * any(_contradicts(group, one) for group in search.unnamed), yet
     gain = other_sizes(one.solid, one.pose, eyes.geometry, maps)
-    alike = likeness(one.solid, one.pose, eyes)
+    yield -BY_SIZE * (np.clip(gain, 1.0, MOST_SIZE) - 1), yet
     share = explained(one.solid, one.pose, (one.seen[0].edges, one.seen[1].edges), eyes)
-    odds -= BY_SIZE * (np.clip(gain, 1.0, MOST_SIZE) - 1)
-    odds -= BY_LIKENESS * (USUAL_LIKENESS - (USUAL_LIKENESS if alike is None else max(alike, 0.0)))
-    odds -= BY_EXPLAINED * (USUAL_EXPLAINED - (USUAL_EXPLAINED if share is None else share))
-    odds -= BY_ELSEWHERE * max(elsewhere(one.solid, one.pose, eyes.geometry, maps[0]) - USUAL_ELSEWHERE, 0.0)
-    return _probability(odds + CONTRADICTED * any(_contradicts(group, one) for group in search.unnamed))
+    yield BY_EXPLAINED * ((USUAL_EXPLAINED if share is None else share) - USUAL_EXPLAINED), MOST_LIKENESS
+    again = elsewhere(one.solid, one.pose, eyes.geometry, maps[0])
+    yield -BY_ELSEWHERE * max(again - USUAL_ELSEWHERE, 0.0), MOST_LIKENESS
+    alike = likeness(one.solid, one.pose, eyes)
+    yield BY_LIKENESS * ((USUAL_LIKENESS if alike is None else max(alike, 0.0)) - USUAL_LIKENESS), 0.0
 
 
 def _probability(log_odds: float) -> float:
