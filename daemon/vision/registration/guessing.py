@@ -46,9 +46,6 @@ MOST_PROMISING, OF_A_BUNDLE = 600, 4
 pose: a part in plain sight has thousands, and one beside it is there as well."""
 LEAST_NATS = 180.0
 """Evidence of segments against chance, a third of which a guess must have to be looked at."""
-FEWEST_TESTS = 6000
-"""Guesses that facets without a name are taken to have been chosen from at least: a facet is where edges are, and log
-odds were weighed where most looks had made about so many."""
 FEWEST_IN_VIEW = 2
 """Facets of a part that is named by its edges: one alone is no proof."""
 
@@ -105,8 +102,8 @@ def guessed_by_facets(search: Search, spent: Callable[[], float]) -> Guessed:
     """By facets that have no name, where they are asked by themselves."""
     posed, hinges = _by_facets(search)
     if not search.quiet or not len(posed.part) or spent() > SEARCHED:
-        return Guessed([], FEWEST_TESTS)
-    return _likeliest(search, *_laid_down(search, posed, hinges), max(len(posed.part), FEWEST_TESTS), spent)
+        return Guessed([], 0)
+    return _likeliest(search, *_laid_down(search, posed, hinges), len(posed.part), spent)
 
 
 def guessed_in_space(search: Search, spent: Callable[[], float]) -> Guessed:

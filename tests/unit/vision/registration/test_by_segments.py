@@ -19,7 +19,7 @@ from daemon.vision.image.both_eyes import Eyes, open_eyes
 from daemon.vision.model.model import Model, empty_model, learn_view
 from daemon.vision.recognition.recognise import Recognised, recognise_group, suspected
 from daemon.vision.registration import by_segments, guessing
-from daemon.vision.registration.by_segments import LEAST_CONFIDENCE, named_by_segments
+from daemon.vision.registration.by_segments import FEWEST_TESTS, LEAST_CONFIDENCE, named_by_segments
 from daemon.vision.registration.directed import directed_map
 from daemon.vision.registration.guessing import Guessed, Search, guessed_in_space
 from daemon.vision.registration.resting import rests
@@ -180,10 +180,12 @@ def test_too_little_evidence_refuses_a_name(monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def test_confidence_is_shared_by_all_guesses_that_were_made() -> None:
-    """Sixteen times as many parts taught, sixteen times as many chances: the odds are a sixteenth."""
+    """Sixteen times as many parts taught, sixteen times as many chances: the odds are a sixteenth. But what shows few
+    edges, of which few guesses are made, is where those are."""
     weak = replace(max(all_laid("cube"), key=lambda one: one.borne.nats), borne=Borne(45.0, 1.0))
-    few, many = confidence(weak, tests=1000), confidence(weak, tests=16000)
+    few, many = confidence(weak, tests=FEWEST_TESTS), confidence(weak, tests=16 * FEWEST_TESTS)
     assert few / (1 - few) == pytest.approx(16 * many / (1 - many))
+    assert confidence(weak, tests=1) == few
     assert confidence(weak, tests=10**9) == 0.0
 
 
@@ -194,7 +196,8 @@ def test_a_part_laid_anew_pays_for_every_pose_it_is_tried_at() -> None:
     anew = by_segments._undecided([weak], tests, eyes)
     assert len(anew) > 1
     assert {one.tries for one in anew} == {weak.tries * (1 + len(anew))}
-    assert by_segments._undecided([weak], 1, eyes) == [], "this one is sure"
+    strong = replace(weak, borne=Borne(100.0, 0.7))
+    assert by_segments._undecided([strong], 1, eyes) == [], "this one is sure"
 
 
 def test_print_that_does_not_lie_on_its_faces_refuses_a_name(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -223,7 +226,7 @@ def test_what_came_nearest_is_told_with_the_edges_that_show_and_those_that_do_no
 
 def test_little_evidence_names_a_part_that_lies_on_the_table_and_none_that_hangs_above_it() -> None:
     good = max((one for one in all_laid("cube") if one.label == "cube"), key=lambda one: one.borne.nats)
-    weak = replace(good, borne=Borne(30.0, 0.75))
+    weak = replace(good, borne=Borne(34.0, 0.75))
     lies, nobody_knows, hangs = (replace(weak, rests=rests) for rests in (True, None, False))
     assert hangs.odds < nobody_knows.odds < lies.odds
     assert confidence(hangs) == confidence(nobody_knows) == 0.0 < LEAST_CONFIDENCE < confidence(lies)

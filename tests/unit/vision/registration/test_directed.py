@@ -74,7 +74,7 @@ def test_most_speaks_for_a_part_where_it_is(name: str) -> None:
     nats, most = evidence(posed(solid, poses), eyes.geometry, maps(eyes))
     assert nats[0] > 2 * max(nats[1:].max(), 0.0)
     assert (nats <= most).all()
-    assert nats[0] > 0.75 * most[0]
+    assert nats[0] > 0.7 * most[0]
 
 
 @pytest.mark.parametrize("name", sorted(KNOWN))
@@ -84,7 +84,7 @@ def test_little_speaks_for_a_part_elsewhere_and_nearly_as_much_where_the_picture
     again = replace(eyes.left, grey=np.maximum(once, np.roll(once, 60, axis=1)), scales={}, windows={})
     lone, two = (elsewhere(solid, WHERE, eyes.geometry, directed_map(view)) for view in (eyes.left, again))
     assert lone < 0.65
-    assert two > 0.85
+    assert two > 0.75
 
 
 def test_of_many_poses_a_glance_leaves_those_that_much_speaks_for() -> None:
