@@ -18,8 +18,8 @@ async def _nothing_to_see() -> None:
 
 
 @dataclass(frozen=True, eq=False)
-class _Pending:
-    """What waits for a yes; since_s: the loop's time as it began to wait."""
+class Waiting:
+    """A move that waits for a yes, and no other, whatever it is called; since_s: the loop's time as it began to."""
 
     text: str
     answer: asyncio.Future[bool]
@@ -39,7 +39,8 @@ class Hold:
         """How often the next move was told to wait (pause, step), and how often as the last one was let go."""
         self._going = asyncio.Event()
         self._going.set()
-        self._pending: _Pending | None = None
+        self.waiting: Waiting | None = None
+        """The move that waits for confirm or refuse."""
 
     @property
     def paused(self) -> bool:
@@ -47,14 +48,9 @@ class Hold:
         return not self._going.is_set()
 
     @property
-    def pending(self) -> str | None:
-        """The move, in words, that waits for confirm or refuse."""
-        return None if self._pending is None else self._pending.text
-
-    @property
     def pending_s(self) -> float:
         """For how long it has waited; endless where none does."""
-        return inf if self._pending is None else asyncio.get_running_loop().time() - self._pending.since_s
+        return inf if self.waiting is None else asyncio.get_running_loop().time() - self.waiting.since_s
 
     @property
     def again(self) -> bool:
@@ -103,14 +99,14 @@ class Hold:
 
     async def _agreed(self, text: str) -> None:
         loop = asyncio.get_running_loop()
-        self._pending = _Pending(text, loop.create_future(), loop.time())
+        self.waiting = Waiting(text, loop.create_future(), loop.time())
         try:
-            if not await self._pending.answer:
+            if not await self.waiting.answer:
                 raise OperatorRefusedError(f"the operator refused: {text}")
         finally:
-            self._pending = None
+            self.waiting = None
 
     def _answer(self, yes: bool) -> None:
-        if self._pending is None or self._pending.answer.done():
+        if self.waiting is None or self.waiting.answer.done():
             raise RefusedError("no move waits for an answer")
-        self._pending.answer.set_result(yes)
+        self.waiting.answer.set_result(yes)

@@ -647,6 +647,31 @@ def test_of_two_who_say_yes_to_one_move_the_slower_does_not_send_the_next(story:
     assert story.violations() == ()
 
 
+@pytest.mark.parametrize("door", [0, 3])
+def test_a_yes_to_a_move_that_somebody_else_has_sent_meanwhile_is_none_to_the_next(story: Story, door: int) -> None:
+    """The question about the one had gone, and that about the next had come, as the key was pressed."""
+    for text in ("step on", "go bin"):
+        story.doors[door].say(text)
+        story.wait(0.5)
+    context = story._service.context
+    assert context is not None
+    first = context.cycle.status()["pending"]
+    story.wait(1.0)
+    story.sockets[1].say("confirm")
+    while (second := context.cycle.status()["pending"]) in (None, first):
+        story.wait(0.1)
+    story.wait(0.2)
+    before = story.cell.world_from_tool()
+    story.doors[door].answer("y")
+    story.wait(3.0)
+    assert context.cycle.status()["pending"] == second
+    assert (story.cell.world_from_tool() == before).all()
+    story.doors[door].answer("y")
+    story.wait(3.0)
+    assert (story.cell.world_from_tool() != before).any()
+    assert story.violations() == ()
+
+
 @pytest.mark.parametrize("word", ["step on", "pause"])
 def test_no_move_sets_out_after_a_hold_that_was_said_while_its_speed_was_being_told(story: Story, word: str) -> None:
     """The controller's answer to SPEED was lost: it was told again after five seconds, and then the move."""
