@@ -198,6 +198,12 @@ class Session:
             raise self._unanswered()
         return answer
 
+    def leave_unheard(self, errors: Sequence[str]) -> None:
+        """What the controller said by itself while it was asked something else: for whoever has the next turn, as what
+        it says while nobody listens."""
+        for text in errors:
+            self.talk.hear(Error(b"", text))
+
     def send(self, data: bytes, kept: bytes) -> None:
         """Send bytes, then keep `kept` of them in the ledger. Raises PortError."""
         self._port.write(data)
