@@ -171,6 +171,7 @@ class FakeDoor:
     answers: list[str] = field(default_factory=list)
     said: list[str] = field(default_factory=list)
     asked: list[str] = field(default_factory=list)
+    shown: int | None = None
     columns: int = 80
     rows: int | None = None
 
