@@ -6,6 +6,7 @@ Whether anything may move at all is the supervisor's; here only, whether it wait
 from __future__ import annotations
 
 import asyncio
+import time
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from math import inf
@@ -33,6 +34,8 @@ class Hold:
         self._interrupted = interrupted
         self.pauses = 0
         """How often moves were told to be held: what was to let them go before the last of them does not."""
+        self.paused_by, self._paused_s = "", -inf
+        """Who said so last."""
         self.stepping = False
         """Whether each move waits for a yes."""
         self._holds = self._let_go_at = 0
@@ -48,6 +51,11 @@ class Hold:
         return not self._going.is_set()
 
     @property
+    def paused_s(self) -> float:
+        """How long ago moves were told to be held last; endless where they never were."""
+        return time.monotonic() - self._paused_s
+
+    @property
     def pending_s(self) -> float:
         """For how long it has waited; endless where none does."""
         return inf if self.waiting is None else asyncio.get_running_loop().time() - self.waiting.since_s
@@ -58,9 +66,10 @@ class Hold:
         byte leaves, and whoever is told in them that the next move waits means this one."""
         return self._holds != self._let_go_at
 
-    def pause(self) -> None:
-        """Hold before the next move of arm or hand."""
+    def pause(self, by: str = "") -> None:
+        """Hold before the next move of arm or hand. by: who says so."""
         self.pauses += 1
+        self.paused_by, self._paused_s = by, time.monotonic()
         self._holds += 1
         self._going.clear()
 

@@ -101,6 +101,14 @@ def not_too_soon(context: CommandContext) -> None:
         raise CommandError(f"not sent, as it has only just come up: {hold.waiting.text}; `confirm` sends it")
 
 
+def not_behind_a_pause(context: CommandContext, door: Door) -> None:
+    """Raise CommandError where a `resume` was typed before its operator could read of the pause of somebody else: it
+    was for another one, or for a fault."""
+    hold = context.cycle.supervisor.hold
+    if hold.paused and hold.paused_s < READ_S and hold.paused_by != door.who:
+        raise CommandError(f"not let go: {hold.paused_by} has only just said `pause`; `resume` lets it go")
+
+
 def decide(context: CommandContext, yes: bool) -> Answer:
     """Yes or no to the move that waits. Raises CommandError where none does."""
     hold = context.cycle.supervisor.hold

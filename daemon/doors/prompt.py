@@ -37,8 +37,9 @@ def _piped(link: DaemonLink) -> int:
                     return status
                 done = link.do(line, "console", _say, typed.answer if sys.stdin.isatty() else None)
             except KeyboardInterrupt:
+                told = link.interrupt()
                 typed.drop()
-                _say(link.interrupt())
+                _say(told)
                 continue
             if "interrupted" in done:
                 typed.drop()

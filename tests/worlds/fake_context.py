@@ -120,7 +120,7 @@ class FakeCycle:
     def holding(self, held: bool) -> None:
         self.held = held
 
-    def pause(self) -> None:
+    def pause(self, by: str) -> None:
         self.told.append("pause")
 
     async def stop(self, why: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import pty
@@ -15,6 +16,7 @@ import tty
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from queue import SimpleQueue
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -137,6 +139,33 @@ def test_a_stop_through_a_pipe_is_said_while_the_line_before_it_is_being_done_an
     assert not console.is_alive()
     told = capsys.readouterr().out.splitlines()
     assert sorted(told) == ["done: pick", "done: stop", "not done: where"], "in whichever order they are heard"
+
+
+def test_control_c_where_lines_wait_stops_the_arm_before_it_tells_of_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whoever reads what is told may be slow, or gone."""
+    done: list[str] = []
+
+    class Pressed(contextlib.nullcontext[Any]):
+        waiting, come = SimpleNamespace(get=lambda: Pressed.next()), iter([KeyboardInterrupt(), None])
+
+        def __enter__(self) -> Any:
+            return self
+
+        @classmethod
+        def next(cls) -> None:
+            if (pressed := next(cls.come)) is not None:
+                raise pressed
+
+        def drop(self) -> None:
+            done.append("told")
+
+    def interrupt() -> str:
+        done.append("stopped")
+        return ""
+
+    monkeypatch.setattr(prompt, "Lines", lambda *_: Pressed())
+    assert prompt._piped(SimpleNamespace(interrupt=interrupt)) == 0  # type: ignore[arg-type]
+    assert done == ["stopped", "told"]
 
 
 class Asking:

@@ -417,6 +417,24 @@ def test_a_pause_said_after_a_resume_was_asked_for_holds_what_its_yes_sets_going
     assert any("Moves are held:" in text for text in story.texts)
 
 
+def test_a_resume_that_was_typed_before_the_pause_of_somebody_else_could_be_read_lets_nothing_go(story: Story) -> None:
+    """It was for a pause of before: the arm set out before the eyes of whoever had just had it held."""
+    for text in ("pause", "go bin"):
+        story.sockets[0].say(text)
+        story.wait(2.0)
+    before = story.cell.world_from_tool()
+    story.terminal.say("pause")
+    story.wait(0.3)
+    story.sockets[0].say("resume")
+    story.wait(3.0)
+    assert any("has only just said `pause`; `resume` lets it go" in text for text in story.texts)
+    assert (story.cell.world_from_tool() == before).all()
+    story.sockets[0].say("resume")
+    story.wait(3.0)
+    assert (story.cell.world_from_tool() != before).any()
+    assert story.violations() == ()
+
+
 def test_what_is_in_the_hand_is_not_said_to_be_gone_under_an_arm_that_carries_it() -> None:
     """The rest of its way was guarded as if nothing were in the hand."""
     story = Story(holds=True)
