@@ -15,7 +15,7 @@ import re
 import shlex
 import shutil
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
@@ -50,7 +50,10 @@ OFFLINE: dict[str, str] = {
 """Command -> the module that registers it. `train` is both: with --views a job on files, without it the daemon's."""
 OWN: dict[str, tuple[str, str]] = {
     "console": ("console", "a prompt with completion and history (control-C stops the arm)"),
-    "script": ("script FILE", "commands from a file (- for stdin), one a line; ends at the first that is not done"),
+    "script": (
+        "script FILE",
+        "commands from a file (- for stdin), one a line; ends at the first not done; a stop on stdin waits for none",
+    ),
     "commission": (
         "commission [STEP]",
         "from a known arm to the first pick, every check in order; goes on where it was left",
@@ -265,7 +268,7 @@ def _online(words: list[str], socket_path: Path | None, as_json: bool) -> int:
             return run(link, words[1:])
         if words[0] == "script":
             return _script(link, words[1:], as_json)
-        return show(_one_shot(link, shlex.join(words), as_json, "one-shot"), as_json)
+        return show(_one_shot(link, shlex.join(words), as_json), as_json)
 
 
 def _runs() -> bool:
@@ -277,14 +280,22 @@ def _runs() -> bool:
     return True
 
 
-def _one_shot(link: DaemonLink, text: str, as_json: bool, door: str) -> dict[str, Any]:
-    def say(line: str) -> None:
-        _tell(line, sys.stderr if as_json else sys.stdout)
+def _one_shot(link: DaemonLink, text: str, as_json: bool) -> dict[str, Any]:
+    """One command. A stop that is typed at this terminal meanwhile is said at once; what else nobody asked for is told
+    as not done."""
+    say = _teller(as_json)
+    if not sys.stdin.isatty():
+        return link.do(text, "one-shot", say)
+    from daemon.doors.keyboard import Lines
 
-    from daemon.doors.keyboard import answer_to
+    with Lines(lambda stop: say(link.stop_beside(stop, "one-shot", say)["text"]), say) as typed:
+        done = link.do(text, "one-shot", say, None if as_json else typed.answer)
+    typed.drop()
+    return done
 
-    asks = sys.stdin.isatty() and not as_json and door == "one-shot"
-    return link.do(text, door, say, answer_to if asks else None)
+
+def _teller(as_json: bool) -> Callable[[str], None]:
+    return lambda line: _tell(line, sys.stderr if as_json else sys.stdout)
 
 
 def show(done: dict[str, Any], as_json: bool) -> int:
@@ -310,25 +321,51 @@ def _script(link: DaemonLink, words: list[str], as_json: bool) -> int:
     if len(words) != 1:
         print("facetctl: usage: facetctl script FILE", file=sys.stderr)
         return NOT_UNDERSTOOD
+    from_stdin = words[0] == "-"
     try:
-        text = sys.stdin.read() if words[0] == "-" else read_file(Path(words[0]), LARGEST_SCRIPT).decode()
+        written = "" if from_stdin else read_file(Path(words[0]), LARGEST_SCRIPT).decode()
     except FileError as error:
         print(f"facetctl: {error}", file=sys.stderr)
         return NOT_UNDERSTOOD
     except UnicodeDecodeError as error:
         print(f"facetctl: {words[0]}: {error}", file=sys.stderr)
         return NOT_UNDERSTOOD
-    for number, line in enumerate(text.splitlines(), 1):
+    from daemon.doors.keyboard import Lines
+
+    say, beside = _teller(as_json), list[int]()
+
+    def stop(text: str) -> None:
+        beside.append(show(link.stop_beside(text, "script", say), as_json))
+
+    def dropped(told: str) -> None:
+        beside.append(NOT_DONE)
+        say(told)
+
+    with Lines(stop, dropped) if from_stdin or sys.stdin.isatty() else contextlib.nullcontext() as typed:
+        lines = iter(typed.waiting.get, None) if typed is not None and from_stdin else written.splitlines()
+        status = _in_turn(link, words[0], lines, lambda: typed is not None and typed.stopped, as_json)
+    return max(status, *beside, DONE)
+
+
+def _in_turn(link: DaemonLink, script: str, lines: Iterable[str], stopped: Callable[[], bool], as_json: bool) -> int:
+    """Each line when the one before is done, to the first that is not. stopped: whether a stop came meanwhile."""
+    for number, line in enumerate(lines, 1):
+        if stopped():
+            return _left_out(script, number, "stop", NOT_DONE)
         if not line.split("#")[0].strip():
             continue
-        done = _one_shot(link, line, as_json, "script")
-        status, what = show(done, as_json), "not done"
-        if status == DONE and "interrupted" in done:  # what this line does is no motion, and what follows may be
-            status, what = NOT_DONE, "control-C"
+        done = link.do(line, "script", _teller(as_json))
+        status = show(done, as_json)
         if status != DONE:
-            print(f"facetctl: {words[0]}:{number}: {what}; the rest is left out", file=sys.stderr)
-            return status
+            return _left_out(script, number, "not done", status)
+        if "interrupted" in done:  # what this line does is no motion, and what follows may be
+            return _left_out(script, number, "control-C", NOT_DONE)
     return DONE
+
+
+def _left_out(script: str, number: int, why: str, status: int) -> int:
+    print(f"facetctl: {script}:{number}: {why}; the rest is left out", file=sys.stderr)
+    return status
 
 
 def _model_without_daemon(words: list[str], as_json: bool) -> int:

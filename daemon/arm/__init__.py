@@ -5,6 +5,7 @@ Nothing here knows what a pick is; whoever wants the arm moved comes through thi
 
 from daemon.arm.body import ARM, Capsule, ball_of, body_like, capsule_around
 from daemon.arm.guard import Limits, Point
+from daemon.arm.hold import Waiting
 from daemon.arm.mover import Arrival, Mover, MoveRefusedError, NotSentError, OutOfReachError
 from daemon.arm.operators import Interruption, Let, OperatorRefusedError, RefusedError, said
 from daemon.arm.route import PATH_MM
@@ -52,6 +53,7 @@ __all__ = [
     "Settling",
     "StopRefusedError",
     "Supervisor",
+    "Waiting",
     "Workcell",
     "ball_of",
     "body_like",

@@ -6,6 +6,7 @@ Whether anything may move at all is the supervisor's; here only, whether it wait
 from __future__ import annotations
 
 import asyncio
+import time
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from math import inf
@@ -18,8 +19,8 @@ async def _nothing_to_see() -> None:
 
 
 @dataclass(frozen=True, eq=False)
-class _Pending:
-    """What waits for a yes; since_s: the loop's time as it began to wait."""
+class Waiting:
+    """A move that waits for a yes, and no other, whatever it is called; since_s: the loop's time as it began to."""
 
     text: str
     answer: asyncio.Future[bool]
@@ -33,13 +34,16 @@ class Hold:
         self._interrupted = interrupted
         self.pauses = 0
         """How often moves were told to be held: what was to let them go before the last of them does not."""
+        self.paused_by, self._paused_s = "", -inf
+        """Who said so last."""
         self.stepping = False
         """Whether each move waits for a yes."""
         self._holds = self._let_go_at = 0
         """How often the next move was told to wait (pause, step), and how often as the last one was let go."""
         self._going = asyncio.Event()
         self._going.set()
-        self._pending: _Pending | None = None
+        self.waiting: Waiting | None = None
+        """The move that waits for confirm or refuse."""
 
     @property
     def paused(self) -> bool:
@@ -47,14 +51,14 @@ class Hold:
         return not self._going.is_set()
 
     @property
-    def pending(self) -> str | None:
-        """The move, in words, that waits for confirm or refuse."""
-        return None if self._pending is None else self._pending.text
+    def paused_s(self) -> float:
+        """How long ago moves were told to be held last; endless where they never were."""
+        return time.monotonic() - self._paused_s
 
     @property
     def pending_s(self) -> float:
         """For how long it has waited; endless where none does."""
-        return inf if self._pending is None else asyncio.get_running_loop().time() - self._pending.since_s
+        return inf if self.waiting is None else asyncio.get_running_loop().time() - self.waiting.since_s
 
     @property
     def again(self) -> bool:
@@ -62,9 +66,10 @@ class Hold:
         byte leaves, and whoever is told in them that the next move waits means this one."""
         return self._holds != self._let_go_at
 
-    def pause(self) -> None:
-        """Hold before the next move of arm or hand."""
+    def pause(self, by: str = "") -> None:
+        """Hold before the next move of arm or hand. by: who says so."""
         self.pauses += 1
+        self.paused_by, self._paused_s = by, time.monotonic()
         self._holds += 1
         self._going.clear()
 
@@ -103,14 +108,14 @@ class Hold:
 
     async def _agreed(self, text: str) -> None:
         loop = asyncio.get_running_loop()
-        self._pending = _Pending(text, loop.create_future(), loop.time())
+        self.waiting = Waiting(text, loop.create_future(), loop.time())
         try:
-            if not await self._pending.answer:
+            if not await self.waiting.answer:
                 raise OperatorRefusedError(f"the operator refused: {text}")
         finally:
-            self._pending = None
+            self.waiting = None
 
     def _answer(self, yes: bool) -> None:
-        if self._pending is None or self._pending.answer.done():
+        if self.waiting is None or self.waiting.answer.done():
             raise RefusedError("no move waits for an answer")
-        self._pending.answer.set_result(yes)
+        self.waiting.answer.set_result(yes)

@@ -197,6 +197,7 @@ class Mover:
                 timeout_s=longest_s,
             )
         except HeldBackError:  # as it was being typed: nothing has left, and all is asked again
+            self._log_held_back("move")
             self.at = start
             return await self.go(command)
         self.at = reading
@@ -266,6 +267,8 @@ class Mover:
         try:
             await self.cell.robot.hand(closed)
         except HeldBackError:
+            if closed:
+                self._log_held_back("hand")
             self.closed = before
             await self.hand(closed, hand_s)
             return
@@ -312,6 +315,10 @@ class Mover:
 
     def _log_hand(self, closed: bool) -> None:
         self.cell.log.record("hand", cycle=self.cycle, closed=closed, sent=not self.dry)
+
+    def _log_held_back(self, what: str) -> None:
+        """That what was told last was taken back: read after a crash, it is on its way."""
+        self.cell.log.record("held_back", cycle=self.cycle, what=what)
 
     def _log_move(self, command: Command) -> None:
         self.cell.log.record(

@@ -117,7 +117,7 @@ class Supervisor:
             "paused": self.hold.paused,
             "step": self.hold.stepping,
             "dry": self.mover.dry,
-            "pending": self.hold.pending,
+            "pending": None if self.hold.waiting is None else self.hold.waiting.text,
         }
 
     # What may be.

@@ -9,13 +9,14 @@ import time
 from collections.abc import Awaitable
 from typing import Any, TypeVar
 
-from daemon.arm import RefusedError
+from daemon.arm import RefusedError, Waiting
 from daemon.console.context import CommandContext
 from daemon.console.interpreter import Answer, CommandError, Door, yes_or_no
 
 T = TypeVar("T")
 READ_S = 1.0
-"""Nobody has read of a move and typed `confirm` sooner than this after it began to wait."""
+"""Nobody has read what is asked and said yes to it sooner than this after it came up, whether by `confirm` or as the
+answer to a question (doors/turns.py)."""
 POLL_S = 0.05
 REMIND_S = 20.0
 """How long a move waits for a yes before it is told once more, where nobody is asked."""
@@ -38,9 +39,10 @@ async def with_questions(context: CommandContext, work: Awaitable[T], door: Door
             if state.get("state") == "paused" and not held:
                 await door.say("Held before the next move: `resume` lets it go.")
             held = state.get("state") == "paused"
-            if state["pending"] is not None and door.asks:
-                await _ask_to_send(context, str(state["pending"]), task, door)
-            elif (line := waits.due(state["pending"])) is not None:
+            waiting = context.cycle.supervisor.hold.waiting
+            if waiting is not None and door.asks:
+                await _ask_to_send(context, waiting, task, door)
+            elif (line := waits.due(waiting)) is not None:
                 await door.say(line)
         return await task
 
@@ -49,15 +51,17 @@ class Waits:
     """The move that waits for a yes: whether it is time to tell of it."""
 
     def __init__(self) -> None:
-        self._told: tuple[object, float] = None, 0.0
+        self._told: tuple[Waiting | None, float] = None, 0.0
 
-    def due(self, pending: object) -> str | None:
+    def due(self, waiting: Waiting | None) -> str | None:
         """The line to tell, once as it begins to wait and again every REMIND_S; None where there is none."""
         now_s, (told, told_s) = time.monotonic(), self._told
-        if pending == told and (pending is None or now_s < told_s + REMIND_S):
+        if waiting is told and (waiting is None or now_s < told_s + REMIND_S):
             return None
-        self._told = pending, now_s
-        return None if pending is None else f"Waits for a yes: {pending}; `confirm` sends it, `refuse` gives it up."
+        self._told = waiting, now_s
+        return (
+            None if waiting is None else f"Waits for a yes: {waiting.text}; `confirm` sends it, `refuse` gives it up."
+        )
 
 
 async def tell_what_waits(context: CommandContext) -> None:
@@ -66,17 +70,18 @@ async def tell_what_waits(context: CommandContext) -> None:
     waits = Waits()
     while True:
         await asyncio.sleep(UNASKED_S)
-        pending = None if context.notices.asked else context.cycle.status()["pending"]
-        if (line := waits.due(pending)) is not None:
+        waiting = None if context.notices.asked else context.cycle.supervisor.hold.waiting
+        if (line := waits.due(waiting)) is not None:
             context.notices.tell(line)
 
 
-async def _ask_to_send(context: CommandContext, pending: str, work: asyncio.Future[Any], door: Door) -> None:
-    """Ask whether to send the move that waits, for as long as it waits: others may decide, or stop the arm."""
-    asking = asyncio.ensure_future(yes_or_no(door, f"{pending}. Send it? [y/n]"))
-    while not (asking.done() or work.done()) and context.cycle.status()["pending"] == pending:
+async def _ask_to_send(context: CommandContext, waiting: Waiting, work: asyncio.Future[Any], door: Door) -> None:
+    """Ask whether to send the move that waits, for as long as that one does: others may decide, or stop the arm."""
+    hold = context.cycle.supervisor.hold
+    asking = asyncio.ensure_future(yes_or_no(door, f"{waiting.text}. Send it? [y/n]"))
+    while not (asking.done() or work.done()) and hold.waiting is waiting:
         await asyncio.wait([asking, work], timeout=POLL_S, return_when=asyncio.FIRST_COMPLETED)
-    if asking.done() and context.cycle.status()["pending"] == pending:
+    if asking.done() and hold.waiting is waiting:
         with contextlib.suppress(RefusedError):  # somebody else has decided in this moment
             decide(context, asking.result() is True)
     asking.cancel()
@@ -91,19 +96,28 @@ def _progress(state: dict[str, Any]) -> str:
 def not_too_soon(context: CommandContext) -> None:
     """Raise CommandError where a `confirm` was typed for the move before the one that waits: of two operators who say
     yes to one move, the slower would send the next."""
-    if context.cycle.supervisor.hold.pending_s < READ_S:
-        pending = context.cycle.status()["pending"]
-        raise CommandError(f"not sent, as it has only just come up: {pending}; `confirm` sends it")
+    hold = context.cycle.supervisor.hold
+    if hold.waiting is not None and hold.pending_s < READ_S:
+        raise CommandError(f"not sent, as it has only just come up: {hold.waiting.text}; `confirm` sends it")
+
+
+def not_behind_a_pause(context: CommandContext, door: Door) -> None:
+    """Raise CommandError where a `resume` was typed before its operator could read of the pause of somebody else: it
+    was for another one, or for a fault."""
+    hold = context.cycle.supervisor.hold
+    if hold.paused and hold.paused_s < READ_S and hold.paused_by != door.who:
+        raise CommandError(f"not let go: {hold.paused_by} has only just said `pause`; `resume` lets it go")
 
 
 def decide(context: CommandContext, yes: bool) -> Answer:
     """Yes or no to the move that waits. Raises CommandError where none does."""
-    if context.cycle.status()["pending"] is None:
+    hold = context.cycle.supervisor.hold
+    if hold.waiting is None:
         raise CommandError("no move waits for an answer")
     if yes:
-        context.cycle.supervisor.hold.confirm()
+        hold.confirm()
     else:
-        context.cycle.supervisor.hold.refuse()
+        hold.refuse()
     if yes and context.cycle.status()["paused"]:
         return Answer("Agreed to, and not sent yet: moves are held; `resume` lets them go.")
     return Answer("Agreed to." if yes else "Not sent; the job is given up.")

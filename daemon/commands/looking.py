@@ -30,7 +30,7 @@ MARKS = "abcdefghijklmnopqrstuvwxyz"
 
 
 @command("status", at_once=True, first=True)
-async def status(context: CommandContext, words: list[str], _: Door) -> Answer:
+async def status(context: CommandContext, words: list[str], door: Door) -> Answer:
     """How things stand, what is being done, what is wrong."""
     state = context.cycle.status()
     model = context.trainer.model
@@ -49,8 +49,9 @@ async def status(context: CommandContext, words: list[str], _: Door) -> Answer:
     pick_order = context.cycle.pick_order
     if pick_order is not None and not state["auto"]:
         lines.insert(2, f"left      {cut_off(pick_order.count)}: `auto resume` takes it up, `auto off` gives it up")
-    if model_store.candidate is not None:
-        lines.insert(3, f"candidate version {model_store.candidate}, not in use: `try` it, then `accept`")
+    candidate = door.shown = model_store.candidate
+    if candidate is not None:
+        lines.insert(3, f"candidate version {candidate}, not in use: `try` it, then `accept`")
     left_out: Any = state["skipped"]
     lines += map(_left_out, left_out)
     lines += [f"TROUBLE   {text}" for text in context.troubles.standing.values()]
@@ -60,7 +61,7 @@ async def status(context: CommandContext, words: list[str], _: Door) -> Answer:
         "version": version(),
         "cell": context.hardware.kind,
         "seed": context.hardware.seed,
-        "model": {"version": model_store.current, "labels": list(model.labels), "candidate": model_store.candidate},
+        "model": {"version": model_store.current, "labels": list(model.labels), "candidate": candidate},
         "troubles": dict(context.troubles.standing),
         "run": str(context.run_log.folder),
         "up_s": round(time.monotonic() - context.started_s, 1),
@@ -154,11 +155,11 @@ async def look_of(context: CommandContext, door: Door, purpose: str) -> Look:
 @command("try")
 async def try_now(context: CommandContext, words: list[str], door: Door) -> Answer:
     """Recognise now, with the candidate model if there is one, with reasons."""
-    candidate = context.trainer.candidate()
-    recogniser = candidate or context.trainer.in_use
+    candidate = door.shown = context.trainer.model_store.candidate
+    recogniser = context.trainer.in_use if candidate is None else context.trainer.version(candidate)
     seen = await look_of(context, door, "try")
     scene = await asyncio.to_thread(recogniser.see, *seen.taken.images, context.table_in(seen), seen.taken.rig)
-    which = f"candidate {context.trainer.model_store.candidate}" if candidate else "the model in use"
+    which = "the model in use" if candidate is None else f"candidate {candidate}"
     lines = [f"With {which}:"]
     for mark, part in zip(MARKS, scene.parts, strict=False):
         found = part.recognition

@@ -41,7 +41,8 @@ async def train(context: CommandContext, words: list[str], door: Door) -> Answer
     lines = [f"{text} ({trained.seconds:.1f} s)."]
     lines += [f"  {_describe_verdict(v)}" for v in wrong]
     lines += [f"  left out: {line}" for line in trained.left_out]
-    judged = await asyncio.to_thread(context.trainer.judge_candidate)
+    door.shown = trained.version
+    judged = await asyncio.to_thread(context.trainer.judge_version, trained.version)
     data: dict[str, Any] = {"version": trained.version, "right": right, "views": len(trained.verdicts)}
     data["seconds"] = round(trained.seconds, 2)
     lines += [describe_sufficiency(judgement, brief=True) for judgement in judged]
@@ -49,7 +50,7 @@ async def train(context: CommandContext, words: list[str], door: Door) -> Answer
     lines.append("`try` looks with it; `accept` puts it into use.")
     first = context.trainer.model_store.current is None and not context.trainer.model.labels
     if first and not wrong:
-        version = context.trainer.accept()
+        version = context.trainer.accept(trained.version)
         context.use_model("first", version)
         lines[-1] = f"There was no model yet: version {version} is in use from now on."
         data["accepted"] = True
@@ -60,14 +61,22 @@ async def train(context: CommandContext, words: list[str], door: Door) -> Answer
 async def accept(context: CommandContext, words: list[str], door: Door) -> Answer:
     """Put the candidate model into use.
 
-    It says which parts could be taken for each other, and from what is seen of them.
+    The one that you were shown last, by `train`, `try`, `status` or `model`. It says which parts could be taken for
+    each other, and from what is seen of them.
     """
     model_store = context.trainer.model_store
-    if model_store.candidate is None and model_store.current is not None:
+    candidate, shown = model_store.candidate, door.shown
+    if candidate is None and model_store.current is not None:
         raise CommandError(f"version {model_store.current} is in use and no other waits; `train` makes a candidate")
+    if shown not in (None, candidate):
+        door.shown = candidate
+        raise CommandError(
+            f"not accepted: you were shown version {shown}, and the candidate is version {candidate} by now: "
+            f"`try` looks with it, `accept` once more takes it, `model use {shown}` the other"
+        )
     await _not_amid_a_pick(context, door)
-    pairs = alike(await asyncio.to_thread(context.trainer.judge_candidate))
-    version = await asyncio.to_thread(context.trainer.accept)
+    pairs = [] if candidate is None else alike(await asyncio.to_thread(context.trainer.judge_version, candidate))
+    version = await asyncio.to_thread(context.trainer.accept, candidate)
     context.use_model("accept", version)
     lines = [f"Version {version} is in use; `rollback` goes back.", *([describe_alike(pairs)] if pairs else [])]
     data = [{"labels": two.labels, "facets": two.facets, "viewpoints": two.viewpoints} for two in pairs]
@@ -81,6 +90,7 @@ async def rollback(context: CommandContext, words: list[str], door: Door) -> Ans
         await _not_amid_a_pick(context, door)
     version = await asyncio.to_thread(context.trainer.rollback)
     context.use_model("rollback", version)
+    door.shown = context.trainer.model_store.candidate
     return Answer(f"Version {version} is in use again; the other one is the candidate.", {"version": version})
 
 
@@ -97,6 +107,7 @@ async def model(context: CommandContext, words: list[str], door: Door) -> Answer
     store = context.trainer.model_store
     if word == "list":
         no_more(words, 1, MODEL_USAGE)
+        door.shown = store.candidate
         return list_of(store)
     if len(words) < 2:
         raise CommandError(f"N is missing: {MODEL_USAGE}", NOT_UNDERSTOOD)

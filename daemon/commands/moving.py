@@ -7,7 +7,7 @@ from typing import Any
 
 from daemon.arm import Let, RefusedError, StopRefusedError
 from daemon.commands import eyes
-from daemon.commands.awaiting import POLL_S, decide, not_too_soon, with_questions
+from daemon.commands.awaiting import POLL_S, decide, not_behind_a_pause, not_too_soon, with_questions
 from daemon.console.context import CommandContext
 from daemon.console.interpreter import (
     DONE,
@@ -101,9 +101,11 @@ async def resume(context: CommandContext, words: list[str], door: Door) -> Answe
     After a fault nothing goes on by itself: say `pick`, `auto on` or `auto resume`. Where an auto was cut
     off, and at a door that can ask, it is asked whether to take it up now; answered no, the fault stands.
     After a camera's fault each eye is tried; where one is left, it is asked whether to go on with that alone.
-    Not heard while a stop is under way: until the arm was seen at rest. Does not enable the arm.
+    Not heard while a stop is under way: until the arm was seen at rest; nor within a second of a `pause` that
+    somebody else says: it may have been meant for one of before. Does not enable the arm.
     """
     supervisor = context.cycle.supervisor
+    not_behind_a_pause(context, door)
     before, stops, pauses = context.cycle.status(), supervisor.stops, supervisor.hold.pauses
     if before["fault"] is None:
         supervisor.resume()
@@ -152,9 +154,9 @@ async def resume(context: CommandContext, words: list[str], door: Door) -> Answe
 
 
 @command("pause", "move", at_once=True)
-async def pause(context: CommandContext, words: list[str], _: Door) -> Answer:
+async def pause(context: CommandContext, words: list[str], door: Door) -> Answer:
     """Hold before the next move of arm or hand."""
-    context.cycle.supervisor.hold.pause()
+    context.cycle.supervisor.hold.pause(door.who)
     return Answer("Holding before the next move; `resume` goes on.")
 
 

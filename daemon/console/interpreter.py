@@ -56,6 +56,8 @@ class Door(Protocol):
     may: Literal["look", "all"]
     asks: bool
     """Whether questions can be put to somebody; without it they are taken as answered by yes."""
+    shown: int | None
+    """The candidate model that was shown here last: what `accept` said here is about."""
 
     @property
     def columns(self) -> int:

@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from daemon.errors import FacetdError
+from daemon.errors import NOT_UNDERSTOOD, FacetdError
 from daemon.store.outside import FileError, read_file
 from daemon.store.places import socket_candidates
 
@@ -51,9 +51,13 @@ class DaemonLink:
             self._file.close()
         self.socket.close()
 
-    def beside(self) -> DaemonLink:
-        """A connection of its own, for what must be heard while this one waits. Raises NotThereError."""
-        return DaemonLink(self._path)
+    def stop_beside(self, text: str, door: str, say: Callable[[str], None]) -> dict[str, Any]:
+        """Say a stop on a connection of its own, whatever is waited for on this one; gives what `do` does."""
+        try:
+            with DaemonLink(self._path) as another:
+                return another.do(text, door, say)
+        except NotThereError as error:
+            return {"text": str(error), "data": {"error": str(error)}, "status": NOT_UNDERSTOOD}
 
     def connect_again(self) -> None:
         """To the daemon that runs now, after the one before went away. Raises NotThereError."""

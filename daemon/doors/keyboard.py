@@ -1,5 +1,5 @@
-"""The keyboard of whoever sits at this terminal: the answer to a question; line by line, for a job that asks and waits,
-as a stop may come at any moment; and key by key, for the time in which they talk to the controller itself.
+"""The keyboard of whoever sits at this terminal, or the pipe in its place: line by line, for what waits and may ask, as
+a stop may come at any moment; and key by key, for the time in which they talk to the controller itself.
 
 Keys go out as they are pressed, in a thread; what comes back is shown as it comes. What keys mean is not known here,
 but for two: control-] leaves, control-C stops the arm.
@@ -7,6 +7,7 @@ but for two: control-] leaves, control-C stops the arm.
 
 from __future__ import annotations
 
+import contextlib
 import os
 import select
 import sys
@@ -14,71 +15,168 @@ import termios
 import threading
 import tty
 from collections.abc import Callable
-from queue import SimpleQueue
+from queue import Empty, SimpleQueue
 from typing import Any
 
-from daemon.console.stop_words import means_stop
+from daemon.console.stop_words import ends_in_stop
 
 LEAVE, STOP = b"\x1d", b"\x03"
 POLL_S = 0.1
 
 
-def forget_what_was_typed() -> None:
-    """A question is answered after it was shown: what waits at this terminal was typed for something else."""
-    if sys.stdin.isatty():
-        termios.tcflush(sys.stdin, termios.TCIFLUSH)
-
-
-def answer_to(question: str) -> str:
-    """The line typed here after a question was shown; empty at the end of input."""
-    forget_what_was_typed()
-    try:
-        return input(f"{question} ")
-    except EOFError:
-        return ""
-
-
 class Lines:
-    """From construction to close() every line typed here that means to stop goes to `stop`, as it comes, in a thread;
-    and another answers the question that was shown before it, if there is one. Needs a terminal."""
+    """The lines of standard input, a terminal's or a pipe's, read from construction to close() as they come, in a
+    thread: nobody knows when a stop does. One that means to stop goes to `stop` at once, and what waits is dropped;
+    another answers the question that was shown before it, where one stands, or else waits to be said in its turn."""
 
-    def __init__(self, stop: Callable[[str], None]) -> None:
-        self._stop = stop
+    def __init__(self, stop: Callable[[str], None], say: Callable[[str], None]) -> None:
+        """say: told of what waited and is not done."""
+        self._stop, self._say = stop, say
+        self.waiting: SimpleQueue[str | None] = SimpleQueue()
+        """What was typed for nobody's question, in its order; None where the input ends."""
+        self.stopped = self._ended = False
+        """Whether a stop was typed; whether nothing more comes."""
+        self._question: str | None = None
+        self._shown: str | None = None
         self._answers: SimpleQueue[str] = SimpleQueue()
-        self._asked, self._over = threading.Event(), threading.Event()
+        self._begun = b""
+        self._taken: list[str] = []
+        """What of the line being typed stood there when questions came: it answers none, and a stop may be amid it."""
+        self._over, self._wake = threading.Event(), os.eventfd(0)
         self._thread = threading.Thread(target=self._read, name="lines", daemon=True)
         self._thread.start()
+
+    def __enter__(self) -> Lines:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
 
     def answer(self, question: str) -> str:
         """The line typed after a question was shown; empty at the end of input, and where it was to stop."""
         while not self._answers.empty():
             self._answers.get()
-        forget_what_was_typed()
-        print(question, end=" ", flush=True)
-        self._asked.set()
+        self._question = question
+        os.eventfd_write(self._wake, 1)
         try:
-            return "" if self._over.is_set() else self._answers.get()
+            return "" if self._ended else self._answers.get()
         finally:
-            self._asked.clear()
+            self._question = None
+
+    def drop(self) -> None:
+        """What waits is not said any more, and told so."""
+        self._tell_dropped(self._dropped())
 
     def close(self) -> None:
-        """Listen no longer; safe to call twice."""
+        """Listen no longer, once a stop that is being said was."""
         self._over.set()
+        os.eventfd_write(self._wake, 1)
         self._thread.join()
+        os.close(self._wake)
 
     def _read(self) -> None:
         handle = sys.stdin.fileno()
         while not self._over.is_set():
-            if not select.select([handle], [], [], POLL_S)[0]:
-                continue
-            data = os.read(handle, 4096)
-            line = data.decode("utf-8", "replace").strip()
-            if means_stop(line):
-                self._stop(line)
-            if not data:
-                self._over.set()
-            if self._asked.is_set():
-                self._answers.put("" if means_stop(line) else line)
+            ready = select.select([handle, self._wake], [], [])[0]
+            if self._wake in ready:
+                os.eventfd_read(self._wake)
+                self._put(handle)
+            elif not _gives_lines(handle):
+                self._over.wait(POLL_S)
+            elif data := _read_from(handle):
+                self._take(data)
+            else:
+                self._end(os.isatty(handle))
+
+    def _put(self, handle: int) -> None:
+        """Show the question, if there is one: what was typed by now was not for it."""
+        question = self._question
+        if question is None:
+            return
+        if _gives_lines(handle):
+            self._take(typed_by_now())
+        self._taken.append(self._begun.decode("utf-8", "replace"))
+        self._begun = b""
+        print(question, end=" ", flush=True)
+        self._shown = question
+
+    def _take(self, data: bytes) -> None:
+        *lines, self._begun = (self._begun + data).split(b"\n")
+        for line in lines:
+            self._hear(line.decode("utf-8", "replace").strip())
+
+    def _hear(self, line: str) -> None:
+        stops = ends_in_stop(self._taken, line)
+        self._taken.clear()
+        if stops:
+            self.stopped, dropped = True, self._dropped()
+            self._stop(line)
+            self._answers.put("")
+            self._tell_dropped(dropped)
+        elif self._question is not None and self._shown is self._question:
+            self._answers.put(line)
+        else:
+            self.waiting.put(line)
+
+    def _dropped(self) -> list[str]:
+        """What waits, taken away; but the end is the end."""
+        dropped: list[str] = []
+        with contextlib.suppress(Empty):
+            while (line := self.waiting.get_nowait()) is not None:
+                dropped.append(line)
+            self.waiting.put(None)
+        return dropped
+
+    def _tell_dropped(self, dropped: list[str]) -> None:
+        for line in filter(None, dropped):
+            self._say(f"not done: {line}")
+
+    def _end(self, more_may_come: bool) -> None:
+        """The end of a pipe is the last of it; behind control-D a terminal may still say stop."""
+        if self._begun:
+            self._take(b"\n")
+        self._ended = not more_may_come
+        self._answers.put("")
+        self.waiting.put(None)
+        if more_may_come:
+            self._over.wait(POLL_S)  # one that was hung up is at its end for ever
+        else:
+            self._over.set()
+
+
+def typed_by_now() -> bytes:
+    """All that was typed at this terminal and is not read yet, the line being typed as well: where somebody is asked
+    something, it was for something else, and may be a stop. Nothing where this is no terminal."""
+    if not sys.stdin.isatty():
+        return b""
+    handle = sys.stdin.fileno()
+    before, mode = termios.tcgetattr(handle), termios.tcgetattr(handle)
+    mode[3] &= ~termios.ICANON
+    mode[6][termios.VMIN], mode[6][termios.VTIME] = 0, 0
+    termios.tcsetattr(handle, termios.TCSANOW, mode)
+    try:
+        return _read_from(handle)
+    finally:
+        termios.tcsetattr(handle, termios.TCSANOW, before)
+
+
+def _read_from(handle: int) -> bytes:
+    """What came; nothing at the end, and where the terminal is gone."""
+    try:
+        return os.read(handle, 4096)
+    except OSError:
+        return b""
+
+
+def _gives_lines(handle: int) -> bool:
+    """Whether lines come here for us: not from a terminal that somebody else in front of us reads (we would be stopped
+    for it), or that gives its keys one by one to whom they are meant for (Keyboard, a pager)."""
+    if not os.isatty(handle):
+        return True
+    with contextlib.suppress(OSError):  # no terminal of our own session keeps nobody from reading
+        if os.tcgetpgrp(handle) != os.getpgrp():
+            return False
+    return bool(termios.tcgetattr(handle)[3] & termios.ICANON)
 
 
 class Keyboard:

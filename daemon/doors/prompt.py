@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import contextlib
 import shutil
 import sys
-import threading
-from queue import Empty, SimpleQueue
 
 from daemon.console.pages import NARROWEST, fold
-from daemon.console.stop_words import means_stop
-from daemon.doors.client import DaemonLink, NotThereError
+from daemon.doors.client import DaemonLink
+from daemon.doors.keyboard import Lines
 
 
 def converse(link: DaemonLink) -> int:
@@ -31,74 +28,24 @@ def _piped(link: DaemonLink) -> int:
     """One line after the other, each when the one before is done; but a stop is said as soon as it comes, and what came
     before it and still waits is dropped. Control-C stops the arm, and drops what waits as well.
     """
-    typed = _Typed()
-    threading.Thread(target=typed.read, args=(link,), daemon=True, name="standard input").start()
     status = 0
-    while True:
-        try:
-            line = typed.lines.get()
-            if line is None or line.strip() in ("quit", "exit"):
-                return status
-            done = link.do(line, "console", _say, typed.answer if sys.stdin.isatty() else None)
-        except KeyboardInterrupt:
-            typed.drop()
-            _say(link.interrupt())
-            continue
-        if "interrupted" in done:
-            typed.drop()
-        if done["text"]:
-            _say(done["text"])
-        status = int(done["status"])
-
-
-class _Typed:
-    """Lines of standard input that wait to be said, None at its end. Read on a thread of its own: nobody knows when a
-    stop comes. A line that was typed before a question was shown does not answer it."""
-
-    def __init__(self) -> None:
-        self.lines: SimpleQueue[str | None] = SimpleQueue()
-        self._answers: SimpleQueue[str] = SimpleQueue()
-        self._asked, self._over = threading.Event(), False
-
-    def read(self, link: DaemonLink) -> None:
-        """To its end; a stop is said beside whatever the link is waiting for, and takes its question away."""
-        for line in map(str.rstrip, sys.stdin):
-            if not means_stop(line):
-                (self._answers if self._asked.is_set() else self.lines).put(line)
-                continue
-            self.drop()
+    with Lines(lambda text: _say(link.stop_beside(text, "console", _say)["text"]), _say) as typed:
+        while True:
             try:
-                with link.beside() as another:
-                    _say(another.do(line, "console", _say)["text"])
-            except NotThereError as error:
-                print(f"facetctl: {error}", file=sys.stderr, flush=True)
-            self._answers.put("")
-        self._over = True
-        self._answers.put("")
-        self.lines.put(None)
-
-    def drop(self) -> None:
-        """What was typed before a stop, and waits, is not said any more; but the end is the end."""
-        over = False
-        with contextlib.suppress(Empty):
-            while True:
-                line = self.lines.get_nowait()
-                over = over or line is None
-                if line is not None:
-                    _say(f"not done: {line}")
-        if over:
-            self.lines.put(None)
-
-    def answer(self, question: str) -> str:
-        """The next line, as the answer to what is asked."""
-        _say(question)
-        while not self._answers.empty():
-            self._answers.get()
-        self._asked.set()
-        try:
-            return "" if self._over else self._answers.get()
-        finally:
-            self._asked.clear()
+                line = typed.waiting.get()
+                if line is None or line in ("quit", "exit"):
+                    return status
+                done = link.do(line, "console", _say, typed.answer if sys.stdin.isatty() else None)
+            except KeyboardInterrupt:
+                told = link.interrupt()
+                typed.drop()
+                _say(told)
+                continue
+            if "interrupted" in done:
+                typed.drop()
+            if done["text"]:
+                _say(done["text"])
+            status = int(done["status"])
 
 
 def _say(text: str) -> None:

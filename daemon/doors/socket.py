@@ -199,6 +199,7 @@ class _Operator:
     ) -> None:
         self._reader, self._writer, self._console = reader, writer, console
         self.name, self.asks, self.who, self.may = "socket", False, str(peer), may
+        self.shown: int | None = None
         self.columns: int = COLUMNS
         self.rows: int | None = None
         self._spoke = self._listens = False

@@ -50,6 +50,7 @@ class SerialConsole:
         """trouble: told in one line when the port cannot be had, None when it can."""
         self.who = f"operator at {settings.device}"
         self.may: Literal["look", "all"] = settings.may
+        self.shown: int | None = None
         self._settings, self._trouble, self._notices = settings, trouble, console.context.notices
         self._turns = Turns(console, self, interrupt, self._show_question)
         self._editor = LineEditor(PROMPT, partial(_complete, console))

@@ -7,8 +7,10 @@ from __future__ import annotations
 import asyncio
 from collections import deque
 from collections.abc import Awaitable, Callable, Coroutine
+from math import inf
 from typing import Any, TypeVar
 
+from daemon.commands.awaiting import READ_S
 from daemon.console.interpreter import NOT_DONE, Answer, Console, Door
 
 T = TypeVar("T")
@@ -24,6 +26,7 @@ MOST_AHEAD = 500
 MOST_BESIDE = 1000
 """All that is done for one operator: beyond the commands it is stops."""
 CROWDED = "too many commands wait for their turn"
+TOO_SOON = "not taken as an answer, as this has only just come up"
 
 
 class Turns:
@@ -44,6 +47,11 @@ class Turns:
         """What was typed ahead, and how often the arm had been stopped by then: a later stop, at whatever door, voids
         it."""
         self._asked: asyncio.Future[str] | None = None
+        self._words, self._read_s = "", -inf
+        """What is asked, and from when on (the loop's time) an answer may be one to it."""
+        self._settled_elsewhere = False
+        """Whether the question before was taken away as somebody else had settled it: an answer to that one may be on
+        its way still."""
         self._one_question = asyncio.Lock()
         self._tasks: set[asyncio.Task[None]] = set()
 
@@ -82,21 +90,31 @@ class Turns:
         async with self._one_question:
             if self.gone:
                 return ""
-            self.question += 1
-            self._asked = asyncio.get_running_loop().create_future()
-            self._show_question(question)
+            loop = asyncio.get_running_loop()
+            self._asked, self._words = loop.create_future(), question
+            self._read_s = loop.time() + READ_S if self._settled_elsewhere else -inf
+            self._put(question)
             try:
                 return await self._asked
             finally:
+                self._settled_elsewhere = self._asked.cancelled()
                 self._asked = None
                 self._show_question(None)
 
+    def _put(self, question: str) -> None:
+        self.question += 1
+        self._show_question(question)
+
     def answer(self, text: str) -> bool:
         """Take a line as the answer to what is asked. False where nothing is asked, and for what takes the arm's leave
-        to move: it is no answer."""
+        to move: it is no answer. Where nobody can have read the question, it was for the one before, and this one is
+        put again."""
         if self._asked is None or self._asked.done() or self._console.withdraws(text):
             return False
-        self._asked.set_result(text)
+        if asyncio.get_running_loop().time() < self._read_s:
+            self._put(f"{TOO_SOON}: {self._words}")
+        else:
+            self._asked.set_result(text)
         return True
 
     def leave(self) -> None:

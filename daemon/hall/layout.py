@@ -220,7 +220,7 @@ def world_of(part: Record, look: Record) -> np.ndarray[Any, Any] | None:
 
 def _moves(run: Digest) -> list[Row]:
     rows: list[Row] = []
-    for record in run.of("move", "moved"):
+    for record in run.of("move", "moved", "held_back"):
         if record["kind"] == "move":
             place = [row[3] for row in (record.get("target") or [])[:3]] or [None] * 3
             same = ("seq", "cycle", "t", "how", "purpose", "speed_pct")
@@ -229,8 +229,10 @@ def _moves(run: Digest) -> list[Row]:
                 | {"sent": record.get("sent", True)}
                 | dict(zip(("x_mm", "y_mm", "z_mm"), place, strict=True))
             )
-        elif rows:
+        elif rows and record["kind"] == "moved":
             rows[-1] |= {name: record.get(name) for name in ("seconds", "error_mm", "error_deg")}
+        elif rows and record.get("what") == "move":
+            rows[-1]["sent"] = False
     return rows
 
 

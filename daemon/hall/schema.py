@@ -152,7 +152,7 @@ TABLES: Mapping[str, Table] = {
         TIME,
         Column("how", "text", "joint or straight"),
         Column("purpose", "text", "where to: stand-off, grasp, bin, home, ..."),
-        Column("sent", "flag", "false: only planned"),
+        Column("sent", "flag", "false: only planned, or taken back as it was typed"),
         Column("speed_pct", "real", "of full speed", "%"),
         *_place("of the hand's target"),
         Column("seconds", "real", "until the arm was at rest; null: it did not arrive", "s"),

@@ -33,8 +33,8 @@ from daemon.cell.introduce import (
 from daemon.cell.introduced_arm import arm_file, arm_of, page
 from daemon.console.pages import fold
 from daemon.console.phrases import is_no, is_yes
-from daemon.console.stop_words import means_stop
-from daemon.doors.keyboard import forget_what_was_typed
+from daemon.console.stop_words import ends_in_stop, means_stop
+from daemon.doors.keyboard import typed_by_now
 from daemon.errors import DONE, NOT_DONE, NOT_UNDERSTOOD
 from daemon.store.files import write_atomically
 from daemon.store.outside import FileError, read_file
@@ -130,9 +130,11 @@ async def _ask(consult: Consult, wants_stop: asyncio.Event) -> str:
     asked again; nothing at the terminal's end, and where it was to stop."""
     question = consult.text
     while True:
-        forget_what_was_typed()
+        *before, begun = typed_by_now().decode("utf-8", "replace").split("\n")
         _tell(question, " ")
-        line = await _typed(wants_stop)
+        line = "" if any(map(means_stop, before)) else await _typed(wants_stop)
+        if any(map(means_stop, before)) or ends_in_stop([begun], line):
+            wants_stop.set()
         said = line.strip()
         if wants_stop.is_set():
             return ""

@@ -7,16 +7,14 @@ model that it was proven with, so that an evening can be a morning as well.
 from __future__ import annotations
 
 import argparse
-import contextlib
-import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 
 import msgspec
 
-from daemon.doors.client import DaemonLink, NotThereError
-from daemon.doors.keyboard import Lines, answer_to
+from daemon.doors.client import DaemonLink
+from daemon.doors.keyboard import Lines
 from daemon.errors import DONE, NOT_DONE, NOT_UNDERSTOOD
 from daemon.jobs.commission_steps import STEPS, NotProvenError, Order, Person, Step, Talk
 from daemon.store.files import write_atomically
@@ -78,8 +76,8 @@ def run(link: DaemonLink, words: list[str]) -> int:
             proofs = {name: proof for name, proof in proofs.items() if name in names[: names.index(options.step)]}
         options.keep.mkdir(parents=True, exist_ok=True)
         order = Order(options.board, options.square_mm, options.board_mm, options.part, options.charuco)
-        with _answers(link) as answer:
-            person = Person(_tell, lambda question: answer(f"  {question}"))
+        with Lines(lambda text: _tell(link.stop_beside(text, "commission", _tell)["text"]), _tell) as typed:
+            person = Person(_tell, lambda question: typed.answer(f"  {question}"))
             all_proven = commission(Talk(link, person, order), proofs, lambda now: _keep(path, now))
     except (FileError, OSError) as error:
         print(f"facetctl: {error}", flush=True)
@@ -93,27 +91,6 @@ def run(link: DaemonLink, words: list[str]) -> int:
 
 def _tell(text: str) -> None:
     print(text, flush=True)
-
-
-@contextlib.contextmanager
-def _answers(link: DaemonLink) -> Iterator[Callable[[str], str]]:
-    """What asks the person, who sits at a terminal: a stop typed there is said at once, whatever is awaited."""
-    if not sys.stdin.isatty():
-        yield answer_to
-        return
-
-    def stop(line: str) -> None:
-        try:
-            with link.beside() as another:
-                _tell(another.do(line, "commission", _tell)["text"])
-        except NotThereError as error:
-            _tell(f"facetctl: {error}")
-
-    lines = Lines(stop)
-    try:
-        yield lines.answer
-    finally:
-        lines.close()
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -54,6 +54,7 @@ class _Line(msgspec.Struct, omit_defaults=True):
     to: Text = None
     before: Text = msgspec.field(default=None, name="from")
     closed: Flag = None
+    what: Text = None
     code: Text = None
     rule: Text = None
     text: Text = None

@@ -131,6 +131,8 @@ def _words(record: Record) -> str | None:
         case "move":
             sent = "" if record.get("sent") else ", not sent"
             return f"{record.get('purpose')}: {record.get('how')}{_place(record.get('target'))}{sent}"
+        case "held_back":
+            return f"{record.get('what')}: taken back as it was typed"
         case "decision" | "cycle_end":
             return f"{record.get('text') or record.get('outcome')}: {record.get('why')}"
         case "cycle_start":

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from daemon.arrays import Array
-from daemon.review.digest import Cycle, Stop
+from daemon.review.digest import Cycle, Stop, carried_out
 from daemon.store.records import Record
 
 NEAR_MM = 50.0
@@ -50,7 +50,7 @@ def _is_gone_after(cycle: Cycle, at: int) -> bool:
 
 
 def _opened_over_the_bin(cycle: Cycle, at: int) -> bool:
-    after = [r for r in cycle.of("move", "hand") if _seq(r) > at]
+    after = carried_out(r for r in cycle.records if _seq(r) > at)
     opened = next((n for n, r in enumerate(after) if r["kind"] == "hand" and not r.get("closed")), 0)
     return any(r.get("purpose") == "bin" for r in after[:opened])
 

@@ -284,10 +284,21 @@ def stops_of(records: Sequence[Record]) -> list[Stop]:
     for begin, end in pairwise([*at, len(records)]):
         after = records[begin + 1 : end]
         estimate = next((r for r in after if r["kind"] == "estimate"), None)
-        moves = tuple(r for r in after if r["kind"] in ("move", "moved", "refusal", "hand"))
+        moves = tuple(r for r in after if r["kind"] in ("move", "moved", "held_back", "refusal", "hand"))
         look = records[begin]
         found.append(Stop(look.get("stop"), str(look.get("purpose") or "look"), look, estimate, moves))
     return found
+
+
+def carried_out(records: Iterable[Record]) -> list[Record]:
+    """The moves, and the motions of the hand, but for those that were taken back as they were typed."""
+    told: list[Record] = []
+    for record in records:
+        if record["kind"] in ("move", "hand"):
+            told.append(record)
+        elif record["kind"] == "held_back" and told and told[-1]["kind"] == record.get("what"):
+            told.pop()
+    return told
 
 
 def duration_s(records: Sequence[Record]) -> float:

@@ -151,6 +151,8 @@ def _move(record: Json) -> Json:
         text = f"there in {_short(record.get('seconds'))} s, {_short(record.get('error_mm'))} mm off"
     elif kind == "hand":
         text = "hand closes" if record.get("closed") else "hand opens"
+    elif kind == "held_back":
+        text = f"the {record.get('what')} was held back as it was typed: nothing has left"
     else:
         text = f"refused: {record.get('rule')}: {record.get('text')}"
     return {"kind": kind, "text": text}
@@ -218,7 +220,7 @@ def events(digest: Digest) -> list[Json]:
             same = kind != "fault" and found and all(found[-1][k] == event[k] for k in ("kind", "cycle", "text"))
             if not same and record["seq"] not in again:
                 found.append(event)
-        elif kind in ("move", "hand", "decision", "command", "state"):
+        elif kind in ("move", "hand", "held_back", "decision", "command", "state"):
             before = record
         if kind == "cycle_end":
             cycle = None
@@ -227,6 +229,7 @@ def events(digest: Digest) -> list[Json]:
 
 EVENTS = {
     "fault": "fault:", "refusal": "the guard refused:", "gap": "records are missing:", "run_end": "the run ended:",
+    "held_back": "held back as it was typed",
 }  # fmt: skip
 
 

@@ -200,13 +200,15 @@ class ModelStore:
             self._write(msgspec.structs.replace(self._state(), candidate=version))
         return version
 
-    def accept(self) -> tuple[int, Model]:
-        """Put the candidate into use: its version, and what it is. Raises FileError where there is none, or it cannot
-        be read; then nothing has changed."""
+    def accept(self, version: int | None) -> tuple[int, Model]:
+        """Put the candidate into use that is meant: its version, and what it is. Raises FileError where there is none,
+        or another by now, or it cannot be read; then nothing has changed."""
         with self._alone():
             state = self._state()
             if state.candidate is None:
                 raise ModelStoreError("there is no candidate: `train` makes one")
+            if state.candidate != version:
+                raise ModelStoreError(f"the candidate is version {state.candidate} by now: `try` looks with it")
             model = self.load(state.candidate)
             history = state.history if state.current is None else (*state.history, state.current)
             self._write(_State(state.candidate, None, history))

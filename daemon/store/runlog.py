@@ -55,6 +55,7 @@ KINDS: Mapping[str, str] = {
     "gained": "cycle look about before after bits_before bits_after expected seconds (what one more look has brought)",
     "move": "cycle how target speed_pct purpose",
     "moved": "cycle where joints error_mm error_deg seconds",
+    "held_back": "cycle what (the move or hand told last was taken back as its line was typed: nothing has left)",
     "refusal": "rule text",
     "fault": "code text while",
     "rest": "text (after an alarm that a stop was not confirmed, the arm was seen at rest)",

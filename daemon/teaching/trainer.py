@@ -130,10 +130,9 @@ class Trainer:
         """The recogniser with the model in use."""
         return Recogniser(self.model, self.rig, self.settings)
 
-    def candidate(self) -> Recogniser | None:
-        """The recogniser with the candidate, or None. Raises ModelError."""
-        version = self.model_store.candidate
-        return None if version is None else Recogniser(self.model_store.load(version), self.rig, self.settings)
+    def version(self, version: int) -> Recogniser:
+        """The recogniser with that version. Raises ModelError."""
+        return Recogniser(self.model_store.load(version), self.rig, self.settings)
 
     def untaught(self) -> list[str]:
         """Parts of parts.yaml that were never shown or drawn, and that the model in use does not know."""
@@ -282,10 +281,10 @@ class Trainer:
         verdicts = [self._verdict(tried, view) for view in self.model_store.views() if view.name not in unlearnt]
         return Trained(version, tuple(verdicts), tuple(left_out), perf_counter() - began)
 
-    def accept(self) -> int:
-        """Take the candidate into use; returns its version. Raises FileError (nothing changes)."""
-        version, self.model = self.model_store.accept()
-        return version
+    def accept(self, version: int | None) -> int:
+        """Take the candidate that is meant into use; returns its version. Raises FileError (nothing changes)."""
+        accepted, self.model = self.model_store.accept(version)
+        return accepted
 
     def rollback(self) -> int:
         """Back to the model used before; returns its version. Raises FileError (nothing changes)."""
@@ -305,13 +304,11 @@ class Trainer:
         """What is still missing of a part, and what it could be taken for."""
         return judge(model, label, self.rig)
 
-    def judge_candidate(self) -> tuple[Sufficiency, ...]:
-        """Every part of the candidate, judged once a version; none where there is no candidate. Raises ModelError."""
-        version, candidate = self.model_store.candidate, self.candidate()
-        if version is None or candidate is None:
-            return ()
+    def judge_version(self, version: int) -> tuple[Sufficiency, ...]:
+        """Every part that a version knows, judged once. Raises ModelError."""
         if version not in self._judged:
-            self._judged = {version: tuple(self.judge(candidate.model, label) for label in candidate.labels)}
+            model = self.model_store.load(version)
+            self._judged = {version: tuple(self.judge(model, label) for label in model.labels)}
         return self._judged[version]
 
     def _verdict(self, tried: Recogniser, view: StoredView) -> ViewVerdict:

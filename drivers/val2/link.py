@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Awaitable, Callable, Sequence
 from contextlib import AbstractAsyncContextManager
 from dataclasses import replace
 from typing import Any
@@ -50,6 +50,8 @@ __all__ = [
 ]
 
 ABORT_ATTEMPTS = 5
+MOST_JUDGED = 3
+"""Answers to the word that stops the arm, until one of them has none of the controller's own words in it."""
 TINY_DEG = 1e-9
 """Of the difference of two printed numbers."""
 BRAKES_S = 0.5
@@ -261,7 +263,10 @@ class Link:
         """See that the controller takes the word that stops the arm. Raises StopRefused."""
         session = self._open_session
         async with session.turn() as talk:
-            self._judge_stop(session, await session.ask(talk, self.dialect.abort_word, (), self.dialect.answer_s))
+            by_itself = await self._see_it_taken(
+                session, lambda: session.ask(talk, self.dialect.abort_word, (), self.dialect.answer_s)
+            )
+            session.leave_unheard(by_itself)
 
     # Inside
 
@@ -308,7 +313,7 @@ class Link:
             if not self.dialect.break_after_move:
                 await self._still(talk, 0.0, any_place=True)
             else:
-                await self._open_session.ask_past_a_rest(talk, "DO BREAK", (), self.dialect.resync_s)
+                await self._open_session.past_a_rest(lambda: talk.ask("DO BREAK", (), self.dialect.resync_s))
         except (NoAnswer, Garbled) as problem:
             raise Busy(problem.message) from problem
 
@@ -400,32 +405,50 @@ class Link:
 
     async def _stopped(self, session: Session, talk: Conversation) -> Where:
         """The word once more where its answer can be judged, then two WHERE that agree. Raises StopRefused."""
-        self._judge_stop(session, await talk.ask(self.dialect.abort_word, (), self.dialect.resync_s))
+        by_itself = await self._see_it_taken(
+            session, lambda: talk.ask(self.dialect.abort_word, (), self.dialect.resync_s)
+        )
         readings = []
         for _ in range(2):
             await asyncio.sleep(self.dialect.poll_s)
             answer = await talk.ask("WHERE", (), self.dialect.table_s)
-            if answer.errors:
+            if answer.errors and answer.where is None:
                 said = "; ".join(answer.errors)
                 raise ControllerError(f"WHERE is refused (`{said}`: mend that, then restart facetd)")
             if answer.where is None:
                 raise Garbled("WHERE did not give its table")
+            by_itself += answer.errors
             readings.append(answer.where)
         if not self._same_place(*readings):
             raise NoAnswer(f"the arm still moves after {self.dialect.abort_word}", readings[-1])
+        session.leave_unheard(by_itself)
         return readings[-1]
 
-    def _judge_stop(self, session: Session, answer: Answer) -> None:
-        """Raises StopRefused; ControllerError where it asks instead: it has taken the word for an answer."""
-        if answer.errors:
-            self._unsee_the_stop()
-            word, words = self.dialect.abort_word, "; ".join(answer.errors)
-            raise StopRefused(f"the controller does not take the word {word} (it says `{words}`)")
-        session.accept(answer)
+    async def _see_it_taken(self, session: Session, type_word: Callable[[], Awaitable[Answer]]) -> list[str]:
+        """See by its own answer that the word which stops the arm is taken; gives what the controller said by itself
+        meanwhile: a refusal is said to the word each time, that its power went or a program ended is not.
+
+        Raises StopRefused; ControllerError where it asks instead, as it has taken the word for an answer, and where it
+        says something else each time.
+        """
+        by_itself: list[str] = []
+        for _ in range(MOST_JUDGED):
+            answer = await type_word()
+            if answer.question is not None or not answer.errors:
+                session.accept(answer)
+                break
+            if not set(by_itself).isdisjoint(answer.errors):
+                self._unsee_the_stop()
+                word, words = self.dialect.abort_word, "; ".join(answer.errors)
+                raise StopRefused(f"the controller does not take the word {word} (it says `{words}`)")
+            by_itself += answer.errors
+        else:
+            raise ControllerError("; ".join(by_itself))
         self.program_may_run = False
         if not self.stop_seen:
             self._times_seen += 1
             self.stop_seen = self._times_seen
+        return by_itself
 
 
 def _heard_of(aborting: asyncio.Task[Where | None]) -> None:

@@ -6,7 +6,7 @@ What the commands are, and what of their answers says where the arm is, is link.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Callable, Sequence
+from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from contextlib import asynccontextmanager, suppress
 
 from drivers.val2 import commands
@@ -148,7 +148,7 @@ class Session:
         """Ask, and ask again as long as that is safe: the line was never ended, or it moves nothing."""
         for _ in range(self.dialect.typing_attempts):
             try:
-                return await self.ask_past_a_rest(talk, text, replies, wait_s, meant, held)
+                return await self.past_a_rest(lambda: talk.ask(text, replies, wait_s, meant, held))
             except (Garbled, NoAnswer, HeldBack) as caught:
                 problem = caught
             once_only = isinstance(problem, HeldBack) or (talk.typed_whole and commands.moves_the_arm(text))
@@ -161,21 +161,13 @@ class Session:
             raise ControllerError("; ".join(said), problem.where) from problem
         raise problem
 
-    async def ask_past_a_rest(
-        self,
-        talk: Conversation,
-        text: str,
-        replies: Sequence[str],
-        wait_s: float,
-        meant: Callable[[str], bool] = bool,
-        held: Callable[[], bool] = never,
-    ) -> Answer:
-        """Ask; once more where this was the first line since the prompt was found, and was refused as a command nobody
-        knows: it was not carried out."""
-        answer = await talk.ask(text, replies, wait_s, meant, held)
+    async def past_a_rest(self, type_it: Callable[[], Awaitable[Answer]]) -> Answer:
+        """Type it; once more where this was the first line since the prompt was found, and was refused as a command
+        nobody knows: it was not carried out."""
+        answer = await type_it()
         may_hold_rest, self.line_may_hold_rest = self.line_may_hold_rest, False
         if may_hold_rest and answer.errors and all(map(_may_be_our_own_noise, answer.errors)):
-            answer = await talk.ask(text, replies, wait_s, meant, held)
+            answer = await type_it()
         return answer
 
     async def recover(self, talk: Conversation, problem: LinkError) -> list[str]:
@@ -197,6 +189,12 @@ class Session:
         if answer.question is not None:
             raise self._unanswered()
         return answer
+
+    def leave_unheard(self, errors: Sequence[str]) -> None:
+        """What the controller said by itself while it was asked something else: for whoever has the next turn, as what
+        it says while nobody listens."""
+        for text in errors:
+            self.talk.hear(Error(b"", text))
 
     def send(self, data: bytes, kept: bytes) -> None:
         """Send bytes, then keep `kept` of them in the ledger. Raises PortError."""

@@ -5,17 +5,25 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 
+from daemon.arm.hold import Waiting
 from daemon.arm.operators import Let, RefusedError
 from daemon.arm.workcell import StopRefusedError
 from daemon.console.notices import Notices
 from daemon.pick.order import PickOrder
 from daemon.upkeep.watched import Troubles
+
+
+@cache
+def _waiting(text: str) -> Waiting:
+    return Waiting(text, Mock(), 0.0)
 
 
 @dataclass
@@ -49,6 +57,11 @@ class FakeCycle:
     def hold(self) -> FakeCycle:
         """What holds its moves: told the same."""
         return self
+
+    @property
+    def waiting(self) -> Any:
+        """The move that waits: the same one as long as its words are."""
+        return None if self.pending is None else _waiting(self.pending)
 
     def status(self) -> dict[str, Any]:
         return {
@@ -107,7 +120,7 @@ class FakeCycle:
     def holding(self, held: bool) -> None:
         self.held = held
 
-    def pause(self) -> None:
+    def pause(self, by: str) -> None:
         self.told.append("pause")
 
     async def stop(self, why: str) -> None:
@@ -158,6 +171,7 @@ class FakeDoor:
     answers: list[str] = field(default_factory=list)
     said: list[str] = field(default_factory=list)
     asked: list[str] = field(default_factory=list)
+    shown: int | None = None
     columns: int = 80
     rows: int | None = None
 

@@ -16,6 +16,14 @@ BEGUN = re.compile(rb"(.*?)((?:\x1b(?:\[[0-9;?]*)?)?)\Z", re.DOTALL)
 """What a terminal does not show: where the cursor goes, colours; and the beginning of such a sequence at the end."""
 
 
+def piped(text: str) -> int:
+    """The end of a pipe that a program reads all of this from, and then its end."""
+    read, write = os.pipe()
+    os.write(write, text.encode())
+    os.close(write)
+    return read
+
+
 class Person:
     """One `facetctl` (or another program) with these words on a pty of its own, beside the daemon whose socket lies in
     `folder`."""

@@ -59,7 +59,7 @@ def test_in_step_mode_or_where_told_to_a_move_waits_for_a_yes(ask: bool) -> None
     assert waits(hold, ask, lambda _: None) == "waits"
     assert waits(hold, ask, lambda _: hold.confirm()) == "goes"
     assert waits(hold, ask, lambda _: hold.refuse()) == "the operator refused: to the bin"
-    assert (hold.pending, hold.pending_s) == (None, inf)
+    assert (hold.waiting, hold.pending_s) == (None, inf)
 
 
 def test_a_yes_sends_nothing_that_a_pause_holds_by_then() -> None:

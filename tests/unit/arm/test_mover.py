@@ -13,7 +13,7 @@ from daemon import frames
 from daemon.arm.body import Capsule
 from daemon.arm.guard import Command, Limits
 from daemon.arm.mover import Arrival, Mover, MoveRefusedError, NotThereError, OutOfReachError
-from daemon.arm.workcell import Reading
+from daemon.arm.workcell import HeldBackError, Reading
 from drivers import puma560
 from drivers.simcell.arm import SingularWristError, plan_joints, plan_straight
 from tests.worlds.fake_cell import ARM, HEAD_DOWN, Allowed, World, build
@@ -350,6 +350,26 @@ def test_a_hand_that_was_held_back_is_worked_only_where_it_was_to_be(off_mm):
     else:
         asyncio.run(mover.hand(closed=False))
     assert world.wire == ([] if off_mm else [("hand", False)])
+
+
+@pytest.mark.parametrize("what", ["move", "hand"])
+def test_what_is_held_back_as_it_is_typed_is_told_to_be_before_it_is_told_again(what):
+    """Two moves stood in the log, and one arrival: nobody could tell whether the first had left."""
+    world, times = World(np.random.default_rng(0)), []
+    mover = mover_in(world)
+    asyncio.run(mover.rest())
+    sent = getattr(mover.cell.robot, what)
+
+    async def once_held_back(*args, **kwargs):
+        times.append(what)
+        if len(times) == 1:
+            raise HeldBackError("somebody said pause")
+        return await sent(*args, **kwargs)
+
+    setattr(mover.cell.robot, what, once_held_back)
+    asyncio.run(mover.go(command(NEAR, True, 20.0)) if what == "move" else mover.hand(closed=True))
+    told = [(kind, fields.get("what")) for fields in world.records for kind in [fields["kind"]]]
+    assert told == [(what, None), ("held_back", what), (what, None), *([("moved", None)] * (what == "move"))]
 
 
 def test_an_arm_that_is_exactly_where_it_was_sent_is_there_however_little_it_may_be_off():

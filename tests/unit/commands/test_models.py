@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import asyncio
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
 from daemon.commands.learning import describe_alike
+from daemon.commands.looking import status
 from daemon.commands.models import accept
+from daemon.console.interpreter import CommandError
 from daemon.store.library import load_facets, load_parts
 from daemon.store.model_store import ModelStore
 from daemon.teaching.sufficiency import VIEWPOINTS, Alike
@@ -20,6 +24,7 @@ class Nobody:
     """A door at which nobody is asked."""
 
     name, who, may, asks = "test", "tester", "all", False
+    shown: int | None = None
 
 
 def accepted(folder: Path, **drawings: tuple[float, float, float]) -> tuple[str, list[dict[str, object]]]:
@@ -50,6 +55,61 @@ def test_parts_that_differ_in_every_side_are_not(tmp_path: Path) -> None:
     assert accepted(tmp_path, brick=(40, 50, 60), plank=(25, 70, 90)) == (
         "Version 1 is in use; `rollback` goes back.", []
     )  # fmt: skip
+
+
+class Store:
+    """Versions without models."""
+
+    current: int | None = None
+    candidate: int | None = 7
+    history = ()
+
+    def accept(self, version: int | None) -> int | None:
+        assert version == self.candidate, "what was meant when it was said"
+        self.current, self.candidate = version, None
+        return version
+
+
+def with_store(folder: Path, store: Store) -> Any:
+    context = fake_context.fake_context(folder)
+    context.trainer = SimpleNamespace(
+        model_store=store, judge_version=lambda _: (), accept=store.accept, model=SimpleNamespace(labels=("cube",))
+    )
+    context.use_model = lambda action, version: None
+    return context
+
+
+def test_accept_takes_the_candidate_that_was_shown_at_that_door_and_no_other(tmp_path: Path) -> None:
+    """It took what somebody else had trained meanwhile, seen by nobody who said so."""
+    store = Store()
+    context, ann, bob = with_store(tmp_path, store), fake_context.FakeDoor(), fake_context.FakeDoor()
+    asyncio.run(status.run(context, [], ann))
+    store.candidate = 8
+    with pytest.raises(CommandError) as refused:
+        asyncio.run(accept.run(context, [], ann))
+    assert str(refused.value) == (
+        "not accepted: you were shown version 7, and the candidate is version 8 by now: "
+        "`try` looks with it, `accept` once more takes it, `model use 7` the other"
+    )
+    assert store.current is None
+    asyncio.run(status.run(context, [], bob))
+    assert asyncio.run(accept.run(context, [], bob)).text == "Version 8 is in use; `rollback` goes back."
+    store.candidate, ann.shown = 9, 9
+    assert asyncio.run(accept.run(context, [], ann)).data["version"] == 9
+
+
+def test_accept_takes_no_candidate_that_somebody_trains_while_it_is_asked_about(tmp_path: Path) -> None:
+    store = Store()
+    context = with_store(tmp_path, store)
+    context.cycle.auto = True
+
+    class Slow(fake_context.FakeDoor):
+        async def ask(self, question: str) -> str:
+            store.candidate = 8
+            return "y"
+
+    with pytest.raises(AssertionError, match="what was meant"):
+        asyncio.run(accept.run(context, [], Slow(answers=["y"])))
 
 
 def test_the_likeliest_few_pairs_are_told_and_how_many_more_there_are() -> None:

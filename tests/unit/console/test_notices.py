@@ -6,15 +6,18 @@ import asyncio
 from collections.abc import Callable, Coroutine
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 
-from daemon.arm import RefusedError
+from daemon.arm import RefusedError, Waiting
 from daemon.commands import awaiting
 from daemon.commands.awaiting import tell_what_waits, with_questions
 from daemon.commands.moving import tell_end
 from daemon.console.context import CommandContext
 from daemon.console.notices import Level, Notices
+
+HOME = Waiting("home: joints", Mock(), 0.0)
 
 
 class Door:
@@ -154,10 +157,22 @@ def test_an_auto_that_may_not_begin_is_not_waited_for_in_place_of_the_one_that_i
     assert [one.outcome for one in asyncio.run(run())] == ["picked"]
 
 
+def waited_for(state: dict[str, Any]) -> Any:
+    """A context in which what waits by this state does."""
+
+    class Holding:
+        @property
+        def waiting(self) -> Waiting | None:
+            return state["waiting"]
+
+    supervisor = SimpleNamespace(hold=Holding())
+    return SimpleNamespace(cycle=SimpleNamespace(status=lambda: dict(state), supervisor=supervisor), notices=Notices())
+
+
 def test_a_question_is_taken_back_where_somebody_else_decides() -> None:
-    state: dict[str, Any] = {"pending": "home: joints", "predicted_mm": None}
+    state: dict[str, Any] = {"waiting": HOME, "predicted_mm": None}
     decided = asyncio.Event()
-    context: Any = SimpleNamespace(cycle=SimpleNamespace(status=lambda: dict(state)), notices=Notices())
+    context = waited_for(state)
     door = Door()
 
     async def move() -> str:
@@ -168,7 +183,7 @@ def test_a_question_is_taken_back_where_somebody_else_decides() -> None:
         waiting = asyncio.create_task(with_questions(context, move(), door))  # type: ignore[arg-type]
         while not door.asked:
             await asyncio.sleep(0.01)
-        state["pending"] = None
+        state["waiting"] = None
         while not door.withdrawn:
             await asyncio.sleep(0.01)
         decided.set()
@@ -180,8 +195,8 @@ def test_a_question_is_taken_back_where_somebody_else_decides() -> None:
 
 def test_who_waits_for_a_move_that_somebody_else_holds_is_told_so_each_time() -> None:
     """Nothing was said: whoever went to the arm to see why stood there when it was let go."""
-    state: dict[str, Any] = {"state": "idle", "pending": None, "predicted_mm": None}
-    context: Any = SimpleNamespace(cycle=SimpleNamespace(status=lambda: dict(state)), notices=Notices())
+    state: dict[str, Any] = {"state": "idle", "waiting": None, "predicted_mm": None}
+    context = waited_for(state)
     door = Door()
 
     async def move() -> None:
@@ -211,8 +226,8 @@ def test_a_move_that_waits_where_nobody_is_asked_is_told_there_and_at_every_door
     """A script, or an auto, in step mode would hang without a word of what is waited for."""
     monkeypatch.setattr(awaiting, "UNASKED_S", 0.0)
     monkeypatch.setattr(awaiting, "REMIND_S", 0.1)
-    state: dict[str, Any] = {"pending": "home: joints", "predicted_mm": None}
-    context: Any = SimpleNamespace(cycle=SimpleNamespace(status=lambda: dict(state)), notices=Notices())
+    state: dict[str, Any] = {"waiting": HOME, "predicted_mm": None}
+    context = waited_for(state)
     script, console = Door(), Door()
     script.asks = False
     context.notices.listen(console)
@@ -232,7 +247,7 @@ def test_a_move_that_waits_where_nobody_is_asked_is_told_there_and_at_every_door
         heard, said = len(console.heard), len(script.said)
         await until(lambda: len(script.said) > said + 2)
         assert len(console.heard) == heard, "who is asked is not told as well"
-        state["pending"] = None
+        state["waiting"] = None
         confirmed.set()
         await asyncio.gather(moving_on, asked)
         watching.cancel()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import io
 import json
 import socket
 import threading
@@ -18,6 +17,7 @@ from daemon import ctl
 from daemon.doors import prompt
 from daemon.doors.client import PIECE, DaemonLink, NotThereError, file_in_pieces
 from daemon.jobs.commission_steps import NotProvenError, Order, Person, Talk
+from tests.worlds.person import piped
 
 
 class Scripted:
@@ -116,7 +116,8 @@ def test_control_c_at_what_moves_nothing_keeps_back_what_was_to_follow_and_may_m
     daemon: Scripted, way: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Pressed as a script trained, it was answered that nothing moves; then the script went on to its pick."""
-    monkeypatch.setattr("sys.stdin", io.StringIO("train\npick\n"))
+    typed = open(piped("train\npick\n"), encoding="utf-8")  # noqa: SIM115
+    monkeypatch.setattr("sys.stdin", typed)
     pressed = iter([KeyboardInterrupt()])
 
     def say(text: str, *_: object) -> None:
@@ -137,6 +138,7 @@ def test_control_c_at_what_moves_nothing_keeps_back_what_was_to_follow_and_may_m
         assert ctl.main(["--socket", str(daemon.path), *words]) == (ctl.NOT_DONE if way == "script" else ctl.DONE)
     assert [message.get("do") for message in daemon.heard] == ["train", None]
     assert "Nothing moves." in capsys.readouterr().out
+    typed.close()
 
 
 def test_options_and_an_interrupt_are_the_next_answers_of_their_kind(daemon: Scripted) -> None:
@@ -160,12 +162,13 @@ def test_hanging_up_is_heard_at_once_though_the_link_is_kept(daemon: Scripted) -
         link.do("look", "here", print)
 
 
-def test_a_connection_beside_is_another_one_to_the_same_daemon(daemon: Scripted) -> None:
-    daemon.answers["look"] = [DONE]
-    with DaemonLink(daemon.path) as link:
-        beside = link.beside()
-        assert beside.socket is not link.socket
-        beside.close()
+def test_a_stop_is_said_beside_whatever_is_waited_for_and_that_no_daemon_hears_it_is_told(daemon: Scripted) -> None:
+    daemon.answers["stop"] = [DONE]
+    link = DaemonLink(daemon.path)
+    link.close()
+    assert link.stop_beside("stop", "here", print) == DONE["done"]
+    daemon.path.unlink()
+    assert "no daemon answers" in link.stop_beside("stop", "here", print)["text"]
 
 
 def test_a_file_that_the_command_names_is_sent_in_pieces_and_no_other(daemon: Scripted, tmp_path: Path) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import io
+import contextlib
 import json
 import os
 import pty
@@ -12,19 +12,23 @@ import sys
 import tempfile
 import threading
 import time
+import tty
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from queue import SimpleQueue
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[3]))
 
-from daemon.doors import prompt
+from daemon import ctl
+from daemon.console.stop_words import means_stop
+from daemon.doors import keyboard, prompt
 from daemon.doors.client import DaemonLink, NotThereError
-from daemon.doors.keyboard import Lines, answer_to
-from tests.worlds.person import Person
+from daemon.doors.keyboard import Lines
+from tests.worlds.person import Person, piped
 
 
 class Played:
@@ -89,10 +93,11 @@ def test_a_daemon_killed_amid_a_command_is_told_and_the_next_one_found_without_s
 def test_a_script_ends_where_its_daemon_does(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     played = Played(place)
     played.live(1)
-    monkeypatch.setattr(sys, "stdin", io.StringIO("pick\npick\n"))
     link = DaemonLink(place)
-    with pytest.raises(NotThereError):
-        prompt.converse(link)
+    with open(piped("pick\npick\n"), encoding="utf-8") as stdin:
+        monkeypatch.setattr(sys, "stdin", stdin)
+        with pytest.raises(NotThereError):
+            prompt.converse(link)
     link.close()
 
 
@@ -132,9 +137,35 @@ def test_a_stop_through_a_pipe_is_said_while_the_line_before_it_is_being_done_an
                 daemon.join(5)
     assert heard == ["pick", "stop"]
     assert not console.is_alive()
-    dropped, *done = capsys.readouterr().out.splitlines()
-    assert dropped == "not done: where"
-    assert sorted(done) == ["done: pick", "done: stop"], "in whichever order they are heard"
+    told = capsys.readouterr().out.splitlines()
+    assert sorted(told) == ["done: pick", "done: stop", "not done: where"], "in whichever order they are heard"
+
+
+def test_control_c_where_lines_wait_stops_the_arm_before_it_tells_of_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whoever reads what is told may be slow, or gone."""
+    done: list[str] = []
+
+    class Pressed(contextlib.nullcontext[Any]):
+        waiting, come = SimpleNamespace(get=lambda: Pressed.next()), iter([KeyboardInterrupt(), None])
+
+        def __enter__(self) -> Any:
+            return self
+
+        @classmethod
+        def next(cls) -> None:
+            if (pressed := next(cls.come)) is not None:
+                raise pressed
+
+        def drop(self) -> None:
+            done.append("told")
+
+    def interrupt() -> str:
+        done.append("stopped")
+        return ""
+
+    monkeypatch.setattr(prompt, "Lines", lambda *_: Pressed())
+    assert prompt._piped(SimpleNamespace(interrupt=interrupt)) == 0  # type: ignore[arg-type]
+    assert done == ["stopped", "told"]
 
 
 class Asking:
@@ -187,23 +218,25 @@ def typed_later(write: Callable[[str], object], text: str) -> None:
     threading.Timer(0.2, write, [text]).start()
 
 
+def nobody_stops(line: str) -> None:
+    raise AssertionError(f"`{line}` is no stop")
+
+
 def test_a_line_typed_before_a_question_was_shown_does_not_answer_it(monkeypatch: pytest.MonkeyPatch) -> None:
     """`facetctl console | tee log`: a move in step mode was sent by a y that was typed ahead."""
     read, write = os.pipe()
     with open(read, encoding="utf-8") as stdin, open(write, "w", encoding="utf-8", buffering=1) as keys:
         monkeypatch.setattr(sys, "stdin", stdin)
-        typed = prompt._Typed()
-        reading = threading.Thread(target=typed.read, args=(None,), daemon=True)
-        reading.start()
-        keys.write("go bin\ny\n")
-        while typed.lines.qsize() < 2:
-            time.sleep(0.001)
-        typed_later(keys.write, "n\n")
-        assert typed.answer("Send it? [y/n]") == "n"
-        keys.close()
-        reading.join(5)
-    assert typed.answer("Send it? [y/n]") == "", "nobody answers any more"
-    assert [typed.lines.get() for _ in range(3)] == ["go bin", "y", None]
+        with Lines(nobody_stops, print) as typed:
+            keys.write("go bin\ny\n")
+            while typed.waiting.qsize() < 2:
+                time.sleep(0.001)
+            typed_later(keys.write, "n\n")
+            assert typed.answer("Send it? [y/n]") == "n"
+            keys.write("where")
+            keys.close()
+            assert [typed.waiting.get() for _ in range(4)] == ["go bin", "y", "where", None]
+            assert typed.answer("Send it? [y/n]") == "", "nobody answers any more"
 
 
 def test_a_stop_typed_at_a_terminal_is_heard_whatever_is_waited_for_there(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -213,7 +246,7 @@ def test_a_stop_typed_at_a_terminal_is_heard_whatever_is_waited_for_there(monkey
     stops: SimpleQueue[str] = SimpleQueue()
     with open(slave, encoding="utf-8") as stdin:
         monkeypatch.setattr(sys, "stdin", stdin)
-        lines = Lines(stops.put)
+        lines = Lines(stops.put, print)
         os.write(master, b"y\nSTOP!\n")
         assert stops.get(timeout=10.0) == "STOP!"
         for typed, answer in (("y\n", "y"), ("halt\n", ""), ("\n", "")):
@@ -229,8 +262,120 @@ def test_keys_typed_at_a_terminal_before_a_question_was_shown_do_not_answer_it(m
     master, slave = pty.openpty()
     with open(slave, encoding="utf-8") as stdin:
         monkeypatch.setattr(sys, "stdin", stdin)
-        os.write(master, b"y\ny\n")
-        time.sleep(0.1)
-        typed_later(lambda text: os.write(master, text.encode()), "n\n")
-        assert answer_to("Everybody out of the arm's reach? [y/n]") == "n"
+        with Lines(nobody_stops, print) as lines:
+            os.write(master, b"y\ny\n")
+            time.sleep(0.1)
+            typed_later(lambda text: os.write(master, text.encode()), "n\n")
+            assert lines.answer("Everybody out of the arm's reach? [y/n]") == "n"
     os.close(master)
+
+
+@pytest.mark.parametrize(("begun", "ended"), [("st", "op\n"), ("stop\nst", "\n"), ("y", "\n")])
+def test_a_line_that_a_question_comes_amid_answers_it_nothing_and_stops_where_it_is_a_stop(
+    begun: str, ended: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What stood there was thrown away with the question: what was left of the word was none."""
+    stops: SimpleQueue[str] = SimpleQueue()
+    master, slave = pty.openpty()
+    with open(slave, encoding="utf-8") as stdin:
+        monkeypatch.setattr(sys, "stdin", stdin)
+        with Lines(stops.put, print) as lines:
+            os.write(master, begun.encode())
+            time.sleep(0.1)
+            typed_later(lambda text: os.write(master, text.encode()), ended)
+            assert lines.answer("Everybody out of the arm's reach? [y/n]") == ""
+    assert stops.empty() is (begun == "y")
+    os.close(master)
+
+
+def test_keys_that_another_reads_one_by_one_or_in_front_of_us_are_left_to_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A pager, or the controller's own terminal, would miss every second key; who reads in the background is stopped by
+    the shell."""
+    master, slave = pty.openpty()
+    with open(slave, encoding="utf-8") as stdin:
+        monkeypatch.setattr(sys, "stdin", stdin)
+        with Lines(nobody_stops, print), monkeypatch.context() as shell:
+            shell.setattr(keyboard.os, "tcgetpgrp", lambda _: -1)
+            os.write(master, b"stop\n")
+            time.sleep(0.3)
+            assert os.read(slave, 9) == b"stop\n"
+        tty.setcbreak(slave)
+        with Lines(nobody_stops, print):
+            os.write(master, b"stop\n")
+            time.sleep(0.3)
+            assert os.read(slave, 9) == b"stop\n"
+    os.close(master)
+
+
+class Doing:
+    """A daemon's socket, at which a stop is answered at once and what else is said only after one."""
+
+    def __init__(self, place: Path) -> None:
+        self.heard: SimpleQueue[str] = SimpleQueue()
+        self._stopped = threading.Event()
+        self._listening = socket.socket(socket.AF_UNIX)
+        self._listening.bind(str(place))
+        self._listening.listen(4)
+        threading.Thread(target=self._serve, daemon=True).start()
+
+    def _serve(self) -> None:
+        while True:
+            line, _ = self._listening.accept()
+            threading.Thread(target=self._answer, args=(line,), daemon=True).start()
+
+    def _answer(self, line: socket.socket) -> None:
+        with line, line.makefile("rwb") as file:
+            for said in iter(file.readline, b""):
+                text = json.loads(said)["do"]
+                self.heard.put(text)
+                if means_stop(text):
+                    self._stopped.set()
+                self._stopped.wait()
+                done = {"text": f"done: {text}", "data": {}, "status": int(text == "pick")}
+                file.write(json.dumps({"done": done}).encode() + b"\n")
+                file.flush()
+
+
+@pytest.mark.parametrize("words", [("pick",), ("--json", "pick"), ("script", "SCRIPT")])
+def test_a_stop_typed_while_a_command_or_a_script_is_being_done_is_said_at_once(
+    place: Path, words: tuple[str, ...]
+) -> None:
+    """Nobody read it: control-C alone was heard. Behind what moves nothing a script went on to what does."""
+    daemon, script = Doing(place), place.parent / "script"
+    script.write_text("train\npick\n")
+    person = Person(place.parent, *(str(script) if word == "SCRIPT" else word for word in words))
+    assert daemon.heard.get(timeout=20.0) in ("pick", "train")
+    person.types("ls\n")
+    person.sees("ls")
+    person.types("halt\n")
+    person.sees("done: halt")
+    person.sees("not done: ls")
+    assert person.leaves() == 1
+    assert daemon.heard.get(timeout=1.0) == "halt"
+    assert daemon.heard.empty()
+
+
+def test_a_stop_in_a_script_that_comes_through_a_pipe_waits_for_no_line_before_it(
+    place: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """All of it was read before the first line was said."""
+    daemon, (read, write) = Doing(place), os.pipe()
+
+    def types() -> None:
+        os.write(write, b"train\n")
+        said.append(daemon.heard.get(timeout=10.0))
+        os.write(write, b"where\nstop\npick\n")
+        said.append(daemon.heard.get(timeout=10.0))
+        os.close(write)
+
+    said: list[str] = []
+    with open(read, encoding="utf-8") as stdin:
+        monkeypatch.setattr(sys, "stdin", stdin)
+        typing = threading.Thread(target=types)
+        typing.start()
+        assert ctl.main(["--socket", str(place), "script", "-"]) == ctl.NOT_DONE
+        typing.join(10.0)
+    assert (said, daemon.heard.empty()) == (["train", "stop"], True)
+    told = capsys.readouterr()
+    assert "not done: where\n" in told.out
+    assert "stop; the rest is left out" in told.err

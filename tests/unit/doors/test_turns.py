@@ -235,6 +235,36 @@ def test_a_question_has_a_number_and_stands_until_it_is_answered() -> None:
     assert play(script).answers == ["colour: 'blue'"] * 2
 
 
+def test_what_is_typed_before_a_question_can_be_read_answers_it_only_where_the_one_before_was_answered_here(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Somebody else had settled the one before: the answer to that one was on its way, or under a finger."""
+    monkeypatch.setattr("daemon.doors.turns.READ_S", 0.05)
+
+    async def script(operator: Operator) -> None:
+        turns = operator.turns
+        first = asyncio.ensure_future(turns.ask("send 1?"))
+        await a_moment()
+        first.cancel()
+        second = asyncio.ensure_future(turns.ask("send 2?"))
+        await a_moment()
+        assert turns.answer("y")
+        await a_moment()
+        assert not second.done()
+        again = "not taken as an answer, as this has only just come up: send 2?"
+        assert operator.shown == ["send 1?", None, "send 2?", again]
+        assert turns.question == 3, "put again, it is another: an answer to it may come at once"
+        await asyncio.sleep(0.06)
+        assert turns.answer("y")
+        assert await second == "y"
+        third = asyncio.ensure_future(turns.ask("send 3?"))
+        await a_moment()
+        assert turns.answer("y")
+        assert await third == "y"
+
+    play(script)
+
+
 def test_the_end_is_when_all_is_done() -> None:
     async def script(operator: Operator) -> None:
         operator.types("read 1")

@@ -30,6 +30,20 @@ def rows(tables: dict[str, Any], name: str) -> list[dict[str, object]]:
     return found
 
 
+def test_a_move_that_was_held_back_as_it_was_typed_was_not_sent(tmp_path: Path) -> None:
+    made = MadeRun(tmp_path / "20260102T030405Z")
+    for kind, fields in (
+        ("move", {"purpose": "bin"}), ("held_back", {"what": "move"}), ("move", {"purpose": "home"}),
+        ("hand", {"closed": True}), ("held_back", {"what": "hand"}),
+    ):  # fmt: skip
+        made.write(kind, cycle=1, **fields)
+    made.close()
+    moves = rows(rows_of(read_digest(made.folder)), "moves")
+    assert [(row["purpose"], row["sent"], row["seconds"]) for row in moves] == [
+        ("bin", False, None), ("home", True, None),
+    ]  # fmt: skip
+
+
 def test_a_pick_becomes_rows_of_every_part_of_the_table(tmp_path: Path) -> None:
     made = MadeRun(tmp_path / "20260102T030405Z")
     made.pick(why="gone")

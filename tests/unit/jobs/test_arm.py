@@ -74,6 +74,26 @@ def test_a_yes_or_no_is_asked_until_it_is_one_and_the_controllers_question_is_an
     assert ("`maybe` is neither" in capsys.readouterr().out) is ("maybe" in typed)
 
 
+@pytest.mark.parametrize(("begun", "ended"), [(b"st", b"op\n"), (b"stop\n", b"")])
+def test_a_stop_that_a_question_of_a_first_contact_comes_amid_or_behind_is_heard(
+    begun: bytes, ended: bytes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What had been typed was thrown away as the question came."""
+    master, slave = pty.openpty()
+
+    async def asking() -> bool:
+        wants_stop = asyncio.Event()
+        os.write(master, begun)
+        asyncio.get_running_loop().call_later(0.1, os.write, master, ended)
+        await asyncio.wait_for(_ask(Consult("move", "May I?"), wants_stop), 10.0)  # type: ignore[arg-type]
+        return wants_stop.is_set()
+
+    with open(slave, encoding="utf-8") as stdin:
+        monkeypatch.setattr(sys, "stdin", stdin)
+        assert asyncio.run(asking())
+    os.close(master)
+
+
 @pytest.mark.parametrize("asked", [False, True])
 def test_a_stop_typed_at_a_first_contact_stops_the_arm_whether_anything_is_asked_or_not(
     asked: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

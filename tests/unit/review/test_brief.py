@@ -31,8 +31,10 @@ def test_a_fault_without_what_every_line_has_is_no_line_for_either_reading(made:
     assert len(whole) == len(lines) - 1
 
 
-def test_a_week_counts_what_the_runs_own_page_does(made: MadeRun) -> None:
-    """A hand that closes once more before it opens over the bin was taken for one that had opened before."""
+@pytest.mark.parametrize(("held_back", "uncounted"), [(False, 1), (True, 0)])
+def test_a_week_counts_what_the_runs_own_page_does(made: MadeRun, held_back: bool, uncounted: int) -> None:
+    """A hand that closes once more before it opens over the bin was taken for one that had opened before; a move to the
+    bin that was held back as it was typed is none."""
     made.cycle += 1
     made.write("cycle_start", cycle=1, target=None)
     made.look("survey 1", part("cube"))
@@ -40,12 +42,14 @@ def test_a_week_counts_what_the_runs_own_page_does(made: MadeRun) -> None:
     made.write("decision", cycle=1, text="missed", why="cube still lies there")
     made.write("hand", cycle=1, closed=True)
     made.write("move", cycle=1, how="joint", purpose="bin", target=None, speed_pct=100)
+    if held_back:
+        made.write("held_back", cycle=1, what="move")
     made.write("hand", cycle=1, closed=False)
     made.look("survey 1")
     made.write("cycle_end", cycle=1, outcome="picked", label="cube", stops=2, why="gone", predicted=None)
     folder = made.close()
     whole = production([read_digest(folder)])
-    assert (production([read_brief(folder)]), whole["uncounted"]) == (whole, 1)
+    assert (production([read_brief(folder)]), whole["uncounted"]) == (whole, uncounted)
 
 
 def test_a_measure_that_is_no_number_is_none(made: MadeRun) -> None:

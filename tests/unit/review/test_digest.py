@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from daemon.review.digest import digest
+from daemon.review.digest import carried_out, digest
 from daemon.review.page import read_digest
-from daemon.review.pagedata import page_data
+from daemon.review.pagedata import page_data, stop_json
 from daemon.review.tables import cycle_rows
 from daemon.store.runs import read_run
 from tests.worlds.made_run import MadeRun
@@ -52,6 +52,22 @@ def test_every_prefix_of_a_run_makes_a_digest(made: MadeRun) -> None:
         data = page_data(digest("prefix", records[:count]))
         assert len(data["cycles"]) <= 2
     assert page_data(digest("prefix", records[:-2]))["cycles"][-1]["outcome"] == "unfinished"
+
+
+def test_what_was_held_back_as_it_was_typed_is_shown_so_and_was_not_carried_out(made: MadeRun) -> None:
+    made.cycle = 1
+    made.write("cycle_start", cycle=1, target=None)
+    made.look("survey 1")
+    for kind, fields in (
+        ("move", {"purpose": "bin", "how": "joint"}), ("held_back", {"what": "move"}), ("hand", {"closed": False}),
+        ("move", {"purpose": "home", "how": "joint"}), ("hand", {"closed": True}), ("held_back", {"what": "hand"}),
+    ):  # fmt: skip
+        made.write(kind, cycle=1, **fields)
+    made.log.settle()
+    (cycle,) = read_digest(made.folder).cycles
+    assert [r.get("purpose", r["kind"]) for r in carried_out(cycle.records)] == ["hand", "home"]
+    shown = [move["text"] for move in stop_json(cycle.stops[0])["moves"]]
+    assert shown[1] == "the move was held back as it was typed: nothing has left"
 
 
 def test_the_page_tells_which_picks_were_made_with_which_eyes_and_when_that_changed(made: MadeRun) -> None:

@@ -417,6 +417,24 @@ def test_a_pause_said_after_a_resume_was_asked_for_holds_what_its_yes_sets_going
     assert any("Moves are held:" in text for text in story.texts)
 
 
+def test_a_resume_that_was_typed_before_the_pause_of_somebody_else_could_be_read_lets_nothing_go(story: Story) -> None:
+    """It was for a pause of before: the arm set out before the eyes of whoever had just had it held."""
+    for text in ("pause", "go bin"):
+        story.sockets[0].say(text)
+        story.wait(2.0)
+    before = story.cell.world_from_tool()
+    story.terminal.say("pause")
+    story.wait(0.3)
+    story.sockets[0].say("resume")
+    story.wait(3.0)
+    assert any("has only just said `pause`; `resume` lets it go" in text for text in story.texts)
+    assert (story.cell.world_from_tool() == before).all()
+    story.sockets[0].say("resume")
+    story.wait(3.0)
+    assert (story.cell.world_from_tool() != before).any()
+    assert story.violations() == ()
+
+
 def test_what_is_in_the_hand_is_not_said_to_be_gone_under_an_arm_that_carries_it() -> None:
     """The rest of its way was guarded as if nothing were in the hand."""
     story = Story(holds=True)
@@ -642,6 +660,31 @@ def test_of_two_who_say_yes_to_one_move_the_slower_does_not_send_the_next(story:
     assert context.cycle.status()["pending"] == second
     assert (story.cell.world_from_tool() == before).all()
     story.sockets[1].say("confirm")
+    story.wait(3.0)
+    assert (story.cell.world_from_tool() != before).any()
+    assert story.violations() == ()
+
+
+@pytest.mark.parametrize("door", [0, 3])
+def test_a_yes_to_a_move_that_somebody_else_has_sent_meanwhile_is_none_to_the_next(story: Story, door: int) -> None:
+    """The question about the one had gone, and that about the next had come, as the key was pressed."""
+    for text in ("step on", "go bin"):
+        story.doors[door].say(text)
+        story.wait(0.5)
+    context = story._service.context
+    assert context is not None
+    first = context.cycle.status()["pending"]
+    story.wait(1.0)
+    story.sockets[1].say("confirm")
+    while (second := context.cycle.status()["pending"]) in (None, first):
+        story.wait(0.1)
+    story.wait(0.2)
+    before = story.cell.world_from_tool()
+    story.doors[door].answer("y")
+    story.wait(3.0)
+    assert context.cycle.status()["pending"] == second
+    assert (story.cell.world_from_tool() == before).all()
+    story.doors[door].answer("y")
     story.wait(3.0)
     assert (story.cell.world_from_tool() != before).any()
     assert story.violations() == ()

@@ -75,17 +75,20 @@ def test_a_disk_that_fills_up_in_the_middle_leaves_no_half_view(
 def test_a_candidate_is_not_in_use_until_accepted_and_rollback_goes_back(model_store: ModelStore, model: Model) -> None:
     assert (model_store.current, model_store.candidate) == (None, None)
     with pytest.raises(ModelStoreError, match="no candidate"):
-        model_store.accept()
+        model_store.accept(model_store.candidate)
     assert model_store.put_candidate(model) == 1
     assert (model_store.current, model_store.candidate) == (None, 1)
-    assert model_store.accept()[0] == 1
+    assert model_store.accept(model_store.candidate)[0] == 1
     assert model_store.put_candidate(model) == 2
     assert model_store.put_candidate(model) == 3
-    assert model_store.accept()[0] == 3
+    with pytest.raises(ModelStoreError, match="the candidate is version 3 by now"):
+        model_store.accept(2)
+    assert model_store.current == 1
+    assert model_store.accept(model_store.candidate)[0] == 3
     assert (model_store.current, model_store.candidate, model_store.history) == (3, None, (1,))
     assert model_store.rollback()[0] == 1
     assert (model_store.current, model_store.candidate) == (1, 3), "what was gone back from can be accepted again"
-    assert model_store.accept()[0] == 3
+    assert model_store.accept(model_store.candidate)[0] == 3
     assert model_store.rollback()[0] == 1
     with pytest.raises(ModelStoreError, match="no earlier model"):
         model_store.rollback()
@@ -99,7 +102,7 @@ def test_what_cannot_be_read_is_named_with_what_to_do(model_store: ModelStore, m
         view.images()
     (view.folder / "view.json").write_text("{")
     model_store.put_candidate(model)
-    model_store.accept()
+    model_store.accept(model_store.candidate)
     model_store.path(1).write_bytes(model_store.path(1).read_bytes()[:-20])
     with pytest.raises(ModelError):
         model_store.load(1)
@@ -132,7 +135,7 @@ def test_who_accepts_while_another_trains_is_not_undone_and_no_two_models_share_
 
     def accept(_: int) -> None:
         with contextlib.suppress(ModelStoreError):
-            accepted.append(model_store.accept()[0])
+            accepted.append(model_store.accept(model_store.candidate)[0])
 
     with ThreadPoolExecutor(4) as pool:
         trained = [pool.submit(train, k) for k in range(40)]
@@ -152,9 +155,9 @@ def test_who_was_halted_in_the_middle_is_not_waited_for_for_ever(
     halted = os.open(model_store.folder / "models" / "lock", os.O_RDONLY)
     fcntl.flock(halted, fcntl.LOCK_EX)
     with pytest.raises(ModelStoreError, match=r"models: another process has been at work there; try again"):
-        model_store.accept()
+        model_store.accept(model_store.candidate)
     os.close(halted)
-    assert model_store.accept()[0] == 1
+    assert model_store.accept(model_store.candidate)[0] == 1
 
 
 def test_a_number_that_nobody_counted_to_keeps_nobody_from_the_next(model_store: ModelStore, model: Model) -> None:
@@ -186,7 +189,7 @@ def test_what_is_accepted_is_what_was_read(model_store: ModelStore, model: Model
     model_store.put_candidate(model)
     model_store.path(1).write_bytes(b"damaged")
     with pytest.raises(ModelError):
-        model_store.accept()
+        model_store.accept(model_store.candidate)
     assert (model_store.current, model_store.candidate) == (None, 1)
 
 
@@ -239,7 +242,7 @@ def test_why_the_state_is_not_written_is_said_in_the_systems_words_where_it_has_
     model_store.put_candidate(model)
     monkeypatch.setattr("daemon.store.model_store.write_atomically", failing)
     with pytest.raises(ModelStoreError, match=rf"state\.json: not written: {words[-1]}$"):
-        model_store.accept()
+        model_store.accept(model_store.candidate)
     with pytest.raises(ModelStoreError, match=rf"cube: the view is not stored: {words[-1]}$"):
         model_store.add_view("cube", picture(1), picture(2), {})
     monkeypatch.undo()

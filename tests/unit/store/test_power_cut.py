@@ -168,12 +168,12 @@ def test_a_model(word: str, tmp_path: Path) -> None:
         store = ModelStore(folder)
         for _ in range(2):
             store.put_candidate(model)
-            store.accept()
+            store.accept(store.candidate)
         store.put_candidate(model)
 
     changes: dict[str, Callable[[ModelStore], object]] = {
         "train": lambda store: store.put_candidate(model),
-        "accept": ModelStore.accept,
+        "accept": lambda store: store.accept(3),
         "rollback": ModelStore.rollback,
         "use": lambda store: store.use(1),
     }

@@ -56,7 +56,7 @@ def test_an_imagined_view_shows_the_facets_that_face_the_cameras(trainer: Traine
 def test_what_was_never_seen_and_what_it_could_be_taken_for_is_told(trainer: Trainer) -> None:
     taught(trainer)
     trainer.train()
-    trainer.accept()
+    trainer.accept(trainer.model_store.candidate)
     cube = judge(trainer.model, "cube", trainer.rig)
     assert len(cube.facets) == 3
     assert cube.open_edges == 6

@@ -34,7 +34,7 @@ def test_a_drawing_is_kept_trained_on_and_names_the_part_in_a_real_picture(train
     trained = trainer.train()
     assert trained.left_out == ()
     assert [(v.view, v.named) for v in trained.verdicts] == [("brick/1", "brick"), ("cube/1", "cube")]
-    trainer.accept()
+    trainer.accept(trainer.model_store.candidate)
     assert trainer.waiting() == []
     scenes = [f.parent for f in sorted(rendered.HERE.glob("*/truth.json")) if _holds(f.parent, "cube")]
     assert scenes, "a scene with a cube belongs to the test data"

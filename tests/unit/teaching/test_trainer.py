@@ -25,7 +25,7 @@ def test_taught_views_make_a_candidate_and_the_model_in_use_is_not_touched(train
     assert len(trained.verdicts) == len(labels)
     assert trainer.model.labels == ()
     assert before.labels == ()
-    assert trainer.accept() == trained.version
+    assert trainer.accept(trainer.model_store.candidate) == trained.version
     assert set(trainer.in_use.labels) == set(labels)
     assert trainer.waiting() == []
     again = Trainer(trainer.model_store, trainer.rig, trainer.library, trainer.parts)
@@ -99,7 +99,7 @@ def test_what_a_candidate_names_does_not_hang_on_how_fast_the_computer_is(traine
     slow.store("part", *rendered.pair(scene), {})
     (verdict,) = slow.train().verdicts
     assert verdict.right, verdict
-    candidate = slow.candidate()
+    candidate = slow.version(slow.model_store.candidate)
     assert candidate is not None
     named = [part for part in candidate.see(*rendered.pair(scene)).parts if part.named]
     assert not named, "the look itself keeps to its budget"
@@ -108,7 +108,7 @@ def test_what_a_candidate_names_does_not_hang_on_how_fast_the_computer_is(traine
 def test_a_view_that_took_the_number_of_a_forgotten_one_is_not_in_use_yet(trainer: Trainer) -> None:
     taught(trainer)
     trainer.train()
-    trainer.accept()
+    trainer.accept(trainer.model_store.candidate)
     last = trainer.model_store.views()[-1]
     pictures = last.images()
     assert trainer.model_store.drop_views(last.label, last.number) == 1

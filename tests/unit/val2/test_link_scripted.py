@@ -10,7 +10,16 @@ from typing import Any
 import pytest
 
 from drivers.val2.dialect import Dialect
-from drivers.val2.errors import ControllerError, Elsewhere, Garbled, HeldBack, NoAnswer, PortError, Preempted
+from drivers.val2.errors import (
+    ControllerError,
+    Elsewhere,
+    Garbled,
+    HeldBack,
+    NoAnswer,
+    PortError,
+    Preempted,
+    StopRefused,
+)
 from drivers.val2.link import Link, Where
 from drivers.val2.location import Location
 from tests.worlds.in_time import lived
@@ -626,6 +635,45 @@ def test_a_controller_that_asks_what_it_asks_at_power_up_has_not_taken_the_word_
         return link.stop_seen, link.question, port.lines
 
     assert lived(story()) == (0, "Load VAL II from floppy (Y/N)?", ["DO BREAK", "ABORT"])
+
+
+@pytest.mark.parametrize("amid", ["ABORT", "WHERE"])
+def test_what_the_controller_says_by_itself_amid_a_stop_is_no_refusal_of_it_and_is_told_as_its_own_words(
+    amid: str,
+) -> None:
+    """The stop was said not to be taken, and to press the emergency stop, as somebody had just pressed it."""
+
+    async def story() -> tuple[int, str]:
+        judged = {"ABORT": 2, "WHERE": 0}[amid]
+
+        def says(line: str, nth: int) -> str:
+            return ("\r\n*Emergency stop*" if (line, nth) == (amid, judged) else "") + usual(line, nth)
+
+        link = linked(Scripted(says))
+        await link.open()
+        assert await link.abort() is not None
+        with pytest.raises(ControllerError) as said:
+            await link.where()
+        await link.where()
+        return link.stop_seen, str(said.value)
+
+    assert lived(story()) == (1, "*Emergency stop*")
+
+
+def test_a_word_that_is_refused_behind_what_the_controller_says_by_itself_is_refused() -> None:
+    async def story() -> tuple[str, int]:
+        def says(line: str, nth: int) -> str:
+            if line != "ABORT":
+                return usual(line, nth)
+            return "\r\n" + ("*Arm power off*" if nth == 0 else "*What?*") + PROMPT
+
+        link = linked(Scripted(says))
+        await link.open()
+        with pytest.raises(StopRefused) as refused:
+            await link.prove_stop()
+        return str(refused.value), link.stop_seen
+
+    assert lived(story()) == ("the controller does not take the word ABORT (it says `*What?*`)", 0)
 
 
 @pytest.mark.parametrize("told", [PROMPT, "\r\n*Emergency stop*" + PROMPT])

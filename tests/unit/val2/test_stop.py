@@ -105,7 +105,7 @@ def test_a_word_that_the_controller_does_not_know_is_no_stop_even_when_the_arm_h
         assert not controller.machine.at_rest(), "told while the arm still moves"
         if prompt == "start":
             assert line.now_s() - told_s < 0.5
-            assert list(controller.lines).count("HALT") == 3, "at once, and no try after it"
+            assert list(controller.lines).count("HALT") == 4, "at once, and no try after it was refused twice"
             assert str(problem.value) == "the controller does not take the word HALT (it says `*Illegal command*`)"
         controller.tick(line.now_s() + 60.0)
         await asyncio.sleep(60.0)
