@@ -36,8 +36,8 @@ HOPELESS = 0.4
 """Of the length of all edges, what a search must have found, and a second measurement on its place, to go on."""
 MOST_ROUNDS, SMALL_MM = 5, 0.3
 """How often edges are measured anew, and a motion after which that would change nothing more."""
-AGAIN = 3
-"""How often edges are measured of a part that is known to be there."""
+AGAIN = 8
+"""How often at most edges are measured of a part that is known to be there."""
 SEARCH_DEG = 3.0
 LEAST_EVIDENCE, LEAST_SUPPORT = 6.0, 0.5
 """What an edge must show to be there: step over its noise, and share of its length."""
