@@ -180,13 +180,23 @@ def test_too_little_evidence_refuses_a_name(monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def test_confidence_is_shared_by_all_guesses_that_were_made() -> None:
-    """Sixteen times as many parts taught, sixteen times as many chances: the odds are a sixteenth. But what shows few
-    edges, of which few guesses are made, is where those are."""
+    """Sixteen times as many parts taught, sixteen times as many chances: the odds are a sixteenth."""
     weak = replace(max(all_laid("cube"), key=lambda one: one.borne.nats), borne=Borne(45.0, 1.0))
-    few, many = confidence(weak, tests=FEWEST_TESTS), confidence(weak, tests=16 * FEWEST_TESTS)
+    few, many = confidence(weak, tests=2000), confidence(weak, tests=32000)
     assert few / (1 - few) == pytest.approx(16 * many / (1 - many))
-    assert confidence(weak, tests=1) == few
     assert confidence(weak, tests=10**9) == 0.0
+
+
+def test_what_shows_few_edges_is_named_no_cheaper_and_more_taught_parts_raise_the_bar(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    asked = list[int]()
+    monkeypatch.setattr(by_segments, "guessed_in_space", lambda *_: Guessed([], 7))
+    monkeypatch.setattr(by_segments, "_proven", lambda _, laid, tests, spent: asked.append(tests) or ([], [], ()))
+    two = replace(model(), views=tuple(view for view in model().views if view.label in ("cube", "pyramid")))
+    for taught in (model(), two):
+        named_by_segments(eyes_on("cube"), taught, [])
+    assert asked == [FEWEST_TESTS * 4] * 2 + [FEWEST_TESTS * 2] * 2
 
 
 def test_a_part_laid_anew_pays_for_every_pose_it_is_tried_at() -> None:
