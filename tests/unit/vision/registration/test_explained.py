@@ -35,7 +35,6 @@ def share(name: str, eyes: Eyes) -> float | None:
 
 @pytest.mark.parametrize("name", sorted(KNOWN))
 def test_a_part_explains_what_is_seen_where_it_lies_and_no_other_part_does(name: str) -> None:
-    """What is left of its own are lines that raised contrast draws beside strong edges."""
     own = share(name, eyes_on(name))
     assert own is not None
     assert own > USUAL_EXPLAINED
