@@ -22,6 +22,9 @@ from daemon.console.stop_words import ends_in_stop
 
 LEAVE, STOP = b"\x1d", b"\x03"
 POLL_S = 0.1
+_MODE = threading.Lock()
+"""Held while this terminal changes its mode, and from seeing that something waits in it until that is read: a key that
+another reader has taken meanwhile would be waited for, for ever."""
 
 
 class Lines:
@@ -81,9 +84,9 @@ class Lines:
             if self._wake in ready:
                 os.eventfd_read(self._wake)
                 self._put(handle)
-            elif not _gives_lines(handle):
+            elif (data := _waits_at(handle)) is None:
                 self._over.wait(POLL_S)
-            elif data := _read_from(handle):
+            elif data:
                 self._take(data)
             else:
                 self._end(os.isatty(handle))
@@ -150,14 +153,21 @@ def typed_by_now() -> bytes:
     if not sys.stdin.isatty():
         return b""
     handle = sys.stdin.fileno()
-    before, mode = termios.tcgetattr(handle), termios.tcgetattr(handle)
-    mode[3] &= ~termios.ICANON
-    mode[6][termios.VMIN], mode[6][termios.VTIME] = 0, 0
-    termios.tcsetattr(handle, termios.TCSANOW, mode)
-    try:
-        return _read_from(handle)
-    finally:
-        termios.tcsetattr(handle, termios.TCSANOW, before)
+    with _MODE:
+        before, mode = termios.tcgetattr(handle), termios.tcgetattr(handle)
+        mode[3] &= ~termios.ICANON
+        mode[6][termios.VMIN], mode[6][termios.VTIME] = 0, 0
+        termios.tcsetattr(handle, termios.TCSANOW, mode)
+        try:
+            return _read_from(handle)
+        finally:
+            termios.tcsetattr(handle, termios.TCSANOW, before)
+
+
+def _waits_at(handle: int) -> bytes | None:
+    """What waits there for who reads lines; None where nothing does, or not for them."""
+    with _MODE:
+        return _read_from(handle) if _gives_lines(handle) and select.select([handle], [], [], 0)[0] else None
 
 
 def _read_from(handle: int) -> bytes:
@@ -189,11 +199,12 @@ class Keyboard:
         self._send, self._stop = send, stop
         self._handle = sys.stdin.fileno()
         self._before = termios.tcgetattr(self._handle)
-        tty.setcbreak(self._handle)
-        mode = termios.tcgetattr(self._handle)
-        mode[0] &= ~(termios.ICRNL | termios.IXON)
-        mode[3] &= ~(termios.ISIG | termios.IEXTEN)
-        termios.tcsetattr(self._handle, termios.TCSANOW, mode)
+        with _MODE:
+            tty.setcbreak(self._handle)
+            mode = termios.tcgetattr(self._handle)
+            mode[0] &= ~(termios.ICRNL | termios.IXON)
+            mode[3] &= ~(termios.ISIG | termios.IEXTEN)
+            termios.tcsetattr(self._handle, termios.TCSANOW, mode)
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._read, name="keyboard", daemon=True)
         self._thread.start()
@@ -207,7 +218,8 @@ class Keyboard:
         """The terminal as it was before; safe to call twice."""
         self._over.set()
         self._thread.join()
-        termios.tcsetattr(self._handle, termios.TCSADRAIN, self._before)
+        with _MODE:
+            termios.tcsetattr(self._handle, termios.TCSADRAIN, self._before)
 
     def _read(self) -> None:
         while not self._over.is_set():

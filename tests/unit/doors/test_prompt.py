@@ -307,6 +307,34 @@ def test_keys_that_another_reads_one_by_one_or_in_front_of_us_are_left_to_it(mon
     os.close(master)
 
 
+def test_a_key_that_another_reader_has_taken_is_not_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Control-] at the controller's terminal: its key was gone and the terminal gave lines again before it was seen
+    whose it was, and facetctl did not end."""
+    master, slave = pty.openpty()
+    real, taken = keyboard._gives_lines, threading.Event()
+
+    def gives_lines(handle: int) -> bool:
+        if not taken.is_set():
+            assert os.read(handle, 9) == b"]\n"
+            taken.set()
+        return real(handle)
+
+    with open(slave, encoding="utf-8") as stdin:
+        monkeypatch.setattr(sys, "stdin", stdin)
+        monkeypatch.setattr(keyboard, "_gives_lines", gives_lines)
+        lines = Lines(nobody_stops, print)
+        os.write(master, b"]\n")
+        assert taken.wait(10.0)
+        ending = threading.Thread(target=lines.close, daemon=True)
+        ending.start()
+        ending.join(5.0)
+        over = not ending.is_alive()
+        os.write(master, b"\n")
+        ending.join()
+    assert over
+    os.close(master)
+
+
 class Doing:
     """A daemon's socket, at which a stop is answered at once and what else is said only after one."""
 
