@@ -53,7 +53,7 @@ def look(
     began = now()
     brief = by_facets = _by_facets(eyes, full.brief() if known.labels else full, known, table, now)
     naming = brief.seconds
-    if _worth_a_closer_look(brief.found) and all(eye.quiet(full) for eye in eyes.views):
+    if _worth_a_closer_look(brief.found) and eyes.quiet(full):
         closer = _by_facets(eyes, full.closer(), known, table, now)
         by_facets = max(brief, closer, key=lambda one: sum(r.named for r in one.found))
         naming += closer.seconds

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from daemon.vision.geometry import Baseline, StereoRig, baseline
 from daemon.vision.image.grey import as_grey, check_size
 from daemon.vision.image.one_eye import OneEye
+from daemon.vision.settings import VisionSettings
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,6 +26,10 @@ class Eyes:
     def views(self) -> tuple[OneEye, OneEye]:
         """Left and right, to loop over."""
         return self.left, self.right
+
+    def quiet(self, settings: VisionSettings) -> bool:
+        """Whether little but parts shows edges in either."""
+        return all(view.quiet(settings) for view in self.views)
 
 
 def open_eyes(left: NDArray[Any], right: NDArray[Any], rig: StereoRig) -> Eyes:

@@ -65,7 +65,7 @@ class Search:
     @cached_property
     def quiet(self) -> bool:
         """Whether little but parts shows edges: then what a facet could be is likely, and asked by itself."""
-        return all(view.quiet(VisionSettings()) for view in self.eyes.views)
+        return self.eyes.quiet(VisionSettings())
 
     @cached_property
     def corners(self) -> tuple[SegmentCorners, SegmentCorners]:
@@ -100,9 +100,9 @@ def made_ready(model: Model) -> None:
 
 def guessed_by_facets(search: Search, spent: Callable[[], float]) -> Guessed:
     """By facets that have no name, where they are asked by themselves."""
-    posed, hinges = _by_facets(search)
-    if not search.quiet or not len(posed.part) or spent() > SEARCHED:
+    if not search.quiet or spent() > SEARCHED:
         return Guessed([], 0)
+    posed, hinges = _by_facets(search)
     return _likeliest(search, *_laid_down(search, posed, hinges), len(posed.part), spent)
 
 

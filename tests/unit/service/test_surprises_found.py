@@ -10,6 +10,7 @@ from unittest.mock import patch
 import pytest
 import yaml
 
+from daemon.console.context import CommandContext
 from drivers.puma560 import READY_RAD, ArmGeometry, configuration_of
 from drivers.simcell.controller import Mishap
 from drivers.simcell.controller.commands import Ask
@@ -20,7 +21,7 @@ from drivers.simcell.world import Where
 from drivers.val2.conversation import Conversation
 from drivers.val2.wire import Event, Prompt
 from tests.worlds.first_day import arm_yaml
-from tests.worlds.whole_daemon import SocketDoor, Story
+from tests.worlds.whole_daemon import SerialDoor, SocketDoor, Story
 
 pytestmark = pytest.mark.slow
 NO_LONGER = "The arm is no longer enabled: pick.limits changed."
@@ -642,17 +643,24 @@ def test_an_arm_that_its_pendant_moved_while_a_way_down_was_held_goes_aslant_to_
     assert story.violations() == ()
 
 
-def test_of_two_who_say_yes_to_one_move_the_slower_does_not_send_the_next(story: Story) -> None:
+def second_move_waits(story: Story, mover: SocketDoor | SerialDoor, sender: SocketDoor) -> tuple[CommandContext, str]:
+    """One operator goes to the bin step by step, another has sent the first of its moves; and the next one, which has
+    just come up, in words."""
     for text in ("step on", "go bin"):
-        story.sockets[2].say(text)
+        mover.say(text)
         story.wait(0.5)
     context = story._service.context
     assert context is not None
     first = context.cycle.status()["pending"]
     story.wait(1.0)
-    story.sockets[0].say("confirm")
+    sender.say("confirm")
     while (second := context.cycle.status()["pending"]) in (None, first):
         story.wait(0.1)
+    return context, second
+
+
+def test_of_two_who_say_yes_to_one_move_the_slower_does_not_send_the_next(story: Story) -> None:
+    context, second = second_move_waits(story, story.sockets[2], story.sockets[0])
     before = story.cell.world_from_tool()
     story.sockets[1].say("confirm")
     story.wait(3.0)
@@ -668,16 +676,7 @@ def test_of_two_who_say_yes_to_one_move_the_slower_does_not_send_the_next(story:
 @pytest.mark.parametrize("door", [0, 3])
 def test_a_yes_to_a_move_that_somebody_else_has_sent_meanwhile_is_none_to_the_next(story: Story, door: int) -> None:
     """The question about the one had gone, and that about the next had come, as the key was pressed."""
-    for text in ("step on", "go bin"):
-        story.doors[door].say(text)
-        story.wait(0.5)
-    context = story._service.context
-    assert context is not None
-    first = context.cycle.status()["pending"]
-    story.wait(1.0)
-    story.sockets[1].say("confirm")
-    while (second := context.cycle.status()["pending"]) in (None, first):
-        story.wait(0.1)
+    context, second = second_move_waits(story, story.doors[door], story.sockets[1])
     story.wait(0.2)
     before = story.cell.world_from_tool()
     story.doors[door].answer("y")
