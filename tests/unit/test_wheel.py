@@ -43,7 +43,10 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> zipfile.Path:
 def unpacked(wheel: zipfile.Path) -> Iterator[Path]:
     """As pip leaves it in its folder of packages; with a short path, as a socket lies beside it."""
     folder = Path(tempfile.mkdtemp(prefix="facetd-"))
-    wheel.root.extractall(folder / "packages")
+    with zipfile.ZipFile(
+        str(wheel.root.filename)
+    ) as whole:  # the root of a Path names folders that Debian 12's has not
+        whole.extractall(folder / "packages")
     yield folder
     shutil.rmtree(folder)
 

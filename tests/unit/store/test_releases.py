@@ -82,7 +82,8 @@ def release(commit: str, folder: Path) -> Path:
     if archive.returncode != 0:
         pytest.skip("this copy has no history to take an older release from")
     with tarfile.open(fileobj=io.BytesIO(archive.stdout)) as tree:
-        tree.extractall(folder, filter="data")
+        tree.extraction_filter = getattr(tarfile, "data_filter", None)  # Debian 12's Python has none
+        tree.extractall(folder)
     return folder
 
 
