@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 
@@ -21,11 +20,11 @@ from drivers.camera.pair import StereoPair
 from drivers.simcell.camera import Scene, SimulatedPair
 from drivers.simcell.parts import TAUGHT
 from drivers.simcell.render import Thing
-from drivers.simcell.rigid import apply, inverse, rigid, turn
+from drivers.simcell.rigid import apply, inverse
 from drivers.simcell.truth import Truth, load_truth
 from drivers.simcell.world import World
+from tests.worlds.photographed import ETC, pose_above
 
-ETC = Path(__file__).parents[2] / "etc"
 STAND_OFFS_MM = (450.0, 300.0, 200.0)
 LOOKS, SEED = 48, 11
 SAME_MM = 6.0
@@ -57,17 +56,6 @@ class Tally:
 def ring_error(found: Array, wanted: Array) -> float:
     """Mean distance in mm of (N, 3) corners from the wanted ones, whichever corner comes first."""
     return min(float(np.linalg.norm(np.roll(found, k, 0) - wanted, axis=1).mean()) for k in range(len(wanted)))
-
-
-def pose_above(
-    stand_off_mm: float, at: Array, rng: np.random.Generator, up_deg: tuple[float, float] = (50.0, 75.0)
-) -> Array:
-    """world_from_cyclopean that looks at a point from anywhere so many degrees up, rolled a little."""
-    up, around = np.radians(rng.uniform(*up_deg)), rng.uniform(-np.pi, np.pi)
-    z = -np.array([np.cos(up) * np.cos(around), np.cos(up) * np.sin(around), np.sin(up)])
-    x = turn(z, rng.uniform(-0.3, 0.3)) @ np.cross(z, [0, 0, 1])
-    x = x / np.linalg.norm(x)
-    return rigid(np.column_stack([x, np.cross(z, x), z]), at - stand_off_mm * z)
 
 
 def facets_in_sight(truth: Truth, world: World, world_from_cyclopean: Array) -> list[Array]:

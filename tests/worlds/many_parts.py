@@ -58,7 +58,8 @@ def _rectangle(x0: float, y0: float, x1: float, y1: float) -> Outline:
     return [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
 
 
-def _regular(sides: int, side_mm: float) -> Outline:
+def regular(sides: int, side_mm: float) -> Outline:
+    """A regular polygon about the origin, anticlockwise."""
     turn = 2 * np.pi * np.arange(sides) / sides
     radius = side_mm / 2 / np.sin(np.pi / sides)
     return [(float(radius * np.cos(a)), float(radius * np.sin(a))) for a in turn]
@@ -84,7 +85,7 @@ def _t_block(a: int, b: int, c: int, arm: int) -> Drawing:
 
 
 def _prism(sides: int) -> Callable[..., Drawing]:
-    return lambda side, height: _upright(_regular(sides, side), height)
+    return lambda side, height: _upright(regular(sides, side), height)
 
 
 def _frustum(a: int, b: int, height: int, top: int) -> Drawing:

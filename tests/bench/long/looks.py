@@ -32,10 +32,10 @@ from daemon.vision.geometry import exact, visible_from
 from daemon.vision.model.model import Model, empty_model
 from drivers.simcell.parts import TAUGHT, Shape, part_shape, shape
 from drivers.simcell.truth import load_truth
-from tests.bench.simulated_looks import ETC
 from tests.worlds.drawn import obj, prism, solid
 from tests.worlds.heaps import heap
 from tests.worlds.in_time import lived
+from tests.worlds.photographed import ETC
 from tests.worlds.simulated_cell import true_calibration
 from tests.worlds.simulated_hours import Hours, cell_in_time
 
