@@ -23,8 +23,9 @@ APART_PX = 1.5
 FIT_MM = 6.0
 """How badly a facet of the other may fit one in view, rms, to be laid on it."""
 NEAR_MM, ROUNDS = 10.0, 3
-SAME = 0.05
-"""Ways that differ less in every number of their matrices are one."""
+APART_MM = 2.0
+MOST = 12
+"""So many ways are looked at: corners that are nearer than APART_MM are one, and ways with few others come first."""
 SKIN_MM = 0.3
 """How far before a point of the surface sight must be free."""
 
@@ -37,7 +38,7 @@ def telling_mm(shape: Shape, other: Shape, cyclopean_from_part: Array) -> float:
         for step_mm in (STEP_MM, FINE_MM)
     )
     best, theirs_mm = np.inf, _edge_points(other, FINE_MM)
-    for pose in _laid(shape, other, cyclopean_from_part):
+    for pose in _laid(shape, other, cyclopean_from_part)[:MOST]:
         differs = 0.0
         for eye, mine, mine_fine in zip(eyes, coarse, fine, strict=True):
             theirs = _seen(other, theirs_mm, pose, eye)
@@ -111,8 +112,9 @@ def _hides(piece: Polyhedron, pose: Array, start: Array, centre: Array) -> Flags
 
 
 def _laid(shape: Shape, other: Shape, pose: Array) -> list[Array]:
-    """cyclopean_from_other (4, 4) of each way to lay the other over the part at a pose, no two alike."""
-    found: list[Array] = []
+    """cyclopean_from_other (4, 4) of each way to lay the other over the part at a pose, no two alike, those first that
+    leave the fewest corners of either without one of the other."""
+    found: dict[bytes, Array] = {}
     mine = apply(pose, np.unique(np.vstack([p.vertices for p in shape.pieces]).round(6), axis=0))
     theirs = np.unique(np.vstack([p.vertices for p in other.pieces]).round(6), axis=0)
     towards = -pose[:3, 3] / np.linalg.norm(pose[:3, 3])
@@ -128,12 +130,14 @@ def _laid(shape: Shape, other: Shape, pose: Array) -> list[Array]:
                     for shift in range(len(its)):
                         way, rms = _fit(another.vertices[list(np.roll(its, shift))], ring)
                         if rms < FIT_MM:
-                            found += [
-                                one
-                                for one in (way, _drawn_to(way, theirs, mine))
-                                if not any(np.abs(one - known).max() < SAME for known in found)
-                            ]
-    return found
+                            for one in (way, _drawn_to(way, theirs, mine)):
+                                found[(one.round(1) + 0.0).tobytes()] = one
+
+    def lonely(way: Array) -> int:
+        away = np.linalg.norm(apply(way, theirs)[:, None] - mine, axis=2)
+        return int((away.min(0) > APART_MM).sum() + (away.min(1) > APART_MM).sum())
+
+    return sorted(found.values(), key=lonely)
 
 
 def _drawn_to(way: Array, theirs: Array, mine: Array) -> Array:
