@@ -77,14 +77,9 @@ def test_folders(home: Path) -> list[Path]:
 
 def judge(scene: Scene, told: dict[str, Any], known: tuple[str, ...], tally: Tally) -> list[tuple[float, bool]]:
     """Count one scene; (confidence, right) of every part that was named."""
-    left = [p for p in scene.parts if p.facets]
+    bodies, ghosts = matched(scene, told)
     named: list[tuple[float, bool]] = []
-    for body in told["objects"]:
-        facets = [f for f in body["facets"] if f["left"]["visible"] and f["right"]["visible"]]
-        corners = np.vstack([np.asarray(f["corners_mm"], float) for f in facets]) if facets else np.zeros((0, 3))
-        part = _nearest(left, corners)
-        if part is not None:
-            left.remove(part)
+    for body, part in bodies:
         label = part.recognition.label if part else "nothing"
         silent = label in ("unknown", "nothing")
         right = label == body["label"]
@@ -96,9 +91,22 @@ def judge(scene: Scene, told: dict[str, Any], known: tuple[str, ...], tally: Tal
             named.append((part.recognition.confidence, right))
         if part is not None and right:
             _errors(part, np.vstack([np.asarray(f["corners_mm"], float) for f in body["facets"]]), tally)
-    ghosts = [p for p in left if p.recognition.label != "unknown"]
     tally.counts["ghost"] += len(ghosts)
     return named + [(p.recognition.confidence, False) for p in ghosts]
+
+
+def matched(scene: Scene, told: dict[str, Any]) -> tuple[list[tuple[dict[str, Any], Part | None]], list[Part]]:
+    """Each true body with the part found where it is, if any; and the named parts that are where no body is."""
+    left = [p for p in scene.parts if p.facets]
+    bodies: list[tuple[dict[str, Any], Part | None]] = []
+    for body in told["objects"]:
+        facets = [f for f in body["facets"] if f["left"]["visible"] and f["right"]["visible"]]
+        corners = np.vstack([np.asarray(f["corners_mm"], float) for f in facets]) if facets else np.zeros((0, 3))
+        part = _nearest(left, corners)
+        if part is not None:
+            left.remove(part)
+        bodies.append((body, part))
+    return bodies, [p for p in left if p.named]
 
 
 def _nearest(parts: list[Part], corners: Array) -> Part | None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import count
+from itertools import cycle
 from typing import NamedTuple
 
 import numpy as np
@@ -27,6 +27,8 @@ LEAST_MM, MOST_MM = 22, 80
 """Sizes are whole millimetres between these."""
 APART_MM = 5
 """Two parts of one family differ by so much in one size at least."""
+TRIES = 2000
+"""So many sizes are drawn before a family is taken to be full."""
 
 
 class Drawing(NamedTuple):
@@ -117,22 +119,30 @@ FAMILIES: dict[str, tuple[Callable[..., Drawing], Callable[[np.random.Generator]
 
 
 def drawn_parts(number: int, seed: int = 0) -> tuple[DrawnPart, ...]:
-    """So many parts, family by family in turn, no two alike."""
+    """So many parts, family by family in turn, no two alike. A family in whose sizes there is no room for another is
+    left out from then on: of a thousand parts most are blocks, wedges and frusta, which have many sizes."""
     rng = np.random.default_rng(seed)
     known: dict[str, list[tuple[int, ...]]] = {family: [] for family in FAMILIES}
     found: list[DrawnPart] = []
-    for k in count():
-        family = list(FAMILIES)[k % len(FAMILIES)]
+    for family in cycle(FAMILIES):
+        if family not in known:
+            continue
         draw, sized = FAMILIES[family]
-        sizes = next(s for s in iter(lambda s=sized: s(rng), None) if not any(_alike(s, o) for o in known[family]))
+        tried = (sized(rng) for _ in range(TRIES))
+        sizes = next((s for s in tried if not any(_alike(s, other) for other in known[family])), None)
+        if sizes is None:
+            del known[family]
+            if not known:
+                raise ValueError(f"{number} parts: no family has room for more than {len(found)} in all")
+            continue
         drawing = draw(*sizes)
         label = "_".join([family, *map(str, sizes)])
         known[family].append(sizes)
         content = obj(drawing.corners, drawing.rings)
         found.append(DrawnPart(label, family, sizes, content, shape(label, *drawing.clouds)))
         if len(found) == number:
-            return tuple(found)
-    raise AssertionError
+            break
+    return tuple(found)
 
 
 def _alike(one: tuple[int, ...], other: tuple[int, ...]) -> bool:
