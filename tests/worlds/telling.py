@@ -65,7 +65,7 @@ def _seen(shape: Shape, on_edges: Array, pose: Array, eye: Eye) -> Array:
     start = points + SKIN_MM * way / np.linalg.norm(way, axis=1, keepdims=True)
     free = np.ones(len(points), bool)
     for piece in shape.pieces:
-        free &= ~_hides(piece, pose, start, centre)
+        free &= ~hides(piece, pose, start, centre)
     return eye.project(points[free])
 
 
@@ -97,7 +97,7 @@ def _smooth(piece: Polyhedron, edge: tuple[int, int], points: Array, others: lis
     return smooth
 
 
-def _hides(piece: Polyhedron, pose: Array, start: Array, centre: Array) -> Flags:
+def hides(piece: Polyhedron, pose: Array, start: Array, centre: Array) -> Flags:
     """(N,) whether the convex piece lies between points (N, 3) and the eye at centre (3,)."""
     back = inverse(pose)
     a, b = apply(back, start), apply(back, centre)
