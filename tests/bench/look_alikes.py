@@ -87,7 +87,9 @@ def main(arguments: list[str] | None = None) -> None:
         everything += found
     for mode in MODES:
         print(_line("all", mode, [a for a in everything if a.mode == mode]))
-    print(f"\n{len(wrong)} wrong names where the two can be told apart")
+    sure, tell = sum(a.confidence >= SURE for a in wrong), sum(a.tells for a in everything)
+    print(f"\n{len(wrong)} wrong names where the two can be told apart; at {SURE} and more {sure} in {tell} looks, "
+          f"that is {500 * sure / max(tell, 1):.1f} in 500 (goal: 1)")  # fmt: skip
     for a in wrong:
         print(f"  {a.pair.family} {a.pair.seed} {a.mode}: {a.pair.parts[a.lies].label} named {a.named} "
               f"{a.confidence:.5f} ({a.reason})")  # fmt: skip
