@@ -35,7 +35,7 @@ from tests.bench.simulated_looks import true_rig
 from tests.worlds.families import FAMILIES, Alike, alike
 from tests.worlds.many_parts import taught
 from tests.worlds.photographed import Photograph, cell, photograph
-from tests.worlds.telling import telling_mm
+from tests.worlds.telling import TELLS_MM, telling_mm
 
 PAIRS = 20
 MODES = ("both", "alone", "stranger")
@@ -44,8 +44,6 @@ OFF_MM = 5.0
 """A part that is named rightly and whose corners are farther than this from where they are is not where it is told."""
 NEAR_MM = 50.0
 """What is found farther from the part is another thing, and its name wrong."""
-TELLS_MM = 16.0
-"""So much edge at least, of both eyes, shows in one of the two and not in the other, where they can be told apart."""
 TOLD_S = 20.0
 
 

@@ -32,7 +32,7 @@ from tests.worlds.photographed import (
     print_for,
     taken,
 )
-from tests.worlds.telling import hides
+from tests.worlds.telling import TELLS_MM, hides, telling_mm
 
 Print = Literal["bare", "printed", "edges"]
 KINDS: dict[str, tuple[tuple[int, int], bool, Print, bool]] = {
@@ -65,6 +65,7 @@ class Body:
     shape: Shape
     cyclopean_from_part: Array
     in_view: float
+    tells: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,12 +83,13 @@ def staged(kind: str, seed: int, known: Sequence[DrawnPart], strangers: Sequence
     """The scene of that kind and seed, of known parts and strangers; look-alikes are made from known ones."""
     (least, most), patterned, ink, alikes = KINDS[kind]
     rng = np.random.default_rng([*kind.encode(), seed])
-    shapes, strange = list[Shape](), list[bool]()
+    shapes, strange, models = list[Shape](), list[bool](), list[Shape | None]()
     for k in range(int(rng.integers(least, most + 1))):
         strange.append(bool(rng.random() < STRANGE))
         one = known[int(rng.integers(len(known)))]
         other = strangers[int(rng.integers(len(strangers)))]
         shapes.append(_named(look_alike(one, rng) if alikes else other.shape, k) if strange[-1] else one.shape)
+        models.append(one.shape if strange[-1] and alikes else None)
     truth = cell()
     spot = np.array([*np.add(truth.table.centre_mm, rng.uniform(-STRAY_MM, STRAY_MM, 2)), truth.table.height_mm])
     world = World(truth)
@@ -105,8 +107,15 @@ def staged(kind: str, seed: int, known: Sequence[DrawnPart], strangers: Sequence
     left, right = taken(table, eyes, tuple(things), int(rng.integers(2**32)))
     poses = [inverse(eyes) @ part.pose for part in world.parts]
     bodies = tuple(
-        Body(part.label, odd, part.shape, poses[k], _in_view(k, [p.shape for p in world.parts], poses, rng))
-        for k, (part, odd) in enumerate(zip(world.parts, strange, strict=True))
+        Body(
+            part.label,
+            odd,
+            part.shape,
+            poses[k],
+            _in_view(k, [p.shape for p in world.parts], poses, rng),
+            like is None or telling_mm(part.shape, like, poses[k]) >= TELLS_MM,
+        )
+        for k, (part, odd, like) in enumerate(zip(world.parts, strange, models, strict=True))
     )
     return Staged(kind, seed, left, right, bodies)
 

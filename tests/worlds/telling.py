@@ -18,6 +18,8 @@ from tests.worlds.photographed import cell
 Flags = NDArray[np.bool_]
 STEP_MM, COARSE = 2.0, 4
 FINE_MM = STEP_MM / COARSE
+TELLS_MM = 16.0
+"""So much edge at least, of both eyes, shows in one of the two and not in the other, where they can be told apart."""
 APART_PX = 1.5
 """Edges nearer than this are one."""
 FIT_MM = 6.0

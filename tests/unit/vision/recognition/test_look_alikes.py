@@ -8,10 +8,10 @@ import pytest
 from daemon.vision.geometry import Polyhedron
 from drivers.simcell.parts import box, shape
 from drivers.simcell.rigid import rigid
-from tests.bench.look_alikes import TELLS_MM, answers
+from tests.bench.look_alikes import answers
 from tests.worlds.drawn import solid
 from tests.worlds.families import FAMILIES, LARGER, alike, cut
-from tests.worlds.telling import telling_mm
+from tests.worlds.telling import TELLS_MM, telling_mm
 
 SEEDS = range(0, 10, 2)
 
