@@ -30,6 +30,7 @@ from daemon.arrays import Array
 from daemon.main import tame_malloc
 from daemon.vision.draw import draw_scene
 from daemon.vision.look import look
+from daemon.vision.model.model import Model
 from daemon.vision.values import Scene
 from tests.bench.simulated_looks import true_rig
 from tests.worlds.families import FAMILIES, Alike, alike
@@ -45,6 +46,8 @@ OFF_MM = 5.0
 NEAR_MM = 50.0
 """What is found farther from the part is another thing, and its name wrong."""
 TOLD_S = 20.0
+LARGE, ROUND_PX = 4, 60
+"""How much larger what is said to be there is drawn, and how much is shown round it, px of that."""
 
 
 class Answer(NamedTuple):
@@ -91,6 +94,10 @@ def main(arguments: list[str] | None = None) -> None:
     for a in wrong:
         print(f"  {a.pair.family} {a.pair.seed} {a.mode}: {a.pair.parts[a.lies].label} named {a.named} "
               f"{a.confidence:.5f} ({a.reason})")  # fmt: skip
+    for a in everything:
+        if a.right and a.off_mm > OFF_MM:
+            where = f"{a.pair.family} {a.pair.seed} {a.mode}"
+            print(f"  {where}: {a.named} {a.confidence:.5f}, rightly, is {a.off_mm:.1f} mm off")
     if told.draw and wrong:
         folder = Path(tempfile.mkdtemp(prefix="look-alikes-"))
         for a in wrong[: told.draw]:
@@ -129,10 +136,15 @@ def shown(family: str, seed: int) -> tuple[Alike, int, Photograph]:
 
 
 def _looked(pair: Alike, lies: int, mode: str, photo: Photograph) -> tuple[Scene, float]:
-    rig = true_rig(cell())
-    known = {"both": pair.parts, "alone": (pair.parts[lies],), "stranger": (pair.parts[1 - lies],)}[mode]
-    scene = look(photo.left, photo.right, rig, taught(known, rig), clock=time.process_time)
+    model = _model(pair, lies, mode)
+    scene = look(photo.left, photo.right, true_rig(cell()), model, clock=time.process_time)
     return scene, 1000 * sum(scene.seconds.values())
+
+
+def _model(pair: Alike, lies: int, mode: str) -> Model:
+    """What is taught in a mode."""
+    known = {"both": pair.parts, "alone": (pair.parts[lies],), "stranger": (pair.parts[1 - lies],)}[mode]
+    return taught(known, true_rig(cell()))
 
 
 def _judged(pair: Alike, lies: int, mode: str, photo: Photograph, scene: Scene, tells: bool, ms: float) -> Answer:
@@ -181,12 +193,24 @@ def _line(family: str, mode: str, found: list[Answer]) -> str:
 
 
 def _drawn(folder: Path, a: Answer) -> None:
-    """The pictures as they are, and what the look made of them."""
-    photo = shown(a.pair.family, a.pair.seed)[2]
+    """The pictures as they are; what the look made of them; and, large, every edge of what it says is there."""
+    photo, rig = shown(a.pair.family, a.pair.seed)[2], true_rig(cell())
     scene, _ = _looked(a.pair, a.lies, a.mode, photo)
     name = f"{a.pair.family}-{a.pair.seed}-{a.mode}"
     cv2.imwrite(str(folder / f"{name}.png"), np.hstack([photo.left, photo.right]))
     cv2.imwrite(str(folder / f"{name}-look.png"), draw_scene(photo.left, photo.right, scene))
+    (part,) = [p for p in scene.parts if p.named][:1]
+    solid = _model(a.pair, a.lies, a.mode).metric[part.recognition.label].solid
+    corners = frames.apply(part.cyclopean_from_part, solid.corners_mm)
+    both = []
+    for image, eye in ((photo.left, rig.left), (photo.right, rig.right)):
+        large = cv2.cvtColor(cv2.resize(image, None, fx=LARGE, fy=LARGE), cv2.COLOR_GRAY2BGR)
+        px = np.rint((eye.project(corners) + 0.5) * LARGE - 0.5).astype(int)
+        for start, end in solid.edges:
+            cv2.line(large, px[start].tolist(), px[end].tolist(), (0, 0, 255), 1, cv2.LINE_AA)
+        low, high = np.maximum(px.min(0) - ROUND_PX, 0), px.max(0) + ROUND_PX
+        both.append(cv2.resize(large[low[1] : high[1], low[0] : high[0]], (800, 800)))
+    cv2.imwrite(str(folder / f"{name}-said.png"), np.hstack(both))
 
 
 if __name__ == "__main__":
