@@ -30,7 +30,11 @@ _NEARBY[::4, ::4] = 0
 RIM = 3
 """Pixels of a map this near to a segment's lie on it: less surely from 2 on, the mean of a pixel's neighbours, and no
 more from 4 on."""
-MOST_COLUMNS = 32000  # of a map that cv2.remap takes
+ROOM = RIM + 2  # about the outermost segments
+MOST_COLUMNS = MOST_ROWS = 32000  # of what cv2.remap takes
+LARGEST = 2.0
+"""Of the image's own area at SHRINK, that a map of it may have: where eyes look askew, ideal coordinates stretch what
+is far aside, and its map is coarser."""
 PLACES, SPACING_PX = 10, 5.0
 """Where along an edge is looked, and how far apart places are that say something of their own."""
 _ALONG = np.asarray((np.arange(PLACES) + 0.5) / PLACES, np.float32)
@@ -93,12 +97,11 @@ class DirectedMap:
 def directed_map(view: OneEye) -> DirectedMap:
     """Maps of what an eye sees: as large as its segments need, of a chance as in all of its image."""
     found, eye, shape = view.segments, view.eye, view.grey.shape
-    scale = eye.focal_px / SHRINK
     rim = eye.ideal(np.array([[x, y] for x in (0.0, shape[1] - 1.0) for y in (0.0, shape[0] - 1.0)]))
+    scale = _scale(eye.focal_px / SHRINK, rim.max(0) - rim.min(0), shape)
     ends = (eye.ideal(np.concatenate([found.start, found.end])) - rim.min(0)) * scale
-    room = RIM + 2  # about the outermost segments
-    low = (np.floor(ends.min(0)) if len(ends) else np.zeros(2)) - room
-    width, height = np.ceil(ends.max(0, initial=0.0) - low).astype(int) + room
+    low = (np.floor(ends.min(0)) if len(ends) else np.zeros(2)) - ROOM
+    width, height = np.ceil(ends.max(0, initial=0.0) - low).astype(int) + ROOM
     ends = (ends - low).reshape(2, -1, 2)
     way = ends[1] - ends[0]
     direction = np.arctan2(way[:, 1], way[:, 0]) / np.pi * DIRECTIONS
@@ -113,6 +116,13 @@ def directed_map(view: OneEye) -> DirectedMap:
             often[k] = np.count_nonzero(hit[k] > 127)
     chance = often / np.prod((rim.max(0) - rim.min(0)) * scale)
     return DirectedMap(hit, np.clip(chance, LEAST_CHANCE, MOST_CHANCE), scale, rim.min(0) + low / scale)
+
+
+def _scale(finest: float, size: Array, shape: tuple[int, ...]) -> float:
+    """Pixels per unit of a map that is size (2,) wide and high, of an image (H, W): as fine as wanted, but for maps
+    much larger than the image."""
+    by_area = np.sqrt(LARGEST * np.prod(shape) / np.prod(size)) / SHRINK
+    return float(min(finest, by_area, (MOST_ROWS / DIRECTIONS - ROOM) / size[1]))
 
 
 @dataclass(frozen=True, eq=False)
