@@ -25,6 +25,7 @@ from daemon.vision.image import Eyes
 from daemon.vision.model import Model
 from daemon.vision.recognition import Recognised, typed_as
 from daemon.vision.registration.beside import COVERED, covered, lies_on
+from daemon.vision.registration.cut_off import ahead_of_sizes, cut_off
 from daemon.vision.registration.directed import directed_map, elsewhere, other_sizes
 from daemon.vision.registration.edge_pose import facets_in_view, facets_laid
 from daemon.vision.registration.equivalent import best_fitted
@@ -180,7 +181,7 @@ def _proven(
             continue
         taken.append(one)
         rivals = (other for other in laid if other.label != one.label and other.overlaps(one))
-        if all(_ahead_of(one, other) for other in rivals):
+        if all(_ahead_of(one, other) for other in rivals) and _of_proven_size(one, search):
             found.append(_recognised(one, confidence, search.eyes, search.model))
     return taken, found, ()
 
@@ -190,6 +191,13 @@ def _ahead_of(one: Laid, other: Laid) -> bool:
     lies on the table. The print of a face may be where another part would have its edges."""
     edges = by_own_edges(one.seen, other.seen) - LEAST_APART
     return BY_NATS * edges + ON_TABLE[one.rests] - ON_TABLE[other.rests] > 0
+
+
+def _of_proven_size(one: Laid, search: Search) -> bool:
+    """Whether what is in view of a part proves how long it is, where it leaves a picture."""
+    eyes, tolerance = search.eyes, search.model.parameters.tolerance_mm
+    whole = not cut_off(one.solid, one.pose, eyes)
+    return whole or ahead_of_sizes(one.solid, one.pose, one.seen, eyes, tolerance) > LEAST_APART
 
 
 def _by_odds(laid: Iterable[Laid]) -> list[Laid]:

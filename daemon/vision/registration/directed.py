@@ -43,7 +43,7 @@ SHOWS, LEAST_CHANCE, MOST_CHANCE = 0.75, 0.02, 0.7
 GLANCED, GLANCE_NATS = (0.2, 0.5, 0.8), 25.0
 """Shares of an edge at which many poses are looked at first, in one eye, and what must speak for one of them to be
 looked at in earnest: half of what chosen ones ever had."""
-SIZES, PARALLEL = (0.75, 0.8, 0.85, 0.9, 1.1, 1.15, 1.2, 1.25), 0.98
+SIZES, FARTHEST, PARALLEL = (0.75, 0.8, 0.85, 0.9, 1.1, 1.15, 1.2, 1.25), (0.75, 1.25), 0.98
 ASIDE, NOT_ASIDE, FAR_ASIDE = 3, 9, 48
 """Pixels of a map: steps by which a part is shifted over the picture to see what speaks for it elsewhere, from which
 shift on that is another place, and the farthest."""
@@ -196,7 +196,7 @@ def other_sizes(solid: Polyhedron, pose: Array, geometry: Baseline, maps: tuple[
     """How many times more speaks for a part of the same kind but another size at this pose (4, 4), in nats and in share
     of what there could be, whichever is less: longer or shorter by a tenth to a quarter along an edge or across a face,
     either end of it staying where it is."""
-    sizes = _in_sizes(solid)
+    sizes = _side_by_side(solid)
     each = np.arange(len(sizes.shapes))
     nats, most = evidence(Posed(sizes, each, pose[None].repeat(len(each), 0)), geometry, maps)
     share = nats / np.maximum(most, 1.0)
@@ -225,16 +225,23 @@ def elsewhere(solid: Polyhedron, pose: Array, geometry: Baseline, seen: Directed
 
 
 @lru_cache(maxsize=256)
-def _in_sizes(solid: Polyhedron) -> Solids:
+def _side_by_side(solid: Polyhedron) -> Solids:
     """A solid as it is, then in other sizes."""
+    found = (solid, *in_sizes(solid, SIZES))
+    return Solids.of([""] * len(found), found)
+
+
+@lru_cache(maxsize=256)
+def in_sizes(solid: Polyhedron, sizes: tuple[float, ...] = FARTHEST) -> tuple[Polyhedron, ...]:
+    """A solid so many times as long along an edge or across a face, either end of it staying where it is."""
     pairs = solid.lines[0]
     edges = solid.corners_mm[pairs[:, 1]] - solid.corners_mm[pairs[:, 0]]
     ways = np.concatenate([solid.normals, edges / np.linalg.norm(edges, axis=1)[:, None]])
-    found = [solid]
+    found = list[Polyhedron]()
     for k, way in enumerate(ways):
         if (np.abs(ways[:k] @ way) < PARALLEL).all():
             height = solid.corners_mm @ way
             for end in (height.min(), height.max()):
-                longer = [(factor - 1) * (height - end)[:, None] * way for factor in SIZES]
+                longer = [(factor - 1) * (height - end)[:, None] * way for factor in sizes]
                 found += [exact(solid.corners_mm + one, solid.facets) for one in longer]
-    return Solids.of([""] * len(found), found)
+    return tuple(found)

@@ -49,6 +49,8 @@ LEAST_CLEAR = 0.5
 more, the slow shading of a patterned table where none lies 0.06 and less."""
 LEAST_SIGMAS = 4.0
 """Of the slope across an edge against what lies beside it, where the edge is to prove a facet."""
+MOSTLY_IN = 0.5
+"""Of a facet, that must be in a picture for it to be in view."""
 FOUND_PX = 0.1
 """How sure a side that was found is, at best."""
 SAFE_CONDITION = 1e7
@@ -176,11 +178,20 @@ def borne_out(shape: Polyhedron, eyes: Eyes, near: Array, reach_mm: float) -> fl
 
 
 def facets_in_view(shape: Polyhedron, eyes: Eyes, pose: Array) -> int:
-    """How many facets of a part at cyclopean_from_part (4, 4) both eyes see, none of them edge-on."""
+    """How many facets of a part at cyclopean_from_part (4, 4) both eyes see, none of them edge-on, nor mostly outside
+    the picture."""
     points = frames.apply(pose, shape.corners_mm)
     px = [view.eye.camera.project(points) for view in eyes.views]
     laid = Placements.of([shape])
-    return int(np.all([laid.thickness(seen) >= THIN_PX[1] for seen in px], axis=0).sum())
+    shown = np.flatnonzero(np.all([laid.thickness(seen) >= THIN_PX[1] for seen in px], axis=0))
+    return sum(all(_mostly_in(seen[shape.rings[k]], eyes) for seen in px) for k in shown.tolist())
+
+
+def _mostly_in(ring_px: Array, eyes: Eyes) -> bool:
+    """Whether of the middles of a facet's corners (N, 2) and of its sides more than half are in the picture."""
+    most = np.array(eyes.rig.image_size) - 1
+    places = np.concatenate([ring_px, (ring_px + np.roll(ring_px, -1, 0)) / 2])
+    return bool(((places >= 0) & (places <= most)).all(1).mean() > MOSTLY_IN)
 
 
 def clear_share(found: Located, eyes: Eyes) -> float:

@@ -27,11 +27,13 @@ def likeness(solid: Polyhedron, pose: Array, eyes: Eyes) -> float | None:
     """How alike the print is that both eyes show on the faces of a part at cyclopean_from_part (4, 4): 1 the same, 0
     nothing in common; None where there is no print to speak of."""
     total = apart = count = 0.0
+    most = np.array(eyes.rig.image_size) - 1
     for index in np.flatnonzero(solid.facing(pose) > LEAST_FACING).tolist():
         ring = frames.apply(pose, solid.corners_mm[solid.rings[index]])
         seen = pixels(frames.apply(pose, _on_face(solid, index)), eyes.geometry)
         inside = [
-            Shape.of(own).depth(px) > MARGIN_PX for px, own in zip(seen, pixels(ring, eyes.geometry), strict=True)
+            (Shape.of(own).depth(px) > MARGIN_PX) & ((px > 0) & (px < most)).all(1)
+            for px, own in zip(seen, pixels(ring, eyes.geometry), strict=True)
         ]
         keep = np.all(inside, axis=0)
         if keep.sum() < FEWEST:
