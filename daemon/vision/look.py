@@ -59,7 +59,7 @@ def look(
         naming += closer.seconds
     found, view = by_facets.found, by_facets.view
     seconds = {"facets": now() - began - naming, "recognise": naming}
-    guesses, left_out, ground = tuple[NearestGuess, ...](), tuple[str, ...](), None
+    guesses, left_out, ground, by_edges = tuple[NearestGuess, ...](), tuple[str, ...](), None, list[Part]()
     if known.labels and not all_explained(found, view, known, eyes):
         start = now()
         found, view = beside(found, view, (), known, eyes)
@@ -74,11 +74,12 @@ def look(
             )
             found, view = beside(found, view, straight.named, known, eyes)
             guesses, left_out, ground = straight.guesses, straight.left_out, straight.ground
+            by_edges = [r.part for r in straight.named]
         seconds["edges"] = now() - start
     parts = tuple(r.part for r in found)
     if full.corner_detector == "line_fit" and full.stereo_formula == "exact":
         start = now()
-        parts = rested(sharpened(parts, known, eyes), known, ground)
+        parts = rested(sharpened(parts, known, eyes, by_edges), known, ground, by_edges)
         seconds["sharpen"] = now() - start
     pictures = eyes.left.grey, eyes.right.grey
     if known.labels:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from math import degrees
 from typing import Any
 
@@ -56,10 +57,15 @@ def open_eyes(left: NDArray[Any], right: NDArray[Any], rig: StereoRig) -> Eyes:
 
 def check_aside(eye: Eye, image_size: tuple[int, int], name: str) -> None:
     """Raise VisionError unless an eye looks across the line from eye to eye in all of its image (width, height)."""
-    aside = degrees(eye.least_aside(image_size))
+    aside = _aside_deg(eye, image_size)
     if not aside >= LEAST_ASIDE_DEG:
         raise VisionError(
             f"{name}: taken along the line from camera to camera ({aside:.0f} degrees off it at the rim, at least "
             f"{LEAST_ASIDE_DEG:.0f} are needed), which gives no depth: set the cameras side by side and run "
             "`facetctl calibrate stereo`; one camera that is moved: move it sideways"
         )
+
+
+@lru_cache(maxsize=8)
+def _aside_deg(eye: Eye, image_size: tuple[int, int]) -> float:
+    return degrees(eye.least_aside(image_size))

@@ -331,3 +331,22 @@ def lone_facet(name: str) -> Recognised:
         (_in_both(one) for one in view_of(KNOWN[name], WHERE).facets), key=lambda one: Shape.of(one.left_px).area
     )
     return unnamed(weld([facet]))
+
+
+@pytest.mark.parametrize(("nats_less", "least_mm", "most_mm"), [(0.0, 2.0, 4.0), (200.0, 0.0, 0.1)])
+def test_a_place_that_its_edges_give_as_well_is_in_the_covariance(
+    nats_less: float, least_mm: float, most_mm: float
+) -> None:
+    best = max((one for one in all_laid("cube") if one.label == "cube"), key=lambda one: one.odds)
+    farther = frames.perturb(best.pose, np.array([0.0, 0.0, 4.0, 0.0, 0.0, 0.0]))
+    other = replace(best, pose=farther, borne=Borne(best.borne.nats - nats_less, best.borne.share), tries=7.0)
+    spread = by_segments._spread(best, [best, other], best.pose[None])
+    assert np.count_nonzero(np.abs(spread) > 1e-6) <= 1
+    assert least_mm <= np.sqrt(spread[2, 2]) <= most_mm
+
+
+def test_where_a_part_looks_the_same_turned_that_is_no_doubt_of_its_place() -> None:
+    best = max((one for one in all_laid("cube") if one.label == "cube"), key=lambda one: one.odds)
+    turned = replace(best, pose=best.pose @ frames.rigid(np.diag([-1.0, -1.0, 1.0]), np.zeros(3)))
+    alike = np.stack([best.pose, turned.pose])
+    np.testing.assert_allclose(by_segments._spread(best, [best, turned], alike), 0.0, atol=1e-9)
