@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from daemon.vision import recognition, registration
 from daemon.vision.facets import Table, facets_step_by_step, without_table
 from daemon.vision.geometry import StereoRig
-from daemon.vision.health import SAID, Pictures, cause_of_nothing, with_causes
+from daemon.vision.health import SAID, Pictures, cause_of_nothing, depth_doubt, with_causes
 from daemon.vision.image import Eyes, open_eyes
 from daemon.vision.model import FacetLibrary, Model, empty_model
 from daemon.vision.recognition import Recognised, recognise
@@ -85,7 +85,8 @@ def look(
     if known.labels:
         parts = with_causes(parts, guesses, pictures)
     ended = f"the budget of {full.budget_s:g} s (vision: budget_s) ended this look"
-    notes = (*view.notes, *_notes(view, parts, model, pictures), *(f"{ended}: {what}" for what in left_out))
+    seen = _notes(view, parts, model, pictures)
+    notes = (*view.notes, *seen, *depth_doubt(guesses), *(f"{ended}: {what}" for what in left_out))
     return Scene(parts, view.rejected, view, notes, seconds if clock else {}, guesses)
 
 

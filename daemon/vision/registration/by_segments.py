@@ -32,7 +32,7 @@ from daemon.vision.registration.edge_pose import facets_in_view, facets_laid
 from daemon.vision.registration.equivalent import best_fitted
 from daemon.vision.registration.expected_edges import Placements
 from daemon.vision.registration.explained import explained
-from daemon.vision.registration.faces import likeness
+from daemon.vision.registration.faces import likeness, print_apart_px
 from daemon.vision.registration.guessing import (
     FEWEST_IN_VIEW,
     SEARCHED,
@@ -169,7 +169,11 @@ def named_by_segments(
     for one in laid:
         if one.borne.share > NEAREST and not any(one.overlaps(other) for other in (*taken, *nearest)):
             nearest.append(one)
-    return Straight(found, tuple(map(_guess, nearest)), left_out, search.ground)
+    apart_px = 0.0
+    if nearest and not named and not found and spent() < 1:
+        apart_px = print_apart_px(nearest[0].solid, nearest[0].pose, eyes)
+    guesses = tuple(_guess(one, apart_px if one is nearest[0] else 0.0) for one in nearest)
+    return Straight(found, guesses, left_out, search.ground)
 
 
 def _proven(
@@ -212,9 +216,9 @@ def _by_odds(laid: Iterable[Laid]) -> list[Laid]:
     return sorted(laid, key=lambda one: -one.odds)
 
 
-def _guess(one: Laid) -> NearestGuess:
+def _guess(one: Laid, apart_px: float) -> NearestGuess:
     ends = [np.stack([seen.edges.start, seen.edges.end], 1) for seen in one.seen]
-    return NearestGuess(one.label, ends[0], ends[1], one.seen[0].shows, one.seen[1].shows)
+    return NearestGuess(one.label, ends[0], ends[1], one.seen[0].shows, one.seen[1].shows, apart_px)
 
 
 def _laid(search: Search, likely: Sequence[Likely]) -> Iterator[Laid]:

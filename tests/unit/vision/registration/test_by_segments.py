@@ -16,6 +16,7 @@ from daemon.vision.facets.table import Table
 from daemon.vision.facets.weld import weld
 from daemon.vision.geometry import Shape
 from daemon.vision.image.both_eyes import Eyes, open_eyes
+from daemon.vision.look import look
 from daemon.vision.model.model import Model, empty_model, learn_view
 from daemon.vision.recognition.recognise import Recognised, recognise_group, suspected
 from daemon.vision.registration import by_segments, guessing
@@ -350,3 +351,15 @@ def test_where_a_part_looks_the_same_turned_that_is_no_doubt_of_its_place() -> N
     turned = replace(best, pose=best.pose @ frames.rigid(np.diag([-1.0, -1.0, 1.0]), np.zeros(3)))
     alike = np.stack([best.pose, turned.pose])
     np.testing.assert_allclose(by_segments._spread(best, [best, turned], alike), 0.0, atol=1e-9)
+
+
+def test_what_came_nearest_says_where_its_print_lies_and_a_look_says_it_is_the_depth(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(by_segments, "LEAST_CONFIDENCE", 1.1)
+    monkeypatch.setattr(by_segments, "print_apart_px", lambda *_: 2.0)
+    first, *others = named_by_segments(eyes_on("cube"), model(), []).guesses
+    assert first.print_apart_px == 2.0
+    assert not any(other.print_apart_px for other in others)
+    scene = look(*print_pair(CUBE, WHERE, 0), straight_rig(), model())
+    assert any("depth calibration" in note for note in scene.notes)
