@@ -16,6 +16,7 @@ from daemon.vision.geometry import StereoRig, exact
 from daemon.vision.image import Eyes, open_eyes
 from daemon.vision.look import look
 from daemon.vision.model.model import Model, empty_model
+from daemon.vision.registration import by_segments
 from daemon.vision.registration.cut_off import ahead_of_sizes, cut_off
 from daemon.vision.registration.edge_pose import facets_in_view
 from daemon.vision.registration.expected_edges import Placements
@@ -102,3 +103,9 @@ def test_print_outside_the_picture_says_nothing() -> None:
     alike = likeness(exact(BOX.corners_mm, BOX.facets), CORNER_FIRST, printed)
     assert alike is not None
     assert alike > 0.9
+
+
+def test_the_name_of_a_part_that_leaves_the_picture_must_be_surer(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(by_segments, "LEAST_CUT_OFF", 1.1)
+    pictures, rig = shown(CORNER_FIRST, cut_by(CORNER_FIRST, 0.15))
+    assert not any(one.named for one in look(*pictures, rig, model()).parts)
